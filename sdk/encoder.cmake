@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-# The C interface of the encoder: libstgs_encoder, apart from libstgs so that who plays needs none of
-# what prepares and trains. Outside of the tree its targets are stgs::encoder and
-# stgs::encoder_static; in it stgs::encoder is the module.
+# The C interface of the encoder: libstgs_encoder, separate from libstgs so that players do not depend
+# on the libraries for preparing and training. Installed targets are stgs::encoder and
+# stgs::encoder_static; in the source tree stgs::encoder is the encoder module.
 add_library(stgs_encoder_sdk_objects OBJECT
   src/encoder/encoder.cpp
   src/encoder/pack.cpp
@@ -29,8 +29,7 @@ target_link_options(stgs_encoder_sdk PRIVATE LINKER:--version-script=${map})
 set_target_properties(stgs_encoder_sdk PROPERTIES VERSION ${PROJECT_VERSION} SOVERSION 0
                       LINK_DEPENDS ${map} CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
 stgs_compile_options(stgs_encoder_sdk)
-# Its results have names, and its scenes are opened, by libstgs, which also has the modules that the
-# two have in common.
+# libstgs names its results, opens its scenes, and contains the modules that both share.
 target_link_libraries(stgs_encoder_sdk INTERFACE stgs_sdk)
 add_library(stgs_encoder_sdk_static STATIC
   $<TARGET_OBJECTS:stgs_encoder_sdk_objects> ${module_objects})
@@ -63,7 +62,8 @@ foreach(component encoder encoder_static)
   install(EXPORT stgs-${component} NAMESPACE stgs:: COMPONENT encoder_dev
           DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/stgs)
 endforeach()
-install(FILES include/stgs/stgs_encoder.h include/stgs/stgs_encoder.hpp
+install(FILES include/stgs/stgs_encoder.h include/stgs/stgs_encoder_recorder.h
+              include/stgs/stgs_encoder.hpp
         DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/stgs COMPONENT encoder_dev)
 set(examples ${CMAKE_INSTALL_DATADIR}/doc/libstgs-encoder-dev/examples)
 install(FILES examples/encode.c examples/telepresence_recorder.cpp

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The coupled 4D Gaussian of 4DGS (Yang et al., ICLR 2024), which an ablation trains in place of
-// the paper's representation, in the same subset of C++, CUDA and GLSL as format/math. A primitive
-// is a Gaussian over (time, x, y, z) with covariance (R S)(R S)', S its standard deviations and R
-// the rotation x -> left x right of two unit quaternions, of which time is the real part.
-// Conditioned on a moment it is a 3D Gaussian that moves with constant velocity and fades as a
-// Gaussian in time: exactly a primitive of format/math with r = 0. Time and space mix, so time has
-// a unit of its own.
+// the paper's representation, in the same subset of C++, CUDA and GLSL as format/math.
+//
+// A primitive is a Gaussian over (time, x, y, z) with covariance (R S)(R S)'. S holds its standard
+// deviations, and R is the rotation x -> left x right of two unit quaternions, whose real part is
+// time. Conditioned on a time it is a 3D Gaussian that moves with constant velocity and fades as a
+// Gaussian in time: exactly a primitive of format/math with r = 0. R mixes time and space, so the
+// unit of time is a free choice.
 #ifndef STGS_ENCODER_MATH_COUPLED_H
 #define STGS_ENCODER_MATH_COUPLED_H
 
@@ -48,21 +49,21 @@ STGS_FN Quat quat_normalised(Quat q) {
   return quat_scale(q, 1.0f / sqrt(quat_dot(q, q)));
 }
 
-// The gradient by q from the one by n = q / |q|.
+// Backward of n = q / |q|, from the gradient of n.
 STGS_FN Quat quat_normalised_grad(Quat q, Quat grad) {
   Quat n = quat_normalised(q);
   Quat across = quat_add(grad, quat_scale(n, -quat_dot(n, grad)));
   return quat_scale(across, 1.0f / sqrt(quat_dot(q, q)));
 }
 
-// Parameters; quaternions of any length but 0, standard deviations along the axes before R.
+// Parameters: quaternions of any length but 0, and standard deviations along the unrotated axes.
 struct Coupled {
   Quat left, right;
   float time;  // units of time
   Vec3 scale;  // scene units
 };
 
-// R S: the images of the time axis and of the three axes of space, as vectors (time, x, y, z).
+// Columns of R S: the mapped time axis and space axes, as vectors (time, x, y, z).
 struct CoupledAxes {
   Quat t, x, y, z;
 };
@@ -92,35 +93,18 @@ STGS_FN CoupledRows coupled_rows(CoupledAxes a) {
   return r;
 }
 
-// The 3D Gaussian at a moment: of constant covariance, moving with u, fading with sigma.
+// The 3D Gaussian at a given time. It has constant covariance, moves with u and fades with sigma.
+// With the rows of coupled_rows and variance = row_t . row_t:
+//   u = row . row_t / variance, sigma = sqrt(2 variance),
+//   covariance: dot products of the residual rows, row - u row_t.
 struct Conditional {
-  Vec3 u;           // scene units a unit of time
+  Vec3 u;           // scene units per unit of time
   float sigma;      // of l(t) = exp(-(dt / sigma)^2), units of time
   Sym3 covariance;  // scene units^2
 };
 
-STGS_FN Conditional coupled_conditional(Coupled g) {
-  CoupledRows r = coupled_rows(coupled_axes(g));
-  float variance = quat_dot(r.t, r.t);
-  Conditional c;
-  c.u = vec3_of(quat_dot(r.x, r.t) / variance, quat_dot(r.y, r.t) / variance,
-                quat_dot(r.z, r.t) / variance);
-  c.sigma = sqrt(2.0f * variance);
-  // What is left of the rows of space across the row of time.
-  Quat x = quat_add(r.x, quat_scale(r.t, -c.u.x));
-  Quat y = quat_add(r.y, quat_scale(r.t, -c.u.y));
-  Quat z = quat_add(r.z, quat_scale(r.t, -c.u.z));
-  c.covariance.xx = quat_dot(x, x);
-  c.covariance.xy = quat_dot(x, y);
-  c.covariance.xz = quat_dot(x, z);
-  c.covariance.yy = quat_dot(y, y);
-  c.covariance.yz = quat_dot(y, z);
-  c.covariance.zz = quat_dot(z, z);
-  return c;
-}
-
-// From the gradient by the conditional to the one by the parameters; standard deviations as they
-// are (times them: by their logarithms).
+// Backward of Conditional to the parameters. Gradients of the standard deviations are linear;
+// multiply by the deviations for their logarithms.
 STGS_FN Coupled coupled_conditional_grad(Coupled g, Conditional d) {
   CoupledAxes axes = coupled_axes(g);
   CoupledRows r = coupled_rows(axes);
@@ -131,7 +115,7 @@ STGS_FN Coupled coupled_conditional_grad(Coupled g, Conditional d) {
   Quat x = quat_add(r.x, quat_scale(r.t, -u.x));
   Quat y = quat_add(r.y, quat_scale(r.t, -u.y));
   Quat z = quat_add(r.z, quat_scale(r.t, -u.z));
-  // By what is left of the rows; across the row of time, so that none goes through u.
+  // Of the residual rows. They are orthogonal to the row of time, so nothing passes through u.
   Quat dx = quat_add(quat_scale(x, 2.0f * d.covariance.xx),
                      quat_add(quat_scale(y, d.covariance.xy), quat_scale(z, d.covariance.xz)));
   Quat dy = quat_add(quat_scale(y, 2.0f * d.covariance.yy),
@@ -150,7 +134,7 @@ STGS_FN Coupled coupled_conditional_grad(Coupled g, Conditional d) {
   // Through sigma = sqrt(2 variance).
   dt = quat_add(dt, quat_scale(r.t, 2.0f * d.sigma / sqrt(2.0f * variance)));
 
-  // By the axes, then by what scales and turns them.
+  // Of the axes, then of their scales and rotations.
   Quat at = quat_of(dt.w, dx.w, dy.w, dz.w);
   Quat ax = quat_of(dt.x, dx.x, dy.x, dz.x);
   Quat ay = quat_of(dt.y, dx.y, dy.y, dz.y);
@@ -163,7 +147,8 @@ STGS_FN Coupled coupled_conditional_grad(Coupled g, Conditional d) {
   ax = quat_scale(ax, g.scale.x);
   ay = quat_scale(ay, g.scale.y);
   az = quat_scale(az, g.scale.z);
-  // Axis k is l e_k r: by l it is a_k (e_k r)*, by e_k r it is l* a_k, by r it is e_k* l* a_k.
+  // Axis k is l e_k r, with gradient a_k. Gradient of l: a_k (e_k r)*; of e_k r: l* a_k; of r:
+  // e_k* l* a_k.
   Quat l = quat_normalised(g.left);
   Quat r1 = quat_normalised(g.right);
   Quat ei = quat_of(0.0f, 1.0f, 0.0f, 0.0f);
@@ -182,29 +167,29 @@ STGS_FN Coupled coupled_conditional_grad(Coupled g, Conditional d) {
   return out;
 }
 
-// --- As drawn ------------------------------------------------------------------------------------
+// --- As rendered ---------------------------------------------------------------------------------
 
-// The primitive of format/math that a coupled Gaussian is: r = 0, times in ticks.
+// The equivalent primitive of format/math: r = 0, times in ticks.
 struct CoupledPrimitive {
   Vec3 log_scale;  // log scene units
   Quat rotation;
-  Vec3 u;       // scene units a tick
+  Vec3 u;       // scene units per tick
   float sigma;  // ticks
 };
 
-// Rows of a matrix, and the rotation of space that has turned them against each other.
-struct TurnedRows {
+// Rows of a matrix, and the accumulated rotation of space.
+struct RotatedRows {
   Quat x, y, z;
   Quat rotation;
 };
 
-// Makes the first two rows orthogonal by the smallest turn that does, then calls y, z, x what were
-// x, y, z before: three calls make every pair orthogonal once.
-STGS_FN TurnedRows turn_rows(TurnedRows r) {
+// Makes the first two rows orthogonal with the smallest rotation that does so, then relabels the
+// rows x, y, z as y, z, x: three calls make every pair orthogonal once.
+STGS_FN RotatedRows rotate_rows(RotatedRows r) {
   float product = quat_dot(r.x, r.y);
   float tangent = 0.0f;
   if (product != 0.0f) {
-    // Of twice the angle.
+    // Of twice the rotation angle.
     float cotangent = (quat_dot(r.x, r.x) - quat_dot(r.y, r.y)) / (2.0f * product);
     tangent = 1.0f / (abs(cotangent) + sqrt(1.0f + cotangent * cotangent));
     if (cotangent < 0.0f) tangent = -tangent;
@@ -212,55 +197,56 @@ STGS_FN TurnedRows turn_rows(TurnedRows r) {
   float cosine = 1.0f / sqrt(1.0f + tangent * tangent);
   float sine = cosine * tangent;
   float half_cosine = sqrt(0.5f + 0.5f * cosine);
-  Quat turned = quat_mul(r.rotation, quat_of(half_cosine, 0.0f, 0.0f, 0.5f * sine / half_cosine));
-  TurnedRows out;
+  Quat rotated = quat_mul(r.rotation, quat_of(half_cosine, 0.0f, 0.0f, 0.5f * sine / half_cosine));
+  RotatedRows out;
   out.x = quat_add(quat_scale(r.y, cosine), quat_scale(r.x, -sine));
   out.y = r.z;
   out.z = quat_add(quat_scale(r.x, cosine), quat_scale(r.y, sine));
-  out.rotation = quat_of(turned.w, turned.y, turned.z, turned.x);
+  out.rotation = quat_of(rotated.w, rotated.y, rotated.z, rotated.x);
   return out;
 }
 
-// Scales and rotation of the Gaussian whose covariance has the rows' dot products as its entries:
-// the rows are turned until they are orthogonal (Hestenes' one-sided Jacobi), which keeps the
-// relative precision of the shortest axis. `tick`: units of time.
+// Returns the equivalent primitive of format/math. Its scales and rotation are those of the
+// Gaussian whose covariance entries are the residual rows' dot products: the rows are rotated until
+// they are orthogonal (Hestenes' one-sided Jacobi), which preserves the relative precision of the
+// shortest axis. `tick`: units of time per tick.
 STGS_FN CoupledPrimitive coupled_primitive(Coupled g, float tick) {
   CoupledRows r = coupled_rows(coupled_axes(g));
   float variance = quat_dot(r.t, r.t);
   Vec3 u = vec3_of(quat_dot(r.x, r.t) / variance, quat_dot(r.y, r.t) / variance,
                    quat_dot(r.z, r.t) / variance);
-  TurnedRows rest;
-  rest.x = quat_add(r.x, quat_scale(r.t, -u.x));
-  rest.y = quat_add(r.y, quat_scale(r.t, -u.y));
-  rest.z = quat_add(r.z, quat_scale(r.t, -u.z));
-  rest.rotation = quat_of(1.0f, 0.0f, 0.0f, 0.0f);
-  for (int turn = 0; turn < 18; ++turn) rest = turn_rows(rest);
-  float least = 1e-14f;  // variance of an axis, scene units^2
+  RotatedRows residual;
+  residual.x = quat_add(r.x, quat_scale(r.t, -u.x));
+  residual.y = quat_add(r.y, quat_scale(r.t, -u.y));
+  residual.z = quat_add(r.z, quat_scale(r.t, -u.z));
+  residual.rotation = quat_of(1.0f, 0.0f, 0.0f, 0.0f);
+  for (int step = 0; step < 18; ++step) residual = rotate_rows(residual);
+  float min_variance = 1e-14f;  // of an axis, scene units^2
   CoupledPrimitive out;
-  out.log_scale = vec3_of(0.5f * log(larger(quat_dot(rest.x, rest.x), least)),
-                          0.5f * log(larger(quat_dot(rest.y, rest.y), least)),
-                          0.5f * log(larger(quat_dot(rest.z, rest.z), least)));
-  out.rotation = quat_normalised(rest.rotation);
+  out.log_scale = vec3_of(0.5f * log(larger(quat_dot(residual.x, residual.x), min_variance)),
+                          0.5f * log(larger(quat_dot(residual.y, residual.y), min_variance)),
+                          0.5f * log(larger(quat_dot(residual.z, residual.z), min_variance)));
+  out.rotation = quat_normalised(residual.rotation);
   out.u = vec3_of(u.x * tick, u.y * tick, u.z * tick);
   out.sigma = sqrt(2.0f * variance) / tick;
   return out;
 }
 
 struct CoupledPrimitiveGrad {
-  Sym3 covariance;  // without what is in log_scale
-  Vec3 log_scale;   // for instance a regulariser's
+  Sym3 covariance;  // excludes the part in log_scale
+  Vec3 log_scale;   // for example a regulariser's
   Vec3 u;
   float sigma;
 };
 
-// From the gradient by what is drawn to the one by the parameters, standard deviations by their
-// logarithms.
+// Backward of coupled_primitive to the parameters. Gradients of the standard deviations are with
+// respect to their logarithms.
 STGS_FN Coupled coupled_primitive_grad(Coupled g, float tick, Vec3 log_scale, Quat rotation,
                                        CoupledPrimitiveGrad by) {
   Conditional d;
   d.u = vec3_of(by.u.x * tick, by.u.y * tick, by.u.z * tick);
   d.sigma = by.sigma / tick;
-  // d log s_k = axis_k' dV axis_k / (2 s_k^2); an off-diagonal entry stands for both places.
+  // d log s_k = axis_k' dV axis_k / (2 s_k^2); an off-diagonal entry stands for both positions.
   Mat3 a = rotation_of(rotation);
   float x = 0.5f * by.log_scale.x * exp(-2.0f * log_scale.x);
   float y = 0.5f * by.log_scale.y * exp(-2.0f * log_scale.y);

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gradients of format/math, in the same subset of C++, CUDA and GLSL. Each function takes the
-// inputs of its forward and the loss's gradient by the forward's output, and returns the gradient
-// by the inputs. The gradient by a symmetric matrix is by its named entries (an off-diagonal entry
-// stands for both places), so it is added to a parameter without factors.
+// Backward passes of format/math, in the same subset of C++, CUDA and GLSL. Each function takes the
+// inputs of its forward pass and the loss gradient with respect to the forward output, and returns
+// the gradient with respect to the inputs. Gradients of symmetric matrices are with respect to
+// their named entries (an off-diagonal entry stands for both positions), so they apply without
+// factors.
 #ifndef STGS_ENCODER_MATH_GRAD_H
 #define STGS_ENCODER_MATH_GRAD_H
 
@@ -27,7 +28,7 @@ struct VisibilityGrad {
   float dt, sigma, radius;
 };
 
-// Of l(t): 0 on the flat top, where l does not change.
+// Backward of l(t): 0 on the flat top, where l is constant.
 STGS_FN VisibilityGrad visibility_grad(float dt, float sigma, float radius, float grad) {
   VisibilityGrad g;
   g.dt = 0.0f;
@@ -43,7 +44,7 @@ STGS_FN VisibilityGrad visibility_grad(float dt, float sigma, float radius, floa
   return g;
 }
 
-// From the gradient by u = v / f to that by the learnt v, for a lifespan that is held.
+// Converts the gradient of u = v / f to that of the learnt v, with the lifespan held constant.
 STGS_FN Vec3 effective_velocity_grad(float sigma, float radius, Vec3 grad_u) {
   return vec3_scale(grad_u, 1.0f / lifespan_modulation(sigma, radius));
 }
@@ -63,7 +64,7 @@ STGS_FN MotionGrad position_at_grad(Vec3 u, float dt, Vec3 grad) {
 
 // --- Covariance ----------------------------------------------------------------------------------
 
-// Of rotation_of by the quaternion as given, through its normalisation.
+// Backward of rotation_of, through the normalisation of q.
 STGS_FN Quat rotation_grad(Quat q, Mat3 d) {
   float n = 1.0f / sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z);
   float w = q.w * n;
@@ -88,7 +89,7 @@ STGS_FN Quat rotation_grad(Quat q, Mat3 d) {
 
 struct CovarianceGrad {
   Quat rotation;
-  Vec3 scale;  // by the standard deviations; times them, by their logarithms
+  Vec3 scale;  // of the standard deviations; multiply by them for their logarithms
 };
 
 STGS_FN CovarianceGrad covariance_grad(Quat q, Vec3 s, Sym3 d) {
@@ -117,7 +118,7 @@ STGS_FN CovarianceGrad covariance_grad(Quat q, Vec3 s, Sym3 d) {
 
 // --- Projection ----------------------------------------------------------------------------------
 
-// Of the inverse of a symmetric 2x2 matrix, from the inverse itself.
+// Backward of the inverse of a symmetric 2x2 matrix, from the inverse itself.
 STGS_FN Sym2 inverse_grad(Sym2 inverse, Sym2 d) {
   float a = inverse.xx;
   float b = inverse.xy;
@@ -130,7 +131,7 @@ STGS_FN Sym2 inverse_grad(Sym2 inverse, Sym2 d) {
   return g;
 }
 
-// Of projection_rows by the camera point: none through x/z or y/z where the forward clamps it.
+// Backward of projection_rows to the camera point; 0 through x/z or y/z if the forward clamps it.
 STGS_FN Vec3 projection_rows_grad(PinholeCamera camera, Vec3 c, Vec3 du, Vec3 dv) {
   float iz = 1.0f / c.z;
   float x = c.x * iz;
@@ -151,11 +152,11 @@ STGS_FN Vec3 projection_rows_grad(PinholeCamera camera, Vec3 c, Vec3 du, Vec3 dv
 }
 
 struct ProjectionGrad {
-  Vec3 position;    // by the world mean
-  Sym3 covariance;  // by the world covariance
+  Vec3 position;    // of the world mean
+  Sym3 covariance;  // of the world covariance
 };
 
-// Of project_gaussian's mean and conic, for a Gaussian that it called visible.
+// Backward of project_gaussian's mean and conic, for a Gaussian that it reported visible.
 STGS_FN ProjectionGrad project_gaussian_grad(PinholeCamera camera, Vec3 mean, Sym3 covariance,
                                              Sym2 conic, Vec2 grad_mean, Sym2 grad_conic) {
   Vec3 c = to_camera(camera, mean);
@@ -186,7 +187,7 @@ STGS_FN ProjectionGrad project_gaussian_grad(PinholeCamera camera, Vec3 mean, Sy
 
 // --- Colour --------------------------------------------------------------------------------------
 
-// Of sum_k g.v[k] basis.v[k] by the direction d, its three entries taken as independent.
+// Gradient of sum_k g.v[k] basis.v[k] with respect to the direction d, its entries independent.
 STGS_FN Vec3 sh_basis_grad(Vec3 d, ShBasis g) {
   float x = d.x;
   float y = d.y;
@@ -213,26 +214,21 @@ STGS_FN Vec3 sh_basis_grad(Vec3 d, ShBasis g) {
   return s;
 }
 
-// Of v / |v| by v, from n = v / |v| and 1 / |v|.
+// Backward of v / |v|, from n = v / |v| and 1 / |v|.
 STGS_FN Vec3 normalise_grad(Vec3 n, float inverse_length, Vec3 grad) {
   float along = dot3(n, grad);
   return vec3_of((grad.x - along * n.x) * inverse_length, (grad.y - along * n.y) * inverse_length,
                  (grad.z - along * n.z) * inverse_length);
 }
 
-// d sh_colour / d sum.
-STGS_FN float sh_colour_grad(float sum) {
-  return sum + 0.5f > 0.0f ? 1.0f : 0.0f;
-}
-
 // --- Surface -------------------------------------------------------------------------------------
 
 struct PrimitivePlaneGrad {
-  Vec3 position;  // in the world
+  Vec3 position;  // world space
   Quat rotation;
 };
 
-// Of primitive_plane, with its choices of axis and of side held constant.
+// Backward of primitive_plane, with its choices of axis and side held constant.
 STGS_FN PrimitivePlaneGrad primitive_plane_grad(PinholeCamera camera, Vec3 position, Quat q,
                                                 Vec3 scale, Plane d) {
   int axis = shortest_axis(scale);
@@ -250,7 +246,7 @@ STGS_FN PrimitivePlaneGrad primitive_plane_grad(PinholeCamera camera, Vec3 posit
   return g;
 }
 
-// Of plane_depth by the blended plane, from the depth itself; none where there is no surface.
+// Backward of plane_depth to the blended plane, from the depth itself; 0 if there is no surface.
 STGS_FN Plane plane_depth_grad(Plane blend, float depth, Vec3 ray, float grad) {
   Plane g;
   g.normal = vec3_of(0.0f, 0.0f, 0.0f);
@@ -276,9 +272,9 @@ STGS_FN SurfaceNormalGrad surface_normal_grad(Vec3 down, Vec3 right, Vec3 grad) 
   return g;
 }
 
-// A pixel's part of L_n, weight |alpha N_depth - N_render|_1 with alpha held constant (PGSR), and
-// its gradients by the blended normal and by the two differences of points that N_depth is of. All
-// are 0 where these are along one line.
+// A pixel's term of L_n, weight |alpha N_depth - N_render|_1 with alpha held constant (PGSR), and
+// its gradients with respect to the blended normal and the two point differences that define
+// N_depth. All are 0 if the differences are collinear.
 struct NormalTerm {
   float value;
   Vec3 normal, down, right;
@@ -310,7 +306,7 @@ struct AlphaGrad {
   float opacity, power;
 };
 
-// Of splat_alpha where it is drawn: none where it is cut at kAlphaMax.
+// Backward of splat_alpha of a rendered splat; 0 if alpha is clamped at kAlphaMax.
 STGS_FN AlphaGrad splat_alpha_grad(float opacity, float power, float grad) {
   float falloff = exp(-larger(0.0f, power));
   AlphaGrad g;
@@ -327,7 +323,7 @@ struct PowerGrad {
   Sym2 conic;
 };
 
-// Of splat_power by the pixel's offset from the mean (the mean's gradient is its negative).
+// Backward of splat_power to the pixel's offset from the mean (negate for the mean) and the conic.
 STGS_FN PowerGrad splat_power_grad(Sym2 conic, float dx, float dy, float grad) {
   PowerGrad g;
   g.offset =

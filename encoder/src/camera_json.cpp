@@ -14,7 +14,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// Training and the file format calculate in floats.
+// Training and the file format compute in single precision, so values must be finite there.
 bool finite(double value) {
   return std::isfinite(static_cast<float>(value));
 }
@@ -23,39 +23,68 @@ bool positive(double value) {
   return finite(value) && static_cast<float>(value) > 0;
 }
 
-void read_numbers(const Json& json, const char* name, std::span<double> out) {
-  const auto values = json.at(name).get<std::vector<double>>();
+// Throws std::runtime_error with the key and the expected type.
+template <typename T>
+T read_value(const Json& json, const char* key, const char* expected) {
+  const auto entry = json.find(key);
+  if (entry == json.end()) {
+    throw std::runtime_error(fmt::format("\"{}\" is missing (expected {})", key, expected));
+  }
+  try {
+    return entry->get<T>();
+  } catch (const Json::exception&) {
+    throw std::runtime_error(fmt::format("\"{}\" has the wrong type (expected {}, got {})", key,
+                                         expected, entry->type_name()));
+  }
+}
+
+double read_number(const Json& json, const char* key) {
+  return read_value<double>(json, key, "a number");
+}
+
+void read_numbers(const Json& json, const char* key, std::span<double> out) {
+  const auto values = read_value<std::vector<double>>(
+      json, key, out.size() == 9 ? "a list of 9 numbers" : "a list of 3 numbers");
   if (values.size() != out.size()) {
-    throw std::runtime_error(fmt::format("{} needs {} numbers", name, out.size()));
+    throw std::runtime_error(
+        fmt::format("\"{}\" has {} numbers (expected {})", key, values.size(), out.size()));
   }
   std::copy(values.begin(), values.end(), out.begin());
 }
 
-// A number of the text may be any; what no int holds must not become one.
-int read_side(const Json& json, const char* name) {
-  const auto value = json.at(name).get<double>();
+// Checks the range before the conversion, which is undefined for values that no int represents.
+int read_side(const Json& json, const char* key) {
+  const double value = read_number(json, key);
   if (value >= 0 && value <= kMaxImageSide) return static_cast<int>(value);
-  throw std::runtime_error(fmt::format("{} is {}, not 1 to {} pixels", name, value, kMaxImageSide));
+  throw std::runtime_error(
+      fmt::format("\"{}\" is {} (expected 1 to {} pixels)", key, value, kMaxImageSide));
 }
 
 }  // namespace
 
 Result<Camera> camera_from_json(const Json& json, const std::string& where) {
+  if (!json.is_object()) {
+    return invalid_file("{}: not a camera (expected a JSON object, got {})", where,
+                        json.type_name());
+  }
   Camera camera;
   camera.name = "camera";
   try {
-    camera.name = json.value("name", camera.name);
+    if (json.contains("name")) camera.name = read_value<std::string>(json, "name", "a string");
     camera.width = read_side(json, "width");
     camera.height = read_side(json, "height");
-    camera.fx = json.at("fx").get<double>();
-    camera.fy = json.at("fy").get<double>();
-    camera.cx = json.at("cx").get<double>();
-    camera.cy = json.at("cy").get<double>();
-    camera.test = json.value("test", false);
+    camera.fx = read_number(json, "fx");
+    camera.fy = read_number(json, "fy");
+    camera.cx = read_number(json, "cx");
+    camera.cy = read_number(json, "cy");
+    if (json.contains("test")) camera.test = read_value<bool>(json, "test", "true or false");
     read_numbers(json, "rotation", camera.rotation);
     read_numbers(json, "translation", camera.translation);
   } catch (const std::exception& error) {
-    return invalid_file("{}: not a camera: '{}': {}", where, camera.name, json_error(error));
+    if (!json.contains("name")) {
+      return invalid_file("{}: not a camera: {}", where, json_error(error));
+    }
+    return invalid_file("{}: camera '{}': {}", where, camera.name, json_error(error));
   }
   STGS_TRY(check_camera(camera, where));
   return camera;
@@ -77,20 +106,23 @@ Json camera_to_json(const Camera& camera) {
 Status check_camera(const Camera& camera, const std::string& where) {
   const auto side = [](int v) { return v >= 1 && v <= kMaxImageSide; };
   if (!side(camera.width) || !side(camera.height)) {
-    return invalid_file("{}: camera '{}' is of {}x{} pixels; width and height must be 1 to {}",
-                        where, camera.name, camera.width, camera.height, kMaxImageSide);
+    return invalid_file("{}: camera '{}': width and height must be 1 to {} pixels (got {}x{})",
+                        where, camera.name, kMaxImageSide, camera.width, camera.height);
   }
   if (!positive(camera.fx) || !positive(camera.fy) || !finite(camera.cx) || !finite(camera.cy)) {
     return invalid_file(
-        "{}: camera '{}': fx and fy must be positive, the centre cx and cy finite, in pixels",
+        "{}: camera '{}': fx and fy must be positive and the centre (cx, cy) finite, in pixels "
+        "(got fx {}, fy {}, cx {}, cy {})",
+        where, camera.name, camera.fx, camera.fy, camera.cx, camera.cy);
+  }
+  if (!is_rotation(camera.rotation)) {
+    return invalid_file(
+        "{}: camera '{}': rotation is not a rotation matrix (expected 9 numbers, world to camera, "
+        "row-major)",
         where, camera.name);
   }
-  if (!is_rotation(camera.rotation) ||
-      !std::all_of(camera.translation, camera.translation + 3, finite)) {
-    return invalid_file(
-        "{}: camera '{}': rotation is not a rotation matrix (world to camera, row by row), or "
-        "translation not finite",
-        where, camera.name);
+  if (!std::all_of(camera.translation, camera.translation + 3, finite)) {
+    return invalid_file("{}: camera '{}': translation is not finite", where, camera.name);
   }
   return {};
 }

@@ -23,21 +23,23 @@ namespace stgs::encoder {
 
 namespace {
 
-constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 30;  // and so an int, as stb wants it
+constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 30;  // fits the int that stb takes
 
 Result<Image8> decode(const std::vector<std::uint8_t>& bytes, int channels,
                       const std::string& path) {
   if (is_truncated_jpeg(bytes)) {
     return invalid_file(
-        "{}: cannot decode this picture: in {} bytes of JPEG there is no end-of-image marker: it "
-        "was cut short, or its writer left that out; copy it again, or write it anew",
+        "{}: truncated JPEG (no end-of-image marker in {} bytes); copy the file again, or "
+        "re-encode "
+        "it if its writer omits the marker",
         path, bytes.size());
   }
   const int size = static_cast<int>(bytes.size());
   Image8 image;
   if (stbi_info_from_memory(bytes.data(), size, &image.width, &image.height, &image.channels) ==
       0) {
-    return invalid_file("{}: cannot decode this picture: {}", path, stbi_failure_reason());
+    return invalid_file("{}: cannot decode the image: {} (expected PNG or JPEG)", path,
+                        stbi_failure_reason());
   }
   STGS_TRY(check_image_size(image.width, image.height, path));
   const std::unique_ptr<stbi_uc, decltype(&stbi_image_free)> pixels(
@@ -45,7 +47,8 @@ Result<Image8> decode(const std::vector<std::uint8_t>& bytes, int channels,
                             channels),
       &stbi_image_free);
   if (!pixels) {
-    return invalid_file("{}: cannot decode this picture: {}", path, stbi_failure_reason());
+    return invalid_file("{}: cannot decode the image: {} (expected PNG or JPEG)", path,
+                        stbi_failure_reason());
   }
   image.channels = channels;
   image.data.assign(pixels.get(),
@@ -57,31 +60,31 @@ Result<Image8> decode(const std::vector<std::uint8_t>& bytes, int channels,
 
 Status check_image_size(std::int64_t width, std::int64_t height, const std::string& path) {
   if (width < 1 || height < 1 || width > kMaxImageSide || height > kMaxImageSide) {
-    return invalid_file("{}: {}x{} pixels is no size for a picture; a side has 1 to {}", path,
+    return invalid_file("{}: invalid image size {}x{} (expected 1 to {} pixels per side)", path,
                         width, height, kMaxImageSide);
   }
   if (width * height > kMaxImagePixels) {
-    return unsupported("{}: {}x{} is too large a picture; at most {} pixels are read", path, width,
-                       height, kMaxImagePixels);
+    return unsupported("{}: image too large: {}x{} (limit {} pixels)", path, width, height,
+                       kMaxImagePixels);
   }
   return {};
 }
 
 bool is_truncated_jpeg(std::span<const std::uint8_t> bytes) {
-  constexpr std::uint8_t kMark = 0xff, kStartOfImage = 0xd8, kEndOfImage = 0xd9;
-  if (bytes.size() < 2 || bytes[0] != kMark || bytes[1] != kStartOfImage) return false;
+  constexpr std::uint8_t kMarker = 0xff, kStartOfImage = 0xd8, kEndOfImage = 0xd9;
+  if (bytes.size() < 2 || bytes[0] != kMarker || bytes[1] != kStartOfImage) return false;
   std::size_t at = 2;
   while (at + 1 < bytes.size()) {
-    // Between segments stands the data of scans, where 0 or a restart may follow a mark.
+    // Entropy-coded data lies between segments. There, 0 or a restart code may follow 0xff.
     const std::uint8_t code = bytes[at + 1];
-    const bool segment = code >= 0xc0 && (code < 0xd0 || code > kStartOfImage) && code != kMark;
-    if (bytes[at] != kMark || !segment) {
+    const bool segment = code >= 0xc0 && (code < 0xd0 || code > kStartOfImage) && code != kMarker;
+    if (bytes[at] != kMarker || !segment) {
       ++at;
       continue;
     }
     if (code == kEndOfImage) return false;
     at += 2;
-    // A thumbnail within a segment has marks of its own.
+    // Skip the segment: an embedded thumbnail has markers of its own.
     if (at + 1 < bytes.size()) at += std::size_t{256} * bytes[at] + bytes[at + 1];
   }
   return true;
@@ -90,15 +93,15 @@ bool is_truncated_jpeg(std::span<const std::uint8_t> bytes) {
 Result<Image8> read_image8(const std::string& path, int channels) {
   STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(path));
   if (source->size() > kMaxFileBytes) {
-    return unsupported("{}: {} bytes is too large for a picture; at most {} are read", path,
-                       source->size(), kMaxFileBytes);
+    return unsupported("{}: image file too large: {} bytes (limit {})", path, source->size(),
+                       kMaxFileBytes);
   }
   try {
     std::vector<std::uint8_t> bytes(source->size());
     STGS_TRY(source->read(0, bytes));
     return decode(bytes, channels, path);
   } catch (const std::bad_alloc&) {
-    return runtime_error("{}: not enough memory to read this picture", path);
+    return runtime_error("{}: not enough memory to decode the image", path);
   }
 }
 

@@ -2,6 +2,7 @@
 #include "stgs/encoder/json_error.h"
 
 #include <nlohmann/json.hpp>
+#include <regex>
 
 namespace stgs::encoder {
 
@@ -9,8 +10,14 @@ std::string json_error(const std::exception& error) {
   std::string text = error.what();
   if (dynamic_cast<const nlohmann::json::exception*>(&error) == nullptr) return text;
   // "[json.exception.out_of_range.403] key 'height' not found"
-  const std::size_t end = text.find("] ");
-  return end == std::string::npos ? text : text.substr(end + 2);
+  if (const std::size_t end = text.find("] "); end != std::string::npos) text.erase(0, end + 2);
+  // "parse error at line 1, column 9: syntax error while parsing array - unexpected ']'; ..."
+  static const std::regex parse(
+      R"(parse error at (line \d+, column \d+): (?:syntax error while parsing [^-]* - )?)");
+  static const std::regex missing(R"(key '(.*)' not found)");
+  text = std::regex_replace(text, parse,
+                            "not valid JSON at $1: ", std::regex_constants::format_first_only);
+  return std::regex_replace(text, missing, "\"$1\" is missing");
 }
 
 }  // namespace stgs::encoder

@@ -28,7 +28,7 @@ std::array<float, kWindow> window() {
   return out;
 }
 
-// Rows of the five moments, filtered along x: valid positions only.
+// Filters one row of the five moments along x, at valid positions only.
 void filter_row(const float* a, const float* b, int valid, const std::array<float, kWindow>& w,
                 std::array<std::vector<float>, kMoments>& out) {
   for (auto& row : out) std::fill(row.begin(), row.end(), 0.0f);
@@ -51,11 +51,11 @@ double similarity(const std::array<float, kMoments>& m, double range) {
   return ((2 * ma * mb + c1) * (2 * cov + c2)) / ((ma * ma + mb * mb + c1) * (va + vb + c2));
 }
 
-// Sums of the similarity over the valid positions of one channel.
+// Returns the sums of the similarity over the valid positions of one channel.
 Ssim channel_sums(const float* a, const float* b, int width, int height) {
   const auto w = window();
   const int valid = width - kWindow + 1;
-  // The last kWindow filtered rows, row y in slot y % kWindow.
+  // Ring buffer of the last kWindow filtered rows: row y is in slot y % kWindow.
   std::array<std::array<std::vector<float>, kMoments>, kWindow> rows;
   for (auto& slot : rows) {
     for (auto& row : slot) row.resize(static_cast<std::size_t>(valid));
@@ -80,14 +80,14 @@ Ssim channel_sums(const float* a, const float* b, int width, int height) {
 
 }  // namespace
 
-Image to_float(const Image8& picture) {
+Image to_float(const Image8& image) {
   Image out;
-  out.reshape(picture.width, picture.height, 3);
-  const std::size_t pixels = static_cast<std::size_t>(picture.width) * picture.height;
+  out.reshape(image.width, image.height, 3);
+  const std::size_t pixels = static_cast<std::size_t>(image.width) * image.height;
   for (int c = 0; c < 3; ++c) {
     float* plane = out.plane(c);
     for (std::size_t i = 0; i < pixels; ++i) {
-      plane[i] = static_cast<float>(picture.data[i * 3 + c]) / 255.0f;
+      plane[i] = static_cast<float>(image.data[i * 3 + c]) / 255.0f;
     }
   }
   return out;
@@ -99,7 +99,7 @@ Status check_finite(const Image& image, const std::string& name) {
   if (bad == image.data.end()) return {};
   const std::ptrdiff_t at = bad - image.data.begin();
   const std::ptrdiff_t pixels = static_cast<std::ptrdiff_t>(image.width) * image.height;
-  return invalid_file("{}: channel {} of pixel ({}, {}) is {}: there is nothing to measure", name,
+  return invalid_file("{}: channel {} of pixel ({}, {}) is {} (expected a finite value)", name,
                       "RGB"[at / pixels], at % pixels % image.width, at % pixels / image.width,
                       *bad);
 }
@@ -116,7 +116,7 @@ double mean_squared_error(const Image& a, const Image& b) {
 double psnr_of(double mse) {
   if (mse <= 0) return kPsnrMax;
   const double psnr = -10 * std::log10(mse);
-  return psnr > kPsnrMax ? kPsnrMax : psnr;  // in this order NaN stays NaN
+  return psnr > kPsnrMax ? kPsnrMax : psnr;  // this order propagates NaN
 }
 
 double max_difference(const Image& a, const Image& b) {
@@ -127,10 +127,10 @@ double max_difference(const Image& a, const Image& b) {
   return largest;
 }
 
-double colour_corrected_error(const Image& picture, const Image& truth) {
-  const std::size_t pixels = static_cast<std::size_t>(picture.width) * picture.height;
-  const float* in[] = {picture.plane(0), picture.plane(1), picture.plane(2)};
-  const float* out[] = {truth.plane(0), truth.plane(1), truth.plane(2)};
+double colour_corrected_error(const Image& image, const Image& ground_truth) {
+  const std::size_t pixels = static_cast<std::size_t>(image.width) * image.height;
+  const float* in[] = {image.plane(0), image.plane(1), image.plane(2)};
+  const float* out[] = {ground_truth.plane(0), ground_truth.plane(1), ground_truth.plane(2)};
   Eigen::Matrix4d normal = Eigen::Matrix4d::Zero();
   Eigen::Matrix<double, 4, 3> right = Eigen::Matrix<double, 4, 3>::Zero();
   for (std::size_t i = 0; i < pixels; ++i) {
@@ -138,7 +138,7 @@ double colour_corrected_error(const Image& picture, const Image& truth) {
     normal.noalias() += x * x.transpose();
     right.noalias() += x * Eigen::RowVector3d(out[0][i], out[1][i], out[2][i]);
   }
-  // A picture of few colours makes the normal matrix singular: any minimiser will do.
+  // The normal matrix is singular for an image of few colours. Any minimiser is then correct.
   const Eigen::Matrix<double, 4, 3> map = normal.completeOrthogonalDecomposition().solve(right);
   double sum = 0;
   for (std::size_t i = 0; i < pixels; ++i) {
@@ -151,7 +151,7 @@ double colour_corrected_error(const Image& picture, const Image& truth) {
 
 Result<Ssim> ssim(const Image& a, const Image& b) {
   if (a.width < kWindow || a.height < kWindow) {
-    return unsupported("ssim needs pictures of at least {0}x{0} pixels, not {1}x{2}", kWindow,
+    return unsupported("SSIM needs images of at least {0}x{0} pixels (got {1}x{2})", kWindow,
                        a.width, a.height);
   }
   Ssim mean;

@@ -16,9 +16,10 @@
 namespace stgs::encoder {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "PLY bytes are copied as they are");
+static_assert(std::endian::native == std::endian::little,
+              "PLY values are copied without byte swapping");
 
-// What a point is made of, and the type each must have in the file.
+// The vertex properties of the file.
 enum Field { kX, kY, kZ, kRed, kGreen, kBlue, kVx, kVy, kVz, kFrame, kFieldCount };
 constexpr std::array<std::string_view, kFieldCount> kFieldName = {
     "x", "y", "z", "red", "green", "blue", "vx", "vy", "vz", "frame"};
@@ -33,41 +34,44 @@ constexpr std::string_view name_of(PlyType type) {
 
 struct PlyLayout {
   std::uint64_t count = 0;
-  std::uint64_t begin = 0;  // of the first record, bytes
+  std::uint64_t begin = 0;  // offset of the first record, bytes
   std::uint64_t stride = 0;
-  std::array<std::uint64_t, kFieldCount> offset;  // kAbsent where the file lacks the field
+  std::array<std::uint64_t, kFieldCount> offset;  // in the record, bytes; kAbsent: not in the file
 };
 constexpr std::uint64_t kAbsent = ~std::uint64_t{0};
 
-// What read_ply_header has found, if it is what write_points writes, in whatever order.
+// Locates the properties that write_points writes. Their order in the file does not matter.
 Result<PlyLayout> layout_of(const PlyHeader& header, const std::string& path) {
-  if (header.ascii) return unsupported("{}: only binary little-endian PLY is read", path);
+  if (header.ascii)
+    return unsupported("{}: ASCII PLY is not supported (expected binary little-endian)", path);
   for (const PlyElement& element : header.elements) {
     if (element.name == "vertex") continue;
-    return invalid_file("{}: has an element '{}'; only one, 'vertex', is read", path, element.name);
+    return invalid_file("{}: unexpected element '{}' (expected only 'vertex')", path, element.name);
   }
   const PlyElement* const vertex = header.find("vertex");
-  if (vertex == nullptr) return invalid_file("{}: has no element 'vertex'", path);
-  if (vertex->has_lists) return invalid_file("{}: a vertex property is a list", path);
+  if (vertex == nullptr) return invalid_file("{}: element 'vertex' is missing", path);
+  if (vertex->has_lists)
+    return invalid_file("{}: a vertex property is a list (expected scalars)", path);
   PlyLayout layout{vertex->count, vertex->offset, vertex->stride, {}};
   layout.offset.fill(kAbsent);
   for (int field = 0; field < kFieldCount; ++field) {
     const PlyProperty* const property = vertex->find(kFieldName[field]);
     if (property == nullptr) continue;
     if (property->type != field_type(field)) {
-      return invalid_file("{}: property '{}' must be {}", path, property->name,
-                          name_of(field_type(field)));
+      return invalid_file("{}: property '{}' has the wrong type (expected {})", path,
+                          property->name, name_of(field_type(field)));
     }
     layout.offset[field] = property->offset;
   }
   for (int field = kX; field <= kBlue; ++field) {
     if (layout.offset[field] == kAbsent) {
-      return invalid_file("{}: has no property '{}'", path, kFieldName[field]);
+      return invalid_file("{}: property '{}' is missing", path, kFieldName[field]);
     }
   }
   for (int field = kVx; field < kFieldCount; ++field) {
     if ((layout.offset[field] == kAbsent) != (layout.offset[kVx] == kAbsent)) {
-      return invalid_file("{}: needs all of vx, vy, vz and frame, or none of them", path);
+      return invalid_file("{}: incomplete velocity (expected all of vx, vy, vz and frame, or none)",
+                          path);
     }
   }
   return layout;
@@ -117,7 +121,7 @@ Result<std::vector<InitialPoint>> read_points(const std::string& path) {
   for (std::size_t i = 0; i < points.size(); ++i) {
     points[i] = decode_point(bytes.data() + i * layout.stride, layout);
     if (!finite(points[i])) {
-      return invalid_file("{}: point {} has a position or velocity that is not a number", path, i);
+      return invalid_file("{}: point {} has a non-finite position or velocity", path, i);
     }
   }
   return points;

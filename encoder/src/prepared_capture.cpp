@@ -40,7 +40,7 @@ Result<PreparedCapture> capture_from_json(const Json& json, const std::string& f
   return capture;
 }
 
-// Training and the file format calculate in floats.
+// Training and the file format compute in single precision, so values must be finite there.
 bool finite(double value) {
   return std::isfinite(static_cast<float>(value));
 }
@@ -50,24 +50,29 @@ bool positive(double value) {
 }
 
 Status check_capture_camera(const Camera& camera, const std::string& path) {
-  const bool outside = camera.name.empty() || camera.name.find("..") != std::string::npos ||
-                       camera.name.find('/') != std::string::npos;
-  if (outside) return invalid_file("{}: '{}' cannot be a camera's folder", path, camera.name);
+  const bool unsafe = camera.name.empty() || camera.name.find("..") != std::string::npos ||
+                      camera.name.find('/') != std::string::npos;
+  if (unsafe) {
+    return invalid_file("{}: camera name '{}' cannot be a folder name (no '/' or '..')", path,
+                        camera.name);
+  }
   return check_camera(camera, path);
 }
 
 Status check(const PreparedCapture& capture, const std::string& path) {
-  if (capture.cameras.empty()) return invalid_file("{}: has no cameras", path);
-  if (capture.frames < 1) return invalid_file("{}: has no frames", path);
+  if (capture.cameras.empty()) return invalid_file("{}: contains no cameras", path);
+  if (capture.frames < 1)
+    return invalid_file("{}: \"frames\" is {} (expected at least 1)", path, capture.frames);
   if (capture.time_base.numerator == 0 || capture.time_base.denominator == 0) {
-    return invalid_file("{}: time_base has a zero in it", path);
+    return invalid_file("{}: time_base is {}/{} (expected two positive numbers)", path,
+                        capture.time_base.numerator, capture.time_base.denominator);
   }
   if (!positive(capture.near_plane) || !positive(capture.extent) ||
       !positive(capture.scene_radius) ||
       !std::all_of(capture.scene_centre, capture.scene_centre + 3, finite)) {
     return invalid_file(
-        "{}: near_plane ({}), extent ({}) and scene_radius ({}) must be positive, scene_centre "
-        "finite",
+        "{}: near_plane ({}), extent ({}) and scene_radius ({}) must be positive and finite, and "
+        "scene_centre finite; prepare the capture again",
         path, capture.near_plane, capture.extent, capture.scene_radius);
   }
   for (const Camera& camera : capture.cameras) STGS_TRY(check_capture_camera(camera, path));
@@ -78,15 +83,14 @@ Status check(const PreparedCapture& capture, const std::string& path) {
 
 math::PinholeCamera Camera::pinhole(float near_plane) const {
   math::PinholeCamera camera;
-  const auto at = [](double v) { return static_cast<float>(v); };
-  camera.rotation = {at(rotation[0]), at(rotation[1]), at(rotation[2]),
-                     at(rotation[3]), at(rotation[4]), at(rotation[5]),
-                     at(rotation[6]), at(rotation[7]), at(rotation[8])};
-  camera.translation = {at(translation[0]), at(translation[1]), at(translation[2])};
-  camera.fx = at(fx);
-  camera.fy = at(fy);
-  camera.cx = at(cx);
-  camera.cy = at(cy);
+  const auto f = [](double v) { return static_cast<float>(v); };
+  camera.rotation = {f(rotation[0]), f(rotation[1]), f(rotation[2]), f(rotation[3]), f(rotation[4]),
+                     f(rotation[5]), f(rotation[6]), f(rotation[7]), f(rotation[8])};
+  camera.translation = {f(translation[0]), f(translation[1]), f(translation[2])};
+  camera.fx = f(fx);
+  camera.fy = f(fy);
+  camera.cx = f(cx);
+  camera.cy = f(cy);
   camera.width = static_cast<float>(width);
   camera.height = static_cast<float>(height);
   camera.near_plane = near_plane;
@@ -111,18 +115,18 @@ Result<PreparedCapture> read_prepared_capture(const std::string& folder) {
     if (!std::filesystem::exists(status)) return io_error("{}: no such file or folder", folder);
     if (!std::filesystem::is_directory(status)) {
       return io_error(
-          "{}: is a file, not the folder of a prepared capture (make one with 'stgs prepare')",
+          "{}: not a prepared capture (expected a folder, got a file); make one with "
+          "'stgs prepare'",
           folder);
     }
-    return io_error(
-        "{}: cannot open; '{}' is not a prepared capture (make one with 'stgs prepare')", path,
-        folder);
+    return io_error("{}: not a prepared capture (cannot open {}); make one with 'stgs prepare'",
+                    folder, path);
   }
   try {
     const Json json = Json::parse(file);
     if (json.at("stgs_capture").get<int>() != kCaptureVersion) {
-      return unsupported("{}: capture version {} is not known; prepare the capture again", path,
-                         json.at("stgs_capture").get<int>());
+      return unsupported("{}: unknown version {} (expected {}); prepare the capture again", path,
+                         json.at("stgs_capture").get<int>(), kCaptureVersion);
     }
     STGS_ASSIGN(PreparedCapture capture, capture_from_json(json, folder, path));
     STGS_TRY(check(capture, path));
@@ -153,7 +157,7 @@ Status write_prepared_capture(const PreparedCapture& capture) {
   try {
     text = json.dump(1) + "\n";
   } catch (const Json::exception& error) {
-    return invalid_file("{}: a name is not UTF-8: {}", path, json_error(error));
+    return invalid_file("{}: a name is not valid UTF-8: {}", path, json_error(error));
   }
   return write_file_atomically(path,
                                {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
@@ -163,8 +167,9 @@ Result<Image8> load_frame(const PreparedCapture& capture, const Camera& camera, 
   const std::string path = capture.frame_path(camera, frame);
   STGS_ASSIGN(Image8 image, read_image8(path, 3));
   if (image.width != camera.width || image.height != camera.height) {
-    return invalid_file("{}: camera '{}' frame {} is {}x{}, but capture.json says {}x{}", path,
-                        camera.name, frame, image.width, image.height, camera.width, camera.height);
+    return invalid_file("{}: camera '{}' frame {} has the wrong size (expected {}x{}, got {}x{})",
+                        path, camera.name, frame, camera.width, camera.height, image.width,
+                        image.height);
   }
   return image;
 }
@@ -174,9 +179,9 @@ Result<Image8> load_mask(const PreparedCapture& capture, const Camera& camera, i
   if (!std::filesystem::exists(path)) return Image8{};
   STGS_ASSIGN(Image8 mask, read_image8(path, 1));
   if (mask.width != camera.width || mask.height != camera.height) {
-    return invalid_file("{}: the mask of camera '{}' frame {} is {}x{}, but its frames are {}x{}",
-                        path, camera.name, frame, mask.width, mask.height, camera.width,
-                        camera.height);
+    return invalid_file(
+        "{}: mask of camera '{}' frame {} has the wrong size (expected {}x{}, got {}x{})", path,
+        camera.name, frame, camera.width, camera.height, mask.width, mask.height);
   }
   return mask;
 }

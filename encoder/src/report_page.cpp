@@ -11,11 +11,11 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr double kWidth = 460, kHeight = 260;                          // of a chart, pixels
-constexpr double kLeft = 62, kRight = 12, kTop = 28, kBottom = 40;     // margins
-constexpr const char* kColours[] = {"#1f6fb4", "#d1611c", "#3a8f3a"};  // of the series
+constexpr double kWidth = 460, kHeight = 260;                          // chart size, pixels
+constexpr double kLeft = 62, kRight = 12, kTop = 28, kBottom = 40;     // margins, pixels
+constexpr const char* kColours[] = {"#1f6fb4", "#d1611c", "#3a8f3a"};  // cycle of series colours
 
-// A file's name in a link.
+// Percent-encodes a file name for a link.
 std::string escape_link(const std::string& name) {
   std::string out;
   for (const char c : name) {
@@ -37,7 +37,7 @@ struct Range {
   }
 };
 
-// A round step that divides the range into about five.
+// Returns a step of 1, 2 or 5 times a power of ten that divides the range into about five.
 double tick_step(const Range& range) {
   const double rough = (range.high - range.low) / 5;
   const double decade = std::pow(10.0, std::floor(std::log10(rough)));
@@ -61,7 +61,8 @@ bool finite(const std::pair<double, double>& point) {
   return std::isfinite(point.first) && std::isfinite(point.second);
 }
 
-// The ranges of all points, never empty; false where there is nothing to draw.
+// Sets the axes to the non-empty ranges of all finite points. Returns false if no series has two
+// points or no point is finite.
 bool fit(const Chart& chart, Axes& axes) {
   bool line = false;
   for (const ChartSeries& series : chart.series) {
@@ -196,13 +197,13 @@ void ReportPage::chart(const Chart& chart) {
 
 void ReportPage::bars(const BarChart& chart) {
   constexpr double kRow = 17, kLabel = 130, kValue = 60;
-  double most = 0;
-  for (const auto& [label, value] : chart.bars) most = std::max(most, value);
-  if (most <= 0) return;
+  double largest = 0;
+  for (const auto& [label, value] : chart.bars) largest = std::max(largest, value);
+  if (largest <= 0) return;
   html_ += open_svg(chart.title, kTop + kRow * static_cast<double>(chart.bars.size()));
   double y = kTop;
   for (const auto& [label, value] : chart.bars) {
-    const double width = value / most * (kWidth - kLabel - kValue);
+    const double width = value / largest * (kWidth - kLabel - kValue);
     html_ += fmt::format(
         "<text x=\"{}\" y=\"{:.1f}\" text-anchor=\"end\">{}</text>"
         "<rect x=\"{}\" y=\"{:.1f}\" width=\"{:.1f}\" height=\"{}\" fill=\"{}\"/>"
@@ -220,9 +221,9 @@ Status ReportPage::write(const std::string& folder) const {
 }
 
 std::vector<std::pair<std::string, double>> histogram_bars(const std::vector<HistogramBin>& bins) {
-  const auto full = [](const HistogramBin& bin) { return bin.count > 0; };
-  const auto first = std::find_if(bins.begin(), bins.end(), full);
-  const auto last = std::find_if(bins.rbegin(), bins.rend(), full).base();
+  const auto occupied = [](const HistogramBin& bin) { return bin.count > 0; };
+  const auto first = std::find_if(bins.begin(), bins.end(), occupied);
+  const auto last = std::find_if(bins.rbegin(), bins.rend(), occupied).base();
   std::vector<std::pair<std::string, double>> bars;
   for (auto bin = first; bin < last; ++bin) {
     bars.emplace_back(std::isfinite(bin->to) ? fmt::format("{:.3g} to {:.3g}", bin->from, bin->to)

@@ -37,7 +37,7 @@ const Row& row_of(Attribute attribute) {
 template <typename Float, typename Set>
 AttributeView<Float> view(Set& set, Attribute attribute) {
   const auto sh_stride = static_cast<std::size_t>(3 * set.sh_coefficients());
-  // No offset of an empty array's null pointer.
+  // Adding an offset to the null pointer of an empty array is undefined.
   const auto sh = [&set](std::size_t first) {
     return set.sh.empty() ? nullptr : set.sh.data() + first;
   };

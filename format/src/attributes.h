@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The attributes of a primitive as the file numbers them (spec 6.3).
+// The attributes of a primitive as numbered in files (spec 6.3).
 #pragma once
 
 #include <cstdint>
@@ -10,12 +10,14 @@
 
 namespace stgs {
 
-// The attributes of a set of this harmonic degree, in file order.
+// Returns the attributes of a set of this SH degree, in file order.
 std::span<const Attribute> attributes_of(int sh_degree);
+// Returns the name of an attribute in messages and reports: "position", "sh0"...
 const char* name_of(Attribute attribute);
+// Returns the number of floats per primitive.
 int components_of(Attribute attribute);
 
-// Component c of primitive i is data[i * stride + c].
+// An attribute of a set: component c of primitive i is data[i * stride + c].
 template <typename Float>
 struct AttributeView {
   Float* data = nullptr;

@@ -11,8 +11,8 @@ namespace {
 
 using Quaternion = std::array<double, 4>;
 
-// The turns that map the axes on each other, one of each two quaternions; that by nothing is the
-// first.
+// The 24 rotations that map the axes onto each other, with one of the two quaternions of each. The
+// identity is first.
 constexpr std::array<Quaternion, 24> make_axis_turns() {
   constexpr double kRoot = 0.70710678118654752440;
   std::array<Quaternion, 24> out{};
@@ -38,8 +38,8 @@ double dot(const Quaternion& a, const Quaternion& b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
 }
 
-// a times the inverse of a unit b.
-Quaternion over(const Quaternion& a, const Quaternion& b) {
+// Returns a times the inverse of the unit quaternion b.
+Quaternion times_inverse(const Quaternion& a, const Quaternion& b) {
   return {dot(a, b), a[1] * b[0] - a[0] * b[1] - a[2] * b[3] + a[3] * b[2],
           a[2] * b[0] - a[0] * b[2] - a[3] * b[1] + a[1] * b[3],
           a[3] * b[0] - a[0] * b[3] - a[1] * b[2] + a[2] * b[1]};
@@ -57,7 +57,7 @@ Quaternion unit_rotation(const Gaussians4D& set, std::size_t i) {
   return q;
 }
 
-// Where the turn takes an axis.
+// Returns the axis that a rotation maps an axis to.
 std::size_t turned_axis(const Quaternion& turn, std::size_t axis) {
   const math::Mat3 m =
       math::rotation_of({static_cast<float>(turn[0]), static_cast<float>(turn[1]),
@@ -79,14 +79,14 @@ const TurnedAxes& turned_axes() {
   return axes;
 }
 
-// The turn that is nearest to a rotation; of those as near, the first.
+// Returns the element of kAxisTurns nearest to a rotation; the first of equally near ones.
 std::size_t nearest_turn(const Quaternion& q) {
   std::size_t best = 0;
-  double most = -1.0;
+  double best_dot = -1.0;
   for (std::size_t t = 0; t < 24; ++t) {
     const double near = std::abs(dot(q, kAxisTurns[t]));
-    if (near > most + 1e-6) {
-      most = near;
+    if (near > best_dot + 1e-6) {
+      best_dot = near;
       best = t;
     }
   }
@@ -95,15 +95,15 @@ std::size_t nearest_turn(const Quaternion& q) {
 
 }  // namespace
 
-void least_rotations(Gaussians4D& set) {
+void minimise_rotations(Gaussians4D& set) {
   const TurnedAxes& axes = turned_axes();
   for (std::size_t i = 0; i < set.size(); ++i) {
     float* stored = set.rotation.data() + 4 * i;
     const Quaternion q{stored[0], stored[1], stored[2], stored[3]};
     const std::size_t turn = nearest_turn(q);
-    const Quaternion least = over(q, kAxisTurns[turn]);
-    const double scale = std::copysign(1.0 / std::sqrt(dot(least, least)), least[0]);
-    for (std::size_t c = 0; c < 4; ++c) stored[c] = static_cast<float>(scale * least[c]);
+    const Quaternion reduced = times_inverse(q, kAxisTurns[turn]);
+    const double scale = std::copysign(1.0 / std::sqrt(dot(reduced, reduced)), reduced[0]);
+    for (std::size_t c = 0; c < 4; ++c) stored[c] = static_cast<float>(scale * reduced[c]);
     float* sizes = set.log_scale.data() + 3 * i;
     const std::array<float, 3> before{sizes[0], sizes[1], sizes[2]};
     for (std::size_t k = 0; k < 3; ++k) sizes[axes[turn][k]] = before[k];
@@ -112,12 +112,13 @@ void least_rotations(Gaussians4D& set) {
 
 ShapeDifference shape_difference(const Gaussians4D& a, std::size_t i, const Gaussians4D& b,
                                  std::size_t j) {
-  // From the axes of a's to those of b's.
-  const Quaternion between = over(inverse(unit_rotation(b, j)), inverse(unit_rotation(a, i)));
+  // From the axes of a's Gaussian to those of b's.
+  const Quaternion between =
+      times_inverse(inverse(unit_rotation(b, j)), inverse(unit_rotation(a, i)));
   const std::size_t turn = nearest_turn(between);
   const Quaternion& near = kAxisTurns[turn];
   const double sign = std::copysign(1.0, dot(between, near));
-  double chord = 0.0;  // well conditioned for small angles, unlike the arc cosine
+  double chord = 0.0;  // well-conditioned for small angles, unlike the arc cosine
   for (std::size_t c = 0; c < 4; ++c) {
     chord += (sign * between[c] - near[c]) * (sign * between[c] - near[c]);
   }

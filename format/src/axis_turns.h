@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The same Gaussian under other names of its axes (spec 8.5).
+// Permutations of a Gaussian's axes that leave the Gaussian unchanged (spec 8.5).
 #pragma once
 
 #include <array>
@@ -9,14 +9,13 @@
 
 namespace stgs {
 
-// Each Gaussian with the names of its axes and their signs changed so that its rotation is the
-// least.
-void least_rotations(Gaussians4D& set);
+// Permutes and flips the axes of each Gaussian so that its rotation angle is smallest.
+void minimise_rotations(Gaussians4D& set);
 
-// What turns one Gaussian into another that may name its axes otherwise.
+// The difference between two Gaussians, whatever the order and signs of their axes.
 struct ShapeDifference {
-  double angle = 0;      // radians, of the least turn between them
-  double log_scale = 0;  // greatest, of axes that lie on each other after it
+  double angle = 0;      // radians, smallest rotation between them
+  double log_scale = 0;  // greatest difference between axes that coincide after that rotation
 };
 ShapeDifference shape_difference(const Gaussians4D& a, std::size_t i, const Gaussians4D& b,
                                  std::size_t j);

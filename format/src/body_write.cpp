@@ -44,111 +44,114 @@ double mean_importance(const std::vector<std::uint32_t>& members,
   return sum / static_cast<double>(members.size());
 }
 
-// A segment of a tier, and what its layouts follow from.
-struct Piece {
+// A segment of one tier. Segments of equal importance and kind share layouts.
+struct TierSegment {
   SegmentMembers segment;
-  int importance = 0;  // tier by importance
-  int kind = 0;        // level, kConstant, or kNear less a distance
+  int importance = 0;  // tier in the plan
+  int kind = 0;        // level, kConstant, or kNear - distance (Quantiser::distance_of())
 };
 constexpr int kConstant = -2, kNear = -2;
 
-// What is seen alike at all moments of the interval and stands still; see
-// Quantiser::snap_lifespans.
+// Returns whether a primitive is static and equally visible throughout the interval; see
+// Quantiser::snap_lifespans().
 bool is_constant(const Gaussians4D& set, std::uint32_t i, const Interval& interval) {
   const float* u = set.velocity.data() + 3 * std::size_t{i};
   return u[0] == 0.0f && u[1] == 0.0f && u[2] == 0.0f && set.sigma[i] == 1.0f &&
          2.0 * set.radius[i] >= interval.end - interval.begin;
 }
 
-// What lies or moves so far out that the others would have coarser steps with it: takes it out of a
-// tier.
-std::vector<Piece> far_pieces_of(Place place, const Encoding& encoding, Tier& tier) {
+// Moves outliers, which would make the steps of the others coarser, from a tier to segments of
+// their own.
+std::vector<TierSegment> take_far_segments(SegmentKey key, const Encoding& encoding, Tier& tier) {
   std::map<int, std::vector<std::uint32_t>> by_distance;
   for (const std::uint32_t i : tier.members) {
     by_distance[encoding.quantiser->distance_of(*encoding.set, i)].push_back(i);
   }
   tier.members = std::move(by_distance[0]);
   by_distance.erase(0);
-  std::vector<Piece> out;
+  std::vector<TierSegment> out;
   for (auto& [distance, members] : by_distance) {
-    out.push_back({{place, std::move(members)}, tier.importance, kNear - distance});
+    out.push_back({{key, std::move(members)}, tier.importance, kNear - distance});
   }
   return out;
 }
 
-// A tier whose constant primitives, if they are many and not stored as floats, come apart from the
-// others: all their lives are one symbol then. What lies far out comes last.
-std::vector<Piece> pieces_of(Place place, Tier tier, const Encoding& encoding,
-                             const Interval& interval) {
+// Splits a tier into segments. Constant primitives, if there are many and they are not stored as
+// floats, get a segment of their own, so that their lifespans are a single symbol. Outliers come
+// last.
+std::vector<TierSegment> tier_segments_of(SegmentKey key, Tier tier, const Encoding& encoding,
+                                          const Interval& interval) {
   if (encoding.quantiser == nullptr) {
-    return {{{place, std::move(tier.members)}, tier.importance, place.level}};
+    return {{{key, std::move(tier.members)}, tier.importance, key.level}};
   }
-  std::vector<Piece> far = far_pieces_of(place, encoding, tier);
-  Piece constant{{place, {}}, tier.importance, kConstant};
-  Piece other{{place, {}}, tier.importance, place.level};
+  std::vector<TierSegment> far = take_far_segments(key, encoding, tier);
+  TierSegment constant{{key, {}}, tier.importance, kConstant};
+  TierSegment other{{key, {}}, tier.importance, key.level};
   for (const std::uint32_t i : tier.members) {
-    const bool apart = is_constant(*encoding.set, i, interval);
-    (apart ? constant : other).segment.members.push_back(i);
+    const bool fixed = is_constant(*encoding.set, i, interval);
+    (fixed ? constant : other).segment.members.push_back(i);
   }
-  std::vector<Piece> out;
-  if (constant.segment.members.size() >= kLeastTier && other.segment.members.size() >= kLeastTier) {
+  std::vector<TierSegment> out;
+  if (constant.segment.members.size() >= kMinTierSize &&
+      other.segment.members.size() >= kMinTierSize) {
     out = {std::move(constant), std::move(other)};
   } else if (!tier.members.empty()) {
-    out = {{{place, std::move(tier.members)}, tier.importance, place.level}};
+    out = {{{key, std::move(tier.members)}, tier.importance, key.level}};
   }
-  for (Piece& piece : far) out.push_back(std::move(piece));
+  for (TierSegment& segment : far) out.push_back(std::move(segment));
   return out;
 }
 
-// All segments of all parts, tier after tier.
-std::vector<Piece> cut(const Encoding& encoding, const std::vector<PartRange>& parts, Body& body) {
-  std::vector<std::vector<SegmentMembers>> whole;  // by part
+// Returns all segments of all parts, tier after tier, and lists them in the index of `body`.
+std::vector<TierSegment> plan_segments(const Encoding& encoding,
+                                       const std::vector<PartRange>& parts, Body& body) {
+  std::vector<std::vector<SegmentMembers>> by_part;
   for (const PartRange& part : parts) {
-    whole.push_back(
+    by_part.push_back(
         segments_of(*encoding.set, part, encoding.chunk_ticks, encoding.quantiser == nullptr));
   }
   const TierPlan plan = plan_tiers(
-      encoding.importance, measure_demand(parts, whole, encoding.chunk_ticks, encoding.set->size()),
-      encoding.tiers);
-  std::vector<Piece> pieces;
+      encoding.importance,
+      measure_demand(parts, by_part, encoding.chunk_ticks, encoding.set->size()), encoding.tiers);
+  std::vector<TierSegment> segments;
   for (std::uint32_t p = 0; p < parts.size(); ++p) {
-    for (const SegmentMembers& segment : whole[p]) {
+    for (const SegmentMembers& segment : by_part[p]) {
       int tier = 0;
       for (Tier& members : tiers_of(segment.members, encoding.importance, plan)) {
-        for (Piece& piece :
-             pieces_of(segment.place, std::move(members), encoding, parts[p].interval)) {
+        for (TierSegment& split :
+             tier_segments_of(segment.key, std::move(members), encoding, parts[p].interval)) {
           SegmentEntry entry;
           entry.part = p;
-          entry.base.level = piece.segment.place.level;
-          entry.base.slot = piece.segment.place.slot;
+          entry.base.level = split.segment.key.level;
+          entry.base.slot = split.segment.key.slot;
           entry.base.layer = layer_of(Content::kPrimitives, tier++);
-          entry.base.primitives = static_cast<std::uint32_t>(piece.segment.members.size());
+          entry.base.primitives = static_cast<std::uint32_t>(split.segment.members.size());
           body.index.segments.push_back(entry);
-          pieces.push_back(std::move(piece));
+          segments.push_back(std::move(split));
         }
       }
     }
     body.parts.push_back({parts[p].interval.begin, parts[p].interval.end, 0, parts[p].cut});
   }
-  return pieces;
+  return segments;
 }
 
-// Segments whose records share layouts: those of a tier whose lifespans are alike.
+// Segments whose records share layouts: those of one tier with similar lifespans.
 struct Group {
   std::vector<std::size_t> segments;
   GroupSteps steps;
   std::vector<StreamPlan> plans;  // by attribute
 };
 
-std::vector<Group> groups_of(const Encoding& encoding, const std::vector<Piece>& segments) {
-  std::map<std::pair<int, int>, Group> by_place;
+std::vector<Group> groups_of(const Encoding& encoding, const std::vector<TierSegment>& segments) {
+  std::map<std::pair<int, int>, Group> by_kind;
   for (std::size_t s = 0; s < segments.size(); ++s) {
-    const Piece& piece = segments[s];
-    const int own = encoding.own_layouts ? static_cast<int>(s) : piece.importance;
-    by_place[{own, encoding.quantiser == nullptr ? 0 : piece.kind}].segments.push_back(s);
+    const TierSegment& segment = segments[s];
+    const int own = encoding.own_layouts ? static_cast<int>(s) : segment.importance;
+    by_kind[{own, encoding.quantiser == nullptr ? 0 : segment.kind}].segments.push_back(s);
   }
   std::vector<Group> out;
-  for (auto& [place, group] : by_place) out.push_back(std::move(group));
+  for (auto& [key, group] : by_kind) out.push_back(std::move(group));
   if (encoding.quantiser == nullptr) return out;
   parallel_for(std::size_t{0}, out.size(), [&](std::size_t g) {
     std::vector<std::uint32_t> members;
@@ -165,7 +168,7 @@ std::vector<Group> groups_of(const Encoding& encoding, const std::vector<Piece>&
 // Writes the records of a body.
 class BodyWriter {
  public:
-  BodyWriter(const Encoding& encoding, std::vector<Piece>& segments, Body& body)
+  BodyWriter(const Encoding& encoding, std::vector<TierSegment>& segments, Body& body)
       : encoding_(encoding),
         segments_(segments),
         body_(body),
@@ -194,7 +197,7 @@ class BodyWriter {
     if (quantised) each_segment([this](std::size_t s) { split(s); });
     make_layouts();
     body_.bases.resize(segments_.size());
-    body_.harmonics.resize(segments_.size());
+    body_.sh.resize(segments_.size());
     each_segment([&](std::size_t s) {
       if (!quantised) {
         quantise(s);
@@ -216,7 +219,7 @@ class BodyWriter {
     if (encoding_.stop.stop_requested()) throw std::runtime_error("stopped");
   }
 
-  // A record has the attributes [first, last): all of them, or harmonics apart from the rest.
+  // The attributes [first, last) of a record: all of them, or the SH, or the others.
   struct Range {
     std::size_t first = 0, last = 0;
   };
@@ -228,7 +231,7 @@ class BodyWriter {
     return kind == 0 ? Range{0, base} : Range{base, attributes_.size()};
   }
 
-  // The integers of a segment; its members take the order that they are stored in.
+  // Computes the integers of a segment and puts its members into the order of the file.
   void quantise(std::size_t s) {
     std::vector<std::uint32_t>& members = segments_[s].segment.members;
     const Gaussians4D part = encoding_.set->gather(members);
@@ -266,7 +269,7 @@ class BodyWriter {
     });
   }
 
-  // From integers to the planes of the segment's records.
+  // Converts the integers of a segment to the planes of its records.
   void split(std::size_t s) {
     const std::vector<StreamPlan>& plans = groups_[group_of_[s]].plans;
     for (std::size_t kind = 0; kind < kinds(); ++kind) {
@@ -281,7 +284,8 @@ class BodyWriter {
     }
   }
 
-  // The layouts of all kinds of records, in one set or each in its own, with as few tables as pay.
+  // Creates the layouts of all kinds of records, in one set or one set each, with tables as far as
+  // they pay off.
   void make_layouts() {
     const std::size_t uses = groups_.size() * kinds();
     sets_.resize(encoding_.own_layouts ? uses : 1);
@@ -306,7 +310,7 @@ class BodyWriter {
     return set_of(use).layouts[encoding_.own_layouts ? 0 : use];
   }
 
-  // Of the planes that are coded with rANS, in the records of a group and kind.
+  // Counts the symbols of the planes coded with rANS, in the records of a group and kind.
   std::vector<SymbolCounts> count_symbols(std::size_t use) const {
     const Group& group = groups_[use / kinds()];
     const Range range = range_of(use % kinds());
@@ -345,7 +349,7 @@ class BodyWriter {
     for (const RansTable& t : set.tables) set.only.push_back(only_symbol(t));
   }
 
-  // What the coded planes of a layout take, by attribute.
+  // Adds the bytes of the coded planes of a layout, by attribute.
   void add_cost(std::size_t use, const std::vector<SymbolCounts>& counts) {
     auto of_plane = counts.begin();
     std::size_t a = range_of(use % kinds()).first;
@@ -361,16 +365,16 @@ class BodyWriter {
     SegmentEntry& entry = body_.index.segments[s];
     for (std::size_t kind = 0; kind < kinds(); ++kind) {
       const std::size_t use = group_of_[s] * kinds() + kind;
-      IndexEntry& index = kind == 0 ? entry.base : entry.harmonics;
+      IndexEntry& index = kind == 0 ? entry.base : entry.sh;
       if (kind == 1) {
         index = entry.base;
-        index.layer = layer_of(Content::kHarmonics, tier_of(entry.base.layer));
+        index.layer = layer_of(Content::kSh, tier_of(entry.base.layer));
       }
       const bool own = encoding_.own_layouts;
       const RecordCoding coding{&set_of(use), static_cast<std::uint16_t>(own ? 0 : use), own,
                                 encoding_.zstd_level};
       const SegmentPayload payload = write_segment(index, planes_[s][kind], coding);
-      std::vector<std::uint8_t>& record = (kind == 0 ? body_.bases : body_.harmonics)[s];
+      std::vector<std::uint8_t>& record = (kind == 0 ? body_.bases : body_.sh)[s];
       record = write_record(kSegmentTag, payload.bytes);
       index.bytes = record.size();
       for (std::size_t i = 0; i < payload.stored.size(); ++i) {
@@ -381,7 +385,7 @@ class BodyWriter {
   }
 
   const Encoding& encoding_;
-  std::vector<Piece>& segments_;
+  std::vector<TierSegment>& segments_;
   Body& body_;
   std::span<const Attribute> attributes_;
   std::vector<Group> groups_;
@@ -397,11 +401,11 @@ class BodyWriter {
 
 Body encode_body(const Encoding& encoding, const std::vector<PartRange>& parts) {
   Body body;
-  std::vector<Piece> pieces = cut(encoding, parts, body);
+  std::vector<TierSegment> segments = plan_segments(encoding, parts, body);
   body.index.chunk_ticks = encoding.chunk_ticks;
-  BodyWriter(encoding, pieces, body).write();
-  for (const Piece& piece : pieces) {
-    const std::vector<std::uint32_t>& members = piece.segment.members;
+  BodyWriter(encoding, segments, body).write();
+  for (const TierSegment& segment : segments) {
+    const std::vector<std::uint32_t>& members = segment.segment.members;
     body.index.primitives += members.size();
     body.order.insert(body.order.end(), members.begin(), members.end());
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The records of a scene's segments, and the layouts that they share.
+// Encoding of a scene's segments into records, and of the layouts that they share.
 #pragma once
 
 #include <cstdint>
@@ -13,28 +13,29 @@
 
 namespace stgs {
 
-// How a scene is written, and what of.
+// The input of encode_body(). Pointers and spans are not owned.
 struct Encoding {
   const Gaussians4D* set = nullptr;
-  std::span<const float> importance;  // empty: lossless, one tier
-  const Quantiser* quantiser = nullptr;
+  std::span<const float> importance;     // empty: lossless, one tier
+  const Quantiser* quantiser = nullptr;  // null: lossless
   double chunk_ticks = 0;
   int tiers = 1, zstd_level = 9;
   Coder coder = Coder::kBytes;
-  bool draco = false;        // codes the positions
-  bool own_layouts = false;  // each record has its own
-  std::stop_token stop;      // encode_body throws where it is asked to
+  bool draco = false;        // code positions with Draco
+  bool own_layouts = false;  // each record contains its layout
+  std::stop_token stop;      // encode_body() throws std::runtime_error if a stop is requested
 };
 
 struct Body {
   FileIndex index;
   LayoutSet layouts;
   std::vector<PartEntry> parts;
-  std::vector<std::vector<std::uint8_t>> bases, harmonics;  // records, by segment
-  std::vector<std::uint8_t> importance;                     // record, or empty
-  std::vector<std::uint32_t> order;  // index in the scene of each primitive of the file
+  std::vector<std::vector<std::uint8_t>> bases, sh;  // records, by segment
+  std::vector<std::uint8_t> importance;              // record, or empty
+  std::vector<std::uint32_t> order;  // for each primitive of the file, its index in the scene
 };
 
+// Encodes all segments of these parts, on all threads.
 Body encode_body(const Encoding& encoding, const std::vector<PartRange>& parts);
 
 }  // namespace stgs

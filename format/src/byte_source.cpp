@@ -14,11 +14,11 @@ namespace {
 
 Status past_the_end(const std::string& name, std::uint64_t offset, std::uint64_t bytes,
                     std::uint64_t size) {
-  return invalid_file("{}: needs bytes {} to {}, but the file has only {} bytes: it is truncated",
-                      name, offset, offset + bytes, size);
+  return invalid_file("{}: the file is truncated (needs bytes {} to {}, has {} bytes)", name,
+                      offset, offset + bytes, size);
 }
 
-// Closes what nobody has taken.
+// Closes the descriptor unless it was passed on.
 struct Descriptor {
   int fd;
   ~Descriptor() {
@@ -36,16 +36,16 @@ class FileSource final : public ByteSource {
   const std::string& name() const override { return name_; }
 
   bool may_grow() const override { return true; }
-  Result<Change> refresh(std::uint64_t kept) override {
+  Result<Change> refresh(std::uint64_t stable_bytes) override {
     struct stat info {
     }, named{};
     if (::fstat(fd_, &info) != 0) {
-      return io_error("{}: cannot look at: {}", name_, system_message(errno));
+      return io_error("{}: cannot get the file size: {}", name_, system_message(errno));
     }
-    // One that was removed stays what it was to whoever has it open.
+    // A removed file stays readable through the open descriptor.
     const bool other = ::stat(name_.c_str(), &named) == 0 &&
                        (named.st_dev != inode_.st_dev || named.st_ino != inode_.st_ino);
-    if (other || bytes_of(info) < kept) return Change::kReplaced;
+    if (other || bytes_of(info) < stable_bytes) return Change::kReplaced;
     return size_.exchange(bytes_of(info)) == bytes_of(info) ? Change::kNone : Change::kResized;
   }
 
@@ -74,8 +74,8 @@ class FileSource final : public ByteSource {
       if (got < 0 && errno == EINTR) continue;
       if (got < 0) return io_error("{}: cannot read: {}", name_, system_message(errno));
       if (got == 0) {
-        return io_error("{}: bytes {} to {} have gone since it was opened; it is being changed",
-                        name_, offset, offset + out.size());
+        return io_error("{}: the file was truncated while open (bytes {} to {} are gone)", name_,
+                        offset, offset + out.size());
       }
       done += static_cast<std::size_t>(got);
     }
@@ -91,9 +91,9 @@ class FileSource final : public ByteSource {
   }
 
   const int fd_;
-  const struct stat inode_;  // when it was opened
+  const struct stat inode_;  // as of opening
   std::atomic<std::uint64_t> size_;
-  std::atomic<std::int64_t> finished_at_ = 0;  // when it had been written to last; 0: it is not
+  std::atomic<std::int64_t> finished_at_ = 0;  // time of the last write; 0: not finished
   const std::string name_;
 };
 
@@ -125,7 +125,7 @@ Status check_range(const std::string& name, std::uint64_t size, std::uint64_t of
 }
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
-  // O_NONBLOCK: a pipe would be waited for until somebody writes to it. Files do not know of it.
+  // O_NONBLOCK: opening a pipe would wait for a writer. It has no effect on files.
   const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
   if (fd < 0) return io_error("{}: cannot open: {}", path, system_message(errno));
   return descriptor_source(fd, path);

@@ -11,7 +11,7 @@
 
 namespace stgs {
 
-// Appends fields to a buffer.
+// Appends little-endian fields to a buffer.
 class ByteWriter {
  public:
   void u8(std::uint8_t v) { out_.push_back(v); }
@@ -20,13 +20,13 @@ class ByteWriter {
   void u64(std::uint64_t v) { put(v, 8); }
   void f32(float v) { u32(std::bit_cast<std::uint32_t>(v)); }
   void f64(double v) { u64(std::bit_cast<std::uint64_t>(v)); }
-  // 7 bits a byte, the lowest first; bit 7: more bytes follow (spec 1.8).
+  // 7 bits per byte, lowest first; bit 7 is set if more bytes follow (spec 1.8).
   void varint(std::uint64_t v) {
     for (; v >= 0x80; v >>= 7) u8(static_cast<std::uint8_t>(v | 0x80));
     u8(static_cast<std::uint8_t>(v));
   }
   void bytes(std::span<const std::uint8_t> v) { out_.insert(out_.end(), v.begin(), v.end()); }
-  // u32 length, then the bytes.
+  // A u32 length, then the bytes.
   void string(std::string_view v) {
     u32(static_cast<std::uint32_t>(v.size()));
     out_.insert(out_.end(), v.begin(), v.end());
@@ -43,8 +43,8 @@ class ByteWriter {
   std::vector<std::uint8_t> out_;
 };
 
-// Takes fields from a buffer. Past the end, or at a varint that is not one, it returns zeros and
-// ok() turns false for good.
+// Reads little-endian fields from a buffer. Past the end, or after an invalid varint, it returns
+// zeros, and ok() stays false.
 class ByteReader {
  public:
   explicit ByteReader(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
@@ -61,7 +61,7 @@ class ByteReader {
       const std::uint8_t byte = u8();
       v |= std::uint64_t{byte & 0x7Fu} << shift;
       if ((byte & 0x80) != 0) continue;
-      // The shortest form of at most 64 bits, so that a number has one form only.
+      // Only the shortest form, of at most 64 bits, is valid: each number has one encoding.
       ok_ = ok_ && (shift == 0 || byte != 0) && (shift < 63 || byte == 1);
       return ok_ ? v : 0;
     }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The head once more, for where it is damaged (spec 3.6).
+// Reading the copy of a head, in case the head is damaged (spec 3.6).
 #include <algorithm>
 
 #include "bytes.h"
@@ -14,10 +14,10 @@ using Bytes = std::vector<std::uint8_t>;
 using Found = std::optional<HeadCopy>;
 
 constexpr std::uint64_t kLengthBytes = 8;
-// That are passed over on the way to a copy where nothing tells how long the head is.
-constexpr int kMostRecordsBefore = 64;
+// Records skipped in search of a copy if the length of the head is unknown.
+constexpr int kMaxRecordsBefore = 64;
 
-// The payload of a COPY record as the head that it stands for; empty: it is none.
+// Returns the head that the payload of a COPY record contains; empty if it is invalid.
 Bytes unpack_copy(std::span<const std::uint8_t> payload, const FileHeader& header) {
   const auto records = payload.subspan(kHeaderBytes, payload.size() - kHeaderBytes - kLengthBytes);
   const std::uint64_t size = header.head_bytes - kHeaderBytes;
@@ -31,11 +31,11 @@ Bytes unpack_copy(std::span<const std::uint8_t> payload, const FileHeader& heade
     return {};
   }
   Findings ignored;
-  return is_whole_head(out, ignored) ? out : Bytes();
+  return is_intact_head(out, ignored) ? out : Bytes();
 }
 
-// Whether a copy of a head with this header may be at [at, end).
-bool is_its_place(const FileHeader& header, std::uint64_t at, std::uint64_t end) {
+// Returns whether the copy of a head with this header may be at [at, end).
+bool is_copy_location(const FileHeader& header, std::uint64_t at, std::uint64_t end) {
   return (header.flags & kGrowing) != 0 ? at == header.head_bytes : end == header.file_bytes;
 }
 
@@ -57,12 +57,12 @@ class Search {
     if (stated_ && (stated_->flags & kGrowing) != 0) return at(stated_->head_bytes);
     STGS_ASSIGN(Found found, before(stated_ ? stated_->file_bytes : source_.size()));
     if (found || stated_) return found;
-    return behind_records();
+    return after_records();
   }
 
  private:
   Result<Found> at(std::uint64_t offset) const {
-    STGS_ASSIGN(const auto record, whole_record_at(source_, offset, source_.size()));
+    STGS_ASSIGN(const auto record, complete_record_at(source_, offset, source_.size()));
     if (!record || !is_copy(*record) || record->length > limits_.max_memory) return Found();
     Bytes payload(record->length);
     STGS_TRY(source_.read(offset + kRecordHeaderBytes, payload));
@@ -76,15 +76,15 @@ class Search {
     const bool growing = (header->flags & kGrowing) != 0;
     const bool own = stated_ ? std::equal(first_.begin(), first_.end(), payload.begin())
                              : header->file_bytes == (growing ? 0 : source_.size());
-    if (!own || !is_its_place(*header, offset, end)) return Found();
+    if (!own || !is_copy_location(*header, offset, end)) return Found();
     Bytes head = unpack_copy(payload, *header);
     return head.empty() ? Found() : Found({offset, std::move(head)});
   }
 
-  // That which ends there.
+  // Finds the copy that ends at `end`.
   Result<Found> before(std::uint64_t end) const {
-    constexpr std::uint64_t kLeast = kRecordHeaderBytes + kHeaderBytes + kLengthBytes;
-    if (end > source_.size() || end < kLeast) return Found();
+    constexpr std::uint64_t kMinBytes = kRecordHeaderBytes + kHeaderBytes + kLengthBytes;
+    if (end > source_.size() || end < kMinBytes) return Found();
     Bytes bytes(kLengthBytes);
     STGS_TRY(source_.read(end - kLengthBytes, bytes));
     const std::uint64_t length = ByteReader(bytes).u64();
@@ -92,11 +92,11 @@ class Search {
     return at(end - kRecordHeaderBytes - length);
   }
 
-  // That of a growing file whose header does not tell where its head ends.
-  Result<Found> behind_records() const {
+  // Finds the copy of a growing file whose header is damaged: the length of its head is unknown.
+  Result<Found> after_records() const {
     std::uint64_t offset = kHeaderBytes;
-    for (int passed = 0; passed <= kMostRecordsBefore; ++passed) {
-      STGS_ASSIGN(const auto record, whole_record_at(source_, offset, source_.size()));
+    for (int passed = 0; passed <= kMaxRecordsBefore; ++passed) {
+      STGS_ASSIGN(const auto record, complete_record_at(source_, offset, source_.size()));
       if (!record || record->tag == kSegmentTag || record->tag == kFragmentTag) break;
       if (record->tag == kCopyTag) return at(offset);
       offset += kRecordHeaderBytes + record->length;
@@ -106,7 +106,7 @@ class Search {
 
   const ByteSource& source_;
   const std::span<const std::uint8_t> first_;
-  const std::optional<FileHeader> stated_;  // where the header is right
+  const std::optional<FileHeader> stated_;  // set if the header is intact
   const ReadLimits& limits_;
 };
 
@@ -118,22 +118,22 @@ Result<Found> find_head_copy(const ByteSource& source, std::span<const std::uint
 }
 
 Result<std::uint64_t> end_of_head_copy(const ByteSource& source, const FileHeader& header) {
-  STGS_ASSIGN(const auto record, whole_record_at(source, header.head_bytes, source.size()));
+  STGS_ASSIGN(const auto record, complete_record_at(source, header.head_bytes, source.size()));
   if (!record || !is_copy(*record)) return header.head_bytes;
   return header.head_bytes + kRecordHeaderBytes + record->length;
 }
 
 void check_head_copy(const ByteSource& source, const FileHead& head, std::uint64_t at,
                      std::span<const std::uint8_t> payload, Findings& findings) {
-  if (!is_its_place(head.header, at, at + kRecordHeaderBytes + payload.size())) {
-    return findings.warning(N::kForeignCopy, at, "a copy of a head where readers do not look");
+  if (!is_copy_location(head.header, at, at + kRecordHeaderBytes + payload.size())) {
+    return findings.warning(N::kForeignCopy, at, "head copy at an unused position");
   }
   const Result<Bytes> own = read_head_bytes(source, head);
   if (!own.ok()) return findings.failed_read(0, own.status());
   const bool same = payload.size() >= kHeaderBytes + kLengthBytes && states_its_length(payload) &&
                     std::equal(own->begin(), own->begin() + kHeaderBytes, payload.begin()) &&
                     unpack_copy(payload, head.header) == *own;
-  if (!same) findings.warning(N::kForeignCopy, at, "a copy of a head that is not this file's");
+  if (!same) findings.warning(N::kForeignCopy, at, "head copy does not match this file's head");
 }
 
 }  // namespace stgs

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Heads as writers put them, with their copy (spec 3.6).
+// Writing heads with their copies (spec 3.6).
 #include <algorithm>
 
 #include "bytes.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files that grow: the index in fragments (spec 5.12).
+// Growing files: reading and writing an index in fragments (spec 5.12).
 #include <algorithm>
 #include <limits>
 #include <optional>
@@ -12,68 +12,69 @@ namespace {
 
 using N = IssueNumber;
 
-// Beside the index: frames, flags, bounds, offset, head, previous, before; at the end the length.
+// Before the index: frames, flags, bounds, offset, head, previous, before. After it: the length.
 constexpr std::uint64_t kFixedBytes = 4 + 4 + 6 * 4 + 4 * 8, kLengthBytes = 8;
-constexpr std::uint64_t kFirstWindow = 64 << 10, kLargestWindow = 4 << 20;  // of a search, bytes
+// Bytes read at a time when searching backwards; the window doubles.
+constexpr std::uint64_t kFirstSearchWindow = 64 << 10, kMaxSearchWindow = 4 << 20;
 
-struct Fragment {
+struct FragRecord {
   std::uint64_t offset = 0;  // of its record
   std::uint64_t end = 0;
   FragmentHeader header;
   std::vector<std::uint8_t> payload;
-  bool after_damage = false;  // that which it names as `previous` is damaged
+  bool after_damage = false;  // the record named as `previous` is damaged
 };
-using Found = std::optional<Fragment>;
+using Found = std::optional<FragRecord>;
 
-bool is_fragment(const RecordHeader& header) {
+bool is_frag(const RecordHeader& header) {
   return header.tag == kFragmentTag && header.flags == kCritical &&
          header.length >= kFixedBytes + kLengthBytes;
 }
 
-// Finds sound fragments in the body of a file (spec 5.12).
-class Fragments {
+// Finds intact FRAG records in the body of a file (spec 5.12).
+class FragmentFinder {
  public:
-  Fragments(const ByteSource& source, const FileHead& head)
+  FragmentFinder(const ByteSource& source, const FileHead& head)
       : source_(source),
         head_(head),
         body_at_(head.header.head_bytes),
         head_checksum_(head.head_checksum),
         limit_(head.limits.max_memory),
-        work_(2 * source.size() + kLargestWindow) {}
+        work_(2 * source.size() + kMaxSearchWindow) {}
 
-  // The last complete one: that at the end of the file, or else the sound one that begins last.
+  // Finds the last complete one: at the end of the file, or else the intact one that begins last.
   Result<Found> last() {
     STGS_ASSIGN(Found found, at_end());
     if (found) return found;
     return last_before(source_.size());
   }
 
-  static std::span<const std::uint8_t> index_of(const Fragment& fragment) {
+  static std::span<const std::uint8_t> index_of(const FragRecord& fragment) {
     const std::span<const std::uint8_t> payload(fragment.payload);
     return payload.subspan(kFixedBytes, payload.size() - kFixedBytes - kLengthBytes);
   }
-  // Where the records that it lists lie.
-  RecordArea area_of(const Fragment& fragment) const {
+  // Returns the range that contains the records it lists.
+  RecordArea area_of(const FragRecord& fragment) const {
     const std::uint64_t previous = fragment.header.previous;
     return {previous != 0 ? previous : body_at_, fragment.offset};
   }
 
-  // Of the right ones that last() found not to be sound, the most frames.
+  // Returns the greatest frame count among undamaged ones that last() could not reach.
   std::uint32_t unreached_frames() const { return unreached_frames_; }
 
-  // That of record `offset`, if its bytes are right; it ends at `end` or earlier.
+  // Reads the one at `offset` if it is undamaged and ends at or before `end`.
   Result<Found> at(std::uint64_t offset, std::uint64_t end) {
     STGS_ASSIGN(const auto record, record_at(offset, end));
-    if (!record || !is_fragment(*record)) return Found();
+    if (!record || !is_frag(*record)) return Found();
     if (record->length > limit_) {
-      return unsupported("a fragment of the index has {} bytes, more than the limit of {}",
+      return unsupported("index fragment of {} bytes exceeds the memory limit of {} bytes",
                          record->length, limit_);
     }
     if (record->length > work_) {
-      return invalid_file("too many records look like fragments of the index and are none");
+      return invalid_file("too many records resemble index fragments but are not valid");
     }
     work_ -= record->length;
-    Fragment fragment;
+    FragRecord fragment;
     fragment.offset = offset;
     fragment.end = offset + kRecordHeaderBytes + record->length;
     fragment.payload.resize(record->length);
@@ -84,32 +85,32 @@ class Fragments {
     return own ? Found(std::move(fragment)) : Found();
   }
 
-  // The sound one that begins last of those that end at `end` or earlier: looks through ever larger
-  // pieces of the file from there back.
+  // Finds the intact one that begins last and ends at or before `end`. Searches backwards in
+  // windows of increasing size.
   Result<Found> last_before(std::uint64_t end) {
     std::vector<std::uint8_t> bytes;
-    std::uint64_t window = kFirstWindow;
+    std::uint64_t window = kFirstSearchWindow;
     for (std::uint64_t high = end; high > body_at_;) {
       const std::uint64_t low = high - std::min(high - body_at_, window);
-      // With what a header that begins before `high` may have behind it.
+      // Includes the rest of a header that begins before `high`.
       bytes.resize(std::min(end, high + kRecordHeaderBytes - 1) - low);
       STGS_TRY(source_.read(low, bytes));
       for (std::uint64_t at = high; at-- > low;) {
         if (!looks_like_one(std::span(bytes).subspan(at - low))) continue;
-        STGS_ASSIGN(Found found, sound_at(at, end));
+        STGS_ASSIGN(Found found, intact_at(at, end));
         if (found) return found;
       }
       high = low;
-      window = std::min(2 * window, kLargestWindow);
+      window = std::min(2 * window, kMaxSearchWindow);
     }
     return Found();
   }
 
  private:
-  // Of the body.
+  // Returns the header of an intact record of the body.
   Result<std::optional<RecordHeader>> record_at(std::uint64_t offset, std::uint64_t end) const {
     if (offset < body_at_) return std::optional<RecordHeader>();
-    return whole_record_at(source_, offset, end);
+    return complete_record_at(source_, offset, end);
   }
 
   static bool looks_like_one(std::span<const std::uint8_t> bytes) {
@@ -118,10 +119,10 @@ class Fragments {
     return bytes.size() >= kRecordHeaderBytes && ByteReader(bytes).u32() == kFragmentTag &&
            parse_record_header(bytes, 0, std::numeric_limits<std::uint64_t>::max(), header,
                                ignored) &&
-           is_fragment(header);
+           is_frag(header);
   }
 
-  static void read_header(Fragment& fragment) {
+  static void read_header(FragRecord& fragment) {
     ByteReader in(fragment.payload);
     FragmentHeader& header = fragment.header;
     header.frames = in.u32();
@@ -134,18 +135,18 @@ class Fragments {
     header.before = in.u64();
   }
 
-  // A complete file ends with its last fragment, whose length stands in its last bytes.
+  // A complete file ends with its last FRAG record, whose last bytes give its length.
   Result<Found> at_end() {
-    const std::uint64_t size = source_.size(), least = kRecordHeaderBytes + kLengthBytes;
-    if (size < least || size - least < body_at_) return Found();
+    const std::uint64_t size = source_.size(), min_bytes = kRecordHeaderBytes + kLengthBytes;
+    if (size < min_bytes || size - min_bytes < body_at_) return Found();
     std::vector<std::uint8_t> bytes(kLengthBytes);
     STGS_TRY(source_.read(size - kLengthBytes, bytes));
     const std::uint64_t length = ByteReader(bytes).u64();
     if (length > size - body_at_ - kRecordHeaderBytes) return Found();
-    return sound_at(size - kRecordHeaderBytes - length, size);
+    return intact_at(size - kRecordHeaderBytes - length, size);
   }
 
-  Result<Found> sound_at(std::uint64_t offset, std::uint64_t end) {
+  Result<Found> intact_at(std::uint64_t offset, std::uint64_t end) {
     STGS_ASSIGN(Found found, at(offset, end));
     if (!found) return found;
     STGS_ASSIGN(const bool reached, is_reached(*found));
@@ -153,13 +154,13 @@ class Fragments {
     return reached ? std::move(found) : Found();
   }
 
-  // Whether the records from the fragment before on lead to the first of its segments or to itself:
-  // what lies within another record is no fragment.
-  Result<bool> is_reached(const Fragment& fragment) {
+  // Returns whether following the records from the preceding fragment leads to a segment record or
+  // to this record. Otherwise it may be part of another record's payload.
+  Result<bool> is_reached(const FragRecord& fragment) {
     std::uint64_t at = body_at_;
     if (fragment.header.before != 0) {
       STGS_ASSIGN(const auto before, record_at(fragment.header.before, fragment.offset));
-      if (!before || !is_fragment(*before)) return false;
+      if (!before || !is_frag(*before)) return false;
       at = fragment.header.before + kRecordHeaderBytes + before->length;
     }
     const std::uint64_t first = at;
@@ -174,15 +175,15 @@ class Fragments {
     return true;
   }
 
-  // Where a header on the way is damaged: whether a record that the fragment lists stands where it
-  // says, from `first` on. Before 1.1 that did not count.
-  Result<bool> lists_a_record(const Fragment& fragment, std::uint64_t first) {
+  // Used if a record header on the way is damaged: returns whether a record listed by the fragment
+  // is at its stated offset, at or after `first`. Version 1.0 did not accept this.
+  Result<bool> lists_a_record(const FragRecord& fragment, std::uint64_t first) {
     if (head_.header.minor < kCopyMinor) return false;
     FileHead listed;
     listed.limits = head_.limits;
     listed.header = head_.header;
     listed.metadata = head_.metadata;
-    Findings ignored;  // what is wrong with it is told if it is used
+    Findings ignored;  // reported later, if the fragment is used
     if (!parse_index(index_of(fragment), 0, area_of(fragment), listed, ignored)) return false;
     for (const SegmentEntry& segment : listed.index.segments) {
       if (segment.base.offset < first) continue;
@@ -198,26 +199,26 @@ class Fragments {
   const FileHead& head_;
   std::uint64_t body_at_ = 0, head_checksum_ = 0, limit_ = 0;
   std::uint32_t unreached_frames_ = 0;
-  std::uint64_t work_ = 0;  // bytes that may still be read for what may be none
+  std::uint64_t work_ = 0;  // remaining budget for reading candidates, bytes
 };
 
-// The fragments that list all parts up to `last`, the earliest first. What a damaged one lists is
-// lost, if none behind it lists it too.
-bool chain_of(Fragments& fragments, Fragment last, const FileHead& head,
-              std::vector<Fragment>& chain, Findings& findings) {
+// Collects the FRAG records that list all parts up to `last`, earliest first. Content listed only
+// by a damaged one is lost.
+bool chain_of(FragmentFinder& fragments, FragRecord last, const FileHead& head,
+              std::vector<FragRecord>& chain, Findings& findings) {
   std::uint64_t bytes = last.payload.size();
   chain.push_back(std::move(last));
   while (chain.back().header.previous != 0) {
     const std::uint64_t previous = chain.back().header.previous;
     if (previous < head.header.head_bytes || previous >= chain.back().offset) {
       findings.error(N::kFragment, chain.back().offset,
-                     "a fragment of the index follows one at byte {}, which cannot be", previous);
+                     "index fragment refers to an invalid previous offset {}", previous);
       return false;
     }
     Result<Found> found = fragments.at(previous, chain.back().offset);
     if (found.ok() && !*found) {
       findings.damage(N::kFragment, previous,
-                      "a fragment of the index is damaged; what it alone lists is lost");
+                      "index fragment is damaged; content listed only by it is lost");
       chain.back().after_damage = true;
       found = fragments.last_before(previous);
     }
@@ -228,8 +229,8 @@ bool chain_of(Fragments& fragments, Fragment last, const FileHead& head,
     if (!*found) break;
     bytes += (*found)->payload.size();
     if (bytes > head.limits.max_memory) {
-      findings.unsupported(N::kMemoryLimit, previous,
-                           "the index has more bytes than the limit of {}", head.limits.max_memory);
+      findings.unsupported(N::kMemoryLimit, previous, "index exceeds the memory limit of {} bytes",
+                           head.limits.max_memory);
       return false;
     }
     chain.push_back(std::move(**found));
@@ -238,10 +239,11 @@ bool chain_of(Fragments& fragments, Fragment last, const FileHead& head,
   return true;
 }
 
-// What lies between a fragment and the one that the index goes on with before it, null: none. The
-// parts from `first_part` and the segments from `first_segment` on are those that it lists.
-LostFragment lost_between(const Fragment* before, const Fragment& fragment, const FileHead& head,
-                          std::size_t first_part, std::size_t first_segment) {
+// Returns the range between a FRAG record and its predecessor in the index, which may be null.
+// Parts from `first_part` and segments from `first_segment` on are those that it lists.
+LostFragment lost_fragment_between(const FragRecord* before, const FragRecord& fragment,
+                                   const FileHead& head, std::size_t first_part,
+                                   std::size_t first_segment) {
   LostFragment lost;
   lost.range = {before != nullptr ? before->header.frames : 0.0,
                 static_cast<double>(fragment.header.frames)};
@@ -259,8 +261,8 @@ LostFragment lost_between(const Fragment* before, const Fragment& fragment, cons
   return lost;
 }
 
-// The last fragment's.
-bool check_header(const Fragment& fragment, FileHead& head, Findings& findings) {
+// Checks the last FRAG record and takes frames and bounds from it.
+bool check_header(const FragRecord& fragment, FileHead& head, Findings& findings) {
   const FragmentHeader& header = fragment.header;
   if (!check_fragment_flags(header.flags, true, fragment.offset, findings)) return false;
   SceneMetadata& scene = head.metadata.scene;
@@ -268,7 +270,7 @@ bool check_header(const Fragment& fragment, FileHead& head, Findings& findings) 
   std::copy_n(header.bounds_min, 3, scene.bounds_min);
   std::copy_n(header.bounds_max, 3, scene.bounds_max);
   if (header.frames == 0) {
-    findings.error(N::kTimeBase, fragment.offset, "a fragment of a file of no frames");
+    findings.error(N::kTimeBase, fragment.offset, "index fragment states 0 frames");
     return false;
   }
   check_metadata_values(head.metadata, fragment.offset, findings);
@@ -297,18 +299,18 @@ bool check_fragment_flags(std::uint32_t flags, bool last, std::uint64_t offset,
                           Findings& findings) {
   if ((flags & kCriticalFragmentFlags & ~kFragmentClosed) != 0) {
     findings.unsupported(N::kUnknownCritical, offset,
-                         "a fragment of flags {:#x}, unknown to this version", flags);
+                         "index fragment has unknown critical flags {:#x}", flags);
     return false;
   }
   if (last || (flags & kFragmentClosed) == 0) return true;
-  findings.error(N::kFragment, offset, "a closed fragment that others follow");
+  findings.error(N::kFragment, offset, "index fragment marked as last is followed by others");
   return false;
 }
 
 bool read_fragments(const ByteSource& source, FileHead& head, Findings& findings) {
   const std::uint64_t body_at = head.header.head_bytes;
-  Fragments fragments(source, head);
-  Result<std::optional<Fragment>> last = fragments.last();
+  FragmentFinder fragments(source, head);
+  Result<std::optional<FragRecord>> last = fragments.last();
   if (!last.ok()) {
     findings.failed_read(body_at, last.status());
     return false;
@@ -332,15 +334,15 @@ bool read_fragments(const ByteSource& source, FileHead& head, Findings& findings
   if (!check_header(**last, head, findings)) return false;
   if (head.closed && source.size() > head.header.file_bytes) {
     findings.damage(N::kFileSize, head.header.file_bytes,
-                    "the file has bytes after its end: {} bytes instead of {}; copy or fetch it "
-                    "again",
-                    source.size(), head.header.file_bytes);
+                    "extra bytes after the end of the file (expected {} bytes, got {}); copy or "
+                    "download it again",
+                    head.header.file_bytes, source.size());
   }
-  std::vector<Fragment> chain;
+  std::vector<FragRecord> chain;
   if (!chain_of(fragments, std::move(**last), head, chain, findings)) return false;
   head.index_bytes = body_at;
   for (std::size_t i = 0; i < chain.size(); ++i) {
-    const Fragment& fragment = chain[i];
+    const FragRecord& fragment = chain[i];
     const std::size_t parts = head.parts.size(), segments = head.index.segments.size();
     head.index_bytes += fragment.end - fragment.offset;
     head.fragments.push_back({fragment.offset, fragment.end - fragment.offset, head.parts.size(),
@@ -349,14 +351,14 @@ bool read_fragments(const ByteSource& source, FileHead& head, Findings& findings
     if (!check_fragment_flags(fragment.header.flags, is_last, fragment.offset, findings)) {
       return false;
     }
-    if (!parse_index(Fragments::index_of(fragment),
+    if (!parse_index(FragmentFinder::index_of(fragment),
                      fragment.offset + kRecordHeaderBytes + kFixedBytes,
                      fragments.area_of(fragment), head, findings)) {
       return false;
     }
     if (!fragment.after_damage) continue;
-    head.lost.push_back(
-        lost_between(i > 0 ? &chain[i - 1] : nullptr, fragment, head, parts, segments));
+    head.lost_fragments.push_back(
+        lost_fragment_between(i > 0 ? &chain[i - 1] : nullptr, fragment, head, parts, segments));
   }
   check_index(head, chain.back().offset, head.limits, findings);
   return true;

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// INDX: which records hold what is alive when (spec 5).
+// Reading INDX: the records of all segments (spec 5).
 #include <algorithm>
 #include <limits>
 
 #include "bytes.h"
 #include "container.h"
-#include "index_places.h"
+#include "segment_keys.h"
 
 namespace stgs {
 namespace {
@@ -34,7 +34,7 @@ class IndexReader {
     const std::uint64_t parts = in_.varint();
     if (!in_.ok()) return cut_off();
     if (!is_chunk(chunk) || (!head_.parts.empty() && chunk != index.chunk_ticks)) {
-      findings_.error(N::kChunk, offset_, "index: a chunk of {} ticks", chunk);
+      findings_.error(N::kChunk, offset_, "index: invalid chunk length of {} ticks", chunk);
       return false;
     }
     index.chunk_ticks = chunk;
@@ -47,7 +47,8 @@ class IndexReader {
     index.primitives += total;
     if (total != stated) {
       findings_.error(N::kPrimitiveTotal, offset_,
-                      "index: the segments hold {} primitives, the total says {}", total, stated);
+                      "index: primitive count mismatch (total states {}, segments have {})", stated,
+                      total);
     }
     return true;
   }
@@ -57,11 +58,11 @@ class IndexReader {
 
   bool cut_off() {
     findings_.error(N::kIndexLayout, here(),
-                    "index: cut off, or with a number of more bytes than it needs");
+                    "index: truncated, or a number is not in its shortest form");
     return false;
   }
 
-  // Adds to the totals that there are: the fragments of an index tell each its own.
+  // Adds to the existing totals: each fragment of an index states its own.
   bool read_totals(std::uint64_t count) {
     std::vector<AttributeBytes>& rows = head_.index.attributes;
     for (std::uint64_t i = 0; i < count; ++i) {
@@ -86,37 +87,38 @@ class IndexReader {
     part.end = in_.f64();
     const std::uint64_t skip = in_.varint();
     part.skip = skip >> kSkipShift;
-    if ((skip & kCut) != 0) part.cut = {in_.f64(), in_.f64()};
-    if ((skip & kChunk) != 0) part.chunk_ticks = in_.f64();
+    if ((skip & kHasCut) != 0) part.cut = {in_.f64(), in_.f64()};
+    if ((skip & kHasChunk) != 0) part.chunk_ticks = in_.f64();
     const std::uint64_t segments = in_.varint();
     if (!in_.ok()) return cut_off();
-    if ((skip & kChunk) != 0 && !is_chunk(part.chunk_ticks)) {
-      findings_.error(N::kChunk, at, "index: part {} has a chunk of {} ticks", head_.parts.size(),
-                      part.chunk_ticks);
+    if ((skip & kHasChunk) != 0 && !is_chunk(part.chunk_ticks)) {
+      findings_.error(N::kChunk, at, "index: part {} has an invalid chunk length of {} ticks",
+                      head_.parts.size(), part.chunk_ticks);
       return false;
     }
     const TickRange shown = part.cut.value_or(TickRange{std::max(part.begin, 0.0), part.end});
-    const bool moments = is_moment(part.begin) && is_moment(part.end) && is_moment(shown.begin) &&
-                         is_moment(shown.end) && part.end - part.begin <= kMostChunk;
-    if (!moments || !(part.begin < part.end) ||
+    const bool valid = is_valid_time(part.begin) && is_valid_time(part.end) &&
+                       is_valid_time(shown.begin) && is_valid_time(shown.end) &&
+                       part.end - part.begin <= kMaxChunk;
+    if (!valid || !(part.begin < part.end) ||
         (part.cut && !(shown.begin >= std::max(part.begin, 0.0) && shown.begin < shown.end &&
                        shown.end <= part.end))) {
       findings_.error(N::kParts, at,
-                      "index: part {} lasts from {} to {} and is shown from {} to {}",
+                      "index: part {} has an invalid range (ticks {} to {}, shown from {} to {})",
                       head_.parts.size(), part.begin, part.end, shown.begin, shown.end);
       return false;
     }
     if (!advance(part.skip, at) || !take_entry(at)) return false;
     head_.parts.push_back(part);
-    Places places;
+    SegmentKeyCoder keys;
     last_.reset();
     for (std::uint64_t s = 0; s < segments; ++s) {
-      if (!read_segment(places)) return false;
+      if (!read_segment(keys)) return false;
     }
     return true;
   }
 
-  // That one entry more keeps the limit of memory (conformance 1.5).
+  // Checks that one more entry stays within the memory limit (conformance 1.5).
   bool take_entry(std::uint64_t at) {
     const FileIndex& index = head_.index;
     const std::uint64_t entries =
@@ -124,24 +126,23 @@ class IndexReader {
     const std::uint64_t limit = head_.limits.max_memory;
     if (entries <= kFreeEntries || entries - kFreeEntries <= limit / kEntryMemory) return true;
     findings_.unsupported(N::kMemoryLimit, at,
-                          "index: {} entries take more memory than the limit of {} bytes", entries,
-                          limit);
+                          "index: {} entries exceed the memory limit of {} bytes", entries, limit);
     return false;
   }
 
-  // Moves over bytes of the body.
+  // Skips bytes of the body.
   bool advance(std::uint64_t bytes, std::uint64_t at) {
     if (bytes <= end_ - at_) {
       at_ += bytes;
       return true;
     }
     findings_.error(N::kSegmentRange, at,
-                    "index: {} bytes from byte {} on do not lie in the body, which ends at {}",
-                    bytes, at_, end_);
+                    "index: {} bytes at byte {} exceed the body, which ends at byte {}", bytes, at_,
+                    end_);
     return false;
   }
 
-  // The record that comes next, of which the index tells the bytes of the payload.
+  // Reads the payload length of the next record and sets its range.
   bool take_record(IndexEntry& entry, std::uint64_t at) {
     const std::uint64_t payload = in_.varint();
     if (!in_.ok()) return cut_off();
@@ -151,16 +152,15 @@ class IndexReader {
     return true;
   }
 
-  bool read_segment(Places& places) {  // spec 5.3
+  bool read_segment(SegmentKeyCoder& keys) {  // spec 5.3
     const std::uint64_t at = here();
     const std::uint64_t number = in_.varint(), shape = in_.varint();
     if (!in_.ok()) return cut_off();
     SegmentEntry segment;
     segment.part = static_cast<std::uint32_t>(head_.parts.size() - 1);
     IndexEntry& base = segment.base;
-    if (!places.place_of(number, base) || empty(interval_of(head_, base, segment.part))) {
-      findings_.error(N::kSegmentInterval, at, "index: segment {} lies outside its part",
-                      ordinal());
+    if (!keys.decode(number, base) || empty(interval_of(head_, base, segment.part))) {
+      findings_.error(N::kSegmentInterval, at, "index: segment {} is outside its part", ordinal());
       return false;
     }
     if (last_ && !comes_before(*last_, base, head_.chunk_of(segment.part))) {
@@ -169,9 +169,10 @@ class IndexReader {
     }
     last_ = base;
     const std::uint64_t tiers = shape >> 2;
-    if (tiers > kMaxTiers || (tiers == 0 && (shape & 3) != kMore)) {
-      findings_.error(N::kIndexLayout, at, "index: segment {} has {} tiers, or no records",
-                      ordinal(), tiers);
+    if (tiers > kMaxTiers || (tiers == 0 && (shape & 3) != kHasFurther)) {
+      findings_.error(N::kIndexLayout, at,
+                      "index: segment {} has {} tiers (expected at most {}) or no records",
+                      ordinal(), tiers, kMaxTiers);
       return false;
     }
     const std::size_t first = head_.index.segments.size();
@@ -183,28 +184,29 @@ class IndexReader {
       }
       head_.index.segments.push_back(segment);
     }
-    for (std::size_t i = first; (shape & kApart) != 0 && i < first + tiers; ++i) {
+    for (std::size_t i = first; (shape & kSeparateSh) != 0 && i < first + tiers; ++i) {
       SegmentEntry& tier = head_.index.segments[i];
-      IndexEntry harmonics = tier.base;
-      harmonics.layer = layer_of(Content::kHarmonics, tier_of(tier.base.layer));
-      if (!take_record(harmonics, at) || !enough_bytes(harmonics, at)) return false;
-      tier.harmonics = harmonics;
+      IndexEntry sh = tier.base;
+      sh.layer = layer_of(Content::kSh, tier_of(tier.base.layer));
+      if (!take_record(sh, at) || !enough_bytes(sh, at)) return false;
+      tier.sh = sh;
     }
-    return (shape & kMore) == 0 || take_further(base, segment.part, at);
+    return (shape & kHasFurther) == 0 || take_further(base, segment.part, at);
   }
 
-  // What this version does not know, and does without (spec 5.7).
+  // Reads the entries of records of unknown content, which this version ignores (spec 5.7).
   bool take_further(IndexEntry entry, std::uint32_t part, std::uint64_t at) {
     const std::uint64_t records = in_.varint();
     if (records == 0) {
-      findings_.error(N::kIndexLayout, at, "index: segment {} has no further records", ordinal());
+      findings_.error(N::kIndexLayout, at, "index: segment {} states 0 further records", ordinal());
       return false;
     }
     for (std::uint64_t i = 0; i < records; ++i) {
       const std::uint64_t layer = in_.varint();
       if (in_.ok() && (layer > std::numeric_limits<std::uint16_t>::max() ||
-                       content_of(static_cast<std::uint16_t>(layer)) <= kLastContent)) {
-        findings_.error(N::kSegmentOrder, at, "index: layer {} is not a refinement's", layer);
+                       content_of(static_cast<std::uint16_t>(layer)) <= kMaxKnownContent)) {
+        findings_.error(N::kSegmentOrder, at, "index: layer {} is invalid for a further record",
+                        layer);
         return false;
       }
       entry.layer = static_cast<std::uint16_t>(layer);
@@ -219,7 +221,8 @@ class IndexReader {
     const std::uint64_t primitives = in_.varint();
     if (!in_.ok()) return cut_off();
     if (primitives == 0 || primitives > std::numeric_limits<std::uint32_t>::max()) {
-      findings_.error(N::kSegmentCount, at, "index: segment {} has {} primitives", ordinal(),
+      findings_.error(N::kSegmentCount, at,
+                      "index: segment {} has {} primitives (expected 1 to 2^32 - 1)", ordinal(),
                       primitives);
       return false;
     }
@@ -233,8 +236,9 @@ class IndexReader {
             std::min<std::uint64_t>(std::numeric_limits<std::uint32_t>::max(), entry.bytes)) {
       return true;
     }
-    findings_.error(N::kSegmentCount, at, "index: segment {} claims {} primitives in {} bytes",
-                    ordinal(), entry.primitives, entry.bytes);
+    findings_.error(N::kSegmentCount, at,
+                    "index: segment {} states {} primitives, too many for {} bytes", ordinal(),
+                    entry.primitives, entry.bytes);
     return false;
   }
 
@@ -243,8 +247,8 @@ class IndexReader {
 
   ByteReader in_;
   std::uint64_t offset_;            // of the payload
-  std::uint64_t at_, end_;          // where the next record begins and the last may end
-  std::optional<IndexEntry> last_;  // the place of the segment before, of the same part
+  std::uint64_t at_, end_;          // beginning of the next record; end of the body
+  std::optional<IndexEntry> last_;  // key of the previous segment of the same part
   FileHead& head_;
   Findings& findings_;
 };
@@ -264,14 +268,13 @@ void check_index(const FileHead& head, std::uint64_t offset, const ReadLimits& l
     const IndexEntry& entry = index.segments[i].base;
     if (entry.primitives > limits.max_memory / bytes) {
       findings.unsupported(N::kMemoryLimit, offset,
-                           "index: segment {} needs {} bytes of memory, more than the limit of {}",
-                           i, entry.primitives * bytes, limits.max_memory);
+                           "index: segment {} needs {} bytes, more than the memory limit of {}", i,
+                           entry.primitives * bytes, limits.max_memory);
     }
   }
   if (index.primitives > limits.max_primitives) {
-    findings.unsupported(N::kPrimitiveLimit, offset,
-                         "index: {} primitives, more than the limit of {}", index.primitives,
-                         limits.max_primitives);
+    findings.unsupported(N::kPrimitiveLimit, offset, "index: {} primitives exceed the limit of {}",
+                         index.primitives, limits.max_primitives);
   }
 }
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// INDX as it is written (spec 5.2, 5.3).
+// Writing INDX (spec 5.2, 5.3).
 #include <span>
 #include <tuple>
 
 #include "bytes.h"
 #include "container.h"
-#include "index_places.h"
+#include "segment_keys.h"
 
 namespace stgs {
 namespace {
@@ -17,30 +17,31 @@ const IndexEntry& entry_of(const FurtherEntry& further) {
   return further.entry;
 }
 
-// The entries from `first` on that are of its part and place: one past the last.
+// Returns the end of the run of entries, starting at `first`, with the same part and key.
 template <typename Entry>
 std::size_t end_of_run(std::span<const Entry> entries, std::size_t first) {
-  const auto place = [&](std::size_t i) {
+  const auto key = [&](std::size_t i) {
     const IndexEntry& entry = entry_of(entries[i]);
     return std::tuple(entries[i].part, entry.level, entry.slot);
   };
   std::size_t end = first;
-  while (end < entries.size() && place(end) == place(first)) ++end;
+  while (end < entries.size() && key(end) == key(first)) ++end;
   return end;
 }
 
-// A segment: its tiers and its further records, of which one or the other may be none.
+// Writes a segment: its tiers and its further records; either may be empty.
 void write_run(std::span<const SegmentEntry> tiers, std::span<const FurtherEntry> further,
-               Places& places, ByteWriter& out) {
-  const bool apart = !tiers.empty() && tiers[0].harmonics.bytes > 0;
-  out.varint(places.number_of(tiers.empty() ? further[0].entry : tiers[0].base));
-  out.varint(tiers.size() << 2 | (further.empty() ? 0 : kMore) | (apart ? kApart : 0));
+               SegmentKeyCoder& keys, ByteWriter& out) {
+  const bool separate_sh = !tiers.empty() && tiers[0].sh.bytes > 0;
+  out.varint(keys.encode(tiers.empty() ? further[0].entry : tiers[0].base));
+  out.varint(tiers.size() << 2 | (further.empty() ? 0 : kHasFurther) |
+             (separate_sh ? kSeparateSh : 0));
   for (const SegmentEntry& tier : tiers) {
     out.varint(tier.base.primitives);
     out.varint(tier.base.bytes - kRecordHeaderBytes);
   }
   for (const SegmentEntry& tier : tiers) {
-    if (apart) out.varint(tier.harmonics.bytes - kRecordHeaderBytes);
+    if (separate_sh) out.varint(tier.sh.bytes - kRecordHeaderBytes);
   }
   if (!further.empty()) out.varint(further.size());
   for (const FurtherEntry& record : further) {
@@ -49,13 +50,13 @@ void write_run(std::span<const SegmentEntry> tiers, std::span<const FurtherEntry
   }
 }
 
-// Takes the segments of an index one after the other, in the order of the file.
+// Writes the segments of an index one after the other, in file order.
 class Runs {
  public:
   explicit Runs(const FileIndex& index) : segments_(index.segments), further_(index.further) {}
 
-  // Writes the next segment of a part of this chunk; false where there is none.
-  bool write_next(std::uint32_t part, double chunk, Places& places, ByteWriter& out) {
+  // Writes the next segment of a part with this chunk. Returns false if there is none.
+  bool write_next(std::uint32_t part, double chunk, SegmentKeyCoder& keys, ByteWriter& out) {
     const bool tiers = segment_ < segments_.size() && segments_[segment_].part == part;
     const bool more = record_ < further_.size() && further_[record_].part == part;
     if (!tiers && !more) return false;
@@ -70,7 +71,7 @@ class Runs {
       end_more = end_of_run(further_, record_);
     }
     write_run(segments_.subspan(segment_, end - segment_),
-              further_.subspan(record_, end_more - record_), places, out);
+              further_.subspan(record_, end_more - record_), keys, out);
     segment_ = end;
     record_ = end_more;
     return true;
@@ -99,7 +100,8 @@ std::vector<std::uint8_t> write_index(const FileIndex& index, std::span<const Pa
     out.f64(parts[p].begin);
     out.f64(parts[p].end);
     const bool own_chunk = parts[p].chunk_ticks > 0;
-    out.varint(parts[p].skip << kSkipShift | (own_chunk ? kChunk : 0) | (parts[p].cut ? kCut : 0));
+    out.varint(parts[p].skip << kSkipShift | (own_chunk ? kHasChunk : 0) |
+               (parts[p].cut ? kHasCut : 0));
     if (parts[p].cut) {
       out.f64(parts[p].cut->begin);
       out.f64(parts[p].cut->end);
@@ -107,9 +109,9 @@ std::vector<std::uint8_t> write_index(const FileIndex& index, std::span<const Pa
     if (own_chunk) out.f64(parts[p].chunk_ticks);
     ByteWriter rows;
     std::uint64_t runs = 0;
-    Places places;
+    SegmentKeyCoder keys;
     const double chunk = own_chunk ? parts[p].chunk_ticks : index.chunk_ticks;
-    while (segments.write_next(p, chunk, places, rows)) ++runs;
+    while (segments.write_next(p, chunk, keys, rows)) ++runs;
     out.varint(runs);
     out.bytes(rows.view());
   }
@@ -122,7 +124,7 @@ std::vector<IndexEntry*> records_of(std::vector<SegmentEntry>& segments) {
     const std::size_t end = end_of_run(std::span<const SegmentEntry>(segments), begin);
     for (std::size_t i = begin; i < end; ++i) records.push_back(&segments[i].base);
     for (; begin < end; ++begin) {
-      if (segments[begin].harmonics.bytes > 0) records.push_back(&segments[begin].harmonics);
+      if (segments[begin].sh.bytes > 0) records.push_back(&segments[begin].sh);
     }
   }
   return records;

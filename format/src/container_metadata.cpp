@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// META and WNDW: what a scene is (spec 4).
+// META and WNDW: the metadata of a scene (spec 4).
 #include <algorithm>
 #include <cmath>
 
@@ -14,7 +14,7 @@ namespace {
 using N = IssueNumber;
 
 constexpr std::uint64_t kWindowBytes = 24;
-// Of kernel, colour and harmonics: those from here on may be shown as 0 (spec 4.2).
+// Conventions of kernel, colour and SH from this number on may be treated as 0 (spec 4.2).
 constexpr std::uint8_t kFirstShownAsZero = 128;
 
 bool all_finite(std::span<const float> values) {
@@ -25,17 +25,19 @@ void check_start_camera(const StartCamera& camera, std::uint64_t offset, Finding
   const auto side = [](std::uint32_t v) { return v >= 1 && v <= kMaxImageSide; };
   if (!side(camera.width) || !side(camera.height)) {
     findings.error(N::kMetadataValue, offset,
-                   "metadata: a start camera of {}x{} pixels; each side is 1 to {}", camera.width,
-                   camera.height, kMaxImageSide);
+                   "metadata: start camera has an invalid size (expected sides of 1 to {} pixels, "
+                   "got {}x{})",
+                   kMaxImageSide, camera.width, camera.height);
   }
   const float intrinsics[4] = {camera.fx, camera.fy, camera.cx, camera.cy};
   if (!all_finite(camera.translation) || !all_finite(intrinsics) || camera.fx <= 0.0f ||
       camera.fy <= 0.0f) {
-    findings.error(N::kMetadataValue, offset, "metadata: the start camera is not a camera");
+    findings.error(N::kMetadataValue, offset,
+                   "metadata: start camera has values that are not finite, or a focal length <= 0");
   }
   if (!is_rotation(camera.rotation)) {
     findings.error(N::kMetadataValue, offset,
-                   "metadata: the start camera's rotation is not a rotation");
+                   "metadata: start camera has an invalid rotation matrix");
   }
 }
 
@@ -50,7 +52,7 @@ std::vector<std::uint8_t> write_metadata(const FileMetadata& metadata) {  // spe
   out.u8(scene.kernel);
   out.u8(0);  // axes: OpenCV
   out.u8(scene.colour);
-  out.u8(scene.harmonics);
+  out.u8(scene.sh_convention);
   out.u16(static_cast<std::uint16_t>(metadata.profile));
   out.u16(static_cast<std::uint16_t>(metadata.sh_degree));
   for (float v : scene.background) out.f32(v);
@@ -88,13 +90,14 @@ void check_metadata_values(const FileMetadata& metadata, std::uint64_t offset, F
                       all_finite(scene.bounds_max) && std::isfinite(scene.near_plane);
   if (!finite || scene.near_plane < 0.0f) {
     findings.error(N::kMetadataValue, offset,
-                   "metadata: background, bounds or near plane is not a finite number >= 0");
+                   "metadata: background, bounds or near plane is not finite, or the near plane is "
+                   "negative");
   }
   const double length = std::hypot(double{scene.up[0]}, double{scene.up[1]}, double{scene.up[2]});
   if (!all_finite(scene.up) || !all_finite(scene.floor) || !std::isfinite(scene.metres_per_unit) ||
       scene.metres_per_unit < 0.0f || (length != 0.0 && std::abs(length - 1.0) > 1e-3)) {
     findings.error(N::kMetadataValue, offset,
-                   "metadata: {} metres a unit, or an up vector of length {}, or the floor",
+                   "metadata: invalid unit ({} metres), up vector (length {}) or floor",
                    scene.metres_per_unit, length);
   }
   for (int axis = 0; axis < 3; ++axis) {
@@ -103,13 +106,13 @@ void check_metadata_values(const FileMetadata& metadata, std::uint64_t offset, F
     }
   }
   if (scene.start_camera) check_start_camera(*scene.start_camera, offset, findings);
-  if (!(std::abs(scene.audio_begin) <= kMostChunk)) {
-    findings.error(N::kMetadataValue, offset, "metadata: a sound that begins at tick {}",
+  if (!(std::abs(scene.audio_begin) <= kMaxChunk)) {
+    findings.error(N::kMetadataValue, offset, "metadata: invalid beginning of the audio, tick {}",
                    scene.audio_begin);
   }
   if (!is_utf8(scene.generator) || !is_utf8(scene.title) || !is_utf8(scene.audio)) {
     findings.error(N::kMetadataText, offset,
-                   "metadata: generator, title or the sound's place is not UTF-8");
+                   "metadata: generator, title or audio location is not UTF-8");
   }
 }
 
@@ -123,7 +126,7 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
   scene.kernel = in.u8();
   const std::uint8_t axes = in.u8();
   scene.colour = in.u8();
-  scene.harmonics = in.u8();
+  scene.sh_convention = in.u8();
   const std::uint16_t profile = in.u16();
   metadata.sh_degree = in.u16();
   for (float& v : scene.background) v = in.f32();
@@ -144,34 +147,35 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
   scene.audio = in.string();
   scene.audio_begin = in.f64();
   if (!in.ok()) {
-    findings.error(N::kMetadataLayout, offset, "metadata: {} bytes are too few", payload.size());
+    findings.error(N::kMetadataLayout, offset, "metadata: too short ({} bytes)", payload.size());
     return false;
   }
   const auto unknown = [](std::uint8_t v) { return v != 0 && v < kFirstShownAsZero; };
-  if (axes != 0 || unknown(scene.kernel) || unknown(scene.colour) || unknown(scene.harmonics)) {
+  if (axes != 0 || unknown(scene.kernel) || unknown(scene.colour) || unknown(scene.sh_convention)) {
     findings.unsupported(N::kMetadataConvention, offset + 12,
-                         "metadata: kernel {}, axes {}, colour {}, harmonics {}: one of them is "
-                         "unknown to this version",
-                         scene.kernel, axes, scene.colour, scene.harmonics);
+                         "metadata: unknown convention (kernel {}, axes {}, colour {}, SH {}); a "
+                         "later version is needed",
+                         scene.kernel, axes, scene.colour, scene.sh_convention);
     return false;
   }
-  if (scene.kernel != 0 || scene.colour != 0 || scene.harmonics != 0) {
+  if (scene.kernel != 0 || scene.colour != 0 || scene.sh_convention != 0) {
     findings.warning(
         N::kMetadataConvention, offset + 12,
-        "metadata: kernel {}, colour {}, harmonics {}, of a later version, are shown as 0",
-        scene.kernel, scene.colour, scene.harmonics);
+        "metadata: convention of a later version is treated as 0 (kernel {}, colour {}, SH {})",
+        scene.kernel, scene.colour, scene.sh_convention);
   }
   metadata.profile_number = profile;
   metadata.profile = profile <= static_cast<int>(Profile::kDraco) ? static_cast<Profile>(profile)
                                                                   : Profile::kUnknown;
   if (camera.width != 0 || camera.height != 0) scene.start_camera = camera;
   if (scene.time_base.numerator == 0 || scene.time_base.denominator == 0 || scene.frames == 0) {
-    findings.error(N::kTimeBase, offset, "metadata: {} frames of {}/{} s", scene.frames,
-                   scene.time_base.numerator, scene.time_base.denominator);
+    findings.error(N::kTimeBase, offset, "metadata: invalid duration ({} frames of {}/{} s)",
+                   scene.frames, scene.time_base.numerator, scene.time_base.denominator);
     return false;
   }
   if (metadata.sh_degree > 3) {
-    findings.unsupported(N::kShDegree, offset + 18, "metadata: harmonics of degree {}, not 0 to 3",
+    findings.unsupported(N::kShDegree, offset + 18,
+                         "metadata: unsupported SH degree (expected 0 to 3, got {})",
                          metadata.sh_degree);
     return false;
   }
@@ -182,7 +186,7 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
 bool parse_window(std::span<const std::uint8_t> payload, std::uint64_t offset,
                   SceneMetadata& metadata, Findings& findings) {  // spec 4.5
   if (payload.size() < kWindowBytes) {
-    findings.error(N::kWindow, offset, "window: {} bytes are too few", payload.size());
+    findings.error(N::kWindow, offset, "window: too short ({} bytes)", payload.size());
     return false;
   }
   ByteReader in(payload);
@@ -200,8 +204,8 @@ void check_window(SceneMetadata& metadata, Findings& findings) {
   const CaptureWindow window = *metadata.window;
   if (std::uint64_t{window.first_frame} + metadata.frames <= window.capture_frames) return;
   findings.damage(N::kWindow, kHeaderBytes,
-                  "window: {} frames from frame {} on do not lie in a capture of {} frames",
-                  metadata.frames, window.first_frame, window.capture_frames);
+                  "window: frames {} to {} exceed the capture of {} frames", window.first_frame,
+                  std::uint64_t{window.first_frame} + metadata.frames - 1, window.capture_frames);
   metadata.window.reset();
 }
 

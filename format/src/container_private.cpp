@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Private numbers: who uses them, and that a file says so (spec 3.5).
+// Private numbers and the names of their vendors (spec 3.5).
 #include <algorithm>
 #include <cctype>
 
@@ -18,7 +18,7 @@ bool is_name(const std::string& text) {
   return !text.empty() && is_utf8(text);
 }
 
-// A tag whose first letter is small.
+// Returns whether the first letter of a tag is lower case.
 bool is_private(std::uint32_t tag) {
   return std::islower(static_cast<unsigned char>(tag & 0xFF)) != 0;
 }
@@ -31,7 +31,7 @@ void need_name(PrivateKind kind, std::uint16_t number, std::uint64_t offset, con
   const std::vector<PrivateName>& names = head.private_names;
   if (std::any_of(names.begin(), names.end(), names_it)) return;
   constexpr const char* kKinds[] = {"attribute", "profile", "content"};
-  findings.error(N::kPrivate, offset, "private {} {:#x}, which PRIV does not name",
+  findings.error(N::kPrivate, offset, "private {} {:#x} is not named in PRIV",
                  kKinds[static_cast<int>(kind)], number);
 }
 
@@ -55,7 +55,7 @@ bool parse_private_names(std::span<const std::uint8_t> payload, std::uint64_t of
   if (good) return true;
   head.private_names.clear();
   findings.error(N::kPrivate, offset,
-                 "private names: {} of them do not fit {} bytes, or one is none", count,
+                 "private names: {} entries do not fit in {} bytes, or a name is invalid", count,
                  payload.size());
   return false;
 }
@@ -66,7 +66,7 @@ void check_private_record(const RecordHeader& record, std::span<const std::uint8
   ByteReader in(payload);
   const std::string name = in.string();
   if (in.ok() && is_name(name)) return;
-  findings.error(N::kPrivate, offset, "private record '{}' does not begin with its maker's name",
+  findings.error(N::kPrivate, offset, "private record '{}' does not begin with its vendor's name",
                  tag_text(record.tag));
 }
 

@@ -10,7 +10,8 @@ namespace {
 
 using N = IssueNumber;
 
-// Reads the payload of a record of the head, `have` being those before it; false: it is of no use.
+// Reads the payload of a record of the head. `have`: tags of the records before it. Returns false
+// if the record is unusable.
 bool read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::uint64_t payload_at,
                  const ReadLimits& limits, const std::set<std::uint32_t>& have, FileHead& out,
                  Findings& findings) {
@@ -40,18 +41,20 @@ bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, Fil
     at = payload_at + record.length;
     const bool known = record.tag == kMetadataTag || record.tag == kLayoutTag ||
                        (record.tag == kIndexTag && !out.growing());
-    const bool aside = (record.tag == kWindowTag || record.tag == kPrivateTag) && record.flags == 0;
-    if (!aside && !check_flags(record, known, payload_at - kRecordHeaderBytes, findings)) continue;
+    const bool optional =
+        (record.tag == kWindowTag || record.tag == kPrivateTag) && record.flags == 0;
+    if (!optional && !check_flags(record, known, payload_at - kRecordHeaderBytes, findings))
+      continue;
     Findings found;
     if (check_payload(record, payload, payload_at, found)) {
       if (have.count(record.tag) != 0) {
-        found.error(N::kDuplicateRecord, payload_at, "a second '{}' record", tag_text(record.tag));
+        found.error(N::kDuplicateRecord, payload_at, "duplicate '{}' record", tag_text(record.tag));
       } else if (read_record(record.tag, payload, payload_at, limits, have, out, found)) {
         have.insert(record.tag);
       }
     }
-    if (aside) {
-      findings.damage(std::move(found));  // what is not critical is done without
+    if (optional) {
+      findings.damage(std::move(found));  // not critical
     } else {
       findings.append(std::move(found));
     }
@@ -83,16 +86,18 @@ std::uint64_t floats_per_primitive(int sh_degree) {
 
 namespace {
 
-// A growing file does not know its size: it is as long as it is (spec 2.6).
+// A growing file does not state its size (spec 2.6).
 bool parse_growing_sizes(std::uint64_t source_bytes, const FileHeader& header, Findings& findings) {
   if (header.file_bytes != 0 || header.head_bytes < kHeaderBytes) {
-    findings.error(N::kHeadSize, 16, "a growing file states {} bytes and a head of {}",
+    findings.error(N::kHeadSize, 16,
+                   "invalid sizes in the header of a growing file (file: {} bytes, head: {} bytes)",
                    header.file_bytes, header.head_bytes);
     return false;
   }
   if (header.head_bytes <= source_bytes) return true;
-  findings.error(N::kFileSize, 24, "the file is truncated: {} bytes, of which the head has {}",
-                 source_bytes, header.head_bytes);
+  findings.error(N::kFileSize, 24,
+                 "the file is truncated (its head has {} bytes, the file has {} bytes)",
+                 header.head_bytes, source_bytes);
   return false;
 }
 
@@ -116,63 +121,68 @@ std::optional<FileHeader> intact_header(std::span<const std::uint8_t> bytes) {
 bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_bytes,
                   FileHeader& header, Findings& findings) {
   if (bytes.size() < kHeaderBytes) {
-    findings.error(N::kTooShort, 0, "{} bytes are too few for an .stgs file", bytes.size());
+    findings.error(N::kTooShort, 0,
+                   "too short for an .stgs file (expected at least {} bytes, got {})", kHeaderBytes,
+                   bytes.size());
     return false;
   }
   if (!std::equal(kMagic.begin(), kMagic.end(), bytes.begin())) {
     const bool text_damage = std::equal(kMagic.begin(), kMagic.begin() + 4, bytes.begin());
     findings.error(N::kMagic, 0, "{}",
-                   text_damage ? "damaged by a transfer as text: copy the file as binary"
+                   text_damage ? "damaged by a text-mode transfer; copy the file in binary mode"
                                : "not an .stgs file");
     return false;
   }
   const std::optional<FileHeader> fields = intact_header(bytes);
   if (!fields) {
-    findings.error(N::kHeaderChecksum, 32, "the file header is damaged (checksum)");
+    findings.error(N::kHeaderChecksum, 32, "file header is damaged (checksum mismatch)");
     return false;
   }
   header = *fields;
   if (header.major == 0) {
     findings.unsupported(N::kVersion, 8,
-                         "format version 0.{} was an experiment before {}.0 and is not read; make "
-                         "the file again from what it was made of ('stgs train', 'pack' or "
-                         "'convert'), or read it with the program that made it",
-                         header.minor, kFormatMajor);
+                         "unsupported format version (expected {}.x, got the pre-release version "
+                         "0.{}); create the file again with 'stgs train', 'pack' or 'convert'",
+                         kFormatMajor, header.minor);
     return false;
   }
   if (header.major != kFormatMajor) {
-    findings.unsupported(N::kVersion, 8,
-                         "format version {}.{}; this program reads {}.x: a later one is needed",
-                         header.major, header.minor, kFormatMajor);
+    findings.unsupported(
+        N::kVersion, 8,
+        "unsupported format version (expected {}.x, got {}.{}); use a later version "
+        "of this program",
+        kFormatMajor, header.major, header.minor);
     return false;
   }
   if ((header.flags & kCriticalHeaderFlags & ~kGrowing) != 0) {
-    findings.unsupported(N::kHeaderFlags, 12, "header flags {:#x} are unknown to this version",
+    findings.unsupported(N::kHeaderFlags, 12, "file header has unknown critical flags {:#x}",
                          header.flags & kCriticalHeaderFlags);
     return false;
   }
   if ((header.flags & kGrowing) != 0) return parse_growing_sizes(source_bytes, header, findings);
   if (header.file_bytes < source_bytes) {
     findings.damage(N::kFileSize, 16,
-                    "the file has bytes after its end: {} bytes instead of {}; copy or fetch it "
-                    "again",
-                    source_bytes, header.file_bytes);
+                    "extra bytes after the end of the file (expected {} bytes, got {}); copy or "
+                    "download it again",
+                    header.file_bytes, source_bytes);
   }
   if (header.head_bytes < kHeaderBytes || header.head_bytes > header.file_bytes) {
-    findings.error(N::kHeadSize, 24, "the head of {} bytes does not fit the file's {} bytes",
+    findings.error(N::kHeadSize, 24, "invalid head size ({} bytes in a file of {} bytes)",
                    header.head_bytes, header.file_bytes);
     return false;
   }
   if (header.head_bytes <= source_bytes) return true;
-  findings.error(N::kFileSize, 16, "the file is truncated: {} bytes instead of {}, a head of {}",
-                 source_bytes, header.file_bytes, header.head_bytes);
+  findings.error(N::kFileSize, 16,
+                 "the file is truncated within its head (expected {} bytes, got {}); copy or "
+                 "download it again",
+                 header.file_bytes, source_bytes);
   return false;
 }
 
 bool parse_record_header(std::span<const std::uint8_t> bytes, std::uint64_t offset,
                          std::uint64_t area_end, RecordHeader& header, Findings& findings) {
   if (bytes.size() < kRecordHeaderBytes || area_end - offset < kRecordHeaderBytes) {
-    findings.error(N::kRecordHeader, offset, "a record header is cut off");
+    findings.error(N::kRecordHeader, offset, "truncated record header");
     return false;
   }
   ByteReader in(bytes);
@@ -181,25 +191,25 @@ bool parse_record_header(std::span<const std::uint8_t> bytes, std::uint64_t offs
   header.length = in.u64();
   header.checksum = in.u64();
   if (in.u64() != checksum(bytes.first(kRecordHeaderBytes - 8))) {
-    findings.error(N::kRecordHeader, offset, "the header of record '{}' is damaged (checksum)",
+    findings.error(N::kRecordHeader, offset, "header of record '{}' is damaged (checksum mismatch)",
                    tag_text(header.tag));
     return false;
   }
   if (header.length > area_end - offset - kRecordHeaderBytes) {
-    findings.error(N::kRecordLength, offset, "record '{}' of {} bytes runs past byte {}",
+    findings.error(N::kRecordLength, offset, "record '{}' of {} bytes extends past byte {}",
                    tag_text(header.tag), header.length, area_end);
     return false;
   }
   return true;
 }
 
-Result<std::optional<RecordHeader>> whole_record_at(const ByteSource& source, std::uint64_t offset,
-                                                    std::uint64_t end) {
+Result<std::optional<RecordHeader>> complete_record_at(const ByteSource& source,
+                                                       std::uint64_t offset, std::uint64_t end) {
   std::optional<RecordHeader> none;
   if (offset > end || end - offset < kRecordHeaderBytes) return none;
   std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
   STGS_TRY(source.read(offset, bytes));
-  Findings ignored;  // whatever is wrong: there is no such record
+  Findings ignored;
   RecordHeader header;
   if (!parse_record_header(bytes, offset, end, header, ignored)) return none;
   return std::optional(header);
@@ -207,7 +217,7 @@ Result<std::optional<RecordHeader>> whole_record_at(const ByteSource& source, st
 
 namespace {
 
-// Whether records of this tag must be marked critical (spec 3.2).
+// Returns whether records with this tag must be marked critical (spec 3.2).
 bool is_critical(std::uint32_t tag) {
   return tag == kMetadataTag || tag == kLayoutTag || tag == kIndexTag || tag == kFragmentTag ||
          tag == kSegmentTag;
@@ -220,7 +230,7 @@ bool check_flags(const RecordHeader& header, bool known_tag, std::uint64_t offse
   if (known_tag && header.flags == kCritical) return true;
   if ((header.flags & kCritical) != 0) {
     findings.unsupported(N::kUnknownCritical, offset,
-                         "record '{}' with flags {:#x} is critical and unknown to this version",
+                         "unknown critical record '{}' (flags {:#x}); a later version is needed",
                          tag_text(header.tag), header.flags);
   } else if ((known_tag || is_critical(header.tag)) && header.flags == 0) {
     findings.error(N::kNotCritical, offset, "record '{}' is not marked critical",
@@ -232,30 +242,33 @@ bool check_flags(const RecordHeader& header, bool known_tag, std::uint64_t offse
 bool check_payload(const RecordHeader& header, std::span<const std::uint8_t> payload,
                    std::uint64_t offset, Findings& findings) {
   if (checksum(payload) == header.checksum) return true;
-  findings.error(N::kRecordChecksum, offset, "record '{}' is damaged (checksum of {} bytes)",
-                 tag_text(header.tag), payload.size());
+  findings.error(N::kRecordChecksum, offset,
+                 "record '{}' is damaged (checksum mismatch over {} bytes)", tag_text(header.tag),
+                 payload.size());
   return false;
 }
 
 namespace {
 
-// The head is there: so are the segments up to the file's end (spec 2.6).
+// Reports a truncated file whose head is complete: the segments up to its end are available (spec
+// 2.6).
 void report_truncation(const FileHead& head, Findings& findings) {
   const std::vector<SegmentEntry>& segments = head.index.segments;
-  std::size_t lost = 0, plain = 0;
+  std::size_t missing = 0, without_sh = 0;
   for (const SegmentEntry& segment : segments) {
-    lost += head.has(segment.base) ? 0 : 1;
-    plain += head.has(segment.base) && !head.has(segment.harmonics) ? 1 : 0;
+    missing += head.has(segment.base) ? 0 : 1;
+    without_sh += head.has(segment.base) && !head.has(segment.sh) ? 1 : 0;
   }
-  findings.damage(N::kFileSize, 16,
-                  "the file is truncated: {} bytes instead of {}; of its {} segments {} are not "
-                  "there, and {} are there without their harmonics; copy or fetch it again",
-                  head.available_bytes, head.header.file_bytes, segments.size(), lost, plain);
+  findings.damage(
+      N::kFileSize, 16,
+      "the file is truncated (expected {} bytes, got {}): {} of {} segments missing, {} "
+      "without their SH; copy or download it again",
+      head.header.file_bytes, head.available_bytes, missing, segments.size(), without_sh);
 }
 
 }  // namespace
 
-bool is_whole_head(std::span<const std::uint8_t> head, Findings& findings) {
+bool is_intact_head(std::span<const std::uint8_t> head, Findings& findings) {
   for (std::uint64_t at = kHeaderBytes; at < head.size();) {
     RecordHeader record;
     if (!parse_record_header(head.subspan(at), at, head.size(), record, findings)) return false;
@@ -275,13 +288,14 @@ Result<std::vector<std::uint8_t>> read_head_bytes(const ByteSource& source, cons
 
 namespace {
 
-// As the header states it.
+// Reads the head that the header states.
 bool read_stated_head(const ByteSource& source, const ReadLimits& limits, FileHeader& header,
                       std::vector<std::uint8_t>& bytes, Findings& findings) {
   if (!parse_header(bytes, source.size(), header, findings)) return false;
   if (header.head_bytes > limits.max_memory) {
-    findings.unsupported(N::kMemoryLimit, 24, "a head of {} bytes, more than the limit of {}",
-                         header.head_bytes, limits.max_memory);
+    findings.unsupported(N::kMemoryLimit, 24,
+                         "head of {} bytes exceeds the memory limit of {} bytes", header.head_bytes,
+                         limits.max_memory);
     return false;
   }
   bytes.resize(header.head_bytes);
@@ -290,7 +304,7 @@ bool read_stated_head(const ByteSource& source, const ReadLimits& limits, FileHe
   return status.ok();
 }
 
-// The bytes of the head, those of its copy where they are damaged and it has one that is right.
+// Reads the bytes of the head or, if they are damaged, those of an intact copy.
 bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead& head,
                     std::vector<std::uint8_t>& bytes, Findings& findings) {
   bytes.resize(std::min<std::uint64_t>(kHeaderBytes, source.size()));
@@ -303,22 +317,23 @@ bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead
   const bool read = read_stated_head(source, limits, head.header, bytes, found);
   Findings damage;
   const bool intact =
-      intact_header(first) ? !read || is_whole_head(bytes, damage) : first.size() < kHeaderBytes;
+      intact_header(first) ? !read || is_intact_head(bytes, damage) : first.size() < kHeaderBytes;
   Result<std::optional<HeadCopy>> copy = std::optional<HeadCopy>();
   if (!intact) copy = find_head_copy(source, first, limits);
   if (!copy.ok()) {
     findings.failed_read(0, copy.status());
     return false;
   }
-  if (!*copy) {  // what is damaged is told by who reads it
+  if (!*copy) {  // the caller reports the damage
     findings.append(std::move(found));
     return read;
   }
   const Issue why = (read ? damage : found).take().front();
-  findings.damage(N::kMendedHead, why.offset,
-                  "the head is damaged and was read from its copy at byte {}; copy or fetch the "
-                  "file again, or mend it with 'stgs finalize' ({}, issue {})",
-                  (*copy)->offset, why.message, why.number);
+  findings.damage(
+      N::kRepairedHead, why.offset,
+      "head is damaged and was read from its copy at byte {}; copy or download the file "
+      "again, or repair it with 'stgs finalize' ({}, issue {})",
+      (*copy)->offset, why.message, why.number);
   bytes = head.repaired = std::move((*copy)->head);
   return parse_header(bytes, source.size(), head.header, findings);
 }

@@ -17,8 +17,8 @@ struct Level {
   std::uint64_t primitives, bytes, index_bytes;
   double bits_per_second, primitives_per_second;
 };
-constexpr std::uint64_t kLeastWork = 1000;  // primitives that a segment counts for at least
-// Of a table of a record's own layout; one takes so many bytes at least.
+constexpr std::uint64_t kMinSegmentWork = 1000;  // lowest work of a segment, primitives
+// Work and minimum size of a table in a record's own layout: primitives, bytes.
 constexpr std::uint64_t kTableWork = 64, kTableBytes = 3;
 constexpr std::uint64_t kMiB = 1 << 20;
 constexpr Level kLevels[] = {{250'000, 4 * kMiB, kMiB / 4, 10e6, 1e6},
@@ -30,7 +30,7 @@ std::uint64_t bytes_of(const SegmentInfo& segment) {
   return segment.bytes + segment.sh_bytes;
 }
 
-// Clause 2.2, of a record that has a layout of its own.
+// Clause 2.2: work of the tables of a record with its own layout.
 std::uint64_t table_work(std::uint64_t record_bytes) {
   return kTableWork * std::min<std::uint64_t>(kMaxOwnTables, record_bytes / kTableBytes);
 }
@@ -38,25 +38,25 @@ std::uint64_t table_work(std::uint64_t record_bytes) {
 std::uint64_t work_of(const SegmentInfo& segment, bool own_layouts) {
   const std::uint64_t tables =
       own_layouts ? table_work(segment.bytes) + table_work(segment.sh_bytes) : 0;
-  return std::max<std::uint64_t>(segment.primitives, kLeastWork) + tables;
+  return std::max<std::uint64_t>(segment.primitives, kMinSegmentWork) + tables;
 }
 
-// The segments of a moment while it moves on; neighbours in the file are one range.
-class Held {
+// The segments shown at a time that advances. Neighbours in the file form one range.
+class ActiveSegments {
  public:
-  explicit Held(const std::vector<SegmentInfo>& segments)
-      : segments_(segments), held_(segments.size() + 2) {}
+  explicit ActiveSegments(const std::vector<SegmentInfo>& segments)
+      : segments_(segments), is_active_(segments.size() + 2) {}
 
   void add(std::uint32_t s) {
-    ranges_ += 1 - held_[s] - held_[s + 2];
-    held_[s + 1] = 1;
+    ranges_ += 1 - is_active_[s] - is_active_[s + 2];
+    is_active_[s + 1] = 1;
     ++count_;
     primitives_ += segments_[s].primitives;
     bytes_ += bytes_of(segments_[s]);
   }
   void remove(std::uint32_t s) {
-    ranges_ -= 1 - held_[s] - held_[s + 2];
-    held_[s + 1] = 0;
+    ranges_ -= 1 - is_active_[s] - is_active_[s + 2];
+    is_active_[s + 1] = 0;
     --count_;
     primitives_ -= segments_[s].primitives;
     bytes_ -= bytes_of(segments_[s]);
@@ -70,7 +70,7 @@ class Held {
 
  private:
   const std::vector<SegmentInfo>& segments_;
-  std::vector<std::uint8_t> held_;  // of segment s at s + 1
+  std::vector<std::uint8_t> is_active_;  // segment s is at s + 1
   std::uint64_t primitives_ = 0, count_ = 0, bytes_ = 0;
   std::int64_t ranges_ = 0;
 };
@@ -86,22 +86,22 @@ std::vector<std::uint32_t> by_beginning(const std::vector<SegmentInfo>& segments
   return order;
 }
 
-// Clause 2.1: only where segments begin can there be more of them than before.
+// Clause 2.1. The number of segments can only increase where one begins.
 void sweep(const std::vector<SegmentInfo>& segments, const std::vector<std::uint32_t>& order,
            DecoderNeeds& needs) {
   using Ending = std::pair<double, std::uint32_t>;
   std::priority_queue<Ending, std::vector<Ending>, std::greater<>> endings;
-  Held held(segments);
+  ActiveSegments active(segments);
   for (std::size_t i = 0; i < order.size();) {
     const double t = segments[order[i]].begin_ticks;
     for (; !endings.empty() && endings.top().first <= t; endings.pop()) {
-      held.remove(endings.top().second);
+      active.remove(endings.top().second);
     }
     for (; i < order.size() && segments[order[i]].begin_ticks == t; ++i) {
-      held.add(order[i]);
+      active.add(order[i]);
       endings.emplace(segments[order[i]].end_ticks, order[i]);
     }
-    held.note(needs);
+    active.note(needs);
   }
 }
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// In the place of draco_points.cpp where libdraco is not there. Who wants a coder asks
-// check_draco() first.
+// Replaces draco_points.cpp in builds without libdraco. Callers check check_draco() first.
 #include <stdexcept>
 
 #include "draco_points.h"
@@ -9,8 +8,8 @@ namespace stgs {
 
 Status check_draco() {
   return not_built(
-      "positions of the profile draco need libdraco, which this build does not have: install "
-      "libdraco-dev and build again, or pack with the profile quantised");
+      "this build lacks libdraco, which the profile draco needs; install libdraco-dev and rebuild, "
+      "or use the profile quantised");
 }
 
 std::vector<std::uint8_t> draco_encode(std::span<const std::uint8_t>, std::size_t, int) {
@@ -22,7 +21,7 @@ bool draco_fits(std::span<const std::uint8_t>, std::size_t) {
 }
 
 const char* draco_decode(std::span<const std::uint8_t>, std::size_t, std::span<std::uint8_t>) {
-  return "this build has no libdraco";
+  return "this build lacks libdraco";
 }
 
 }  // namespace stgs

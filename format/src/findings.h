@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is wrong with a file, by stable number (spec/conformance.md, 2). Readers stop at the first
-// error, the validator collects them all: both run the same checks.
+// Problems of a file, by stable number (spec/conformance.md, 2). Readers stop at the first error;
+// the validator collects all of them. Both run the same checks.
 #pragma once
 
 #include <cstdint>
@@ -13,66 +13,67 @@
 
 namespace stgs {
 
-// Numbers are never reused for another meaning.
+// Numbers are never reused for another problem.
 enum class IssueNumber : int {
   kUnreadable = 100,          // the source failed
   kTooShort = 101,            // fewer bytes than a header
-  kMagic = 102,               // not an .stgs file, or damaged as text
-  kHeaderChecksum = 103,      //
-  kVersion = 104,             // another major version
-  kHeaderFlags = 105,         // a critical flag that is not known
+  kMagic = 102,               // not an .stgs file, or damaged by a text-mode transfer
+  kHeaderChecksum = 103,      // file header damaged
+  kVersion = 104,             // unsupported major version
+  kHeaderFlags = 105,         // unknown critical flag
   kFileSize = 106,            // truncated, or bytes after the end
   kHeadSize = 107,            // head_bytes outside the file
-  kRecordHeader = 110,        // a record header that does not fit or fails its checksum
-  kRecordLength = 111,        // payload past the end of its area
-  kRecordChecksum = 112,      //
-  kUnknownCritical = 113,     // a critical record that is not known
+  kRecordHeader = 110,        // record header truncated or damaged
+  kRecordLength = 111,        // payload extends past the end of its area
+  kRecordChecksum = 112,      // payload damaged
+  kUnknownCritical = 113,     // unknown critical record
   kDuplicateRecord = 114,     // a second META, LAYT, INDX, WNDW or PRIV
   kMissingRecord = 115,       // no META or INDX
   kNotCritical = 116,         // META, INDX or SEGM without the critical bit
-  kPrivate = 117,             // a private number whose maker is not named
-  kMendedHead = 118,          // a head that is damaged, and is read from its copy
-  kForeignCopy = 119,         // warning: a copy of a head that readers do not take for this one's
-  kMetadataLayout = 200,      // too short
-  kMetadataConvention = 201,  // an unknown unit, axis, colour or SH convention, or profile
+  kPrivate = 117,             // private number without the name of its vendor
+  kRepairedHead = 118,        // damaged head, read from its copy
+  kForeignCopy = 119,         // warning: a head copy that readers do not use
+  kMetadataLayout = 200,      // META too short
+  kMetadataConvention = 201,  // unknown unit, axis, colour or SH convention, or profile
   kTimeBase = 202,            // zero numerator or denominator, or no frames
-  kShDegree = 203,            //
-  kMetadataValue = 204,       // not finite, bounds inverted, or a start camera that is none
+  kShDegree = 203,            // unsupported SH degree
+  kMetadataValue = 204,       // not finite, bounds inverted, or invalid start camera
   kMetadataText = 205,        // not UTF-8
   kWindow = 206,              // WNDW too short, or a window outside its capture
-  kIndexLayout = 300,         // cut off, or a number that is not in its shortest form
-  kChunk = 301,               // chunk length not positive
-  kSegmentInterval = 302,     // a level or slot outside the timeline
+  kIndexLayout = 300,         // truncated, or a number not in its shortest form
+  kChunk = 301,               // invalid chunk length
+  kSegmentInterval = 302,     // level or slot outside the part
   kSegmentOrder = 303,        // out of order
   kSegmentRange = 304,        // bytes outside the body
-  kSegmentCount = 305,        // more primitives than the bytes can hold, or none
-  kPrimitiveTotal = 306,      // the sum differs
-  kPrimitiveLimit = 307,      // more than the caller allows
-  kMemoryLimit = 308,         // more decoded bytes than the caller allows
-  kUnlistedRecord = 310,      // warning: a segment record that the index does not list
-  kParts = 311,               // a part outside the timeline
-  kImportance = 312,          // IMPO of another size, or with a value that is none
-  kFragment = 313,            // a fragment of a growing file's index that cannot be used
+  kSegmentCount = 305,        // no primitives, or more than the bytes can hold
+  kPrimitiveTotal = 306,      // total differs from the sum
+  kPrimitiveLimit = 307,      // more primitives than the caller allows
+  kMemoryLimit = 308,         // more memory than the caller allows
+  kUnlistedRecord = 310,      // warning: segment record not listed in the index
+  kParts = 311,               // invalid part
+  kImportance = 312,          // IMPO of the wrong size or with an invalid value
+  kFragment = 313,            // unusable fragment of a growing file's index
   kIncompleteTail = 314,      // warning: bytes after the last complete fragment
-  kTimedData = 315,           // cut off, or of moments outside its segment's interval
-  kSegmentMismatch = 400,     // the record differs from its index entry
+  kTimedData = 315,           // truncated, or with times outside its segment
+  kSegmentMismatch = 400,     // record differs from its index entry
   kStreamTable = 401,         // sizes do not add up
-  kStreamMissing = 402,       // an attribute missing, twice or out of order
+  kStreamMissing = 402,       // attribute missing, duplicate or out of order
   kStreamUnsupported = 403,   // unknown attribute, mapping, prediction or coder
-  kStreamShape = 404,         // components, planes or exponent outside what the mapping allows
-  kStreamCorrupt = 405,       // the coder fails or gives another size
-  kStreamChecksum = 406,      // decoded bytes differ
-  kStreamValue = 407,         // an integer outside what the mapping allows
-  kLayouts = 409,             // cut off, a table that is none, a number of none of them
-  kProfile = 410,             // a mapping or coder that the profile does not have
-  kNotFinite = 500,           // a decoded value is not finite
+  kStreamShape = 404,         // components, planes or exponent not allowed by the mapping
+  kStreamCorrupt = 405,       // the coder fails, or the decoded size is wrong
+  kStreamChecksum = 406,      // checksum of decoded planes differs
+  kStreamValue = 407,         // integer out of the range of the mapping
+  kLayouts = 409,             // truncated, an invalid table, or an unknown table or layout number
+  kProfile = 410,             // mapping or coder not allowed by the profile
+  kNotFinite = 500,           // decoded value not finite
   kSigma = 501,               // sigma <= 0
   kRadius = 502,              // radius < 0
   kRotation = 503,            // quaternion of length 0
-  kOutsideSegment = 504,      // visible outside its segment's interval
+  kOutsideSegment = 504,      // visible outside the segment's interval
   kOutsideBounds = 505,       // warning: position outside the stated bounds
 };
 
+// Collects problems. The first error determines status().
 class Findings {
  public:
   template <typename... Args>
@@ -87,14 +88,14 @@ class Findings {
     add(number, true, StatusCode::kUnsupported, offset,
         fmt::format(text, std::forward<Args>(args)...));
   }
-  // An error that a reader can read past: what it does not reach is all that is lost.
+  // Adds an error that a reader can continue after; status() stays ok.
   template <typename... Args>
   void damage(IssueNumber number, std::uint64_t offset, fmt::format_string<Args...> text,
               Args&&... args) {
     issues_.push_back(
         {static_cast<int>(number), true, offset, fmt::format(text, std::forward<Args>(args)...)});
   }
-  // A part of the file for which this build lacks a library; `status` says which.
+  // Adds an error for content that needs a library missing in this build, named in `status`.
   void not_built(IssueNumber number, std::uint64_t offset, const Status& status) {
     add(number, true, StatusCode::kNotBuilt, offset, status.message());
   }
@@ -103,20 +104,22 @@ class Findings {
                Args&&... args) {
     add(number, false, StatusCode::kOk, offset, fmt::format(text, std::forward<Args>(args)...));
   }
-  // What is wrong with a record that a reader does without (spec 3.4).
+  // Adds the problems of a record that a reader can do without (spec 3.4); status() stays ok.
   void damage(Findings record) {
     for (Issue& issue : record.issues_) issues_.push_back(std::move(issue));
   }
+  // Adds an error of the source.
   void failed_read(std::uint64_t offset, const Status& status) {
     add(IssueNumber::kUnreadable, true, status.code(), offset, status.message());
   }
 
   bool ok() const { return status_.ok(); }
-  // The first error with the file's name, byte and number, or success.
+  // Returns the first error with the file's name, byte offset and number, or success.
   Status status(const std::string& file) const {
-    if (ok() || status_.message().starts_with(file + ": ")) return status_;  // a read names it
+    if (ok() || status_.message().starts_with(file + ": ")) return status_;  // a failed read
     return {status_.code(), fmt::format("{}: {}", file, status_.message())};
   }
+  // Moves the problems out.
   std::vector<Issue> take() { return std::move(issues_); }
   void append(Findings other) {
     if (ok()) status_ = other.status_;

@@ -37,7 +37,7 @@ Gaussians4D::Gaussians4D(std::pmr::memory_resource* memory)
 
 double TimeBase::ticks(double seconds) const {
   const double exact = seconds * denominator / numerator, whole = std::round(exact);
-  // A few roundings, here and where the time of a tick was made.
+  // Tolerates a few roundings, here and where the caller computed the seconds.
   return std::abs(exact - whole) <= 1e-12 * std::abs(whole) ? whole : exact;
 }
 

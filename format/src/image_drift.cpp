@@ -12,13 +12,13 @@
 namespace stgs {
 namespace {
 
-constexpr float kUnseen = -1.0f;
+constexpr float kNotCovered = -1.0f;
 
 bool inside(const math::PinholeCamera& camera, math::Vec2 pixel) {
   return pixel.x >= 0 && pixel.y >= 0 && pixel.x < camera.width && pixel.y < camera.height;
 }
 
-// At a moment of the primitive's part.
+// Returns the centre of a primitive at a time of its part.
 math::Vec3 centre_at(const Gaussians4D& set, std::size_t i, double ticks) {
   const float* x = &set.position[3 * i];
   const float* u = &set.velocity[3 * i];
@@ -26,35 +26,35 @@ math::Vec3 centre_at(const Gaussians4D& set, std::size_t i, double ticks) {
                            static_cast<float>(ticks - set.time[i]));
 }
 
-// Pixels between the projections of two points, or kUnseen.
+// Returns the distance in pixels between the projections of two points, or kNotCovered.
 float distance_in(const math::PinholeCamera& camera, math::Vec3 first, math::Vec3 last) {
   const math::Projection p = math::project_gaussian(camera, first, {});
   const math::Projection q = math::project_gaussian(camera, last, {});
-  if (p.visible == 0 || q.visible == 0) return kUnseen;
-  if (!inside(camera, p.mean) && !inside(camera, q.mean)) return kUnseen;
+  if (p.visible == 0 || q.visible == 0) return kNotCovered;
+  if (!inside(camera, p.mean) && !inside(camera, q.mean)) return kNotCovered;
   return std::hypot(p.mean.x - q.mean.x, p.mean.y - q.mean.y);
 }
 
-// The mean over the cameras that see primitive i, or kUnseen.
+// Returns the mean drift over the cameras that cover primitive i, or kNotCovered.
 double drift_of(const Scene& scene, std::size_t i,
                 const std::vector<math::PinholeCamera>& cameras) {
   const ShownFrames frames = shown_frames(scene, i);
   const math::Vec3 first = centre_at(scene.gaussians, i, frames.first - frames.part_begin);
   const math::Vec3 last = centre_at(scene.gaussians, i, frames.last - frames.part_begin);
   double sum = 0;
-  int seen = 0;
+  int count = 0;
   for (const math::PinholeCamera& camera : cameras) {
     const float distance = distance_in(camera, first, last);
     if (!(distance >= 0)) continue;
     sum += distance;
-    ++seen;
+    ++count;
   }
-  return seen == 0 ? double{kUnseen} : sum / seen;
+  return count == 0 ? double{kNotCovered} : sum / count;
 }
 
-// How many cameras see primitive i, counted up to 2.
-std::uint8_t seen_by(const Scene& scene, std::size_t i,
-                     const std::vector<math::PinholeCamera>& cameras) {
+// Returns the number of cameras that cover primitive i, counted up to 2.
+std::uint8_t cameras_covering(const Scene& scene, std::size_t i,
+                              const std::vector<math::PinholeCamera>& cameras) {
   const ShownFrames frames = shown_frames(scene, i);
   const double nearest =
       std::clamp(static_cast<double>(scene.gaussians.time[i]), frames.first - frames.part_begin,
@@ -72,7 +72,7 @@ std::uint8_t seen_by(const Scene& scene, std::size_t i,
 
 ImageDrift image_drift(const Scene& scene, const std::vector<math::PinholeCamera>& cameras) {
   const Gaussians4D& set = scene.gaussians;
-  std::vector<double> drifts(set.size(), double{kUnseen});
+  std::vector<double> drifts(set.size(), double{kNotCovered});
   parallel_blocks(std::size_t{0}, set.size(), std::size_t{4096},
                   [&](std::size_t first, std::size_t last) {
                     for (std::size_t i = first; i < last; ++i) {
@@ -81,22 +81,22 @@ ImageDrift image_drift(const Scene& scene, const std::vector<math::PinholeCamera
                   });
   ImageDrift out;
   double weights = 0;
-  std::vector<double> seen;
+  std::vector<double> covered;
   for (std::size_t i = 0; i < set.size(); ++i) {
     if (!(drifts[i] >= 0)) continue;
     const double opacity = math::opacity_of(set.opacity_logit[i]);
-    seen.push_back(drifts[i]);
+    covered.push_back(drifts[i]);
     out.mean += drifts[i];
     out.opacity_weighted += opacity * drifts[i];
     weights += opacity;
     if (drifts[i] <= kStaticDrift) ++out.within_bound;
   }
-  out.primitives = seen.size();
-  if (seen.empty()) return out;
-  out.mean /= static_cast<double>(seen.size());
+  out.primitives = covered.size();
+  if (covered.empty()) return out;
+  out.mean /= static_cast<double>(covered.size());
   out.opacity_weighted /= weights;  // above 0: opacities are at least the threshold
-  const auto middle = seen.begin() + static_cast<std::ptrdiff_t>(seen.size() / 2);
-  std::nth_element(seen.begin(), middle, seen.end());
+  const auto middle = covered.begin() + static_cast<std::ptrdiff_t>(covered.size() / 2);
+  std::nth_element(covered.begin(), middle, covered.end());
   out.median = *middle;
   return out;
 }
@@ -104,13 +104,14 @@ ImageDrift image_drift(const Scene& scene, const std::vector<math::PinholeCamera
 CameraCoverage camera_coverage(const Scene& scene,
                                const std::vector<math::PinholeCamera>& cameras) {
   const Gaussians4D& set = scene.gaussians;
-  std::vector<std::uint8_t> seen(set.size(), 0);  // up to 2
+  std::vector<std::uint8_t> counts(set.size(), 0);  // up to 2
   parallel_blocks(std::size_t{0}, set.size(), std::size_t{4096},
                   [&](std::size_t first, std::size_t last) {
-                    for (std::size_t i = first; i < last; ++i) seen[i] = seen_by(scene, i, cameras);
+                    for (std::size_t i = first; i < last; ++i)
+                      counts[i] = cameras_covering(scene, i, cameras);
                   });
   CameraCoverage out;
-  for (const std::uint8_t count : seen) {
+  for (const std::uint8_t count : counts) {
     ++(count == 0 ? out.by_none : count == 1 ? out.by_one : out.by_more);
   }
   return out;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// When the segments of a part are needed (spec 5.2 to 5.4).
+// Times of segments and parts (spec 5.2 to 5.4).
 #include <algorithm>
 #include <cmath>
 
@@ -12,15 +12,15 @@ double begin_of(int level, std::uint32_t slot, double chunk_ticks) {
 }
 
 bool is_chunk(double ticks) {
-  return ticks >= kChunkGrain && ticks <= kMostChunk && std::fmod(ticks, kChunkGrain) == 0.0;
+  return ticks >= kChunkGrain && ticks <= kMaxChunk && std::fmod(ticks, kChunkGrain) == 0.0;
 }
 
 double to_chunk(double ticks) {
   return ticks > 0.0 ? std::max(kChunkGrain, std::round(ticks / kChunkGrain) * kChunkGrain) : 0.0;
 }
 
-bool is_moment(double ticks) {
-  return std::abs(ticks) <= kMostChunk && std::fmod(ticks, kChunkGrain) == 0.0;
+bool is_valid_time(double ticks) {
+  return std::abs(ticks) <= kMaxChunk && std::fmod(ticks, kChunkGrain) == 0.0;
 }
 
 Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, double length) {
@@ -39,11 +39,11 @@ Interval shown_of(const FileHead& head, const SegmentEntry& segment) {
   return shown_of(interval_of(head, segment.base, segment.part), {part.begin, part.end}, part.cut);
 }
 
-Interval shown_of(const Interval& alive, const Interval& part,
+Interval shown_of(const Interval& interval, const Interval& part,
                   const std::optional<TickRange>& cut) {
   const TickRange shown = cut.value_or(TickRange{part.begin, part.end});
-  return {std::max({0.0, part.begin + alive.begin, shown.begin}),
-          std::min(part.begin + alive.end, shown.end)};
+  return {std::max({0.0, part.begin + interval.begin, shown.begin}),
+          std::min(part.begin + interval.end, shown.end)};
 }
 
 }  // namespace stgs

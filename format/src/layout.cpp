@@ -11,7 +11,7 @@ using N = IssueNumber;
 
 constexpr std::uint64_t kRowLengthBytes = 2;  // before each row
 
-// Numbers of the origin that are written: without the zeros at its end.
+// Returns the number of values of the origin to write: trailing zeros are omitted.
 std::size_t origins_of(const StreamRow& row) {
   std::size_t count = std::size(row.origin);
   while (count > 0 && std::bit_cast<std::uint32_t>(row.origin[count - 1]) == 0) --count;
@@ -37,7 +37,7 @@ void write_row(const StreamRow& row, ByteWriter& to) {  // spec 6.3
   to.bytes(out.view());
 }
 
-// What every version has of a row.
+// Reads the fields of a row that all versions have.
 void read_kind(ByteReader& in, StreamRow& row) {
   row.attribute = in.u16();
   row.components = in.u8();
@@ -47,18 +47,19 @@ void read_kind(ByteReader& in, StreamRow& row) {
   row.known = is_known(row);
 }
 
-// The rest of a row that is known; false where there is something wrong with it, what follows it in
-// its bytes being a later version's.
+// Reads the other fields of a known row. Bytes after them belong to a later version. Returns false
+// if a field is invalid.
 bool read_fields(ByteReader& in, std::uint64_t offset, StreamRow& row, Findings& findings) {
   row.step.exponent = static_cast<std::int8_t>(in.u8());
   row.step.multiplier = in.u8();
   row.digits = in.u8();
   const std::size_t origins = in.u8();
-  if (!in.ok()) return true;  // which the caller tells
+  if (!in.ok()) return true;  // reported by the caller
   if (row.digits == 0 || row.digits > kMaxDigits || origins > std::size(row.origin)) {
     findings.error(N::kStreamShape, offset,
-                   "layouts: a stream of {} digits, not 1 to {}, or of {} origins", row.digits,
-                   kMaxDigits, origins);
+                   "layouts: stream with {} digits (expected 1 to {}) and {} origin values "
+                   "(expected at most {})",
+                   row.digits, kMaxDigits, origins, std::size(row.origin));
     return false;
   }
   for (std::size_t d = 0; d < row.digits; ++d) row.digit_bits[d] = in.u8();
@@ -69,14 +70,14 @@ bool read_fields(ByteReader& in, std::uint64_t offset, StreamRow& row, Findings&
   return true;
 }
 
-// False where the row is none.
+// Reads a row. Returns false if it is invalid.
 bool read_row(std::span<const std::uint8_t> bytes, std::uint64_t offset, StreamRow& row,
               Findings& findings) {
   ByteReader in(bytes);
   read_kind(in, row);
   if (row.known && !read_fields(in, offset, row, findings)) return false;
   if (in.ok()) return true;
-  findings.error(N::kLayouts, offset, "layouts: a stream's {} bytes are too few", bytes.size());
+  findings.error(N::kLayouts, offset, "layouts: row too short ({} bytes)", bytes.size());
   return false;
 }
 
@@ -84,64 +85,68 @@ Attribute attribute_of(const StreamRow& row) {
   return static_cast<Attribute>(row.attribute);
 }
 
-// That the planes' tables exist.
+// Checks that the tables of the planes exist.
 bool check_tables(const StreamRow& row, const LayoutSet& set, std::uint64_t offset,
                   Findings& findings) {
   for (std::size_t p = 0; p < row.tables.size(); ++p) {
     const std::size_t table = row.tables[p];
     if (table >= set.tables.size()) {
-      findings.error(N::kLayouts, offset, "layouts: table {} of {}", table, set.tables.size());
+      findings.error(N::kLayouts, offset, "layouts: invalid table number {} (there are {} tables)",
+                     table, set.tables.size());
       return false;
     }
   }
   return true;
 }
 
-// The rows of a layout, all of whose bytes are there.
+// Reads the rows of a layout.
 bool read_rows(std::span<const std::span<const std::uint8_t>> rows, std::uint64_t offset,
                const LayoutSet& set, Layout& layout, Findings& findings) {
-  std::size_t coded = 0, most = 0;
+  std::size_t coded = 0, max_planes = 0;
   std::uint64_t at = offset;
   for (const std::span<const std::uint8_t> bytes : rows) {
     StreamRow row;
     at += kRowLengthBytes;
     if (!read_row(bytes, at, row, findings)) return false;
     if (row.optional() && row.in_group()) {
-      findings.error(N::kStreamShape, at, "layouts: the optional attribute {} is coded with rANS",
+      findings.error(N::kStreamShape, at, "layouts: optional attribute {} is coded with rANS",
                      row.attribute);
       return false;
     }
-    if (!row.known) {  // refuses the records that use it
+    if (!row.known) {  // records with this layout are rejected later
       layout.streams.push_back(std::move(row));
       at += bytes.size();
       continue;
     }
     if (!check_row(row, at, findings) || !check_tables(row, set, at, findings)) return false;
-    most += sizeof(float) * static_cast<std::size_t>(components_of(attribute_of(row)));
+    max_planes += sizeof(float) * static_cast<std::size_t>(components_of(attribute_of(row)));
     for (const std::uint16_t table : row.tables) coded += set.only[table] < 0 ? 1 : 0;
     layout.streams.push_back(std::move(row));
     at += bytes.size();
   }
-  if (layout.planes() > most) {  // spec 7.3
-    findings.error(N::kStreamShape, offset, "layouts: {} planes for {} bytes of floats",
-                   layout.planes(), most);
+  if (layout.planes() > max_planes) {  // spec 7.3
+    findings.error(N::kStreamShape, offset,
+                   "layouts: too many planes (expected at most {}, got {})", max_planes,
+                   layout.planes());
     return false;
   }
   if (coded > kRansPlanes) {
-    findings.error(N::kLayouts, offset, "layouts: a group of {} planes, more than {}", coded,
-                   kRansPlanes);
+    findings.error(N::kLayouts, offset,
+                   "layouts: too many planes in a group (expected at most {}, got {})", kRansPlanes,
+                   coded);
     return false;
   }
   return true;
 }
 
-// What is wrong with a row is its layout's alone, as long as the row has its bytes. The rows.
+// Reads a layout and returns the number of its rows. An invalid row affects this layout only,
+// unless its bytes are missing.
 std::size_t read_layout(ByteReader& in, std::uint64_t offset, const LayoutSet& set,
                         Layout& layout) {
   const std::uint64_t at = offset + in.position() + 1;
   std::vector<std::span<const std::uint8_t>> rows(in.u8());
   for (auto& row : rows) row = in.bytes(in.u16());
-  if (!in.ok()) return 0;  // which the caller tells
+  if (!in.ok()) return 0;  // reported by the caller
   Findings found;
   if (read_rows(rows, at, set, layout, found)) return rows.size();
   Issue issue = std::move(found.take().front());
@@ -198,18 +203,20 @@ void write_layouts(const LayoutSet& set, ByteWriter& out) {  // spec 6.2
   }
 }
 
-bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t most_tables,
+bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
                    std::uint64_t memory, LayoutSet& set, Findings& findings) {
   const std::size_t tables = in.u16();
-  if (tables > most_tables) {
-    findings.error(N::kLayouts, offset, "layouts: {} tables, more than {}", tables, most_tables);
+  if (tables > max_tables) {
+    findings.error(N::kLayouts, offset, "layouts: too many tables (expected at most {}, got {})",
+                   max_tables, tables);
     return false;
   }
   if (tables > memory / kTableMemory) {
-    findings.unsupported(N::kMemoryLimit, offset,
-                         "layouts: {} tables take {} bytes of memory, more than the {} that are "
-                         "left of the limit",
-                         tables, tables * kTableMemory, memory);
+    findings.unsupported(
+        N::kMemoryLimit, offset,
+        "layouts: {} tables need {} bytes, more than the remaining memory limit of "
+        "{} bytes",
+        tables, tables * kTableMemory, memory);
     return false;
   }
   set.lookups.reserve(tables);
@@ -226,7 +233,8 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t most_tables
   }
   const std::size_t layouts = in.u16();
   if (layouts > kMaxLayouts) {
-    findings.error(N::kLayouts, offset, "layouts: {}, more than {}", layouts, kMaxLayouts);
+    findings.error(N::kLayouts, offset, "layouts: too many layouts (expected at most {}, got {})",
+                   kMaxLayouts, layouts);
     return false;
   }
   std::size_t rows = 0;
@@ -235,14 +243,13 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t most_tables
     rows += read_layout(in, offset, set, layout);
     if (rows > kFreeRows && rows - kFreeRows > memory / kRowMemory) {
       findings.unsupported(N::kMemoryLimit, offset,
-                           "layouts: their rows take more memory than the limit of {} bytes",
-                           memory);
+                           "layouts: {} rows exceed the memory limit of {} bytes", rows, memory);
       return false;
     }
     set.layouts.push_back(std::move(layout));
   }
   if (!in.ok()) {
-    findings.error(N::kLayouts, offset, "layouts: their bytes end too early");
+    findings.error(N::kLayouts, offset, "layouts: truncated");
     return false;
   }
   return set.layouts.size() == layouts;

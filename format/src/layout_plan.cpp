@@ -8,16 +8,16 @@
 namespace stgs {
 namespace {
 
-// Of a stored table, for each symbol that it has and beside these, about; its copy (spec 3.6) too.
+// Approximate bits of a stored table and its copy (spec 3.6): per symbol, and fixed.
 constexpr double kSymbolBits = 8.0;
 constexpr double kTableBits = 20.0;
-constexpr std::size_t kMostMixed = kMaxTables - 256;  // one is left for each only symbol
+constexpr std::size_t kMaxMixedTables = kMaxTables - 256;  // reserves one for each single symbol
 
 double log_term(std::uint64_t count) {
   return count == 0 ? 0.0 : static_cast<double>(count) * std::log2(static_cast<double>(count));
 }
 
-// Symbols that share a table.
+// Planes that share a table.
 struct Cluster {
   std::array<std::uint64_t, 256> counts{};
   std::array<double, 256> terms{};  // count log2 count
@@ -25,12 +25,12 @@ struct Cluster {
   double sum = 0.0;  // of the terms
   int used = 0;
 
-  // Bits of so many symbols with the best table, and of the table.
+  // Returns the bits of `total` symbols with the best table, and of the table.
   static double cost(std::uint64_t total, double sum, int used) {
     return log_term(total) - sum + (used > 1 ? kSymbolBits * used : 0.0) + kTableBits;
   }
   double cost() const { return cost(total, sum, used); }
-  // Of the symbols of both.
+  // Returns the cost of the union with another cluster.
   double cost_with(const Cluster& other) const {
     double both = 0.0;
     int either = 0;
@@ -65,7 +65,7 @@ Cluster cluster_of(const SymbolCounts& counts) {
 }
 
 RansTable table_of(const Cluster& cluster) {
-  // Counts as a table takes them: 32 bits, and none lost.
+  // Scales the counts to 32 bits without turning any into 0.
   SymbolCounts counts;
   const std::uint64_t scale = cluster.total / 0xFFFFFFFF + 1;
   for (std::size_t s = 0; s < 256; ++s) {
@@ -79,7 +79,7 @@ RansTable table_of(const Cluster& cluster) {
 TablePlan plan_tables(const std::vector<SymbolCounts>& planes) {
   std::vector<Cluster> alone;
   for (const SymbolCounts& counts : planes) alone.push_back(cluster_of(counts));
-  // The planes that cost most make tables first, the others join where that is cheaper.
+  // The most expensive planes create tables first; the others join one if that is cheaper.
   std::vector<std::size_t> order(planes.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
   std::stable_sort(order.begin(), order.end(),
@@ -90,13 +90,13 @@ TablePlan plan_tables(const std::vector<SymbolCounts>& planes) {
   for (const std::size_t p : order) {
     std::size_t best = clusters.size();
     const bool pure = alone[p].used == 1;
-    double least = clusters.size() < (pure ? kMaxTables : kMostMixed) ? 0.0 : 1e300;
+    double best_cost = clusters.size() < (pure ? kMaxTables : kMaxMixedTables) ? 0.0 : 1e300;
     for (std::size_t k = 0; k < clusters.size(); ++k) {
-      // Planes of one symbol need not be decoded, so they share a table with none but their like.
+      // Planes with a single symbol need no decoding, so they share tables only with each other.
       if ((clusters[k].used == 1) != pure) continue;
-      const double more = clusters[k].cost_with(alone[p]) - clusters[k].cost() - alone[p].cost();
-      if (more >= least) continue;
-      least = more;
+      const double extra = clusters[k].cost_with(alone[p]) - clusters[k].cost() - alone[p].cost();
+      if (extra >= best_cost) continue;
+      best_cost = extra;
       best = k;
     }
     if (best == clusters.size()) clusters.emplace_back();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Chooses layouts and tables for the records of a file.
+// Selection of the rANS tables of a file.
 #pragma once
 
 #include <array>
@@ -11,13 +11,15 @@
 
 namespace stgs {
 
+// Number of occurrences of each symbol of a plane.
 using SymbolCounts = std::array<std::uint32_t, 256>;
 
-// Tables for planes of these counts, few enough that a table saves what it takes to store.
 struct TablePlan {
   std::vector<RansTable> tables;
   std::vector<std::uint16_t> table_of;  // by plane
 };
+// Selects tables for planes with these counts. Planes share a table unless another one saves more
+// than it costs to store.
 TablePlan plan_tables(const std::vector<SymbolCounts>& planes);
 
 }  // namespace stgs

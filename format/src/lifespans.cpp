@@ -13,32 +13,34 @@
 namespace stgs {
 namespace {
 
-constexpr int kTimeBits = 23, kFineTimeBits = 19;  // of a moment in steps
-// T may lie so many times a part's length, and so many ticks, from its beginning.
-constexpr double kReach = 4.0, kLeastReach = 4096.0;
+constexpr int kTimeBits = 23, kFineTimeBits = 19;  // of T in steps
+// Bound of |T| from the beginning of a part: in multiples of the part's length, and at least in
+// ticks.
+constexpr double kReach = 4.0, kMinReach = 4096.0;
 constexpr float kLogitLimit = 12.0f;
 constexpr float kSigmaMin = 1.0f / 1024.0f;  // ticks
 constexpr float kSigmaMax = 1e9f;
-// Of a part of up to 2^32 ticks, at least the half that is to be seen around T; below 2^32, where a
-// radius has more bits than 24.
+// At least half of a part of up to 2^32 ticks, but below 2^32, where a radius needs more than 24
+// bits.
 constexpr float kRadiusMax = 0x1.fp31f;
-constexpr int kMostHalvings = 12;  // of steps of T
-// Of units in the last place: those up to the greatest radius have 24 bits then (spec 7.5).
-constexpr int kLeastLifespan = 4;
-// Ticks: what fades faster does so between two frames, sigma sqrt(ln 255) being less than one.
+constexpr int kMaxHalvings = 12;  // of the step of T
+// log2 of the finest lifespan step, units in the last place: keeps the greatest radius within 24
+// bits (spec 7.5).
+constexpr int kMinLifespanStep = 4;
+// Ticks. A lower sigma fades out between two frames, because sigma sqrt(ln 255) < 1: a hard edge.
 constexpr float kHardSigma = 0.42f;
-constexpr double kEdgeMargin = 1.0 / 16.0;  // ticks that a hard edge keeps from a frame
-constexpr double kEdgeVisibility = 0.25;    // that a frame in a hard edge may be off
+constexpr double kEdgeMargin = 1.0 / 16.0;  // distance of a hard edge from a frame, ticks
+constexpr double kEdgeVisibility = 0.25;    // tolerance of l at a frame within a hard edge
 
-// By 2^halvings finer, where a step can be.
-Step finer(Step step, int halvings, int least_exponent) {
-  return {std::max(least_exponent, step.exponent - halvings), step.multiplier};
+// Returns a step finer by 2^halvings, but not below the given exponent.
+Step finer(Step step, int halvings, int min_exponent) {
+  return {std::max(min_exponent, step.exponent - halvings), step.multiplier};
 }
 Step finer_time(Step step, int halvings) {
   return finer(step, halvings, kMinExponent);
 }
 Step finer_lifespan(Step step, int halvings) {
-  return finer(step, halvings, kLeastLifespan);
+  return finer(step, halvings, kMinLifespanStep);
 }
 
 float on_lifespan_grid(float x, Step step) {
@@ -49,56 +51,61 @@ Lifespan lifespan_of(const Gaussians4D& set, std::size_t i) {
   return {set.time[i], set.sigma[i], set.radius[i], math::opacity_of(set.opacity_logit[i])};
 }
 
-// The frames of the timeline that fall into a part, ticks of the part.
+// The first and last frame of the timeline within a part, ticks of the part.
 struct FrameRange {
   double first = 0, last = 0;
   explicit FrameRange(const Interval& part)
       : first(std::ceil(part.begin) - part.begin), last(std::floor(part.end) - part.begin) {}
 };
 
-// The first and the last frame at which a lifespan is seen; none where begin > end.
-Interval seen_frames(const Lifespan& life, const FrameRange& frames) {
-  const double fade = life.fade();
+// Returns the first and last frame at which a primitive is visible; none if begin > end.
+Interval visible_frames(const Lifespan& lifespan, const FrameRange& frames) {
+  const double fade = lifespan.fade();
   if (fade < 0.0) return {1.0, 0.0};
-  const double begin = life.time - life.radius - fade, end = life.time + life.radius + fade;
+  const double begin = lifespan.time - lifespan.radius - fade;
+  const double end = lifespan.time + lifespan.radius + fade;
   return {frames.first + std::ceil(std::max(begin, frames.first) - frames.first),
           frames.first + std::floor(std::min(end, frames.last) - frames.first)};
 }
 
-// Radii, around T, with which the frames of `seen` are seen and the ones beside them are not.
-Interval radii_for(const Interval& seen, const FrameRange& frames, double time, double fade) {
-  const double least = std::max(time - seen.begin, seen.end - time) + kEdgeMargin - fade;
-  double most = HUGE_VAL;
-  if (seen.begin > frames.first) most = std::min(most, time - seen.begin + 1.0);
-  if (seen.end < frames.last) most = std::min(most, seen.end + 1.0 - time);
-  return {std::max(0.0, least), most - kEdgeMargin - fade};
+// Returns the radii around `time` that show exactly the frames of `visible`.
+Interval radii_for(const Interval& visible, const FrameRange& frames, double time, double fade) {
+  const double low = std::max(time - visible.begin, visible.end - time) + kEdgeMargin - fade;
+  double high = HUGE_VAL;
+  if (visible.begin > frames.first) high = std::min(high, time - visible.begin + 1.0);
+  if (visible.end < frames.last) high = std::min(high, visible.end + 1.0 - time);
+  return {std::max(0.0, low), high - kEdgeMargin - fade};
 }
 
-bool same_frames(const Lifespan& was, const Lifespan& is, const Interval& seen,
+// Returns whether `is` is visible at the frames of `visible`, as `was` is, with similar values of
+// l.
+bool same_frames(const Lifespan& was, const Lifespan& is, const Interval& visible,
                  const FrameRange& frames) {
-  const Interval now = seen_frames(is, frames);
-  if (seen.begin > seen.end) return now.begin > now.end;
-  if (now.begin != seen.begin || now.end != seen.end) return false;
-  return std::abs(was.visibility(seen.begin) - is.visibility(seen.begin)) <= kEdgeVisibility &&
-         std::abs(was.visibility(seen.end) - is.visibility(seen.end)) <= kEdgeVisibility;
+  const Interval now = visible_frames(is, frames);
+  if (visible.begin > visible.end) return now.begin > now.end;
+  if (now.begin != visible.begin || now.end != visible.end) return false;
+  const auto close = [&](double t) {
+    return std::abs(was.visibility(t) - is.visibility(t)) <= kEdgeVisibility;
+  };
+  return close(visible.begin) && close(visible.end);
 }
 
-// T and r on these grids with which `life` is seen at the same frames as `was`, near to its own if
-// they can be.
+// Returns `life` with T and r on these grids, visible at the same frames as `was`, and as near as
+// possible to it.
 std::optional<Lifespan> hard_edged(const Lifespan& was, Lifespan life, const FrameRange& frames,
                                    Step time, Step lifespan) {
-  const Interval seen = seen_frames(was, frames);
-  const bool none = seen.begin > seen.end;
+  const Interval visible = visible_frames(was, frames);
+  const bool none = visible.begin > visible.end;
   const double fade = life.fade();
-  for (const double centre : {was.time, none ? was.time : 0.5 * (seen.begin + seen.end)}) {
+  for (const double centre : {was.time, none ? was.time : 0.5 * (visible.begin + visible.end)}) {
     life.time = on_grid(static_cast<float>(centre), time);
     const Interval radii =
-        none ? Interval{0.0, was.radius} : radii_for(seen, frames, life.time, fade);
+        none ? Interval{0.0, was.radius} : radii_for(visible, frames, life.time, fade);
     const double middle = std::min(0.5 * (radii.begin + radii.end), radii.begin + was.radius);
-    for (const double wanted : {double{was.radius}, middle}) {
-      life.radius = on_lifespan_grid(static_cast<float>(wanted) + 1.0f, lifespan) - 1.0f;
+    for (const double target : {double{was.radius}, middle}) {
+      life.radius = on_lifespan_grid(static_cast<float>(target) + 1.0f, lifespan) - 1.0f;
       if (!none && !(life.radius >= radii.begin && life.radius <= radii.end)) continue;
-      if (same_frames(was, life, seen, frames)) return life;
+      if (same_frames(was, life, visible, frames)) return life;
     }
   }
   return std::nullopt;
@@ -108,80 +115,79 @@ double length_of(const Interval& part) {
   return part.end - part.begin;
 }
 
-// T and r on these grids with which `life` is seen in its part and begins and ends as `was` does,
-// within `bound` ticks, wherever that is in its part.
+// Returns `life` with T and r on these grids, visible in its part, and with edges within `bound`
+// ticks of those of `was`, as far as they lie in the part.
 std::optional<Lifespan> soft_edged(const Lifespan& was, Lifespan life, double length, double bound,
                                    Step time, Step lifespan) {
   const double begin = was.time - was.radius, end = was.time + was.radius;
   life.time = on_grid(static_cast<float>(was.time), time);
-  double wanted = was.radius;
-  if (begin <= 0.0 && end < length) wanted = end - life.time;  // makes up for T's rounding
-  if (begin > 0.0 && end >= length) wanted = life.time - begin;
-  wanted = std::clamp(wanted, 0.0, double{kRadiusMax});
-  life.radius = on_lifespan_grid(static_cast<float>(wanted) + 1.0f, lifespan) - 1.0f;
-  const double seen = life.radius + life.fade();
-  if (life.time - seen >= length || life.time + seen <= 0.0) return std::nullopt;
+  double target = was.radius;
+  if (begin <= 0.0 && end < length) target = end - life.time;  // makes up for T's rounding
+  if (begin > 0.0 && end >= length) target = life.time - begin;
+  target = std::clamp(target, 0.0, double{kRadiusMax});
+  life.radius = on_lifespan_grid(static_cast<float>(target) + 1.0f, lifespan) - 1.0f;
+  const double half = life.radius + life.fade();
+  if (life.time - half >= length || life.time + half <= 0.0) return std::nullopt;
   const auto moved = [length](double from, double to) {
     return std::abs(std::clamp(from, 0.0, length) - std::clamp(to, 0.0, length));
   };
-  const bool kept = moved(begin, life.time - life.radius) <= bound &&
-                    moved(end, life.time + life.radius) <= bound;
-  return kept ? std::optional(life) : std::nullopt;
+  const bool close = moved(begin, life.time - life.radius) <= bound &&
+                     moved(end, life.time + life.radius) <= bound;
+  return close ? std::optional(life) : std::nullopt;
 }
 
 void set_time(double time, std::size_t i, Gaussians4D& set) {
-  for (std::size_t c = 0; c < 3; ++c) {  // where it is then
+  for (std::size_t c = 0; c < 3; ++c) {  // the position at the new T
     float& x = set.position[3 * i + c];
     x = static_cast<float>(x + double{set.velocity[3 * i + c]} * (time - set.time[i]));
   }
   set.time[i] = static_cast<float>(time);
 }
 
-// One opacity for all of a part, T in its middle.
-void hold(double length, double opacity, std::size_t i, Gaussians4D& set) {
+// Gives a primitive the same opacity throughout its part, with T in the middle.
+void set_constant_opacity(double length, double opacity, std::size_t i, Gaussians4D& set) {
   set.opacity_logit[i] = static_cast<float>(std::log(opacity / (1.0 - opacity)));
   set_time(0.5 * length, i, set);
   set.sigma[i] = 1.0f;
   set.radius[i] = static_cast<float>(length);
 }
 
-// What moves little in its part and hardly changes its opacity: at rest in its middle, at its mean
-// opacity.
+// Makes a primitive constant if it moves little in its part and hardly changes its opacity: static,
+// at its position in the middle of the part, with its mean opacity.
 void make_constant(double length, const LifespanBounds& bounds, std::size_t i, Gaussians4D& set) {
   const Lifespan life = lifespan_of(set, i);
-  const double most = life.visibility(std::clamp(life.time, 0.0, length));
-  const double least = life.visibility(life.time < 0.5 * length ? length : 0.0);
+  const double high = life.visibility(std::clamp(life.time, 0.0, length));
+  const double low = life.visibility(life.time < 0.5 * length ? length : 0.0);
   float* u = &set.velocity[3 * i];
   const double way =
       length * std::sqrt(double{u[0]} * u[0] + double{u[1]} * u[1] + double{u[2]} * u[2]);
-  // A hard edge is no change of which half comes too early and half too late.
-  const bool edge = life.sigma < kHardSigma && least < most;
-  if (edge || life.opacity * (most - least) > 2.0 * bounds.even || way > bounds.still) return;
-  hold(length, life.opacity * 0.5 * (most + least), i, set);
+  // Averaging would blur a hard edge.
+  const bool edge = life.sigma < kHardSigma && low < high;
+  if (edge || life.opacity * (high - low) > 2.0 * bounds.opacity || way > bounds.motion) return;
+  set_constant_opacity(length, life.opacity * 0.5 * (high + low), i, set);
   std::fill_n(u, 3, 0.0f);
 }
 
-// A lifespan that is seen alike within its part, whose numbers are as small as they can be and
-// count from where it is seen.
-void bring_in(double length, std::size_t i, Gaussians4D& set) {
+// Replaces a lifespan by one with the same visibility within its part and the smallest parameters.
+void normalise(double length, std::size_t i, Gaussians4D& set) {
   const double time = set.time[i], radius = set.radius[i];
-  if (time - radius <= 0.0 && time + radius >= length) {  // seen all the time
+  if (time - radius <= 0.0 && time + radius >= length) {  // fully visible throughout the part
     set_time(0.5 * length, i, set);
     set.sigma[i] = 1.0f;
     set.radius[i] = static_cast<float>(length);
     return;
   }
-  const FlatTop top = brought_in({time, radius}, length);
+  const FlatTop top = normalised_top({time, radius}, length);
   if (top.time == time) return;
   set_time(top.time, i, set);
   set.radius[i] = static_cast<float>(top.radius);
 }
 
-// T within reach of a part. Of what is so far away and still seen, the opacity hardly changes.
-void bring_near(double length, double reach, std::size_t i, Gaussians4D& set) {
+// Limits |T| to `reach`. A primitive that is visible from farther away hardly changes its opacity.
+void limit_time(double length, double reach, std::size_t i, Gaussians4D& set) {
   if (std::abs(set.time[i]) <= reach) return;
   const Lifespan life = lifespan_of(set, i);
-  hold(length, life.opacity * life.visibility(0.5 * length), i, set);
+  set_constant_opacity(length, life.opacity * life.visibility(0.5 * length), i, set);
 }
 
 }  // namespace
@@ -194,7 +200,7 @@ double Lifespan::fade() const {
   return math::support_half_width(opacity, sigma, 0.0f, math::kAlphaThreshold);
 }
 
-FlatTop brought_in(FlatTop top, double length) {
+FlatTop normalised_top(FlatTop top, double length) {
   const double inside = std::clamp(top.time, 0.0, length);
   const double way = std::clamp(inside - top.time, -top.radius, top.radius);
   return {top.time + way, top.radius - std::abs(way)};
@@ -206,24 +212,24 @@ LifespanGrids::LifespanGrids(double longest_part, double time, double lifespan, 
       lifespan_(step_near(lifespan, kFineSteps)),
       opacity_(opacity),
       bounds_(bounds),
-      reach_(std::max(kReach * longest_part, kLeastReach)) {
-  if (reach_ >= std::ldexp(size_of(time_), kFineTimeBits)) {  // powers of two have more bits
-    const double least = std::ceil(std::log2(reach_)) - kTimeBits;
-    time_ = coarser_of(step_near(time, 1), power_above(least));
+      reach_(std::max(kReach * longest_part, kMinReach)) {
+  if (reach_ >= std::ldexp(size_of(time_), kFineTimeBits)) {  // powers of two allow more bits
+    const double octaves = std::ceil(std::log2(reach_)) - kTimeBits;
+    time_ = coarser_of(step_near(time, 1), power_above(octaves));
   }
   const auto fits = [this](int halvings) {
     const Step step = finer_time(time_, halvings);
     return nearest(reach_, step) < max_steps(Mapping::kTime, step.multiplier) / 2;
   };
-  while (finest_time_ < kMostHalvings && fits(finest_time_ + 1)) ++finest_time_;
+  while (finest_time_ < kMaxHalvings && fits(finest_time_ + 1)) ++finest_time_;
 }
 
 void LifespanGrids::snap(const Interval& interval, std::size_t i, Gaussians4D& set) const {
   const double length = length_of(interval);
   if (lifetime_of(set, i, length).never) return;
   make_constant(length, bounds_, i, set);
-  bring_in(length, i, set);
-  bring_near(length, reach_, i, set);
+  normalise(length, i, set);
+  limit_time(length, reach_, i, set);
   const Lifespan was = lifespan_of(set, i);
   float& logit = set.opacity_logit[i];
   logit = on_grid(std::clamp(logit, -kLogitLimit, kLogitLimit), opacity_);
@@ -244,16 +250,16 @@ Lifespan LifespanGrids::rounded(const Lifespan& was, Lifespan life,
   const FrameRange frames(interval);
   const double length = length_of(interval);
   const double bound = std::max(bounds_.edge * was.sigma, size_of(time_));
-  for (int halved = 0; halved <= kMostHalvings; ++halved) {
+  for (int halved = 0; halved <= kMaxHalvings; ++halved) {
     const Step time = finer_time(time_, std::min(halved, finest_time_));
     if (was.sigma < kHardSigma) {
-      const auto kept = hard_edged(was, life, frames, time, finer_lifespan(lifespan_, halved));
-      if (kept) return *kept;
+      const auto found = hard_edged(was, life, frames, time, finer_lifespan(lifespan_, halved));
+      if (found) return *found;
       continue;
     }
-    for (int halvings = 0; halvings <= lifespan_.exponent - kLeastLifespan; ++halvings) {
+    for (int halvings = 0; halvings <= lifespan_.exponent - kMinLifespanStep; ++halvings) {
       const Step lifespan = finer_lifespan(lifespan_, halvings);
-      if (const auto kept = soft_edged(was, life, length, bound, time, lifespan)) return *kept;
+      if (const auto found = soft_edged(was, life, length, bound, time, lifespan)) return *found;
     }
   }
   life.time = on_grid(static_cast<float>(was.time), finer_time(time_, finest_time_));
@@ -270,7 +276,7 @@ LifespanSteps LifespanGrids::steps_of(const Gaussians4D& set,
       ++time;
     }
     const float r = set.radius[i] + 1.0f;
-    while (lifespan_.exponent - radius > kLeastLifespan &&
+    while (lifespan_.exponent - radius > kMinLifespanStep &&
            on_lifespan_grid(r, finer_lifespan(lifespan_, radius)) != r) {
       ++radius;
     }

@@ -17,21 +17,21 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Whether `name` is before, a process id and after, and that process is no more. A process with
-// our own id is: we ask before we make the folder.
-bool is_stale(const std::string& name, const std::string& before, const std::string& after) {
-  if (name.size() <= before.size() + after.size()) return false;
-  if (name.compare(0, before.size(), before) != 0) return false;
-  const std::size_t end = name.size() - after.size();
-  if (name.compare(end, std::string::npos, after) != 0) return false;
+// Returns whether `name` is prefix, process id, suffix, and that process has ended. An entry with
+// our own process id is stale too: this is called before our own is created.
+bool is_stale(const std::string& name, const std::string& prefix, const std::string& suffix) {
+  if (name.size() <= prefix.size() + suffix.size()) return false;
+  if (name.compare(0, prefix.size(), prefix) != 0) return false;
+  const std::size_t end = name.size() - suffix.size();
+  if (name.compare(end, std::string::npos, suffix) != 0) return false;
   pid_t pid = 0;
   const char* last = name.data() + end;
-  const auto read = std::from_chars(name.data() + before.size(), last, pid);
+  const auto read = std::from_chars(name.data() + prefix.size(), last, pid);
   if (read.ec != std::errc() || read.ptr != last || pid <= 0) return false;
   return pid == ::getpid() || (::kill(pid, 0) != 0 && errno == ESRCH);
 }
 
-// 0, or the errno.
+// Returns 0 or an errno.
 int write_all(int fd, std::span<const std::uint8_t> bytes) {
   std::size_t done = 0;
   while (done < bytes.size()) {
@@ -43,7 +43,7 @@ int write_all(int fd, std::span<const std::uint8_t> bytes) {
   return 0;
 }
 
-// Whether the descriptor's file still has this name.
+// Returns whether the path still names the descriptor's file.
 bool is_named(int fd, const std::string& path) {
   struct stat open {
   }, named{};
@@ -51,37 +51,37 @@ bool is_named(int fd, const std::string& path) {
          open.st_dev == named.st_dev && open.st_ino == named.st_ino;
 }
 
-// Brings the names in the folder of `path` to the disk.
+// Syncs the folder of `path`, so that the file's name is on disk.
 Status sync_folder(const std::string& path) {
   const fs::path parent = fs::path(path).parent_path();
   const int fd = ::open(parent.empty() ? "." : parent.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  // What cannot be synced, or only passed through, says so.
+  // EACCES: the folder is not readable. EINVAL: it cannot be synced.
   const bool synced = fd < 0 ? errno == EACCES : ::fsync(fd) == 0 || errno == EINVAL;
   const int error = errno;
   if (fd >= 0) ::close(fd);
-  if (!synced) return io_error("{}: cannot write its folder: {}", path, system_message(error));
+  if (!synced) return io_error("{}: cannot sync the folder: {}", path, system_message(error));
   return {};
 }
 
 }  // namespace
 
 std::string temporary_name(const std::string& path) {
-  const std::filesystem::path whole(path);
-  const std::string name =
-      fmt::format(".{}.{}.tmp{}", whole.stem().string(), ::getpid(), whole.extension().string());
-  return (whole.parent_path() / name).string();
+  const std::filesystem::path full_path(path);
+  const std::string name = fmt::format(".{}.{}.tmp{}", full_path.stem().string(), ::getpid(),
+                                       full_path.extension().string());
+  return (full_path.parent_path() / name).string();
 }
 
-std::vector<std::string> remove_stale(const std::string& path, const std::string& before,
-                                      const std::string& after, fs::file_type type) {
-  const fs::path whole(path);
-  const fs::path parent = whole.has_parent_path() ? whole.parent_path() : fs::path(".");
+std::vector<std::string> remove_stale(const std::string& path, const std::string& prefix,
+                                      const std::string& suffix, fs::file_type type) {
+  const fs::path full_path(path);
+  const fs::path parent = full_path.has_parent_path() ? full_path.parent_path() : fs::path(".");
   std::vector<fs::path> stale;
   std::error_code error;
   for (fs::directory_iterator it(parent, error), end; !error && it != end; it.increment(error)) {
-    std::error_code ignored;  // what cannot be looked at is not ours to remove
+    std::error_code ignored;  // entries without a status are not ours
     const bool fits = it->symlink_status(ignored).type() == type;
-    if (fits && is_stale(it->path().filename().string(), before, after))
+    if (fits && is_stale(it->path().filename().string(), prefix, suffix))
       stale.push_back(it->path());
   }
   std::vector<std::string> removed;
@@ -108,9 +108,9 @@ Status OutputFile::open(const std::string& path) {
   path_ = path;
   std::string target = path;
   struct stat info {};
-  const bool there = ::stat(path.c_str(), &info) == 0;
-  if (there && S_ISDIR(info.st_mode)) return io_error("{}: is a folder, not a file", path);
-  if (!there || S_ISREG(info.st_mode)) target = temporary_ = temporary_name(path);
+  const bool exists = ::stat(path.c_str(), &info) == 0;
+  if (exists && S_ISDIR(info.st_mode)) return io_error("{}: is a folder; name a file", path);
+  if (!exists || S_ISREG(info.st_mode)) target = temporary_ = temporary_name(path);
   fd_ = ::open(target.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
   if (fd_ < 0) {
     temporary_.clear();
@@ -133,7 +133,7 @@ Status OutputFile::write(std::span<const std::uint8_t> bytes) {
 
 Status OutputFile::close() {
   const int fd = std::exchange(fd_, -1);
-  // Devices and pipes cannot be synced, and say so.
+  // Devices and pipes cannot be synced.
   const bool synced = ::fsync(fd) == 0 || errno == EINVAL || errno == EROFS;
   const int sync_error = errno;
   if (::close(fd) != 0 && synced) {
@@ -165,7 +165,7 @@ AppendedFile::~AppendedFile() {
 
 void AppendedFile::release() {
   if (fd_ < 0) return;
-  // While it is locked, so that nobody goes on with it.
+  // Unlinks while the lock is held, so that nobody resumes the file.
   if (unfinished_ && is_named(fd_, path_)) ::unlink(path_.c_str());
   unfinished_ = false;
   ::close(std::exchange(fd_, -1));
@@ -173,7 +173,7 @@ void AppendedFile::release() {
 
 Status AppendedFile::lock() {
   if (::flock(fd_, LOCK_EX | LOCK_NB) == 0) return {};
-  if (errno == EWOULDBLOCK) return usage_error("{}: another recorder is appending to it", path_);
+  if (errno == EWOULDBLOCK) return usage_error("{}: in use by another recorder", path_);
   return io_error("{}: cannot lock: {}", path_, system_message(errno));
 }
 
@@ -193,11 +193,11 @@ Status AppendedFile::create(const std::string& path, std::span<const std::uint8_
 
 Status AppendedFile::open(const std::string& path) {
   path_ = path;
-  // O_NONBLOCK: of a pipe, which source() refuses.
+  // O_NONBLOCK: do not block on a pipe, which source() rejects.
   fd_ = ::open(path.c_str(), O_RDWR | O_APPEND | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
   if (fd_ < 0) return io_error("{}: cannot open for appending: {}", path, system_message(errno));
   STGS_TRY(lock());
-  if (!is_named(fd_, path)) return io_error("{}: was replaced while it was opened", path);
+  if (!is_named(fd_, path)) return io_error("{}: replaced while being opened; try again", path);
   return {};
 }
 
@@ -209,7 +209,7 @@ Result<std::unique_ptr<ByteSource>> AppendedFile::source() const {
 
 Status AppendedFile::cut(std::uint64_t bytes) {
   if (::ftruncate(fd_, static_cast<off_t>(bytes)) != 0) {
-    return io_error("{}: cannot cut to {} bytes: {}", path_, bytes, system_message(errno));
+    return io_error("{}: cannot truncate to {} bytes: {}", path_, bytes, system_message(errno));
   }
   bytes_ = bytes;
   return {};
@@ -219,8 +219,8 @@ Status AppendedFile::append(std::span<const std::uint8_t> bytes, bool sync) {
   int error = write_all(fd_, bytes);
   if (error == 0 && sync && ::fdatasync(fd_) != 0) error = errno;
   if (error != 0) {
-    // A reader passes over what cannot be cut off.
-    [[maybe_unused]] const int cut = ::ftruncate(fd_, static_cast<off_t>(bytes_));
+    // If truncating fails, readers skip the incomplete bytes.
+    [[maybe_unused]] const int ignored = ::ftruncate(fd_, static_cast<off_t>(bytes_));
     release();
     return io_error("{}: cannot write: {}", path_, system_message(error));
   }

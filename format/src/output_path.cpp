@@ -20,7 +20,7 @@ Status check_parent(const std::string& path) {
   if (parent.empty()) parent = ".";
   const fs::file_status status = fs::status(parent, error);
   if (status.type() == fs::file_type::not_found) {
-    return io_error("{}: cannot create: the folder '{}' does not exist", path, parent.string());
+    return io_error("{}: cannot create: folder '{}' does not exist", path, parent.string());
   }
   if (status.type() != fs::file_type::directory) {
     return io_error("{}: cannot create: '{}' is not a folder", path, parent.string());
@@ -31,9 +31,10 @@ Status check_parent(const std::string& path) {
 }  // namespace
 
 std::vector<std::string> remove_stale_files(const std::string& path) {
-  const fs::path whole(path);
-  return remove_stale(path, fmt::format(".{}.", whole.stem().string()),
-                      fmt::format(".tmp{}", whole.extension().string()), fs::file_type::regular);
+  const fs::path full_path(path);
+  return remove_stale(path, fmt::format(".{}.", full_path.stem().string()),
+                      fmt::format(".tmp{}", full_path.extension().string()),
+                      fs::file_type::regular);
 }
 
 Status check_can_write(const std::string& path) {
@@ -41,10 +42,10 @@ Status check_can_write(const std::string& path) {
   std::error_code error;
   const fs::file_status status = fs::status(path, error);
   if (status.type() == fs::file_type::directory) {
-    return io_error("{}: cannot write: it is a folder; name a file", path);
+    return io_error("{}: is a folder; name a file", path);
   }
   if (fs::exists(status) && status.type() != fs::file_type::regular) {
-    return io_error("{}: cannot write: it exists and is not a regular file", path);
+    return io_error("{}: exists and is not a regular file; name another path", path);
   }
   const std::string probe = temporary_name(path);
   const int fd = ::open(probe.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0666);
@@ -54,18 +55,18 @@ Status check_can_write(const std::string& path) {
   return {};
 }
 
-Status check_distinct(const std::vector<NamedPath>& places) {
+Status check_distinct(const std::vector<NamedPath>& paths) {
   const auto same = [](const std::string& a, const std::string& b) {
-    std::error_code error;  // a path that cannot be looked at is told of where it is opened
+    std::error_code error;  // ignored: opening the path reports it
     if (fs::equivalent(a, b, error)) return true;
     const fs::path x = fs::weakly_canonical(fs::absolute(a, error), error);
     return !error && x == fs::weakly_canonical(fs::absolute(b, error), error) && !error;
   };
-  for (auto one = places.begin(); one != places.end(); ++one) {
-    for (auto other = places.begin(); other != one; ++other) {
+  for (auto one = paths.begin(); one != paths.end(); ++one) {
+    for (auto other = paths.begin(); other != one; ++other) {
       if (one->path.empty() || other->path.empty() || !same(one->path, other->path)) continue;
-      return usage_error("{}: is where both {} and {} lead; give each a place of its own",
-                         one->path, other->option, one->option);
+      return usage_error("{}: used by both {} and {}; choose different paths", one->path,
+                         other->option, one->option);
     }
   }
   return {};

@@ -13,42 +13,44 @@
 namespace stgs {
 namespace {
 
-// Octaves of steps, 0 at kReference: 12.5 units of quality an octave below it and 6 above. Below
-// kPoor pictures fall apart, so that there a unit does less.
+// Quality to octaves of step size, 0 at kReference: 12.5 units of quality per octave below it, and
+// 6 above. Below kPoor images fall apart, so that a unit has less effect.
 constexpr double kReference = 85.0, kPoor = 55.0;
 constexpr double kUnits = 12.5, kFinerUnits = 6.0, kPoorUnits = 25.0;
-// Steps in octaves beyond which what they save costs more in pictures than it would anywhere else:
-// of opacity (logit), T (ticks), log-scale, rotation, and the opacity that a constant may be off.
+// Coarsest steps, in octaves: opacity (logit), T (ticks), log scale. Coarser ones would cost more
+// image quality than the same bytes saved elsewhere. Likewise the greatest error of a constant
+// opacity.
 constexpr double kCoarsestOpacity = -0.5, kCoarsestTime = -0.5, kCoarsestLogScale = -0.75;
-constexpr double kMostEvenOpacity = -3.5;
-constexpr double kEvenOpacity = -5.0;  // octaves: opacity that a constant lifespan may be off
-constexpr double kEdge = -2.0, kCoarsestEdge = -1.0;  // octaves: sigmas that an end may be off
-// Powers of importance in steps, measured: less than the ideal 0.5. One that is guessed by size
-// says less, least about positions: what is small needs its place as exactly as what is large.
+constexpr double kMaxConstantOpacity = -3.5;
+constexpr double kConstantOpacity = -5.0;             // error of a constant opacity, octaves
+constexpr double kEdge = -2.0, kCoarsestEdge = -1.0;  // error of an edge in sigmas, octaves
+// Exponents of importance in steps, measured; lower than the ideal 0.5. An estimate by size is less
+// reliable, in particular for positions: small primitives need them as exactly as large ones.
 constexpr double kPower = 0.3;
 constexpr double kPowerBySize = 0.2, kPositionPowerBySize = 0.1;
-constexpr double kMostOctaves = 3.0;  // that importance makes a step finer or coarser
-// Steps as shares of a bound on where a primitive lies; each takes half of it. A position is off by
-// half the diagonal of a step. A displacement too, over 2^E ticks of a life L < 2^(E+1) that is
-// seen for at most 1.18 L from T on, where its opacity falls to 1/255 (spec 7.5.4).
+constexpr double kMaxOctaves = 3.0;  // greatest effect of importance on a step
+// Steps as shares of max_error; position and displacement may each use half of it. The error of a
+// position is half the diagonal of a step. So is that of a displacement, over 2^E ticks of a
+// lifespan L < 2^(E+1), which is visible for at most 1.18 L after T, where its opacity falls to
+// 1/255 (spec 7.5.4).
 constexpr double kPositionShare = 0.5 / 0.867;
 constexpr double kDisplacementShare = 0.5 / (0.867 * 2.36);
-// Of a displacement in steps, whose product with a multiplier stays below 2^23.
+// Bits of a displacement in steps: its product with a multiplier stays below 2^23.
 constexpr int kDisplacementBits = 22, kFineDisplacementBits = 19;
-constexpr double kOutlier = 16.0;         // times what nine tenths do, that is far out
-constexpr double kDistanceOctaves = 4.0;  // of what lies far out and shares a layout
-constexpr int kMostDistances = 12;        // so that a segment's records have numbers (spec 5.7)
-// Importance by size is bounded by this many times what nine tenths have: a dome of a sky covers a
-// million times what a splat does, and would leave no steps for the mean.
-constexpr float kMostImportance = 64.0f;
-constexpr double kLeastRotation = -12.0, kMostRotation = -2.5;
+constexpr double kOutlier = 16.0;         // multiple of the 90th percentile beyond which one is far
+constexpr double kDistanceOctaves = 4.0;  // range of outliers that share a layout
+constexpr int kMaxDistances = 12;         // limits the tiers of a segment (spec 5.7)
+// Bound of the importance by size, as a multiple of the 90th percentile. A sky dome covers a
+// million times the area of a splat and would dominate the mean.
+constexpr float kMaxImportance = 64.0f;
+constexpr double kMinRotationStep = -12.0, kMaxRotationStep = -2.5;
 
-// The least power of two in which numbers up to `largest` fit `bits` bits.
+// Returns the smallest power of two with which numbers up to `largest` fit into `bits` bits.
 Step step_for(double largest, int bits) {
   return power_above(largest > 0.0 ? std::ceil(std::log2(largest)) - bits : kMinExponent);
 }
 
-// The value that so many hundredths of others lie below; 0 of none.
+// Returns a percentile; 0 if there are no values.
 float percentile(std::vector<float> values, std::size_t hundredths) {
   if (values.empty()) return 0.0f;
   const auto at = values.begin() + static_cast<std::ptrdiff_t>(values.size() * hundredths / 100);
@@ -67,7 +69,7 @@ struct Extent {
   }
 };
 
-// Of some primitives, or of all.
+// Returns the extent of the members; of all primitives if null.
 Extent extent_of(const Gaussians4D& set, const std::vector<std::uint32_t>* members) {
   Extent out;
   const std::size_t n = members != nullptr ? members->size() : set.size();
@@ -82,7 +84,7 @@ Extent extent_of(const Gaussians4D& set, const std::vector<std::uint32_t>* membe
   return out;
 }
 
-// By axis, so that what lies far out does not move it.
+// Returns the median position per axis, which outliers do not affect.
 std::array<float, 3> median_of(const Gaussians4D& set) {
   std::array<float, 3> out{};
   std::vector<float> line(set.size());
@@ -93,17 +95,18 @@ std::array<float, 3> median_of(const Gaussians4D& set) {
   return out;
 }
 
-// From a place, along the axis along which it is farthest; scene units.
-double distance_from(const std::array<float, 3>& place, const Gaussians4D& set, std::size_t i) {
+// Returns the distance of a primitive from a point along the axis with the greatest one; scene
+// units.
+double distance_from(const std::array<float, 3>& point, const Gaussians4D& set, std::size_t i) {
   double out = 0.0;
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    out = std::max(out, std::abs(double{set.position[3 * i + axis]} - place[axis]));
+    out = std::max(out, std::abs(double{set.position[3 * i + axis]} - point[axis]));
   }
   return out;
 }
 
-// The size that a position's error is measured against: a primitive smaller than three quarters of
-// the set, as the mean of its log-scales.
+// Returns the size relative to which position errors are measured: the 25th percentile of the mean
+// log scales.
 double typical_log_scale(const Gaussians4D& set) {
   std::vector<float> sizes(set.size());
   for (std::size_t i = 0; i < sizes.size(); ++i) {
@@ -123,13 +126,13 @@ Integers begin(Attribute attribute, Mapping mapping, Step step, int components, 
   return out;
 }
 
-// x in steps, so few that a mapping can sum two of these.
+// Returns x in steps, clamped so that a mapping can add two of them.
 std::uint32_t steps_in(double x, Step step, Mapping mapping) {
-  const std::int64_t most = max_steps(mapping, step.multiplier) / 2;
-  return static_cast<std::uint32_t>(std::clamp(nearest(x, step), -most, most));
+  const std::int64_t limit = max_steps(mapping, step.multiplier) / 2;
+  return static_cast<std::uint32_t>(std::clamp(nearest(x, step), -limit, limit));
 }
 
-// Numbers of steps.
+// Converts an attribute to steps.
 Integers linear(const Gaussians4D& part, Attribute attribute, Mapping mapping, Step step) {
   const int components = components_of(attribute);
   const std::size_t n = part.size();
@@ -143,8 +146,8 @@ Integers linear(const Gaussians4D& part, Attribute attribute, Mapping mapping, S
   return out;
 }
 
-// The same from the beginning of the segment on.
-Integers moments(const Gaussians4D& part, Step step, double segment_begin) {
+// Converts T to steps from the beginning of the segment.
+Integers times(const Gaussians4D& part, Step step, double segment_begin) {
   Integers out = linear(part, Attribute::kTime, Mapping::kTime, step);
   const auto first = static_cast<std::uint32_t>(time_origin(segment_begin, step));
   for (std::uint32_t& v : out.values) v -= first;
@@ -174,7 +177,7 @@ Integers displacement(const Gaussians4D& part, Step step, float part_ticks) {
   return out;
 }
 
-// `shapes`: the primitives with the log-scales that a decoder will see.
+// `shapes`: log scales as reconstructed by a decoder.
 Integers rotation(const Gaussians4D& part, const std::vector<float>& shapes, Step step) {
   const std::size_t n = part.size();
   Integers out = begin(Attribute::kRotation, Mapping::kShapedRotation, step, 3, n);
@@ -190,7 +193,7 @@ Integers rotation(const Gaussians4D& part, const std::vector<float>& shapes, Ste
   return out;
 }
 
-// The log-scales that a decoder makes of these integers.
+// Returns the log scales that a decoder reconstructs from these integers.
 std::vector<float> decoded_log_scales(const Integers& integers) {
   const std::size_t n = integers.values.size() / 3;
   std::vector<float> out(3 * n);
@@ -204,7 +207,7 @@ std::vector<float> decoded_log_scales(const Integers& integers) {
   return out;
 }
 
-// Luma and two chroma integers for each coefficient, zero-centred (spec 7.5.6).
+// Converts each coefficient to luma and two chroma integers, centred at zero (spec 7.5.6).
 Integers colour(const Gaussians4D& part, Attribute attribute, Step step) {
   const auto components = static_cast<std::size_t>(components_of(attribute));
   const std::size_t n = part.size();
@@ -223,7 +226,7 @@ Integers colour(const Gaussians4D& part, Attribute attribute, Step step) {
   return out;
 }
 
-// Fills keys and the order of ascending keys.
+// Returns positions as Morton keys, and sets `order` to the order of ascending keys.
 Integers position(const Gaussians4D& part, const GroupSteps& steps,
                   std::vector<std::uint32_t>& order) {
   Integers out;
@@ -253,8 +256,8 @@ Integers position(const Gaussians4D& part, const GroupSteps& steps,
   return out;
 }
 
-// The greatest displacement of a component over a lifespan, scene units (spec 7.5.4).
-double way_of(const Gaussians4D& set, std::size_t i, float part_ticks) {
+// Returns the greatest displacement along an axis over a lifespan, scene units (spec 7.5.4).
+double displacement_of(const Gaussians4D& set, std::size_t i, float part_ticks) {
   double out = 0.0;
   const int life = lifespan_exponent(set.sigma[i], set.radius[i], part_ticks);
   for (std::size_t c = 0; c < 3; ++c) {
@@ -263,10 +266,10 @@ double way_of(const Gaussians4D& set, std::size_t i, float part_ticks) {
   return out;
 }
 
-double farthest_way(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
-                    float part_ticks) {
+double max_displacement(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
+                        float part_ticks) {
   double out = 0.0;
-  for (const std::uint32_t i : members) out = std::max(out, way_of(set, i, part_ticks));
+  for (const std::uint32_t i : members) out = std::max(out, displacement_of(set, i, part_ticks));
   return out;
 }
 
@@ -282,13 +285,13 @@ double mean_of(std::span<const float> values) {
   return values.empty() ? 0.0 : sum / static_cast<double>(values.size());
 }
 
-// So many times what nine tenths of the set do not exceed, of measure(i).
+// Returns kOutlier times the 90th percentile of measure(i).
 template <typename Measure>
 double outlier_bound(const Gaussians4D& set, const Measure& measure) {
   std::vector<float> values(set.size());
-  constexpr double kMost = std::numeric_limits<float>::max();
+  constexpr double kMax = std::numeric_limits<float>::max();
   for (std::size_t i = 0; i < values.size(); ++i) {
-    values[i] = static_cast<float>(std::min(measure(i), kMost));
+    values[i] = static_cast<float>(std::min(measure(i), kMax));
   }
   return kOutlier * percentile(std::move(values), 90);
 }
@@ -304,7 +307,7 @@ Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, 
   coarser_ = octaves_coarser(quality);
   importance_ = mean_of(importance);
   const double size = typical_log_scale(set) / std::log(2.0);
-  // Measured at equal loss; where importance is a guess, colour is worth less against place.
+  // Measured at equal loss. With estimated importance, colour counts less relative to position.
   steps_.position = std::clamp(size - (by_size ? 3.3 : 3.1), -90.0, 90.0);
   steps_.displacement = steps_.position + 1.0;
   steps_.log_scale = -3.4;
@@ -312,20 +315,23 @@ Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, 
   steps_.sh[0] = by_size ? -4.35 : -4.65;
   steps_.sh[1] = steps_.sh[2] = steps_.sh[3] = by_size ? -4.6 : -4.9;
   steps_.opacity = step_near(std::min(-1.5 + coarser_, kCoarsestOpacity), kFineSteps);
-  double still = std::exp2(steps_.displacement + coarser_);
-  if (max_error_ > 0.0) still = std::min(still, max_error_);  // half of it either way
-  // As far as steps reach, importance asking for finer ones by an octave; and where most are.
+  double motion = std::exp2(steps_.displacement + coarser_);
+  if (max_error_ > 0.0) motion = std::min(motion, max_error_);  // half of it in each direction
+  // Limits of outliers: the range of the steps, an octave of which is reserved for importance, and
+  // the bulk of the primitives.
   middle_ = median_of(set);
-  const Step place = bounded(steps_.position + coarser_, kPositionShare, kCoarseSteps);
-  near_ = std::max(std::ldexp(size_of(place), kMortonBits - 2),
-                   outlier_bound(set, [&](auto i) { return distance_from(middle_, set, i); }));
-  const Step way = bounded(steps_.displacement + coarser_, kDisplacementShare, kFineSteps);
-  near_way_ = std::max(std::ldexp(size_of(way), kFineDisplacementBits - 1),
-                       outlier_bound(set, [&](auto i) { return way_of(set, i, longest_part_); }));
+  const Step position = bounded(steps_.position + coarser_, kPositionShare, kCoarseSteps);
+  near_distance_ =
+      std::max(std::ldexp(size_of(position), kMortonBits - 2),
+               outlier_bound(set, [&](auto i) { return distance_from(middle_, set, i); }));
+  const Step displacement = bounded(steps_.displacement + coarser_, kDisplacementShare, kFineSteps);
+  near_displacement_ =
+      std::max(std::ldexp(size_of(displacement), kFineDisplacementBits - 1),
+               outlier_bound(set, [&](auto i) { return displacement_of(set, i, longest_part_); }));
   lifespans_.emplace(
       longest_part, std::min(-2.0 + coarser_, kCoarsestTime),
       std::clamp(21.0 + coarser_, 16.0, 22.0), steps_.opacity,
-      LifespanBounds{still, std::exp2(std::min(kEvenOpacity + coarser_, kMostEvenOpacity)),
+      LifespanBounds{motion, std::exp2(std::min(kConstantOpacity + coarser_, kMaxConstantOpacity)),
                      std::exp2(std::min(kEdge + coarser_, kCoarsestEdge))});
 }
 
@@ -336,7 +342,7 @@ Step Quantiser::bounded(double octaves, double share, int in_octave) const {
   return size_of(bound) < size_of(step) ? bound : step;
 }
 
-// Never so fine that what goes farthest has no number.
+// Coarse enough to represent the greatest displacement.
 Step Quantiser::displacement_step(double octaves, double farthest) const {
   const Step step = bounded(octaves, kDisplacementShare, kFineSteps);
   if (size_of(step) >= size_of(step_for(farthest, kFineDisplacementBits))) return step;
@@ -353,34 +359,34 @@ Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set,
 }
 
 int Quantiser::distance_of(const Gaussians4D& set, std::size_t i) const {
-  const double farther =
-      std::max(distance_from(middle_, set, i) / near_, way_of(set, i, longest_part_) / near_way_);
+  const double farther = std::max(distance_from(middle_, set, i) / near_distance_,
+                                  displacement_of(set, i, longest_part_) / near_displacement_);
   if (farther <= 1.0) return 0;
-  return std::min(1 + static_cast<int>(std::log2(farther) / kDistanceOctaves), kMostDistances);
+  return std::min(1 + static_cast<int>(std::log2(farther) / kDistanceOctaves), kMaxDistances);
 }
 
 GroupSteps Quantiser::steps_of(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
                                double importance) const {
   const double ratio = importance > 0 && importance_ > 0 ? importance_ / importance : 1.0;
   const auto coarser_by = [&](double power) {
-    return coarser_ + std::clamp(power * std::log2(ratio), -kMostOctaves, kMostOctaves);
+    return coarser_ + std::clamp(power * std::log2(ratio), -kMaxOctaves, kMaxOctaves);
   };
   const double coarser = coarser_by(power_);
   const auto fine = [coarser](double step) { return step_near(step + coarser, kFineSteps); };
   const Extent extent = extent_of(set, &members);
   GroupSteps out;
   out.lifespan = lifespans_->steps_of(set, members);
-  // One value less than 2^21, because the origin is rounded down.
+  // One value fewer than 2^21, because the origin is rounded down.
   out.position = coarser_of(
       bounded(steps_.position + coarser_by(position_power_), kPositionShare, kCoarseSteps),
       step_for(extent.largest() * 1.000001, kMortonBits));
   for (std::size_t axis = 0; axis < 3; ++axis)
     out.origin[axis] = on_grid(extent.low[axis], out.position);
-  out.displacement =
-      displacement_step(steps_.displacement + coarser, farthest_way(set, members, longest_part_));
+  out.displacement = displacement_step(steps_.displacement + coarser,
+                                       max_displacement(set, members, longest_part_));
   out.log_scale = step_near(std::min(steps_.log_scale + coarser, kCoarsestLogScale), kFineSteps);
-  out.rotation =
-      step_near(std::clamp(steps_.rotation + coarser, kLeastRotation, kMostRotation), kCoarseSteps);
+  out.rotation = step_near(
+      std::clamp(steps_.rotation + coarser, kMinRotationStep, kMaxRotationStep), kCoarseSteps);
   for (int band = 0; band < 4; ++band) out.sh[band] = fine(steps_.sh[band]);
   return out;
 }
@@ -391,8 +397,8 @@ std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSt
   std::vector<Integers> out;
   out.push_back(position(part, steps, order));
   Gaussians4D sorted = part.gather(order);
-  least_rotations(sorted);
-  out.push_back(moments(sorted, steps.lifespan.time, segment_begin));
+  minimise_rotations(sorted);
+  out.push_back(times(sorted, steps.lifespan.time, segment_begin));
   out.push_back(truncated(sorted, Attribute::kSigma, steps.lifespan.sigma, 0.0f));
   out.push_back(truncated(sorted, Attribute::kRadius, steps.lifespan.radius, 1.0f));
   out.push_back(displacement(sorted, steps.displacement, part_ticks));
@@ -408,7 +414,7 @@ std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSt
 
 float Quantiser::position_step(const Gaussians4D& set) const {
   const Step widest = step_for(extent_of(set, nullptr).largest() * 1.000001, kMortonBits);
-  const double coarsest = std::ceil(steps_.position + coarser_ + kMostOctaves);
+  const double coarsest = std::ceil(steps_.position + coarser_ + kMaxOctaves);
   return static_cast<float>(size_of(coarser_of(power_above(coarsest), widest)));
 }
 
@@ -422,9 +428,9 @@ std::vector<float> importance_by_size(const Gaussians4D& set, double ticks) {
     const float span = set.radius[i] + set.sigma[i];
     out[i] = opacity * opacity * area * std::min(1.0f, 2.0f * span / static_cast<float>(ticks));
   }
-  const float most = kMostImportance * percentile(out, 90);
-  if (most > 0.0f) {
-    for (float& x : out) x = std::min(x, most);
+  const float limit = kMaxImportance * percentile(out, 90);
+  if (limit > 0.0f) {
+    for (float& x : out) x = std::min(x, limit);
   }
   return out;
 }

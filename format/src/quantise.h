@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The quantised profile's choices: what step each attribute gets, and the integers (spec 8).
+// The quantised profile: the step of each attribute, and the integers (spec 8).
 #pragma once
 
 #include <array>
@@ -16,8 +16,8 @@
 
 namespace stgs {
 
-// log2 of the steps for primitives of mean importance, in the attribute's unit. Opacity has one
-// step in a whole file.
+// log2 of the steps for primitives of mean importance, in the unit of the attribute. Opacity has a
+// single step in a file.
 struct Steps {
   double position = 0;      // scene units
   double displacement = 0;  // scene units over the lifespan
@@ -27,7 +27,7 @@ struct Steps {
   Step opacity;  // of the logit
 };
 
-// The steps of primitives that share a layout, and where their positions count from.
+// The steps of primitives that share a layout, and the origin of their positions.
 struct GroupSteps {
   LifespanSteps lifespan;
   Step position, displacement, log_scale, rotation;
@@ -37,55 +37,57 @@ struct GroupSteps {
 
 class Quantiser {
  public:
-  // Chooses the steps for a whole set, whose times count from the beginnings of parts that last
-  // `longest_part` ticks at most; quality 0..100. `importance` (N): how much each primitive
-  // adds to pictures, see Scene::importance, or what importance_by_size() makes of the set, then
-  // `by_size`. `max_error`: how far, in scene units, a primitive may
-  // come to lie from where it was, at any moment at which it is seen; 0: as far as quality has it.
-  // It is kept where 21 bits for the extent of a layout's positions are enough.
+  // Chooses the steps for a complete set, whose times count from the beginnings of parts that last
+  // at most `longest_part` ticks.
+  // - `importance` (N): Scene::importance or, with `by_size`, importance_by_size() of the set
+  // - `quality`: 0..100
+  // - `max_error`: greatest displacement of a primitive while it is visible, scene units; 0: given
+  //   by the quality. Guaranteed if 21 bits suffice for the extent of a layout's positions.
   Quantiser(const Gaussians4D& set, std::span<const float> importance, bool by_size,
             double longest_part, double quality, double max_error);
 
-  // The set with time, sigma, radius and opacity as a decoder will see them (lifespans.h).
+  // Returns the set with time, sigma, radius and opacity as reconstructed by a decoder
+  // (lifespans.h).
   Gaussians4D snap_lifespans(const Gaussians4D& set, std::span<const PartRange> parts) const;
-  // 0 for a primitive near the middle of the set that does not go far, whose numbers have the steps
-  // that its quality asks for; else how many times 16 times farther one lies or goes: what is so
-  // far out takes a layout of its own, so that the others keep their steps.
+  // Returns 0 for a primitive near the middle of the set that does not move far: its values fit the
+  // steps of the quality. Otherwise returns 1 plus the number of factors of 16 by which it lies or
+  // moves farther. Such outliers get layouts of their own, so that the others keep their steps.
   int distance_of(const Gaussians4D& set, std::size_t i) const;
-  // For those primitives of `set` that share a layout; `importance` is their mean: the less, the
-  // coarser.
+  // Chooses the steps of primitives of `set` that share a layout. `importance` is their mean; the
+  // lower it is, the coarser the steps.
   GroupSteps steps_of(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
                       double importance) const;
-  // Integers of a segment's primitives, whose lifespans are snapped, in Morton order; `order` is
-  // set to the indices in that order. The segment begins at `segment_begin`, ticks of its part,
-  // before that, which lasts `part_ticks`, cuts it.
+  // Returns the integers of a segment's primitives, whose lifespans are snapped, in Morton order.
+  // `order` receives their indices in that order. The segment begins at `segment_begin`, in ticks
+  // of its part and before cutting; the part lasts `part_ticks`.
   std::vector<Integers> quantise(const Gaussians4D& part, const GroupSteps& steps,
                                  double segment_begin, float part_ticks,
                                  std::vector<std::uint32_t>& order) const;
-  // Largest step of a position of a set whose lifespans are snapped, scene units.
+  // Returns the largest position step for a set whose lifespans are snapped, scene units.
   float position_step(const Gaussians4D& set) const;
 
  private:
-  // Near 2^octaves, and not more than this share of the bound.
+  // Returns a step near 2^octaves that is at most this share of max_error_.
   Step bounded(double octaves, double share, int in_octave) const;
-  // Of displacements of which none is greater than `farthest`, scene units.
+  // Returns the step of displacements of at most `farthest`, scene units.
   Step displacement_step(double octaves, double farthest) const;
 
   Steps steps_;
   std::optional<LifespanGrids> lifespans_;
   float longest_part_ = 0;  // ticks
   double max_error_ = 0;    // scene units; 0: no bound
-  // Of importance in a step, and in that of a position.
+  // Exponents of importance in the steps of all attributes but position, and of position.
   double power_ = 0, position_power_ = 0;
-  double coarser_ = 0;              // octaves, of the quality
-  double importance_ = 0;           // mean over the set
-  std::array<float, 3> middle_{};   // of the set, scene units
-  double near_ = 0, near_way_ = 0;  // scene units: from the middle, and over a lifespan
+  double coarser_ = 0;             // octaves, given by the quality
+  double importance_ = 0;          // mean over the set
+  std::array<float, 3> middle_{};  // of the set, scene units
+  // Limits beyond which a primitive is an outlier, scene units: of the distance from the middle,
+  // and of the displacement over a lifespan.
+  double near_distance_ = 0, near_displacement_ = 0;
 };
 
-// What stands in for Scene::importance where nothing is known of any view: opacity^2 times the area
-// that the primitive covers times the share of the time, of which all is `ticks`. What covers very
-// much more than nearly all others counts less.
+// Estimates Scene::importance without views: opacity^2 times the covered area times the share of
+// `ticks`, the total duration. Extremely large areas are clamped.
 std::vector<float> importance_by_size(const Gaussians4D& set, double ticks);
 
 }  // namespace stgs

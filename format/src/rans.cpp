@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opens a group of planes and decodes it.
+// Opening and decoding a group of planes.
 #include "rans.h"
 
 #include <algorithm>
@@ -10,7 +10,7 @@
 namespace stgs {
 namespace {
 
-constexpr std::size_t kGrain = 32;  // blocks of a task: some 0.1 ms
+constexpr std::size_t kGrain = 32;  // blocks per task: about 0.1 ms
 
 std::size_t block_size(std::size_t n, std::size_t block) {
   return std::min(n - block * kRansBlock, kRansBlock);
@@ -21,29 +21,29 @@ std::size_t block_size(std::size_t n, std::size_t block) {
 Result<std::vector<RansBlockLocation>> rans_layout(std::span<const std::uint8_t> bytes,
                                                    std::size_t n) {
   const std::size_t count = rans_blocks(n);
-  // Each block has a size and a state at least.
+  // Each block has at least a size and a state.
   if (count > bytes.size() / 8) {
-    return invalid_file("group of {} bytes: too short for {} primitives", bytes.size(), n);
+    return invalid_file("group too short ({} bytes for {} primitives)", bytes.size(), n);
   }
   ByteReader sizes(bytes), data(bytes);
   data.bytes(4 * count);
-  std::vector<RansBlockLocation> places(count);
+  std::vector<RansBlockLocation> blocks(count);
   for (std::size_t b = 0; b < count; ++b) {
-    places[b] = {data.position(), sizes.u32()};
+    blocks[b] = {data.position(), sizes.u32()};
     bool possible = true;
     for (std::size_t lane = 0; lane < rans_lanes(block_size(n, b)); ++lane)
       possible = data.u32() >= kRansLow && possible;
-    data.bytes(std::uint64_t{2} * places[b].words);
+    data.bytes(std::uint64_t{2} * blocks[b].words);
     if (!data.ok() || !possible) {
-      return invalid_file("block {} of a group, at its byte {}: {}", b, places[b].states,
-                          data.ok() ? "a state below 65536" : "ends after the group");
+      return invalid_file("block {} at byte {} of the group: {}", b, blocks[b].states,
+                          data.ok() ? "state below 65536" : "extends past the group");
     }
   }
   if (data.left() != 0) {
-    return invalid_file("group of {} bytes: its blocks end at byte {}", bytes.size(),
-                        data.position());
+    return invalid_file("extra bytes after the blocks of the group (expected {}, got {})",
+                        data.position(), bytes.size());
   }
-  return places;
+  return blocks;
 }
 
 RansGroupDecoder::RansGroupDecoder(std::unique_ptr<RansBlock[]> blocks, std::size_t n, bool scalar)
@@ -54,14 +54,14 @@ RansGroupDecoder::~RansGroupDecoder() = default;
 
 Result<RansGroupDecoder> RansGroupDecoder::open(std::span<const std::uint8_t> bytes, std::size_t n,
                                                 bool scalar) {
-  STGS_ASSIGN(const std::vector<RansBlockLocation> places, rans_layout(bytes, n));
-  auto blocks = std::make_unique<RansBlock[]>(places.size());
-  for (std::size_t b = 0; b < places.size(); ++b) {
+  STGS_ASSIGN(const std::vector<RansBlockLocation> locations, rans_layout(bytes, n));
+  auto blocks = std::make_unique<RansBlock[]>(locations.size());
+  for (std::size_t b = 0; b < locations.size(); ++b) {
     RansBlock& block = blocks[b];
     block.lanes = rans_lanes(block_size(n, b));
-    ByteReader data(bytes.subspan(places[b].states));
+    ByteReader data(bytes.subspan(locations[b].states));
     for (std::size_t lane = 0; lane < block.lanes; ++lane) block.state[lane] = data.u32();
-    const auto coded = data.bytes(std::uint64_t{2} * places[b].words);
+    const auto coded = data.bytes(std::uint64_t{2} * locations[b].words);
     block.next = coded.data();
     block.end = coded.data() + coded.size();
   }
@@ -83,7 +83,7 @@ void RansGroupDecoder::next_plane(const RansLookup& lookup, std::uint8_t* out) {
     }
   };
   const std::size_t count = rans_blocks(n_);
-  if (count <= kGrain) {  // to start a task takes as long as to decode a short block
+  if (count <= kGrain) {  // starting a task takes as long as decoding a short block
     decode(0, count);
   } else {
     parallel_blocks(std::size_t{0}, count, kGrain, decode);

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The entropy coder of planes: 32-lane interleaved rANS with static tables (spec annex A).
 //
-// A plane is n symbols of 0 to 255, one a primitive, with a table of its own; a group codes planes
-// of the same n primitives together. Primitives are cut into blocks that decode apart from each
-// other, with up to 32 lanes a block, so that a vector unit or a warp takes a step of all lanes at
-// once. The integers and their order are normative: every decoder gives the same bytes, for damaged
-// input too.
+// A plane has n symbols of 0 to 255, one per primitive, and a table. A group codes several planes
+// of the same n primitives. Primitives are split into blocks that decode independently, with up to
+// 32 lanes per block, so that a vector unit or a warp advances all lanes at once. The integers and
+// their order are normative: all decoders give the same bytes, even for damaged input.
 #pragma once
 
 #include <array>
@@ -21,26 +20,26 @@
 
 namespace stgs {
 
-// Frequencies of the symbols, of 4096. A symbol of frequency 0 cannot be coded.
+// Frequencies of the symbols; they add up to 4096. A symbol of frequency 0 cannot be coded.
 struct RansTable {
   std::array<std::uint16_t, 256> frequency{};
 
   bool operator==(const RansTable&) const = default;
 };
 
-// The table that codes symbols of these counts in the fewest bits; {4096, 0, 0 ...} without any.
-// Integer arithmetic: the same on every machine.
+// Returns the table that codes symbols with these counts in the fewest bits; {4096, 0, 0 ...} if
+// all are 0. Uses integer arithmetic, so that all machines agree.
 RansTable rans_table(std::span<const std::uint32_t, 256> counts);
 
-// Bits that symbols of these counts take with the table; infinite if it lacks one of them.
+// Returns the bits that symbols with these counts take; infinite if the table lacks one of them.
 double rans_cost(const RansTable& table, std::span<const std::uint32_t, 256> counts);
 
-// A table as bytes (spec A.2), and back: exact inverses. The table must add up to 4096.
+// Writes a table (spec A.2), which must add up to 4096. Exact inverse of read_rans_table().
 void write_rans_table(const RansTable& table, ByteWriter& out);
-// Takes a table from `in`; an error (kInvalidFile) if its bytes hold none.
+// Reads a table; kInvalidFile if the bytes are not a table.
 Result<RansTable> read_rans_table(ByteReader& in);
 
-// The table must add up to 4096.
+// Fills the lookup of a table, which must add up to 4096.
 void rans_lookup(const RansTable& table, RansLookup& lookup);
 
 struct RansPlane {
@@ -48,30 +47,31 @@ struct RansPlane {
   const RansTable* table = nullptr;
 };
 
-// A group of planes of n primitives each, coded (spec A.3). An error (kUsage) if there are more
-// than kRansPlanes, a plane's size is not n, a table does not add up to 4096 or lacks a symbol of
-// its plane.
+// Encodes a group of planes of n primitives each (spec A.3). kUsage if there are more than
+// kRansPlanes, a plane's size is not n, or a table does not add up to 4096 or lacks a symbol of its
+// plane.
 Result<std::vector<std::uint8_t>> rans_encode(std::span<const RansPlane> planes, std::size_t n);
 
 struct RansBlock;  // rans_block.h
 
-// Decodes a group plane after plane, in the order in which they were given to rans_encode. Blocks
-// are decoded on several threads. One thread at a time may use an object.
+// Decodes a group plane by plane, in the order of encoding. Blocks are decoded on several threads.
+// One thread at a time may use an object.
 class RansGroupDecoder {
  public:
-  // Checks the group as rans_layout does; `bytes` must outlive the decoder. Takes about three times
-  // the memory of `bytes` at most. `scalar`: without the vector unit, for tests.
+  // Checks the group as rans_layout() does. `bytes` must outlive the decoder. Uses at most about
+  // three times the memory of `bytes`. `scalar`: do not use the vector unit; for tests.
   static Result<RansGroupDecoder> open(std::span<const std::uint8_t> bytes, std::size_t n,
                                        bool scalar = false);
   RansGroupDecoder(RansGroupDecoder&&) noexcept;
   RansGroupDecoder& operator=(RansGroupDecoder&&) noexcept;
   ~RansGroupDecoder();
 
-  // The n symbols of the next plane. Damaged bytes give some symbols of the table; finish() tells.
+  // Decodes the n symbols of the next plane. Damaged bytes give arbitrary symbols of the table;
+  // finish() detects them.
   void next_plane(const RansLookup& lookup, std::uint8_t* out);
 
-  // Whether every block has ended as it must after its last plane (spec A.5): all words read and no
-  // more, all states 2^16.
+  // Returns whether every block has ended correctly after its last plane (spec A.5): all words read
+  // and no more, all states 2^16.
   [[nodiscard]] bool finish() const;
 
  private:
@@ -82,7 +82,7 @@ class RansGroupDecoder {
   bool scalar_ = false;
 };
 
-// The name of the vector unit's instruction set that RansGroupDecoder uses.
+// Returns the name of the instruction set that RansGroupDecoder uses.
 const char* rans_vector_target();
 
 }  // namespace stgs

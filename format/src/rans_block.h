@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A block of a rANS group while it is decoded, shared by the scalar and the vector decoder.
+// Decoding state of a block of a rANS group, shared by the scalar and the vector decoder.
 #pragma once
 
 #include <cstddef>
@@ -11,16 +11,16 @@ namespace stgs {
 
 struct RansBlock {
   std::uint32_t state[kRansLanes] = {};
-  const std::uint8_t* next = nullptr;  // word to be read; little-endian, of any alignment
+  const std::uint8_t* next = nullptr;  // next word; little-endian, unaligned
   const std::uint8_t* end = nullptr;   // of the words
   std::size_t lanes = 0;
-  bool overrun = false;  // a word was wanted past the end; it counted as 0
+  bool overrun = false;  // a word past the end was requested; it reads as 0
   bool moved = false;    // next and end point into `tail`
-  // The last words, for a vector unit that loads more than it takes: fewer than 32, then zeros.
+  // The last words, fewer than 32, then zeros: the vector unit loads more words than it consumes.
   std::uint8_t tail[2 * 2 * kRansLanes] = {};
 };
 
-// One symbol of a lane.
+// Decodes one symbol of a lane.
 inline std::uint8_t rans_step(RansBlock& block, std::uint32_t& state, const RansLookup& lookup) {
   const std::uint32_t entry = lookup[state % kRansTotal];
   const std::uint32_t frequency = (entry >> kRansBits) % kRansTotal + 1;
@@ -39,8 +39,8 @@ inline std::uint8_t rans_step(RansBlock& block, std::uint32_t& state, const Rans
   return static_cast<std::uint8_t>(entry >> 24);
 }
 
-// Symbols [begin, count) of a block's plane; begin is a multiple of its lanes. Lanes of a step do
-// not depend on each other and take words in their order, so one after the other will do.
+// Decodes symbols [begin, count) of a block's plane; `begin` is a multiple of its lanes. Lanes are
+// independent and take words in their order, so they can be processed one after the other.
 inline void rans_decode_scalar(RansBlock& block, const RansLookup& lookup, std::size_t begin,
                                std::size_t count, std::uint8_t* out) {
   for (std::size_t first = begin; first < count; first += block.lanes) {
@@ -50,10 +50,10 @@ inline void rans_decode_scalar(RansBlock& block, const RansLookup& lookup, std::
   }
 }
 
-// The same from begin = 0, on the machine's vector unit.
+// As above from begin = 0, on the vector unit.
 void rans_decode_vector(RansBlock& block, const RansLookup& lookup, std::size_t count,
                         std::uint8_t* out);
-// Two whole blocks that follow each other, which is faster than one after the other.
+// Decodes two adjacent full blocks at once, which is faster than one after the other.
 void rans_decode_pair(RansBlock& first, RansBlock& second, const RansLookup& lookup,
                       std::uint8_t* out);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Encodes a group of planes: the decoder's steps backwards, from its last to its first.
+// Encoding a group of planes: the steps of the decoder in reverse order.
 #include <algorithm>
 #include <memory>
 
@@ -11,10 +11,10 @@ namespace {
 
 constexpr int kReciprocalBits = 44;
 
-// What a symbol does to a state.
+// The effect of a symbol on a state.
 struct Step {
-  // 2^44 / frequency, rounded up. Times a state below frequency * 2^20 it exceeds the exact
-  // quotient by less than 1 / frequency, so the whole part is exact, and it stays below 2^64.
+  // 2^44 / frequency, rounded up. Multiplied by a state below frequency * 2^20 it exceeds the exact
+  // quotient by less than 1 / frequency, so its integer part is exact; the product is below 2^64.
   std::uint64_t reciprocal = 0;
   std::uint32_t frequency = 0, start = 0;
 };
@@ -34,31 +34,32 @@ Steps steps_of(const RansTable& table) {
 
 Status check_plane(const RansPlane& plane, std::size_t index, std::size_t n) {
   if (plane.symbols.size() != n) {
-    return usage_error("plane {} has {} symbols for {} primitives", index, plane.symbols.size(), n);
+    return usage_error("plane {}: size mismatch (expected {} symbols, got {})", index, n,
+                       plane.symbols.size());
   }
   std::uint32_t sum = 0;
   for (const std::uint32_t f : plane.table->frequency) sum += f;
   if (sum != kRansTotal) {
-    return usage_error("plane {}: its frequencies add up to {}, not {}", index, sum, kRansTotal);
+    return usage_error("plane {}: frequencies add up to {} (expected {})", index, sum, kRansTotal);
   }
   std::array<bool, 256> used{};
   for (const std::uint8_t s : plane.symbols) used[s] = true;
   for (std::size_t s = 0; s < 256; ++s) {
     if (used[s] && plane.table->frequency[s] == 0)
-      return usage_error("plane {}: its table lacks the symbol {}", index, s);
+      return usage_error("plane {}: table lacks the symbol {}", index, s);
   }
   return {};
 }
 
-// Encodes `count` symbols onto the states, last first; words go before `words`. Returns where they
-// begin, of which the word before is overwritten too.
+// Encodes `count` symbols onto the states, last first. Words are written before `words`; returns
+// the first one. The word before it is overwritten too.
 std::uint16_t* encode_plane(const std::uint8_t* symbols, std::size_t count, const Steps& steps,
                             std::size_t lanes, std::uint32_t* states, std::uint16_t* words) {
   std::size_t lane = (count - 1) % lanes;
   for (std::size_t i = count; i-- > 0;) {
     const Step& step = steps[symbols[i]];
     std::uint32_t x = states[lane];
-    // Without a branch, which would be mispredicted half of the time.
+    // Branchless: a branch would be mispredicted half of the time.
     const std::uint32_t full = (x >> 20) >= step.frequency;
     words[-1] = static_cast<std::uint16_t>(x);
     words -= full;
@@ -75,7 +76,7 @@ struct CodedBlock {
   std::vector<std::uint16_t> words;
 };
 
-// `scratch` has room for a word a symbol and one more.
+// `scratch`: one word per symbol, plus one.
 CodedBlock encode_block(std::span<const RansPlane> planes, const std::vector<Steps>& steps,
                         std::size_t first, std::size_t count, std::span<std::uint16_t> scratch) {
   CodedBlock block;
@@ -94,7 +95,8 @@ CodedBlock encode_block(std::span<const RansPlane> planes, const std::vector<Ste
 
 Result<std::vector<std::uint8_t>> rans_encode(std::span<const RansPlane> planes, std::size_t n) {
   if (planes.size() > kRansPlanes) {
-    return usage_error("{} planes in a group, which holds {} at most", planes.size(), kRansPlanes);
+    return usage_error("too many planes in a group (expected at most {}, got {})", kRansPlanes,
+                       planes.size());
   }
   std::vector<Steps> steps(planes.size());
   for (std::size_t p = 0; p < planes.size(); ++p) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tables of the rANS coder: the best one for given counts, its cost, its bytes.
+// Tables of the rANS coder: optimal table for given counts, cost, serialisation.
 #include <algorithm>
 #include <bit>
 #include <limits>
@@ -9,15 +9,15 @@
 namespace stgs {
 namespace {
 
-constexpr int kLogBits = 28;  // after the point of a logarithm
+constexpr int kLogBits = 28;  // fractional bits of a logarithm
 
-// log2(f) for f of 1 to 4096, to kLogBits bits after the point.
+// log2(f) for f from 1 to 4096, with kLogBits fractional bits.
 constexpr auto kLog2 = [] {
   std::array<std::uint32_t, kRansTotal + 1> table{};
   for (std::uint32_t f = 1; f <= kRansTotal; ++f) {
     const int whole = std::bit_width(f) - 1;
     auto log = static_cast<std::uint32_t>(whole);
-    // Squaring doubles the logarithm of a mantissa in [1, 2), here with 63 bits after the point.
+    // Squaring doubles the logarithm of a mantissa in [1, 2), here with 63 fractional bits.
     std::uint64_t mantissa = std::uint64_t{f} << (63 - whole);
     for (int bit = 0; bit < kLogBits; ++bit) {
       const auto square = static_cast<unsigned __int128>(mantissa) * mantissa;
@@ -30,16 +30,18 @@ constexpr auto kLog2 = [] {
   return table;
 }();
 
-// Bits, times 2^kLogBits, that one more slot saves a symbol of this count and frequency.
+// Returns the bits, times 2^kLogBits, saved by one more slot for a symbol of this count and
+// frequency.
 std::uint64_t saving(std::uint32_t count, std::uint32_t frequency) {
   return std::uint64_t{count} * (kLog2[frequency + 1] - kLog2[frequency]);
 }
 
-// Frequencies near the counts' shares, each used one at least 1; their sum may be off by some.
+// Frequencies proportional to the counts, at least 1 for each symbol in use. Their sum may differ
+// from kRansTotal until adjusted.
 struct Fit {
-  std::array<std::uint32_t, 256> symbol{};  // those that are used
+  std::array<std::uint32_t, 256> symbol{};  // symbols in use
   std::array<std::uint32_t, 256> count{}, frequency{};
-  std::array<std::uint64_t, 256> gain{}, loss{};  // of one slot more, and of one less
+  std::array<std::uint64_t, 256> gain{}, loss{};  // of one slot more or less
   std::size_t used = 0;
   std::uint32_t sum = 0;
 
@@ -78,7 +80,7 @@ struct Fit {
   }
 };
 
-// Bits of a byte from its lowest on; numbers from their lowest bit on.
+// Writes numbers lowest bit first, into bytes lowest bit first.
 class BitWriter {
  public:
   explicit BitWriter(ByteWriter& out) : out_(out) {}
@@ -88,7 +90,7 @@ class BitWriter {
       if (++used_ == 8) flush();
     }
   }
-  // An exponential Golomb code of order k: short for values up to about 2^k.
+  // Exponential Golomb code of order k: short for values up to about 2^k.
   void put_golomb(std::uint32_t value, int k) {
     const std::uint32_t shifted = value + (1u << k);
     const int low = std::bit_width(shifted) - 1;
@@ -124,7 +126,7 @@ class BitReader {
     }
     return value;
   }
-  // A value below 4096, or 4096 where the bits say more than that.
+  // Returns a value below 4096, or 4096 if the code exceeds it.
   std::uint32_t get_golomb(int k) {
     int low = k;
     while (get(1) == 0) {
@@ -140,7 +142,7 @@ class BitReader {
   int left_ = 0;
 };
 
-// Order of the next frequency's code: neighbours are of a size.
+// Order of the code of the next frequency: neighbours have similar frequencies.
 int order_after(std::uint32_t frequency) {
   return std::bit_width(frequency) - 1;
 }
@@ -157,7 +159,7 @@ RansTable rans_table(std::span<const std::uint32_t, 256> counts) {
   }
   while (fit.sum < kRansTotal) fit.grow();
   while (fit.sum > kRansTotal) fit.shrink();
-  // The cost is convex: where no single slot is better elsewhere, no other table is better.
+  // The cost is convex: the table is optimal if moving a single slot does not improve it.
   while (fit.gain[fit.best_gain()] > fit.loss[fit.least_loss()]) {
     fit.shrink();
     fit.grow();
@@ -206,7 +208,7 @@ Result<RansTable> read_rans_table(ByteReader& in) {
   RansTable table;
   const std::size_t begin = in.position(), last = in.u8();
   const auto damaged = [&] {
-    return invalid_file("byte {} of the tables: no table of symbol frequencies", begin);
+    return invalid_file("invalid table of symbol frequencies at byte {}", begin);
   };
   BitReader bits(in);
   int order = kFirstOrder;
@@ -214,7 +216,7 @@ Result<RansTable> read_rans_table(ByteReader& in) {
   std::uint32_t left = kRansTotal;
   for (std::size_t s = 0; s < last; ++s) {
     const std::uint32_t f = bits.get_golomb(order) + (after_zeros ? 1u : 0u);
-    if (f >= left) return damaged();  // the last symbol needs one
+    if (f >= left) return damaged();  // the last symbol needs at least one slot
     table.frequency[s] = static_cast<std::uint16_t>(f);
     left -= f;
     after_zeros = f == 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decodes a block's plane with the machine's vector unit: a step of 32 lanes in one vector or in
-// several, whose states stay in registers over the plane.
+// Decoding a block's plane on the vector unit. A step of 32 lanes takes one or more vectors; the
+// states stay in registers throughout the plane.
 #include <algorithm>
 #include <cstring>
 
@@ -9,7 +9,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "rans_vector.cpp"
 #include <hwy/foreach_target.h>
-// After foreach_target.h, which includes this file once a target.
+// After foreach_target.h, which includes this file once per target.
 #include <hwy/highway.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -23,9 +23,9 @@ using StateVec = hn::Vec<States>;
 using StateMask = hn::Mask<States>;
 constexpr std::size_t kVectorLanes = hn::MaxLanes(States());
 constexpr std::size_t kVectors = kRansLanes / kVectorLanes;
-constexpr std::size_t kStepBytes = 2 * kRansLanes;  // of words, at most
+constexpr std::size_t kStepBytes = 2 * kRansLanes;  // of words per step, at most
 
-// Row m: for each lane in the bits of m, how many lower ones are.
+// Row m: for each lane, the number of lower lanes in the bit mask m.
 struct Ranks {
   HWY_ALIGN std::uint8_t row[256][8];
 };
@@ -41,12 +41,12 @@ constexpr Ranks kRanks = [] {
   return ranks;
 }();
 
-// The next words, dealt to the lanes of the mask in their order; anything in the others.
+// Distributes the next words to the lanes of the mask, in order. Other lanes are unspecified.
 HWY_INLINE StateVec deal_words(const std::uint8_t* next, StateMask mask) {
   const States d;
   const hn::Rebind<std::uint16_t, States> dw;
   HWY_ALIGN std::uint16_t words[kVectorLanes];
-  std::memcpy(words, next, sizeof words);  // of any alignment: a single load
+  std::memcpy(words, next, sizeof words);  // a single unaligned load
   const StateVec loaded = hn::PromoteTo(d, hn::Load(dw, words));
 #if HWY_TARGET <= HWY_AVX3 && HWY_ARCH_X86
   return StateVec{_mm512_maskz_expand_epi32(mask.raw, loaded.raw)};
@@ -64,9 +64,9 @@ HWY_INLINE StateVec deal_words(const std::uint8_t* next, StateMask mask) {
 #endif
 }
 
-// A symbol of each lane of x; returns where the words go on. The first `lanes` lanes take words,
-// or all where the block is whole.
-template <bool kWhole>
+// Decodes a symbol of each lane of x and returns the next word. The first `lanes` lanes take words;
+// in a full block all of them do.
+template <bool kFull>
 HWY_INLINE const std::uint8_t* step(StateVec& x, std::size_t lanes, const std::uint32_t* lookup,
                                     const std::uint8_t* next, std::uint8_t* out) {
   const States d;
@@ -78,14 +78,14 @@ HWY_INLINE const std::uint8_t* step(StateVec& x, std::size_t lanes, const std::u
   const StateVec quotient = hn::ShiftRight<kRansBits>(x);
   const StateVec less = hn::And(hn::ShiftRight<kRansBits>(entry), low);
   const StateVec y = hn::Add(hn::Mul(quotient, less), hn::Add(quotient, hn::And(entry, low)));
-  StateMask wants = hn::Eq(hn::ShiftRight<16>(y), hn::Zero(d));
-  if constexpr (!kWhole) wants = hn::And(wants, hn::FirstN(d, lanes));
-  const StateVec refilled = hn::Or(hn::ShiftLeft<16>(y), deal_words(next, wants));
-  x = hn::IfThenElse(wants, refilled, y);
-  return next + 2 * hn::CountTrue(d, wants);
+  StateMask refill = hn::Eq(hn::ShiftRight<16>(y), hn::Zero(d));
+  if constexpr (!kFull) refill = hn::And(refill, hn::FirstN(d, lanes));
+  const StateVec refilled = hn::Or(hn::ShiftLeft<16>(y), deal_words(next, refill));
+  x = hn::IfThenElse(refill, refilled, y);
+  return next + 2 * hn::CountTrue(d, refill);
 }
 
-// Makes 64 bytes readable from block.next on.
+// Makes 64 bytes readable at block.next.
 void move_to_tail(RansBlock& block) {
   const auto left = static_cast<std::size_t>(block.end - block.next);
   std::memcpy(block.tail, block.next, left);
@@ -94,18 +94,18 @@ void move_to_tail(RansBlock& block) {
   block.moved = true;
 }
 
-// Decodes whole steps of blocks that are alike in length until fewer symbols are left than the
-// vectors of one store; returns how many it has decoded. A store's bytes past a step's last lane
-// are the next step's to overwrite.
-template <bool kWhole, std::size_t kBlocks>
+// Decodes complete steps of blocks of equal length until fewer symbols are left than one store
+// writes. Returns the number decoded. Bytes stored past a step's last lane are overwritten by the
+// next step.
+template <bool kFull, std::size_t kBlocks>
 HWY_INLINE std::size_t decode_steps(RansBlock* const (&blocks)[kBlocks], const RansLookup& lookup,
                                     std::size_t count, std::uint8_t* const (&out)[kBlocks]) {
   const States d;
-  const std::size_t lanes = kWhole ? kRansLanes : blocks[0]->lanes;
-  const std::size_t vectors = kWhole ? kVectors : (lanes + kVectorLanes - 1) / kVectorLanes;
+  const std::size_t lanes = kFull ? kRansLanes : blocks[0]->lanes;
+  const std::size_t vectors = kFull ? kVectors : (lanes + kVectorLanes - 1) / kVectorLanes;
   StateVec x[kBlocks][kVectors];
   const std::uint8_t* next[kBlocks];
-  // The last place for a step to begin at: with 64 bytes to load, or no words that were missing.
+  // Last word at which a step may begin: 64 bytes must be readable, and no word may be missing.
   const std::uint8_t* last[kBlocks];
   for (std::size_t k = 0; k < kBlocks; ++k) {
     for (std::size_t v = 0; v < kVectors; ++v)
@@ -128,14 +128,14 @@ HWY_INLINE std::size_t decode_steps(RansBlock* const (&blocks)[kBlocks], const R
     for (; i + vectors * kVectorLanes <= count && in_reach(); i += lanes) {
       for (std::size_t v = 0; v < vectors; ++v) {
         for (std::size_t k = 0; k < kBlocks; ++k) {
-          next[k] = step<kWhole>(x[k][v], lanes - v * kVectorLanes, lookup.data(), next[k],
-                                 out[k] + i + v * kVectorLanes);
+          next[k] = step<kFull>(x[k][v], lanes - v * kVectorLanes, lookup.data(), next[k],
+                                out[k] + i + v * kVectorLanes);
         }
       }
     }
     for (std::size_t k = 0; k < kBlocks; ++k) {
       RansBlock& block = *blocks[k];
-      block.overrun = block.overrun || next[k] > block.end;  // what was taken past the end was 0
+      block.overrun = block.overrun || next[k] > block.end;  // words past the end were 0
       block.next = std::min(next[k], block.end);
     }
   }
@@ -156,10 +156,9 @@ void decode_plane(RansBlock& block, const RansLookup& lookup, std::size_t count,
   rans_decode_scalar(block, lookup, done, count, out);
 }
 
-// Two whole blocks one beside the other: while a step of one waits for its symbols, the other's
-// runs.
+// Decodes two full blocks in an interleaved way, which hides the latency of table lookups.
 void decode_pair(RansBlock& first, RansBlock& second, const RansLookup& lookup, std::uint8_t* out) {
-  if constexpr (kVectors <= 4) {  // their states fit the registers
+  if constexpr (kVectors <= 4) {  // the states of both fit into registers
     RansBlock* const blocks[2] = {&first, &second};
     std::uint8_t* const outs[2] = {out, out + kRansBlock};
     decode_steps<true>(blocks, lookup, kRansBlock, outs);

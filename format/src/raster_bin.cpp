@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tile lists: splats are put in depth order once, then dealt to the tiles that they touch, so that
-// each tile's list comes out in depth order.
+// Tile lists. Splats are sorted by depth once and then distributed to the tiles that they touch, so
+// that the list of each tile is in depth order.
 
 #include <array>
 #include <atomic>
@@ -17,18 +17,18 @@ namespace {
 
 using raster::PixelBox;
 
-// Splats a chunk of the dealing, so that there are at most 32 chunks (each counts every tile).
-// Chunks are joined in order, whichever thread dealt them.
+// Returns the number of splats per chunk of the distribution: at most 32 chunks, because each has a
+// counter per tile. Chunks are concatenated in order, whichever thread processed them.
 std::size_t chunk_size(std::size_t splats) {
   return std::max<std::size_t>(1024, (splats + 31) / 32);
 }
 
-// Entries of all tile lists, at most; a view that needs more is broken or hostile. An entry takes 4
-// bytes in its chunk's list, which has up to three times its size while it grows, and 4 in the
-// frame's, which are kept for the next call: together at most 1 GiB, and 12 bytes an entry after.
+// Greatest number of entries of all tile lists; a view that needs more is broken or hostile. An
+// entry takes 4 bytes in the list of its chunk, which is up to three times larger while it grows,
+// and 4 bytes in the frame: at most 1 GiB, of which up to 12 bytes per entry stay allocated.
 constexpr std::size_t kMaxInstances = std::size_t{1} << 26;
-// A chunk tells the others how much it has listed each time it has this much more.
-constexpr std::size_t kTell = std::size_t{1} << 18;
+// Entries after which a chunk updates the shared count.
+constexpr std::size_t kReportInterval = std::size_t{1} << 18;
 
 // Stable radix sort of 0..n-1 by depth; depths are positive, so their bits ascend with them.
 void sort_by_depth(const std::vector<Splat>& splats, SplatFrame::Scratch& s) {
@@ -59,8 +59,8 @@ void sort_by_depth(const std::vector<Splat>& splats, SplatFrame::Scratch& s) {
   }
 }
 
-// Least d' conic d on the segment where one offset is `fixed` and the other in [low, high], less
-// the rounding error that the blend may make there. `along` is the conic's entry of the free
+// Returns the minimum of d' conic d on the segment where one offset is `fixed` and the other is in
+// [low, high], minus the rounding error of the blend. `along` is the conic's entry of the free
 // offset.
 float edge_minimum(float across, float cross, float along, float fixed, float low, float high) {
   const float free = std::clamp(-cross * fixed / along, low, high);
@@ -68,7 +68,7 @@ float edge_minimum(float across, float cross, float along, float fixed, float lo
   return a + b + c - 1e-6f * (a + b + std::abs(c));
 }
 
-// Whether any point of the rectangle of the box's pixel centres lies in the splat's ellipse.
+// Returns whether the rectangle of the box's pixel centres intersects the splat's ellipse.
 bool ellipse_meets(const Splat& s, const PixelBox& box) {
   const float x0 = static_cast<float>(box.x0) + 0.5f - s.mean.x;
   const float x1 = static_cast<float>(box.x1) - 0.5f - s.mean.x;
@@ -77,7 +77,7 @@ bool ellipse_meets(const Splat& s, const PixelBox& box) {
   const float q = 2.0f * s.reach + 1e-4f;
   const bool in_x = x0 <= 0.0f && x1 >= 0.0f, in_y = y0 <= 0.0f && y1 >= 0.0f;
   if (in_x && in_y) return true;
-  // A convex form is least on an edge that faces its centre.
+  // The minimum of a convex form is on an edge that faces its centre.
   if (!in_x && edge_minimum(s.conic.xx, s.conic.xy, s.conic.yy, x0 > 0.0f ? x0 : x1, y0, y1) <= q)
     return true;
   return !in_y &&
@@ -110,18 +110,19 @@ void bin(SplatFrame& frame) {
   if (scratch.bin_chunks.size() < chunks) scratch.bin_chunks.resize(chunks);
   scratch.counts.assign(chunks * tiles, 0);
 
-  // Each chunk lists for each splat the number of its tiles, then the tiles, and counts by tile.
+  // Each chunk lists, for each splat, the number of its tiles and the tiles; it also counts per
+  // tile.
   std::atomic<std::size_t> listed{0};
   parallel_for(std::size_t{0}, chunks, [&](std::size_t c) {
     auto& list = scratch.bin_chunks[c];
     std::uint32_t* counts = scratch.counts.data() + c * tiles;
     list.clear();
     const std::size_t end = std::min(frame.splats.size(), (c + 1) * chunk);
-    std::size_t told = 0;
+    std::size_t reported = 0;
     for (std::size_t k = c * chunk; k < end; ++k) {
-      if (list.size() - told > kTell) {
-        if (listed.fetch_add(list.size() - told) > kMaxInstances) return;
-        told = list.size();
+      if (list.size() - reported > kReportInterval) {
+        if (listed.fetch_add(list.size() - reported) > kMaxInstances) return;
+        reported = list.size();
       }
       const std::size_t head = list.size();
       list.push_back(0);
@@ -131,16 +132,16 @@ void bin(SplatFrame& frame) {
       });
       list[head] = static_cast<std::uint32_t>(list.size() - head - 1);
     }
-    listed.fetch_add(list.size() - told);
+    listed.fetch_add(list.size() - reported);
   });
   if (listed > kMaxInstances) {
     scratch.bin_chunks.clear();
     throw std::length_error(
-        "the view's splats touch more tiles than a frame can list (2^26); draw a "
-        "smaller picture");
+        "tile lists exceed 2^26 entries: the splats of this view are too large; render at a lower "
+        "resolution");
   }
 
-  // Counts become each chunk's first place in each tile's list.
+  // Turns counts into the first position of each chunk in the list of each tile.
   std::uint32_t total = 0;
   frame.tile_begin.resize(tiles + 1);
   for (std::size_t tile = 0; tile < tiles; ++tile) {
@@ -152,7 +153,7 @@ void bin(SplatFrame& frame) {
     }
   }
   frame.tile_begin[tiles] = total;
-  // Not grown by doubling, and not beside the old ones.
+  // Frees the old entries first, and allocates exactly the new size.
   if (frame.instances.capacity() < total) std::vector<std::uint32_t>().swap(frame.instances);
   frame.instances.resize(total);
   parallel_for(std::size_t{0}, chunks, [&](std::size_t c) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Blending, tile by tile; the scalar kernel is the reference rendering.
+// Blending tile by tile. The scalar kernel is the reference rendering.
 #include <cmath>
 #include <numeric>
 
@@ -28,11 +28,9 @@ Splat halved(const Splat& s) {
   out.mean = {0.5f * s.mean.x, 0.5f * s.mean.y};
   out.conic = shape.conic;
   out.opacity = s.opacity * shape.scale;
-  // Half the box, by 1/16 of variance in these pixels wider, whatever the splat's own.
+  // Half the box, widened by a variance of 1/16 pixels^2, whatever the splat's own variance.
   const float reach = 2.0f * std::max(s.reach, 1e-6f);
-  const auto extent = [reach](float whole) {
-    return 0.5f * std::sqrt(whole * whole + 0.25f * reach);
-  };
+  const auto extent = [reach](float full) { return 0.5f * std::sqrt(full * full + 0.25f * reach); };
   out.extent = {extent(s.extent.x), extent(s.extent.y)};
   out.reach = std::log(std::max(out.opacity / math::kAlphaThreshold, 1e-30f));
   return out;
@@ -59,7 +57,7 @@ TileWork::TileWork(const SplatFrame& frame, const RasterSettings& settings, int 
 
 namespace {
 
-// What a pixel gathers.
+// Sums of a pixel.
 struct Gathered {
   float transmittance = 1.0f, depth = 0.0f;
   math::Vec3 colour{0.0f, 0.0f, 0.0f};

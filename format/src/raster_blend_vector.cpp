@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Blends a tile with the machine's vector unit: splat after splat, each over the rows and columns
-// of its box, many pixels of a row at once.
+// Blending a tile on the vector unit: splat by splat, each over the rows and columns of its box,
+// with several pixels of a row at once.
 #include <algorithm>
 #include <cmath>
 
@@ -9,7 +9,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "raster_blend_vector.cpp"
 #include <hwy/foreach_target.h>
-// After foreach_target.h, which includes this file once a target.
+// After foreach_target.h, which includes this file once per target.
 #include "stgs/format/raster_simd-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -18,11 +18,11 @@ namespace {
 
 using IntRow = hn::RebindToSigned<Row>;
 
-// List entries between a splat's fetch and its use.
+// List entries between prefetching a splat and using it.
 constexpr int kAhead = 6;
 
-// State of a tile's pixels. A pixel that is finished has its transmittance negated, so that no
-// splat passes the test against kTransmittanceMin any more.
+// State of a tile's pixels. The transmittance of a finished pixel is negated, so that no further
+// splat passes the test against kTransmittanceMin.
 struct Tile {
   HWY_ALIGN float transmittance[kTileSize * kTileSize];
   HWY_ALIGN float red[kTileSize * kTileSize];
@@ -30,7 +30,7 @@ struct Tile {
   HWY_ALIGN float blue[kTileSize * kTileSize];
   HWY_ALIGN float depth[kTileSize * kTileSize];
   HWY_ALIGN std::int32_t last[kTileSize * kTileSize];
-  std::uint32_t rows_left;  // bit y: a pixel of row y is not finished
+  std::uint32_t rows_left;  // bit y: row y has unfinished pixels
 
   void begin(int width, int height) {
     for (float* sum : {red, green, blue, depth}) std::fill_n(sum, kTileSize * kTileSize, 0.0f);
@@ -52,19 +52,19 @@ struct Tile {
   }
 };
 
-// Adds list entry k-1, the splat s, to one vector of row y. Whether a pixel was finished by it.
+// Blends splat s, list entry k - 1, into one vector of row y. Returns whether it finished a pixel.
 HWY_INLINE bool blend_row(const RowSplat& r, const Splat& s, int k, int y, int at, Tile& tile) {
   const Row d;
   const IntRow di;
   const RowVec log2 = row_log2(r, row_offset(r, y));
-  const RowMask seen = row_seen(log2);
-  if (hn::AllFalse(d, seen)) return false;
+  const RowMask visible = row_seen(log2);
+  if (hn::AllFalse(d, visible)) return false;
   const RowVec alpha = hn::Min(hn::Set(d, math::kAlphaMax), exp2_of(log2));
   const RowVec left = hn::Load(d, tile.transmittance + at);
   const RowVec next = hn::NegMulAdd(alpha, left, left);
   const RowMask enough = hn::Ge(next, hn::Set(d, math::kTransmittanceMin));
-  const RowMask drawn = hn::And(seen, enough);
-  const RowVec weight = hn::IfThenElseZero(drawn, hn::Mul(alpha, left));
+  const RowMask blended = hn::And(visible, enough);
+  const RowVec weight = hn::IfThenElseZero(blended, hn::Mul(alpha, left));
   const auto add = [&](float* sum, float value) HWY_ATTR {
     hn::Store(hn::MulAdd(weight, hn::Set(d, value), hn::Load(d, sum + at)), d, sum + at);
   };
@@ -73,9 +73,9 @@ HWY_INLINE bool blend_row(const RowSplat& r, const Splat& s, int k, int y, int a
   add(tile.blue, s.colour.z);
   add(tile.depth, s.depth);
   const auto last = hn::Load(di, tile.last + at);
-  hn::Store(hn::IfThenElse(hn::RebindMask(di, drawn), hn::Set(di, k), last), di, tile.last + at);
-  const RowMask stopped = hn::And(hn::AndNot(enough, seen), hn::Gt(left, hn::Zero(d)));
-  hn::Store(hn::IfThenElse(drawn, next, hn::IfThenElse(stopped, hn::Neg(left), left)), d,
+  hn::Store(hn::IfThenElse(hn::RebindMask(di, blended), hn::Set(di, k), last), di, tile.last + at);
+  const RowMask stopped = hn::And(hn::AndNot(enough, visible), hn::Gt(left, hn::Zero(d)));
+  hn::Store(hn::IfThenElse(blended, next, hn::IfThenElse(stopped, hn::Neg(left), left)), d,
             tile.transmittance + at);
   return !hn::AllFalse(d, stopped);
 }

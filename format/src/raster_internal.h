@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The blend's kernels: the reference, and the machine's vector unit.
+// The blending kernels: scalar reference and vector unit.
 #pragma once
 
 #include <string>
@@ -9,16 +9,16 @@
 
 namespace stgs::raster {
 
-// What a tile is drawn from: at half resolution (RasterSettings::fovea) as a tile of a picture of
-// half the size, 8 x 8 of its pixels.
+// The input of blending a tile. At half resolution (RasterSettings::fovea) it is a tile of an image
+// of half the size, with 8 x 8 pixels.
 class TileWork {
  public:
   TileWork(const SplatFrame& frame, const RasterSettings& settings, int tile);
 
-  PixelBox pixels;      // of the picture, which are written
-  PixelBox box;         // of what is drawn: the same, or of the picture of half the size
+  PixelBox pixels;      // pixels of the output image to write
+  PixelBox box;         // pixels to render: the same, or those of the half-size image
   int halvings = 0;     // 0 or 1
-  const Splat* splats;  // as box sees them
+  const Splat* splats;  // in the coordinates of `box`
   const std::uint32_t* list;
   int count;
 
@@ -31,6 +31,7 @@ void blend_tile_scalar(const SplatFrame& frame, const RasterSettings& settings, 
                        RasterOutput& output);
 void blend_tile_vector(const SplatFrame& frame, const RasterSettings& settings, int tile,
                        RasterOutput& output);
+// Returns the name of the instruction set of blend_tile_vector().
 std::string blend_vector_target();
 
 }  // namespace stgs::raster

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Slice at t: motion, visibility, culling, projection and colour of each primitive.
+// Slicing at time t: motion, visibility, culling, projection and colour of each primitive.
 
 #include <algorithm>
 #include <cmath>
@@ -16,12 +16,13 @@ using namespace math;
 using raster::read3;
 using raster::View;
 
-// Primitives a block: the unit of parallel work, and of the order in which results are joined.
+// Primitives per block, the unit of parallel work. Results are concatenated in block order.
 constexpr std::size_t kBlock = 1024;
-// ln(1/threshold) and twice it, rounded up: the farthest that anything is drawn, in time and space.
+// ln(1/threshold), rounded up: bounds the visible range in time; twice it bounds the range in
+// space.
 constexpr float kReachMax = 5.55f;
 
-// False where the distance or a sum of the harmonics is not finite (representation 4.6).
+// Evaluates the SH. Returns false if the distance or a sum is not finite (representation 4.6).
 bool colour_of(const float* sh, int coefficients, Vec3 from_camera, Vec3& colour) {
   const float square = dot3(from_camera, from_camera);
   const float n = 1.0f / std::sqrt(square);
@@ -37,12 +38,12 @@ bool colour_of(const float* sh, int coefficients, Vec3 from_camera, Vec3& colour
          std::isfinite(sum.z);
 }
 
-// Whether a ball around the Gaussian at camera point c projects outside the image: the test that
-// needs one exponential, before the exact one that needs the covariance.
+// Returns whether a ball around the Gaussian at camera point c projects outside the image. Takes
+// one exponential; the exact test needs the covariance.
 bool surely_outside(const PinholeCamera& camera, Vec3 c, float log_scale_max) {
   const ProjectionRows rows = projection_rows(camera, c);
   const float s = std::exp(log_scale_max);
-  // 2.02: twice the largest reach, and one per cent over for rounding.
+  // 2.02: twice the largest reach, plus one percent for rounding.
   const float q = 2.02f * kReachMax;
   const Vec2 extent{std::sqrt(q * (s * s * dot3(rows.u, rows.u) + kScreenBlur)),
                     std::sqrt(q * (s * s * dot3(rows.v, rows.v) + kScreenBlur))};
@@ -50,7 +51,7 @@ bool surely_outside(const PinholeCamera& camera, Vec3 c, float log_scale_max) {
   return outside_image(camera, mean, extent);
 }
 
-// The splat of primitive i, cheapest tests first; false where it is not visible.
+// Computes the splat of primitive i, cheapest tests first. Returns false if it is not visible.
 bool make_splat(const Gaussians4D& set, std::size_t i, const View& view, Splat& out) {
   const auto dt = static_cast<float>(view.t - set.time[i]);
   const float sigma = set.sigma[i], radius = set.radius[i];

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is complete of a recording on disk (spec 5.12), for going on with it and for finishing it.
+// The complete content of a recording on disk (spec 5.12), for resuming and finalizing it.
 #pragma once
 
 #include <cstdint>
@@ -10,29 +10,29 @@
 
 namespace stgs {
 
-// What the index tells of an appended stretch.
-struct Stretch {
+// The data of one append: segment records followed by the FRAG record that lists them.
+struct Fragment {
   PartEntry part;
   std::vector<SegmentEntry> segments;  // of part 0
   std::vector<AttributeBytes> attributes;
   std::uint64_t primitives = 0;
-  std::uint64_t fragment = 0, fragment_bytes = 0;  // its FRAG record
+  std::uint64_t record_offset = 0, record_bytes = 0;  // of its FRAG record
 };
 
-// What a recorder knew when it had written these complete fragments. Of attributes it is enough to
-// know what each fragment of the index lists: a later one lists several of them, or none.
-std::vector<Stretch> stretches_of(const FileHead& head);
+// Returns the complete fragments of a recording. Attribute totals are exact for each FRAG record of
+// the index: of the fragments it lists, the first has the total and the others have zeros.
+std::vector<Fragment> fragments_of(const FileHead& head);
 
-// The stored bytes of a record, checked.
+// Reads the stored bytes of a record and verifies them.
 bool copy_record(const ByteSource& source, const IndexEntry& entry,
                  std::vector<std::uint8_t>& bytes, Findings& findings);
 
-// What is complete of a recording that is to be gone on with: kUsage where it is finished,
-// kInvalidFile where its index is damaged, kUnsupported where another program laid it out.
+// Reads the complete content of a recording that is to be resumed. kUsage if it is finished,
+// kInvalidFile if its index is damaged, kUnsupported if another program laid it out.
 Result<FileHead> read_resumable(const ByteSource& source);
-// What is complete of a recording, without a last fragment none of whose records reached the disk;
-// `losses` receives what opening it finds, and that fragment's segments. kUsage where the file is
-// no recording.
-Result<FileHead> read_recording(const ByteSource& source, DamageReport& losses);
+// Reads the complete content of a recording, without a last fragment of which no record reached the
+// disk. `report` receives the problems found when opening, and the segments of that fragment.
+// kUsage if the file is not a recording.
+Result<FileHead> read_recording(const ByteSource& source, DamageReport& report);
 
 }  // namespace stgs

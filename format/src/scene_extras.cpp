@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a file holds that a Scene does not.
+// Content of a file that a Scene cannot represent.
 #include <algorithm>
 #include <exception>
 #include <map>
@@ -14,9 +14,9 @@
 namespace stgs {
 namespace {
 
-constexpr std::uint64_t kMostName = 256;  // bytes of a name that are looked at
+constexpr std::uint64_t kMaxNameBytes = 256;  // longer names are not shown
 
-// A name of the file's that stands within a line.
+// Makes a name from the file safe for a line of text.
 std::string in_line(std::string name) {
   std::replace_if(
       name.begin(), name.end(), [](unsigned char c) { return c < 0x20 || c == 0x7F; }, '?');
@@ -30,7 +30,7 @@ std::string private_name(const FileHead& head, PrivateKind kind, int number) {
   return "";
 }
 
-// The text at the beginning of `in`, as far as it is there and within kMostName.
+// Returns the text at the beginning of `in`, quoted; "" if it is incomplete.
 std::string quoted(ByteReader in) {
   const std::string text = in.string();
   return in.ok() && !text.empty() ? " '" + in_line(text) + "'" : "";
@@ -54,11 +54,12 @@ class Extras {
     find_attributes();
     if (head_.metadata.profile_number >= kFirstPrivate) {
       lines_.push_back(
-          fmt::format("the private profile {:#x}{}", head_.metadata.profile_number,
+          fmt::format("private profile {:#x}{}", head_.metadata.profile_number,
                       private_name(head_, PrivateKind::kProfile, head_.metadata.profile_number)));
     }
     for (const auto& [name, total] : found_) {
-      lines_.push_back(fmt::format("{}: {} record(s), {} bytes", name, total.records, total.bytes));
+      lines_.push_back(fmt::format("{}: {} {}, {} bytes", name, total.records,
+                                   total.records == 1 ? "record" : "records", total.bytes));
     }
     return std::move(lines_);
   }
@@ -75,14 +76,14 @@ class Extras {
     total.bytes += bytes;
   }
 
-  // Records of segments that are no primitives (spec 5.13).
+  // Finds further records of segments (spec 5.13).
   Status find_further() {
     for (const FurtherEntry& further : head_.index.further) {
       const IndexEntry& entry = further.entry;
       if (!head_.has(entry)) continue;
       const int content = content_of(entry.layer);
       constexpr std::uint64_t kBefore = kRecordHeaderBytes + 8 + 2 * 8;
-      std::vector<std::uint8_t> bytes(std::min(entry.bytes, kBefore + kMostName));
+      std::vector<std::uint8_t> bytes(std::min(entry.bytes, kBefore + kMaxNameBytes));
       STGS_TRY(source_.read(entry.offset, bytes));
       std::string kind;
       if (content >= kFirstPrivateContent && bytes.size() > kBefore) {
@@ -95,10 +96,10 @@ class Extras {
     return {};
   }
 
-  // Records that are not critical, but for those that a Scene has.
+  // Finds non-critical records, except those that a Scene represents.
   Status find_records(const ByteSource& source, std::uint64_t at, std::uint64_t end) {
     while (at < end && end - at >= kRecordHeaderBytes) {
-      std::vector<std::uint8_t> bytes(std::min(end - at, kRecordHeaderBytes + kMostName));
+      std::vector<std::uint8_t> bytes(std::min(end - at, kRecordHeaderBytes + kMaxNameBytes));
       STGS_TRY(source.read(at, bytes));
       Findings damaged;
       RecordHeader record;
@@ -108,8 +109,8 @@ class Extras {
                         record.tag == kImportanceTag || record.tag == kCopyTag;
       if ((record.flags & kCritical) == 0 && !ours) {
         const auto payload = std::span<const std::uint8_t>(bytes).subspan(
-            kRecordHeaderBytes, std::min<std::uint64_t>(record.length, kMostName));
-        const bool is_private = (record.tag & 0x20) != 0;  // its first letter is small, spec 3.5
+            kRecordHeaderBytes, std::min<std::uint64_t>(record.length, kMaxNameBytes));
+        const bool is_private = (record.tag & 0x20) != 0;  // first letter is lower case, spec 3.5
         count(fmt::format("'{}'{}", tag_text(record.tag),
                           is_private ? quoted(ByteReader(payload)) : std::string()),
               size);
@@ -119,7 +120,7 @@ class Extras {
     return {};
   }
 
-  // Optional and private streams of the layouts (spec 6.5), those of records of their own too.
+  // Finds optional and private streams in the layouts of the file and of records (spec 6.5).
   void find_attributes() {
     std::set<std::uint16_t> found;
     std::mutex mutex;
@@ -137,10 +138,10 @@ class Extras {
       read_segment(source_, head_, static_cast<std::uint32_t>(i), true, records, damaged);
       const std::lock_guard lock(mutex);
       take(records.base.own);
-      take(records.harmonics.own);
+      take(records.sh.own);
     });
     for (const std::uint16_t attribute : found) {
-      lines_.push_back(fmt::format("the attribute {:#x}{} of primitives", attribute,
+      lines_.push_back(fmt::format("primitive attribute {:#x}{}", attribute,
                                    private_name(head_, PrivateKind::kAttribute, attribute)));
     }
   }

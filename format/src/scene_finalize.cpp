@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording as a file with its index in the head: all of its records but those of the index are
-// copied as they are, those that this version does not know, or that are damaged, too.
+// Conversion of a recording to a file with its index in the head. All records except those of the
+// index are copied unchanged, including unknown and damaged ones.
 #include <algorithm>
 #include <exception>
 #include <set>
 
 #include "bytes.h"
-#include "lost_records.h"
+#include "damage_count.h"
 #include "recording.h"
 #include "stgs/format/output_file.h"
 #include "stgs/format/scene_recorder.h"
@@ -15,9 +15,9 @@ namespace stgs {
 namespace {
 
 constexpr std::uint64_t kFramesAt = 8, kBoundsAt = 32;  // in META's payload, spec 4.2
-constexpr std::uint64_t kPiece = 1 << 20;               // of what is copied at a time
+constexpr std::uint64_t kCopyBytes = 1 << 20;           // copied at a time
 
-// The records of the index, in the order of the file.
+// A record listed in the index.
 struct IndexedRecord {
   IndexEntry entry;
   std::uint32_t part = 0;
@@ -27,7 +27,7 @@ std::vector<IndexedRecord> indexed_records(const FileIndex& index) {
   std::vector<IndexedRecord> out;
   for (const SegmentEntry& segment : index.segments) {
     out.push_back({segment.base, segment.part, &segment});
-    if (segment.harmonics.bytes > 0) out.push_back({segment.harmonics, segment.part, &segment});
+    if (segment.sh.bytes > 0) out.push_back({segment.sh, segment.part, &segment});
   }
   for (const FurtherEntry& further : index.further) {
     out.push_back({further.entry, further.part, nullptr});
@@ -41,15 +41,15 @@ std::vector<IndexedRecord> indexed_records(const FileIndex& index) {
 Status copy(const ByteSource& source, const RecordArea& area, OutputFile& file) {
   std::vector<std::uint8_t> bytes;
   for (std::uint64_t at = area.begin; at < area.end; at += bytes.size()) {
-    bytes.resize(std::min(kPiece, area.end - at));
+    bytes.resize(std::min(kCopyBytes, area.end - at));
     STGS_TRY(source.read(at, bytes));
     STGS_TRY(file.write(bytes));
   }
   return {};
 }
 
-// A finished file with the copy of its damaged head in its place.
-Status mend(const ByteSource& source, const FileHead& head, const std::string& output) {
+// Writes a finished file with its damaged head replaced by the copy.
+Status repair_head(const ByteSource& source, const FileHead& head, const std::string& output) {
   OutputFile file;
   STGS_TRY(file.open(output));
   STGS_TRY(file.write(head.repaired));
@@ -60,8 +60,8 @@ Status mend(const ByteSource& source, const FileHead& head, const std::string& o
 // Copies the records of a recording to a file.
 class Finalizer {
  public:
-  Finalizer(const ByteSource& source, FileHead& head, DamageReport& losses)
-      : source_(source), head_(head), losses_(losses), records_(indexed_records(head.index)) {}
+  Finalizer(const ByteSource& source, FileHead& head, DamageReport& report)
+      : source_(source), head_(head), report_(report), records_(indexed_records(head.index)) {}
 
   Status write(const std::string& output) {
     STGS_TRY(plan());
@@ -79,15 +79,15 @@ class Finalizer {
     STGS_TRY(file.write(head.head));
     STGS_TRY(write_body(file));
     STGS_TRY(file.write(head.copy));
-    if (head_.index.primitives > 0 && lost_primitives_ == head_.index.primitives) {
-      return losses_.reason;
+    if (head_.index.primitives > 0 && unreadable_primitives_ == head_.index.primitives) {
+      return report_.reason;
     }
-    join_moments(losses_);
+    merge_ranges(report_);
     return file.commit();
   }
 
  private:
-  // What stands between the records of the index, and with that the skips of the parts.
+  // Finds the records between those of the index, and sets the skips of the parts.
   Status plan() {
     for (PartEntry& part : head_.parts) part.skip = 0;
     std::uint64_t at = head_.header.head_bytes;
@@ -100,9 +100,8 @@ class Finalizer {
     return plan_others(at, head_.header.file_bytes).status();
   }
 
-  // The records of [at, end) that are not critical: FRAG is, and so are segments that a damaged
-  // fragment has lost. The copy of the head is another one now. Behind a header that is damaged
-  // there is nothing to be found.
+  // Adds the non-critical records of [at, end). Critical ones are FRAG, and segments lost with a
+  // damaged fragment. COPY is written anew. Records after a damaged header cannot be located.
   Result<std::uint64_t> plan_others(std::uint64_t at, std::uint64_t end) {
     std::uint64_t found = 0;
     while (end - at >= kRecordHeaderBytes) {
@@ -111,7 +110,7 @@ class Finalizer {
       Findings damaged;
       RecordHeader record;
       if (!parse_record_header(bytes, at, end, record, damaged)) {
-        tell_left_out(record, at, end, damaged);
+        report_omitted(record, at, end, damaged);
         break;
       }
       const std::uint64_t size = kRecordHeaderBytes + record.length;
@@ -125,17 +124,17 @@ class Finalizer {
     return found;
   }
 
-  // A damaged header, unless it is a fragment's that nothing follows.
-  void tell_left_out(const RecordHeader& record, std::uint64_t at, std::uint64_t end,
-                     Findings& damaged) {
+  // Reports a damaged record header, unless it is that of a final FRAG record.
+  void report_omitted(const RecordHeader& record, std::uint64_t at, std::uint64_t end,
+                      Findings& damaged) {
     if (record.tag == kFragmentTag && record.length == end - at - kRecordHeaderBytes) return;
     for (Issue& issue : damaged.take()) {
-      issue.message += fmt::format("; it and what follows up to byte {} is left out", end);
-      losses_.damage.push_back(std::move(issue));
+      issue.message += fmt::format("; omitting all content up to byte {}", end);
+      report_.damage.push_back(std::move(issue));
     }
   }
 
-  // All records of the head, META with the last fragment's frames and bounds.
+  // Reads all records of the head, with the last fragment's frames and bounds in META.
   Status read_head_records(std::vector<std::uint8_t>& out) const {
     STGS_ASSIGN(out, read_head_bytes(source_, head_));
     out.erase(out.begin(), out.begin() + kHeaderBytes);
@@ -184,50 +183,50 @@ class Finalizer {
     return {};
   }
 
-  // A damaged record: readers show what the others hold.
+  // Adds a damaged record to the report.
   void count(const IndexedRecord& record, const Status& status) {
     if (record.segment == nullptr) {
-      ++losses_.further;
+      ++report_.further;
       const Interval interval = interval_of(head_, record.entry, record.part);
       const double begin = head_.parts[record.part].begin;
-      return count_lost(losses_, {begin + interval.begin, begin + interval.end}, record.entry.bytes,
-                        status);
+      return count_damage(report_, {begin + interval.begin, begin + interval.end},
+                          record.entry.bytes, status);
     }
     const SegmentEntry& segment = *record.segment;
     const Interval shown = shown_of(head_, segment);
     std::uint64_t bytes = record.entry.bytes;
     if (record.entry.offset == segment.base.offset) {
-      lost_bases_.insert(record.segment);
-      ++losses_.segments;
-      lost_primitives_ += segment.base.primitives;
-      losses_.primitives += segment.base.primitives;
-      bytes += segment.harmonics.bytes;  // which are nothing without it
-    } else if (lost_bases_.count(record.segment) == 0) {
-      ++losses_.harmonics;
+      unreadable_bases_.insert(record.segment);
+      ++report_.segments;
+      unreadable_primitives_ += segment.base.primitives;
+      report_.primitives += segment.base.primitives;
+      bytes += segment.sh.bytes;  // useless without the base record
+    } else if (unreadable_bases_.count(record.segment) == 0) {
+      ++report_.segments_without_sh;
     } else {
       return;
     }
-    count_lost(losses_, {shown.begin, shown.end}, bytes, status);
+    count_damage(report_, {shown.begin, shown.end}, bytes, status);
   }
 
   const ByteSource& source_;
   FileHead& head_;
-  DamageReport& losses_;
-  std::set<const SegmentEntry*> lost_bases_;
-  std::uint64_t lost_primitives_ = 0;
+  DamageReport& report_;
+  std::set<const SegmentEntry*> unreadable_bases_;
+  std::uint64_t unreadable_primitives_ = 0;
   std::vector<IndexedRecord> records_;
-  std::vector<RecordArea> others_;  // between and behind them
+  std::vector<RecordArea> others_;  // records between and after them
   std::uint64_t body_bytes_ = 0;
 };
 
 }  // namespace
 
 Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& output,
-                      DamageReport& losses) {
+                      DamageReport& report) {
   try {
-    STGS_ASSIGN(FileHead head, read_recording(*recording, losses));
-    if (!head.growing()) return mend(*recording, head, output);
-    return Finalizer(*recording, head, losses).write(output);
+    STGS_ASSIGN(FileHead head, read_recording(*recording, report));
+    if (!head.growing()) return repair_head(*recording, head, output);
+    return Finalizer(*recording, head, report).write(output);
   } catch (const std::exception& e) {
     return Status(code_of(e), fmt::format("{}: {}", recording->name(), e.what()));
   }

@@ -16,11 +16,11 @@ using N = IssueNumber;
 std::vector<SegmentInfo> segments_from(const FileHead& head) {
   std::vector<SegmentInfo> out;
   for (const SegmentEntry& segment : head.index.segments) {
-    const IndexEntry &base = segment.base, &harmonics = segment.harmonics;
+    const IndexEntry &base = segment.base, &sh = segment.sh;
     const Interval interval = shown_of(head, segment);
     out.push_back({base.level, interval.begin, interval.end, base.primitives, base.offset,
-                   base.bytes, segment.part, tier_of(base.layer), harmonics.offset, harmonics.bytes,
-                   head.has(base), head.has(harmonics)});
+                   base.bytes, segment.part, tier_of(base.layer), sh.offset, sh.bytes,
+                   head.has(base), head.has(sh)});
   }
   return out;
 }
@@ -34,13 +34,13 @@ std::vector<ScenePart> parts_from(const FileHead& head) {
   return out;
 }
 
-// Up to where nothing is missing.
+// Returns the time up to which nothing is missing.
 double complete_ticks_of(const FileHead& head, const std::vector<SegmentInfo>& segments) {
   double ticks = head.metadata.scene.frames;
-  for (const LostFragment& lost : head.lost) ticks = std::min(ticks, lost.range.begin);
+  for (const LostFragment& lost : head.lost_fragments) ticks = std::min(ticks, lost.range.begin);
   for (const SegmentInfo& segment : segments) {
-    const bool whole = segment.available && segment.sh_available;
-    if (segment.is_shown() && !whole) ticks = std::min(ticks, segment.begin_ticks);
+    const bool complete = segment.available && segment.sh_available;
+    if (segment.is_shown() && !complete) ticks = std::min(ticks, segment.begin_ticks);
   }
   return ticks;
 }
@@ -78,27 +78,25 @@ class Reader final : public SceneReader {
   std::uint64_t missing_bytes() const override {
     return head_.header.file_bytes - std::min(head_.available_bytes, head_.header.file_bytes);
   }
-  const std::vector<LostFragment>& lost_fragments() const override { return head_.lost; }
+  const std::vector<LostFragment>& lost_fragments() const override { return head_.lost_fragments; }
   double complete_ticks() const override { return complete_ticks_; }
 
   Result<bool> refresh() override {
     if (head_.closed) return false;
     try {
-      const std::uint64_t kept = head_.header.file_bytes;
-      STGS_ASSIGN(const ByteSource::Change change, source_->refresh(kept));
+      const std::uint64_t complete = head_.header.file_bytes;
+      STGS_ASSIGN(const ByteSource::Change change, source_->refresh(complete));
       if (change == ByteSource::Change::kReplaced) {
-        return invalid_file(
-            "{}: the {} complete bytes are not there any more, or it is another "
-            "file now; open it again",
-            source_->name(), kept);
+        return invalid_file("{}: replaced or truncated below its {} complete bytes; open it again",
+                            source_->name(), complete);
       }
       Findings findings;
       FileHead head;
       read_head(*source_, limits_, head, findings);
       if (!findings.ok()) return findings.status(source_->name());
       if (head.header.file_bytes < head_.header.file_bytes) {
-        return invalid_file("{}: has become shorter, from {} to {} complete bytes", source_->name(),
-                            head_.header.file_bytes, head.header.file_bytes);
+        return invalid_file("{}: shrank from {} to {} complete bytes; open it again",
+                            source_->name(), head_.header.file_bytes, head.header.file_bytes);
       }
       const bool grown = head.header.file_bytes > head_.header.file_bytes;
       head_ = std::move(head);
@@ -132,19 +130,19 @@ class Reader final : public SceneReader {
     return times_.between(t0, t1);
   }
 
-  Result<Gaussians4D> decode(std::uint32_t segment, bool with_harmonics) const override {
-    return with_records(segment, with_harmonics, decode_segment, Gaussians4D(memory_));
+  Result<Gaussians4D> decode(std::uint32_t segment, bool with_sh) const override {
+    return with_records(segment, with_sh, decode_segment, Gaussians4D(memory_));
   }
-  Result<CodedSegment> read(std::uint32_t segment, bool with_harmonics) const override {
-    return with_records(segment, with_harmonics, code_segment, CodedSegment());
+  Result<CodedSegment> read(std::uint32_t segment, bool with_sh) const override {
+    return with_records(segment, with_sh, code_segment, CodedSegment());
   }
   std::span<const RansLookup> tables() const override { return head_.layouts.lookups; }
 
-  // Behind the last segment, where a lossless scene may have it (spec 5.11).
+  // IMPO of a lossless scene follows the last segment (spec 5.11).
   Result<std::vector<float>> importance() const override {
     std::uint64_t at = head_.header.head_bytes;
     for (const SegmentEntry& segment : head_.index.segments) {
-      for (const IndexEntry* entry : {&segment.base, &segment.harmonics}) {
+      for (const IndexEntry* entry : {&segment.base, &segment.sh}) {
         at = std::max(at, entry->offset + entry->bytes);
       }
     }
@@ -164,7 +162,7 @@ class Reader final : public SceneReader {
   }
 
  private:
-  // What follows from the head.
+  // Derives segments, parts and times from the head.
   void list_segments() {
     segments_ = segments_from(head_);
     times_ = {segments_, static_cast<double>(head_.metadata.scene.frames)};
@@ -172,19 +170,17 @@ class Reader final : public SceneReader {
     complete_ticks_ = complete_ticks_of(head_, segments_);
   }
 
-  // What `make` makes of a segment's records, in `out`.
+  // Reads the records of a segment and converts them with `make`, into `out`.
   template <typename T, typename Make>
-  Result<T> with_records(std::uint32_t segment, bool with_harmonics, const Make& make,
-                         T out) const {
+  Result<T> with_records(std::uint32_t segment, bool with_sh, const Make& make, T out) const {
     if (segment >= segments_.size()) {
-      return usage_error("{}: no segment {}, the file has {}", source_->name(), segment,
-                         segments_.size());
+      return usage_error("{}: invalid segment index {} (the file has {} segments)", source_->name(),
+                         segment, segments_.size());
     }
     try {
       Findings findings;
       SegmentRecords records;
-      if (read_segment(*source_, head_, segment, with_harmonics, records, findings) &&
-          findings.ok()) {
+      if (read_segment(*source_, head_, segment, with_sh, records, findings) && findings.ok()) {
         make(records, head_, segment, out, findings);
       }
       if (!findings.ok()) return findings.status(source_->name());
@@ -195,16 +191,16 @@ class Reader final : public SceneReader {
     }
   }
 
-  // Of bytes that lie before the file's stated end.
-  bool is_there(std::uint64_t at, std::uint64_t bytes, Findings& findings) const {
+  // Returns whether bytes before the stated end of the file are available.
+  bool is_available(std::uint64_t at, std::uint64_t bytes, Findings& findings) const {
     const std::uint64_t needed = std::min(bytes, head_.header.file_bytes - at);
     if (at <= head_.available_bytes && needed <= head_.available_bytes - at) return true;
-    findings.error(N::kFileSize, at, "what follows the segments is cut off, the file is truncated");
+    findings.error(N::kFileSize, at, "the file is truncated after its segments");
     return false;
   }
 
   std::optional<RecordHeader> read_header(std::uint64_t at, Findings& findings) const {
-    if (!is_there(at, kRecordHeaderBytes, findings)) return {};
+    if (!is_available(at, kRecordHeaderBytes, findings)) return {};
     std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, head_.header.file_bytes - at));
     if (Status status = source_->read(at, bytes); !status.ok()) {
       findings.failed_read(at, status);
@@ -217,9 +213,10 @@ class Reader final : public SceneReader {
 
   void read_values(std::uint64_t at, const RecordHeader& record, std::vector<float>& values,
                    Findings& findings) const {
-    if (!is_there(at + kRecordHeaderBytes, record.length, findings)) return;
+    if (!is_available(at + kRecordHeaderBytes, record.length, findings)) return;
     if (record.length > limits_.max_memory) {
-      return findings.unsupported(N::kMemoryLimit, at, "importances of {} bytes, the limit is {}",
+      return findings.unsupported(N::kMemoryLimit, at,
+                                  "importances of {} bytes exceed the memory limit of {} bytes",
                                   record.length, limits_.max_memory);
     }
     std::vector<std::uint8_t> bytes(record.length);
@@ -232,7 +229,7 @@ class Reader final : public SceneReader {
 
   std::unique_ptr<ByteSource> source_;
   ReadLimits limits_;
-  std::pmr::memory_resource* memory_;  // of what is decoded
+  std::pmr::memory_resource* memory_;  // of decoded sets
   FileHead head_;
   std::vector<Issue> damage_;
   std::vector<SegmentInfo> segments_;
@@ -272,19 +269,19 @@ const char* profile_name(Profile profile) {
   return "unknown";
 }
 
-Result<Gaussians4D> SceneReader::decode_intact(std::uint32_t segment, Status& lost) const {
-  lost = {};
+Result<Gaussians4D> SceneReader::decode_intact(std::uint32_t segment, Status& sh_status) const {
+  sh_status = {};
   if (segment < segments().size() && !segments()[segment].sh_available) {
-    lost = invalid_file("segment {}: its harmonics are not there, the file is truncated", segment);
+    sh_status = invalid_file("segment {}: SH are missing, the file is truncated", segment);
     return decode(segment, false);
   }
-  Result<Gaussians4D> whole = decode(segment, true);
-  const StatusCode code = whole.status().code();
-  const bool of_the_file = code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported;
-  if (!of_the_file || segments()[segment].sh_bytes == 0) return whole;
+  Result<Gaussians4D> complete = decode(segment, true);
+  const StatusCode code = complete.status().code();
+  const bool is_damage = code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported;
+  if (!is_damage || segments()[segment].sh_bytes == 0) return complete;
   Result<Gaussians4D> base = decode(segment, false);
   if (!base.ok()) return base;
-  lost = whole.status();
+  sh_status = complete.status();
   return base;
 }
 

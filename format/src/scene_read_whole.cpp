@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// All segments of a file as one scene.
+// Reading all segments of a file as one scene.
 #include <algorithm>
 #include <exception>
 
 #include "container.h"
-#include "lost_records.h"
+#include "damage_count.h"
 #include "stgs/format/parallel.h"
 
 namespace stgs {
 namespace {
 
-// What a batch of segments takes while it is decoded, for each thread.
+// Memory for decoding a batch of segments, per thread.
 constexpr std::uint64_t kBatchBytes = std::uint64_t{64} << 20;
 
-// The segments from `begin` on that decoding at once takes less than the limit for, at least one:
-// their bytes, their floats, and planes of no more bytes than these (spec 7.3).
+// Returns the end of a batch of segments, at least one, that can be decoded at once within the
+// limit: their bytes, their floats, and planes of no more bytes than the floats (spec 7.3).
 std::size_t end_of_batch(const SceneReader& reader, std::size_t begin, std::uint64_t max_memory) {
   const std::vector<SegmentInfo>& segments = reader.segments();
   std::uint64_t left = max_memory;
@@ -29,81 +29,82 @@ std::size_t end_of_batch(const SceneReader& reader, std::size_t begin, std::uint
   return end;
 }
 
-// How decoding a segment ended.
+// The result of decoding a segment.
 struct Outcome {
-  Status base, harmonics;
+  Status base, sh;
 };
 
-// Appends to `whole` what of the segments is sound. Memory is taken for what has been decoded, not
-// for what an index says (spec 5.5).
+// Appends the intact content of all segments to `all`. Memory is allocated for decoded content, not
+// for the counts in the index (spec 5.5).
 std::vector<Outcome> read_all(const SceneReader& reader, std::uint64_t max_memory,
-                              Gaussians4D& whole) {
+                              Gaussians4D& all) {
   const std::size_t count = reader.segments().size();
-  const std::uint64_t most =
+  const std::uint64_t batch_bytes =
       std::min(max_memory, kBatchBytes * static_cast<std::uint64_t>(concurrency()));
-  whole.sh_degree = reader.sh_degree();
+  all.sh_degree = reader.sh_degree();
   std::vector<Outcome> outcomes(count);
   for (std::size_t begin = 0, end = 0; begin < count; begin = end) {
-    end = end_of_batch(reader, begin, most);
+    end = end_of_batch(reader, begin, batch_bytes);
     std::vector<Gaussians4D> decoded(end - begin);
     parallel_for(begin, end, [&](std::size_t i) {
       Result<Gaussians4D> part =
-          reader.decode_intact(static_cast<std::uint32_t>(i), outcomes[i].harmonics);
+          reader.decode_intact(static_cast<std::uint32_t>(i), outcomes[i].sh);
       outcomes[i].base = part.status();
       if (part.ok()) decoded[i - begin] = std::move(part).value();
     });
-    std::size_t need = whole.size();
+    std::size_t need = all.size();
     for (const Gaussians4D& part : decoded) need += part.size();
-    // Doubled, but for the last time.
-    if (need > whole.position.capacity() / 3) {
-      whole.reserve(std::clamp<std::uint64_t>(2 * whole.size(), need, reader.primitives()));
+    // Doubles the capacity, except for the last batch.
+    if (need > all.position.capacity() / 3) {
+      all.reserve(std::clamp<std::uint64_t>(2 * all.size(), need, reader.primitives()));
     }
-    for (const Gaussians4D& part : decoded) whole.append(part);
+    for (const Gaussians4D& part : decoded) all.append(part);
   }
   return outcomes;
 }
 
-bool is_of_the_file(const Status& status) {
+bool is_damage(const Status& status) {
   return status.code() == StatusCode::kInvalidFile || status.code() == StatusCode::kUnsupported;
 }
 
-// Counts what is lost of the segments; an error that is not the file's ends the reading.
+// Adds damaged segments to the report. Errors that are not caused by the file are returned.
 Status count_outcomes(const SceneReader& reader, const std::vector<Outcome>& outcomes,
-                      DamageReport& losses) {
-  losses.total_segments = outcomes.size();
+                      DamageReport& report) {
+  report.total_segments = outcomes.size();
   for (std::size_t i = 0; i < outcomes.size(); ++i) {
     const SegmentInfo& segment = reader.segments()[i];
-    const auto& [base, harmonics] = outcomes[i];
-    const TickRange moments = {segment.begin_ticks, segment.end_ticks};
+    const auto& [base, sh] = outcomes[i];
+    const TickRange range = {segment.begin_ticks, segment.end_ticks};
     if (!base.ok()) {
-      if (!is_of_the_file(base)) return base;
-      ++losses.segments;
-      losses.primitives += segment.primitives;
-      count_lost(losses, moments, segment.bytes + segment.sh_bytes, base);
-    } else if (!harmonics.ok()) {
-      ++losses.segments_without_sh;
-      count_lost(losses, moments, segment.sh_bytes, harmonics);
+      if (!is_damage(base)) return base;
+      ++report.segments;
+      report.primitives += segment.primitives;
+      count_damage(report, range, segment.bytes + segment.sh_bytes, base);
+    } else if (!sh.ok()) {
+      ++report.segments_without_sh;
+      count_damage(report, range, segment.sh_bytes, sh);
     }
   }
-  join_moments(losses);
-  if (losses.primitives > 0 && losses.primitives == reader.primitives()) return losses.reason;
+  merge_ranges(report);
+  if (report.primitives > 0 && report.primitives == reader.primitives()) return report.reason;
   return {};
 }
 
-// The importances, where there is nothing wrong with them.
-Status read_importance(const SceneReader& reader, DamageReport& losses, Scene& scene) {
+// Reads the importances, unless they are damaged.
+Status read_importance(const SceneReader& reader, DamageReport& report, Scene& scene) {
   Result<std::vector<float>> values = reader.importance();
   if (values.ok()) {
     scene.importance = std::move(values).value();
     return {};
   }
-  if (!is_of_the_file(values.status())) return values.status();
-  losses.importance = values.status();
+  if (!is_damage(values.status())) return values.status();
+  report.importance = values.status();
   return {};
 }
 
-// Takes lost segments, whose primitives are not there, out of parts and importances.
-void leave_out(const SceneReader& reader, const std::vector<Outcome>& outcomes, Scene& scene) {
+// Removes the primitives of unreadable segments from parts and importances.
+void remove_unreadable(const SceneReader& reader, const std::vector<Outcome>& outcomes,
+                       Scene& scene) {
   std::vector<float> importance;
   auto next = scene.importance.begin();
   for (std::size_t i = 0; i < outcomes.size(); ++i) {
@@ -118,16 +119,16 @@ void leave_out(const SceneReader& reader, const std::vector<Outcome>& outcomes, 
 
 }  // namespace
 
-Result<Scene> recover_scene(std::unique_ptr<ByteSource> source, DamageReport& losses,
+Result<Scene> recover_scene(std::unique_ptr<ByteSource> source, DamageReport& report,
                             const ReadLimits& limits) {
-  losses = {};
+  report = {};
   const std::string path = source->name();
   STGS_ASSIGN(const std::unique_ptr<SceneReader> reader,
               SceneReader::open(std::move(source), limits));
-  losses.damage = reader->damage();
-  losses.lost_fragments = reader->lost_fragments();
-  losses.incomplete_bytes = reader->incomplete_bytes();
-  losses.unreached_frames = reader->unreached_frames();
+  report.damage = reader->damage();
+  report.lost_fragments = reader->lost_fragments();
+  report.incomplete_bytes = reader->incomplete_bytes();
+  report.unreached_frames = reader->unreached_frames();
   const std::uint64_t bytes = reader->primitives() * 4 * floats_per_primitive(reader->sh_degree());
   if (bytes > limits.max_memory) {
     return unsupported("{}: {} primitives need {} bytes of memory, more than the limit of {}", path,
@@ -137,23 +138,23 @@ Result<Scene> recover_scene(std::unique_ptr<ByteSource> source, DamageReport& lo
     Scene scene;
     scene.metadata = reader->metadata();
     const std::vector<Outcome> outcomes = read_all(*reader, limits.max_memory, scene.gaussians);
-    STGS_TRY(count_outcomes(*reader, outcomes, losses));
-    STGS_TRY(read_importance(*reader, losses, scene));
+    STGS_TRY(count_outcomes(*reader, outcomes, report));
+    STGS_TRY(read_importance(*reader, report, scene));
     scene.parts = reader->parts();
-    if (losses.segments > 0) leave_out(*reader, outcomes, scene);
-    const ScenePart whole = {
+    if (report.segments > 0) remove_unreadable(*reader, outcomes, scene);
+    const ScenePart complete = {
         0, static_cast<double>(scene.metadata.frames), scene.gaussians.size(), {}};
-    if (scene.parts == std::vector<ScenePart>{whole}) scene.parts.clear();
+    if (scene.parts == std::vector<ScenePart>{complete}) scene.parts.clear();
     return scene;
   } catch (const std::exception& e) {
     return Status(code_of(e), fmt::format("{}: {}", path, e.what()));
   }
 }
 
-Result<Scene> recover_scene(const std::string& path, DamageReport& losses,
+Result<Scene> recover_scene(const std::string& path, DamageReport& report,
                             const ReadLimits& limits) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
-  return recover_scene(std::move(source), losses, limits);
+  return recover_scene(std::move(source), report, limits);
 }
 
 Result<Scene> read_scene(const std::string& path, const ReadLimits& limits) {
@@ -162,10 +163,10 @@ Result<Scene> read_scene(const std::string& path, const ReadLimits& limits) {
 }
 
 Result<Scene> read_scene(std::unique_ptr<ByteSource> source, const ReadLimits& limits) {
-  DamageReport losses;
-  STGS_ASSIGN(Scene scene, recover_scene(std::move(source), losses, limits));
-  STGS_TRY(losses.reason);
-  STGS_TRY(losses.importance);
+  DamageReport report;
+  STGS_ASSIGN(Scene scene, recover_scene(std::move(source), report, limits));
+  STGS_TRY(report.reason);
+  STGS_TRY(report.importance);
   return scene;
 }
 

@@ -13,38 +13,38 @@
 namespace stgs {
 namespace {
 
-// The index of successive stretches.
-std::vector<std::uint8_t> index_of(std::span<const Stretch> stretches, double chunk_ticks) {
+// Returns the index of successive fragments.
+std::vector<std::uint8_t> index_of(std::span<const Fragment> fragments, double chunk_ticks) {
   FileIndex index;
   index.chunk_ticks = chunk_ticks;
   std::vector<PartEntry> parts;
-  for (const Stretch& stretch : stretches) {
-    for (SegmentEntry segment : stretch.segments) {
+  for (const Fragment& fragment : fragments) {
+    for (SegmentEntry segment : fragment.segments) {
       segment.part = static_cast<std::uint32_t>(parts.size());
       index.segments.push_back(segment);
     }
-    parts.push_back(stretch.part);
-    index.primitives += stretch.primitives;
+    parts.push_back(fragment.part);
+    index.primitives += fragment.primitives;
     if (index.attributes.empty())
-      index.attributes = stretch.attributes;
+      index.attributes = fragment.attributes;
     else
-      for (std::size_t a = 0; a < stretch.attributes.size(); ++a) {
-        index.attributes[a].bytes += stretch.attributes[a].bytes;
+      for (std::size_t a = 0; a < fragment.attributes.size(); ++a) {
+        index.attributes[a].bytes += fragment.attributes[a].bytes;
       }
   }
   return write_index(index, parts);
 }
 
-// What the file says of all stretches together.
+// Properties of all fragments together.
 struct Recorded {
   std::uint32_t frames = 0;
-  double chunk_ticks = 0;  // 0: open
+  double chunk_ticks = 0;  // 0: not chosen yet
   std::uint64_t primitives = 0;
   float bounds_min[3] = {}, bounds_max[3] = {};
 
-  void add(const EncodedScene& stretch, std::uint32_t end_frame) {
-    const SceneMetadata& scene = stretch.metadata.scene;
-    const std::uint64_t added = stretch.body.index.primitives;
+  void add(const EncodedScene& fragment, std::uint32_t end_frame) {
+    const SceneMetadata& scene = fragment.metadata.scene;
+    const std::uint64_t added = fragment.body.index.primitives;
     for (std::size_t axis = 0; axis < 3 && added > 0; ++axis) {
       float &low = bounds_min[axis], &high = bounds_max[axis];
       low = primitives > 0 ? std::min(low, scene.bounds_min[axis]) : scene.bounds_min[axis];
@@ -52,7 +52,7 @@ struct Recorded {
     }
     primitives += added;
     frames = end_frame;
-    chunk_ticks = stretch.body.index.chunk_ticks;
+    chunk_ticks = fragment.body.index.chunk_ticks;
   }
 };
 
@@ -76,13 +76,13 @@ class Recorder final : public SceneRecorder {
     return {};
   }
 
-  // What is behind the last complete stretch is cut off.
+  // Truncates the file after its last complete fragment.
   Status resume(const std::string& path) {
     STGS_TRY(file_.open(path));
     STGS_ASSIGN(const std::unique_ptr<ByteSource> source, file_.source());
     STGS_ASSIGN(const FileHead head, read_resumable(*source));
     if (head.metadata.profile != settings_.write.profile) {
-      return usage_error("{}: was recorded with profile {}, not {}", path,
+      return usage_error("{}: cannot resume with another profile (expected {}, got {})", path,
                          profile_name(head.metadata.profile),
                          profile_name(settings_.write.profile));
     }
@@ -90,46 +90,48 @@ class Recorder final : public SceneRecorder {
     metadata_ = head.metadata;
     recorded_.chunk_ticks = chunk_of_settings();
     head_checksum_ = head.head_checksum;
-    head_copy_bytes_ = head.header.file_bytes - head.header.head_bytes;  // of no fragments
+    // Correct if there are no fragments; otherwise unused.
+    head_copy_bytes_ = head.header.file_bytes - head.header.head_bytes;
     if (!head.fragments.empty()) {
       const SceneMetadata& scene = metadata_.scene;
       recorded_ = {scene.frames, head.index.chunk_ticks, head.index.primitives};
       std::copy_n(scene.bounds_min, 3, recorded_.bounds_min);
       std::copy_n(scene.bounds_max, 3, recorded_.bounds_max);
-      stretches_ = stretches_of(head);
+      fragments_ = fragments_of(head);
     }
     STGS_TRY(file_.cut(head.header.file_bytes));
     open_ = true;
     return {};
   }
 
-  Status append(const Gaussians4D& stretch, std::uint32_t end_frame,
+  Status append(const Gaussians4D& fragment, std::uint32_t end_frame,
                 std::span<const float> importance, std::uint32_t last_frame) override {
     STGS_TRY(check_open());
     const std::uint32_t frames = recorded_.frames;
     if (end_frame <= frames) {
-      return usage_error("{}: a stretch that ends at frame {} is appended to {} frames",
-                         file_.path(), end_frame, frames);
+      return usage_error(
+          "{}: cannot append a fragment that ends at frame {} (expected more than {})",
+          file_.path(), end_frame, frames);
     }
     const std::uint32_t part_end = std::max(end_frame, last_frame);
     const double chunk_ticks = recorded_.chunk_ticks;
-    if (chunk_ticks > 0 && 2.0 * (part_end - frames) >= kMostSlots * chunk_ticks) {
-      return usage_error("{}: {} frames are too many for chunks of {} ticks", file_.path(),
-                         part_end, chunk_ticks);
+    if (chunk_ticks > 0 && 2.0 * (part_end - frames) >= kMaxSlots * chunk_ticks) {
+      return usage_error("{}: {} frames are too many for chunks of {} ticks; use longer chunks",
+                         file_.path(), part_end, chunk_ticks);
     }
-    if (stretch.sh_degree != metadata_.sh_degree) {
-      return usage_error("{}: a stretch of degree {} is appended to harmonics of degree {}",
-                         file_.path(), stretch.sh_degree, metadata_.sh_degree);
+    if (fragment.sh_degree != metadata_.sh_degree) {
+      return usage_error("{}: SH degree mismatch (expected {}, got {})", file_.path(),
+                         metadata_.sh_degree, fragment.sh_degree);
     }
-    const std::size_t before = stretches_.size();
+    const std::size_t before = fragments_.size();
     try {
-      const Status status = append_checked(stretch, end_frame, part_end, importance);
-      if (!status.ok()) stretches_.resize(before);
+      const Status status = append_checked(fragment, end_frame, part_end, importance);
+      if (!status.ok()) fragments_.resize(before);
       return status;
     } catch (const std::exception& e) {
-      stretches_.resize(before);
+      fragments_.resize(before);
       return Status(code_of(e), fmt::format("{}: cannot append {} primitives: {}", file_.path(),
-                                            stretch.size(), e.what()));
+                                            fragment.size(), e.what()));
     }
   }
 
@@ -153,7 +155,7 @@ class Recorder final : public SceneRecorder {
  private:
   Status check_open() const {
     if (open_) return {};
-    return usage_error("{}: is closed, or an error has ended the recording", file_.path());
+    return usage_error("{}: recording is closed or was ended by an error", file_.path());
   }
 
   double chunk_of_settings() const {
@@ -163,69 +165,69 @@ class Recorder final : public SceneRecorder {
   Status close_checked() {
     FragmentHeader header = fragment_header(recorded_, file_.bytes());
     header.flags = kFragmentClosed;
-    if (recorded_.frames == 0) header.frames = 1;  // nothing was appended
-    if (!stretches_.empty()) header.before = stretches_.back().fragment;
+    if (recorded_.frames == 0) header.frames = 1;  // no fragments
+    if (!fragments_.empty()) header.before = fragments_.back().record_offset;
     const double chunk_ticks = recorded_.chunk_ticks > 0 ? recorded_.chunk_ticks : 1.0;
-    STGS_TRY(append_bytes(write_fragment(header, index_of(stretches_, chunk_ticks))));
+    STGS_TRY(append_bytes(write_fragment(header, index_of(fragments_, chunk_ticks))));
     open_ = false;
     return file_.close();
   }
 
-  Status append_checked(const Gaussians4D& stretch, std::uint32_t end_frame, std::uint32_t part_end,
-                        std::span<const float> importance) {
+  Status append_checked(const Gaussians4D& fragment, std::uint32_t end_frame,
+                        std::uint32_t part_end, std::span<const float> importance) {
     const std::uint32_t begin = recorded_.frames;
     Scene scene;
     scene.metadata = metadata_.scene;
     scene.metadata.frames = part_end;
-    scene.gaussians = stretch;
+    scene.gaussians = fragment;
     scene.importance.assign(importance.begin(), importance.end());
-    scene.parts = {{static_cast<double>(begin), static_cast<double>(part_end), stretch.size()}};
+    scene.parts = {{static_cast<double>(begin), static_cast<double>(part_end), fragment.size()}};
     WriteSettings check = settings_.write;
-    check.chunk_seconds = 0;  // was checked, and is not to be against the whole timeline
+    check.chunk_seconds = 0;  // already checked; must not be checked against the whole timeline
     STGS_TRY(check_scene(scene, check));
     STGS_ASSIGN(EncodedScene encoded,
                 encode_records(scene, settings_.write, recorded_.chunk_ticks));
     Recorded after = recorded_;
     after.add(encoded, end_frame);
-    STGS_TRY(write_stretch(encoded.body, after));
-    dropped_ += stretch.size() - (after.primitives - recorded_.primitives);
+    STGS_TRY(append_fragment(encoded.body, after));
+    dropped_ += fragment.size() - (after.primitives - recorded_.primitives);
     recorded_ = after;
     return {};
   }
 
-  // The records, and the fragment of the index that makes them part of the file, in one write. The
-  // stretch is the last of stretches_ then, and may be after an error.
-  Status write_stretch(Body& body, const Recorded& after) {
-    Stretch stretch;
-    stretch.part = body.parts.front();
-    stretch.part.skip = stretches_.empty() ? head_copy_bytes_ : stretches_.back().fragment_bytes;
-    stretch.attributes = body.index.attributes;
-    stretch.primitives = body.index.primitives;
+  // Writes the records and their FRAG record in one write, and adds the fragment to fragments_,
+  // where it may remain after an error.
+  Status append_fragment(Body& body, const Recorded& after) {
+    Fragment fragment;
+    fragment.part = body.parts.front();
+    fragment.part.skip = fragments_.empty() ? head_copy_bytes_ : fragments_.back().record_bytes;
+    fragment.attributes = body.index.attributes;
+    fragment.primitives = body.index.primitives;
     std::vector<std::uint8_t> bytes;
     const auto add = [&bytes](const std::vector<std::uint8_t>& record) {
       bytes.insert(bytes.end(), record.begin(), record.end());
     };
     std::vector<SegmentEntry>& segments = body.index.segments;
     for (std::size_t i = 0; i < segments.size(); ++i) segments[i].base.offset = i;
-    for (std::size_t i = 0; i < segments.size(); ++i) segments[i].harmonics.offset = i;
+    for (std::size_t i = 0; i < segments.size(); ++i) segments[i].sh.offset = i;
     for (const IndexEntry* record : records_of(segments)) {
       const bool base = content_of(record->layer) == static_cast<int>(Content::kPrimitives);
-      add((base ? body.bases : body.harmonics)[record->offset]);
+      add((base ? body.bases : body.sh)[record->offset]);
     }
-    stretch.segments = std::move(segments);
-    stretches_.push_back(std::move(stretch));
-    // Fragment i lists as many stretches as the greatest power of two that divides i, so that all
-    // of n are found in log2(n) fragments.
-    const std::size_t count = std::size_t{1} << std::countr_zero(stretches_.size());
-    const std::size_t first = stretches_.size() - count;
-    stretches_.back().fragment = file_.bytes() + bytes.size();
-    FragmentHeader header = fragment_header(after, stretches_.back().fragment);
-    if (stretches_.size() > 1) header.before = stretches_[stretches_.size() - 2].fragment;
-    if (first > 0) header.previous = stretches_[first - 1].fragment;
-    const std::vector<std::uint8_t> fragment =
-        write_fragment(header, index_of(std::span(stretches_).subspan(first), after.chunk_ticks));
-    stretches_.back().fragment_bytes = fragment.size();
-    add(fragment);
+    fragment.segments = std::move(segments);
+    fragments_.push_back(std::move(fragment));
+    // FRAG record i lists as many fragments as the greatest power of two that divides i, so that
+    // log2(n) records list all n fragments.
+    const std::size_t count = std::size_t{1} << std::countr_zero(fragments_.size());
+    const std::size_t first = fragments_.size() - count;
+    fragments_.back().record_offset = file_.bytes() + bytes.size();
+    FragmentHeader header = fragment_header(after, fragments_.back().record_offset);
+    if (fragments_.size() > 1) header.before = fragments_[fragments_.size() - 2].record_offset;
+    if (first > 0) header.previous = fragments_[first - 1].record_offset;
+    const std::vector<std::uint8_t> record =
+        write_fragment(header, index_of(std::span(fragments_).subspan(first), after.chunk_ticks));
+    fragments_.back().record_bytes = record.size();
+    add(record);
     return append_bytes(bytes);
   }
 
@@ -236,7 +238,7 @@ class Recorder final : public SceneRecorder {
     return {};
   }
 
-  // Of a FRAG record at `offset`.
+  // Returns the header of a FRAG record at `offset`.
   FragmentHeader fragment_header(const Recorded& recorded, std::uint64_t offset) const {
     FragmentHeader header;
     header.frames = recorded.frames;
@@ -250,8 +252,8 @@ class Recorder final : public SceneRecorder {
   AppendedFile file_;
   FileMetadata metadata_;
   RecordSettings settings_;
-  std::uint64_t head_copy_bytes_ = 0;  // that lie before the first stretch
-  std::vector<Stretch> stretches_;
+  std::uint64_t head_copy_bytes_ = 0;  // before the first fragment
+  std::vector<Fragment> fragments_;
   std::uint64_t head_checksum_ = 0;
   Recorded recorded_;
   std::uint64_t dropped_ = 0;
@@ -264,10 +266,10 @@ Result<std::unique_ptr<SceneRecorder>> SceneRecorder::create(const std::string& 
                                                              const SceneMetadata& metadata,
                                                              int sh_degree,
                                                              const RecordSettings& settings) {
-  if (metadata.window) return usage_error("{}: a recording is no window of a capture", path);
+  if (metadata.window) return usage_error("{}: a recording cannot be a window of a capture", path);
   try {
     FileMetadata head{metadata, settings.write.profile, sh_degree};
-    head.scene.frames = 1;  // what is recorded stands in the fragments
+    head.scene.frames = 1;  // the FRAG records have the actual values
     std::fill_n(head.scene.bounds_min, 3, 0.0f);
     std::fill_n(head.scene.bounds_max, 3, 0.0f);
     Scene none;

@@ -12,9 +12,9 @@ namespace {
 
 constexpr double kRadiusShare = 0.95;
 constexpr int kSlowestDecade = -5, kFastestDecade = 2;  // of the bins of speed
-constexpr int kMostDoublings = 20;                      // of the bins of lifespan
+constexpr int kMaxDoublings = 20;                       // of the bins of lifespan
 
-// The value below which `share` of them lie; 0 for none.
+// Returns the value below which `share` of the values lie; 0 if there are none.
 double quantile(std::vector<double> values, double share) {
   if (values.empty()) return 0;
   const auto rank = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
@@ -34,10 +34,10 @@ std::vector<HistogramBin> histogram(const std::vector<double>& values,
   return bins;
 }
 
-// From about half a tick up to the clip.
+// Bin edges from about half a tick to the length of the clip.
 std::vector<double> lifespan_edges(double clip, double tick) {
   std::vector<double> edges;
-  for (double edge = clip; edge > 0.4 * tick && edges.size() < kMostDoublings; edge /= 2) {
+  for (double edge = clip; edge > 0.4 * tick && edges.size() < kMaxDoublings; edge /= 2) {
     edges.push_back(edge);
   }
   std::reverse(edges.begin(), edges.end());
@@ -66,7 +66,7 @@ double radius_of(const Gaussians4D& set, const std::vector<std::size_t>& visible
   return quantile(values, kRadiusShare);
 }
 
-// Of the support, ticks; -1 where it is empty.
+// Returns the half width of the support, ticks; -1 if it is empty.
 float half_width_of(const Gaussians4D& set, std::size_t i) {
   return math::support_half_width(math::opacity_of(set.opacity_logit[i]), set.sigma[i],
                                   set.radius[i], math::kAlphaThreshold);
@@ -92,7 +92,7 @@ ShownFrames shown_frames(const Scene& scene, std::size_t i) {
     end += part.primitives;
     if (i >= end) continue;
     const double first = std::max(0.0, std::ceil(part.shown_range().begin));
-    // The end is not the part's, but for the timeline's.
+    // The end is exclusive, except that of the timeline.
     const double end_frame = std::min(last, std::ceil(part.shown_range().end) - 1);
     return {first, std::max(first, end_frame), part.begin_ticks};
   }
@@ -128,7 +128,7 @@ SceneStatistics scene_statistics(const Scene& scene) {
   double drift = 0;
   for (std::size_t k = 0; k < visible.size(); ++k) {
     const double half = half_widths[k];
-    const double speed = speed_of(set, visible[k]);  // a tick
+    const double speed = speed_of(set, visible[k]);  // scene units per tick
     all.push_back(base.seconds(2 * half));
     speeds.push_back(speed / base.seconds(1));
     if (!covers_clip(scene, visible[k])) {
@@ -136,10 +136,10 @@ SceneStatistics scene_statistics(const Scene& scene) {
       continue;
     }
     const ShownFrames frames = shown_frames(scene, visible[k]);
-    const double way = speed * (frames.last - frames.first);
+    const double path = speed * (frames.last - frames.first);
     ++out.whole_clip;
-    drift += way;
-    if (way <= out.static_bound) ++out.static_primitives;
+    drift += path;
+    if (path <= out.static_bound) ++out.static_primitives;
   }
   if (out.whole_clip > 0) out.whole_clip_drift = drift / static_cast<double>(out.whole_clip);
   out.lifespans = histogram(within, lifespan_edges(out.clip_seconds, base.seconds(1)));

@@ -23,14 +23,14 @@ void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t se
   const std::size_t n = set.size();
   const Interval interval = interval_of(head, entry.base, entry.part);
   const PartEntry& part = head.parts[entry.part];
-  check_each(n, N::kOutsideSegment, true, segment, at, "are visible outside its interval", findings,
-             [&](std::size_t i) {
+  check_each(n, N::kOutsideSegment, true, segment, at, "visible outside the segment's interval",
+             findings, [&](std::size_t i) {
                const Lifetime lifetime = lifetime_of(set, i, part.end - part.begin, false);
                return !lifetime.never && (lifetime.begin < interval.begin - kIntervalTolerance ||
                                           lifetime.end > interval.end + kIntervalTolerance);
              });
-  check_each(n, N::kOutsideBounds, false, segment, at, "lie outside the stated bounds", findings,
-             [&](std::size_t i) {
+  check_each(n, N::kOutsideBounds, false, segment, at, "position outside the stated bounds",
+             findings, [&](std::size_t i) {
                bool outside = false;
                for (std::size_t axis = 0; axis < 3; ++axis) {
                  const float x = set.position[3 * i + axis];
@@ -40,16 +40,17 @@ void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t se
              });
 }
 
-// Whether the payload of a record, all of which is looked at, keeps the caller's limit.
+// Returns whether the payload of a record, all of which is read, is within the caller's limit.
 bool fits_memory(const RecordHeader& record, const FileHead& head, std::uint64_t at,
                  Findings& findings) {
   if (record.length <= head.limits.max_memory) return true;
-  findings.unsupported(N::kMemoryLimit, at, "record '{}' of {} bytes, more than the limit of {}",
+  findings.unsupported(N::kMemoryLimit, at,
+                       "record '{}' of {} bytes exceeds the memory limit of {} bytes",
                        tag_text(record.tag), record.length, head.limits.max_memory);
   return false;
 }
 
-// What a fragment says beside the index, behind one of so many frames (spec 5.12).
+// Checks a FRAG record before its index. `frames`: of the previous one (spec 5.12).
 void check_fragment(std::span<const std::uint8_t> payload, const FileHead& head, std::uint64_t at,
                     std::uint64_t end, std::uint32_t& frames, Findings& findings) {
   ByteReader in(payload);
@@ -57,18 +58,19 @@ void check_fragment(std::span<const std::uint8_t> payload, const FileHead& head,
   if (!in.ok()) return;
   check_fragment_flags(flags, end == head.header.file_bytes, at, findings);
   if (now < frames) {
-    findings.error(N::kFragment, at, "a fragment of {} frames behind one of {}", now, frames);
+    findings.error(N::kFragment, at, "index fragment with {} frames follows one with {}", now,
+                   frames);
   }
   frames = now;
 }
 
-// Records of the body that the index does not list, in [at, end), as far as the file has them.
-// `frames`: of the fragment before.
+// Checks the records in [at, end) of the body, which the index does not list, as far as they are
+// available. `frames`: of the previous FRAG record.
 void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t at,
                    std::uint64_t end, std::uint32_t& frames, Findings& findings) {
   while (at < end) {
     const std::uint64_t left = head.available_bytes - std::min(at, head.available_bytes);
-    if (left < std::min(end - at, kRecordHeaderBytes)) return;  // truncated: reported
+    if (left < std::min(end - at, kRecordHeaderBytes)) return;  // already reported
     std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, end - at));
     if (Status status = source.read(at, bytes); !status.ok()) {
       return findings.failed_read(at, status);
@@ -98,21 +100,21 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
       check_head_copy(source, head, at, bytes, findings);
     }
     if (intact) check_private_record(record, bytes, at, findings);
-    // spec 5.7, 6.1: what a later version adds need not be known here.
-    if (segment && bytes.size() >= 4 && bytes[3] <= static_cast<int>(Content::kHarmonics)) {
-      findings.warning(N::kUnlistedRecord, at, "a segment record that the index does not list");
+    // Content added by later versions is not reported (spec 5.7, 6.1).
+    if (segment && bytes.size() >= 4 && bytes[3] <= static_cast<int>(Content::kSh)) {
+      findings.warning(N::kUnlistedRecord, at, "segment record is not listed in the index");
     }
     at += kRecordHeaderBytes + record.length;
   }
 }
 
-// What the last complete fragment says.
+// Returns the frame count of the last complete fragment.
 std::uint32_t shown_frames(const FileHead& head) {
   return head.fragments.empty() ? 0 : head.metadata.scene.frames;
 }
 
-// What follows the last complete fragment of a growing file: records that are whole, and one that
-// is being written or was cut off.
+// Checks the content after the last complete fragment of a growing file: complete records, and one
+// that is being written or was truncated.
 void walk_tail(const ByteSource& source, const FileHead& head, std::uint64_t from,
                Findings& findings) {
   const std::uint64_t size = source.size();
@@ -120,8 +122,8 @@ void walk_tail(const ByteSource& source, const FileHead& head, std::uint64_t fro
   const std::string hidden =
       head.unreached_frames > 0
           ? fmt::format(
-                "; a fragment among them, of {} frames in all, is not used, since a record "
-                "that leads to it is damaged: what it lists beyond frame {} is not shown",
+                "; they contain an index fragment with {} frames that cannot be used because a "
+                "record before it is damaged: content after frame {} is not shown",
                 head.unreached_frames, shown_frames(head))
           : "";
   findings.warning(N::kIncompleteTail, from, "{} bytes after the last complete fragment{}",
@@ -146,27 +148,29 @@ void walk_tail(const ByteSource& source, const FileHead& head, std::uint64_t fro
   }
 }
 
-// Behind the segments of a stretch stands its fragment: other records come before them (spec 5.12).
+// Checks that the segments of a fragment are followed by its FRAG record; other records come before
+// the segments (spec 5.12).
 void check_gap(const ByteSource& source, const FileHead& head, std::uint64_t at, std::uint64_t end,
                Findings& findings) {
   if (!head.growing() || at == head.header.head_bytes) return;
   RecordHeader record;
-  do {  // further records of the segments are theirs
+  do {  // skips further records of the segments
     if (end - at < kRecordHeaderBytes) return;
     std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
     if (Status status = source.read(at, bytes); !status.ok()) {
       return findings.failed_read(at, status);
     }
-    Findings ignored;  // what is wrong with the header is found by the walk
+    Findings ignored;  // walk_unlisted() reports a damaged header
     if (!parse_record_header(bytes, at, end, record, ignored)) return;
     at += kRecordHeaderBytes + record.length;
   } while (record.tag == kSegmentTag);
   if (record.tag == kFragmentTag) return;
-  findings.error(N::kFragment, at, "a record '{}' between a stretch's segments and its fragment",
+  findings.error(N::kFragment, at,
+                 "unexpected record '{}' between the segments of a fragment and its FRAG record",
                  tag_text(record.tag));
 }
 
-// What no record of the index covers, and the index's records in between.
+// Checks the records of the body between and after those listed in the index.
 void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
   std::uint64_t at = head.header.head_bytes;
   std::uint32_t frames = 0;
@@ -180,7 +184,7 @@ void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
   if (head.growing() && !head.closed) walk_tail(source, head, head.header.file_bytes, findings);
 }
 
-// The further records of a segment by ascending layer (spec 5.13).
+// Checks that further records of a segment are in ascending order of layer (spec 5.13).
 void check_further_order(const FileHead& head, Findings& findings) {
   const std::vector<FurtherEntry>& further = head.index.further;
   for (std::size_t i = 1; i < further.size(); ++i) {
@@ -188,30 +192,31 @@ void check_further_order(const FileHead& head, Findings& findings) {
     const bool same =
         further[i - 1].part == further[i].part && a.level == b.level && a.slot == b.slot;
     if (!same || a.layer <= b.layer) continue;
-    findings.error(N::kSegmentOrder, b.offset,
-                   "a further record of layer {} behind one of layer {}", b.layer, a.layer);
+    findings.error(N::kSegmentOrder, b.offset, "further record of layer {} follows one of layer {}",
+                   b.layer, a.layer);
   }
 }
 
-// That timed data says when it is, and lies in the segment that has these moments (spec 5.13).
+// Checks that timed data states its times and lies in a segment that contains them (spec 5.13).
 void check_timed(ByteReader& in, const FurtherEntry& record, const FileHead& head,
                  Findings& findings) {
   if (content_of(record.entry.layer) < kFirstPrivateContent) return;
   const double begin = in.f64(), end = in.f64();
   const Interval interval = interval_of(head, record.entry, record.part);
   if (in.ok() && interval.begin <= begin && begin <= end && end <= interval.end) return;
-  findings.error(N::kTimedData, record.entry.offset,
-                 "timed data of [{}, {}] in a segment of [{}, {}], ticks of its part, or cut off",
-                 begin, end, interval.begin, interval.end);
+  findings.error(
+      N::kTimedData, record.entry.offset,
+      "timed data is truncated or outside its segment (ticks {} to {}, segment {} to {})", begin,
+      end, interval.begin, interval.end);
 }
 
-// That records of unknown contents say what the index does (spec 6.1).
+// Checks that records of unknown content match the index (spec 6.1).
 void check_further(const ByteSource& source, const FileHead& head, Findings& findings) {
   check_further_order(head, findings);
   for (const FurtherEntry& further : head.index.further) {
     const IndexEntry& entry = further.entry;
     constexpr std::uint64_t kBytes = kRecordHeaderBytes + 8 + 2 * 8;
-    if (!head.has(entry)) continue;  // a file that is truncated: reported
+    if (!head.has(entry)) continue;  // truncated: already reported
     std::vector<std::uint8_t> bytes(std::min(entry.bytes, kBytes));
     if (Status status = source.read(entry.offset, bytes); !status.ok()) {
       findings.failed_read(entry.offset, status);
@@ -231,12 +236,11 @@ void check_further(const ByteSource& source, const FileHead& head, Findings& fin
       continue;
     }
     findings.error(N::kSegmentMismatch, entry.offset,
-                   "a record of content {} is not the one that the index lists",
-                   content_of(entry.layer));
+                   "record of content {} does not match its index entry", content_of(entry.layer));
   }
 }
 
-// What the reader of the head has passed over.
+// Checks the records of the head that reading skips.
 void walk_head_records(const ByteSource& source, const FileHead& head, Findings& findings) {
   const Result<std::vector<std::uint8_t>> bytes = read_head_bytes(source, head);
   if (!bytes.ok()) return findings.failed_read(0, bytes.status());
@@ -250,28 +254,27 @@ void walk_head_records(const ByteSource& source, const FileHead& head, Findings&
     const auto payload = rest.subspan(kRecordHeaderBytes, record.length);
     if (record.tag == kWindowTag || record.tag == kPrivateTag) continue;
     if (record.tag == kCopyTag) {
-      findings.warning(N::kForeignCopy, payload_at - kRecordHeaderBytes,
-                       "a copy of a head in a head");
+      findings.warning(N::kForeignCopy, payload_at - kRecordHeaderBytes, "head copy within a head");
     }
     if (!check_payload(record, payload, payload_at, findings)) continue;
     check_private_record(record, payload, payload_at, findings);
   }
 }
 
-// What there is of a segment, and its primitives even where its harmonics are damaged.
+// Checks the available records of a segment, and its primitives even if its SH are damaged.
 void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
                    Findings& findings) {
   const SegmentEntry& segment = head.index.segments[ordinal];
-  if (!head.has(segment.base)) return;  // a file that is truncated: reported
-  const bool whole = head.has(segment.harmonics);
+  if (!head.has(segment.base)) return;  // truncated: already reported
+  const bool has_sh = head.has(segment.sh);
   SegmentRecords records;
   Gaussians4D set;
-  bool good = read_segment(source, head, ordinal, whole, records, findings);
-  for (const SegmentRecord* record : {&records.base, &records.harmonics}) {
+  bool good = read_segment(source, head, ordinal, has_sh, records, findings);
+  for (const SegmentRecord* record : {&records.base, &records.sh}) {
     check_private_layouts(record->own, record->payload_at, head, findings);
   }
   good = good && decode_segment(records, head, ordinal, set, findings);
-  if (!good && whole && segment.harmonics.bytes > 0) {
+  if (!good && has_sh && segment.sh.bytes > 0) {
     Findings reported;
     good = read_segment(source, head, ordinal, false, records = {}, reported) && reported.ok() &&
            decode_segment(records, head, ordinal, set = {}, reported);
@@ -299,14 +302,14 @@ Result<std::vector<Issue>> validate_scene(const ByteSource& source, const ReadLi
   try {
     Findings findings;
     FileHead head;
-    // Past the limits nothing is decoded.
+    // Beyond the limits nothing is decoded.
     const bool reachable = read_head(source, limits, head, findings);
     const Status status = findings.status(source.name());
     if (status.code() == StatusCode::kIo) return status;
     if (reachable && status.code() != StatusCode::kUnsupported) {
       check_segments(source, head, findings);
     }
-    // No judgement of the file.
+    // Says nothing about the file.
     const Status checked = findings.status(source.name());
     if (checked.code() == StatusCode::kNotBuilt) return checked;
     return findings.take();

@@ -12,30 +12,33 @@
 namespace stgs {
 namespace {
 
-constexpr int kMostTiers = 16;
+constexpr int kMaxWrittenTiers = 16;
 constexpr float kFarthest = 0x1p99f;  // scene units
 
 Status check_settings(const SceneMetadata& metadata, const WriteSettings& settings) {
   if (metadata.time_base.numerator == 0 || metadata.time_base.denominator == 0 ||
       metadata.frames == 0) {
     return usage_error(
-        "a scene needs a time base and at least one frame (it has {} frames of {}/{} s)",
+        "invalid duration: a scene needs a time base and at least one frame (got {} frames of "
+        "{}/{} "
+        "s)",
         metadata.frames, metadata.time_base.numerator, metadata.time_base.denominator);
   }
   if (!(settings.quality >= 0 && settings.quality <= 100)) {
-    return usage_error("quality {} is not in 0..100", settings.quality);
+    return usage_error("invalid quality (expected 0 to 100, got {})", settings.quality);
   }
-  if (settings.tiers < 0 || settings.tiers > kMostTiers) {
-    return usage_error("{} tiers, not 1 to {}, or 0 to choose", settings.tiers, kMostTiers);
+  if (settings.tiers < 0 || settings.tiers > kMaxWrittenTiers) {
+    return usage_error("invalid number of tiers (expected 1 to {}, or 0 for automatic, got {})",
+                       kMaxWrittenTiers, settings.tiers);
   }
   if (settings.zstd_level < 1 || settings.zstd_level > 19) {
-    return usage_error("zstd level {} is not in 1..19", settings.zstd_level);
+    return usage_error("invalid zstd level (expected 1 to 19, got {})", settings.zstd_level);
   }
   const double ticks = metadata.time_base.ticks(settings.chunk_seconds);
-  if (!std::isfinite(ticks) || ticks < 0.0 || ticks > kMostChunk ||
+  if (!std::isfinite(ticks) || ticks < 0.0 || ticks > kMaxChunk ||
       (ticks != 0.0 && ticks * 1e6 < metadata.frames)) {
-    return usage_error("chunks of {} s do not cut a timeline of {} frames", settings.chunk_seconds,
-                       metadata.frames);
+    return usage_error("invalid chunk length of {} s for a timeline of {} frames",
+                       settings.chunk_seconds, metadata.frames);
   }
   return {};
 }
@@ -43,19 +46,19 @@ Status check_settings(const SceneMetadata& metadata, const WriteSettings& settin
 Status check_sizes(const Scene& scene) {
   const Gaussians4D& set = scene.gaussians;
   if (set.sh_degree < 0 || set.sh_degree > 3) {
-    return usage_error("harmonics of degree {}, not 0 to 3", set.sh_degree);
+    return usage_error("invalid SH degree (expected 0 to 3, got {})", set.sh_degree);
   }
   const std::size_t n = set.size();
   const std::size_t sh = n * 3 * static_cast<std::size_t>(set.sh_coefficients());
   const bool good = set.position.size() == 3 * n && set.log_scale.size() == 3 * n &&
                     set.rotation.size() == 4 * n && set.sh.size() == sh && set.time.size() == n &&
                     set.velocity.size() == 3 * n && set.sigma.size() == n && set.radius.size() == n;
-  if (!good) return usage_error("the arrays of a set of {} primitives differ in length", n);
+  if (!good) return usage_error("array lengths do not match (for {} primitives)", n);
   if (!scene.importance.empty() && scene.importance.size() != n) {
-    return usage_error("importances of {} primitives, the scene has {}", scene.importance.size(),
-                       n);
+    return usage_error("number of importances does not match (expected {}, got {})", n,
+                       scene.importance.size());
   }
-  if (n > 0xFFFFFFFF) return usage_error("{} primitives, more than a file's 2^32 - 1", n);
+  if (n > 0xFFFFFFFF) return usage_error("too many primitives (at most 2^32 - 1, got {})", n);
   return {};
 }
 
@@ -65,24 +68,25 @@ Status check_parts(const Scene& scene) {
     primitives += part.primitives;
     const TickRange shown = part.shown_range();
     const double first = part.cut ? std::max(part.begin_ticks, 0.0) : part.begin_ticks;
-    if (!is_moment(part.begin_ticks) || !is_moment(part.end_ticks) || !is_moment(shown.begin) ||
-        !is_moment(shown.end) || part.end_ticks - part.begin_ticks > kMostChunk ||
+    if (!is_valid_time(part.begin_ticks) || !is_valid_time(part.end_ticks) ||
+        !is_valid_time(shown.begin) || !is_valid_time(shown.end) ||
+        part.end_ticks - part.begin_ticks > kMaxChunk ||
         !(part.begin_ticks < part.end_ticks && first <= shown.begin && shown.begin < shown.end &&
           shown.end <= part.end_ticks)) {
       return usage_error(
-          "a part lasts from {} to {} and is shown from {} to {}: not in order, before the "
-          "timeline, too long, or no multiples of 2^-20 ticks",
+          "invalid part (ticks {} to {}, shown from {} to {}): ranges must be in order, not before "
+          "the timeline, at most 2^32 ticks long and multiples of 2^-20 ticks",
           part.begin_ticks, part.end_ticks, shown.begin, shown.end);
     }
   }
   if (!scene.parts.empty() && primitives != scene.gaussians.size()) {
-    return usage_error("the parts have {} primitives, the scene has {}", primitives,
-                       scene.gaussians.size());
+    return usage_error("the parts do not cover all primitives (expected {}, got {})",
+                       scene.gaussians.size(), primitives);
   }
   const std::optional<CaptureWindow>& window = scene.metadata.window;
   if (window &&
       std::uint64_t{window->first_frame} + scene.metadata.frames > window->capture_frames) {
-    return usage_error("{} frames from frame {} on do not lie in a capture of {} frames",
+    return usage_error("window of {} frames from frame {} exceeds the capture of {} frames",
                        scene.metadata.frames, window->first_frame, window->capture_frames);
   }
   return {};
@@ -92,7 +96,7 @@ Status check_values(const Scene& scene) {
   const Gaussians4D& set = scene.gaussians;
   for (std::size_t i = 0; i < scene.importance.size(); ++i) {
     if (scene.importance[i] >= 0.0f && std::isfinite(scene.importance[i])) continue;
-    return usage_error("importance of primitive {} is {}, not a number >= 0", i,
+    return usage_error("invalid importance of primitive {} (expected a number >= 0, got {})", i,
                        scene.importance[i]);
   }
   for (Attribute attribute : attributes_of(set.sh_degree)) {
@@ -102,7 +106,7 @@ Status check_values(const Scene& scene) {
       for (std::size_t c = 0; c < components; ++c) {
         const float v = view.data[i * view.stride + c];
         if (!std::isfinite(v)) {
-          return usage_error("{}[{}] of primitive {} is {}, not a finite number",
+          return usage_error("invalid {}[{}] of primitive {} (expected a finite number, got {})",
                              name_of(attribute), c, i, v);
         }
       }
@@ -110,34 +114,34 @@ Status check_values(const Scene& scene) {
   }
   for (std::size_t i = 0; i < set.size(); ++i) {
     if (!(set.sigma[i] > 0.0f)) {
-      return usage_error("sigma of primitive {} is {}, not > 0", i, set.sigma[i]);
+      return usage_error("invalid sigma of primitive {} (expected > 0, got {})", i, set.sigma[i]);
     }
     if (!(set.radius[i] >= 0.0f)) {
-      return usage_error("radius of primitive {} is {}, not >= 0", i, set.radius[i]);
+      return usage_error("invalid radius of primitive {} (expected >= 0, got {})", i,
+                         set.radius[i]);
     }
     const float* q = set.rotation.data() + 4 * i;
     if (q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f) {
-      return usage_error("rotation of primitive {} is a quaternion of length 0", i);
+      return usage_error("invalid rotation of primitive {} (quaternion of length 0)", i);
     }
   }
   return {};
 }
 
-// That the steps of a profile that has some reach what lies farthest out (spec 7.5).
+// Checks that the steps of a quantised profile can represent the farthest position (spec 7.5).
 Status check_extent(const Gaussians4D& set) {
   for (std::size_t i = 0; i < set.position.size(); ++i) {
     if (std::abs(set.position[i]) <= kFarthest) continue;
     const float* x = set.position.data() + i / 3 * 3;
     return unsupported(
-        "a primitive lies at ({:g}, {:g}, {:g}), and steps reach no farther than {:g}: cut it "
-        "away, "
-        "or keep the scene lossless",
+        "position ({:g}, {:g}, {:g}) exceeds the quantised range of {:g}; remove the primitive or "
+        "use the lossless profile",
         x[0], x[1], x[2], kFarthest);
   }
   return {};
 }
 
-// What a reader would refuse is not written.
+// Checks metadata as a reader does.
 Status check_metadata(const FileMetadata& metadata) {
   Findings findings;
   check_metadata_values(metadata, 0, findings);
@@ -145,7 +149,7 @@ Status check_metadata(const FileMetadata& metadata) {
   return usage_error("{}", findings.take().front().message);
 }
 
-// Of the positions, widened by the error that the profile may make.
+// Sets the bounds of the positions, widened by the quantisation error of the profile.
 void set_bounds(const Gaussians4D& set, float margin, SceneMetadata& metadata) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     float low = set.size() == 0 ? 0.0f : INFINITY, high = set.size() == 0 ? 0.0f : -INFINITY;
@@ -164,7 +168,7 @@ void set_bounds(const Gaussians4D& set, float margin, SceneMetadata& metadata) {
   }
 }
 
-// The parts as ranges of the primitives; one of all where there are none.
+// Returns the parts as ranges of primitives; a single range if there are no parts.
 std::vector<PartRange> ranges_of(const Scene& scene) {
   const auto count = static_cast<std::uint32_t>(scene.gaussians.size());
   const auto frames = static_cast<double>(scene.metadata.frames);
@@ -202,23 +206,22 @@ std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
     at += record->bytes;
   }
   out.resize(out.size() + body_bytes + copy.size());
-  const auto place_at = [&out = out](const std::vector<std::uint8_t>& bytes, std::uint64_t offset) {
+  const auto copy_to = [&out = out](const std::vector<std::uint8_t>& bytes, std::uint64_t offset) {
     std::copy(bytes.begin(), bytes.end(), out.begin() + static_cast<std::ptrdiff_t>(offset));
   };
   for (std::size_t s = 0; s < body.index.segments.size(); ++s) {
-    place_at(body.bases[s], body.index.segments[s].base.offset);
-    place_at(body.harmonics[s], body.index.segments[s].harmonics.offset);
+    copy_to(body.bases[s], body.index.segments[s].base.offset);
+    copy_to(body.sh[s], body.index.segments[s].sh.offset);
   }
-  place_at(body.importance, at);
-  place_at(copy, at + body.importance.size());
+  copy_to(body.importance, at);
+  copy_to(copy, at + body.importance.size());
   return out;
 }
 
 }  // namespace
 
 Status check_profile(Profile profile) {
-  if (profile == Profile::kUnknown)
-    return usage_error("a profile that is unknown cannot be written");
+  if (profile == Profile::kUnknown) return usage_error("cannot write an unknown profile");
   return profile == Profile::kDraco ? check_draco() : Status();
 }
 
@@ -249,7 +252,7 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
                                           : scene.importance;
     quantiser.emplace(scene.gaussians, importance, scene.importance.empty(), longest_of(parts),
                       settings.quality, settings.max_error);
-    // Segments follow from what a decoder will see.
+    // Segments are based on the values that a decoder reconstructs.
     snapped = quantiser->snap_lifespans(scene.gaussians, parts);
     encoding.set = &snapped;
     encoding.importance = importance;
@@ -290,7 +293,7 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
     const double chunk = to_chunk(scene.metadata.time_base.ticks(settings.chunk_seconds));
     STGS_ASSIGN(EncodedScene encoded, encode_records(scene, settings, chunk));
     Body& body = encoded.body;
-    // For whoever packs it; what is packed needs it no more.
+    // Needed for packing the scene later; quantised scenes do not need it.
     if (settings.profile == Profile::kLossless && !scene.importance.empty()) {
       body.importance =
           write_record(kImportanceTag, write_importance(scene.importance, body.order), 0);

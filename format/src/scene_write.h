@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The steps of writing a scene that files of both forms share.
+// The steps of writing a scene, shared by files and recordings.
 #pragma once
 
 #include <cstdint>
@@ -10,18 +10,18 @@
 
 namespace stgs {
 
-// What a reader would refuse is not written.
+// Rejects scenes and settings that a reader would reject.
 Status check_scene(const Scene& scene, const WriteSettings& settings);
 
 struct EncodedScene {
   FileMetadata metadata;  // with the bounds
   Body body;
 };
-// The records of a scene that has been checked; a chunk of 0 ticks is chosen.
+// Encodes the records of a checked scene. A chunk of 0 ticks is chosen automatically.
 Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& settings,
                                     double chunk_ticks);
 
-// META, LAYT where there are layouts, and WNDW where there is a window.
+// Returns the records META, LAYT if there are layouts, and WNDW if there is a window.
 std::vector<std::uint8_t> write_head_records(const FileMetadata& metadata,
                                              const LayoutSet& layouts);
 }  // namespace stgs

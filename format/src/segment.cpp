@@ -18,21 +18,22 @@ bool same_segment(ByteReader& in, const IndexEntry& expected) {
          primitives == expected.primitives;
 }
 
-// That this version can decode the layout's streams (spec 6.3).
+// Checks that this version can decode the layout's streams (spec 6.3).
 bool check_known(const Layout& layout, std::uint32_t ordinal, std::uint64_t offset,
                  Findings& findings) {
   for (const StreamRow& row : layout.streams) {
     if (row.known || row.optional()) continue;
-    findings.unsupported(N::kStreamUnsupported, offset,
-                         "segment {}: attribute {} with mapping {}, prediction {} and coder {} is "
-                         "unknown to this version",
-                         ordinal, row.attribute, row.mapping, row.prediction, row.coder);
+    findings.unsupported(
+        N::kStreamUnsupported, offset,
+        "segment {}: unknown attribute {} with mapping {}, prediction {} and coder "
+        "{}; a later version is needed",
+        ordinal, row.attribute, row.mapping, row.prediction, row.coder);
     return false;
   }
   return true;
 }
 
-// Whether each table is that of a plane (spec 6.1).
+// Returns whether each table is used by a plane (spec 6.1).
 bool names_all_tables(const Layout& layout, std::size_t tables) {
   std::vector<bool> named(tables);
   for (const StreamRow& row : layout.streams) {
@@ -41,39 +42,39 @@ bool names_all_tables(const Layout& layout, std::size_t tables) {
   return std::all_of(named.begin(), named.end(), [](bool is) { return is; });
 }
 
-// That the layout has the streams of the record's content, in their order.
+// Checks that the layout has the streams of the record's content, in order.
 bool check_attributes(const Layout& layout, const IndexEntry& entry, int sh_degree,
                       std::uint32_t ordinal, std::uint64_t offset, Findings& findings) {
   const std::span<const Attribute> all = attributes_of(sh_degree);
   const std::size_t base = attributes_of(0).size();
-  const bool harmonics = content_of(entry.layer) == static_cast<int>(Content::kHarmonics);
-  const std::span<const Attribute> needed = harmonics ? all.subspan(base) : all;
+  const bool sh = content_of(entry.layer) == static_cast<int>(Content::kSh);
+  const std::span<const Attribute> needed = sh ? all.subspan(base) : all;
   std::size_t found = 0;
   for (const StreamRow& row : layout.streams) {
     if (row.optional()) continue;
     if (found == needed.size() || row.attribute != static_cast<std::uint16_t>(needed[found])) {
-      findings.error(N::kStreamMissing, offset, "segment {}: its layout has attribute {}, not {}",
-                     ordinal, row.attribute,
-                     found == needed.size() ? "no more" : name_of(needed[found]));
+      findings.error(N::kStreamMissing, offset,
+                     "segment {}: unexpected attribute {} in its layout (expected {})", ordinal,
+                     row.attribute, found == needed.size() ? "no more" : name_of(needed[found]));
       return false;
     }
     ++found;
   }
-  // The harmonics above degree 0 may be left to a record of their own.
-  if (found == needed.size() || (!harmonics && found == base)) return true;
+  // SH above degree 0 may be in a separate record.
+  if (found == needed.size() || (!sh && found == base)) return true;
   findings.error(N::kStreamMissing, offset, "segment {}: no stream for {}", ordinal,
                  name_of(needed[found]));
   return false;
 }
 
-// Whether the layout leaves the harmonics above degree 0 out.
+// Returns whether the layout lacks the SH above degree 0.
 bool is_partial(const Layout& layout, int sh_degree) {
   const auto known = std::count_if(layout.streams.begin(), layout.streams.end(),
                                    [](const StreamRow& row) { return !row.optional(); });
   return static_cast<std::size_t>(known) < attributes_of(sh_degree).size();
 }
 
-// That a layout is one of the file's profile (spec 8.1), as far as this version knows it.
+// Checks that a layout is allowed by the file's profile (spec 8.1). Unknown profiles allow any.
 bool check_profile_of(const Layout& layout, Profile profile, std::uint32_t ordinal,
                       std::uint64_t offset, Findings& findings) {
   for (const StreamRow& row : layout.streams) {
@@ -84,7 +85,8 @@ bool check_profile_of(const Layout& layout, Profile profile, std::uint32_t ordin
                       : profile == Profile::kQuantised ? !draco
                                                        : true;
     if (fits) continue;
-    findings.error(N::kProfile, offset, "segment {}, {}: mapping {} with coder {} in a {} file",
+    findings.error(N::kProfile, offset,
+                   "segment {}, {}: mapping {} with coder {} is not allowed by the profile {}",
                    ordinal, name_of(static_cast<Attribute>(row.attribute)), row.mapping, row.coder,
                    profile_name(profile));
     return false;
@@ -92,7 +94,7 @@ bool check_profile_of(const Layout& layout, Profile profile, std::uint32_t ordin
   return true;
 }
 
-// Adds to the memory of a segment (conformance 1.5); false where that passes the limit.
+// Adds to the memory of a segment (conformance 1.5). Returns false if that exceeds the limit.
 bool take_memory(std::uint64_t bytes, const FileHead& head, std::uint32_t ordinal,
                  std::uint64_t offset, std::uint64_t& memory, Findings& findings) {
   const std::uint64_t limit = head.limits.max_memory;
@@ -101,8 +103,7 @@ bool take_memory(std::uint64_t bytes, const FileHead& head, std::uint32_t ordina
     return true;
   }
   findings.unsupported(N::kMemoryLimit, offset,
-                       "segment {}: decoding takes more memory than the limit of {} bytes", ordinal,
-                       limit);
+                       "segment {}: decoding exceeds the memory limit of {} bytes", ordinal, limit);
   return false;
 }
 
@@ -113,7 +114,7 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
   ByteReader in(payload);
   if (!same_segment(in, expected)) {
     findings.error(N::kSegmentMismatch, record.payload_at,
-                   "segment {}: is not the one that the index lists", ordinal);
+                   "segment {}: record does not match its index entry", ordinal);
     return false;
   }
   record.layout = in.u16();
@@ -129,7 +130,8 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
   }
   const std::vector<Layout>& layouts = record.set(head.layouts).layouts;
   if (record.layout >= layouts.size() || (record.has_own && layouts.size() != 1)) {
-    findings.error(N::kLayouts, record.payload_at, "segment {}: layout {} of {}", ordinal,
+    findings.error(N::kLayouts, record.payload_at,
+                   "segment {}: invalid layout number {} (there are {} layouts)", ordinal,
                    record.layout, layouts.size());
     return false;
   }
@@ -141,7 +143,7 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
   }
   if (record.has_own && !names_all_tables(layout, record.own.tables.size())) {
     findings.error(N::kLayouts, record.payload_at,
-                   "segment {}: its layout does not name all of its {} tables", ordinal,
+                   "segment {}: its layout does not use all of its {} tables", ordinal,
                    record.own.tables.size());
     return false;
   }
@@ -163,19 +165,18 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
   if (layout.has_group()) record.group = in.bytes(in.left());
   if (in.ok() && in.left() == 0) return true;
   findings.error(N::kStreamTable, record.payload_at,
-                 "segment {}: {} bytes do not hold the streams of its layout, or hold more",
+                 "segment {}: payload of {} bytes does not match the streams of its layout",
                  ordinal, payload.size());
   return false;
 }
 
-// Reads one record and checks it against its index row.
+// Reads one record and checks it against its index entry.
 bool read_record(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
                  const IndexEntry& entry, SegmentRecord& record, std::uint64_t& memory,
                  Findings& findings) {
   if (!head.has(entry)) {
     findings.error(N::kFileSize, entry.offset,
-                   "segment {}: its {} bytes are not all there, the file is truncated", ordinal,
-                   entry.bytes);
+                   "segment {}: the file is truncated within its {} bytes", ordinal, entry.bytes);
     return false;
   }
   if (!take_memory(entry.bytes, head, ordinal, entry.offset, memory, findings)) return false;
@@ -191,11 +192,11 @@ bool read_record(const ByteSource& source, const FileHead& head, std::uint32_t o
   }
   if (header.tag != kSegmentTag || header.length != entry.bytes - kRecordHeaderBytes) {
     findings.error(N::kSegmentMismatch, entry.offset,
-                   "segment {}: record '{}' of {} bytes is not the one that the index lists",
-                   ordinal, tag_text(header.tag), header.length);
+                   "segment {}: record '{}' of {} bytes does not match its index entry", ordinal,
+                   tag_text(header.tag), header.length);
     return false;
   }
-  if ((header.flags & kCritical) == 0) {  // what the index lists cannot be skipped
+  if ((header.flags & kCritical) == 0) {  // listed records cannot be skipped
     findings.error(N::kNotCritical, entry.offset, "segment {} is not marked critical", ordinal);
     return false;
   }
@@ -204,7 +205,8 @@ bool read_record(const ByteSource& source, const FileHead& head, std::uint32_t o
   record.payload_at = entry.offset + kRecordHeaderBytes;
   if (checksum(payload) != header.checksum) {
     findings.error(N::kRecordChecksum, record.payload_at,
-                   "segment {} is damaged (checksum of {} bytes)", ordinal, payload.size());
+                   "segment {} is damaged (checksum mismatch over {} bytes)", ordinal,
+                   payload.size());
   }
   return parse_segment(payload, head, ordinal, entry, record, memory, findings);
 }
@@ -212,7 +214,7 @@ bool read_record(const ByteSource& source, const FileHead& head, std::uint32_t o
 }  // namespace
 
 bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
-                  bool with_harmonics, SegmentRecords& records, Findings& findings) {
+                  bool with_sh, SegmentRecords& records, Findings& findings) {
   const SegmentEntry& segment = head.index.segments[ordinal];
   records.memory = 0;
   if (!take_memory(4 * floats_per_primitive(head.metadata.sh_degree) * segment.base.primitives,
@@ -221,16 +223,14 @@ bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t 
     return false;
   }
   const bool partial = is_partial(records.base.layout_in(head.layouts), head.metadata.sh_degree);
-  const bool own = segment.harmonics.bytes > 0;
+  const bool own = segment.sh.bytes > 0;
   if (partial != own) {
-    findings.error(N::kStreamMissing, segment.base.offset,
-                   "segment {}: the harmonics above degree 0 are stored {}", ordinal,
-                   own ? "twice" : "nowhere");
+    findings.error(N::kStreamMissing, segment.base.offset, "segment {}: SH above degree 0 are {}",
+                   ordinal, own ? "stored twice" : "missing");
     return false;
   }
-  if (!own || !with_harmonics) return true;
-  return read_record(source, head, ordinal, segment.harmonics, records.harmonics, records.memory,
-                     findings);
+  if (!own || !with_sh) return true;
+  return read_record(source, head, ordinal, segment.sh, records.sh, records.memory, findings);
 }
 
 }  // namespace stgs

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// From the bytes of a segment's records to planes, and from these to primitives (spec 7).
+// Decoding a segment: from the bytes of its records to planes, and from planes to primitives (spec
+// 7).
 #include <algorithm>
 #include <memory>
 #include <optional>
@@ -15,18 +16,18 @@ namespace {
 
 using N = IssueNumber;
 
-// Why the stored bytes of a stream that is not rANS cannot be its planes (spec 7.2), or null;
-// allocates nothing. `n`: primitives.
+// Returns the problem of the stored bytes of a stream that is not rANS (spec 7.2), or null.
+// Allocates nothing. `n`: primitives.
 const char* stored_problem(std::span<const std::uint8_t> stored, const StreamRow& row,
                            std::size_t n) {
   if (static_cast<Coder>(row.coder) == Coder::kDraco) {
-    return draco_fits(stored, n) ? nullptr : "its point cloud is not that of its primitives";
+    return draco_fits(stored, n) ? nullptr : "point cloud does not match the number of primitives";
   }
   const std::uint64_t size = std::uint64_t{n} * row.planes();
   return stored.size() == size ? nullptr : zstd_frame_problem(stored, size);
 }
 
-// What is wrong with `stored`, which must be the planes or one frame of them (spec 7.2), or null.
+// Decodes `stored`, the raw planes or a frame of them (spec 7.2). Returns the problem, or null.
 const char* unpack(std::span<const std::uint8_t> stored, std::span<std::uint8_t> planes) {
   if (stored.size() == planes.size()) {
     std::copy(stored.begin(), stored.end(), planes.begin());
@@ -35,11 +36,11 @@ const char* unpack(std::span<const std::uint8_t> stored, std::span<std::uint8_t>
   return zstd_unpack(stored, planes);
 }
 
-// The planes of a record, decoded.
+// The decoded planes of a record.
 struct DecodedPlanes {
-  std::unique_ptr<std::uint8_t[]> symbols;  // of the planes that are no constants, in their order
-  std::size_t size = 0;                     // of these
-  std::vector<std::vector<Plane>> planes;   // by row; none for a row that is skipped
+  std::unique_ptr<std::uint8_t[]> symbols;  // of the planes that are not constant, in order
+  std::size_t size = 0;                     // of `symbols`
+  std::vector<std::vector<Plane>> planes;   // by row
 };
 
 // Decodes the streams of a record of n primitives.
@@ -54,8 +55,8 @@ class RecordDecoder {
         n_(n),
         findings_(findings) {}
 
-  // That the bytes can hold the planes: all streams of a segment must pass before any memory of its
-  // size is taken.
+  // Checks that the bytes can contain the planes. Call it for all records of a segment before
+  // allocating memory for its primitives.
   bool check_sizes() {
     bool good = true;
     for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
@@ -83,20 +84,20 @@ class RecordDecoder {
   bool decode(DecodedPlanes& out) {
     out.size = n_ * layout_.varying_planes(set_);
     out.symbols = std::make_unique_for_overwrite<std::uint8_t[]>(out.size);
-    const std::vector<std::span<std::uint8_t>> places = place_planes(out);
-    if (!decode_bytes(places)) return false;
+    const std::vector<std::span<std::uint8_t>> areas = assign_planes(out);
+    if (!decode_bytes(areas)) return false;
     for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
       const StreamRow& row = layout_.streams[i];
-      if (row.in_group()) decode_coded(row, places[i].data());
+      if (row.in_group()) decode_coded(row, areas[i].data());
     }
     if (!group_ends()) return false;
     if (checksum({out.symbols.get(), out.size}) == record_.checksum) return true;
-    findings_.error(N::kStreamChecksum, record_.payload_at, "segment {}: decoded planes are wrong",
-                    ordinal_);
+    findings_.error(N::kStreamChecksum, record_.payload_at,
+                    "segment {}: decoded planes do not match their checksum", ordinal_);
     return false;
   }
 
-  // Adds what is to be mapped; `decoded` must outlive it.
+  // Adds the streams to map. `decoded` must outlive them.
   void add_tasks(const DecodedPlanes& decoded, std::vector<StreamTask>& tasks) const {
     for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
       if (layout_.streams[i].optional()) continue;
@@ -104,9 +105,9 @@ class RecordDecoder {
     }
   }
 
-  // The record as a decoder elsewhere takes it, after check_sizes().
+  // Converts the record for a decoder on another device. Call check_sizes() first.
   bool code(CodedRecord& out) const {
-    std::vector<std::span<std::uint8_t>> places(layout_.streams.size());
+    std::vector<std::span<std::uint8_t>> areas(layout_.streams.size());
     std::size_t stored = 0;
     for (const StreamRow& row : layout_.streams) {
       if (!row.in_group()) stored += row.planes();
@@ -117,7 +118,7 @@ class RecordDecoder {
       const StreamRow& row = layout_.streams[i];
       if (row.optional()) continue;
       if (!row.in_group()) {
-        places[i] = std::span(out.stored).subspan(n_ * in_stored, n_ * row.planes());
+        areas[i] = std::span(out.stored).subspan(n_ * in_stored, n_ * row.planes());
       }
       out.streams.push_back(coded_stream(row, in_group, in_stored, out.tables));
     }
@@ -126,23 +127,23 @@ class RecordDecoder {
       Result<std::vector<RansBlockLocation>> blocks = rans_layout(record_.group, n_);
       if (!blocks.ok()) return corrupt("rANS", blocks.status().message().c_str()), false;
       out.blocks = std::move(*blocks);
-      // Who decodes planes sees how the blocks end; where all are constant nobody else looks.
+      // Decoding planes checks the ends of blocks. If all are constant it must be done here.
       if (in_group == 0 && !group_ends()) return false;
     }
     out.own_tables = record_.has_own;
     if (record_.has_own) out.lookups = set_.lookups;
-    return decode_bytes(places);
+    return decode_bytes(areas);
   }
 
  private:
-  // After the planes that were decoded (spec A.5).
+  // Checks the ends of blocks after the last plane (spec A.5).
   bool group_ends() const {
     if (!group_ || group_->finish()) return true;
-    corrupt("rANS", "a block does not end as it must");
+    corrupt("rANS", "a block does not end correctly");
     return false;
   }
 
-  // Counts the planes that it takes of the group and of those stored.
+  // Converts a row. Advances the numbers of planes in the group and of stored planes.
   CodedStream coded_stream(const StreamRow& row, std::uint32_t& in_group, std::uint32_t& in_stored,
                            std::vector<std::uint16_t>& tables) const {
     CodedStream out;
@@ -168,9 +169,9 @@ class RecordDecoder {
     return out;
   }
 
-  // Where the planes of each row are to be decoded.
-  std::vector<std::span<std::uint8_t>> place_planes(DecodedPlanes& out) const {
-    std::vector<std::span<std::uint8_t>> places;
+  // Returns the memory of the planes of each row.
+  std::vector<std::span<std::uint8_t>> assign_planes(DecodedPlanes& out) const {
+    std::vector<std::span<std::uint8_t>> areas;
     std::uint8_t* at = out.symbols.get();
     for (const StreamRow& row : layout_.streams) {
       std::uint8_t* const begin = at;
@@ -180,9 +181,9 @@ class RecordDecoder {
         planes.push_back(only < 0 ? Plane{at, 0} : Plane{nullptr, static_cast<std::uint8_t>(only)});
         at += only < 0 ? n_ : 0;
       }
-      places.emplace_back(begin, at);
+      areas.emplace_back(begin, at);
     }
-    return places;
+    return areas;
   }
 
   void decode_coded(const StreamRow& row, std::uint8_t* at) {
@@ -193,20 +194,20 @@ class RecordDecoder {
     }
   }
 
-  // The streams that are not rANS.
-  bool decode_bytes(const std::vector<std::span<std::uint8_t>>& places) const {
+  // Decodes the streams that are not rANS.
+  bool decode_bytes(const std::vector<std::span<std::uint8_t>>& areas) const {
     if (std::all_of(layout_.streams.begin(), layout_.streams.end(),
                     [](const StreamRow& row) { return row.in_group(); }))
       return true;
-    std::vector<const char*> problems(places.size());
-    parallel_for(std::size_t{0}, places.size(), [&](std::size_t i) {
+    std::vector<const char*> problems(areas.size());
+    parallel_for(std::size_t{0}, areas.size(), [&](std::size_t i) {
       const StreamRow& row = layout_.streams[i];
       if (row.optional() || row.in_group()) return;
       problems[i] = static_cast<Coder>(row.coder) == Coder::kDraco
-                        ? draco_decode(record_.streams[i], n_, places[i])
-                        : unpack(record_.streams[i], places[i]);
+                        ? draco_decode(record_.streams[i], n_, areas[i])
+                        : unpack(record_.streams[i], areas[i]);
     });
-    for (std::size_t i = 0; i < places.size(); ++i) {
+    for (std::size_t i = 0; i < areas.size(); ++i) {
       if (problems[i] == nullptr) continue;
       corrupt(name_of(static_cast<Attribute>(layout_.streams[i].attribute)), problems[i]);
       return false;
@@ -214,8 +215,8 @@ class RecordDecoder {
     return true;
   }
 
-  void corrupt(const char* what, const char* problem) const {
-    findings_.error(N::kStreamCorrupt, record_.payload_at, "segment {}, {}: {}", ordinal_, what,
+  void corrupt(const char* stream, const char* problem) const {
+    findings_.error(N::kStreamCorrupt, record_.payload_at, "segment {}, {}: {}", ordinal_, stream,
                     problem);
   }
 
@@ -244,10 +245,10 @@ void map_all(const std::vector<StreamTask>& tasks, const SegmentContext& context
   const MapResult result = map_streams(tasks, context, set);
   for (std::size_t t = 0; t < tasks.size(); ++t) {
     if (result.in_range[t]) continue;
-    findings.error(N::kStreamValue, offset, "segment {}, {}: an integer is out of range", ordinal,
+    findings.error(N::kStreamValue, offset, "segment {}, {}: integer out of range", ordinal,
                    name_of(static_cast<Attribute>(tasks[t].row->attribute)));
   }
-  if (!result.drawable) check_primitives(set, ordinal, offset, findings);
+  if (!result.renderable) check_primitives(set, ordinal, offset, findings);
 }
 
 }  // namespace
@@ -257,7 +258,7 @@ bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint
   Findings found;
   std::vector<RecordDecoder> decoders;
   bool sizes_good = true;
-  for (const SegmentRecord* record : {&records.base, &records.harmonics}) {
+  for (const SegmentRecord* record : {&records.base, &records.sh}) {
     if (record->bytes.empty()) continue;
     decoders.emplace_back(*record, head.layouts, ordinal,
                           head.index.segments[ordinal].base.primitives, found);
@@ -285,7 +286,7 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
   Findings found;
   std::vector<RecordDecoder> decoders;
   bool sizes_good = true;
-  for (const SegmentRecord* record : {&records.base, &records.harmonics}) {
+  for (const SegmentRecord* record : {&records.base, &records.sh}) {
     if (record->bytes.empty()) continue;
     decoders.emplace_back(*record, head.layouts, ordinal, entry.primitives, found);
     sizes_good &= decoders.back().check_sizes();

@@ -31,7 +31,7 @@ std::vector<std::uint32_t> SegmentTimes::between(double t0, double t1) const {
   if (!(t0 <= t1)) return out;
   const double first = std::clamp(t0, 0.0, frames_), last = std::clamp(t1, 0.0, frames_);
   for (const Group& group : groups_) {
-    // A length is a rounded difference: a little earlier than it says.
+    // Starts a little earlier: lengths are rounded differences.
     const double earliest = first - group.longest - 1;
     auto at =
         std::lower_bound(group.by_begin.begin(), group.by_begin.end(), earliest,

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Segments by when they are shown, so that those of a moment are found without looking at the
-// others, of which a long file has thousands.
+// Lookup of the segments shown at a time, without visiting all segments of a long file.
 #pragma once
 
 #include <cstdint>
@@ -16,8 +15,8 @@ class SegmentTimes {
   // `frames` is the end of the timeline, ticks.
   SegmentTimes(const std::vector<SegmentInfo>& segments, double frames);
 
-  // Numbers of the segments that are shown somewhere in [t0, t1], ascending. What reaches the end
-  // of the timeline is shown there too (spec 5.4).
+  // Returns the indices of the segments shown at some time in [t0, t1], ascending. Segments that
+  // reach the end of the timeline are shown at that end too (spec 5.4).
   std::vector<std::uint32_t> between(double t0, double t1) const;
 
  private:
@@ -25,7 +24,7 @@ class SegmentTimes {
     double begin = 0, end = 0;
     std::uint32_t segment = 0;
   };
-  // Segments of about one length: those of a moment begin shortly before it.
+  // Segments of similar length: those shown at a time begin shortly before it.
   struct Group {
     double longest = 0;
     std::vector<Entry> by_begin;

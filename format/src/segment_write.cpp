@@ -10,8 +10,8 @@ namespace stgs {
 
 namespace {
 
-// Stores the first of these streams as they are until the record has as many bytes as its
-// primitives need (spec 5.5): those that are all alike can take too few.
+// Stores the first streams raw until the record has the required number of bytes for its primitives
+// (spec 5.5). Constant streams may compress too well.
 void unpack_streams(const Layout& layout, const RecordPlanes& planes,
                     std::vector<std::vector<std::uint8_t>>& streams) {
   std::size_t bytes = 0;
@@ -34,7 +34,7 @@ SegmentPayload write_segment(const IndexEntry& entry, const RecordPlanes& planes
                              const RecordCoding& coding) {  // spec 6.1
   const Layout& layout = coding.set->layouts[coding.layout];
   SegmentPayload out;
-  std::vector<std::uint8_t> varying;  // the planes that are no constants
+  std::vector<std::uint8_t> varying;  // planes that are not constant
   std::vector<std::vector<std::uint8_t>> streams;
   std::vector<RansPlane> group;
   const std::uint8_t* at = planes.symbols.data();

@@ -13,23 +13,23 @@
 namespace stgs {
 namespace {
 
-// A support is widened by this much, so that rounding in a renderer cannot step out of it.
+// Returns the widening of a support that covers rounding in a renderer.
 double slack(double time, double half) {
   return 1e-3 + 1e-6 * (std::abs(time) + half);
 }
 
-constexpr std::size_t kSample = 1 << 18;  // lifetimes that the choice of a chunk looks at
-// What a segment costs, in primitives: its row, record headers, tables and coders' states.
+constexpr std::size_t kSample = 1 << 18;  // lifetimes sampled for choosing a chunk
+// Overhead of a segment, in primitives: index row, record headers, tables and coder states.
 constexpr double kSegmentCost = 40.0;
-constexpr double kSeekWeight = 0.25;  // of a share of bytes read in vain at a seek
-constexpr double kMostChunks = 1e6;   // of what is drawn
+constexpr double kSeekWeight = 0.25;    // weight of the share of inactive bytes read by a seek
+constexpr double kMaxChunkCount = 1e6;  // per timeline
 
 struct PartLifetime {
   Lifetime lifetime;
   std::uint32_t part = 0;
 };
 
-// Every nth primitive that can be seen.
+// Returns the lifetimes of every nth primitive, except invisible ones.
 std::vector<PartLifetime> sample_lifetimes(const Gaussians4D& set, std::span<const PartRange> parts,
                                            std::size_t stride) {
   std::vector<PartLifetime> out;
@@ -42,26 +42,25 @@ std::vector<PartLifetime> sample_lifetimes(const Gaussians4D& set, std::span<con
   return out;
 }
 
-// As a share of the primitives.
+// Returns the cost of a chunk as a share of the primitives.
 double cost_of(double chunk, const std::vector<PartLifetime>& sample,
                std::span<const PartRange> parts, double stride) {
-  double alive = 0.0, read = 0.0;
-  std::vector<std::uint64_t> places;
-  places.reserve(sample.size());
+  double active = 0.0, read = 0.0;
+  std::vector<std::uint64_t> keys;
+  keys.reserve(sample.size());
   for (const PartLifetime& s : sample) {
     const double length = parts[s.part].length();
-    const Place place = place_of(s.lifetime, chunk, length);
-    const Interval interval = interval_of(place.level, place.slot, chunk, length);
-    alive += s.lifetime.end - s.lifetime.begin;
+    const SegmentKey key = key_of(s.lifetime, chunk, length);
+    const Interval interval = interval_of(key.level, key.slot, chunk, length);
+    active += s.lifetime.end - s.lifetime.begin;
     read += interval.end - interval.begin;
-    places.push_back(std::uint64_t{s.part} << 37 | std::uint64_t(place.level + 1) << 32 |
-                     place.slot);
+    keys.push_back(std::uint64_t{s.part} << 37 | std::uint64_t(key.level + 1) << 32 | key.slot);
   }
-  std::sort(places.begin(), places.end());
-  const auto segments = std::unique(places.begin(), places.end()) - places.begin();
+  std::sort(keys.begin(), keys.end());
+  const auto segments = std::unique(keys.begin(), keys.end()) - keys.begin();
   return kSegmentCost * static_cast<double>(segments) /
              (stride * static_cast<double>(sample.size())) +
-         kSeekWeight * (read / alive - 1.0);
+         kSeekWeight * (read / active - 1.0);
 }
 
 }  // namespace
@@ -78,7 +77,7 @@ Lifetime lifetime_of(const Gaussians4D& set, std::size_t i, double length, bool 
   return {begin, end, false};
 }
 
-Place place_of(const Lifetime& lifetime, double chunk_ticks, double length) {
+SegmentKey key_of(const Lifetime& lifetime, double chunk_ticks, double length) {
   if (lifetime.never || lifetime.end - lifetime.begin > 0.5 * length) return {};
   for (int level = 0; std::ldexp(chunk_ticks, level) < length; ++level) {
     const double half = std::ldexp(chunk_ticks, level - 1);
@@ -94,16 +93,16 @@ Place place_of(const Lifetime& lifetime, double chunk_ticks, double length) {
 }
 
 std::vector<SegmentMembers> segments_of(const Gaussians4D& set, const PartRange& part,
-                                        double chunk_ticks, bool keep_never_visible) {
-  // Beginning, then the longer first; persistent before all.
+                                        double chunk_ticks, bool include_invisible) {
+  // Sorted by beginning, longer ones first; persistent ones before all others.
   std::map<std::pair<double, int>, SegmentMembers> segments;
   for (std::uint32_t i = part.first; i < part.last; ++i) {
     const Lifetime lifetime = lifetime_of(set, i, part.length());
-    if (lifetime.never && !keep_never_visible) continue;
-    const Place place = place_of(lifetime, chunk_ticks, part.length());
-    const double begin = place.level < 0 ? -1.0 : begin_of(place.level, place.slot, chunk_ticks);
-    SegmentMembers& segment = segments[{begin, -place.level}];
-    segment.place = place;
+    if (lifetime.never && !include_invisible) continue;
+    const SegmentKey key = key_of(lifetime, chunk_ticks, part.length());
+    const double begin = key.level < 0 ? -1.0 : begin_of(key.level, key.slot, chunk_ticks);
+    SegmentMembers& segment = segments[{begin, -key.level}];
+    segment.key = key;
     segment.members.push_back(i);
   }
   std::vector<SegmentMembers> out;
@@ -123,10 +122,10 @@ double choose_chunk(const Gaussians4D& set, std::span<const PartRange> parts) {
   const std::vector<PartLifetime> sample = sample_lifetimes(set, parts, stride);
   double longest = 1.0;
   for (const PartRange& part : parts) longest = std::max(longest, part.length());
-  const double least = std::max(ticks_of(parts) / kMostChunks, 2.0 * longest / kMostSlots);
+  const double min_chunk = std::max(ticks_of(parts) / kMaxChunkCount, 2.0 * longest / kMaxSlots);
   std::vector<double> chunks;
   for (double chunk = 1.0; chunks.empty() || chunks.back() < longest; chunk *= 2.0) {
-    if (chunk >= least) chunks.push_back(chunk);
+    if (chunk >= min_chunk) chunks.push_back(chunk);
   }
   if (sample.empty()) return chunks.back();
   std::vector<double> costs(chunks.size());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which segment of the timeline a primitive belongs to (spec 5.8).
+// Assignment of primitives to segments of the timeline (spec 5.8).
 #pragma once
 
 #include <cstdint>
@@ -11,48 +11,48 @@
 
 namespace stgs {
 
-// When a primitive can be seen within its part, ticks from the part's beginning; `never` where it
-// cannot.
+// When a primitive is visible within its part, ticks from the beginning of the part.
 struct Lifetime {
   double begin = 0, end = 0;
-  bool never = false;
+  bool never = false;  // it is never visible
 };
-// Of primitive i of a set, in a part of so many ticks. `widened`: so that rounding in a renderer
-// cannot step out of it.
+// Returns the lifetime of primitive i in a part of `length` ticks. `widened`: enlarged so that
+// rounding in a renderer cannot exceed it.
 Lifetime lifetime_of(const Gaussians4D& set, std::size_t i, double length, bool widened = true);
 
-inline constexpr double kMostSlots = 4294967295.0;  // of a level (spec 5.3)
+inline constexpr double kMaxSlots = 4294967295.0;  // of a level (spec 5.3)
 
-struct Place {
+// The level and slot of a segment in its part.
+struct SegmentKey {
   std::int16_t level = -1;
   std::uint32_t slot = 0;
-  bool operator==(const Place&) const = default;
+  bool operator==(const SegmentKey&) const = default;
 };
-// Of a lifetime that lies in a part of so many ticks.
-Place place_of(const Lifetime& lifetime, double chunk_ticks, double length);
+// Returns the shortest segment that contains a lifetime in a part of `length` ticks.
+SegmentKey key_of(const Lifetime& lifetime, double chunk_ticks, double length);
 
-// Primitives that share a place, ascending.
+// Primitives that share a key, ascending.
 struct SegmentMembers {
-  Place place;
+  SegmentKey key;
   std::vector<std::uint32_t> members;
 };
-// A part's primitives: [first, last) of a set, drawn within an interval.
+// The primitives of a part: [first, last) of a set, rendered within an interval.
 struct PartRange {
   std::uint32_t first = 0, last = 0;
   Interval interval;
   std::optional<TickRange> cut = {};  // see ScenePart
   double length() const { return interval.end - interval.begin; }
 };
-// Every primitive of the part exactly once, segments in file order (spec 5.6). Those that are never
-// visible are persistent, or left out.
+// Assigns every primitive of a part to one segment; segments are in file order (spec 5.6).
+// Invisible primitives become persistent if `include_invisible`, else they are dropped.
 std::vector<SegmentMembers> segments_of(const Gaussians4D& set, const PartRange& part,
-                                        double chunk_ticks, bool keep_never_visible);
+                                        double chunk_ticks, bool include_invisible);
 
-// A chunk for these primitives, ticks: the best of the powers of two, weighing what a seek reads
-// beyond what is alive against what each segment costs (spec 5.8). Looks at a sample of large sets.
+// Chooses the chunk for these primitives, ticks: the power of two with the best balance between
+// inactive primitives read by a seek and the overhead of segments (spec 5.8). Samples large sets.
 double choose_chunk(const Gaussians4D& set, std::span<const PartRange> parts);
 
-// Ticks that the parts last, together.
+// Returns the total duration of the parts, ticks.
 double ticks_of(std::span<const PartRange> parts);
 
 }  // namespace stgs

@@ -9,9 +9,9 @@ namespace stgs {
 namespace {
 
 constexpr std::int32_t kOneBits = std::bit_cast<std::int32_t>(1.0f);
-constexpr double kSlack = 1e-9;  // of a logarithm's rounding
+constexpr double kSlack = 1e-9;  // rounding error of a logarithm
 
-// `multiples` of 2^exponent, which is that of a file where it can be.
+// Returns multiples * 2^exponent with an odd multiplier and an exponent valid in files.
 Step step_of(int multiples, int exponent) {
   while (multiples % 2 == 0) {
     multiples /= 2;
@@ -55,8 +55,8 @@ Step coarser_of(Step a, Step b) {
 }
 
 std::int64_t nearest(double x, Step step) {
-  constexpr double kMost = 0x1p62;
-  const double steps = std::clamp(x / size_of(step), -kMost, kMost);
+  constexpr double kMax = 0x1p62;
+  const double steps = std::clamp(x / size_of(step), -kMax, kMax);
   return static_cast<std::int64_t>(steps + std::copysign(0.5, steps));
 }
 

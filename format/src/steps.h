@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The encoder's steps: multiples of powers of two, so that decoding them is exact (spec 7.5), and
-// as many in an octave as let the size of a file follow its quality smoothly.
+// Quantisation steps of the encoder: small multiples of powers of two, so that decoding is exact
+// (spec 7.5), with several steps per octave, so that file size follows quality smoothly.
 #pragma once
 
 #include <cstdint>
@@ -9,23 +9,27 @@
 
 namespace stgs {
 
-// Steps in an octave. With 4 of them, |q| may have 21 bits.
+// Steps per octave. With 4 of them, |q| may have 21 bits.
 inline constexpr int kFineSteps = 8, kCoarseSteps = 4;
 
+// Returns multiplier * 2^exponent.
 double size_of(Step step);
-// The step nearest to 2^octaves, the greatest not above it, and the least power of two not below.
+// Returns the step nearest to 2^octaves.
 Step step_near(double octaves, int in_octave);
+// Returns the greatest step not above 2^octaves.
 Step step_below(double octaves, int in_octave);
+// Returns the smallest power of two not below 2^octaves.
 Step power_above(double octaves);
+// Returns the larger step.
 Step coarser_of(Step a, Step b);
 
-// x in steps; halves away from 0.
+// Returns x in steps, rounded to nearest, halves away from 0.
 std::int64_t nearest(double x, Step step);
-// The multiple of the step that is nearest to x.
+// Returns the multiple of the step nearest to x.
 float on_grid(float x, Step step);
 
-// The floats of mapping kTruncated: steps are units in the last place, counted from 1.
-std::int32_t truncated_steps(float x, Step step);  // x > 0
+// Conversion for mapping kTruncated: steps are units in the last place, counted from 1. x > 0.
+std::int32_t truncated_steps(float x, Step step);
 float from_truncated(std::int32_t steps, Step step);
 
 }  // namespace stgs

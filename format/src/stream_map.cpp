@@ -12,26 +12,26 @@ namespace stgs {
 namespace {
 
 using N = IssueNumber;
-constexpr std::size_t kGrain = 16384;  // primitives that a thread maps
-constexpr std::size_t kRun = 128;      // of all their streams at a time: their floats fit a cache
-using Carries = std::array<std::uint64_t, kMostComponents>;
+constexpr std::size_t kGrain = 16384;  // primitives per task
+constexpr std::size_t kRun = 128;      // primitives mapped for all streams in turn: fits the cache
+using Carries = std::array<std::uint64_t, kMaxComponents>;
 
-constexpr float least_origin() {
+constexpr float min_origin() {
   return std::bit_cast<float>(static_cast<std::uint32_t>(kMinExponent + 127) << 23);
 }
 
-// Whether no arithmetic with them can be subnormal or infinite (spec 7.5).
+// Returns whether arithmetic with the row's numbers stays normal and finite (spec 7.5).
 bool numbers_fit(const StreamRow& row) {
   const auto fits = [](float v) {
     const float size = std::abs(v);
-    return v == 0.0f || (size >= least_origin() && size <= std::bit_cast<float>(kMaxTruncated));
+    return v == 0.0f || (size >= min_origin() && size <= std::bit_cast<float>(kMaxTruncated));
   };
   return row.step.exponent >= kMinExponent && row.step.exponent <= kMaxExponent &&
          row.step.multiplier % 2 == 1 &&
          std::all_of(std::begin(row.origin), std::end(row.origin), fits);
 }
 
-// Rows that this version may write: attribute by mapping (spec 7.5).
+// Returns whether the mapping is allowed for the attribute (spec 7.5).
 bool mapping_fits(const StreamRow& row) {
   const auto attribute = static_cast<Attribute>(row.attribute);
   switch (static_cast<Mapping>(row.mapping)) {
@@ -42,7 +42,7 @@ bool mapping_fits(const StreamRow& row) {
              attribute != Attribute::kSigma && attribute != Attribute::kRadius;
     case Mapping::kTruncated:
       return (attribute == Attribute::kSigma || attribute == Attribute::kRadius) &&
-             row.step.exponent >= 0 && row.step.exponent <= 23 && row.origin[0] >= least_origin();
+             row.step.exponent >= 0 && row.step.exponent <= 23 && row.origin[0] >= min_origin();
     case Mapping::kDisplacement:
       return attribute == Attribute::kVelocity;
     case Mapping::kColour:
@@ -57,7 +57,8 @@ bool mapping_fits(const StreamRow& row) {
   return false;
 }
 
-// What Draco stores are positions as they are, as many digits of a byte as 21 bits need.
+// Returns whether the coder is allowed: Draco stores positions with plain prediction, in three
+// digits.
 bool coder_fits(const StreamRow& row) {
   if (static_cast<Coder>(row.coder) != Coder::kDraco) return true;
   return static_cast<Attribute>(row.attribute) == Attribute::kPosition &&
@@ -66,7 +67,8 @@ bool coder_fits(const StreamRow& row) {
          row.digits == kDracoDigits;
 }
 
-// Values of 32 bits, Morton differences of 64; a byte of a stream that is not rANS is a digit.
+// Returns whether the digits are allowed: values of up to 32 bits, or 64 for Morton differences,
+// and digits of 8 bits unless the coder is rANS.
 bool digits_fit(const StreamRow& row, bool morton) {
   int bits = 0;
   for (std::size_t d = 0; d < row.digits; ++d) {
@@ -107,19 +109,20 @@ bool check_row(const StreamRow& row, std::uint64_t offset, Findings& findings) {
       (!morton || position) && bits_plain && digits_fit(row, morton) && coder_fits(row)) {
     return true;
   }
-  findings.error(
-      N::kStreamShape, offset,
-      "layouts, {}: mapping {} with prediction {}, coder {}, {} components of {} digits, "
-      "steps of {} * 2^{} and origin {} {} {} is not allowed",
-      name_of(attribute), row.mapping, row.prediction, row.coder, row.components, row.digits,
-      row.step.multiplier, row.step.exponent, row.origin[0], row.origin[1], row.origin[2]);
+  findings.error(N::kStreamShape, offset,
+                 "layouts, {}: invalid combination of mapping {}, prediction {}, coder {}, {} "
+                 "components of {} "
+                 "digits, step {} * 2^{} and origin {} {} {}",
+                 name_of(attribute), row.mapping, row.prediction, row.coder, row.components,
+                 row.digits, row.step.multiplier, row.step.exponent, row.origin[0], row.origin[1],
+                 row.origin[2]);
   return false;
 }
 
 MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& context,
                       Gaussians4D& set) {
   const std::size_t n = set.size(), chunks = (n + kGrain - 1) / kGrain;
-  // What the values of each chunk follow: sums of all differences before it.
+  // For each chunk, the sums of all differences before it.
   std::vector<Carries> carries(chunks * tasks.size(), Carries{});
   const auto is_sum = [&](std::size_t t) {
     return static_cast<Prediction>(tasks[t].row->prediction) >= Prediction::kDelta;
@@ -133,7 +136,7 @@ MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& c
     const auto prediction = static_cast<Prediction>(tasks[t].row->prediction);
     if (prediction == Prediction::kMorton) carries[t][0] = context.first_key;
     for (std::size_t k = t + tasks.size(); k < carries.size(); k += tasks.size()) {
-      for (std::size_t c = 0; c < kMostComponents; ++c)
+      for (std::size_t c = 0; c < kMaxComponents; ++c)
         carries[k][c] += carries[k - tasks.size()][c];
     }
   }
@@ -152,7 +155,7 @@ MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& c
         std::uint64_t* const carry = carries[chunk * tasks.size() + t].data();
         if (!map_task(tasks[t], context, first, last, carry, set)) found[t] = 1;
       }
-      if (!can_be_drawn(set, floats, first, last)) found[tasks.size()] = 1;
+      if (!all_renderable(set, floats, first, last)) found[tasks.size()] = 1;
     }
   };
   if (chunks == 1) {
@@ -166,7 +169,7 @@ MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& c
     const std::size_t t = k % (tasks.size() + 1);
     if (bad[k] == 0) continue;
     if (t == tasks.size()) {
-      out.drawable = false;
+      out.renderable = false;
     } else {
       out.in_range[t] = false;
     }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Maps planes to floats, a block of primitives at a time, in loops that a compiler turns into the
-// machine's vector instructions: each goes over a whole block, which repeats the last primitive
-// behind it, so that no check finds there what it does not find before.
+// Mapping planes to floats, a block of primitives at a time, in loops that the compiler vectorises.
+// Each loop processes a full block. A partial block is padded with its last primitive, so that
+// checks find no additional errors.
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -12,7 +12,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "stream_map_vector.cpp"
 #include <hwy/foreach_target.h>
-// After foreach_target.h, which includes this file once a target.
+// After foreach_target.h, which includes this file once per target.
 #include <hwy/highway.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -21,8 +21,8 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-constexpr std::size_t kBlock = 64;          // primitives: the harmonics that they get fit a cache
-constexpr std::size_t kAhead = 2 * kBlock;  // symbols of a plane between their fetch and their use
+constexpr std::size_t kBlock = 64;          // primitives; their SH fit into the cache
+constexpr std::size_t kAhead = 2 * kBlock;  // prefetch distance in a plane, symbols
 using Numbers = std::uint32_t[kBlock];
 using Keys = std::uint64_t[kBlock];
 using Floats = float[kBlock];
@@ -32,12 +32,12 @@ HWY_INLINE float power_of_two(int e) {
   return std::bit_cast<float>(static_cast<std::uint32_t>(e + 127) << 23);
 }
 
-// Exact, and so is its product with an integer in range.
+// Returns multiplier * 2^exponent, exactly. Its product with an integer in range is exact, too.
 HWY_INLINE float size_of(Step step) {
   return static_cast<float>(step.multiplier) * power_of_two(step.exponent);
 }
 
-// Values [first, first + count) of the component whose digits `planes` are, and zeros.
+// Loads values [first, first + count) of a component with the digits `planes`, padded with zeros.
 template <typename Value>
 HWY_INLINE void load(const StreamRow& row, const Plane* planes, std::size_t first,
                      std::size_t count, Value (&out)[kBlock]) {
@@ -51,9 +51,9 @@ HWY_INLINE void load(const StreamRow& row, const Plane* planes, std::size_t firs
   for (std::size_t d = 0; d < row.digits; shift += row.digit_bits[d++]) {
     if (planes[d].symbols == nullptr) continue;
     std::uint8_t digits[kBlock];
-    // Planes are too many for the processor to foresee where each goes on.
+    // There are too many planes for the CPU's hardware prefetcher.
     __builtin_prefetch(planes[d].symbols + first + kAhead);
-    if (count == kBlock) {  // a copy of known size is a load
+    if (count == kBlock) {  // a copy of constant size becomes a load
       std::memcpy(digits, planes[d].symbols + first, kBlock);
     } else {
       std::memset(digits, 0, kBlock);
@@ -64,7 +64,7 @@ HWY_INLINE void load(const StreamRow& row, const Plane* planes, std::size_t firs
   for (std::size_t i = count; i < kBlock; ++i) out[i] = 0;
 }
 
-// Makes of each number the sum of `before` and all up to it; returns the last.
+// Replaces each number by the sum of `before` and all numbers up to it. Returns the last one.
 HWY_INLINE std::uint32_t running_sums(std::uint32_t before, Numbers& q) {
 #if HWY_TARGET == HWY_SCALAR
   for (std::uint32_t& v : q) v = before += v;
@@ -90,10 +90,10 @@ HWY_INLINE void undo_prediction(Prediction prediction, std::uint64_t& carry, Num
   if (prediction == Prediction::kDelta) carry = running_sums(static_cast<std::uint32_t>(carry), q);
 }
 
-// Whether all |q| are `most` at most.
-HWY_INLINE bool in_range(const Numbers& q, std::uint32_t most) {
+// Returns whether all |q| are at most `limit`.
+HWY_INLINE bool in_range(const Numbers& q, std::uint32_t limit) {
   std::uint32_t bad = 0;
-  for (std::size_t i = 0; i < kBlock; ++i) bad |= q[i] + most > 2 * most ? 1u : 0u;
+  for (std::size_t i = 0; i < kBlock; ++i) bad |= q[i] + limit > 2 * limit ? 1u : 0u;
   return bad == 0;
 }
 
@@ -111,16 +111,16 @@ HWY_INLINE void map_linear(float origin, float step, const Numbers& q, Floats& o
 HWY_INLINE bool map_truncated(const StreamRow& row, const Numbers& q, Floats& out) {
   const auto first = std::bit_cast<std::uint32_t>(row.origin[0]);
   const std::uint32_t step = static_cast<std::uint32_t>(row.step.multiplier) << row.step.exponent;
-  const std::uint32_t most = (kMaxTruncated - first) / step;
+  const std::uint32_t limit = (kMaxTruncated - first) / step;
   std::uint32_t bad = 0;
   for (std::size_t i = 0; i < kBlock; ++i) {
-    bad |= q[i] > most ? 1u : 0u;
+    bad |= q[i] > limit ? 1u : 0u;
     out[i] = std::bit_cast<float>(first + q[i] * step) - row.origin[1];
   }
   return bad == 0;
 }
 
-// The steps of displacements over these lifespans.
+// Computes the steps of displacements over these lifespans.
 HWY_INLINE void displacement_steps(const StreamRow& row, const Gaussians4D& set, float part_ticks,
                                    std::size_t first, std::size_t count, Floats& out) {
   for (std::size_t i = 0; i < count; ++i) {
@@ -141,8 +141,8 @@ HWY_INLINE void rotation_exponents(const StreamRow& row, const Gaussians4D& set,
   std::fill(out + count, out + kBlock, out[count - 1]);
 }
 
-// w, x, y, z: R is exact in doubles, its rounding to single precision and its square root are
-// correct (spec 7.5.5).
+// Computes w, x, y, z. R is exact in double precision; its rounding to single precision and its
+// square root are correctly rounded (spec 7.5.5).
 HWY_INLINE bool map_rotation(int multiplier, const Numbers* q, const int (&exponents)[kBlock],
                              Floats* out) {
   std::uint32_t bad = 0;
@@ -168,7 +168,7 @@ HWY_INLINE bool map_rotation(int multiplier, const Numbers* q, const int (&expon
   return bad == 0;
 }
 
-// Channels from luma and chroma, in integers (spec 7.5.6).
+// Converts luma and chroma to RGB in integers (spec 7.5.6).
 HWY_INLINE void map_colour(const StreamRow& row, const Numbers* q, Floats* out) {
   Numbers red, green, blue;
   for (std::size_t i = 0; i < kBlock; ++i) {
@@ -190,7 +190,7 @@ HWY_INLINE void store(const Floats* from, std::size_t count, float* to, std::siz
   }
 }
 
-// Four floats of four primitives each, turned from one row a component to one a primitive.
+// Transposes four floats of four primitives, from one row per component to one per primitive.
 HWY_INLINE void store_square(const Floats* from, std::size_t i, float* to, std::size_t stride) {
 #if HWY_TARGET == HWY_SCALAR
   for (std::size_t k = 0; k < 4; ++k, to += stride) {
@@ -212,7 +212,7 @@ HWY_INLINE void store_square(const Floats* from, std::size_t i, float* to, std::
 #endif
 }
 
-// `width` floats of each primitive, four or more; the last four may overlap those before them.
+// Stores `width` >= 4 floats of each primitive. The last four may overlap the previous ones.
 HWY_INLINE void store_wide(const Floats* from, std::size_t width, std::size_t count, float* to,
                            std::size_t stride) {
   std::size_t i = 0;
@@ -232,39 +232,39 @@ HWY_INLINE void store_all(const Floats* from, std::size_t width, std::size_t cou
   store_wide(from, width, count, to, stride);
 }
 
-// A block of one component, of which `count` numbers are meant.
+// Maps a block of one component, of which the first `count` numbers are valid.
 bool map_component(const StreamRow& row, int component, std::int64_t base, const Floats& steps,
                    std::size_t count, Numbers& q, Floats& out) {
-  const std::uint32_t most = max_steps(static_cast<Mapping>(row.mapping), row.step.multiplier);
+  const std::uint32_t limit = max_steps(static_cast<Mapping>(row.mapping), row.step.multiplier);
   switch (static_cast<Mapping>(row.mapping)) {
     case Mapping::kFloat:
       for (std::size_t i = 0; i < kBlock; ++i) out[i] = std::bit_cast<float>(q[i]);
       return true;
     case Mapping::kTruncated:
-      return in_range(q, most) && map_truncated(row, q, out);
+      return in_range(q, limit) && map_truncated(row, q, out);
     case Mapping::kDisplacement:
       to_floats(q, out);
       for (std::size_t i = 0; i < kBlock; ++i) out[i] *= steps[i];
-      return in_range(q, most);
+      return in_range(q, limit);
     case Mapping::kTime: {
-      const bool good = in_range(q, most);
+      const bool good = in_range(q, limit);
       for (std::size_t i = 0; i < kBlock; ++i) {
         q[i] = i < count ? q[i] + static_cast<std::uint32_t>(base) : 0;
       }
       map_linear(row.origin[0], size_of(row.step), q, out);
-      return good && in_range(q, most);  // the sums too (spec 7.5.8)
+      return good && in_range(q, limit);  // the sums too (spec 7.5.8)
     }
     default:
       map_linear(row.origin[component % 3], size_of(row.step), q, out);
-      return in_range(q, most);
+      return in_range(q, limit);
   }
 }
 
-// Three components that make three or four floats together.
+// Maps three components that give three or four floats together.
 bool map_three(const StreamRow& row, const int (&exponents)[kBlock], const Numbers* q,
                Floats* out) {
-  const std::uint32_t most = max_steps(static_cast<Mapping>(row.mapping), row.step.multiplier);
-  const bool good = in_range(q[0], most) && in_range(q[1], most) && in_range(q[2], most);
+  const std::uint32_t limit = max_steps(static_cast<Mapping>(row.mapping), row.step.multiplier);
+  const bool good = in_range(q[0], limit) && in_range(q[1], limit) && in_range(q[2], limit);
   if (static_cast<Mapping>(row.mapping) != Mapping::kColour) {
     return map_rotation(row.step.multiplier, q, exponents, out) && good;
   }
@@ -272,14 +272,14 @@ bool map_three(const StreamRow& row, const int (&exponents)[kBlock], const Numbe
   return good;
 }
 
-// Whether all values of these planes are 0.
+// Returns whether all values of these planes are 0.
 HWY_INLINE bool all_zero(const Plane* planes, std::size_t count) {
   return std::all_of(planes, planes + count,
                      [](const Plane& p) { return p.symbols == nullptr && p.only == 0; });
 }
 
-// Primitives [begin, end) of a stream of floats or integers; `carry` is the sum of those before,
-// and after it of these too.
+// Maps primitives [begin, end) of a stream of floats or integers. `carry`: the sum of the values
+// before `begin`; updated to that before `end`.
 bool map_values(const StreamTask& task, const SegmentContext& context, std::size_t begin,
                 std::size_t end, std::uint64_t* carry, Gaussians4D& set) {
   const StreamRow& row = *task.row;
@@ -291,7 +291,7 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
   const bool together = rotation || mapping == Mapping::kColour;
   const std::size_t width = rotation ? 4 : row.components;
   HWY_ALIGN Numbers q[3];
-  HWY_ALIGN Floats floats[kMostComponents], steps;
+  HWY_ALIGN Floats floats[kMaxComponents], steps;
   HWY_ALIGN int exponents[kBlock];
   bool good = true;
   for (std::size_t first = begin; first < end; first += kBlock) {
@@ -321,14 +321,14 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
   return good;
 }
 
-// The same of keys.
+// As above for Morton keys.
 bool map_keys(const StreamTask& task, std::size_t begin, std::size_t end, std::uint64_t* carry,
               Gaussians4D& set) {
   const StreamRow& row = *task.row;
   HWY_ALIGN Keys keys;
   HWY_ALIGN Numbers q;
   HWY_ALIGN Floats floats[3];
-  const std::uint32_t most = max_steps(Mapping::kLinear, row.step.multiplier);
+  const std::uint32_t limit = max_steps(Mapping::kLinear, row.step.multiplier);
   std::uint64_t key = *carry, overflow = key;
   bool good = true;
   for (std::size_t first = begin; first < end; first += kBlock) {
@@ -342,7 +342,7 @@ bool map_keys(const StreamTask& task, std::size_t begin, std::size_t end, std::u
     }
     for (std::size_t axis = 0; axis < 3; ++axis) {
       for (std::size_t i = 0; i < kBlock; ++i) q[i] = compact3(keys[i] >> axis);
-      good &= in_range(q, most);
+      good &= in_range(q, limit);
       map_linear(row.origin[axis], size_of(row.step), q, floats[axis]);
     }
     store<3>(floats, count, set.position.data() + 3 * first, 3);
@@ -388,8 +388,8 @@ bool all_finite(const FloatArray& values, std::size_t begin, std::size_t end) {
   return bad == 0;
 }
 
-bool can_be_drawn(const Gaussians4D& set, std::uint32_t floats, std::size_t begin,
-                  std::size_t end) {
+bool all_renderable(const Gaussians4D& set, std::uint32_t floats, std::size_t begin,
+                    std::size_t end) {
   std::uint32_t bad = 0;
   for (std::size_t i = begin; i < end; ++i) {
     bad |= set.sigma[i] > 0.0f ? 0u : 1u;
@@ -423,7 +423,7 @@ namespace stgs {
 
 HWY_EXPORT(map_task);
 HWY_EXPORT(sum_task);
-HWY_EXPORT(can_be_drawn);
+HWY_EXPORT(all_renderable);
 
 bool map_task(const StreamTask& task, const SegmentContext& context, std::size_t begin,
               std::size_t end, std::uint64_t* carry, Gaussians4D& set) {
@@ -434,9 +434,9 @@ void sum_task(const StreamTask& task, std::size_t begin, std::size_t end, std::u
   HWY_DYNAMIC_DISPATCH(sum_task)(task, begin, end, sums);
 }
 
-bool can_be_drawn(const Gaussians4D& set, std::uint32_t floats, std::size_t begin,
-                  std::size_t end) {
-  return HWY_DYNAMIC_DISPATCH(can_be_drawn)(set, floats, begin, end);
+bool all_renderable(const Gaussians4D& set, std::uint32_t floats, std::size_t begin,
+                    std::size_t end) {
+  return HWY_DYNAMIC_DISPATCH(all_renderable)(set, floats, begin, end);
 }
 
 }  // namespace stgs

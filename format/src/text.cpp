@@ -7,7 +7,7 @@
 namespace stgs {
 
 bool is_utf8(std::string_view text) {
-  // Smallest code point that needs as many bytes.
+  // Smallest code point of each length.
   constexpr std::uint32_t kFirst[] = {0, 0, 0x80, 0x800, 0x10000};
   for (std::size_t i = 0; i < text.size();) {
     const auto lead = static_cast<unsigned char>(text[i]);

@@ -10,13 +10,13 @@
 namespace stgs {
 namespace {
 
-constexpr int kFewTiers = 3;
-constexpr double kRounding = 1e-3;  // primitives: sums of shares fall short of a whole one
-// Of the first tier at a moment where there are many: some 700 kB, so that over 50 Mbit/s and 40 ms
-// there is a picture after .3 s.
+constexpr int kDefaultTiers = 3;
+constexpr double kRounding = 1e-3;  // primitives; tolerance for sums of shares
+// Primitives of a small first tier needed at one time: about 700 kB, which gives an image after 0.3
+// s over a link of 50 Mbit/s with a latency of 40 ms.
 constexpr double kFirstPrimitives = 9 << 12;
 
-// Of tiers that have these shares of the scene.
+// Returns the bounds of tiers with these shares of the scene's primitives.
 std::vector<float> bounds_of_scene(std::span<const float> importance,
                                    std::span<const double> shares) {
   std::vector<float> sorted(importance.begin(), importance.end()), bounds;
@@ -31,10 +31,9 @@ std::vector<float> bounds_of_scene(std::span<const float> importance,
   return bounds;
 }
 
-// Of tiers that have these shares of what moments need, in the mean.
-std::vector<float> bounds_of_moments(std::span<const float> importance,
-                                     std::span<const float> needed,
-                                     std::span<const double> shares) {
+// Returns the bounds of tiers with these shares of the mean demand.
+std::vector<float> bounds_of_demand(std::span<const float> importance,
+                                    std::span<const float> needed, std::span<const double> shares) {
   std::vector<std::uint32_t> order(importance.size());
   std::iota(order.begin(), order.end(), 0u);
   std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
@@ -54,23 +53,25 @@ std::vector<float> bounds_of_moments(std::span<const float> importance,
   return bounds;
 }
 
-// Whether two tiers that follow each other stay two. A first one of little is worth its record
-// where much would come with it.
-bool are_apart(std::size_t first, std::size_t second, bool graded) {
-  if (second < kLeastTier) return false;
-  return first >= kLeastTier || (graded && first >= kLeastTier / 8 && second >= 8 * kLeastTier);
+// Returns whether two successive tiers stay separate. A small first tier is worth its record if the
+// second one is large.
+bool stay_separate(std::size_t first, std::size_t second, bool graded) {
+  if (second < kMinTierSize) return false;
+  return first >= kMinTierSize ||
+         (graded && first >= kMinTierSize / 8 && second >= 8 * kMinTierSize);
 }
 
-// How many a segment is to begin with, in place of all of its first tier; 0: with all of it. What
-// matters little in the scene may be all of a segment, and many may matter alike.
-std::size_t fewer_of(const Tier& first) {
+// Returns the number of primitives to split off a segment's first tier; 0: do not split it. The
+// first tier is too large if all members belong to later tiers of the scene, or many are equally
+// important.
+std::size_t split_size(const Tier& first) {
   const std::size_t n = first.members.size();
   constexpr auto kMany = static_cast<std::size_t>(kFirstPrimitives);
   if (n > 2 * kMany) return kMany;
-  return first.importance > 0 && n >= 8 * kLeastTier ? n / 8 : 0;
+  return first.importance > 0 && n >= 8 * kMinTierSize ? n / 8 : 0;
 }
 
-// Takes so many of most importance out of a tier.
+// Moves the `count` most important members out of a tier.
 Tier take_first(Tier& tier, std::size_t count, std::span<const float> importance) {
   const auto n = static_cast<std::ptrdiff_t>(count);
   std::nth_element(tier.members.begin(), tier.members.begin() + n, tier.members.end(),
@@ -82,23 +83,23 @@ Tier take_first(Tier& tier, std::size_t count, std::span<const float> importance
   return out;
 }
 
-bool is_graded(int tiers, double many) {
-  return tiers == 0 && many > kFewTiers * kFirstPrimitives;
+bool is_graded(int tiers, double peak) {
+  return tiers == 0 && peak > kDefaultTiers * kFirstPrimitives;
 }
 
 }  // namespace
 
 Demand measure_demand(std::span<const PartRange> parts,
-                      std::span<const std::vector<SegmentMembers>> whole, double chunk_ticks,
+                      std::span<const std::vector<SegmentMembers>> segments, double chunk_ticks,
                       std::size_t count) {
   Demand out{std::vector<float>(count, 0.0f)};
-  std::map<double, double> changes;  // primitives that come, less those that go, by moment
+  std::map<double, double> changes;  // net number of primitives added, by time
   const double ticks = ticks_of(parts);
   for (std::size_t p = 0; p < parts.size(); ++p) {
-    for (const SegmentMembers& segment : whole[p]) {
-      const Interval shown = shown_of(
-          interval_of(segment.place.level, segment.place.slot, chunk_ticks, parts[p].length()),
-          parts[p].interval, parts[p].cut);
+    for (const SegmentMembers& segment : segments[p]) {
+      const Interval shown =
+          shown_of(interval_of(segment.key.level, segment.key.slot, chunk_ticks, parts[p].length()),
+                   parts[p].interval, parts[p].cut);
       if (!(shown.begin < shown.end)) continue;
       const auto share = static_cast<float>((shown.end - shown.begin) / ticks);
       for (const std::uint32_t i : segment.members) out.shares[i] = share;
@@ -108,18 +109,18 @@ Demand measure_demand(std::span<const PartRange> parts,
     }
   }
   double now = 0;
-  for (const auto& [moment, change] : changes) out.most = std::max(out.most, now += change);
+  for (const auto& [time, change] : changes) out.peak = std::max(out.peak, now += change);
   return out;
 }
 
-std::vector<double> tier_shares(int tiers, double many) {
-  if (!is_graded(tiers, many)) {
-    const int count = tiers > 0 ? tiers : kFewTiers;
+std::vector<double> tier_shares(int tiers, double peak) {
+  if (!is_graded(tiers, peak)) {
+    const int count = tiers > 0 ? tiers : kDefaultTiers;
     return std::vector<double>(static_cast<std::size_t>(count), 1.0 / count);
   }
   std::vector<double> out;
   double left = 1.0;
-  for (double share = kFirstPrimitives / many; left > 2 * share; share *= 2) {
+  for (double share = kFirstPrimitives / peak; left > 2 * share; share *= 2) {
     out.push_back(share);
     left -= share;
   }
@@ -127,11 +128,11 @@ std::vector<double> tier_shares(int tiers, double many) {
   return out;
 }
 
-TierPlan plan_tiers(std::span<const float> importance, const Demand& needed, int tiers) {
+TierPlan plan_tiers(std::span<const float> importance, const Demand& demand, int tiers) {
   if (importance.empty()) return {};
-  const std::vector<double> shares = tier_shares(tiers, needed.peak);
-  if (!is_graded(tiers, needed.peak)) return {bounds_of_scene(importance, shares), false};
-  return {bounds_of_moments(importance, needed.shares, shares), true};
+  const std::vector<double> shares = tier_shares(tiers, demand.peak);
+  if (!is_graded(tiers, demand.peak)) return {bounds_of_scene(importance, shares), false};
+  return {bounds_of_demand(importance, demand.shares, shares), true};
 }
 
 std::vector<Tier> tiers_of(const std::vector<std::uint32_t>& members,
@@ -146,7 +147,8 @@ std::vector<Tier> tiers_of(const std::vector<std::uint32_t>& members,
   std::vector<Tier> out;
   for (std::size_t t = 0; t < all.size(); ++t) {
     all[t].importance = static_cast<int>(t);
-    if (out.empty() || are_apart(out.back().members.size(), all[t].members.size(), plan.graded)) {
+    if (out.empty() ||
+        stay_separate(out.back().members.size(), all[t].members.size(), plan.graded)) {
       out.push_back(std::move(all[t]));
       continue;
     }
@@ -154,8 +156,8 @@ std::vector<Tier> tiers_of(const std::vector<std::uint32_t>& members,
     if (all[t].members.size() > last.members.size()) last.importance = static_cast<int>(t);
     last.members.insert(last.members.end(), all[t].members.begin(), all[t].members.end());
   }
-  if (const std::size_t fewer = plan.graded ? fewer_of(out[0]) : 0; fewer > 0) {
-    Tier first = take_first(out[0], fewer, importance);
+  if (const std::size_t count = plan.graded ? split_size(out[0]) : 0; count > 0) {
+    Tier first = take_first(out[0], count, importance);
     out.insert(out.begin(), std::move(first));
   }
   for (Tier& tier : out) std::sort(tier.members.begin(), tier.members.end());

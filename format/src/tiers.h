@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tiers of a scene: which primitives come first, for a reader that begins with less.
+// Assignment of primitives to tiers by importance, so that a reader can begin with a few of them.
 #pragma once
 
 #include <cstddef>
@@ -11,41 +11,41 @@
 
 namespace stgs {
 
-inline constexpr std::size_t kLeastTier =
-    512;  // primitives: fewer would cost more in tables than they gain
+// Primitives of the smallest tier. Tables would cost a smaller one more than it gains.
+inline constexpr std::size_t kMinTierSize = 512;
 
-// What moments need of a scene's primitives, as their segments are alive.
+// How often a scene's primitives are needed, given the segments that contain them.
 struct Demand {
-  std::vector<float> shares;  // of each primitive: of all moments
-  double peak = 0;            // primitives at the fullest moment
+  std::vector<float> shares;  // of each primitive: the share of all times at which it is needed
+  double peak = 0;            // greatest number of primitives needed at one time
 };
-// Of `count` primitives; `whole` has the segments of each part.
+// Measures the demand of `count` primitives. `segments`: by part.
 Demand measure_demand(std::span<const PartRange> parts,
-                      std::span<const std::vector<SegmentMembers>> whole, double chunk_ticks,
+                      std::span<const std::vector<SegmentMembers>> segments, double chunk_ticks,
                       std::size_t count);
 
-// The share that each tier has, those of most importance first: of like size where so many `tiers`
-// are asked for. 0 chooses: three, but where the fullest moment needs so `many` that a third would
-// take long to come over a link the first tier is small, each further one has twice as many, and
-// there are as many as that makes.
-std::vector<double> tier_shares(int tiers, double many);
+// Returns the share of each tier, most important first. If `tiers` > 0 they are equal. 0 chooses
+// three equal tiers or, if a third of the `peak` number of primitives would take long to download,
+// a small first tier followed by tiers that double in size, as many as fit.
+std::vector<double> tier_shares(int tiers, double peak);
 
 struct TierPlan {
-  std::vector<float> bounds;  // the least importance in each tier of the scene but the last
-  bool graded = false;        // chosen for moments of many: by what they need, not by the scene
+  std::vector<float> bounds;  // lowest importance in each tier except the last
+  bool graded = false;        // chosen by demand, not by the number of primitives
 };
-TierPlan plan_tiers(std::span<const float> importance, const Demand& needed, int tiers);
+TierPlan plan_tiers(std::span<const float> importance, const Demand& demand, int tiers);
 
-// Members of a segment that a tier has.
+// The members of a segment in one tier.
 struct Tier {
-  int importance = 0;  // which of TierPlan
+  int importance = 0;  // index of the tier in the plan
   std::vector<std::uint32_t> members;
 };
 
-// The members by tier, those of most importance first; a tier that would be small goes with the one
-// before or after it. Where the plan is graded a small first tier does not take much with it, many
-// that are all of later tiers of the scene begin with an eighth of them, and no segment begins with
-// many more than a moment should.
+// Splits the members of a segment into tiers, most important first. A tier that would be too small
+// is merged with a neighbour. If the plan is graded:
+// - a small first tier is not merged with a large second one
+// - a large segment whose members are all in later tiers begins with an eighth of them
+// - no segment begins with many more primitives than the first tier should have at one time
 std::vector<Tier> tiers_of(const std::vector<std::uint32_t>& members,
                            std::span<const float> importance, const TierPlan& plan);
 

@@ -20,7 +20,7 @@ bool all_finite(const FloatArray& values) {
   return bad == 0;
 }
 
-// One finding an attribute and segment: the first primitive, and how many more.
+// Reports one finding per attribute.
 void check_finite(const Gaussians4D& set, std::uint32_t segment, std::uint64_t offset,
                   Findings& findings) {
   for (Attribute attribute : attributes_of(set.sh_degree)) {
@@ -36,8 +36,8 @@ void check_finite(const Gaussians4D& set, std::uint32_t segment, std::uint64_t o
     }
     if (bad > 0) {
       findings.error(N::kNotFinite, offset,
-                     "segment {}, {}: {} primitives are not finite, the first is {}", segment,
-                     name_of(attribute), bad, first);
+                     "segment {}: {} not finite in {} of {} primitives (first: {})", segment,
+                     name_of(attribute), bad, set.size(), first);
     }
   }
 }
@@ -54,11 +54,11 @@ void check_primitives(const Gaussians4D& set, std::uint32_t segment, std::uint64
                    [](const auto* array) { return all_finite(*array); })) {
     check_finite(set, segment, offset, findings);
   }
-  check_each(n, N::kSigma, true, segment, offset, "have sigma <= 0", findings,
+  check_each(n, N::kSigma, true, segment, offset, "sigma <= 0", findings,
              [&](std::size_t i) { return set.sigma[i] <= 0.0f; });
-  check_each(n, N::kRadius, true, segment, offset, "have a radius < 0", findings,
+  check_each(n, N::kRadius, true, segment, offset, "radius < 0", findings,
              [&](std::size_t i) { return set.radius[i] < 0.0f; });
-  check_each(n, N::kRotation, true, segment, offset, "have a quaternion of length 0", findings,
+  check_each(n, N::kRotation, true, segment, offset, "quaternion of length 0", findings,
              [&](std::size_t i) {
                const float* q = set.rotation.data() + 4 * i;
                return q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f;
@@ -68,8 +68,9 @@ void check_primitives(const Gaussians4D& set, std::uint32_t segment, std::uint64
 std::vector<float> parse_importance(std::span<const std::uint8_t> payload, std::uint64_t primitives,
                                     std::uint64_t offset, Findings& findings) {
   if (payload.size() % 4 != 0 || payload.size() / 4 != primitives) {
-    findings.error(N::kImportance, offset, "importances in {} bytes, not of {} primitives",
-                   payload.size(), primitives);
+    findings.error(N::kImportance, offset,
+                   "importances have the wrong size ({} bytes for {} primitives)", payload.size(),
+                   primitives);
     return {};
   }
   ByteReader in(payload);
@@ -77,7 +78,7 @@ std::vector<float> parse_importance(std::span<const std::uint8_t> payload, std::
   for (float& value : values) {
     value = in.f32();
     if (value >= 0.0f && std::isfinite(value)) continue;
-    findings.error(N::kImportance, offset, "an importance of {}", value);
+    findings.error(N::kImportance, offset, "invalid importance {}", value);
     return {};
   }
   return values;

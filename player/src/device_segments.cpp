@@ -11,12 +11,13 @@
 namespace stgs::player {
 namespace {
 
-// Primitives that are decoded at once, about: their floats are held beside what is drawn from.
+// Approximate number of primitives per batch: their decoded floats need memory besides the packed
+// segments.
 constexpr std::uint64_t kBatch = 1 << 19;
-constexpr std::uint64_t kMostDrawn = 1 << 28;  // that a frame of any backend numbers
-// Of a picture while somebody plays, for what may come later: at 100 a second the least leaves as
-// much to draw it.
-constexpr std::chrono::milliseconds kLeastSending{4}, kMostSending{250};
+constexpr std::uint64_t kMaxPrimitives = 1 << 28;  // per frame, on any backend
+// Time per frame for deferrable uploads during playback. At 100 fps, the minimum leaves at least as
+// much time for rendering.
+constexpr std::chrono::milliseconds kMinUploadTime{4}, kMaxUploadTime{250};
 
 template <typename T>
 bool same_owner(const std::weak_ptr<T>& a, const std::shared_ptr<T>& b) {
@@ -27,227 +28,233 @@ bool same_owner(const std::weak_ptr<T>& a, const std::shared_ptr<T>& b) {
 
 Result<std::vector<Timeline::SegmentRef>> DeviceSegments::make_resident(Timeline& timeline,
                                                                         double seconds) {
-  std::vector<Timeline::SegmentRef> needed;
+  std::vector<Timeline::SegmentRef> refs;
   do {
-    STGS_ASSIGN(needed, timeline.visible_segments(seconds));
-    STGS_TRY(change_to(timeline));
-    STGS_TRY(make_present(timeline, needed, seconds));
-    // Some may have turned out to be lost. Others may have come meanwhile: they are for next time.
-    STGS_ASSIGN(needed, timeline.visible_segments(seconds));
+    STGS_ASSIGN(refs, timeline.visible_segments(seconds));
+    STGS_TRY(switch_to(timeline));
+    STGS_TRY(upload_missing(timeline, refs, seconds));
+    // Some segments may have turned out to be unusable. Those that have arrived in the meantime are
+    // left to the next call.
+    STGS_ASSIGN(refs, timeline.visible_segments(seconds));
   } while (timeline_.lock() != timeline.identity());
-  waiting_ = 0;
-  std::erase_if(needed, [this](const Timeline::SegmentRef& one) {
-    const auto found = held_.find(one.segment);
-    const bool there = found != held_.end();
-    if (one.set != nullptr && !(there && same_owner(found->second.set, one.set))) {
-      waiting_ += one.set->size();
+  pending_ = 0;
+  std::erase_if(refs, [this](const Timeline::SegmentRef& ref) {
+    const auto found = resident_.find(ref.segment);
+    const bool is_resident = found != resident_.end();
+    if (ref.set != nullptr && !(is_resident && same_owner(found->second.set, ref.set))) {
+      pending_ += ref.set->size();
     }
-    return !there;
+    return !is_resident;
   });
-  return needed;
+  return refs;
 }
 
 void DeviceSegments::insert(std::uint32_t segment, std::uint64_t primitives, std::uint64_t bytes) {
-  if (const auto before = held_.find(segment); before != held_.end()) {
+  if (const auto before = resident_.find(segment); before != resident_.end()) {
     bytes_ -= before->second.bytes;
     primitives_ -= before->second.primitives;
   }
-  held_.insert_or_assign(segment, Held{bytes, primitives, {call_, As::kNeeded}, {}});
+  resident_.insert_or_assign(segment, Resident{bytes, primitives, {call_, Priority::kActive}, {}});
   bytes_ += bytes;
   primitives_ += primitives;
 }
 
 Status DeviceSegments::decode_on_cpu(Timeline& timeline, std::uint32_t segment) {
   STGS_ASSIGN(const std::optional<Gaussians4D> set, timeline.decode(segment));
-  return set ? send_all(segment, *set) : Status();
+  return set ? upload_all(segment, *set) : Status();
 }
 
-Status DeviceSegments::send_all(std::uint32_t segment, const Gaussians4D& set) {
-  arriving_[segment] = {};  // what is given up where this throws
+Status DeviceSegments::upload_all(std::uint32_t segment, const Gaussians4D& set) {
+  uploads_[segment] = {};  // so that the upload is cancelled if this throws
   Status status;
   for (std::size_t first = 0; status.ok() && (first == 0 || first < set.size());
        first += kMaxUploadPrimitives) {
     status = upload(segment, set, first);
   }
   if (!status.ok()) cancel_upload(segment);
-  arriving_.erase(segment);
+  uploads_.erase(segment);
   return status;
 }
 
 void DeviceSegments::clear() {
-  abandon_others({});
-  while (!held_.empty()) drop(held_.begin());
+  cancel_uploads_except({});
+  while (!resident_.empty()) evict(resident_.begin());
 }
 
-void DeviceSegments::drop(Segments::iterator segment) {
+void DeviceSegments::evict(Segments::iterator segment) {
   bytes_ -= segment->second.bytes;
   primitives_ -= segment->second.primitives;
   release(segment->first);
-  held_.erase(segment);
+  resident_.erase(segment);
 }
 
-void DeviceSegments::make_room(const Timeline& timeline, std::uint64_t more, const Use& least) {
-  while (bytes_ + more > timeline.memory_budget()) {
+void DeviceSegments::evict_for(const Timeline& timeline, std::uint64_t bytes, const Use& limit) {
+  while (bytes_ + bytes > timeline.memory_budget()) {
     const auto oldest = std::min_element(
-        held_.begin(), held_.end(),
+        resident_.begin(), resident_.end(),
         [](const auto& a, const auto& b) { return a.second.used < b.second.used; });
-    if (oldest == held_.end() || oldest->second.used >= least) return;
-    drop(oldest);
+    if (oldest == resident_.end() || oldest->second.used >= limit) return;
+    evict(oldest);
   }
 }
 
-bool DeviceSegments::has(const Timeline::SegmentRef& asked, bool now) {
-  const auto found = held_.find(asked.segment);
-  if (found == held_.end()) return false;
-  const bool same = same_owner(found->second.set, asked.set);
-  found->second.used = {call_, !now ? As::kAhead : same ? As::kNeeded : As::kOutdated};
+bool DeviceSegments::mark_used(const Timeline::SegmentRef& ref, bool is_active) {
+  const auto found = resident_.find(ref.segment);
+  if (found == resident_.end()) return false;
+  const bool same = same_owner(found->second.set, ref.set);
+  found->second.used = {call_, !is_active ? Priority::kPrefetched
+                               : same     ? Priority::kActive
+                                          : Priority::kOutdated};
   return same;
 }
 
-void DeviceSegments::fit_ahead(const Timeline& timeline, std::uint64_t more,
-                               std::vector<const Timeline::SegmentRef*>& ahead) {
-  std::uint64_t stays = more;
-  for (const auto& [segment, held] : held_) stays += held.used.call == call_ ? held.bytes : 0;
+void DeviceSegments::fit_prefetch(const Timeline& timeline, std::uint64_t bytes,
+                                  std::vector<const Timeline::SegmentRef*>& ahead) {
+  const auto size_of = [&](const Timeline::SegmentRef* ref) {
+    return bytes_of(timeline.reader().segments()[ref->segment].primitives);
+  };
+  std::uint64_t retained = bytes;
+  for (const auto& [segment, one] : resident_) retained += one.used.call == call_ ? one.bytes : 0;
   std::size_t fitting = 0;
   for (; fitting < ahead.size(); ++fitting) {
-    stays += bytes_of(timeline.reader().segments()[ahead[fitting]->segment].primitives);
-    if (stays > timeline.memory_budget()) break;
-    more += bytes_of(timeline.reader().segments()[ahead[fitting]->segment].primitives);
+    retained += size_of(ahead[fitting]);
+    if (retained > timeline.memory_budget()) break;
+    bytes += size_of(ahead[fitting]);
   }
   ahead.resize(fitting);
-  make_room(timeline, more, {call_, As::kAhead});
+  evict_for(timeline, bytes, {call_, Priority::kPrefetched});
 }
 
-void DeviceSegments::abandon_others(std::span<const Timeline::SegmentRef* const> these) {
-  std::erase_if(arriving_, [&](const auto& one) {
-    const bool wanted = std::any_of(these.begin(), these.end(), [&](const auto* needed) {
-      return needed->segment == one.first && same_owner(one.second.set, needed->set);
+void DeviceSegments::cancel_uploads_except(std::span<const Timeline::SegmentRef* const> these) {
+  std::erase_if(uploads_, [&](const auto& one) {
+    const bool is_listed = std::any_of(these.begin(), these.end(), [&](const auto* ref) {
+      return ref->segment == one.first && same_owner(one.second.set, ref->set);
     });
-    if (!wanted) cancel_upload(one.first);
-    return !wanted;
+    if (!is_listed) cancel_upload(one.first);
+    return !is_listed;
   });
 }
 
-Result<bool> DeviceSegments::send_piece(const Timeline::SegmentRef& needed) {
-  Arriving& arriving = arriving_[needed.segment];
-  arriving.set = needed.set;
-  // It begins anew where this throws.
-  const std::size_t first = std::exchange(arriving.sent, 0), sent = first + kMaxUploadPrimitives;
-  const Status status = upload(needed.segment, *needed.set, first);
-  const bool more = status.ok() && sent < needed.set->size();
-  if (!status.ok()) cancel_upload(needed.segment);
+Result<bool> DeviceSegments::upload_next(const Timeline::SegmentRef& ref) {
+  UploadProgress& current = uploads_[ref.segment];
+  current.set = ref.set;
+  // If this throws, the upload restarts.
+  const std::size_t first = std::exchange(current.done, 0), end = first + kMaxUploadPrimitives;
+  const Status status = upload(ref.segment, *ref.set, first);
+  const bool more = status.ok() && end < ref.set->size();
+  if (!status.ok()) cancel_upload(ref.segment);
   if (more) {
-    arriving.sent = sent;
+    current.done = end;
   } else {
-    arriving_.erase(needed.segment);
+    uploads_.erase(ref.segment);
   }
   STGS_TRY(status);
-  if (!more) held_.at(needed.segment).set = needed.set;
+  if (!more) resident_.at(ref.segment).set = ref.set;
   return more;
 }
 
-// A quarter of the time from picture to picture.
-DeviceSegments::Clock::duration DeviceSegments::time_to_send(bool playing) {
-  const Clock::time_point before = std::exchange(called_, now());
-  if (!std::exchange(played_, playing)) return kLeastSending;
-  return std::clamp<Clock::duration>((called_ - before) / 4, kLeastSending, kMostSending);
+// A quarter of the time between frames.
+DeviceSegments::Clock::duration DeviceSegments::upload_time(bool playing) {
+  const Clock::time_point before = std::exchange(last_call_, now());
+  if (!std::exchange(was_playing_, playing)) return kMinUploadTime;
+  return std::clamp<Clock::duration>((last_call_ - before) / 4, kMinUploadTime, kMaxUploadTime);
 }
 
-// Nothing waits of the first tier, without which there is no picture of a moment.
-Status DeviceSegments::send_decoded(const Timeline& timeline,
-                                    std::span<const Timeline::SegmentRef* const> decoded,
-                                    std::span<const Timeline::SegmentRef* const> ahead) {
+// The first tier is never deferred: without it, a frame is incomplete.
+Status DeviceSegments::upload_decoded(const Timeline& timeline,
+                                      std::span<const Timeline::SegmentRef* const> decoded,
+                                      std::span<const Timeline::SegmentRef* const> ahead) {
   const bool playing = timeline.is_playing();
-  const Clock::duration time = time_to_send(playing);
-  bool waits = false;  // whether there is no more time for what may wait
-  for (const Timeline::SegmentRef* one : decoded) {
-    const bool first = timeline.reader().segments()[one->segment].tier == 0;
-    const bool may_wait = playing && (!first || held_.contains(one->segment));
-    for (bool more = true; more && !(may_wait && waits);) {
-      STGS_ASSIGN(more, send_piece(*one));
-      if (may_wait) waits = now() >= called_ + time;
+  const Clock::duration time = upload_time(playing);
+  bool out_of_time = false;  // for deferrable uploads
+  for (const Timeline::SegmentRef* ref : decoded) {
+    const bool is_first_tier = timeline.reader().segments()[ref->segment].tier == 0;
+    const bool is_deferrable = playing && (!is_first_tier || resident_.contains(ref->segment));
+    for (bool more = true; more && !(is_deferrable && out_of_time);) {
+      STGS_ASSIGN(more, upload_next(*ref));
+      if (is_deferrable) out_of_time = now() >= last_call_ + time;
     }
   }
-  for (const Timeline::SegmentRef* one : ahead) {
+  for (const Timeline::SegmentRef* ref : ahead) {
     bool more = true;
-    while (more && now() < called_ + kLeastSending) {
-      // The picture does without; where it cannot be sent when it is needed, that is told.
-      const Result<bool> sent = send_piece(*one);
-      if (!sent.ok()) return {};
-      more = *sent;
+    while (more && now() < last_call_ + kMinUploadTime) {
+      // The frame does not need it. If it still fails once it is needed, that is reported then.
+      const Result<bool> uploaded = upload_next(*ref);
+      if (!uploaded.ok()) return {};
+      more = *uploaded;
     }
     if (more) break;
   }
   return {};
 }
 
-Status DeviceSegments::change_to(const Timeline& timeline) {
-  const auto known = timeline_.lock();
-  if (known != nullptr && known == timeline.identity()) {
-    if (timeline.reader().segments().size() != known_) find_fullest(timeline);
+Status DeviceSegments::switch_to(const Timeline& timeline) {
+  const auto current = timeline_.lock();
+  if (current != nullptr && current == timeline.identity()) {
+    if (timeline.reader().segments().size() != segment_count_) find_peak(timeline);
     return {};
   }
   clear();
   timeline_.reset();
   sh_degree_ = timeline.reader().sh_degree();
   STGS_TRY(begin(timeline.reader()));
-  no_room_ = false;
-  find_fullest(timeline);
-  if (fullest_.primitives > 0) reserve(bytes_of(fullest_.primitives));
+  peak_does_not_fit_ = false;
+  find_peak(timeline);
+  if (peak_.primitives > 0) reserve(bytes_of(peak_.primitives));
   timeline_ = timeline.identity();
   return {};
 }
 
-void DeviceSegments::find_fullest(const Timeline& timeline) {
-  known_ = timeline.reader().segments().size();
-  if (no_room_) return;
+void DeviceSegments::find_peak(const Timeline& timeline) {
+  segment_count_ = timeline.reader().segments().size();
+  if (peak_does_not_fit_) return;
   const DecoderNeeds needs = decoder_needs(timeline.reader());
   const std::uint64_t fitting =
       timeline.memory_budget() / (bytes_of(kMaxUploadPrimitives) / kMaxUploadPrimitives);
-  fullest_ = {std::min({needs.primitives, fitting, kMostDrawn}),
-              std::min(needs.segments, timeline.memory_budget() / bytes_of(1))};
+  peak_ = {std::min({needs.primitives, fitting, kMaxPrimitives}),
+           std::min(needs.segments, timeline.memory_budget() / bytes_of(1))};
 }
 
-Status DeviceSegments::make_present(Timeline& timeline,
-                                    std::span<const Timeline::SegmentRef> needed, double seconds) {
+Status DeviceSegments::upload_missing(Timeline& timeline,
+                                      std::span<const Timeline::SegmentRef> refs, double seconds) {
   ++call_;
   const std::vector<Timeline::SegmentRef> soon = timeline.prefetch_segments(seconds);
   std::vector<const Timeline::SegmentRef*> ahead;
-  for (const Timeline::SegmentRef& one : soon) {
-    if (!has(one, false)) ahead.push_back(&one);
+  for (const Timeline::SegmentRef& ref : soon) {
+    if (!mark_used(ref, false)) ahead.push_back(&ref);
   }
   const auto& segments = timeline.reader().segments();
   std::vector<std::uint32_t> missing;
   std::vector<const Timeline::SegmentRef*> decoded;
-  std::uint64_t together = 0, more = 0;
-  for (const Timeline::SegmentRef& one : needed) {
-    const SegmentInfo& info = segments[one.segment];
+  std::uint64_t total = 0, more = 0;
+  for (const Timeline::SegmentRef& ref : refs) {
+    const SegmentInfo& info = segments[ref.segment];
     const std::uint64_t bytes = info.available ? bytes_of(info.primitives) : 0;
-    together += bytes;
-    if (has(one, true)) continue;
+    total += bytes;
+    if (mark_used(ref, true)) continue;
     more += bytes;
-    if (one.set == nullptr) {
-      missing.push_back(one.segment);
+    if (ref.set == nullptr) {
+      missing.push_back(ref.segment);
     } else {
-      decoded.push_back(&one);
+      decoded.push_back(&ref);
     }
   }
-  if (together > timeline.memory_budget()) {
-    return over_budget(timeline.name(), seconds, together, timeline.memory_budget());
+  if (total > timeline.memory_budget()) {
+    return over_budget_error(timeline.name(), seconds, total, timeline.memory_budget());
   }
-  make_room(timeline, more, {call_, As::kNeeded});
-  fit_ahead(timeline, more, ahead);
+  evict_for(timeline, more, {call_, Priority::kActive});
+  fit_prefetch(timeline, more, ahead);
   std::stable_sort(decoded.begin(), decoded.end(), [&](const auto* a, const auto* b) {
     return segments[a->segment].tier < segments[b->segment].tier;
   });
-  std::vector<const Timeline::SegmentRef*> wanted = decoded;
-  wanted.insert(wanted.end(), ahead.begin(), ahead.end());
-  abandon_others(wanted);
-  STGS_TRY(send_decoded(timeline, decoded, ahead));
-  return decode_all(timeline, missing);
+  std::vector<const Timeline::SegmentRef*> current = decoded;
+  current.insert(current.end(), ahead.begin(), ahead.end());
+  cancel_uploads_except(current);
+  STGS_TRY(upload_decoded(timeline, decoded, ahead));
+  return decode_batches(timeline, missing);
 }
 
-Status DeviceSegments::decode_all(Timeline& timeline, std::span<const std::uint32_t> segments) {
+Status DeviceSegments::decode_batches(Timeline& timeline, std::span<const std::uint32_t> segments) {
   const std::vector<SegmentInfo>& infos = timeline.reader().segments();
   for (std::size_t first = 0, end = 0; first < segments.size(); first = end) {
     std::uint64_t primitives = 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which segments a backend's device holds: what a moment needs, within the timeline's budget.
+// Decides which segments are resident on a backend's device, within the timeline's memory budget.
 #pragma once
 
 #include <chrono>
@@ -15,116 +15,129 @@
 
 namespace stgs::player {
 
-// One thread. A backend says how a segment comes to its device and leaves it. What a timeline holds
-// decoded comes in pieces: while somebody plays, one that is large comes with several pictures, and
-// until it is all there what there was of the segment is drawn; what is needed soon comes ahead.
+// Base class of the segment caches of the GPU backends, which implement upload and eviction. One
+// thread.
+//
+// Segments that the timeline has decoded are uploaded in parts of at most kMaxUploadPrimitives.
+// During playback, the upload of a large segment is spread over several frames, which render the
+// previous version of the segment until the upload is complete. Segments that are needed soon are
+// uploaded in advance.
 class DeviceSegments {
  public:
   virtual ~DeviceSegments() = default;
-  // Makes what is alive at `seconds` present, drops what was needed least recently where the budget
-  // asks for it, and gives what is to be drawn: all that is held of the moment, ascending. What is
-  // held of another timeline goes. What uses segments must have ended, or come before in the
-  // device's queue. Errors: those of Timeline::at, and of the device.
+  // Makes the segments that are active at `seconds` resident, evicts the least recently used ones
+  // if the budget requires it, and returns those to render: all active ones that are resident,
+  // ascending. Segments of another timeline are evicted. Work that uses segments must have
+  // completed, or precede this call's work in the device's queue. Errors: those of Timeline::at(),
+  // and of the device.
   Result<std::vector<Timeline::SegmentRef>> make_resident(Timeline& timeline, double seconds);
+  // Returns the number of primitives in the resident segments.
   std::uint64_t stored_primitives() const { return primitives_; }
-  // Of what the last call of make_resident() was asked for: decoded, and left to later calls.
-  std::uint64_t waiting_primitives() const { return waiting_; }
-  // At the moments of the timeline that have most of them, as far as its budget has room: what
-  // makes room for so many at once need not grow while it plays.
-  struct Fullest {
+  // Returns the number of decoded primitives that the last make_resident() left to later calls.
+  std::uint64_t pending_primitives() const { return pending_; }
+  // Counts at the time of the timeline with the most active primitives and segments, limited by the
+  // budget. Buffers allocated for them need not grow during playback.
+  struct Peak {
     std::uint64_t primitives = 0, segments = 0;
   };
-  const Fullest& peak() const { return fullest_; }
-  // The device has no room for it.
-  void forget_fullest() {
-    fullest_ = {};
-    no_room_ = true;
+  const Peak& peak() const { return peak_; }
+  // Sets the peak to 0 for this timeline. Call it if the device cannot allocate buffers for it.
+  void forget_peak() {
+    peak_ = {};
+    peak_does_not_fit_ = true;
   }
 
  protected:
   int sh_degree() const { return sh_degree_; }
-  // Primitives of a piece that is sent, at most.
+  // Primitives per upload.
   static constexpr std::size_t kMaxUploadPrimitives = std::size_t{1} << 16;
-  // From now on the device holds a segment, in so many bytes, in place of what it held of it.
+  // Registers a segment as resident with its size in bytes. Replaces its previous version.
   void insert(std::uint32_t segment, std::uint64_t primitives, std::uint64_t bytes);
-  // A segment that the device cannot decode, by the processor, as the timeline deals with damage.
+  // Decodes a segment on the CPU and uploads it. Applies the timeline's damage policy.
   Status decode_on_cpu(Timeline& timeline, std::uint32_t segment);
-  // Sends one that is decoded, all of it.
-  Status send_all(std::uint32_t segment, const Gaussians4D& set);
-  // Lets go of all. A backend calls it before its memory goes.
+  // Uploads all of a decoded segment.
+  Status upload_all(std::uint32_t segment, const Gaussians4D& set);
+  // Evicts all segments. Derived classes call it before they free their memory.
   void clear();
   using Clock = std::chrono::steady_clock;
-  // The clock that limits what is sent for a picture while somebody plays.
+  // Returns the time for the limit on uploads per frame during playback.
   virtual Clock::time_point now() const { return Clock::now(); }
 
  private:
-  struct Arriving {
+  struct UploadProgress {
     std::weak_ptr<const Gaussians4D> set;
-    std::size_t sent = 0;  // of its primitives
+    std::size_t done = 0;  // primitives
   };
-  // What was used in the latest call stays longest, and of that what matters most to the picture.
-  enum class As { kAhead, kOutdated, kNeeded };  // kOutdated: until a better version has come
+  // Segments used in the latest call are evicted last, and among them those with the highest
+  // priority.
+  enum class Priority {
+    kPrefetched,
+    kOutdated,  // active, until a better version is uploaded
+    kActive
+  };
   struct Use {
     std::uint64_t call = 0;
-    As as = As::kAhead;
+    Priority priority = Priority::kPrefetched;
     auto operator<=>(const Use&) const = default;
   };
-  struct Held {
+  struct Resident {
     std::uint64_t bytes = 0, primitives = 0;
-    Use used;                              // the last
-    std::weak_ptr<const Gaussians4D> set;  // Timeline::SegmentRef's, where it had one
+    Use used;                              // last
+    std::weak_ptr<const Gaussians4D> set;  // SegmentRef::set, if it had one
   };
-  using Segments = std::map<std::uint32_t, Held>;
+  using Segments = std::map<std::uint32_t, Resident>;
 
-  // Another timeline follows; nothing is held.
+  // Prepares for another timeline. No segment is resident.
   virtual Status begin(const SceneReader& reader) = 0;
-  // Makes room for segments of so many bytes, where the device has it, while it holds none.
+  // Allocates memory for segments of `bytes` together, if the device has it. Called while no
+  // segment is resident.
   virtual void reserve(std::uint64_t bytes) = 0;
-  // That a segment takes once it is held.
+  // Returns the device memory of a segment, bytes.
   virtual std::uint64_t bytes_of(std::uint64_t primitives) const = 0;
-  // Decodes, and calls insert() for each that is sound and decode_on_cpu() for the others.
+  // Decodes segments. Calls insert() for each intact one and decode_on_cpu() for the others.
   virtual Status decode(Timeline& timeline, std::span<const std::uint32_t> segments) = 0;
-  // Sends kMaxUploadPrimitives primitives of a set from `first` on, or the rest of it; all before
-  // have been sent, and with 0 it begins anew. With the last it puts them in place of what it has
-  // of the segment, and calls insert().
+  // Uploads up to kMaxUploadPrimitives primitives of a set from `first` on. Those before `first`
+  // are uploaded already; 0 restarts the upload. Once the set is complete, replaces the previous
+  // version of the segment and calls insert().
   virtual Status upload(std::uint32_t segment, const Gaussians4D& set, std::size_t first) = 0;
-  // Gives back what was sent of a set that will not come to its end.
+  // Frees the memory of an incomplete upload.
   virtual void cancel_upload(std::uint32_t segment) = 0;
-  // Gives back what a segment has.
+  // Frees the memory of a resident segment.
   virtual void release(std::uint32_t segment) = 0;
 
-  Status change_to(const Timeline& timeline);
-  void find_fullest(const Timeline& timeline);
-  // Whether it is held as it is asked for, which is noted as its use; `now`: to be drawn.
-  bool has(const Timeline::SegmentRef& asked, bool now);
-  void drop(Segments::iterator segment);
-  // Drops what was used less than that, the least first, until so many bytes more fit.
-  void make_room(const Timeline& timeline, std::uint64_t more, const Use& least);
-  // Leaves what the budget has room for, beside `more` bytes for what is needed now.
-  void fit_ahead(const Timeline& timeline, std::uint64_t more,
-                 std::vector<const Timeline::SegmentRef*>& ahead);
-  // All that arrives but these.
-  void abandon_others(std::span<const Timeline::SegmentRef* const> these);
-  Status send_decoded(const Timeline& timeline,
-                      std::span<const Timeline::SegmentRef* const> decoded,
-                      std::span<const Timeline::SegmentRef* const> ahead);
-  // One piece; whether there are more.
-  Result<bool> send_piece(const Timeline::SegmentRef& needed);
-  Clock::duration time_to_send(bool playing);
-  Status make_present(Timeline& timeline, std::span<const Timeline::SegmentRef> needed,
-                      double seconds);
-  Status decode_all(Timeline& timeline, std::span<const std::uint32_t> segments);
+  Status switch_to(const Timeline& timeline);
+  void find_peak(const Timeline& timeline);
+  // Records the use of a segment. Returns whether the resident version is the requested one.
+  bool mark_used(const Timeline::SegmentRef& ref, bool is_active);
+  void evict(Segments::iterator segment);
+  // Evicts segments whose last use is below `limit`, least recently used first, until `bytes` more
+  // fit the budget.
+  void evict_for(const Timeline& timeline, std::uint64_t bytes, const Use& limit);
+  // Truncates `ahead` to the segments that fit the budget next to `bytes` for active segments, and
+  // evicts segments for them.
+  void fit_prefetch(const Timeline& timeline, std::uint64_t bytes,
+                    std::vector<const Timeline::SegmentRef*>& ahead);
+  void cancel_uploads_except(std::span<const Timeline::SegmentRef* const> these);
+  Status upload_decoded(const Timeline& timeline,
+                        std::span<const Timeline::SegmentRef* const> decoded,
+                        std::span<const Timeline::SegmentRef* const> ahead);
+  // Uploads the next part of a set. Returns whether more parts follow.
+  Result<bool> upload_next(const Timeline::SegmentRef& ref);
+  Clock::duration upload_time(bool playing);
+  Status upload_missing(Timeline& timeline, std::span<const Timeline::SegmentRef> refs,
+                        double seconds);
+  Status decode_batches(Timeline& timeline, std::span<const std::uint32_t> segments);
 
-  std::weak_ptr<const void> timeline_;
+  std::weak_ptr<const void> timeline_;  // its identity
   int sh_degree_ = 0;
-  Fullest fullest_;
-  bool no_room_ = false;   // for it, as the device has told
-  std::size_t known_ = 0;  // segments of the timeline that fullest_ is of
-  Segments held_;
-  std::map<std::uint32_t, Arriving> arriving_;
-  std::uint64_t bytes_ = 0, primitives_ = 0, waiting_ = 0, call_ = 0;
-  Clock::time_point called_;  // last
-  bool played_ = false;       // then
+  Peak peak_;
+  bool peak_does_not_fit_ = false;  // the device's memory
+  std::size_t segment_count_ = 0;   // of the timeline when peak_ was computed
+  Segments resident_;
+  std::map<std::uint32_t, UploadProgress> uploads_;  // incomplete
+  std::uint64_t bytes_ = 0, primitives_ = 0, pending_ = 0, call_ = 0;
+  Clock::time_point last_call_;
+  bool was_playing_ = false;  // at the last call
 };
 
 }  // namespace stgs::player

@@ -29,7 +29,7 @@ Result<std::unique_ptr<Renderer>> make_renderer(const std::string& backend) {
     if (code != StatusCode::kNotBuilt && code != StatusCode::kUnsupported) return cuda;
     return make_cpu_renderer();
   }
-  return usage_error("backend '{}' is not known; use auto, cpu, cuda or vulkan", backend);
+  return usage_error("unknown backend '{}'; use auto, cpu, cuda or vulkan", backend);
 }
 
 std::vector<std::string> renderer_backends() {

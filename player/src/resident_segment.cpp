@@ -46,15 +46,14 @@ std::uint64_t decoded_segment_bytes(std::uint64_t n, int sh_degree) {
   return n * (floats * sizeof(float) + 2 * sizeof(float) + sizeof(std::uint32_t));
 }
 
-Status over_budget(const std::string& name, double seconds, std::uint64_t together,
-                   std::uint64_t budget) {
-  // In the unit of --memory, rounded so that what is asked for is enough.
+Status over_budget_error(const std::string& name, double seconds, std::uint64_t bytes,
+                         std::uint64_t budget) {
+  // In the unit of --memory, rounded so that the requested amount suffices.
   constexpr double kTenth = 1e5;
   return runtime_error(
-      "{}: the segments alive at {:.6g} s take {:.1f} MB (10^6 bytes) decoded, more than the "
-      "budget "
-      "of {:.1f} MB; allow more memory",
-      name, seconds, std::ceil(static_cast<double>(together) / kTenth) / 10,
+      "{}: the segments active at {:.6g} s take {:.1f} MB (10^6 bytes) decoded, more than the "
+      "budget of {:.1f} MB; allow more memory",
+      name, seconds, std::ceil(static_cast<double>(bytes) / kTenth) / 10,
       std::floor(static_cast<double>(budget) / kTenth) / 10);
 }
 

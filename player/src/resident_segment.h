@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A decoded segment, and which of its primitives can be seen at a moment.
+// A decoded segment, and the primitives of it that are visible at a time.
 #pragma once
 
 #include <cstdint>
@@ -13,29 +13,29 @@
 
 namespace stgs::player {
 
-// With the support of each primitive, [begin, end] in ticks of its part. Scanning all supports of
-// the segments alive is proportional to what is alive: a lifespan segment holds only primitives
-// that live for a good part of its span.
+// A decoded segment with the support of each primitive, [begin, end] in ticks of its part. Scanning
+// the supports of all active segments takes time proportional to the active primitives, because the
+// primitives of a lifespan segment are active for a large part of its span.
 struct ResidentSegment {
   ResidentSegment() = default;
-  // `memory`, where given, is who owns what `decoded` was allocated from.
+  // `memory`, if given, owns the allocations of `decoded`.
   explicit ResidentSegment(Gaussians4D decoded,
                            std::shared_ptr<std::pmr::memory_resource> memory = nullptr);
 
-  // Every primitive whose opacity at a moment of the part reaches the drawing threshold (a rounding
-  // error's width beyond included), ascending.
+  // Returns the primitives whose opacity at `ticks` of the part reaches the rendering threshold,
+  // within a rounding error, ascending.
   void find_candidates(float ticks, std::vector<std::uint32_t>& candidates) const;
 
-  std::shared_ptr<std::pmr::memory_resource> owner;  // outlives the rest
+  std::shared_ptr<std::pmr::memory_resource> owner;  // first, since it must outlive the arrays
   Gaussians4D set;
-  FloatArray begin, end;  // from where the set's are
+  FloatArray begin, end;  // allocated like those of `set`
 };
 
-// Bytes that a segment of n primitives takes once decoded, a list of candidates included.
+// Returns the bytes of a decoded segment of n primitives, including a list of candidates.
 std::uint64_t decoded_segment_bytes(std::uint64_t n, int sh_degree);
 
-// Of a moment whose segments, decoded, are more bytes together than the budget.
-Status over_budget(const std::string& name, double seconds, std::uint64_t together,
-                   std::uint64_t budget);
+// Returns the error for a time whose decoded segments take `bytes` together, more than `budget`.
+Status over_budget_error(const std::string& name, double seconds, std::uint64_t bytes,
+                         std::uint64_t budget);
 
 }  // namespace stgs::player

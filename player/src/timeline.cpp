@@ -16,17 +16,17 @@
 namespace stgs::player {
 namespace {
 
-struct Held {
+struct Resident {
   ResidentSegment decoded;
-  std::vector<std::uint32_t> candidates;  // at the moment asked for last
-  std::uint64_t used = 0;                 // number of the call that needed it last
+  std::vector<std::uint32_t> candidates;  // at the last requested time
+  std::uint64_t used = 0;                 // number of the call that used it last
 };
 
 class SegmentTimeline final : public Timeline {
  public:
   SegmentTimeline(std::unique_ptr<SceneReader> reader, std::uint64_t budget, std::string name,
-                  DamagePolicy damaged)
-      : name_(std::move(name)), reader_(std::move(reader)), budget_(budget), damaged_(damaged) {
+                  DamagePolicy policy)
+      : name_(std::move(name)), reader_(std::move(reader)), budget_(budget), policy_(policy) {
     std::uint32_t base = 0;
     for (const SegmentInfo& segment : reader_->segments()) {
       id_base_.push_back(base);
@@ -43,7 +43,7 @@ class SegmentTimeline final : public Timeline {
   double complete_seconds() const override {
     return metadata().time_base.seconds(reader_->complete_ticks());
   }
-  const std::vector<SegmentDamage>& segment_damage() const override { return losses_; }
+  const std::vector<SegmentDamage>& segment_damage() const override { return damage_; }
   std::uint64_t memory_bytes() const override { return bytes_; }
   std::uint64_t stored_primitives() const override { return primitives_; }
 
@@ -53,73 +53,72 @@ class SegmentTimeline final : public Timeline {
 
   Result<std::vector<SegmentRef>> visible_segments(double seconds) override {
     if (!std::isfinite(seconds)) {
-      return usage_error("{}: a moment must be a number of seconds, not {}", name_, seconds);
+      return usage_error("{}: a time must be a finite number of seconds, got {}", name_, seconds);
     }
     const double ticks = metadata().time_base.ticks(seconds);
     auto all = reader_->segments_between(ticks, ticks);
     std::sort(all.begin(), all.end());
-    std::vector<SegmentRef> needed;
+    std::vector<SegmentRef> refs;
     for (std::uint32_t s : all) {
-      if (lost_.count(s) != 0) continue;
+      if (unusable_.count(s) != 0) continue;
       const ScenePart& part = reader_->parts()[reader_->segments()[s].part];
-      needed.push_back({s, ticks - part.begin_ticks, id_base_[s], nullptr});
+      refs.push_back({s, ticks - part.begin_ticks, id_base_[s], nullptr});
     }
-    if (is_lost(ticks) && (needed.empty() || damaged_ == DamagePolicy::kReject)) {
+    if (is_unlisted(ticks) && (refs.empty() || policy_ == DamagePolicy::kReject)) {
       return invalid_file(
-          "nothing of what is alive at {:.6g} s can be read: the fragment of the index that lists "
-          "it is damaged",
-          seconds);
+          "no data for {:.6g} s can be read: the index fragment that lists it is damaged", seconds);
     }
-    if (needed.empty() && !all.empty()) {
-      const Status& reason = losses_[lost_.at(all.front())].reason;
+    if (refs.empty() && !all.empty()) {
+      const Status& reason = damage_[unusable_.at(all.front())].reason;
       return Status(reason.code(),
-                    fmt::format("nothing of what is alive at {:.6g} s can be read: {}", seconds,
-                                reason.message()));
+                    fmt::format("no data for {:.6g} s can be read: {}", seconds, reason.message()));
     }
-    return needed;
+    return refs;
   }
 
   Result<Active> at(double seconds) override {
-    STGS_ASSIGN(std::vector<SegmentRef> needed, visible_segments(seconds));
+    STGS_ASSIGN(std::vector<SegmentRef> refs, visible_segments(seconds));
     Active active;
     active.ticks = metadata().time_base.ticks(seconds);
     ++call_;
     try {
-      STGS_TRY(hold(needed, seconds));
-      STGS_ASSIGN(needed, visible_segments(seconds));
-      std::vector<Held*> held;
-      for (const SegmentRef& one : needed) held.push_back(&held_.at(one.segment));
-      parallel_for(std::size_t{0}, held.size(), [&](std::size_t i) {
-        held[i]->decoded.find_candidates(static_cast<float>(needed[i].ticks), held[i]->candidates);
+      STGS_TRY(make_resident(refs, seconds));
+      STGS_ASSIGN(refs, visible_segments(seconds));
+      std::vector<Resident*> resident;
+      for (const SegmentRef& ref : refs) resident.push_back(&resident_.at(ref.segment));
+      parallel_for(std::size_t{0}, resident.size(), [&](std::size_t i) {
+        resident[i]->decoded.find_candidates(static_cast<float>(refs[i].ticks),
+                                             resident[i]->candidates);
       });
-      for (std::size_t i = 0; i < held.size(); ++i) {
-        if (held[i]->candidates.empty()) continue;
-        active.segments.push_back({needed[i].segment, &held[i]->decoded.set, &held[i]->candidates,
-                                   needed[i].ticks, needed[i].id_base});
+      for (std::size_t i = 0; i < resident.size(); ++i) {
+        if (resident[i]->candidates.empty()) continue;
+        active.segments.push_back({refs[i].segment, &resident[i]->decoded.set,
+                                   &resident[i]->candidates, refs[i].ticks, refs[i].id_base});
       }
     } catch (const std::exception& e) {
-      return Status(code_of(e), fmt::format("{}: cannot hold what is alive at {} s: {}", name_,
-                                            seconds, e.what()));
+      return Status(code_of(e), fmt::format("{}: cannot load the segments active at {} s: {}",
+                                            name_, seconds, e.what()));
     }
     return active;
   }
 
   Result<std::optional<Gaussians4D>> decode(std::uint32_t segment) override {
-    Status harmonics;
-    Result<Gaussians4D> set = decode_intact(segment, harmonics);
-    STGS_TRY(accept(segment, set.status(), harmonics));
+    Status sh_status;
+    Result<Gaussians4D> set = decode_intact(segment, sh_status);
+    STGS_TRY(accept(segment, set.status(), sh_status));
     std::optional<Gaussians4D> out;
     if (set.ok()) out = std::move(set).value();
     return out;
   }
 
  private:
-  // Whether a damaged fragment of the index listed what is first seen around this moment.
-  bool is_lost(double ticks) const {
+  // Returns whether a damaged index fragment listed segments that first become active around
+  // `ticks`.
+  bool is_unlisted(double ticks) const {
     const double frames = metadata().frames, at = std::clamp(ticks, 0.0, frames);
     const std::vector<LostFragment>& lost = reader_->lost_fragments();
-    return std::any_of(lost.begin(), lost.end(), [at, frames](const LostFragment& stretch) {
-      const auto [begin, end] = stretch.range;
+    return std::any_of(lost.begin(), lost.end(), [at, frames](const LostFragment& fragment) {
+      const auto [begin, end] = fragment.range;
       return begin <= at && (at < end || (begin < end && end >= frames));
     });
   }
@@ -129,117 +128,117 @@ class SegmentTimeline final : public Timeline {
     return decoded_segment_bytes(reader_->segments()[segment].primitives, reader_->sh_degree());
   }
 
-  // Makes the segments (ascending) present, and drops others where the budget asks for it; some of
-  // them may be lost instead.
-  Status hold(const std::vector<SegmentRef>& needed, double seconds) {
+  // Makes segments (ascending) resident and evicts others if the budget requires it. Segments that
+  // turn out to be unusable are recorded as damaged instead.
+  Status make_resident(const std::vector<SegmentRef>& refs, double seconds) {
     std::vector<std::uint32_t> missing;
-    std::uint64_t together = 0, more = 0;
-    for (const SegmentRef& one : needed) {
-      const std::uint32_t segment = one.segment;
-      together += bytes_of(segment);
-      if (const auto found = held_.find(segment); found != held_.end()) {
+    std::uint64_t total = 0, more = 0;
+    for (const SegmentRef& ref : refs) {
+      const std::uint32_t segment = ref.segment;
+      total += bytes_of(segment);
+      if (const auto found = resident_.find(segment); found != resident_.end()) {
         found->second.used = call_;
       } else {
         missing.push_back(segment);
         more += bytes_of(segment);
       }
     }
-    if (together > budget_) {
-      return over_budget(name_, seconds, together, budget_);
-    }
-    make_room(more);
+    if (total > budget_) return over_budget_error(name_, seconds, total, budget_);
+    evict_for(more);
     return decode(missing);
   }
 
-  void make_room(std::uint64_t more) {
-    while (bytes_ + more > budget_) {
+  // Evicts the least recently used segments until `bytes` more fit the budget.
+  void evict_for(std::uint64_t bytes) {
+    while (bytes_ + bytes > budget_) {
       const auto oldest = std::min_element(
-          held_.begin(), held_.end(),
+          resident_.begin(), resident_.end(),
           [](const auto& a, const auto& b) { return a.second.used < b.second.used; });
       bytes_ -= bytes_of(oldest->first);
       primitives_ -= oldest->second.decoded.set.size();
-      held_.erase(oldest);
+      resident_.erase(oldest);
     }
   }
 
-  // As the caller wants damage to be dealt with.
-  Result<Gaussians4D> decode_intact(std::uint32_t segment, Status& harmonics) const {
-    return damaged_ == DamagePolicy::kReject ? reader_->decode(segment)
-                                             : reader_->decode_intact(segment, harmonics);
+  // Decodes a segment according to the damage policy.
+  Result<Gaussians4D> decode_intact(std::uint32_t segment, Status& sh_status) const {
+    return policy_ == DamagePolicy::kReject ? reader_->decode(segment)
+                                            : reader_->decode_intact(segment, sh_status);
   }
 
   Status decode(const std::vector<std::uint32_t>& missing) {
-    std::vector<std::optional<Held>> fresh(missing.size());  // made in place: in their memory
-    std::vector<Status> results(missing.size()), harmonics(missing.size());
+    std::vector<std::optional<Resident>> fresh(missing.size());  // constructed in place
+    std::vector<Status> results(missing.size()), sh_status(missing.size());
     parallel_for(std::size_t{0}, missing.size(), [&](std::size_t i) {
-      auto set = decode_intact(missing[i], harmonics[i]);
+      auto set = decode_intact(missing[i], sh_status[i]);
       if (!set.ok()) {
         results[i] = set.status();
         return;
       }
-      fresh[i].emplace(Held{ResidentSegment(std::move(set).value()), {}, call_});
+      fresh[i].emplace(Resident{ResidentSegment(std::move(set).value()), {}, call_});
     });
     for (const Status& status : results) {
-      if (!can_pass_over(status)) return status;
+      if (!can_skip(status)) return status;
     }
     for (std::size_t i = 0; i < missing.size(); ++i) {
-      note_loss(missing[i], results[i], harmonics[i]);
+      record_damage(missing[i], results[i], sh_status[i]);
       if (!results[i].ok()) continue;
       bytes_ += bytes_of(missing[i]);
       primitives_ += fresh[i]->decoded.set.size();
-      held_.emplace(missing[i], std::move(*fresh[i]));
+      resident_.emplace(missing[i], std::move(*fresh[i]));
     }
     return {};
   }
 
-  // The error, or where it can be passed over a note of it.
-  Status accept(std::uint32_t segment, const Status& base, const Status& harmonics) {
-    if (!can_pass_over(base)) return base;
-    note_loss(segment, base, harmonics);
+  // Returns the error, or records it as damage if the policy skips it.
+  Status accept(std::uint32_t segment, const Status& base, const Status& sh_status) {
+    if (!can_skip(base)) return base;
+    record_damage(segment, base, sh_status);
     return {};
   }
 
-  // What the file is to blame for; another try would find the same.
-  bool can_pass_over(const Status& status) const {
+  // Returns whether the policy skips an error. Skips errors of the file only: a retry would fail
+  // the same way.
+  bool can_skip(const Status& status) const {
     return status.ok() ||
-           (damaged_ == DamagePolicy::kSkip && (status.code() == StatusCode::kInvalidFile ||
-                                                status.code() == StatusCode::kUnsupported));
+           (policy_ == DamagePolicy::kSkip && (status.code() == StatusCode::kInvalidFile ||
+                                               status.code() == StatusCode::kUnsupported));
   }
 
-  void note_loss(std::uint32_t segment, const Status& base, const Status& harmonics) {
-    if (base.ok() && harmonics.ok()) return;
-    if (base.ok() && !plain_.insert(segment).second) return;  // decoded again
-    if (!base.ok()) lost_.emplace(segment, losses_.size());
-    losses_.push_back({segment, base.ok(), base.ok() ? harmonics : base});
+  void record_damage(std::uint32_t segment, const Status& base, const Status& sh_status) {
+    if (base.ok() && sh_status.ok()) return;
+    if (base.ok() && !without_sh_.insert(segment).second) return;  // already recorded
+    if (!base.ok()) unusable_.emplace(segment, damage_.size());
+    damage_.push_back({segment, base.ok(), base.ok() ? sh_status : base});
   }
 
   std::string name_;
   std::shared_ptr<const void> identity_ = std::make_shared<char>();
   std::unique_ptr<SceneReader> reader_;
   std::uint64_t budget_ = 0;
-  DamagePolicy damaged_ = DamagePolicy::kReject;
-  std::vector<SegmentDamage> losses_;
-  std::map<std::uint32_t, std::size_t> lost_;  // segments of which nothing is drawn: their losses
-  std::set<std::uint32_t> plain_;              // those drawn without their harmonics
+  DamagePolicy policy_ = DamagePolicy::kReject;
+  std::vector<SegmentDamage> damage_;
+  std::map<std::uint32_t, std::size_t>
+      unusable_;                        // segments that are not rendered: index in damage_
+  std::set<std::uint32_t> without_sh_;  // segments rendered without their spherical harmonics
   std::uint64_t bytes_ = 0, primitives_ = 0, call_ = 0;
   std::vector<std::uint32_t> id_base_;
-  std::map<std::uint32_t, Held> held_;
+  std::map<std::uint32_t, Resident> resident_;
 };
 
 }  // namespace
 
-Result<std::unique_ptr<Timeline>> Timeline::open(const std::string& place,
-                                                 std::uint64_t memory_budget,
-                                                 DamagePolicy damaged) {
-  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_location(place));
+Result<std::unique_ptr<Timeline>> Timeline::open(const std::string& location,
+                                                 std::uint64_t memory_budget, DamagePolicy policy) {
+  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_location(location));
   STGS_ASSIGN(auto reader, SceneReader::open(std::move(source)));
-  return from_reader(std::move(reader), place, memory_budget, damaged);
+  return from_reader(std::move(reader), location, memory_budget, policy);
 }
 
 std::unique_ptr<Timeline> Timeline::from_reader(std::unique_ptr<SceneReader> reader,
                                                 const std::string& name,
-                                                std::uint64_t memory_budget, DamagePolicy damaged) {
-  return std::make_unique<SegmentTimeline>(std::move(reader), memory_budget, name, damaged);
+                                                std::uint64_t memory_budget, DamagePolicy policy) {
+  return std::make_unique<SegmentTimeline>(std::move(reader), memory_budget, name, policy);
 }
 
 }  // namespace stgs::player

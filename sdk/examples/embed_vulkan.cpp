@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// A scene in an application that draws with Vulkan: on its device, into its images, between its
-// semaphores, composited by depth with its own geometry (app/compositor.h says how, and how well).
+// A scene in a Vulkan application: rendered on its device, into its images, synchronised by its
+// semaphores, and composited by depth with its own geometry (see app/compositor.h).
 //
-// usage: embed_vulkan SCENE.stgs SECONDS PICTURE.png [X Y Z HALF_EDGE]
+// usage: embed_vulkan SCENE.stgs SECONDS IMAGE.png [X Y Z HALF_EDGE]
 //
-// The cube stands in the middle of the scene unless told where. Exit code 5: the machine has no
-// Vulkan device for it.
+// X Y Z HALF_EDGE cube the cube; the default is the centre of the scene. Exit code 5: no suitable
+// Vulkan device.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -19,42 +19,42 @@ struct DestroyScene {
   void operator()(stgs_scene* scene) const { stgs_scene_destroy(scene); }
 };
 
-void draw(int count, char** arguments) {
-  app::Gpu gpu(app::vulkan_makers());
-  stgs_scene* made = nullptr;
-  if (stgs_scene_create(nullptr, &made) != STGS_OK) throw std::runtime_error("no memory");
-  const std::unique_ptr<stgs_scene, DestroyScene> scene(made);
-  app::must(stgs_scene_open(made, arguments[1]), made);
+void render(int count, char** arguments) {
+  app::Gpu gpu(app::vulkan_factory());
+  stgs_scene* created = nullptr;
+  if (stgs_scene_create(nullptr, &created) != STGS_OK) throw std::runtime_error("out of memory");
+  const std::unique_ptr<stgs_scene, DestroyScene> scene(created);
+  app::check(stgs_scene_open(created, arguments[1]), created);
   stgs_scene_info info{};
   info.struct_size = sizeof info;
-  app::must(stgs_scene_get_info(made, &info), made);
-  stgs_view view = app::first_view(made);
-  std::fill_n(view.background, 3, 0.0f);  // what is behind the scene is the application's
-  app::Place place = app::middle_of(info, view);
+  app::check(stgs_scene_get_info(created, &info), created);
+  stgs_view view = app::first_view(created);
+  std::fill_n(view.background, 3, 0.0f);  // the application renders the background
+  app::Placement cube = app::centre_of(info, view);
   if (count == 8) {
-    for (int i = 0; i < 3; ++i) place.centre[i] = std::strtof(arguments[4 + i], nullptr);
-    place.half_edge = std::strtof(arguments[7], nullptr);
+    for (int i = 0; i < 3; ++i) cube.centre[i] = std::strtof(arguments[4 + i], nullptr);
+    cube.half_edge = std::strtof(arguments[7], nullptr);
   }
 
-  const app::Image picture =
-      gpu.make_image(VK_FORMAT_R8G8B8A8_UNORM, view.width, view.height,
-                     VK_IMAGE_USAGE_COLOR_ATTACHMENT_BIT | VK_IMAGE_USAGE_TRANSFER_SRC_BIT,
-                     VK_IMAGE_ASPECT_COLOR_BIT);
-  app::Compositor compositor(gpu, picture.format, {{view.width, view.height}});
-  compositor.draw(made, std::atof(arguments[2]), {view}, {{picture.image, picture.view}}, place);
+  const app::Image image =
+      gpu.create_image(VK_FORMAT_R8G8B8A8_UNORM, view.width, view.height,
+                       VK_IMAGE_USAGE_COLOR_ATTACHMENT_BIT | VK_IMAGE_USAGE_TRANSFER_SRC_BIT,
+                       VK_IMAGE_ASPECT_COLOR_BIT);
+  app::Compositor compositor(gpu, image.format, {{view.width, view.height}});
+  compositor.render(created, std::atof(arguments[2]), {view}, {{image.image, image.view}}, cube);
   app::write_png(arguments[3], view.width, view.height,
-                 gpu.read(picture, VK_IMAGE_LAYOUT_COLOR_ATTACHMENT_OPTIMAL));
+                 gpu.read(image, VK_IMAGE_LAYOUT_COLOR_ATTACHMENT_OPTIMAL));
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
   if (argc != 4 && argc != 8) {
-    std::fprintf(stderr, "usage: embed_vulkan SCENE.stgs SECONDS PICTURE.png [X Y Z HALF_EDGE]\n");
+    std::fprintf(stderr, "usage: embed_vulkan SCENE.stgs SECONDS IMAGE.png [X Y Z HALF_EDGE]\n");
     return 1;
   }
   try {
-    draw(argc, argv);
+    render(argc, argv);
   } catch (const app::Unsupported& e) {
     std::fprintf(stderr, "embed_vulkan: %s\n", e.what());
     return 5;

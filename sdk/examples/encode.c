@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Makes a scene from a capture: prepares it into OUTPUT.prepared, trains OUTPUT.trained, packs
- * OUTPUT. Ctrl-C stops it; started again it goes on with the training from OUTPUT.checkpoint.
+/* Makes a scene from a capture: prepares OUTPUT.prepared, trains OUTPUT.trained, packs OUTPUT.
+ * Ctrl-C cancels it; the next run resumes training from OUTPUT.checkpoint.
  *
- * usage: encode CAPTURE OUTPUT.stgs [draft]      draft: two small frames, seen for a moment */
+ * usage: encode CAPTURE OUTPUT.stgs [draft]      draft: two small frames, briefly trained */
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
@@ -25,7 +25,7 @@ static int32_t show(void* user, const stgs_encoder_progress* progress) {
   return 0;
 }
 
-static int is_there(const char* path) {
+static int exists(const char* path) {
   FILE* file = fopen(path, "rb");
   if (file != NULL) fclose(file);
   return file != NULL;
@@ -49,7 +49,7 @@ static stgs_result train(const char* prepared, const char* trained, const char* 
   stgs_train_settings_defaults(&settings, sizeof settings);
   if (draft) settings.iterations = 20;
   settings.checkpoint = checkpoint;
-  if (is_there(checkpoint)) settings.resume = checkpoint;
+  if (exists(checkpoint)) settings.resume = checkpoint;
   return stgs_encoder_train(encoder, prepared, trained, &settings, NULL);
 }
 
@@ -62,14 +62,14 @@ static stgs_result encode(const char* capture, const char* output, int draft) {
   snprintf(cameras, NAME, "%s.prepared/capture.json", output);
   snprintf(trained, NAME, "%s.trained", output);
   snprintf(checkpoint, NAME, "%s.checkpoint", output);
-  if (!is_there(cameras)) result = prepare(capture, prepared, draft);
+  if (!exists(cameras)) result = prepare(capture, prepared, draft);
   if (result == STGS_OK) result = train(prepared, trained, checkpoint, draft);
   if (result != STGS_OK) return result;
   report.struct_size = sizeof report;
   result = stgs_encoder_pack(encoder, scenes, 1, output, NULL, &report);
   if (result == STGS_OK) {
     fprintf(stderr, "\n");
-    printf("%llu primitives, %llu bytes, pictures %.1f dB from the trained scene's\n",
+    printf("%llu primitives, %llu bytes, PSNR %.1f dB against the trained scene\n",
            (unsigned long long)report.primitives, (unsigned long long)report.bytes_out,
            report.images_psnr);
   }

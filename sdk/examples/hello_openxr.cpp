@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// A scene in a headset: both eyes drawn by one call of STGS into the application's images, laid
-// over its geometry by depth (app/compositor.h) in the runtime's swapchains. The time at which the
-// display will show a frame is the player's clock; what has not come by then is left out.
+// A scene in a headset: one call renders both eyes into images of the application, which composites
+// them by depth with its geometry (app/compositor.h) in the swapchains of the runtime. The player's
+// clock is the predicted display time; data that has not arrived by then is missing from the frame.
 //
 // usage: hello_openxr FILE|URL [FRAMES PREFIX [SCALE]]
 //
-// Plays the scene in a loop until the runtime ends the session or FRAMES were drawn, and then
-// writes the last picture of each eye, PREFIX-left.png and PREFIX-right.png. SCALE (1): of the size
-// that the runtime recommends. Exit code 5: there is no OpenXR runtime, headset or Vulkan device
-// for it.
+// Plays the scene in a loop until the runtime ends the session or FRAMES were rendered, then writes
+// the last image of each eye, PREFIX-left.png and PREFIX-right.png. SCALE (default 1) multiplies
+// the image size that the runtime recommends. Exit code 5: no OpenXR runtime, headset or suitable
+// Vulkan device.
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -24,8 +24,8 @@
 namespace {
 
 struct Options {
-  const char* place = nullptr;
-  int frames = 0;  // 0: no end
+  const char* location = nullptr;
+  int frames = 0;  // 0: unlimited
   std::string prefix;
   float scale = 1;
 };
@@ -35,27 +35,27 @@ struct DestroyPlayer {
 };
 using Player = std::unique_ptr<stgs_player, DestroyPlayer>;
 
-// Plays, in a loop; `info` and `start` are what its scene says of itself.
-Player open_player(const char* place, stgs_scene_info& info, stgs_view& start) {
-  stgs_player* made = nullptr;
-  if (stgs_player_create(nullptr, &made) != STGS_OK) throw std::runtime_error("no memory");
-  Player player(made);
-  app::must(stgs_player_open(made, place), made);
-  app::must(stgs_player_wait_open(made), made);
-  app::must(stgs_player_set_loop(made, 1), made);
-  app::must(stgs_player_play(made), made);
-  stgs_scene* const scene = stgs_player_scene(made);
+// Opens a player that plays in a loop; returns the metadata and the first view of its scene.
+Player open_player(const char* location, stgs_scene_info& info, stgs_view& start) {
+  stgs_player* created = nullptr;
+  if (stgs_player_create(nullptr, &created) != STGS_OK) throw std::runtime_error("out of memory");
+  Player player(created);
+  app::check(stgs_player_open(created, location), created);
+  app::check(stgs_player_wait_open(created), created);
+  app::check(stgs_player_set_loop(created, 1), created);
+  app::check(stgs_player_play(created), created);
+  stgs_scene* const scene = stgs_player_scene(created);
   info.struct_size = sizeof info;
-  app::must(stgs_scene_get_info(scene, &info), scene);
+  app::check(stgs_scene_get_info(scene, &info), scene);
   start = app::first_view(scene);
   return player;
 }
 
-// The moment to draw for a time of the display's.
-double moment_at(stgs_player* player, XrTime time) {
+// Advances the player to a display time and returns the clip time to render.
+double advance(stgs_player* player, XrTime time) {
   stgs_player_status status{};
   status.struct_size = sizeof status;
-  app::must(stgs_player_update(player, 1e-9 * static_cast<double>(time), &status), player);
+  app::check(stgs_player_update(player, 1e-9 * static_cast<double>(time), &status), player);
   return status.seconds;
 }
 
@@ -66,29 +66,29 @@ VkExtent2D scaled(VkExtent2D size, float scale) {
   return {side(size.width), side(size.height)};
 }
 
-// Frames, and the display's time from the first to the last.
+// Number of frames, and display time from the first to the last.
 struct Timing {
   XrTime first = 0, last = 0;
-  int drawn = 0, hidden = 0;
+  int rendered = 0, hidden = 0;
 
   void add(const xr::Frame& frame) {
-    if (drawn == 0) first = frame.time;
+    if (rendered == 0) first = frame.time;
     last = frame.time;
-    ++drawn;
+    ++rendered;
   }
-  double pictures_a_second() const {
-    return last > first ? 1e9 * (drawn - 1) / static_cast<double>(last - first) : 0;
+  double fps() const {
+    return last > first ? 1e9 * (rendered - 1) / static_cast<double>(last - first) : 0;
   }
 };
 
 void play(const Options& options) {
   const xr::System system;
-  app::Gpu gpu(system.makers());
+  app::Gpu gpu(system.device_factory());
   stgs_scene_info info{};
   stgs_view start{};
-  const Player player = open_player(options.place, info, start);
+  const Player player = open_player(options.location, info, start);
   const xr::Anchor anchor = xr::anchor_at(start, info);
-  const app::Place place = app::middle_of(info, start);
+  const app::Placement cube = app::centre_of(info, start);
   const VkExtent2D size = scaled(system.recommended_size(), options.scale);
   xr::Session session(system, gpu, size);
   app::Compositor compositor(gpu, session.format(), {size, size});
@@ -96,7 +96,7 @@ void play(const Options& options) {
   bool leaving = false;
   while (session.poll()) {
     if (!session.running()) {
-      std::this_thread::sleep_for(std::chrono::milliseconds(10));  // until an event
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));  // wait for an event
       continue;
     }
     const xr::Frame frame = session.begin_frame();
@@ -107,10 +107,10 @@ void play(const Options& options) {
         views.push_back(xr::eye_view(eye, anchor, start, size.width, size.height));
       }
       const auto images = session.acquire();
-      compositor.draw(stgs_player_scene(player.get()), moment_at(player.get(), frame.time), views,
-                      {{images[0].image, images[0].view}, {images[1].image, images[1].view}},
-                      place);
-      if (timing.drawn == options.frames) {
+      compositor.render(stgs_player_scene(player.get()), advance(player.get(), frame.time), views,
+                        {{images[0].image, images[0].view}, {images[1].image, images[1].view}},
+                        cube);
+      if (timing.rendered == options.frames) {
         for (std::size_t i = 0; i < xr::kEyes; ++i) {
           const app::Image image{images[i].image, images[i].view, session.format(), size.width,
                                  size.height};
@@ -123,13 +123,13 @@ void play(const Options& options) {
       ++timing.hidden;
     }
     session.end_frame(frame);
-    if (options.frames > 0 && timing.drawn >= options.frames && !leaving) {
+    if (options.frames > 0 && timing.rendered >= options.frames && !leaving) {
       session.request_exit();
       leaving = true;
     }
   }
-  std::printf("%u x %u an eye, %d frames drawn, %d not visible, %.1f a second, %s\n", size.width,
-              size.height, timing.drawn, timing.hidden, timing.pictures_a_second(),
+  std::printf("%u x %u per eye, %d frames rendered, %d not visible, %.1f fps, %s\n", size.width,
+              size.height, timing.rendered, timing.hidden, timing.fps(),
               session.has_been_focused() ? "was focused" : "never focused");
 }
 
@@ -141,7 +141,7 @@ int main(int argc, char** argv) {
     return 1;
   }
   Options options;
-  options.place = argv[1];
+  options.location = argv[1];
   if (argc > 3) {
     options.frames = std::atoi(argv[2]);
     options.prefix = argv[3];

@@ -17,7 +17,7 @@ if(PkgConfig_FOUND)
   pkg_check_modules(STB IMPORTED_TARGET stb)
 endif()
 if(NOT STB_FOUND)
-  message(STATUS "No stb (pkg-config, libstb-dev), which writes PNG: "
+  message(STATUS "stb not found (pkg-config, libstb-dev; writes PNG): "
                  "minimal, embed_vulkan and hello_openxr are left out")
   return()
 endif()
@@ -26,7 +26,7 @@ target_link_libraries(minimal PRIVATE stgs::stgs PkgConfig::STB)
 
 find_package(Vulkan COMPONENTS glslc)
 if(NOT (Vulkan_FOUND AND Vulkan_GLSLC_EXECUTABLE))
-  message(STATUS "No Vulkan or glslc (libvulkan-dev, glslc): "
+  message(STATUS "Vulkan or glslc not found (libvulkan-dev, glslc): "
                  "embed_vulkan and hello_openxr are left out")
   return()
 endif()
@@ -37,7 +37,7 @@ target_link_libraries(embed_vulkan PRIVATE stgs_example_app)
 
 find_package(OpenXR)
 if(NOT OpenXR_FOUND)
-  message(STATUS "No OpenXR (libopenxr-dev): hello_openxr is left out")
+  message(STATUS "OpenXR not found (libopenxr-dev): hello_openxr is left out")
   return()
 endif()
 add_executable(hello_openxr hello_openxr.cpp xr/eye_view.cpp xr/session.cpp)

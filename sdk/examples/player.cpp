@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Plays a scene from a file or a URL while it is still coming, goes to a moment, and writes a PPM
-// picture of it when all of it is there.
+// Opens a scene while its data is still arriving, from a file or a URL, seeks to a time, waits
+// until it is complete, and writes a PPM image.
 //
-// usage: player SCENE.stgs|URL SECONDS PICTURE.ppm
+// usage: player SCENE.stgs|URL SECONDS IMAGE.ppm
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -18,7 +18,7 @@ double now() {
   return std::chrono::duration<double>(since).count();
 }
 
-// What an application's loop does each frame, but for drawing.
+// The work of an application in each frame, except for rendering.
 stgs_player_status tick(stgs::Player& player) {
   const stgs_player_status status = player.update(now());
   while (const auto event = player.next_event()) {
@@ -34,22 +34,22 @@ void write_ppm(const char* path, const std::vector<std::uint8_t>& rgba, const st
   for (std::size_t i = 0; i < rgba.size(); i += 4) {
     file.write(reinterpret_cast<const char*>(&rgba[i]), 3);
   }
-  if (!file.flush()) throw std::runtime_error(std::string(path) + ": cannot write");
+  if (!file.flush()) throw std::runtime_error(std::string(path) + ": cannot write the image");
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
   if (argc != 4) {
-    std::fprintf(stderr, "usage: player SCENE.stgs|URL SECONDS PICTURE.ppm\n");
+    std::fprintf(stderr, "usage: player SCENE.stgs|URL SECONDS IMAGE.ppm\n");
     return 1;
   }
   try {
     stgs::Player player;
     stgs::Renderer renderer;
     player.open(argv[1]);
-    player.wait_open();  // throws where it could not be opened; a viewer shows its window instead
-    player.pause();      // a recording that is still being made plays by itself
+    player.wait_open();  // throws if opening failed; a viewer would show its window meanwhile
+    player.pause();      // a growing recording starts by following its edge
     player.seek(std::atof(argv[2]));
     stgs_player_status status{};
     do {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Records a small scene live: a room that stays, and a ball of splats that goes round in it. Each
-// stretch of time is appended once it is over, as a capture would be. For each it prints a line of
-// JSON with the moments it holds and when it was there, seconds of the machine's monotonic clock.
+// Records a small scene live: a static floor, and a ball of splats that circles above it. Appends
+// each fragment once its time has passed, as a capture would, and prints a line of JSON for it: the
+// clip time that it covers, and when it was captured and appended, in seconds of the monotonic
+// clock.
 //
 // usage: telepresence_recorder NEW.stgs SECONDS [FRAGMENT_SECONDS]
 #include <chrono>
@@ -15,8 +16,8 @@
 namespace {
 
 constexpr double kFramesPerSecond = 30;
-constexpr std::uint32_t kLongestFrames = 30 * 3600;  // for which the room stays
-constexpr std::uint32_t kRoundFrames = 4 * 30;       // of the ball
+constexpr std::uint32_t kMaxFrames = 30 * 3600;  // for which the floor is visible
+constexpr std::uint32_t kOrbitFrames = 4 * 30;   // one revolution of the ball
 constexpr float kTurn = 2 * 3.14159265f;
 
 double now() {
@@ -24,7 +25,7 @@ double now() {
   return std::chrono::duration<double>(since).count();
 }
 
-// Round splats of a colour, which are the same from all sides: seconds, scene units.
+// Isotropic splats with view-independent colour; seconds, scene units.
 struct Splats {
   std::vector<float> position, velocity, scale, opacity, sh, time, sigma, radius;
 
@@ -38,14 +39,14 @@ struct Splats {
     }
     opacity.push_back(0.95f);
   }
-  // Of the last that was added, which else are seen for all of the stretch.
+  // Sets the lifespan of the last splat. Without lifespans all splats are visible throughout.
   void set_lifespan(float centre, float flat, float fade) {
     time.push_back(centre);
     radius.push_back(flat);
     sigma.push_back(fade);
   }
-  // Borrows them.
-  stgs_fragment stretch(std::uint32_t frames) const {
+  // Returns a fragment that refers to the arrays.
+  stgs_fragment fragment(std::uint32_t frames) const {
     stgs_fragment out = stgs::empty_fragment();
     out.frames = frames;
     out.count = opacity.size();
@@ -63,8 +64,7 @@ struct Splats {
   }
 };
 
-// A floor of tiles.
-Splats room() {
+Splats floor_tiles() {
   Splats splats;
   for (int x = -20; x <= 20; ++x) {
     for (int z = 0; z <= 40; ++z) {
@@ -76,16 +76,16 @@ Splats room() {
   return splats;
 }
 
-// The ball in the frames [first, last): its splats live for a frame or two and follow each other.
+// The ball in the frames [first, last). Each splat is visible for one or two frames.
 Splats ball(std::uint32_t first, std::uint32_t last) {
   constexpr auto kFrame = static_cast<float>(1 / kFramesPerSecond);
-  constexpr float kStep = kTurn / kRoundFrames, kSpeed = 1.2f * kStep / kFrame;
+  constexpr float kStep = kTurn / kOrbitFrames, kSpeed = 1.2f * kStep / kFrame;
   Splats splats;
   for (std::uint32_t frame = first; frame < last; ++frame) {
-    const float angle = kStep * static_cast<float>(frame % kRoundFrames);
+    const float angle = kStep * static_cast<float>(frame % kOrbitFrames);
     const float centre[3] = {1.2f * std::cos(angle), 0.3f, 4 + 1.2f * std::sin(angle)};
     const float velocity[3] = {-kSpeed * std::sin(angle), 0, kSpeed * std::cos(angle)};
-    for (int i = 0; i < 200; ++i) {  // evenly on a sphere
+    for (int i = 0; i < 200; ++i) {  // evenly spread over the sphere
       const float up = 1 - (static_cast<float>(i) + 0.5f) / 100,
                   around = 2.399963f * static_cast<float>(i);
       const float wide = std::sqrt(1 - up * up);
@@ -98,17 +98,17 @@ Splats ball(std::uint32_t first, std::uint32_t last) {
   return splats;
 }
 
-void record(const std::string& path, double seconds, double stretch_seconds) {
+void record(const std::string& path, double seconds, double fragment_seconds) {
   stgs_record_settings settings = stgs::record_settings();
-  settings.sync = 0;  // a viewer does not wait for the disk
+  settings.sync = 0;  // low latency matters more than power failures
   stgs::Recorder recorder;
   recorder.begin(path, settings);
-  const Splats floor = room();
-  stgs_fragment first_frame = floor.stretch(1);
-  first_frame.visible_frames = kLongestFrames;
+  const Splats floor = floor_tiles();
+  stgs_fragment first_frame = floor.fragment(1);
+  first_frame.visible_frames = kMaxFrames;
   recorder.append(first_frame);
   const double begin = now() - 1 / kFramesPerSecond;
-  const auto frames = static_cast<std::uint32_t>(std::lround(stretch_seconds * kFramesPerSecond));
+  const auto frames = static_cast<std::uint32_t>(std::lround(fragment_seconds * kFramesPerSecond));
   std::uint32_t last = 1;
   while (last < seconds * kFramesPerSecond) {
     const std::uint32_t first = last;
@@ -116,7 +116,7 @@ void record(const std::string& path, double seconds, double stretch_seconds) {
     const double captured = begin + last / kFramesPerSecond;
     std::this_thread::sleep_for(std::chrono::duration<double>(captured - now()));
     const Splats splats = ball(first, last);
-    recorder.append(splats.stretch(frames));
+    recorder.append(splats.fragment(frames));
     std::printf("{\"begin\": %.6f, \"end\": %.6f, \"captured\": %.6f, \"appended\": %.6f}\n",
                 first / kFramesPerSecond, last / kFramesPerSecond, captured, now());
     std::fflush(stdout);
@@ -128,13 +128,13 @@ void record(const std::string& path, double seconds, double stretch_seconds) {
 
 int main(int argc, char** argv) {
   const double seconds = argc >= 3 ? std::atof(argv[2]) : 0;
-  const double stretch = argc == 4 ? std::atof(argv[3]) : 0.5;
-  if (argc > 4 || !(seconds > 0 && seconds <= 3600) || !(stretch >= 0.1 && stretch <= 10)) {
+  const double fragment = argc == 4 ? std::atof(argv[3]) : 0.5;
+  if (argc > 4 || !(seconds > 0 && seconds <= 3600) || !(fragment >= 0.1 && fragment <= 10)) {
     std::fprintf(stderr, "usage: telepresence_recorder NEW.stgs SECONDS [FRAGMENT_SECONDS]\n");
     return 1;
   }
   try {
-    record(argv[1], seconds, stretch);
+    record(argv[1], seconds, fragment);
     return 0;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s\n", error.what());

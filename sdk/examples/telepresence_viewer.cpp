@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Joins a recording while it is made, follows its live edge, and draws what it sees, without a
-// window. At the end of the recording, or after SECONDS, it prints JSON: what was shown when, in
-// seconds of the machine's monotonic clock, how long joining took, and what happened meanwhile.
+// Joins a recording while it grows, follows its live edge and renders it, without a window. At the
+// end of the recording, or after SECONDS, prints JSON: which clip time was shown when (seconds of
+// the monotonic clock), how long joining took, the largest latency, and the number of events.
 //
 // usage: telepresence_viewer FILE|URL SECONDS
 #include <chrono>
@@ -16,8 +16,8 @@
 
 namespace {
 
-constexpr double kDisplay = 1.0 / 60;  // seconds between pictures
-constexpr double kReopen = 0.2;        // seconds until a recording that has gone is asked for again
+constexpr double kFrameSeconds = 1.0 / 60;  // display interval
+constexpr double kReopenSeconds = 0.2;      // delay before a replaced recording is opened again
 
 double now() {
   const auto since = std::chrono::steady_clock::now().time_since_epoch();
@@ -52,30 +52,32 @@ const char* name_of(stgs_event_kind kind) {
 }
 
 struct Shown {
-  double moment, at;
+  double seconds;  // clip time
+  double at;       // monotonic clock
 };
 
 class Viewer {
  public:
-  explicit Viewer(const char* place) : place_(place), begun_(now()) {
+  explicit Viewer(const char* location) : location_(location), begun_(now()) {
     view_.near_plane = 0.1f;
     view_ = stgs::resized(view_, 160, 90);
     open();
   }
 
-  // Draws pictures until the recording has ended.
+  // Renders frames until the recording ends.
   void watch(double seconds) {
     while (now() < begun_ + seconds) {
-      const double picture_at = now();
-      const stgs_player_status status = player_->update(picture_at);
-      if (note_events()) {  // `status` is of a recording that has gone
-        std::this_thread::sleep_for(std::chrono::duration<double>(kReopen));
+      const double frame_begin = now();
+      const stgs_player_status status = player_->update(frame_begin);
+      if (handle_events()) {  // `status` belongs to the old recording
+        std::this_thread::sleep_for(std::chrono::duration<double>(kReopenSeconds));
         open();
         continue;
       }
       if (status.state == STGS_PLAYER_ENDED) return;
-      if (status.state >= STGS_PLAYER_PAUSED && status.ready != 0) draw(status.seconds);
-      std::this_thread::sleep_for(std::chrono::duration<double>(picture_at + kDisplay - now()));
+      if (status.state >= STGS_PLAYER_PAUSED && status.ready != 0) render(status.seconds);
+      std::this_thread::sleep_for(
+          std::chrono::duration<double>(frame_begin + kFrameSeconds - now()));
     }
   }
 
@@ -83,9 +85,9 @@ class Viewer {
     std::printf("{\"opened\": %.6f, \"joined\": %s, \"shown\": [", begun_,
                 shown_.empty() ? "null" : std::to_string(shown_.front().at - begun_).c_str());
     for (std::size_t i = 0; i < shown_.size(); ++i) {
-      std::printf("%s[%.6f, %.6f]", i > 0 ? ", " : "", shown_[i].moment, shown_[i].at);
+      std::printf("%s[%.6f, %.6f]", i > 0 ? ", " : "", shown_[i].seconds, shown_[i].at);
     }
-    std::printf("], \"max_latency\": %.6f, \"events\": {", most_behind_);
+    std::printf("], \"max_latency\": %.6f, \"events\": {", max_latency_);
     const char* comma = "";
     for (const auto& [name, count] : events_) {
       std::printf("%s\"%s\": %d", comma, name.c_str(), count);
@@ -97,40 +99,41 @@ class Viewer {
  private:
   void open() {
     stgs_player_settings settings = stgs::player_settings();
-    settings.live_latency_seconds = 0;  // as near to the edge as the recording lets it be
+    settings.live_latency_seconds = 0;  // as close to the edge as the recording permits
     player_ = std::make_unique<stgs::Player>(settings);
-    player_->open(place_);
+    player_->open(location_);
     player_->play();
   }
 
-  // Whether another recording has its place now, which may have only just begun.
-  bool note_events() {
-    bool gone = false;
+  // Handles queued events. Returns whether the recording failed to open or was replaced, perhaps by
+  // one that has only just begun.
+  bool handle_events() {
+    bool is_gone = false;
     while (const auto event = player_->next_event()) {
       ++events_[name_of(event->kind)];
       if (!event->message.empty()) std::fprintf(stderr, "%s\n", event->message.c_str());
       const bool failed = event->kind == STGS_EVENT_FAILED;
       if (failed && shown_.empty()) throw std::runtime_error(event->message);
-      gone = gone || failed || event->kind == STGS_EVENT_REPLACED;
+      is_gone = is_gone || failed || event->kind == STGS_EVENT_REPLACED;
     }
-    return gone;
+    return is_gone;
   }
 
-  void draw(double moment) {
-    renderer_.render_rgba8(player_->scene(), moment, view_);
-    shown_.push_back({moment, now()});
+  void render(double seconds) {
+    renderer_.render_rgba8(player_->scene(), seconds, view_);
+    shown_.push_back({seconds, now()});
     const stgs_player_live live = player_->live();
-    if (live.growing != 0 && live.latency_seconds > most_behind_)
-      most_behind_ = live.latency_seconds;
+    if (live.growing != 0 && live.latency_seconds > max_latency_)
+      max_latency_ = live.latency_seconds;
   }
 
-  const std::string place_;
+  const std::string location_;
   const double begun_;
   std::unique_ptr<stgs::Player> player_;
   stgs::Renderer renderer_{STGS_BACKEND_CPU};
   stgs_view view_ = stgs::default_view();
   std::vector<Shown> shown_;
-  double most_behind_ = 0;
+  double max_latency_ = 0;
   std::map<std::string, int> events_;
 };
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-# Debian packages, one a component of the install rules: `cmake --build BUILD && cpack -G DEB` in
-# BUILD. What a package links to becomes its dependencies by dpkg-shlibdeps.
+# Debian packages, one per install component: `cmake --build BUILD`, then `cpack -G DEB` in BUILD.
+# dpkg-shlibdeps derives dependencies from linked libraries.
 set(STGS_PACKAGE_MAINTAINER "STGS maintainers <stgs@example.org>" CACHE STRING
-    "Who answers for the Debian packages: NAME <ADDRESS>")
+    "Maintainer of the Debian packages: NAME <ADDRESS>")
 
 set(packages runtime dev encoder encoder_dev tools)
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_NAME libstgs0)  # 0: the SOVERSION
@@ -22,25 +22,25 @@ endif()
 # The first line of a description is its synopsis; CPack would put the project's before it.
 set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "")
 set(CPACK_COMPONENT_RUNTIME_DESCRIPTION "player of streaming 4D Gaussian video - library
-Opens .stgs scenes from files, URLs, memory or an application's own source, and
-draws any moment of them from any viewpoint: on the processor, with Vulkan, or
-with CUDA where it was built with it.")
+Opens .stgs scenes from files, URLs, memory or application callbacks and renders
+them at any time from any viewpoint, on the CPU, with Vulkan or, if built in,
+with CUDA.")
 set(CPACK_COMPONENT_DEV_DESCRIPTION "player of streaming 4D Gaussian video - development files
-Headers in C99, the static library, files for CMake and pkg-config, guides and
-examples for applications that show .stgs scenes.")
+C99 headers, static library, CMake and pkg-config files, guides and examples for
+applications that render .stgs scenes.")
 set(CPACK_COMPONENT_ENCODER_DESCRIPTION "encoder of streaming 4D Gaussian video - library
 Turns synchronised multi-view video into .stgs scenes of 4D Gaussians: prepares
 captures, trains, and packs.")
 set(CPACK_COMPONENT_ENCODER_DEV_DESCRIPTION "encoder of streaming 4D Gaussian video - development files
-Headers in C99, the static library, files for CMake and pkg-config for
-applications that make .stgs scenes.")
+C99 headers, static library, CMake and pkg-config files for applications that
+make .stgs scenes.")
 set(CPACK_COMPONENT_TOOLS_DESCRIPTION "streaming 4D Gaussian video - encoder, player, tools
-The program stgs turns synchronised multi-view video into one .stgs file of 4D
-Gaussians, and shows, draws, measures, checks and converts such files.")
+The program stgs turns synchronised multi-view video into .stgs files of 4D
+Gaussians, and plays, renders, compares, validates and converts such files.")
 set(CPACK_COMPONENT_MPI_DESCRIPTION "streaming 4D Gaussian video - training with several processes
-What the program stgs loads where mpirun or srun has started it.")
+Loaded by the program stgs when mpirun or srun starts it.")
 set(CPACK_COMPONENT_PYTHON_DESCRIPTION "player of streaming 4D Gaussian video - Python module
-Opens .stgs scenes, draws them into numpy's arrays and lists their primitives.")
+Opens .stgs scenes, renders them into NumPy arrays and returns their primitives.")
 
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_SECTION libs)
 set(CPACK_DEBIAN_DEV_PACKAGE_SECTION libdevel)
@@ -55,25 +55,25 @@ set(CPACK_DEBIAN_ENCODER_DEV_PACKAGE_DEPENDS
     "libstgs-encoder0 ${same_version}, libstgs-dev ${same_version}")
 set(CPACK_DEBIAN_MPI_PACKAGE_DEPENDS "stgs ${same_version}")
 if(STGS_HAS_PYTHON)
-  # An extension is for one minor version of Python.
+  # An extension module is specific to a minor version of Python.
   math(EXPR next_minor "${Python_VERSION_MINOR} + 1")
   set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "libstgs0 ${same_version}, python3-numpy, \
 python3 (>= 3.${Python_VERSION_MINOR}~), python3 (<< 3.${next_minor})")
 endif()
-# What is loaded at run time, or run. A Vulkan driver is a matter of the machine.
+# Libraries and programs used at run time. The Vulkan driver depends on the machine.
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_SUGGESTS "libvulkan1, mesa-vulkan-drivers | vulkan-icd")
 set(CPACK_DEBIAN_TOOLS_PACKAGE_RECOMMENDS "libvulkan1, mesa-vulkan-drivers | vulkan-icd")
 set(CPACK_DEBIAN_ENCODER_PACKAGE_SUGGESTS "colmap")
 set(CPACK_DEBIAN_TOOLS_PACKAGE_SUGGESTS "colmap, ffmpeg, stgs-mpi")
-# What packages of programs that link the library depend on, by dpkg-shlibdeps: before 1.0 it
-# promises nothing to those that were built with another version.
+# Dependencies that dpkg-shlibdeps gives to programs that link the library: before 1.0 exactly the
+# version that they were built with.
 set(documents ${PROJECT_BINARY_DIR}/packaging)
 file(WRITE ${documents}/shlibs "libstgs 0 libstgs0 ${same_version}\n")
 file(WRITE ${documents}/encoder/shlibs "libstgs_encoder 0 libstgs-encoder0 ${same_version}\n")
 file(WRITE ${documents}/triggers "activate-noawait ldconfig\n")
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_CONTROL_EXTRA ${documents}/shlibs ${documents}/triggers)
 set(CPACK_DEBIAN_ENCODER_PACKAGE_CONTROL_EXTRA ${documents}/encoder/shlibs ${documents}/triggers)
-# What a program that links stgs::static links too.
+# Libraries that programs with stgs::static link.
 set(static_needs libfmt-dev libtbb-dev libzstd-dev zlib1g-dev libxxhash-dev libhwy-dev)
 if(STGS_HAS_DRACO)
   list(APPEND static_needs libdraco-dev)
@@ -102,12 +102,12 @@ set(CPACK_COMPONENTS_ALL ${packages})
 set(CPACK_COMPONENTS_GROUPING IGNORE)
 set(CPACK_STRIP_FILES ON)
 set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
-set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS ${PROJECT_BINARY_DIR}/sdk)  # of the Python module
+set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS ${PROJECT_BINARY_DIR}/sdk)  # for the Python module
 set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS
     OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE)
 
-# What Debian wants of every package: its licence, and what changed. Libraries of which Debian has
-# headers or archives alone are compiled in: their licences are Debian's own files about them.
+# Debian requires licence and changelog in every package. Header-only and archive-only libraries are
+# compiled in; their licences are the copyright files of their Debian packages.
 set(compiled_into_runtime libvulkan-volk-dev)
 set(compiled_into_dev libvulkan-volk-dev)
 set(compiled_into_encoder nlohmann-json3-dev libeigen3-dev libnanoflann-dev libstb-dev)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads that the application answers later. A read that nobody waits for any more keeps its memory
-// and the source until it is completed.
+// Reads that the application completes later. An abandoned read retains its buffer and the source
+// until it is completed.
 #include <algorithm>
 #include <chrono>
 #include <condition_variable>
@@ -35,29 +35,30 @@ class AsyncIo {
 
   struct Answer {
     std::vector<std::uint8_t> bytes;
-    bool here = false;
+    bool completed = false;
     int error = 0;
   };
-  void put(Answer& answer, int error) {
+  void complete(Answer& answer, int error) {
     {
       const std::lock_guard lock(mutex_);
       answer.error = error;
-      answer.here = true;
+      answer.completed = true;
     }
     answered_.notify_all();
   }
-  // false: interrupted, or not wanted any more, before it has come. `should_continue` may be empty.
+  // Waits for the answer. Returns false if it was interrupted or abandoned before that.
+  // `should_continue` is polled; empty: wait in any case.
   bool wait_for(const Answer& answer, const std::function<bool()>& should_continue) {
-    constexpr std::chrono::milliseconds kLook{250};
+    constexpr std::chrono::milliseconds kPoll{250};
     std::unique_lock lock(mutex_);
-    const auto ended = [&] { return answer.here || interrupted_; };
-    while (!answered_.wait_for(lock, kLook, ended)) {
+    const auto ended = [&] { return answer.completed || interrupted_; };
+    while (!answered_.wait_for(lock, kPoll, ended)) {
       lock.unlock();
-      const bool wanted = !should_continue || should_continue();
+      const bool wait_on = !should_continue || should_continue();
       lock.lock();
-      if (!wanted) break;
+      if (!wait_on) break;
     }
-    return answer.here;
+    return answer.completed;
   }
   bool is_interrupted() {
     const std::lock_guard lock(mutex_);
@@ -66,7 +67,7 @@ class AsyncIo {
 
  private:
   const stgs_async_io io_;
-  std::mutex mutex_;  // of what follows, and of answers
+  std::mutex mutex_;  // guards interrupted_ and all answers
   std::condition_variable answered_;
   bool interrupted_ = false;
 };
@@ -102,29 +103,29 @@ class AsyncSource final : public ByteSource {
     if (caller_->is_interrupted()) return interrupted();
     const auto answer = std::make_shared<AsyncIo::Answer>();
     answer->bytes.resize(out.size());
-    auto* read = new stgs_read{caller_, answer};  // the application's, which completes it
+    auto* read = new stgs_read{caller_, answer};  // the application owns and completes it
     io.begin(io.user, read, offset, answer->bytes.data(), out.size());
     if (!caller_->wait_for(*answer, should_continue)) return interrupted();
     if (answer->error != 0) {
-      return io_error("{}: reading {} bytes from {} on failed with {}", name_, out.size(), offset,
-                      answer->error);
+      return io_error("{}: reading {} bytes at offset {} failed with error {}", name_, out.size(),
+                      offset, answer->error);
     }
     std::copy(answer->bytes.begin(), answer->bytes.end(), out.begin());
     return {};
   }
 
  private:
-  Status interrupted() const { return runtime_error("{}: reading was stopped", name_); }
+  Status interrupted() const { return runtime_error("{}: the read was interrupted", name_); }
 
   std::shared_ptr<AsyncIo> caller_;
   CallerSize size_;
-  std::string name_ = "the application's source";
+  std::string name_ = "application source";
 };
 
 }  // namespace
 
 CallerSource callback_source(const stgs_async_io& io) {
-  auto caller = hold_caller<AsyncIo>(io);
+  auto caller = share_caller<AsyncIo>(io);
   return {std::make_unique<AsyncSource>(caller), [caller] { caller->interrupt(); }};
 }
 
@@ -132,6 +133,6 @@ CallerSource callback_source(const stgs_async_io& io) {
 
 extern "C" void stgs_read_complete(stgs_read* read, int error) {
   if (read == nullptr) return;
-  read->source->put(*read->answer, error);
+  read->source->complete(*read->answer, error);
   delete read;
 }

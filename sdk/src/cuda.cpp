@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Drawing into memory of a CUDA device: stgs/stgs_cuda.h. Without CUDA there is no renderer for it,
-// which the player's says.
+// Renders into memory of a CUDA device: stgs/stgs_cuda.h. In a build without CUDA, creating the
+// renderer fails.
 #include "stgs/stgs_cuda.h"
 
-#include "picture.h"
+#include "image.h"
 #include "renderer.h"
 #include "scene.h"
 
@@ -12,14 +12,14 @@ using stgs::sdk::Outcome;
 
 namespace {
 
-constexpr std::size_t kPixelBytes = 4;  // of RGBA8, and of a float
+constexpr std::size_t kPixelBytes = 4;  // of RGBA8 and of a float
 
 stgs::player::CudaPlane plane_of(const stgs_buffer& buffer, std::uint32_t width) {
   return {buffer.data, buffer.stride == 0 ? kPixelBytes * width : buffer.stride};
 }
 
-// Of a picture that has been checked.
-stgs::player::CudaImage picture_of(const stgs_image& from, std::uint32_t width) {
+// Converts an image that has been checked.
+stgs::player::CudaImage image_of(const stgs_image& from, std::uint32_t width) {
   stgs::player::CudaImage out;
   out.rgba8 = plane_of(from.rgba8, width);
   for (std::size_t c = 0; c < 3; ++c) out.planes[c] = plane_of(from.rgb[c], width);
@@ -32,8 +32,8 @@ Outcome check_backend(const stgs_renderer& renderer) {
   const std::string name = renderer.backend->name();
   if (name == "cuda") return {};
   return {STGS_ERROR_UNSUPPORTED,
-          fmt::format("backend '{}' does not draw into memory of a CUDA device: make the renderer "
-                      "with STGS_BACKEND_CUDA",
+          fmt::format("backend '{}' cannot render into CUDA memory; create the renderer with "
+                      "STGS_BACKEND_CUDA",
                       name)};
 }
 
@@ -42,25 +42,26 @@ Outcome check_rgba8(const stgs_buffer& buffer) {
       buffer.stride % kPixelBytes == 0) {
     return {};
   }
-  return {STGS_ERROR_ARGUMENT, "rgba8: its address and stride on a CUDA device are multiples of 4"};
+  return {STGS_ERROR_ARGUMENT, "rgba8: data and stride must be multiples of 4 on a CUDA device"};
 }
 
 }  // namespace
 
 extern "C" stgs_result stgs_cuda_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
-                                        const stgs_view* views, const stgs_image* pictures,
+                                        const stgs_view* views, const stgs_image* images,
                                         uint32_t count, struct CUstream_st* stream) {
   return guarded(renderer, [&]() -> Outcome {
     STGS_SDK_TRY(check_backend(*renderer));
-    stgs::sdk::Pictures known;
-    STGS_SDK_TRY(stgs::sdk::take_render(*renderer, scene, seconds, views, pictures, count, known));
+    stgs::sdk::Images known;
+    STGS_SDK_TRY(
+        stgs::sdk::copy_in_arguments(*renderer, scene, seconds, views, images, count, known));
     std::vector<stgs::player::CudaImage> targets;
     for (std::uint32_t i = 0; i < count; ++i) {
       STGS_SDK_TRY(check_rgba8(known[i].rgba8));
       targets.push_back(
-          picture_of(known[i], static_cast<std::uint32_t>(renderer->views[i].camera.width)));
+          image_of(known[i], static_cast<std::uint32_t>(renderer->views[i].camera.width)));
     }
-    STGS_SDK_TRY(stgs::sdk::draw(*renderer, *scene, seconds));
+    STGS_SDK_TRY(stgs::sdk::render(*renderer, *scene, seconds));
     return renderer->backend->read_cuda(targets, stream);
   });
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a camera stands to see all of a scene.
+// Places a camera so that its image shows the bounds of a scene.
 #include <algorithm>
 #include <cmath>
 
@@ -13,19 +13,19 @@ using stgs::sdk::Outcome;
 namespace stgs::sdk {
 namespace {
 
-constexpr double kRoom = 1.125;         // of the bounds: primitives are larger than their centres
-constexpr double kThinnest = 1 / 16.0;  // of the box's longest side
-constexpr double kFarthest = 0x1p60;    // whose square is a float, as drawing needs it
-constexpr double kFinest = 0x1p-22;     // of a position: 2 to 4 steps of a float there
+constexpr double kMargin = 1.125;           // factor: primitives extend beyond their centres
+constexpr double kMinThickness = 1 / 16.0;  // relative to the longest side of the box
+constexpr double kMaxDistance = 0x1p60;     // rendering needs its square as a float
+constexpr double kResolution = 0x1p-22;     // relative to a position: 2 to 4 float steps
 
-// Half a scene unit where it is not known how many metres that is.
+// Half a metre in scene units; half a scene unit if the scale is not known.
 double half_metre(const SceneMetadata& metadata) {
   return 0.5 / (metadata.metres_per_unit > 0 ? metadata.metres_per_unit : 1.0);
 }
 
 struct Box {
   double centre[3];
-  double half[3];  // of its sides, > 0
+  double half[3];  // half-lengths of the sides, > 0
 };
 
 Box box_of(const SceneMetadata& metadata) {
@@ -38,16 +38,16 @@ Box box_of(const SceneMetadata& metadata) {
     longest = std::max(longest, box.half[i]);
     farthest = std::max(farthest, std::abs(box.centre[i]));
   }
-  // So near each other, positions are one point, and rounded.
-  const double point = std::max(kFinest * farthest, 1 / kFarthest);
-  const double least =
-      longest > point ? kThinnest * longest : std::max(half_metre(metadata), point);
-  for (double& half : box.half) half = std::max(half, least);
+  // Positions closer than this are a single point with rounding errors.
+  const double point = std::max(kResolution * farthest, 1 / kMaxDistance);
+  const double min_half =
+      longest > point ? kMinThickness * longest : std::max(half_metre(metadata), point);
+  for (double& half : box.half) half = std::max(half, min_half);
   return box;
 }
 
-// A corner of the box from its centre, along the camera's axes; bit i of `corner` is the side of
-// axis i.
+// Offset of a corner from the centre of the box, along the camera's axes. Bit i of `corner` selects
+// the side of axis i.
 struct Offset {
   double x, y, z;
 };
@@ -61,47 +61,49 @@ Offset offset_of(const Box& box, int corner, const float (&rotation)[9]) {
   return {along[0], along[1], along[2]};
 }
 
-struct Stand {
-  double back;     // from the box's centre to the plane of the camera, > 0
-  double nearest;  // camera z of the box, > 0
+struct Distance {
+  double centre;   // camera z of the centre of the box, > 0
+  double nearest;  // smallest camera z of the box, > 0
 };
 
-// The camera whose picture's middle shows the box's centre. A corner (x, y, z) from there has
-// 0 <= u <= width where back * width / 2 >= max(-(fx x + cx z), fx x + (cx - width) z), v alike.
-Stand stand_of(const Box& box, const stgs_view& view) {
+// Distance at which the whole box is visible and its centre is at the centre of the image. A corner
+// at offset (x, y, z) has 0 <= u <= width if centre * width / 2 >=
+// max(-(fx x + cx z), fx x + (cx - width) z), and likewise for v.
+Distance distance_of(const Box& box, const stgs_view& view) {
   const double width = view.width, height = view.height;
-  double back = 0, front = 0;
+  double centre = 0, front = 0;
   for (int corner = 0; corner < 8; ++corner) {
     const Offset at = offset_of(box, corner, view.rotation);
     const double u = view.fx * at.x + view.cx * at.z, v = view.fy * at.y + view.cy * at.z;
-    back = std::max({back, -u / (width / 2), (u - width * at.z) / (width / 2), -v / (height / 2),
-                     (v - height * at.z) / (height / 2)});
+    centre = std::max({centre, -u / (width / 2), (u - width * at.z) / (width / 2),
+                       -v / (height / 2), (v - height * at.z) / (height / 2)});
     front = std::max(front, -at.z);
   }
-  return {kRoom * back, kRoom * back - front};
+  return {kMargin * centre, kMargin * centre - front};
 }
 
 Outcome frame_view(const SceneMetadata& metadata, const std::string& name, stgs_view& view) {
   const Box box = box_of(metadata);
-  const Stand stand = stand_of(box, view);
+  const Distance distance = distance_of(box, view);
   const double middle[3] = {(view.width / 2.0 - view.cx) / view.fx,
                             (view.height / 2.0 - view.cy) / view.fy, 1};
   for (int row = 0; row < 3; ++row) {
-    double out = stand.back * middle[row];
+    double out = distance.centre * middle[row];
     for (int i = 0; i < 3; ++i) out -= view.rotation[3 * row + i] * box.centre[i];
-    if (!(std::abs(out) < kFarthest)) {
-      return unsupported("{}: to see all of its bounds a camera would have to be {:.3g} units away",
-                         name, std::abs(out));
+    if (!(std::abs(out) < kMaxDistance)) {
+      return unsupported(
+          "{}: the bounds are too large to be framed (the camera would be {:.3g} units away)", name,
+          std::abs(out));
     }
     view.translation[row] = static_cast<float>(out);
   }
-  view.near_plane = std::min(view.near_plane, static_cast<float>(stand.nearest / 2));
+  view.near_plane = std::min(view.near_plane, static_cast<float>(distance.nearest / 2));
   return {};
 }
 
 }  // namespace
 
-void stand_upright(const float (&up)[3], float (&rotation)[9]) {
+void align_up(const float (&up)[3], float (&rotation)[9]) {
   const double length = std::hypot(up[0], up[1], up[2]);
   if (!(length > 0)) return;
   double down[3], forward[3] = {0, 0, 0}, size = 0;
@@ -128,11 +130,11 @@ stgs_result stgs_scene_frame_view(stgs_scene* scene, stgs_view* view) {
   return guarded(scene, [&]() -> Outcome {
     STGS_SDK_TRY(scene->check_open());
     stgs_view out = stgs::sdk::default_view();
-    STGS_SDK_TRY(stgs::sdk::take_struct(view, out, "view"));
+    STGS_SDK_TRY(stgs::sdk::copy_in(view, out, "view"));
     STGS_SDK_TRY(stgs::sdk::check_view(out));
     const stgs::player::Timeline& timeline = *scene->timeline;
     STGS_SDK_TRY(stgs::sdk::frame_view(timeline.metadata(), timeline.name(), out));
-    stgs::sdk::give_struct(view, out);
+    stgs::sdk::copy_out(view, out);
     return {};
   });
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The caller's memory as a std::pmr one.
+// The caller's allocator as a std::pmr::memory_resource.
 #pragma once
 
 #include <memory>
@@ -9,9 +9,9 @@
 
 namespace stgs::sdk {
 
-// STGS_OK where there is none, and where it can be used.
+// Returns STGS_OK for NULL and for a complete allocator.
 stgs_result check_allocator(const stgs_allocator* allocator, const Log& log);
-// The heap where there is none. One that has been checked.
+// Returns the resource of an allocator that has been checked; the heap for NULL.
 std::shared_ptr<std::pmr::memory_resource> caller_memory(const stgs_allocator* allocator);
 
 }  // namespace stgs::sdk

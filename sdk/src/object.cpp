@@ -36,10 +36,10 @@ stgs_result result_of_code(StatusCode code) {
   return STGS_ERROR_RUNTIME;
 }
 
-// Issues that are a limit of the caller's (spec/conformance.md, 2).
+// Issues that mean a limit of the caller (spec/conformance.md, 2).
 constexpr int kPrimitiveLimit = 307, kMemoryLimit = 308;
 
-// Where in the file: statuses of its readers end with "(byte N, issue M)".
+// Position in the file: messages of the reader end with "(byte N, issue M)".
 struct Location {
   std::uint64_t offset = STGS_NO_OFFSET;
   int issue = 0;
@@ -74,7 +74,7 @@ stgs_result LastError::set(stgs_result result, const char* message) {
   std::size_t length = std::strlen(message);
   if (length >= message_.size()) {
     length = message_.size() - 1;
-    // Not within a character of UTF-8.
+    // Cut between UTF-8 characters.
     while (length > 0 && (static_cast<unsigned char>(message[length]) & 0xC0) == 0x80) --length;
   }
   std::copy_n(message, length, message_.begin());
@@ -90,9 +90,9 @@ stgs_result LastError::set(const Outcome& outcome) {
   return outcome.result;
 }
 
-stgs_result LastError::tell(stgs_error* error) const {
+stgs_result LastError::get(stgs_error* error) const {
   if (const stgs_result bad = check_struct(error); bad != STGS_OK) return bad;
-  give_struct(error, {sizeof(*error), result_, issue_, offset_, message_.data()});
+  copy_out(error, {sizeof(*error), result_, issue_, offset_, message_.data()});
   return STGS_OK;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What all objects of the C interface share: the last error, the log, and the border that no
+// Shared by all objects of the C interface: the last error, the log, and the boundary that no
 // exception crosses.
 #pragma once
 
@@ -14,10 +14,10 @@
 
 namespace stgs::sdk {
 
-// A Status that also knows the SDK's own results.
+// A Status, or a result that only the SDK has.
 struct Outcome {
   stgs_result result = STGS_OK;
-  Status status;  // its message; where it is not ok() but `result` is, its code counts
+  Status status;  // carries the message; its code is irrelevant if it was built from `r`
 
   Outcome() = default;
   Outcome(Status s);  // NOLINT: implicit by design
@@ -25,15 +25,16 @@ struct Outcome {
       : result(r), status(StatusCode::kRuntime, std::move(message)) {}
 };
 
-// Of a status; allocates nothing.
+// Maps a status to a result. Does not allocate.
 stgs_result result_of(StatusCode code, const std::string& message);
 
-// The last error of an object. Allocates nothing, so that it can tell of having no memory.
+// The last error of an object. Does not allocate, so that it can report a lack of memory.
 class LastError {
  public:
   stgs_result set(stgs_result result, const char* message);
   stgs_result set(const Outcome& outcome);
-  stgs_result tell(stgs_error* error) const;
+  // Writes the error to the caller's struct.
+  stgs_result get(stgs_error* error) const;
 
  private:
   stgs_result result_ = STGS_OK;
@@ -42,6 +43,7 @@ class LastError {
   std::array<char, 1024> message_{};
 };
 
+// The caller's log; does nothing without a function.
 struct Log {
   stgs_log_fn function = nullptr;
   void* user = nullptr;
@@ -54,24 +56,25 @@ struct Log {
   }
 };
 
-// Runs a call on an object and keeps how it ended; nothing is thrown to the caller.
+// Runs a call on an object, stores its outcome in object->error and returns the result. Exceptions
+// become results.
 template <typename Object, typename Call>
 stgs_result guarded(Object* object, Call&& call) noexcept {
   if (object == nullptr) return STGS_ERROR_ARGUMENT;
   try {
     return object->error.set(call());
   } catch (const std::bad_alloc&) {
-    return object->error.set(STGS_ERROR_OUT_OF_MEMORY, "not enough memory");
+    return object->error.set(STGS_ERROR_OUT_OF_MEMORY, "out of memory");
   } catch (const std::exception& e) {
     return object->error.set(STGS_ERROR_RUNTIME, e.what());
   } catch (...) {
-    return object->error.set(STGS_ERROR_RUNTIME, "an exception of another library's");
+    return object->error.set(STGS_ERROR_RUNTIME, "unknown exception");
   }
 }
 
 }  // namespace stgs::sdk
 
-// As STGS_TRY, for an Outcome or a Status in a function that gives an Outcome.
+// Like STGS_TRY, for an Outcome or Status in a function that returns an Outcome.
 #define STGS_SDK_TRY(expression)                                                            \
   do {                                                                                      \
     if (::stgs::sdk::Outcome stgs_outcome_ = (expression); stgs_outcome_.result != STGS_OK) \

@@ -16,8 +16,8 @@ using stgs::sdk::Outcome;
 
 namespace {
 
-constexpr double kLeastMemory = 1 << 20;
-constexpr double kMost = std::numeric_limits<double>::max();  // what is finite
+constexpr double kMinMemory = 1 << 20;
+constexpr double kMax = std::numeric_limits<double>::max();  // any finite value
 
 stgs_player_settings default_settings() {
   const stgs::player::PlayerSettings defaults;
@@ -43,34 +43,35 @@ stgs_player_settings default_settings() {
   return settings;
 }
 
-// The first of the settings that is out of its range, in words; empty: none is.
+// Returns a message about the first setting that is out of range; empty if there is none.
 std::string out_of_range(const stgs_player_settings& s) {
   const struct {
     const char* name;
-    double value, least, most;
-  } ranges[] = {{"memory_budget", static_cast<double>(s.memory_budget), kLeastMemory, kMost},
-                {"max_memory", static_cast<double>(s.max_memory), kLeastMemory, kMost},
-                {"prefetch_seconds", s.prefetch_seconds, 0, kMost},
-                {"resume_seconds", s.resume_seconds, 0, kMost},
-                {"layer_lead_seconds", s.layer_lead_seconds, 0, kMost},
-                {"retry_seconds", s.retry_seconds, 0, kMost},
+    double value, min, max;
+  } ranges[] = {{"memory_budget", static_cast<double>(s.memory_budget), kMinMemory, kMax},
+                {"max_memory", static_cast<double>(s.max_memory), kMinMemory, kMax},
+                {"prefetch_seconds", s.prefetch_seconds, 0, kMax},
+                {"resume_seconds", s.resume_seconds, 0, kMax},
+                {"layer_lead_seconds", s.layer_lead_seconds, 0, kMax},
+                {"retry_seconds", s.retry_seconds, 0, kMax},
                 {"max_reads_in_flight", static_cast<double>(s.max_reads_in_flight), 1, 64},
                 {"url_max_attempts", static_cast<double>(s.url_max_attempts), 1, 1000},
-                {"url_connect_seconds", s.url_connect_seconds, 0, kMost},
-                {"url_stall_seconds", s.url_stall_seconds, 0, kMost},
-                {"live_latency_seconds", s.live_latency_seconds, 0, kMost},
-                {"live_poll_seconds", s.live_poll_seconds, 0, kMost},
-                {"live_stall_seconds", s.live_stall_seconds, 0, kMost},
-                {"live_skip_seconds", s.live_skip_seconds, 0, kMost}};
-  for (const auto& [name, value, least, most] : ranges) {
-    if (value >= least && value <= most) continue;
-    const std::string to = most == kMost ? " or more" : fmt::format(" to {}", most);
-    return fmt::format("settings: {} is {}; it can be {}{}", name, value, least, to);
+                {"url_connect_seconds", s.url_connect_seconds, 0, kMax},
+                {"url_stall_seconds", s.url_stall_seconds, 0, kMax},
+                {"live_latency_seconds", s.live_latency_seconds, 0, kMax},
+                {"live_poll_seconds", s.live_poll_seconds, 0, kMax},
+                {"live_stall_seconds", s.live_stall_seconds, 0, kMax},
+                {"live_skip_seconds", s.live_skip_seconds, 0, kMax}};
+  for (const auto& [name, value, min, max] : ranges) {
+    if (value >= min && value <= max) continue;
+    const std::string range =
+        max == kMax ? fmt::format("at least {}", min) : fmt::format("{} to {}", min, max);
+    return fmt::format("settings: {} is {} (expected {})", name, value, range);
   }
   return {};
 }
 
-stgs::player::PlayerSettings wanted_of(const stgs_player_settings& s) {
+stgs::player::PlayerSettings open_settings_of(const stgs_player_settings& s) {
   stgs::player::PlayerSettings out;
   out.memory_budget = s.memory_budget;
   out.limits = {s.max_primitives, s.max_memory};
@@ -137,7 +138,7 @@ stgs_event_kind kind_of(PlayerEvent::Kind kind) {
 
 Outcome check_open(const stgs_player& player) {
   if (player.player != nullptr) return {};
-  return {STGS_ERROR_STATE, "no file is open yet"};
+  return {STGS_ERROR_STATE, "no file is open; open one and wait for it first"};
 }
 
 stgs_player_status status_of(const stgs_player& player) {
@@ -159,39 +160,39 @@ stgs_player_status status_of(const stgs_player& player) {
 
 }  // namespace
 
-void stgs_player::tell(Event event) noexcept {
+void stgs_player::push_event(Event event) noexcept {
   event.event.struct_size = sizeof(event.event);
-  events.add(std::move(event));
+  events.push(std::move(event));
 }
 
-void stgs_player::tell(PlayerEvent& from) {
+void stgs_player::push_event(PlayerEvent& from) {
   Event event;
   event.event.kind = kind_of(from.kind);
   event.event.result = stgs::sdk::result_of(from.code, from.message);
   event.event.seconds = from.seconds;
-  const bool of_file = event.event.result != STGS_OK;
-  event.event.offset = of_file ? from.offset : STGS_NO_OFFSET;
+  const bool is_failure = event.event.result != STGS_OK;
+  event.event.offset = is_failure ? from.offset : STGS_NO_OFFSET;
   event.event.layers = from.layers;
   event.message = std::move(from.message);
-  tell(std::move(event));
+  push_event(std::move(event));
 }
 
-void stgs_player::take_opening_events() {
+void stgs_player::collect_opening_events() {
   const std::lock_guard lock(opening_mutex);
-  for (PlayerEvent& from : opening_events) tell(from);
+  for (PlayerEvent& from : opening_events) push_event(from);
   opening_events.clear();
 }
 
-void stgs_player::take_events() {
-  take_opening_events();
+void stgs_player::collect_events() {
+  collect_opening_events();
   if (player == nullptr) return;
-  for (PlayerEvent& from : player->take_events()) tell(from);
+  for (PlayerEvent& from : player->take_events()) push_event(from);
 }
 
 extern "C" {
 
 stgs_result stgs_player_settings_defaults(stgs_player_settings* settings, size_t struct_size) {
-  return stgs::sdk::put_defaults(settings, struct_size, default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, default_settings());
 }
 
 stgs_result stgs_player_create(const stgs_player_settings* settings, stgs_player** out) {
@@ -199,7 +200,7 @@ stgs_result stgs_player_create(const stgs_player_settings* settings, stgs_player
   *out = nullptr;
   stgs_player_settings known = default_settings();
   if (settings != nullptr) {
-    if (const stgs_result bad = stgs::sdk::take_struct(settings, known); bad != STGS_OK) return bad;
+    if (const stgs_result bad = stgs::sdk::copy_in(settings, known); bad != STGS_OK) return bad;
   }
   const stgs::sdk::Log log = {known.log, known.log_user};
   if (const stgs_result bad = stgs::sdk::check_task_runner(known.task_runner, log);
@@ -216,14 +217,14 @@ stgs_result stgs_player_create(const stgs_player_settings* settings, stgs_player
     }
     auto player = std::make_unique<stgs_player>();
     player->settings = known;
-    player->wanted = wanted_of(known);
-    player->wanted.memory = stgs::sdk::caller_memory(known.allocator);
+    player->open_settings = open_settings_of(known);
+    player->open_settings.memory = stgs::sdk::caller_memory(known.allocator);
     player->tasks = stgs::sdk::caller_tasks(known.task_runner);
-    player->wanted.task_runner = player->tasks.get();
-    player->wanted.http.stop = player->stop.get_token();
-    player->wanted.on_opening_event = [to = player.get()](const PlayerEvent& event) {
-      const std::lock_guard lock(to->opening_mutex);
-      to->opening_events.push_back(event);
+    player->open_settings.task_runner = player->tasks.get();
+    player->open_settings.http.stop = player->stop.get_token();
+    player->open_settings.on_opening_event = [self = player.get()](const PlayerEvent& event) {
+      const std::lock_guard lock(self->opening_mutex);
+      self->opening_events.push_back(event);
     };
     player->scene.log = log;
     *out = player.release();
@@ -238,7 +239,7 @@ void stgs_player_destroy(stgs_player* player) {
 }
 
 stgs_result stgs_player_error(const stgs_player* player, stgs_error* error) {
-  return player == nullptr ? STGS_ERROR_ARGUMENT : player->error.tell(error);
+  return player == nullptr ? STGS_ERROR_ARGUMENT : player->error.get(error);
 }
 
 stgs_scene* stgs_player_scene(stgs_player* player) {
@@ -278,9 +279,8 @@ stgs_result stgs_player_seek_frame(stgs_player* player, uint32_t frame) {
 stgs_result stgs_player_set_rate(stgs_player* player, double rate) {
   return guarded(player, [&]() -> Outcome {
     if (!(rate >= stgs::player::kMinRate && rate <= stgs::player::kMaxRate) || rate == 0) {
-      return {STGS_ERROR_ARGUMENT,
-              fmt::format("a rate must be from {} to {}, and not 0: {}", stgs::player::kMinRate,
-                          stgs::player::kMaxRate, rate)};
+      return {STGS_ERROR_ARGUMENT, fmt::format("rate is {} (expected {} to {}, not 0)", rate,
+                                               stgs::player::kMinRate, stgs::player::kMaxRate)};
     }
     if (player->player != nullptr) STGS_SDK_TRY(player->player->set_rate(rate));
     player->rate = rate;
@@ -309,7 +309,7 @@ stgs_result stgs_player_get_live(stgs_player* player, stgs_player_live* live) {
     STGS_SDK_TRY(stgs::sdk::check_struct(live, "live"));
     stgs::player::LiveState now;
     if (player->player != nullptr) now = player->player->live();
-    stgs::sdk::give_struct(
+    stgs::sdk::copy_out(
         live, stgs_player_live{sizeof(*live), now.growing ? 1 : 0, now.following ? 1 : 0,
                                now.edge_seconds, now.latency_seconds, now.target_latency_seconds});
     return {};
@@ -318,12 +318,13 @@ stgs_result stgs_player_get_live(stgs_player* player, stgs_player_live* live) {
 
 stgs_result stgs_player_update(stgs_player* player, double now, stgs_player_status* status) {
   return guarded(player, [&]() -> Outcome {
-    if (!std::isfinite(now)) return {STGS_ERROR_ARGUMENT, fmt::format("now is {} seconds", now)};
+    if (!std::isfinite(now))
+      return {STGS_ERROR_ARGUMENT, fmt::format("now is {} (expected a finite number)", now)};
     if (status != nullptr) STGS_SDK_TRY(stgs::sdk::check_struct(status, "status"));
-    player->note_opened(false);
+    player->finish_opening(false);
     if (player->player != nullptr) player->player->advance(now);
-    player->take_events();
-    if (status != nullptr) stgs::sdk::give_struct(status, status_of(*player));
+    player->collect_events();
+    if (status != nullptr) stgs::sdk::copy_out(status, status_of(*player));
     return {};
   });
 }
@@ -331,16 +332,16 @@ stgs_result stgs_player_update(stgs_player* player, double now, stgs_player_stat
 stgs_result stgs_player_next_event(stgs_player* player, stgs_player_event* event) {
   return guarded(player, [&]() -> Outcome {
     STGS_SDK_TRY(stgs::sdk::check_struct(event, "event"));
-    if (player->events.empty()) player->take_events();
+    if (player->events.empty()) player->collect_events();
     if (player->events.empty()) {
-      player->told = {};
-      player->told.event.struct_size = sizeof(*event);
-      player->told.event.offset = STGS_NO_OFFSET;
+      player->last_event = {};
+      player->last_event.event.struct_size = sizeof(*event);
+      player->last_event.event.offset = STGS_NO_OFFSET;
     } else {
-      player->told = player->events.take();
+      player->last_event = player->events.pop();
     }
-    player->told.event.message = player->told.message.c_str();
-    stgs::sdk::give_struct(event, player->told.event);
+    player->last_event.event.message = player->last_event.message.c_str();
+    stgs::sdk::copy_out(event, player->last_event.event);
     return {};
   });
 }
@@ -350,9 +351,8 @@ stgs_result stgs_player_get_statistics(stgs_player* player, stgs_player_statisti
     STGS_SDK_TRY(stgs::sdk::check_struct(statistics, "statistics"));
     stgs::player::StreamStatistics now;
     if (player->player != nullptr) now = player->player->statistics();
-    stgs::sdk::give_struct(
-        statistics, {sizeof(*statistics), now.bytes_per_second, now.fetched_bytes, now.memory_bytes,
-                     now.stored_primitives});
+    stgs::sdk::copy_out(statistics, {sizeof(*statistics), now.bytes_per_second, now.fetched_bytes,
+                                     now.memory_bytes, now.stored_primitives});
     return {};
   });
 }
@@ -361,7 +361,7 @@ stgs_result stgs_player_get_buffered(stgs_player* player, stgs_time_range* range
                                      uint32_t capacity, uint32_t* count) {
   return guarded(player, [&]() -> Outcome {
     if (count == nullptr) return {STGS_ERROR_ARGUMENT, "count is NULL"};
-    if (ranges == nullptr && capacity > 0) return {STGS_ERROR_ARGUMENT, "ranges are NULL"};
+    if (ranges == nullptr && capacity > 0) return {STGS_ERROR_ARGUMENT, "ranges is NULL"};
     std::vector<stgs::player::TimeRange> buffered;
     if (player->player != nullptr) buffered = player->player->buffered();
     const std::size_t fit = std::min<std::size_t>(capacity, buffered.size());

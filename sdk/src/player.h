@@ -14,19 +14,19 @@
 #include "tasks.h"
 
 struct stgs_player {
-  // Its message is what stgs_player_event points to.
+  // event.message is set to `message` when the event is returned.
   struct Event {
     stgs_player_event event{};
     std::string message;
   };
-  // The last STGS_MAX_EVENTS that nobody has taken. Has its memory from the beginning, so that
-  // having none can be told.
+  // A ring buffer of the last STGS_MAX_EVENTS events. Allocated up front, so that a lack of memory
+  // can be reported.
   class Events {
    public:
     Events() : slots_(STGS_MAX_EVENTS) {}
     bool empty() const { return count_ == 0; }
-    // The oldest makes room for one that is too many.
-    void add(Event event) noexcept {
+    // Drops the oldest event if the buffer is full.
+    void push(Event event) noexcept {
       slots_[(first_ + count_) % slots_.size()] = std::move(event);
       if (count_ < slots_.size()) {
         ++count_;
@@ -34,8 +34,8 @@ struct stgs_player {
         first_ = (first_ + 1) % slots_.size();
       }
     }
-    // The oldest; there must be one.
-    Event take() noexcept {
+    // Removes the oldest event; the buffer must not be empty.
+    Event pop() noexcept {
       Event event = std::move(slots_[first_]);
       first_ = (first_ + 1) % slots_.size();
       --count_;
@@ -56,37 +56,36 @@ struct stgs_player {
   stgs::sdk::LastError error;
   stgs_player_settings settings{};
   stgs_scene scene;
-  std::unique_ptr<stgs::TaskRunner> tasks;  // null: threads of the library's
-  // What the file is opened with, and what ends the reads of it at once.
-  stgs::player::PlayerSettings wanted;
-  std::stop_source stop;
-  std::function<void()> interrupt;
+  std::unique_ptr<stgs::TaskRunner> tasks;  // null: threads of the library
+  stgs::player::PlayerSettings open_settings;
+  std::stop_source stop;            // aborts transfers of a URL
+  std::function<void()> interrupt;  // aborts reads of the caller's source
   std::mutex opening_mutex;
-  std::vector<stgs::player::PlayerEvent> opening_events;  // that are still to be told
-  std::future<Opened> opening;                            // valid: until its end has been noted
-  stgs::sdk::Outcome opened;                              // how the last opening ended
-  bool has_ended = false;                                 // whether one has
+  std::vector<stgs::player::PlayerEvent> opening_events;  // not yet queued; under opening_mutex
+  std::future<Opened> opening;                            // valid until finish_opening()
+  stgs::sdk::Outcome opened;                              // outcome of the last opening
+  bool has_opened = false;                                // `opened` is set
   std::unique_ptr<stgs::player::Player> player;           // null: not open
 
-  // Before the file is open: for then.
+  // State to apply once the file is open.
   bool playing = false, loop = false;
   double rate = 1;
 
   Events events;
-  Event told;  // the last that was taken
+  Event last_event;  // returned last; owns its message
 
-  // Calls `open` on a thread of its own.
+  // Runs `open` on a thread of its own.
   void begin_opening(std::function<Opened()> open);
-  // Takes note of the end of opening, where it has ended or is waited for.
-  void note_opened(bool wait);
-  void tell(Event event) noexcept;
-  // Takes what the opening and the player tell.
-  void take_events();
+  // Takes the result of opening if it has ended, or after waiting for it.
+  void finish_opening(bool wait);
+  void push_event(Event event) noexcept;
+  // Queues the events of the opening and of the player.
+  void collect_events();
 
  private:
-  void tell(stgs::player::PlayerEvent& from);
-  void take_opening_events();
-  // What was wrong with the file when it was opened.
-  void tell_damage();
+  void push_event(stgs::player::PlayerEvent& from);
+  void collect_opening_events();
+  // Queues the errors found when the file was opened.
+  void push_opening_damage();
   stgs::sdk::Outcome take_opened();
 };

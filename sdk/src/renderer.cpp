@@ -5,7 +5,7 @@
 #include <new>
 #include <utility>
 
-#include "picture.h"
+#include "image.h"
 #include "scene.h"
 #include "structs.h"
 #include "view.h"
@@ -27,12 +27,12 @@ stgs_renderer_settings default_settings() {
 
 Outcome make_backend(stgs_renderer& renderer, stgs_backend backend) {
   if (backend < STGS_BACKEND_AUTO || backend > STGS_BACKEND_VULKAN) {
-    return {STGS_ERROR_ARGUMENT, fmt::format("there is no backend {}", backend)};
+    return {STGS_ERROR_ARGUMENT, fmt::format("settings: unknown backend {}", backend)};
   }
-  auto made = stgs::player::make_renderer(kBackends[backend]);
-  if (!made.ok()) return made.status();
-  renderer.backend = std::move(made).value();
-  renderer.log(STGS_LOG_INFO, fmt::format("drawing with backend '{}'", renderer.backend->name()));
+  auto created = stgs::player::make_renderer(kBackends[backend]);
+  if (!created.ok()) return created.status();
+  renderer.backend = std::move(created).value();
+  renderer.log(STGS_LOG_INFO, fmt::format("rendering with backend '{}'", renderer.backend->name()));
   return {};
 }
 
@@ -46,7 +46,7 @@ stgs_result create_renderer(const stgs_renderer_settings* settings, stgs_rendere
   *out = nullptr;
   stgs_renderer_settings known = default_settings();
   if (settings != nullptr) {
-    if (const stgs_result bad = take_struct(settings, known); bad != STGS_OK) return bad;
+    if (const stgs_result bad = copy_in(settings, known); bad != STGS_OK) return bad;
   }
   const Log log = {known.log, known.log_user};
   if (const stgs_result bad = check_task_runner(known.task_runner, log); bad != STGS_OK) return bad;
@@ -55,32 +55,32 @@ stgs_result create_renderer(const stgs_renderer_settings* settings, stgs_rendere
   renderer->log = log;
   const stgs_result result = guarded(renderer.get(), [&]() -> Outcome {
     renderer->tasks = caller_tasks(known.task_runner);
-    Outcome made = make(*renderer, known.backend);
-    if (made.result != STGS_OK) renderer->log(STGS_LOG_ERROR, made.status.message());
-    return made;
+    Outcome created = make(*renderer, known.backend);
+    if (created.result != STGS_OK) renderer->log(STGS_LOG_ERROR, created.status.message());
+    return created;
   });
   if (result == STGS_OK) *out = renderer.release();
   return result;
 }
 
-Outcome check_moment(const stgs_scene* scene, double seconds) {
+Outcome check_time(const stgs_scene* scene, double seconds) {
   if (scene == nullptr) return {STGS_ERROR_ARGUMENT, "scene is NULL"};
   STGS_SDK_TRY(scene->check_open());
   if (!std::isfinite(seconds)) {
-    return {STGS_ERROR_ARGUMENT, fmt::format("a moment of {} seconds", seconds)};
+    return {STGS_ERROR_ARGUMENT, fmt::format("seconds is {} (expected a finite number)", seconds)};
   }
   return {};
 }
 
-Outcome take_views(stgs_renderer& renderer, const stgs_view* views, std::uint32_t count) {
+Outcome copy_in_views(stgs_renderer& renderer, const stgs_view* views, std::uint32_t count) {
   if (count < 1 || count > STGS_MAX_VIEWS) {
     return {STGS_ERROR_ARGUMENT,
-            fmt::format("a call draws 1 to {} views, not {}", STGS_MAX_VIEWS, count)};
+            fmt::format("count is {} (expected 1 to {} views)", count, STGS_MAX_VIEWS)};
   }
-  if (views == nullptr) return {STGS_ERROR_ARGUMENT, "views are NULL"};
+  if (views == nullptr) return {STGS_ERROR_ARGUMENT, "views is NULL"};
   std::array<stgs_view, STGS_MAX_VIEWS> known;
   known.fill(default_view());
-  STGS_SDK_TRY(take_structs(views, std::span(known).first(count), "views"));
+  STGS_SDK_TRY(copy_in_array(views, std::span(known).first(count), "views"));
   renderer.views.clear();
   for (std::uint32_t i = 0; i < count; ++i) {
     STGS_SDK_TRY(check_view(known[i]));
@@ -89,28 +89,28 @@ Outcome take_views(stgs_renderer& renderer, const stgs_view* views, std::uint32_
   return {};
 }
 
-Outcome take_render(stgs_renderer& renderer, const stgs_scene* scene, double seconds,
-                    const stgs_view* views, const stgs_image* pictures, std::uint32_t count,
-                    Pictures& known) {
-  STGS_SDK_TRY(check_moment(scene, seconds));
-  STGS_SDK_TRY(take_views(renderer, views, count));
-  if (pictures == nullptr) return {STGS_ERROR_ARGUMENT, "pictures are NULL"};
+Outcome copy_in_arguments(stgs_renderer& renderer, const stgs_scene* scene, double seconds,
+                          const stgs_view* views, const stgs_image* images, std::uint32_t count,
+                          Images& known) {
+  STGS_SDK_TRY(check_time(scene, seconds));
+  STGS_SDK_TRY(copy_in_views(renderer, views, count));
+  if (images == nullptr) return {STGS_ERROR_ARGUMENT, "images is NULL"};
   known = {};
-  STGS_SDK_TRY(take_structs(pictures, std::span(known).first(count), "pictures"));
+  STGS_SDK_TRY(copy_in_array(images, std::span(known).first(count), "images"));
   for (std::uint32_t i = 0; i < count; ++i) {
     const auto& camera = renderer.views[i].camera;
-    STGS_SDK_TRY(check_picture(known[i], static_cast<std::uint32_t>(camera.width),
-                               static_cast<std::uint32_t>(camera.height)));
+    STGS_SDK_TRY(check_image(known[i], static_cast<std::uint32_t>(camera.width),
+                             static_cast<std::uint32_t>(camera.height)));
   }
   return {};
 }
 
-Outcome draw(stgs_renderer& renderer, stgs_scene& scene, double seconds) {
+Outcome render(stgs_renderer& renderer, stgs_scene& scene, double seconds) {
   STGS_SDK_TRY(scene.check_memory(seconds));
   const ScopedTaskRunner use(renderer.tasks.get());
-  const Status drawn = renderer.backend->draw(*scene.timeline, seconds, renderer.views, nullptr);
-  scene.tell_losses();
-  return drawn;
+  const Status status = renderer.backend->draw(*scene.timeline, seconds, renderer.views, nullptr);
+  scene.log_new_damage();
+  return status;
 }
 
 }  // namespace stgs::sdk
@@ -118,7 +118,7 @@ Outcome draw(stgs_renderer& renderer, stgs_scene& scene, double seconds) {
 extern "C" {
 
 stgs_result stgs_renderer_settings_defaults(stgs_renderer_settings* settings, size_t struct_size) {
-  return stgs::sdk::put_defaults(settings, struct_size, default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, default_settings());
 }
 
 stgs_result stgs_renderer_create(const stgs_renderer_settings* settings, stgs_renderer** out) {
@@ -130,7 +130,7 @@ void stgs_renderer_destroy(stgs_renderer* renderer) {
 }
 
 stgs_result stgs_renderer_error(const stgs_renderer* renderer, stgs_error* error) {
-  return renderer == nullptr ? STGS_ERROR_ARGUMENT : renderer->error.tell(error);
+  return renderer == nullptr ? STGS_ERROR_ARGUMENT : renderer->error.get(error);
 }
 
 stgs_result stgs_renderer_get_backend(stgs_renderer* renderer, stgs_backend* out) {
@@ -145,14 +145,15 @@ stgs_result stgs_renderer_get_backend(stgs_renderer* renderer, stgs_backend* out
 }
 
 stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
-                        const stgs_view* views, const stgs_image* pictures, uint32_t count) {
+                        const stgs_view* views, const stgs_image* images, uint32_t count) {
   return guarded(renderer, [&]() -> Outcome {
-    stgs::sdk::Pictures known;
-    STGS_SDK_TRY(stgs::sdk::take_render(*renderer, scene, seconds, views, pictures, count, known));
-    STGS_SDK_TRY(stgs::sdk::draw(*renderer, *scene, seconds));
+    stgs::sdk::Images known;
+    STGS_SDK_TRY(
+        stgs::sdk::copy_in_arguments(*renderer, scene, seconds, views, images, count, known));
+    STGS_SDK_TRY(stgs::sdk::render(*renderer, *scene, seconds));
     STGS_SDK_TRY(renderer->backend->read(renderer->frames));
     for (std::uint32_t i = 0; i < count; ++i) {
-      stgs::sdk::write_picture(renderer->frames[i], known[i]);
+      stgs::sdk::write_image(renderer->frames[i], known[i]);
     }
     return {};
   });

@@ -14,7 +14,7 @@ using stgs::sdk::Outcome;
 
 namespace {
 
-constexpr std::uint64_t kLeastMemory = std::uint64_t{1} << 20;
+constexpr std::uint64_t kMinMemory = std::uint64_t{1} << 20;
 
 stgs_scene_settings default_settings() {
   stgs_scene_settings settings{};
@@ -26,18 +26,21 @@ stgs_scene_settings default_settings() {
 }
 
 Outcome check_closed(const stgs_scene& scene) {
-  if (scene.of_player) return {STGS_ERROR_STATE, "the scene is a player's, which opens its file"};
+  if (scene.of_player) {
+    return {STGS_ERROR_STATE, "the scene belongs to a player; call a stgs_player_open function"};
+  }
   if (scene.timeline == nullptr) return {};
-  return {STGS_ERROR_STATE, "the scene is open already: make another one"};
+  return {STGS_ERROR_STATE, "the scene is already open; create another scene"};
 }
 
 Outcome check_file_bytes(const stgs_scene& scene, const std::string& name, std::uint64_t bytes) {
   if (bytes <= scene.settings.max_file_bytes) return {};
-  return {STGS_ERROR_LIMIT, fmt::format("{}: {} bytes, more than the limit of {}", name, bytes,
-                                        scene.settings.max_file_bytes)};
+  return {STGS_ERROR_LIMIT, fmt::format("{}: the file is too large (limit {} bytes, got {}); raise "
+                                        "max_file_bytes",
+                                        name, scene.settings.max_file_bytes, bytes)};
 }
 
-// Takes the source, whatever the outcome.
+// Takes ownership of the source in any case.
 Outcome open_source(stgs_scene& scene, std::unique_ptr<stgs::ByteSource> source) {
   const stgs_scene_settings& settings = scene.settings;
   const std::string name = source->name();
@@ -57,7 +60,7 @@ Outcome open_source(stgs_scene& scene, std::unique_ptr<stgs::ByteSource> source)
   }
   scene.owned = std::move(timeline);
   scene.timeline = scene.owned.get();
-  scene.tell_damage();
+  scene.log_issues();
   return {};
 }
 
@@ -74,22 +77,23 @@ void copy3(To& to, const From& from) {
 
 }  // namespace
 
-void stgs_scene::tell_damage() const {
+void stgs_scene::log_issues() const {
   for (const stgs::Issue& issue : timeline->damage()) {
     log(STGS_LOG_WARNING, fmt::format("{}: {} (byte {}, issue {})", timeline->name(), issue.message,
                                       issue.offset, issue.number));
   }
 }
 
-void stgs_scene::tell_losses() {
-  // A recording that is listed anew has other segments.
-  if (std::exchange(losses_of, timeline->identity()) != timeline->identity()) losses_told = 0;
-  const auto& losses = timeline->segment_damage();
-  for (; losses_told < losses.size(); ++losses_told) {
-    const stgs::player::SegmentDamage& loss = losses[losses_told];
-    log(STGS_LOG_WARNING, fmt::format("{}: {} of segment {} is not drawn: {}", timeline->name(),
-                                      loss.sh_only ? "the view-dependent colour" : "all",
-                                      loss.segment, loss.reason.message()));
+void stgs_scene::log_new_damage() {
+  // Segments are renumbered when a recording gets another index.
+  if (std::exchange(logged_for, timeline->identity()) != timeline->identity()) logged_damage = 0;
+  const auto& damage = timeline->segment_damage();
+  for (; logged_damage < damage.size(); ++logged_damage) {
+    const stgs::player::SegmentDamage& one = damage[logged_damage];
+    log(STGS_LOG_WARNING,
+        fmt::format("{}: segment {} is rendered without {}: {}", timeline->name(), one.segment,
+                    one.sh_only ? "view-dependent colour" : "any of its primitives",
+                    one.reason.message()));
   }
 }
 
@@ -98,7 +102,7 @@ Outcome stgs_scene::check_memory(double seconds) {
   auto needed = timeline->visible_segments(seconds);
   if (!needed.ok()) return needed.status();
   const int degree = timeline->reader().sh_degree() + 1;
-  // Position, scale, rotation, opacity, time, velocity, sigma, radius; harmonics.
+  // Position, scale, rotation, opacity, time, velocity, sigma, radius; SH coefficients.
   const auto floats = static_cast<std::uint64_t>(17 + 3 * degree * degree);
   std::uint64_t bytes = 0;
   for (const auto& one : *needed) {
@@ -107,15 +111,15 @@ Outcome stgs_scene::check_memory(double seconds) {
   }
   if (bytes <= settings.max_memory) return {};
   return {STGS_ERROR_LIMIT,
-          fmt::format("{}: what is alive at {:.6g} s takes {} bytes at least, more than the limit "
-                      "of {}; allow more max_memory",
-                      timeline->name(), seconds, bytes, settings.max_memory)};
+          fmt::format("{}: the primitives active at {:.6g} s need too much memory (limit {} bytes, "
+                      "need at least {}); raise max_memory",
+                      timeline->name(), seconds, settings.max_memory, bytes)};
 }
 
 extern "C" {
 
 stgs_result stgs_scene_settings_defaults(stgs_scene_settings* settings, size_t struct_size) {
-  return stgs::sdk::put_defaults(settings, struct_size, default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, default_settings());
 }
 
 stgs_result stgs_scene_create(const stgs_scene_settings* settings, stgs_scene** out) {
@@ -123,11 +127,11 @@ stgs_result stgs_scene_create(const stgs_scene_settings* settings, stgs_scene** 
   *out = nullptr;
   stgs_scene_settings known = default_settings();
   if (settings != nullptr) {
-    if (const stgs_result bad = stgs::sdk::take_struct(settings, known); bad != STGS_OK) return bad;
+    if (const stgs_result bad = stgs::sdk::copy_in(settings, known); bad != STGS_OK) return bad;
   }
   const stgs::sdk::Log log = {known.log, known.log_user};
-  if (known.max_memory < kLeastMemory) {
-    log(STGS_LOG_ERROR, "settings: max_memory is less than 1 MiB");
+  if (known.max_memory < kMinMemory) {
+    log(STGS_LOG_ERROR, "settings: max_memory is too small (expected at least 1 MiB)");
     return STGS_ERROR_ARGUMENT;
   }
   if (const stgs_result bad = stgs::sdk::check_allocator(known.allocator, log); bad != STGS_OK) {
@@ -149,11 +153,11 @@ void stgs_scene_destroy(stgs_scene* scene) {
   if (scene != nullptr && !scene->of_player) delete scene;
 }
 
-stgs_result stgs_scene_open(stgs_scene* scene, const char* place) {
+stgs_result stgs_scene_open(stgs_scene* scene, const char* location) {
   return guarded(scene, [&]() -> Outcome {
     STGS_SDK_TRY(check_closed(*scene));
-    if (place == nullptr) return {STGS_ERROR_ARGUMENT, "place is NULL"};
-    auto source = stgs::player::open_location(place);
+    if (location == nullptr) return {STGS_ERROR_ARGUMENT, "location is NULL"};
+    auto source = stgs::player::open_location(location);
     if (!source.ok()) return source.status();
     return open_source(*scene, std::move(source).value());
   });
@@ -170,7 +174,7 @@ stgs_result stgs_scene_open_memory(stgs_scene* scene, const void* data, size_t b
 stgs_result stgs_scene_open_memory_copy(stgs_scene* scene, const void* data, size_t bytes) {
   return guarded(scene, [&]() -> Outcome {
     STGS_SDK_TRY(check_memory_argument(*scene, data));
-    STGS_SDK_TRY(check_file_bytes(*scene, "memory", bytes));  // before there is a copy
+    STGS_SDK_TRY(check_file_bytes(*scene, "memory", bytes));  // before copying
     return open_source(*scene, stgs::sdk::copied_source(
                                    {static_cast<const std::uint8_t*>(data), bytes}, scene->memory));
   });
@@ -180,14 +184,14 @@ stgs_result stgs_scene_open_io(stgs_scene* scene, const stgs_io* io) {
   return guarded(scene, [&]() -> Outcome {
     STGS_SDK_TRY(check_closed(*scene));
     stgs_io known{};
-    STGS_SDK_TRY(stgs::sdk::take_struct(io, known, "io"));
+    STGS_SDK_TRY(stgs::sdk::copy_in(io, known, "io"));
     if (known.read == nullptr) return {STGS_ERROR_ARGUMENT, "io->read is NULL"};
     return open_source(*scene, stgs::sdk::callback_source(known).source);
   });
 }
 
 stgs_result stgs_scene_error(const stgs_scene* scene, stgs_error* error) {
-  return scene == nullptr ? STGS_ERROR_ARGUMENT : scene->error.tell(error);
+  return scene == nullptr ? STGS_ERROR_ARGUMENT : scene->error.get(error);
 }
 
 stgs_result stgs_scene_get_info(stgs_scene* scene, stgs_scene_info* info) {
@@ -217,7 +221,7 @@ stgs_result stgs_scene_get_info(stgs_scene* scene, stgs_scene_info* info) {
     copy3(out.up, metadata.up);
     copy3(out.floor, metadata.floor);
     out.issues = static_cast<std::uint32_t>(timeline.damage().size());
-    stgs::sdk::give_struct(info, out);
+    stgs::sdk::copy_out(info, out);
     return {};
   });
 }
@@ -229,16 +233,16 @@ stgs_result stgs_scene_get_text(stgs_scene* scene, stgs_text which, const char**
     const stgs::SceneMetadata& metadata = scene->timeline->metadata();
     switch (which) {
       case STGS_TEXT_TITLE:
-        *out = scene->keep(metadata.title);
+        *out = scene->intern(metadata.title);
         return {};
       case STGS_TEXT_GENERATOR:
-        *out = scene->keep(metadata.generator);
+        *out = scene->intern(metadata.generator);
         return {};
       case STGS_TEXT_AUDIO:
-        *out = scene->keep(metadata.audio);
+        *out = scene->intern(metadata.audio);
         return {};
       default:
-        return {STGS_ERROR_ARGUMENT, fmt::format("there is no text {}", which)};
+        return {STGS_ERROR_ARGUMENT, fmt::format("which: unknown text {}", which)};
     }
   });
 }
@@ -249,11 +253,13 @@ stgs_result stgs_scene_get_issue(stgs_scene* scene, uint32_t index, stgs_issue* 
     STGS_SDK_TRY(stgs::sdk::check_struct(issue, "issue"));
     const auto& issues = scene->timeline->damage();
     if (index >= issues.size()) {
-      return {STGS_ERROR_ARGUMENT, fmt::format("issue {} of {}", index, issues.size())};
+      return {STGS_ERROR_ARGUMENT,
+              fmt::format("index: out of range (stgs_scene_info.issues is {}, got {})",
+                          issues.size(), index)};
     }
     const stgs::Issue& found = issues[index];
-    stgs::sdk::give_struct(issue, {sizeof(*issue), found.number, found.error ? 1 : 0, found.offset,
-                                   scene->keep(found.message)});
+    stgs::sdk::copy_out(issue, {sizeof(*issue), found.number, found.error ? 1 : 0, found.offset,
+                                scene->intern(found.message)});
     return {};
   });
 }

@@ -13,28 +13,28 @@ struct stgs_scene {
   stgs::sdk::LastError error;
   stgs::sdk::Log log;
   stgs_scene_settings settings{};
-  std::shared_ptr<std::pmr::memory_resource> memory;  // of what is held
-  bool of_player = false;                             // then the timeline is the player's
-  std::unique_ptr<stgs::player::Timeline> owned;      // null: not open, or the player's
+  std::shared_ptr<std::pmr::memory_resource> memory;  // of decoded data
+  bool of_player = false;                             // the player owns the timeline
+  std::unique_ptr<stgs::player::Timeline> owned;      // null: not open, or of a player
   stgs::player::Timeline* timeline = nullptr;         // null: not open
-  std::size_t losses_told = 0;
-  std::shared_ptr<const void> losses_of;  // Timeline::identity() of these
-  std::set<std::string> texts;            // that were given to the caller
+  std::size_t logged_damage = 0;                      // entries of segment_damage() already logged
+  std::shared_ptr<const void> logged_for;             // Timeline::identity() that these belong to
+  std::set<std::string> texts;                        // returned to the caller
 
   stgs::sdk::Outcome check_open() const {
     if (timeline != nullptr) return {};
-    return {STGS_ERROR_STATE, of_player ? "the player's file is not open"
-                                        : "no file is open: call one of the stgs_scene_open "
-                                          "functions first"};
+    return {STGS_ERROR_STATE,
+            of_player ? "the file of the player is not open"
+                      : "no file is open; call one of the stgs_scene_open functions first"};
   }
-  // The same text for as long as the scene: what a recording's reader says goes with the reader,
-  // and the next stretch has another.
-  const char* keep(const std::string& text) { return texts.insert(text).first->c_str(); }
-  // Logs what was wrong with the file when it was opened.
-  void tell_damage() const;
-  // Logs what was passed over since the last call.
-  void tell_losses();
-  // STGS_ERROR_LIMIT where the segments of a moment do not fit into the memory. A player's always
-  // do: it holds no others.
+  // Returns a copy of the text that lives as long as the scene. The original may not: a recording
+  // replaces its reader with each fragment.
+  const char* intern(const std::string& text) { return texts.insert(text).first->c_str(); }
+  // Logs the issues found when the file was opened.
+  void log_issues() const;
+  // Logs segments found damaged since the last call.
+  void log_new_damage();
+  // Returns STGS_ERROR_LIMIT if the segments of a time do not fit into max_memory. Those of a
+  // player always fit, because it retains no others.
   stgs::sdk::Outcome check_memory(double seconds);
 };

@@ -39,7 +39,7 @@ class CopiedSource final : public BorrowedSource {
   std::unique_ptr<std::pmr::vector<std::uint8_t>> bytes_;
 };
 
-// Closes the caller's source with the last who holds it.
+// Closes the caller's source when the last reference goes away.
 class CallerIo {
  public:
   explicit CallerIo(const stgs_io& io) : io_(io) {}
@@ -75,8 +75,8 @@ class CallbackSource final : public ByteSource {
     STGS_TRY(check_range(name_, size(), offset, out.size()));
     if (out.empty()) return {};
     if (const int error = io.read(io.user, offset, out.data(), out.size()); error != 0) {
-      return io_error("{}: reading {} bytes from {} on failed with {}", name_, out.size(), offset,
-                      error);
+      return io_error("{}: reading {} bytes at offset {} failed with error {}", name_, out.size(),
+                      offset, error);
     }
     return {};
   }
@@ -84,14 +84,14 @@ class CallbackSource final : public ByteSource {
  private:
   std::shared_ptr<const CallerIo> caller_;
   CallerSize size_;
-  std::string name_ = "the application's source";
+  std::string name_ = "application source";
 };
 
 }  // namespace
 
 ByteSource::Change CallerSize::refresh(std::uint64_t kept) {
-  if (ask_ == nullptr) return ByteSource::Change::kNone;
-  const std::uint64_t bytes = ask_(user_);
+  if (current_size_ == nullptr) return ByteSource::Change::kNone;
+  const std::uint64_t bytes = current_size_(user_);
   if (bytes < kept) return ByteSource::Change::kReplaced;
   return bytes_.exchange(bytes) == bytes ? ByteSource::Change::kNone : ByteSource::Change::kResized;
 }
@@ -102,14 +102,14 @@ std::unique_ptr<ByteSource> borrowed_source(std::span<const std::uint8_t> bytes)
 
 std::unique_ptr<ByteSource> copied_source(std::span<const std::uint8_t> bytes,
                                           std::shared_ptr<std::pmr::memory_resource> memory) {
-  if (bytes.size() > PTRDIFF_MAX) throw std::bad_alloc();  // no memory is that large
+  if (bytes.size() > PTRDIFF_MAX) throw std::bad_alloc();  // larger than any allocation
   auto copy =
       std::make_unique<std::pmr::vector<std::uint8_t>>(bytes.begin(), bytes.end(), memory.get());
   return std::make_unique<CopiedSource>(std::move(copy), std::move(memory));
 }
 
 CallerSource callback_source(const stgs_io& io) {
-  auto caller = hold_caller<CallerIo>(io);
+  auto caller = share_caller<CallerIo>(io);
   return {std::make_unique<CallbackSource>(caller), [caller] { caller->interrupt(); }};
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bytes of the caller's as a ByteSource.
+// Memory and callbacks of the caller as a ByteSource.
 #pragma once
 
 #include <atomic>
@@ -14,31 +14,33 @@
 
 namespace stgs::sdk {
 
-// The bytes are not copied.
+// Returns a source of bytes that it does not copy.
 std::unique_ptr<ByteSource> borrowed_source(std::span<const std::uint8_t> bytes);
-// They are, to memory of that kind, which the source keeps.
+// Returns a source of a copy of the bytes in memory of this resource, which it retains.
 std::unique_ptr<ByteSource> copied_source(std::span<const std::uint8_t> bytes,
                                           std::shared_ptr<std::pmr::memory_resource> memory);
 
-// How large a source of callbacks is: as it said when it was asked last, before that `size`.
-// Thread-safe.
+// The size of a callback source: `size`, or the last result of current_size. Thread-safe.
 class CallerSize {
  public:
   template <typename Io>
-  explicit CallerSize(const Io& io) : user_(io.user), ask_(io.current_size), bytes_(io.size) {}
+  explicit CallerSize(const Io& io)
+      : user_(io.user), current_size_(io.current_size), bytes_(io.size) {}
   std::uint64_t bytes() const { return bytes_; }
-  bool may_grow() const { return ask_ != nullptr; }
+  bool may_grow() const { return current_size_ != nullptr; }
+  // Queries current_size; kReplaced if it is less than `kept`.
   ByteSource::Change refresh(std::uint64_t kept);
 
  private:
   void* user_;
-  std::uint64_t (*ask_)(void*);
+  std::uint64_t (*current_size_)(void*);
   std::atomic<std::uint64_t> bytes_;
 };
 
-// A Caller, which closes the source when it ends; where there is no memory for it, that is now.
+// Creates a Caller, which closes the source when it is destroyed. Closes the source at once if
+// there is no memory for it.
 template <typename Caller, typename Io>
-std::shared_ptr<Caller> hold_caller(const Io& io) {
+std::shared_ptr<Caller> share_caller(const Io& io) {
   try {
     return std::make_shared<Caller>(io);
   } catch (const std::bad_alloc&) {
@@ -47,10 +49,10 @@ std::shared_ptr<Caller> hold_caller(const Io& io) {
   }
 }
 
-// A source of callbacks. Both hold it open: what is left of it is closed by the last that goes.
+// A source of callbacks and its interrupt. The last of the two to be destroyed closes it.
 struct CallerSource {
   std::unique_ptr<ByteSource> source;
-  std::function<void()> interrupt;  // reads end at once, or soon; any thread, any number of times
+  std::function<void()> interrupt;  // ends reads at once or soon; any thread, any number of times
 };
 CallerSource callback_source(const stgs_io& io);
 CallerSource callback_source(const stgs_async_io& io);

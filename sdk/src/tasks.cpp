@@ -6,7 +6,7 @@
 namespace stgs::sdk {
 namespace {
 
-constexpr std::uint32_t kMostThreads = 1024;
+constexpr std::uint32_t kMaxThreads = 1024;
 
 class CallerTasks final : public TaskRunner {
  public:
@@ -26,17 +26,18 @@ class CallerTasks final : public TaskRunner {
 stgs_result check_task_runner(const stgs_task_runner* runner, const Log& log) {
   if (runner == nullptr) return STGS_OK;
   stgs_task_runner known{};
-  if (const stgs_result bad = take_struct(runner, known); bad != STGS_OK) return bad;
-  if (known.run != nullptr && known.threads >= 1 && known.threads <= kMostThreads) return STGS_OK;
-  log(STGS_LOG_ERROR, known.run == nullptr ? "settings: task_runner lacks `run`"
-                                           : "settings: task_runner has no threads, or too many");
+  if (const stgs_result bad = copy_in(runner, known); bad != STGS_OK) return bad;
+  if (known.run != nullptr && known.threads >= 1 && known.threads <= kMaxThreads) return STGS_OK;
+  log(STGS_LOG_ERROR, known.run == nullptr
+                          ? "settings: task_runner has no `run`"
+                          : "settings: task_runner.threads is out of range (expected 1 to 1024)");
   return STGS_ERROR_ARGUMENT;
 }
 
 std::unique_ptr<TaskRunner> caller_tasks(const stgs_task_runner* runner) {
   if (runner == nullptr) return nullptr;
   stgs_task_runner known{};
-  (void)take_struct(runner, known);
+  (void)copy_in(runner, known);
   return std::make_unique<CallerTasks>(known);
 }
 

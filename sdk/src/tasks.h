@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The caller's threads as a TaskRunner.
+// The caller's task runner as a TaskRunner.
 #pragma once
 
 #include <memory>
@@ -9,9 +9,9 @@
 
 namespace stgs::sdk {
 
-// STGS_OK where there is none, and where it can be used.
+// Returns STGS_OK for NULL and for a complete task runner.
 stgs_result check_task_runner(const stgs_task_runner* runner, const Log& log);
-// Null where there is none. One that has been checked.
+// Returns the wrapper of a task runner that has been checked; null for NULL.
 std::unique_ptr<TaskRunner> caller_tasks(const stgs_task_runner* runner);
 
 }  // namespace stgs::sdk

@@ -31,7 +31,7 @@ stgs_view default_view() {
 
 namespace {
 
-Outcome wrong(std::string message) {
+Outcome invalid(std::string message) {
   return {STGS_ERROR_ARGUMENT, std::move(message)};
 }
 
@@ -48,30 +48,31 @@ bool all_finite(const float (&values)[N]) {
 
 Outcome check_view(const stgs_view& view) {
   if (!is_side(view.width) || !is_side(view.height)) {
-    return wrong(fmt::format("a view of {}x{} pixels; each side is 1 to {}", view.width,
-                             view.height, STGS_MAX_SIDE));
+    return invalid(fmt::format("view: the image has {}x{} pixels (expected 1 to {} per side)",
+                               view.width, view.height, STGS_MAX_SIDE));
   }
   const auto positive = [](float v) { return std::isfinite(v) && v > 0; };
   if (!positive(view.fx) || !positive(view.fy) || !std::isfinite(view.cx) ||
       !std::isfinite(view.cy)) {
-    return wrong(
-        fmt::format("a view with fx {}, fy {}, cx {}, cy {}; all are finite, fx and fy "
-                    "positive",
-                    view.fx, view.fy, view.cx, view.cy));
+    return invalid(fmt::format(
+        "view: fx {}, fy {}, cx {}, cy {} (expected finite numbers, fx and fy positive)", view.fx,
+        view.fy, view.cx, view.cy));
   }
   if (!all_finite(view.rotation) || !is_rotation(view.rotation)) {
-    return wrong("a view's rotation is none: its rows must be unit vectors at right angles");
+    return invalid(
+        "view: rotation is not a rotation matrix (expected orthonormal rows, determinant 1)");
   }
-  if (!all_finite(view.translation)) return wrong("a view's translation is not finite");
+  if (!all_finite(view.translation)) return invalid("view: translation is not finite");
   if (!positive(view.near_plane)) {
-    return wrong(fmt::format("a view's near_plane is {}; it must be positive", view.near_plane));
+    return invalid(
+        fmt::format("view: near_plane is {} (expected a positive number)", view.near_plane));
   }
-  if (!all_finite(view.background)) return wrong("a view's background is not finite");
+  if (!all_finite(view.background)) return invalid("view: background is not finite");
   if (!std::isfinite(view.fovea_x) || !std::isfinite(view.fovea_y) ||
       !std::isfinite(view.fovea_radius) || view.fovea_radius < 0) {
-    return wrong(
-        fmt::format("a view's fovea is at {}, {} with a radius of {}; all are finite, and "
-                    "the radius is not negative",
+    return invalid(
+        fmt::format("view: fovea_x {}, fovea_y {}, fovea_radius {} (expected finite numbers, "
+                    "fovea_radius >= 0)",
                     view.fovea_x, view.fovea_y, view.fovea_radius));
   }
   return {};
@@ -90,12 +91,12 @@ player::View view_of(const stgs_view& view) {
 extern "C" {
 
 stgs_result stgs_view_defaults(stgs_view* view, size_t struct_size) {
-  return stgs::sdk::put_defaults(view, struct_size, stgs::sdk::default_view());
+  return stgs::sdk::fill_defaults(view, struct_size, stgs::sdk::default_view());
 }
 
 stgs_result stgs_view_resize(stgs_view* view, uint32_t width, uint32_t height) {
   stgs_view out = stgs::sdk::default_view();
-  if (const stgs_result bad = stgs::sdk::take_struct(view, out); bad != STGS_OK) return bad;
+  if (const stgs_result bad = stgs::sdk::copy_in(view, out); bad != STGS_OK) return bad;
   for (const uint32_t side : {width, height, out.width, out.height}) {
     if (!stgs::sdk::is_side(side)) return STGS_ERROR_ARGUMENT;
   }
@@ -114,7 +115,7 @@ stgs_result stgs_view_resize(stgs_view* view, uint32_t width, uint32_t height) {
        {out.fx, out.fy, out.cx, out.cy, out.fovea_x, out.fovea_y, out.fovea_radius}) {
     if (!std::isfinite(length)) return STGS_ERROR_ARGUMENT;
   }
-  stgs::sdk::give_struct(view, out);
+  stgs::sdk::copy_out(view, out);
   return STGS_OK;
 }
 
@@ -127,12 +128,13 @@ stgs_result stgs_scene_start_view(stgs_scene* scene, stgs_view* view) {
     if (metadata.near_plane > 0) out.near_plane = metadata.near_plane;
     std::copy_n(metadata.background, 3, out.background);
     if (!metadata.start_camera) {
-      stgs::sdk::stand_upright(metadata.up, out.rotation);
-      stgs::sdk::give_struct(view, out);
-      return stgs::unsupported("{}: has no start camera", scene->timeline->name());
+      stgs::sdk::align_up(metadata.up, out.rotation);
+      stgs::sdk::copy_out(view, out);
+      return stgs::unsupported("{}: the file has no start camera; use stgs_scene_frame_view",
+                               scene->timeline->name());
     }
     stgs::sdk::set_camera(*metadata.start_camera, out);
-    stgs::sdk::give_struct(view, out);
+    stgs::sdk::copy_out(view, out);
     return {};
   });
 }

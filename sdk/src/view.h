@@ -7,11 +7,11 @@
 namespace stgs::sdk {
 
 stgs_view default_view();
-// Every number of the view is one that can be drawn with.
+// Checks that every member of the view is in its range.
 Outcome check_view(const stgs_view& view);
 player::View view_of(const stgs_view& view);
-// Turns a camera's axes so that it looks level: along the world's z, or its y where that is level
-// and z is not. Leaves them where `up` is 0.
-void stand_upright(const float (&up)[3], float (&rotation)[9]);
+// Rotates a camera so that it is level and looks along the world's z axis, or along y if `up` is
+// close to z. Does nothing if `up` is 0, 0, 0.
+void align_up(const float (&up)[3], float (&rotation)[9]);
 
 }  // namespace stgs::sdk

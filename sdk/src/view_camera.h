@@ -8,7 +8,7 @@
 
 namespace stgs::sdk {
 
-// The camera of a view, as files have it: without near plane, background and fovea.
+// Returns the camera of a view as files store it, without near plane, background and fovea.
 inline StartCamera camera_of(const stgs_view& view) {
   StartCamera camera;
   std::copy_n(view.rotation, 9, camera.rotation);

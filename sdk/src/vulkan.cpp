@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Drawing on a Vulkan device of the caller's: stgs/stgs_vulkan.h.
+// Renders on a Vulkan device of the caller: stgs/stgs_vulkan.h.
 #include <algorithm>
 #include <array>
 #include <cstring>
@@ -15,10 +15,10 @@
 static_assert(STGS_VULKAN_MAX_FRAMES_IN_FLIGHT == stgs::player::VulkanRenderer::kMaxFramesInFlight);
 
 using stgs::sdk::check_struct;
-using stgs::sdk::give_struct;
+using stgs::sdk::copy_in;
+using stgs::sdk::copy_out;
 using stgs::sdk::guarded;
 using stgs::sdk::Outcome;
-using stgs::sdk::take_struct;
 
 namespace {
 
@@ -29,29 +29,29 @@ stgs_vulkan_target default_target() {
   return target;
 }
 
-// The device as the player takes it, with what it was made with; `made` outlives its use.
-struct MadeWith {
+// Converts the device for the player. The result points to `enabled`, which must outlive it.
+struct EnabledFeatures {
   VkPhysicalDeviceSubgroupSizeControlFeatures sizes{};
   VkPhysicalDeviceTimelineSemaphoreFeatures timeline{};
-  VkPhysicalDeviceFeatures2 features{};
+  VkPhysicalDeviceFeatures2 core{};
 };
-stgs::player::VulkanDevice device_of(const stgs_vulkan_device& from, MadeWith& made) {
-  made.sizes.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_SIZE_CONTROL_FEATURES;
-  made.sizes.subgroupSizeControl = made.sizes.computeFullSubgroups =
+stgs::player::VulkanDevice device_of(const stgs_vulkan_device& from, EnabledFeatures& enabled) {
+  enabled.sizes.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_SIZE_CONTROL_FEATURES;
+  enabled.sizes.subgroupSizeControl = enabled.sizes.computeFullSubgroups =
       from.subgroup_size_control != 0 ? VK_TRUE : VK_FALSE;
-  made.timeline.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES;
-  made.timeline.pNext = &made.sizes;
-  made.timeline.timelineSemaphore = from.timeline_semaphores != 0 ? VK_TRUE : VK_FALSE;
-  made.features.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2;
-  made.features.pNext = &made.timeline;
+  enabled.timeline.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES;
+  enabled.timeline.pNext = &enabled.sizes;
+  enabled.timeline.timelineSemaphore = from.timeline_semaphores != 0 ? VK_TRUE : VK_FALSE;
+  enabled.core.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2;
+  enabled.core.pNext = &enabled.timeline;
   stgs::player::VulkanDevice device;
   device.get_instance_proc_addr = from.get_instance_proc_addr;
   device.instance = from.instance;
   device.api_version = from.api_version;
   device.physical_device = from.physical_device;
   device.device = from.device;
-  device.features = &made.features;
-  // Where they are of the core nobody looks for them.
+  device.features = &enabled.core;
+  // Ignored where the version of Vulkan includes them.
   device.extensions = {VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME,
                        VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME};
   device.queue_family = from.queue_family;
@@ -68,44 +68,46 @@ stgs::player::VulkanDevice device_of(const stgs_vulkan_device& from, MadeWith& m
 Outcome make_on_device(stgs_renderer& renderer, stgs_backend backend,
                        const stgs_vulkan_device* device) {
   stgs_vulkan_device known{};
-  STGS_SDK_TRY(take_struct(device, known, "device"));
+  STGS_SDK_TRY(copy_in(device, known, "device"));
   if (backend != STGS_BACKEND_AUTO && backend != STGS_BACKEND_VULKAN) {
     return {STGS_ERROR_ARGUMENT,
-            fmt::format("backend {} does not draw on a Vulkan device", backend)};
+            fmt::format("settings: backend {} cannot use a Vulkan device (expected "
+                        "STGS_BACKEND_AUTO or STGS_BACKEND_VULKAN)",
+                        backend)};
   }
-  MadeWith made_with;
-  auto made = stgs::player::make_vulkan_renderer(device_of(known, made_with));
-  if (!made.ok()) return made.status();
-  renderer.vulkan = made->get();
-  renderer.backend = std::move(made).value();
+  EnabledFeatures enabled;
+  auto created = stgs::player::make_vulkan_renderer(device_of(known, enabled));
+  if (!created.ok()) return created.status();
+  renderer.vulkan = created->get();
+  renderer.backend = std::move(created).value();
   return {};
 }
 
 Outcome check_vulkan(const stgs_renderer& renderer) {
   if (renderer.vulkan != nullptr) return {};
   return {STGS_ERROR_ARGUMENT,
-          "the renderer has no Vulkan device of the application's: make it with "
+          "the renderer does not use a Vulkan device of the application; create it with "
           "stgs_vulkan_renderer_create"};
 }
 
-// A frame as this version knows it.
+// A frame with its targets, as structs of this version.
 struct KnownFrame {
   stgs_vulkan_frame frame{};
   std::array<stgs_vulkan_target, STGS_MAX_VIEWS> targets;
 };
-// Checked; the views into renderer.views.
-Outcome take_frame(stgs_renderer& renderer, const stgs_vulkan_frame* given, KnownFrame& known) {
+// Checks and copies a frame; the views go to renderer.views.
+Outcome copy_in_frame(stgs_renderer& renderer, const stgs_vulkan_frame* given, KnownFrame& known) {
   stgs_vulkan_frame& frame = known.frame;
-  STGS_SDK_TRY(take_struct(given, frame, "frame"));
-  STGS_SDK_TRY(stgs::sdk::take_views(renderer, frame.views, frame.count));
-  if (frame.targets == nullptr) return {STGS_ERROR_ARGUMENT, "targets are NULL"};
+  STGS_SDK_TRY(copy_in(given, frame, "frame"));
+  STGS_SDK_TRY(stgs::sdk::copy_in_views(renderer, frame.views, frame.count));
+  if (frame.targets == nullptr) return {STGS_ERROR_ARGUMENT, "targets is NULL"};
   if ((frame.wait == nullptr && frame.wait_count > 0) ||
       (frame.signal == nullptr && frame.signal_count > 0)) {
-    return {STGS_ERROR_ARGUMENT, "wait or signal is NULL, with semaphores in it"};
+    return {STGS_ERROR_ARGUMENT, "wait or signal is NULL, but its number of semaphores is not 0"};
   }
   known.targets.fill(default_target());
-  STGS_SDK_TRY(stgs::sdk::take_structs(frame.targets, std::span(known.targets).first(frame.count),
-                                       "targets"));
+  STGS_SDK_TRY(stgs::sdk::copy_in_array(frame.targets, std::span(known.targets).first(frame.count),
+                                        "targets"));
   frame.targets = known.targets.data();
   return {};
 }
@@ -141,21 +143,21 @@ stgs::player::VulkanSubmission submission_of(const stgs_vulkan_frame& frame) {
 extern "C" {
 
 stgs_result stgs_vulkan_device_defaults(stgs_vulkan_device* device, size_t struct_size) {
-  return stgs::sdk::put_defaults(device, struct_size, stgs_vulkan_device{});
+  return stgs::sdk::fill_defaults(device, struct_size, stgs_vulkan_device{});
 }
 
 stgs_result stgs_vulkan_target_defaults(stgs_vulkan_target* target, size_t struct_size) {
-  return stgs::sdk::put_defaults(target, struct_size, default_target());
+  return stgs::sdk::fill_defaults(target, struct_size, default_target());
 }
 
 stgs_result stgs_vulkan_frame_defaults(stgs_vulkan_frame* frame, size_t struct_size) {
-  return stgs::sdk::put_defaults(frame, struct_size, stgs_vulkan_frame{});
+  return stgs::sdk::fill_defaults(frame, struct_size, stgs_vulkan_frame{});
 }
 
 stgs_result stgs_vulkan_get_support(const stgs_vulkan_device* device,
                                     stgs_vulkan_support* support) {
   stgs_vulkan_device known{};
-  if (const stgs_result bad = take_struct(device, known); bad != STGS_OK) return bad;
+  if (const stgs_result bad = copy_in(device, known); bad != STGS_OK) return bad;
   if (const stgs_result bad = check_struct(support); bad != STGS_OK) return bad;
   try {
     const auto found = stgs::player::vulkan_support(known.get_instance_proc_addr, known.instance,
@@ -167,7 +169,7 @@ stgs_result stgs_vulkan_get_support(const stgs_vulkan_device* device,
     out.timeline_semaphores = found->timeline_semaphores ? 1 : 0;
     out.subgroup_size_control = found->subgroup_size_control ? 1 : 0;
     found->missing_features.copy(out.missing_features, sizeof(out.missing_features) - 1);
-    give_struct(support, out);
+    copy_out(support, out);
     return STGS_OK;
   } catch (const std::bad_alloc&) {
     return STGS_ERROR_OUT_OF_MEMORY;
@@ -189,14 +191,14 @@ stgs_result stgs_vulkan_submit(stgs_renderer* renderer, stgs_scene* scene, doubl
                                const stgs_vulkan_frame* frame, uint64_t* number) {
   return guarded(renderer, [&]() -> Outcome {
     STGS_SDK_TRY(check_vulkan(*renderer));
-    STGS_SDK_TRY(stgs::sdk::check_moment(scene, seconds));
+    STGS_SDK_TRY(stgs::sdk::check_time(scene, seconds));
     KnownFrame known;
-    STGS_SDK_TRY(take_frame(*renderer, frame, known));
+    STGS_SDK_TRY(copy_in_frame(*renderer, frame, known));
     STGS_SDK_TRY(scene->check_memory(seconds));
     const stgs::ScopedTaskRunner use(renderer->tasks.get());
     const auto submitted = renderer->vulkan->submit(*scene->timeline, seconds, renderer->views,
                                                     submission_of(known.frame));
-    scene->tell_losses();
+    scene->log_new_damage();
     if (!submitted.ok()) return submitted.status();
     if (number != nullptr) *number = *submitted;
     return {};
@@ -226,7 +228,7 @@ stgs_result stgs_vulkan_get_progress(stgs_renderer* renderer, stgs_vulkan_progre
       out.prepare_ms = ended->stats.fetch_ms;
       out.device_ms = ended->stats.device_ms;
     }
-    give_struct(progress, out);
+    copy_out(progress, out);
     return {};
   });
 }

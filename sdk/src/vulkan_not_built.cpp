@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// stgs/stgs_vulkan.h in a build without Vulkan, whose headers it does not have: the functions take
-// pointers, of structs that are not looked into.
+// stgs/stgs_vulkan.h in a build without Vulkan. The Vulkan headers are missing, so the structs stay
+// incomplete.
 #include "renderer.h"
 
 struct stgs_vulkan_device;
@@ -13,11 +13,11 @@ namespace {
 
 stgs::sdk::Outcome not_built() {
   return stgs::not_built(
-      "this library is built without Vulkan (libvulkan-dev, "
-      "libvulkan-volk-dev, glslc)");
+      "this build of the library has no Vulkan support; build it with libvulkan-dev, "
+      "libvulkan-volk-dev and glslc");
 }
 
-stgs_result refuse(stgs_renderer* renderer) {
+stgs_result fail(stgs_renderer* renderer) {
   return stgs::sdk::guarded(renderer, not_built);
 }
 
@@ -50,15 +50,15 @@ STGS_API stgs_result stgs_vulkan_renderer_create(const stgs_vulkan_device*,
 
 STGS_API stgs_result stgs_vulkan_submit(stgs_renderer* renderer, stgs_scene*, double,
                                         const stgs_vulkan_frame*, uint64_t*) {
-  return refuse(renderer);
+  return fail(renderer);
 }
 
 STGS_API stgs_result stgs_vulkan_wait(stgs_renderer* renderer) {
-  return refuse(renderer);
+  return fail(renderer);
 }
 
 STGS_API stgs_result stgs_vulkan_get_progress(stgs_renderer* renderer, stgs_vulkan_progress*) {
-  return refuse(renderer);
+  return fail(renderer);
 }
 
 }  // extern "C"

@@ -145,8 +145,10 @@ TEST_CASE("structs of older and newer programs are taken, and written as far as 
   given("stgs_player_event", stgs_player_event{},
         [&](stgs_player_event* event) { return stgs_player_next_event(on.player.get(), event); });
 
-  std::set<std::string> declared = sized_structs(STGS_SDK_HEADERS "/stgs.h");
-  declared.merge(sized_structs(STGS_SDK_HEADERS "/stgs_player.h"));
+  std::set<std::string> declared;
+  for (const char* header : {"stgs.h", "stgs_hooks.h", "stgs_player.h", "stgs_scene.h"}) {
+    declared.merge(sized_structs(std::string(STGS_SDK_HEADERS "/") + header));
+  }
   CHECK(tried == declared);
 }
 

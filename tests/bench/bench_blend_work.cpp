@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What blending a view cannot do without, whatever draws it, as JSON: splats, pixels at which they
-// are evaluated where blocks of 8 x 8 pixels pass over those that miss them and end when all their
-// pixels are covered, contributions to pixels; and for tile lists of 16, 32 and 64 pixels how long
-// they are and how many batches of 32 entries the blocks go through.
+// Prints the work that blending a view needs on any renderer, as JSON: visible splats, evaluations
+// of a splat at a pixel, and contributions to pixels. Blocks of 8 x 8 pixels skip splats that miss
+// them and end when all their pixels are covered. For tile lists of 16, 32 and 64 pixels: their
+// length, and the batches of 32 entries that the blocks read.
 //
 // usage: bench_blend_work SCENE.stgs WIDTHxHEIGHT SECONDS CAMERA.json...
 #include <algorithm>
@@ -27,7 +27,7 @@ constexpr std::array<int, 3> kSides = {16, 32, 64};
 constexpr int kLargest = 64;
 
 struct Work {
-  double hits = 0, evaluations = 0, contributions = 0;  // hits: of a splat with a block
+  double hits = 0, evaluations = 0, contributions = 0;  // hits: pairs of splat and block
   std::array<double, kSides.size()> entries{}, longest{}, batches{};
 
   void add(const Work& other) {
@@ -44,7 +44,7 @@ struct Work {
 
 using List = std::vector<std::uint32_t>;  // splats, nearest first
 
-// Blends a block; returns how many of the list's splats it takes until all its pixels are covered.
+// Blends a block; returns the number of splats until all its pixels are covered.
 std::size_t blend_block(const SplatFrame& frame, const List& list, const raster::PixelBox& block,
                         Work& work) {
   std::array<float, kBlock * kBlock> left{};  // transmittance; 0: covered
@@ -82,7 +82,7 @@ std::size_t blend_block(const SplatFrame& frame, const List& list, const raster:
   return list.size();
 }
 
-// The lists of a square of tiles, joined.
+// Merges the lists of a square of tiles.
 List join(const SplatFrame& frame, const std::vector<std::uint32_t>& rank, int x0, int y0,
           int tiles) {
   List list;
@@ -99,7 +99,7 @@ List join(const SplatFrame& frame, const std::vector<std::uint32_t>& rank, int x
   return list;
 }
 
-// All blocks of a square of the k-th side; only the first side's pixels are counted.
+// Counts all blocks of a square of the k-th side; pixels are counted for the first side only.
 void count_square(const SplatFrame& frame, const std::vector<std::uint32_t>& rank, std::size_t k,
                   int x0, int y0, Work& work) {
   const int side = kSides[k];

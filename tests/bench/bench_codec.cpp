@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Encode and decode speed, size by attribute and error of both profiles, and a table of the coders
+// Prints encoding and decoding speed, size by attribute and error of both profiles, and the coders
 // by attribute, as JSON.
-//   bench_codec [SCENE.stgs | primitives [sh_degree]]
+//   bench_codec [SCENE.stgs | PRIMITIVES [SH_DEGREE]]
 #include <tbb/global_control.h>
 
 #include <algorithm>
@@ -21,9 +21,9 @@ using namespace stgs;
 
 namespace {
 
-// The least of some runs. Processor time of all threads is little disturbed by other programs.
+// The minimum of several runs. Other programs hardly disturb the CPU time of all threads.
 struct Time {
-  double elapsed = 1e30, processor = 1e30;  // seconds
+  double elapsed = 1e30, cpu = 1e30;  // seconds
 };
 
 template <typename Work>
@@ -31,13 +31,13 @@ Time time_of(Work work, int runs = 3) {
   Time best;
   for (int run = 0; run < runs; ++run) {
     const auto start = std::chrono::steady_clock::now();
-    const std::clock_t start_processor = std::clock();
+    const std::clock_t start_cpu = std::clock();
     work();
-    const double processor =
-        static_cast<double>(std::clock() - start_processor) / static_cast<double>(CLOCKS_PER_SEC);
+    const double cpu =
+        static_cast<double>(std::clock() - start_cpu) / static_cast<double>(CLOCKS_PER_SEC);
     const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
     best.elapsed = std::min(best.elapsed, took.count());
-    best.processor = std::min(best.processor, processor);
+    best.cpu = std::min(best.cpu, cpu);
   }
   return best;
 }
@@ -87,25 +87,26 @@ nlohmann::json measure(const Scene& scene, const WriteSettings& settings) {
   const auto reader = SceneReader::open(memory_source(bytes));
   if (!reader.ok() || !decoded) return {{"error", reader.status().message()}};
   const auto n = static_cast<double>((*reader)->primitives());
-  // What a player does: each segment to arrays of its own, ready to be drawn.
-  bool whole = true;
+  // As a player decodes: each segment to arrays of its own, ready to be rendered.
+  bool complete = true;
   const auto segments = static_cast<std::uint32_t>((*reader)->segments().size());
   const Time by_segment = time_of(
       [&] {
-        for (std::uint32_t s = 0; s < segments; ++s) whole = (*reader)->decode(s).ok() && whole;
+        for (std::uint32_t s = 0; s < segments; ++s)
+          complete = (*reader)->decode(s).ok() && complete;
       },
       40);
-  if (!whole) return {{"error", "a segment cannot be decoded"}};
+  if (!complete) return {{"error", "a segment cannot be decoded"}};
   nlohmann::json out = {{"primitives", (*reader)->primitives()},
                         {"segments", (*reader)->segments().size()},
                         {"bytes", bytes.size()},
                         {"bytes_per_primitive", static_cast<double>(bytes.size()) / n},
                         {"encode_primitives_per_s", n / encode.elapsed},
-                        {"encode_primitives_per_processor_s", n / encode.processor},
+                        {"encode_primitives_per_cpu_s", n / encode.cpu},
                         {"decode_primitives_per_s", n / decode.elapsed},
-                        {"decode_primitives_per_processor_s", n / decode.processor},
-                        {"segments_decoded_primitives_per_processor_s", n / by_segment.processor},
-                        {"psnr_against_source_db", psnr(scene, *decoded)}};
+                        {"decode_primitives_per_cpu_s", n / decode.cpu},
+                        {"segment_decode_primitives_per_cpu_s", n / by_segment.cpu},
+                        {"psnr_to_source_db", psnr(scene, *decoded)}};
   for (const StreamInfo& stream : (*reader)->streams()) {
     out["bytes_per_primitive_by_attribute"][stream.name] = static_cast<double>(stream.bytes) / n;
   }

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Speed of the GPU's decoder of segments, from the bytes that a reader has checked to arrays of
-// floats, as JSON lines. Usage: bench_decode_cuda FILE COPIES... , a line for each number of copies
-// of all segments of the file that are decoded at once.
+// Prints the speed of the GPU decoder, from bytes that a reader has checked to arrays of floats, as
+// JSON lines.
+//
+// usage: bench_decode_cuda FILE COPIES...
+// Each COPIES is a number of copies of all segments that are decoded at once; one line each.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -63,7 +65,7 @@ void measure(const SceneReader& reader, int copies) {
     check(sound.status());
     best = std::min(best, milliseconds_since(start));
     if (std::find(sound->begin(), sound->end(), false) != sound->end()) {
-      throw std::runtime_error("a segment is not sound");
+      throw std::runtime_error("a segment cannot be decoded");
     }
     float device = 0;
     check_cuda(cudaEventElapsedTime(&device, first, last));

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// How far our pictures of a scene are from those of the rasteriser that "3D Gaussian Splatting"
-// (Kerbl et al. 2023) came with, which the user has fetched: its licence forbids to ship it. Built
-// with -DSTGS_PEER_3DGS=FOLDER of graphdeco-inria/diff-gaussian-rasterization.
+// Compares renders of a scene with those of the reference rasteriser of "3D Gaussian Splatting"
+// (Kerbl et al. 2023). Its licence forbids redistribution, so the user provides it: configure with
+// -DSTGS_PEER_3DGS=FOLDER of graphdeco-inria/diff-gaussian-rasterization.
 //
-// usage: bench_peer_3dgs SCENE.stgs SECONDS CAMERA.json...     JSON; a view a camera
+// usage: bench_peer_3dgs SCENE.stgs SECONDS CAMERA.json...     JSON; one view for each camera
 #include <cuda_rasterizer/rasterizer.h>
 #include <cuda_runtime.h>
 
@@ -27,22 +27,22 @@ namespace {
 
 constexpr int kRepeats = 20;
 
-// Device memory that grows as the peer asks for it.
+// Device memory that grows on demand.
 class DeviceMemory {
  public:
   DeviceMemory() = default;
   DeviceMemory(const DeviceMemory&) = delete;
   DeviceMemory& operator=(const DeviceMemory&) = delete;
   ~DeviceMemory() { cudaFree(data_); }
-  char* room(std::size_t bytes) {
+  char* allocate(std::size_t bytes) {
     if (bytes <= bytes_) return data_;
     cudaFree(data_);
     data_ = nullptr;
     bytes_ = cudaMalloc(reinterpret_cast<void**>(&data_), bytes) == cudaSuccess ? bytes : 0;
     return data_;
   }
-  const float* hold(std::span<const float> values) {
-    char* const to = room(values.size() * sizeof(float));
+  const float* upload(std::span<const float> values) {
+    char* const to = allocate(values.size() * sizeof(float));
     if (to != nullptr) {
       cudaMemcpy(to, values.data(), values.size() * sizeof(float), cudaMemcpyHostToDevice);
     }
@@ -54,12 +54,12 @@ class DeviceMemory {
   std::size_t bytes_ = 0;
 };
 
-// What the peer draws: the primitives of a moment, activated.
-struct StillSet {
+// The input of the peer: the primitives at one time, with activations applied.
+struct StaticSet {
   std::vector<float> position, scale, rotation, opacity, sh;
   int degree = 0, coefficients = 0;
 
-  StillSet(const Gaussians4D& set, float ticks)
+  StaticSet(const Gaussians4D& set, float ticks)
       : rotation(set.rotation.begin(), set.rotation.end()),
         sh(set.sh.begin(), set.sh.end()),
         degree(set.sh_degree),
@@ -85,21 +85,21 @@ struct StillSet {
 
 class Peer {
  public:
-  explicit Peer(const StillSet& set)
+  explicit Peer(const StaticSet& set)
       : n_(static_cast<int>(set.opacity.size())),
         degree_(set.degree),
         coefficients_(set.coefficients),
-        position_(arrays_[0].hold(set.position)),
-        scale_(arrays_[1].hold(set.scale)),
-        rotation_(arrays_[2].hold(set.rotation)),
-        opacity_(arrays_[3].hold(set.opacity)),
-        sh_(arrays_[4].hold(set.sh)) {}
+        position_(arrays_[0].upload(set.position)),
+        scale_(arrays_[1].upload(set.scale)),
+        rotation_(arrays_[2].upload(set.rotation)),
+        opacity_(arrays_[3].upload(set.opacity)),
+        sh_(arrays_[4].upload(set.sh)) {}
 
-  // The picture, and the median of what it takes in ms.
-  Result<Image> draw(const math::PinholeCamera& camera, const float background[3], double& ms) {
+  // Renders an image; `ms` receives the median time.
+  Result<Image> render(const math::PinholeCamera& camera, const float background[3], double& ms) {
     const math::Mat3& r = camera.rotation;
     const math::Vec3& t = camera.translation;
-    // Column by column, as it wants them.
+    // Column-major, as the peer expects.
     const std::vector<float> view = {r.xx, r.yx, r.zx, 0, r.xy, r.yy, r.zy, 0,
                                      r.xz, r.yz, r.zz, 0, t.x,  t.y,  t.z,  1};
     const float tan_x = 0.5f * camera.width / camera.fx, tan_y = 0.5f * camera.height / camera.fy;
@@ -113,22 +113,22 @@ class Peer {
     const std::vector<float> eye = {-(r.xx * t.x + r.yx * t.y + r.zx * t.z),
                                     -(r.xy * t.x + r.yy * t.y + r.zy * t.z),
                                     -(r.xz * t.x + r.yz * t.y + r.zz * t.z)};
-    const float* const on_device[] = {inputs_[0].hold(view), inputs_[1].hold(clip),
-                                      inputs_[2].hold(eye), inputs_[3].hold({background, 3})};
-    Image picture;
-    picture.reshape(static_cast<int>(camera.width), static_cast<int>(camera.height), 3);
+    const float* const on_device[] = {inputs_[0].upload(view), inputs_[1].upload(clip),
+                                      inputs_[2].upload(eye), inputs_[3].upload({background, 3})};
+    Image image;
+    image.reshape(static_cast<int>(camera.width), static_cast<int>(camera.height), 3);
     auto* const colour =
-        reinterpret_cast<float*>(colour_.room(picture.data.size() * sizeof(float)));
+        reinterpret_cast<float*>(colour_.allocate(image.data.size() * sizeof(float)));
     const auto in = [](DeviceMemory& memory) {
-      return [&memory](std::size_t bytes) { return memory.room(bytes); };
+      return [&memory](std::size_t bytes) { return memory.allocate(bytes); };
     };
     std::vector<double> times;
     for (int k = 0; k < kRepeats; ++k) {
       cudaDeviceSynchronize();
       const double start = now_seconds();
       CudaRasterizer::Rasterizer::forward(in(buffers_[0]), in(buffers_[1]), in(buffers_[2]), n_,
-                                          degree_, coefficients_, on_device[3], picture.width,
-                                          picture.height, position_, sh_, nullptr, opacity_, scale_,
+                                          degree_, coefficients_, on_device[3], image.width,
+                                          image.height, position_, sh_, nullptr, opacity_, scale_,
                                           1.0f, rotation_, nullptr, on_device[0], on_device[1],
                                           on_device[2], tan_x, tan_y, false, colour);
       cudaDeviceSynchronize();
@@ -136,12 +136,12 @@ class Peer {
     }
     std::nth_element(times.begin(), times.begin() + kRepeats / 2, times.end());
     ms = times[kRepeats / 2];
-    cudaMemcpy(picture.data.data(), colour, picture.data.size() * sizeof(float),
+    cudaMemcpy(image.data.data(), colour, image.data.size() * sizeof(float),
                cudaMemcpyDeviceToHost);
     if (const cudaError_t error = cudaGetLastError(); error != cudaSuccess) {
       return runtime_error("the peer: {}", cudaGetErrorString(error));
     }
-    return picture;
+    return image;
   }
 
  private:
@@ -154,7 +154,7 @@ Status compare(const std::string& path, double seconds, int cameras, char** name
   STGS_ASSIGN(const Scene scene, read_scene(path));
   const SceneMetadata& metadata = scene.metadata;
   const auto ticks = static_cast<float>(metadata.time_base.ticks(seconds));
-  Peer peer(StillSet(scene.gaussians, ticks));
+  Peer peer(StaticSet(scene.gaussians, ticks));
   STGS_ASSIGN(auto timeline, player::Timeline::open(path));
   STGS_ASSIGN(auto renderer, player::make_renderer("cuda"));
   Json views = Json::array();
@@ -168,7 +168,7 @@ Status compare(const std::string& path, double seconds, int cameras, char** name
     std::vector<player::Frame> frames;
     STGS_TRY(renderer->render(*timeline, seconds, {view}, frames, nullptr));
     double ms = 0;
-    STGS_ASSIGN(const Image theirs, peer.draw(view.camera, b, ms));
+    STGS_ASSIGN(const Image theirs, peer.render(view.camera, b, ms));
     const Image& ours = frames[0].colour;
     views.push_back({{"camera", names[k]},
                      {"psnr", encoder::psnr_of(encoder::mean_squared_error(ours, theirs))},

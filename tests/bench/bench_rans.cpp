@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Speed of the rANS coder on one thread, by size and entropy, as JSON: millions of symbols a second
-// of a group of 8 planes, encoded, and decoded with each instruction set of the machine.
+// Prints the speed of the rANS coder on one thread, by size and entropy, as JSON: millions of
+// symbols per second of a group of 8 planes, encoded, and decoded with each instruction set of the
+// machine.
 #include <tbb/global_control.h>
 
 #include <algorithm>
@@ -9,7 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <random>
 
-#include "least_time.h"
+#include "min_time.h"
 #include "rans.h"
 #include "vector_targets.h"
 
@@ -42,7 +43,7 @@ std::vector<std::uint8_t> symbols_of(std::size_t n, double entropy) {
 double decode_speed(std::span<const std::uint8_t> bytes, std::size_t n, const RansLookup& lookup,
                     bool scalar) {
   std::vector<std::uint8_t> out(n);
-  return millions_a_second(n * kPlanes, [&] {
+  return millions_per_second(n * kPlanes, [&] {
     auto decoder = RansGroupDecoder::open(bytes, n, scalar);
     for (std::size_t p = 0; p < kPlanes; ++p) decoder->next_plane(lookup, out.data());
     if (!decoder->finish()) std::abort();
@@ -63,13 +64,13 @@ nlohmann::json measure(std::size_t n, double entropy) {
   write_rans_table(table, stored);
   nlohmann::json out = {
       {"n", n},
-      {"table_bits_a_symbol", rans_cost(table, counts) / static_cast<double>(n)},
-      {"stored_bits_a_symbol", 8.0 * static_cast<double>(bytes->size()) / size},
+      {"table_bits_per_symbol", rans_cost(table, counts) / static_cast<double>(n)},
+      {"stored_bits_per_symbol", 8.0 * static_cast<double>(bytes->size()) / size},
       {"table_bytes", stored.size()},
       {"encode_msymbols_per_s",
-       millions_a_second(n * kPlanes, [&] { (void)rans_encode(planes, n); })},
-      {"table_us", 1e6 * least_seconds([&] { (void)rans_table(counts); })},
-      {"lookup_us", 1e6 * least_seconds([&] { rans_lookup(table, lookup); })},
+       millions_per_second(n * kPlanes, [&] { (void)rans_encode(planes, n); })},
+      {"table_us", 1e6 * min_seconds([&] { (void)rans_table(counts); })},
+      {"lookup_us", 1e6 * min_seconds([&] { rans_lookup(table, lookup); })},
   };
   nlohmann::json& decode = out["decode_msymbols_per_s"];
   decode["scalar"] = decode_speed(*bytes, n, lookup, true);

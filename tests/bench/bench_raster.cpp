@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Times of the CPU rasteriser's stages, forward and backward, on random but realistic scenes.
-// Usage: bench_raster [repetitions] [threads]. Prints one JSON object. Each stage is
-// [elapsed ms, processor ms of all threads], the least of the repetitions; the second one is little
-// disturbed by what else runs on the machine.
+// Prints the times of the CPU rasteriser's stages, forward and backward, on random but realistic
+// scenes, as JSON. Each stage is [elapsed ms, CPU ms of all threads], the minimum of the
+// repetitions; other programs hardly disturb the CPU time.
+//
+// usage: bench_raster [REPETITIONS [THREADS]]
 #include <tbb/global_control.h>
 
 #include <algorithm>
@@ -24,7 +25,7 @@ using namespace stgs::encoder;
 namespace {
 
 struct Time {
-  double elapsed = 1e30, processor = 1e30;  // ms
+  double elapsed = 1e30, cpu = 1e30;  // ms
 };
 
 template <typename Work>
@@ -32,13 +33,13 @@ Time measure_stage(int repetitions, Work work) {
   Time best;
   for (int i = 0; i < repetitions; ++i) {
     const auto start = std::chrono::steady_clock::now();
-    const std::clock_t start_processor = std::clock();
+    const std::clock_t start_cpu = std::clock();
     work();
-    const double processor = 1000.0 * static_cast<double>(std::clock() - start_processor) /
-                             static_cast<double>(CLOCKS_PER_SEC);
+    const double cpu = 1000.0 * static_cast<double>(std::clock() - start_cpu) /
+                       static_cast<double>(CLOCKS_PER_SEC);
     const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - start;
     best.elapsed = std::min(best.elapsed, took.count());
-    best.processor = std::min(best.processor, processor);
+    best.cpu = std::min(best.cpu, cpu);
   }
   return best;
 }
@@ -89,12 +90,12 @@ void measure(const Row& row, int repetitions, bool first) {
       frame.instances.size(), extent / static_cast<double>(frame.splats.size()));
   Time forward{0, 0}, step{0, 0};
   const auto print = [](const char* name, Time t) {
-    std::printf(", \"%s\": [%.2f, %.2f]", name, t.elapsed, t.processor);
+    std::printf(", \"%s\": [%.2f, %.2f]", name, t.elapsed, t.cpu);
   };
   const auto stage = [&](const char* name, Time t, bool in_forward) {
     print(name, t);
     step.elapsed += t.elapsed;
-    step.processor += t.processor;
+    step.cpu += t.cpu;
     if (in_forward) forward = step;
   };
   stage("slice", slice_time, true);

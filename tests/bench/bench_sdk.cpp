@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the C interface costs an application, as JSON: a call, the way to the first picture, and the
-// memory of playing a file within a budget.
-//   bench_sdk PLACE [MIB of the budget, 64]
+// Prints the cost of the C API to an application, as JSON: time per call, time to the first frame,
+// and the memory of playing a file within a budget (64 MiB by default).
+//   bench_sdk LOCATION [BUDGET_MIB]
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -20,7 +20,7 @@ double since(Clock::time_point begin) {
   return std::chrono::duration<double>(Clock::now() - begin).count();
 }
 
-// Nanoseconds of a call: the median of batches.
+// Nanoseconds per call: the median of batches.
 template <typename Call>
 double cost(const Call& call) {
   constexpr int kBatches = 51, kCalls = 2000;
@@ -34,7 +34,7 @@ double cost(const Call& call) {
   return batches[kBatches / 2];
 }
 
-// The most that the process has held since `forget`, MiB.
+// Peak resident memory of the process since reset_peak(), MiB.
 double resident_peak() {
   std::ifstream status("/proc/self/status");
   for (std::string line; std::getline(status, line);) {
@@ -42,7 +42,7 @@ double resident_peak() {
   }
   return 0;
 }
-void forget_peak() {
+void reset_peak() {
   std::ofstream("/proc/self/clear_refs") << "5";
 }
 
@@ -52,7 +52,7 @@ bool wait_for(stgs::Player& player, double now, const Status& holds) {
   return true;
 }
 
-nlohmann::json first_picture(const char* path, stgs::Renderer& renderer) {
+nlohmann::json first_frame(const char* path, stgs::Renderer& renderer) {
   const auto begin = Clock::now();
   stgs::Player player;
   player.open(path);
@@ -63,11 +63,11 @@ nlohmann::json first_picture(const char* path, stgs::Renderer& renderer) {
   wait_for(player, 0, [](const stgs_player_status& s) { return s.ready != 0; });
   const double ready = since(begin);
   (void)renderer.render_rgba8(player.scene(), 0, view);
-  const double drawn = since(begin);
+  const double rendered = since(begin);
   wait_for(player, 0, [](const stgs_player_status& s) { return s.is_complete != 0; });
   return {{"opened_ms", 1e3 * opened},
           {"base_ready_ms", 1e3 * ready},
-          {"base_drawn_1280x720_ms", 1e3 * drawn},
+          {"base_rendered_1280x720_ms", 1e3 * rendered},
           {"all_layers_ms", 1e3 * since(begin)}};
 }
 
@@ -76,7 +76,7 @@ nlohmann::json calls(const char* path) {
   player.open(path);
   player.wait_open();
   wait_for(player, 0, [](const stgs_player_status& s) { return s.is_complete != 0; });
-  std::this_thread::sleep_for(std::chrono::seconds(2));  // until nothing is fetched ahead any more
+  std::this_thread::sleep_for(std::chrono::seconds(2));  // until prefetching has ended
   return {{"player_update_paused_ns", cost([&] { player.update(1); })},
           {"player_next_event_none_ns", cost([&] { player.next_event(); })},
           {"player_get_statistics_ns", cost([&] { player.statistics(); })},
@@ -84,17 +84,17 @@ nlohmann::json calls(const char* path) {
           {"version_ns", cost([] { stgs_version(); })}};
 }
 
-// Plays all of it, as fast as it comes.
+// Plays the complete file as fast as it loads.
 nlohmann::json playing(const char* path, std::uint64_t budget) {
   stgs_player_settings settings = stgs::player_settings();
   settings.memory_budget = budget;
-  forget_peak();
+  reset_peak();
   const double before = resident_peak();
   stgs::Player player(settings);
   player.open(path);
   player.wait_open();
   player.play();
-  std::uint64_t most = 0, lost = 0;
+  std::uint64_t most = 0, failed_reads = 0;
   int fewest = 1 << 30;
   double now = 0;
   for (bool ended = false; !ended;) {
@@ -107,21 +107,21 @@ nlohmann::json playing(const char* path, std::uint64_t budget) {
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
     most = std::max(most, player.statistics().memory_bytes);
     while (const auto event = player.next_event())
-      lost += event->kind == STGS_EVENT_READ_FAILED ? 1 : 0;
+      failed_reads += event->kind == STGS_EVENT_READ_FAILED ? 1 : 0;
   }
   return {{"budget_mib", static_cast<double>(budget) / (1 << 20)},
-          {"held_at_most_mib", static_cast<double>(most) / (1 << 20)},
-          {"resident_more_at_most_mib", resident_peak() - before},
-          {"layers_at_least", fewest},
+          {"max_resident_mib", static_cast<double>(most) / (1 << 20)},
+          {"max_process_growth_mib", resident_peak() - before},
+          {"min_layers", fewest},
           {"layer_count", player.update(now).layer_count},
-          {"lost", lost}};
+          {"failed_reads", failed_reads}};
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
   if (argc < 2 || argc > 3) {
-    std::fprintf(stderr, "usage: bench_sdk PLACE [MIB]\n");
+    std::fprintf(stderr, "usage: bench_sdk LOCATION [BUDGET_MIB]\n");
     return 1;
   }
   try {
@@ -134,7 +134,7 @@ int main(int argc, char** argv) {
     nlohmann::json out = {{"file_bytes", info.file_bytes},
                           {"primitives", info.primitives},
                           {"seconds", info.duration_seconds}};
-    out["first_picture"] = first_picture(argv[1], renderer);  // before others load a link
+    out["first_frame"] = first_frame(argv[1], renderer);  // first, while the link is idle
     out["playing"] = playing(argv[1], budget);
     out["calls"] = calls(argv[1]);
     std::printf("%s\n", out.dump(2).c_str());

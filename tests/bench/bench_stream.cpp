@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// How soon a player shows what it is sent to, from a path, a URL, or a path over a link of a
-// bandwidth and a latency that is played here, as a JSON line. A bandwidth of 0: no such link. A
-// seek is over when the base of the sought frame is there, decoded; complete: all its layers. With
-// memory for little more than what is alive each seek fetches and decodes anew, but for what lasts;
-// else later ones find much there. With a backend what has come is drawn as well, at 1920x1080 and
-// into the backend's memory: `drawn` is over when that picture is.
+// Prints how long a player takes to open and to seek, as a JSON line, from a path, a URL, or a path
+// over a simulated link of limited bandwidth and latency (bandwidth 0: no link).
 //
-// usage: bench_stream PLACE [MBIT_A_SECOND LATENCY_MS [SEEKS [MEMORY_MIB [BACKEND]]]]
+// - A seek ends when the base layer of its frame is decoded; `complete`: all layers.
+// - With memory for little more than the active primitives, each seek fetches and decodes all but
+//   the persistent content again; with more memory later seeks find segments resident.
+// - With a backend the frame is rendered too, at 1920x1080 into the backend's memory: `rendered`.
+//
+// usage: bench_stream LOCATION [MBIT_PER_SECOND LATENCY_MS [SEEKS [MEMORY_MIB [BACKEND]]]]
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -27,7 +28,7 @@ using namespace stgs::player;
 namespace {
 
 using Clock = std::chrono::steady_clock;
-constexpr double kLongest = 20;  // seconds
+constexpr double kMaxWait = 20;  // seconds
 
 double seconds() {
   return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
@@ -37,24 +38,24 @@ void sleep_until(double when) {
   std::this_thread::sleep_for(std::chrono::duration<double>(std::max(when - seconds(), 0.0)));
 }
 
-// One link for all reads: each waits for the latency, then for its share of the bandwidth.
+// All reads share one link: each waits for the latency, then for its share of the bandwidth.
 class LinkedSource final : public ByteSource {
  public:
-  LinkedSource(std::unique_ptr<ByteSource> file, double bytes_a_second, double latency)
-      : file_(std::move(file)), speed_(bytes_a_second), latency_(latency) {}
+  LinkedSource(std::unique_ptr<ByteSource> file, double bytes_per_second, double latency)
+      : file_(std::move(file)), speed_(bytes_per_second), latency_(latency) {}
   std::uint64_t size() const override { return file_->size(); }
   const std::string& name() const override { return file_->name(); }
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
     constexpr std::size_t kPacket = 16384;  // transfers take turns
     sleep_until(seconds() + latency_);
     for (std::size_t done = 0; done < out.size(); done += kPacket) {
-      double over;
+      double end;
       {
         const std::lock_guard lock(mutex_);
         const auto bytes = static_cast<double>(std::min(kPacket, out.size() - done));
-        free_ = over = std::max(free_, seconds()) + bytes / speed_;
+        free_ = end = std::max(free_, seconds()) + bytes / speed_;
       }
-      sleep_until(over);
+      sleep_until(end);
     }
     return file_->read(offset, out);
   }
@@ -73,12 +74,12 @@ void check(const Status& status) {
 }
 
 struct Times {
-  std::vector<double> ready, complete;              // ms
-  std::vector<double> drawn_ready, drawn_complete;  // where there is a renderer
+  std::vector<double> ready, complete;                   // ms
+  std::vector<double> rendered_base, rendered_complete;  // with a renderer only
 };
 
-// Draws the player's moment, where there is something to draw it with, and tells when that is over.
-void draw(Player& player, Renderer* renderer, double begin, std::vector<double>& drawn) {
+// Renders the player's current frame if there is a renderer, and appends the time since `begin`.
+void render(Player& player, Renderer* renderer, double begin, std::vector<double>& rendered) {
   if (renderer == nullptr) return;
   View view{};
   view.camera.rotation.xx = view.camera.rotation.yy = view.camera.rotation.zz = 1;
@@ -88,21 +89,21 @@ void draw(Player& player, Renderer* renderer, double begin, std::vector<double>&
   view.camera.height = 1080;
   view.camera.near_plane = player.timeline().metadata().near_plane;
   check(renderer->draw(player.timeline(), player.seconds(), {view}, nullptr));
-  drawn.push_back(1e3 * (seconds() - begin));
+  rendered.push_back(1e3 * (seconds() - begin));
 }
 
 void wait(Player& player, Renderer* renderer, double begin, Times& times) {
   bool ready = false;
-  for (double now = seconds(); now < begin + kLongest; now = seconds()) {
+  for (double now = seconds(); now < begin + kMaxWait; now = seconds()) {
     if (!ready && player.ready()) {
       ready = true;
       times.ready.push_back(1e3 * (now - begin));
-      draw(player, renderer, begin, times.drawn_ready);
+      render(player, renderer, begin, times.rendered_base);
       now = seconds();
     }
     if (ready && player.layers() == player.layer_count()) {
       times.complete.push_back(1e3 * (now - begin));
-      draw(player, renderer, begin, times.drawn_complete);
+      render(player, renderer, begin, times.rendered_complete);
       return;
     }
     std::this_thread::sleep_for(std::chrono::microseconds(200));
@@ -111,8 +112,8 @@ void wait(Player& player, Renderer* renderer, double begin, Times& times) {
     if (!event.message.empty()) std::fprintf(stderr, "%s\n", event.message.c_str());
   }
   const StreamStatistics statistics = player.statistics();
-  check(runtime_error("{} of {} layers of {} s have come in {} s, {} bytes fetched, {} held",
-                      player.layers(), player.layer_count(), player.seconds(), kLongest,
+  check(runtime_error("{} of {} layers at {} s loaded within {} s ({} bytes fetched, {} resident)",
+                      player.layers(), player.layer_count(), player.seconds(), kMaxWait,
                       statistics.fetched_bytes, statistics.memory_bytes));
 }
 
@@ -122,7 +123,7 @@ double share(std::vector<double> values, double of) {
   return values[std::max<std::size_t>(rank, 1) - 1];
 }
 
-// Median and 95th percentile of what was measured; null where nothing was.
+// Median and 95th percentile; null if there are no values.
 nlohmann::json spread(const std::vector<double>& values) {
   if (values.empty()) return nullptr;
   return {{"p50", share(values, 0.5)}, {"p95", share(values, 0.95)}};
@@ -137,7 +138,7 @@ nlohmann::json first_of(const std::vector<double>& values) {
 int main(int argc, char** argv) {
   if (argc < 2 || argc > 7 || argc == 3) {
     std::fprintf(stderr,
-                 "usage: bench_stream PLACE [MBIT_A_SECOND LATENCY_MS [SEEKS [MEMORY_MIB "
+                 "usage: bench_stream LOCATION [MBIT_PER_SECOND LATENCY_MS [SEEKS [MEMORY_MIB "
                  "[BACKEND]]]]\n");
     return 1;
   }
@@ -149,9 +150,9 @@ int main(int argc, char** argv) {
     renderer = std::move(*made);
   }
   const double begin = seconds();
-  auto place = open_location(argv[1]);
-  check(place.status());
-  std::unique_ptr<ByteSource> source = std::move(*place);
+  auto opened_source = open_location(argv[1]);
+  check(opened_source.status());
+  std::unique_ptr<ByteSource> source = std::move(*opened_source);
   if (argc > 3 && std::atof(argv[2]) > 0) {
     const double speed = std::atof(argv[2]) * 1e6 / 8, latency = std::atof(argv[3]) * 1e-3;
     source = std::make_unique<LinkedSource>(std::move(source), speed, latency);
@@ -173,14 +174,14 @@ int main(int argc, char** argv) {
   const StreamStatistics statistics = (*player)->statistics();
   const nlohmann::json out = {{"open_ms", 1e3 * (opened - begin)},
                               {"base_ms", first_of(first.ready)},
-                              {"base_drawn_ms", first_of(first.drawn_ready)},
+                              {"base_rendered_ms", first_of(first.rendered_base)},
                               {"complete_ms", first_of(first.complete)},
-                              {"complete_drawn_ms", first_of(first.drawn_complete)},
+                              {"complete_rendered_ms", first_of(first.rendered_complete)},
                               {"seeks", seeks},
                               {"seek_ms", spread(sought.ready)},
-                              {"seek_drawn_ms", spread(sought.drawn_ready)},
+                              {"seek_rendered_ms", spread(sought.rendered_base)},
                               {"seek_complete_ms", spread(sought.complete)},
-                              {"seek_complete_drawn_ms", spread(sought.drawn_complete)},
+                              {"seek_complete_rendered_ms", spread(sought.rendered_complete)},
                               {"fetched_bytes", statistics.fetched_bytes},
                               {"memory_bytes", statistics.memory_bytes}};
   std::printf("%s\n", out.dump().c_str());

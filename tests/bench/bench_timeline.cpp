@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a player must read of a long timeline: its first read, and a seek to each frame; as JSON.
+// Prints the bytes that a player must read of a long timeline, as JSON: its first read, and a seek
+// to each frame.
 //   bench_timeline [--primitives N] [--frames F] [--degree D] [--chunk SECONDS]
-//                  [--own-layouts 0|1] [--stretches K] [-o FILE.stgs]
-// A tenth of the primitives live through all of it. The lives of the others begin anywhere and last
-// from 0.1 to 20 seconds, each octave as often as any other. With --stretches it is recorded in K
-// stretches, each such a timeline, which takes the memory of one.
+//                  [--own-layouts 0|1] [--fragments K] [-o FILE.stgs]
+// A tenth of the primitives are active throughout. The lifespans of the others begin at any time
+// and last 0.1 to 20 seconds, uniform in octaves. With --fragments the file is recorded in K
+// fragments, each a timeline of its own, in the memory of one.
 #include <sys/resource.h>
 
 #include <algorithm>
@@ -32,13 +33,13 @@ struct Options {
   int degree = 3;
   double chunk_seconds = 0;
   bool own_layouts = false;     // as a recorder writes
-  std::uint32_t stretches = 0;  // 0: written in one
+  std::uint32_t fragments = 0;  // 0: written at once, not recorded
   std::string output;
 };
 
 constexpr double kFps = 30.0;
-constexpr double kShortest = 0.1 * kFps, kLongest = 20.0 * kFps;  // lives, frames
-// Two ranges this near are fetched as one.
+constexpr double kMinLifespan = 0.1 * kFps, kMaxLifespan = 20.0 * kFps;  // frames
+// Ranges with a smaller gap are fetched as one.
 constexpr std::uint64_t kGap = 16 * 1024;
 
 Scene timeline(std::size_t primitives, int degree, std::uint32_t frames, unsigned seed) {
@@ -55,8 +56,9 @@ Scene timeline(std::size_t primitives, int degree, std::uint32_t frames, unsigne
       set.radius[i] = clip;
       continue;
     }
-    const auto octaves = static_cast<float>(std::log2(kLongest / kShortest));
-    const float half = 0.5f * static_cast<float>(kShortest) * std::exp2(octaves * uniform(random));
+    const auto octaves = static_cast<float>(std::log2(kMaxLifespan / kMinLifespan));
+    const float half =
+        0.5f * static_cast<float>(kMinLifespan) * std::exp2(octaves * uniform(random));
     const float edge = std::sqrt(std::log(255.0f * math::opacity_of(set.opacity_logit[i])));
     set.radius[i] = half * 0.6f * uniform(random);
     set.sigma[i] = (half - set.radius[i]) / edge;
@@ -70,9 +72,9 @@ std::uint64_t bytes_of(const SegmentInfo& segment) {
   return segment.bytes + segment.sh_bytes;
 }
 
-// For each frame the bytes of what is alive there: its segments', shared out among their
-// primitives.
-Result<std::vector<double>> alive_bytes(const SceneReader& reader) {
+// The bytes of the primitives that are active at each frame; a segment's bytes are divided equally
+// among its primitives.
+Result<std::vector<double>> active_bytes(const SceneReader& reader) {
   const std::uint32_t frames = reader.metadata().frames;
   std::vector<double> change(frames + 1, 0.0);
   for (std::uint32_t s = 0; s < reader.segments().size(); ++s) {
@@ -95,10 +97,10 @@ Result<std::vector<double>> alive_bytes(const SceneReader& reader) {
   return change;
 }
 
-// What a seek to a frame fetches.
+// The reads of a seek to a frame.
 struct Seek {
   std::uint64_t needed = 0;  // bytes of the records
-  std::uint64_t read = 0;    // with the gaps that are not worth a range of their own
+  std::uint64_t read = 0;    // with the gaps between merged ranges
   std::size_t ranges = 0, exact_ranges = 0, segments = 0;
   std::uint64_t primitives = 0;
 };
@@ -131,7 +133,7 @@ Seek seek_to(const SceneReader& reader, double t) {
   return seek;
 }
 
-// Mean and greatest of a figure over the frames.
+// Mean and maximum of a value over the frames.
 struct Spread {
   double sum = 0.0, most = 0.0;
   std::size_t count = 0;
@@ -141,7 +143,7 @@ struct Spread {
     ++count;
   }
   nlohmann::json json() const {
-    return {{"mean", sum / static_cast<double>(std::max<std::size_t>(1, count))}, {"most", most}};
+    return {{"mean", sum / static_cast<double>(std::max<std::size_t>(1, count))}, {"max", most}};
   }
 };
 
@@ -157,23 +159,23 @@ Result<nlohmann::json> measure(const SceneReader& reader) {
     for (const SegmentInfo& s : reader.segments()) bytes += s.level < 0 ? bytes_of(s) : 0;
     return bytes;
   }();
-  STGS_ASSIGN(const std::vector<double> alive, alive_bytes(reader));
+  STGS_ASSIGN(const std::vector<double> active, active_bytes(reader));
   Spread ratio, passing, ranges, exact, segments, read, memory;
   const auto coefficients =
       static_cast<double>((reader.sh_degree() + 1) * (reader.sh_degree() + 1));
-  for (std::size_t f = 0; f < alive.size(); ++f) {
+  for (std::size_t f = 0; f < active.size(); ++f) {
     const Seek seek = seek_to(reader, static_cast<double>(f));
-    ratio.add(static_cast<double>(seek.read) / alive[f]);
+    ratio.add(static_cast<double>(seek.read) / active[f]);
     passing.add((static_cast<double>(seek.needed) - static_cast<double>(persistent)) /
-                (alive[f] - static_cast<double>(persistent)));
+                (active[f] - static_cast<double>(persistent)));
     ranges.add(static_cast<double>(seek.ranges));
     exact.add(static_cast<double>(seek.exact_ranges));
     segments.add(static_cast<double>(seek.segments));
     read.add(static_cast<double>(seek.read));
     memory.add(static_cast<double>(seek.primitives) * 4.0 * (17.0 + 3.0 * coefficients));
   }
-  return nlohmann::json{{"read_of_alive", ratio.json()},
-                        {"read_of_alive_without_persistent", passing.json()},
+  return nlohmann::json{{"read_over_active", ratio.json()},
+                        {"read_over_active_without_persistent", passing.json()},
                         {"bytes", read.json()},
                         {"ranges", ranges.json()},
                         {"ranges_without_gaps", exact.json()},
@@ -181,7 +183,7 @@ Result<nlohmann::json> measure(const SceneReader& reader) {
                         {"decoded_bytes", memory.json()}};
 }
 
-// Writes it in one, to memory and, where it is asked for, to the file.
+// Writes the timeline at once, to memory and, with -o, to the file.
 Result<std::unique_ptr<ByteSource>> write(const Options& options, const WriteSettings& settings,
                                           double& encode_s) {
   const Scene scene = timeline(options.primitives, options.degree, options.frames, 0);
@@ -192,14 +194,14 @@ Result<std::unique_ptr<ByteSource>> write(const Options& options, const WriteSet
   return memory_source(std::move(bytes));
 }
 
-// Records it to the file.
+// Records the timeline to the file.
 Result<std::unique_ptr<ByteSource>> record(const Options& options, const WriteSettings& settings,
                                            double& encode_s) {
-  const std::uint32_t frames = options.frames / options.stretches;
+  const std::uint32_t frames = options.frames / options.fragments;
   std::filesystem::remove(options.output);
   std::unique_ptr<SceneRecorder> recorder;
-  for (std::uint32_t k = 0; k < options.stretches; ++k) {
-    const Scene scene = timeline(options.primitives / options.stretches, options.degree, frames, k);
+  for (std::uint32_t k = 0; k < options.fragments; ++k) {
+    const Scene scene = timeline(options.primitives / options.fragments, options.degree, frames, k);
     const auto start = std::chrono::steady_clock::now();
     if (recorder == nullptr) {
       STGS_ASSIGN(recorder, SceneRecorder::create(options.output, scene.metadata, options.degree,
@@ -218,7 +220,7 @@ Status run(const Options& options) {
   settings.chunk_seconds = options.chunk_seconds;
   settings.own_layouts = options.own_layouts;
   double encode_s = 0;
-  STGS_ASSIGN(std::unique_ptr<ByteSource> source, options.stretches > 0
+  STGS_ASSIGN(std::unique_ptr<ByteSource> source, options.fragments > 0
                                                       ? record(options, settings, encode_s)
                                                       : write(options, settings, encode_s));
   const auto start = std::chrono::steady_clock::now();
@@ -234,8 +236,8 @@ Status run(const Options& options) {
       {"chunk_s", reader->metadata().time_base.seconds(reader->chunk_ticks())},
       {"segments", rows},
       {"first_read_bytes", reader->head_bytes()},
-      {"first_read_bytes_a_segment", static_cast<double>(reader->head_bytes()) /
-                                         static_cast<double>(std::max<std::size_t>(1, rows))},
+      {"first_read_bytes_per_segment", static_cast<double>(reader->head_bytes()) /
+                                           static_cast<double>(std::max<std::size_t>(1, rows))},
       {"encode_s", encode_s},
       {"decoder_level", needs.level},
       {"startup_bytes", needs.startup_bytes},
@@ -261,16 +263,16 @@ bool parse(int argc, char** argv, Options& options) {
       options.chunk_seconds = std::strtod(argv[i + 1], nullptr);
     } else if (name == "--own-layouts") {
       options.own_layouts = std::atoi(argv[i + 1]) != 0;
-    } else if (name == "--stretches") {
-      options.stretches = static_cast<std::uint32_t>(std::strtoul(argv[i + 1], nullptr, 10));
+    } else if (name == "--fragments") {
+      options.fragments = static_cast<std::uint32_t>(std::strtoul(argv[i + 1], nullptr, 10));
     } else if (name == "-o") {
       options.output = argv[i + 1];
     } else {
       return false;
     }
   }
-  // A recording is a file.
-  return options.stretches == 0 || (!options.output.empty() && options.stretches <= options.frames);
+  // A recording needs a file.
+  return options.fragments == 0 || (!options.output.empty() && options.fragments <= options.frames);
 }
 
 }  // namespace
@@ -280,7 +282,7 @@ int main(int argc, char** argv) {
   if (!parse(argc, argv, options)) {
     std::fprintf(stderr,
                  "usage: bench_timeline [--primitives N] [--frames F] [--degree D] "
-                 "[--chunk SECONDS] [--own-layouts 0|1] [--stretches K] [-o FILE.stgs]\n");
+                 "[--chunk SECONDS] [--own-layouts 0|1] [--fragments K] [-o FILE.stgs]\n");
     return 1;
   }
   const Status status = run(options);

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// A step of the CUDA training backend: milliseconds in all and a stage, by primitives and pixels.
-// Usage: bench_train_cuda [steps=60] [sh_degree=2] [primitives=200000 size=640x360]
+// Prints the time of a step of the CUDA training backend, in total and per stage, by primitives and
+// image size, as one JSON line for each case.
+// usage: bench_train_cuda [steps=60] [sh_degree=2] [primitives=200000 size=640x360]
 //                         [weight_normal=0] [perceptual=PATCH]
-// PATCH: pixels a side, 0: whole pictures; VGG16 has random weights then.
-// Prints one JSON line a case. Scenes are random and opaque like a trained one: primitives get
-// smaller as their number grows and larger in pixels with the picture.
+// PATCH: side in pixels, 0: complete images; VGG16 has random weights.
+// Scenes are random and opaque like a trained one: primitives get smaller as their number grows and
+// larger in pixels with the image.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -29,7 +30,7 @@ struct Case {
 struct Settings {
   int steps = 60, sh_degree = 2;
   float weight_normal = 0;
-  int patch = -1;  // of the perceptual loss; -1: off
+  int patch = -1;  // side of the perceptual loss's patch, pixels; -1: off
 };
 
 using Clock = std::chrono::steady_clock;
@@ -47,7 +48,7 @@ class StageTimes {
     cudaEventRecord(event, stream_);
     marks_.emplace_back(stage, event);
   }
-  // Means over the steps marked, in the stages' order.
+  // Means over the marked steps, in the order of the stages.
   std::vector<std::pair<std::string, double>> means(int steps) const {
     std::vector<std::pair<std::string, double>> sums;
     for (std::size_t k = 1; k < marks_.size(); ++k) {
@@ -73,15 +74,15 @@ bool failed(const Status& status) {
 }
 
 Status run_steps(cuda::CudaBackend& backend, const Case& c, const Settings& settings, int steps,
-                 const std::vector<Image8>& truths, StepOutput& last) {
+                 const std::vector<Image8>& ground_truths, StepOutput& last) {
   for (int s = 0; s < steps; ++s) {
     math::PinholeCamera camera = scene_camera(c.width, c.height);
     camera.translation.x += 0.02f * static_cast<float>(s % 5);
-    StepInput input = train_step(camera, truths[s % truths.size()],
+    StepInput input = train_step(camera, ground_truths[s % ground_truths.size()],
                                  8.0f + static_cast<float>(s % 5), settings.sh_degree);
     input.colour_index = static_cast<std::size_t>(s) % 3;
     input.weight_normal = settings.weight_normal;
-    // The scene stays as it is.
+    // Keep the scene unchanged.
     input.rates = {};
     input.rate_sh0 = input.rate_colour = 0.0f;
     if (settings.patch >= 0) {
@@ -103,8 +104,8 @@ Status measure(const Case& c, const Settings& settings) {
   shape.log_scale_mean = -4.4f - 0.5f * std::log(static_cast<float>(c.primitives) / 200000.0f);
   TrainState state =
       train_state(random_scene(c.primitives, scene_camera(c.width, c.height), 5, shape), 3);
-  std::vector<Image8> truths;
-  for (unsigned k = 0; k < 4; ++k) truths.push_back(random_truth(c.width, c.height, k));
+  std::vector<Image8> ground_truths;
+  for (unsigned k = 0; k < 4; ++k) ground_truths.push_back(random_truth(c.width, c.height, k));
   std::size_t free_before = 0, free_after = 0, total = 0;
   cudaMemGetInfo(&free_before, &total);
   cuda::CudaBackend backend;
@@ -122,11 +123,11 @@ Status measure(const Case& c, const Settings& settings) {
   STGS_TRY(backend.synchronise());
   const double copies = std::chrono::duration<double, std::milli>(Clock::now() - start).count() / 2;
   StepOutput last;
-  STGS_TRY(run_steps(backend, c, settings, 20, truths, last));
+  STGS_TRY(run_steps(backend, c, settings, 20, ground_truths, last));
   start = Clock::now();
-  STGS_TRY(run_steps(backend, c, settings, settings.steps, truths, last));
+  STGS_TRY(run_steps(backend, c, settings, settings.steps, ground_truths, last));
   const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
-  // Statistics are there from the steps; with thresholds out of reach the scene stays as it is.
+  // The steps have gathered statistics; thresholds out of reach keep the scene unchanged.
   HyperParameters parameters;
   parameters.max_primitives = static_cast<int>(c.primitives);
   parameters.clone_gradient = parameters.split_gradient = 1e9;
@@ -139,7 +140,7 @@ Status measure(const Case& c, const Settings& settings) {
   const double densify = std::chrono::duration<double, std::milli>(Clock::now() - start).count();
   StageTimes times(backend.stream());
   backend.pipeline().observe([&](const char* stage) { times.mark(stage); });
-  STGS_TRY(run_steps(backend, c, settings, 20, truths, last));
+  STGS_TRY(run_steps(backend, c, settings, 20, ground_truths, last));
   cudaMemGetInfo(&free_after, &total);
   std::printf(
       "{\"primitives\": %zu, \"width\": %d, \"height\": %d, \"sh_degree\": %d, "
@@ -172,10 +173,10 @@ int main(int argc, char** argv) {
       only.primitives = n;
       continue;
     }
-    std::fprintf(stderr, "bench_train_cuda: '%s' is none of its options\n", argv[i]);
+    std::fprintf(stderr, "bench_train_cuda: unknown option '%s'\n", argv[i]);
     return 1;
   }
-  // What a process needs before it has trained anything.
+  // Initialises the device.
   if (failed(cuda::CudaBackend().create())) return 5;
   std::vector<Case> cases = {only};
   if (only.primitives == 0) {

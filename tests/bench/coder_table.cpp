@@ -8,7 +8,7 @@
 
 #include "draco_points.h"
 #include "layout_plan.h"
-#include "least_time.h"
+#include "min_time.h"
 #include "planes.h"
 #include "quantise.h"
 #include "rans.h"
@@ -35,13 +35,13 @@ nlohmann::json measure_bytes(const Integers& integers, std::size_t n, nlohmann::
   const std::vector<std::uint8_t> planes = planes_of(integers, Coder::kBytes, plan);
   std::vector<std::uint8_t> to(planes.size());
   const double copy =
-      millions_a_second(n, [&] { std::copy(planes.begin(), planes.end(), to.begin()); });
+      millions_per_second(n, [&] { std::copy(planes.begin(), planes.end(), to.begin()); });
   stored = row_of(planes.size(), n, copy, copy);
   constexpr int kLevel = 9;
   const std::vector<std::uint8_t> frame = compress_planes(planes, n, kLevel);
   return row_of(
-      frame.size(), n, millions_a_second(n, [&] { (void)compress_planes(planes, n, kLevel); }),
-      millions_a_second(
+      frame.size(), n, millions_per_second(n, [&] { (void)compress_planes(planes, n, kLevel); }),
+      millions_per_second(
           n, [&] { (void)ZSTD_decompress(to.data(), to.size(), frame.data(), frame.size()); }));
 }
 
@@ -65,13 +65,13 @@ nlohmann::json measure_rans(const Integers& integers, std::size_t n) {
     }
     group = *rans_encode(coded, n);
   };
-  const double encode_speed = millions_a_second(n, encode);
+  const double encode_speed = millions_per_second(n, encode);
   ByteWriter stored;
   for (const RansTable& table : tables.tables) write_rans_table(table, stored);
   std::vector<RansLookup> lookups(tables.tables.size());
   for (std::size_t t = 0; t < lookups.size(); ++t) rans_lookup(tables.tables[t], lookups[t]);
   std::vector<std::uint8_t> to(n);
-  const double decode_speed = millions_a_second(n, [&] {
+  const double decode_speed = millions_per_second(n, [&] {
     auto decoder = RansGroupDecoder::open(group, n);
     for (std::size_t p = 0; p < count; ++p) {
       const std::uint16_t table = tables.table_of[p];
@@ -82,14 +82,14 @@ nlohmann::json measure_rans(const Integers& integers, std::size_t n) {
   return row_of(group.size() + stored.size(), n, encode_speed, decode_speed);
 }
 
-// Positions as Draco's kd-tree codes them; decoding ends with their order and planes.
+// Positions coded by Draco's kd-tree; decoding includes restoring their order and planes.
 nlohmann::json measure_draco(const Integers& positions, std::size_t n, int speed) {
   const StreamPlan plan = plan_draco(positions);
   std::vector<std::uint8_t> planes, stored;
   append_planes(positions, plan, planes);
-  const double encode = millions_a_second(n, [&] { stored = draco_encode(planes, n, speed); });
+  const double encode = millions_per_second(n, [&] { stored = draco_encode(planes, n, speed); });
   std::vector<std::uint8_t> to(planes.size());
-  const double decode = millions_a_second(n, [&] {
+  const double decode = millions_per_second(n, [&] {
     if (!draco_fits(stored, n) || draco_decode(stored, n, to) != nullptr) std::abort();
   });
   return row_of(stored.size(), n, encode, decode);

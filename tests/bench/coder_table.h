@@ -7,9 +7,9 @@
 
 namespace stgs::bench {
 
-// For each attribute of the scene, quantised at quality 85 as one record, and each coder: bits a
-// primitive, tables included, and millions of primitives a second, coded and decoded, on the
-// calling thread's pool. The planes are those that the coder would get.
+// Measures each coder on each attribute of the scene, quantised at quality 85 as one record: bits
+// per primitive (tables included) and millions of primitives per second, encoded and decoded, on
+// the calling thread's pool. The planes are those that the encoder passes to the coder.
 nlohmann::json coder_table(const Scene& scene);
 
 }  // namespace stgs::bench

@@ -1,12 +1,16 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""A program that opens a file as nginx serves it, over a link of a bandwidth and a latency.
+"""Runs a program on a file served by nginx over a link of limited bandwidth and latency.
 
-usage: stream_over_http.py FILE MBIT_A_SECOND LATENCY_MS PROGRAM [ARGUMENT...]
+usage: stream_over_http.py FILE MBIT_PER_SECOND LATENCY_MS PROGRAM [ARGUMENT...]
 
-An argument URL becomes the file's: stream_over_http.py t.stgs 50 40 bench_stream URL. The link is a proxy of this machine: an answer's bytes share the bandwidth over all connections and
-come by half the latency later, requests as well, and a new connection carries nothing for the
-latency, as its handshake takes. A congestion window that must grow first is not played.
+The argument URL is replaced by the URL of the file, as in
+
+    stream_over_http.py t.stgs 50 40 bench_stream URL
+
+The link is a proxy on this machine. All connections share the bandwidth. Requests and responses are
+delayed by half the latency each, and a new connection by the latency of its handshake. The growth
+of a congestion window is not simulated.
 """
 import os
 import pathlib
@@ -22,14 +26,14 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "fetch"))
 from nginx import Nginx  # noqa: E402
 
 PIECE = 16384
-QUEUED = 256  # pieces on their way at most, a direction of a connection
+QUEUED = 256  # pieces in flight at most, per direction of a connection
 
 
 class Bandwidth:
-    """When a piece that is sent now has passed, behind all that was sent before."""
+    """The time at which a piece that is sent now has passed the link, after all earlier ones."""
 
-    def __init__(self, bytes_a_second):
-        self.speed, self.free = bytes_a_second, 0.0
+    def __init__(self, bytes_per_second):
+        self.speed, self.free = bytes_per_second, 0.0
         self.lock = threading.Lock()
 
     def passed(self, size):
@@ -39,12 +43,12 @@ class Bandwidth:
 
 
 def carry(source, sink, latency, bandwidth):
-    """All that comes from one socket to the other, later; then its end."""
-    on_their_way = queue.Queue(QUEUED)
+    """Copies one socket to another after the latency, then its end of stream."""
+    in_flight = queue.Queue(QUEUED)
 
     def deliver():
         while True:
-            due, data = on_their_way.get()
+            due, data = in_flight.get()
             time.sleep(max(due - time.monotonic(), 0))
             try:
                 if not data:
@@ -52,8 +56,8 @@ def carry(source, sink, latency, bandwidth):
                     return
                 sink.sendall(data)
             except OSError:
-                source.close()  # what comes now is for nobody
-                while on_their_way.get()[1]:
+                source.close()  # drop the remaining pieces
+                while in_flight.get()[1]:
                     pass
                 return
 
@@ -64,7 +68,7 @@ def carry(source, sink, latency, bandwidth):
         except OSError:
             data = b""
         passed = bandwidth.passed(len(data)) if bandwidth else time.monotonic()
-        on_their_way.put((passed + latency, data))
+        in_flight.put((passed + latency, data))
         if not data:
             return
 

@@ -5,11 +5,11 @@
 usage: train_table.py LIST --capture NAME=PREPARED... [--stgs PROGRAM] [--backend cuda]
                       [--only PREFIX] [--at-once 4] [--work FOLDER] [--keep]
 
-LIST has a line a variant, `name | capture | every | options of stgs train`; lines that begin with #
-are left out. A capture is NAME, evaluated on its test cameras, or NAME:3,14,25, where these training
-cameras are held out in place of the test cameras, which are left out altogether: settings are chosen
-there. `every` is that of stgs evaluate. --only takes the variants whose names begin so. Exit code 1
-where a variant failed.
+LIST has a line for each variant: `name | capture | every | options of stgs train`. Lines that begin
+with # are comments. A capture is NAME, evaluated on its test cameras, or NAME:3,14,25: a fold, in
+which these training cameras are held out and the test cameras are dropped. Settings are chosen on
+folds. `every` is the option of stgs evaluate. --only selects the variants whose names begin with
+PREFIX. Exit code 1 if a variant failed.
 """
 import argparse
 import concurrent.futures
@@ -24,7 +24,7 @@ LINKED = ("frames", "masks", "points_static.ply", "points_dynamic.ply")
 
 
 def fold(prepared, held_out, folder):
-    """The prepared capture in `prepared` with other cameras held out, in `folder`, by links."""
+    """Makes a fold of a prepared capture in `folder`, with links to its files."""
     capture = json.loads((prepared / "capture.json").read_text())
     capture["cameras"] = [camera for camera in capture["cameras"] if not camera["test"]]
     for camera in capture["cameras"]:

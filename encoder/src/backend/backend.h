@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a training backend does: a step over one view, and weighing the primitives at the end.
-// Everything that decides (schedules, densification, checkpoints) stays with the trainer.
+// The interface of a training backend: steps over one view, densification, and the importances at
+// the end. Schedules, the timing of densification and checkpoints are the trainer's.
 #pragma once
 
 #include <array>
@@ -22,119 +22,126 @@
 #include "train/densify.h"
 #include "train/hyper_parameters.h"
 #include "train/importance.h"
-#include "train/picture.h"
 #include "train/random.h"
 #include "train/train_state.h"
+#include "train/training_image.h"
 
 namespace stgs::encoder {
 
-// What every rank knows of the view of each.
+// A view of a multi-rank step, known to every rank.
 struct BatchView {
-  math::Vec3 centre;  // of the camera, in the world
+  math::Vec3 centre;  // of the camera, world space
   float ticks = 0;
   std::size_t colour_index = 0;
 };
 
 struct StepInput {
   math::PinholeCamera camera;
-  float ticks = 0;                 // moment, frames
-  TrainingImage ground_truth;      // the camera's size
-  std::size_t colour_index = 0;    // which colour correction
+  float ticks = 0;                 // time, frames
+  TrainingImage ground_truth;      // of the camera's size
+  std::size_t colour_index = 0;    // of the colour correction to use
   math::Vec3 background{0, 0, 0};  // sRGB-encoded
-  // Share of the primitives that are left out, and from what they are drawn (dropped()).
+  // Fraction of the primitives that the step drops, and their selection (see dropped()).
   float drop_share = 0;
   Random drop_random{0, 0, RandomPurpose::kDrop};
-  int sh_degree = 0;                       // harmonics in use
+  int sh_degree = 0;                       // SH degree in use
   bool modulated = true;                   // false: f = 1
-  math::DampingRules damping{};            // not where it is coupled
-  bool learn_radius = true;                // false: r stays as it is
+  math::DampingRules damping{};            // ignored by a coupled state
+  bool learn_radius = true;                // false: r is constant
   bool second_stage = false;               // L_opacity is on
   bool gather_statistics = false;          // for densification
-  std::array<float, kAttributes> rates{};  // learning rates; kSh: of the harmonics above degree 0
+  std::array<float, kAttributes> rates{};  // learning rates; kSh: of SH degrees above 0
   float rate_sh0 = 0;
-  AdamBetas betas;  // of the primitives; others than Adam's own only where there is a batch
+  AdamBetas betas;  // of the primitives; differ from Adam's defaults only with a batch
   float rate_colour = 0;
   float weight_l1 = 0, weight_ssim = 0;
   float weight_lifespan = 0, weight_opacity = 0, weight_scale = 0;
-  float weight_normal = 0;      // 0: L_n is off, and costs nothing; no coupled state has it
-  float weight_perceptual = 0;  // > 0 only where the plan has a network
-  Patch patch;                  // what the perceptual loss looks at
-  // Where several ranks take the step together, the views of all in their order; this is one.
+  float weight_normal = 0;      // 0: L_n is off, at no cost; must be 0 for a coupled state
+  float weight_perceptual = 0;  // > 0 requires a network in the plan
+  Patch patch;                  // evaluated by the perceptual loss
+  // For a step of several ranks, the views of all ranks in rank order, including this one.
   std::vector<BatchView> batch;
 };
 
 struct StepOutput {
   double loss = 0;          // L_recon + L_reg
-  double l1 = 0, ssim = 0;  // means over the picture
-  double normal = 0;        // L_n before its weight; 0 where it is off
-  double perceptual = 0;    // L_lpips of the patch before its weight; 0 where it is off
-  std::size_t visible = 0;  // primitives drawn
+  double l1 = 0, ssim = 0;  // means over the image
+  double normal = 0;        // L_n before weighting; 0 if it is off
+  double perceptual = 0;    // L_lpips of the patch before weighting; 0 if it is off
+  std::size_t visible = 0;  // primitives rendered
 };
 
 struct DensifyInput {
   const HyperParameters* parameters = nullptr;
   DensifyContext context;
   bool refining = false;       // replace() of the second stage instead of grow()
-  bool reset_opacity = false;  // afterwards
+  bool reset_opacity = false;  // after growing or replacing
 };
 
-// What a run will need at most, told before it starts.
+// Upper bounds of the requirements of a run, known before it starts.
 struct TrainPlan {
   std::size_t primitives = 0;
   int sh_coefficients = 1;    // stored
-  int width = 0, height = 0;  // of the largest picture
+  int width = 0, height = 0;  // of the largest image
   bool coupled = false;       // the ablation's representation (TrainState::is_coupled)
-  bool normals = false;       // some steps have L_n on
-  std::shared_ptr<const Vgg16> perceptual = nullptr;  // of the perceptual loss; null: there is none
-  int perceptual_patch = 0;  // pixels a side of its patches; 0: whole pictures
+  bool normals = false;       // L_n is on in some steps
+  std::shared_ptr<const Vgg16> perceptual = nullptr;  // of the perceptual loss; null: off
+  int perceptual_patch = 0;  // side of its patches, pixels; 0: complete images
 };
 
-// One thread calls it; it uses many. Several ranks make the same calls with the same values, but
-// for the view of a step: then a step is one of Adam with the mean gradient of all views, for the
-// primitives that any of them sees, and all states stay the same to the bit. The state is the
-// backend's between begin and synchronise.
+// Call it from one thread; it uses many. The backend owns the state between begin() and
+// synchronise().
+//
+// With several ranks, all make the same calls with the same values, except for the view of a step.
+// A step is then one Adam step with the mean gradient of all views, for the primitives visible in
+// any of them, and all states remain bit-identical.
 class TrainBackend {
  public:
   virtual ~TrainBackend() = default;
-  // Takes steps together with other ranks (not owned) from now on; before all else, by all of them.
+  // Makes all further steps joint steps of the ranks (not owned). All ranks call it, before any
+  // other function.
   virtual Status join(Ranks& ranks) = 0;
-  // Whether steps can have a perceptual loss here; else what to do.
+  // Checks that this backend can compute the perceptual loss. The error includes a remedy.
   virtual Status check_perceptual() const = 0;
-  // Refuses a run that does not fit in memory, and what it cannot train: what it needs, what there
-  // is, what to do.
+  // Reserves memory for a run. The error of a run that does not fit, or that this backend cannot
+  // train, states the required and the available memory and a remedy.
   virtual Status reserve(const TrainPlan& plan) = 0;
-  // Works on this state from now on (not owned; outlives the backend or the next begin).
+  // Starts working on a state, which is not owned and must outlive the backend or the next begin().
   virtual Status begin(TrainState& state) = 0;
-  // Starts a step. It may still be under way when this returns, and its error may be told by a
-  // later call; the input holds its picture for as long as that is needed.
+  // Starts a step, which may still be in flight on return; a later call may return its error. The
+  // input shares ownership of its image as long as needed.
   virtual Status step(const StepInput& input) = 0;
-  // grow() or replace(), and reset_opacity(), of train/densify.h after the steps so far. The random
-  // numbers are of the state's iteration, which is the host's.
+  // Runs grow() or replace(), and reset_opacity(), of train/densify.h after the steps so far. The
+  // random numbers depend on the state's iteration, which the host updates.
   virtual Result<DensifyCounts> densify(const DensifyInput& input) = 0;
-  // Primitives that there are now.
+  // Returns the current number of primitives.
   virtual std::size_t size() const = 0;
-  // What the views of the steps since the last read() gave, in the order of the steps, within a
-  // step in that of the ranks; waits for them.
+  // Waits for all steps and returns the outputs of those since the last read(), one per view: in
+  // step order, and within a step in rank order.
   virtual Result<std::vector<StepOutput>> read() = 0;
-  // After this the state holds everything that the steps have done.
+  // Waits for all steps and writes their results to the state.
   virtual Status synchronise() = 0;
-  // After an error of step() or read(), where there is one rank: forgets the steps that are not
-  // done, the last ones, and returns their number. The state is then that of the steps before.
+  // After an error of step() or read() with a single rank: discards the incomplete steps, which are
+  // the last ones, and returns their number. The state is then that of the completed steps.
   virtual std::size_t abandon() = 0;
-  // view_importance() of the state that begin() took; nothing where `go_on` answers false. Of
-  // several ranks one alone may call both, after synchronise().
+  // Computes view_importance() of the state passed to begin(); nullopt if `should_continue` returns
+  // false. After synchronise(), a single rank may call begin() and importance() alone.
   virtual Result<std::optional<std::vector<float>>> importance(
-      std::span<const ImportanceView> views, const std::function<bool(double)>& go_on) = 0;
+      std::span<const ImportanceView> views,
+      const std::function<bool(double)>& should_continue) = 0;
+  // Returns the name of the backend and its device, for example "cpu (AVX2)".
   virtual std::string name() const = 0;
 };
 
+// Creates the CPU backend.
 std::unique_ptr<TrainBackend> make_cpu_backend();
-// GPU number `gpu` modulo how many there are; kUnsupported where there is none, kNotBuilt in a
-// build without CUDA. The error says why, not what to do instead.
+// Creates the CUDA backend on GPU number `gpu` modulo the number of GPUs. kUnsupported if there is
+// none, kNotBuilt in a build without CUDA. The error states the reason, but no alternative.
 Result<std::unique_ptr<TrainBackend>> make_cuda_backend(int gpu = 0);
-// "cpu", "cuda", or "auto": CUDA where this build and machine have it, else the CPU, and `log` is
-// told why. `ranks` (not owned, outlives the backend; null: this process trains alone) make one
-// each, of one kind, and are joined.
+// Creates a backend by name: "cpu", "cuda", or "auto", which is CUDA if the build and the machine
+// support it, else the CPU with the reason logged. `ranks` is not owned and must outlive the
+// backend; null: this process trains alone. Otherwise each rank creates a backend of the same kind,
+// and they are joined.
 Result<std::unique_ptr<TrainBackend>> make_backend(const std::string& name,
                                                    const LogSink& log = nullptr,
                                                    Ranks* ranks = nullptr);

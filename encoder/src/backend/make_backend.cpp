@@ -7,7 +7,7 @@ namespace stgs::encoder {
 
 #if !STGS_HAS_CUDA
 Result<std::unique_ptr<TrainBackend>> make_cuda_backend(int) {
-  return not_built("backend 'cuda' cannot train in this build, which has no CUDA");
+  return not_built("this build has no CUDA support");
 }
 #endif
 
@@ -25,7 +25,7 @@ Result<std::unique_ptr<TrainBackend>> make_one(const std::string& name, const Lo
                                                int gpu) {
   if (name == "cpu") return make_cpu_backend();
   if (name != "cuda" && name != "auto") {
-    return not_built("backend '{}' cannot train in this build; use --backend cpu", name);
+    return not_built("backend '{}' cannot train; use --backend cpu", name);
   }
   Result<std::unique_ptr<TrainBackend>> cuda = make_cuda_backend(gpu);
   if (cuda.ok()) return cuda;
@@ -33,7 +33,7 @@ Result<std::unique_ptr<TrainBackend>> make_one(const std::string& name, const Lo
   const std::string& reason = cuda.status().message();
   if (code != StatusCode::kNotBuilt && code != StatusCode::kUnsupported) return cuda;
   if (name == "cuda") return Status(code, reason + "; use --backend cpu");
-  if (log) log(2, fmt::format("no CUDA: {}", reason));
+  if (log) log(2, fmt::format("CUDA unavailable ({}); training on the CPU", reason));
   return make_cpu_backend();
 }
 
@@ -43,9 +43,9 @@ Result<std::unique_ptr<TrainBackend>> make_backend(const std::string& name, cons
                                                    Ranks* ranks) {
   if (ranks == nullptr) return make_one(name, log, 0);
   STGS_ASSIGN(std::unique_ptr<TrainBackend> backend, make_one(name, log, ranks->node_rank()));
-  // Of CPUs the kind does not matter: what they add up comes from one of them.
+  // Different CPU models are fine: every contribution is computed on one of them and then shared.
   const std::string kind = backend->name().rfind("cpu", 0) == 0 ? "cpu" : backend->name();
-  STGS_TRY(Lockstep(ranks).same_text(kind, "backend or kind of GPU"));
+  STGS_TRY(Lockstep(ranks).check_same_text(kind, "backend or GPU model"));
   STGS_TRY(backend->join(*ranks));
   return backend;
 }

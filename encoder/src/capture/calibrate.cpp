@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Calibrating standing cameras with COLMAP, from one frame of each.
+// Calibrates static cameras with COLMAP from one frame of each.
 #include <stdlib.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <filesystem>
 #include <opencv2/imgcodecs.hpp>
 
 #include "capture_files.h"
 #include "colmap_model.h"
 #include "frame_reader.h"
+#include "plural.h"
 #include "run_program.h"
 
 namespace stgs::encoder {
@@ -26,7 +28,8 @@ struct TemporaryFolder {
 
 Status make_folder(TemporaryFolder& folder) {
   std::string name = (fs::temp_directory_path() / "stgs-calibrate-XXXXXX").string();
-  if (::mkdtemp(name.data()) == nullptr) return io_error("{}: cannot create a folder", name);
+  if (::mkdtemp(name.data()) == nullptr)
+    return io_error("{}: cannot create a temporary folder: {}", name, system_message(errno));
   folder.path = name;
   fs::create_directory(name + "/images");
   fs::create_directory(name + "/sparse");
@@ -36,23 +39,23 @@ Status make_folder(TemporaryFolder& folder) {
 Status write_first_frame(const SourceCamera& camera, int frame, const std::string& folder) {
   STGS_ASSIGN(const FrameInfo info, probe_frames(camera));
   if (frame >= info.frames) {
-    return usage_error("camera '{}' has no frame {}: it has {} frames", camera.name, frame,
-                       info.frames);
+    return usage_error("camera '{}' has no frame {} (it has {}); choose others with --frames",
+                       camera.name, frame, plural(info.frames, "frame"));
   }
   cv::Mat image;
   if (camera.video.empty()) {
-    STGS_ASSIGN(image, read_picture(camera, frame, info.width, info.height));
+    STGS_ASSIGN(image, read_image(camera, frame, info.width, info.height));
   } else {
     STGS_ASSIGN(const std::unique_ptr<VideoReader> video, VideoReader::open(camera, frame));
     STGS_ASSIGN(image, video->next(info.width, info.height));
   }
   const std::string path = folder + "/images/" + camera.name + ".png";
-  if (!cv::imwrite(path, image)) return io_error("{}: cannot write", path);
+  if (!cv::imwrite(path, image)) return io_error("{}: cannot write the image", path);
   return {};
 }
 
-// Leaves the reconstructions in sparse/; none at all where the pictures have too little in common,
-// which COLMAP 3.8 takes for a failure of the mapper.
+// Writes the reconstructions to sparse/. If the images share too few features there are none, and
+// the mapper of COLMAP 3.8 exits with an error, which is logged and ignored.
 Status run_colmap(const std::string& folder, const ProgressSink& progress, const LogSink& log) {
   const std::string database = folder + "/database.db", images = folder + "/images";
   const std::vector<std::vector<std::string>> commands = {
@@ -74,7 +77,8 @@ Status run_colmap(const std::string& folder, const ProgressSink& progress, const
   return {};
 }
 
-// The reconstruction that placed most images; the mapper starts another where one gets stuck.
+// Returns the reconstruction with the most images. The mapper starts a new one whenever it cannot
+// extend the current one.
 Result<ColmapModel> best_model(const std::string& folder) {
   ColmapModel best;
   for (const std::string& path : list_folders(folder + "/sparse")) {
@@ -88,7 +92,7 @@ Result<ColmapModel> best_model(const std::string& folder) {
 
 Status calibrate(int frame, SourceCapture& capture, const ProgressSink& progress,
                  const LogSink& log) {
-  log(2, capture.folder + ": has no calibration; COLMAP calibrates from one frame of each camera");
+  log(2, capture.folder + ": no calibration found; calibrating with COLMAP");
   TemporaryFolder folder;
   STGS_TRY(make_folder(folder));
   for (const SourceCamera& camera : capture.cameras) {
@@ -98,13 +102,13 @@ Status calibrate(int frame, SourceCapture& capture, const ProgressSink& progress
   STGS_ASSIGN(ColmapModel model, best_model(folder.path));
   SourceCapture placed;
   STGS_TRY(cameras_from_colmap(model, capture.folder, placed, nullptr));
-  std::string lost;
+  std::string unplaced;
   for (SourceCamera& camera : capture.cameras) {
     const auto it =
         std::find_if(placed.cameras.begin(), placed.cameras.end(),
                      [&](const SourceCamera& other) { return other.name == camera.name; });
     if (it == placed.cameras.end()) {
-      lost += (lost.empty() ? "'" : ", '") + camera.name + "'";
+      unplaced += (unplaced.empty() ? "'" : ", '") + camera.name + "'";
       continue;
     }
     SourceCamera calibrated = *it;
@@ -112,15 +116,17 @@ Status calibrate(int frame, SourceCapture& capture, const ProgressSink& progress
     calibrated.images = std::move(camera.images);
     camera = std::move(calibrated);
   }
-  if (!lost.empty()) {
+  if (!unplaced.empty()) {
     return runtime_error(
-        "{}: COLMAP placed {} of {} cameras, but not {}; take these away, or give "
-        "a calibration in cameras.json",
-        capture.folder, placed.cameras.size(), capture.cameras.size(), lost);
+        "{}: COLMAP could not calibrate {} of {} ({}); add a calibration in cameras.json{}",
+        capture.folder, capture.cameras.size() - placed.cameras.size(),
+        plural(capture.cameras.size(), "camera"), unplaced,
+        placed.cameras.empty() ? "" : ", or remove these cameras");
   }
   capture.points = std::move(model.points);
-  log(2, fmt::format("{}: calibrated {} cameras, with {} points", capture.folder,
-                     capture.cameras.size(), capture.points.size()));
+  log(2, fmt::format("{}: COLMAP calibrated {} with {}", capture.folder,
+                     plural(capture.cameras.size(), "camera"),
+                     plural(capture.points.size(), "point")));
   return {};
 }
 

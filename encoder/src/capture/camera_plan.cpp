@@ -10,12 +10,12 @@
 namespace stgs::encoder {
 namespace {
 
-// OpenCV's maps put pixel centres at integers.
+// Intrinsics in OpenCV's convention, with pixel centres at integers.
 cv::Matx33d opencv_matrix(const SourceCamera& source, double zoom) {
   return {source.fx * zoom, 0, source.cx - 0.5, 0, source.fy * zoom, source.cy - 0.5, 0, 0, 1};
 }
 
-// Where the pixels `points` (integer centres) of the undistorted picture lie in the source.
+// Returns the source positions of undistorted pixels. Both have integer pixel centres.
 std::vector<cv::Point2d> distort(const SourceCamera& source, double zoom,
                                  const std::vector<cv::Point2d>& points) {
   const cv::Matx33d from = opencv_matrix(source, zoom), to = opencv_matrix(source, 1);
@@ -34,7 +34,7 @@ std::vector<cv::Point2d> distort(const SourceCamera& source, double zoom,
   return result;
 }
 
-// All border pixels come from within the source, but for half a pixel.
+// Returns true if every border pixel has a source position inside the image area.
 bool covered(const SourceCamera& source, double zoom, const FrameInfo& info) {
   std::vector<cv::Point2d> border;
   for (int x = 0; x < info.width; ++x) {
@@ -73,8 +73,8 @@ void plan_undistortion(const SourceCamera& source, CameraPlan& plan) {
   }
 }
 
-// The intrinsics for the size that the frames have.
-Result<SourceCamera> fitted(SourceCamera camera, const FrameInfo& info) {
+// Returns the camera with its intrinsics scaled to the size of the frames.
+Result<SourceCamera> scaled_to_frames(SourceCamera camera, const FrameInfo& info) {
   if (camera.width == 0 && camera.height == 0) {
     camera.width = info.width;
     camera.height = info.height;
@@ -83,10 +83,10 @@ Result<SourceCamera> fitted(SourceCamera camera, const FrameInfo& info) {
   const double sy = static_cast<double>(info.height) / camera.height;
   if (!(sx > 0 && sy > 0) || std::abs(sx / sy - 1) > 0.01) {
     return invalid_file(
-        "{}: the frames of camera '{}' are {}x{}, but its calibration is for "
-        "{}x{}, another shape",
-        camera.video.empty() ? camera.images.front() : camera.video, camera.name, info.width,
-        info.height, camera.width, camera.height);
+        "{}: frames of camera '{}' do not match the aspect ratio of its calibration (expected "
+        "{}x{}, got {}x{}); use frames that are not cropped or rotated",
+        camera.video.empty() ? camera.images.front() : camera.video, camera.name, camera.width,
+        camera.height, info.width, info.height);
   }
   camera.fx *= sx;
   camera.fy *= sy;
@@ -98,14 +98,14 @@ Result<SourceCamera> fitted(SourceCamera camera, const FrameInfo& info) {
 }  // namespace
 
 Result<CameraPlan> plan_camera(const SourceCamera& given, const FrameInfo& info, double scale) {
-  STGS_ASSIGN(const SourceCamera source, fitted(given, info));
+  STGS_ASSIGN(const SourceCamera source, scaled_to_frames(given, info));
   CameraPlan plan;
   plan.source = info;
   if (source.lens != LensModel::kPinhole) plan_undistortion(source, plan);
   plan.camera.name = source.name;
   plan.camera.width = std::max(1, static_cast<int>(std::lround(info.width * scale)));
   plan.camera.height = std::max(1, static_cast<int>(std::lround(info.height * scale)));
-  // Rounding to whole pixels makes the two directions' scales differ a little.
+  // The horizontal and vertical scales differ slightly because the size is rounded to pixels.
   const double sx = static_cast<double>(plan.camera.width) / info.width;
   const double sy = static_cast<double>(plan.camera.height) / info.height;
   plan.camera.fx = source.fx * plan.zoom * sx;
@@ -118,24 +118,25 @@ Result<CameraPlan> plan_camera(const SourceCamera& given, const FrameInfo& info,
 }
 
 cv::Mat CameraPlan::frame(const cv::Mat& image) const {
-  cv::Mat straight = image, scaled;
+  cv::Mat undistorted = image, scaled;
   if (!map_x.empty()) {
-    cv::remap(image, straight, map_x, map_y, cv::INTER_CUBIC, cv::BORDER_REPLICATE);
+    cv::remap(image, undistorted, map_x, map_y, cv::INTER_CUBIC, cv::BORDER_REPLICATE);
   }
-  if (straight.cols == camera.width && straight.rows == camera.height) return straight;
-  cv::resize(straight, scaled, {camera.width, camera.height}, 0, 0, cv::INTER_AREA);
+  if (undistorted.cols == camera.width && undistorted.rows == camera.height) return undistorted;
+  cv::resize(undistorted, scaled, {camera.width, camera.height}, 0, 0, cv::INTER_AREA);
   return scaled;
 }
 
 cv::Mat CameraPlan::mask(const cv::Mat& mask) const {
   double largest = 0;
   cv::minMaxLoc(mask, nullptr, &largest);
-  cv::Mat straight = mask > (largest <= 1 ? 0 : 127), scaled;  // masks come as 0/1 and as 0/255
+  cv::Mat undistorted = mask > (largest <= 1 ? 0 : 127), scaled;  // masks use 0/1 or 0/255
   if (!map_x.empty()) {
-    cv::remap(straight.clone(), straight, map_x, map_y, cv::INTER_NEAREST, cv::BORDER_CONSTANT);
+    cv::remap(undistorted.clone(), undistorted, map_x, map_y, cv::INTER_NEAREST,
+              cv::BORDER_CONSTANT);
   }
-  if (straight.cols == camera.width && straight.rows == camera.height) return straight;
-  cv::resize(straight, scaled, {camera.width, camera.height}, 0, 0, cv::INTER_NEAREST_EXACT);
+  if (undistorted.cols == camera.width && undistorted.rows == camera.height) return undistorted;
+  cv::resize(undistorted, scaled, {camera.width, camera.height}, 0, 0, cv::INTER_NEAREST_EXACT);
   return scaled;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How a source camera's frames become those of an undistorted, scaled pinhole camera.
+// Maps the frames of a source camera to those of an undistorted, scaled pinhole camera.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -9,26 +9,30 @@
 
 namespace stgs::encoder {
 
-struct CameraPlan {
-  Camera camera;            // what is written
-  FrameInfo source;         // what is read
-  cv::Mat map_x, map_y;     // where each undistorted pixel comes from; empty: no distortion
-  double zoom = 1;          // that undistortion needed to leave no empty border
-  bool has_border = false;  // the border stayed beyond the source, and repeats its edge
+// The largest zoom that undistortion may use to avoid an empty border.
+inline constexpr double kMaxUndistortionZoom = 1.5;
 
-  // Nothing is done to the frames.
+struct CameraPlan {
+  Camera camera;            // of the prepared frames
+  FrameInfo source;         // of the source frames
+  cv::Mat map_x, map_y;     // source position of each undistorted pixel; empty: no distortion
+  double zoom = 1;          // of the focal lengths, 1 to kMaxUndistortionZoom
+  bool has_border = false;  // pixels at the border lie outside the source and repeat its edge
+
+  // Returns true if the frames need no change.
   bool is_identity() const {
     return map_x.empty() && camera.width == source.width && camera.height == source.height;
   }
-  // 8-bit pictures of the source's size to such of the camera's.
+  // Undistorts and scales an 8-bit source image.
   cv::Mat frame(const cv::Mat& image) const;
-  cv::Mat mask(const cv::Mat& mask) const;  // 0 or 255, nearest neighbour
+  // Undistorts and scales a mask by nearest neighbour. Returns 0 or 255.
+  cv::Mat mask(const cv::Mat& mask) const;
 };
 
-// The new camera keeps the focal lengths and the principal point, times the least zoom of at most
-// kMaxUndistortionZoom that leaves no pixel without a source, times `scale` (0, 1]. Error:
-// intrinsics for frames of another shape.
-inline constexpr double kMaxUndistortionZoom = 1.5;
+// Plans the undistortion of one camera. The new camera keeps the principal point and the focal
+// lengths, times the smallest zoom that leaves no pixel without a source (1 if that would exceed
+// kMaxUndistortionZoom), times `scale` in (0, 1]. kInvalidFile if the intrinsics belong to frames
+// of another aspect ratio.
 Result<CameraPlan> plan_camera(const SourceCamera& source, const FrameInfo& info, double scale);
 
 }  // namespace stgs::encoder

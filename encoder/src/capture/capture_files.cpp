@@ -10,6 +10,7 @@
 #include <memory>
 
 #include "frame_numbers.h"
+#include "plural.h"
 #include "stgs/encoder/json_error.h"
 #include "stgs/format/byte_source.h"
 
@@ -29,13 +30,13 @@ bool has_extension(const std::string& path, std::initializer_list<const char*> e
                      [&](const char* e) { return extension == e; });
 }
 
-template <typename Keep>
-std::vector<std::string> list(const std::string& folder, Keep keep) {
+template <typename Predicate>
+std::vector<std::string> list(const std::string& folder, Predicate accept) {
   std::vector<std::string> paths;
   if (!fs::is_directory(folder)) return paths;
   for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
     if (entry.path().filename().string().front() == '.') continue;
-    if (keep(entry)) paths.push_back(entry.path().string());
+    if (accept(entry)) paths.push_back(entry.path().string());
   }
   std::sort(paths.begin(), paths.end(), natural_less);
   return paths;
@@ -61,14 +62,14 @@ bool natural_less(const std::string& a, const std::string& b) {
     i = i_end, j = j_end;
   }
   if (a.size() - i != b.size() - j) return a.size() - i < b.size() - j;
-  return a < b;  // equal but for leading zeros
+  return a < b;  // equal except for leading zeros
 }
 
 bool is_video(const std::string& path) {
   return has_extension(path, {".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v"});
 }
 
-bool is_picture(const std::string& path) {
+bool is_image(const std::string& path) {
   return has_extension(path, {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"});
 }
 
@@ -78,9 +79,9 @@ std::vector<std::string> list_videos(const std::string& folder) {
   });
 }
 
-std::vector<std::string> list_pictures(const std::string& folder) {
+std::vector<std::string> list_images(const std::string& folder) {
   return list(folder, [](const fs::directory_entry& entry) {
-    return entry.is_regular_file() && is_picture(entry.path().string());
+    return entry.is_regular_file() && is_image(entry.path().string());
   });
 }
 
@@ -98,8 +99,8 @@ bool find_frames(const std::string& folder, const std::string& name, SourceCamer
     camera.video = path;
     return true;
   }
-  camera.images = list_pictures(folder + "/" + name);
-  if (camera.images.empty()) camera.images = list_pictures(folder + "/" + name + "/images");
+  camera.images = list_images(folder + "/" + name);
+  if (camera.images.empty()) camera.images = list_images(folder + "/" + name + "/images");
   camera.numbered = true;
   return !camera.images.empty();
 }
@@ -115,8 +116,9 @@ std::vector<SourceCamera> find_cameras(const std::string& folder) {
     for (const std::string& path : list_folders(folder + below)) {
       SourceCamera camera;
       camera.name = fs::path(path).filename().string();
-      const bool other = camera.name == "masks" || camera.name == "flow" || camera.name == "images";
-      if (!other && find_frames(folder + below, camera.name, camera)) cameras.push_back(camera);
+      const bool reserved =
+          camera.name == "masks" || camera.name == "flow" || camera.name == "images";
+      if (!reserved && find_frames(folder + below, camera.name, camera)) cameras.push_back(camera);
     }
     if (!cameras.empty()) return cameras;
   }
@@ -124,7 +126,7 @@ std::vector<SourceCamera> find_cameras(const std::string& folder) {
 }
 
 Result<bool> find_masks(const std::string& folder, const std::string& name, SourceCamera& camera) {
-  const std::vector<std::string> found = list_pictures(folder + "/" + name);
+  const std::vector<std::string> found = list_images(folder + "/" + name);
   if (found.empty()) return false;
   camera.masks.clear();
   if (camera.images.empty()) {
@@ -139,8 +141,8 @@ Result<bool> find_masks(const std::string& folder, const std::string& name, Sour
     const auto it = by_stem.find(stem);
     if (it == by_stem.end()) {
       return io_error(
-          "{}/{}: has no mask for camera '{}' frame {} (looked for {}.png); add it, or "
-          "take the folder away to have masks computed",
+          "{}/{}: no mask for camera '{}' frame {} (expected {}.png); add it, or remove the folder "
+          "to have masks computed",
           folder, name, camera.name, frame, stem);
     }
     camera.masks.push_back(it->second);
@@ -153,22 +155,24 @@ Status replace_folder(const std::string& made, const std::string& folder) {
   std::error_code error, ignored;
   const bool replaces = fs::exists(folder, ignored);
   if (replaces) fs::rename(folder, old, error);
-  if (error) return io_error("{}: cannot be replaced: {}", folder, error.message());
+  if (error) return io_error("{}: cannot replace the folder: {}", folder, error.message());
   fs::rename(made, folder, error);
   if (!error) {
     fs::remove_all(old, ignored);
     return {};
   }
-  std::error_code lost;
-  if (replaces) fs::rename(old, folder, lost);
-  return io_error("{}: cannot put the result there: {}{}", folder, error.message(),
-                  lost ? fmt::format("; what was there is now {}", old) : "");
+  std::error_code not_restored;
+  if (replaces) fs::rename(old, folder, not_restored);
+  return io_error("{}: cannot move the result here: {}{}", folder, error.message(),
+                  not_restored ? fmt::format("; the previous folder is now {}", old) : "");
 }
 
 Result<std::vector<std::uint8_t>> read_whole_file(const std::string& path) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
-  constexpr std::uint64_t kLargest = std::uint64_t{4} << 30;
-  if (source->size() > kLargest) return invalid_file("{}: is larger than 4 GiB", path);
+  constexpr std::uint64_t kMaxBytes = std::uint64_t{4} << 30;
+  if (source->size() > kMaxBytes) {
+    return invalid_file("{}: file too large: {} bytes (limit 4 GiB)", path, source->size());
+  }
   std::vector<std::uint8_t> bytes(source->size());
   STGS_TRY(source->read(0, bytes));
   return bytes;
@@ -185,7 +189,8 @@ Result<nlohmann::json> read_json(const std::string& path) {
 
 Result<std::vector<double>> json_numbers(const nlohmann::json& json, const std::string& what) {
   std::vector<double> numbers;
-  if (!json.is_array()) return invalid_file("{}: must be a list of numbers", what);
+  if (!json.is_array())
+    return invalid_file("{}: expected a list of numbers, got {}", what, json.type_name());
   std::vector<const nlohmann::json*> stack = {&json};
   while (!stack.empty()) {
     const nlohmann::json& top = *stack.back();
@@ -195,7 +200,7 @@ Result<std::vector<double>> json_numbers(const nlohmann::json& json, const std::
     } else if (top.is_number() && std::isfinite(top.get<double>())) {
       numbers.push_back(top.get<double>());
     } else {
-      return invalid_file("{}: holds something that is not a finite number", what);
+      return invalid_file("{}: expected finite numbers, got {}", what, top.dump());
     }
   }
   return numbers;
@@ -203,14 +208,13 @@ Result<std::vector<double>> json_numbers(const nlohmann::json& json, const std::
 
 Status set_intrinsics(const std::vector<double>& k, double pixel_centre, const std::string& where,
                       SourceCamera& camera) {
-  if (k.size() != 9) return invalid_file("{}: K has {} numbers, not 3x3", where, k.size());
+  if (k.size() != 9)
+    return invalid_file("{}: K has {} (expected 3x3)", where, plural(k.size(), "number"));
   const bool pinhole = k[0] > 0 && k[4] > 0 && std::abs(k[1]) <= 1e-4 * k[0] && k[3] == 0 &&
                        k[6] == 0 && k[7] == 0 && std::abs(k[8] - 1) < 1e-9;
   if (!pinhole) {
     return unsupported(
-        "{}: K must be [fx 0 cx; 0 fy cy; 0 0 1] with positive focal lengths "
-        "(no skew)",
-        where);
+        "{}: K must be [fx 0 cx; 0 fy cy; 0 0 1] with positive focal lengths and no skew", where);
   }
   camera.fx = k[0];
   camera.fy = k[4];
@@ -221,7 +225,8 @@ Status set_intrinsics(const std::vector<double>& k, double pixel_centre, const s
 
 Status set_pose(const std::vector<double>& w2c, const std::string& where, SourceCamera& camera) {
   if (w2c.size() != 12 && w2c.size() != 16) {
-    return invalid_file("{}: the pose has {} numbers, not 3x4 or 4x4", where, w2c.size());
+    return invalid_file("{}: the pose has {} (expected 3x4 or 4x4)", where,
+                        plural(w2c.size(), "number"));
   }
   for (int row = 0; row < 3; ++row) {
     for (int column = 0; column < 3; ++column) {
@@ -235,7 +240,8 @@ Status set_pose(const std::vector<double>& w2c, const std::string& where, Source
 Status set_pose_from_camera_to_world(const std::vector<double>& c2w, const std::string& where,
                                      SourceCamera& camera) {
   if (c2w.size() != 12 && c2w.size() != 16) {
-    return invalid_file("{}: the pose has {} numbers, not 3x4 or 4x4", where, c2w.size());
+    return invalid_file("{}: the pose has {} (expected 3x4 or 4x4)", where,
+                        plural(c2w.size(), "number"));
   }
   for (int row = 0; row < 3; ++row) {
     camera.translation[row] = 0;
@@ -254,16 +260,15 @@ Status set_distortion(std::vector<double> coefficients, bool fisheye, const std:
   if (none && !fisheye) return {};
   if (fisheye) {
     if (coefficients.size() != 4) {
-      return invalid_file("{}: a fisheye lens has 4 coefficients (k1 k2 k3 k4), not {}", where,
-                          coefficients.size());
+      return invalid_file("{}: fisheye lens with {} (expected 4: k1 k2 k3 k4)", where,
+                          plural(coefficients.size(), "coefficient"));
     }
     camera.lens = LensModel::kFisheye;
   } else {
     if (coefficients.size() != 4 && coefficients.size() != 5 && coefficients.size() != 8) {
       return invalid_file(
-          "{}: distortion has 4, 5 or 8 coefficients (k1 k2 p1 p2 [k3 [k4 k5 k6]]),"
-          " not {}",
-          where, coefficients.size());
+          "{}: lens distortion with {} (expected 4, 5 or 8: k1 k2 p1 p2 [k3 [k4 k5 k6]])", where,
+          plural(coefficients.size(), "coefficient"));
     }
     camera.lens = LensModel::kOpenCv;
   }

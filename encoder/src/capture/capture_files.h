@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the layouts' loaders share: finding files, and reading small ones whole.
+// Helpers shared by the layout loaders: finding files, reading JSON, setting camera parameters.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -10,52 +10,58 @@
 
 namespace stgs::encoder {
 
-// "cam9" before "cam10": runs of digits compare as numbers.
+// Natural order: runs of digits compare as numbers, so "cam9" precedes "cam10".
 bool natural_less(const std::string& a, const std::string& b);
 
+// Decide by the file extension, in any case.
 bool is_video(const std::string& path);
-bool is_picture(const std::string& path);
+bool is_image(const std::string& path);
 
-// Paths in natural order; empty where the folder does not exist.
+// Return paths in natural order, without hidden files. Empty if the folder does not exist.
 std::vector<std::string> list_videos(const std::string& folder);
-std::vector<std::string> list_pictures(const std::string& folder);
+std::vector<std::string> list_images(const std::string& folder);
 std::vector<std::string> list_folders(const std::string& folder);
 
-// The file's name without folder and extension.
+// Returns the file name without folder and extension.
 std::string stem_of(const std::string& path);
 
-// Gives `camera` the video folder/NAME.* or the pictures of folder/NAME/ or folder/NAME/images/;
-// false where there is none of them.
+// Sets the frames of `camera` to the video folder/NAME.* or to the images in folder/NAME/ or
+// folder/NAME/images/. Returns false if there are none.
 bool find_frames(const std::string& folder, const std::string& name, SourceCamera& camera);
 
-// The cameras without calibration of a folder: a video each, or a folder of pictures each, in
-// videos/, images/ or the folder itself, whichever has any first. Only name and frames are set.
+// Returns the uncalibrated cameras of a folder, one for each video or image folder. Searches
+// videos/, images/ and the folder itself, and stops at the first that has any. Sets name and
+// frames.
 std::vector<SourceCamera> find_cameras(const std::string& folder);
 
-// Gives `camera` its masks, where folder/NAME/ holds pictures: one a frame of the camera, matched
-// by name, or, where the camera has a video, in order and numbered from 0 or 1. Returns whether it
-// did. Error: a frame without a mask.
+// Sets the masks of `camera` to the images in folder/NAME/ and returns true if there are any. Masks
+// match image frames by file name. For a video they are numbered from 0 or 1, without gaps.
+// kIo for a frame without a mask.
 Result<bool> find_masks(const std::string& folder, const std::string& name, SourceCamera& camera);
 
-// Puts the folder `made` in the place of `folder`, whose contents are lost only once it is there.
+// Moves the folder `made` to `folder`. Deletes the previous contents only after the move succeeds.
 Status replace_folder(const std::string& made, const std::string& folder);
 
+// Reads a file of at most 4 GiB.
 Result<std::vector<std::uint8_t>> read_whole_file(const std::string& path);
+// Reads and parses a JSON file. kInvalidFile for a syntax error.
 Result<nlohmann::json> read_json(const std::string& path);
 
-// Numbers of a nested or flat JSON array, row by row; the error names `what`.
+// Flattens a nested or flat JSON array of finite numbers, row by row. The error names `what`.
 Result<std::vector<double>> json_numbers(const nlohmann::json& json, const std::string& what);
 
-// Sets fx, fy, cx, cy from a row-major 3x3 matrix whose first pixel's centre is at `pixel_centre`.
-// Error: skew, or a last row that is not 0 0 1.
+// Sets fx, fy, cx and cy from a row-major 3x3 matrix. `pixel_centre` is the coordinate of the
+// first pixel's centre in the convention of the matrix: 0 or 0.5. kUnsupported for skew or a last
+// row other than 0 0 1.
 Status set_intrinsics(const std::vector<double>& k, double pixel_centre, const std::string& where,
                       SourceCamera& camera);
-// From a row-major 3x4 or 4x4 world-to-camera matrix.
+// Sets the pose from a row-major 3x4 or 4x4 world-to-camera matrix.
 Status set_pose(const std::vector<double>& w2c, const std::string& where, SourceCamera& camera);
-// From a row-major 3x4 or 4x4 camera-to-world matrix with OpenCV axes.
+// Sets the pose from a row-major 3x4 or 4x4 camera-to-world matrix with OpenCV axes.
 Status set_pose_from_camera_to_world(const std::vector<double>& c2w, const std::string& where,
                                      SourceCamera& camera);
-// Chooses the lens from OpenCV's coefficients; zeros mean a pinhole. Error: a count OpenCV has not.
+// Sets the lens model from OpenCV coefficients: kPinhole if all are zero. kInvalidFile for a number
+// of coefficients that the model does not have.
 Status set_distortion(std::vector<double> coefficients, bool fisheye, const std::string& where,
                       SourceCamera& camera);
 

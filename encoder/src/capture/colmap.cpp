@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// COLMAP: a model in sparse/0, sparse or the folder itself, and the frames. An image "cam/0.jpg" of
-// the model is camera "cam" (folders below that become "a_b"), an image "cam.jpg" is camera "cam";
-// the camera's frames are the pictures of images/cam/ or the video images/cam.* or videos/cam.*.
-// Several images of a camera in the model must have one pose, as far as COLMAP is exact.
+// Layout "colmap": a model in sparse/0, sparse or the folder itself, and the frames.
+//   - Image "cam/0.jpg" of the model belongs to camera "cam". Deeper folders are joined:
+//   "a/b/0.jpg"
+//     belongs to "a_b". Image "cam.jpg" is camera "cam".
+//   - The frames of a camera are the images in images/cam/, or the video images/cam.* or
+//     videos/cam.*.
+//   - All images of a camera must have the same pose, within the accuracy of COLMAP.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -16,11 +19,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// How much two images of a standing camera may differ after bundle adjustment.
-constexpr double kPoseRotation = 0.01;  // radians
-constexpr double kPosePosition = 0.01;  // of the cameras' extent
+// The largest pose difference between two images of a static camera after bundle adjustment.
+constexpr double kMaxPoseRotation = 0.01;  // radians
+constexpr double kMaxPoseShift = 0.01;     // fraction of the extent of the cameras
 
-// COLMAP's parameters, as focal lengths, centre and OpenCV's coefficients.
+// Converts COLMAP parameters to focal lengths, principal point and OpenCV coefficients.
 Status set_lens(const ColmapCamera& from, const std::string& where, SourceCamera& camera) {
   const std::vector<double>& p = from.params;
   const bool one_focal =
@@ -29,8 +32,8 @@ Status set_lens(const ColmapCamera& from, const std::string& where, SourceCamera
                          from.model == "OPENCV_FISHEYE" || from.model == "FULL_OPENCV";
   if (!one_focal && !two_focal) {
     return unsupported(
-        "{}: the camera model {} is not supported; let COLMAP use OPENCV, or "
-        "undistort first",
+        "{}: unsupported camera model {}; run COLMAP with --ImageReader.camera_model OPENCV, or "
+        "undistort the images first",
         where, from.model);
   }
   const std::size_t at = one_focal ? 1 : 2;
@@ -40,7 +43,8 @@ Status set_lens(const ColmapCamera& from, const std::string& where, SourceCamera
   if (one_focal) distortion.resize(4);  // k1 [k2], no tangential part
   STGS_TRY(set_distortion(distortion, from.model == "OPENCV_FISHEYE", where, camera));
   if (from.width == 0 || from.height == 0 || from.width > 32768 || from.height > 32768) {
-    return invalid_file("{}: {}x{} is no size of a picture", where, from.width, from.height);
+    return invalid_file("{}: invalid image size {}x{} (expected 1 to 32768 pixels per side)", where,
+                        from.width, from.height);
   }
   camera.width = static_cast<int>(from.width);
   camera.height = static_cast<int>(from.height);
@@ -51,7 +55,8 @@ Status set_rotation(const ColmapImage& image, const std::string& where, SourceCa
   const auto [w0, x0, y0, z0] = image.rotation;
   const double length = std::sqrt(w0 * w0 + x0 * x0 + y0 * y0 + z0 * z0);
   if (!(length > 1e-6 && std::isfinite(length))) {
-    return invalid_file("{}: image '{}' has no rotation", where, image.name);
+    return invalid_file("{}: image '{}' has an invalid rotation (zero or non-finite quaternion)",
+                        where, image.name);
   }
   const double w = w0 / length, x = x0 / length, y = y0 / length, z = z0 / length;
   const double rotation[9] = {
@@ -82,23 +87,23 @@ bool find_camera_frames(const std::string& folder, const std::string& image, Sou
          find_frames(folder + "/videos", name, camera) || find_frames(folder, name, camera);
 }
 
-// Images of a camera after its first one must have its pose.
-Status check_still(const SourceCapture& capture,
-                   const std::vector<std::pair<std::size_t, SourceCamera>>& others,
-                   const std::string& where) {
+// Checks that the remaining images of every camera have the pose of its first image.
+Status check_static(const SourceCapture& capture,
+                    const std::vector<std::pair<std::size_t, SourceCamera>>& others,
+                    const std::string& where) {
   double extent = 0;
   for (const SourceCamera& a : capture.cameras) {
     extent = std::max(extent, cv::norm(centre_of(a) - centre_of(capture.cameras.front())));
   }
   for (const auto& [index, other] : others) {
     const SourceCamera& camera = capture.cameras[index];
-    const cv::Matx33d turn = cv::Matx33d(camera.rotation).t() * cv::Matx33d(other.rotation);
-    const double angle = std::acos(std::clamp((cv::trace(turn) - 1) / 2, -1.0, 1.0));
-    const double moved = cv::norm(centre_of(camera) - centre_of(other));
-    if (angle <= kPoseRotation && moved <= kPosePosition * extent) continue;
+    const cv::Matx33d rotation = cv::Matx33d(camera.rotation).t() * cv::Matx33d(other.rotation);
+    const double angle = std::acos(std::clamp((cv::trace(rotation) - 1) / 2, -1.0, 1.0));
+    const double shift = cv::norm(centre_of(camera) - centre_of(other));
+    if (angle <= kMaxPoseRotation && shift <= kMaxPoseShift * extent) continue;
     return unsupported(
-        "{}: camera '{}' moves (image '{}' has another pose than its first image); "
-        "only cameras that stand still can be prepared",
+        "{}: camera '{}' moves (image '{}' differs in pose from its first image); only static "
+        "cameras are supported",
         where, camera.name, other.name);
   }
   return {};
@@ -119,8 +124,8 @@ Status cameras_from_colmap(const ColmapModel& model, const std::string& where,
   for (const ColmapImage& image : model.images) {
     const auto it = model.cameras.find(image.camera);
     if (it == model.cameras.end()) {
-      return invalid_file("{}: image '{}' has camera {}, which the model lacks", where, image.name,
-                          image.camera);
+      return invalid_file("{}: image '{}' refers to camera {}, which is not in the model", where,
+                          image.name, image.camera);
     }
     SourceCamera camera;
     camera.name = camera_name(image.name);
@@ -137,15 +142,15 @@ Status cameras_from_colmap(const ColmapModel& model, const std::string& where,
     capture.cameras.push_back(std::move(camera));
     if (first_images != nullptr) first_images->push_back(image.name);
   }
-  return check_still(capture, others, where);
+  return check_static(capture, others, where);
 }
 
 Result<SourceCapture> load_colmap(const std::string& folder) {
   const std::string where = colmap_model_folder(folder);
   if (where.empty()) {
     return io_error(
-        "{}: has no COLMAP model; looked for cameras and images (.bin or .txt) in "
-        "sparse/0, sparse and the folder itself",
+        "{}: no COLMAP model found (looked for cameras and images, .bin or .txt, in sparse/0, "
+        "sparse and the folder itself)",
         folder);
   }
   STGS_ASSIGN(ColmapModel model, read_colmap_model(where));
@@ -156,8 +161,8 @@ Result<SourceCapture> load_colmap(const std::string& folder) {
     SourceCamera& camera = capture.cameras[i];
     if (!find_camera_frames(folder, images[i], camera)) {
       return io_error(
-          "{}: camera '{}' (image '{}' of the model) has no frames; looked for a folder "
-          "or video of its name in images/, videos/ and the folder itself",
+          "{}: no frames for camera '{}' (image '{}' of the model); looked for an image folder or "
+          "video of that name in images/, videos/ and the folder itself",
           folder, camera.name, images[i]);
     }
   }

@@ -17,7 +17,7 @@ struct ModelKind {
   const char* name;
   std::size_t params;
 };
-// In the order of COLMAP's numbers.
+// Indexed by COLMAP's model number.
 constexpr std::array<ModelKind, 11> kModels = {{{"SIMPLE_PINHOLE", 3},
                                                 {"PINHOLE", 4},
                                                 {"SIMPLE_RADIAL", 4},
@@ -36,20 +36,20 @@ const ModelKind* kind_of(const std::string& name) {
   return it == kModels.end() ? nullptr : &*it;
 }
 
-// Little-endian values from memory. Past the end it gives zeros and remembers.
+// Reads little-endian values from memory. Past the end it returns zeros and sets past().
 class Cursor {
  public:
   Cursor(const std::vector<std::uint8_t>& bytes) : bytes_(bytes) {}
 
   template <typename T>
-  T take() {
+  T read() {
     T value{};
     if (!has(sizeof(T))) return value;
     std::memcpy(&value, bytes_.data() + at_, sizeof(T));
     at_ += sizeof(T);
     return value;
   }
-  std::string take_string() {
+  std::string read_string() {
     const auto begin = bytes_.begin() + static_cast<std::ptrdiff_t>(at_);
     const auto end = std::find(begin, bytes_.end(), std::uint8_t{0});
     if (end == bytes_.end()) past_ = true;
@@ -57,7 +57,7 @@ class Cursor {
     at_ = std::min(bytes_.size(), at_ + text.size() + 1);
     return text;
   }
-  // Whether `count` items of at least `size` bytes can follow.
+  // Returns true if `count` items of at least `size` bytes can follow.
   bool fits(std::uint64_t count, std::uint64_t size) {
     if (count > (bytes_.size() - at_) / size) past_ = true;
     return !past_;
@@ -80,30 +80,29 @@ class Cursor {
 
 Status truncated(const std::string& path, const char* what, std::uint64_t index,
                  std::uint64_t count, const Cursor& cursor) {
-  return invalid_file(
-      "{}: {} {} of {} does not fit the file (at byte {}): it is truncated or not "
-      "a COLMAP model",
-      path, what, index, count, cursor.at());
+  return invalid_file("{}: truncated, or not a COLMAP model ({} {} of {}) [byte {}]", path, what,
+                      index, count, cursor.at());
 }
 
 Status read_cameras_binary(const std::string& path, ColmapModel& model) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
   Cursor cursor(bytes);
-  const auto count = cursor.take<std::uint64_t>();
+  const auto count = cursor.read<std::uint64_t>();
   if (!cursor.fits(count, 24)) return truncated(path, "camera", 0, count, cursor);
   for (std::uint64_t i = 0; i < count; ++i) {
-    const auto id = cursor.take<std::uint32_t>();
-    const auto kind = cursor.take<std::uint32_t>();
+    const auto id = cursor.read<std::uint32_t>();
+    const auto kind = cursor.read<std::uint32_t>();
     if (!cursor.past() && kind >= kModels.size()) {
-      return unsupported("{}: camera {} has the unknown model number {}", path, id, kind);
+      return unsupported("{}: camera {} has unknown model number {} (expected 0 to {})", path, id,
+                         kind, kModels.size() - 1);
     }
     ColmapCamera camera;
-    camera.width = cursor.take<std::uint64_t>();
-    camera.height = cursor.take<std::uint64_t>();
+    camera.width = cursor.read<std::uint64_t>();
+    camera.height = cursor.read<std::uint64_t>();
     if (cursor.past()) return truncated(path, "camera", i, count, cursor);
     camera.model = kModels[kind].name;
     for (std::size_t p = 0; p < kModels[kind].params; ++p) {
-      camera.params.push_back(cursor.take<double>());
+      camera.params.push_back(cursor.read<double>());
     }
     if (cursor.past()) return truncated(path, "camera", i, count, cursor);
     model.cameras[id] = std::move(camera);
@@ -114,16 +113,16 @@ Status read_cameras_binary(const std::string& path, ColmapModel& model) {
 Status read_images_binary(const std::string& path, ColmapModel& model) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
   Cursor cursor(bytes);
-  const auto count = cursor.take<std::uint64_t>();
+  const auto count = cursor.read<std::uint64_t>();
   if (!cursor.fits(count, 73)) return truncated(path, "image", 0, count, cursor);
   for (std::uint64_t i = 0; i < count; ++i) {
     ColmapImage image;
-    cursor.take<std::uint32_t>();  // its number
-    for (double& v : image.rotation) v = cursor.take<double>();
-    for (double& v : image.translation) v = cursor.take<double>();
-    image.camera = cursor.take<std::uint32_t>();
-    image.name = cursor.take_string();
-    cursor.skip(cursor.take<std::uint64_t>(), 24);  // features
+    cursor.read<std::uint32_t>();  // id
+    for (double& v : image.rotation) v = cursor.read<double>();
+    for (double& v : image.translation) v = cursor.read<double>();
+    image.camera = cursor.read<std::uint32_t>();
+    image.name = cursor.read_string();
+    cursor.skip(cursor.read<std::uint64_t>(), 24);  // features
     if (cursor.past()) return truncated(path, "image", i, count, cursor);
     model.images.push_back(std::move(image));
   }
@@ -133,24 +132,24 @@ Status read_images_binary(const std::string& path, ColmapModel& model) {
 Status read_points_binary(const std::string& path, ColmapModel& model) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
   Cursor cursor(bytes);
-  const auto count = cursor.take<std::uint64_t>();
+  const auto count = cursor.read<std::uint64_t>();
   if (!cursor.fits(count, 51)) return truncated(path, "point", 0, count, cursor);
   for (std::uint64_t i = 0; i < count; ++i) {
     InitialPoint point{};
     point.frame = -1;
-    cursor.take<std::uint64_t>();  // its number
-    for (float& v : point.position) v = static_cast<float>(cursor.take<double>());
-    for (std::uint8_t& v : point.colour) v = cursor.take<std::uint8_t>();
-    cursor.take<double>();                         // reprojection error
-    cursor.skip(cursor.take<std::uint64_t>(), 8);  // track
+    cursor.read<std::uint64_t>();  // id
+    for (float& v : point.position) v = static_cast<float>(cursor.read<double>());
+    for (std::uint8_t& v : point.colour) v = cursor.read<std::uint8_t>();
+    cursor.read<double>();                         // reprojection error
+    cursor.skip(cursor.read<std::uint64_t>(), 8);  // track
     if (cursor.past()) return truncated(path, "point", i, count, cursor);
     model.points.push_back(point);
   }
   return {};
 }
 
-// The lines that are no comments, with their numbers. Empty lines stay: an image without features
-// has one.
+// Returns the numbered lines that are not comments. Empty lines remain, because the feature line
+// of an image may be empty.
 Result<std::vector<std::pair<int, std::string>>> text_lines(const std::string& path) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
   std::istringstream stream(std::string(bytes.begin(), bytes.end()));
@@ -174,8 +173,8 @@ Status read_cameras_text(const std::string& path, ColmapModel& model) {
     for (double v; words >> v;) camera.params.push_back(v);
     const ModelKind* kind = kind_of(camera.model);
     if (kind == nullptr || camera.params.size() != kind->params) {
-      return invalid_file("{}:{}: is no camera (number, model, width, height, parameters)", path,
-                          number);
+      return invalid_file("{}:{}: not a camera (expected id, model, width, height, parameters)",
+                          path, number);
     }
     model.cameras[id] = std::move(camera);
   }
@@ -194,8 +193,9 @@ Status read_images_text(const std::string& path, ColmapModel& model) {
     words >> image.camera >> std::ws;
     if (!std::getline(words, image.name) || image.name.empty()) {
       if (lines[i].second.empty() && i + 1 == lines.size()) break;
-      return invalid_file("{}:{}: is no image (number, quaternion, translation, camera, name)",
-                          path, lines[i].first);
+      return invalid_file(
+          "{}:{}: not an image (expected id, quaternion, translation, camera, name)", path,
+          lines[i].first);
     }
     model.images.push_back(std::move(image));
   }
@@ -213,8 +213,9 @@ Status read_points_text(const std::string& path, ColmapModel& model) {
     std::array<int, 3> colour{};
     words >> id >> point.position[0] >> point.position[1] >> point.position[2];
     for (int& v : colour) words >> v;
-    if (!words)
-      return invalid_file("{}:{}: is no point (number, x y z, red green blue)", path, number);
+    if (!words) {
+      return invalid_file("{}:{}: not a point (expected id, x y z, red green blue)", path, number);
+    }
     for (int c = 0; c < 3; ++c) {
       point.colour[c] = static_cast<std::uint8_t>(std::clamp(colour[c], 0, 255));
     }

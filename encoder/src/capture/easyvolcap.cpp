@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// EasyVolcap and EasyMocap (ENeRF-Outdoor, SelfCap): intri.yml and extri.yml as OpenCV writes them.
-// intri.yml: names, a list of cameras XX; K_XX; D_XX or dist_XX; H_XX and W_XX where stated.
-// extri.yml: T_XX; Rot_XX, or R_XX as a rotation vector; world to camera.
-// Frames are images/XX/ or videos/XX.*, masks are masks/XX/ or mask/XX/.
+// Layout "easyvolcap": EasyVolcap and EasyMocap (ENeRF-Outdoor, SelfCap), with intri.yml and
+// extri.yml as written by OpenCV.
+//   intri.yml: names, the list of cameras XX; K_XX; D_XX or dist_XX; optional H_XX and W_XX.
+//   extri.yml: T_XX; Rot_XX, or R_XX as a rotation vector; world to camera.
+//   Frames are in images/XX/ or videos/XX.*, masks in masks/XX/ or mask/XX/.
 #include <filesystem>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
@@ -12,7 +13,7 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr double kPixelCentre = 0;  // calibrated with OpenCV
+constexpr double kPixelCentre = 0;  // OpenCV's convention
 
 struct Yaml {
   std::string path;
@@ -26,12 +27,12 @@ Result<Yaml> open_yaml(const std::string& path) {
                          cv::FileStorage::READ | cv::FileStorage::MEMORY);
     if (file.isOpened()) return Yaml{path, file};
   } catch (const cv::Exception& error) {
-    return invalid_file("{}: is not YAML that OpenCV reads: {}", path, error.err);
+    return invalid_file("{}: not YAML that OpenCV can read: {}", path, error.err);
   }
-  return invalid_file("{}: is not YAML that OpenCV reads", path);
+  return invalid_file("{}: not YAML that OpenCV can read", path);
 }
 
-// The numbers of the first of `keys` that the file has; none if it has none of them.
+// Returns the numbers of the first key that exists, or an empty list.
 Result<std::vector<double>> numbers(const Yaml& yaml, const std::vector<std::string>& keys) {
   for (const std::string& key : keys) {
     const cv::FileNode node = yaml.file[key];
@@ -59,8 +60,9 @@ Status set_extrinsics(const Yaml& extri, const std::string& where, SourceCamera&
   }
   STGS_ASSIGN(const std::vector<double> t, numbers(extri, {"T_" + camera.name}));
   if (rotation.size() != 9 || t.size() != 3) {
-    return invalid_file("{}: needs Rot_{} (3x3) or R_{} (3), and T_{} (3)", where, camera.name,
-                        camera.name, camera.name);
+    return invalid_file(
+        "{}: incomplete pose (expected Rot_{} with 9 numbers or R_{} with 3, and T_{} with 3)",
+        where, camera.name, camera.name, camera.name);
   }
   std::copy(rotation.begin(), rotation.end(), camera.rotation);
   std::copy(t.begin(), t.end(), camera.translation);
@@ -85,7 +87,7 @@ Result<SourceCamera> read_camera(const std::string& folder, const std::string& n
   STGS_TRY(set_extrinsics(extri, folder + "/extri.yml: camera '" + name + "'", camera));
   if (!find_frames(folder + "/images", name, camera) &&
       !find_frames(folder + "/videos", name, camera)) {
-    return io_error("{}: camera '{}' has no frames; looked for images/{}/ and videos/{}.mp4",
+    return io_error("{}: no frames for camera '{}' (looked for images/{}/ and videos/{}.mp4)",
                     folder, name, name, name);
   }
   if (!std::filesystem::is_directory(folder + "/masks/" + name)) {
@@ -103,7 +105,8 @@ Result<SourceCapture> read_capture(const std::string& folder) {
     STGS_ASSIGN(SourceCamera camera, read_camera(folder, name, intri, extri));
     capture.cameras.push_back(std::move(camera));
   }
-  if (capture.cameras.empty()) return invalid_file("{}/intri.yml: 'names' lists no camera", folder);
+  if (capture.cameras.empty())
+    return invalid_file("{}/intri.yml: 'names' lists no cameras", folder);
   return capture;
 }
 
@@ -113,7 +116,8 @@ Result<SourceCapture> load_easyvolcap(const std::string& folder) {
   try {
     return read_capture(folder);
   } catch (const cv::Exception& error) {
-    return invalid_file("{}/intri.yml: 'names' is not a list of names: {}", folder, error.err);
+    return invalid_file("{}/intri.yml: 'names' is not a list of camera names: {}", folder,
+                        error.err);
   }
 }
 

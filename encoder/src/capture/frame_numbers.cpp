@@ -14,7 +14,7 @@ namespace {
 
 using Numbers = std::vector<std::uint64_t>;
 
-constexpr std::size_t kMostDigits = 18;  // fit 64 bits
+constexpr std::size_t kMaxDigits = 18;  // fit in 64 bits
 
 std::string folder_of(const std::string& path) {
   return std::filesystem::path(path).parent_path().string();
@@ -24,11 +24,12 @@ std::optional<std::uint64_t> number_of(const std::string& path) {
   const std::string stem = stem_of(path);
   const std::size_t last = stem.find_last_not_of("0123456789");
   const std::string digits = last == std::string::npos ? stem : stem.substr(last + 1);
-  if (digits.empty() || digits.size() > kMostDigits) return std::nullopt;
+  if (digits.empty() || digits.size() > kMaxDigits) return std::nullopt;
   return std::stoull(digits);
 }
 
-// The numbers of the first `count` files, which rise; empty where no name ends in one.
+// Returns the strictly increasing numbers of the first `count` files. Empty if no name ends in a
+// number.
 Result<Numbers> numbers_of(const std::vector<std::string>& paths, std::size_t count,
                            const std::string& camera) {
   Numbers numbers;
@@ -36,16 +37,15 @@ Result<Numbers> numbers_of(const std::vector<std::string>& paths, std::size_t co
     const std::optional<std::uint64_t> number = number_of(paths[i]);
     if (number.has_value() != number_of(paths[0]).has_value()) {
       return invalid_file(
-          "{}: camera '{}' has files whose names end in the frame's number and files whose names "
-          "do not; name all of them in one way",
+          "{}: camera '{}' mixes file names with and without a frame number at the end; name all "
+          "files in one way",
           paths[i], camera);
     }
     if (!number) continue;
     if (!numbers.empty() && *number <= numbers.back()) {
       return invalid_file(
-          "{}: camera '{}' has this file after {}, but the number that ends its name is not "
-          "higher; "
-          "a camera's folder must hold one file a frame, named by the frame's number",
+          "{}: camera '{}': the frame number does not increase after {}; keep one file per frame, "
+          "named by the frame number",
           paths[i], camera, paths[i - 1]);
     }
     numbers.push_back(*number);
@@ -60,17 +60,16 @@ std::uint64_t smallest_step(const Numbers& numbers, std::uint64_t step) {
   return step;
 }
 
-// `first`, `first` + `step`, ...
-Status check_run(const Numbers& numbers, std::uint64_t first, std::uint64_t step,
-                 const std::string& folder, const std::string& camera, const char* what) {
+// Checks that the numbers are `first`, `first` + `step`, and so on. `what` is "image" or "mask".
+Status check_sequence(const Numbers& numbers, std::uint64_t first, std::uint64_t step,
+                      const std::string& folder, const std::string& camera, const char* what) {
   for (std::size_t i = 0; i < numbers.size(); ++i) {
     const std::uint64_t expected = first + i * step;
     if (numbers[i] == expected) continue;
     return invalid_file(
-        "{}: camera '{}' has no {} of frame {} (after {} there comes {}); add the missing files, "
-        "or number the frames without gaps and alike in all cameras",
-        folder, camera, what, expected, i == 0 ? "nothing" : std::to_string(numbers[i - 1]),
-        numbers[i]);
+        "{}: camera '{}' has no {} of frame {} (the next is frame {}); add the missing files, or "
+        "renumber the frames without gaps and identically for all cameras",
+        folder, camera, what, expected, numbers[i]);
   }
   return {};
 }
@@ -87,8 +86,9 @@ Status check_frame_numbers(const SourceCapture& source, int end, const LogSink& 
     if (!camera.numbered) continue;
     STGS_ASSIGN(all.back(), numbers_of(camera.images, count, camera.name));
     if (all.back().empty()) {
-      log(1, fmt::format("{}: the names end in no frame number; taken in the order of the names",
-                         folder_of(camera.images.front())));
+      log(1,
+          fmt::format("{}: no frame number at the end of the names; using the order of the names",
+                      folder_of(camera.images.front())));
       continue;
     }
     first = std::min(first, all.back().front());
@@ -97,8 +97,8 @@ Status check_frame_numbers(const SourceCapture& source, int end, const LogSink& 
   for (std::size_t i = 0; i < all.size(); ++i) {
     if (all[i].empty()) continue;
     const SourceCamera& camera = source.cameras[i];
-    STGS_TRY(
-        check_run(all[i], first, step, folder_of(camera.images.front()), camera.name, "picture"));
+    STGS_TRY(check_sequence(all[i], first, step, folder_of(camera.images.front()), camera.name,
+                            "image"));
   }
   return {};
 }
@@ -106,8 +106,8 @@ Status check_frame_numbers(const SourceCapture& source, int end, const LogSink& 
 Status check_mask_numbers(const SourceCamera& camera) {
   STGS_ASSIGN(const Numbers numbers, numbers_of(camera.masks, camera.masks.size(), camera.name));
   if (numbers.empty()) return {};
-  return check_run(numbers, std::min<std::uint64_t>(numbers.front(), 1), 1,
-                   folder_of(camera.masks.front()), camera.name, "mask");
+  return check_sequence(numbers, std::min<std::uint64_t>(numbers.front(), 1), 1,
+                        folder_of(camera.masks.front()), camera.name, "mask");
 }
 
 }  // namespace stgs::encoder

@@ -12,17 +12,16 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr int kPictureFlags = cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION;
+constexpr int kImageFlags = cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION;
 
 Result<cv::VideoCapture> open_video(const SourceCamera& camera) {
   if (!std::filesystem::exists(camera.video)) {
-    return io_error("{}: the video of camera '{}' is missing", camera.video, camera.name);
+    return io_error("{}: video of camera '{}' not found", camera.video, camera.name);
   }
   cv::VideoCapture video(camera.video, cv::CAP_FFMPEG);
   if (!video.isOpened()) {
     return invalid_file(
-        "{}: cannot open the video of camera '{}' (damaged, or a codec that "
-        "FFmpeg here lacks)",
+        "{}: cannot open the video of camera '{}' (damaged, or its codec is missing from FFmpeg)",
         camera.video, camera.name);
   }
   return video;
@@ -32,26 +31,26 @@ Status check_size(const std::string& path, const SourceCamera& camera, int frame
                   const cv::Mat& image, int width, int height) {
   if (image.cols == width && image.rows == height) return {};
   return invalid_file(
-      "{}: camera '{}' frame {} is {}x{}, but the camera's frames before it are "
-      "{}x{}; a camera's frames must have one size",
-      path, camera.name, frame, image.cols, image.rows, width, height);
+      "{}: camera '{}' frame {} differs in size from the frames before it (expected {}x{}, got "
+      "{}x{})",
+      path, camera.name, frame, width, height, image.cols, image.rows);
 }
 
-// kInvalidFile for a JPEG that was cut short, of which OpenCV makes a picture that is partly grey.
-Status check_whole(const std::string& path, const std::string& what) {
+// kInvalidFile for a truncated JPEG, which OpenCV decodes to a partly grey image.
+Status check_complete(const std::string& path, const std::string& what) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
   if (!is_truncated_jpeg(bytes)) return {};
   return invalid_file(
-      "{}: {} cannot be decoded: in {} bytes of JPEG there is no end-of-image marker: it was cut "
-      "short, or its writer left that out; copy it again, or write it anew",
+      "{}: {}: truncated JPEG (no end-of-image marker in {} bytes); copy the file again, or "
+      "re-encode it if its writer omits the marker",
       path, what, bytes.size());
 }
 
-// Decodes the camera's picture of a frame, of any size.
-Result<cv::Mat> decode_picture(const SourceCamera& camera, int frame) {
+// Decodes an image frame of any size.
+Result<cv::Mat> decode_image(const SourceCamera& camera, int frame) {
   const std::string& path = camera.images[static_cast<std::size_t>(frame)];
   const std::string what = fmt::format("camera '{}' frame {}", camera.name, frame);
-  return decode_file(path, what, kPictureFlags);
+  return decode_file(path, what, kImageFlags);
 }
 
 class OpenCvVideoReader final : public VideoReader {
@@ -60,11 +59,11 @@ class OpenCvVideoReader final : public VideoReader {
       : video_(std::move(video)), camera_(camera), next_(next) {}
 
   Result<cv::Mat> next(int width, int height) override {
-    cv::Mat image;  // a new one: the last may still be in use
+    cv::Mat image;  // not reused: the caller may still hold the previous frame
     if (!video_.read(image) || image.empty()) {
       return invalid_file(
-          "{}: camera '{}' ends at frame {}, before the length that it states: it "
-          "is truncated or damaged; ask for the frames before with --frames",
+          "{}: video of camera '{}' ends at frame {}, before its stated length (truncated or "
+          "damaged); select the frames before it with --frames",
           camera_.video, camera_.name, next_);
     }
     STGS_TRY(check_size(camera_.video, camera_, next_, image, width, height));
@@ -82,21 +81,21 @@ class OpenCvVideoReader final : public VideoReader {
 
 Result<cv::Mat> decode_file(const std::string& path, const std::string& what, int flags) {
   std::error_code ignored;
-  if (!std::filesystem::exists(path, ignored)) return io_error("{}: {} is missing", path, what);
-  STGS_TRY(check_whole(path, what));
+  if (!std::filesystem::exists(path, ignored)) return io_error("{}: {} not found", path, what);
+  STGS_TRY(check_complete(path, what));
   try {
     cv::Mat image = cv::imread(path, flags);
     if (!image.empty()) return image;
-  } catch (const cv::Exception& error) {  // such as a size beyond OpenCV's limit
-    return invalid_file("{}: {} cannot be decoded: {}", path, what, error.err);
+  } catch (const cv::Exception& error) {  // for example, a size beyond OpenCV's limit
+    return invalid_file("{}: cannot decode {}: {}", path, what, error.err);
   }
-  return invalid_file("{}: {} cannot be decoded", path, what);
+  return invalid_file("{}: cannot decode {}", path, what);
 }
 
 Result<FrameInfo> probe_frames(const SourceCamera& camera) {
   FrameInfo info;
   if (camera.video.empty()) {
-    STGS_ASSIGN(const cv::Mat image, decode_picture(camera, 0));
+    STGS_ASSIGN(const cv::Mat image, decode_image(camera, 0));
     info.width = image.cols;
     info.height = image.rows;
     info.frames = static_cast<int>(camera.images.size());
@@ -106,9 +105,8 @@ Result<FrameInfo> probe_frames(const SourceCamera& camera) {
   cv::Mat image;
   if (!video.read(image) || image.empty()) {
     return invalid_file(
-        "{}: cannot decode frame 0 of camera '{}': truncated, or no video that FFmpeg reads; copy "
-        "it "
-        "again",
+        "{}: cannot decode frame 0 of camera '{}' (truncated, or not a video that FFmpeg reads); "
+        "copy the file again",
         camera.video, camera.name);
   }
   info.width = image.cols;
@@ -116,14 +114,14 @@ Result<FrameInfo> probe_frames(const SourceCamera& camera) {
   info.fps = video.get(cv::CAP_PROP_FPS);
   info.frames = static_cast<int>(std::lround(video.get(cv::CAP_PROP_FRAME_COUNT)));
   if (info.frames > 0) return info;
-  // Some containers do not state their length.
+  // Some containers do not state their length: count the frames.
   info.frames = 1;
   while (video.grab()) ++info.frames;
   return info;
 }
 
-Result<cv::Mat> read_picture(const SourceCamera& camera, int frame, int width, int height) {
-  STGS_ASSIGN(cv::Mat image, decode_picture(camera, frame));
+Result<cv::Mat> read_image(const SourceCamera& camera, int frame, int width, int height) {
+  STGS_ASSIGN(cv::Mat image, decode_image(camera, frame));
   STGS_TRY(check_size(camera.images[static_cast<std::size_t>(frame)], camera, frame, image, width,
                       height));
   return image;
@@ -134,8 +132,8 @@ Result<std::unique_ptr<VideoReader>> VideoReader::open(const SourceCamera& camer
   for (int frame = 0; frame < first; ++frame) {
     if (video.grab()) continue;
     return invalid_file(
-        "{}: camera '{}' ends at frame {}, before the length that it states: it is "
-        "truncated or damaged",
+        "{}: video of camera '{}' ends at frame {}, before its stated length (truncated or "
+        "damaged)",
         camera.video, camera.name, frame);
   }
   return std::unique_ptr<VideoReader>(

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The frames of one camera of a source capture, in order.
+// Reads the frames of one source camera in order.
 #pragma once
 
 #include <memory>
@@ -11,28 +11,31 @@
 namespace stgs::encoder {
 
 struct FrameInfo {
-  int width = 0, height = 0;
+  int width = 0, height = 0;  // pixels
   int frames = 0;
-  double fps = 0;  // 0: pictures, which have no rate
+  double fps = 0;  // 0: images, which have no rate
 };
 
-// Decodes a picture with cv::imread's flags. Errors: `what` is missing (kIo) or cannot be decoded
-// (kInvalidFile), with the path.
+// Decodes an image file with the flags of cv::imread. `what` describes the image in errors, which
+// start with the path. kIo if the file is missing, kInvalidFile if it cannot be decoded.
 Result<cv::Mat> decode_file(const std::string& path, const std::string& what, int flags);
 
-// Looks at the first frame. Errors name file and camera.
+// Decodes the first frame and returns the properties of all. Errors name file and camera.
 Result<FrameInfo> probe_frames(const SourceCamera& camera);
 
-// 8-bit BGR, exactly as stored (no EXIF turning: calibrations and decoders ignore it).
-Result<cv::Mat> read_picture(const SourceCamera& camera, int frame, int width, int height);
+// Decodes an image frame to 8-bit BGR. EXIF orientation is ignored, as calibration tools and other
+// decoders ignore it. kInvalidFile if the size is not width x height.
+Result<cv::Mat> read_image(const SourceCamera& camera, int frame, int width, int height);
 
-// Reads a video front to back. Not thread-safe; different readers are independent.
+// Reads a video from front to back. Not thread-safe; separate readers are independent.
 class VideoReader {
  public:
-  // Opens the camera's video before frame `first`, by decoding up to it: seeking is not exact.
+  // Opens the video of the camera, positioned before frame `first`. Decodes the preceding frames,
+  // because seeking is inexact. Keeps a reference to `camera`.
   static Result<std::unique_ptr<VideoReader>> open(const SourceCamera& camera, int first);
   virtual ~VideoReader() = default;
-  // The next frame, 8-bit BGR of width x height.
+  // Decodes the next frame to 8-bit BGR. kInvalidFile at the end of the video, or if the size is
+  // not width x height.
   virtual Result<cv::Mat> next(int width, int height) = 0;
 };
 

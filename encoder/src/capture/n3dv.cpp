@@ -1,21 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-// Neural 3D Video: camNN.mp4 (or folders camNN/ of pictures) beside poses_bounds.npy, LLFF's table
-// with a row of 17 numbers a camera in the order of the names: a 3x5 camera-to-world matrix whose
-// axes are down, right, backward and whose last column is height, width, focal length; near; far.
-// The first camera by name is held out, as in the data set's paper.
+// Layout "n3dv" (Neural 3D Video): camNN.mp4, or image folders camNN/, next to poses_bounds.npy.
+// poses_bounds.npy is LLFF's table with one row of 17 numbers per camera, in the order of the
+// names:
+//   - a 3x5 matrix: camera-to-world with the axes down, right, backward, and a last column of
+//     height, width, focal length;
+//   - near and far depth, which are not used.
+// The first camera by name is held out, as in the paper of the data set.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
 
 #include "capture_files.h"
+#include "plural.h"
 
 namespace stgs::encoder {
 namespace {
 
 constexpr std::size_t kRow = 17;
 
-// Value of `key` in the header of a .npy file, up to the next comma outside brackets.
+// Returns the value of `key` in a .npy header: the text up to the next comma outside parentheses.
 std::string npy_field(const std::string& header, const std::string& key) {
   const std::size_t at = header.find("'" + key + "':");
   if (at == std::string::npos) return "";
@@ -41,19 +45,20 @@ std::vector<double> numbers_from(const std::uint8_t* bytes, std::size_t count) {
   return numbers;
 }
 
-// The rows of a little-endian float array of N x 17, one after the other.
+// Reads a little-endian N x 17 float array, row by row.
 Result<std::vector<double>> read_poses(const std::string& path) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
   if (bytes.size() < 10 || std::memcmp(bytes.data(), "\x93NUMPY", 6) != 0) {
-    return invalid_file("{}: is not a .npy file", path);
+    return invalid_file("{}: not a NumPy .npy file", path);
   }
   const bool long_header = bytes[6] >= 2;
   std::size_t start = long_header ? 12 : 10;
-  if (bytes.size() < start) return invalid_file("{}: is truncated", path);
+  if (bytes.size() < start) return invalid_file("{}: truncated .npy header", path);
   std::size_t length = bytes[8] | bytes[9] << 8;
   if (long_header) length |= std::size_t{bytes[10]} << 16 | std::size_t{bytes[11]} << 24;
   if (length > bytes.size() - start) {
-    return invalid_file("{}: its header of {} bytes does not fit the file", path, length);
+    return invalid_file("{}: truncated: the header states {} bytes (file has {})", path, length,
+                        bytes.size() - start);
   }
   const std::string header(bytes.begin() + start, bytes.begin() + start + length);
   start += length;
@@ -63,12 +68,12 @@ Result<std::vector<double>> read_poses(const std::string& path) {
   const std::string shape = npy_field(header, "shape");
   const bool table = std::sscanf(shape.c_str(), "(%llu,%llu)", &rows, &columns) == 2;
   if (item == 0 || !table || columns != kRow || npy_field(header, "fortran_order") != "False") {
-    return invalid_file("{}: must be a row-major table of N x 17 floats, but says {}", path,
+    return invalid_file("{}: expected a row-major N x 17 float array, got {}", path,
                         header.substr(0, header.find('\n')));
   }
   if (rows > (bytes.size() - start) / (item * kRow)) {
-    return invalid_file("{}: says {} cameras, but holds bytes for only {}: it is truncated", path,
-                        rows, (bytes.size() - start) / (item * kRow));
+    return invalid_file("{}: truncated (expected {} cameras, got {})", path, rows,
+                        (bytes.size() - start) / (item * kRow));
   }
   const std::size_t count = rows * kRow;
   return item == 8 ? numbers_from<double>(bytes.data() + start, count)
@@ -79,7 +84,9 @@ Status set_camera(const double* row, const std::string& where, SourceCamera& cam
   const bool finite = std::all_of(row, row + kRow, [](double v) { return std::isfinite(v); });
   const double height = row[4], width = row[9], focal = row[14];
   if (!finite || !(height >= 1 && height <= 32768 && width >= 1 && width <= 32768 && focal > 0)) {
-    return invalid_file("{}: no sane size or focal length", where);
+    return invalid_file(
+        "{}: invalid image size or focal length (got height {}, width {}, focal length {})", where,
+        height, width, focal);
   }
   camera.width = static_cast<int>(std::lround(width));
   camera.height = static_cast<int>(std::lround(height));
@@ -116,9 +123,9 @@ Result<SourceCapture> load_n3dv(const std::string& folder) {
   const std::vector<std::string> names = camera_names(folder);
   if (names.size() != rows.size() / kRow) {
     return invalid_file(
-        "{}: has {} cameras, but the folder has {} videos ({}); each row belongs to "
-        "one video, in the order of the names",
-        poses_path, rows.size() / kRow, names.size(),
+        "{}: {} but {} in the folder ({}); the file must have one row per video, in the order of "
+        "the names",
+        poses_path, plural(rows.size() / kRow, "camera"), plural(names.size(), "video"),
         names.empty() ? "none" : names.front() + " .. " + names.back());
   }
   SourceCapture capture;
@@ -129,7 +136,7 @@ Result<SourceCapture> load_n3dv(const std::string& folder) {
     STGS_TRY(set_camera(rows.data() + i * kRow,
                         fmt::format("{}: row {} (camera '{}')", poses_path, i, names[i]), camera));
     if (!find_frames(folder, names[i], camera)) {
-      return io_error("{}/{}: camera '{}' has no frames", folder, names[i], names[i]);
+      return io_error("{}/{}: no frames for camera '{}'", folder, names[i], names[i]);
     }
     camera.test = i == 0;
     capture.cameras.push_back(std::move(camera));

@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// nerfstudio: transforms.json with OpenGL camera-to-world matrices. Intrinsics stand at the top or
-// in an entry of "frames". How entries become standing cameras with many frames:
-//   - an entry whose file_path is a video is a camera, named as the file;
-//   - pictures with the same "camera" (or "camera_label") are one camera, of that name, and must
-//     have one pose; without labels, pictures with the same pose and intrinsics are one camera,
-//     named as their folder where no other camera's pictures are in it, else "cam00", "cam01", ...
-//   - a camera's pictures are ordered by "time" where each has it, else by name; cameras with times
-//     must have the same ones.
-// "fps" is taken where stated; cameras named by "test_filenames" are held out. "mask_path" marks
-// valid pixels there, not motion, and is not used; nor is masks/ where it points there. Pictures
-// without times, in a folder of their own, must be named by the frame's number.
+// Layout "nerfstudio": transforms.json with OpenGL camera-to-world matrices. Intrinsics are at the
+// top level or in the entries of "frames". Entries become static cameras as follows:
+//   - An entry whose file_path is a video is one camera, named after the file.
+//   - Images with the same "camera" (or "camera_label") are one camera of that name. They must have
+//     the same pose.
+//   - Unlabelled images with the same pose and intrinsics are one camera. It is named after their
+//     folder if that holds no images of other cameras, else "cam00", "cam01", ...
+//   - Images of a camera are ordered by "time" if all have it, else by name. Cameras with times
+//   must
+//     have the same times. Images without times in a folder of their own are numbered by name.
+//   - "fps" is used if present. Cameras named by "test_filenames" are held out.
+//   - "mask_path" marks valid pixels, not motion, and is ignored, as is masks/ if it points there.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -18,6 +19,7 @@
 #include <opencv2/core.hpp>
 
 #include "capture_files.h"
+#include "plural.h"
 #include "stgs/encoder/json_error.h"
 
 namespace stgs::encoder {
@@ -26,7 +28,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-struct Picture {
+struct TimedImage {
   std::string path;
   double time = 0;
   bool timed = false;
@@ -35,11 +37,11 @@ struct Picture {
 struct Group {
   SourceCamera camera;
   std::string label;
-  std::vector<Picture> images;
-  bool own_folder = false;  // that holds no other camera's pictures
+  std::vector<TimedImage> images;
+  bool own_folder = false;  // the folder holds no images of other cameras
 };
 
-// A number of the entry, else of the whole file.
+// Returns a number of the entry, else of the top level, else `otherwise`.
 double number(const Json& entry, const Json& top, const char* key, double otherwise) {
   if (entry.contains(key)) return entry.at(key).get<double>();
   return top.value(key, otherwise);
@@ -50,12 +52,12 @@ Status set_lens(const Json& entry, const Json& top, const std::string& where,
   const double nan = std::nan("");
   const double width = number(entry, top, "w", 0), height = number(entry, top, "h", 0);
   if (!(width >= 1 && height >= 1 && width <= 32768 && height <= 32768)) {
-    return invalid_file("{}: needs w and h", where);
+    return invalid_file("{}: w and h must be 1 to 32768 pixels (got {}x{})", where, width, height);
   }
   double fx = number(entry, top, "fl_x", nan);
   const double angle = number(entry, top, "camera_angle_x", nan);
   if (std::isnan(fx) && angle > 0 && angle < 3.1415) fx = 0.5 * width / std::tan(0.5 * angle);
-  if (std::isnan(fx)) return invalid_file("{}: needs fl_x or camera_angle_x", where);
+  if (std::isnan(fx)) return invalid_file("{}: fl_x or camera_angle_x is missing", where);
   const double fy = number(entry, top, "fl_y", fx);
   const double cx = number(entry, top, "cx", 0.5 * width);
   const double cy = number(entry, top, "cy", 0.5 * height);
@@ -65,7 +67,9 @@ Status set_lens(const Json& entry, const Json& top, const std::string& where,
   const std::string model = entry.value("camera_model", top.value("camera_model", "OPENCV"));
   const bool fisheye = model == "OPENCV_FISHEYE";
   if (!fisheye && model != "OPENCV" && model != "PINHOLE" && model != "SIMPLE_PINHOLE") {
-    return unsupported("{}: the camera model {} is not supported", where, model);
+    return unsupported(
+        "{}: unsupported camera model {} (expected OPENCV, OPENCV_FISHEYE or PINHOLE)", where,
+        model);
   }
   const auto coefficient = [&](const char* key) { return number(entry, top, key, 0); };
   if (model == "PINHOLE" || model == "SIMPLE_PINHOLE") return {};
@@ -85,9 +89,10 @@ Result<SourceCamera> read_camera(const Json& entry, const Json& top, const std::
   STGS_ASSIGN(std::vector<double> c2w,
               json_numbers(entry.at("transform_matrix"), where + ": transform_matrix"));
   if (c2w.size() != 12 && c2w.size() != 16) {
-    return invalid_file("{}: transform_matrix has {} numbers, not 4x4", where, c2w.size());
+    return invalid_file("{}: transform_matrix has {} (expected 4x4)", where,
+                        plural(c2w.size(), "number"));
   }
-  for (int row = 0; row < 3; ++row) {  // OpenGL's y goes up and its z backward
+  for (int row = 0; row < 3; ++row) {  // OpenGL: y up, z backward
     c2w[4 * row + 1] = -c2w[4 * row + 1];
     c2w[4 * row + 2] = -c2w[4 * row + 2];
   }
@@ -135,13 +140,13 @@ Status add_entry(const Json& entry, const Json& top, const std::string& folder,
   }
   if (!same_camera(group->camera, camera)) {
     return unsupported(
-        "{}: camera '{}' moves or zooms; only cameras that stand still can be "
-        "prepared",
+        "{}: camera '{}' moves or zooms (this entry differs from its first); only static cameras "
+        "are supported",
         where, label);
   }
-  Picture picture{path, 0, entry.contains("time")};
-  if (picture.timed) picture.time = entry.at("time").get<double>();
-  group->images.push_back(picture);
+  TimedImage image{path, 0, entry.contains("time")};
+  if (image.timed) image.time = entry.at("time").get<double>();
+  group->images.push_back(image);
   return {};
 }
 
@@ -149,8 +154,8 @@ void name_groups(std::vector<Group>& groups) {
   std::map<std::string, int> folders;
   const auto folder_of = [](const Group& group) {
     const fs::path first = fs::path(group.images.front().path).parent_path();
-    for (const Picture& picture : group.images) {
-      if (fs::path(picture.path).parent_path() != first) return std::string();
+    for (const TimedImage& image : group.images) {
+      if (fs::path(image.path).parent_path() != first) return std::string();
     }
     return first.filename().string();
   };
@@ -168,16 +173,17 @@ void name_groups(std::vector<Group>& groups) {
   }
 }
 
-// Orders the pictures; the error says which camera's times are not the first one's.
-Status order_pictures(const std::string& folder, std::vector<Group>& groups) {
+// Orders the images. kInvalidFile if the times of a camera differ from those of the first.
+Status order_images(const std::string& folder, std::vector<Group>& groups) {
   const Group* first = nullptr;
   for (Group& group : groups) {
     const bool timed = std::all_of(group.images.begin(), group.images.end(),
-                                   [](const Picture& p) { return p.timed; });
-    std::sort(group.images.begin(), group.images.end(), [&](const Picture& a, const Picture& b) {
-      return timed && a.time != b.time ? a.time < b.time : natural_less(a.path, b.path);
-    });
-    for (const Picture& picture : group.images) group.camera.images.push_back(picture.path);
+                                   [](const TimedImage& p) { return p.timed; });
+    std::sort(group.images.begin(), group.images.end(),
+              [&](const TimedImage& a, const TimedImage& b) {
+                return timed && a.time != b.time ? a.time < b.time : natural_less(a.path, b.path);
+              });
+    for (const TimedImage& image : group.images) group.camera.images.push_back(image.path);
     group.camera.numbered = !timed && group.own_folder;
     if (!timed || group.images.empty()) continue;
     if (first == nullptr) first = &group;
@@ -185,9 +191,9 @@ Status order_pictures(const std::string& folder, std::vector<Group>& groups) {
     for (std::size_t i = 0; i < common; ++i) {
       if (near(first->images[i].time, group.images[i].time)) continue;
       return invalid_file(
-          "{}: camera '{}' has its frame {} ({}) at time {}, but camera '{}' at "
-          "time {}: the capture is not synchronised, or filmed with a moving camera",
-          folder, group.camera.name, i, group.images[i].path, group.images[i].time,
+          "{}: the cameras are not synchronised: frame {} of camera '{}' ({}) is at time {}, of "
+          "camera '{}' at time {}; captures with a moving camera are not supported",
+          folder, i, group.camera.name, group.images[i].path, group.images[i].time,
           first->camera.name, first->images[i].time);
     }
   }
@@ -210,9 +216,9 @@ Result<SourceCapture> load_nerfstudio(const std::string& folder, const LogSink& 
       const fs::path mask = fs::path(entry.at("mask_path").get<std::string>()).lexically_normal();
       capture.masks_are_not_motion |= !mask.empty() && *mask.begin() == "masks";
     }
-    if (masks) log(1, path + ": mask_path marks valid pixels, not motion, and is not used");
+    if (masks) log(1, path + ": mask_path marks valid pixels, not motion; ignored");
     name_groups(groups);
-    STGS_TRY(order_pictures(folder, groups));
+    STGS_TRY(order_images(folder, groups));
     capture.fps = top.value("fps", 0.0);
     for (Group& group : groups) capture.cameras.push_back(std::move(group.camera));
     capture.split_known = top.contains("test_filenames");

@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// CMU Panoptic as Dynamic 3D Gaussians ships it: train_meta.json and test_meta.json, each with
-// w, h and, a list of cameras a frame, k (3x3), w2c (4x4), fn (picture under ims/) and cam_id;
-// seg/ holds a foreground mask a picture. The cameras of test_meta.json are held out. 30 fps.
+// Layout "panoptic": CMU Panoptic as in Dynamic 3D Gaussians, at 30 fps.
+//   train_meta.json, test_meta.json: w and h; for every frame a list of cameras with k (3x3),
+//   w2c (4x4), fn (image below ims/) and cam_id.
+//   seg/ has one foreground mask per image.
+// The cameras of test_meta.json are held out.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <map>
 
 #include "capture_files.h"
+#include "plural.h"
 #include "stgs/encoder/json_error.h"
 
 namespace stgs::encoder {
@@ -21,9 +24,9 @@ bool same(const std::vector<double>& a, const std::vector<double>& b) {
                     [](double x, double y) { return std::abs(x - y) <= 1e-6 * (1 + std::abs(x)); });
 }
 
-// One picture of one camera in the tables.
+// One image of one camera in the tables.
 struct Entry {
-  std::string camera, picture;
+  std::string camera, image;
   std::vector<double> k, w2c;
 };
 
@@ -32,27 +35,29 @@ Result<Entry> read_entry(const Json& meta, std::size_t frame, std::size_t index,
   Entry entry;
   const Json& id = meta.at("cam_id").at(frame).at(index);
   entry.camera = id.is_string() ? id.get<std::string>() : std::to_string(id.get<int>());
-  entry.picture = meta.at("fn").at(frame).at(index).get<std::string>();
+  entry.image = meta.at("fn").at(frame).at(index).get<std::string>();
   const std::string here = fmt::format("{}: camera '{}' frame {}", where, entry.camera, frame);
   STGS_ASSIGN(entry.k, json_numbers(meta.at("k").at(frame).at(index), here + ": k"));
   STGS_ASSIGN(entry.w2c, json_numbers(meta.at("w2c").at(frame).at(index), here + ": w2c"));
   return entry;
 }
 
-Status add_mask(const std::string& folder, const std::string& picture, SourceCamera& camera) {
-  const std::string path = folder + "/seg/" + fs::path(picture).replace_extension(".png").string();
+Status add_mask(const std::string& folder, const std::string& image, SourceCamera& camera) {
+  const std::string path = folder + "/seg/" + fs::path(image).replace_extension(".png").string();
   const std::size_t frame = camera.images.size() - 1;
   if (fs::exists(path)) {
     camera.masks.push_back(path);
   } else if (!camera.masks.empty()) {
     return io_error(
-        "{}: the mask of camera '{}' frame {} is missing, though earlier ones are "
-        "there; add it, or take seg/ away to have masks computed",
+        "{}: no mask for camera '{}' frame {}, though earlier frames have one; add it, or remove "
+        "seg/ to have masks computed",
         path, camera.name, frame);
   }
   if (!camera.masks.empty() && camera.masks.size() != frame + 1) {
-    return io_error("{}/seg: camera '{}' has a mask for frame {}, but not for frame 0", folder,
-                    camera.name, frame);
+    return io_error(
+        "{}/seg: camera '{}' has a mask for frame {} but none for frame 0; add it, or "
+        "remove seg/ to have masks computed",
+        folder, camera.name, frame);
   }
   return {};
 }
@@ -83,23 +88,23 @@ Status read_meta(const std::string& folder, const std::string& name, bool test,
         }
         const auto it = known.find(entry.camera);
         if (it == known.end()) {
-          return invalid_file("{}: camera '{}' is in frame {} but not in frame 0", path,
+          return invalid_file("{}: camera '{}' appears in frame {} but not in frame 0", path,
                               entry.camera, frame);
         }
         const Entry& origin = first[it->second - begin];
         if (!same(origin.k, entry.k) || !same(origin.w2c, entry.w2c)) {
           return unsupported(
-              "{}: camera '{}' moves or zooms (frame {} differs from frame 0); only "
-              "cameras that stand still can be prepared",
+              "{}: camera '{}' moves or zooms (frame {} differs from frame 0); only static cameras "
+              "are supported",
               path, entry.camera, frame);
         }
         SourceCamera& camera = capture.cameras[it->second];
         if (camera.images.size() != frame) {
-          return invalid_file("{}: camera '{}' has {} pictures in frames 0 to {}", path,
-                              camera.name, camera.images.size() + 1, frame);
+          return invalid_file("{}: camera '{}' has {} in frames 0 to {} (expected one per frame)",
+                              path, camera.name, plural(camera.images.size() + 1, "image"), frame);
         }
-        camera.images.push_back(folder + "/ims/" + entry.picture);
-        STGS_TRY(add_mask(folder, entry.picture, camera));
+        camera.images.push_back(folder + "/ims/" + entry.image);
+        STGS_TRY(add_mask(folder, entry.image, camera));
       }
     }
   } catch (const Json::exception& error) {

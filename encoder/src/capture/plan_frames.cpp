@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -7,6 +6,7 @@
 
 #include "frame_numbers.h"
 #include "init/motion.h"
+#include "plural.h"
 #include "stgs/format/parallel.h"
 #include "write_frames.h"
 
@@ -34,28 +34,29 @@ Result<std::vector<FrameInfo>> probe_all(const SourceCapture& source) {
 Status choose_range(const SourceCapture& source, const std::vector<FrameInfo>& infos,
                     const PrepareSettings& settings, PreparedCapture& capture) {
   const auto shorter = [](const FrameInfo& a, const FrameInfo& b) { return a.frames < b.frames; };
-  const auto [least, most] = std::minmax_element(infos.begin(), infos.end(), shorter);
-  const std::string& short_name = source.cameras[least - infos.begin()].name;
-  const std::string& long_name = source.cameras[most - infos.begin()].name;
+  const auto [shortest, longest] = std::minmax_element(infos.begin(), infos.end(), shorter);
+  const std::string& short_name = source.cameras[shortest - infos.begin()].name;
+  const std::string& long_name = source.cameras[longest - infos.begin()].name;
   const int first = settings.first_frame;
-  if (settings.end_frame < 0 && least->frames != most->frames) {
+  if (settings.end_frame < 0 && shortest->frames != longest->frames) {
     return invalid_file(
-        "{}: camera '{}' has {} frames, but camera '{}' has {}: the capture is not "
-        "synchronised; trim it, or ask for frames that all have (--frames {}:{})",
-        source.folder, short_name, least->frames, long_name, most->frames,
-        std::min(first, least->frames - 1), least->frames);
+        "{}: the cameras are not synchronised: camera '{}' has {}, camera '{}' has {}; trim the "
+        "capture, or select frames that all cameras have (--frames {}:{})",
+        source.folder, short_name, plural(shortest->frames, "frame"), long_name, longest->frames,
+        std::min(first, shortest->frames - 1), shortest->frames);
   }
-  const int end = settings.end_frame < 0 ? least->frames : settings.end_frame;
-  if (end > least->frames || first >= end) {
-    return usage_error("{}: frames {}:{} are asked for, but camera '{}' has {} frames",
-                       source.folder, first, end, short_name, least->frames);
+  const int end = settings.end_frame < 0 ? shortest->frames : settings.end_frame;
+  if (end > shortest->frames || first >= end) {
+    return usage_error(
+        "{}: frames {}:{} are out of range: camera '{}' has {}; choose others with "
+        "--frames",
+        source.folder, first, end, short_name, plural(shortest->frames, "frame"));
   }
   for (const SourceCamera& camera : source.cameras) {
     if (camera.masks.empty() || static_cast<int>(camera.masks.size()) >= end) continue;
-    return io_error(
-        "{}: camera '{}' has {} masks, but frames {}:{} are asked for; frame {} is the "
-        "first without one",
-        source.folder, camera.name, camera.masks.size(), first, end, camera.masks.size());
+    return io_error("{}: camera '{}' has {} for frames {}:{}; frame {} is the first without one",
+                    source.folder, camera.name, plural(camera.masks.size(), "mask"), first, end,
+                    camera.masks.size());
   }
   capture.first_frame = first;
   capture.frames = end - first;
@@ -70,24 +71,25 @@ Status choose_rate(const SourceCapture& source, const std::vector<FrameInfo>& in
     if (infos[i].fps <= 0) continue;
     if (fps > 0 && std::abs(infos[i].fps - fps) > 1e-3 * fps) {
       return invalid_file(
-          "{}: camera '{}' has {:.3f} frames a second, but camera '{}' has {:.3f}: "
-          "the capture is not synchronised",
+          "{}: the cameras are not synchronised: camera '{}' has {:.3f} fps, camera '{}' has "
+          "{:.3f} fps; convert the videos to one frame rate",
           source.folder, source.cameras[i].name, infos[i].fps, source.cameras[from].name, fps);
     }
     if (fps == 0) fps = infos[i].fps, from = i;
   }
   if (fps == 0) fps = source.fps;
   if (settings.fps > 0 && fps > 0 && std::abs(settings.fps - fps) > 1e-3 * fps) {
-    log(1, fmt::format("{}: states {:.3f} frames a second; {:.3f} is used, as asked for",
-                       source.folder, fps, settings.fps));
+    log(1, fmt::format("{}: --fps {:.3f} overrides the stated {:.3f} fps", source.folder,
+                       settings.fps, fps));
   }
   if (settings.fps > 0) fps = settings.fps;
   if (fps == 0) {
     fps = 30;
-    log(1, source.folder + ": states no frame rate; 30 frames a second are assumed (--fps)");
+    log(1, source.folder + ": no frame rate stated; assuming 30 fps (set it with --fps)");
   }
   if (!(fps >= 0.001 && fps <= 100000)) {
-    return invalid_file("{}: {} frames a second make no sense", source.folder, fps);
+    return invalid_file("{}: invalid frame rate {} fps (expected 0.001 to 100000)", source.folder,
+                        fps);
   }
   capture.time_base = frame_time_of(fps);
   return {};
@@ -105,18 +107,20 @@ Status split(const SourceCapture& source, const PrepareSettings& settings,
     if (it == capture.cameras.end()) {
       std::string names;
       for (const Camera& camera : capture.cameras) names += " " + camera.name;
-      return usage_error("{}: has no camera '{}' to hold out; it has{}", source.folder, name,
-                         names);
+      return usage_error("{}: no camera '{}' to hold out (--test-cameras); the cameras are{}",
+                         source.folder, name, names);
     }
     it->test = true;
   }
   const bool trains = std::any_of(capture.cameras.begin(), capture.cameras.end(),
                                   [](const Camera& camera) { return !camera.test; });
-  if (!trains) return usage_error("{}: every camera is held out", source.folder);
+  if (!trains)
+    return usage_error("{}: every camera is held out; leave some for training (--test-cameras)",
+                       source.folder);
   return {};
 }
 
-// A training camera with flow has it from every frame to the next; known before the work begins.
+// Checks that every training camera with given flow has it for all frames, before the long work.
 Status check_flow(const SourceCapture& source, const PreparedCapture& capture) {
   if (source.flow_folder.empty()) return {};
   for (const Camera& camera : capture.cameras) {
@@ -128,7 +132,7 @@ Status check_flow(const SourceCapture& source, const PreparedCapture& capture) {
   return {};
 }
 
-// "jpg" or "png" if all frames can keep their bytes, else "png".
+// Returns "jpg" if all frames are unchanged JPEG files, else "png".
 std::string extension_of(const SourceCapture& source, const std::vector<CameraPlan>& plans) {
   std::string common;
   for (std::size_t i = 0; i < plans.size(); ++i) {
@@ -158,12 +162,11 @@ Result<std::vector<CameraPlan>> plan_frames(const SourceCapture& source,
     const SourceCamera& camera = source.cameras[i];
     STGS_ASSIGN(CameraPlan plan, plan_camera(camera, infos[i], settings.scale));
     if (plan.zoom > 1) {
-      log(2, fmt::format("camera '{}': zoomed by {:.3f} so that undistortion leaves no border",
+      log(2, fmt::format("camera '{}': undistorted with zoom {:.3f} to avoid an empty border",
                          camera.name, plan.zoom));
     }
     if (plan.has_border) {
-      log(1, fmt::format("camera '{}': its lens leaves borders after undistortion; they repeat the "
-                         "picture's edge",
+      log(1, fmt::format("camera '{}': undistortion leaves a border, which repeats the image edge",
                          camera.name));
     }
     capture.cameras.push_back(plan.camera);

@@ -9,6 +9,7 @@
 
 #include "capture_files.h"
 #include "init/init.h"
+#include "plural.h"
 #include "source_capture.h"
 #include "stgs/format/output_file.h"
 #include "write_frames.h"
@@ -18,28 +19,28 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A folder, made with those above it that are missing. On the way out it goes with what is in it,
-// and of those above it goes what is still empty.
+// Creates a folder and its missing parents. The destructor deletes the folder with its contents,
+// and each created parent that is empty.
 class Temporary {
  public:
   explicit Temporary(std::string folder) : folder_(std::move(folder)) {
     for (fs::path above = fs::absolute(folder_).parent_path(); !fs::exists(above);
          above = above.parent_path()) {
-      made_.push_back(above);
+      created_parents_.push_back(above);
     }
     fs::create_directories(folder_, error_);
   }
   ~Temporary() {
     std::error_code ignored;
     fs::remove_all(folder_, ignored);
-    for (const fs::path& above : made_) fs::remove(above, ignored);
+    for (const fs::path& above : created_parents_) fs::remove(above, ignored);
   }
   Temporary(const Temporary&) = delete;
   Temporary& operator=(const Temporary&) = delete;
 
   const std::string& folder() const { return folder_; }
-  // Whether it is there; kIo where it could not be made, with the name that it stands in for.
-  Status made(const std::string& target) const {
+  // kIo if the folder could not be created. The message names `target`, its final path.
+  Status created(const std::string& target) const {
     if (!error_) return {};
     return io_error("{}: cannot create: {}", target, error_.message());
   }
@@ -47,36 +48,41 @@ class Temporary {
  private:
   std::string folder_;
   std::error_code error_;
-  std::vector<fs::path> made_;  // the innermost first
+  std::vector<fs::path> created_parents_;  // innermost first
 };
 
 Status check(const PrepareSettings& settings) {
   if (!(settings.scale > 0 && settings.scale <= 1)) {
-    return usage_error("scale {} is not in (0, 1]", settings.scale);
+    return usage_error("scale is {} (expected more than 0, at most 1)", settings.scale);
   }
   if (settings.first_frame < 0 ||
       (settings.end_frame >= 0 && settings.end_frame <= settings.first_frame)) {
-    return usage_error("frames {}:{} are no range; give first:end with first < end",
+    return usage_error("frames {}:{} are not a range (expected FIRST:END with 0 <= FIRST < END)",
                        settings.first_frame, settings.end_frame);
   }
-  if (settings.fps < 0) return usage_error("{} frames a second make no sense", settings.fps);
+  if (settings.fps < 0)
+    return usage_error("fps is {} (expected a positive rate, or 0 for the rate of the capture)",
+                       settings.fps);
   return {};
 }
 
-// Only a prepared capture or an empty folder may be replaced, and never the capture itself.
+// Allows replacing a prepared capture or an empty folder, but never the source capture.
 Status check_target(const std::string& capture, const std::string& folder, bool overwrite) {
   const fs::path target = fs::weakly_canonical(folder), source = fs::weakly_canonical(capture);
   const fs::path relative = source.lexically_relative(target);
   if (!relative.empty() && *relative.begin() != "..") {
-    return usage_error("{}: is the capture, or holds it; prepare it into another folder", folder);
+    return usage_error(
+        "{}: the output folder is the capture or contains it; name another output folder", folder);
   }
   if (!fs::exists(folder)) return {};
   if (fs::is_directory(folder) && fs::is_empty(folder)) return {};
   if (!fs::exists(folder + "/capture.json")) {
-    return usage_error("{}: exists and is not a prepared capture; name another folder", folder);
+    return usage_error("{}: exists and is not a prepared capture; name another output folder",
+                       folder);
   }
   if (!overwrite) {
-    return usage_error("{}: exists; name another folder, or ask to overwrite it", folder);
+    return usage_error("{}: exists; name another output folder, or replace it with --overwrite",
+                       folder);
   }
   return {};
 }
@@ -90,7 +96,7 @@ Status prepare_into(const std::string& capture, const std::string& folder,
   prepared.source = layout_name(source.layout);
   prepared.metric = source.metric;
   STGS_ASSIGN(const std::vector<CameraPlan> plans, plan_frames(source, settings, prepared, log));
-  log(2, fmt::format("{}: {} cameras, frames {}:{}", capture, prepared.cameras.size(),
+  log(2, fmt::format("{}: {}, frames {}:{}", capture, plural(prepared.cameras.size(), "camera"),
                      prepared.first_frame, prepared.first_frame + prepared.frames));
   if (settings.accept) STGS_TRY(settings.accept(prepared));
   STGS_TRY(write_frames(source, plans, prepared, progress));
@@ -114,12 +120,12 @@ Status prepare(const std::string& capture, const std::string& folder,
   try {
     const std::string target = (fs::path(folder) / "").parent_path().string();
     STGS_TRY(check_target(capture, target, settings.overwrite));
-    const std::string before = fs::path(target).filename().string() + ".partial-";
-    for (const std::string& stale : remove_stale(target, before, "", fs::file_type::directory)) {
-      log_or_none(2, fmt::format("{}: removed, a killed prepare had left it", stale));
+    const std::string prefix = fs::path(target).filename().string() + ".partial-";
+    for (const std::string& stale : remove_stale(target, prefix, "", fs::file_type::directory)) {
+      log_or_none(2, fmt::format("{}: removed (left by an interrupted prepare)", stale));
     }
     const Temporary partial(fmt::format("{}.partial-{}", target, ::getpid()));
-    STGS_TRY(partial.made(target));
+    STGS_TRY(partial.created(target));
     STGS_TRY(prepare_into(capture, partial.folder(), settings, progress, log_or_none));
     return replace_folder(partial.folder(), target);
   } catch (const fs::filesystem_error& error) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Progress from parallel work: workers count, and the thread that started the work reports.
+// Progress of parallel work: workers count, and the calling thread reports.
 #pragma once
 
 #include <atomic>
@@ -11,15 +11,15 @@
 
 namespace stgs::encoder {
 
-// Shared by the workers of one stage.
+// State shared by the workers of one stage.
 struct Counter {
-  std::atomic<std::uint64_t> done{0};
-  std::atomic<bool> cancelled{false};
+  std::atomic<std::uint64_t> done{0};  // finished items
+  std::atomic<bool> cancelled{false};  // the workers should return
 };
 
-// Runs `work` on a thread of its own and tells `progress` about counter.done of `total` from the
-// calling thread, some times a second. A cancelled run is an error even if `work` finished; an
-// exception of `work` becomes one.
+// Runs `work` on another thread and blocks until it returns. Meanwhile calls `progress` from the
+// calling thread every 100 ms with counter.done of `total`. Returns kRuntime for an exception, and
+// for a cancelled run even if `work` finished.
 Status run_reporting(const std::string& stage, std::uint64_t total, const ProgressSink& progress,
                      const std::function<Status(Counter&)>& work);
 

@@ -18,8 +18,9 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr int kLinesShown = 8;
+constexpr int kMaxLinesShown = 8;
 
+// An owned file descriptor.
 struct Descriptor {
   int number = -1;
   Descriptor() = default;
@@ -33,53 +34,54 @@ struct Descriptor {
   }
 };
 
-// The child after a fork, where only what a signal handler may call is allowed: becomes the
-// program, or writes to `told` why it cannot.
-[[noreturn]] void become(char* const* argv, int input, int output, pid_t parent, int told) {
-  // When the thread that forked ends, and be it by SIGKILL, the kernel ends the child. A parent
-  // that ended before this call is not seen by the kernel, but by its id.
+// Runs in the child after fork, so only async-signal-safe functions are allowed. Executes the
+// program, or writes errno to `error_pipe`.
+[[noreturn]] void exec_child(char* const* argv, int input, int output, pid_t parent,
+                             int error_pipe) {
+  // The kernel kills the child when the forking thread ends, even by SIGKILL. The check of the
+  // parent's id covers a parent that ended before this call.
   ::prctl(PR_SET_PDEATHSIG, SIGKILL);
   if (::getppid() != parent) ::_exit(127);
   if (::dup2(input, 0) == 0 && ::dup2(output, 1) == 1 && ::dup2(output, 2) == 2) {
     ::execvp(argv[0], argv);
   }
-  const int wrong = errno;
-  const auto ignored = ::write(told, &wrong, sizeof(wrong));
-  (void)ignored;  // nobody is left to be told
+  const int error = errno;
+  const auto ignored = ::write(error_pipe, &error, sizeof(error));
+  (void)ignored;  // the error cannot be reported elsewhere
   ::_exit(127);
 }
 
-// Starts a program that reads nothing, writes to `log_path` and does not outlive the calling
-// thread; 0, or the errno that says why not.
+// Starts a program with no input and with its output in `log_path`. It does not outlive the calling
+// thread. Returns 0 or an errno.
 int start_program(char* const* argv, const std::string& log_path, pid_t& child) {
   const Descriptor input(::open("/dev/null", O_RDONLY | O_CLOEXEC));
   const Descriptor output(::open(log_path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666));
   if (input.number < 0 || output.number < 0) return errno;
   int ends[2];
   if (::pipe2(ends, O_CLOEXEC) != 0) return errno;
-  const Descriptor told(ends[0]);
-  Descriptor tell(ends[1]);
+  const Descriptor error_source(ends[0]);
+  Descriptor error_sink(ends[1]);
   const pid_t parent = ::getpid();
   child = ::fork();
   if (child < 0) return errno;
-  if (child == 0) become(argv, input.number, output.number, parent, tell.number);
-  // The pipe ends with the exec, or says why there was none.
-  tell.close();
-  int wrong = 0;
+  if (child == 0) exec_child(argv, input.number, output.number, parent, error_sink.number);
+  // A successful exec closes the pipe without data.
+  error_sink.close();
+  int error = 0;
   ssize_t got = 0;
   do {
-    got = ::read(told.number, &wrong, sizeof(wrong));
+    got = ::read(error_source.number, &error, sizeof(error));
   } while (got < 0 && errno == EINTR);
   if (got == 0) return 0;
   ::waitpid(child, nullptr, 0);
-  return got == sizeof(wrong) ? wrong : EIO;
+  return got == sizeof(error) ? error : EIO;
 }
 
 }  // namespace
 
 std::string failure_reason(const std::string& log_path) {
-  // "F20240102 03:04:05.678901 1234 file.cc:56] what" is a fatal line of glog, E an error; a trace
-  // of the stack follows it. COLMAP's own begin with ERROR.
+  // glog writes "F20240102 03:04:05.678901 1234 file.cc:56] message" for a fatal error (E for an
+  // error), then a stack trace. COLMAP's own error lines start with ERROR.
   static const std::regex error_line(R"(^(?:[EF]\d{4,8} .*?\] |\s*ERROR: )(.*)$)");
   std::ifstream file(log_path);
   std::vector<std::string> lines;
@@ -90,10 +92,10 @@ std::string failure_reason(const std::string& log_path) {
     std::smatch match;
     if (std::regex_match(line, match, error_line)) error = match[1];
     lines.push_back(line);
-    if (lines.size() > kLinesShown) lines.erase(lines.begin());
+    if (lines.size() > kMaxLinesShown) lines.erase(lines.begin());
   }
   if (!error.empty()) return ": " + error;
-  if (lines.empty()) return ", and wrote nothing";
+  if (lines.empty()) return " without output";
   std::string text = "; its last lines were:";
   for (const std::string& line : lines) text += "\n  " + line;
   return text;
@@ -107,12 +109,12 @@ Status run_program(const std::vector<std::string>& arguments, const std::string&
   for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
   argv.push_back(nullptr);
   pid_t child = 0;
-  const int wrong = start_program(argv.data(), log_path, child);
-  if (wrong == ENOENT) {
-    return not_built("{}: is not installed (apt-get install {}), and is needed here", arguments[0],
-                     arguments[0]);
+  const int error = start_program(argv.data(), log_path, child);
+  if (error == ENOENT) {
+    return not_built("{}: not installed, but needed for this capture (apt-get install {})",
+                     arguments[0], arguments[0]);
   }
-  if (wrong != 0) return runtime_error("{}: cannot run: {}", arguments[0], system_message(wrong));
+  if (error != 0) return runtime_error("{}: cannot run: {}", arguments[0], system_message(error));
   const std::string detail = arguments[0] + (arguments.size() > 1 ? " " + arguments[1] : "");
   bool cancelled = false;
   int result = 0;
@@ -120,7 +122,7 @@ Status run_program(const std::vector<std::string>& arguments, const std::string&
     std::this_thread::sleep_for(std::chrono::milliseconds(50));
     if (cancelled || !progress || progress({stage, done, -1, detail})) continue;
     cancelled = true;
-    ::kill(child, SIGKILL);  // what it leaves lies in a folder that goes too
+    ::kill(child, SIGKILL);  // the caller deletes the folder with its partial output
   }
   if (cancelled) return runtime_error("{}: cancelled", stage);
   if (exit_code != nullptr && WIFEXITED(result)) *exit_code = WEXITSTATUS(result);

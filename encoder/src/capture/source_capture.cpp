@@ -19,9 +19,9 @@ namespace fs = std::filesystem;
 struct LayoutEntry {
   Layout layout;
   const char* name;
-  const char* looked_for;  // what the layout is recognised by
+  const char* evidence;  // files that identify the layout
 };
-// In the order in which a folder is tried.
+// In the order of detection.
 constexpr std::array<LayoutEntry, 6> kLayouts = {{
     {Layout::kPanoptic, "panoptic", "train_meta.json"},
     {Layout::kN3dv, "n3dv", "poses_bounds.npy"},
@@ -30,11 +30,11 @@ constexpr std::array<LayoutEntry, 6> kLayouts = {{
     {Layout::kColmap, "colmap",
      "cameras and images (.bin or .txt) in sparse/0, sparse or the folder itself"},
     {Layout::kVideos, "videos",
-     "cameras.json, or at least two videos (or folders of pictures) in the folder itself, in "
-     "videos/ or in images/"},
+     "cameras.json, or at least two videos or image folders in videos/, images/ or the folder "
+     "itself"},
 }};
 
-bool recognised(Layout layout, const std::string& folder) {
+bool matches(Layout layout, const std::string& folder) {
   const auto has = [&](const char* name) { return fs::exists(folder + "/" + name); };
   switch (layout) {
     case Layout::kPanoptic:
@@ -56,12 +56,12 @@ bool recognised(Layout layout, const std::string& folder) {
 }
 
 Result<Layout> detect(const std::string& folder) {
-  std::string looked_for;
+  std::string evidence;
   for (const LayoutEntry& entry : kLayouts) {
-    if (recognised(entry.layout, folder)) return entry.layout;
-    looked_for += fmt::format("\n  {}: {}", entry.name, entry.looked_for);
+    if (matches(entry.layout, folder)) return entry.layout;
+    evidence += fmt::format("\n  {}: {}", entry.name, entry.evidence);
   }
-  return usage_error("{}: is not a capture of a known layout. Looked for:{}", folder, looked_for);
+  return usage_error("{}: unknown capture layout (see --layout); looked for:{}", folder, evidence);
 }
 
 Result<SourceCapture> load(Layout layout, const std::string& folder,
@@ -83,10 +83,10 @@ Result<SourceCapture> load(Layout layout, const std::string& folder,
     case Layout::kAuto:
       break;
   }
-  return usage_error("{}: no layout is chosen", folder);
+  return usage_error("{}: no layout selected", folder);
 }
 
-// Refuses what is no rotation, and takes the nearest one for what nearly is.
+// Replaces the rotation by the nearest rotation matrix. kInvalidFile if it is not close to one.
 Status make_rigid(SourceCamera& camera, const std::string& folder) {
   const cv::Matx33d given(camera.rotation);
   cv::Matx33d u, vt;
@@ -100,31 +100,35 @@ Status make_rigid(SourceCamera& camera, const std::string& folder) {
       w[0] < 1.01 && w[2] > 0.99 && cv::determinant(rotation) > 0 &&
       std::isfinite(camera.translation[0] + camera.translation[1] + camera.translation[2]);
   if (!rigid) {
-    return invalid_file("{}: the pose of camera '{}' is not a rotation and a translation", folder,
-                        camera.name);
+    return invalid_file(
+        "{}: the pose of camera '{}' is not a rotation and a finite translation (expected a rigid "
+        "world-to-camera transform)",
+        folder, camera.name);
   }
   std::copy(rotation.val, rotation.val + 9, camera.rotation);
   return {};
 }
 
 Status check(SourceCapture& capture) {
-  if (capture.cameras.empty()) return invalid_file("{}: has no cameras", capture.folder);
+  if (capture.cameras.empty()) return invalid_file("{}: no cameras found", capture.folder);
   std::set<std::string> names;
   for (SourceCamera& camera : capture.cameras) {
     const bool folder_name = !camera.name.empty() && camera.name.front() != '.' &&
                              camera.name.find('/') == std::string::npos;
     if (!folder_name) {
-      return invalid_file("{}: '{}' cannot be a camera's folder", capture.folder, camera.name);
+      return invalid_file("{}: camera name '{}' cannot be a folder name; rename the camera",
+                          capture.folder, camera.name);
     }
     if (!is_utf8(camera.name)) {
-      return invalid_file("{}: the camera's name '{}' is not UTF-8; rename its folder or video",
+      return invalid_file("{}: camera name '{}' is not valid UTF-8; rename its folder or video",
                           capture.folder, camera.name);
     }
     if (!names.insert(camera.name).second) {
-      return invalid_file("{}: has two cameras '{}'", capture.folder, camera.name);
+      return invalid_file("{}: two cameras are named '{}'; rename one", capture.folder,
+                          camera.name);
     }
     if (camera.video.empty() && camera.images.empty()) {
-      return io_error("{}: camera '{}' has no frames", capture.folder, camera.name);
+      return io_error("{}: no frames for camera '{}'", capture.folder, camera.name);
     }
     STGS_TRY(make_rigid(camera, capture.folder));
   }
@@ -136,27 +140,27 @@ bool has_camera(const SourceCapture& capture, const std::string& name) {
                      [&](const SourceCamera& camera) { return camera.name == name; });
 }
 
-// A folder of masks or flow that belongs to no camera is a mistake in a name: an error where
-// none belongs to one, else a warning.
+// Checks the names of the subfolders of masks/ or flow/. A name that matches no camera is a
+// warning, or kInvalidFile if no name matches (`used` is false).
 Status check_names(const SourceCapture& capture, const std::string& folder, bool used,
                    const LogSink& log) {
   if (!used) {
     return invalid_file(
-        "{}: holds nothing for any camera (looked for {}/{}/); name its folders as the cameras, "
-        "or take it away",
+        "{}: contains no folder for any camera (expected {}/{}/); name its folders after the "
+        "cameras, or remove it",
         folder, folder, capture.cameras.front().name);
   }
   for (const std::string& path : list_folders(folder)) {
     const std::string name = fs::path(path).filename().string();
     if (!has_camera(capture, name)) {
-      log(1, fmt::format("{}: there is no camera '{}'; not used", path, name));
+      log(1, fmt::format("{}: ignored (no camera '{}')", path, name));
     }
   }
   return {};
 }
 
-// masks/CAMERA/ beside the frames, whatever the layout; they go before the layout's own.
-Status take_masks(SourceCapture& capture, const LogSink& log) {
+// Attaches masks/CAMERA/, which exists for any layout and overrides the masks of the layout.
+Status attach_masks(SourceCapture& capture, const LogSink& log) {
   const std::string folder = capture.folder + "/masks";
   if (!fs::is_directory(folder) || capture.masks_are_not_motion) return {};
   bool used = false;
@@ -167,7 +171,7 @@ Status take_masks(SourceCapture& capture, const LogSink& log) {
   return check_names(capture, folder, used, log);
 }
 
-Status take_flow(SourceCapture& capture, const LogSink& log) {
+Status attach_flow(SourceCapture& capture, const LogSink& log) {
   const std::string folder = capture.folder + "/flow";
   if (!fs::is_directory(folder)) return {};
   capture.flow_folder = folder;
@@ -177,17 +181,18 @@ Status take_flow(SourceCapture& capture, const LogSink& log) {
     used = true;
     if (camera.lens == LensModel::kPinhole) continue;
     return unsupported(
-        "{}/{}: flow is of undistorted frames, but the lens of camera '{}' distorts; undistort "
-        "the capture first, or take the folder away to have flow computed",
+        "{}/{}: given flow needs undistorted frames, but the lens of camera '{}' distorts; "
+        "undistort "
+        "the capture first, or remove the folder to have flow computed",
         folder, camera.name, camera.name);
   }
   return check_names(capture, folder, used, log);
 }
 
-// Where the layout names no held-out cameras: the middle one by name, if enough others remain.
+// Holds out the middle camera by name if the layout states no split and there are at least four.
 void choose_test_camera(SourceCapture& capture, const LogSink& log) {
-  constexpr std::size_t kFewest = 4;
-  if (capture.split_known || capture.cameras.size() < kFewest) return;
+  constexpr std::size_t kMinCameras = 4;
+  if (capture.split_known || capture.cameras.size() < kMinCameras) return;
   std::vector<SourceCamera*> sorted;
   for (SourceCamera& camera : capture.cameras) sorted.push_back(&camera);
   std::sort(sorted.begin(), sorted.end(), [](const SourceCamera* a, const SourceCamera* b) {
@@ -195,8 +200,7 @@ void choose_test_camera(SourceCapture& capture, const LogSink& log) {
   });
   SourceCamera& middle = *sorted[sorted.size() / 2];
   middle.test = true;
-  log(2, fmt::format("{}: names no test cameras; the middle one by name, '{}', is held out unless "
-                     "others are asked for",
+  log(2, fmt::format("{}: holding out camera '{}' as the test camera (change with --test-cameras)",
                      capture.folder, middle.name));
 }
 
@@ -216,30 +220,30 @@ Result<Layout> layout_from_name(const std::string& name) {
     if (name == entry.name) return entry.layout;
     known += fmt::format(", {}", entry.name);
   }
-  return usage_error("'{}' is not a layout; known are {}", name, known);
+  return usage_error("'{}' is not a layout (expected {})", name, known);
 }
 
 Result<SourceCapture> load_source(const std::string& folder, const PrepareSettings& settings,
                                   const ProgressSink& progress, const LogSink& log) {
   if (!fs::exists(folder)) {
-    return io_error("{}: does not exist; name the folder that holds the videos or pictures",
+    return io_error("{}: no such file or folder; name the folder with the videos or images",
                     folder);
   }
   if (!fs::is_directory(folder)) {
-    return io_error("{}: is not a folder; name the one that holds the videos or pictures", folder);
+    return io_error("{}: is not a folder; name the folder with the videos or images", folder);
   }
   Layout layout = settings.layout;
   if (layout == Layout::kAuto) {
     STGS_ASSIGN(layout, detect(folder));
-    log(2, fmt::format("{}: recognised as {}", folder, layout_name(layout)));
+    log(2, fmt::format("{}: detected layout '{}'", folder, layout_name(layout)));
   }
   Result<SourceCapture> capture = load(layout, folder, settings, progress, log);
   if (!capture.ok()) return capture;
   capture->layout = layout;
   capture->folder = folder;
   STGS_TRY(check(*capture));
-  STGS_TRY(take_masks(*capture, log));
-  STGS_TRY(take_flow(*capture, log));
+  STGS_TRY(attach_masks(*capture, log));
+  STGS_TRY(attach_flow(*capture, log));
   const bool own_split = settings.default_test_cameras && settings.test_cameras.empty();
   if (own_split) choose_test_camera(*capture, log);
   return capture;

@@ -1,23 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// Videos: one file (or folder of pictures) a camera, in videos/, images/ or the folder itself.
-// Calibration is in cameras.json beside them; without it, COLMAP calibrates from one frame each.
+// Layout "videos": one video or image folder per camera, in videos/, images/ or the folder itself.
+// The calibration is in cameras.json next to them. Without it, COLMAP calibrates from one frame of
+// each camera.
 //
-// cameras.json holds a list of cameras, an object from names to cameras, or either of these under
-// "cameras" of an object that may also say "pixel_centre", "fps" and "metric" for all. A camera:
-//   "name"          of its video or folder; not needed where the object's key is the name
-//   "K"             3x3, pixels
-//   "w2c"           3x4 or 4x4, world to camera, OpenCV axes (x right, y down, z forward)
-//   "dist"          optional, OpenCV's order: k1 k2 p1 p2 [k3 [k4 k5 k6]]; fisheye: k1 k2 k3 k4
-//   "fisheye"       optional, true: "dist" is of OpenCV's fisheye model
-//   "width","height"  optional: the size K is for, if it is not the video's
-//   "pixel_centre"  optional: where K puts the centre of the first pixel, 0.5 (the default) or 0
-//                   (what OpenCV's calibration gives)
-//   "test"          optional, true: held out
-// Other keys are ignored.
+// cameras.json contains a list of cameras, or an object from names to cameras. Either may also be
+// the value of "cameras" in an object with "pixel_centre", "fps" and "metric" for all cameras.
+// Keys of a camera (others are ignored):
+//   "name"             name of its video or folder; implied if cameras are keyed by name
+//   "K"                3x3, pixels
+//   "w2c"              3x4 or 4x4, world to camera, OpenCV axes (x right, y down, z forward)
+//   "dist"             optional, OpenCV order: k1 k2 p1 p2 [k3 [k4 k5 k6]]; fisheye: k1 k2 k3 k4
+//   "fisheye"          optional, true: "dist" is of OpenCV's fisheye model
+//   "width", "height"  optional, the image size that K is for; default: the size of the frames
+//   "pixel_centre"     optional, coordinate of the first pixel's centre in K: 0.5 (default), or 0
+//   as
+//                      in OpenCV calibrations
+//   "test"             optional, true: held out
 #include <algorithm>
 #include <filesystem>
 
 #include "capture_files.h"
+#include "plural.h"
 #include "stgs/encoder/json_error.h"
 
 namespace stgs::encoder {
@@ -31,11 +34,11 @@ Result<SourceCamera> read_camera(const Json& json, const std::string& name, doub
   camera.name = json.value("name", name);
   const std::string where = path + ": camera '" + camera.name + "'";
   for (const char* key : {"K", "w2c"}) {
-    if (!json.contains(key)) return invalid_file("{}: has no \"{}\"", where, key);
+    if (!json.contains(key)) return invalid_file("{}: \"{}\" is missing", where, key);
   }
   pixel_centre = json.value("pixel_centre", pixel_centre);
   if (pixel_centre != 0 && pixel_centre != 0.5) {
-    return invalid_file("{}: pixel_centre is {}, but must be 0 or 0.5", where, pixel_centre);
+    return invalid_file("{}: pixel_centre is {} (expected 0 or 0.5)", where, pixel_centre);
   }
   STGS_ASSIGN(const std::vector<double> k, json_numbers(json.at("K"), where + ": K"));
   STGS_TRY(set_intrinsics(k, pixel_centre, where, camera));
@@ -48,7 +51,8 @@ Result<SourceCamera> read_camera(const Json& json, const std::string& name, doub
   camera.width = json.value("width", 0);
   camera.height = json.value("height", 0);
   if ((camera.width == 0) != (camera.height == 0) || camera.width < 0 || camera.height < 0) {
-    return invalid_file("{}: needs both width and height, or none", where);
+    return invalid_file("{}: invalid size {}x{} (expected both width and height, or none)", where,
+                        camera.width, camera.height);
   }
   camera.test = json.value("test", false);
   return camera;
@@ -60,7 +64,8 @@ Status read_cameras(const std::string& path, SourceCapture& capture) {
     const bool wrapped = top.is_object() && top.contains("cameras");
     const Json& cameras = wrapped ? top.at("cameras") : top;
     if (!cameras.is_array() && !cameras.is_object()) {
-      return invalid_file("{}: holds neither a list of cameras nor an object of them", path);
+      return invalid_file(
+          "{}: no cameras (expected a list of cameras, or an object from names to cameras)", path);
     }
     const double pixel_centre = wrapped ? top.value("pixel_centre", 0.5) : 0.5;
     if (wrapped) {
@@ -69,7 +74,9 @@ Status read_cameras(const std::string& path, SourceCapture& capture) {
     }
     for (const auto& [key, json] : cameras.items()) {
       const std::string name = cameras.is_object() ? key : "camera " + key;
-      if (!json.is_object()) return invalid_file("{}: '{}' is not a camera", path, name);
+      if (!json.is_object())
+        return invalid_file("{}: '{}' is not a camera (expected an object with K and w2c, got {})",
+                            path, name, json.type_name());
       if (cameras.is_array() && !json.contains("name")) {
         return invalid_file("{}: {} of the list has no \"name\"", path, name);
       }
@@ -83,16 +90,17 @@ Status read_cameras(const std::string& path, SourceCapture& capture) {
   return {};
 }
 
-Status take_frames(const std::string& folder, const std::vector<SourceCamera>& found,
-                   SourceCapture& capture, const LogSink& log) {
+Status attach_frames(const std::string& folder, const std::vector<SourceCamera>& found,
+                     SourceCapture& capture, const LogSink& log) {
   for (SourceCamera& camera : capture.cameras) {
     const auto it = std::find_if(found.begin(), found.end(), [&](const SourceCamera& other) {
       return other.name == camera.name;
     });
     if (it == found.end()) {
       return io_error(
-          "{}: camera '{}' of cameras.json has no frames; looked for a video or a "
-          "folder of pictures of that name in videos/, images/ and the folder itself",
+          "{}: no frames for camera '{}' of cameras.json; looked for a video or image folder of "
+          "that "
+          "name in videos/, images/ and the folder itself",
           folder, camera.name);
     }
     camera.video = it->video;
@@ -102,7 +110,7 @@ Status take_frames(const std::string& folder, const std::vector<SourceCamera>& f
   for (const SourceCamera& other : found) {
     const bool known = std::any_of(capture.cameras.begin(), capture.cameras.end(),
                                    [&](const SourceCamera& c) { return c.name == other.name; });
-    if (!known) log(1, folder + ": '" + other.name + "' is not in cameras.json and is left out");
+    if (!known) log(1, folder + ": '" + other.name + "' ignored (not in cameras.json)");
   }
   return {};
 }
@@ -116,13 +124,13 @@ Result<SourceCapture> load_videos(const std::string& folder, int first_frame,
   std::vector<SourceCamera> found = find_cameras(folder);
   if (std::filesystem::exists(folder + "/cameras.json")) {
     STGS_TRY(read_cameras(folder + "/cameras.json", capture));
-    STGS_TRY(take_frames(folder, found, capture, log));
+    STGS_TRY(attach_frames(folder, found, capture, log));
   } else {
     if (found.size() < 2) {
       return io_error(
-          "{}: has {} videos or folders of pictures; calibration needs at least two, or "
-          "a cameras.json",
-          folder, found.size());
+          "{}: found {} (a video or image folder each); calibration needs at least 2, or a "
+          "cameras.json",
+          folder, plural(found.size(), "camera"));
     }
     capture.cameras = std::move(found);
     STGS_TRY(calibrate(first_frame, capture, progress, log));

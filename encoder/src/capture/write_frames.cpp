@@ -19,9 +19,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kFramesInFlight = 4;  // of one camera
+constexpr int kFramesInFlight = 4;  // per camera
 
-// Keeps the error that comes first by camera, then by frame, and stops the others.
+// Keeps the error of the lowest camera, then frame, and tells the workers to stop. Thread-safe.
 class FirstError {
  public:
   void set(Status status, std::size_t camera, int frame) {
@@ -43,23 +43,23 @@ class FirstError {
   std::atomic<bool> stop_{false};
 };
 
-// No sync: the folder counts only once it is renamed, and a lost one can be made again.
+// Does not sync: the folder is renamed when complete, and can be prepared again after a crash.
 Status write_bytes(const std::string& path, const std::vector<std::uint8_t>& bytes) {
   std::FILE* file = std::fopen(path.c_str(), "wb");
   if (file == nullptr) return io_error("{}: cannot create: {}", path, system_message(errno));
   const bool wrote = std::fwrite(bytes.data(), 1, bytes.size(), file) == bytes.size();
-  const int wrong = errno;
+  const int write_error = errno;
   if (std::fclose(file) != 0 || !wrote) {
-    return io_error("{}: cannot write: {}", path, system_message(wrote ? errno : wrong));
+    return io_error("{}: cannot write: {}", path, system_message(wrote ? errno : write_error));
   }
   return {};
 }
 
 Status write_png(const std::string& path, const cv::Mat& image) {
   std::vector<std::uint8_t> bytes;
-  // Without parameters OpenCV writes its fastest PNG; any stated level tries all filters.
+  // Without parameters OpenCV uses its fastest PNG settings. Any explicit level tries all filters.
   if (!cv::imencode(".png", image, bytes)) {
-    return runtime_error("{}: cannot encode the picture", path);
+    return runtime_error("{}: cannot encode the image as PNG", path);
   }
   return write_bytes(path, bytes);
 }
@@ -69,27 +69,27 @@ bool all_png(const std::vector<std::string>& paths) {
                      [](const std::string& path) { return fs::path(path).extension() == ".png"; });
 }
 
-// What one camera's frames are made from and become.
+// Input and output of one camera.
 struct CameraJob {
   const SourceCamera& source;
   const CameraPlan& plan;
   const PreparedCapture& capture;
   const Camera& camera;
 
-  // The pictures already are what is written.
+  // Returns true if the image files are copied byte for byte.
   bool copies() const {
     return plan.is_identity() && source.video.empty() &&
            (capture.frame_extension == "jpg" || all_png(source.images));
   }
 };
 
-Status copy_picture(const CameraJob& job, int frame) {
+Status copy_image(const CameraJob& job, int frame) {
   const int number = job.capture.first_frame + frame;
   const std::string& path = job.source.images[static_cast<std::size_t>(number)];
   if (!fs::exists(path)) {
-    return io_error("{}: camera '{}' frame {} is missing", path, job.source.name, number);
+    return io_error("{}: camera '{}' frame {} not found", path, job.source.name, number);
   }
-  // Training decodes these bytes, so they are checked with its decoder.
+  // Training decodes these bytes with the same decoder.
   const Result<Image8> image = read_image8(path, 3);
   if (!image.ok()) {
     return invalid_file("camera '{}' frame {}: {}", job.source.name, number,
@@ -97,10 +97,9 @@ Status copy_picture(const CameraJob& job, int frame) {
   }
   if (image->width != job.camera.width || image->height != job.camera.height) {
     return invalid_file(
-        "{}: camera '{}' frame {} is {}x{}, but the camera's first frame is {}x{}; "
-        "a camera's frames must have one size",
-        path, job.source.name, number, image->width, image->height, job.camera.width,
-        job.camera.height);
+        "{}: camera '{}' frame {} differs in size from its first frame (expected {}x{}, got {}x{})",
+        path, job.source.name, number, job.camera.width, job.camera.height, image->width,
+        image->height);
   }
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
   return write_bytes(job.capture.frame_path(job.camera, frame), bytes);
@@ -112,27 +111,29 @@ Status write_mask(const CameraJob& job, int frame) {
   const std::string& path = job.source.masks[static_cast<std::size_t>(number)];
   STGS_ASSIGN(
       const cv::Mat mask,
-      decode_file(path, fmt::format("the mask of camera '{}' frame {}", job.source.name, number),
+      decode_file(path, fmt::format("mask of camera '{}' frame {}", job.source.name, number),
                   cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION));
   if (mask.cols != job.plan.source.width || mask.rows != job.plan.source.height) {
-    return invalid_file("{}: the mask of camera '{}' frame {} is {}x{}, but the frame is {}x{}",
-                        path, job.source.name, number, mask.cols, mask.rows, job.plan.source.width,
-                        job.plan.source.height);
+    return invalid_file(
+        "{}: mask of camera '{}' frame {} differs in size from the frame (expected {}x{}, got "
+        "{}x{})",
+        path, job.source.name, number, job.plan.source.width, job.plan.source.height, mask.cols,
+        mask.rows);
   }
   return write_png(job.capture.mask_path(job.camera, frame), job.plan.mask(mask));
 }
 
 Status write_unguarded(const CameraJob& job, bool copies, int frame, cv::Mat decoded) {
   STGS_TRY(write_mask(job, frame));
-  if (copies) return copy_picture(job, frame);
+  if (copies) return copy_image(job, frame);
   if (decoded.empty()) {
-    STGS_ASSIGN(decoded, read_picture(job.source, job.capture.first_frame + frame,
-                                      job.plan.source.width, job.plan.source.height));
+    STGS_ASSIGN(decoded, read_image(job.source, job.capture.first_frame + frame,
+                                    job.plan.source.width, job.plan.source.height));
   }
   return write_png(job.capture.frame_path(job.camera, frame), job.plan.frame(decoded));
 }
 
-// `decoded` is the frame of a video, or empty.
+// Writes one frame. `decoded` is a video frame, or empty for an image frame.
 Status write_frame(const CameraJob& job, bool copies, int frame, cv::Mat decoded) {
   try {
     return write_unguarded(job, copies, frame, std::move(decoded));
@@ -142,7 +143,7 @@ Status write_frame(const CameraJob& job, bool copies, int frame, cv::Mat decoded
   }
 }
 
-// The video's next frame.
+// Reads the next video frame.
 Result<cv::Mat> read_frame(const CameraJob& job, VideoReader& video, int frame) {
   try {
     return video.next(job.plan.source.width, job.plan.source.height);
@@ -157,7 +158,8 @@ struct Step {
   cv::Mat decoded;
 };
 
-// Videos decode in order; the rest of the work on a frame runs beside that.
+// Writes all frames of a camera. A video is decoded in order while other threads undistort, encode
+// and write the decoded frames.
 void write_camera(const CameraJob& job, std::size_t index, Counter& counter, FirstError& error) {
   std::unique_ptr<VideoReader> video;
   if (!job.source.video.empty()) {

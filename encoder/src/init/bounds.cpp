@@ -7,10 +7,10 @@
 namespace stgs::encoder::init {
 namespace {
 
-// Content starts at the first percentile of what a camera sees; half of that leaves it room to come
-// nearer, and what would float in front of the camera none.
+// Content starts at the first percentile of the depths in a view. The near plane at half of that
+// depth leaves room for motion towards the camera and excludes floaters in front of it.
 constexpr double kNearPercentile = 0.01;
-constexpr double kNearShare = 0.5;
+constexpr double kNearFraction = 0.5;
 
 cv::Vec3d position_of(const InitialPoint& p) {
   return {p.position[0], p.position[1], p.position[2]};
@@ -30,7 +30,7 @@ void set_bounds(const std::vector<View>& views, const std::vector<InitialPoint>&
   for (const View& view : views) middle += view.centre * (1.0 / double(views.size()));
   double extent = 0;
   for (const View& view : views) extent = std::max(extent, cv::norm(view.centre - middle));
-  if (extent > 0) capture->extent = float(1.1 * extent);  // as 3D Gaussian Splatting takes it
+  if (extent > 0) capture->extent = float(1.1 * extent);  // as in 3D Gaussian Splatting
   if (points.empty()) return;
   double nearest = 1e300;
   for (const View& view : views) {
@@ -41,7 +41,7 @@ void set_bounds(const std::vector<View>& views, const std::vector<InitialPoint>&
     }
     if (depths.size() >= 20) nearest = std::min(nearest, quantile(depths, kNearPercentile));
   }
-  if (nearest < 1e300) capture->near_plane = float(kNearShare * nearest);
+  if (nearest < 1e300) capture->near_plane = float(kNearFraction * nearest);
   cv::Vec3d centre;
   std::vector<double> values(points.size());
   for (int k = 0; k < 3; ++k) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scene's measures, from its initial points.
+// Derives the near plane and the scene bounds from the initial points.
 #pragma once
 
 #include <vector>
@@ -8,11 +8,12 @@
 
 namespace stgs::encoder::init {
 
-// Sets near_plane, extent, scene_centre and scene_radius from the points and training cameras.
+// Sets near_plane, extent, scene_centre and scene_radius of `capture` from the points and the
+// training views. Keeps the previous values where there is too little data.
 void set_bounds(const std::vector<View>& views, const std::vector<InitialPoint>& points,
                 PreparedCapture* capture);
 
-// Drops the points that some training camera sees nearer than the near plane.
+// Removes the points that lie in front of the near plane in any training view.
 void drop_too_near(const std::vector<View>& views, float near_plane,
                    std::vector<InitialPoint>* points);
 

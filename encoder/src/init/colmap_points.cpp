@@ -17,11 +17,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kLongest = 960;        // pixels of the pictures given to COLMAP
-constexpr int kFeatures = 1500;      // a picture, at most
-constexpr double kWorstError = 1.5;  // pixels of reprojection
+constexpr int kMaxSide = 960;       // longer side of the images given to COLMAP, pixels
+constexpr int kMaxFeatures = 1500;  // per image
+constexpr double kMaxError = 1.5;   // reprojection error, pixels
 
-// A folder that is removed with everything in it.
+// Deletes a folder with its contents on destruction.
 struct WorkFolder {
   fs::path path;
   ~WorkFolder() {
@@ -30,11 +30,11 @@ struct WorkFolder {
   }
 };
 
-// The steps of COLMAP, each ended when it takes too long or nobody wants its result any more.
+// Runs the steps of COLMAP. A step is killed on timeout or when `abandoned` becomes true.
 struct Colmap {
-  std::string folder;  // for its own logs, which it would leave in the system's
+  std::string folder;  // for glog's files, which otherwise go to the system's temporary folder
   std::string log;
-  int seconds = 0;  // a step
+  int seconds = 0;  // limit per step
   const std::atomic<bool>& abandoned;
 
   Status run(std::vector<std::string> arguments) const {
@@ -43,28 +43,29 @@ struct Colmap {
     arguments.insert(arguments.begin(), {"env", "GLOG_log_dir=" + folder});
     const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(seconds);
     bool late = false;
-    const ProgressSink go_on = [&](const Progress&) {
+    const ProgressSink should_continue = [&](const Progress&) {
       late = std::chrono::steady_clock::now() > deadline;
       return !late && !abandoned;
     };
-    const Status status = run_program(arguments, log, step, 0, go_on);
-    if (late) return runtime_error("{}: stopped after {} s", step, seconds);
+    const Status status = run_program(arguments, log, step, 0, should_continue);
+    if (late) return runtime_error("{}: stopped after {} s (time limit)", step, seconds);
     return status;
   }
 };
 
-// Pictures in an order that COLMAP numbers as we do, and masks where it may look.
-Status write_pictures(const PreparedCapture& capture, const std::vector<View>& views, bool masked,
-                      const fs::path& folder) {
+// Writes the images, named so that COLMAP numbers them in the order of the views, and the masks of
+// the usable pixels.
+Status write_images(const PreparedCapture& capture, const std::vector<View>& views, bool masked,
+                    const fs::path& folder) {
   fs::create_directories(folder / "images");
   fs::create_directories(folder / "masks");
   for (std::size_t i = 0; i < views.size(); ++i) {
     const std::string name = fmt::format("{:04}.png", i);
-    STGS_ASSIGN(const cv::Mat picture, load_picture(capture, views[i], 0));
-    STGS_TRY(write_png((folder / "images" / name).string(), picture));
+    STGS_ASSIGN(const cv::Mat image, load_image(capture, views[i], 0));
+    STGS_TRY(write_png((folder / "images" / name).string(), image));
     cv::Mat usable(views[i].size(), CV_8U, cv::Scalar(255));
     if (masked) {
-      STGS_ASSIGN(const cv::Mat mask, load_mask_picture(capture, views[i], 0));
+      STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture, views[i], 0));
       if (!mask.empty()) usable = ~mask;
     }
     STGS_TRY(write_png((folder / "masks" / (name + ".png")).string(), usable));
@@ -72,9 +73,9 @@ Status write_pictures(const PreparedCapture& capture, const std::vector<View>& v
   return {};
 }
 
-// COLMAP's quaternion of a rotation: w x y z.
+// Returns the quaternion w x y z of a rotation, in COLMAP's convention.
 cv::Vec4d quaternion_of(const cv::Matx33d& r) {
-  // From the largest component, which is never near 0.
+  // Starts from the largest component, which is never near 0.
   const double trace = r(0, 0) + r(1, 1) + r(2, 2);
   cv::Vec4d q;
   if (trace > 0) {
@@ -90,7 +91,8 @@ cv::Vec4d quaternion_of(const cv::Matx33d& r) {
   return q * (1 / cv::norm(q));
 }
 
-// The model of known poses. Ids count from 1 in the order of the pictures, as in the database.
+// Writes the model of the known poses. Ids start at 1 in the order of the images, as in the
+// database.
 Status write_model(const std::vector<View>& views, const fs::path& folder) {
   fs::create_directories(folder);
   std::ofstream cameras(folder / "cameras.txt"), images(folder / "images.txt");
@@ -108,12 +110,12 @@ Status write_model(const std::vector<View>& views, const fs::path& folder) {
   images.flush();
   points.flush();
   if (cameras && images && points) return {};
-  return io_error("{}: cannot be written", folder.string());
+  return io_error("{}: cannot write the COLMAP model", folder.string());
 }
 
-Result<std::vector<SurfacePoint>> read_model(const fs::path& path, std::size_t shortest_track) {
+Result<std::vector<SurfacePoint>> read_model(const fs::path& path, std::size_t min_track) {
   std::ifstream file(path);
-  if (!file) return io_error("{}: COLMAP wrote no points", path.string());
+  if (!file) return io_error("{}: not written by COLMAP", path.string());
   std::vector<SurfacePoint> points;
   for (std::string line; std::getline(file, line);) {
     if (line.empty() || line[0] == '#') continue;
@@ -124,10 +126,10 @@ Result<std::vector<SurfacePoint>> read_model(const fs::path& path, std::size_t s
     double error = 0;
     row >> id >> point.position[0] >> point.position[1] >> point.position[2];
     row >> rgb[0] >> rgb[1] >> rgb[2] >> error;
-    if (!row) return invalid_file("{}: line '{}' is no point", path.string(), line);
+    if (!row) return invalid_file("{}: not a point: '{}'", path.string(), line);
     std::size_t track = 0;
     for (std::uint64_t image = 0, feature = 0; row >> image >> feature;) ++track;
-    if (error > kWorstError || track < shortest_track) continue;
+    if (error > kMaxError || track < min_track) continue;
     for (int k = 0; k < 3; ++k) point.colour[k] = cv::saturate_cast<std::uint8_t>(rgb[k]);
     points.push_back(point);
   }
@@ -145,15 +147,15 @@ bool colmap_installed() {
   return false;
 }
 
-Result<std::vector<SurfacePoint>> colmap_points(const PreparedCapture& capture, int most_views,
+Result<std::vector<SurfacePoint>> colmap_points(const PreparedCapture& capture, int max_views,
                                                 bool masked, int seconds,
                                                 const std::atomic<bool>& abandoned) {
-  const std::vector<View> all = training_views(capture, kLongest);
+  const std::vector<View> all = training_views(capture, kMaxSide);
   std::vector<View> views;
-  for (const int i : spread(all, most_views)) views.push_back(all[i]);
+  for (const int i : spread(all, max_views)) views.push_back(all[i]);
   const WorkFolder folder{fs::path(capture.folder) / ".colmap"};
   fs::remove_all(folder.path);
-  STGS_TRY(write_pictures(capture, views, masked, folder.path));
+  STGS_TRY(write_images(capture, views, masked, folder.path));
   STGS_TRY(write_model(views, folder.path / "known"));
   fs::create_directories(folder.path / "out");
   const auto path = [&](const char* name) { return (folder.path / name).string(); };
@@ -163,15 +165,15 @@ Result<std::vector<SurfacePoint>> colmap_points(const PreparedCapture& capture, 
                   path("images"), "--ImageReader.mask_path", path("masks"),
                   "--ImageReader.camera_model", "PINHOLE", "--ImageReader.single_camera_per_image",
                   "1", "--SiftExtraction.use_gpu", "0", "--SiftExtraction.num_threads", "1",
-                  "--SiftExtraction.max_num_features", std::to_string(kFeatures)}));
+                  "--SiftExtraction.max_num_features", std::to_string(kMaxFeatures)}));
   STGS_TRY(colmap.run({"exhaustive_matcher", "--database_path", path("database.db"),
                        "--SiftMatching.use_gpu", "0", "--SiftMatching.num_threads", "1"}));
   const Status triangulated = colmap.run(
       {"point_triangulator", "--database_path", path("database.db"), "--image_path", path("images"),
        "--input_path", path("known"), "--output_path", path("out"), "--clear_points", "1"});
-  // COLMAP aborts where it has no point left to refine.
-  const bool nothing = triangulated.message().find("bundle_adjuster.Solve") != std::string::npos;
-  if (nothing) return std::vector<SurfacePoint>{};
+  // COLMAP aborts if no point is left to refine.
+  const bool no_points = triangulated.message().find("bundle_adjuster.Solve") != std::string::npos;
+  if (no_points) return std::vector<SurfacePoint>{};
   STGS_TRY(triangulated);
   STGS_TRY(colmap.run({"model_converter", "--input_path", path("out"), "--output_path", path("out"),
                        "--output_type", "TXT"}));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sparse points from COLMAP, which runs as a program of its own with the cameras' known poses.
+// Triangulates sparse points by running COLMAP with the known camera poses.
 #pragma once
 
 #include <atomic>
@@ -12,16 +12,16 @@
 
 namespace stgs::encoder::init {
 
-// Whether the program `colmap` is in the PATH.
+// Returns true if the program `colmap` is in PATH.
 bool colmap_installed();
 
-// Triangulates the features of frame 0 outside the motion masks, from at most `most_views` training
-// views spread over the rig (the time grows with their square). Works in a folder of its own under
-// capture.folder, which it removes. One thread each, so that equal input gives equal points.
-// No points are no error: the pictures may share no features. Setting `abandoned`, from any thread,
-// ends it soon. Errors: COLMAP fails (with its own last error line), takes more than `seconds` in
-// one step, is abandoned, or writes something unreadable.
-Result<std::vector<SurfacePoint>> colmap_points(const PreparedCapture& capture, int most_views,
+// Triangulates the features of frame 0 outside the motion masks (if `masked`). Uses at most
+// `max_views` training views spread over the rig, because the time grows with their square. Works
+// in a temporary folder below capture.folder. Runs COLMAP on one thread to limit variation between
+// runs. Returns no points if the images share no features.
+// Setting `abandoned` from any thread ends the call soon. kRuntime if COLMAP fails (with its last
+// error line), takes more than `seconds` in one step, is abandoned or writes unreadable output.
+Result<std::vector<SurfacePoint>> colmap_points(const PreparedCapture& capture, int max_views,
                                                 bool masked, int seconds,
                                                 const std::atomic<bool>& abandoned);
 

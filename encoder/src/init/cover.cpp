@@ -7,7 +7,7 @@
 namespace stgs::encoder::init {
 namespace {
 
-// Blocks of the view that have a point on the surface.
+// Returns 255 for each block that has a point on the surface.
 cv::Mat occupied_blocks(const Surface& surface, int block, double tolerance,
                         const std::vector<SurfacePoint>& points) {
   cv::Mat occupied((surface.view.height + block - 1) / block,
@@ -22,7 +22,8 @@ cv::Mat occupied_blocks(const Surface& surface, int block, double tolerance,
   return occupied;
 }
 
-// The pixel of the block with the largest weight; of equals the one nearest to the middle.
+// Finds the pixel of the block with the largest weight; among equals, the one nearest to the
+// centre. Returns false if no pixel has a weight and a depth.
 bool best_pixel(const Surface& surface, cv::Rect block, cv::Point* best) {
   float largest = 0;
   double nearest = 0;
@@ -68,7 +69,7 @@ int cover_within(const std::vector<Surface>& surfaces, int limit, double toleran
   for (int block = 2;; block = std::max(block + 1, block * 5 / 4)) {
     std::vector<SurfacePoint> chosen = *points;
     cover(surfaces, block, tolerance, &chosen);
-    // One point a picture is as few as there can be.
+    // Above this block size there is one point per image, the minimum.
     if (int(chosen.size()) <= limit || block > 4096) {
       *points = std::move(chosen);
       return block;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Points chosen so that every view's picture is evenly covered: views share what they both see.
+// Selects points that cover the image of every view evenly. Overlapping views share points.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -9,12 +9,12 @@
 
 namespace stgs::encoder::init {
 
-// What a view knows about the surface that it sees.
+// The surface visible in one view.
 struct Surface {
   View view;
   cv::Mat rgb;     // 8-bit, at the view's size
   cv::Mat depth;   // CV_32F, scene units, 0: unknown
-  cv::Mat weight;  // CV_32F; a pixel becomes a point only where it is above 0, the largest first
+  cv::Mat weight;  // CV_32F; a pixel can become a point if above 0, larger weights first
 };
 
 struct SurfacePoint {
@@ -22,12 +22,13 @@ struct SurfacePoint {
   cv::Vec3b colour;
 };
 
-// Adds to `points` (which count as there already) one for each block of `block` x `block` pixels
-// in which no point lies at the surface's depth to within `tolerance` in inverse depth.
+// Adds one point to `points` for each block of `block` x `block` pixels that has none yet. A point
+// counts if its inverse depth differs from that of the surface by at most `tolerance`.
 void cover(const std::vector<Surface>& surfaces, int block, double tolerance,
            std::vector<SurfacePoint>* points);
 
-// cover() with the smallest block that leaves at most `limit` points. Returns that block.
+// Calls cover() with the smallest block size, from 2 pixels, that gives at most `limit` points.
+// Returns the block size.
 int cover_within(const std::vector<Surface>& surfaces, int limit, double tolerance,
                  std::vector<SurfacePoint>* points);
 

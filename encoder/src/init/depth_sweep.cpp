@@ -9,13 +9,13 @@
 namespace stgs::encoder::init {
 namespace {
 
-constexpr float kTextureFloor = 6.0f;  // variance (grey levels^2) below which nothing correlates
-constexpr float kColourScale = 48.0f;  // difference in grey levels that costs as much as can be
-constexpr float kColourShare = 0.35f;  // of the colour term in the cost
-constexpr int kSmallStep = 10;         // SGM penalties on the 0..255 cost scale
-constexpr int kLargeStep = 60;
+constexpr float kTextureFloor = 6.0f;  // variance (grey levels^2) of texture too weak to correlate
+constexpr float kColourScale = 48.0f;  // colour difference with the maximum cost, grey levels
+constexpr float kColourShare = 0.35f;  // weight of the colour term in the cost
+constexpr int kSmallStep = 10;  // SGM penalty for a step of one plane, on the 0..255 cost scale
+constexpr int kLargeStep = 60;  // SGM penalty for a larger step
 
-// Cost volume: costs of all planes of a pixel lie together.
+// Cost volume. The costs of all planes of a pixel are contiguous.
 struct Volume {
   cv::Rect region;
   int planes = 0;
@@ -23,7 +23,7 @@ struct Volume {
   std::size_t at(int x, int y) const { return (std::size_t(y) * region.width + x) * planes; }
 };
 
-// Statistics of a picture in the window around each pixel.
+// Image statistics in the window around each pixel.
 struct Local {
   cv::Mat mean, variance;
 };
@@ -37,29 +37,29 @@ Local local_statistics(const cv::Mat& grey, int window) {
   return out;
 }
 
-// Maps pixel indices of the reference's region to pixel indices of `other`, through the plane at
-// this depth parallel to the reference's image.
+// Maps pixel indices of the reference region to pixel indices of `other`, through the plane at
+// `depth` parallel to the reference image.
 cv::Matx33d plane_homography(const View& reference, const View& other, cv::Point origin,
                              double depth) {
   const cv::Matx33d k_other(other.fx, 0, other.cx - 0.5, 0, other.fy, other.cy - 0.5, 0, 0, 1);
   const cv::Matx33d inverse_k(1 / reference.fx, 0, (origin.x + 0.5 - reference.cx) / reference.fx,
                               0, 1 / reference.fy, (origin.y + 0.5 - reference.cy) / reference.fy,
                               0, 0, 1);
-  const cv::Matx33d turn = other.rotation * reference.rotation.t();
-  const cv::Vec3d shift = (other.translation - turn * reference.translation) * (1 / depth);
-  cv::Matx33d m = turn;
+  const cv::Matx33d rotation = other.rotation * reference.rotation.t();
+  const cv::Vec3d shift = (other.translation - rotation * reference.translation) * (1 / depth);
+  cv::Matx33d m = rotation;
   for (int r = 0; r < 3; ++r) m(r, 2) += shift[r];
   return k_other * m * inverse_k;
 }
 
-// Cost of one plane against one other view, CV_32F in [0, 1]; negative where it sees nothing.
-cv::Mat pair_cost(const SweepPicture& reference, const cv::Mat& grey, const Local& local,
-                  const SweepPicture& other, cv::Rect region, double depth, int window) {
+// Returns the cost of one plane against one other view, CV_32F in [0, 1]; -1 if not visible there.
+cv::Mat pair_cost(const SweepImage& reference, const cv::Mat& grey, const Local& local,
+                  const SweepImage& other, cv::Rect region, double depth, int window) {
   const cv::Matx33d h = plane_homography(reference.view, other.view, region.tl(), depth);
   const int flags = cv::INTER_LINEAR | cv::WARP_INVERSE_MAP;
-  cv::Mat warped, warped_seen;
+  cv::Mat warped, warped_usable;
   cv::warpPerspective(other.grey, warped, h, region.size(), flags, cv::BORDER_REPLICATE);
-  cv::warpPerspective(other.usable, warped_seen, h, region.size(),
+  cv::warpPerspective(other.usable, warped_usable, h, region.size(),
                       cv::INTER_NEAREST | cv::WARP_INVERSE_MAP, cv::BORDER_CONSTANT, 0);
   const Local theirs = local_statistics(warped, window);
   cv::Mat product;
@@ -69,7 +69,7 @@ cv::Mat pair_cost(const SweepPicture& reference, const cv::Mat& grey, const Loca
     const float *ma = local.mean.ptr<float>(y), *va = local.variance.ptr<float>(y);
     const float *mb = theirs.mean.ptr<float>(y), *vb = theirs.variance.ptr<float>(y);
     const float *ab = product.ptr<float>(y), *a = grey.ptr<float>(y), *b = warped.ptr<float>(y);
-    const std::uint8_t* seen = warped_seen.ptr(y);
+    const std::uint8_t* visible = warped_usable.ptr(y);
     float* out = cost.ptr<float>(y);
     for (int x = 0; x < region.width; ++x) {
       const float covariance = ab[x] - ma[x] * mb[x];
@@ -79,18 +79,18 @@ cv::Mat pair_cost(const SweepPicture& reference, const cv::Mat& grey, const Loca
       const float colour = 0.5f * (std::abs(ma[x] - mb[x]) + std::abs(a[x] - b[x]));
       const float value = (1 - kColourShare) * std::min(1.0f, 1 - correlation) +
                           kColourShare * std::min(1.0f, colour / kColourScale);
-      out[x] = seen[x] ? std::clamp(value, 0.0f, 1.0f) : -1.0f;
+      out[x] = visible[x] ? std::clamp(value, 0.0f, 1.0f) : -1.0f;
     }
   }
   return cost;
 }
 
-// The two smallest costs so far of each pixel, and how many views had a say.
+// The two smallest costs so far of each pixel, and the number of views that see it.
 struct Best {
   cv::Mat first, second, count;  // CV_32F
 };
 
-void keep_best(const cv::Mat& cost, Best* best) {
+void update_best(const cv::Mat& cost, Best* best) {
   for (int y = 0; y < cost.rows; ++y) {
     const float* c = cost.ptr<float>(y);
     float *first = best->first.ptr<float>(y), *second = best->second.ptr<float>(y);
@@ -108,7 +108,7 @@ double plane_depth(const SweepSettings& settings, double plane) {
   return 1.0 / (1.0 / settings.farthest + plane * plane_step(settings));
 }
 
-void fill_volume(const SweepPicture& reference, const std::vector<const SweepPicture*>& others,
+void fill_volume(const SweepImage& reference, const std::vector<const SweepImage*>& others,
                  const SweepSettings& settings, Volume* volume) {
   const cv::Rect region = volume->region;
   const cv::Mat grey = reference.grey(region);
@@ -117,10 +117,10 @@ void fill_volume(const SweepPicture& reference, const std::vector<const SweepPic
     const double depth = plane_depth(settings, plane);
     const auto filled = [&](double v) { return cv::Mat(region.size(), CV_32F, cv::Scalar(v)); };
     Best best{filled(1), filled(1), filled(0)};
-    for (const SweepPicture* other : others) {
-      keep_best(pair_cost(reference, grey, local, *other, region, depth, settings.window), &best);
+    for (const SweepImage* other : others) {
+      update_best(pair_cost(reference, grey, local, *other, region, depth, settings.window), &best);
     }
-    // Occluded views match worst: of three or more the best two count, of two the better one.
+    // Occluded views match worst. With three or more views the best two count, with fewer the best.
     for (int y = 0; y < region.height; ++y) {
       const float *first = best.first.ptr<float>(y), *second = best.second.ptr<float>(y);
       const float* count = best.count.ptr<float>(y);
@@ -133,7 +133,7 @@ void fill_volume(const SweepPicture& reference, const std::vector<const SweepPic
   }
 }
 
-void forbid_impossible(const View& view, const SweepSettings& settings, Volume* volume) {
+void exclude_impossible(const View& view, const SweepSettings& settings, Volume* volume) {
   const cv::Rect region = volume->region;
   for (int y = 0; y < region.height; ++y) {
     for (int x = 0; x < region.width; ++x) {
@@ -146,14 +146,15 @@ void forbid_impossible(const View& view, const SweepSettings& settings, Volume* 
   }
 }
 
-// Adds the costs of the best paths that reach (x, y) from (x - dx, y - dy) to `sum`.
+// Adds the SGM path costs of the direction (dx, dy) to `sum`: paths reach (x, y) from
+// (x - dx, y - dy).
 void aggregate(const Volume& volume, const cv::Mat& grey, int dx, int dy,
                std::vector<std::uint16_t>* sum) {
   const int w = volume.region.width, h = volume.region.height, n = volume.planes;
-  // One row (or one pixel) of path costs back is all that a path needs; padded by a plane a side.
+  // A path needs only the costs of the previous row or pixel. Padded by one plane on each side.
   std::vector<std::vector<std::uint16_t>> previous(w), current(w);
-  const auto fresh = [n] { return std::vector<std::uint16_t>(n + 2, 0xffff); };
-  for (int x = 0; x < w; ++x) previous[x] = current[x] = fresh();
+  const auto blank = [n] { return std::vector<std::uint16_t>(n + 2, 0xffff); };
+  for (int x = 0; x < w; ++x) previous[x] = current[x] = blank();
   std::vector<int> best_previous(w, 0), best_current(w, 0);
   for (int j = 0; j < h; ++j) {
     const int y = dy < 0 ? h - 1 - j : j;
@@ -188,7 +189,7 @@ void aggregate(const Volume& volume, const cv::Mat& grey, int dx, int dy,
   }
 }
 
-// The cheapest plane of each pixel, refined by a parabola through its neighbours.
+// Returns the cheapest plane of each pixel, refined by a parabola through its neighbours.
 DepthMap read_out(const Volume& volume, const std::vector<std::uint16_t>& sum, cv::Size size,
                   const SweepSettings& settings) {
   DepthMap map{cv::Mat(size, CV_32F, cv::Scalar(0)), cv::Mat(size, CV_32F, cv::Scalar(1))};
@@ -214,25 +215,25 @@ DepthMap read_out(const Volume& volume, const std::vector<std::uint16_t>& sum, c
 
 }  // namespace
 
-SweepPicture sweep_picture(const View& view, const cv::Mat& rgb, const cv::Mat& usable) {
-  SweepPicture picture{view, rgb, {}, usable};
-  if (rgb.size() != view.size()) cv::resize(rgb, picture.rgb, view.size(), 0, 0, cv::INTER_AREA);
+SweepImage make_sweep_image(const View& view, const cv::Mat& rgb, const cv::Mat& usable) {
+  SweepImage image{view, rgb, {}, usable};
+  if (rgb.size() != view.size()) cv::resize(rgb, image.rgb, view.size(), 0, 0, cv::INTER_AREA);
   cv::Mat grey;
-  cv::cvtColor(picture.rgb, grey, cv::COLOR_RGB2GRAY);
-  grey.convertTo(picture.grey, CV_32F);
+  cv::cvtColor(image.rgb, grey, cv::COLOR_RGB2GRAY);
+  grey.convertTo(image.grey, CV_32F);
   if (usable.empty()) {
-    picture.usable = cv::Mat(view.size(), CV_8U, cv::Scalar(255));
+    image.usable = cv::Mat(view.size(), CV_8U, cv::Scalar(255));
   } else if (usable.size() != view.size()) {
-    cv::resize(usable, picture.usable, view.size(), 0, 0, cv::INTER_NEAREST);
+    cv::resize(usable, image.usable, view.size(), 0, 0, cv::INTER_NEAREST);
   }
-  return picture;
+  return image;
 }
 
 double plane_step(const SweepSettings& settings) {
   return (1.0 / settings.nearest - 1.0 / settings.farthest) / (settings.planes - 1);
 }
 
-DepthMap sweep(const SweepPicture& reference, const std::vector<const SweepPicture*>& others,
+DepthMap sweep(const SweepImage& reference, const std::vector<const SweepImage*>& others,
                const SweepSettings& settings) {
   const cv::Rect all(0, 0, reference.view.width, reference.view.height);
   Volume volume;
@@ -240,7 +241,7 @@ DepthMap sweep(const SweepPicture& reference, const std::vector<const SweepPictu
   volume.planes = settings.planes;
   volume.cost.assign(std::size_t(volume.region.area()) * volume.planes, 0);
   fill_volume(reference, others, settings, &volume);
-  if (settings.possible) forbid_impossible(reference.view, settings, &volume);
+  if (settings.possible) exclude_impossible(reference.view, settings, &volume);
   const cv::Mat grey = reference.grey(volume.region);
   std::vector<std::uint16_t> sum(volume.cost.size(), 0);
   aggregate(volume, grey, 1, 0, &sum);

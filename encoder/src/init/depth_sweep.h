@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Dense depth of a view against its neighbours: a plane sweep over inverse depth, scored by
-// normalised correlation and colour, smoothed by semi-global matching along four directions.
+// Computes dense depth of a view against its neighbours: a plane sweep over inverse depth with a
+// cost of normalised correlation and colour, smoothed by semi-global matching in four directions.
 #pragma once
 
 #include <functional>
@@ -11,38 +11,40 @@
 
 namespace stgs::encoder::init {
 
-// A view and its picture, prepared for sweeping.
-struct SweepPicture {
+// A view with its image, at the resolution of the sweep.
+struct SweepImage {
   View view;
   cv::Mat rgb;     // 8-bit
   cv::Mat grey;    // CV_32F, 0..255
-  cv::Mat usable;  // 8-bit, 255 where the picture may be trusted; empty: everywhere
+  cv::Mat usable;  // 8-bit, 255 = usable
 };
-SweepPicture sweep_picture(const View& view, const cv::Mat& rgb, const cv::Mat& usable = {});
+// Scales the image to the size of the view. An empty `usable` marks every pixel usable.
+SweepImage make_sweep_image(const View& view, const cv::Mat& rgb, const cv::Mat& usable = {});
 
 struct SweepSettings {
-  double nearest = 1, farthest = 10;  // depth, scene units
+  double nearest = 1, farthest = 10;  // depth range, scene units
   int planes = 64;                    // 2..192
   int window = 5;                     // pixels, odd
-  cv::Rect region;                    // of the reference that is swept; empty: all of it
-  // Hypotheses that are impossible (outside the visual hull); empty: none.
+  cv::Rect region;                    // swept part of the reference; empty: all
+  // Returns false for positions to exclude, such as those outside the visual hull. May be empty.
   std::function<bool(const cv::Vec3d& point)> possible;
 };
 
-// Depth in scene units (0: unknown) and the matching cost in [0, 1] at that depth, both CV_32F at
+// Depth in scene units (0: unknown) and matching cost in [0, 1] at that depth. Both are CV_32F at
 // the size of the reference.
 struct DepthMap {
   cv::Mat depth, cost;
 };
 
-DepthMap sweep(const SweepPicture& reference, const std::vector<const SweepPicture*>& others,
+// Sweeps the reference against the other views.
+DepthMap sweep(const SweepImage& reference, const std::vector<const SweepImage*>& others,
                const SweepSettings& settings);
 
-// Step in inverse depth between two planes.
+// Returns the step in inverse depth between adjacent planes.
 double plane_step(const SweepSettings& settings);
 
-// Number of the maps `others` that agree with the depth of `view` at (x, y) to within `tolerance`
-// in inverse depth.
+// Returns the number of maps in `others` that agree with the depth of `view` at (x, y), with an
+// inverse depth closer than `tolerance`.
 int agreement(const View& view, const DepthMap& map, int x, int y,
               const std::vector<std::pair<const View*, const DepthMap*>>& others, double tolerance);
 

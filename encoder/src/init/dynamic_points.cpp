@@ -11,9 +11,9 @@ namespace stgs::encoder::init {
 namespace {
 
 constexpr int kNeighbours = 3;
-constexpr int kFewestMaskPixels = 6;
+constexpr int kMinMaskPixels = 6;
 
-// Depth of the static surface where it was checked, else 0, at the view's size.
+// Returns the depth of the static surface at the size of the view, 0 where it was not checked.
 cv::Mat static_depth_of(const Surface& surface, const View& view) {
   cv::Mat trusted = surface.depth.clone(), out;
   trusted.setTo(0, surface.weight <= 0);
@@ -21,7 +21,8 @@ cv::Mat static_depth_of(const Surface& surface, const View& view) {
   return out;
 }
 
-// Nearest and farthest hull cell that the view sees inside `box`, widened by `slack`.
+// Finds the depths of the nearest and farthest hull cell visible inside `box`, widened by `slack`.
+// Returns false if there is none.
 bool hull_range(const View& view, const std::vector<cv::Vec3d>& cells, cv::Rect box, double slack,
                 double* near, double* far) {
   *near = 1e300;
@@ -47,14 +48,15 @@ struct SweptView {
 Status load_silhouettes(const PreparedCapture& capture, const std::vector<View>& views,
                         const StaticScene& scene, int frame, std::vector<Silhouette>* out) {
   for (std::size_t i = 0; i < views.size(); ++i) {
-    STGS_ASSIGN(cv::Mat mask, load_mask_picture(capture, views[i], frame));
+    STGS_ASSIGN(cv::Mat mask, load_mask_image(capture, views[i], frame));
     if (mask.empty()) continue;
     out->push_back(make_silhouette(views[i], mask, static_depth_of(scene.surfaces[i], views[i])));
   }
   return {};
 }
 
-// Boxes around the parts of the mask, a few pixels larger; boxes that overlap are joined.
+// Returns the boxes around the components of the mask, a few pixels larger. Overlapping boxes are
+// merged.
 std::vector<cv::Rect> mask_boxes(const cv::Mat& mask) {
   cv::Mat grown, labels, stats, centroids;
   cv::dilate(mask, grown, cv::Mat(), {-1, -1}, 3);
@@ -70,22 +72,22 @@ std::vector<cv::Rect> mask_boxes(const cv::Mat& mask) {
       }
       box |= boxes[k];
       boxes.erase(boxes.begin() + std::ptrdiff_t(k));
-      k = 0;  // the larger box may meet others
+      k = 0;  // the merged box may overlap others
     }
     boxes.push_back(box);
   }
   return boxes;
 }
 
-SweptView sweep_view(const std::vector<SweepPicture>& pictures, int i,
-                     const std::vector<View>& views, const cv::Mat& mask, const VisualHull& hull,
+SweptView sweep_view(const std::vector<SweepImage>& images, int i, const std::vector<View>& views,
+                     const cv::Mat& mask, const VisualHull& hull,
                      const std::vector<cv::Vec3d>& cells, const cv::Vec3d& focus) {
   SweptView out;
   out.mask = mask;
   const std::vector<int> near = neighbours(views, i, focus, kNeighbours);
-  if (near.empty() || cv::countNonZero(mask) < kFewestMaskPixels) return out;
-  std::vector<const SweepPicture*> others;
-  for (const int j : near) others.push_back(&pictures[j]);
+  if (near.empty() || cv::countNonZero(mask) < kMinMaskPixels) return out;
+  std::vector<const SweepImage*> others;
+  for (const int j : near) others.push_back(&images[j]);
   const auto blank = [&](double v) { return cv::Mat(mask.size(), CV_32F, cv::Scalar(v)); };
   out.map = {blank(0), blank(1)};
   for (const cv::Rect& box : mask_boxes(mask)) {
@@ -97,7 +99,7 @@ SweptView sweep_view(const std::vector<SweepPicture>& pictures, int i,
         plane_count(views[i], views, near, settings.nearest, settings.farthest, 8, 64);
     settings.region = box;
     settings.possible = [&hull](const cv::Vec3d& p) { return hull.contains(p); };
-    const DepthMap part = sweep(pictures[i], others, settings);
+    const DepthMap part = sweep(images[i], others, settings);
     part.depth(box).copyTo(out.map.depth(box));
     part.cost(box).copyTo(out.map.cost(box));
     out.step = std::max(out.step, plane_step(settings));
@@ -105,8 +107,8 @@ SweptView sweep_view(const std::vector<SweepPicture>& pictures, int i,
   return out;
 }
 
-// The mask without its border, where pictures mix what moves with what is behind it; parts too thin
-// to have an inside are kept whole.
+// Returns the mask without its border, where pixels mix foreground and background. Parts too thin
+// to have an interior are kept.
 cv::Mat inner_mask(const cv::Mat& mask) {
   cv::Mat inner, covered;
   cv::erode(mask, inner, cv::getStructuringElement(cv::MORPH_CROSS, {3, 3}));
@@ -114,24 +116,25 @@ cv::Mat inner_mask(const cv::Mat& mask) {
   return inner | (mask & ~covered);
 }
 
-// Depth inside the mask as a surface; weight above 1 where another swept view agrees.
-Surface surface_of(const SweepPicture& picture, const SweptView& swept,
+// Returns the depth inside the mask as a surface. The weight exceeds 1 where another swept view
+// agrees.
+Surface surface_of(const SweepImage& image, const SweptView& swept,
                    const std::vector<std::pair<const View*, const DepthMap*>>& others) {
-  Surface surface{picture.view, picture.rgb, swept.map.depth.clone(),
-                  cv::Mat(picture.view.size(), CV_32F, cv::Scalar(0))};
+  Surface surface{image.view, image.rgb, swept.map.depth.clone(),
+                  cv::Mat(image.view.size(), CV_32F, cv::Scalar(0))};
   const cv::Mat mask = inner_mask(swept.mask);
-  for (int y = 0; y < picture.view.height; ++y) {
-    for (int x = 0; x < picture.view.width; ++x) {
+  for (int y = 0; y < image.view.height; ++y) {
+    for (int x = 0; x < image.view.width; ++x) {
       if (!mask.at<std::uint8_t>(y, x) || surface.depth.at<float>(y, x) <= 0) continue;
       const float cost = swept.map.cost.at<float>(y, x);
-      const bool agreed = agreement(picture.view, swept.map, x, y, others, 2 * swept.step) > 0;
+      const bool agreed = agreement(image.view, swept.map, x, y, others, 2 * swept.step) > 0;
       surface.weight.at<float>(y, x) = std::max(0.01f, 1 - cost) + (agreed ? 1.0f : 0.0f);
     }
   }
   return surface;
 }
 
-// Only what another view confirms.
+// Sets the weight to 0 where no other view confirms the depth.
 std::vector<Surface> checked_only(std::vector<Surface> surfaces) {
   for (Surface& surface : surfaces) {
     surface.weight = surface.weight.clone();
@@ -143,7 +146,7 @@ std::vector<Surface> checked_only(std::vector<Surface> surfaces) {
 void choose(const std::vector<Surface>& surfaces, double tolerance, int limit, DynamicFrame* out) {
   const int block = cover_within(checked_only(surfaces), limit, tolerance, &out->points);
   out->checked = int(out->points.size());
-  // What no other view confirms still needs a start: the hull keeps it near the truth.
+  // Unconfirmed surfaces also need initial points. The hull limits their depth error.
   for (int wide = std::max(3, block);; wide = wide * 5 / 4 + 1) {
     std::vector<SurfacePoint> all = out->points;
     cover(surfaces, wide, 3 * tolerance, &all);
@@ -163,29 +166,30 @@ Status find_dynamic_points(const PreparedCapture& capture, const std::vector<Vie
   std::size_t with_motion = 0;
   for (const Silhouette& s : silhouettes) with_motion += cv::countNonZero(s.mask) > 0 ? 1 : 0;
   if (with_motion < 2) return {};
-  // What moves may come nearer than anything static.
+  // Dynamic content may be nearer than any static content.
   const double nearest = 0.6 * scene.range.nearest;
-  const Box bounds = seen_box(views, nearest, scene.range.farthest, std::min(3, int(views.size())));
+  const Box bounds =
+      visible_box(views, nearest, scene.range.farthest, std::min(3, int(views.size())));
   const double cell = 1.5 * scene.focus.depth / silhouettes[0].view.fx;
   const VisualHull hull = VisualHull::carve(silhouettes, bounds, nearest, cell);
   out->hull_cells = hull.count();
   if (hull.empty()) return {};
   const std::vector<cv::Vec3d> cells = hull.surface();
 
-  std::vector<SweepPicture> pictures;
+  std::vector<SweepImage> images;
   std::vector<View> small;
   for (const View& view : views) {
-    small.push_back(make_view(*view.camera, settings.longest));
-    STGS_ASSIGN(const cv::Mat rgb, load_picture(capture, small.back(), frame));
-    pictures.push_back(sweep_picture(small.back(), rgb));
+    small.push_back(make_view(*view.camera, settings.max_side));
+    STGS_ASSIGN(const cv::Mat rgb, load_image(capture, small.back(), frame));
+    images.push_back(make_sweep_image(small.back(), rgb));
   }
   std::vector<SweptView> swept(small.size());
   const std::vector<int> references = spread(small, settings.references);
   for (const int i : references) {
     STGS_TRY(work.check());
-    STGS_ASSIGN(cv::Mat mask, load_mask_picture(capture, small[i], frame));
+    STGS_ASSIGN(cv::Mat mask, load_mask_image(capture, small[i], frame));
     if (mask.empty()) continue;
-    swept[i] = sweep_view(pictures, i, small, mask, hull, cells, scene.focus.point);
+    swept[i] = sweep_view(images, i, small, mask, hull, cells, scene.focus.point);
   }
   std::vector<Surface> surfaces;
   double tolerance = 0;
@@ -195,7 +199,7 @@ Status find_dynamic_points(const PreparedCapture& capture, const std::vector<Vie
     for (const int j : references) {
       if (j != i && !swept[j].map.depth.empty()) others.emplace_back(&small[j], &swept[j].map);
     }
-    surfaces.push_back(surface_of(pictures[i], swept[i], others));
+    surfaces.push_back(surface_of(images[i], swept[i], others));
     tolerance = std::max(tolerance, 3 * swept[i].step);
   }
   if (!surfaces.empty()) choose(surfaces, tolerance, settings.limit, out);

@@ -8,26 +8,26 @@
 namespace stgs::encoder::init {
 namespace {
 
-constexpr int kCoarseCells = 64;       // a side, to find the hull's box
-constexpr int kFinestCells = 192;      // a side
-constexpr double kBehindSlack = 1.06;  // depth errors of the static surface that are forgiven
+constexpr int kCoarseCells = 64;       // per side, to find the box of the hull
+constexpr int kMaxCells = 192;         // per side
+constexpr double kBehindSlack = 1.06;  // tolerance for depth errors of the static surface
 
 int views_needed(std::size_t views) {
   return int(std::min<std::size_t>(3, views));
 }
-int misses_allowed(int seen) {
-  return seen / 8 + (seen >= 5 ? 1 : 0);
+int misses_allowed(int views) {
+  return views / 8 + (views >= 5 ? 1 : 0);
 }
 
-// Whether a view sees a point, and whether it is inside the mask there.
-enum class Vote { kBlind, kOutside, kInside };
+// Visibility of a point in a view, and its position relative to the mask.
+enum class Vote { kNotVisible, kOutside, kInside };
 
 Vote vote_of(const Silhouette& s, const cv::Vec3d& p, double nearest) {
   const Pixel pixel = project(s.view, p);
-  if (!pixel.inside || pixel.depth < nearest) return Vote::kBlind;
+  if (!pixel.inside || pixel.depth < nearest) return Vote::kNotVisible;
   if (!s.behind.empty()) {
     const float behind = s.behind.at<float>(pixel.y(), pixel.x());
-    if (behind > 0 && pixel.depth > behind * kBehindSlack) return Vote::kBlind;
+    if (behind > 0 && pixel.depth > behind * kBehindSlack) return Vote::kNotVisible;
   }
   return s.mask.at<std::uint8_t>(pixel.y(), pixel.x()) ? Vote::kInside : Vote::kOutside;
 }
@@ -42,42 +42,44 @@ bool point_inside(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& p
   return inside >= views_needed(silhouettes.size()) && outside <= misses_allowed(inside + outside);
 }
 
-// False only if no point of the ball can be inside; the ball is projected to a square.
+// Returns false only if no point of the ball can be inside. Approximates the projected ball by a
+// rectangle that contains it.
 bool ball_may_be_inside(const std::vector<Silhouette>& silhouettes, const cv::Vec3d& p,
                         double radius, double nearest) {
-  int may = 0, never = 0;
+  int possible = 0, impossible = 0;
   for (const Silhouette& s : silhouettes) {
     const cv::Vec3d c = s.view.to_camera(p);
     if (c[2] + radius < nearest) continue;  // behind the camera
     if (c[2] - radius < nearest) {
-      ++may;  // around the camera: cannot be told
+      ++possible;  // contains the camera: undecidable
       continue;
     }
-    // The ball's outline lies within this many pixels of its centre, also off the axis.
+    // Upper bound of the outline's distance from the projected centre, also off the optical axis.
     const double x = c[0] / c[2], y = c[1] / c[2];
     const double spread = radius / (c[2] - radius) * std::sqrt(1 + x * x + y * y);
     const double rx = s.view.fx * spread + 1, ry = s.view.fy * spread + 1;
     const double u = s.view.fx * x + s.view.cx, v = s.view.fy * y + s.view.cy;
     if (u + rx < 0 || v + ry < 0 || u - rx > s.view.width || v - ry > s.view.height) continue;
-    const bool whole =
+    const bool fully_inside =
         u - rx >= 0 && v - ry >= 0 && u + rx <= s.view.width && v + ry <= s.view.height;
     const int x0 = std::max(0, int(u - rx)), x1 = std::min(s.view.width, int(u + rx) + 1);
     const int y0 = std::max(0, int(v - ry)), y1 = std::min(s.view.height, int(v + ry) + 1);
     const int sum = s.integral.at<int>(y1, x1) - s.integral.at<int>(y0, x1) -
                     s.integral.at<int>(y1, x0) + s.integral.at<int>(y0, x0);
-    // With a static surface known a view may turn out to be blind, so it must not rule out.
+    // A known static surface in front of the ball hides it, so the view cannot rule it out.
     if (sum > 0) {
-      ++may;
-    } else if (whole && s.behind.empty()) {
-      ++never;
-    } else if (whole) {
+      ++possible;
+    } else if (fully_inside && s.behind.empty()) {
+      ++impossible;
+    } else if (fully_inside) {
       const cv::Rect box(x0, y0, x1 - x0, y1 - y0);
       double low = 0;
       cv::minMaxLoc(s.behind(box), &low, nullptr, nullptr, nullptr);
-      never += low <= 0 || low * kBehindSlack > c[2] + radius ? 1 : 0;
+      impossible += low <= 0 || low * kBehindSlack > c[2] + radius ? 1 : 0;
     }
   }
-  return may >= views_needed(silhouettes.size()) && never <= misses_allowed(may + never);
+  return possible >= views_needed(silhouettes.size()) &&
+         impossible <= misses_allowed(possible + impossible);
 }
 
 }  // namespace
@@ -129,13 +131,13 @@ VisualHull VisualHull::carve(const std::vector<Silhouette>& silhouettes, const B
   VisualHull coarse;
   if (bounds.empty() || silhouettes.size() < 2) return coarse;
   const cv::Vec3d extent = bounds.high - bounds.low;
-  const double longest = std::max({extent[0], extent[1], extent[2]});
+  const double longest_edge = std::max({extent[0], extent[1], extent[2]});
   const auto carve_all = [&](VisualHull& hull, bool conservative) {
     int level = 0;
     while ((1 << level) < std::max({hull.size_[0], hull.size_[1], hull.size_[2]})) ++level;
     hull.carve_cube(silhouettes, nearest, conservative, level, 0, 0, 0);
   };
-  coarse.allocate(bounds, longest / kCoarseCells);
+  coarse.allocate(bounds, longest_edge / kCoarseCells);
   carve_all(coarse, true);
   if (coarse.empty()) return coarse;
   Box tight{cv::Vec3d::all(1e300), cv::Vec3d::all(-1e300)};
@@ -153,7 +155,7 @@ VisualHull VisualHull::carve(const std::vector<Silhouette>& silhouettes, const B
   }
   const cv::Vec3d size = tight.high - tight.low;
   VisualHull fine;
-  fine.allocate(tight, std::max(cell, std::max({size[0], size[1], size[2]}) / kFinestCells));
+  fine.allocate(tight, std::max(cell, std::max({size[0], size[1], size[2]}) / kMaxCells));
   carve_all(fine, false);
   return fine;
 }
@@ -177,7 +179,7 @@ std::vector<cv::Vec3d> VisualHull::surface() const {
   return out;
 }
 
-Box seen_box(const std::vector<View>& views, double nearest, double farthest, int views_needed) {
+Box visible_box(const std::vector<View>& views, double nearest, double farthest, int views_needed) {
   Box box{cv::Vec3d::all(1e300), cv::Vec3d::all(-1e300)};
   constexpr int kSteps = 9;  // samples along each axis of a frustum
   for (const View& view : views) {
@@ -187,14 +189,14 @@ Box seen_box(const std::vector<View>& views, double nearest, double farthest, in
       const double c = double(i / kSteps / kSteps) / (kSteps - 1);
       const double depth = 1 / (1 / nearest + c * (1 / farthest - 1 / nearest));
       const cv::Vec3d p = view.at(a * view.width, b * view.height, depth);
-      int seen = 0;
+      int visible = 0;
       for (const View& other : views) {
         const Pixel pixel = project(other, p);
         const double slack = 0.05 * std::max(other.width, other.height);
-        seen += pixel.depth > 0.5 * nearest && pixel.u > -slack && pixel.v > -slack &&
-                pixel.u < other.width + slack && pixel.v < other.height + slack;
+        visible += pixel.depth > 0.5 * nearest && pixel.u > -slack && pixel.v > -slack &&
+                   pixel.u < other.width + slack && pixel.v < other.height + slack;
       }
-      if (seen < views_needed) continue;
+      if (visible < views_needed) continue;
       for (int k = 0; k < 3; ++k) {
         box.low[k] = std::min(box.low[k], p[k]);
         box.high[k] = std::max(box.high[k], p[k]);

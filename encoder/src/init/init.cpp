@@ -15,18 +15,19 @@
 #include "init/static_points.h"
 #include "init/velocity.h"
 #include "init/work.h"
+#include "plural.h"
 
 namespace stgs::encoder {
 namespace {
 
 using namespace init;
 
-constexpr int kMotionLongest = 640;  // pixels of the longer side that motion is found at
-constexpr int kColmapViews = 12;     // more add little and cost their square
-constexpr int kColmapSeconds = 120;  // a step of COLMAP
-constexpr int kMeasuredFrames = 6;   // frames on which the two kinds of velocity are compared
+constexpr int kMotionMaxSide = 640;  // longer side of the images in motion detection, pixels
+constexpr int kColmapViews = 12;     // more views add little, and time grows with their square
+constexpr int kColmapSeconds = 120;  // limit per step of COLMAP
+constexpr int kMeasuredFrames = 6;   // frames that compare the two velocity estimates
 
-// Everything that the stages hand on to each other.
+// Data passed between the stages.
 struct State {
   PreparedCapture& capture;
   const InitSettings& settings;
@@ -38,8 +39,10 @@ struct State {
   std::vector<Velocities> velocities{};
   std::string velocity_kind = "none";
   std::vector<InitialPoint> static_points{}, dynamic_points{};
-  std::atomic<bool> abandoned{false};                         // nobody waits for the features
-  std::future<Result<std::vector<SurfacePoint>>> features{};  // last: it waits for its thread
+  std::size_t too_near = 0;            // points removed in front of the near plane
+  std::atomic<bool> abandoned{false};  // the features are no longer needed
+  // Declared last, so that its destructor joins the thread before the other members are destroyed.
+  std::future<Result<std::vector<SurfacePoint>>> features{};
 };
 
 int static_limit(const State& state) {
@@ -59,8 +62,8 @@ Status find_all_motion(State& state) {
   state.motion.resize(state.views.size());
   if (!state.settings.separate_motion) {
     return state.work.for_each(int(state.views.size()), [&](int i) -> Status {
-      STGS_ASSIGN(state.motion[i].background, load_picture(state.capture, state.views[i], 0));
-      state.motion[i].background_seen = cv::Mat(state.views[i].size(), CV_8U, cv::Scalar(255));
+      STGS_ASSIGN(state.motion[i].background, load_image(state.capture, state.views[i], 0));
+      state.motion[i].background_valid = cv::Mat(state.views[i].size(), CV_8U, cv::Scalar(255));
       return {};
     });
   }
@@ -73,66 +76,66 @@ Status find_all_motion(State& state) {
     for (const float c : motion.coverage) share += c / float(motion.coverage.size());
     given += motion.given_masks ? 1 : 0;
   }
-  state.work.log(
-      fmt::format("motion: {:.1f} % of the pixels move; masks given for {} of {} cameras",
-                  100 * share / double(state.views.size()), given, state.views.size()));
+  state.work.log(fmt::format("motion: {:.1f} % of the pixels are dynamic; masks given for {} of {}",
+                             100 * share / double(state.views.size()), given,
+                             plural(state.views.size(), "camera")));
   return {};
 }
 
 Status find_static(State& state) {
-  std::vector<std::vector<Still>> stills(1);
+  std::vector<std::vector<StaticImage>> backgrounds(1);
   for (std::size_t i = 0; i < state.views.size(); ++i) {
-    stills[0].push_back(
-        {state.views[i], state.motion[i].background, state.motion[i].background_seen});
+    backgrounds[0].push_back(
+        {state.views[i], state.motion[i].background, state.motion[i].background_valid});
   }
-  // Moving things may be nearer than the background: frame 0 counts whole for the range too.
-  std::vector<std::vector<Still>> with_frames = stills;
+  // Dynamic content may be nearer than the background, so the range also uses the full frame 0.
+  std::vector<std::vector<StaticImage>> with_frames = backgrounds;
   if (state.settings.separate_motion) {
     with_frames.emplace_back();
     for (const View& view : state.views) {
-      STGS_ASSIGN(const cv::Mat picture, load_picture(state.capture, view, 0));
-      with_frames.back().push_back({view, picture, {}});
+      STGS_ASSIGN(const cv::Mat image, load_image(state.capture, view, 0));
+      with_frames.back().push_back({view, image, {}});
     }
   }
   state.work.stage("depth range", int(with_frames.size()));
   STGS_TRY(find_depth_range(with_frames, state.work, &state.scene));
   if (!state.scene.range.measured) {
-    state.work.log("depth range: could not be measured, guessed from the cameras", 1);
+    state.work.log("depth range: not measurable from the images; estimated from the cameras", 1);
   }
   state.work.log(fmt::format("depth range: {:.3g} to {:.3g}", state.scene.range.nearest,
                              state.scene.range.farthest));
   state.work.stage("static depth", 2);
-  return find_static_depth(stills[0], state.work, &state.scene);
+  return find_static_depth(backgrounds[0], state.work, &state.scene);
 }
 
-// Points that came with the capture, but for those on something that moves in frame 0.
+// Returns the points that came with the capture, except those on dynamic content in frame 0.
 Result<std::vector<SurfacePoint>> given_points(State& state) {
   std::vector<SurfacePoint> points;
   std::vector<cv::Mat> masks(state.views.size());
   for (std::size_t i = 0; state.settings.separate_motion && i < state.views.size(); ++i) {
-    STGS_ASSIGN(masks[i], load_mask_picture(state.capture, state.views[i], 0));
+    STGS_ASSIGN(masks[i], load_mask_image(state.capture, state.views[i], 0));
   }
   for (const InitialPoint& point : state.settings.points) {
     const cv::Vec3d position(point.position[0], point.position[1], point.position[2]);
-    int seen = 0, moving = 0;
+    int visible = 0, dynamic = 0;
     for (std::size_t i = 0; i < state.views.size(); ++i) {
       const Pixel p = project(state.views[i], position);
       if (!p.inside) continue;
-      ++seen;
-      moving += !masks[i].empty() && masks[i].at<std::uint8_t>(p.y(), p.x()) ? 1 : 0;
+      ++visible;
+      dynamic += !masks[i].empty() && masks[i].at<std::uint8_t>(p.y(), p.x()) ? 1 : 0;
     }
-    if (seen == 0 || 2 * moving > seen) continue;
+    if (visible == 0 || 2 * dynamic > visible) continue;
     points.push_back({position, {point.colour[0], point.colour[1], point.colour[2]}});
   }
   return points;
 }
 
-// Starts the triangulation of frame 0's features, which runs beside the stages that follow.
-// COLMAP only sharpens the start: without it the log says so.
+// Starts the triangulation of the features of frame 0 in parallel with the following stages. COLMAP
+// is optional: without it the initial points are only less accurate.
 void start_features(State& state) {
   if (!state.settings.use_colmap || state.views.size() < 2) return;
   if (!colmap_installed()) {
-    state.work.log("features: COLMAP is not installed, so there are no triangulated features", 1);
+    state.work.log("features: skipped (COLMAP is not installed)", 1);
     return;
   }
   state.features = std::async(std::launch::async, [&state] {
@@ -147,8 +150,8 @@ void start_features(State& state) {
 }
 
 Result<std::vector<SurfacePoint>> feature_points(State& state) {
-  std::vector<SurfacePoint> kept;
-  if (!state.features.valid()) return kept;
+  std::vector<SurfacePoint> points;
+  if (!state.features.valid()) return points;
   state.work.stage("features");
   const auto ready = [&]() -> Status {
     while (state.features.wait_for(std::chrono::milliseconds(50)) != std::future_status::ready) {
@@ -159,10 +162,10 @@ Result<std::vector<SurfacePoint>> feature_points(State& state) {
   STGS_TRY(state.work.wait_for(ready));
   const auto found = state.features.get();
   if (!found.ok()) {
-    state.work.log(fmt::format("features: none, {}", found.status().message()), 1);
-    return kept;
+    state.work.log(fmt::format("features: none ({})", found.status().message()), 1);
+    return points;
   }
-  // What lies outside the measured depths in every view is a mismatch.
+  // A point outside the measured depth range in every view is a mismatch.
   for (const SurfacePoint& point : *found) {
     const bool plausible =
         std::any_of(state.views.begin(), state.views.end(), [&](const View& view) {
@@ -170,14 +173,13 @@ Result<std::vector<SurfacePoint>> feature_points(State& state) {
           return p.inside && p.depth > state.scene.range.nearest &&
                  p.depth < state.scene.range.farthest;
         });
-    if (plausible) kept.push_back(point);
+    if (plausible) points.push_back(point);
   }
-  state.work.log(
-      found->empty()
-          ? fmt::format("features: none, COLMAP found no point that up to {} views see alike",
-                        std::min(kColmapViews, int(state.views.size())))
-          : fmt::format("features: {} points triangulated by COLMAP", kept.size()));
-  return kept;
+  state.work.log(found->empty()
+                     ? fmt::format("features: none (COLMAP found no matches between {} views)",
+                                   std::min(kColmapViews, int(state.views.size())))
+                     : fmt::format("features: {} points triangulated by COLMAP", points.size()));
+  return points;
 }
 
 Status choose_static(State& state) {
@@ -187,8 +189,7 @@ Status choose_static(State& state) {
   sparse.insert(sparse.end(), given.begin(), given.end());
   choose_static_points(sparse, static_limit(state), &state.scene);
   state.work.log(fmt::format(
-      "static points: {} ({} given or from features, {} from depth, {} "
-      "filled in)",
+      "static points: {} ({} given or from features, {} from depth, {} interpolated)",
       state.scene.points.size(), state.scene.sparse, state.scene.swept, state.scene.filled));
   return {};
 }
@@ -207,17 +208,17 @@ Status find_dynamic(State& state) {
     points += frame.points.size();
     checked += frame.checked;
   }
-  state.work.log(
-      fmt::format("dynamic points: {} in {} frames, {} of them confirmed by another view", points,
-                  state.frames.size(), checked));
+  state.work.log(fmt::format("dynamic points: {} in {} ({} confirmed by another view)", points,
+                             plural(state.frames.size(), "frame"), checked));
   return {};
 }
 
-// Both kinds of velocity for a frame. The last frame looks back.
+// Computes both velocity estimates of a frame. The last frame uses the frame before it.
 void velocities_of(const State& state, int frame, Velocities* matched, Velocities* flowed) {
   const int last = state.capture.frames - 1;
   const std::vector<SurfacePoint>& points = state.frames[frame].points;
-  // Faster than this a frame is not plausible: a thirtieth of the way across the picture.
+  // Upper bound of a plausible velocity, scene units per frame: 1/15 of the image width at the
+  // focus.
   const double reach = state.scene.focus.depth * state.views[0].width / state.views[0].fx / 15;
   if (last == 0 || points.empty()) {
     matched->assign(points.size(), cv::Vec3d(0, 0, 0));
@@ -228,24 +229,9 @@ void velocities_of(const State& state, int frame, Velocities* matched, Velocitie
   *matched = match_velocities(points, state.frames[other].points, reach, frame < last ? 1 : -1);
   if (frame < last) {
     *flowed = flow_velocities(points, state.views, state.motion, frame, reach);
-    *flowed = settled(*flowed, *matched);
+    *flowed = fill_unknown(*flowed, *matched);
   }
-  *matched = settled(*matched, *matched);
-}
-
-// The last frame has no flow of its own: its points take the velocity of the nearest ones before.
-Velocities carried_over(const DynamicFrame& last, const DynamicFrame& before,
-                        const Velocities& velocities) {
-  Velocities out(last.points.size(), cv::Vec3d(0, 0, 0));
-  for (std::size_t i = 0; i < last.points.size(); ++i) {
-    double best = 1e300;
-    for (std::size_t k = 0; k < before.points.size(); ++k) {
-      const double d =
-          cv::norm(before.points[k].position + velocities[k] - last.points[i].position);
-      if (d < best) best = d, out[i] = velocities[k];
-    }
-  }
-  return out;
+  *matched = fill_unknown(*matched, *matched);
 }
 
 Status find_velocities(State& state) {
@@ -257,11 +243,11 @@ Status find_velocities(State& state) {
     return {};
   }));
   if (frames > 1) {
-    flowed[frames - 1] =
-        carried_over(state.frames[frames - 1], state.frames[frames - 2], flowed[frames - 2]);
+    flowed[frames - 1] = propagate_velocities(state.frames[frames - 1], state.frames[frames - 2],
+                                              flowed[frames - 2]);
   }
   struct Measured {
-    MotionFit still, matched, flowed;
+    MotionFit zero, matched, flowed;
   };
   const int count = std::min(frames - 1, kMeasuredFrames);
   std::vector<Measured> measured(std::max(0, count));
@@ -272,25 +258,31 @@ Status find_velocities(State& state) {
     const auto fit = [&](const Velocities& v) {
       return measure_motion(state.capture, state.views, points, v, frame + 1);
     };
-    STGS_ASSIGN(measured[i].still, fit(zero));
+    STGS_ASSIGN(measured[i].zero, fit(zero));
     STGS_ASSIGN(measured[i].matched, fit(matched[frame]));
     STGS_ASSIGN(measured[i].flowed, fit(flowed[frame]));
     return {};
   }));
-  double still = 0, by_match = 0, by_flow = 0;
+  double by_zero = 0, by_match = 0, by_flow = 0;
+  long samples = 0;
   for (const Measured& m : measured) {
-    if (m.still.samples == 0) continue;
-    still += m.still.badness() / count;
-    by_match += m.matched.badness() / count;
-    by_flow += m.flowed.badness() / count;
+    if (m.zero.samples == 0) continue;
+    samples += m.zero.samples;
+    by_zero += m.zero.residual() / count;
+    by_match += m.matched.residual() / count;
+    by_flow += m.flowed.residual() / count;
   }
   const bool flow_wins = by_flow < by_match;
   state.velocities = flow_wins ? flowed : matched;
+  if (samples == 0) {
+    state.work.log("velocities: not measured (no dynamic points in the sampled frames)");
+    return {};
+  }
   state.velocity_kind = flow_wins ? "lifted flow" : "nearest neighbours";
   state.work.log(
-      fmt::format("velocities: {} (misfit in the next frame: at rest {:.2f}, nearest "
+      fmt::format("velocities: {} (residual in the next frame: zero velocity {:.2f}, nearest "
                   "neighbours {:.2f}, lifted flow {:.2f})",
-                  state.velocity_kind, still, by_match, by_flow));
+                  state.velocity_kind, by_zero, by_match, by_flow));
   return {};
 }
 
@@ -306,9 +298,9 @@ InitialPoint initial_point(const SurfacePoint& point, const cv::Vec3d& velocity,
 }
 
 void collect_points(State& state) {
-  const cv::Vec3d rest(0, 0, 0);
+  const cv::Vec3d zero(0, 0, 0);
   for (const SurfacePoint& point : state.scene.points) {
-    state.static_points.push_back(initial_point(point, rest, -1));
+    state.static_points.push_back(initial_point(point, zero, -1));
   }
   for (std::size_t f = 0; f < state.frames.size(); ++f) {
     for (std::size_t i = 0; i < state.frames[f].points.size(); ++i) {
@@ -321,11 +313,13 @@ void collect_points(State& state) {
   set_bounds(state.views, all, &state.capture);
   drop_too_near(state.views, state.capture.near_plane, &state.static_points);
   drop_too_near(state.views, state.capture.near_plane, &state.dynamic_points);
+  state.too_near = all.size() - state.static_points.size() - state.dynamic_points.size();
   state.work.log(fmt::format(
-      "scene: centre ({:.3g}, {:.3g}, {:.3g}), radius {:.3g}, near plane "
-      "{:.3g}",
+      "scene: centre ({:.3g}, {:.3g}, {:.3g}), radius {:.3g}, near plane {:.3g} (removed {} in "
+      "front "
+      "of it)",
       state.capture.scene_centre[0], state.capture.scene_centre[1], state.capture.scene_centre[2],
-      state.capture.scene_radius, state.capture.near_plane));
+      state.capture.scene_radius, state.capture.near_plane, plural(state.too_near, "point")));
 }
 
 ReportFacts facts_of(const State& state) {
@@ -333,15 +327,17 @@ ReportFacts facts_of(const State& state) {
   const auto add = [&](const char* name, const std::string& value) {
     facts.lines.emplace_back(name, value);
   };
-  add("static points", fmt::format("{} ({} given or from features, {} from depth, {} filled in)",
-                                   state.static_points.size(), state.scene.sparse,
-                                   state.scene.swept, state.scene.filled));
-  add("dynamic points", fmt::format("{}, {:.0f} a frame", state.dynamic_points.size(),
+  add("static points",
+      fmt::format("{} (found: {} given or from features, {} from depth, {} interpolated)",
+                  state.static_points.size(), state.scene.sparse, state.scene.swept,
+                  state.scene.filled));
+  add("dynamic points", fmt::format("{}, {:.0f} per frame", state.dynamic_points.size(),
                                     double(state.dynamic_points.size()) / state.capture.frames));
+  add("removed points", fmt::format("{}, in front of the near plane", state.too_near));
   add("velocities from", state.velocity_kind);
   add("depth range",
       fmt::format("{:.3g} to {:.3g}{}", state.scene.range.nearest, state.scene.range.farthest,
-                  state.scene.range.measured ? "" : " (guessed)"));
+                  state.scene.range.measured ? "" : " (estimated)"));
   add("near plane", fmt::format("{:.3g}", state.capture.near_plane));
   add("scene radius", fmt::format("{:.3g}", state.capture.scene_radius));
   facts.seconds = state.work.timings();
@@ -349,9 +345,9 @@ ReportFacts facts_of(const State& state) {
 }
 
 Status run(State& state) {
-  state.views = training_views(state.capture, kMotionLongest);
+  state.views = training_views(state.capture, kMotionMaxSide);
   if (state.views.empty()) {
-    return usage_error("{}: every camera is held out; leave some for training",
+    return usage_error("{}: every camera is held out; leave some for training (--test-cameras)",
                        state.capture.folder);
   }
   STGS_TRY(find_all_motion(state));

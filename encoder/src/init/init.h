@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Velocity-aware initialisation (paper 3.3): motion masks, dynamic points a frame with their
-// velocities, static points, and the scene's bounds, from the frames of a prepared capture.
+// Velocity-aware initialisation (paper 3.3): motion masks, dynamic points with velocities per
+// frame, static points and scene bounds, from the frames of a prepared capture.
 #pragma once
 
 #include <cstdint>
@@ -14,27 +14,27 @@
 namespace stgs::encoder {
 
 struct InitSettings {
-  bool separate_motion = true;  // false: one cloud from the first frame, all of it static
-  int max_dynamic_points = 0;   // a frame; 0: chosen from the image size
-  int max_static_points = 0;    // 0: chosen from the image size
-  std::uint64_t seed = 1;       // of what is drawn at random; equal seeds give equal bytes
-  // Folder of optical flow computed elsewhere: CAM/NNNNNN.flo (Middlebury) holds the motion from
-  // source frame NNNNNN to the next. Flow of another size than the prepared frames is scaled to
-  // them, which is right where nothing had to be undistorted. "": none. A camera without a folder
-  // there gets its flow computed; one with a folder must have every file.
+  bool separate_motion = true;  // false: one static point cloud from the first frame
+  int max_dynamic_points = 0;   // per frame; 0: derived from the image size
+  int max_static_points = 0;    // 0: derived from the image size
+  std::uint64_t seed = 1;       // equal seeds give equal bytes
+  // Folder of precomputed optical flow: CAM/NNNNNN.flo (Middlebury) is the flow from source frame
+  // NNNNNN to the next. Flow of another size is scaled to the prepared frames, which is correct
+  // only without lens distortion. Flow is computed for cameras without a folder there. A camera
+  // with a folder must have every file. Empty: no given flow.
   std::string flow_folder;
-  // Points that came with the capture (world space); velocity and frame are ignored.
+  // Points that came with the capture, in world space. Velocity and frame are ignored.
   std::vector<InitialPoint> points;
-  bool use_colmap = true;  // triangulate features with COLMAP where it is installed
+  bool use_colmap = true;  // triangulate features with COLMAP if it is installed
   bool write_report = true;
 };
 
-// Reads frames/ and, where present, masks/ of the training cameras under capture.folder; test
-// cameras are never read. Writes the missing masks, points_static.ply, points_dynamic.ply and
-// report/, and sets near_plane, extent, scene_centre and scene_radius in `capture` (capture.json is
-// the caller's to write). Runs on TBB's threads; the result does not depend on their number.
-// Errors: a frame that cannot be read (named with camera and frame), a folder that cannot be
-// written, a cancelled run. A capture without any motion is no error: it has no dynamic points.
+// Computes the initial points of `capture`. Reads frames/ and existing masks/ of the training
+// cameras; test cameras are never read. Writes the missing masks, points_static.ply,
+// points_dynamic.ply and report/. Sets near_plane, extent, scene_centre and scene_radius; the
+// caller writes capture.json. Runs on TBB's threads; the result does not depend on their number. A
+// capture without motion gets no dynamic points. Errors: an unreadable frame (with camera and
+// frame), an unwritable folder, a cancelled run (kRuntime).
 Status initialise(PreparedCapture& capture, const InitSettings& settings,
                   const ProgressSink& progress, const LogSink& log);
 

@@ -11,16 +11,16 @@ namespace stgs::encoder::init {
 namespace {
 
 constexpr int kBackgroundSamples = 25;
-// Flow that does not come back to within this many pixels (plus 5 % of its length) is dropped.
+// Largest forward-backward error of reliable flow, pixels, plus 5 % of its length.
 constexpr double kRoundTrip = 0.75;
 
 struct Background {
-  cv::Mat colour, seen;  // 8-bit RGB; 8-bit 0 or 255
-  double noise = 1;      // standard deviation of a still pixel, grey levels
+  cv::Mat colour, valid;  // 8-bit RGB; 8-bit 0 or 255
+  double noise = 1;       // standard deviation of a static pixel, grey levels
 };
 
-// Median over the samples of each channel, over the samples whose mask is 0 (an empty mask is 0
-// everywhere). Noise: the median over pixels of the median absolute deviation of green.
+// Returns the median of each channel over the samples whose mask is 0 (an empty mask is 0
+// everywhere). The noise is the median over pixels of the median absolute deviation of green.
 Background median_of(const std::vector<cv::Mat>& samples, const std::vector<cv::Mat>& masks) {
   const cv::Size size = samples[0].size();
   Background out{cv::Mat(size, CV_8UC3, cv::Scalar::all(0)), cv::Mat(size, CV_8U, cv::Scalar(0)),
@@ -43,7 +43,7 @@ Background median_of(const std::vector<cv::Mat>& samples, const std::vector<cv::
         std::nth_element(values[k], values[k] + n / 2, values[k] + n);
         colour[k] = values[k][n / 2];
       }
-      out.seen.at<std::uint8_t>(y, x) = 255;
+      out.valid.at<std::uint8_t>(y, x) = 255;
       for (int i = 0; i < n; ++i) values[1][i] = std::uint8_t(std::abs(values[1][i] - colour[1]));
       std::nth_element(values[1], values[1] + n / 2, values[1] + n);
       ++histogram[values[1][n / 2]];
@@ -52,7 +52,7 @@ Background median_of(const std::vector<cv::Mat>& samples, const std::vector<cv::
   }
   long below = 0;
   for (int level = 0; level < 256 && counted > 0; ++level) {
-    // Inside a level the values are taken as evenly spread.
+    // Interpolates within the level.
     if (2 * (below + histogram[level]) >= counted) {
       const double inside = (0.5 * double(counted) - double(below)) / histogram[level];
       out.noise = std::clamp(1.4826 * (level - 0.5 + inside), 0.7, 12.0);
@@ -63,7 +63,7 @@ Background median_of(const std::vector<cv::Mat>& samples, const std::vector<cv::
   return out;
 }
 
-// Largest channel difference after a light blur, 8-bit.
+// Returns the largest channel difference after a light blur, 8-bit.
 cv::Mat difference(const cv::Mat& a, const cv::Mat& b) {
   cv::Mat blurred_a, blurred_b, d;
   cv::blur(a, blurred_a, {3, 3});
@@ -74,7 +74,8 @@ cv::Mat difference(const cv::Mat& a, const cv::Mat& b) {
   return cv::max(cv::max(channels[0], channels[1]), channels[2]);
 }
 
-// Difference that counts as a change, a pixel: noise, and misregistration at edges.
+// Returns the per-pixel threshold of a change. It allows for noise, and for misregistration at
+// edges.
 cv::Mat change_threshold(const cv::Mat& background, double noise) {
   cv::Mat grey, dx, dy, slope;
   cv::cvtColor(background, grey, cv::COLOR_RGB2GRAY);
@@ -86,7 +87,8 @@ cv::Mat change_threshold(const cv::Mat& background, double noise) {
   return cv::Mat(6.0 + 3.0 * noise + 0.15 * slope);
 }
 
-// Components of `weak` that contain something of `strong`.
+// Returns the components of `weak` with at least `smallest` pixels that contain a pixel of
+// `strong`.
 cv::Mat hysteresis(const cv::Mat& weak, const cv::Mat& strong, int smallest) {
   cv::Mat labels, stats, centroids;
   const int n = cv::connectedComponentsWithStats(weak, labels, stats, centroids, 8, CV_32S);
@@ -110,7 +112,7 @@ cv::Mat hysteresis(const cv::Mat& weak, const cv::Mat& strong, int smallest) {
   return out;
 }
 
-// Fills small holes: the plain inside of what moves shows no change.
+// Fills small holes, because the uniform interior of a moving object shows no change.
 void fill_holes(cv::Mat* mask) {
   cv::Mat labels, stats, centroids;
   const int n = cv::connectedComponentsWithStats(~*mask, labels, stats, centroids, 4, CV_32S);
@@ -147,7 +149,8 @@ cv::Mat not_a_number(cv::Size size) {
   return cv::Mat(size, CV_32FC2, cv::Scalar::all(std::numeric_limits<double>::quiet_NaN()));
 }
 
-// Dense flow from a to b; NaN where the way back does not agree. DIS refuses tiny pictures.
+// Returns the dense flow from a to b, NaN where the backward flow disagrees. All NaN for images too
+// small for DIS.
 cv::Mat checked_flow(cv::DISOpticalFlow& dis, const cv::Mat& a, const cv::Mat& b) {
   if (a.cols < 32 || a.rows < 32) return not_a_number(a.size());
   cv::Mat forward, back;
@@ -168,7 +171,7 @@ cv::Mat checked_flow(cv::DISOpticalFlow& dis, const cv::Mat& a, const cv::Mat& b
   return forward;
 }
 
-// 255 where the flow is known and clearly longer than what still pixels show.
+// Returns 255 where the flow is known and clearly longer than that of static pixels.
 cv::Mat moving_by_flow(const cv::Mat& flow) {
   cv::Mat mask(flow.size(), CV_8U, cv::Scalar(0));
   std::vector<float> lengths;
@@ -213,7 +216,7 @@ FlowPatch pack_flow(const cv::Mat& flow, const cv::Mat& mask) {
   return patch;
 }
 
-// Given flow at the view's size; empty where the camera has none.
+// Returns the given flow at the size of the view. Empty if the camera has none.
 Result<cv::Mat> given_flow(const PreparedCapture& capture, const View& view,
                            const std::string& folder, int frame) {
   STGS_ASSIGN(const std::string path,
@@ -240,11 +243,11 @@ Result<Background> find_background(const PreparedCapture& capture, const View& v
   const int count = std::min(capture.frames, kBackgroundSamples);
   for (int i = 0; i < count; ++i) {
     const int frame = count == 1 ? 0 : int(std::int64_t(i) * (capture.frames - 1) / (count - 1));
-    STGS_ASSIGN(samples.emplace_back(), load_picture(capture, view, frame));
+    STGS_ASSIGN(samples.emplace_back(), load_image(capture, view, frame));
     masks.emplace_back();
     if (!use_masks) continue;
-    STGS_ASSIGN(cv::Mat mask, load_mask_picture(capture, view, frame));
-    // Masks made elsewhere often leave out an object's blurred border.
+    STGS_ASSIGN(cv::Mat mask, load_mask_image(capture, view, frame));
+    // Masks from other tools often exclude the blurred border of an object.
     if (!mask.empty()) cv::dilate(mask, masks.back(), cv::Mat(), {-1, -1}, 2);
   }
   return median_of(samples, masks);
@@ -268,35 +271,36 @@ Status find_motion(const PreparedCapture& capture, const View& view, const InitS
   motion->given_masks = fs::exists(capture.mask_path(*view.camera, 0));
   STGS_ASSIGN(const Background background, find_background(capture, view, motion->given_masks));
   motion->background = background.colour;
-  motion->background_seen = background.seen;
+  motion->background_valid = background.valid;
   motion->flow.resize(capture.frames);
   motion->coverage.assign(capture.frames, 0);
   if (!motion->given_masks) {
     std::error_code error;
     fs::create_directories(fs::path(capture.mask_path(*view.camera, 0)).parent_path(), error);
-    if (error) return io_error("{}/masks: cannot be made: {}", capture.folder, error.message());
+    if (error)
+      return io_error("{}/masks: cannot create the folder: {}", capture.folder, error.message());
   }
   const cv::Mat threshold = change_threshold(background.colour, background.noise);
   const auto dis = cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_MEDIUM);
   if (std::max(view.width, view.height) <= 320) dis->setFinestScale(0);
-  STGS_ASSIGN(cv::Mat picture, load_picture(capture, view, 0));
-  cv::Mat moved_here(view.size(), CV_8U, cv::Scalar(0));  // by the flow into this frame
+  STGS_ASSIGN(cv::Mat image, load_image(capture, view, 0));
+  cv::Mat arriving(view.size(), CV_8U, cv::Scalar(0));  // moving by the flow into this frame
   for (int frame = 0; frame < capture.frames; ++frame) {
     STGS_TRY(work.check());
     cv::Mat next, flow, leaving(view.size(), CV_8U, cv::Scalar(0)), mask;
     if (frame + 1 < capture.frames) {
-      STGS_ASSIGN(next, load_picture(capture, view, frame + 1));
+      STGS_ASSIGN(next, load_image(capture, view, frame + 1));
       STGS_ASSIGN(flow, given_flow(capture, view, settings.flow_folder, frame));
-      if (flow.empty()) flow = checked_flow(*dis, grey_of(picture), grey_of(next));
+      if (flow.empty()) flow = checked_flow(*dis, grey_of(image), grey_of(next));
       leaving = moving_by_flow(flow);
     }
     if (motion->given_masks) {
-      STGS_ASSIGN(mask, load_mask_picture(capture, view, frame));
+      STGS_ASSIGN(mask, load_mask_image(capture, view, frame));
       if (mask.empty()) mask = cv::Mat(view.size(), CV_8U, cv::Scalar(0));
     } else {
       cv::Mat change;
-      difference(picture, background.colour).convertTo(change, CV_32F);
-      const cv::Mat flowing = leaving | moved_here;
+      difference(image, background.colour).convertTo(change, CV_32F);
+      const cv::Mat flowing = leaving | arriving;
       const cv::Mat weak = (change > threshold) | (flowing & (change > 0.5 * threshold));
       const cv::Mat strong = (change > 2.0 * threshold) | (flowing & weak);
       mask = clean(weak, strong);
@@ -304,8 +308,8 @@ Status find_motion(const PreparedCapture& capture, const View& view, const InitS
     }
     motion->coverage[frame] = float(cv::countNonZero(mask)) / float(mask.total());
     motion->flow[frame] = pack_flow(flow, mask);
-    moved_here = leaving;
-    picture = next;
+    arriving = leaving;
+    image = next;
   }
   return {};
 }

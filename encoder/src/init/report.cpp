@@ -6,15 +6,16 @@
 #include <filesystem>
 #include <opencv2/imgproc.hpp>
 
+#include "plural.h"
 #include "stgs/encoder/report_page.h"
 
 namespace stgs::encoder::init {
 namespace {
 
-// A page section: pictures of one camera and frame.
+// A page section with the images of one camera.
 struct Section {
   std::string title;
-  std::vector<std::pair<std::string, std::string>> pictures;  // file, caption
+  std::vector<std::pair<std::string, std::string>> images;  // file, caption
 };
 
 cv::Scalar rgb_of(const InitialPoint& point) {
@@ -25,7 +26,7 @@ cv::Vec3d position_of(const InitialPoint& p) {
   return {p.position[0], p.position[1], p.position[2]};
 }
 
-// Back to front, as small squares in the points' colours.
+// Draws the points of a frame back to front, as squares of their colour.
 cv::Mat draw_points(const View& view, const std::vector<InitialPoint>& points, cv::Mat canvas,
                     int frame, int half) {
   std::vector<std::pair<double, std::size_t>> order;
@@ -58,11 +59,11 @@ void draw_velocities(const View& view, const std::vector<InitialPoint>& points, 
   }
 }
 
-cv::Mat overlay(const cv::Mat& picture, const cv::Mat& mask) {
-  cv::Mat out = picture.clone();
+cv::Mat overlay(const cv::Mat& image, const cv::Mat& mask) {
+  cv::Mat out = image.clone();
   if (mask.empty()) return out;
-  cv::Mat red(picture.size(), CV_8UC3, cv::Scalar(255, 40, 40)), mixed;
-  cv::addWeighted(picture, 0.45, red, 0.55, 0, mixed);
+  cv::Mat red(image.size(), CV_8UC3, cv::Scalar(255, 40, 40)), mixed;
+  cv::addWeighted(image, 0.45, red, 0.55, 0, mixed);
   mixed.copyTo(out, mask);
   std::vector<std::vector<cv::Point>> contours;
   cv::findContours(mask.clone(), contours, cv::RETR_LIST, cv::CHAIN_APPROX_NONE);
@@ -70,8 +71,8 @@ cv::Mat overlay(const cv::Mat& picture, const cv::Mat& mask) {
   return out;
 }
 
-// Inverse depth in colours, darker where it was filled rather than measured.
-cv::Mat depth_picture(const Surface& surface, DepthRange range) {
+// Returns inverse depth as colours, darkened where it was interpolated rather than measured.
+cv::Mat depth_image(const Surface& surface, DepthRange range) {
   cv::Mat level(surface.depth.size(), CV_8U), colours;
   for (int y = 0; y < level.rows; ++y) {
     for (int x = 0; x < level.cols; ++x) {
@@ -91,8 +92,8 @@ cv::Mat depth_picture(const Surface& surface, DepthRange range) {
 ReportPage page_of(const PreparedCapture& capture, const ReportFacts& facts,
                    const std::vector<Section>& sections) {
   ReportPage page("Prepared capture");
-  page.paragraph(fmt::format("{} cameras, {} frames, from {}.", capture.cameras.size(),
-                             capture.frames, capture.source));
+  page.paragraph(fmt::format("{}, {}, layout {}.", plural(capture.cameras.size(), "camera"),
+                             plural(capture.frames, "frame"), capture.source));
   page.table(facts.lines);
   page.heading("Time");
   std::vector<std::pair<std::string, std::string>> seconds;
@@ -102,7 +103,7 @@ ReportPage page_of(const PreparedCapture& capture, const ReportFacts& facts,
   page.table(seconds);
   for (const Section& section : sections) {
     page.heading(section.title);
-    for (const auto& [file, caption] : section.pictures) page.image(file, caption);
+    for (const auto& [file, caption] : section.images) page.image(file, caption);
   }
   return page;
 }
@@ -116,7 +117,7 @@ Status write_report(const PreparedCapture& capture, const std::vector<View>& vie
   const std::string folder = capture.folder + "/report";
   std::error_code error;
   std::filesystem::create_directories(folder, error);
-  if (error) return io_error("{}: cannot be made: {}", folder, error.message());
+  if (error) return io_error("{}: cannot create the folder: {}", folder, error.message());
   std::vector<Section> sections;
   std::vector<int> frames{0, capture.frames / 2};
   if (frames[1] == 0) frames.pop_back();
@@ -125,27 +126,28 @@ Status write_report(const PreparedCapture& capture, const std::vector<View>& vie
     const std::string& name = view.camera->name;
     Section section{fmt::format("Camera {}", name), {}};
     const auto add = [&](const std::string& kind, const std::string& caption,
-                         const cv::Mat& picture) -> Status {
+                         const cv::Mat& image) -> Status {
       const std::string file = fmt::format("{}_{}.png", name, kind);
-      section.pictures.emplace_back(file, caption);
-      return write_png(folder + "/" + file, picture);
+      section.images.emplace_back(file, caption);
+      return write_png(folder + "/" + file, image);
     };
     if (i < int(motion.size()) && !motion[i].background.empty()) {
       STGS_TRY(add("background", "median background", motion[i].background));
     }
     if (i < int(scene.surfaces.size())) {
-      STGS_TRY(add("depth", "depth of the background (dark: filled in)",
-                   depth_picture(scene.surfaces[i], scene.range)));
+      STGS_TRY(add("depth",
+                   "background depth (red: near, blue: far; darkened: interpolated, not measured)",
+                   depth_image(scene.surfaces[i], scene.range)));
     }
     cv::Mat canvas(view.size(), CV_8UC3, cv::Scalar::all(0));
     canvas = draw_points(view, static_points, canvas, -1, 1);
     STGS_TRY(add("static", "static points", canvas));
     for (const int frame : frames) {
-      STGS_ASSIGN(const cv::Mat picture, load_picture(capture, view, frame));
-      STGS_ASSIGN(const cv::Mat mask, load_mask_picture(capture, view, frame));
-      STGS_TRY(add(fmt::format("mask_{:06}", frame), fmt::format("what moves, frame {}", frame),
-                   overlay(picture, mask)));
-      cv::Mat dim = picture * 0.3;
+      STGS_ASSIGN(const cv::Mat image, load_image(capture, view, frame));
+      STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture, view, frame));
+      STGS_TRY(add(fmt::format("mask_{:06}", frame),
+                   fmt::format("dynamic content, frame {}", frame), overlay(image, mask)));
+      cv::Mat dim = image * 0.3;
       dim = draw_points(view, dynamic_points, dim, frame, 1);
       draw_velocities(view, dynamic_points, frame, &dim);
       STGS_TRY(add(fmt::format("dynamic_{:06}", frame),

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// report/ of a prepared capture: pictures and a page for a person to look at.
+// Writes report/ of a prepared capture: an HTML page with images for visual inspection.
 #pragma once
 
 #include <string>
@@ -15,10 +15,10 @@ namespace stgs::encoder::init {
 
 struct ReportFacts {
   std::vector<std::pair<std::string, std::string>> lines;  // name, value
-  std::vector<std::pair<std::string, double>> seconds;     // stage, seconds
+  std::vector<std::pair<std::string, double>> seconds;     // duration by stage
 };
 
-// Writes report/index.html and its pictures: mask overlays, static points and depth, dynamic
+// Writes report/index.html and its images: mask overlays, static points and depth, dynamic
 // points with their velocities.
 Status write_report(const PreparedCapture& capture, const std::vector<View>& views,
                     const StaticScene& scene, const std::vector<ViewMotion>& motion,

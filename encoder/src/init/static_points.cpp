@@ -9,13 +9,13 @@
 namespace stgs::encoder::init {
 namespace {
 
-constexpr int kCoarseLongest = 128;  // pixels of the coarse sweep
+constexpr int kCoarseMaxSide = 128;  // longer side of the coarse sweep, pixels
 constexpr int kCoarsePlanes = 64;
 constexpr int kNeighbours = 3;
-constexpr double kAgreeSteps = 1.5;  // planes by which two views may differ
-constexpr float kWorstCost = 0.6f;
+constexpr double kAgreeSteps = 1.5;  // largest disagreement of two views, in planes
+constexpr float kMaxCost = 0.6f;
 
-// Median over the views of the distance to the nearest other view.
+// Returns the median distance of a view to its nearest neighbour.
 double median_baseline(const std::vector<View>& views) {
   std::vector<double> distances;
   for (std::size_t i = 0; i < views.size(); ++i) {
@@ -31,7 +31,7 @@ double median_baseline(const std::vector<View>& views) {
   return distances[distances.size() / 2];
 }
 
-// As wide as the cameras can measure: disparities from half a picture down to half a pixel.
+// Returns the measurable depth range: disparities from half the image width down to half a pixel.
 DepthRange widest_range(const std::vector<View>& views, const Focus& focus) {
   const double baseline = median_baseline(views);
   const View& view = views[0];
@@ -50,23 +50,23 @@ int needed_agreement(std::size_t views) {
   return views >= 5 ? 2 : 1;
 }
 
-// Depth maps of all stills, each against its neighbours.
-Status sweep_all(const std::vector<Still>& stills, const cv::Vec3d& focus, DepthRange range,
-                 int longest, int low_planes, int high_planes, Work& work,
-                 std::vector<SweepPicture>* pictures, std::vector<DepthMap>* maps,
+// Computes the depth maps of all inputs, each against its neighbours.
+Status sweep_all(const std::vector<StaticImage>& inputs, const cv::Vec3d& focus, DepthRange range,
+                 int max_side, int low_planes, int high_planes, Work& work,
+                 std::vector<SweepImage>* images, std::vector<DepthMap>* maps,
                  std::vector<double>* steps) {
-  for (const Still& still : stills) {
-    pictures->push_back(
-        sweep_picture(make_view(*still.view.camera, longest), still.rgb, still.usable));
+  for (const StaticImage& input : inputs) {
+    images->push_back(
+        make_sweep_image(make_view(*input.view.camera, max_side), input.rgb, input.usable));
   }
   std::vector<View> views;
-  for (const SweepPicture& picture : *pictures) views.push_back(picture.view);
-  maps->resize(stills.size());
-  steps->resize(stills.size());
-  return work.for_each(int(stills.size()), [&](int i) -> Status {
+  for (const SweepImage& image : *images) views.push_back(image.view);
+  maps->resize(inputs.size());
+  steps->resize(inputs.size());
+  return work.for_each(int(inputs.size()), [&](int i) -> Status {
     const std::vector<int> near = neighbours(views, i, focus, kNeighbours);
-    std::vector<const SweepPicture*> others;
-    for (const int j : near) others.push_back(&(*pictures)[j]);
+    std::vector<const SweepImage*> others;
+    for (const int j : near) others.push_back(&(*images)[j]);
     SweepSettings settings;
     settings.nearest = range.nearest;
     settings.farthest = range.farthest;
@@ -76,26 +76,26 @@ Status sweep_all(const std::vector<Still>& stills, const cv::Vec3d& focus, Depth
     (*steps)[i] = plane_step(settings);
     (*maps)[i] = others.empty() ? DepthMap{cv::Mat(views[i].size(), CV_32F, cv::Scalar(0)),
                                            cv::Mat(views[i].size(), CV_32F, cv::Scalar(1))}
-                                : sweep((*pictures)[i], others, settings);
+                                : sweep((*images)[i], others, settings);
     return {};
   });
 }
 
-// Weight above 0 where enough other views agree; depth is left as it is.
-cv::Mat check_across(const std::vector<SweepPicture>& pictures, const std::vector<DepthMap>& maps,
+// Returns a weight that is above 0 where enough other views agree with the depth.
+cv::Mat check_across(const std::vector<SweepImage>& images, const std::vector<DepthMap>& maps,
                      int i, const cv::Vec3d& focus, double step) {
   std::vector<View> views;
-  for (const SweepPicture& picture : pictures) views.push_back(picture.view);
+  for (const SweepImage& image : images) views.push_back(image.view);
   std::vector<std::pair<const View*, const DepthMap*>> others;
   for (const int j : neighbours(views, i, focus, 3 * kNeighbours)) {
-    others.emplace_back(&pictures[j].view, &maps[j]);
+    others.emplace_back(&images[j].view, &maps[j]);
   }
-  const int needed = needed_agreement(pictures.size());
+  const int needed = needed_agreement(images.size());
   cv::Mat weight(views[i].size(), CV_32F, cv::Scalar(0));
   for (int y = 0; y < weight.rows; ++y) {
     for (int x = 0; x < weight.cols; ++x) {
       const float cost = maps[i].cost.at<float>(y, x);
-      if (cost > kWorstCost || !pictures[i].usable.at<std::uint8_t>(y, x)) continue;
+      if (cost > kMaxCost || !images[i].usable.at<std::uint8_t>(y, x)) continue;
       const int agree = agreement(views[i], maps[i], x, y, others, kAgreeSteps * step);
       if (agree >= needed) weight.at<float>(y, x) = 1.05f - cost + 0.1f * float(agree - needed);
     }
@@ -103,7 +103,7 @@ cv::Mat check_across(const std::vector<SweepPicture>& pictures, const std::vecto
   return weight;
 }
 
-// Takes the weight from small islands of depth: on plain surfaces views agree by chance.
+// Clears the weight of small islands of depth, because views agree by chance on uniform surfaces.
 void drop_islands(const DepthMap& map, double nearest, double step, cv::Mat* weight) {
   cv::Mat level(weight->size(), CV_16S, cv::Scalar(0));
   const double unit = std::max(step / 16, 1 / nearest / 30000);  // of inverse depth
@@ -119,8 +119,7 @@ void drop_islands(const DepthMap& map, double nearest, double step, cv::Mat* wei
   weight->setTo(0, level == 0);
 }
 
-// Fills inverse depth where the weight is 0 from what surrounds it: the nearest checked values of
-// ever coarser pictures.
+// Interpolates inverse depth where the weight is 0, from confirmed values in an image pyramid.
 cv::Mat fill_depth(const cv::Mat& depth, const cv::Mat& weight, double fallback) {
   const cv::Mat known = weight > 0;
   cv::Mat inverse(depth.size(), CV_32F, cv::Scalar(0)), mass(depth.size(), CV_32F, cv::Scalar(0));
@@ -172,17 +171,17 @@ int plane_count(const View& view, const std::vector<View>& views, const std::vec
   return std::clamp(int(std::ceil(widest * (1 / nearest - 1 / farthest))), low, high);
 }
 
-Status find_depth_range(const std::vector<std::vector<Still>>& stills, Work& work,
+Status find_depth_range(const std::vector<std::vector<StaticImage>>& inputs, Work& work,
                         StaticScene* scene) {
   std::vector<View> views;
-  for (const Still& still : stills[0]) {
-    views.push_back(make_view(*still.view.camera, kCoarseLongest));
+  for (const StaticImage& input : inputs[0]) {
+    views.push_back(make_view(*input.view.camera, kCoarseMaxSide));
   }
   scene->focus = find_focus(views);
   const DepthRange wide = widest_range(views, scene->focus);
   scene->range = wide;
   if (scene->focus.depth <= 0) {
-    // Without a common point, what lies in front of the middle of the cameras will do.
+    // Without a common focus, uses a point in front of the mean camera position.
     cv::Vec3d forward(0, 0, 0);
     for (const View& view : views) forward += view.forward();
     const double depth = std::sqrt(wide.nearest * wide.farthest);
@@ -191,14 +190,14 @@ Status find_depth_range(const std::vector<std::vector<Still>>& stills, Work& wor
   }
   if (views.size() < 2) return {};
   std::vector<float> inverse;
-  for (const std::vector<Still>& group : stills) {
-    std::vector<SweepPicture> pictures;
+  for (const std::vector<StaticImage>& group : inputs) {
+    std::vector<SweepImage> images;
     std::vector<DepthMap> maps;
     std::vector<double> steps;
-    STGS_TRY(sweep_all(group, scene->focus.point, wide, kCoarseLongest, kCoarsePlanes,
-                       kCoarsePlanes, work, &pictures, &maps, &steps));
+    STGS_TRY(sweep_all(group, scene->focus.point, wide, kCoarseMaxSide, kCoarsePlanes,
+                       kCoarsePlanes, work, &images, &maps, &steps));
     for (std::size_t i = 0; i < group.size(); ++i) {
-      const cv::Mat weight = check_across(pictures, maps, int(i), scene->focus.point, steps[i]);
+      const cv::Mat weight = check_across(images, maps, int(i), scene->focus.point, steps[i]);
       for (int y = 0; y < weight.rows; ++y) {
         for (int x = 0; x < weight.cols; ++x) {
           const float depth = maps[i].depth.at<float>(y, x);
@@ -216,24 +215,24 @@ Status find_depth_range(const std::vector<std::vector<Still>>& stills, Work& wor
   return {};
 }
 
-Status find_static_depth(const std::vector<Still>& stills, Work& work, StaticScene* scene) {
-  std::vector<SweepPicture> pictures;
+Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, StaticScene* scene) {
+  std::vector<SweepImage> images;
   std::vector<DepthMap> maps;
   std::vector<double> steps;
-  int longest = 0;
-  for (const Still& still : stills) {
-    longest = std::max({longest, still.view.width, still.view.height});
+  int max_side = 0;
+  for (const StaticImage& input : inputs) {
+    max_side = std::max({max_side, input.view.width, input.view.height});
   }
-  STGS_TRY(sweep_all(stills, scene->focus.point, scene->range, std::min(320, longest), 32, 96, work,
-                     &pictures, &maps, &steps));
-  scene->surfaces.resize(stills.size());
-  scene->usable.resize(stills.size());
-  return work.for_each(int(stills.size()), [&](int i) -> Status {
+  STGS_TRY(sweep_all(inputs, scene->focus.point, scene->range, std::min(320, max_side), 32, 96,
+                     work, &images, &maps, &steps));
+  scene->surfaces.resize(inputs.size());
+  scene->usable.resize(inputs.size());
+  return work.for_each(int(inputs.size()), [&](int i) -> Status {
     Surface& surface = scene->surfaces[i];
-    surface.view = pictures[i].view;
-    surface.rgb = pictures[i].rgb;
-    scene->usable[i] = pictures[i].usable;
-    surface.weight = check_across(pictures, maps, i, scene->focus.point, steps[i]);
+    surface.view = images[i].view;
+    surface.rgb = images[i].rgb;
+    scene->usable[i] = images[i].usable;
+    surface.weight = check_across(images, maps, i, scene->focus.point, steps[i]);
     drop_islands(maps[i], scene->range.nearest, steps[i], &surface.weight);
     surface.depth = fill_depth(maps[i].depth, surface.weight, 0.7 * scene->range.farthest);
     return {};
@@ -244,14 +243,14 @@ void choose_static_points(const std::vector<SurfacePoint>& sparse, int limit, St
   const double tolerance = 0.03 * (1 / scene->range.nearest - 1 / scene->range.farthest);
   scene->points = sparse;
   if (int(scene->points.size()) > limit / 2) {
-    // Evenly thinned: there must be room for what has no features.
-    std::vector<SurfacePoint> kept;
+    // Thins evenly, to reserve points for surfaces without features.
+    std::vector<SurfacePoint> thinned;
     const double stride = double(sparse.size()) / (limit / 2);
-    for (int i = 0; i < limit / 2; ++i) kept.push_back(sparse[std::size_t(i * stride)]);
-    scene->points = kept;
+    for (int i = 0; i < limit / 2; ++i) thinned.push_back(sparse[std::size_t(i * stride)]);
+    scene->points = thinned;
   }
   scene->sparse = int(scene->points.size());
-  // A part of the budget is for what could not be measured.
+  // Reserves a fifth of the limit for unmeasured surfaces.
   const int block = cover_within(scene->surfaces, limit * 4 / 5, tolerance, &scene->points);
   scene->swept = int(scene->points.size()) - scene->sparse;
   std::vector<Surface> holes = scene->surfaces;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The static start: depth of the median backgrounds, fused into points that cover every view.
+// Finds static points: depth of the median backgrounds, fused into points that cover every view.
 #pragma once
 
 #include <vector>
@@ -12,38 +12,41 @@
 
 namespace stgs::encoder::init {
 
-// Depths at which the training cameras see anything, scene units.
+// Range of the visible depths in the training cameras, scene units.
 struct DepthRange {
   double nearest = 0, farthest = 0;
-  bool measured = false;  // false: guessed from the cameras alone
+  bool measured = false;  // false: estimated from the cameras alone
 };
 
-// One view's picture and what of it may be used (8-bit, 255; empty: all).
-struct Still {
+// A view with an image of its static content.
+struct StaticImage {
   View view;
-  cv::Mat rgb, usable;
+  cv::Mat rgb, usable;  // 8-bit; `usable` is 255 where rgb is valid, or empty: everywhere
 };
 
 struct StaticScene {
   DepthRange range;
   Focus focus;
-  std::vector<Surface> surfaces;  // a view: depth is dense, weight is above 0 where it was checked
-  std::vector<cv::Mat> usable;    // a view, 8-bit: 255 where the still has a colour
+  std::vector<Surface> surfaces;  // per view; depth is dense, weight is above 0 where confirmed
+  std::vector<cv::Mat> usable;    // per view, 8-bit: 255 where the background is valid
   std::vector<SurfacePoint> points;
   int swept = 0, sparse = 0, filled = 0;  // points by origin
 };
 
-// Coarse sweeps of the given stills (several a view allowed, grouped: stills[k][view]).
-Status find_depth_range(const std::vector<std::vector<Still>>& stills, Work& work,
+// Measures the depth range and the focus by coarse sweeps. inputs[k][view] is image k of a view;
+// the images with the same k are swept against each other.
+Status find_depth_range(const std::vector<std::vector<StaticImage>>& inputs, Work& work,
                         StaticScene* scene);
 
-// Dense depth of every still, checked across views; holes filled from their surroundings.
-Status find_static_depth(const std::vector<Still>& stills, Work& work, StaticScene* scene);
+// Computes the dense depth of every image, confirmed across views. Holes are interpolated.
+Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, StaticScene* scene);
 
-// At most `limit` points: `sparse` first, then checked depth, then filled depth.
+// Selects at most `limit` points: from `sparse` first, then confirmed depth, then interpolated
+// depth.
 void choose_static_points(const std::vector<SurfacePoint>& sparse, int limit, StaticScene* scene);
 
-// Planes so that neighbouring ones are about a pixel apart in the neighbours, within limits.
+// Returns the number of sweep planes that are about a pixel apart in the other views, clamped to
+// [low, high].
 int plane_count(const View& view, const std::vector<View>& views, const std::vector<int>& others,
                 double nearest, double farthest, int low, int high);
 

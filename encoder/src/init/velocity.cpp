@@ -11,9 +11,9 @@ namespace stgs::encoder::init {
 namespace {
 
 constexpr int kMatchRounds = 6;
-constexpr int kFewestForMedian = 3;
+constexpr int kMinForMedian = 3;
 
-// Points as nanoflann wants them; colours count as a part of `reach`.
+// nanoflann's data set adaptor for points with position and weighted colour.
 struct Cloud {
   static constexpr int kDimensions = 6;
   std::vector<std::array<double, kDimensions>> rows;
@@ -61,7 +61,8 @@ bool known(const cv::Vec3d& v) {
   return v[0] == v[0];
 }
 
-// Each velocity becomes the median of the known ones around it, if there are enough of them.
+// Replaces each velocity by the median of the known velocities around it, or by kUnknown if there
+// are fewer than kMinForMedian.
 Velocities smoothed(const std::vector<SurfacePoint>& points, const Velocities& raw, double reach,
                     std::size_t neighbours) {
   const Cloud cloud(points, 0.2 * reach / 255);
@@ -75,13 +76,13 @@ Velocities smoothed(const std::vector<SurfacePoint>& points, const Velocities& r
       if (near.squared[k] > reach * reach || !known(v)) continue;
       for (int d = 0; d < 3; ++d) parts[d].push_back(v[d]);
     }
-    if (int(parts[0].size()) < kFewestForMedian) continue;
+    if (int(parts[0].size()) < kMinForMedian) continue;
     out[i] = {median(parts[0]), median(parts[1]), median(parts[2])};
   }
   return out;
 }
 
-// One view's constraint on a velocity: two rows of d(pixel)/d(world) and the flow.
+// The constraint of one view on a velocity: two rows of d(pixel)/d(world) and the flow.
 struct FlowRow {
   cv::Vec3d du, dv;
   cv::Vec2d flow;
@@ -101,8 +102,8 @@ FlowRow flow_row(const View& view, const cv::Vec3d& p, const cv::Vec2d& flow) {
   return row;
 }
 
-// Weighted least squares with weights that fall with the residual; a little damping keeps what
-// the flow does not determine (along parallel rays) at rest.
+// Solves weighted least squares with weights that fall with the residual. Damping sets components
+// that the flow does not determine (along parallel rays) to 0.
 cv::Vec3d solve_flow(std::vector<FlowRow>& rows) {
   cv::Vec3d v(0, 0, 0);
   for (int round = 0; round < 4; ++round) {
@@ -124,7 +125,7 @@ cv::Vec3d solve_flow(std::vector<FlowRow>& rows) {
   return v;
 }
 
-// Depth of the frontmost point in coarse cells of a view: what hides what.
+// Returns the depth of the nearest point in each coarse cell of a view, for occlusion tests.
 cv::Mat nearest_depths(const View& view, const std::vector<SurfacePoint>& points, int cell) {
   cv::Mat depth((view.height + cell - 1) / cell, (view.width + cell - 1) / cell, CV_32F,
                 cv::Scalar(1e30));
@@ -146,14 +147,14 @@ Velocities match_velocities(const std::vector<SurfacePoint>& points,
   const double colour_weight = 2 * reach / 255;
   const Cloud from(points, colour_weight), to(next, colour_weight);
   const Tree tree(Cloud::kDimensions, to);
-  // The nearest point alone underestimates a motion that slides along the surface; looking again
-  // from where the neighbourhood has moved to does not.
+  // The nearest point underestimates motion along the surface. Each round therefore searches again
+  // from the position moved by the smoothed velocity.
   for (int round = 0; round < kMatchRounds; ++round) {
     Velocities raw(points.size(), kUnknown);
     for (std::size_t i = 0; i < points.size(); ++i) {
       auto query = from.rows[i];
       for (int k = 0; k < 3 && known(steps[i]); ++k) query[k] += steps[i][k];
-      // The mean of the nearest three hides the sampling of the next frame's points.
+      // The mean of the nearest three reduces the effect of the sampling of the next frame.
       cv::Vec3d sum(0, 0, 0);
       int n = 0;
       for (const std::uint32_t k : nearest(tree, query, 3).index) {
@@ -193,11 +194,25 @@ Velocities flow_velocities(const std::vector<SurfacePoint>& points, const std::v
   return smoothed(points, raw, reach, 9);
 }
 
-Velocities settled(const Velocities& first, const Velocities& second) {
+Velocities fill_unknown(const Velocities& first, const Velocities& second) {
   Velocities out = first;
   for (std::size_t i = 0; i < out.size(); ++i) {
     if (!known(out[i])) out[i] = second[i];
     if (!known(out[i])) out[i] = {0, 0, 0};
+  }
+  return out;
+}
+
+Velocities propagate_velocities(const DynamicFrame& last, const DynamicFrame& before,
+                                const Velocities& velocities) {
+  Velocities out(last.points.size(), cv::Vec3d(0, 0, 0));
+  for (std::size_t i = 0; i < last.points.size(); ++i) {
+    double best = 1e300;
+    for (std::size_t k = 0; k < before.points.size(); ++k) {
+      const double d =
+          cv::norm(before.points[k].position + velocities[k] - last.points[i].position);
+      if (d < best) best = d, out[i] = velocities[k];
+    }
   }
   return out;
 }
@@ -209,9 +224,9 @@ Result<MotionFit> measure_motion(const PreparedCapture& capture, const std::vect
   long inside = 0;
   double difference = 0;
   for (const View& view : views) {
-    STGS_ASSIGN(const cv::Mat mask, load_mask_picture(capture, view, next_frame));
+    STGS_ASSIGN(const cv::Mat mask, load_mask_image(capture, view, next_frame));
     if (mask.empty()) continue;
-    STGS_ASSIGN(const cv::Mat picture, load_picture(capture, view, next_frame));
+    STGS_ASSIGN(const cv::Mat image, load_image(capture, view, next_frame));
     std::vector<SurfacePoint> moved = points;
     for (std::size_t i = 0; i < points.size(); ++i) moved[i].position += velocities[i];
     constexpr int kCell = 6;
@@ -221,7 +236,7 @@ Result<MotionFit> measure_motion(const PreparedCapture& capture, const std::vect
       if (!p.inside || p.depth > 1.05 * front.at<float>(p.y() / kCell, p.x() / kCell)) continue;
       ++fit.samples;
       inside += mask.at<std::uint8_t>(p.y(), p.x()) ? 1 : 0;
-      const cv::Vec3b c = picture.at<cv::Vec3b>(p.y(), p.x());
+      const cv::Vec3b c = image.at<cv::Vec3b>(p.y(), p.x());
       for (int k = 0; k < 3; ++k) difference += std::abs(int(c[k]) - int(point.colour[k])) / 3.0;
     }
   }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Velocities of dynamic points: the paper's nearest neighbours in the adjacent frame, and optical
-// flow of several views lifted to 3D. Which one serves is measured.
+// Estimates velocities of dynamic points in two ways: nearest neighbours in the adjacent frame (the
+// method of the paper), and optical flow of several views lifted to 3D. A measurement selects one.
 #pragma once
 
 #include <vector>
@@ -10,30 +10,37 @@
 
 namespace stgs::encoder::init {
 
-using Velocities = std::vector<cv::Vec3d>;  // a point, scene units a frame; NaN: unknown
+using Velocities = std::vector<cv::Vec3d>;  // per point, scene units per frame; NaN: unknown
 
-// Displacement to the nearest points of `next` in position and colour, smoothed by the median over
-// neighbouring points of the frame; unknown where nothing within `reach` scene units matches.
-// `sign` is -1 where `next` is really the previous frame.
+// Returns the displacement to the nearest points of `next` in position and colour, smoothed by the
+// median over neighbouring points. Unknown where nothing matches within `reach` scene units. `sign`
+// is -1 if `next` is the previous frame.
 Velocities match_velocities(const std::vector<SurfacePoint>& points,
                             const std::vector<SurfacePoint>& next, double reach, double sign);
 
-// The velocity whose projections agree best with the flow of the views that see the point;
-// unknown where fewer than two views have flow for it. `frame` indexes ViewMotion::flow.
+// Returns the velocities whose projections agree best with the flow of the views that see the
+// points. Unknown where fewer than two views have flow, or beyond `reach` scene units per frame.
+// `frame` indexes ViewMotion::flow.
 Velocities flow_velocities(const std::vector<SurfacePoint>& points, const std::vector<View>& views,
                            const std::vector<ViewMotion>& motion, int frame, double reach);
 
-// `first`, where that is unknown `second`, where both are 0.
-Velocities settled(const Velocities& first, const Velocities& second);
+// Returns `first` with unknown velocities taken from `second`, or 0 if both are unknown.
+Velocities fill_unknown(const Velocities& first, const Velocities& second);
 
-// How well points moved by their velocities fit the next frame.
+// Returns velocities for the last frame, which has no flow. Each point takes the velocity of the
+// nearest moved point of the frame before.
+Velocities propagate_velocities(const DynamicFrame& last, const DynamicFrame& before,
+                                const Velocities& velocities);
+
+// Agreement of the moved points with the next frame.
 struct MotionFit {
-  double inside = 0;  // share of the projections that fall inside the next masks
-  double colour = 0;  // mean absolute difference to the next pictures, grey levels
-  long samples = 0;
-  // Smaller is better: a projection outside the masks counts as a difference of 64 levels.
-  double badness() const { return samples == 0 ? 1e9 : colour + 64 * (1 - inside); }
+  double inside = 0;  // fraction of the projections inside the masks of the next frame
+  double colour = 0;  // mean absolute difference to the next frame, grey levels
+  long samples = 0;   // number of projections
+  // Returns the residual in grey levels. A projection outside the masks counts as 64 levels.
+  double residual() const { return samples == 0 ? 1e9 : colour + 64 * (1 - inside); }
 };
+// Projects the points, moved by their velocities, into the frame `next_frame` of all views.
 Result<MotionFit> measure_motion(const PreparedCapture& capture, const std::vector<View>& views,
                                  const std::vector<SurfacePoint>& points,
                                  const Velocities& velocities, int next_frame);

@@ -12,10 +12,10 @@
 namespace stgs::encoder::init {
 namespace {
 
-// Pictures belong to training; reading a held-out one would leak it into the points.
-Status refuse_test(const View& view) {
+// Guards against leaking a held-out camera into the initial points.
+Status reject_test(const View& view) {
   if (!view.camera->test) return {};
-  return runtime_error("camera '{}' is held out and must not be read by the initialisation",
+  return runtime_error("camera '{}' is held out, so the initialisation must not read it",
                        view.camera->name);
 }
 
@@ -26,8 +26,8 @@ cv::Mat as_mat(const Image8& image) {
 
 }  // namespace
 
-View make_view(const Camera& camera, int longest) {
-  const double scale = std::min(1.0, double(longest) / std::max(camera.width, camera.height));
+View make_view(const Camera& camera, int max_side) {
+  const double scale = std::min(1.0, double(max_side) / std::max(camera.width, camera.height));
   View view;
   view.camera = &camera;
   view.width = std::max(1, int(std::lround(camera.width * scale)));
@@ -43,24 +43,24 @@ View make_view(const Camera& camera, int longest) {
   return view;
 }
 
-std::vector<View> training_views(const PreparedCapture& capture, int longest) {
+std::vector<View> training_views(const PreparedCapture& capture, int max_side) {
   std::vector<View> views;
   for (const Camera& camera : capture.cameras) {
-    if (!camera.test) views.push_back(make_view(camera, longest));
+    if (!camera.test) views.push_back(make_view(camera, max_side));
   }
   return views;
 }
 
-Result<cv::Mat> load_picture(const PreparedCapture& capture, const View& view, int frame) {
-  STGS_TRY(refuse_test(view));
+Result<cv::Mat> load_image(const PreparedCapture& capture, const View& view, int frame) {
+  STGS_TRY(reject_test(view));
   STGS_ASSIGN(const Image8 image, load_frame(capture, *view.camera, frame));
   cv::Mat out;
   cv::resize(as_mat(image), out, view.size(), 0, 0, cv::INTER_AREA);
   return out.data == image.data.data() ? out.clone() : out;
 }
 
-Result<cv::Mat> load_mask_picture(const PreparedCapture& capture, const View& view, int frame) {
-  STGS_TRY(refuse_test(view));
+Result<cv::Mat> load_mask_image(const PreparedCapture& capture, const View& view, int frame) {
+  STGS_TRY(reject_test(view));
   STGS_ASSIGN(const Image8 image, load_mask(capture, *view.camera, frame));
   if (image.data.empty()) return cv::Mat();
   cv::Mat out;
@@ -70,10 +70,10 @@ Result<cv::Mat> load_mask_picture(const PreparedCapture& capture, const View& vi
 
 Status write_png(const std::string& path, const cv::Mat& rgb_or_grey) {
   std::vector<std::uint8_t> bytes;
-  cv::Mat picture = rgb_or_grey;
-  if (rgb_or_grey.channels() == 3) cv::cvtColor(rgb_or_grey, picture, cv::COLOR_RGB2BGR);
-  if (!cv::imencode(".png", picture, bytes, {cv::IMWRITE_PNG_COMPRESSION, 3})) {
-    return io_error("{}: cannot be encoded as PNG", path);
+  cv::Mat image = rgb_or_grey;
+  if (rgb_or_grey.channels() == 3) cv::cvtColor(rgb_or_grey, image, cv::COLOR_RGB2BGR);
+  if (!cv::imencode(".png", image, bytes, {cv::IMWRITE_PNG_COMPRESSION, 3})) {
+    return io_error("{}: cannot encode the image as PNG", path);
   }
   return write_file_atomically(path, bytes);
 }
@@ -86,11 +86,11 @@ std::vector<int> neighbours(const std::vector<View>& views, int reference, const
     const cv::Vec3d step = views[i].centre - view.centre;
     const double baseline = cv::norm(step);
     if (i == reference || baseline < 1e-9) continue;
-    if (views[i].forward().dot(view.forward()) < 0.3) continue;  // sees other sides of things
+    if (views[i].forward().dot(view.forward()) < 0.3) continue;  // faces other surfaces
     const cv::Vec3d a = focus - view.centre, b = focus - views[i].centre;
     const double cosine = a.dot(b) / std::max(1e-12, cv::norm(a) * cv::norm(b));
     const double degrees = std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / CV_PI;
-    // Below about 4 degrees depth is vague; far above 12 the patches look different.
+    // Depth is inaccurate below about 4 degrees; patches differ too much far above 12 degrees.
     scored.emplace_back(degrees < 4 ? 4 + 2 * (4 - degrees) : degrees, i);
   }
   std::sort(scored.begin(), scored.end());

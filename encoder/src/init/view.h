@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A training camera at the resolution that a step of the initialisation works at, and its pictures.
+// A training camera at the working resolution of an initialisation stage, and its images.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -10,25 +10,27 @@
 
 namespace stgs::encoder::init {
 
-// Pixel centres at +0.5, OpenCV axes, as Camera; `camera` is borrowed from the capture.
+// Pixel centres are at +0.5 and axes are OpenCV's, as in Camera. `camera` points into the capture,
+// which must outlive the view.
 struct View {
   const Camera* camera = nullptr;
   int width = 0, height = 0;
   double fx = 0, fy = 0, cx = 0, cy = 0;
   cv::Matx33d rotation;
-  cv::Vec3d translation, centre;
+  cv::Vec3d translation, centre;  // `centre` is the camera position in world space
 
   cv::Size size() const { return {width, height}; }
   cv::Vec3d to_camera(const cv::Vec3d& p) const { return rotation * p + translation; }
-  // World-space direction through image position (u, v), of length such that its depth is 1.
+  // Returns the world-space ray through image position (u, v), scaled to depth 1.
   cv::Vec3d ray(double u, double v) const {
     return rotation.t() * cv::Vec3d((u - cx) / fx, (v - cy) / fy, 1.0);
   }
+  // Returns the world-space point at image position (u, v) and depth.
   cv::Vec3d at(double u, double v, double depth) const { return centre + depth * ray(u, v); }
   cv::Vec3d forward() const { return {rotation(2, 0), rotation(2, 1), rotation(2, 2)}; }
 };
 
-// Where a point falls; inside is false behind the camera and outside the image.
+// Projection of a point. `inside` is false behind the camera and outside the image.
 struct Pixel {
   double u = 0, v = 0, depth = 0;
   bool inside = false;
@@ -47,29 +49,30 @@ inline Pixel project(const View& view, const cv::Vec3d& p) {
   return pixel;
 }
 
-// The camera with its longer side reduced to at most `longest` pixels.
-View make_view(const Camera& camera, int longest);
+// Returns the camera with its longer side reduced to at most `max_side` pixels.
+View make_view(const Camera& camera, int max_side);
 
-// Views of the cameras that are not held out.
-std::vector<View> training_views(const PreparedCapture& capture, int longest);
+// Returns the views of the cameras that are not held out.
+std::vector<View> training_views(const PreparedCapture& capture, int max_side);
 
-// The frame (8-bit RGB) or mask (8-bit, 0 or 255) at the view's size; an empty mask where there is
-// none. Never call for a test camera: it is refused.
-Result<cv::Mat> load_picture(const PreparedCapture& capture, const View& view, int frame);
-Result<cv::Mat> load_mask_picture(const PreparedCapture& capture, const View& view, int frame);
+// Load the frame (8-bit RGB) or the mask (8-bit, 0 or 255) at the size of the view. A missing mask
+// is an empty matrix. kRuntime for a test camera, which must not influence the points.
+Result<cv::Mat> load_image(const PreparedCapture& capture, const View& view, int frame);
+Result<cv::Mat> load_mask_image(const PreparedCapture& capture, const View& view, int frame);
 
-// Writes a PNG under a temporary name and renames it.
+// Writes a PNG file atomically.
 Status write_png(const std::string& path, const cv::Mat& rgb_or_grey);
 
-// Up to `count` other views that see what `reference` sees from near it, nearest first.
+// Returns up to `count` other views with a similar line of sight to `focus`, best suited for stereo
+// first.
 std::vector<int> neighbours(const std::vector<View>& views, int reference, const cv::Vec3d& focus,
                             int count);
 
-// Up to `count` views spread over the rig, chosen by farthest point.
+// Returns up to `count` views spread over the rig by farthest-point selection, in ascending order.
 std::vector<int> spread(const std::vector<View>& views, int count);
 
-// Where the optical axes meet best, and its median depth; depth 0 where they do not (parallel or
-// diverging cameras, fewer than two of them).
+// The point closest to all optical axes and its median depth. The depth is 0 if there is none
+// (parallel or diverging cameras, or fewer than two).
 struct Focus {
   cv::Vec3d point;
   double depth = 0;

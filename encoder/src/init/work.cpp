@@ -38,7 +38,7 @@ Status Work::report_while(int total, const std::function<Status(Counter&)>& task
 
 Status Work::for_each(int count, const std::function<Status(int)>& task) {
   std::vector<Status> results(count);
-  std::atomic<int> failed{count};  // the lowest index yet: those above it need not run
+  std::atomic<int> failed{count};  // lowest failed index; higher indices are skipped
   const auto run_one = [&](Counter& counter, int i) {
     if (i > failed || !check().ok()) return;
     results[i] = guarded(name_, [&] { return task(i); });
@@ -48,7 +48,7 @@ Status Work::for_each(int count, const std::function<Status(int)>& task) {
     }
   };
   return report_while(count, [&](Counter& counter) -> Status {
-    // One by one and not in longer blocks: tasks are few and long.
+    // Blocks of one: tasks are few and long.
     parallel_blocks(0, count, 1, [&](int i, int) { run_one(counter, i); });
     return failed < count ? results[failed] : Status();
   });

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Running the stages of the initialisation: parallel loops with errors as values, progress on the
-// caller's thread, and the time that each stage took.
+// Runs the stages of the initialisation: parallel loops with errors as values, progress on the
+// calling thread, and the duration of each stage.
 #pragma once
 
 #include <atomic>
@@ -18,23 +18,23 @@ namespace stgs::encoder::init {
 
 class Work {
  public:
+  // Keeps references to both sinks, which must outlive this object.
   Work(const ProgressSink& progress, const LogSink& log) : progress_(progress), log_(log) {}
 
-  // Starts a stage: what for_each reports belongs to it, and so does the time until the next one.
-  // `passes`: calls of for_each and wait_for that it is made of, each an equal part of its
-  // progress.
+  // Starts a stage, which lasts until the next call. `passes` is the number of calls of for_each
+  // and wait_for in the stage; each is an equal part of its progress.
   void stage(const std::string& name, int passes = 1);
-  // Runs task(i) for i in [0, count) on TBB's threads, while the caller's thread reports progress
-  // some times a second. The error of the lowest index wins; exceptions of the libraries used
-  // become errors. Once cancelled, what has not begun is left out.
+  // Runs task(i) for i in [0, count) on TBB's threads and reports progress on the calling thread.
+  // Returns the error of the lowest index. Exceptions become errors. Cancelling skips the tasks
+  // that have not started.
   Status for_each(int count, const std::function<Status(int)>& task);
-  // Runs `task` on a thread of its own, with progress and cancelling as above.
+  // Runs `task` on another thread, with progress and cancelling as in for_each.
   Status wait_for(const std::function<Status()>& task);
-  // An error once the caller has cancelled: what takes long asks now and then. Any thread.
+  // Returns kRuntime after cancelling. Long tasks call it regularly. Thread-safe.
   Status check() const;
-  // A line at level 2 (information) unless told otherwise.
+  // Logs a line. The default level 2 is information.
   void log(const std::string& line, int level = 2) const;
-  // Seconds by stage, finished ones and the current one.
+  // Returns the duration of each stage in seconds, including the current one.
   std::vector<std::pair<std::string, double>> timings() const;
 
  private:
@@ -49,7 +49,7 @@ class Work {
   std::vector<std::pair<std::string, double>> done_;
 };
 
-// Runs `task`, turning an exception into an error that names `what`.
+// Runs `task` and converts an exception to an error that names `what`.
 Status guarded(const std::string& what, const std::function<Status()>& task);
 
 }  // namespace stgs::encoder::init

@@ -17,10 +17,10 @@
 namespace stgs::encoder {
 namespace {
 
-// Errors of colours, opacities and lifespans of `packed`, whose primitive i was primitive order[i]
-// of `original`.
-void measure(const Gaussians4D& original, const Scene& packed,
-             const std::vector<std::uint32_t>& order, PackReport& report) {
+// Measures the errors of colours, opacities and lifespans of `packed`, whose primitive i was
+// primitive order[i] of `original`.
+void measure_errors(const Gaussians4D& original, const Scene& packed,
+                    const std::vector<std::uint32_t>& order, PackReport& report) {
   const Gaussians4D& decoded = packed.gaussians;
   for_each_in_part(packed, [&](std::size_t i, const TickRange& part) {
     const LifespanError error = lifespan_error(original, order[i], decoded, i, part);
@@ -46,7 +46,7 @@ void measure(const Gaussians4D& original, const Scene& packed,
   report.colour_rms = std::sqrt(colour_sum / (3.0 * n));
 }
 
-// The scene of one file, or of all windows together; tells their bytes and parts.
+// Reads a single scene or merges all windows. Reports their bytes, parts and damage.
 Result<Scene> read_inputs(const std::vector<std::string>& paths, const LogSink& log,
                           PackReport& report) {
   std::vector<WindowScene> windows;
@@ -56,27 +56,27 @@ Result<Scene> read_inputs(const std::vector<std::string>& paths, const LogSink& 
     if (input->profile() != Profile::kLossless) {
       report.input_profile = input->profile();
       if (log) {
-        log(1, fmt::format("{}: is packed already: what it lost stays lost, and this packing loses "
-                           "more; pack the lossless scene that 'train' wrote, if it is still there",
+        log(1, fmt::format("{}: already packed, so packing it again adds further loss; pack the "
+                           "lossless scene that 'stgs train' wrote, if it is available",
                            path));
       }
     }
-    DamageReport losses;
-    STGS_ASSIGN(Scene scene, recover_scene(path, losses));
-    for (const std::string& line : describe_damage(losses, scene.metadata.time_base)) {
+    DamageReport damage;
+    STGS_ASSIGN(Scene scene, recover_scene(path, damage));
+    for (const std::string& line : describe_damage(damage, scene.metadata.time_base)) {
       if (log) log(1, fmt::format("{}: {}", path, line));
     }
     STGS_ASSIGN(const std::vector<std::string> extras, scene_extras(path));
     for (const std::string& extra : extras) {
-      if (log) log(1, fmt::format("{}: is not carried over: {}", path, extra));
+      if (log) log(1, fmt::format("{}: not copied to the output: {}", path, extra));
     }
-    report.damaged_segments += losses.segments;
-    report.damaged_sh_segments += losses.segments_without_sh;
+    report.damaged_segments += damage.segments;
+    report.damaged_sh_segments += damage.segments_without_sh;
     windows.push_back({path, std::move(scene)});
   }
   if (windows.size() == 1) return std::move(windows.front().scene);
   std::stable_sort(windows.begin(), windows.end(), [](const WindowScene& a, const WindowScene& b) {
-    return comes_before(a.scene, b.scene);
+    return starts_before(a.scene, b.scene);
   });
   std::vector<std::string> names;
   for (const WindowScene& window : windows) names.push_back(window.name);
@@ -88,8 +88,8 @@ Result<Scene> read_inputs(const std::vector<std::string>& paths, const LogSink& 
   return merged;
 }
 
-// What the settings say of unit, up, floor and sound.
-Status set_space(const PackSettings& settings, SceneMetadata& metadata) {
+// Applies the settings of unit, up, floor and audio to the metadata.
+Status apply_metadata(const PackSettings& settings, SceneMetadata& metadata) {
   if (settings.audio) {
     metadata.audio = *settings.audio;
     metadata.audio_begin = metadata.time_base.ticks(settings.audio_begin);
@@ -98,7 +98,9 @@ Status set_space(const PackSettings& settings, SceneMetadata& metadata) {
   if (settings.up) {
     const auto [x, y, z] = *settings.up;
     const double length = std::hypot(double{x}, double{y}, double{z});
-    if (!(length > 0)) return usage_error("an up vector of {},{},{} points nowhere", x, y, z);
+    if (!(length > 0))
+      return usage_error("--up: the vector {},{},{} has no direction (expected any length but 0)",
+                         x, y, z);
     for (std::size_t axis = 0; axis < 3; ++axis) {
       metadata.up[axis] = static_cast<float>((*settings.up)[axis] / length);
     }
@@ -106,7 +108,7 @@ Status set_space(const PackSettings& settings, SceneMetadata& metadata) {
   if (!settings.floor) return {};
   const float* up = metadata.up;
   if (up[0] == 0.0f && up[1] == 0.0f && up[2] == 0.0f) {
-    return usage_error("a floor needs to know what is up: give an up vector too");
+    return usage_error("--floor requires an up vector; set one with --up");
   }
   std::copy(settings.floor->begin(), settings.floor->end(), metadata.floor);
   return {};
@@ -115,42 +117,46 @@ Status set_space(const PackSettings& settings, SceneMetadata& metadata) {
 }  // namespace
 
 Status check_up_and_floor(const PackSettings& settings) {
-  SceneMetadata unsaid;
-  return set_space(settings, unsaid);
+  SceneMetadata metadata;
+  return apply_metadata(settings, metadata);
 }
 
 namespace {
 
-// The test pictures of the capture that the scene is of.
-Result<HeldOutViews> held_out_views(const Scene& scene, const std::string& name,
-                                    const std::string& folder, const LogSink& log) {
+// Loads the test images of the capture that the scene was trained on.
+Result<HeldOutViews> load_held_out_views(const Scene& scene, const std::string& name,
+                                         const std::string& folder, const LogSink& log) {
   if (scene.parts.size() > 1) {
     return usage_error(
-        "the loss against a capture is measured for one scene, not for {} windows: use 'stgs "
-        "evaluate' on what is packed",
+        "the loss against a capture cannot be measured for {} merged windows; run 'stgs evaluate' "
+        "on "
+        "the packed scene",
         scene.parts.size());
   }
-  STGS_ASSIGN(const PreparedCapture whole, read_prepared_capture(folder));
-  STGS_ASSIGN(const PreparedCapture capture, capture_for_scene(whole, scene.metadata, name));
+  STGS_ASSIGN(const PreparedCapture complete, read_prepared_capture(folder));
+  STGS_ASSIGN(const PreparedCapture capture, capture_for_scene(complete, scene.metadata, name));
   STGS_TRY(check_same_times(capture, scene.metadata, name));
   warn_if_other_capture(capture, scene.metadata, name, log);
   STGS_ASSIGN(HeldOutViews views, HeldOutViews::load(capture));
-  if (views.empty()) return usage_error("{}: has no test cameras", folder);
+  if (views.empty())
+    return usage_error("{}: no test cameras; prepare the capture with test cameras", folder);
   return views;
 }
 
-// What can be drawn is measured; the file is as good without.
-void measure_loss(const Scene& scene, const Scene& packed, const HeldOutViews* views,
+// Measures the scores of renders. Failure is only a warning, because the file does not depend on
+// them.
+void measure_psnr(const Scene& scene, const Scene& packed, const HeldOutViews* views,
                   const LogSink& log, PackReport& report) {
   try {
     report.images_psnr = render_psnr(scene, packed);
     if (views == nullptr) return;
     const float* b = scene.metadata.background;
     const math::Vec3 background{b[0], b[1], b[2]};
-    report.held_out_before = views->measure(scene.gaussians, background);
-    report.held_out_after = views->measure(packed.gaussians, background);
+    report.held_out_before = views->evaluate(scene.gaussians, background);
+    report.held_out_after = views->evaluate(packed.gaussians, background);
   } catch (const std::length_error& error) {
-    if (log) log(1, fmt::format("the loss in pictures is not measured: {}", error.what()));
+    if (log)
+      log(1, fmt::format("the PSNR of the packed scene could not be measured: {}", error.what()));
   }
 }
 
@@ -159,28 +165,30 @@ void measure_loss(const Scene& scene, const Scene& packed, const HeldOutViews* v
 Status pack(const std::vector<std::string>& scene_paths, const std::string& output_path,
             const PackSettings& settings, PackReport* report, const ProgressSink& progress,
             const LogSink& log) {
-  const auto go_on = [&](double done, const char* detail) -> Status {
+  const auto report_progress = [&](double done, const char* detail) -> Status {
     if (!progress || progress({"pack", done, -1, detail})) return {};
-    return runtime_error("{}: stopped while packing, nothing is written", output_path);
+    return runtime_error("{}: packing stopped; nothing was written", output_path);
   };
   STGS_TRY(check_profile(settings.profile));
-  STGS_TRY(go_on(0, "reading"));
+  STGS_TRY(report_progress(0, "reading"));
   PackReport found;
   STGS_ASSIGN(Scene scene, read_inputs(scene_paths, log, found));
-  STGS_TRY(set_space(settings, scene.metadata));
+  STGS_TRY(apply_metadata(settings, scene.metadata));
   std::optional<HeldOutViews> views;
   if (!settings.against.empty()) {
-    STGS_ASSIGN(views, held_out_views(scene, scene_paths.front(), settings.against, log));
+    STGS_ASSIGN(views, load_held_out_views(scene, scene_paths.front(), settings.against, log));
   }
-  STGS_TRY(go_on(0.1, "compressing"));
-  double done = 0.1;  // the number of attempts is not known: each takes a part of what is left
-  const auto next_attempt = [&] { return go_on(done += 0.15 * (0.8 - done), "compressing"); };
+  STGS_TRY(report_progress(0.1, "compressing"));
+  double done = 0.1;  // the number of attempts is unknown: each takes a fraction of the remainder
+  const auto next_attempt = [&] {
+    return report_progress(done += 0.15 * (0.8 - done), "compressing");
+  };
   STGS_ASSIGN(const Packed packed, pack_within(scene, settings, next_attempt));
-  STGS_TRY(go_on(0.8, "measuring"));
-  measure_loss(scene, packed.decoded, views ? &*views : nullptr, log, found);
-  STGS_TRY(go_on(0.95, "writing"));
+  STGS_TRY(report_progress(0.8, "measuring"));
+  measure_psnr(scene, packed.decoded, views ? &*views : nullptr, log, found);
+  STGS_TRY(report_progress(0.95, "writing"));
   STGS_TRY(write_file_atomically(output_path, packed.bytes));
-  // Too late to stop.
+  // Too late to cancel.
   if (progress) progress({"pack", 1, -1, "written"});
   if (report == nullptr) return {};
   for (std::size_t i = 0; i < found.parts.size(); ++i) {
@@ -197,7 +205,7 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
   report->kbps = kbps_of(packed.bytes.size(), scene.metadata);
   report->position_max = packed.position_max;
   report->position_rms = packed.position_rms;
-  measure(scene.gaussians, packed.decoded, packed.order, *report);
+  measure_errors(scene.gaussians, packed.decoded, packed.order, *report);
   return {};
 }
 

@@ -11,45 +11,45 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr int kRateSteps = 8;      // a unit of quality
-constexpr int kTighterBounds = 4;  // attempts at an error that the first bound does not keep
+constexpr int kRateSteps = 8;       // per unit of quality
+constexpr int kMaxTightenings = 4;  // of the bound, if the first does not meet max_error
 
-// The primitive that lies farthest from where it was, at some moment.
-struct Farthest {
+// The primitive with the max_error position error at any time.
+struct WorstPrimitive {
   double error = HUGE_VAL;  // scene units
   std::size_t primitive = 0;
-  math::Vec3 place{};      // at its T, as decoded
-  bool by_motion = false;  // it lies where it was at its T
+  math::Vec3 position{};   // at its T, as decoded
+  bool by_motion = false;  // the error is due to its motion, not to its position at its T
 };
 
-// Of decoded primitive j at its T, scene units.
-double place_error(const Gaussians4D& set, std::size_t i, const Gaussians4D& decoded,
-                   std::size_t j) {
-  const double way = double{decoded.time[j]} - set.time[i];
+// Returns the position error of decoded primitive j at its T, scene units.
+double position_error(const Gaussians4D& set, std::size_t i, const Gaussians4D& decoded,
+                      std::size_t j) {
+  const double dt = double{decoded.time[j]} - set.time[i];
   double squared = 0.0;
   for (std::size_t c = 0; c < 3; ++c) {
-    const double x = set.position[3 * i + c] + set.velocity[3 * i + c] * way;
+    const double x = set.position[3 * i + c] + set.velocity[3 * i + c] * dt;
     squared += (x - decoded.position[3 * j + c]) * (x - decoded.position[3 * j + c]);
   }
   return std::sqrt(squared);
 }
 
-void measure_positions(const Scene& scene, Packed& packed, Farthest& farthest) {
-  double largest = -1.0, squares = 0.0;
+void measure_positions(const Scene& scene, Packed& packed, WorstPrimitive& worst) {
+  double max_error = -1.0, squares = 0.0;
   const Scene& decoded = packed.decoded;
   for_each_in_part(decoded, [&](std::size_t i, const TickRange& part) {
     const double error = trajectory_error(scene.gaussians, packed.order[i], decoded.gaussians, i,
                                           part.end - part.begin);
-    if (error > largest) {
-      largest = error;
+    if (error > max_error) {
+      max_error = error;
       const std::size_t j = packed.order[i];
-      const double place = place_error(scene.gaussians, j, decoded.gaussians, i);
+      const double at_own_time = position_error(scene.gaussians, j, decoded.gaussians, i);
       const float* x = &decoded.gaussians.position[3 * i];
-      farthest = {error, j, {x[0], x[1], x[2]}, place < 0.5 * error};
+      worst = {error, j, {x[0], x[1], x[2]}, at_own_time < 0.5 * error};
     }
     squares += error * error;
   });
-  packed.position_max = std::max(0.0, largest);
+  packed.position_max = std::max(0.0, max_error);
   packed.position_rms =
       std::sqrt(squares / std::max(1.0, static_cast<double>(packed.order.size())));
 }
@@ -64,49 +64,52 @@ WriteSettings write_settings(const PackSettings& settings, double quality) {
   return out;
 }
 
-// Decoded before it is published: a file that pack leaves behind has been read once.
-Status decode(const Scene& scene, Packed& packed, Farthest& farthest) {
+// Decodes the packed bytes, so that every file that pack writes has been read once.
+Status decode(const Scene& scene, Packed& packed, WorstPrimitive& worst) {
   STGS_ASSIGN(packed.decoded, read_scene(memory_source(packed.bytes, "the packed scene")));
-  measure_positions(scene, packed, farthest);
+  measure_positions(scene, packed, worst);
   return {};
 }
 
-// At a quality, and decoded: with the first bound on steps that keeps max_error, which is less than
-// that where a lifespan is rounded too. `too_far` where none does: of the least error that was
-// reached.
+// Packs at a quality and decodes the result. Uses the first bound on quantisation steps that meets
+// max_error; it must be tighter than max_error if a lifespan is rounded too. If no bound does, sets
+// `too_far` to the primitive of the attempt with the smallest error.
 Result<Packed> pack_at(const Scene& scene, const PackSettings& settings, double quality,
-                       const std::function<Status()>& go_on, std::optional<Farthest>& too_far) {
+                       const std::function<Status()>& before_attempt,
+                       std::optional<WorstPrimitive>& too_far) {
   WriteSettings write = write_settings(settings, quality);
   const double bound = write.max_error;
-  Farthest least;
-  for (int attempt = 0; attempt <= kTighterBounds; ++attempt, write.max_error *= 0.5) {
-    STGS_TRY(go_on());
+  WorstPrimitive best;
+  for (int attempt = 0; attempt <= kMaxTightenings; ++attempt, write.max_error *= 0.5) {
+    STGS_TRY(before_attempt());
     Packed packed;
     packed.quality = quality;
     STGS_ASSIGN(packed.bytes, encode_scene(scene, write, &packed.order));
-    Farthest farthest;
-    STGS_TRY(decode(scene, packed, farthest));
+    WorstPrimitive worst;
+    STGS_TRY(decode(scene, packed, worst));
     if (bound == 0.0 || packed.position_max <= bound) return packed;
-    if (farthest.error < least.error) least = farthest;
+    if (worst.error < best.error) best = worst;
   }
-  too_far = least;
+  too_far = best;
   return Packed{};
 }
 
-Status cannot_keep(const Scene& scene, const PackSettings& settings, const Farthest& least) {
-  const double digits = std::pow(10.0, std::floor(std::log10(1000.0 * least.error)) - 2.0);
-  const double best = std::ceil(1000.0 * least.error / digits) * digits;
-  const float* u = &scene.gaussians.velocity[3 * least.primitive];
+Status unreachable_error(const Scene& scene, const PackSettings& settings,
+                         const WorstPrimitive& worst) {
+  const double digits = std::pow(10.0, std::floor(std::log10(1000.0 * worst.error)) - 2.0);
+  const double best = std::ceil(1000.0 * worst.error / digits) * digits;
+  const float* u = &scene.gaussians.velocity[3 * worst.primitive];
   const std::string cause =
-      least.by_motion
-          ? fmt::format("steps of what moves {:.3g} units a frame reach, as primitive {} does",
-                        std::hypot(double{u[0]}, double{u[1]}, double{u[2]}), least.primitive)
-          : fmt::format("positions of 21 bits reach, at primitive {} at ({:g}, {:g}, {:g})",
-                        least.primitive, least.place.x, least.place.y, least.place.z);
+      worst.by_motion
+          ? fmt::format("because primitive {} moves by {:.3g} units per frame", worst.primitive,
+                        std::hypot(double{u[0]}, double{u[1]}, double{u[2]}))
+          : fmt::format("because primitive {} is at ({:g}, {:g}, {:g}) and positions have 21 bits",
+                        worst.primitive, worst.position.x, worst.position.y, worst.position.z);
   return unsupported(
-      "primitives within {:g} thousandths of a scene unit are asked for, and {:.3g} is the best "
-      "that {}: ask for that, or cut away what {}",
-      settings.max_error, best, cause, least.by_motion ? "moves so fast" : "lies far out");
+      "--max-error {:g} cannot be met: the smallest possible error is {:.3g} thousandths of a "
+      "scene "
+      "unit, {}; allow that error, or remove the primitives that {}",
+      settings.max_error, best, cause, worst.by_motion ? "move so fast" : "are so far out");
 }
 
 }  // namespace
@@ -116,25 +119,25 @@ double kbps_of(std::uint64_t bytes, const SceneMetadata& metadata) {
 }
 
 Result<Packed> pack_within(const Scene& scene, const PackSettings& settings,
-                           const std::function<Status()>& go_on) {
-  std::optional<Farthest> too_far;
+                           const std::function<Status()>& before_attempt) {
+  std::optional<WorstPrimitive> too_far;
   if (settings.target_kbps == 0.0) {
-    STGS_ASSIGN(Packed packed, pack_at(scene, settings, settings.quality, go_on, too_far));
-    if (too_far) return cannot_keep(scene, settings, *too_far);
+    STGS_ASSIGN(Packed packed, pack_at(scene, settings, settings.quality, before_attempt, too_far));
+    if (too_far) return unreachable_error(scene, settings, *too_far);
     return packed;
   }
-  // The greatest quality that fits lies in [low, high): bytes grow with it. Where max_error cannot
-  // be kept, it may be at a greater one, whose lifespans are finer.
+  // Bisects for the greatest quality that fits, in [low, high): the size grows with quality. If
+  // max_error cannot be met at a quality, it may be at a higher one, whose lifespans are finer.
   int low = -1, high = 100 * kRateSteps + 1;
-  double least = 0.0, least_quality = 0.0;
+  double min_kbps = 0.0, min_quality = 0.0;
   Packed best;
   while (high - low > 1) {
     const int middle = low + (high - low) / 2;
     const double quality = static_cast<double>(middle) / kRateSteps;
-    std::optional<Farthest> not_here;
-    STGS_ASSIGN(Packed packed, pack_at(scene, settings, quality, go_on, not_here));
-    if (not_here) {
-      if (!too_far || not_here->error < too_far->error) too_far = not_here;
+    std::optional<WorstPrimitive> too_far_here;
+    STGS_ASSIGN(Packed packed, pack_at(scene, settings, quality, before_attempt, too_far_here));
+    if (too_far_here) {
+      if (!too_far || too_far_here->error < too_far->error) too_far = too_far_here;
       low = middle;
       continue;
     }
@@ -144,18 +147,17 @@ Result<Packed> pack_within(const Scene& scene, const PackSettings& settings,
       best = std::move(packed);
     } else {
       high = middle;
-      least = kbps;
-      least_quality = quality;
+      min_kbps = kbps;
+      min_quality = quality;
     }
   }
   if (!best.bytes.empty()) return best;
-  if (least == 0.0) return cannot_keep(scene, settings, *too_far);
+  if (min_kbps == 0.0) return unreachable_error(scene, settings, *too_far);
   return usage_error(
-      "{:g} kbit/s is too little: at quality {:g}{} this scene takes {:.1f}; train fewer "
-      "primitives "
-      "(--max-primitives)",
-      settings.target_kbps, least_quality, settings.max_error > 0.0 ? " within --max-error" : "",
-      least);
+      "--target-kbps {:g} is too low: at quality {:g}{} this scene takes {:.1f} kbit/s; train with "
+      "fewer primitives (--max-primitives)",
+      settings.target_kbps, min_quality, settings.max_error > 0.0 ? " within --max-error" : "",
+      min_kbps);
 }
 
 }  // namespace stgs::encoder

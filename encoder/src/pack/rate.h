@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The steps that keep a packed scene within a bit rate or an error.
+// Packs a scene within a bit rate or an error bound.
 #pragma once
 
 #include <cstdint>
@@ -14,20 +14,21 @@ namespace stgs::encoder {
 
 struct Packed {
   std::vector<std::uint8_t> bytes;   // of the file
-  std::vector<std::uint32_t> order;  // for each primitive of the file its index in the scene
+  std::vector<std::uint32_t> order;  // scene index of each primitive of the file
   Scene decoded;
-  double quality = 0;                         // 0..100, that it was packed with
-  double position_max = 0, position_rms = 0;  // of the primitives' trajectory_error
+  double quality = 0;                         // 0..100, used for packing
+  double position_max = 0, position_rms = 0;  // of trajectory_error(), scene units
 };
 
-// Packs as the settings say: at their quality; or at the greatest, in steps of 1/8, that takes no
-// more than target_kbps; within max_error in each case. `go_on` is asked before each attempt, of
-// which a bit rate takes about ten. kUsage where no quality is small enough; kUnsupported where the
-// error cannot be kept, as positions have 21 bits over what lies together, and motion 22.
+// Packs with the quality of the settings, or with the greatest quality, in steps of 1/8, that takes
+// at most target_kbps; within max_error in either case. Calls `before_attempt` before each attempt,
+// of which a bit rate takes about ten, and stops with its error. kUsage if no quality is small
+// enough; kUnsupported if max_error cannot be met, because positions have 21 bits per segment group
+// and motion 22.
 Result<Packed> pack_within(const Scene& scene, const PackSettings& settings,
-                           const std::function<Status()>& go_on);
+                           const std::function<Status()>& before_attempt);
 
-// Mean bit rate of a file over its duration, thousands of bits a second.
+// Returns the mean bit rate of a file over its duration, kbit/s.
 double kbps_of(std::uint64_t bytes, const SceneMetadata& metadata);
 
 }  // namespace stgs::encoder

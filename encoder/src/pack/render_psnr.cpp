@@ -13,36 +13,38 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr float kLargestSide = 1280.0f;  // pixels
-constexpr float kYaw = 0.14f;            // radians: 8 degrees
+constexpr float kMaxSide = 1280.0f;  // pixels
+constexpr float kYaw = 0.14f;        // radians: 8 degrees
 constexpr float kPitch = 0.07f;
 
-struct Sketch {
+// Working memory of a render.
+struct RenderBuffers {
   SplatFrame frame;
   RasterOutput output;
 };
 
-// What of the scene is drawn at t: the primitives of the parts that have this moment.
-void draw(const Scene& scene, double t, const math::PinholeCamera& camera, Sketch& sketch) {
+// Renders the scene at t: the primitives of the parts that are shown at this time.
+void render_scene(const Scene& scene, double t, const math::PinholeCamera& camera,
+                  RenderBuffers& buffers) {
   RasterSettings settings;
   const float* b = scene.metadata.background;
   settings.background = {b[0], b[1], b[2]};
-  begin_frame(camera, sketch.frame);
-  if (scene.parts.empty()) slice(scene.gaussians, t, camera, settings, 0, sketch.frame);
+  begin_frame(camera, buffers.frame);
+  if (scene.parts.empty()) slice(scene.gaussians, t, camera, settings, 0, buffers.frame);
   std::uint32_t first = 0;
   for (const ScenePart& part : scene.parts) {
-    std::vector<std::uint32_t> drawn(part.primitives);
-    std::iota(drawn.begin(), drawn.end(), first);
+    std::vector<std::uint32_t> members(part.primitives);
+    std::iota(members.begin(), members.end(), first);
     first += static_cast<std::uint32_t>(part.primitives);
     if (!part.shows(t, scene.metadata.frames)) continue;
-    slice(scene.gaussians, drawn, t - part.begin_ticks, camera, settings, 0, sketch.frame);
+    slice(scene.gaussians, members, t - part.begin_ticks, camera, settings, 0, buffers.frame);
   }
-  bin(sketch.frame);
-  blend(sketch.frame, settings, sketch.output);
-  for (float& v : sketch.output.colour.data) v = std::clamp(v, 0.0f, 1.0f);
+  bin(buffers.frame);
+  blend(buffers.frame, settings, buffers.output);
+  for (float& v : buffers.output.colour.data) v = std::clamp(v, 0.0f, 1.0f);
 }
 
-math::PinholeCamera at_most(math::PinholeCamera camera, float side) {
+math::PinholeCamera limit_size(math::PinholeCamera camera, float side) {
   const float scale = side / std::max(camera.width, camera.height);
   if (scale >= 1.0f) return camera;
   for (float* v : {&camera.fx, &camera.fy, &camera.cx, &camera.cy}) *v *= scale;
@@ -50,7 +52,7 @@ math::PinholeCamera at_most(math::PinholeCamera camera, float side) {
   return camera;
 }
 
-// Median depth of the pixels that show more of the scene than of the background.
+// Returns the median depth of the pixels with alpha above 0.5.
 float depth_in_view(const RasterOutput& output, float near_plane) {
   std::vector<float> depths;
   for (std::size_t i = 0; i < output.depth.data.size(); ++i) {
@@ -62,16 +64,16 @@ float depth_in_view(const RasterOutput& output, float near_plane) {
   return *middle;
 }
 
-// The camera after a turn about its own axes around the point at `depth` before it.
-math::PinholeCamera gone_around(math::PinholeCamera camera, float yaw, float pitch, float depth) {
+// Orbits the camera about its own axes around the point at `depth` in front of it.
+math::PinholeCamera orbit(math::PinholeCamera camera, float yaw, float pitch, float depth) {
   const float cy = std::cos(yaw), sy = std::sin(yaw), cp = std::cos(pitch), sp = std::sin(pitch);
-  const math::Mat3 turn = {cy, 0.0f, sy, sp * sy, cp, -sp * cy, -cp * sy, sp, cp * cy};
-  const auto turned = [&](int column) {
-    return math::mat3_mul(turn, math::mat3_column(camera.rotation, column));
+  const math::Mat3 rotation = {cy, 0.0f, sy, sp * sy, cp, -sp * cy, -cp * sy, sp, cp * cy};
+  const auto rotated = [&](int column) {
+    return math::mat3_mul(rotation, math::mat3_column(camera.rotation, column));
   };
-  camera.rotation = math::mat3_of_columns(turned(0), turned(1), turned(2));
+  camera.rotation = math::mat3_of_columns(rotated(0), rotated(1), rotated(2));
   const math::Vec3 t = camera.translation;
-  camera.translation = math::mat3_mul(turn, {t.x, t.y, t.z - depth});
+  camera.translation = math::mat3_mul(rotation, {t.x, t.y, t.z - depth});
   camera.translation.z += depth;
   return camera;
 }
@@ -81,20 +83,20 @@ math::PinholeCamera gone_around(math::PinholeCamera camera, float yaw, float pit
 std::optional<double> render_psnr(const Scene& scene, const Scene& packed) {
   const SceneMetadata& metadata = scene.metadata;
   if (!metadata.start_camera) return std::nullopt;
-  const auto start = at_most(pinhole_of(*metadata.start_camera, metadata.near_plane), kLargestSide);
-  Sketch before, after;
+  const auto start = limit_size(pinhole_of(*metadata.start_camera, metadata.near_plane), kMaxSide);
+  RenderBuffers before, after;
   float depth = 0.0f;
   double error = 0.0;
   for (int i = 0; i < kPsnrImages; ++i) {
-    const double moment = (i + 0.5) / kPsnrImages * scene.metadata.frames;
-    const double t = std::floor(moment);
+    const double time = (i + 0.5) / kPsnrImages * scene.metadata.frames;
+    const double t = std::floor(time);
     const float side = (i / 2) % 2 == 0 ? 1.0f : -1.0f;
-    const bool around = i % 2 == 1;
+    const bool orbited = i % 2 == 1;
     const auto camera =
-        around ? gone_around(start, side * kYaw, (i / 4 == 0 ? kPitch : -kPitch), depth) : start;
-    draw(scene, t, camera, before);
-    if (!around) depth = depth_in_view(before.output, start.near_plane);
-    draw(packed, t, camera, after);
+        orbited ? orbit(start, side * kYaw, (i / 4 == 0 ? kPitch : -kPitch), depth) : start;
+    render_scene(scene, t, camera, before);
+    if (!orbited) depth = depth_in_view(before.output, start.near_plane);
+    render_scene(packed, t, camera, after);
     error += mean_squared_error(before.output.colour, after.output.colour) / kPsnrImages;
   }
   return psnr_of(error);

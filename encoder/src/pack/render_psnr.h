@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What packing costs in pictures.
+// Measures the loss of packing in renders.
 #pragma once
 
 #include <optional>
@@ -10,11 +10,11 @@ namespace stgs::encoder {
 
 inline constexpr int kPsnrImages = 8;
 
-// How far the pictures of `packed` are from those of `scene`: PSNR of the mean squared error over
-// kPsnrImages pictures of values in [0,1], dB, kPsnrMax at most; half of them of the start
-// camera, spread over time, half of cameras that have gone around what it looks at by a few
-// degrees. Nothing where there is no start camera. Larger ones are drawn with at most 1280 pixels
-// a side. Uses all threads; throws std::length_error as bin() does.
+// Returns the PSNR of renders of `packed` against renders of `scene`, dB, at most kPsnrMax: that of
+// the mean squared error over kPsnrImages images with values in [0,1]. Half of them are from the
+// start camera, spread over time; half are from cameras orbited by a few degrees around the point
+// at the centre of its view. Renders have at most 1280 pixels per side. Returns nullopt if there is
+// no start camera. Uses all threads; throws std::length_error under the same conditions as bin().
 std::optional<double> render_psnr(const Scene& scene, const Scene& packed);
 
 }  // namespace stgs::encoder

@@ -9,24 +9,24 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "perceptual/convolution.cpp"
 #include <hwy/foreach_target.h>
-// After foreach_target.h, which includes this file once a target.
+// Must follow foreach_target.h, which includes this file once per target.
 #include <hwy/highway.h>
 
-#ifndef STGS_PERCEPTUAL_CONVOLUTION_SHAPE  // once, whatever the number of targets
+#ifndef STGS_PERCEPTUAL_CONVOLUTION_SHAPE  // once for all targets
 #define STGS_PERCEPTUAL_CONVOLUTION_SHAPE
 namespace stgs::encoder::convolution {
 
-constexpr int kPanel = 16;     // output channels computed together
-constexpr int kMostRows = 12;  // pixels computed together, at most
+constexpr int kPanel = 16;    // output channels computed together
+constexpr int kMaxRows = 12;  // maximum number of pixels computed together
 
-// Pixels that follow each other in memory, over the ends of rows too.
-struct Run {
-  const float* input;    // the pixel to the upper left of the first
-  std::size_t row;       // floats from a row of pixels to the next
+// Pixels contiguous in memory, possibly across the ends of rows.
+struct PixelRun {
+  const float* input;    // upper left neighbour of the first pixel
+  std::size_t row;       // floats per row of pixels
   std::size_t channels;  // of the input
   const float* panel;    // 9 x channels x kPanel
   float* sums;           // pixels x kPanel, the result
-  int pixels;            // a multiple of kMostRows
+  int pixels;            // a multiple of kMaxRows
 };
 
 }  // namespace stgs::encoder::convolution
@@ -42,11 +42,11 @@ using V = hn::Vec<Tag>;
 
 constexpr int kLanes = static_cast<int>(hn::MaxLanes(Tag()));
 constexpr int kVectors = kPanel / kLanes;
-// As many sums as the registers hold, beside the weights.
-constexpr int kRows = kVectors >= kMostRows ? 1 : kMostRows / kVectors;
-static_assert(kMostRows % kRows == 0);
+// Pixels per iteration, so that the sums and the weights fit in registers.
+constexpr int kRows = kVectors >= kMaxRows ? 1 : kMaxRows / kVectors;
+static_assert(kMaxRows % kRows == 0);
 
-void sum_rows(const Run& run, int first) {
+void sum_rows(const PixelRun& run, int first) {
   const Tag d;
   V sums[kRows][kVectors];
   for (int m = 0; m < kRows; ++m) {
@@ -71,7 +71,7 @@ void sum_rows(const Run& run, int first) {
   }
 }
 
-void sum_run(const Run& run) {
+void sum_run(const PixelRun& run) {
   for (int first = 0; first < run.pixels; first += kRows) sum_rows(run, first);
 }
 
@@ -87,11 +87,11 @@ HWY_EXPORT(sum_run);
 
 namespace {
 
-using convolution::kMostRows;
+using convolution::kMaxRows;
 using convolution::kPanel;
 
-constexpr int kBlock = 8 * kMostRows;  // pixels of a task
-constexpr int kGroup = 4;              // panels of a task
+constexpr int kBlock = 8 * kMaxRows;  // pixels per task
+constexpr int kGroup = 4;             // panels per task
 
 std::size_t panel_floats(int in) {
   return std::size_t{9} * static_cast<std::size_t>(in) * kPanel;
@@ -104,8 +104,8 @@ void FeatureMap::reshape(int w, int h, int c) {
   width = w;
   height = h;
   channels = c;
-  // A run may reach some pixels beyond the end.
-  const std::size_t pixels = stride() * static_cast<std::size_t>(h + 2) + kMostRows;
+  // A run may extend beyond the end by up to kMaxRows pixels.
+  const std::size_t pixels = stride() * static_cast<std::size_t>(h + 2) + kMaxRows;
   data.assign(pixels * static_cast<std::size_t>(c), 0.0f);
 }
 
@@ -125,15 +125,15 @@ Convolution3x3::Convolution3x3(const std::vector<float>& weight, const std::vect
 }
 
 Convolution3x3 Convolution3x3::backward(const std::vector<float>& weight, int in, int out) {
-  std::vector<float> turned(weight.size());
+  std::vector<float> flipped(weight.size());
   for (int o = 0; o < out; ++o) {
     for (int c = 0; c < in; ++c) {
       const std::size_t from = (std::size_t{1} * o * in + c) * 9;
       const std::size_t to = (std::size_t{1} * c * out + o) * 9;
-      for (std::size_t tap = 0; tap < 9; ++tap) turned[to + tap] = weight[from + 8 - tap];
+      for (std::size_t tap = 0; tap < 9; ++tap) flipped[to + tap] = weight[from + 8 - tap];
     }
   }
-  return {turned, std::vector<float>(static_cast<std::size_t>(in), 0.0f), out, in};
+  return {flipped, std::vector<float>(static_cast<std::size_t>(in), 0.0f), out, in};
 }
 
 void Convolution3x3::apply(const FeatureMap& input, bool relu, FeatureMap& output) const {
@@ -142,18 +142,18 @@ void Convolution3x3::apply(const FeatureMap& input, bool relu, FeatureMap& outpu
   const int stride = static_cast<int>(input.stride());
   const std::size_t row = input.stride() * static_cast<std::size_t>(in_);
   const int pixels =
-      (input.height - 1) * stride + input.width;  // first to last, the ends of rows in
+      (input.height - 1) * stride + input.width;  // first to last, including the borders between
   const int blocks = (pixels + kBlock - 1) / kBlock;
   const int panels = channels / kPanel, groups = (panels + kGroup - 1) / kGroup;
   parallel_for(0, blocks * groups, [&](int task) {
     const int first = task % blocks * kBlock, group = task / blocks * kGroup;
     const int count = std::min(kBlock, pixels - first);
-    const int whole = (count + kMostRows - 1) / kMostRows * kMostRows;
+    const int padded = (count + kMaxRows - 1) / kMaxRows * kMaxRows;
     float sums[kBlock * kPanel];
     for (int p = group; p < std::min(group + kGroup, panels); ++p) {
       HWY_DYNAMIC_DISPATCH(convolution::sum_run)
       ({input.data.data() + static_cast<std::size_t>(first) * static_cast<std::size_t>(in_), row,
-        static_cast<std::size_t>(in_), panels_.data() + p * panel_floats(in_), sums, whole});
+        static_cast<std::size_t>(in_), panels_.data() + p * panel_floats(in_), sums, padded});
       const float* bias = bias_.data() + p * kPanel;
       for (int i = 0; i < count; ++i) {
         const int x = (first + i) % stride, y = (first + i) / stride;

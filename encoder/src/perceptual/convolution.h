@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// 3x3 convolutions on the CPU's vector unit, channels last. Every output is one sum in a fixed
-// order, so that results do not depend on the number of threads.
+// SIMD 3x3 convolutions, channels last. Every output is a single sum in a fixed order, so results
+// do not depend on the number of threads.
 #pragma once
 
 #include <cstddef>
@@ -8,14 +8,15 @@
 
 namespace stgs::encoder {
 
-// A picture of `channels` numbers a pixel, with a border of one pixel of zeros around it.
+// An image with `channels` values per pixel and a border of one zero pixel.
 struct FeatureMap {
   int width = 0, height = 0, channels = 0;
   std::vector<float> data;
 
-  // Keeps the border zero; what is inside is to be written.
+  // Resizes the map and zeroes the border. The caller must write the interior.
   void reshape(int w, int h, int c);
-  std::size_t stride() const { return static_cast<std::size_t>(width) + 2; }  // pixels a row
+  // Returns the pixels per row, including the border.
+  std::size_t stride() const { return static_cast<std::size_t>(width) + 2; }
   float* pixel(int x, int y) { return data.data() + index(x, y); }
   const float* pixel(int x, int y) const { return data.data() + index(x, y); }
 
@@ -31,18 +32,19 @@ class Convolution3x3 {
   Convolution3x3() = default;
   // weight: out x in x 3 x 3; bias: out.
   Convolution3x3(const std::vector<float>& weight, const std::vector<float>& bias, int in, int out);
-  // From dL/doutput to dL/dinput of that convolution: itself a convolution, with the weights turned
-  // round and their channels exchanged.
+  // Returns the convolution that maps dL/doutput to dL/dinput: the kernels are flipped, and their
+  // input and output channels exchanged.
   static Convolution3x3 backward(const std::vector<float>& weight, int in, int out);
 
-  // `output` gets output_channels() channels. In parallel over blocks of it.
+  // Convolves `input` and reshapes `output` to output_channels(). Parallel over blocks of the
+  // output.
   void apply(const FeatureMap& input, bool relu, FeatureMap& output) const;
-  // Those asked for, and zeros up to a multiple of 16.
+  // Returns the number of output channels, padded with zero channels to a multiple of 16.
   int output_channels() const { return static_cast<int>(bias_.size()); }
 
  private:
   int in_ = 0;
-  std::vector<float> panels_;  // for 16 outputs each: tap by tap, input by input, 16 weights
+  std::vector<float> panels_;  // per 16 outputs: for each tap and input, 16 weights
   std::vector<float> bias_;
 };
 

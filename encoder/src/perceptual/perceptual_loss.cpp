@@ -14,7 +14,7 @@ void for_rows(int rows, Visit visit) {
   parallel_for(0, rows, [&visit](int y) { visit(y); });
 }
 
-// The patch as the network takes it; colour(x, y, c) in the picture, [0,1].
+// Loads the patch as network input; colour(x, y, c) returns a value of the image, [0,1].
 template <typename Colour>
 void load(const Patch& patch, const Colour& colour, FeatureMap& input) {
   input.reshape(patch.width, patch.height, 3);
@@ -41,7 +41,7 @@ void pool(const FeatureMap& in, FeatureMap& out) {
   });
 }
 
-// dL/d(input of the pooling) from dL/d(its output): to the first of the largest, row by row.
+// Backward pass of pooling: the gradient goes to the first maximum of a window, in row order.
 void pool_backward(const FeatureMap& in, const FeatureMap& d_out, FeatureMap& d_in) {
   d_in.reshape(in.width, in.height, in.channels);
   const int n = in.channels;
@@ -56,9 +56,9 @@ void pool_backward(const FeatureMap& in, const FeatureMap& d_out, FeatureMap& d_
                       d_in.pixel(2 * x, 2 * y + 1), d_in.pixel(2 * x + 1, 2 * y + 1)};
       const float* d = d_out.pixel(x, y);
       for (int c = 0; c < n; ++c) {
-        int largest = 0;
-        for (int k = 1; k < 4; ++k) largest = from[k][c] > from[largest][c] ? k : largest;
-        to[largest][c] = d[c];
+        int max_index = 0;
+        for (int k = 1; k < 4; ++k) max_index = from[k][c] > from[max_index][c] ? k : max_index;
+        to[max_index][c] = d[c];
       }
     }
   });
@@ -75,23 +75,23 @@ PerceptualLoss::PerceptualLoss(const Vgg16& network) : channel_weights_(network.
   }
 }
 
-double PerceptualLoss::evaluate(const Image& shown, const Image8& truth, const Patch& patch,
-                                float weight, Image& d_shown) {
+double PerceptualLoss::evaluate(const Image& image, const Image8& ground_truth, const Patch& patch,
+                                float weight, Image& d_image) {
   load(
       patch,
-      [&truth](int x, int y, int c) {
-        const std::size_t pixel = std::size_t{1} * y * truth.width + x;
-        return static_cast<float>(truth.data[3 * pixel + c]) * (1.0f / 255.0f);
+      [&ground_truth](int x, int y, int c) {
+        const std::size_t pixel = std::size_t{1} * y * ground_truth.width + x;
+        return static_cast<float>(ground_truth.data[3 * pixel + c]) * (1.0f / 255.0f);
       },
       input_);
   forward();
   for (std::size_t i = 0; i < kLayers; ++i) {
-    if (const int tap = kVggLayers[i].tap; tap >= 0) std::swap(features_[i], true_features_[tap]);
+    if (const int tap = kVggLayers[i].tap; tap >= 0) std::swap(features_[i], target_features_[tap]);
   }
   load(
       patch,
-      [&shown](int x, int y, int c) {
-        return shown.plane(c)[std::size_t{1} * y * shown.width + x];
+      [&image](int x, int y, int c) {
+        return image.plane(c)[std::size_t{1} * y * image.width + x];
       },
       input_);
   forward();
@@ -106,7 +106,7 @@ double PerceptualLoss::evaluate(const Image& shown, const Image8& truth, const P
       pool_backward(features_[i - 1], next_gradient_, gradient_);
     }
   }
-  add_gradient(patch, d_shown);
+  add_gradient(patch, d_image);
   return loss;
 }
 
@@ -122,25 +122,25 @@ void PerceptualLoss::forward() {
   }
 }
 
-// Makes gradient_ that by the layer's sums before ReLU: adds the tap's own, where it is one, and
-// cuts it where the ReLU does. The tap's share of the loss.
+// Converts gradient_ to the gradient of the layer's output before ReLU: adds that of its tap, if
+// any, and applies the ReLU's mask. Returns the tap's contribution to the loss.
 double PerceptualLoss::tap_backward(std::size_t layer, float weight) {
-  const FeatureMap& shown = features_[layer];
-  const int n = shown.channels, tap = kVggLayers[layer].tap;
+  const FeatureMap& features = features_[layer];
+  const int n = features.channels, tap = kVggLayers[layer].tap;
   if (layer + 1 == kLayers) {
-    gradient_.reshape(shown.width, shown.height, n);
-    for_rows(shown.height, [&](int y) {
-      std::fill_n(gradient_.pixel(0, y), static_cast<std::size_t>(shown.width) * n, 0.0f);
+    gradient_.reshape(features.width, features.height, n);
+    for_rows(features.height, [&](int y) {
+      std::fill_n(gradient_.pixel(0, y), static_cast<std::size_t>(features.width) * n, 0.0f);
     });
   }
-  const auto pixels = static_cast<float>(shown.width) * static_cast<float>(shown.height);
-  row_sums_.assign(static_cast<std::size_t>(shown.height), 0.0);
-  for_rows(shown.height, [&](int y) {
-    for (int x = 0; x < shown.width; ++x) {
-      const float* f = shown.pixel(x, y);
+  const auto pixels = static_cast<float>(features.width) * static_cast<float>(features.height);
+  row_sums_.assign(static_cast<std::size_t>(features.height), 0.0);
+  for_rows(features.height, [&](int y) {
+    for (int x = 0; x < features.width; ++x) {
+      const float* f = features.pixel(x, y);
       float* gradient = gradient_.pixel(x, y);
       if (tap >= 0) {
-        const float* g = true_features_[tap].pixel(x, y);
+        const float* g = target_features_[tap].pixel(x, y);
         const float* w = channel_weights_[tap].data();
         float square_f = kVggEpsilon, square_g = kVggEpsilon;
         for (int c = 0; c < n; ++c) {
@@ -148,7 +148,7 @@ double PerceptualLoss::tap_backward(std::size_t layer, float weight) {
           square_g += g[c] * g[c];
         }
         const float scale_f = 1.0f / std::sqrt(square_f), scale_g = 1.0f / std::sqrt(square_g);
-        // By a = f scale_f: da_k/df_c = (delta_kc - a_k a_c) scale_f.
+        // a = f scale_f, so da_k/df_c = (delta_kc - a_k a_c) scale_f.
         float sum = 0.0f, along = 0.0f;
         for (int c = 0; c < n; ++c) {
           const float a = f[c] * scale_f, difference = a - g[c] * scale_g;
@@ -170,13 +170,13 @@ double PerceptualLoss::tap_backward(std::size_t layer, float weight) {
   return loss / pixels;
 }
 
-void PerceptualLoss::add_gradient(const Patch& patch, Image& d_shown) {
+void PerceptualLoss::add_gradient(const Patch& patch, Image& d_image) {
   for_rows(patch.height, [&](int y) {
     for (int x = 0; x < patch.width; ++x) {
-      const std::size_t at = static_cast<std::size_t>(patch.y + y) * d_shown.width +
+      const std::size_t at = static_cast<std::size_t>(patch.y + y) * d_image.width +
                              static_cast<std::size_t>(patch.x + x);
       for (int c = 0; c < 3; ++c)
-        d_shown.plane(c)[at] += gradient_.pixel(x, y)[c] / kVggDeviation[c];
+        d_image.plane(c)[at] += gradient_.pixel(x, y)[c] / kVggDeviation[c];
     }
   });
 }

@@ -16,7 +16,7 @@ using Json = nlohmann::json;
 
 constexpr std::uint64_t kLengthBytes = 8;
 
-// Bytes of one value; none for a type that is not known, whose arrays cannot be read.
+// Returns the size of a value, bytes; nullopt for an unknown type, whose tensors cannot be read.
 std::optional<std::uint64_t> value_bytes(const std::string& type) {
   static constexpr struct {
     const char* name;
@@ -30,10 +30,10 @@ std::optional<std::uint64_t> value_bytes(const std::string& type) {
   return std::nullopt;
 }
 
-// Product of the shape and the value's size; none where it does not fit in 64 bits.
+// Returns the product of the shape and the value size; nullopt if it overflows 64 bits.
 std::optional<std::uint64_t> array_bytes(const std::vector<std::uint64_t>& shape,
                                          std::uint64_t bytes) {
-  // An empty array stays empty whatever its other dimensions are.
+  // A tensor with a dimension of 0 is empty, even if the product of the others would overflow.
   if (std::find(shape.begin(), shape.end(), 0u) != shape.end()) return 0;
   for (const std::uint64_t n : shape) {
     if (bytes > ~std::uint64_t{0} / n) return std::nullopt;
@@ -84,17 +84,19 @@ Result<Safetensors> Safetensors::open(std::unique_ptr<ByteSource> source) {
   const std::string file = source->name();
   const std::uint64_t size = source->size();
   std::uint8_t length_bytes[kLengthBytes];
-  if (size < kLengthBytes) return invalid_file("{}: too short for a safetensors file", file);
+  if (size < kLengthBytes)
+    return invalid_file("{}: not a safetensors file (shorter than 8 bytes)", file);
   STGS_TRY(source->read(0, length_bytes));
   const std::uint64_t length = std::uint64_t{little_endian(length_bytes + 4, 4)} << 32 |
                                std::uint64_t{little_endian(length_bytes, 4)};
   if (length > size - kLengthBytes) {
-    return invalid_file("{}: not a safetensors file, or cut short: its header needs {} bytes of {}",
-                        file, length, size - kLengthBytes);
+    return invalid_file(
+        "{}: not a safetensors file, or truncated (header of {} bytes, {} available)", file, length,
+        size - kLengthBytes);
   }
   if (length > kMaxSafetensorsHeader) {
-    return invalid_file("{}: the header's {} bytes are more than the {} that are read", file,
-                        length, kMaxSafetensorsHeader);
+    return invalid_file("{}: header too large ({} bytes, at most {} supported)", file, length,
+                        kMaxSafetensorsHeader);
   }
   std::vector<std::uint8_t> header(length);
   STGS_TRY(source->read(kLengthBytes, header));
@@ -121,38 +123,41 @@ Result<Safetensors::Tensors> Safetensors::parse(const std::string& file, const s
   };
   const Json json = Json::parse(header, note_names, false);
   if (!json.is_object()) return invalid_file("{}: the header is not a JSON object", file);
-  if (!repeated.empty()) return invalid_file("{}: holds '{}' twice", file, repeated);
+  if (!repeated.empty()) return invalid_file("{}: tensor '{}' occurs twice", file, repeated);
   Tensors tensors;
   for (const auto& [name, entry] : json.items()) {
     if (name == "__metadata__") continue;
     Tensor tensor;
-    const auto broken = [&, &tensor_name = name](const char* what) {
-      return invalid_file("{}: tensor '{}': {}", file, tensor_name, what);
+    const auto invalid = [&, &tensor_name = name](const char* reason) {
+      return invalid_file("{}: tensor '{}': {}", file, tensor_name, reason);
     };
-    if (!entry.is_object()) return broken("not described by a JSON object");
+    if (!entry.is_object()) return invalid("its description is not a JSON object");
     const auto type = entry.find("dtype"), shape = entry.find("shape"),
                offsets = entry.find("data_offsets");
-    if (type == entry.end() || !type->is_string()) return broken("no dtype");
-    if (shape == entry.end() || !shape->is_array()) return broken("no shape");
+    if (type == entry.end() || !type->is_string())
+      return invalid("dtype is missing or not a string");
+    if (shape == entry.end() || !shape->is_array())
+      return invalid("shape is missing or not an array");
     if (offsets == entry.end() || !offsets->is_array() || offsets->size() != 2)
-      return broken("no data_offsets");
+      return invalid("data_offsets is missing or not an array of 2");
     tensor.type = type->get<std::string>();
     for (const Json& n : *shape) {
-      if (!n.is_number_unsigned()) return broken("its shape is not of whole numbers >= 0");
+      if (!n.is_number_unsigned())
+        return invalid("its shape has an entry that is not an integer >= 0");
       tensor.shape.push_back(n.get<std::uint64_t>());
     }
     for (const Json& n : *offsets) {
-      if (!n.is_number_unsigned()) return broken("its data_offsets are not whole numbers >= 0");
+      if (!n.is_number_unsigned()) return invalid("its data_offsets are not integers >= 0");
     }
     const auto begin = (*offsets)[0].get<std::uint64_t>(), end = (*offsets)[1].get<std::uint64_t>();
-    if (begin > end) return broken("its data ends before it begins");
+    if (begin > end) return invalid("its data ends before it begins");
     if (end > data_bytes) {
-      return invalid_file("{}: tensor '{}': its data ends at byte {} of {}: the file is cut short",
+      return invalid_file("{}: tensor '{}': its data ends at byte {} of {}; the file is truncated",
                           file, name, end, data_bytes);
     }
     if (const auto bytes = value_bytes(tensor.type);
         bytes && array_bytes(tensor.shape, *bytes) != end - begin) {
-      return invalid_file("{}: tensor '{}': {} bytes are not {} values of {}", file, name,
+      return invalid_file("{}: tensor '{}': {} bytes do not match shape {} of type {}", file, name,
                           end - begin, shape_text(tensor.shape), tensor.type);
     }
     tensor.begin = data_begin + begin;
@@ -172,7 +177,7 @@ Status Safetensors::check_layout(const std::string& file, const Tensors& tensors
   std::uint64_t end = data_begin;
   for (const auto& it : order) {
     if (it->second.begin != end) {
-      return invalid_file("{}: tensor '{}': its data {} the one before", file, it->first,
+      return invalid_file("{}: tensor '{}': its data {} the previous tensor", file, it->first,
                           it->second.begin < end ? "overlaps" : "leaves a gap after");
     }
     end = it->second.end;
@@ -187,22 +192,23 @@ Status Safetensors::check_layout(const std::string& file, const Tensors& tensors
 Result<std::vector<float>> Safetensors::floats(const std::string& name,
                                                std::span<const std::uint64_t> shape) const {
   const auto found = tensors_.find(name);
-  if (found == tensors_.end()) return invalid_file("{}: holds no tensor '{}'", this->name(), name);
+  if (found == tensors_.end())
+    return invalid_file("{}: tensor '{}' is missing", this->name(), name);
   const Tensor& tensor = found->second;
   if (!std::equal(shape.begin(), shape.end(), tensor.shape.begin(), tensor.shape.end())) {
-    return invalid_file("{}: tensor '{}' has the shape {}, not {}", this->name(), name,
-                        shape_text(tensor.shape), shape_text(shape));
+    return invalid_file("{}: tensor '{}': wrong shape (expected {}, got {})", this->name(), name,
+                        shape_text(shape), shape_text(tensor.shape));
   }
   if (tensor.type != "F32" && tensor.type != "F16" && tensor.type != "BF16") {
-    return invalid_file("{}: tensor '{}' is of type {}; F32, F16 and BF16 are read", this->name(),
-                        name, tensor.type);
+    return invalid_file("{}: tensor '{}': unsupported type {} (expected F32, F16 or BF16)",
+                        this->name(), name, tensor.type);
   }
-  // The header's check ties the bytes to the shape, and they lie within the file.
+  // open() verified that the size matches the shape and that the data lies within the file.
   std::vector<std::uint8_t> data(tensor.end - tensor.begin);
   STGS_TRY(source_->read(tensor.begin, data));
   std::vector<float> values = values_of(tensor.type, data);
   if (!std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); })) {
-    return invalid_file("{}: tensor '{}' holds a value that is not finite", this->name(), name);
+    return invalid_file("{}: tensor '{}': contains a non-finite value", this->name(), name);
   }
   return values;
 }

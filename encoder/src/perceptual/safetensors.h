@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads safetensors files: named arrays of numbers, as PyTorch's users keep weights in.
+// Reads safetensors files: named tensors, a common container of network weights.
 //
 //   u64 (little-endian)   length of the header
 //   header                JSON: {"NAME": {"dtype", "shape", "data_offsets": [begin, end]}, ...}
-//   data                  offsets count from here; the arrays fill it without gaps or overlaps
+//   data                  offsets are relative to its start; the tensors fill it without gaps or
+//   overlap
 #pragma once
 
 #include <cstdint>
@@ -18,21 +19,22 @@
 
 namespace stgs::encoder {
 
-// Bytes of a header, at most; VGG16's has 3,000.
+// Maximum header size, bytes; VGG16's header has 3,000.
 inline constexpr std::uint64_t kMaxSafetensorsHeader = std::uint64_t{1} << 23;
 
 class Safetensors {
  public:
-  // Reads and checks the header: every array lies within the file, has the bytes that its shape
-  // needs and shares none with another. kInvalidFile, with the file and the array, where not.
+  // Reads and validates the header: every tensor must lie within the file, have the size that its
+  // shape requires, and not overlap another. kInvalidFile names the file and the tensor.
   static Result<Safetensors> open(std::unique_ptr<ByteSource> source);
 
+  // Returns whether the file has a tensor of this name.
   bool contains(const std::string& name) const { return tensors_.count(name) != 0; }
-  // The array as 32-bit floats, from F32, F16 or BF16. kInvalidFile where it is missing, has
-  // another shape or type, or holds a value that is not finite.
+  // Reads a tensor of type F32, F16 or BF16 as 32-bit floats. kInvalidFile if it is missing, has
+  // another shape or type, or contains a non-finite value.
   Result<std::vector<float>> floats(const std::string& name,
                                     std::span<const std::uint64_t> shape) const;
-  // What messages call the file.
+  // Returns the name of the file for messages.
   const std::string& name() const { return source_->name(); }
 
  private:

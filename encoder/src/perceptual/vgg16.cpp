@@ -43,8 +43,8 @@ Status read_channel_weights(const Safetensors& file, Vgg16& network) {
     STGS_ASSIGN(weights, file.floats(name, std::array{std::uint64_t{1}, channels, std::uint64_t{1},
                                                       std::uint64_t{1}}));
     if (*std::min_element(weights.begin(), weights.end()) < 0.0f) {
-      return invalid_file("{}: tensor '{}' has a value below 0, which no distance is made of",
-                          file.name(), name);
+      return invalid_file("{}: tensor '{}': negative channel weight (expected >= 0)", file.name(),
+                          name);
     }
   }
   return {};

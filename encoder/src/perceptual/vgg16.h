@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The weights of the perceptual loss's network, which the user supplies.
+// The weights of the perceptual loss's network, supplied by the user.
 #pragma once
 
 #include <array>
@@ -23,13 +23,13 @@ struct Vgg16 {
   std::array<VggConvolution, kVggLayers.size()> convolutions;
   // Weight of each channel of a tap, >= 0: LPIPS's linear layers, or 1 / channels without them.
   std::array<std::vector<float>, kVggTaps> channel_weights;
-  bool linear = false;     // channel_weights are of the file
+  bool linear = false;     // channel_weights are from the file
   std::uint64_t hash = 0;  // of all of the above
 };
 
-// Reads `features.N.weight` and `features.N.bias` (torchvision's names) and, where they are there,
-// `lin0.model.1.weight` to `lin4.model.1.weight` (LPIPS's) from a safetensors file. kInvalidFile
-// where one is missing or not as it must be; the message names it and the file.
+// Reads the network from a safetensors file: `features.N.weight` and `features.N.bias`
+// (torchvision's names) and, if present, `lin0.model.1.weight` to `lin4.model.1.weight` (LPIPS's).
+// kInvalidFile names the file and the tensor if one is missing or invalid.
 Result<std::shared_ptr<const Vgg16>> read_vgg16(std::unique_ptr<ByteSource> source);
 
 }  // namespace stgs::encoder

@@ -6,12 +6,12 @@
 
 namespace stgs::encoder {
 
-// A 3x3 convolution, stride 1, with zeros beyond the border; then ReLU.
+// A 3x3 convolution with stride 1 and zero padding, followed by ReLU.
 struct VggLayer {
   int in, out;       // channels
-  int feature;       // its number in torchvision's `features`
-  bool pool_before;  // 2x2 maxima of what comes in; an odd last row or column is dropped
-  int tap;           // which of the loss's features it gives, or -1
+  int feature;       // its index in torchvision's `features`
+  bool pool_before;  // 2x2 max pooling of its input; an odd last row or column is dropped
+  int tap;           // index of the tap of the loss after it, or -1
 };
 
 inline constexpr int kVggTaps = 5;  // relu1_2, relu2_2, relu3_3, relu4_3, relu5_3
@@ -30,14 +30,14 @@ inline constexpr std::array<VggLayer, 13> kVggLayers = {{
     {512, 512, 26, false, -1},
     {512, 512, 28, false, 4},
 }};
-inline constexpr int kVggMinSize = 16;  // pixels a side: what four poolings leave is not empty
+inline constexpr int kVggMinSize = 16;  // pixels per side, so that four poolings leave at least one
 
-// Colours in [0,1] go in as (colour - mean) / deviation. LPIPS's scaling layer, which takes
-// [-1,1], comes to the same.
+// Input normalisation: (colour - mean) / deviation, for colours in [0,1]. Equivalent to LPIPS's
+// scaling layer, which takes [-1,1].
 inline constexpr std::array<float, 3> kVggMean = {0.485f, 0.456f, 0.406f};
 inline constexpr std::array<float, 3> kVggDeviation = {0.229f, 0.224f, 0.225f};
 
-// Added to a pixel's squared length of features before its root is taken.
+// Added to the squared length of a pixel's features before the square root.
 inline constexpr float kVggEpsilon = 1e-10f;
 
 }  // namespace stgs::encoder

@@ -8,7 +8,7 @@
 namespace stgs::encoder {
 namespace {
 
-// The number in an environment variable; 0 where there is none.
+// Returns the integer in an environment variable; 0 if it is unset or not an integer.
 int number_of(const char* name) {
   const char* text = std::getenv(name);
   int value = 0;
@@ -23,7 +23,7 @@ int number_of(const char* name) {
 Launch detect_launch() {
   if (const int size = number_of("OMPI_COMM_WORLD_SIZE"); size > 1) return {size, "mpirun"};
   if (const int size = number_of("PMI_SIZE"); size > 1) return {size, "mpirun"};
-  // An allocation or a batch script has SLURM_NTASKS too; only a step runs several of us.
+  // An allocation or a batch script sets SLURM_NTASKS too; only a step runs several processes.
   if (std::getenv("SLURM_STEP_ID") == nullptr) return {};
   int size = number_of("SLURM_STEP_NUM_TASKS");
   if (size == 0) size = number_of("SLURM_NTASKS");

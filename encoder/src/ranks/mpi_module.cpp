@@ -11,9 +11,9 @@
 namespace stgs::encoder {
 namespace {
 
-// MPI itself is one to a process; so is what belongs to it.
+// MPI is a singleton per process, and so is this state.
 struct Module {
-  MPI_Comm notes = MPI_COMM_NULL;  // a channel beside the gathers'
+  MPI_Comm notes = MPI_COMM_NULL;  // separate from that of the gathers
   MPI_Request gather = MPI_REQUEST_NULL;
   std::vector<MPI_Request> sent;
   int rank = 0, size = 1;
@@ -70,10 +70,10 @@ int note_send(const void* bytes, std::size_t n) {
 
 int note_poll(int* from, void* bytes, std::size_t n) {
   *from = -1;
-  int there = 0;
+  int available = 0;
   MPI_Status status;
-  if (const int e = MPI_Iprobe(MPI_ANY_SOURCE, 0, module().notes, &there, &status)) return e;
-  if (there == 0) return 0;
+  if (const int e = MPI_Iprobe(MPI_ANY_SOURCE, 0, module().notes, &available, &status)) return e;
+  if (available == 0) return 0;
   *from = status.MPI_SOURCE;
   return MPI_Recv(bytes, static_cast<int>(n), MPI_BYTE, status.MPI_SOURCE, 0, module().notes,
                   MPI_STATUS_IGNORE);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ranks over MPI. A rank that cannot go on sends a note to every other; whoever waits looks for
-// notes too, so that all stop with the one error and nobody waits for ever.
+// Ranks over MPI. A rank that fails sends a note to every other rank. Waiting ranks poll for notes,
+// so that all stop with the same error and none waits forever.
 #include <dlfcn.h>
 #include <unistd.h>
 
@@ -21,16 +21,16 @@ namespace stgs::encoder {
 namespace {
 
 constexpr const char* kModule = "stgs_mpi.so";
-// From the program's folder: beside it in a build, in a folder of modules where it is installed.
+// Relative to the program's folder: next to the program in a build, a module folder if installed.
 constexpr const char* kModuleFolders[] = {".", STGS_MODULE_FOLDER};
-// How long those that have failed wait for the others' last words, and then to be ended.
-constexpr auto kPatience = std::chrono::seconds(10);
+// How long failed ranks wait for the final notes of the others, and then to be aborted.
+constexpr auto kFailureTimeout = std::chrono::seconds(10);
 
-// A rank's last words.
+// The final status of a rank.
 struct Note {
   std::int32_t code = 0;
-  std::int32_t own = 0;      // the error began here, not on another rank
-  std::int32_t waiting = 0;  // a gather was left unfinished
+  std::int32_t own = 0;      // the error originated on this rank
+  std::int32_t waiting = 0;  // a gather is incomplete
   char host[60] = "";
   char text[2000] = "";
 };
@@ -57,8 +57,8 @@ class MpiWorld final : public World {
   void finish() override;
 
  private:
-  Status mpi_status(int error, const char* what) const;
-  // Takes in the notes that have come.
+  Status mpi_status(int error, const char* operation) const;
+  // Receives all notes that have arrived.
   Status read_notes();
   Status status_of(int rank) const;
   bool all_have_concluded() const;
@@ -68,16 +68,17 @@ class MpiWorld final : public World {
   std::vector<std::uint8_t> sent_, received_;
   Note own_;
   std::vector<std::optional<Note>> notes_;  // of every rank
-  bool waiting_ = false, failed_ = false;   // failed_: another rank has
-  int end_with_ = 0;                        // the exit code, where all have to be ended
+  bool waiting_ = false, failed_ = false;   // failed_: another rank has failed
+  int abort_code_ = 0;                      // exit code if all ranks must be aborted; 0: none
 };
 
 Status MpiWorld::load(const std::string& path) {
-  // Global, because an MPI loads parts of itself that look for its symbols.
+  // RTLD_GLOBAL, because MPI implementations load plugins that need their symbols.
   void* module = ::dlopen(path.c_str(), RTLD_NOW | RTLD_GLOBAL);
-  if (module == nullptr) return unsupported("MPI cannot be loaded: {}", ::dlerror());
+  if (module == nullptr) return unsupported("MPI could not be loaded: {}", ::dlerror());
   const auto symbol = reinterpret_cast<MpiSymbol>(::dlsym(module, kMpiSymbol));
-  if (symbol == nullptr) return unsupported("{} belongs to another version of stgs", path);
+  if (symbol == nullptr)
+    return unsupported("{}: module of another version of stgs; reinstall it", path);
   mpi_ = symbol();
   return {};
 }
@@ -86,9 +87,10 @@ Status MpiWorld::init(const Launch& launch) {
   STGS_TRY(mpi_status(mpi_->init(&rank_, &size_, &node_rank_, &node_size_), "starting"));
   if (size_ != launch.size) {
     return unsupported(
-        "{} has started {} processes, but MPI knows of {}: use the mpirun of the MPI that this "
+        "MPI sees {} process{} instead of the {} that {} started; use the mpirun of the MPI that "
+        "this "
         "program was built with, or srun --mpi=pmix",
-        launch.launcher, launch.size, size_);
+        size_, size_ == 1 ? "" : "es", launch.size, launch.launcher);
   }
   notes_.resize(static_cast<std::size_t>(size_));
   char host[sizeof(own_.host)] = "";
@@ -97,11 +99,11 @@ Status MpiWorld::init(const Launch& launch) {
   return {};
 }
 
-Status MpiWorld::mpi_status(int error, const char* what) const {
+Status MpiWorld::mpi_status(int error, const char* operation) const {
   if (error == 0) return {};
   char text[512] = "";
   mpi_->describe(error, text, sizeof(text));
-  return runtime_error("MPI, {}: {}", what, text);
+  return runtime_error("MPI failed while {}: {}", operation, text);
 }
 
 Status MpiWorld::read_notes() {
@@ -133,7 +135,7 @@ Status MpiWorld::check_peers() {
 
 Status MpiWorld::all_gather(const void* own, std::size_t bytes, void* all) {
   STGS_TRY(check_peers());
-  // Through memory of our own: MPI may still write to it after an error has ended the wait.
+  // Uses internal buffers, because MPI may still write to them after an error ended the wait.
   const auto* from = static_cast<const std::uint8_t*>(own);
   sent_.assign(from, from + bytes);
   received_.resize(bytes * static_cast<std::size_t>(size_));
@@ -162,42 +164,42 @@ World::Conclusion MpiWorld::conclude(const Status& own) {
   copy_text(own.message(), own_.text);
   notes_[static_cast<std::size_t>(rank_)] = own_;
   Status mpi = mpi_status(mpi_->note_send(&own_, sizeof(own_)), "sending a note");
-  // A rank that is well may have long to write; after an error none has.
+  // A healthy rank may take long to write its files, so the timeout starts at the first error.
   std::optional<std::chrono::steady_clock::time_point> failure;
   while (mpi.ok() && !all_have_concluded()) {
     mpi = read_notes();
     const auto now = std::chrono::steady_clock::now();
     if (!failure && (failed_ || !own.ok())) failure = now;
-    if (failure && now - *failure > kPatience) break;
+    if (failure && now - *failure > kFailureTimeout) break;
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
 
-  int source = -1, last = 0;  // the lowest rank with an error of its own; the lowest that speaks
-  bool alike = true, hanging = !mpi.ok() || !all_have_concluded();
+  int source = -1, reporter = 0;  // lowest rank with its own error; lowest rank with a note
+  bool identical = true, must_abort = !mpi.ok() || !all_have_concluded();
   for (int r = size_ - 1; r >= 0; --r) {
     const std::optional<Note>& note = notes_[static_cast<std::size_t>(r)];
-    alike = alike && note && std::strcmp(note->text, own_.text) == 0;
-    hanging = hanging || note->waiting != 0;
+    identical = identical && note && std::strcmp(note->text, own_.text) == 0;
+    must_abort = must_abort || note->waiting != 0;
     if (!note) continue;
-    last = r;
+    reporter = r;
     if (note->code != 0 && (note->own != 0 || source < 0)) source = r;
   }
-  Conclusion conclusion{own, last == rank_};
-  if (source >= 0 && !(source == rank_ && alike)) conclusion.status = status_of(source);
-  if (alike) conclusion.status = own;
+  Conclusion conclusion{own, reporter == rank_};
+  if (source >= 0 && !(source == rank_ && identical)) conclusion.status = status_of(source);
+  if (identical) conclusion.status = own;
   if (conclusion.status.ok() && !mpi.ok()) conclusion.status = mpi;
-  if (hanging) end_with_ = std::max(1, static_cast<int>(conclusion.status.code()));
+  if (must_abort) abort_code_ = std::max(1, static_cast<int>(conclusion.status.code()));
   return conclusion;
 }
 
 void MpiWorld::finish() {
-  if (end_with_ == 0) {
+  if (abort_code_ == 0) {
     (void)mpi_->finalize();
     return;
   }
-  // The lowest rank ends all; the others only where it does not.
-  if (rank_ != 0) std::this_thread::sleep_for(kPatience);
-  mpi_->abort(end_with_);
+  // Rank 0 aborts all; the others do so only if it does not.
+  if (rank_ != 0) std::this_thread::sleep_for(kFailureTimeout);
+  mpi_->abort(abort_code_);
 }
 
 }  // namespace
@@ -211,12 +213,12 @@ Result<std::unique_ptr<World>> World::join() {
   if (launch.size == 1) return std::unique_ptr<World>();
   if (!is_built()) {
     return not_built(
-        "{} has started {} processes, and this build has no MPI to train with them: build it where "
-        "an MPI is installed (STGS_WITH_MPI), or start one process",
+        "{} started {} processes, but this build has no MPI; build with an MPI installed "
+        "(STGS_WITH_MPI), or start a single process",
         launch.launcher, launch.size);
   }
   if (launch.size > kMaxRanks) {
-    return unsupported("{} has started {} processes; at most {} train together", launch.launcher,
+    return unsupported("{} started {} processes; at most {} can train together", launch.launcher,
                        launch.size, kMaxRanks);
   }
   std::error_code error;

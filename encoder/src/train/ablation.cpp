@@ -44,15 +44,16 @@ Result<Ablation> Ablation::from_names(const std::string& names) {
     const auto* named = std::find_if(std::begin(kNamed), std::end(kNamed),
                                      [name](const Named& n) { return name == n.name; });
     if (named == std::end(kNamed)) {
-      return usage_error("unknown ablation '{}': use {}", name, fmt::join(ablation_names(), ", "));
+      return usage_error("--ablate: unknown part '{}'; use one of: {}", name,
+                         fmt::join(ablation_names(), ", "));
     }
     if (!(ablation.*named->part))
-      return usage_error("--ablate names '{}' twice; name it once", name);
+      return usage_error("--ablate: '{}' is given twice; remove one", name);
     ablation.*named->part = false;
   }
   if (!ablation.representation) {
     if (!ablation.lifespan || !ablation.modulation) {
-      return usage_error("--ablate {} has no effect beside representation; leave it out",
+      return usage_error("--ablate: {} has no effect together with representation; remove it",
                          ablation.lifespan ? "modulation" : "lifespan");
     }
     ablation.lifespan = ablation.modulation = false;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The paper's ideas that --ablate takes away (its Table 2).
+// The parts of the paper's method that --ablate disables (its Table 2).
 #pragma once
 
 #include <string>
@@ -9,22 +9,22 @@
 
 namespace stgs::encoder {
 
-// True: as in the paper.
+// Each member is true for the method of the paper.
 struct Ablation {
   // False: the coupled 4D Gaussian of 4DGS (encoder/math/coupled.h), which has neither r nor f.
   bool representation = true;
   bool lifespan = true;        // false: r stays 0, so that l(t) is a Gaussian
   bool modulation = true;      // false: f = 1
-  bool initialisation = true;  // false: one long-lived, motionless cloud, no dynamic points
-  // False: as 3DGS and 4DGS do it: clones and splits where the mean gradient is large, clones in
-  // place with the opacity of their origin, opacity resets; then N and the primitives' order stay
-  // and nothing is replaced. The losses are the same.
+  bool initialisation = true;  // false: one long-lived, static point cloud, no dynamic points
+  // False: as in 3DGS and 4DGS, which clone and split primitives with large mean gradients, clone
+  // in place with the opacity of the original, and reset opacities. N then stays fixed after
+  // growth, primitives keep their order and none is replaced. The losses are the same.
   bool densification = true;
 
-  // Names with commas between; "" takes nothing away. The error (kUsage) lists the names, or says
-  // which has no effect beside another.
+  // Parses comma-separated names; "" disables nothing. kUsage lists the names, or reports a name
+  // that has no effect next to another.
   static Result<Ablation> from_names(const std::string& names);
-  // Of what is taken away, in one order.
+  // Returns the names of the disabled parts, in a fixed order.
   std::vector<std::string> names() const;
 };
 

@@ -12,11 +12,11 @@ AdamCorrection::AdamCorrection(std::uint32_t updates, const AdamBetas& betas)
 void adam_step(float* __restrict values, float* __restrict first, float* __restrict second,
                const float* __restrict gradient, std::size_t n, float rate,
                const AdamCorrection& correction, const AdamBetas& betas) {
-  const float keep_first = betas.first, keep_second = betas.second;
+  const float decay_first = betas.first, decay_second = betas.second;
   for (std::size_t i = 0; i < n; ++i) {
     const float g = gradient[i];
-    first[i] = keep_first * first[i] + (1.0f - keep_first) * g;
-    second[i] = keep_second * second[i] + (1.0f - keep_second) * g * g;
+    first[i] = decay_first * first[i] + (1.0f - decay_first) * g;
+    second[i] = decay_second * second[i] + (1.0f - decay_second) * g * g;
     const float scale = std::sqrt(second[i]) * correction.second_root + kAdamEpsilon;
     values[i] -= rate * (first[i] * correction.first) / scale;
   }

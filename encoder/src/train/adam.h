@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Adam for the primitives of one view: only what was visible is touched, and each primitive counts
-// its own steps, so that a new one starts with the right bias correction.
+// Sparse Adam: a step updates only the primitives visible in its view. Each primitive counts its
+// own steps, so a new one starts with the correct bias correction.
 #pragma once
 
 #include <array>
@@ -14,19 +14,19 @@ inline constexpr float kAdamBeta1 = 0.9f;
 inline constexpr float kAdamBeta2 = 0.999f;
 inline constexpr float kAdamEpsilon = 1e-15f;
 
-// How much of the running means a step keeps.
+// Decay factors of the running means.
 struct AdamBetas {
   float first = kAdamBeta1, second = kAdamBeta2;
 };
 
-// Steps for one primitive after its count of updates went to `updates` (>= 1).
+// Bias correction of a primitive whose update count, including this step, is `updates` (>= 1).
 struct AdamCorrection {
   float first, second_root;  // 1 / (1 - beta1^n), 1 / sqrt(1 - beta2^n)
 
   explicit AdamCorrection(std::uint32_t updates, const AdamBetas& betas = {});
 };
 
-// One step over n consecutive values.
+// Applies one step to n consecutive values.
 void adam_step(float* values, float* first, float* second, const float* gradient, std::size_t n,
                float rate, const AdamCorrection& correction, const AdamBetas& betas = {});
 

@@ -13,7 +13,7 @@
 namespace stgs::encoder {
 namespace {
 
-// The last is the layout's version; the others never change.
+// The last byte is the layout version; the others never change.
 constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '3'};
 constexpr std::size_t kLayout = sizeof(kMagic) - 1;
 
@@ -92,7 +92,7 @@ class Reader {
   bool failed_ = false;
 };
 
-// Visits every field in file order; one text for writing and reading.
+// Visits every field in file order, for writing, reading and hashing alike.
 template <typename State, typename Archive>
 void visit_state(State& state, Archive& archive) {
   archive.value(state.iteration);
@@ -121,7 +121,7 @@ void visit_state(State& state, Archive& archive) {
   archive.array(state.colour_updates);
 }
 
-// Makes room for what the coupled form leaves out of a checkpoint, since it follows from it.
+// Allocates the arrays that the coupled form determines and a checkpoint therefore omits.
 void restore_derived(TrainState& state) {
   if (!state.is_coupled()) return;
   const std::size_t n = state.set.opacity_logit.size();
@@ -131,8 +131,8 @@ void restore_derived(TrainState& state) {
   state.log_sigma.resize(n);
 }
 
-// All arrays agree on N and on the number of cameras.
-bool consistent(const TrainState& state) {
+// Returns whether all arrays agree on N and on the number of cameras.
+bool is_consistent(const TrainState& state) {
   const std::size_t n = state.size();
   if (state.set.sh_degree < 0 || state.set.sh_degree > 3) return false;
   bool same = state.set.velocity.size() == 3 * n && state.set.sigma.size() == n;
@@ -176,14 +176,18 @@ Result<Checkpoint> read_checkpoint(const std::string& path) {
   }
   if (bytes[kLayout] != static_cast<std::uint8_t>(kMagic[kLayout])) {
     return unsupported(
-        "{}: the checkpoint of another version of stgs; go on with the version that wrote it, or "
-        "remove the checkpoint and train from the start",
+        "{}: checkpoint of another version of stgs; resume with the version that wrote it, or "
+        "train "
+        "from the start without it",
         path);
   }
   std::uint64_t stored = 0;
   std::memcpy(&stored, bytes.data() + bytes.size() - kHash, kHash);
   if (stored != XXH3_64bits(bytes.data(), bytes.size() - kHash)) {
-    return invalid_file("{}: the checkpoint is damaged (its checksum does not fit)", path);
+    return invalid_file(
+        "{}: damaged checkpoint (checksum mismatch); resume from another one or train from the "
+        "start",
+        path);
   }
   const std::span<const std::uint8_t> all(bytes);
   Reader reader(all.subspan(sizeof(kMagic), bytes.size() - sizeof(kMagic) - kHash));
@@ -193,8 +197,8 @@ Result<Checkpoint> read_checkpoint(const std::string& path) {
   TrainState& state = checkpoint.state;
   visit_state(state, reader);
   restore_derived(state);
-  if (!reader.complete() || !consistent(state)) {
-    return invalid_file("{}: the checkpoint's arrays do not fit together", path);
+  if (!reader.complete() || !is_consistent(state)) {
+    return invalid_file("{}: damaged checkpoint (inconsistent array sizes)", path);
   }
   if (state.is_coupled()) state.derive_all(false);
   Result<Fingerprint> fingerprint = read_fingerprint(text);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checkpoints: the whole TrainState and a fingerprint of what it belongs to. Training that goes on
-// from one is bit-identical to training that was never interrupted.
+// Checkpoints: the complete TrainState and the fingerprint of its run. Training resumed from a
+// checkpoint is bit-identical to training that was never interrupted.
 #pragma once
 
 #include <cstdint>
@@ -17,15 +17,15 @@ struct Checkpoint {
   Fingerprint fingerprint;  // of the run that wrote it
 };
 
-// Written to a temporary name and renamed.
+// Writes to a temporary name, then renames. kIo on failure.
 Status write_checkpoint(const std::string& path, const TrainState& state,
                         const Fingerprint& fingerprint);
 
-// Refuses damage (kInvalidFile) and the layout of another version (kUnsupported). Whether it
-// belongs to the run, check_same_run says.
+// Reads a checkpoint. kInvalidFile if it is damaged, kUnsupported if it has the layout of another
+// version. check_same_run() checks that it belongs to the run.
 Result<Checkpoint> read_checkpoint(const std::string& path);
 
-// Of all that a checkpoint holds of the state.
+// Returns a hash of all state that a checkpoint stores.
 std::uint64_t state_hash(const TrainState& state);
 
 }  // namespace stgs::encoder

@@ -9,7 +9,7 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr int kRowBlock = 16;  // rows summed together; fixes the order of the sums
+constexpr int kRowBlock = 16;  // rows per partial sum; fixes the order of summation
 
 int row_blocks(const Image& image) {
   return (image.height + kRowBlock - 1) / kRowBlock;
@@ -26,14 +26,14 @@ void for_row_blocks(const Image& image, Visit visit) {
 
 }  // namespace
 
-void apply_colour(const ColourMap& m, const Image& colour, Image& shown) {
-  shown.reshape(colour.width, colour.height, 3);
+void apply_colour(const ColourMap& m, const Image& colour, Image& corrected) {
+  corrected.reshape(colour.width, colour.height, 3);
   for_row_blocks(colour, [&](int, std::size_t begin, std::size_t end) {
     const float* r = colour.plane(0);
     const float* g = colour.plane(1);
     const float* b = colour.plane(2);
     for (int c = 0; c < 3; ++c) {
-      float* out = shown.plane(c);
+      float* out = corrected.plane(c);
       for (std::size_t i = begin; i < end; ++i) {
         out[i] = m[3 * c] * r[i] + m[3 * c + 1] * g[i] + m[3 * c + 2] * b[i] + m[9 + c];
       }
@@ -41,12 +41,12 @@ void apply_colour(const ColourMap& m, const Image& colour, Image& shown) {
   });
 }
 
-ColourMap colour_backward(const ColourMap& m, const Image& colour, Image& d_shown) {
+ColourMap colour_backward(const ColourMap& m, const Image& colour, Image& d_corrected) {
   std::vector<ColourMap> partial(row_blocks(colour), ColourMap{});
   for_row_blocks(colour, [&](int block, std::size_t begin, std::size_t end) {
     ColourMap& sum = partial[block];
     for (int c = 0; c < 3; ++c) {
-      const float* d = d_shown.plane(c);
+      const float* d = d_corrected.plane(c);
       for (int k = 0; k < 3; ++k) {
         const float* source = colour.plane(k);
         float total = 0.0f;
@@ -55,9 +55,9 @@ ColourMap colour_backward(const ColourMap& m, const Image& colour, Image& d_show
       }
       for (std::size_t i = begin; i < end; ++i) sum[9 + c] += d[i];
     }
-    float* dr = d_shown.plane(0);
-    float* dg = d_shown.plane(1);
-    float* db = d_shown.plane(2);
+    float* dr = d_corrected.plane(0);
+    float* dg = d_corrected.plane(1);
+    float* db = d_corrected.plane(2);
     for (std::size_t i = begin; i < end; ++i) {
       const float r = m[0] * dr[i] + m[3] * dg[i] + m[6] * db[i];
       const float g = m[1] * dr[i] + m[4] * dg[i] + m[7] * db[i];

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Per-camera affine colour: real cameras differ in tint and exposure, the scene should not.
+// Per-camera affine colour correction, so that differences in tint and exposure between cameras do
+// not enter the scene.
 #pragma once
 
 #include "stgs/format/raster.h"
@@ -7,14 +8,15 @@
 
 namespace stgs::encoder {
 
-// shown = matrix colour + offset, pixel by pixel; planar, 3 channels.
-void apply_colour(const ColourMap& map, const Image& colour, Image& shown);
+// Computes corrected = matrix colour + offset per pixel; planar, 3 channels.
+void apply_colour(const ColourMap& map, const Image& colour, Image& corrected);
 
-// From dL/dshown: dL/dcolour (in place of d_shown) and dL/dmap.
-ColourMap colour_backward(const ColourMap& map, const Image& colour, Image& d_shown);
+// Backward of apply_colour: replaces d_corrected (dL/dcorrected) with dL/dcolour and returns
+// dL/dmap.
+ColourMap colour_backward(const ColourMap& map, const Image& colour, Image& d_corrected);
 
-// Adam on camera `index`, then moves the mean of all cameras back to the identity, which is what a
-// held-out camera is shown with.
+// Applies an Adam step to camera `index`, then shifts all cameras so that their mean is the
+// identity, the correction of held-out cameras.
 void update_colour(TrainState& state, std::size_t index, const ColourMap& gradient, float rate);
 
 }  // namespace stgs::encoder

@@ -8,15 +8,17 @@
 namespace stgs::encoder {
 namespace {
 
-using GoOn = std::function<bool(double)>;
-using Weighed = Result<std::optional<std::vector<float>>>;
+using ShouldContinue = std::function<bool(double)>;
+using Importance = Result<std::optional<std::vector<float>>>;
 
-// A view whose tiles cannot be listed, and what finds no memory, are thrown by the CPU's.
-Weighed weigh(TrainBackend& backend, TrainState& state, std::span<const ImportanceView> views,
-              const GoOn& go_on) {
+// Converts exceptions to a status: the CPU backend throws if a view has too many tile instances or
+// memory runs out.
+Importance run_backend(TrainBackend& backend, TrainState& state,
+                       std::span<const ImportanceView> views,
+                       const ShouldContinue& should_continue) {
   try {
-    STGS_TRY(backend.begin(state));  // without what was left out as broken
-    return backend.importance(views, go_on);
+    STGS_TRY(backend.begin(state));  // without the non-finite primitives, which were removed
+    return backend.importance(views, should_continue);
   } catch (const std::exception& error) {
     return Status(code_of(error), error.what());
   }
@@ -24,29 +26,32 @@ Weighed weigh(TrainBackend& backend, TrainState& state, std::span<const Importan
 
 }  // namespace
 
-std::optional<std::vector<float>> compute_importance(TrainBackend& backend, TrainBackend& spare,
+std::optional<std::vector<float>> compute_importance(TrainBackend& backend, TrainBackend& fallback,
                                                      TrainState& state,
                                                      std::span<const ImportanceView> views,
-                                                     const GoOn& go_on, const LogSink& log) {
+                                                     const ShouldContinue& should_continue,
+                                                     const LogSink& log) {
   std::exception_ptr thrown;
-  const GoOn asked = [&](double done) {
+  const ShouldContinue guarded = [&](double done) {
     try {
-      return go_on(done);
+      return should_continue(done);
     } catch (...) {
       thrown = std::current_exception();
       return false;
     }
   };
-  Weighed weighed = weigh(backend, state, views, asked);
-  if (!weighed.ok()) {
-    log(1, fmt::format("the primitives are weighed once more, on the CPU: {}",
-                       weighed.status().message()));
-    weighed = weigh(spare, state, views, asked);
+  Importance importance = run_backend(backend, state, views, guarded);
+  if (!importance.ok()) {
+    log(1,
+        fmt::format("importances could not be computed on the training backend ({}); using the CPU",
+                    importance.status().message()));
+    importance = run_backend(fallback, state, views, guarded);
   }
   if (thrown) std::rethrow_exception(thrown);
-  if (weighed.ok()) return *std::move(weighed);
-  log(1, fmt::format("the primitives are not weighed, so that pack goes by their sizes: {}",
-                     weighed.status().message()));
+  if (importance.ok()) return *std::move(importance);
+  log(1, fmt::format(
+             "importances could not be computed ({}); pack will use the sizes of the primitives",
+             importance.status().message()));
   return std::vector<float>();
 }
 

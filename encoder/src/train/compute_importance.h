@@ -1,19 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Weighing what was trained, where it was trained.
+// Computes the importances of trained primitives on the training backend, with a fallback.
 #pragma once
 
 #include "backend/backend.h"
 
 namespace stgs::encoder {
 
-// The importances of the state's primitives by the backend, where that fails by `spare`, and where
-// that fails too none, which pack makes up for by sizes: each with a warning, as nothing that was
-// trained may be lost to it. Nothing where `go_on` answers false; what that throws goes on. After
-// the last step.
-std::optional<std::vector<float>> compute_importance(TrainBackend& backend, TrainBackend& spare,
-                                                     TrainState& state,
-                                                     std::span<const ImportanceView> views,
-                                                     const std::function<bool(double)>& go_on,
-                                                     const LogSink& log);
+// Computes the importances of the state's primitives with `backend`, or with `fallback` if that
+// fails. If both fail, returns an empty vector, and pack uses the primitives' sizes instead. Each
+// failure is logged as a warning, because no trained scene may be lost to it. Returns nullopt if
+// `should_continue` returns false; rethrows its exceptions. Call after the last step.
+std::optional<std::vector<float>> compute_importance(
+    TrainBackend& backend, TrainBackend& fallback, TrainState& state,
+    std::span<const ImportanceView> views, const std::function<bool(double)>& should_continue,
+    const LogSink& log);
 
 }  // namespace stgs::encoder

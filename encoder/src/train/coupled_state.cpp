@@ -20,7 +20,7 @@ void write4(std::span<float> array, std::size_t i, math::Quat q) {
   array[4 * i + 3] = q.z;
 }
 
-// The shortest rotation of the x axis to a unit vector.
+// Returns the shortest rotation of the x axis to a unit vector.
 math::Quat rotation_from_x(math::Vec3 to) {
   if (to.x < -0.9999f) return {0.0f, 0.0f, 0.0f, 1.0f};
   return math::quat_normalised({1.0f + to.x, 0.0f, -to.z, to.y});
@@ -28,9 +28,9 @@ math::Quat rotation_from_x(math::Vec3 to) {
 
 }  // namespace
 
-// In the plane of time and the direction of motion the covariance is [[v, v w], [v w, a + v w w]]
-// for the variance v of time, a of space and the speed w; across it, a. Its major axis lies at
-// `angle` from time, and exp(d angle / 2) on both sides turns time there.
+// In the plane of time and the direction of motion d the covariance is [[v, v w], [v w, a + v w
+// w]], with the variances v of time and a of space and the speed w; perpendicular to it, a. Its
+// major axis lies at `angle` from time, and exp(d angle / 2) on both sides rotates time onto it.
 void start_coupled(TrainState& state, float tick) {
   CoupledParameters& coupled = state.coupled;
   coupled.tick = tick;
@@ -50,17 +50,18 @@ void start_coupled(TrainState& state, float tick) {
     const double along = v * c * c + 2 * v * w * c * s + (a + v * w * w) * s * s;
     const double across = v * s * s - 2 * v * w * c * s + (a + v * w * w) * c * c;
     const auto half_sine = static_cast<float>(std::sin(0.5 * angle));
-    const math::Quat turn = {static_cast<float>(std::cos(0.5 * angle)), direction.x * half_sine,
-                             direction.y * half_sine, direction.z * half_sine};
+    const math::Quat half_turn = {static_cast<float>(std::cos(0.5 * angle)),
+                                  direction.x * half_sine, direction.y * half_sine,
+                                  direction.z * half_sine};
     const math::Quat to_direction = rotation_from_x(direction);
-    write4(coupled.left, i, math::quat_mul(turn, to_direction));
-    write4(coupled.right, i, math::quat_mul(math::quat_conjugate(to_direction), turn));
+    write4(coupled.left, i, math::quat_mul(half_turn, to_direction));
+    write4(coupled.right, i, math::quat_mul(math::quat_conjugate(to_direction), half_turn));
     coupled.log_time[i] = static_cast<float>(0.5 * std::log(along));
     coupled.log_scale[3 * i] = static_cast<float>(0.5 * std::log(across));
     coupled.log_scale[3 * i + 1] = coupled.log_scale[3 * i + 2] = state.set.log_scale[3 * i];
     state.set.radius[i] = 0.0f;
   }
-  // The moments of these attributes have another shape now.
+  // The Adam moments of these attributes change shape.
   for (int attribute : {kLogScale, kRotation, kVelocity, kLogSigma}) {
     const std::size_t size = n * static_cast<std::size_t>(state.components(attribute));
     state.moments[attribute].first.assign(size, 0.0f);
@@ -78,15 +79,15 @@ math::Coupled coupled_of(const TrainState& state, std::size_t i) {
 }
 
 void derive_from_coupled(TrainState& state, std::size_t i) {
-  const math::CoupledPrimitive drawn =
+  const math::CoupledPrimitive primitive =
       math::coupled_primitive(coupled_of(state, i), state.coupled.tick);
-  const float u[3] = {drawn.u.x, drawn.u.y, drawn.u.z};
+  const float u[3] = {primitive.u.x, primitive.u.y, primitive.u.z};
   std::copy_n(u, 3, &state.set.velocity[3 * i]);
   std::copy_n(u, 3, &state.velocity[3 * i]);
-  state.set.sigma[i] = drawn.sigma;
-  state.log_sigma[i] = std::log(drawn.sigma);
-  write4(state.set.rotation, i, drawn.rotation);
-  const float log_scale[3] = {drawn.log_scale.x, drawn.log_scale.y, drawn.log_scale.z};
+  state.set.sigma[i] = primitive.sigma;
+  state.log_sigma[i] = std::log(primitive.sigma);
+  write4(state.set.rotation, i, primitive.rotation);
+  const float log_scale[3] = {primitive.log_scale.x, primitive.log_scale.y, primitive.log_scale.z};
   std::copy_n(log_scale, 3, &state.set.log_scale[3 * i]);
 }
 

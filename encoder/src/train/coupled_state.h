@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Between the coupled form of 4DGS, as learnt, and the set of primitives, as drawn.
+// Converts between the coupled form of 4DGS, as learnt, and the set of primitives, as rendered.
 #pragma once
 
 #include <cstddef>
@@ -9,17 +9,17 @@
 
 namespace stgs::encoder {
 
-// Turns a state of round primitives (equal scales, identity rotation) in the paper's representation
-// into the coupled one that looks the same. `tick`: units of time a frame, > 0.
+// Converts a state of isotropic primitives (equal scales, identity rotation) from the paper's
+// representation to the coupled one that renders the same. `tick`: units of time per frame, > 0.
 void start_coupled(TrainState& state, float tick);
 
-// The parameters of primitive i.
+// Returns the coupled parameters of primitive i.
 math::Coupled coupled_of(const TrainState& state, std::size_t i);
 
 // Recomputes the scales, rotation, velocities and sigmas of primitive i.
 void derive_from_coupled(TrainState& state, std::size_t i);
 
-// The gradient by primitive i's parameters from the one by what the set holds of it.
+// Converts the gradient of primitive i in the set to that of its coupled parameters.
 math::Coupled coupled_backward(const TrainState& state, std::size_t i,
                                const math::CoupledPrimitiveGrad& by);
 

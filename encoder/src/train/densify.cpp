@@ -13,17 +13,18 @@ math::Vec3 log_scale_of(const TrainState& state, std::size_t i) {
   return {s[0], s[1], s[2]};
 }
 
-// Moves primitive i by a sample of its own Gaussian times `share`.
-void move_by_sample(TrainState& state, std::size_t i, float share, Random& random) {
+// Moves primitive i by a sample of its own Gaussian scaled by `factor`.
+void move_by_sample(TrainState& state, std::size_t i, float factor, Random& random) {
   const float* q = &state.set.rotation[4 * i];
   const math::Vec3 offset =
-      gaussian_sample({q[0], q[1], q[2], q[3]}, log_scale_of(state, i), share, random);
+      gaussian_sample({q[0], q[1], q[2], q[3]}, log_scale_of(state, i), factor, random);
   state.set.position[3 * i] += offset.x;
   state.set.position[3 * i + 1] += offset.y;
   state.set.position[3 * i + 2] += offset.z;
 }
 
-// Makes `to` a clone of `from`: both get the opacity that keeps the picture, the clone steps aside.
+// Makes `to` a clone of `from`. Both get the opacity that preserves the render; the clone is
+// offset.
 void clone_into(TrainState& state, std::size_t from, std::size_t to, Random& random) {
   state.set.opacity_logit[from] = cloned_logit(state.set.opacity_logit[from]);
   state.clear_moments(from);
@@ -62,8 +63,8 @@ std::vector<Candidate> growth_candidates(const TrainState& state, const DensifyR
   return candidates;
 }
 
-// The `count` most urgent, in the order of their indices.
-void keep_most_urgent(std::vector<Candidate>& candidates, std::size_t count) {
+// Reduces the candidates to the `count` limit urgent, in index order.
+void retain_most_urgent(std::vector<Candidate>& candidates, std::size_t count) {
   const auto by_urgency = [](const Candidate& a, const Candidate& b) {
     return a.urgency != b.urgency ? a.urgency > b.urgency : a.index < b.index;
   };
@@ -76,7 +77,7 @@ void keep_most_urgent(std::vector<Candidate>& candidates, std::size_t count) {
             [](const Candidate& a, const Candidate& b) { return a.index < b.index; });
 }
 
-bool finite(const TrainState& state, std::size_t i) {
+bool is_finite(const TrainState& state, std::size_t i) {
   for (int a = 0; a < kAttributes; ++a) {
     const std::size_t n = state.components(a);
     const float* values = state.values(a).data() + i * n;
@@ -87,19 +88,19 @@ bool finite(const TrainState& state, std::size_t i) {
   return std::isfinite(state.set.sigma[i]) && state.set.sigma[i] > 0.0f;
 }
 
-// Those worth keeping; counts those that are not numbers any more.
-std::vector<std::uint32_t> surviving(const TrainState& state, const DensifyRules& rules,
-                                     std::size_t& broken) {
-  std::vector<std::uint32_t> kept;
-  kept.reserve(state.size());
+// Lists the primitives that survive pruning; counts those with non-finite values.
+std::vector<std::uint32_t> list_survivors(const TrainState& state, const DensifyRules& rules,
+                                          std::size_t& non_finite) {
+  std::vector<std::uint32_t> survivors;
+  survivors.reserve(state.size());
   for (std::size_t i = 0; i < state.size(); ++i) {
-    if (!finite(state, i)) {
-      ++broken;
+    if (!is_finite(state, i)) {
+      ++non_finite;
     } else if (survives(rules, state.set.opacity_logit[i], log_scale_of(state, i))) {
-      kept.push_back(static_cast<std::uint32_t>(i));
+      survivors.push_back(static_cast<std::uint32_t>(i));
     }
   }
-  return kept;
+  return survivors;
 }
 
 }  // namespace
@@ -113,30 +114,30 @@ DensifyRules densify_rules(const HyperParameters& parameters, const DensifyConte
           context.plain};
 }
 
-std::size_t growth_room(const HyperParameters& parameters, const DensifyContext& context,
-                        std::size_t present) {
-  const auto most = static_cast<std::size_t>(std::max(parameters.max_primitives, 0));
-  const std::size_t room = most > present ? most - present : 0;
-  if (context.plain) return room;
-  return std::min(room,
+std::size_t max_growth(const HyperParameters& parameters, const DensifyContext& context,
+                       std::size_t present) {
+  const auto limit = static_cast<std::size_t>(std::max(parameters.max_primitives, 0));
+  const std::size_t capacity = limit > present ? limit - present : 0;
+  if (context.plain) return capacity;
+  return std::min(capacity,
                   static_cast<std::size_t>(parameters.growth_limit * static_cast<double>(present)));
 }
 
-std::size_t replacement_room(const HyperParameters& parameters, std::size_t alive,
+std::size_t max_replacements(const HyperParameters& parameters, std::size_t surviving,
                              std::size_t dead) {
   const auto limit =
-      static_cast<std::size_t>(parameters.replace_limit * static_cast<double>(alive + dead));
-  return std::min({dead, alive, limit});
+      static_cast<std::size_t>(parameters.replace_limit * static_cast<double>(surviving + dead));
+  return std::min({dead, surviving, limit});
 }
 
 std::size_t remove_non_finite(TrainState& state) {
-  std::vector<std::uint32_t> kept;
+  std::vector<std::uint32_t> survivors;
   for (std::size_t i = 0; i < state.size(); ++i) {
-    if (finite(state, i)) kept.push_back(static_cast<std::uint32_t>(i));
+    if (is_finite(state, i)) survivors.push_back(static_cast<std::uint32_t>(i));
   }
-  const std::size_t broken = state.size() - kept.size();
-  if (broken > 0) state.keep(kept);
-  return broken;
+  const std::size_t non_finite = state.size() - survivors.size();
+  if (non_finite > 0) state.retain(survivors);
+  return non_finite;
 }
 
 void reset_opacity(TrainState& state, const DensifyRules& rules) {
@@ -155,13 +156,13 @@ DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
   DensifyCounts counts;
   const std::size_t before = state.size();
   const DensifyRules rules = densify_rules(parameters, context);
-  const std::vector<std::uint32_t> kept = surviving(state, rules, counts.non_finite);
-  counts.removed = before - kept.size();
-  if (counts.removed > 0) state.keep(kept);
+  const std::vector<std::uint32_t> survivors = list_survivors(state, rules, counts.non_finite);
+  counts.removed = before - survivors.size();
+  if (counts.removed > 0) state.retain(survivors);
 
   std::vector<Candidate> candidates = growth_candidates(state, rules);
   const std::size_t present = state.size();
-  keep_most_urgent(candidates, growth_room(parameters, context, present));
+  retain_most_urgent(candidates, max_growth(parameters, context, present));
   state.resize(present + candidates.size());
   Random random(context.seed, state.iteration, RandomPurpose::kDensify);
   for (std::size_t k = 0; k < candidates.size(); ++k) {
@@ -170,7 +171,8 @@ DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
       ++counts.split;
     } else {
       if (context.plain) {
-        // The copy lies on its origin, which keeps its moments; that parts them (3DGS).
+        // The copy coincides with its original, whose Adam moments remain; that separates them
+        // (3DGS).
         state.copy_parameters(candidates[k].index, present + k);
       } else {
         clone_into(state, candidates[k].index, present + k, random);
@@ -208,16 +210,16 @@ DensifyCounts replace(TrainState& state, const HyperParameters& parameters,
   DensifyCounts counts;
   if (state.size() == 0) return counts;
   const DensifyRules rules = densify_rules(parameters, context);
-  const std::vector<std::uint32_t> kept = surviving(state, rules, counts.non_finite);
-  std::vector<bool> alive(state.size(), false);
-  for (std::uint32_t i : kept) alive[i] = true;
+  const std::vector<std::uint32_t> survivors = list_survivors(state, rules, counts.non_finite);
+  std::vector<bool> survives_pruning(state.size(), false);
+  for (std::uint32_t i : survivors) survives_pruning[i] = true;
   std::vector<std::uint32_t> dead;
   for (std::size_t i = 0; i < state.size(); ++i) {
-    if (!alive[i]) dead.push_back(static_cast<std::uint32_t>(i));
+    if (!survives_pruning[i]) dead.push_back(static_cast<std::uint32_t>(i));
   }
-  const std::size_t count = replacement_room(parameters, kept.size(), dead.size());
+  const std::size_t count = max_replacements(parameters, survivors.size(), dead.size());
   const std::vector<float> scores = densification_scores(state, parameters, context.modulated);
-  std::vector<std::uint32_t> best = kept;
+  std::vector<std::uint32_t> best = survivors;
   const auto by_score = [&scores](std::uint32_t a, std::uint32_t b) {
     return scores[a] != scores[b] ? scores[a] > scores[b] : a < b;
   };

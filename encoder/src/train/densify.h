@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where primitives go: growth in the first third (AbsGS with the clones of "Revising
-// Densification"), replacement by the velocity-lifespan-aware score after it (paper 3.2).
+// Densification: growth in the first third of a run (AbsGS with the clones of "Revising
+// Densification"), then replacement by the velocity-lifespan-aware score (paper 3.2).
 #pragma once
 
 #include <cstdint>
@@ -13,45 +13,47 @@ namespace stgs::encoder {
 
 struct DensifyCounts {
   std::size_t cloned = 0, split = 0, removed = 0, replaced = 0;
-  std::size_t non_finite = 0;  // of the removed or replaced: with a value that is not a number
+  std::size_t non_finite = 0;  // of those removed or replaced: with a non-finite value
 };
 
 struct DensifyContext {
   float extent = 1;       // scene units
   bool modulated = true;  // false: f = 1
-  bool plain = false;     // growth as in 3DGS: mean gradients alone, clones that are copies
+  bool plain = false;     // growth as in 3DGS: mean gradients only, clones are exact copies
   std::uint64_t seed = 0;
 };
 
 DensifyRules densify_rules(const HyperParameters& parameters, const DensifyContext& context);
 
-// How many primitives may be added to the `present` ones in one step of growth.
-std::size_t growth_room(const HyperParameters& parameters, const DensifyContext& context,
-                        std::size_t present);
-// How many of the `dead` may be replaced in one step of the second stage, `alive` ones being left.
-std::size_t replacement_room(const HyperParameters& parameters, std::size_t alive,
+// Returns how many primitives one growth step may add to the `present` ones.
+std::size_t max_growth(const HyperParameters& parameters, const DensifyContext& context,
+                       std::size_t present);
+// Returns how many of the `dead` primitives one step of the second stage may replace, with
+// `surviving` ones left.
+std::size_t max_replacements(const HyperParameters& parameters, std::size_t surviving,
                              std::size_t dead);
 
-// First stage: clones what is small and pulled, splits what is large and pulled both ways, removes
-// what is nearly transparent or too large. Resets the statistics. A plain step is bounded by
-// max_primitives alone.
+// First stage. Removes primitives that are nearly transparent or too large; clones small ones with
+// a large mean gradient, and splits large ones with a large absolute gradient. Resets the
+// statistics. A plain step is bounded by max_primitives alone.
 DensifyCounts grow(TrainState& state, const HyperParameters& parameters,
                    const DensifyContext& context);
 
-// Second stage: what is nearly transparent becomes clones of those with the highest score; N stays.
-// Resets the statistics.
+// Second stage. Replaces nearly transparent primitives with clones of those with the highest score;
+// N does not change. Resets the statistics.
 DensifyCounts replace(TrainState& state, const HyperParameters& parameters,
                       const DensifyContext& context);
 
-// The score s of every primitive (paper eq. 5), E scaled so that its 99th percentile is 1.
+// Returns the score s of every primitive (paper eq. 5), with E scaled so that its 99th percentile
+// is 1.
 std::vector<float> densification_scores(const TrainState& state, const HyperParameters& parameters,
                                         bool modulated);
 
-// Removes primitives with a value that is not finite; how many.
+// Removes primitives with a non-finite value; returns their number.
 std::size_t remove_non_finite(TrainState& state);
 
-// Caps every opacity at twice what is pruned, so that what is not needed dies (3DGS; first stage
-// only).
+// Caps every opacity at twice the pruning threshold, so that unneeded primitives fade out (3DGS;
+// first stage only).
 void reset_opacity(TrainState& state, const DensifyRules& rules);
 
 }  // namespace stgs::encoder

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// When to densify: a pure function of how far the training is.
+// When to densify: a pure function of the progress of the training.
 #pragma once
 
 #include "train/ablation.h"
@@ -10,25 +10,24 @@ namespace stgs::encoder {
 struct DensifyPlan {
   bool grow = false;     // now
   bool replace = false;  // now
-  bool gather = false;   // statistics are wanted in the step at this share
-  // L_opacity is on (paper 3.4) and N is frozen (paper 3.2); the second not where the densification
-  // is ablated.
+  bool gather = false;   // the step at this progress gathers statistics
+  // L_opacity is on (paper 3.4) and, unless densification is ablated, N is frozen (paper 3.2).
   bool second_stage = false;
-  int resets_due = 0;  // opacity resets so far, where grow
+  int resets_due = 0;  // opacity resets due so far; valid if grow
 };
 
-// How often a run densifies at least, however short it is: so it grows before the first stage, a
-// third of it, is over.
-inline constexpr int kLeastMoments = 6;
+// The minimum number of densification steps of a run, so that even a short one grows before its
+// first stage, a third of it, is over.
+inline constexpr int kMinDensifySteps = 6;
 
-// The densify_interval of a run of so many iterations, at most.
-constexpr int longest_interval(int iterations) {
-  return (iterations - 1) / kLeastMoments + 1;
+// Returns the largest densify_interval that a run of `iterations` may use.
+constexpr int max_densify_interval(int iterations) {
+  return (iterations - 1) / kMinDensifySteps + 1;
 }
 
-// `share` of the iterations are done, [0, 1]; `interval` where the iteration is one of every
+// Returns the plan at a progress in [0, 1]. `interval`: the iteration is a multiple of
 // densify_interval.
-DensifyPlan densify_plan(const HyperParameters& parameters, const Ablation& ablation, double share,
-                         bool interval);
+DensifyPlan densify_plan(const HyperParameters& parameters, const Ablation& ablation,
+                         double progress, bool interval);
 
 }  // namespace stgs::encoder

@@ -13,7 +13,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr std::size_t kDifferencesShown = 12;
+constexpr std::size_t kMaxListedDifferences = 12;
 
 const std::string* find(const Fingerprint& fingerprint, const std::string& name) {
   const auto entry = std::find_if(fingerprint.begin(), fingerprint.end(),
@@ -21,15 +21,15 @@ const std::string* find(const Fingerprint& fingerprint, const std::string& name)
   return entry == fingerprint.end() ? nullptr : &entry->second;
 }
 
-// Of the sizes of a camera's frames, which other pictures hardly share. The pictures themselves are
-// too many to be read for it.
+// Returns a hash of the file sizes of a camera's frames, which other images are unlikely to share.
+// Reading all images would take too long.
 std::uint64_t frame_sizes(const PreparedCapture& capture, const Camera& camera) {
   std::vector<std::uint64_t> sizes;
   for (int frame = 0; frame < capture.frames; ++frame) {
     std::error_code error;
     const std::uintmax_t size =
         std::filesystem::file_size(capture.frame_path(camera, frame), error);
-    sizes.push_back(error ? 0 : size);  // one that is not there is found where it is loaded
+    sizes.push_back(error ? 0 : size);  // loading reports a missing file
   }
   return XXH3_64bits(sizes.data(), sizes.size() * sizeof(std::uint64_t));
 }
@@ -58,7 +58,7 @@ Fingerprint fingerprint_of(const PreparedCapture& capture) {
     numbers.insert(numbers.end(), camera.rotation, camera.rotation + 9);
     numbers.insert(numbers.end(), camera.translation, camera.translation + 3);
     const XXH64_hash_t hash = XXH3_64bits(numbers.data(), numbers.size() * sizeof(double));
-    // With its number, for the state goes by it.
+    // With its number, which indexes the state.
     out.emplace_back("camera " + camera.name,
                      fmt::format("number {}, {}x{}, calibration {:016x}", ++cameras, camera.width,
                                  camera.height, hash));
@@ -85,7 +85,7 @@ std::string fingerprint_text(const Fingerprint& fingerprint) {
 
 Result<Fingerprint> read_fingerprint(const std::string& text) {
   const Json json = Json::parse(text, nullptr, false);
-  if (!json.is_object()) return invalid_file("does not say what it belongs to");
+  if (!json.is_object()) return invalid_file("no fingerprint of the run that it belongs to");
   Fingerprint out;
   for (const auto& [name, value] : json.items()) {
     out.emplace_back(name, value.is_string() ? value.get<std::string>() : value.dump());
@@ -105,15 +105,15 @@ Status check_same_run(const std::string& path, const Fingerprint& found, const F
     const std::string* before = find(found, name);
     if (name == kBackendEntry || name == kProcessesEntry) continue;
     if (before != nullptr && *before == value) continue;
-    if (++count > kDifferencesShown) continue;
-    list +=
-        fmt::format("\n  {}: {}, now {}", name, before == nullptr ? "not there" : *before, value);
+    if (++count > kMaxListedDifferences) continue;
+    list += fmt::format("\n  {}: {}, now {}", name, before == nullptr ? "missing" : *before, value);
   }
   if (count == 0) return {};
-  if (count > kDifferencesShown) list += fmt::format("\n  and {} more", count - kDifferencesShown);
+  if (count > kMaxListedDifferences)
+    list += fmt::format("\n  and {} more", count - kMaxListedDifferences);
   return usage_error(
-      "{}: the checkpoint belongs to another run; resume it with the settings and the capture that "
-      "it was made with. What differs, the checkpoint's first:{}",
+      "{}: checkpoint of another run; resume with the settings and the capture that it was made "
+      "with. Differences (checkpoint, now):{}",
       path, list);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a run's continuation depends on, so that a checkpoint is resumed by its own run alone.
+// Everything that resuming a run depends on, so that only the same run resumes a checkpoint.
 #pragma once
 
 #include <string>
@@ -13,33 +13,33 @@
 
 namespace stgs::encoder {
 
-// Names with their values; no name twice.
+// Names with their values; names are unique.
 using Fingerprint = std::vector<std::pair<std::string, std::string>>;
 
-// The entry of what trains. Another backend goes on to a scene as good, not to the same bits, so it
-// is told of and not refused.
+// The entry of the backend. Another backend resumes to a scene of equal quality, but not to the
+// same bits, so a difference is logged and not an error.
 inline constexpr const char* kBackendEntry = "backend";
-// The same of the number of processes that train together.
+// The same for the number of processes that train together.
 inline constexpr const char* kProcessesEntry = "processes";
 
-// The part that is known before the capture is.
+// Returns the entries known before the capture is: settings and hyper-parameters.
 Fingerprint fingerprint_of(const HyperParameters& parameters, const TrainSettings& settings);
-// Of the training cameras, the frames and the bounds.
+// Returns the entries of the training cameras, the frames and the bounds.
 Fingerprint fingerprint_of(const PreparedCapture& capture);
 
-// Of the training cameras' pictures, as they are now: a stat a file.
+// Returns the entries of the training cameras' image files as they are now; one stat() per file.
 Fingerprint image_fingerprint(const PreparedCapture& capture);
 
-// As a checkpoint holds it. The error is a reason without a file's name.
+// Converts to and from the text that a checkpoint stores. The error does not name the file.
 std::string fingerprint_text(const Fingerprint& fingerprint);
 Result<Fingerprint> read_fingerprint(const std::string& text);
 
-// The value of an entry, "" where there is none.
+// Returns the value of an entry; "" if it is missing.
 std::string value_of(const Fingerprint& fingerprint, const std::string& name);
 
-// kUsage where an entry of `now` is another in `found`, or is not there: names them, with both
-// values. kBackendEntry and kProcessesEntry do not count. `path`, the checkpoint's, is for the
-// message.
+// Checks that every entry of `now` has the same value in `found`. kUsage lists the entries that
+// differ or are missing, with both values. Ignores kBackendEntry and kProcessesEntry. `path` is the
+// checkpoint's, for the message.
 Status check_same_run(const std::string& path, const Fingerprint& found, const Fingerprint& now);
 
 }  // namespace stgs::encoder

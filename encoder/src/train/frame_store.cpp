@@ -10,14 +10,15 @@
 namespace stgs::encoder {
 namespace {
 
-// How far to look ahead, in pictures: idle threads find the next misses among the hits, but what is
-// decoded early takes the place of what would have been a hit.
+// Look-ahead distance, images. It lets idle threads find the next misses among the hits, but images
+// decoded early displace images that would have been hits.
 constexpr std::uint64_t kLookAhead = 64;
-constexpr std::uint64_t kRoomAhead = 8;  // at most an eighth of what there is room for
-// Views that a thread decodes between two reports: few wait for the last at the end of each.
+constexpr std::uint64_t kLookAheadDivisor = 8;  // look ahead at most an eighth of the capacity
+// Views that each thread decodes between two progress reports, so that little time is lost waiting
+// for the last one.
 constexpr std::size_t kViewsPerReport = 4;
 
-std::uint64_t picture_bytes(int width, int height) {
+std::uint64_t image_bytes(int width, int height) {
   return std::uint64_t{3} * static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
 }
 
@@ -60,8 +61,8 @@ FrameStore::~FrameStore() {
 
 std::uint64_t FrameStore::bytes_of(std::uint64_t id) const {
   const Source::Size& size = source_.views[id / 2];
-  return id % 2 == 0 ? picture_bytes(size.width, size.height)
-                     : picture_bytes(size.width / 2, size.height / 2);
+  return id % 2 == 0 ? image_bytes(size.width, size.height)
+                     : image_bytes(size.width / 2, size.height / 2);
 }
 
 std::uint64_t FrameStore::bytes() const {
@@ -78,9 +79,9 @@ Status FrameStore::start(const std::function<bool(std::size_t views)>& loaded) {
 
 Status FrameStore::load_all(const std::function<bool(std::size_t views)>& loaded) {
   const std::size_t views = source_.views.size();
-  const std::size_t turn = kViewsPerReport * static_cast<std::size_t>(thread_count_);
-  for (std::size_t begin = 0; begin < views; begin += turn) {
-    const std::size_t end = std::min(begin + turn, views);
+  const std::size_t batch = kViewsPerReport * static_cast<std::size_t>(thread_count_);
+  for (std::size_t begin = 0; begin < views; begin += batch) {
+    const std::size_t end = std::min(begin + batch, views);
     STGS_TRY(load(begin, end));
     if (loaded && !loaded(end)) {
       return runtime_error("stopped when {} of {} frames were loaded", end, views);
@@ -108,7 +109,7 @@ Status FrameStore::load(std::size_t begin, std::size_t end) {
     half.pixels = counted(half_size(*image));
     full.pixels = counted(std::move(*image));
     full.state = half.state = State::kReady;
-    full.held = half.held = true;
+    full.resident = half.resident = true;
   });
   return first_error;
 }
@@ -117,7 +118,7 @@ void FrameStore::announce(std::vector<std::uint64_t> ids) {
   {
     const std::lock_guard lock(mutex_);
     plan_ = std::move(ids);
-    first_ = looked_ = now_;
+    first_ = scanned_ = now_;
     next_after_.resize(plan_.size());
     for (Entry& entry : entries_) entry.next_use = kNeverUsed;
     for (std::size_t k = plan_.size(); k-- > 0;) {
@@ -145,25 +146,26 @@ std::uint64_t FrameStore::next() const {
 Result<TrainingImage> FrameStore::acquire(std::uint64_t id) {
   std::unique_lock lock(mutex_);
   Entry& entry = entries_[id];
-  const bool expected = now_ - first_ < plan_.size() && plan_[now_ - first_] == id;
-  // What was announced comes later by as much as comes in between.
-  if (!expected) ++first_;
-  TrainingImage picture;
-  picture.id = id;
-  picture.use = now_;
-  picture.next_use = expected ? next_after_[now_ - first_] : entry.next_use;
+  const bool is_next = now_ - first_ < plan_.size() && plan_[now_ - first_] == id;
+  // An unannounced image delays the announced ones by one use.
+  if (!is_next) ++first_;
+  TrainingImage image;
+  image.id = id;
+  image.use = now_;
+  image.next_use = is_next ? next_after_[now_ - first_] : entry.next_use;
   ++now_;
   if (entry.state == State::kAbsent || entry.state == State::kDecoding) {
     const auto begin = std::chrono::steady_clock::now();
     ++statistics_.waits;
     if (entry.state == State::kAbsent) {
-      // No thread has come to it: the caller decodes it. It stays where others are needed later.
+      // No thread has started on it, so this one decodes it. It becomes resident if images with a
+      // later use can be evicted for it.
       entry.state = State::kDecoding;
-      entry.next_use = picture.next_use;
-      if (make_room(bytes_of(id), picture.next_use)) hold(id);
+      entry.next_use = image.next_use;
+      if (make_space(bytes_of(id), image.next_use)) make_resident(id);
       decode(id, lock);
     } else {
-      // Until it has been taken its use is the nearest of all, so that nothing drops it.
+      // Nothing evicts it while waiting: its next use is the nearest of all.
       done_.wait(lock, [&] { return entry.state != State::kDecoding; });
     }
     statistics_.wait_seconds +=
@@ -173,34 +175,34 @@ Result<TrainingImage> FrameStore::acquire(std::uint64_t id) {
     entry.state = State::kAbsent;
     return std::exchange(entry.error, {});
   }
-  picture.pixels = entry.pixels;
-  if (entry.held) {
-    set_next_use(id, picture.next_use);
+  image.pixels = entry.pixels;
+  if (entry.resident) {
+    set_next_use(id, image.next_use);
   } else {
     entry.pixels.reset();
     entry.state = State::kAbsent;
   }
   lock.unlock();
   work_.notify_one();
-  return picture;
+  return image;
 }
 
 FrameStatistics FrameStore::statistics() const {
   const std::lock_guard lock(mutex_);
   FrameStatistics statistics = statistics_;
-  statistics.peak = alive_->peak;
+  statistics.peak = memory_use_->peak;
   return statistics;
 }
 
 std::shared_ptr<const Image8> FrameStore::counted(Image8&& image) const {
   const std::uint64_t bytes = image.data.size();
-  const std::uint64_t now = alive_->bytes += bytes;
-  std::uint64_t peak = alive_->peak;
-  while (peak < now && !alive_->peak.compare_exchange_weak(peak, now)) {
+  const std::uint64_t now = memory_use_->bytes += bytes;
+  std::uint64_t peak = memory_use_->peak;
+  while (peak < now && !memory_use_->peak.compare_exchange_weak(peak, now)) {
   }
-  return {new Image8(std::move(image)), [alive = alive_, bytes](const Image8* pixels) {
+  return {new Image8(std::move(image)), [use = memory_use_, bytes](const Image8* pixels) {
             delete pixels;
-            alive->bytes -= bytes;
+            use->bytes -= bytes;
           }};
 }
 
@@ -212,53 +214,54 @@ void FrameStore::work() {
       work_.wait(lock);
       continue;
     }
-    work_.notify_one();  // there may be more to do
+    work_.notify_one();  // more jobs may be available
     decode(id, lock);
   }
 }
 
 std::uint64_t FrameStore::next_job() {
-  looked_ = std::max(looked_, now_);
-  if (looked_ - first_ >= plan_.size()) return kNeverUsed;
-  const std::uint64_t room = budget_ / bytes_of(plan_[looked_ - first_]);
-  const std::uint64_t ahead = std::clamp(room / kRoomAhead, std::uint64_t{threads_.size()} + 1,
-                                         std::max<std::uint64_t>(kLookAhead, 4 * threads_.size()));
+  scanned_ = std::max(scanned_, now_);
+  if (scanned_ - first_ >= plan_.size()) return kNeverUsed;
+  const std::uint64_t capacity = budget_ / bytes_of(plan_[scanned_ - first_]);
+  const std::uint64_t ahead =
+      std::clamp(capacity / kLookAheadDivisor, std::uint64_t{threads_.size()} + 1,
+                 std::max<std::uint64_t>(kLookAhead, 4 * threads_.size()));
   const std::uint64_t end = std::min(first_ + plan_.size(), now_ + ahead);
-  for (; looked_ < end; ++looked_) {
-    const std::uint64_t id = plan_[looked_ - first_];
+  for (; scanned_ < end; ++scanned_) {
+    const std::uint64_t id = plan_[scanned_ - first_];
     if (entries_[id].state != State::kAbsent) continue;
-    if (!make_room(bytes_of(id), looked_)) return kNeverUsed;
+    if (!make_space(bytes_of(id), scanned_)) return kNeverUsed;
     entries_[id].state = State::kDecoding;
-    hold(id);
-    ++looked_;
+    make_resident(id);
+    ++scanned_;
     return id;
   }
   return kNeverUsed;
 }
 
-// Drops what is needed later than `use`, that needed last first; false where that is not enough.
-bool FrameStore::make_room(std::uint64_t bytes, std::uint64_t use) {
+// Evicts images with a next use after `use`, latest first; returns false if that is not enough.
+bool FrameStore::make_space(std::uint64_t bytes, std::uint64_t use) {
   if (bytes > budget_) return false;
   while (used_ + bytes > budget_) {
     if (by_use_.empty() || by_use_.rbegin()->first <= use) return false;
-    drop(by_use_.rbegin()->second);
+    evict(by_use_.rbegin()->second);
   }
   return true;
 }
 
-void FrameStore::hold(std::uint64_t id) {
-  entries_[id].held = true;
+void FrameStore::make_resident(std::uint64_t id) {
+  entries_[id].resident = true;
   used_ += bytes_of(id);
 }
 
-void FrameStore::drop(std::uint64_t id) {
+void FrameStore::evict(std::uint64_t id) {
   Entry& entry = entries_[id];
   by_use_.erase({entry.next_use, id});
   used_ -= bytes_of(id);
-  entry.held = false;
+  entry.resident = false;
   entry.pixels.reset();
   entry.state = State::kAbsent;
-  looked_ = std::min(looked_, entry.next_use);
+  scanned_ = std::min(scanned_, entry.next_use);
 }
 
 void FrameStore::set_next_use(std::uint64_t id, std::uint64_t use) {
@@ -292,24 +295,24 @@ void FrameStore::decode(std::uint64_t id, std::unique_lock<std::mutex>& lock) {
   if (pixels != nullptr) {
     entry.state = State::kReady;
     entry.pixels = std::move(pixels);
-    if (entry.held) by_use_.insert({entry.next_use, id});
-    if (half && fresh) take_full_size(view, std::move(full));
+    if (entry.resident) by_use_.insert({entry.next_use, id});
+    if (half && fresh) insert_full_size(view, std::move(full));
   } else {
     entry.state = State::kFailed;
     entry.error = std::move(status);
-    if (std::exchange(entry.held, false)) used_ -= bytes_of(id);
+    if (std::exchange(entry.resident, false)) used_ -= bytes_of(id);
   }
   done_.notify_all();
 }
 
-// A by-product of the half size, kept where there is room to spare.
-void FrameStore::take_full_size(std::size_t view, std::shared_ptr<const Image8> pixels) {
+// Inserts the full size, a by-product of decoding the half size, if it fits without eviction.
+void FrameStore::insert_full_size(std::size_t view, std::shared_ptr<const Image8> pixels) {
   const std::uint64_t id = id_of(view, 0);
   Entry& entry = entries_[id];
   if (entry.state != State::kAbsent || used_ + bytes_of(id) > budget_) return;
   entry.state = State::kReady;
   entry.pixels = std::move(pixels);
-  hold(id);
+  make_resident(id);
   by_use_.insert({entry.next_use, id});
 }
 

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The training pictures within a budget of host memory. Where all fit they are decoded once, before
-// training; else threads of its own decode ahead of their use, in the order that is announced, and
-// what is used last goes first (Belady's rule, which is optimal where the order is known).
+// Decoded training images within a budget of host memory. If all images fit, they are decoded once,
+// before training. Otherwise the store's threads decode ahead of use, in the announced order, and
+// the image with the latest next use is evicted first (Belady's rule, which is optimal because the
+// order is known).
 //
-// Which pictures are handed out never depends on the budget or on timing.
+// The images returned never depend on the budget or on timing.
 #pragma once
 
 #include <atomic>
@@ -19,11 +20,11 @@
 
 #include "stgs/encoder/train.h"
 #include "stgs/format/status.h"
-#include "train/picture.h"
+#include "train/training_image.h"
 
 namespace stgs::encoder {
 
-// Mean of 2x2 pixels; an odd last row or column is left out.
+// Averages 2x2 pixels; an odd last row or column is dropped.
 Image8 half_size(const Image8& image);
 
 class FrameStore {
@@ -33,34 +34,35 @@ class FrameStore {
       int width = 0, height = 0;  // pixels
     };
     std::vector<Size> views;
-    // Decodes a view at full size, 3 channels. Called by several threads at a time.
+    // Decodes a view at full size, 3 channels. Called concurrently from several threads.
     std::function<Result<Image8>(std::size_t view)> decode;
   };
 
-  // Level 0 is the full size, 1 half of it.
+  // Returns the id of an image. Level 0 is the full size, 1 the half size.
   static std::uint64_t id_of(std::size_t view, int level) {
     return 2 * view + static_cast<std::uint64_t>(level);
   }
 
-  // `budget` in bytes, of decoded pictures; `threads` decode ahead, at least one.
+  // `budget`: bytes of decoded images. `threads`: threads that decode ahead, at least one.
   FrameStore(Source source, std::uint64_t budget, int threads);
   ~FrameStore();
   FrameStore(const FrameStore&) = delete;
   FrameStore& operator=(const FrameStore&) = delete;
 
-  // Bytes of all pictures of both levels.
+  // Returns the size of all images at both levels, bytes.
   std::uint64_t bytes() const;
-  // Decodes all where they fit, else starts the threads. `loaded`, on the caller's thread, is told
-  // now and then how many of the views have been decoded; false ends it: kRuntime.
+  // Decodes all images if they fit, else starts the threads. While decoding all, it periodically
+  // calls `loaded` on the calling thread with the number of decoded views; kRuntime if `loaded`
+  // returns false.
   Status start(const std::function<bool(std::size_t views)>& loaded = nullptr);
-  // Announces which pictures will be acquired from now on; replaces what was announced before.
+  // Announces the images to be acquired from now on, in order; replaces the previous announcement.
   void announce(std::vector<std::uint64_t> ids);
-  // Announced pictures that have not been acquired yet.
+  // Returns the number of announced images not yet acquired.
   std::size_t announced() const;
-  // The next of them; kNeverUsed where there is none.
+  // Returns the id of the next announced image; kNeverUsed if there is none.
   std::uint64_t next() const;
-  // A picture, announced or not; waits at most until it has been decoded. The error is the
-  // decoder's. One thread acquires and announces.
+  // Returns an image, announced or not; blocks until it is decoded. The error is the decoder's.
+  // Call acquire() and announce() from the same thread.
   Result<TrainingImage> acquire(std::uint64_t id);
   FrameStatistics statistics() const;
 
@@ -68,14 +70,14 @@ class FrameStore {
   enum class State : std::uint8_t { kAbsent, kDecoding, kReady, kFailed };
   struct Entry {
     State state = State::kAbsent;
-    bool held = false;  // counted in used_ and listed in by_use_ where ready
+    bool resident = false;  // counted in used_; listed in by_use_ if ready
     std::uint64_t next_use = kNeverUsed;
     std::shared_ptr<const Image8> pixels;
     Status error;
   };
 
-  // Bytes of the pictures that are somewhere in memory, also where the store has let go of them.
-  struct Alive {
+  // Bytes of all images in memory, including those that the store has evicted but others still use.
+  struct MemoryUse {
     std::atomic<std::uint64_t> bytes{0}, peak{0};
   };
 
@@ -84,15 +86,15 @@ class FrameStore {
   Status load_all(const std::function<bool(std::size_t views)>& loaded);
   Status load(std::size_t begin, std::size_t end);
   void work();
-  // What to decode ahead, with room for it; kNeverUsed: nothing now.
+  // Reserves space for the next image to decode ahead and returns its id; kNeverUsed: none now.
   std::uint64_t next_job();
-  bool make_room(std::uint64_t bytes, std::uint64_t use);
-  void hold(std::uint64_t id);
-  void drop(std::uint64_t id);
+  bool make_space(std::uint64_t bytes, std::uint64_t use);
+  void make_resident(std::uint64_t id);
+  void evict(std::uint64_t id);
   void set_next_use(std::uint64_t id, std::uint64_t use);
-  // Decodes a picture that is marked as being decoded; lets go of the lock meanwhile.
+  // Decodes an image in the state kDecoding; releases the lock meanwhile.
   void decode(std::uint64_t id, std::unique_lock<std::mutex>& lock);
-  void take_full_size(std::size_t view, std::shared_ptr<const Image8> pixels);
+  void insert_full_size(std::size_t view, std::shared_ptr<const Image8> pixels);
 
   const Source source_;
   const std::uint64_t budget_;
@@ -102,17 +104,17 @@ class FrameStore {
   std::condition_variable work_, done_;
   bool stop_ = false;
   std::vector<Entry> entries_;  // by id
-  // Ready and held pictures, that used last at the end.
+  // Ready and resident images, by next use.
   std::set<std::pair<std::uint64_t, std::uint64_t>> by_use_;  // next use, id
   std::vector<std::uint64_t> plan_;                           // announced ids
-  std::vector<std::uint64_t> next_after_;                     // use of plan_[i]'s id after i
-  std::uint64_t first_ = 0;   // use of plan_[0]; uses count all pictures that were acquired
-  std::uint64_t now_ = 0;     // use of the next picture to be acquired
-  std::uint64_t looked_ = 0;  // uses up to here are ready or under way
-  std::uint64_t used_ = 0;    // bytes held, those being decoded ahead included
-  // Shared with the pictures, which may outlive the store.
-  const std::shared_ptr<Alive> alive_ = std::make_shared<Alive>();
-  FrameStatistics statistics_;  // but for the peak
+  std::vector<std::uint64_t> next_after_;                     // next use of plan_[i]'s id after i
+  std::uint64_t first_ = 0;    // use of plan_[0]; uses count all acquired images
+  std::uint64_t now_ = 0;      // use of the next image to be acquired
+  std::uint64_t scanned_ = 0;  // uses before this one are ready or being decoded
+  std::uint64_t used_ = 0;     // resident bytes, including images being decoded ahead
+  // Shared with the images, which may outlive the store.
+  const std::shared_ptr<MemoryUse> memory_use_ = std::make_shared<MemoryUse>();
+  FrameStatistics statistics_;  // except the peak
 };
 
 }  // namespace stgs::encoder

@@ -8,14 +8,14 @@
 
 namespace stgs::encoder {
 
-std::vector<SampledView> sample_views(const PreparedCapture& capture, bool test, int most) {
+std::vector<SampledView> sample_views(const PreparedCapture& capture, bool test, int max_views) {
   std::vector<std::size_t> cameras;
   for (std::size_t i = 0; i < capture.cameras.size(); ++i) {
     if (capture.cameras[i].test == test) cameras.push_back(i);
   }
   const auto frames = static_cast<std::size_t>(std::max(capture.frames, 0));
   const std::size_t count =
-      std::min(static_cast<std::size_t>(std::max(most, 0)), cameras.size() * frames);
+      std::min(static_cast<std::size_t>(std::max(max_views, 0)), cameras.size() * frames);
   std::vector<SampledView> views;
   for (std::size_t k = 0; k < count; ++k) {
     const std::size_t camera =
@@ -33,13 +33,13 @@ Result<HeldOutViews> HeldOutViews::load(const PreparedCapture& capture) {
     View view;
     view.camera = camera.pinhole(capture.near_plane);
     view.ticks = static_cast<float>(sampled.frame);
-    STGS_ASSIGN(view.truth, load_frame(capture, camera, sampled.frame));
+    STGS_ASSIGN(view.ground_truth, load_frame(capture, camera, sampled.frame));
     held_out.views_.push_back(std::move(view));
   }
   return held_out;
 }
 
-HeldOutScore HeldOutViews::measure(const Gaussians4D& set, math::Vec3 background) const {
+HeldOutScore HeldOutViews::evaluate(const Gaussians4D& set, math::Vec3 background) const {
   HeldOutScore score;
   SplatFrame frame;
   RasterOutput output;
@@ -47,11 +47,11 @@ HeldOutScore HeldOutViews::measure(const Gaussians4D& set, math::Vec3 background
   settings.background = background;
   for (const View& view : views_) {
     render(set, view.ticks, view.camera, settings, frame, output);
-    // What is not a number counts as black.
+    // Non-finite values count as black.
     for (float& v : output.colour.data) v = v > 0.0f ? std::min(v, 1.0f) : 0.0f;
-    const Image truth = to_float(view.truth);
-    score.psnr += psnr_of(mean_squared_error(output.colour, truth));
-    score.psnr_cc += psnr_of(colour_corrected_error(output.colour, truth));
+    const Image ground_truth = to_float(view.ground_truth);
+    score.psnr += psnr_of(mean_squared_error(output.colour, ground_truth));
+    score.psnr_cc += psnr_of(colour_corrected_error(output.colour, ground_truth));
     ++score.images;
   }
   if (score.images > 0) {

@@ -101,8 +101,8 @@ Result<HyperParameters> preset_hyper_parameters(const std::string& preset) {
     p.max_primitives = 200000;
     p.prune_opacity = 0.005;
     p.drop_share = 0.1;
-    // After stage1_until: what full-size pictures ask to grow in addition does not help other
-    // views.
+    // Beyond stage1_until, because the additional growth that full-size images cause does not help
+    // other views.
     p.coarse_until = 0.4;
     return p;
   }
@@ -112,19 +112,19 @@ Result<HyperParameters> preset_hyper_parameters(const std::string& preset) {
 Status set_hyper_parameter(HyperParameters& parameters, const std::string& name,
                            const std::string& value) {
   bool known = false;
-  bool parsed = false, whole = false;
+  bool parsed = false, is_integer = false;
   std::string names;
   for_each_parameter(parameters, [&](const char* n, auto& target) {
     names += names.empty() ? n : fmt::format(", {}", n);
     if (name != n) return;
     known = true;
     parsed = parse(value, target);
-    whole = std::is_integral_v<std::remove_reference_t<decltype(target)>>;
+    is_integer = std::is_integral_v<std::remove_reference_t<decltype(target)>>;
   });
-  if (!known) return usage_error("unknown hyper-parameter '{}'; known: {}", name, names);
+  if (!known) return usage_error("unknown hyper-parameter '{}'; expected one of: {}", name, names);
   if (!parsed)
-    return usage_error("'{}' is not a value for {}: it needs a {} >= 0", value, name,
-                       whole ? "whole number" : "number");
+    return usage_error("--set {}={}: invalid value (expected {} >= 0)", name, value,
+                       is_integer ? "an integer" : "a number");
   return {};
 }
 
@@ -132,15 +132,15 @@ namespace {
 
 struct Limits {
   const char* name;
-  double least, most;
+  double min, max;
 };
 
-// Of those that have others than kAnyNumber.
+// Limits of the parameters that kAnyNumber does not cover.
 constexpr Limits kLimits[] = {{"iterations", 1, 1e8},
                               {"max_primitives", 1, 2e8},
                               {"sh_degree", 0, 3},
                               {"densify_interval", 1, 1e8},
-                              // Shares of the run, or of the primitives.
+                              // Fractions of the run or of the primitives.
                               {"sh_step", 0, 1},
                               {"coarse_until", 0, 1},
                               {"stage1_until", 0, 1},
@@ -152,10 +152,10 @@ constexpr Limits kLimits[] = {{"iterations", 1, 1e8},
                               // Switches.
                               {"seen_background", 0, 1},
                               {"velocity_times_f", 0, 1},
-                              // A rate falls to it by powers.
+                              // Not 0, because rates decay exponentially.
                               {"lr_position_final", 1e-15, 1e3},
                               {"lr_velocity_final", 1e-15, 1e3},
-                              // Of 0 and 1 the logit is no number.
+                              // Not 0 or 1, whose logits are infinite.
                               {"initial_opacity", 0.001, 0.999},
                               {"initial_opacity_dynamic", 0.001, 0.999},
                               {"initial_scale", 1e-6, 1e6},
@@ -174,9 +174,9 @@ Status check_hyper_parameters(const HyperParameters& p) {
                      [&](const Limits& l) { return std::string_view(l.name) == name; });
     const Limits& limits = own == std::end(kLimits) ? kAnyNumber : *own;
     const auto value = static_cast<double>(parameter);
-    if (status.ok() && !(value >= limits.least && value <= limits.most)) {
-      status = usage_error("the hyper-parameter {} is {}; it must be from {} to {}", name, value,
-                           limits.least, limits.most);
+    if (status.ok() && !(value >= limits.min && value <= limits.max)) {
+      status = usage_error("hyper-parameter {} is out of range (expected {} to {}, got {})", name,
+                           limits.min, limits.max, value);
     }
   });
   return status;

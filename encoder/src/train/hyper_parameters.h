@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every number of the training schedule, by name. The paper gives few of them; the others are
-// chosen by measurement on training cameras (tests/bench/RESULTS.md).
+// All numbers of the training schedule, by name. The paper specifies few of them; the others are
+// tuned on training cameras (tests/bench/RESULTS.md). Members are named as --set takes them.
 #pragma once
 
 #include <string>
@@ -23,18 +23,21 @@ struct HyperParameters {
   double weight_opacity = 1e-2;     // L_opacity, second stage only
   double weight_scale = 1e-2;       // L_scale, divided by the scene's radius
   double weight_normal = 0.0;       // L_n: smooths surfaces, gains no PSNR; 0: off (PGSR: 0.015)
-  double weight_perceptual = 0.01;  // L_lpips, where there are weights for the network
+  double weight_perceptual = 0.01;  // L_lpips; requires weights of the network
 
   // Learning rates (Adam). Lengths are relative to the scene's extent, times in frames.
   double lr_position = 1.6e-4;
   double lr_position_final = 1.6e-6;
   double lr_velocity = 6.4e-3;
   double lr_velocity_final = 6.4e-5;
-  double velocity_shrink = 8;  // |v| that a step takes off what lives long, in rates of velocity,
-                               // or where that is more
-  double velocity_share = 0.0625;  // this share of it; neither where velocity_shrink is 0
-  double still_from = 0.94;        // long: seen, at full opacity, for over this share of the clip,
-  double still_least = 28;         // and for over as many frames
+  // Damping of long-lived primitives (math/damp.h): a step reduces |v| by velocity_shrink times the
+  // velocity's learning rate, or by the fraction velocity_share of |v| if that is more. Off if
+  // velocity_shrink is 0. A primitive is long-lived if it is visible, at full opacity, for more
+  // than the fraction still_from of the clip and for more than still_least frames.
+  double velocity_shrink = 8;
+  double velocity_share = 0.0625;
+  double still_from = 0.94;
+  double still_least = 28;
   double lr_scale = 5e-3;
   double lr_rotation = 1e-3;
   double lr_opacity = 5e-2;
@@ -44,65 +47,67 @@ struct HyperParameters {
   double lr_sigma = 5e-3;   // of log sigma
   double lr_radius = 5e-3;  // frames
   double lr_colour = 1e-3;  // per-camera affine colour
-  // A step over R views, one a process: the rates but lr_colour times R^batch_rate, Adam's decay
-  // factors to the power R^batch_memory.
+  // A step over R views, one per process, multiplies all rates except lr_colour by R^batch_rate and
+  // raises Adam's decay factors to the power R^batch_memory.
   double batch_rate = 0.5;
   double batch_memory = 1;
 
-  // Schedules, as shares of the iterations.
+  // Schedules, as fractions of the iterations.
   int sh_degree = 3;
-  double sh_step = 0.1;           // harmonics rise by a degree each such share
-  double coarse_until = 0.25;     // half-size pictures up to here
-  double stage1_until = 1.0 / 3;  // growth; then N is frozen (paper 3.2)
+  double sh_step = 0.1;           // interval after which the SH degree in use rises by one
+  double coarse_until = 0.25;     // half-size images up to here
+  double stage1_until = 1.0 / 3;  // end of growth; then N is frozen (paper 3.2)
   double normal_from = 7.0 / 30;  // L_n is on from here (PGSR: 7,000 of 30,000)
   double densify_from = 0.03;
   double densify_until = 0.85;  // last replacement of the second stage
-  int densify_interval = 100;   // iterations; less in runs of under 600, unless it is set
+  int densify_interval = 100;   // iterations; reduced in runs of under 600, unless it is set
   int opacity_resets = 0;       // spread evenly over the first stage
-  double plain_until = 0.5;     // growth where the densification is ablated (3DGS, 4DGS)
-  double plain_prune = 0.005;   // prune_opacity there (3DGS)
-  double plain_reset = 0.1;     // opacity resets there, one each such share (3DGS, 4DGS)
+  // With --ablate densification, as in 3DGS and 4DGS:
+  double plain_until = 0.5;    // end of growth
+  double plain_prune = 0.005;  // prune_opacity
+  double plain_reset = 0.1;    // interval between opacity resets
 
   // The perceptual loss.
-  double perceptual_from = 0.0;  // share of the iterations
-  int perceptual_patch = 256;    // pixels a side that it looks at in a step; 0: the whole picture
+  double perceptual_from = 0.0;  // start, as a fraction of the iterations
+  int perceptual_patch = 256;    // side of the patch per step, pixels; 0: the complete image
 
-  // Densification. Gradients are of the loss by image position, in half image widths.
+  // Densification. Gradients are of the loss with respect to image position in half image widths.
   double clone_gradient = 2e-4;
   double split_gradient = 4e-4;
-  double split_scale = 0.01;    // larger ones split, smaller ones clone; share of the extent
-  double growth_limit = 0.1;    // new primitives a step, share of those present
-  double prune_opacity = 0.02;  // fainter ones make room; above 200,000 primitives 0.005
-  double prune_scale = 0.5;     // larger than this share of the extent is removed
+  double split_scale = 0.01;    // larger primitives split, smaller ones clone; times the extent
+  double growth_limit = 0.1;    // new primitives per step, as a fraction of N
+  double prune_opacity = 0.02;  // fainter ones are removed; 0.005 above 200,000 primitives
+  double prune_scale = 0.5;     // larger ones are removed; times the extent
   double score_error = 1.0;     // lambda_e, on E scaled to [0,1]
   double score_opacity = 0.2;   // lambda_o
   double score_lifespan = 0.5;  // lambda_l
-  double replace_limit = 0.05;  // replaced a step, share of N
+  double replace_limit = 0.05;  // replacements per step, as a fraction of N
 
-  // Share of the primitives that a step leaves out, chosen anew for each: what only one camera
-  // needs is not relied on (held-out views gain where there are many steps and primitives).
+  // Fraction of the primitives that each step drops at random, which discourages primitives that
+  // serve a single camera (held-out views improve in runs with many steps and primitives).
   double drop_share = 0.05;
 
-  // Start.
+  // Initialisation.
   double initial_opacity = 0.5;
   double initial_opacity_dynamic = 0.5;
-  double initial_scale = 0.8;    // of the distance to the neighbours
+  double initial_scale = 0.8;    // times the distance to the neighbours
   double sigma_dynamic = 3.0;    // frames (paper 3.3)
   double sigma_static = 3.0;     // clip lengths (paper 3.3)
   double initial_radius = 1e-6;  // frames (paper 3.3)
-  int seen_background =
-      1;  // 1: behind the scene is what its views show there (scene_background); 0: black
-  int velocity_times_f = 1;  // 1: v = f v_init keeps the measured motion; 0: v = v_init
+  int seen_background = 1;       // 1: the background is estimated (scene_background.h); 0: black
+  int velocity_times_f = 1;  // 1: v = f v_init, which preserves the measured motion; 0: v = v_init
 };
 
-// The values of a preset: fast, default or best.
+// Returns the values of a preset: fast, default or best. kUsage for another name.
 Result<HyperParameters> preset_hyper_parameters(const std::string& preset);
-// Sets one by name; the error lists the names.
+// Sets a hyper-parameter by name. kUsage for an invalid value or, with a list of the names, for an
+// unknown name.
 Status set_hyper_parameter(HyperParameters& parameters, const std::string& name,
                            const std::string& value);
-// Whether a run can be made of them; the error names the value and its limits.
+// Checks that every value is within its limits. kUsage names the first that is not, with its
+// limits.
 Status check_hyper_parameters(const HyperParameters& parameters);
-// All names with their values.
+// Lists all names with their values.
 std::vector<std::pair<std::string, std::string>> list_hyper_parameters(
     const HyperParameters& parameters);
 

@@ -15,7 +15,7 @@ namespace {
 using image_loss::kRadius;
 using image_loss::kTaps;
 
-// Rows a task, at least.
+// Minimum rows per task.
 constexpr int kRows = 8;
 
 std::array<float, kTaps> window() {
@@ -55,7 +55,7 @@ void ImageLoss::reshape(int width, int height) {
   row_ssim_.resize(static_cast<std::size_t>(height));
 }
 
-ImageLossValue ImageLoss::evaluate(const Image& rendered, const Image8& truth,
+ImageLossValue ImageLoss::evaluate(const Image& rendered, const Image8& ground_truth,
                                    const ImageLossWeights& weights, Image& d_colour, Image& error) {
   static const std::array<float, kTaps> taps = window();
   const int w = rendered.width, h = rendered.height;
@@ -77,11 +77,12 @@ ImageLossValue ImageLoss::evaluate(const Image& rendered, const Image8& truth,
   for (int c = 0; c < 3; ++c) {
     for_each_row(h, [&](int y) {
       const std::size_t first = static_cast<std::size_t>(y) * w;
-      float* truth_row = y_.row(y);
+      float* ground_truth_row = y_.row(y);
       std::copy_n(rendered.plane(c) + first, w, x_.row(y));
       for (int x = 0; x < w; ++x)
-        truth_row[x] = static_cast<float>(truth.data[3 * (first + x) + c]) * (1.0f / 255.0f);
-      image_loss::BlurRow rows{x_.row(y), truth_row, {}};
+        ground_truth_row[x] =
+            static_cast<float>(ground_truth.data[3 * (first + x) + c]) * (1.0f / 255.0f);
+      image_loss::BlurRow rows{x_.row(y), ground_truth_row, {}};
       for (int m = 0; m < 5; ++m) rows.out[m] = blurred_[m].row(y);
       image_loss::blur_row(rows, taps.data(), w);
     });

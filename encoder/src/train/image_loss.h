@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The loss of a rendered picture against the truth: L = w_l1 L1 + w_ssim (1 - SSIM).
+// The loss of a rendered image against the ground truth: L = w_l1 L1 + w_ssim (1 - SSIM).
 #pragma once
 
 #include <vector>
@@ -16,22 +16,23 @@ struct ImageLossWeights {
 
 struct ImageLossValue {
   double loss = 0;  // weighted
-  double l1 = 0;    // mean |rendered - truth| over pixels and channels
+  double l1 = 0;    // mean |rendered - ground truth| over pixels and channels
   double ssim = 0;  // mean over pixels and channels
 };
 
-// SSIM has an 11 x 11 Gaussian window of sigma 1.5 cut at the border (zeros beyond it),
-// C1 = 0.01^2, C2 = 0.03^2. Keeps its working memory: no allocation when called again with the
-// same size. Results do not depend on the number of threads. One call at a time per object.
+// SSIM uses an 11 x 11 Gaussian window of sigma 1.5 with zero padding, C1 = 0.01^2, C2 = 0.03^2.
+// Reuses its working memory: repeated calls with the same size do not allocate. Results do not
+// depend on the number of threads. One call at a time per object.
 class ImageLoss {
  public:
-  // `rendered` has 3 planes, nominally in [0,1]; `truth` is RGB of the same size. Fills d_colour
-  // (3 planes, dL/drendered) and error (1 plane, 1 - SSIM averaged over channels, in [0,1]).
-  ImageLossValue evaluate(const Image& rendered, const Image8& truth,
+  // Returns the loss and fills d_colour (3 planes, dL/drendered) and error (1 plane, 1 - SSIM
+  // averaged over channels, in [0,1]). `rendered` has 3 planes, nominally in [0,1]; `ground_truth`
+  // is RGB of the same size.
+  ImageLossValue evaluate(const Image& rendered, const Image8& ground_truth,
                           const ImageLossWeights& weights, Image& d_colour, Image& error);
 
  private:
-  // Rows padded with zeros on both sides, so that a window may reach over an edge.
+  // Rows are padded with zeros on both sides, so that windows may cross the edges.
   struct Plane {
     std::size_t stride = 0;
     std::vector<float> data;
@@ -43,9 +44,9 @@ class ImageLoss {
   void reshape(int width, int height);
 
   int width_ = 0, height_ = 0;
-  Plane x_, y_;                        // rendered and true values of a channel
+  Plane x_, y_;                        // rendered and ground-truth values of a channel
   Plane blurred_[5];                   // x, y, xx, yy, xy, blurred along rows
-  Plane slope_[3], slope_blurred_[3];  // dSSIM by the window means of x, xx, xy; blurred along rows
+  Plane slope_[3], slope_blurred_[3];  // dSSIM/d(window means of x, xx, xy); blurred along rows
   Plane ssim_;                         // summed over channels
   std::vector<float> zero_row_;
   std::vector<double> row_l1_, row_ssim_;

@@ -7,7 +7,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "train/image_loss_rows.cpp"
 #include <hwy/foreach_target.h>
-// After foreach_target.h, which includes this file once a target.
+// Must follow foreach_target.h, which includes this file once per target.
 #include <hwy/highway.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -74,9 +74,9 @@ double ssim(const SsimRow& rows, const float* HWY_RESTRICT taps, int width) {
     const V by_x =
         hn::Mul(two, hn::MulAdd(y, hn::Sub(by_a1, by_a2), hn::Mul(x, hn::Sub(by_b1, by_b2))));
     const auto inside = hn::FirstN(d, static_cast<std::size_t>(std::min(lanes, width - i)));
-    const V seen = hn::IfThenElseZero(inside, s);
-    sum = hn::Add(sum, seen);
-    hn::StoreU(hn::Add(hn::LoadU(d, rows.ssim + i), seen), d, rows.ssim + i);
+    const V masked = hn::IfThenElseZero(inside, s);
+    sum = hn::Add(sum, masked);
+    hn::StoreU(hn::Add(hn::LoadU(d, rows.ssim + i), masked), d, rows.ssim + i);
     hn::StoreU(hn::IfThenElseZero(inside, by_x), d, rows.slope[0] + i);
     hn::StoreU(hn::IfThenElseZero(inside, by_b2), d, rows.slope[1] + i);
     hn::StoreU(hn::IfThenElseZero(inside, hn::Mul(two, by_a2)), d, rows.slope[2] + i);

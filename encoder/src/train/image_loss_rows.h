@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ImageLoss, row by row: the kernels between its class and the machine's vector unit. Row pointers
-// are to padded rows (ImageLoss::Plane); each kernel may write up to 15 values beyond `width`.
+// SIMD row kernels of ImageLoss. Row pointers are to padded rows (ImageLoss::Plane); each kernel
+// may write up to 15 values beyond `width`.
 #pragma once
 
 namespace stgs::encoder::image_loss {
@@ -8,15 +8,15 @@ namespace stgs::encoder::image_loss {
 inline constexpr int kTaps = 11;
 inline constexpr int kRadius = kTaps / 2;
 
-// Window means along a row of x, y, x^2, y^2 and xy.
+// Computes the window means along a row of x, y, x^2, y^2 and xy.
 struct BlurRow {
   const float *x, *y;
   float* out[5];
 };
 void blur_row(const BlurRow& rows, const float* taps, int width);
 
-// Finishes the window means down the columns; adds SSIM to `ssim`, writes its slopes by the means
-// of x, x^2 and xy, and returns the row's sum of SSIM.
+// Completes the window means along the columns, adds SSIM to `ssim`, writes its derivatives with
+// respect to the means of x, x^2 and xy, and returns the row's sum of SSIM.
 struct SsimRow {
   const float* means[5][kTaps];  // the rows around this one
   float* ssim;
@@ -24,14 +24,15 @@ struct SsimRow {
 };
 double ssim_row(const SsimRow& rows, const float* taps, int width);
 
-// Means along a row of three maps that are 0 beyond `width`.
+// Computes the window means along a row of three maps that are 0 beyond `width`.
 struct BlurSlopeRow {
   const float* in[3];
   float* out[3];
 };
 void blur_slope_row(const BlurSlopeRow& rows, const float* taps, int width);
 
-// dL/dx from the slopes' means, and from L1; returns the row's sum of |x - y|. `out` is not padded.
+// Computes dL/dx from the derivatives' means and from L1; returns the row's sum of |x - y|. `out`
+// is not padded.
 struct GradientRow {
   const float* slope[3][kTaps];
   const float *x, *y;

@@ -25,16 +25,15 @@ struct TileArea {
   int x0, y0, x1, y1;
 };
 
-// The pixels [first, last) of a row, from `low` to `high`, at which a splat can be drawn: those
-// that lie so near that its alpha may reach the threshold, and one more on each side for the
-// rounding.
-struct Reach {
+// The pixels [first, last) of a row, clamped to [low, high), at which a splat's alpha may reach the
+// threshold, and one more on each side for rounding.
+struct RowSpan {
   int first = 0, last = 0;
 };
-Reach reach_of(const Splat& splat, float most_power, float dy, int low, int high) {
-  // power(dx) = (xx dx^2 + 2 xy dy dx + yy dy^2) / 2 <= most_power.
+RowSpan row_span(const Splat& splat, float max_power, float dy, int low, int high) {
+  // power(dx) = (xx dx^2 + 2 xy dy dx + yy dy^2) / 2 <= max_power.
   const double a = splat.conic.xx, b = double{splat.conic.xy} * dy;
-  const double inside = b * b - a * (double{splat.conic.yy} * dy * dy - 2.0 * most_power);
+  const double inside = b * b - a * (double{splat.conic.yy} * dy * dy - 2.0 * max_power);
   if (!(a > 0) || !std::isfinite(inside)) return {low, high};
   if (inside < 0) return {low, low};
   const double half = std::sqrt(inside), mean = splat.mean.x;
@@ -43,17 +42,18 @@ Reach reach_of(const Splat& splat, float most_power, float dy, int low, int high
           static_cast<int>(std::clamp<double>(std::ceil(to), low, high))};
 }
 
-// Adds the squares of the weights of a splat at the pixels of a tile, front to back.
+// Returns the sum of a splat's squared blend weights over the pixels of a tile. Updates their
+// transmittance; call it front to back.
 float add_splat(const Splat& splat, const TileArea& tile, float (&transmittance)[kTilePixels]) {
-  // A little more than where alpha is the threshold.
-  const float most_power =
+  // Slightly beyond the power at which alpha equals the threshold.
+  const float max_power =
       std::log(std::max(splat.opacity / math::kAlphaThreshold, 1.0f)) * 1.001f + 0.01f;
   float sum = 0;
   for (int y = tile.y0; y < tile.y1; ++y) {
     const float dy = static_cast<float>(y) + 0.5f - splat.mean.y;
-    const Reach reach = reach_of(splat, most_power, dy, tile.x0, tile.x1);
+    const RowSpan span = row_span(splat, max_power, dy, tile.x0, tile.x1);
     float* const row = transmittance + (y - tile.y0) * kTileSize;
-    for (int x = reach.first; x < reach.last; ++x) {
+    for (int x = span.first; x < span.last; ++x) {
       float& t = row[x - tile.x0];
       if (!(t > math::kTransmittanceMin)) continue;
       const float dx = static_cast<float>(x) + 0.5f - splat.mean.x;
@@ -75,10 +75,11 @@ void add_tile(const SplatFrame& frame, std::size_t number, std::vector<float>& b
   tile.y1 = std::min(frame.height, tile.y0 + kTileSize);
   float transmittance[kTilePixels];
   std::fill_n(transmittance, kTilePixels, 1.0f);
-  constexpr std::uint32_t kLookEvery = 32;  // splats, whether all pixels are finished
+  constexpr std::uint32_t kCheckInterval = 32;  // splats between checks for opaque tiles
   const auto is_open = [](float t) { return t > math::kTransmittanceMin; };
   for (std::uint32_t k = frame.tile_begin[number]; k < frame.tile_begin[number + 1]; ++k) {
-    if (k % kLookEvery == 0 && std::none_of(transmittance, transmittance + kTilePixels, is_open)) {
+    if (k % kCheckInterval == 0 &&
+        std::none_of(transmittance, transmittance + kTilePixels, is_open)) {
       return;
     }
     by_instance[k] = add_splat(frame.splats[frame.instances[k]], tile, transmittance);
@@ -91,7 +92,7 @@ void add_view(const SplatFrame& frame, std::vector<float>& by_instance,
   const auto tiles = static_cast<std::size_t>(frame.tiles_x) * frame.tiles_y;
   parallel_for(std::size_t{0}, tiles,
                [&](std::size_t tile) { add_tile(frame, tile, by_instance); });
-  // In the order of the lists, whatever threads did the tiles.
+  // In list order, so that the result does not depend on threading.
   for (std::size_t k = 0; k < by_instance.size(); ++k) {
     importance[frame.splats[frame.instances[k]].id] += by_instance[k];
   }
@@ -106,21 +107,22 @@ std::vector<ImportanceView> importance_views(const PreparedCapture& capture, int
   }
   std::vector<ImportanceView> views;
   for (int v = 0; v < count && !cameras.empty(); ++v) {
-    // Cameras in turn; frames evenly, each camera at others.
-    const double moment = (v + 0.5) / count * capture.frames;
+    // Cycles through the cameras; frames are evenly spaced and differ between cameras.
+    const double frame = (v + 0.5) / count * capture.frames;
     views.push_back({cameras[static_cast<std::size_t>(v) % cameras.size()],
-                     static_cast<float>(std::floor(moment))});
+                     static_cast<float>(std::floor(frame))});
   }
   return views;
 }
 
-std::optional<std::vector<float>> view_importance(const Gaussians4D& set,
-                                                  std::span<const ImportanceView> views,
-                                                  const std::function<bool(double)>& go_on) {
+std::optional<std::vector<float>> view_importance(
+    const Gaussians4D& set, std::span<const ImportanceView> views,
+    const std::function<bool(double)>& should_continue) {
   std::vector<float> importance(set.size(), 0.0f), by_instance;
   SplatFrame frame;
   for (std::size_t v = 0; v < views.size(); ++v) {
-    if (!go_on(static_cast<double>(v) / static_cast<double>(views.size()))) return std::nullopt;
+    if (!should_continue(static_cast<double>(v) / static_cast<double>(views.size())))
+      return std::nullopt;
     begin_frame(views[v].camera, frame);
     slice(set, views[v].ticks, views[v].camera, {}, 0, frame);
     bin(frame);

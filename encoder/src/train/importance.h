@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much each primitive matters to the pictures that a scene was trained on.
+// Importance: how much each primitive contributes to the images that a scene was trained on.
 #pragma once
 
 #include <functional>
@@ -12,22 +12,22 @@
 
 namespace stgs::encoder {
 
-// A moment from a viewpoint, at which primitives are weighed.
+// A camera at a time.
 struct ImportanceView {
   math::PinholeCamera camera;
   float ticks = 0;  // frames
 };
 
-// `count` of them at half the size of the pictures, spread over training cameras and frames; none
-// where no camera trains.
+// Returns `count` views at half the image size, spread over training cameras and frames; none if
+// there are no training cameras.
 std::vector<ImportanceView> importance_views(const PreparedCapture& capture, int count);
 
-// Scene::importance: for each primitive the sum over all pixels of the views of the square of its
-// blend weight, which is what an error of its colour is weighted by in the mean square error of the
-// pictures. `go_on` is called before each with the share that is done; nothing where it answers
-// false. The CPU's; a training backend has its own (backend.h).
-std::optional<std::vector<float>> view_importance(const Gaussians4D& set,
-                                                  std::span<const ImportanceView> views,
-                                                  const std::function<bool(double)>& go_on);
+// Computes Scene::importance on the CPU: for each primitive the sum of its squared blend weights
+// over all pixels of the views. An error of its colour enters the images' mean squared error with
+// this weight. Calls `should_continue` before each view with the fraction done; returns nullopt if
+// it returns false. Training backends have their own implementation (backend.h).
+std::optional<std::vector<float>> view_importance(
+    const Gaussians4D& set, std::span<const ImportanceView> views,
+    const std::function<bool(double)>& should_continue);
 
 }  // namespace stgs::encoder

@@ -18,10 +18,11 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr double kInitialShare = 0.6;  // of max_primitives; densification adds the rest
-constexpr double kDynamicShare = 0.5;  // of the initial primitives, at most, where both are plenty
+constexpr double kInitialFraction = 0.6;  // of max_primitives; densification adds the rest
+constexpr double kDynamicFraction =
+    0.5;  // of the initial primitives, at most, if both kinds are plentiful
 constexpr int kNeighbours = 3;
-// Of what all windows of a capture share, whatever their own seeds are.
+// For everything that all windows of a capture share, independent of their seeds.
 constexpr std::uint64_t kSharedSeed = 0;
 
 struct PointView {
@@ -38,7 +39,8 @@ struct PointView {
   }
 };
 
-// Root mean square distance of each member to its nearest neighbours among the members.
+// Computes the root mean square distance of each member to its nearest neighbours among the
+// members.
 void neighbour_distances(const std::vector<InitialPoint>& points,
                          const std::vector<std::uint32_t>& members, float fallback,
                          std::vector<float>& distances) {
@@ -52,36 +54,36 @@ void neighbour_distances(const std::vector<InitialPoint>& points,
     const std::size_t count =
         tree.knnSearch(points[members[i]].position, kNeighbours + 1, found, squares);
     float sum = 0.0f;
-    for (std::size_t k = 0; k < count; ++k) sum += squares[k];  // its own is 0
+    for (std::size_t k = 0; k < count; ++k) sum += squares[k];  // the point itself adds 0
     const float mean = count > 1 ? sum / static_cast<float>(count - 1) : 0.0f;
     distances[members[i]] = mean > 0.0f ? std::sqrt(mean) : fallback;
   });
 }
 
-// A random subset of at most `limit`, in the original order; that of a smaller limit lies within
-// that of a larger one.
-void thin(std::vector<InitialPoint>& points, std::size_t limit, Random random) {
+// Selects a random subset of at most `limit` points, in the original order. The subset of a smaller
+// limit is contained in that of a larger one.
+void subsample(std::vector<InitialPoint>& points, std::size_t limit, Random random) {
   if (points.size() <= limit) return;
-  std::vector<std::uint64_t> lots(points.size());  // no two alike, for bits() is a permutation
-  for (std::uint64_t& lot : lots) lot = random.bits();
-  std::vector<std::uint64_t> order = lots;
+  std::vector<std::uint64_t> keys(points.size());  // distinct, because bits() is a permutation
+  for (std::uint64_t& key : keys) key = random.bits();
+  std::vector<std::uint64_t> order = keys;
   const auto bound = order.begin() + static_cast<std::ptrdiff_t>(limit);
   std::nth_element(order.begin(), bound, order.end());
-  std::vector<InitialPoint> kept;
-  kept.reserve(limit);
+  std::vector<InitialPoint> selected;
+  selected.reserve(limit);
   for (std::size_t i = 0; i < points.size(); ++i) {
-    if (lots[i] < *bound) kept.push_back(points[i]);
+    if (keys[i] < *bound) selected.push_back(points[i]);
   }
-  points = std::move(kept);
+  points = std::move(selected);
 }
 
-// Of a file that 'prepare' always writes, be it with no points.
+// Reads a file that `stgs prepare` always writes, even without points.
 Result<std::vector<InitialPoint>> read_prepared_points(const std::string& path) {
   std::error_code ignored;
   if (std::filesystem::status(path, ignored).type() == std::filesystem::file_type::not_found) {
     return io_error(
-        "{}: is missing, so the folder is not what 'stgs prepare' made; copy it again, or "
-        "prepare the capture again",
+        "{}: no such file, so the prepared capture is incomplete; copy it again, or run 'stgs "
+        "prepare' again",
         path);
   }
   return read_points(path);
@@ -91,48 +93,47 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
                                               const HyperParameters& parameters,
                                               const Ablation& ablation, std::uint64_t seed) {
   const std::string dynamic_path = capture.folder + "/points_dynamic.ply";
-  STGS_ASSIGN(std::vector<InitialPoint> fixed,
+  STGS_ASSIGN(std::vector<InitialPoint> static_points,
               read_prepared_points(capture.folder + "/points_static.ply"));
-  STGS_ASSIGN(std::vector<InitialPoint> moving, read_prepared_points(dynamic_path));
-  if (!ablation.initialisation && moving.empty()) {
+  STGS_ASSIGN(std::vector<InitialPoint> dynamic_points, read_prepared_points(dynamic_path));
+  if (!ablation.initialisation && dynamic_points.empty()) {
     return usage_error(
-        "--ablate initialisation has no effect: nothing was found to move in {}; "
-        "leave it out",
+        "--ablate: initialisation has no effect, because {} has no dynamic points; remove it",
         capture.folder);
   }
   const int frames =
       capture.window ? static_cast<int>(capture.window->capture_frames) : capture.frames;
-  for (InitialPoint& point : moving) {
+  for (InitialPoint& point : dynamic_points) {
     if (point.frame < 0 || point.frame >= frames) {
-      return invalid_file("{}: a point has frame {}, but the capture has frames 0 to {}",
-                          dynamic_path, point.frame, frames - 1);
+      return invalid_file("{}: a point has an invalid frame (expected 0 to {}, got {})",
+                          dynamic_path, frames - 1, point.frame);
     }
     point.frame -= capture.frame_offset();
   }
-  std::erase_if(moving, [&capture](const InitialPoint& point) {
+  std::erase_if(dynamic_points, [&capture](const InitialPoint& point) {
     return point.frame < 0 || point.frame >= capture.frames;
   });
   if (!ablation.initialisation) {
-    std::erase_if(moving, [](const InitialPoint& point) { return point.frame != 0; });
-    for (InitialPoint& point : moving) {
+    std::erase_if(dynamic_points, [](const InitialPoint& point) { return point.frame != 0; });
+    for (InitialPoint& point : dynamic_points) {
       point.frame = -1;
       std::fill_n(point.velocity, 3, 0.0f);
     }
   }
-  const auto budget =
-      std::max(std::size_t{1}, static_cast<std::size_t>(kInitialShare * parameters.max_primitives));
-  const auto dynamic_budget = static_cast<std::size_t>(kDynamicShare * static_cast<double>(budget));
-  const std::size_t static_kept =
-      std::min(fixed.size(), budget - std::min(dynamic_budget, moving.size()));
-  thin(moving, budget - static_kept, Random(seed, 0, RandomPurpose::kInitial));
-  thin(fixed, static_kept, Random(kSharedSeed, 0, RandomPurpose::kStatic));
-  fixed.insert(fixed.end(), moving.begin(), moving.end());
-  if (fixed.empty()) {
-    return invalid_file(
-        "{}: has no initial points; prepare the capture again and look at its report",
-        capture.folder);
+  const auto budget = std::max(
+      std::size_t{1}, static_cast<std::size_t>(kInitialFraction * parameters.max_primitives));
+  const auto dynamic_budget =
+      static_cast<std::size_t>(kDynamicFraction * static_cast<double>(budget));
+  const std::size_t static_count =
+      std::min(static_points.size(), budget - std::min(dynamic_budget, dynamic_points.size()));
+  subsample(dynamic_points, budget - static_count, Random(seed, 0, RandomPurpose::kInitial));
+  subsample(static_points, static_count, Random(kSharedSeed, 0, RandomPurpose::kStatic));
+  static_points.insert(static_points.end(), dynamic_points.begin(), dynamic_points.end());
+  if (static_points.empty()) {
+    return invalid_file("{}: no initial points; run 'stgs prepare' again and check its report",
+                        capture.folder);
   }
-  return fixed;
+  return static_points;
 }
 
 float logit(double p) {
@@ -163,9 +164,10 @@ void set_primitive(const InitialPoint& point, float scale, const PreparedCapture
   for (int c = 0; c < 3; ++c) state.velocity[3 * i + c] = point.velocity[c] * gain;
 }
 
-// But for the background.
-Result<TrainState> start_of(const PreparedCapture& capture, const HyperParameters& parameters,
-                            const Ablation& ablation, std::uint64_t seed) {
+// Returns the initial state without its background.
+Result<TrainState> initial_points_state(const PreparedCapture& capture,
+                                        const HyperParameters& parameters, const Ablation& ablation,
+                                        std::uint64_t seed) {
   STGS_ASSIGN(const std::vector<InitialPoint> points,
               load_points(capture, parameters, ablation, seed));
   std::map<int, std::vector<std::uint32_t>> by_frame;
@@ -193,7 +195,8 @@ Result<TrainState> start_of(const PreparedCapture& capture, const HyperParameter
   state.colour_updates.assign(training_cameras, 0);
   state.derive_all(ablation.modulation);
   if (!ablation.representation) {
-    // Seconds, as in 4DGS: in frames, a step of the rotations would move far what lives long.
+    // The unit of time is the second, as in 4DGS. In frames, a rotation step would move long-lived
+    // primitives too far.
     start_coupled(state, static_cast<float>(capture.time_base.seconds(1)));
     state.derive_all(false);
   }
@@ -204,12 +207,13 @@ Result<TrainState> start_of(const PreparedCapture& capture, const HyperParameter
 
 Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
                                  const Ablation& ablation, std::uint64_t seed) {
-  STGS_ASSIGN(TrainState state, start_of(capture, parameters, ablation, seed));
+  STGS_ASSIGN(TrainState state, initial_points_state(capture, parameters, ablation, seed));
   if (parameters.seen_background != 0) {
-    // Of the whole capture and no window's seed, so that all windows have the same.
-    const PreparedCapture whole = whole_of(capture);
-    STGS_ASSIGN(const TrainState start, start_of(whole, parameters, ablation, kSharedSeed));
-    STGS_ASSIGN(state.background, scene_background(whole, start.set));
+    // For the complete capture and with the shared seed, so that all windows have the same.
+    const PreparedCapture complete = full_capture(capture);
+    STGS_ASSIGN(const TrainState initial,
+                initial_points_state(complete, parameters, ablation, kSharedSeed));
+    STGS_ASSIGN(state.background, scene_background(complete, initial.set));
   }
   return state;
 }

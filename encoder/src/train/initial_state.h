@@ -11,12 +11,14 @@
 
 namespace stgs::encoder {
 
-// Reads the capture's points and makes primitives of them: dynamic ones centred on their frame,
-// with their measured motion; static ones alive over the whole clip. Where there are too many, a
-// random choice of them: of the dynamic ones by the seed, of the static ones the same for all
-// windows and seeds, or the first part of it where a window has more dynamic ones. The background
-// is the capture's, whatever the window and the seed (but for rounding: the start is drawn for it).
-// kUsage where the initialisation is to be ablated of a capture without dynamic points.
+// Creates primitives from the capture's points: dynamic ones are centred on their frame and have
+// their measured motion; static ones are active over the complete clip.
+// - Too many points are reduced to a random selection. For dynamic points it depends on the seed.
+//   For static points it is the same for all windows and seeds, or its first part if a window has
+//   more dynamic points.
+// - The background is estimated for the complete capture, independent of window and seed (except
+//   for rounding, because the initial scene is rendered to estimate it).
+// kUsage if the initialisation is ablated but the capture has no dynamic points.
 Result<TrainState> initial_state(const PreparedCapture& capture, const HyperParameters& parameters,
                                  const Ablation& ablation, std::uint64_t seed);
 

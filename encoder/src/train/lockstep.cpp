@@ -18,14 +18,14 @@ Result<std::vector<T>> gather(Ranks& ranks, const T& own) {
 
 }  // namespace
 
-Result<Lockstep::Moment> Lockstep::moment(const Moment& own) {
+Result<Lockstep::ClockState> Lockstep::sync_clock(const ClockState& own) {
   if (ranks_ == nullptr) return own;
   struct Wire {
     double seconds;
-    std::uint64_t progress;
+    std::uint64_t is_progress_due;
   };
-  STGS_ASSIGN(const std::vector<Wire> all, gather(*ranks_, Wire{own.seconds, own.progress}));
-  return Moment{all[0].seconds, all[0].progress != 0};
+  STGS_ASSIGN(const std::vector<Wire> all, gather(*ranks_, Wire{own.seconds, own.is_progress_due}));
+  return ClockState{all[0].seconds, all[0].is_progress_due != 0};
 }
 
 Result<bool> Lockstep::any(bool own) {
@@ -34,27 +34,28 @@ Result<bool> Lockstep::any(bool own) {
   return std::any_of(all.begin(), all.end(), [](std::uint32_t x) { return x != 0; });
 }
 
-Result<int> Lockstep::first_other(std::uint64_t own) {
+Result<int> Lockstep::first_mismatch(std::uint64_t own) {
   if (ranks_ == nullptr) return 0;
   STGS_ASSIGN(const std::vector<std::uint64_t> all, gather(*ranks_, own));
-  const auto other = std::find_if(all.begin(), all.end(), [&](auto x) { return x != all[0]; });
-  return other == all.end() ? 0 : static_cast<int>(other - all.begin());
+  const auto mismatch = std::find_if(all.begin(), all.end(), [&](auto x) { return x != all[0]; });
+  return mismatch == all.end() ? 0 : static_cast<int>(mismatch - all.begin());
 }
 
-Status Lockstep::same_text(const std::string& own, const std::string& what) {
-  STGS_ASSIGN(const int other, first_other(XXH3_64bits(own.data(), own.size())));
-  if (other == 0) return {};
-  return usage_error("process {} of {} has another {} than process 1: start all alike", other + 1,
-                     size(), what);
+Status Lockstep::check_same_text(const std::string& own, const std::string& subject) {
+  STGS_ASSIGN(const int mismatch, first_mismatch(XXH3_64bits(own.data(), own.size())));
+  if (mismatch == 0) return {};
+  return usage_error(
+      "process {} of {}: different {} than process 1; start all processes with the same arguments",
+      mismatch + 1, size(), subject);
 }
 
-Status Lockstep::same_state(std::uint64_t hash) {
-  STGS_ASSIGN(const int other, first_other(hash));
-  if (other == 0) return {};
+Status Lockstep::check_same_state(std::uint64_t hash) {
+  STGS_ASSIGN(const int mismatch, first_mismatch(hash));
+  if (mismatch == 0) return {};
   return runtime_error(
-      "the state of process {} of {} is no longer that of process 1: they must run the same build "
-      "on the same kind of processor or GPU",
-      other + 1, size());
+      "process {} of {}: its state has diverged from that of process 1; run the same build on the "
+      "same model of CPU or GPU everywhere",
+      mismatch + 1, size());
 }
 
 }  // namespace stgs::encoder

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes what training_log.h describes.
+// Writes the log that training_log.h describes.
 #pragma once
 
 #include <cstdint>
@@ -12,14 +12,14 @@ namespace stgs::encoder {
 
 class LogWriter {
  public:
-  // Starts a log at `path`. A run that goes on from iteration `resumed` > 0 keeps the lines up to
-  // it and drops the rest, which it will write again.
+  // Starts a log at `path`. A run resumed at iteration `resumed` > 0 retains the lines up to it and
+  // drops the rest, which it will write again.
   Status open(const std::string& path, std::uint64_t resumed);
 
   bool is_open() const { return file_.is_open(); }
   void write(const LoggedStep& step);
-  void write(const LoggedEvaluation& measure);
-  // kIo where a line could not be written.
+  void write(const LoggedEvaluation& evaluation);
+  // Returns kIo if a line could not be written.
   Status check() const;
 
  private:

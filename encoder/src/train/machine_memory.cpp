@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
 
-// The number after `name` in a file of "name number" lines.
+// Returns the number after `name` in a file of "name number" lines.
 std::optional<std::uint64_t> field_of(const std::string& path, const std::string& name) {
   std::ifstream file(path);
   std::string word;
@@ -25,7 +25,7 @@ std::optional<std::uint64_t> field_of(const std::string& path, const std::string
   return {};
 }
 
-// The file's only number; none where it says "max".
+// Returns the file's only number; nullopt if it contains "max".
 std::optional<std::uint64_t> number_in(const std::filesystem::path& path) {
   std::ifstream file(path);
   std::uint64_t value = 0;
@@ -33,14 +33,14 @@ std::optional<std::uint64_t> number_in(const std::filesystem::path& path) {
   return {};
 }
 
-std::uint64_t machine_room() {
+std::uint64_t system_available() {
   if (const auto kib = field_of("/proc/meminfo", "MemAvailable:")) return *kib * 1024;
   return static_cast<std::uint64_t>(sysconf(_SC_PHYS_PAGES)) *
          static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE)) / 2;
 }
 
-// Of the control group that the process is in (cgroup v2).
-std::uint64_t own_group_room() {
+// Of the control group of this process (cgroup v2).
+std::uint64_t own_cgroup_available() {
   std::ifstream file("/proc/self/cgroup");
   std::string line;
   while (std::getline(file, line)) {
@@ -54,24 +54,24 @@ std::uint64_t own_group_room() {
 
 std::uint64_t cgroup_available_memory(const std::filesystem::path& root,
                                       std::filesystem::path group) {
-  std::uint64_t room = kNoLimit;
+  std::uint64_t available = kNoLimit;
   for (;; group = group.parent_path()) {
     const std::filesystem::path folder = root / group;
-    const auto most = number_in(folder / "memory.max");
-    const auto held = number_in(folder / "memory.current");
-    if (most && held) {
+    const auto limit = number_in(folder / "memory.max");
+    const auto current = number_in(folder / "memory.current");
+    if (limit && current) {
       const std::string statistics = (folder / "memory.stat").string();
       const std::uint64_t files = field_of(statistics, "file").value_or(0);
       const std::uint64_t shared = field_of(statistics, "shmem").value_or(0);
-      const std::uint64_t used = *held - std::min(*held, files - std::min(files, shared));
-      room = std::min(room, *most - std::min(*most, used));
+      const std::uint64_t used = *current - std::min(*current, files - std::min(files, shared));
+      available = std::min(available, *limit - std::min(*limit, used));
     }
-    if (group.empty()) return room;
+    if (group.empty()) return available;
   }
 }
 
 std::uint64_t available_memory() {
-  return std::min(machine_room(), own_group_room());
+  return std::min(system_available(), own_cgroup_available());
 }
 
 }  // namespace stgs::encoder

@@ -6,13 +6,14 @@
 
 namespace stgs::encoder {
 
-// Bytes that this process can still take without swapping: what the machine has available, or less
-// where a control group (a container, a Slurm job) allows less.
+// Returns the bytes that this process can still allocate without swapping: the machine's available
+// memory, or less if a control group (a container, a Slurm job) sets a lower limit.
 std::uint64_t available_memory();
 
-// What a control group (a path relative to `root`, where cgroup v2 is mounted) and those around it
-// leave; 2^64 - 1 where none has a limit. Cached files count as free, for the kernel gives them up
-// first; shared memory (tmpfs), which it counts among them, does not, for it cannot.
+// Returns the bytes left by a control group (a path relative to `root`, the mount point of cgroup
+// v2) and its ancestors; 2^64 - 1 if none has a limit. Cached files count as free, because the
+// kernel reclaims them first. Shared memory (tmpfs) does not, although the kernel includes it in
+// the cached files, because it cannot be reclaimed.
 std::uint64_t cgroup_available_memory(const std::filesystem::path& root,
                                       std::filesystem::path group);
 

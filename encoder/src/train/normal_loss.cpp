@@ -14,7 +14,7 @@ namespace {
 using math::Plane;
 using math::Vec3;
 
-// Rows a task, at least.
+// Minimum rows per task.
 constexpr int kRows = 8;
 
 template <typename Work>
@@ -36,9 +36,9 @@ Vec3 ray_of(const math::PinholeCamera& camera, int x, int y) {
 
 }  // namespace
 
-int picture_difference(const Image8& picture, int x, int y) {
-  const std::size_t row = std::size_t{3} * picture.width;
-  const std::uint8_t* p = picture.data.data() + row * y + std::size_t{3} * x;
+int image_difference(const Image8& image, int x, int y) {
+  const std::size_t row = std::size_t{3} * image.width;
+  const std::uint8_t* p = image.data.data() + row * y + std::size_t{3} * x;
   int across = 0, down = 0;
   for (std::size_t c = 0; c < 3; ++c) {
     across += std::abs(int{p[c + 3]} - int{*(p + c - 3)});
@@ -47,22 +47,24 @@ int picture_difference(const Image8& picture, int x, int y) {
   return std::max(across, down);
 }
 
-void NormalLoss::find_differences(const Image8& truth) {
+void NormalLoss::compute_differences(const Image8& ground_truth) {
   for_each_row(1, height_ - 1, [&](int y) {
     std::uint16_t* row = difference_.data() + static_cast<std::size_t>(y) * width_;
     for (int x = 1; x < width_ - 1; ++x)
-      row[x] = static_cast<std::uint16_t>(picture_difference(truth, x, y));
-    const auto [least, most] = std::minmax_element(row + 1, row + width_ - 1);
-    row_least_[y] = *least;
-    row_most_[y] = *most;
+      row[x] = static_cast<std::uint16_t>(image_difference(ground_truth, x, y));
+    const auto [min, max] = std::minmax_element(row + 1, row + width_ - 1);
+    row_min_[y] = *min;
+    row_max_[y] = *max;
   });
-  least_ = *std::min_element(row_least_.begin() + 1, row_least_.end() - 1);
-  most_ = *std::max_element(row_most_.begin() + 1, row_most_.end() - 1);
+  min_difference_ = *std::min_element(row_min_.begin() + 1, row_min_.end() - 1);
+  max_difference_ = *std::max_element(row_max_.begin() + 1, row_max_.end() - 1);
 }
 
 void NormalLoss::evaluate_row(const RasterOutput& surface, const math::PinholeCamera& camera,
                               float scale, int y, Image& d_surface) {
-  const float unit = most_ > least_ ? 1.0f / static_cast<float>(most_ - least_) : 0.0f;
+  const float unit = max_difference_ > min_difference_
+                         ? 1.0f / static_cast<float>(max_difference_ - min_difference_)
+                         : 0.0f;
   for (int x = 1; x < width_ - 1; ++x) {
     const std::size_t p = static_cast<std::size_t>(y) * width_ + x;
     const std::size_t above = p - width_, below = p + width_;
@@ -75,7 +77,7 @@ void NormalLoss::evaluate_row(const RasterOutput& surface, const math::PinholeCa
     const auto minus = [](Vec3 a, Vec3 b) { return Vec3{a.x - b.x, a.y - b.y, a.z - b.z}; };
     const Vec3 down = minus(point(x, y + 1, below), point(x, y - 1, above));
     const Vec3 right = minus(point(x + 1, y, p + 1), point(x - 1, y, p - 1));
-    const float gradient = static_cast<float>(difference_[p] - least_) * unit;
+    const float gradient = static_cast<float>(difference_[p] - min_difference_) * unit;
     const math::NormalTerm term =
         math::normal_term(blended_plane(surface, p).normal, surface.alpha.data[p], down, right,
                           math::flatness_weight(gradient));
@@ -88,7 +90,7 @@ void NormalLoss::evaluate_row(const RasterOutput& surface, const math::PinholeCa
   }
 }
 
-// What the normals around take from each pixel's depth.
+// Accumulates the gradients of each pixel's depth from the terms of its neighbours.
 void NormalLoss::gather_row(const RasterOutput& surface, const math::PinholeCamera& camera, int y,
                             Image& d_surface) const {
   for (int x = 0; x < width_; ++x) {
@@ -111,7 +113,7 @@ void NormalLoss::gather_row(const RasterOutput& surface, const math::PinholeCame
   }
 }
 
-double NormalLoss::evaluate(const RasterOutput& surface, const Image8& truth,
+double NormalLoss::evaluate(const RasterOutput& surface, const Image8& ground_truth,
                             const math::PinholeCamera& camera, float weight, Image& d_surface) {
   width_ = surface.alpha.width;
   height_ = surface.alpha.height;
@@ -123,10 +125,10 @@ double NormalLoss::evaluate(const RasterOutput& surface, const Image8& truth,
   by_down_.assign(pixels, {0.0f, 0.0f, 0.0f});
   by_right_.assign(pixels, {0.0f, 0.0f, 0.0f});
   difference_.resize(pixels);
-  row_least_.resize(height_);
-  row_most_.resize(height_);
+  row_min_.resize(height_);
+  row_max_.resize(height_);
   row_sum_.assign(height_, 0.0);
-  find_differences(truth);
+  compute_differences(ground_truth);
   for_each_row(0, height_, [&](int y) {
     for (int x = 0; x < width_; ++x) {
       const std::size_t p = static_cast<std::size_t>(y) * width_ + x;

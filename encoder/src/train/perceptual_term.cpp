@@ -21,12 +21,15 @@ Result<PerceptualTerm> PerceptualTerm::create(const TrainSettings& settings,
                                               const TrainBackend& backend, const LogSink& log) {
   PerceptualTerm term;
   if (settings.perceptual_weights.empty()) {
-    log(2, "perceptual loss: off, for --perceptual-weights names no file");
+    log(3, "perceptual loss disabled (no --perceptual-weights)");
     return term;
   }
   if (parameters.perceptual_patch > 0 && parameters.perceptual_patch < kVggMinSize) {
-    return usage_error("perceptual_patch must be 0, the whole picture, or at least {} pixels",
-                       kVggMinSize);
+    return usage_error(
+        "perceptual_patch is out of range (expected 0, the complete image, or at least {} pixels, "
+        "got "
+        "{})",
+        kVggMinSize, parameters.perceptual_patch);
   }
   STGS_TRY(backend.check_perceptual());
   STGS_ASSIGN(term.network_, read_network(settings.perceptual_weights));
@@ -35,26 +38,29 @@ Result<PerceptualTerm> PerceptualTerm::create(const TrainSettings& settings,
   term.from_ = parameters.perceptual_from;
   term.patch_ = parameters.perceptual_patch;
   term.half_sizes_ = parameters.coarse_until > 0;
-  log(2, fmt::format("perceptual loss: on, {}, weights of {}",
+  log(2, fmt::format("perceptual loss enabled: {}, weights from {}",
                      term.network_->linear ? "LPIPS (vgg)"
-                                           : "VGG16 with uniform channel weights, for the file has "
-                                             "no linear layers of LPIPS",
+                                           : "VGG16 with uniform channel weights (the file has no "
+                                             "LPIPS linear layers)",
                      term.file_));
   if (backend.name().rfind("cpu", 0) == 0) {
-    log(1, "perceptual loss: slow on a CPU; a smaller perceptual_patch, or perceptual_from, helps");
+    log(1,
+        "perceptual loss: slow on the CPU; to speed it up, reduce perceptual_patch or raise "
+        "perceptual_from");
   }
   return term;
 }
 
 Status PerceptualTerm::check_sizes(const std::vector<Camera>& cameras) const {
-  if (!on()) return {};
+  if (!is_on()) return {};
   for (const Camera& camera : cameras) {
     if (camera.test) continue;
     const int shorter = std::min(camera.width, camera.height) / (half_sizes_ ? 2 : 1);
     if (shorter >= kVggMinSize) continue;
     return usage_error(
-        "camera '{}': pictures of {}x{}{} are too small for the perceptual loss, which needs {} "
-        "pixels a side: leave --perceptual-weights out",
+        "camera '{}': images of {}x{}{} are too small for the perceptual loss (expected at least "
+        "{} "
+        "pixels per side); omit --perceptual-weights",
         camera.name, camera.width, camera.height, half_sizes_ ? ", halved at first," : "",
         kVggMinSize);
   }
@@ -66,9 +72,9 @@ void PerceptualTerm::plan(TrainPlan& plan) const {
   plan.perceptual_patch = patch_;
 }
 
-void PerceptualTerm::apply(std::uint64_t seed, std::uint64_t iteration, double share,
+void PerceptualTerm::apply(std::uint64_t seed, std::uint64_t iteration, double progress,
                            StepInput& input) const {
-  if (!on() || share < from_) return;
+  if (!is_on() || progress < from_) return;
   input.weight_perceptual = static_cast<float>(weight_);
   Random random(seed, iteration, RandomPurpose::kPatch);
   input.patch = random_patch(static_cast<int>(input.camera.width),
@@ -76,11 +82,11 @@ void PerceptualTerm::apply(std::uint64_t seed, std::uint64_t iteration, double s
 }
 
 std::string PerceptualTerm::fingerprint() const {
-  return on() ? fmt::format("{:016x}", network_->hash) : "off";
+  return is_on() ? fmt::format("{:016x}", network_->hash) : "off";
 }
 
 std::optional<PerceptualReport> PerceptualTerm::report() const {
-  if (!on()) return std::nullopt;
+  if (!is_on()) return std::nullopt;
   return PerceptualReport{file_, network_->linear, weight_, patch_};
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The perceptual term of a run: whether there is one, its network, and where a step looks.
+// The perceptual loss term of a run: whether it is on, its network, and the patch of each step.
 #pragma once
 
 #include <cstdint>
@@ -18,19 +18,21 @@ namespace stgs::encoder {
 
 class PerceptualTerm {
  public:
-  // Reads the weights where the settings name a file, and says in the log what becomes of the term.
-  // The backend's error where it cannot work on it; kInvalidFile for a file that is none.
+  // Reads the weights if the settings name a file, and logs the state of the term. Returns the
+  // backend's error if it cannot compute the loss; kInvalidFile for an invalid file.
   static Result<PerceptualTerm> create(const TrainSettings& settings,
                                        const HyperParameters& parameters,
                                        const TrainBackend& backend, const LogSink& log);
 
-  bool on() const { return network_ != nullptr; }
-  // kUsage where a training picture, also at half size where the run uses that, is too small.
+  bool is_on() const { return network_ != nullptr; }
+  // Returns kUsage if a training image is too small, also at half size if the run uses that.
   Status check_sizes(const std::vector<Camera>& cameras) const;
+  // Sets the plan's network and patch size.
   void plan(TrainPlan& plan) const;
-  // For the step of this iteration, at this share of the run; the camera is set.
-  void apply(std::uint64_t seed, std::uint64_t iteration, double share, StepInput& input) const;
-  // What a continuation depends on.
+  // Sets the weight and the patch of a step. `progress`: of the run, in [0, 1]. `input` must have
+  // its camera set.
+  void apply(std::uint64_t seed, std::uint64_t iteration, double progress, StepInput& input) const;
+  // Returns the fingerprint entry that a resumed run must match.
   std::string fingerprint() const;
   std::optional<PerceptualReport> report() const;
 

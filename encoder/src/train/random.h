@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Random numbers that are a pure function of (seed, iteration, purpose), so that an interrupted
-// training goes on exactly where it stopped without any generator state to keep.
+// training resumes exactly without saved generator state.
 #pragma once
 
 #include <cmath>
@@ -21,7 +21,7 @@ enum class RandomPurpose : std::uint64_t {
 
 class Random {
  public:
-  // Draws of bits() that a normal() takes.
+  // Calls of bits() per normal().
   static constexpr std::uint32_t kNormalDraws = 2;
 
   STGS_FN Random(std::uint64_t seed, std::uint64_t iteration, RandomPurpose purpose)
@@ -31,7 +31,7 @@ class Random {
     state_ += kStep;
     return mix(state_);
   }
-  // As if bits() had been called n times.
+  // Advances as if bits() had been called n times.
   STGS_FN void skip(std::uint64_t n) { state_ += n * kStep; }
   // Uniform in [0, n), n > 0; the bias of the modulus is below 2^-32 for the sizes used here.
   STGS_FN std::uint64_t below(std::uint64_t n) { return bits() % n; }
@@ -57,10 +57,11 @@ class Random {
   std::uint64_t state_;
 };
 
-// Whether a step leaves primitive i out: each by itself with the probability `share`.
-STGS_FN bool dropped(Random random, float share, std::uint32_t i) {
+// Returns whether a step drops primitive i. Primitives are dropped independently, with the given
+// probability.
+STGS_FN bool dropped(Random random, float probability, std::uint32_t i) {
   random.skip(i);
-  return random.uniform() < share;
+  return random.uniform() < probability;
 }
 
 }  // namespace stgs::encoder

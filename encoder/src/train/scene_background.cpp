@@ -24,7 +24,7 @@ float median(const Histogram& histogram) {
 
 }  // namespace
 
-Result<math::Vec3> scene_background(const PreparedCapture& capture, const Gaussians4D& start) {
+Result<math::Vec3> scene_background(const PreparedCapture& capture, const Gaussians4D& initial) {
   std::array<Histogram, 3> histograms{};
   SplatFrame frame;
   RasterOutput output;
@@ -32,7 +32,7 @@ Result<math::Vec3> scene_background(const PreparedCapture& capture, const Gaussi
   for (const Camera& camera : capture.cameras) {
     if (camera.test) continue;
     STGS_ASSIGN(const Image8 image, load_frame(capture, camera, middle));
-    render(start, static_cast<float>(middle), camera.pinhole(capture.near_plane), {}, frame,
+    render(initial, static_cast<float>(middle), camera.pinhole(capture.near_plane), {}, frame,
            output);
     for (std::size_t p = 0; p < output.transmittance.data.size(); ++p) {
       const auto weight =

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is shown where a scene has nothing.
+// Estimates the background of a scene.
 #pragma once
 
 #include "stgs/encoder/prepared_capture.h"
@@ -8,10 +8,11 @@
 
 namespace stgs::encoder {
 
-// The colour that the training cameras' middle frames have where the scene at its start lets light
-// through: the median of each channel, weighted with the transmittance; sRGB-encoded in [0,1].
-// Behind a scene, it makes what no camera saw look like the rest instead of black, and spares the
-// training from painting what shines through with primitives that one camera alone sees.
-Result<math::Vec3> scene_background(const PreparedCapture& capture, const Gaussians4D& start);
+// Returns the median of each channel over the training cameras' middle frames, weighted with the
+// transmittance of the scene `initial`; sRGB-encoded in [0,1].
+//
+// With this background, regions that no camera covered blend in instead of being black, and
+// training need not paint the background with primitives that serve a single camera.
+Result<math::Vec3> scene_background(const PreparedCapture& capture, const Gaussians4D& initial);
 
 }  // namespace stgs::encoder

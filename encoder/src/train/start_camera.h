@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where playback of a trained scene starts.
+// The camera at which playback of a trained scene starts.
 #pragma once
 
 #include <vector>
@@ -9,7 +9,7 @@
 
 namespace stgs::encoder {
 
-// The camera nearest to the middle of all of them; there must be one.
+// Returns the camera nearest to the mean of all camera centres. `cameras` must not be empty.
 StartCamera start_camera(const std::vector<Camera>& cameras);
 
 }  // namespace stgs::encoder

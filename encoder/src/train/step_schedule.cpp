@@ -9,20 +9,20 @@
 namespace stgs::encoder {
 namespace {
 
-float decayed(double first, double last, double share) {
+float decayed(double first, double last, double progress) {
   if (first == 0.0) return 0.0f;
-  return static_cast<float>(first * std::pow(last / first, share));
+  return static_cast<float>(first * std::pow(last / first, progress));
 }
 
 }  // namespace
 
-void set_schedule(const HyperParameters& p, const PreparedCapture& capture, double done,
+void set_schedule(const HyperParameters& p, const PreparedCapture& capture, double progress,
                   bool coupled, StepInput& input) {
   const double extent = capture.extent;
   input.sh_degree =
-      done < p.sh_degree * p.sh_step ? static_cast<int>(done / p.sh_step) : p.sh_degree;
-  input.rates[kPosition] = decayed(p.lr_position * extent, p.lr_position_final * extent, done);
-  input.rates[kVelocity] = decayed(p.lr_velocity * extent, p.lr_velocity_final * extent, done);
+      progress < p.sh_degree * p.sh_step ? static_cast<int>(progress / p.sh_step) : p.sh_degree;
+  input.rates[kPosition] = decayed(p.lr_position * extent, p.lr_position_final * extent, progress);
+  input.rates[kVelocity] = decayed(p.lr_velocity * extent, p.lr_velocity_final * extent, progress);
   if (coupled) input.rates[kVelocity] = static_cast<float>(p.lr_rotation);
   input.rates[kLogScale] = static_cast<float>(p.lr_scale);
   input.rates[kRotation] = static_cast<float>(p.lr_rotation);
@@ -31,9 +31,10 @@ void set_schedule(const HyperParameters& p, const PreparedCapture& capture, doub
   input.rates[kTime] = static_cast<float>(p.lr_time);
   input.rates[kLogSigma] = static_cast<float>(p.lr_sigma);
   input.rates[kRadius] = static_cast<float>(p.lr_radius);
-  // What moves begins with a lifespan of a few frames, which is long in a short clip.
-  const double still = std::max(p.still_from * capture.frames, p.still_least);
-  input.damping = {static_cast<float>(still / 2),
+  // The minimum exempts moving primitives, whose initial lifespan of a few frames is long relative
+  // to a short clip.
+  const double static_support = std::max(p.still_from * capture.frames, p.still_least);
+  input.damping = {static_cast<float>(static_support / 2),
                    static_cast<float>(p.velocity_shrink) * input.rates[kVelocity],
                    static_cast<float>(p.velocity_share)};
   input.rate_sh0 = static_cast<float>(p.lr_sh0);
@@ -46,13 +47,13 @@ void set_schedule(const HyperParameters& p, const PreparedCapture& capture, doub
 }
 
 void set_batch_schedule(const HyperParameters& p, int views, StepInput& input) {
-  const auto many = static_cast<float>(views);
-  const float larger = std::pow(many, static_cast<float>(p.batch_rate));
-  for (float& rate : input.rates) rate *= larger;
-  input.rate_sh0 *= larger;
-  input.damping.shrink *= larger;
-  input.damping.share = std::min(1.0f, input.damping.share * larger);
-  const float power = std::pow(many, static_cast<float>(p.batch_memory));
+  const auto count = static_cast<float>(views);
+  const float rate_factor = std::pow(count, static_cast<float>(p.batch_rate));
+  for (float& rate : input.rates) rate *= rate_factor;
+  input.rate_sh0 *= rate_factor;
+  input.damping.shrink *= rate_factor;
+  input.damping.share = std::min(1.0f, input.damping.share * rate_factor);
+  const float power = std::pow(count, static_cast<float>(p.batch_memory));
   input.betas = {std::pow(kAdamBeta1, power), std::pow(kAdamBeta2, power)};
 }
 

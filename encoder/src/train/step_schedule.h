@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a step's rates and weights are at a share of the run.
+// Learning rates and loss weights of a step as functions of the training progress.
 #pragma once
 
 #include "backend/backend.h"
@@ -8,14 +8,15 @@
 
 namespace stgs::encoder {
 
-// Sets the input's harmonics in use, learning rates and weights of the losses, but for L_n's and
-// the perceptual one's, where `done` in [0, 1] of the run is over. Lengths are in units of the
-// capture. `coupled`: the ablated representation is what learns.
-void set_schedule(const HyperParameters& p, const PreparedCapture& capture, double done,
+// Sets the SH degree in use, the learning rates and the loss weights except those of L_n and of the
+// perceptual loss. `progress`: of the run, in [0, 1]. Lengths are in units of the capture.
+// `coupled`: the state has the ablated representation.
+void set_schedule(const HyperParameters& p, const PreparedCapture& capture, double progress,
                   bool coupled, StepInput& input);
 
-// For steps of `views` views: fewer, larger ones (batch_rate), and Adam's means forget as much a
-// view (batch_memory). A colour map has its steps a view, as ever.
+// Adapts the schedule to steps over `views` views: the rates increase (batch_rate), and Adam's
+// means decay at the same rate per view (batch_memory). Colour corrections are unaffected, because
+// they still take one step per view.
 void set_batch_schedule(const HyperParameters& p, int views, StepInput& input);
 
 }  // namespace stgs::encoder

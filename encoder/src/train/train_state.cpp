@@ -85,10 +85,10 @@ void TrainState::damp(std::size_t i, float before, bool modulated,
   float* v = &velocity[3 * i];
   const float sigma = std::exp(log_sigma[i]), radius = set.radius[i];
   const float ratio = modulated ? math::lifespan_modulation(sigma, radius) / before : 1.0f;
-  const math::Vec3 settled = math::damped_velocity({v[0], v[1], v[2]}, ratio, sigma, radius, rules);
-  v[0] = settled.x;
-  v[1] = settled.y;
-  v[2] = settled.z;
+  const math::Vec3 damped = math::damped_velocity({v[0], v[1], v[2]}, ratio, sigma, radius, rules);
+  v[0] = damped.x;
+  v[1] = damped.y;
+  v[2] = damped.z;
 }
 
 void TrainState::derive(std::size_t i, bool modulated) {
@@ -106,15 +106,15 @@ void TrainState::derive_all(bool modulated) {
   for (std::size_t i = 0; i < size(); ++i) derive(i, modulated);
 }
 
-void TrainState::keep(const std::vector<std::uint32_t>& indices) {
+void TrainState::retain(const std::vector<std::uint32_t>& indices) {
   const auto gather = [&indices](auto& array, std::size_t components) {
-    std::remove_reference_t<decltype(array)> kept;
-    kept.reserve(indices.size() * components);
+    std::remove_reference_t<decltype(array)> retained;
+    retained.reserve(indices.size() * components);
     for (std::uint32_t i : indices) {
       const auto first = array.begin() + static_cast<std::ptrdiff_t>(i * components);
-      kept.insert(kept.end(), first, first + static_cast<std::ptrdiff_t>(components));
+      retained.insert(retained.end(), first, first + static_cast<std::ptrdiff_t>(components));
     }
-    array = std::move(kept);
+    array = std::move(retained);
   };
   set = set.gather(indices);
   gather(velocity, 3);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What training changes, all of it: parameters, Adam moments, densification statistics, colour
-// corrections. A checkpoint is this and the iteration.
+// All state that training changes: parameters, Adam moments, densification statistics and colour
+// corrections. A checkpoint stores it.
 #pragma once
 
 #include <array>
@@ -13,7 +13,7 @@
 
 namespace stgs::encoder {
 
-// Learnt attributes, in the order of the moments.
+// Learnt attributes, in the order of TrainState::moments.
 enum Attribute : int {
   kPosition,
   kLogScale,
@@ -27,48 +27,48 @@ enum Attribute : int {
   kAttributes,
 };
 
-// Adam's running means of the gradient and of its square, shaped like the attribute.
+// Adam's running means of the gradient and of its square, with the shape of the attribute.
 struct Moments {
   std::vector<float> first, second;
 };
 
-// Gathered for each primitive between two densification steps.
+// Accumulated for each primitive between two densification steps.
 struct DensifyStatistics {
   std::vector<float> gradient_sum;      // of |dL/d(image position)|, half image widths
-  std::vector<float> abs_gradient_sum;  // of the same with per-pixel absolute values (AbsGS)
-  std::vector<float> error_max;         // E: largest share of the error in one view
-  std::vector<std::uint32_t> views;     // in which it was visible
+  std::vector<float> abs_gradient_sum;  // the same with per-pixel absolute values (AbsGS)
+  std::vector<float> error_max;         // E: largest contribution to the error of a view
+  std::vector<std::uint32_t> views;     // number of views in which it was visible
 
   void reset(std::size_t n);
 };
 
-// Affine colour of a camera: shown = matrix colour + offset; row-major 3x3 then 3.
+// Affine colour correction of a camera: corrected = matrix colour + offset; row-major 3x3 then 3.
 using ColourMap = std::array<float, 12>;
 inline constexpr ColourMap kIdentityColour = {1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
 
 struct CoupledParameters {
-  float tick = 0;        // units of time a frame; 0: not in use, and all arrays empty
+  float tick = 0;        // units of time per frame; 0: not in use, all arrays are empty
   FloatArray log_scale;  // N x 3, kLogScale
   FloatArray left;       // N x 4, kRotation
-  FloatArray right;      // N x 4, kVelocity: time and space mix where it is not left's
+  FloatArray right;      // N x 4, kVelocity; time and space mix where it differs from left's
   FloatArray log_time;   // N, kLogSigma
 };
 
 struct TrainState {
   // set.velocity and set.sigma are derived (effective velocity v / f, exp(log_sigma)); the rest of
-  // the set is learnt as it stands.
+  // the set is learnt directly.
   Gaussians4D set;
-  FloatArray velocity;   // N x 3, v of the paper; scene units a frame
+  FloatArray velocity;   // N x 3, v of the paper; scene units per frame
   FloatArray log_sigma;  // N, log frames
-  // Where the paper's representation is ablated: the learnt form of 4DGS (encoder/math/coupled.h),
-  // which stands in for scales, rotation, velocity and sigma; these are then derived from it.
+  // With the paper's representation ablated, the learnt form of 4DGS (encoder/math/coupled.h), from
+  // which scales, rotation, velocity and sigma are derived.
   CoupledParameters coupled;
   std::array<Moments, kAttributes> moments;
-  std::vector<std::uint32_t> updates;  // N, Adam steps each primitive has had
+  std::vector<std::uint32_t> updates;  // N, Adam steps of each primitive
   DensifyStatistics statistics;
 
   math::Vec3 background{0.0f, 0.0f, 0.0f};  // behind everything, sRGB-encoded
-  std::vector<ColourMap> colour;            // one a training camera
+  std::vector<ColourMap> colour;            // one per training camera
   std::vector<ColourMap> colour_first, colour_second;
   std::vector<std::uint32_t> colour_updates;
 
@@ -79,21 +79,23 @@ struct TrainState {
   double mean_loss = 0;              // running mean
 
   std::size_t size() const { return log_sigma.size(); }
+  // Returns the number of values of an attribute per primitive.
   int components(int attribute) const;
+  // Returns the values of an attribute.
   FloatArray& values(int attribute);
   const FloatArray& values(int attribute) const;
 
   void resize(std::size_t n);
   bool is_coupled() const { return coupled.tick > 0; }
-  // math::damped_velocity of primitive i, whose lifespan had the modulation `before`.
+  // Applies math::damped_velocity to primitive i. `before`: the modulation f before the step.
   void damp(std::size_t i, float before, bool modulated, const math::DampingRules& rules);
-  // Recomputes set.velocity and set.sigma of primitive i; modulated = false means f = 1. Where it
-  // is coupled, all that derives from the coupled form.
+  // Recomputes set.velocity and set.sigma of primitive i; modulated = false means f = 1. A coupled
+  // state recomputes everything that derives from the coupled form.
   void derive(std::size_t i, bool modulated);
   void derive_all(bool modulated);
-  // Keeps those listed, in that order.
-  void keep(const std::vector<std::uint32_t>& indices);
-  // Overwrites primitive `to` with the parameters of `from`; moments and updates start at 0.
+  // Retains the listed primitives, in that order.
+  void retain(const std::vector<std::uint32_t>& indices);
+  // Overwrites primitive `to` with the parameters of `from`; its moments and updates restart at 0.
   void copy_parameters(std::size_t from, std::size_t to);
   void clear_moments(std::size_t i);
 };

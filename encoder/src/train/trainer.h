@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The training loop: schedules, sampling of views, densification, checkpoints, log.
+// The training loop: schedules, view order, densification, checkpoints and log.
 #pragma once
 
 #include <chrono>
@@ -24,16 +24,16 @@ namespace stgs::encoder {
 
 class Trainer {
  public:
+  // Loads the state and the images, and reserves the backend's memory.
   static Result<std::unique_ptr<Trainer>> create(const PreparedCapture& capture,
                                                  const TrainSettings& settings,
                                                  const ProgressSink& progress, const LogSink& log);
 
-  // Runs to the end, or until the progress sink says stop (then a checkpoint is written and the
-  // Status says so).
+  // Runs to the end. If the progress sink cancels, writes a checkpoint and returns kRuntime.
   Status run();
-  // The scene as trained so far.
-  // After run(). On the first rank alone it has the importances, which others do not need.
+  // Returns the trained scene. Call after run(). Only rank 0's scene has importances.
   Result<Scene> scene();
+  // Returns the report of the run so far.
   TrainReport report() const;
 
  private:
@@ -47,58 +47,58 @@ class Trainer {
   Status load_frames();
   Fingerprint settings_fingerprint() const;
   Fingerprint fingerprint() const;
-  // Share of the schedule that is done, [0, 1].
-  double share() const;
-  bool finished() const { return share() >= 1.0; }
-  // The coupled representation's axes are eigenvectors of what it learns, whose gradient has a pole
-  // where two are equally long, as all are at the start; so it trains without L_n.
+  // Completed fraction of the schedule, [0, 1].
+  double run_progress() const;
+  bool finished() const { return run_progress() >= 1.0; }
+  // The coupled representation trains without L_n. Its axes are eigenvectors of the learnt
+  // covariance, whose gradient has a pole if two have equal length, as initially all have.
   bool with_normals() const { return parameters_.weight_normal > 0 && !state_.is_coupled(); }
-  // Its error is that of a frame which cannot be read.
+  // Returns the error of a frame that cannot be read.
   Result<StepInput> step_input();
-  double share_at(std::uint64_t iteration) const;
-  // What a rank sees in the step that begins at an iteration.
+  double progress_at(std::uint64_t iteration) const;
+  // Returns the view of a rank in the step that begins at an iteration.
   TrainingView view_at(std::uint64_t iteration, int rank);
   std::vector<BatchView> batch_views();
-  // Whether the last step, which was of an iteration a rank, came to or past a multiple of n > 0.
+  // Returns whether the last step, one iteration per rank, reached or passed a multiple of n > 0.
   bool passed(std::uint64_t n) const {
     return state_.iteration / n != (state_.iteration - ranks_.size()) / n;
   }
-  // Takes what the steps have given since the last time into the running mean and last_.
+  // Reads the outputs of the steps since the last call into the running mean and last_.
   Status read_steps();
   Status train();
   Status step();
-  // Notes that an error, of a frame that cannot be read or for want of memory, left steps undone.
-  Status undone(const Status& error);
-  // After such an error: a checkpoint of the steps before, and the error with what to do. Of one
-  // process alone, for others may be in the middle of the step.
-  Status keep_trained(const Status& error);
-  // After a step, once.
+  // Records that an error (unreadable frame, out of memory) left steps incomplete; returns it.
+  Status on_step_failed(const Status& error);
+  // After such an error, writes a checkpoint of the completed steps and returns the error with a
+  // resume hint. Only for a single process, because other ranks may be in the middle of the step.
+  Status save_completed_steps(const Status& error);
+  // Call once after every step.
   bool densify_due();
   Status densify();
-  // The state is here, and the same on all ranks.
+  // Downloads the state and verifies that it is identical on all ranks.
   Status synchronise();
-  // kIo where it cannot be written.
+  // Returns kIo if the checkpoint cannot be written.
   Status save_checkpoint();
-  // For whoever stopped it.
-  std::string how_to_go_on() const;
-  // Scene::importance; kRuntime where it is stopped.
+  // Describes how to resume a stopped run.
+  std::string resume_hint() const;
+  // Computes Scene::importance; kRuntime if cancelled.
   Result<std::vector<float>> importance();
-  // As that, where the scene counts for more: what cannot be written is a warning.
+  // Like save_checkpoint(), but logs a failed write as a warning, because the scene matters more.
   Status save_checkpoint_if_possible();
-  // After a step: the clock, and whether progress is to be reported.
-  Result<bool> tick();
-  // False: stop.
+  // Updates the clock after a step; returns whether progress is to be reported.
+  Result<bool> update_clock();
+  // Returns false if the run is to stop.
   Result<bool> report_progress();
   bool log_due() const;
   void write_log();
-  // Measures the held-out views where one is due; the clock of training stands still meanwhile.
-  Status measure_held_out();
-  // Into score_; false, and a warning, where they cannot be drawn.
-  bool measure_held_out_now();
-  int measures_due() const;
+  // Evaluates the held-out views if an evaluation is due; its time does not count as training time.
+  Status evaluate_held_out();
+  // Evaluates into score_. Logs a warning and returns false if the views cannot be rendered.
+  bool score_held_out();
+  int evaluations_due() const;
 
   PreparedCapture capture_;
-  Fingerprint pictures_;  // as they were when it began
+  Fingerprint image_fingerprint_;  // when the run began
   TrainSettings settings_;
   HyperParameters parameters_;
   Ablation ablation_;
@@ -109,19 +109,19 @@ class Trainer {
   TrainingImages images_;
   TrainState state_;
   std::unique_ptr<TrainBackend> backend_;
-  StepOutput last_;  // of the steps read
-  bool steps_undone_ = false;
-  bool checkpoint_failed_ = false;  // the last one
-  std::uint64_t steps_read_ = 0;    // iterations, a view each, whose loss has been taken in
+  StepOutput last_;  // of the latest step read
+  bool step_failed_ = false;
+  bool checkpoint_failed_ = false;  // the latest one
+  std::uint64_t steps_read_ = 0;    // iterations, one view each, in the running mean
   ViewOrder order_;
   std::chrono::steady_clock::time_point started_, reported_;
   double importance_seconds_ = 0;
-  double seconds_before_ = 0;          // spent by the runs that this one goes on from
-  std::uint64_t first_iteration_ = 0;  // theirs
+  double seconds_before_ = 0;          // of the runs that this one resumes
+  std::uint64_t first_iteration_ = 0;  // of this run
   LogWriter log_file_;
   HeldOutViews held_out_;
-  double densified_ = 0;  // share of the run at which it was due last, or which a resumed run began
-  int measured_ = 0;      // measures that were due so far
+  double densified_at_ = 0;   // progress at which densification was last due, or the run began
+  int evaluations_done_ = 0;  // including those before a resumed run
   std::optional<HeldOutScore> score_;
 };
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What training ends in: the scene with its importances, and the report.
+// The results of training: the scene with its importances, and the report.
 #include <fmt/format.h>
 #include <sys/resource.h>
 
@@ -28,24 +28,24 @@ std::uint64_t peak_memory_bytes() {
 
 Result<std::vector<float>> Trainer::importance() {
   using Clock = std::chrono::steady_clock;
-  if (!ranks_.first()) return std::vector<float>();
+  if (!ranks_.is_first()) return std::vector<float>();
   const Clock::time_point begin = Clock::now();
   const auto seconds = [begin] {
     return std::chrono::duration<double>(Clock::now() - begin).count();
   };
-  const auto go_on = [&](double done) {
+  const auto should_continue = [&](double done) {
     if (!progress_) return true;
     const double eta = done > 0 ? seconds() * (1 - done) / done : -1;
-    return progress_({"importance", done, eta,
-                      fmt::format("how much each of {} primitives matters", state_.size())});
+    return progress_(
+        {"importance", done, eta, fmt::format("importance of {} primitives", state_.size())});
   };
   const std::vector<ImportanceView> views = importance_views(capture_, kImportanceViews);
-  std::optional<std::vector<float>> weighed =
-      compute_importance(*backend_, *make_cpu_backend(), state_, views, go_on, log_);
+  std::optional<std::vector<float>> importance =
+      compute_importance(*backend_, *make_cpu_backend(), state_, views, should_continue, log_);
   importance_seconds_ = seconds();
-  if (weighed) return *std::move(weighed);
-  return runtime_error("stopped at iteration {}, before the scene was complete; {}",
-                       state_.iteration, how_to_go_on());
+  if (importance) return *std::move(importance);
+  return runtime_error("stopped at iteration {}, before the importances were complete; {}",
+                       state_.iteration, resume_hint());
 }
 
 Result<Scene> Trainer::scene() {
@@ -94,9 +94,10 @@ Result<Scene> train(const PreparedCapture& capture, const TrainSettings& setting
     if (scene.ok() && report != nullptr) *report = trainer->report();
     return scene;
   } catch (const std::bad_alloc&) {
-    return runtime_error("training ran out of memory: use fewer primitives or smaller frames");
+    return runtime_error(
+        "training ran out of memory; use fewer primitives (--max-primitives) or smaller frames");
   } catch (const std::exception& error) {
-    return runtime_error("training stopped: {}", error.what());
+    return runtime_error("training failed: {}", error.what());
   }
 }
 

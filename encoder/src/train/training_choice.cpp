@@ -15,8 +15,8 @@
 namespace stgs::encoder {
 namespace {
 
-// Of so many primitives faint ones are worth keeping: .36 dB on held-out views with 400,000, where
-// 200,000 are as good either way (tests/bench/RESULTS.md).
+// Above this number faint primitives are worth retaining: +0.36 dB on held-out views with 400,000.
+// With 200,000 the threshold makes no difference (tests/bench/RESULTS.md).
 constexpr int kManyPrimitives = 200'000;
 constexpr double kManyPruneOpacity = 0.005;
 
@@ -26,14 +26,15 @@ struct Choice {
   const Ablation& ablation;
 };
 
-// Hyper-parameters that nothing asks for in some runs. test_train_settings finds what is missing.
-struct Idle {
-  const char* where;
-  bool (*holds)(const Choice&);
+// Hyper-parameters that have no effect under a condition. test_train_settings verifies
+// completeness.
+struct Unused {
+  const char* condition;
+  bool (*applies)(const Choice&);
   std::initializer_list<const char*> parameters;
 };
 
-const Idle kIdle[] = {
+const Unused kUnused[] = {
     {"without --ablate densification",
      [](const Choice& c) { return c.ablation.densification; },
      {"plain_until", "plain_prune", "plain_reset"}},
@@ -49,13 +50,13 @@ const Idle kIdle[] = {
      {"initial_radius", "lr_radius", "lr_velocity", "lr_velocity_final", "normal_from",
       "still_from", "still_least", "velocity_share", "velocity_shrink", "velocity_times_f",
       "weight_normal"}},
-    {"where velocity_shrink is 0",
+    {"if velocity_shrink is 0",
      [](const Choice& c) { return c.parameters.velocity_shrink == 0; },
      {"still_from", "still_least", "velocity_share"}},
-    {"where lr_velocity is 0",
+    {"if lr_velocity is 0",
      [](const Choice& c) { return c.parameters.lr_velocity == 0; },
      {"lr_velocity_final", "still_from", "still_least", "velocity_share", "velocity_shrink"}},
-    {"where lr_position is 0",
+    {"if lr_position is 0",
      [](const Choice& c) { return c.parameters.lr_position == 0; },
      {"lr_position_final"}},
     {"with --ablate lifespan",
@@ -64,37 +65,37 @@ const Idle kIdle[] = {
     {"with --ablate modulation",
      [](const Choice& c) { return !c.ablation.modulation; },
      {"velocity_times_f"}},
-    {"where replace_limit is 0",
+    {"if replace_limit is 0",
      [](const Choice& c) { return c.parameters.replace_limit == 0; },
      {"score_error", "score_opacity", "score_lifespan"}},
-    {"where weight_normal is 0",
+    {"if weight_normal is 0",
      [](const Choice& c) { return c.parameters.weight_normal == 0; },
      {"normal_from"}},
     {"without --perceptual-weights",
      [](const Choice& c) { return c.settings.perceptual_weights.empty(); },
      {"perceptual_from", "perceptual_patch", "weight_perceptual"}},
-    {"where weight_perceptual is 0",
+    {"if weight_perceptual is 0",
      [](const Choice& c) { return c.parameters.weight_perceptual == 0; },
      {"perceptual_from", "perceptual_patch"}},
-    {"where sh_degree is 0",
+    {"if sh_degree is 0",
      [](const Choice& c) { return c.parameters.sh_degree == 0; },
      {"lr_sh_rest", "sh_step"}},
-    {"where one process trains",
+    {"with a single process",
      [](const Choice& c) { return c.settings.ranks == nullptr || c.settings.ranks->size() == 1; },
      {"batch_memory", "batch_rate"}}};
 
-// That each override is of something that is used, and the perceptual loss's file.
+// Checks that each override and the perceptual loss's file have an effect.
 Status check_used(const Choice& choice) {
   if (!choice.settings.perceptual_weights.empty() && choice.parameters.weight_perceptual == 0) {
     return usage_error(
-        "--perceptual-weights has no effect where weight_perceptual is 0; leave one out");
+        "--perceptual-weights has no effect if weight_perceptual is 0; remove one of them");
   }
   for (const auto& [name, value] : choice.settings.overrides) {
-    for (const Idle& idle : kIdle) {
-      const bool listed =
-          std::find(idle.parameters.begin(), idle.parameters.end(), name) != idle.parameters.end();
-      if (!listed || !idle.holds(choice)) continue;
-      return usage_error("--set {}={} has no effect {}; leave it out", name, value, idle.where);
+    for (const Unused& unused : kUnused) {
+      const bool listed = std::find(unused.parameters.begin(), unused.parameters.end(), name) !=
+                          unused.parameters.end();
+      if (!listed || !unused.applies(choice)) continue;
+      return usage_error("--set {}={} has no effect {}; remove it", name, value, unused.condition);
     }
   }
   return {};
@@ -117,7 +118,7 @@ Result<TrainingChoice> choose_training(const TrainSettings& settings) {
   };
   HyperParameters& p = choice.parameters;
   if (!is_set("densify_interval")) {
-    p.densify_interval = std::min(p.densify_interval, longest_interval(p.iterations));
+    p.densify_interval = std::min(p.densify_interval, max_densify_interval(p.iterations));
   }
   if (!is_set("prune_opacity") && p.max_primitives > kManyPrimitives) {
     p.prune_opacity = std::min(p.prune_opacity, kManyPruneOpacity);
@@ -151,7 +152,7 @@ TrainPlan train_plan(const TrainingChoice& choice, const PerceptualTerm& percept
   TrainPlan plan;
   plan.primitives = static_cast<std::size_t>(choice.parameters.max_primitives);
   plan.sh_coefficients = math::sh_coefficients(choice.parameters.sh_degree);
-  plan.width = plan.height = kVggMinSize;  // where no camera is known, what every term takes
+  plan.width = plan.height = kVggMinSize;  // the minimum of all loss terms, if no camera is known
   for (const Camera& camera : cameras) {
     if (camera.test) continue;
     plan.width = std::max(plan.width, camera.width);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What TrainSettings come to, before anything of a capture is read.
+// Resolves TrainSettings, before anything of a capture is read.
 #pragma once
 
 #include "backend/backend.h"
@@ -15,15 +15,15 @@ struct TrainingChoice {
   Ablation ablation;
 };
 
-// kUsage where a setting is none, or not possible.
+// Resolves the settings. kUsage for an invalid setting or one that has no effect.
 Result<TrainingChoice> choose_training(const TrainSettings& settings);
 
-// settings_id() of a run whose settings came to this.
+// Returns settings_id() of a run with resolved settings.
 std::uint64_t settings_id_of(const TrainSettings& settings, const TrainingChoice& choice,
                              const PerceptualTerm& perceptual);
 
-// What such a run asks of its backend. `cameras`, of which those that are not held out count, may
-// be none while they are not known.
+// Returns the requirements of a run on its backend. Ignores held-out cameras. `cameras` may be
+// empty if they are not known yet.
 TrainPlan train_plan(const TrainingChoice& choice, const PerceptualTerm& perceptual,
                      const std::vector<Camera>& cameras);
 

@@ -9,9 +9,10 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr int kSmallestSide = 16;  // pixels; half of it is still a picture
-// Of the available memory, for decoded frames; the rest is for the training and everybody else.
-constexpr double kMemoryShare = 0.6;
+constexpr int kMinSide = 16;  // pixels, so that the half size is not degenerate
+// Fraction of the available memory for decoded images; the rest is for training and other
+// processes.
+constexpr double kMemoryFraction = 0.6;
 
 }  // namespace
 
@@ -23,13 +24,16 @@ Result<TrainingImages> TrainingImages::load(const PreparedCapture& capture, std:
     if (!camera.test) images.cameras_.push_back(camera);
   }
   if (images.cameras_.empty()) {
-    return usage_error("{}: every camera is held out; leave at least one for training",
-                       capture.folder);
+    return usage_error(
+        "{}: every camera is held out for testing; prepare it with at least one training camera",
+        capture.folder);
   }
   for (const Camera& camera : images.cameras_) {
-    if (std::min(camera.width, camera.height) >= kSmallestSide) continue;
-    return unsupported("{}: the frames of camera '{}' are {}x{}; training needs {} pixels a side",
-                       capture.folder, camera.name, camera.width, camera.height, kSmallestSide);
+    if (std::min(camera.width, camera.height) >= kMinSide) continue;
+    return unsupported(
+        "{}: the frames of camera '{}' are too small (expected at least {} pixels per side, got "
+        "{}x{})",
+        capture.folder, camera.name, kMinSide, camera.width, camera.height);
   }
   FrameStore::Source source;
   for (const Camera& camera : images.cameras_) {
@@ -41,7 +45,7 @@ Result<TrainingImages> TrainingImages::load(const PreparedCapture& capture, std:
     return load_frame(capture, cameras[view / frames], static_cast<int>(view % frames));
   };
   if (budget == 0) {
-    budget = static_cast<std::uint64_t>(kMemoryShare / processes *
+    budget = static_cast<std::uint64_t>(kMemoryFraction / processes *
                                         static_cast<double>(available_memory()));
   }
   images.store_ = std::make_unique<FrameStore>(std::move(source), budget, concurrency());
@@ -65,7 +69,7 @@ std::uint64_t TrainingImages::id_of(const TrainingView& view) const {
 Result<TrainingImage> TrainingImages::next(
     const std::function<TrainingView(std::uint64_t k)>& upcoming) {
   const std::uint64_t id = id_of(upcoming(0));
-  // At least one whole turn of all views is known at any time.
+  // Announces two epochs at a time, so that at least one is always known.
   if (store_->announced() < views() || store_->next() != id) {
     std::vector<std::uint64_t> ids(2 * views());
     for (std::size_t k = 0; k < ids.size(); ++k) ids[k] = id_of(upcoming(k));
@@ -77,7 +81,7 @@ Result<TrainingImage> TrainingImages::next(
 math::PinholeCamera TrainingImages::pinhole(std::size_t camera, int level, float near_plane) const {
   math::PinholeCamera pinhole = cameras_[camera].pinhole(near_plane);
   if (level == 1) {
-    // Pixel centres are at +0.5, so halving the size halves every intrinsic.
+    // Pixel centres are at +0.5, so halving the size halves all intrinsics.
     pinhole.fx *= 0.5f;
     pinhole.fy *= 0.5f;
     pinhole.cx *= 0.5f;

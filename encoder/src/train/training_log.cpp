@@ -26,13 +26,13 @@ Json to_json(const LoggedStep& step) {
           {"visible", step.visible}};
 }
 
-Json to_json(const LoggedEvaluation& measure) {
-  return {{"iteration", measure.iteration},
-          {"seconds", measure.seconds},
+Json to_json(const LoggedEvaluation& evaluation) {
+  return {{"iteration", evaluation.iteration},
+          {"seconds", evaluation.seconds},
           {"held_out",
-           {{"psnr", measure.score.psnr},
-            {"psnr_cc", measure.score.psnr_cc},
-            {"images", measure.score.images}}}};
+           {{"psnr", evaluation.score.psnr},
+            {"psnr_cc", evaluation.score.psnr_cc},
+            {"images", evaluation.score.images}}}};
 }
 
 void add_line(const Json& json, TrainingLog& log) {
@@ -58,7 +58,7 @@ Result<std::string> read_text(const std::string& path) {
   return std::string(bytes.begin(), bytes.end());
 }
 
-// Visits every whole line, its end included.
+// Calls visit(json, line) for every complete line; `line` includes its end.
 template <typename Visit>
 Status for_each_line(const std::string& path, std::string_view text, Visit visit) {
   for (int number = 1;; ++number) {
@@ -67,7 +67,7 @@ Status for_each_line(const std::string& path, std::string_view text, Visit visit
     try {
       visit(Json::parse(text.substr(0, end)), text.substr(0, end + 1));
     } catch (const nlohmann::json::exception&) {
-      return invalid_file("{}, line {}: not a line of a training log", path, number);
+      return invalid_file("{}, line {}: not a training log entry", path, number);
     }
     text.remove_prefix(end + 1);
   }
@@ -85,15 +85,15 @@ Result<TrainingLog> read_training_log(const std::string& path) {
 
 Status LogWriter::open(const std::string& path, std::uint64_t resumed) {
   path_ = path;
-  std::string kept;
+  std::string retained;
   if (resumed > 0 && std::filesystem::exists(path)) {
     STGS_ASSIGN(const std::string text, read_text(path));
     STGS_TRY(for_each_line(path, text, [&](const Json& json, std::string_view line) {
-      if (json.at("iteration").get<std::uint64_t>() <= resumed) kept += line;
+      if (json.at("iteration").get<std::uint64_t>() <= resumed) retained += line;
     }));
   }
   STGS_TRY(write_file_atomically(
-      path, {reinterpret_cast<const std::uint8_t*>(kept.data()), kept.size()}));
+      path, {reinterpret_cast<const std::uint8_t*>(retained.data()), retained.size()}));
   file_.open(path, std::ios::app);
   return check();
 }
@@ -102,13 +102,13 @@ void LogWriter::write(const LoggedStep& step) {
   if (is_open()) file_ << to_json(step).dump() << '\n' << std::flush;
 }
 
-void LogWriter::write(const LoggedEvaluation& measure) {
-  if (is_open()) file_ << to_json(measure).dump() << '\n' << std::flush;
+void LogWriter::write(const LoggedEvaluation& evaluation) {
+  if (is_open()) file_ << to_json(evaluation).dump() << '\n' << std::flush;
 }
 
 Status LogWriter::check() const {
   if (file_.good()) return {};
-  return io_error("{}: cannot write the log", path_);
+  return io_error("{}: cannot write the training log", path_);
 }
 
 }  // namespace stgs::encoder

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which view each step of a training takes: all of them once an epoch, each epoch in an order of
-// its own. A pure function of seed and step, so that the order is known ahead and a resumed run
-// goes on in it.
+// The view that each step trains on: every view once per epoch, in a different order per epoch. A
+// pure function of seed and step, so the order is known in advance and a resumed run continues it.
 #pragma once
 
 #include <array>
@@ -17,7 +16,7 @@ class ViewOrder {
   // views > 0.
   ViewOrder(std::uint64_t seed, std::size_t views) : seed_(seed), views_(views) {}
 
-  // The view of a step. Remembers the last few epochs asked for.
+  // Returns the view of a step. Caches the most recently used epochs.
   std::size_t at(std::uint64_t step);
 
  private:

@@ -19,7 +19,7 @@ std::uint64_t hash_of(const Json& json) {
   return XXH3_64bits(text.data(), text.size());
 }
 
-// What two captures must share for scenes of them to belong together.
+// Returns a hash of the properties that captures must share for their scenes to belong together.
 std::uint64_t capture_id(const PreparedCapture& capture) {
   Json json = {{"source", capture.source},
                {"first_frame", capture.first_frame},
@@ -30,9 +30,9 @@ std::uint64_t capture_id(const PreparedCapture& capture) {
   return hash_of(json);
 }
 
-// Within what floats keep of a capture's doubles. How large the pictures are may differ: the same
-// capture may have been prepared at another scale.
-bool same_place(const Camera& camera, const StartCamera& start, double extent) {
+// Returns whether the poses agree within float precision. The image sizes may differ, because the
+// same capture may have been prepared at another scale.
+bool has_same_pose(const Camera& camera, const StartCamera& start, double extent) {
   constexpr double kRounding = 1e-5;
   double length = extent;
   for (const double t : camera.translation) length = std::max(length, std::abs(t));
@@ -50,8 +50,8 @@ bool same_place(const Camera& camera, const StartCamera& start, double extent) {
 Result<std::vector<FrameSpan>> plan_windows(int frames, int length, int overlap) {
   if (frames < 1 || length < 1 || overlap < 0 || overlap >= length) {
     return usage_error(
-        "windows of {} frames that share {}: a window must be longer than what it shares with the "
-        "next",
+        "windows of {} frames with an overlap of {}: invalid sizes (expected 0 <= overlap < "
+        "window)",
         length, overlap);
   }
   std::vector<FrameSpan> spans = {{0, std::min(length, frames)}};
@@ -64,8 +64,8 @@ Result<std::vector<FrameSpan>> plan_windows(int frames, int length, int overlap)
 
 Result<PreparedCapture> extract_window(const PreparedCapture& capture, const FrameSpan& span) {
   if (span.begin < 0 || span.begin >= span.end || span.end > capture.frames) {
-    return usage_error("frames {}:{} are out of range: {} has {} frames", span.begin, span.end,
-                       capture.folder, capture.frames);
+    return usage_error("{}: frames {}:{} are out of range (expected 0:{})", capture.folder,
+                       span.begin, span.end, capture.frames);
   }
   PreparedCapture window = capture;
   window.window = CaptureWindow{static_cast<std::uint32_t>(span.begin),
@@ -75,13 +75,13 @@ Result<PreparedCapture> extract_window(const PreparedCapture& capture, const Fra
   return window;
 }
 
-PreparedCapture whole_of(const PreparedCapture& window) {
-  PreparedCapture whole = window;
-  if (!window.window) return whole;
-  whole.first_frame -= window.frame_offset();
-  whole.frames = static_cast<int>(window.window->capture_frames);
-  whole.window.reset();
-  return whole;
+PreparedCapture full_capture(const PreparedCapture& window) {
+  PreparedCapture complete = window;
+  if (!window.window) return complete;
+  complete.first_frame -= window.frame_offset();
+  complete.frames = static_cast<int>(window.window->capture_frames);
+  complete.window.reset();
+  return complete;
 }
 
 Result<PreparedCapture> capture_for_scene(const PreparedCapture& capture,
@@ -91,22 +91,26 @@ Result<PreparedCapture> capture_for_scene(const PreparedCapture& capture,
   const FrameSpan span = {begin, begin + static_cast<int>(scene.frames)};
   Result<PreparedCapture> window = extract_window(capture, span);
   if (!window.ok() || window->window->capture != scene.window->capture) {
-    return usage_error("{}: is a window (frames {}:{}) of another capture than {}", name,
-                       span.begin, span.end, capture.folder);
+    return usage_error(
+        "{}: window (frames {}:{}) of another capture than {}; use the capture that it was trained "
+        "on",
+        name, span.begin, span.end, capture.folder);
   }
   return window;
 }
 
-Status check_same_times(const PreparedCapture& shown, const SceneMetadata& scene,
+Status check_same_times(const PreparedCapture& covered, const SceneMetadata& scene,
                         const std::string& name) {
-  if (static_cast<std::int64_t>(scene.frames) == shown.frames &&
-      scene.time_base == shown.time_base) {
+  if (static_cast<std::int64_t>(scene.frames) == covered.frames &&
+      scene.time_base == covered.time_base) {
     return {};
   }
   return usage_error(
-      "{} has {} frames of {}/{} s, {} has {} of {}/{} s: they do not belong together", name,
-      scene.frames, scene.time_base.numerator, scene.time_base.denominator, shown.folder,
-      shown.frames, shown.time_base.numerator, shown.time_base.denominator);
+      "{}: {} frames of {}/{} s do not match {} with {} frames of {}/{} s; use the capture that "
+      "the "
+      "scene was trained on",
+      name, scene.frames, scene.time_base.numerator, scene.time_base.denominator, covered.folder,
+      covered.frames, covered.time_base.numerator, covered.time_base.denominator);
 }
 
 void warn_if_other_capture(const PreparedCapture& capture, const SceneMetadata& scene,
@@ -114,12 +118,12 @@ void warn_if_other_capture(const PreparedCapture& capture, const SceneMetadata& 
   if (!log || !scene.start_camera) return;
   const bool known =
       std::any_of(capture.cameras.begin(), capture.cameras.end(), [&](const Camera& camera) {
-        return same_place(camera, *scene.start_camera, capture.extent);
+        return has_same_pose(camera, *scene.start_camera, capture.extent);
       });
   if (known) return;
-  log(1, fmt::format("{}: no camera of {} stands where the scene's start camera does: the scene "
-                     "may be of another capture, or that was calibrated again; give the prepared "
-                     "capture that it was trained on",
+  log(1, fmt::format("{}: no camera of {} has the pose of the scene's start camera, so the scene "
+                     "may be of another capture or calibration; use the prepared capture that it "
+                     "was trained on",
                      name, capture.folder));
 }
 

@@ -14,62 +14,64 @@ namespace {
 
 constexpr double kDegrees = 180.0 / std::numbers::pi;
 
-void keep_larger(double& a, double b) {
+void update_max(double& a, double b) {
   a = std::max(a, b);
 }
 
-// Place, shape and time. Adds to `squares`, of positions.
-void compare_geometry(const Gaussians4D& meant, const Scene& got, ConversionErrors& errors,
+// Compares position, shape and lifespan. Adds the squared position errors to `squares`.
+void compare_geometry(const Gaussians4D& expected, const Scene& actual, ConversionErrors& errors,
                       double& squares) {
-  const Gaussians4D& set = got.gaussians;
-  for_each_in_part(got, [&](std::size_t i, const TickRange& part) {
-    const double position = trajectory_error(meant, i, set, i, part.end - part.begin);
+  const Gaussians4D& set = actual.gaussians;
+  for_each_in_part(actual, [&](std::size_t i, const TickRange& part) {
+    const double position = trajectory_error(expected, i, set, i, part.end - part.begin);
     squares += position * position;
-    keep_larger(errors.position_max, position);
-    const ShapeDifference shape = shape_difference(meant, i, set, i);
-    keep_larger(errors.log_scale_max, shape.log_scale);
-    keep_larger(errors.rotation_max, kDegrees * shape.angle);
-    const LifespanError lifespan = lifespan_error(meant, i, set, i, part);
-    keep_larger(errors.visibility_max, lifespan.visibility);
-    keep_larger(errors.time_max, lifespan.time);
-    keep_larger(errors.radius_max, lifespan.radius);
-    keep_larger(errors.sigma_max, lifespan.sigma);
+    update_max(errors.position_max, position);
+    const ShapeDifference shape = shape_difference(expected, i, set, i);
+    update_max(errors.log_scale_max, shape.log_scale);
+    update_max(errors.rotation_max, kDegrees * shape.angle);
+    const LifespanError lifespan = lifespan_error(expected, i, set, i, part);
+    update_max(errors.visibility_max, lifespan.visibility);
+    update_max(errors.time_max, lifespan.time);
+    update_max(errors.radius_max, lifespan.radius);
+    update_max(errors.sigma_max, lifespan.sigma);
   });
 }
 
 }  // namespace
 
-Result<ConversionErrors> conversion_errors(const Gaussians4D& meant, const Scene& read) {
-  const Gaussians4D& got = read.gaussians;
-  if (meant.size() != got.size() || meant.sh_degree != got.sh_degree) {
-    return runtime_error("{} primitives of degree {} were written, {} of degree {} came back",
-                         meant.size(), meant.sh_degree, got.size(), got.sh_degree);
+Result<ConversionErrors> conversion_errors(const Gaussians4D& expected, const Scene& scene) {
+  const Gaussians4D& actual = scene.gaussians;
+  if (expected.size() != actual.size() || expected.sh_degree != actual.sh_degree) {
+    return runtime_error(
+        "read back a different set (expected {} primitives of SH degree {}, got {} of "
+        "degree {})",
+        expected.size(), expected.sh_degree, actual.size(), actual.sh_degree);
   }
   ConversionErrors errors;
-  double position = 0, colour = 0, harmonics = 0;
-  compare_geometry(meant, read, errors, position);
-  const auto coefficients = static_cast<std::size_t>(meant.sh_coefficients());
-  for (std::size_t i = 0; i < meant.size(); ++i) {
+  double position = 0, colour = 0, sh = 0;
+  compare_geometry(expected, scene, errors, position);
+  const auto coefficients = static_cast<std::size_t>(expected.sh_coefficients());
+  for (std::size_t i = 0; i < expected.size(); ++i) {
     errors.opacity_max =
-        std::max(errors.opacity_max, std::abs(double{math::opacity_of(meant.opacity_logit[i])} -
-                                              math::opacity_of(got.opacity_logit[i])));
+        std::max(errors.opacity_max, std::abs(double{math::opacity_of(expected.opacity_logit[i])} -
+                                              math::opacity_of(actual.opacity_logit[i])));
     for (std::size_t k = 0; k < 3 * coefficients; ++k) {
       const std::size_t at = 3 * i * coefficients + k;
-      const double d = std::abs(double{meant.sh[at]} - got.sh[at]);
+      const double d = std::abs(double{expected.sh[at]} - actual.sh[at]);
       if (k < 3) {
         errors.colour_max = std::max(errors.colour_max, d * math::kSh00);
         colour += d * d * math::kSh00 * math::kSh00;
       } else {
         errors.sh_max = std::max(errors.sh_max, d);
-        harmonics += d * d;
+        sh += d * d;
       }
     }
   }
-  const double n = std::max<double>(1.0, static_cast<double>(meant.size()));
+  const double n = std::max<double>(1.0, static_cast<double>(expected.size()));
   errors.position_rms = std::sqrt(position / n);
   errors.colour_rms = std::sqrt(colour / (3.0 * n));
   const double rest = std::max<double>(1.0, 3.0 * static_cast<double>(coefficients - 1) * n);
-  errors.sh_rms = std::sqrt(harmonics / rest);
+  errors.sh_rms = std::sqrt(sh / rest);
   return errors;
 }
 

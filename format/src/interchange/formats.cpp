@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table of formats. A new bridge is a line here.
+// The table of formats. To add a format, add a line to kFormats.
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -21,23 +21,23 @@ bool starts_with(Head head, std::string_view magic) {
                     [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; });
 }
 
-bool holds_ply(const std::string&, Head head) {
+bool is_ply(const std::string&, Head head) {
   return starts_with(head, "ply\n") || starts_with(head, "ply\r");
 }
-bool holds_spz(const std::string&, Head head) {
+bool is_spz(const std::string&, Head head) {
   return starts_with(head, "NGSP") || starts_with(head, "\x1F\x8B");
 }
-bool holds_sog(const std::string& path, Head head) {
+bool is_sog(const std::string& path, Head head) {
   return starts_with(head, "PK\x03\x04") || is_sog_folder(path) ||
          (starts_with(head, "{") && file_extension(path) == ".json");
 }
-bool holds_splatv(const std::string&, Head head) {
+bool is_splatv_file(const std::string&, Head head) {
   return is_splatv(head);
 }
-bool holds_frames(const std::string& path, Head head) {
+bool is_frame_folder(const std::string& path, Head head) {
   return head.empty() && is_ply_sequence(path);
 }
-bool holds_gltf(const std::string&, Head head) {
+bool is_gltf(const std::string&, Head head) {
   return starts_with(head, "glTF");
 }
 
@@ -66,12 +66,13 @@ Result<Scene> read_frames(const std::string& path, const ImportSettings& setting
 
 using Format = InterchangeFormat;
 constexpr std::array kFormats = {
-    Format{"PLY", ".ply", holds_ply, read_ply, nullptr, write_ply_set},
-    Format{"SPZ", ".spz", holds_spz, read_spz, nullptr, write_spz},
-    Format{"SOG", ".sog", holds_sog, nullptr, read_sog_models, nullptr},
-    Format{"splatv", ".splatv", holds_splatv, nullptr, read_splatv_clip, nullptr, Format::kSplatv},
-    Format{"PLY frames", "", holds_frames, nullptr, read_frames, nullptr, Format::kSequence},
-    Format{"glTF", ".glb", holds_gltf, nullptr, nullptr, write_glb_set},
+    Format{"PLY", ".ply", is_ply, read_ply, nullptr, write_ply_set},
+    Format{"SPZ", ".spz", is_spz, read_spz, nullptr, write_spz},
+    Format{"SOG", ".sog", is_sog, nullptr, read_sog_models, nullptr},
+    Format{"splatv", ".splatv", is_splatv_file, nullptr, read_splatv_clip, nullptr,
+           Format::kSplatv},
+    Format{"PLY frames", "", is_frame_folder, nullptr, read_frames, nullptr, Format::kSequence},
+    Format{"glTF", ".glb", is_gltf, nullptr, nullptr, write_glb_set},
 };
 
 }  // namespace
@@ -81,10 +82,10 @@ std::span<const InterchangeFormat> interchange_formats() {
 }
 
 std::string file_extension(const std::string& path) {
-  std::string ending = std::filesystem::path(path).extension().string();
-  std::transform(ending.begin(), ending.end(), ending.begin(),
+  std::string extension = std::filesystem::path(path).extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return ending;
+  return extension;
 }
 
 Result<const InterchangeFormat*> detect_format(const std::string& path) {
@@ -96,7 +97,7 @@ Result<const InterchangeFormat*> detect_format(const std::string& path) {
     STGS_TRY(source->read(0, head));
   }
   for (const InterchangeFormat& format : kFormats) {
-    if (format.holds(path, head)) return &format;
+    if (format.matches(path, head)) return &format;
   }
   return nullptr;
 }
@@ -105,15 +106,16 @@ Result<Scene> read_interchange(const InterchangeFormat& format, const std::strin
                                const ImportSettings& settings, const ReadLimits& limits,
                                ImportReport& report) {
   if (format.read_path != nullptr) return format.read_path(path, settings, limits, report);
-  if (format.read == nullptr) return unsupported("{}: {} is only written", path, format.name);
+  if (format.read == nullptr)
+    return unsupported("{}: cannot read {}, only write it", path, format.name);
   STGS_ASSIGN(const auto source, open_file(path));
   return format.read(*source, limits, &report.notes);
 }
 
 const InterchangeFormat* format_for_output(const std::string& path) {
-  const std::string ending = file_extension(path);
+  const std::string extension = file_extension(path);
   const auto found = std::find_if(kFormats.begin(), kFormats.end(), [&](const auto& format) {
-    return format.write != nullptr && ending == format.extension;
+    return format.write != nullptr && extension == format.extension;
   });
   return found == kFormats.end() ? nullptr : &*found;
 }

@@ -18,17 +18,17 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr std::size_t kGrain = 16384;
-constexpr int kFloat = 5126, kUnsignedByte = 5121, kArrayBuffer = 34962;  // of the glTF schema
+constexpr int kFloat = 5126, kUnsignedByte = 5121, kArrayBuffer = 34962;  // glTF enumerants
 constexpr std::uint32_t kGlbMagic = 0x46546C67, kJsonChunk = 0x4E4F534A, kBinChunk = 0x004E4942;
-constexpr std::uint64_t kMostJsonBytes = 64 * 1024;  // far above what is written
+constexpr std::uint64_t kMaxJsonBytes = 64 * 1024;  // far more than the actual size
 constexpr const char* kExtension = "KHR_gaussian_splatting";
 
-// The binary chunk, and the JSON that describes what is in it.
+// The binary chunk, and the JSON that describes it.
 class GltfBuffer {
  public:
   explicit GltfBuffer(std::size_t primitives) : primitives_(primitives) {}
 
-  // An attribute of `width` floats a primitive; value(i, out) fills them.
+  // Adds an attribute of `width` floats per primitive, which value(i, out) sets.
   template <typename Value>
   Json& floats(const std::string& name, std::size_t width, const Value& value) {
     const std::size_t at = bytes_.size();
@@ -44,7 +44,7 @@ class GltfBuffer {
     return add(name, types[width], kFloat, at);
   }
 
-  // An attribute of four bytes a primitive that stand for [0, 1].
+  // Adds an attribute of four bytes per primitive that represent [0, 1].
   template <typename Value>
   void bytes(const std::string& name, const Value& value) {
     const std::size_t at = bytes_.size();
@@ -89,7 +89,7 @@ void add_positions(const Gaussians4D& set, GltfBuffer& buffer) {
   Json& accessor = buffer.floats("POSITION", 3, [&](std::size_t i, float* out) {
     std::copy_n(set.position.data() + 3 * i, 3, out);
   });
-  // glTF asks for the bounds of positions.
+  // glTF requires the bounds of positions.
   for (std::size_t c = 0; c < 3; ++c) {
     float low = set.position[c], high = low;
     for (std::size_t i = c; i < set.position.size(); i += 3) {
@@ -127,7 +127,7 @@ void add_colour(const Gaussians4D& set, GltfBuffer& buffer) {
                     });
     }
   }
-  // For viewers without the extension: points of the mean colour.
+  // Fallback for viewers without the extension: points with the degree-0 colour.
   buffer.bytes("COLOR_0", [&](std::size_t i, float* out) {
     for (std::size_t c = 0; c < 3; ++c) {
       out[c] = math::sh_colour(math::kSh00 * set.sh[3 * i * coefficients + c]);
@@ -155,7 +155,7 @@ std::string document(const GltfBuffer& buffer) {
   root["bufferViews"] = buffer.views;
   root["buffers"] = Json::array({Json{{"byteLength", buffer.data().size()}}});
   std::string text = root.dump();
-  text.append((4 - text.size() % 4) % 4, ' ');  // chunks are of whole words
+  text.append((4 - text.size() % 4) % 4, ' ');  // chunks are multiples of 4 bytes
   return text;
 }
 
@@ -163,12 +163,12 @@ std::string document(const GltfBuffer& buffer) {
 
 Result<std::vector<std::uint8_t>> write_glb(Gaussians4D set) {
   STGS_TRY(check_export(set));
-  if (set.size() == 0) return unsupported("glTF has no way to hold 0 primitives");
+  if (set.size() == 0) return unsupported("glTF cannot represent a set without primitives");
   const std::uint64_t floats = 11 + 3 * static_cast<std::uint64_t>(set.sh_coefficients());
   const std::uint64_t data_bytes = set.size() * sizeof(float) * (floats + 1);  // 1: COLOR_0
-  if (data_bytes > 0xFFFFFFFF - kMostJsonBytes) {
-    return unsupported("a .glb holds at most 4 GiB; {} primitives would take {} bytes", set.size(),
-                       data_bytes);
+  if (data_bytes > 0xFFFFFFFF - kMaxJsonBytes) {
+    return unsupported("{} primitives need {} bytes, more than the 4 GiB of a .glb file",
+                       set.size(), data_bytes);
   }
   flip_axes(set, -1, -1, 1);
   GltfBuffer buffer(set.size());
@@ -176,7 +176,8 @@ Result<std::vector<std::uint8_t>> write_glb(Gaussians4D set) {
   add_shape(set, buffer);
   add_colour(set, buffer);
   const std::string json = document(buffer);
-  const std::vector<std::uint8_t>& data = buffer.data();  // of whole words: all attributes are
+  const std::vector<std::uint8_t>& data =
+      buffer.data();  // a multiple of 4 bytes, as all attributes
   const std::uint64_t total = 12 + 8 + json.size() + 8 + data.size();
   ByteWriter out;
   for (const std::uint32_t word : {kGlbMagic, 2u, static_cast<std::uint32_t>(total),

@@ -8,7 +8,7 @@ namespace stgs {
 namespace {
 
 constexpr float kFlatLogScale = -30.0f;  // of an axis of size 0: 1e-13 scene units
-constexpr std::size_t kLargestCount = 0xFFFFFFFF;
+constexpr std::size_t kMaxCount = 0xFFFFFFFF;
 
 bool all_finite(const FloatArray& array, std::size_t i, std::size_t components) {
   return std::all_of(array.begin() + static_cast<std::ptrdiff_t>(i * components),
@@ -16,7 +16,7 @@ bool all_finite(const FloatArray& array, std::size_t i, std::size_t components) 
                      [](float v) { return std::isfinite(v); });
 }
 
-bool can_be_drawn(const Gaussians4D& set, std::size_t i) {
+bool is_renderable(const Gaussians4D& set, std::size_t i) {
   const float* q = set.rotation.data() + 4 * i;
   return all_finite(set.position, i, 3) && all_finite(set.log_scale, i, 3) &&
          all_finite(set.rotation, i, 4) && all_finite(set.opacity_logit, i, 1) &&
@@ -29,58 +29,58 @@ bool can_be_drawn(const Gaussians4D& set, std::size_t i) {
 
 Status check_import_size(const std::string& name, std::uint64_t count, int sh_degree,
                          const ReadLimits& limits) {
-  if (count > limits.max_primitives || count > kLargestCount) {
-    return unsupported("{}: has {} primitives, more than the {} allowed", name, count,
-                       std::min<std::uint64_t>(limits.max_primitives, kLargestCount));
+  if (count > limits.max_primitives || count > kMaxCount) {
+    return unsupported("{}: too many primitives (at most {} allowed, got {})", name,
+                       std::min<std::uint64_t>(limits.max_primitives, kMaxCount), count);
   }
   const int coefficients = (sh_degree + 1) * (sh_degree + 1);
   const std::uint64_t bytes = count * sizeof(float) * static_cast<unsigned>(17 + 3 * coefficients);
   if (bytes > limits.max_memory) {
-    return unsupported("{}: its {} primitives take {} bytes in memory, more than the {} allowed",
-                       name, count, bytes, limits.max_memory);
+    return unsupported("{}: {} primitives exceed the memory limit of {} bytes (need {} bytes)",
+                       name, count, limits.max_memory, bytes);
   }
   return {};
 }
 
 float logit_of_byte(int value) {
-  // 1 lies on the threshold of what is drawn, and must not fall below it by rounding.
+  // 1 is exactly the visibility threshold and must not fall below it by rounding.
   const double steps = value <= 0 ? 0.25 : value >= 255 ? 254.75 : value == 1 ? 1.0001 : value;
   const double opacity = steps / 255.0;
   return static_cast<float>(std::log(opacity / (1.0 - opacity)));
 }
 
-void keep_drawable(Gaussians4D& set, ConversionNotes* notes) {
+void drop_invalid(Gaussians4D& set, ConversionNotes* notes) {
   for (float& logit : set.opacity_logit) {
     if (std::isinf(logit)) logit = std::copysign(kOpaqueLogit, logit);
   }
   for (float& log_scale : set.log_scale) {
     if (std::isinf(log_scale) && log_scale < 0.0f) log_scale = kFlatLogScale;
   }
-  std::vector<std::uint32_t> kept;
+  std::vector<std::uint32_t> valid;
   for (std::size_t i = 0; i < set.size(); ++i) {
-    if (can_be_drawn(set, i)) kept.push_back(static_cast<std::uint32_t>(i));
+    if (is_renderable(set, i)) valid.push_back(static_cast<std::uint32_t>(i));
   }
-  if (kept.size() < set.size()) {
-    note(notes, fmt::format("{} of {} primitives are left out: they have values that are not "
-                            "finite, or a rotation of length 0",
-                            set.size() - kept.size(), set.size()));
-    set = set.gather(kept);
+  if (valid.size() < set.size()) {
+    note(notes, fmt::format("dropped {} of {} primitives with values that are not finite or a "
+                            "rotation of length 0",
+                            set.size() - valid.size(), set.size()));
+    set = set.gather(valid);
   }
 }
 
 Status check_export(const Gaussians4D& set) {
   if (set.sh_degree < 0 || set.sh_degree > 3) {
-    return usage_error("harmonics of degree {}, not 0 to 3", set.sh_degree);
+    return usage_error("invalid SH degree (expected 0 to 3, got {})", set.sh_degree);
   }
   const std::size_t n = set.size();
   const std::size_t sh = 3 * n * static_cast<std::size_t>(set.sh_coefficients());
   if (set.position.size() != 3 * n || set.log_scale.size() != 3 * n ||
       set.rotation.size() != 4 * n || set.sh.size() != sh) {
-    return usage_error("the arrays of a set of {} primitives differ in length", n);
+    return usage_error("array lengths do not match (for {} primitives)", n);
   }
   for (std::size_t i = 0; i < n; ++i) {
-    if (!can_be_drawn(set, i)) {
-      return usage_error("primitive {} has a value that is not finite, or a rotation of length 0",
+    if (!is_renderable(set, i)) {
+      return usage_error("primitive {} has a value that is not finite or a rotation of length 0",
                          i);
     }
   }
@@ -88,7 +88,7 @@ Status check_export(const Gaussians4D& set) {
 }
 
 Scene finish_import(Gaussians4D set, ConversionNotes* notes) {
-  keep_drawable(set, notes);
+  drop_invalid(set, notes);
   return static_scene(std::move(set));
 }
 

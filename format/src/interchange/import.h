@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the readers and writers of other formats share.
+// Helpers shared by the readers and writers of other formats.
 #pragma once
 
 #include <cstdint>
@@ -9,28 +9,29 @@
 
 namespace stgs {
 
-// What an opacity that is stored as exactly 1 becomes: the logit of 1 - 1e-7 or so.
+// Logit of an opacity stored as exactly 1: that of about 1 - 1e-7.
 inline constexpr float kOpaqueLogit = 16.0f;
 
-// Whether `count` primitives of that degree are within the limits; `name` is for the message.
+// Checks that `count` primitives of this SH degree are within the limits. `name` is for the
+// message.
 Status check_import_size(const std::string& name, std::uint64_t count, int sh_degree,
                          const ReadLimits& limits);
 
-// The logit of an opacity of [0, 1] that was stored in steps of 1/255. The two ends stand for the
-// half step that rounds to them, whose middle is taken.
+// Returns the logit of an opacity stored as a byte, value / 255. 0 and 255 become the middle of the
+// half steps that round to them.
 float logit_of_byte(int value);
 
-// Leaves out primitives that cannot be drawn, with a note; opacities and scales that are infinite,
-// as trainers write them, become finite.
-void keep_drawable(Gaussians4D& set, ConversionNotes* notes);
-// A static scene of what was decoded and can be drawn.
+// Drops primitives that cannot be rendered, with a note. Infinite opacities and scales, as written
+// by trainers, become finite.
+void drop_invalid(Gaussians4D& set, ConversionNotes* notes);
+// Returns a static scene of the valid primitives.
 Scene finish_import(Gaussians4D set, ConversionNotes* notes);
 
-// kUsage for a set that no writer takes: arrays that differ in length, a degree beyond 0..3, values
-// that are not finite, a rotation of length 0.
+// Returns kUsage for a set that no writer accepts: arrays of different lengths, an SH degree
+// outside 0..3, values that are not finite, or a rotation of length 0.
 Status check_export(const Gaussians4D& set);
 
-// Appends to notes that may not be there.
+// Appends a note, unless `notes` is null.
 inline void note(ConversionNotes* notes, std::string text) {
   if (notes != nullptr) notes->push_back(std::move(text));
 }

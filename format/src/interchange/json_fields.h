@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fields of JSON that another program wrote: each is checked for its kind and range.
+// Checked access to fields of JSON written by other programs.
 #pragma once
 
 #include <cmath>
@@ -13,15 +13,15 @@
 
 namespace stgs {
 
-// The text as JSON; `label` is for messages.
+// Parses JSON. `label` is for messages.
 inline Result<nlohmann::json> parse_json(std::span<const std::uint8_t> text,
                                          const std::string& label) {
   nlohmann::json json = nlohmann::json::parse(text.begin(), text.end(), nullptr, false);
-  if (json.is_discarded()) return invalid_file("{}: is not JSON", label);
+  if (json.is_discarded()) return invalid_file("{}: not valid JSON", label);
   return json;
 }
 
-// The member of an object, or null where there is none.
+// Returns the member of an object, or null if there is none.
 inline const nlohmann::json& member(const nlohmann::json& object, const char* name) {
   static const nlohmann::json none;
   if (!object.is_object()) return none;
@@ -29,18 +29,18 @@ inline const nlohmann::json& member(const nlohmann::json& object, const char* na
   return found == object.end() ? none : *found;
 }
 
-// A list of `count` numbers that are finite in binary32.
+// Returns a list of `count` numbers that are finite in binary32.
 inline Result<std::vector<double>> number_list(const nlohmann::json& list, std::size_t count,
                                                const std::string& label) {
   if (!list.is_array() || list.size() != count) {
-    return invalid_file("{}: must be a list of {} numbers", label, count);
+    return invalid_file("{}: expected a list of {} numbers", label, count);
   }
   std::vector<double> out;
   out.reserve(count);
   for (const nlohmann::json& item : list) {
     const double value = item.is_number() ? item.get<double>() : NAN;
     if (!std::isfinite(static_cast<float>(value))) {
-      return invalid_file("{}[{}]: must be a finite number", label, out.size());
+      return invalid_file("{}[{}]: expected a finite number", label, out.size());
     }
     out.push_back(value);
   }

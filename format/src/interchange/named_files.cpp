@@ -11,7 +11,7 @@
 namespace stgs {
 namespace {
 
-// Whether the name stays inside the set: relative, no step upwards, no zero byte.
+// Returns whether a name stays inside the set: relative, without "..", without a zero byte.
 bool stays_inside(const std::string& name) {
   if (name.empty() || name.find('\0') != std::string::npos) return false;
   const std::filesystem::path path(name);
@@ -19,7 +19,7 @@ bool stays_inside(const std::string& name) {
 }
 
 Status too_large(const std::string& label, std::uint64_t bytes, std::uint64_t max_bytes) {
-  return unsupported("{}: has {} bytes, more than the {} allowed here", label, bytes, max_bytes);
+  return unsupported("{}: too large (at most {} bytes allowed, got {})", label, max_bytes, bytes);
 }
 
 class FolderFiles final : public NamedFiles {
@@ -33,7 +33,7 @@ class FolderFiles final : public NamedFiles {
   Result<std::vector<std::uint8_t>> read(const std::string& name,
                                          std::uint64_t max_bytes) override {
     if (!stays_inside(name)) {
-      return invalid_file("{}: names the file \"{}\", which is not inside it", folder_, name);
+      return invalid_file("{}: refers to a file outside the folder: \"{}\"", folder_, name);
     }
     STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file(label(name)));
     if (file->size() > max_bytes) return too_large(label(name), file->size(), max_bytes);
@@ -62,30 +62,31 @@ class ZipFiles final : public NamedFiles {
   Result<std::vector<std::uint8_t>> read(const std::string& name,
                                          std::uint64_t max_bytes) override {
     if (!stays_inside(name)) {
-      return invalid_file("{}: names the file \"{}\", which cannot be inside it", path_, name);
+      return invalid_file("{}: refers to a file outside the archive: \"{}\"", path_, name);
     }
     zip_stat_t stat;
     if (zip_stat(archive_.get(), name.c_str(), 0, &stat) != 0) {
-      return invalid_file("{}: the archive has no such file", label(name));
+      return invalid_file("{}: not found in the archive", label(name));
     }
     if (!(stat.valid & ZIP_STAT_SIZE) || !(stat.valid & ZIP_STAT_COMP_SIZE)) {
-      return invalid_file("{}: the archive does not tell its size", label(name));
+      return invalid_file("{}: the archive does not state its size", label(name));
     }
     if (stat.size > max_bytes) return too_large(label(name), stat.size, max_bytes);
-    // DEFLATE makes at most 1032 bytes of one, so a greater promise is a lie.
+    // DEFLATE expands by a factor of at most 1032.
     if (stat.size / 1032 > stat.comp_size) {
-      return invalid_file("{}: promises {} bytes from {}", label(name), stat.size, stat.comp_size);
+      return invalid_file("{}: stated size of {} bytes is impossible for {} compressed bytes",
+                          label(name), stat.size, stat.comp_size);
     }
     const std::unique_ptr<zip_file_t, CloseMember> member(
         zip_fopen(archive_.get(), name.c_str(), 0));
     if (!member) {
-      return invalid_file("{}: cannot be opened: {}", label(name), zip_strerror(archive_.get()));
+      return invalid_file("{}: cannot open: {}", label(name), zip_strerror(archive_.get()));
     }
     std::vector<std::uint8_t> bytes(static_cast<std::size_t>(stat.size));
-    std::uint8_t past_the_end = 0;  // reading on to the end makes libzip verify the checksum
+    std::uint8_t past_the_end = 0;  // libzip verifies the checksum when the end is read
     if (zip_fread(member.get(), bytes.data(), bytes.size()) != zip_int64_t(bytes.size()) ||
         zip_fread(member.get(), &past_the_end, 1) != 0) {
-      return invalid_file("{}: the archive is damaged here: {}", label(name),
+      return invalid_file("{}: damaged in the archive: {}", label(name),
                           zip_file_strerror(member.get()));
     }
     return bytes;
@@ -111,7 +112,7 @@ Result<std::unique_ptr<NamedFiles>> zip_files(const std::string& path) {
     zip_error_init_with_code(&error, code);
     const std::string message = zip_error_strerror(&error);
     zip_error_fini(&error);
-    return invalid_file("{}: not a zip archive that can be read: {}", path, message);
+    return invalid_file("{}: cannot read as a zip archive: {}", path, message);
   }
   return std::unique_ptr<NamedFiles>(std::make_unique<ZipFiles>(archive, path));
 }

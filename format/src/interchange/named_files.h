@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The files of a set by name: a folder's, or the members of a zip archive.
+// Files of a set by name: those of a folder, or the members of a zip archive.
 #pragma once
 
 #include <cstdint>
@@ -14,16 +14,16 @@ namespace stgs {
 class NamedFiles {
  public:
   virtual ~NamedFiles() = default;
-  // The whole file. Refuses names that lead out of the set, and files of more than `max_bytes`
-  // before it allocates. Called by one thread at a time.
+  // Reads a complete file. Rejects names that lead out of the set and, before allocating, files of
+  // more than `max_bytes`. One thread at a time.
   virtual Result<std::vector<std::uint8_t>> read(const std::string& name,
                                                  std::uint64_t max_bytes) = 0;
-  // What messages call a file of the set.
+  // Returns the name of a file for messages.
   virtual std::string label(const std::string& name) const = 0;
 };
 
 std::unique_ptr<NamedFiles> folder_files(const std::string& folder);
-// Opens the archive; members may be stored or deflated, and their checksums are verified.
+// Opens a zip archive. Members may be stored or deflated; their checksums are verified.
 Result<std::unique_ptr<NamedFiles>> zip_files(const std::string& path);
 
 }  // namespace stgs

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The two kinds of PLY that hold Gaussian splats.
+// The two kinds of PLY that contain Gaussian splats.
 #pragma once
 
 #include "interchange/import.h"
@@ -7,10 +7,11 @@
 
 namespace stgs {
 
-// The degree that so many coefficients a channel beyond the first make; -1 for other numbers.
+// Returns the SH degree, up to 4, with this many coefficients per channel beyond the first; -1 if
+// there is none.
 int sh_degree_of(std::uint64_t rest_coefficients);
 
-// Whether the header is that of PlayCanvas's packed PLY.
+// Returns whether the header is that of a packed PLY of PlayCanvas.
 bool is_packed_ply(const PlyHeader& header);
 Result<Gaussians4D> read_packed_ply(const ByteSource& source, const PlyHeader& header,
                                     const ReadLimits& limits);

@@ -11,10 +11,10 @@
 namespace stgs {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "PLY values are copied as they are");
+static_assert(std::endian::native == std::endian::little, "PLY values are copied without swapping");
 
-constexpr std::uint64_t kLongestHeader = 256 * 1024;
-constexpr std::size_t kMostProperties = 4096;
+constexpr std::uint64_t kMaxHeaderBytes = 256 * 1024;
+constexpr std::size_t kMaxProperties = 4096;
 
 struct TypeName {
   std::string_view name, alias;
@@ -30,7 +30,7 @@ constexpr std::array<TypeName, 8> kTypes = {{{"char", "int8", PlyType::kInt8, 1}
                                              {"float", "float32", PlyType::kFloat32, 4},
                                              {"double", "float64", PlyType::kFloat64, 8}}};
 
-// Takes the first word off a line; "" at its end.
+// Removes and returns the first word of a line; "" at its end.
 std::string_view next_word(std::string_view& line) {
   const std::size_t begin = std::min(line.find_first_not_of(" \t"), line.size());
   line.remove_prefix(begin);
@@ -39,7 +39,8 @@ std::string_view next_word(std::string_view& line) {
   return word;
 }
 
-// Takes the first line off the text, without its end; false where no line end is left.
+// Removes the first line of the text and returns it without its end. Returns false if no line end
+// is left.
 bool next_line(std::string_view& text, std::string_view& line) {
   const std::size_t end = text.find('\n');
   if (end == std::string_view::npos) return false;
@@ -54,23 +55,23 @@ class HeaderParser {
   HeaderParser(const std::string& file, std::string_view text) : file_(file), text_(text) {}
 
   Result<PlyHeader> parse() {
-    const std::size_t whole = text_.size();
+    const std::size_t size = text_.size();
     std::string_view line;
     if (!next_line(text_, line) || line != "ply") {
-      return invalid_file("{}: is not a PLY file: its first line is not 'ply'", file_);
+      return invalid_file("{}: not a PLY file (first line is not 'ply')", file_);
     }
     while (next_line(text_, line)) {
       ++line_number_;
       const std::string_view keyword = next_word(line);
       if (keyword == "end_header") {
-        if (!has_format_) return invalid_file("{}: its PLY header states no format", file_);
-        header_.bytes = whole - text_.size();
+        if (!has_format_) return invalid_file("{}: PLY header has no format line", file_);
+        header_.bytes = size - text_.size();
         return std::move(header_);
       }
       STGS_TRY(take(keyword, line));
     }
-    return invalid_file("{}: its PLY header has no 'end_header' within {} bytes: it is truncated",
-                        file_, whole);
+    return invalid_file("{}: PLY header is truncated (no 'end_header' within {} bytes)", file_,
+                        size);
   }
 
  private:
@@ -79,7 +80,7 @@ class HeaderParser {
     if (keyword == "element") return element(rest);
     if (keyword == "property") return property(rest);
     if (keyword.empty() || keyword == "comment" || keyword == "obj_info") return {};
-    return invalid_file("{}: line {} of the PLY header begins with '{}'", file_, line_number_,
+    return invalid_file("{}: PLY header, line {}: unknown keyword '{}'", file_, line_number_,
                         keyword);
   }
 
@@ -87,8 +88,7 @@ class HeaderParser {
     header_.ascii = name == "ascii";
     has_format_ = true;
     if (header_.ascii || name == "binary_little_endian") return {};
-    return unsupported("{}: PLY of format '{}' is not read; write binary_little_endian", file_,
-                       name);
+    return unsupported("{}: unsupported PLY format '{}'; use binary_little_endian", file_, name);
   }
 
   Status element(std::string_view rest) {
@@ -98,12 +98,12 @@ class HeaderParser {
     const auto [end, error] =
         std::from_chars(count.data(), count.data() + count.size(), element.count);
     if (element.name.empty() || error != std::errc() || end != count.data() + count.size()) {
-      return invalid_file("{}: line {} of the PLY header: an element needs a name and a count",
-                          file_, line_number_);
+      return invalid_file("{}: PLY header, line {}: element without a name and a count", file_,
+                          line_number_);
     }
     if (header_.find(element.name) != nullptr) {
-      return invalid_file("{}: line {} of the PLY header: a second element '{}'", file_,
-                          line_number_, element.name);
+      return invalid_file("{}: PLY header, line {}: duplicate element '{}'", file_, line_number_,
+                          element.name);
     }
     header_.elements.push_back(std::move(element));
     return {};
@@ -111,11 +111,11 @@ class HeaderParser {
 
   Status property(std::string_view rest) {
     if (header_.elements.empty()) {
-      return invalid_file("{}: line {} of the PLY header: a property comes before its element",
-                          file_, line_number_);
+      return invalid_file("{}: PLY header, line {}: property before the first element", file_,
+                          line_number_);
     }
-    if (++properties_ > kMostProperties) {
-      return invalid_file("{}: its PLY header has more than {} properties", file_, kMostProperties);
+    if (++properties_ > kMaxProperties) {
+      return invalid_file("{}: PLY header has more than {} properties", file_, kMaxProperties);
     }
     PlyElement& element = header_.elements.back();
     const std::string_view type = next_word(rest);
@@ -128,12 +128,12 @@ class HeaderParser {
       return t.name == type || t.alias == type;
     });
     if (known == kTypes.end() || name.empty()) {
-      return invalid_file("{}: line {} of the PLY header: '{}' is no scalar type with a name",
+      return invalid_file("{}: PLY header, line {}: expected a scalar type and a name, got '{}'",
                           file_, line_number_, type);
     }
     if (element.find(name) != nullptr) {
-      return invalid_file("{}: line {} of the PLY header: a second property '{}'", file_,
-                          line_number_, name);
+      return invalid_file("{}: PLY header, line {}: duplicate property '{}'", file_, line_number_,
+                          name);
     }
     element.properties.push_back({std::string(name), known->type, element.stride});
     element.stride += known->bytes;
@@ -148,8 +148,8 @@ class HeaderParser {
   bool has_format_ = false;
 };
 
-// Where each element of a binary file begins; all of them up to the first with lists.
-Status place_elements(const ByteSource& source, PlyHeader& header) {
+// Sets the offset of each element of a binary file, up to the first one with lists.
+Status locate_elements(const ByteSource& source, PlyHeader& header) {
   std::uint64_t at = header.bytes;
   bool known = true;
   for (PlyElement& element : header.elements) {
@@ -160,8 +160,8 @@ Status place_elements(const ByteSource& source, PlyHeader& header) {
     const std::uint64_t left = source.size() - at;
     if (element.count > left / element.stride) {
       return invalid_file(
-          "{}: says {} records '{}' of {} bytes, but only {} bytes are left at byte {}: it is "
-          "truncated",
+          "{}: the file is truncated ({} records '{}' of {} bytes stated, {} bytes left at byte "
+          "{})",
           source.name(), element.count, element.name, element.stride, left, at);
     }
     at += element.count * element.stride;
@@ -184,10 +184,10 @@ const PlyElement* PlyHeader::find(std::string_view element) const {
 }
 
 Result<PlyHeader> read_ply_header(const ByteSource& source) {
-  std::string head(static_cast<std::size_t>(std::min(source.size(), kLongestHeader)), '\0');
+  std::string head(static_cast<std::size_t>(std::min(source.size(), kMaxHeaderBytes)), '\0');
   STGS_TRY(source.read(0, {reinterpret_cast<std::uint8_t*>(head.data()), head.size()}));
   STGS_ASSIGN(PlyHeader header, HeaderParser(source.name(), head).parse());
-  if (!header.ascii) STGS_TRY(place_elements(source, header));
+  if (!header.ascii) STGS_TRY(locate_elements(source, header));
   return header;
 }
 

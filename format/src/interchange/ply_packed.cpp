@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The packed PLY of PlayCanvas (developer.playcanvas.com, "compressed PLY format"): chunks of 256
-// primitives with their bounds, four 32-bit words a primitive, and a byte a harmonic coefficient.
+// primitives with their bounds, four 32-bit words per primitive, and a byte per SH coefficient.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -24,8 +24,8 @@ constexpr std::array<const char*, 4> kWords = {"packed_position", "packed_rotati
 struct PackedLayout {
   const PlyElement* chunk = nullptr;
   const PlyElement* vertex = nullptr;
-  const PlyElement* sh = nullptr;               // may be absent
-  std::array<const PlyProperty*, 18> bounds{};  // the colour's may be absent
+  const PlyElement* sh = nullptr;               // optional
+  std::array<const PlyProperty*, 18> bounds{};  // those of the colour are optional
   std::array<const PlyProperty*, 4> words{};
   int sh_degree = 0;
 };
@@ -37,43 +37,43 @@ Result<PackedLayout> layout_of(const PlyHeader& header, const std::string& file)
   layout.sh = header.find("sh");
   for (const PlyElement* element : {layout.chunk, layout.vertex, layout.sh}) {
     if (element != nullptr && (element->has_lists || !element->offset_known)) {
-      return unsupported("{}: a packed PLY with lists", file);
+      return unsupported("{}: packed PLY with list properties", file);
     }
   }
   for (std::size_t i = 0; i < kBounds.size(); ++i) {
     layout.bounds[i] = layout.chunk->find(kBounds[i]);
     if (layout.bounds[i] == nullptr && i < kGeometryBounds) {
-      return invalid_file("{}: its chunks have no property '{}'", file, kBounds[i]);
+      return invalid_file("{}: chunks lack the property '{}'", file, kBounds[i]);
     }
   }
   for (std::size_t i = 0; i < kWords.size(); ++i) {
     layout.words[i] = layout.vertex->find(kWords[i]);
     if (layout.words[i] == nullptr || layout.words[i]->type != PlyType::kUint32) {
-      return invalid_file("{}: its vertices have no property '{}' of type uint", file, kWords[i]);
+      return invalid_file("{}: vertices lack the property '{}' of type uint", file, kWords[i]);
     }
   }
   if (layout.chunk->count != layout.vertex->count / kChunk + (layout.vertex->count % kChunk != 0)) {
-    return invalid_file("{}: has {} chunks for {} vertices, not one for {}", file,
-                        layout.chunk->count, layout.vertex->count, kChunk);
+    return invalid_file("{}: wrong number of chunks (got {} for {} vertices, expected one per {})",
+                        file, layout.chunk->count, layout.vertex->count, kChunk);
   }
   if (layout.sh == nullptr) return layout;
   const std::size_t columns = layout.sh->properties.size();
   layout.sh_degree = columns % 3 == 0 ? sh_degree_of(columns / 3) : -1;
   if (layout.sh_degree < 0 || layout.sh_degree > 3 || layout.sh->count != layout.vertex->count) {
-    return invalid_file("{}: has {} harmonics records of {} bytes for {} vertices", file,
-                        layout.sh->count, columns, layout.vertex->count);
+    return invalid_file("{}: SH records do not match ({} records of {} bytes for {} vertices)",
+                        file, layout.sh->count, columns, layout.vertex->count);
   }
   for (std::size_t k = 0; k < columns; ++k) {
     const PlyProperty& property = layout.sh->properties[k];
     if (property.name != fmt::format("f_rest_{}", k) || property.type != PlyType::kUint8) {
-      return invalid_file("{}: harmonics property {} is '{}', not 'f_rest_{}' of type uchar", file,
+      return invalid_file("{}: SH property {} is '{}' (expected 'f_rest_{}' of type uchar)", file,
                           k, property.name, k);
     }
   }
   return layout;
 }
 
-// The lowest `bits` of a word as a number of [0, 1].
+// Returns the lowest `bits` of a word as a number in [0, 1].
 float unit(std::uint32_t word, int bits) {
   const std::uint32_t mask = (1u << bits) - 1u;
   return static_cast<float>(word & mask) / static_cast<float>(mask);
@@ -82,7 +82,7 @@ std::array<float, 3> unit_11_10_11(std::uint32_t word) {
   return {unit(word >> 21, 11), unit(word >> 11, 10), unit(word, 11)};
 }
 
-// 2 bits say which component is the largest, and left out; 10 bits each for the others, in order.
+// 2 bits give the index of the largest component, which is omitted; 10 bits each for the others.
 std::array<float, 4> unpack_rotation(std::uint32_t word) {
   std::array<float, 4> q{};
   const std::size_t largest = word >> 30;
@@ -108,14 +108,14 @@ std::uint32_t word_of(const std::uint8_t* record, const PlyProperty& property) {
   return word;
 }
 
-// One chunk's primitives [first, last) from their records.
+// Decodes primitives [first, last), those of one chunk, from their records.
 void unpack_chunk(const PackedLayout& layout, const std::uint8_t* chunk,
                   const std::uint8_t* vertices, std::size_t first, std::size_t last,
                   Gaussians4D& set) {
   std::array<float, 18> bounds{};
   for (std::size_t i = 0; i < bounds.size(); ++i) {
     const PlyProperty* property = layout.bounds[i];
-    // Without bounds a colour is of [0, 1].
+    // The default range of colours is [0, 1].
     bounds[i] = property != nullptr ? ply_float(chunk, *property) : i < 15 ? 0.0f : 1.0f;
   }
   const auto stride = static_cast<std::size_t>(layout.vertex->stride);
@@ -137,27 +137,26 @@ void unpack_chunk(const PackedLayout& layout, const std::uint8_t* chunk,
   }
 }
 
-// A byte stands for an interval of 1/32 of [-4, 4], the first and the last for the ends.
-float unpack_harmonic(std::uint8_t value) {
+// A byte represents the middle of an interval of 1/32 in [-4, 4]; 0 and 255 represent the ends.
+float unpack_sh(std::uint8_t value) {
   const float t = value == 0     ? 0.0f
                   : value == 255 ? 1.0f
                                  : (static_cast<float>(value) + 0.5f) / 256.0f;
   return 8.0f * (t - 0.5f);
 }
 
-Status read_harmonics(const ByteSource& source, const PackedLayout& layout, Gaussians4D& set) {
+Status read_sh(const ByteSource& source, const PackedLayout& layout, Gaussians4D& set) {
   const auto rest = static_cast<std::size_t>(set.sh_coefficients() - 1);
   const auto sh = 3 * (rest + 1);
-  const std::size_t a_block = kChunk * kChunk;
-  std::vector<std::uint8_t> bytes(std::min(a_block, set.size()) * 3 * rest);
-  for (std::size_t begin = 0; begin < set.size(); begin += a_block) {
-    const std::size_t count = std::min(a_block, set.size() - begin);
+  const std::size_t block_size = kChunk * kChunk;
+  std::vector<std::uint8_t> bytes(std::min(block_size, set.size()) * 3 * rest);
+  for (std::size_t begin = 0; begin < set.size(); begin += block_size) {
+    const std::size_t count = std::min(block_size, set.size() - begin);
     STGS_TRY(source.read(layout.sh->offset + begin * 3 * rest, {bytes.data(), count * 3 * rest}));
     for (std::size_t i = 0; i < count; ++i) {
       for (std::size_t k = 0; k < rest; ++k) {
         for (std::size_t c = 0; c < 3; ++c) {
-          set.sh[(begin + i) * sh + 3 * (k + 1) + c] =
-              unpack_harmonic(bytes[(3 * i + c) * rest + k]);
+          set.sh[(begin + i) * sh + 3 * (k + 1) + c] = unpack_sh(bytes[(3 * i + c) * rest + k]);
         }
       }
     }
@@ -191,7 +190,7 @@ Result<Gaussians4D> read_packed_ply(const ByteSource& source, const PlyHeader& h
                  std::min(set.size(), first + kChunk), set);
   });
   if (layout.sh != nullptr && layout.sh_degree > 0) {
-    STGS_TRY(read_harmonics(source, layout, set));
+    STGS_TRY(read_sh(source, layout, set));
   }
   return set;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// PLY with one vertex a Gaussian, in the properties that 3DGS (Kerbl et al. 2023) writes.
+// Reading PLY files with one vertex per Gaussian and the properties of 3DGS (Kerbl et al. 2023).
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -13,15 +13,15 @@ namespace {
 
 constexpr std::size_t kBlockBytes = std::size_t{8} << 20;
 constexpr std::size_t kGrain = 1024;
-constexpr std::size_t kMostCoefficients = 16;
+constexpr std::size_t kMaxCoefficients = 16;
 
-// Where each component of a primitive comes from: indices of the vertex's properties.
+// For each component of a primitive, the index of its vertex property.
 struct PlyFields {
   int sh_degree = 0;
   std::array<std::size_t, 3> position, log_scale;
   std::array<std::size_t, 4> rotation;
   std::size_t opacity = 0;
-  std::array<std::size_t, 3 * kMostCoefficients> sh;  // coefficient, then channel
+  std::array<std::size_t, 3 * kMaxCoefficients> sh;  // coefficient, then channel
 };
 
 std::uint64_t count_rest(const PlyElement& vertex) {
@@ -54,8 +54,7 @@ class FieldFinder {
   Status find_one(const std::string& name, std::size_t& index) const {
     const PlyProperty* property = vertex_.find(name);
     if (property == nullptr) {
-      return unsupported("{}: its vertices have no property '{}', which a PLY of 3DGS has", file_,
-                         name);
+      return unsupported("{}: not a 3DGS PLY (vertices lack the property '{}')", file_, name);
     }
     index = static_cast<std::size_t>(property - vertex_.properties.data());
     return {};
@@ -64,18 +63,20 @@ class FieldFinder {
   // f_rest has all coefficients of red, then green, then blue.
   Status find_rest(PlyFields& fields, ConversionNotes* notes) const {
     const std::uint64_t count = count_rest(vertex_);
-    const std::uint64_t a_channel = count / 3;
-    if (count % 3 != 0 || sh_degree_of(a_channel) < 0) {
-      return unsupported("{}: its vertices have {} properties 'f_rest', not 0, 9, 24, 45 or 72",
-                         file_, count);
+    const std::uint64_t per_channel = count / 3;
+    if (count % 3 != 0 || sh_degree_of(per_channel) < 0) {
+      return unsupported(
+          "{}: wrong number of 'f_rest' properties (expected 0, 9, 24, 45 or 72, got "
+          "{})",
+          file_, count);
     }
-    fields.sh_degree = std::min(sh_degree_of(a_channel), 3);
-    if (sh_degree_of(a_channel) > 3) note(notes, "harmonics of degree 4 are left out");
+    fields.sh_degree = std::min(sh_degree_of(per_channel), 3);
+    if (sh_degree_of(per_channel) > 3) note(notes, "dropped SH of degree 4");
     const auto coefficients =
         static_cast<std::uint64_t>((fields.sh_degree + 1) * (fields.sh_degree + 1));
     for (std::uint64_t k = 1; k < coefficients; ++k) {
       for (std::uint64_t c = 0; c < 3; ++c) {
-        STGS_TRY(find_one(fmt::format("f_rest_{}", c * a_channel + k - 1), fields.sh[3 * k + c]));
+        STGS_TRY(find_one(fmt::format("f_rest_{}", c * per_channel + k - 1), fields.sh[3 * k + c]));
       }
     }
     return {};
@@ -85,7 +86,7 @@ class FieldFinder {
   const PlyElement& vertex_;
 };
 
-// value(property index) gives a component of the record of primitive i.
+// Stores primitive i. value(index) returns a property of its record.
 template <typename Value>
 void store(const PlyFields& fields, std::size_t i, Gaussians4D& set, const Value& value) {
   const auto sh = static_cast<std::size_t>(3 * set.sh_coefficients());
@@ -99,10 +100,10 @@ void store(const PlyFields& fields, std::size_t i, Gaussians4D& set, const Value
 Status read_binary(const ByteSource& source, const PlyElement& vertex, const PlyFields& fields,
                    Gaussians4D& set) {
   const auto stride = static_cast<std::size_t>(vertex.stride);
-  const std::size_t a_block = std::max<std::size_t>(1, kBlockBytes / stride);
-  std::vector<std::uint8_t> bytes(std::min(a_block, set.size()) * stride);
-  for (std::size_t begin = 0; begin < set.size(); begin += a_block) {
-    const std::size_t count = std::min(a_block, set.size() - begin);
+  const std::size_t block_size = std::max<std::size_t>(1, kBlockBytes / stride);
+  std::vector<std::uint8_t> bytes(std::min(block_size, set.size()) * stride);
+  for (std::size_t begin = 0; begin < set.size(); begin += block_size) {
+    const std::size_t count = std::min(block_size, set.size() - begin);
     STGS_TRY(source.read(vertex.offset + begin * stride, {bytes.data(), count * stride}));
     parallel_blocks(std::size_t{0}, count, kGrain, [&](std::size_t first, std::size_t last) {
       for (std::size_t i = first; i < last; ++i) {
@@ -125,8 +126,7 @@ class NumberReader {
     if (end_ - at_ > 1 && *at_ == '+' && at_[1] != '-') ++at_;
     double wide = 0;
     const auto [after, error] = std::from_chars(at_, end_, wide);
-    // What is too small for a double is 0. What is too large is no number: the primitive is left
-    // out, and told of.
+    // Underflow gives 0. Overflow gives NaN, so that the primitive is dropped with a note.
     if (error == std::errc::result_out_of_range) {
       const bool small = std::find(at_ + 1, after, '-') != after;
       wide = small ? 0.0 : std::numeric_limits<double>::quiet_NaN();
@@ -142,19 +142,19 @@ class NumberReader {
   const char *at_, *end_;
 };
 
-// `skipped`: numbers of the elements before the vertices.
+// `skipped`: count of numbers before the vertices.
 Status read_ascii(const std::string& file, std::string_view body, std::uint64_t skipped,
                   const PlyElement& vertex, const PlyFields& fields, Gaussians4D& set) {
   NumberReader numbers(body);
   float ignored = 0;
   for (std::uint64_t i = 0; i < skipped; ++i) {
-    if (!numbers.next(ignored)) return invalid_file("{}: ends before its vertices", file);
+    if (!numbers.next(ignored)) return invalid_file("{}: truncated before the vertices", file);
   }
   std::vector<float> record(vertex.properties.size());
   for (std::size_t i = 0; i < set.size(); ++i) {
     for (float& value : record) {
       if (!numbers.next(value)) {
-        return invalid_file("{}: vertex {} of {} is not complete, or not of numbers", file, i,
+        return invalid_file("{}: vertex {} of {} is incomplete or not numeric", file, i,
                             set.size());
       }
     }
@@ -163,22 +163,22 @@ Status read_ascii(const std::string& file, std::string_view body, std::uint64_t 
   return {};
 }
 
-// The whole body of an ASCII file, and how many numbers stand before the vertices. Each number
-// takes two bytes with what parts it from the next, so counts are checked before any allocation.
+// Reads the complete body of an ASCII file and counts the numbers before the vertices. A number
+// takes at least two bytes including its separator, so that counts are checked before allocating.
 Result<std::string> ascii_body(const ByteSource& source, const PlyHeader& header,
                                const PlyElement& vertex, const ReadLimits& limits,
                                std::uint64_t& skipped) {
   const std::uint64_t bytes = source.size() - header.bytes;
   if (bytes > limits.max_memory) {
-    return unsupported("{}: {} bytes of text, more than the {} allowed", source.name(), bytes,
-                       limits.max_memory);
+    return unsupported("{}: text of {} bytes exceeds the memory limit of {} bytes", source.name(),
+                       bytes, limits.max_memory);
   }
   std::uint64_t left = bytes / 2 + 1;
   for (const PlyElement& element : header.elements) {
     const std::uint64_t width = element.properties.size();
     if (element.has_lists || (width > 0 && element.count > left / width)) {
-      return invalid_file("{}: says {} records '{}', which do not fit in its {} bytes",
-                          source.name(), element.count, element.name, bytes);
+      return invalid_file("{}: {} records '{}' do not fit in {} bytes", source.name(),
+                          element.count, element.name, bytes);
     }
     left -= element.count * width;
     if (&element == &vertex) break;
@@ -192,9 +192,9 @@ Result<std::string> ascii_body(const ByteSource& source, const PlyHeader& header
 Result<Gaussians4D> read_vertices(const ByteSource& source, const PlyHeader& header,
                                   const ReadLimits& limits, ConversionNotes* notes) {
   const PlyElement* vertex = header.find("vertex");
-  if (vertex == nullptr) return unsupported("{}: has no element 'vertex'", source.name());
+  if (vertex == nullptr) return unsupported("{}: PLY without an element 'vertex'", source.name());
   if (vertex->has_lists || !vertex->offset_known) {
-    return unsupported("{}: has lists in its vertices or before them", source.name());
+    return unsupported("{}: list properties in or before the vertices", source.name());
   }
   STGS_ASSIGN(const PlyFields fields, FieldFinder(source.name(), *vertex).find(notes));
   STGS_TRY(check_import_size(source.name(), vertex->count, fields.sh_degree, limits));

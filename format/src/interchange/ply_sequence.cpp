@@ -15,7 +15,7 @@ namespace {
 namespace fs = std::filesystem;
 
 struct FrameFile {
-  std::uint64_t number = 0;  // the last one in its name; of one file alone it does not matter
+  std::uint64_t number = 0;  // the last one in its name; unused for a single file
   std::string path;
 };
 
@@ -34,12 +34,12 @@ Result<std::uint64_t> number_of(const fs::path& path) {
   const char* text = stem.data() + (begin - stem.begin());
   const auto parsed = std::from_chars(text, stem.data() + (end - stem.begin()), number);
   if (begin == end || parsed.ec != std::errc()) {
-    return usage_error("{}: has no number of a frame in its name", path.string());
+    return usage_error("{}: no frame number in the file name", path.string());
   }
   return number;
 }
 
-// The frames in their order; equal steps between their numbers show that none is missing.
+// Returns the frames in order. Their numbers must have equal steps, which detects missing frames.
 Result<std::vector<FrameFile>> frame_files(const std::string& folder) {
   std::vector<FrameFile> files;
   std::error_code error;
@@ -47,7 +47,7 @@ Result<std::vector<FrameFile>> frame_files(const std::string& folder) {
     if (is_ply(it->path())) files.push_back({0, it->path().string()});
   }
   if (error) return io_error("{}: cannot list the folder: {}", folder, error.message());
-  if (files.empty()) return io_error("{}: has no file that ends in .ply", folder);
+  if (files.empty()) return io_error("{}: no .ply files in the folder", folder);
   if (files.size() == 1) return files;
   for (FrameFile& file : files) {
     STGS_ASSIGN(file.number, number_of(file.path));
@@ -58,12 +58,12 @@ Result<std::vector<FrameFile>> frame_files(const std::string& folder) {
   for (std::size_t i = 1; i < files.size(); ++i) {
     const std::uint64_t step = files[i].number - files[i - 1].number;
     if (step == 0) {
-      return usage_error("{} and {}: are the same frame; leave one", files[i - 1].path,
-                         files[i].path);
+      return usage_error("{}: has the same frame number as {}; remove one of them", files[i].path,
+                         files[i - 1].path);
     }
     if (step != files[1].number - files[0].number) {
-      return usage_error("{}: follows {} in a step of {}, not {}: is a frame missing?",
-                         files[i].path, files[i - 1].path, step, files[1].number - files[0].number);
+      return usage_error("{}: frames missing after {} (expected a step of {}, got {})",
+                         files[i].path, files[i - 1].path, files[1].number - files[0].number, step);
     }
   }
   return files;
@@ -101,8 +101,8 @@ Result<Scene> read_ply_sequence(const std::string& folder, const SequenceSetting
       degree = frame.gaussians.sh_degree;
       first_frame = frame.gaussians.size();
     } else if (frame.gaussians.sh_degree != degree) {
-      return invalid_file("{}: has harmonics of degree {}, the first frame of degree {}",
-                          files[i].path, frame.gaussians.sh_degree, degree);
+      return invalid_file("{}: SH degree differs from the first frame (expected {}, got {})",
+                          files[i].path, degree, frame.gaussians.sh_degree);
     }
     matcher.add(frame.gaussians);
     STGS_TRY(check_import_size(folder, matcher.primitives(), degree, limits));

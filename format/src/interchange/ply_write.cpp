@@ -30,7 +30,7 @@ Result<std::vector<std::uint8_t>> write_ply(const Gaussians4D& set) {
   STGS_TRY(check_export(set));
   const std::string header = header_of(set);
   const auto coefficients = static_cast<std::size_t>(set.sh_coefficients());
-  const std::size_t width = 14 + 3 * coefficients;  // floats a vertex, normals among them
+  const std::size_t width = 14 + 3 * coefficients;  // floats per vertex, including normals
   std::vector<std::uint8_t> out(header.size() + set.size() * width * sizeof(float));
   std::memcpy(out.data(), header.data(), header.size());
   parallel_blocks(std::size_t{0}, set.size(), kGrain, [&](std::size_t first, std::size_t last) {
@@ -39,7 +39,7 @@ Result<std::vector<std::uint8_t>> write_ply(const Gaussians4D& set) {
       auto to = record.begin();
       const float* sh = set.sh.data() + i * 3 * coefficients;
       to = std::copy_n(set.position.begin() + static_cast<std::ptrdiff_t>(3 * i), 3, to);
-      to = std::fill_n(to, 3, 0.0f);  // normals, which 3DGS writes as 0 too
+      to = std::fill_n(to, 3, 0.0f);  // normals; 3DGS writes 0 as well
       to = std::copy_n(sh, 3, to);
       for (std::size_t c = 0; c < 3; ++c) {
         for (std::size_t k = 1; k < coefficients; ++k) *to++ = sh[3 * k + c];

@@ -15,19 +15,18 @@ namespace stgs {
 namespace {
 
 constexpr std::size_t kGrain = 4096;
-// A run's first step shows its velocity, so nothing bounds it but these.
-constexpr double kWidestStep = 32;  // largest standard deviations, where the order agrees
-constexpr double kNearStep = 4;     // typical largest standard deviations, where it does not
-constexpr int kRounds = 4;          // of splats that want the same run
-// Of one splat; what lies denser than this in one place is not all looked at.
-constexpr int kMostCandidates = 4096;
-// Lifespans end this softly, in frames; where they meet, one fades while the other is there.
+// Bounds of the first step of a run, which determines its velocity.
+constexpr double kMaxOrderedStep = 32;  // in largest standard deviations, for files in one order
+constexpr double kMaxNearbyStep = 4;    // in typical largest standard deviations, otherwise
+constexpr int kMaxRounds = 4;           // of resolving conflicts between splats
+constexpr int kMaxCandidates = 4096;    // runs considered per splat
+// Sigma of the ends of lifespans, frames: successive primitives cross-fade.
 constexpr double kFade = 1.0 / 1024;
-constexpr double kFadeWidth = 2.3541 * kFade;  // sigma sqrt(ln 255): where even O = 1 is not drawn
-// Positions are binary32: a straight run strays by its rounding.
+constexpr double kFadeWidth = 2.3541 * kFade;  // sigma sqrt(ln 255): even O = 1 is invisible here
+// Relative rounding error of binary32 positions.
 constexpr double kRounding = 4.0 / (1 << 23);
 // Greatest |Y| of each degree: sqrt((2 l + 1) / (4 pi)).
-constexpr double kHarmonicBound[4] = {0.28209480, 0.48860252, 0.63078314, 0.74635267};
+constexpr double kShBound[4] = {0.28209480, 0.48860252, 0.63078314, 0.74635267};
 
 double sigmoid(double x) {
   return 1 / (1 + std::exp(-x));
@@ -44,7 +43,7 @@ Sizes sizes_of(const Gaussians4D& set, std::size_t i) {
   return {std::exp(double{s[1]}), std::exp(double{s[2]})};
 }
 
-// The middle one over a thousand splats of their standard deviations.
+// Returns the median standard deviations over about a thousand splats.
 Sizes typical_sizes(const Gaussians4D& set) {
   std::vector<double> middle, largest;
   for (std::size_t i = 0; i < set.size(); i += 1 + set.size() / 1000) {
@@ -60,21 +59,21 @@ Sizes typical_sizes(const Gaussians4D& set) {
   return {median(middle), median(largest)};
 }
 
-// Greatest difference of a channel of the colour, from any direction.
+// Returns the greatest difference of a colour channel over all directions.
 double colour_difference(const float* a, const float* b, int sh_degree) {
   std::array<double, 3> sum{};
   for (int l = 0, k = 0; l <= sh_degree; ++l) {
     for (; k < (l + 1) * (l + 1); ++k) {
       for (int c = 0; c < 3; ++c) {
         sum[static_cast<std::size_t>(c)] +=
-            kHarmonicBound[l] * std::abs(double{a[3 * k + c]} - b[3 * k + c]);
+            kShBound[l] * std::abs(double{a[3 * k + c]} - b[3 * k + c]);
       }
     }
   }
   return *std::max_element(sum.begin(), sum.end());
 }
 
-void keep_larger(SequenceTolerances& a, const SequenceTolerances& b) {
+void update_max(SequenceTolerances& a, const SequenceTolerances& b) {
   a.position = std::max(a.position, b.position);
   a.log_scale = std::max(a.log_scale, b.log_scale);
   a.rotation = std::max(a.rotation, b.rotation);
@@ -82,7 +81,7 @@ void keep_larger(SequenceTolerances& a, const SequenceTolerances& b) {
   a.colour = std::max(a.colour, b.colour);
 }
 
-// Points in cubes of space, found by the cube.
+// A spatial hash of points.
 class Grid {
  public:
   explicit Grid(double cell) : inverse_(1 / cell) {}
@@ -92,13 +91,14 @@ class Grid {
   }
   void finish() { std::sort(points_.begin(), points_.end()); }
 
-  // visit(id) for what lies in the cube of the point and those around it, until it gives false.
+  // Calls visit(id) for the points in the cell of a point and its neighbours, until it returns
+  // false.
   template <typename Visit>
-  void near(const std::array<double, 3>& point, const Visit& visit) const {
+  void visit_near(const std::array<double, 3>& point, const Visit& visit) const {
     const Cell centre = cell_of(point);
     for (std::int64_t x = -1; x <= 1; ++x) {
       for (std::int64_t y = -1; y <= 1; ++y) {
-        // Cubes that differ in z alone have keys one after the other.
+        // Cells that differ only in z have consecutive keys.
         const std::uint64_t first = key({centre[0] + x, centre[1] + y, centre[2] - 1});
         auto it = std::lower_bound(points_.begin(), points_.end(), std::pair(first, 0u));
         for (; it != points_.end() && it->first <= first + 2; ++it) {
@@ -110,7 +110,7 @@ class Grid {
 
  private:
   using Cell = std::array<std::int64_t, 3>;
-  static constexpr double kEdge = 1 << 20;  // farther cubes share one
+  static constexpr double kEdge = 1 << 20;  // points farther away share a cell
 
   Cell cell_of(const std::array<double, 3>& point) const {
     Cell cell;
@@ -143,7 +143,8 @@ double SequenceMatcher::age(const Run& run) const {
 std::array<double, 3> SequenceMatcher::expected(const Run& run) const {
   std::array<double, 3> p = position_of(set_, run.primitive);
   if (age(run) > 1) {
-    for (std::size_t c = 0; c < 3; ++c) p[c] += age(run) * (run.least[c] + run.greatest[c]) / 2;
+    for (std::size_t c = 0; c < 3; ++c)
+      p[c] += age(run) * (run.min_velocity[c] + run.max_velocity[c]) / 2;
   }
   return p;
 }
@@ -174,7 +175,7 @@ bool SequenceMatcher::same_attributes(const Gaussians4D& frame, std::size_t spla
 }
 
 bool SequenceMatcher::continues(const Gaussians4D& frame, std::size_t splat, const Run& run,
-                                double widest, Step& step) const {
+                                double max_step, Step& step) const {
   const std::array<double, 3> first = position_of(set_, run.primitive);
   const std::array<double, 3> now = position_of(frame, splat), guess = expected(run);
   const double frames = age(run);
@@ -182,45 +183,45 @@ bool SequenceMatcher::continues(const Gaussians4D& frame, std::size_t splat, con
   double moved = 0, surprise = 0;
   for (std::size_t c = 0; c < 3; ++c) {
     const double d = now[c] - first[c];
-    // The tolerance is a radius; a third of its square for each axis.
+    // The tolerance is a radius; each axis gets a third of its square.
     const double slack = run.tolerance * std::sqrt(1.0 / 3) +
                          kRounding * std::max(std::abs(now[c]), std::abs(first[c]));
-    const double least = (d - slack) / frames, greatest = (d + slack) / frames;
-    step.run.least[c] = frames > 1 ? std::max(run.least[c], least) : least;
-    step.run.greatest[c] = frames > 1 ? std::min(run.greatest[c], greatest) : greatest;
-    if (step.run.least[c] > step.run.greatest[c]) return false;
+    const double low = (d - slack) / frames, high = (d + slack) / frames;
+    step.run.min_velocity[c] = frames > 1 ? std::max(run.min_velocity[c], low) : low;
+    step.run.max_velocity[c] = frames > 1 ? std::min(run.max_velocity[c], high) : high;
+    if (step.run.min_velocity[c] > step.run.max_velocity[c]) return false;
     moved += d * d;
     surprise += (now[c] - guess[c]) * (now[c] - guess[c]);
   }
   step.surprise = std::sqrt(surprise);
   step.run.farthest = std::max(run.farthest, std::sqrt(moved));
-  if (frames <= 1 && step.surprise > std::max(widest, run.tolerance)) return false;
+  if (frames <= 1 && step.surprise > std::max(max_step, run.tolerance)) return false;
   return same_attributes(frame, splat, run.primitive, step.difference);
 }
 
-void SequenceMatcher::take(std::size_t splat, std::size_t run, const Step& step) {
+void SequenceMatcher::assign(std::size_t splat, std::size_t run, const Step& step) {
   next_[splat] = step.run;
   splat_done_[splat] = 1;
   run_done_[run] = 1;
 }
 
-// Files of one tool mostly list the splats in one order.
+// Matches splats by position in the list: a tool usually keeps the order of splats.
 std::size_t SequenceMatcher::match_in_order(const Gaussians4D& frame) {
   const std::size_t both = std::min(frame.size(), runs_.size());
   parallel_blocks(std::size_t{0}, both, kGrain, [&](std::size_t begin, std::size_t end) {
     Step step;
     for (std::size_t i = begin; i < end; ++i) {
-      const double widest = kWidestStep * sizes_of(set_, runs_[i].primitive).largest;
-      if (continues(frame, i, runs_[i], widest, step)) take(i, i, step);
+      const double max_step = kMaxOrderedStep * sizes_of(set_, runs_[i].primitive).largest;
+      if (continues(frame, i, runs_[i], max_step, step)) assign(i, i, step);
     }
   });
   return static_cast<std::size_t>(
       std::count(splat_done_.begin(), splat_done_.end(), std::uint8_t{1}));
 }
 
-// Each splat that is left takes, of the runs that are left and that it continues, the one that was
-// expected nearest to it; of splats that want the same run the first has it, and the others look
-// again. `starting`: only runs whose velocity is not known.
+// Assigns each remaining splat to the remaining run that it continues with the smallest surprise.
+// If several splats choose the same run, the first one gets it and the others choose again.
+// `starting`: only considers runs whose velocity is unknown.
 void SequenceMatcher::match_nearby(const Gaussians4D& frame, double cell, bool starting) {
   Grid grid(cell);
   for (std::size_t r = 0; r < runs_.size(); ++r) {
@@ -232,29 +233,29 @@ void SequenceMatcher::match_nearby(const Gaussians4D& frame, double cell, bool s
   for (std::size_t i = 0; i < frame.size(); ++i) {
     if (!splat_done_[i]) left.push_back(static_cast<std::uint32_t>(i));
   }
-  std::vector<std::optional<std::pair<std::uint32_t, Step>>> wish(left.size());
-  for (int round = 0; round < kRounds && !left.empty(); ++round) {
+  std::vector<std::optional<std::pair<std::uint32_t, Step>>> choice(left.size());
+  for (int round = 0; round < kMaxRounds && !left.empty(); ++round) {
     parallel_blocks(std::size_t{0}, left.size(), kGrain, [&](std::size_t begin, std::size_t end) {
       for (std::size_t w = begin; w < end; ++w) {
-        wish[w].reset();
+        choice[w].reset();
         int looked_at = 0;
-        grid.near(position_of(frame, left[w]), [&](std::uint32_t r) {
+        grid.visit_near(position_of(frame, left[w]), [&](std::uint32_t r) {
           Step step;
           if (!run_done_[r] && continues(frame, left[w], runs_[r], cell, step) &&
-              (!wish[w] || step.surprise < wish[w]->second.surprise)) {
-            wish[w].emplace(r, step);
+              (!choice[w] || step.surprise < choice[w]->second.surprise)) {
+            choice[w].emplace(r, step);
           }
-          return ++looked_at < kMostCandidates;
+          return ++looked_at < kMaxCandidates;
         });
       }
     });
     std::vector<std::uint32_t> again;
     for (std::size_t w = 0; w < left.size(); ++w) {
-      if (!wish[w]) continue;
-      if (run_done_[wish[w]->first]) {
+      if (!choice[w]) continue;
+      if (run_done_[choice[w]->first]) {
         again.push_back(left[w]);
       } else {
-        take(left[w], wish[w]->first, wish[w]->second);
+        assign(left[w], choice[w]->first, choice[w]->second);
       }
     }
     left = std::move(again);
@@ -271,20 +272,21 @@ void SequenceMatcher::begin_run(const Gaussians4D& frame, std::size_t splat) {
 }
 
 void SequenceMatcher::end_run(const Run& run) {
-  const double frames = age(run);  // of the run: the frame being added has no part in it
+  const double frames = age(run);  // length of the run, without the frame being added
   set_.radius[run.primitive] = static_cast<float>(frames);
   float* velocity = set_.velocity.data() + std::size_t{3} * run.primitive;
   std::fill_n(velocity, 3, 0.0f);
   if (frames < 2) return;
-  bool still = run.farthest <= run.tolerance;
-  for (std::size_t c = 0; c < 3; ++c) still &= run.least[c] <= 0 && run.greatest[c] >= 0;
-  if (!still) {
+  bool is_static = run.farthest <= run.tolerance;
+  for (std::size_t c = 0; c < 3; ++c)
+    is_static &= run.min_velocity[c] <= 0 && run.max_velocity[c] >= 0;
+  if (!is_static) {
     for (std::size_t c = 0; c < 3; ++c) {
-      velocity[c] = static_cast<float>((run.least[c] + run.greatest[c]) / 2);
+      velocity[c] = static_cast<float>((run.min_velocity[c] + run.max_velocity[c]) / 2);
     }
     ++report_.moving;
   }
-  const double error = still ? run.farthest : run.tolerance;
+  const double error = is_static ? run.farthest : run.tolerance;
   report_.position_error = std::max(report_.position_error, error);
   report_.errors.position =
       std::max(report_.errors.position, error / sizes_of(set_, run.primitive).middle);
@@ -297,13 +299,13 @@ void SequenceMatcher::add(const Gaussians4D& frame) {
   run_done_.assign(runs_.size(), 0);
   if (!runs_.empty() && frame.size() > 0) {
     if (2 * match_in_order(frame) < std::min(runs_.size(), frame.size())) {
-      // Another order: what agrees with this one does so by chance.
+      // The order differs: the matches found are coincidental.
       splat_done_.assign(frame.size(), 0);
       run_done_.assign(runs_.size(), 0);
     }
     const Sizes sizes = typical_sizes(frame);
     match_nearby(frame, sizes.middle, false);
-    match_nearby(frame, kNearStep * sizes.largest, true);
+    match_nearby(frame, kMaxNearbyStep * sizes.largest, true);
   }
   for (std::size_t r = 0; r < runs_.size(); ++r) {
     if (!run_done_[r]) end_run(runs_[r]);
@@ -314,7 +316,7 @@ void SequenceMatcher::add(const Gaussians4D& frame) {
     } else {
       SequenceTolerances difference;
       same_attributes(frame, i, next_[i].primitive, difference);
-      keep_larger(report_.errors, difference);
+      update_max(report_.errors, difference);
     }
   }
   runs_.swap(next_);
@@ -333,7 +335,7 @@ Gaussians4D SequenceMatcher::finish(SequenceReport& report) {
     double begin = first - 0.5, end = last + 0.5 - kFadeWidth;
     double sigma = kFade;
     if (first == 0 && last == clip - 1) {
-      // As set_static_lifespan has it, so that a model that does not change is stored as one.
+      // Same lifespan as set_static_lifespan(), so that a static model is stored as such.
       begin = -clip / 2;
       end = 3 * clip / 2;
       sigma = 1;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs of splats over successive frames: which splat of a frame continues which primitive.
+// Matching of splats over successive frames: which splat of a frame continues which primitive.
 #pragma once
 
 #include <array>
@@ -10,55 +10,55 @@
 
 namespace stgs {
 
-// Turns frames, given one after the other, into primitives. A primitive has the attributes of the
-// first splat of its run; a splat continues the run where it has them within the tolerances and a
-// velocity exists at which the run passes every position so far within the tolerance. Those
-// velocities are an interval an axis, which each frame narrows, so nothing else need be kept.
+// Converts frames, added one after the other, into primitives. A primitive has the attributes of
+// the first splat of its run. A splat continues a run if its attributes match within the tolerances
+// and some velocity passes through all positions of the run within the tolerance. The possible
+// velocities are an interval per axis, which each frame narrows; no other history is kept.
 class SequenceMatcher {
  public:
   explicit SequenceMatcher(const SequenceTolerances& tolerances) : tolerances_(tolerances) {}
 
-  // The next frame; its sh_degree is that of the first.
+  // Adds the next frame, which must have the SH degree of the first one.
   void add(const Gaussians4D& frame);
-  // Ends all runs; the primitives have lifespans in ticks of a frame. Nothing may be added then.
+  // Ends all runs and returns the primitives, with lifespans in ticks of one frame. Call it last.
   Gaussians4D finish(SequenceReport& report);
 
   std::uint64_t primitives() const { return set_.size(); }
 
  private:
-  // What a splat of the last frame belongs to.
+  // A run that includes a splat of the last frame.
   struct Run {
     std::uint32_t primitive = 0;
-    std::array<double, 3> least{}, greatest{};  // velocity, scene units a frame
-    double tolerance = 0;                       // of the position, scene units
-    double farthest = 0;                        // from the first position, scene units
+    std::array<double, 3> min_velocity{}, max_velocity{};  // scene units per frame
+    double tolerance = 0;                                  // of the position, scene units
+    double farthest = 0;  // distance from the first position, scene units
   };
-  // A splat that continues a run, and what that costs.
+  // The continuation of a run by a splat, and its error.
   struct Step {
     Run run;
     SequenceTolerances difference;
-    double surprise = 0;  // distance from where the run was expected, scene units
+    double surprise = 0;  // distance from the expected position, scene units
   };
 
-  double age(const Run& run) const;  // frames from its first to the one being added
+  double age(const Run& run) const;  // frames from its first one to the one being added
   std::array<double, 3> expected(const Run& run) const;
   bool same_attributes(const Gaussians4D& frame, std::size_t splat, std::uint32_t primitive,
                        SequenceTolerances& difference) const;
-  bool continues(const Gaussians4D& frame, std::size_t splat, const Run& run, double widest,
+  bool continues(const Gaussians4D& frame, std::size_t splat, const Run& run, double max_step,
                  Step& step) const;
   std::size_t match_in_order(const Gaussians4D& frame);
   void match_nearby(const Gaussians4D& frame, double cell, bool starting);
-  void take(std::size_t splat, std::size_t run, const Step& step);
+  void assign(std::size_t splat, std::size_t run, const Step& step);
   void begin_run(const Gaussians4D& frame, std::size_t splat);
   void end_run(const Run& run);
 
   SequenceTolerances tolerances_;
-  Gaussians4D set_;  // up to finish(), `time` is the first frame and `radius` the number of frames
+  Gaussians4D set_;  // until finish(), `time` is the first frame and `radius` the number of frames
   std::uint32_t frames_ = 0;
   std::vector<Run> runs_;  // of the splats of the last frame, in its order
   SequenceReport report_;
 
-  // Of the frame that is being added.
+  // State of the frame being added.
   std::vector<Run> next_;
   std::vector<std::uint8_t> splat_done_, run_done_;
 };

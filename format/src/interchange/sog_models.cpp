@@ -15,8 +15,9 @@ Result<std::vector<std::string>> sog_models(const std::string& path) {
   }
   if (fs::exists(fs::path(path) / "lod-meta.json", error)) {
     return unsupported(
-        "{}: is a streamed SOG set of several levels of detail, which would be drawn over each "
-        "other; give a folder with the chunks of one level",
+        "{}: streamed SOG set with several levels of detail is not supported; use a folder with "
+        "the "
+        "chunks of one level",
         path);
   }
   std::vector<std::string> found;
@@ -30,7 +31,7 @@ Result<std::vector<std::string>> sog_models(const std::string& path) {
     }
   }
   if (error) return io_error("{}: cannot list the folder: {}", path, error.message());
-  if (found.empty()) return io_error("{}: has no meta.json, nor a folder with one", path);
+  if (found.empty()) return io_error("{}: no SOG model in the folder (meta.json not found)", path);
   std::sort(found.begin(), found.end());
   return found;
 }

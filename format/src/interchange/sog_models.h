@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where SOG models lie.
+// Locations of SOG models.
 #pragma once
 
 #include <string>
@@ -9,10 +9,10 @@
 
 namespace stgs {
 
-// The models that a path stands for: a bundle, a meta.json, a folder with one, or a folder of such
-// folders and bundles, in the order of their names. At least one.
+// Returns the models at a path, at least one, in name order. The path is a bundle, a meta.json, a
+// folder with a meta.json, or a folder of such folders and bundles.
 Result<std::vector<std::string>> sog_models(const std::string& path);
-// Whether a folder holds such models, or a streamed set of them.
+// Returns whether a folder contains such models, or a streamed set of them.
 bool is_sog_folder(const std::string& folder);
 
 }  // namespace stgs

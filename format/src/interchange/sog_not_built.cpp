@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// In the place of sog.cpp where libwebp or libzip is not there.
+// Replaces sog.cpp in builds without libwebp or libzip.
 #include "stgs/format/interchange.h"
 
 namespace stgs {
 
 Result<Scene> read_sog(const std::string& path, const ReadLimits&, ConversionNotes*) {
   return not_built(
-      "{}: this build has no libwebp or no libzip, which SOG models need: install libwebp-dev and "
-      "libzip-dev and build again",
+      "{}: this build lacks libwebp or libzip, which SOG needs; install libwebp-dev and libzip-dev "
+      "and rebuild",
       path);
 }
 

@@ -22,11 +22,11 @@ using Quaternion = std::array<double, 4>;
 constexpr std::uint32_t kMagic = 0x674B;
 constexpr std::size_t kHeaderBytes = 8;  // magic, size of the JSON
 constexpr std::size_t kRecordBytes = 64;
-constexpr std::size_t kPixelBytes = 16;  // the records are stored as a picture of such pixels
+constexpr std::size_t kPixelBytes = 16;  // the records are stored as an image of such pixels
 constexpr std::uint32_t kMaxJsonBytes = 64 << 20;
 constexpr std::size_t kBlockRecords = 1 << 16;
-constexpr int kSamples = 17;  // moments at which a path is looked at
-constexpr double kHarmonic0 = 0.28209479177387814;
+constexpr int kSamples = 17;  // times at which a path is evaluated
+constexpr double kShDc = 0.28209479177387814;
 
 float half_to_float(std::uint32_t half) {
   const float sign = half & 0x8000 ? -1.0f : 1.0f;
@@ -37,14 +37,14 @@ float half_to_float(std::uint32_t half) {
   return sign * std::ldexp(1024 + mantissa, exponent - 25);
 }
 
-// One record, in the file's units: time 0 to 1.
+// One record, in the units of the file: time 0 to 1.
 struct Record {
   Vector position;
   Quaternion rotation;
   std::array<float, 3> scale;  // standard deviations
   std::array<std::uint8_t, 4> rgba;
   std::array<Vector, 3> motion;  // factors of dt, dt^2, dt^3
-  Quaternion turning;            // factor of dt
+  Quaternion rotation_rate;      // factor of dt
   double centre, width;          // of its visibility exp(-((t - centre) / width)^2)
 };
 
@@ -74,21 +74,21 @@ Record parse_record(std::span<const std::uint8_t> bytes) {
     motion[i + 1] = pair[1];
   }
   for (std::size_t i = 0; i < 9; ++i) r.motion[i / 3][i % 3] = motion[i];
-  four(r.turning);
+  four(r.rotation_rate);
   const auto time = halves();
   r.centre = time[0];
   r.width = std::abs(time[1]);
   return r;
 }
 
-// A moment of a primitive's life, and how much it counts.
+// A time within a primitive's lifespan, and its weight.
 struct Sample {
   double dt, weight;
 };
 
-// Moments spread over the time in which a primitive of that opacity is seen; none where it never
-// is.
-std::vector<Sample> life_of(const Record& r, double opacity) {
+// Returns times spread over the interval in which a primitive of that opacity is visible; none if
+// it never is.
+std::vector<Sample> samples_of(const Record& r, double opacity) {
   const double margin = std::log(opacity * 255);
   if (!(margin >= 0) || !(r.width > 0) || !std::isfinite(r.centre)) return {};
   const double reach = r.width * std::sqrt(margin);
@@ -110,22 +110,22 @@ Vector path_at(const Record& r, double dt) {
   return out;
 }
 
-// A straight path: offset + dt * velocity.
+// The line offset + dt * velocity.
 struct Line {
   Vector offset{}, velocity{};
 };
 
-// The nearest straight path in the mean of squares.
-Line fit_line(const Record& r, const std::vector<Sample>& life) {
+// Returns the least-squares line of a path.
+Line fit_line(const Record& r, const std::vector<Sample>& samples) {
   double weight = 0, mean = 0, variance = 0;
-  for (const Sample& s : life) {
+  for (const Sample& s : samples) {
     weight += s.weight;
     mean += s.weight * s.dt;
   }
   mean /= weight;
   Line line;
   Vector at_mean{}, covariance{};
-  for (const Sample& s : life) {
+  for (const Sample& s : samples) {
     const Vector p = path_at(r, s.dt);
     variance += s.weight * (s.dt - mean) * (s.dt - mean);
     for (std::size_t c = 0; c < 3; ++c) {
@@ -144,7 +144,7 @@ Quaternion rotation_at(const Record& r, double dt) {
   Quaternion q;
   double square = 0;
   for (std::size_t c = 0; c < 4; ++c) {
-    q[c] = r.rotation[c] + dt * r.turning[c];
+    q[c] = r.rotation[c] + dt * r.rotation_rate[c];
     square += q[c] * q[c];
   }
   for (double& v : q) v /= std::sqrt(square);
@@ -157,7 +157,7 @@ double degrees_between(const Quaternion& a, const Quaternion& b) {
   return 2 * std::acos(std::min(1.0, std::abs(dot))) * 180 / std::numbers::pi;
 }
 
-// Where the records lie, and what the file says beside them.
+// Location of the records, and the start camera.
 struct Layout {
   std::uint64_t offset = 0, records = 0;
   std::optional<StartCamera> camera;
@@ -200,96 +200,97 @@ std::optional<StartCamera> start_camera(const json& cameras) {
   return out;
 }
 
-// The chunks follow the JSON that lists them, in its order.
+// Reads the list of chunks. The chunks follow the JSON in the order of the list.
 Result<Layout> read_layout(const ByteSource& source) {
   std::array<std::uint8_t, kHeaderBytes> header;
   STGS_TRY(source.read(0, header));
   ByteReader reader(header);
-  if (reader.u32() != kMagic) return invalid_file("{}: is not a .splatv file", source.name());
+  if (reader.u32() != kMagic) return invalid_file("{}: not a .splatv file", source.name());
   const std::uint32_t json_bytes = reader.u32();
   if (json_bytes > kMaxJsonBytes || json_bytes > source.size() - kHeaderBytes) {
-    return invalid_file("{}: byte 4 promises {} bytes of JSON, the file has {}", source.name(),
-                        json_bytes, source.size() - kHeaderBytes);
+    return invalid_file("{}: JSON of {} bytes exceeds the remaining {} bytes (byte 4)",
+                        source.name(), json_bytes, source.size() - kHeaderBytes);
   }
   std::vector<std::uint8_t> text(json_bytes);
   STGS_TRY(source.read(kHeaderBytes, text));
   STGS_ASSIGN(const json chunks, parse_json(text, source.name() + ": the list of chunks"));
-  if (!chunks.is_array()) return invalid_file("{}: its JSON is not a list", source.name());
+  if (!chunks.is_array()) return invalid_file("{}: JSON is not a list of chunks", source.name());
   std::optional<Layout> found;
   std::uint64_t at = kHeaderBytes + json_bytes;
   for (const json& chunk : chunks) {
     const json& size_field = member(chunk, "size");
     if (!size_field.is_number_unsigned()) {
-      return invalid_file("{}: a chunk has no size", source.name());
+      return invalid_file("{}: chunk without a size", source.name());
     }
     const auto size = size_field.get<std::uint64_t>();
     if (size > source.size() - at) {
-      return invalid_file("{}: the chunk at byte {} has {} bytes, the file ends {} bytes after it",
-                          source.name(), at, size, source.size() - at);
+      return invalid_file("{}: the file is truncated (chunk of {} bytes at byte {}, {} bytes left)",
+                          source.name(), size, at, source.size() - at);
     }
     if (member(chunk, "type") == "splat") {
-      if (found) return unsupported("{}: has several chunks of splats", source.name());
+      if (found) return unsupported("{}: several chunks of splats", source.name());
       const json &width = member(chunk, "texwidth"), &height = member(chunk, "texheight");
       const std::uint64_t pixels = size / kPixelBytes;
       const auto columns = width.is_number_unsigned() ? width.get<std::uint64_t>() : 0;
       if (columns == 0 || !height.is_number_unsigned() || size % kRecordBytes != 0 ||
           pixels % columns != 0 || pixels / columns != height.get<std::uint64_t>()) {
-        return invalid_file("{}: texwidth, texheight and size do not agree with each other",
+        return invalid_file("{}: texwidth, texheight and size of a chunk do not match",
                             source.name());
       }
       found = Layout{at, size / kRecordBytes, start_camera(member(chunk, "cameras"))};
     }
     at += size;
   }
-  if (!found) return invalid_file("{}: has no chunk of type \"splat\"", source.name());
+  if (!found) return invalid_file("{}: no chunk of type \"splat\"", source.name());
   return *found;
 }
 
-// Collects primitives, and what each loses.
+// Converts records to primitives and measures the error.
 class Importer {
  public:
   Importer(const SplatvSettings& settings, Gaussians4D& set) : settings_(settings), set_(set) {}
 
   void add(const Record& r) {
     if (r.rgba[3] == 0) {
-      ++empty_;  // the unused end of the picture has zeros
+      ++empty_;  // the unused end of the image is zero
       return;
     }
     const float logit = logit_of_byte(r.rgba[3]);
-    const std::vector<Sample> life = life_of(r, 1 / (1 + std::exp(-double{logit})));
-    if (life.empty()) {
-      ++never_;
+    const std::vector<Sample> samples = samples_of(r, 1 / (1 + std::exp(-double{logit})));
+    if (samples.empty()) {
+      ++never_visible_;
       return;
     }
-    const Line line = fit_line(r, life);
-    double turn_time = 0, weight = 0;
-    for (const Sample& s : life) {
-      turn_time += s.weight * s.dt;
+    const Line line = fit_line(r, samples);
+    double mean_time = 0, weight = 0;
+    for (const Sample& s : samples) {
+      mean_time += s.weight * s.dt;
       weight += s.weight;
     }
-    const Quaternion q = rotation_at(r, turn_time / weight);
+    const Quaternion q = rotation_at(r, mean_time / weight);
     append(r, line, q, logit);
-    measure(r, life, line, q);
+    measure(r, samples, line, q);
   }
 
-  // The last words, once the set holds what can be drawn.
+  // Writes report and notes. Call it after invalid primitives have been dropped.
   void finish(const Layout& layout, SplatvReport* report, ConversionNotes* notes) {
     report_.primitives = set_.size();
     report_.path_rms = std::sqrt(squares_ / std::max<double>(1, static_cast<double>(measured_)));
-    if (never_ > 0) {
-      note(notes, fmt::format("{} of {} primitives are left out: they are never seen between its "
-                              "times 0 and 1",
-                              never_, layout.records - empty_));
+    if (never_visible_ > 0) {
+      note(notes, fmt::format("dropped {} of {} primitives that are never visible between times 0 "
+                              "and 1",
+                              never_visible_, layout.records - empty_));
     }
     if (report_.path_max > 0) {
-      note(notes, fmt::format("paths are made straight: off by {:.3g} scene units at most, {:.3g} "
-                              "rms; {} of {} by more than {} of their size",
-                              report_.path_max, report_.path_rms, report_.bent, report_.primitives,
-                              settings_.bend));
+      note(notes,
+           fmt::format("approximated paths by lines: error {:.3g} scene units at most, {:.3g} "
+                       "rms; {} of {} deviate by more than {} of their size",
+                       report_.path_max, report_.path_rms, report_.bent, report_.primitives,
+                       settings_.bend));
     }
     if (report_.rotation_max > 0.1) {
-      note(notes, fmt::format("primitives that turn keep one rotation: off by {:.3g} degrees at "
-                              "most",
+      note(notes, fmt::format("approximated rotating primitives by a constant rotation: error "
+                              "{:.3g} degrees at most",
                               report_.rotation_max));
     }
     if (report != nullptr) *report = report_;
@@ -302,7 +303,7 @@ class Importer {
       set_.position.push_back(static_cast<float>(r.position[c] + line.offset[c]));
       set_.velocity.push_back(static_cast<float>(line.velocity[c] / frames));
       set_.log_scale.push_back(std::log(r.scale[c]));
-      set_.sh.push_back(static_cast<float>((r.rgba[c] / 255.0 - 0.5) / kHarmonic0));
+      set_.sh.push_back(static_cast<float>((r.rgba[c] / 255.0 - 0.5) / kShDc));
     }
     for (double v : q) set_.rotation.push_back(static_cast<float>(v));
     set_.opacity_logit.push_back(logit);
@@ -311,10 +312,10 @@ class Importer {
     set_.radius.push_back(0);
   }
 
-  void measure(const Record& r, const std::vector<Sample>& life, const Line& line,
+  void measure(const Record& r, const std::vector<Sample>& samples, const Line& line,
                const Quaternion& q) {
     double farthest = 0, turned = 0;
-    for (const Sample& s : life) {
+    for (const Sample& s : samples) {
       const Vector p = path_at(r, s.dt);
       double square = 0;
       for (std::size_t c = 0; c < 3; ++c) {
@@ -325,7 +326,8 @@ class Importer {
       turned = std::max(turned, degrees_between(q, rotation_at(r, s.dt)));
     }
     std::array<float, 3> scale = r.scale;
-    if (!std::isfinite(farthest + turned + scale[0] + scale[1] + scale[2])) return;  // left out
+    if (!std::isfinite(farthest + turned + scale[0] + scale[1] + scale[2]))
+      return;  // dropped later
     std::sort(scale.begin(), scale.end());
     report_.bent += farthest > settings_.bend * double{scale[1]} ? 1 : 0;
     report_.path_max = std::max(report_.path_max, farthest);
@@ -337,7 +339,7 @@ class Importer {
   const SplatvSettings& settings_;
   Gaussians4D& set_;
   SplatvReport report_;
-  std::uint64_t empty_ = 0, never_ = 0, measured_ = 0;
+  std::uint64_t empty_ = 0, never_visible_ = 0, measured_ = 0;
   double squares_ = 0;
 };
 
@@ -349,7 +351,7 @@ bool is_splatv(std::span<const std::uint8_t> head) {
 
 Result<Scene> read_splatv(const ByteSource& source, const SplatvSettings& settings,
                           const ReadLimits& limits, SplatvReport* report, ConversionNotes* notes) {
-  if (settings.frames == 0) return usage_error("a clip has one frame at least");
+  if (settings.frames == 0) return usage_error("invalid frame count (expected at least 1, got 0)");
   STGS_ASSIGN(const Layout layout, read_layout(source));
   STGS_TRY(check_import_size(source.name(), layout.records, 0, limits));
   Scene scene;
@@ -367,7 +369,7 @@ Result<Scene> read_splatv(const ByteSource& source, const SplatvSettings& settin
     }
     done += count;
   }
-  keep_drawable(scene.gaussians, notes);
+  drop_invalid(scene.gaussians, notes);
   importer.finish(layout, report, notes);
   return scene;
 }

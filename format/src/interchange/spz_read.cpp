@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// SPZ of the versions 2, 3 and 4.
+// Reading SPZ versions 2, 3 and 4.
 #include <zlib.h>
 #include <zstd.h>
 
@@ -18,10 +18,10 @@ using Bytes = std::vector<std::uint8_t>;
 using View = std::span<const std::uint8_t>;
 
 constexpr std::size_t kGrain = 8192;
-// More than a byte of each coder can stand for, so that a claim of more is a lie. A zstd block of
-// 128 KiB takes 4 bytes at the least, a deflate match of 258 bytes two bits.
+// Greatest expansion of each coder. A zstd block of 128 KiB takes at least 4 bytes, a deflate match
+// of 258 bytes at least two bits.
 constexpr std::uint64_t kZstdRatio = 128 * 1024 / 4, kGzipRatio = 1032;
-constexpr std::uint32_t kAxesExtension = 0xADBE0003;  // of Adobe: the axes that a file is stored in
+constexpr std::uint32_t kAxesExtension = 0xADBE0003;  // by Adobe: the axes of a file
 
 struct Header {
   std::uint32_t version = 0, primitives = 0;
@@ -30,7 +30,7 @@ struct Header {
   std::uint32_t toc = 0;  // byte of the table of contents; version 4
 };
 
-// Signs that take the file's axes to OpenCV's.
+// Signs that convert the file's axes to OpenCV's.
 struct Axes {
   int x = 1, y = -1, z = -1;
 };
@@ -44,7 +44,7 @@ struct Content {
 Result<Header> parse_header(View bytes, const std::string& file, const ReadLimits& limits) {
   ByteReader in(bytes);
   Header header;
-  if (in.u32() != spz::kMagic) return invalid_file("{}: is not an SPZ file", file);
+  if (in.u32() != spz::kMagic) return invalid_file("{}: not an SPZ file", file);
   header.version = in.u32();
   header.primitives = in.u32();
   header.degree = in.u8();
@@ -52,39 +52,40 @@ Result<Header> parse_header(View bytes, const std::string& file, const ReadLimit
   header.flags = in.u8();
   header.streams = in.u8();
   if (header.version >= 4) header.toc = in.u32();
-  if (!in.ok()) return invalid_file("{}: ends within its header: it is truncated", file);
+  if (!in.ok()) return invalid_file("{}: the file is truncated within its header", file);
   if (header.version < 2 || header.version > 4) {
-    return unsupported("{}: is SPZ version {}; versions 2, 3 and 4 are read", file, header.version);
+    return unsupported("{}: unsupported SPZ version (expected 2, 3 or 4, got {})", file,
+                       header.version);
   }
   if (header.degree > spz::kMaxDegree) {
-    return invalid_file("{}: has harmonics of degree {}, more than SPZ's {}", file, header.degree,
-                        spz::kMaxDegree);
+    return invalid_file("{}: invalid SH degree (expected 0 to {}, got {})", file, spz::kMaxDegree,
+                        header.degree);
   }
   if (header.fraction_bits > 30) {
-    return invalid_file("{}: has positions with {} bits of fraction, more than a word's 30", file,
+    return invalid_file("{}: invalid number of fractional bits (expected at most 30, got {})", file,
                         header.fraction_bits);
   }
   STGS_TRY(check_import_size(file, header.primitives, header.degree, limits));
   return header;
 }
 
-// Records of type, length, payload. Those that are not known are skipped, and told of.
+// Parses records of type, length and payload. Skips unknown ones, with a note.
 Result<Axes> parse_extensions(View bytes, const std::string& file, ConversionNotes* notes) {
   ByteReader in(bytes);
   Axes axes;
   while (in.left() > 0) {
     const std::uint32_t type = in.u32();
     const View payload = in.bytes(in.u32());
-    if (!in.ok()) return invalid_file("{}: an SPZ extension is truncated", file);
+    if (!in.ok()) return invalid_file("{}: truncated SPZ extension", file);
     if (type != kAxesExtension) {
-      note(notes, fmt::format("the SPZ extension {:#010x} is not known and left out", type));
+      note(notes, fmt::format("dropped the unknown SPZ extension {:#010x}", type));
       continue;
     }
     const std::uint32_t value = ByteReader(payload).u32();
     if (value > 8) {
-      return unsupported("{}: is stored with axes (SPZ system {}) that are not read", file, value);
+      return unsupported("{}: unsupported axes (SPZ coordinate system {})", file, value);
     }
-    if (value == 0) continue;  // not stated: as without the extension
+    if (value == 0) continue;  // unspecified
     // Bits of value - 1: x right, y up, z forward.
     const std::uint32_t bits = value - 1;
     axes = {bits & 1 ? 1 : -1, bits & 2 ? -1 : 1, bits & 4 ? 1 : -1};
@@ -92,16 +93,15 @@ Result<Axes> parse_extensions(View bytes, const std::string& file, ConversionNot
   return axes;
 }
 
-// Checks what the arrays will take against what there is to decode, then makes room.
-Status make_room(Content& content, std::uint64_t compressed, std::uint64_t ratio,
-                 const std::string& file) {
+// Checks that the compressed bytes can contain the arrays, then allocates them.
+Status allocate_arrays(Content& content, std::uint64_t compressed, std::uint64_t ratio,
+                       const std::string& file) {
   const auto strides = spz::strides(content.header.version, content.header.degree);
   const std::uint64_t n = content.header.primitives;
   std::uint64_t bytes = 0;
   for (const std::size_t stride : strides) bytes += n * stride;
   if (bytes / ratio > compressed) {
-    return invalid_file("{}: says {} primitives, which do not fit in its {} bytes", file, n,
-                        compressed);
+    return invalid_file("{}: {} primitives do not fit in {} bytes", file, n, compressed);
   }
   for (std::size_t a = 0; a < strides.size(); ++a) content.arrays[a].resize(n * strides[a]);
   return {};
@@ -111,7 +111,7 @@ Status decompress_frame(View frame, Bytes& array, const std::string& file, std::
   const std::size_t got = ZSTD_decompress(array.data(), array.size(), frame.data(), frame.size());
   if (!ZSTD_isError(got) && got == array.size()) return {};
   return invalid_file("{}: SPZ stream {} is damaged: {}", file, index,
-                      ZSTD_isError(got) ? ZSTD_getErrorName(got) : "it is too short");
+                      ZSTD_isError(got) ? ZSTD_getErrorName(got) : "too short");
 }
 
 Result<Content> read_version_4(View bytes, const std::string& file, const ReadLimits& limits,
@@ -120,50 +120,50 @@ Result<Content> read_version_4(View bytes, const std::string& file, const ReadLi
   STGS_ASSIGN(content.header, parse_header(bytes, file, limits));
   const Header& header = content.header;
   if (header.version < 4) {
-    return invalid_file("{}: is SPZ version {} without its gzip wrapping", file, header.version);
+    return invalid_file("{}: SPZ version {} must be wrapped in gzip", file, header.version);
   }
   const std::uint64_t toc_end = header.toc + std::uint64_t{header.streams} * spz::kTocEntry;
   if (header.toc < spz::kHeader || toc_end > bytes.size()) {
-    return invalid_file("{}: its table of contents ends at byte {}, the file at {}", file, toc_end,
+    return invalid_file("{}: invalid table of contents (ends at byte {} of {})", file, toc_end,
                         bytes.size());
   }
   if ((header.flags & spz::kHasExtensions) != 0) {
     const View extensions = bytes.subspan(spz::kHeader, header.toc - spz::kHeader);
     STGS_ASSIGN(content.axes, parse_extensions(extensions, file, notes));
   }
-  STGS_TRY(make_room(content, bytes.size(), kZstdRatio, file));
-  std::vector<Bytes*> wanted;
+  STGS_TRY(allocate_arrays(content, bytes.size(), kZstdRatio, file));
+  std::vector<Bytes*> arrays;
   for (Bytes& array : content.arrays) {
-    if (!array.empty()) wanted.push_back(&array);
+    if (!array.empty()) arrays.push_back(&array);
   }
-  if (wanted.size() != header.streams) {
-    return invalid_file("{}: has {} streams where its header calls for {}", file, header.streams,
-                        wanted.size());
+  if (arrays.size() != header.streams) {
+    return invalid_file("{}: wrong number of streams (expected {}, got {})", file, arrays.size(),
+                        header.streams);
   }
   ByteReader toc(bytes.subspan(header.toc));
   ByteReader body(bytes.subspan(static_cast<std::size_t>(toc_end)));
   std::vector<View> frames;
-  for (const Bytes* array : wanted) {
+  for (const Bytes* array : arrays) {
     const std::uint64_t stored = toc.u64(), raw = toc.u64();
     frames.push_back(body.bytes(stored));
     if (!body.ok() || raw != array->size()) {
-      return invalid_file("{}: SPZ stream {} of {} bytes, {} unpacked, is not what its header says",
-                          file, frames.size() - 1, stored, raw);
+      return invalid_file("{}: invalid size of SPZ stream {} ({} bytes, {} bytes decoded)", file,
+                          frames.size() - 1, stored, raw);
     }
   }
   std::vector<Status> statuses(frames.size());
   parallel_for(std::size_t{0}, frames.size(), [&](std::size_t i) {
-    statuses[i] = decompress_frame(frames[i], *wanted[i], file, i);
+    statuses[i] = decompress_frame(frames[i], *arrays[i], file, i);
   });
   for (const Status& status : statuses) STGS_TRY(status);
   return content;
 }
 
-// Unpacks a gzip stream piece by piece.
+// Decodes a gzip stream incrementally.
 class GzipReader {
  public:
   GzipReader(View bytes, const std::string& file) : file_(file), bytes_(bytes) {
-    stream_.next_in = const_cast<Bytef*>(bytes.data());  // zlib does not write there
+    stream_.next_in = const_cast<Bytef*>(bytes.data());  // zlib does not modify it
     open_ = inflateInit2(&stream_, 16 + MAX_WBITS) == Z_OK;
   }
   ~GzipReader() {
@@ -172,23 +172,23 @@ class GzipReader {
   GzipReader(const GzipReader&) = delete;
   GzipReader& operator=(const GzipReader&) = delete;
 
-  // Up to as many bytes as fit; fewer at the end of the stream alone.
+  // Fills `out`, or less at the end of the stream. Returns the number of bytes.
   Result<std::size_t> read_some(std::span<std::uint8_t> out) {
-    if (!open_) return runtime_error("{}: zlib cannot start", file_);
+    if (!open_) return runtime_error("{}: zlib failed to initialise", file_);
     std::size_t done = 0;
     while (done < out.size() && !ended_) {
-      // zlib counts in 32 bits.
+      // zlib counts bytes in 32 bits.
       const std::size_t in = std::min<std::size_t>(bytes_.size() - fed_, 1u << 30);
-      const std::size_t room = std::min<std::size_t>(out.size() - done, 1u << 30);
+      const std::size_t space = std::min<std::size_t>(out.size() - done, 1u << 30);
       stream_.avail_in = static_cast<uInt>(in);
       stream_.next_out = out.data() + done;
-      stream_.avail_out = static_cast<uInt>(room);
+      stream_.avail_out = static_cast<uInt>(space);
       const int code = inflate(&stream_, Z_NO_FLUSH);
       fed_ += in - stream_.avail_in;
-      done += room - stream_.avail_out;
+      done += space - stream_.avail_out;
       ended_ = code == Z_STREAM_END;
       if (code != Z_OK && !ended_) {
-        return invalid_file("{}: its gzip stream is damaged or truncated at byte {}", file_, fed_);
+        return invalid_file("{}: gzip stream is damaged or truncated (byte {})", file_, fed_);
       }
     }
     return done;
@@ -196,7 +196,7 @@ class GzipReader {
   Status read(std::span<std::uint8_t> out) {
     STGS_ASSIGN(const std::size_t got, read_some(out));
     if (got == out.size()) return {};
-    return invalid_file("{}: its gzip stream ends {} bytes early", file_, out.size() - got);
+    return invalid_file("{}: gzip stream is too short by {} bytes", file_, out.size() - got);
   }
 
  private:
@@ -207,7 +207,7 @@ class GzipReader {
   bool open_ = false, ended_ = false;
 };
 
-constexpr std::size_t kMostExtensionBytes = 1 << 20;
+constexpr std::size_t kMaxExtensionBytes = 1 << 20;
 
 Result<Content> read_gzipped(View bytes, const std::string& file, const ReadLimits& limits,
                              ConversionNotes* notes) {
@@ -216,13 +216,13 @@ Result<Content> read_gzipped(View bytes, const std::string& file, const ReadLimi
   STGS_TRY(gzip.read(head));
   Content content;
   if (ByteReader(View(head).subspan(4)).u32() > 3) {
-    return unsupported("{}: is SPZ of a version above 3 in a gzip wrapping", file);
+    return unsupported("{}: SPZ version above 3 in a gzip wrapper", file);
   }
   STGS_ASSIGN(content.header, parse_header(head, file, limits));
-  STGS_TRY(make_room(content, bytes.size(), kGzipRatio, file));
+  STGS_TRY(allocate_arrays(content, bytes.size(), kGzipRatio, file));
   for (Bytes& array : content.arrays) STGS_TRY(gzip.read(array));
-  // To the end, where the checksum is.
-  Bytes extensions(kMostExtensionBytes);
+  // Read to the end, which verifies the checksum.
+  Bytes extensions(kMaxExtensionBytes);
   STGS_ASSIGN(const std::size_t size, gzip.read_some(extensions));
   if ((content.header.flags & spz::kHasExtensions) != 0) {
     STGS_ASSIGN(content.axes, parse_extensions(View(extensions).first(size), file, notes));
@@ -230,7 +230,8 @@ Result<Content> read_gzipped(View bytes, const std::string& file, const ReadLimi
   return content;
 }
 
-// The three smallest of x y z w with 9 bits and a sign each, the largest in the first two bits.
+// Decodes the three smallest of x y z w, with 9 bits and a sign each. The first two bits are the
+// index of the largest one.
 std::array<float, 4> smallest_three(const std::uint8_t* bytes) {
   const std::uint32_t word = ByteReader({bytes, 4}).u32();
   const std::size_t largest = word >> 30;
@@ -249,7 +250,7 @@ std::array<float, 4> smallest_three(const std::uint8_t* bytes) {
   return q;
 }
 
-// x y z as bytes around 127.5, w what is left; version 2.
+// Decodes x y z as bytes around 127.5; w follows from the length. Version 2.
 std::array<float, 4> first_three(const std::uint8_t* bytes) {
   std::array<float, 4> q{};
   float sum = 0.0f;
@@ -286,7 +287,7 @@ void unpack(const Content& content, std::size_t i, Gaussians4D& set) {
   set.opacity_logit[i] = logit_of_byte(arrays[spz::kOpacities][i]);
   const auto stored = 3 * static_cast<std::size_t>(spz::rest_coefficients(header.degree));
   for (std::size_t k = 3; k < 3 * coefficients; ++k) {
-    const std::uint8_t value = arrays[spz::kHarmonics][i * stored + k - 3];
+    const std::uint8_t value = arrays[spz::kSh][i * stored + k - 3];
     sh[k] = (static_cast<float>(value) - 128.0f) / 128.0f;
   }
 }
@@ -295,8 +296,8 @@ void unpack(const Content& content, std::size_t i, Gaussians4D& set) {
 
 Result<Scene> read_spz(const ByteSource& source, const ReadLimits& limits, ConversionNotes* notes) {
   if (source.size() > limits.max_memory) {
-    return unsupported("{}: {} bytes, more than the {} allowed", source.name(), source.size(),
-                       limits.max_memory);
+    return unsupported("{}: file of {} bytes exceeds the memory limit of {} bytes", source.name(),
+                       source.size(), limits.max_memory);
   }
   Bytes bytes(static_cast<std::size_t>(source.size()));
   STGS_TRY(source.read(0, bytes));
@@ -305,10 +306,11 @@ Result<Scene> read_spz(const ByteSource& source, const ReadLimits& limits, Conve
                                              : read_version_4(bytes, source.name(), limits, notes));
   if ((content.header.flags & spz::kAntialiased) != 0) {
     note(notes,
-         "the splats were trained for antialiased drawing (mip splatting), which is not done "
-         "here: small ones look more opaque");
+         "the splats were trained for antialiased rendering (mip splatting), which is not "
+         "supported: "
+         "small splats look more opaque");
   }
-  if (content.header.degree > 3) note(notes, "harmonics of degree 4 are left out");
+  if (content.header.degree > 3) note(notes, "dropped SH of degree 4");
   Gaussians4D set;
   set.sh_degree = std::min(content.header.degree, 3);
   set.resize(content.header.primitives);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// SPZ version 4.
+// Writing SPZ version 4.
 #include <zstd.h>
 
 #include <algorithm>
@@ -19,16 +19,17 @@ using Bytes = std::vector<std::uint8_t>;
 
 constexpr std::size_t kGrain = 8192;
 constexpr int kZstdLevel = 12;
-constexpr float kMostFixed = 8388607.0f;  // of 24 bits with a sign
-// Bits that are kept of each harmonic of degree 1, and of those above: what other writers keep.
+constexpr float kMaxFixed = 8388607.0f;  // signed 24 bits
+// Bits of each SH coefficient of degree 1, and above; as in other writers.
 constexpr int kDegree1Bits = 5, kRestBits = 4;
 
 std::uint8_t byte_of(float value) {
   return static_cast<std::uint8_t>(std::clamp(std::round(value), 0.0f, 255.0f));
 }
 
-// 12 bits, as other writers have, or as many as make steps of 2^-16 of the farthest coordinate;
-// fewer where that coordinate needs the room. -1 where even none leave enough.
+// Returns the number of fractional bits: 12, as in other writers, or as many as give steps of 2^-16
+// of the farthest coordinate; fewer if that coordinate needs more integer bits. -1 if it does not
+// fit.
 int fraction_bits_for(const Gaussians4D& set) {
   float farthest = 0.0f;
   for (float v : set.position) farthest = std::max(farthest, std::abs(v));
@@ -41,14 +42,14 @@ int fraction_bits_for(const Gaussians4D& set) {
 void pack_position(const float* position, float steps, std::uint8_t* out) {
   for (std::size_t c = 0; c < 3; ++c) {
     const auto fixed = static_cast<std::uint32_t>(static_cast<std::int32_t>(
-        std::clamp(std::round(position[c] * steps), -kMostFixed, kMostFixed)));
+        std::clamp(std::round(position[c] * steps), -kMaxFixed, kMaxFixed)));
     for (std::size_t b = 0; b < 3; ++b) {
       out[3 * c + b] = static_cast<std::uint8_t>(fixed >> (8 * b));
     }
   }
 }
 
-// The inverse of the reader's smallest_three; `q` is w x y z of any length but 0.
+// The inverse of smallest_three() in the reader. `q`: w x y z of any nonzero length.
 void pack_rotation(const float* q, std::uint8_t* out) {
   const float xyzw[4] = {q[1], q[2], q[3], q[0]};
   double squared = 0.0;
@@ -69,8 +70,8 @@ void pack_rotation(const float* q, std::uint8_t* out) {
   for (std::size_t b = 0; b < 4; ++b) out[b] = static_cast<std::uint8_t>(word >> (8 * b));
 }
 
-// The nearest multiple of a step of 2^(8 - bits) around 128, where 0 is.
-std::uint8_t pack_harmonic(float value, int bits) {
+// Returns the nearest multiple of 2^(8 - bits), relative to 128, which represents 0.
+std::uint8_t pack_sh(float value, int bits) {
   const auto step = static_cast<float>(1 << (8 - bits));
   const float steps = std::round(128.0f * value / step);
   return static_cast<std::uint8_t>(std::clamp(128.0f + steps * step, 0.0f, 255.0f));
@@ -87,52 +88,52 @@ void pack(const Gaussians4D& set, std::size_t i, float steps,
     arrays[spz::kScales][3 * i + c] = byte_of(16.0f * (set.log_scale[3 * i + c] + 10.0f));
     arrays[spz::kColours][3 * i + c] = byte_of(255.0f * (spz::kColourScale * sh[c] + 0.5f));
   }
-  std::uint8_t* rest = arrays[spz::kHarmonics].data() + 3 * (coefficients - 1) * i;
+  std::uint8_t* rest = arrays[spz::kSh].data() + 3 * (coefficients - 1) * i;
   for (std::size_t k = 3; k < 3 * coefficients; ++k) {
-    rest[k - 3] = pack_harmonic(sh[k], k < 12 ? kDegree1Bits : kRestBits);
+    rest[k - 3] = pack_sh(sh[k], k < 12 ? kDegree1Bits : kRestBits);
   }
 }
 
-// How many values of an attribute lie outside of what a format holds, and by how much at most.
+// Counts the values of an attribute outside the range of a format, and their greatest excess.
 class Clipped {
  public:
-  void count(double value, double least, double greatest) {
-    const double beyond = std::max(least - value, value - greatest);
-    ++values_;
+  void count(double value, double low, double high) {
+    const double beyond = std::max(low - value, value - high);
+    ++count_;
     if (!(beyond > 0)) return;
     ++clipped_;
-    most_ = std::max(most_, beyond);
+    max_excess_ = std::max(max_excess_, beyond);
   }
-  void note(const char* what, const char* range, ConversionNotes& notes) const {
+  void note(const char* values, const char* range, ConversionNotes& notes) const {
     if (clipped_ == 0) return;
-    notes.push_back(fmt::format("SPZ holds {} {}: {} of {} values are clipped, by up to {:.3g}",
-                                what, range, clipped_, values_, most_));
+    notes.push_back(fmt::format("clipped {} of {} {} to the range of SPZ, {}, by up to {:.3g}",
+                                clipped_, count_, values, range, max_excess_));
   }
 
  private:
-  std::size_t values_ = 0, clipped_ = 0;
-  double most_ = 0;
+  std::size_t count_ = 0, clipped_ = 0;
+  double max_excess_ = 0;
 };
 
-// What pack() clips, beyond half a step.
+// Adds notes about values that pack() clips by more than half a step.
 void note_clipping(const Gaussians4D& set, ConversionNotes& notes) {
   constexpr double kHalfScale = 0.5 / 16, kHalfColour = 0.5 / 255;
   const double reach = (0.5 + kHalfColour) * math::kSh00 / spz::kColourScale;
   const auto coefficients = static_cast<std::size_t>(set.sh_coefficients());
-  Clipped scales, colours, harmonics;
+  Clipped scales, colours, sh;
   for (const float v : set.log_scale) {
     scales.count(v, -10.0 - kHalfScale, 255.0 / 16 - 10 + kHalfScale);
   }
   for (std::size_t k = 0; k < set.sh.size(); ++k) {
     if (k % (3 * coefficients) >= 3) {
-      harmonics.count(set.sh[k], -1.0, 1.0);
+      sh.count(set.sh[k], -1.0, 1.0);
     } else {
       colours.count(double{math::kSh00} * set.sh[k] + 0.5, 0.5 - reach, 0.5 + reach);
     }
   }
-  scales.note("log scales", "from -10 to 5.94", notes);
-  colours.note("colours", "from -0.44 to 1.44", notes);
-  harmonics.note("harmonics", "from -1 to 1", notes);
+  scales.note("log scales", "-10 to 5.94", notes);
+  colours.note("colours", "-0.44 to 1.44", notes);
+  sh.note("SH coefficients", "-1 to 1", notes);
 }
 
 Bytes header_of(const Gaussians4D& set, int fraction_bits, std::size_t streams) {
@@ -153,11 +154,13 @@ Bytes header_of(const Gaussians4D& set, int fraction_bits, std::size_t streams) 
 
 Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set, ConversionNotes* notes) {
   STGS_TRY(check_export(set));
-  if (set.size() == 0) return unsupported("SPZ has no way to hold 0 primitives");
-  if (set.size() > 0x7FFFFFFF) return unsupported("SPZ holds at most 2^31 - 1 primitives");
+  if (set.size() == 0) return unsupported("SPZ cannot represent a set without primitives");
+  if (set.size() > 0x7FFFFFFF) {
+    return unsupported("too many primitives for SPZ (at most 2^31 - 1, got {})", set.size());
+  }
   const int fraction_bits = fraction_bits_for(set);
   if (fraction_bits < 0) {
-    return unsupported("SPZ holds coordinates up to 8388607; there are some beyond");
+    return unsupported("coordinates exceed the range of SPZ (at most 8388607)");
   }
   if (notes != nullptr) note_clipping(set, *notes);
   flip_axes(set, 1, -1, -1);

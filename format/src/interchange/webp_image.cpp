@@ -10,12 +10,12 @@ Result<ImageRgba> decode_lossless_webp(std::span<const std::uint8_t> bytes,
   WebPBitstreamFeatures features;
   const VP8StatusCode status = WebPGetFeatures(bytes.data(), bytes.size(), &features);
   if (status == VP8_STATUS_NOT_ENOUGH_DATA) {
-    return invalid_file("{}: is truncated in its header, at {} bytes", label, bytes.size());
+    return invalid_file("{}: truncated within the header ({} bytes)", label, bytes.size());
   }
-  if (status != VP8_STATUS_OK) return invalid_file("{}: is not a WebP picture", label);
-  if (features.has_animation) return invalid_file("{}: is animated, not one picture", label);
+  if (status != VP8_STATUS_OK) return invalid_file("{}: not a WebP image", label);
+  if (features.has_animation) return invalid_file("{}: animated WebP (expected one image)", label);
   if (features.format != 2) {
-    return invalid_file("{}: is lossy WebP, which changes the numbers that it carries", label);
+    return invalid_file("{}: lossy WebP (expected lossless, because pixels are data)", label);
   }
   ImageRgba image;
   image.width = features.width;
@@ -23,13 +23,13 @@ Result<ImageRgba> decode_lossless_webp(std::span<const std::uint8_t> bytes,
   const std::uint64_t size = std::uint64_t{4} * static_cast<std::uint64_t>(image.width) *
                              static_cast<std::uint64_t>(image.height);
   if (size > max_bytes) {
-    return unsupported("{}: {} x {} pixels take {} bytes, more than the {} allowed here", label,
-                       image.width, image.height, size, max_bytes);
+    return unsupported("{}: {} x {} pixels need {} bytes, more than the memory limit of {} bytes",
+                       label, image.width, image.height, size, max_bytes);
   }
   image.pixels.resize(static_cast<std::size_t>(size));
   if (WebPDecodeRGBAInto(bytes.data(), bytes.size(), image.pixels.data(), image.pixels.size(),
                          4 * image.width) == nullptr) {
-    return invalid_file("{}: the picture is damaged or truncated", label);
+    return invalid_file("{}: image is damaged or truncated", label);
   }
   return image;
 }

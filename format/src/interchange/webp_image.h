@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pictures that carry numbers: lossless WebP.
+// Lossless WebP images used as arrays of numbers.
 #pragma once
 
 #include <cstdint>
@@ -19,8 +19,8 @@ struct ImageRgba {
   const std::uint8_t* pixel(std::size_t i) const { return pixels.data() + 4 * i; }
 };
 
-// Decodes; `label` is for messages. Refuses lossy and animated pictures, and those that would take
-// more than `max_bytes` decoded, before it allocates.
+// Decodes an image. `label` is for messages. Rejects lossy and animated images and, before
+// allocating, images of more than `max_bytes` when decoded.
 Result<ImageRgba> decode_lossless_webp(std::span<const std::uint8_t> bytes,
                                        const std::string& label, std::uint64_t max_bytes);
 

@@ -13,7 +13,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-// Milliseconds since `start`, which becomes now.
+// Returns the milliseconds since `start` and sets `start` to now.
 double lap(Clock::time_point& start) {
   const auto now = Clock::now();
   const double ms = std::chrono::duration<double, std::milli>(now - start).count();
@@ -33,21 +33,21 @@ class CpuRenderer final : public Renderer {
     STGS_ASSIGN(const Timeline::Active active, timeline.at(seconds));
     sums.fetch_ms = lap(clock);
     sums.stored = timeline.stored_primitives();
-    for (const auto& part : active.segments) sums.active += part.candidates->size();
+    for (const auto& one : active.segments) sums.active += one.candidates->size();
     try {
       frames_.resize(views.size());
       for (std::size_t i = 0; i < views.size(); ++i) draw(active, views[i], frames_[i], sums);
     } catch (const std::bad_alloc&) {
       return {StatusCode::kNoMemory,
-              fmt::format("{}: cannot draw {} s: not enough memory", timeline.name(), seconds)};
+              fmt::format("{}: cannot render {} s: out of memory", timeline.name(), seconds)};
     } catch (const std::exception& e) {
-      return runtime_error("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what());
+      return runtime_error("{}: cannot render {} s: {}", timeline.name(), seconds, e.what());
     }
     if (stats != nullptr) *stats = sums;
     return {};
   }
 
-  // The caller's buffers become those of the next call: nothing is copied.
+  // Swaps buffers instead of copying: the caller's become those of the next draw().
   Status read(std::vector<Frame>& frames) override {
     frames.resize(frames_.size());
     frames.swap(frames_);
@@ -61,13 +61,13 @@ class CpuRenderer final : public Renderer {
     if (view.fovea) settings.fovea = fovea_of(view);
     auto clock = Clock::now();
     begin_frame(view.camera, splats_);
-    for (const auto& part : active.segments) {
-      slice(*part.set, *part.candidates, part.ticks, view.camera, settings, part.id_base, splats_);
+    for (const auto& one : active.segments) {
+      slice(*one.set, *one.candidates, one.ticks, view.camera, settings, one.id_base, splats_);
     }
     stats.slice_ms += lap(clock);
     bin(splats_);
     stats.bin_ms += lap(clock);
-    // The frame's buffers become the target and go back filled.
+    // Blends into the buffers of the frame.
     std::swap(output_.colour, frame.colour);
     std::swap(output_.alpha, frame.alpha);
     std::swap(output_.depth, frame.depth);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CPU backend: the rasteriser of stgs/format/raster.h over the parts alive at a moment.
+// The CPU backend: the rasteriser of stgs/format/raster.h, applied to the active segments.
 #pragma once
 
 #include <memory>

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Blending, nearest first. A warp draws 8 x 8 pixels, two a lane, by itself: a quarter of a tile,
-// or at half resolution of a square of 2 x 2 tiles. It takes the list 32 splats at a time, a splat
-// a lane, keeps those whose ellipse meets its quarter, and goes through these.
+// Blends the splats of the views, nearest first. A warp renders 8 x 8 pixels independently, two per
+// lane: a quarter of a tile, or at half resolution a quarter of a square of 2 x 2 tiles. It reads
+// the list 32 splats at a time, one per lane, stages those whose ellipse meets its quarter, and
+// blends them.
 #include "cuda/footprint.cuh"
 #include "cuda/launch.cuh"
 #include "cuda/look_back.cuh"
@@ -14,10 +15,11 @@ namespace {
 using math::kTransmittanceMin;
 
 constexpr int kWarps = 4;
-constexpr int kSide = kQuarterPixels;      // pixels of a warp, width and height
-constexpr int kEach = kSide * kSide / 32;  // pixels of a lane, below each other
+constexpr int kSide = kQuarterPixels;      // width and height of a warp's pixels
+constexpr int kEach = kSide * kSide / 32;  // pixels per lane, in a column
 constexpr int kStep = kSide / kEach;       // rows between them
-// A little above log2(kAlphaMax): whatever ex2 rounds, two such splats end a pixel, as kAlphaMax's.
+// Slightly above log2(kAlphaMax): regardless of the rounding of ex2, two such splats end a pixel,
+// as two of kAlphaMax do.
 constexpr float kLog2AlphaMax = -0.014499f;
 
 __device__ float exp2_fast(float x) {
@@ -30,36 +32,36 @@ __device__ float exp2_fast(float x) {
 #endif
 }
 
-// What the frame has brought so far.
+// The input of the blend.
 struct BlendLists {
-  const uint2* ranges;        // a tile
+  const uint2* ranges;        // per tile
   const std::uint32_t* list;  // of all tiles
   const ScreenSplat* splats;
-  std::uint32_t* patches;  // kPatchClasses x patch_capacity, where there are foveae
+  std::uint32_t* patches;  // kPatchClasses x patch_capacity, with foveae
   std::uint32_t patch_capacity;
 };
 
 struct Pixel {
   float y;              // centre
-  float transmittance;  // below 0 where the pixel is finished, or outside of the picture
+  float transmittance;  // negative: the pixel is finished or outside of the image
   float red, green, blue, depth;
 };
 
-// Adds a splat of the weight alpha T, unless that would leave less than kTransmittanceMin: then the
-// pixel is finished. Without branches: most splats that are gone through are drawn at some pixel of
-// the lanes. Of a finished pixel the weight is not above 0, and what it would leave below 0.
+// Adds a splat of weight alpha T, unless that leaves less than kTransmittanceMin: then the pixel is
+// finished. Branch-free, since most staged splats contribute to some pixel of the lanes. For
+// finished pixels, the weight is not positive and `after` is negative.
 __device__ void add(Pixel& pixel, float weight, const float4& colour) {
   const float after = pixel.transmittance - weight, finished = -fabsf(pixel.transmittance);
-  const bool drawn = after >= kTransmittanceMin;
-  const float added = drawn ? weight : 0.0f;
+  const bool contributes = after >= kTransmittanceMin;
+  const float added = contributes ? weight : 0.0f;
   pixel.red = fmaf(added, colour.x, pixel.red);
   pixel.green = fmaf(added, colour.y, pixel.green);
   pixel.blue = fmaf(added, colour.z, pixel.blue);
   pixel.depth = fmaf(added, colour.w, pixel.depth);
-  pixel.transmittance = drawn ? after : finished;
+  pixel.transmittance = contributes ? after : finished;
 }
 
-// Returns to how many of the pixels it contributes.
+// Blends a splat. Returns the number of pixels to which it contributes.
 __device__ unsigned blend_splat(const Quad& s, float px, Pixel (&pixels)[kEach]) {
   unsigned contributions = 0;
   const float dx = px - s.a.x;
@@ -76,15 +78,15 @@ __device__ unsigned blend_splat(const Quad& s, float px, Pixel (&pixels)[kEach])
   return contributions;
 }
 
-// What a warp draws.
+// The pixels of a warp.
 struct Patch {
-  std::uint32_t tile;  // whose list it goes through, of the view's
-  int x0, y0;          // pixels, of the picture of half the size where it is halved
-  int width, height;   // of that picture
+  std::uint32_t tile;  // of the view, whose list is blended
+  int x0, y0;          // pixels; at half resolution, of the image of half the size
+  int width, height;   // of that image
 };
 
-// A quarter of a tile, or of a square of 2 x 2 that is at half resolution, whose first tile it is.
-// It may lie outside of the picture.
+// Returns a quarter of a tile, or, if `halved`, of the square of 2 x 2 tiles at half resolution
+// whose first tile is `tile`. It may lie outside of the image.
 __device__ Patch patch_of(const ViewInput& view, std::uint32_t tile, int quarter, bool halved) {
   Patch out;
   const int tx = static_cast<int>(tile) % view.tiles_x, ty = static_cast<int>(tile) / view.tiles_x;
@@ -97,7 +99,7 @@ __device__ Patch patch_of(const ViewInput& view, std::uint32_t tile, int quarter
   return out;
 }
 
-// The splat on the picture of half the size.
+// Converts a splat to the image of half the size.
 __device__ Quad halved(const Quad& s) {
   constexpr float kPerLog2 = -2.0f / 1.44269504f;
   const math::HalvedSplat shape =
@@ -122,7 +124,7 @@ __device__ void write_pixel(const Pixel& pixel, int x, int y, const ViewInput& v
   to[4 * plane] = alpha > 0.0f ? pixel.depth / alpha : 0.0f;
 }
 
-// The square of 2 x 2 pixels from (x, y) on, as far as it lies in the picture.
+// Writes the square of 2 x 2 pixels from (x, y) on, clipped to the image.
 __device__ void write_square(const Pixel& pixel, int x, int y, const ViewInput& view) {
   const bool right = x + 1 < view.width, below = y + 1 < view.height;
   write_pixel(pixel, x, y, view);
@@ -131,58 +133,59 @@ __device__ void write_square(const Pixel& pixel, int x, int y, const ViewInput& 
   if (right && below) write_pixel(pixel, x + 1, y + 1, view);
 }
 
-// What one warp has in shared memory.
+// Shared memory of a warp.
 using Stage = Quad[32];
 
-// What a lane did, where that is counted.
-struct Done {
+// Counts of a lane, if enabled.
+struct BlendCounts {
   unsigned evaluations = 0, contributions = 0;
 };
 
-// Goes through the list of a patch. The whole warp calls it.
+// Blends the list of a patch. The whole warp calls it.
 template <bool kCount, bool kHalved>
 __device__ void blend_list(const uint2& range, unsigned quarter, const std::uint32_t* list,
                            const ScreenSplat* splats, float px, Pixel (&pixels)[kEach],
-                           Stage& stage, Done& done) {
+                           Stage& stage, BlendCounts& counts) {
   const int lane = static_cast<int>(threadIdx.x & 31);
-  const unsigned wanted = 1u << (kSplatBits + quarter);
+  const unsigned quarter_bit = 1u << (kSplatBits + quarter);
   const auto listed = [&](std::uint32_t at) { return at < range.y ? list[at] : 0; };
   const auto load = [&](std::uint32_t number) {
     Quad s = load_quad(splats, number & (static_cast<std::uint32_t>(kMaxSplats) - 1));
     if (kHalved) s = halved(s);
-    s.b.z = s.b.y > kLog2AlphaMax ? kLog2AlphaMax : s.b.y;  // the extents are not needed; NaN stays
+    s.b.z = s.b.y > kLog2AlphaMax ? kLog2AlphaMax : s.b.y;  // replaces an unused extent; keeps NaN
     return s;
   };
-  // A splat is asked for one batch ahead, its number two.
+  // Splats are loaded one batch ahead, list entries two.
   std::uint32_t number = listed(range.x + lane), next_number = listed(range.x + 32 + lane);
   Quad next{};
-  if ((number & wanted) != 0) next = load(number);
+  if ((number & quarter_bit) != 0) next = load(number);
   for (std::uint32_t at = range.x; at < range.y; at += 32) {
     bool finished = true;
 #pragma unroll
     for (const Pixel& pixel : pixels) finished &= pixel.transmittance < 0.0f;
     if (__all_sync(kAllLanes, finished)) break;
-    const bool met = (number & wanted) != 0;
+    const bool met = (number & quarter_bit) != 0;
     const unsigned hits = __ballot_sync(kAllLanes, met);
     if (met) stage[__popc(hits & ((1u << lane) - 1u))] = next;
     __syncwarp();
     number = next_number;
-    if ((number & wanted) != 0) next = load(number);
+    if ((number & quarter_bit) != 0) next = load(number);
     next_number = listed(at + 64 + lane);
     const int count = __popc(hits);
     for (int k = 0; k < count; ++k) {
       const unsigned contributed = blend_splat(stage[k], px, pixels);
-      if (kCount) done.contributions += contributed;
+      if (kCount) counts.contributions += contributed;
     }
-    if (kCount) done.evaluations += kEach * count;
+    if (kCount) counts.evaluations += kEach * count;
     __syncwarp();
   }
 }
 
-// Draws a patch by its list, whose quarter it is. The whole warp calls it.
+// Blends a patch, which is a quarter of the tile or square, and writes its pixels. The whole warp
+// calls it.
 template <bool kCount, bool kHalved>
-__device__ void draw_patch(const ViewInput& view, const Patch& patch, unsigned quarter,
-                           const BlendLists& lists, Stage& stage, Done& done) {
+__device__ void blend_patch(const ViewInput& view, const Patch& patch, unsigned quarter,
+                            const BlendLists& lists, Stage& stage, BlendCounts& counts) {
   if (patch.x0 >= patch.width || patch.y0 >= patch.height) return;
   const int lane = static_cast<int>(threadIdx.x & 31);
   const int x = patch.x0 + lane % kSide, y = patch.y0 + lane / kSide;
@@ -193,7 +196,7 @@ __device__ void draw_patch(const ViewInput& view, const Patch& patch, unsigned q
     pixels[k] = {static_cast<float>(y + k * kStep) + 0.5f, inside ? 1.0f : -1.0f, 0, 0, 0, 0};
   }
   blend_list<kCount, kHalved>(lists.ranges[view.first_tile + patch.tile], quarter, lists.list,
-                              lists.splats, static_cast<float>(x) + 0.5f, pixels, stage, done);
+                              lists.splats, static_cast<float>(x) + 0.5f, pixels, stage, counts);
 #pragma unroll
   for (int k = 0; k < kEach; ++k) {
     const int row = y + k * kStep;
@@ -206,15 +209,15 @@ __device__ void draw_patch(const ViewInput& view, const Patch& patch, unsigned q
   }
 }
 
-__device__ void count_done(Done done, Counters* counters) {
-  done.evaluations = warp_sum(done.evaluations);
-  done.contributions = warp_sum(done.contributions);
+__device__ void add_counts(BlendCounts counts, Counters* counters) {
+  counts.evaluations = warp_sum(counts.evaluations);
+  counts.contributions = warp_sum(counts.contributions);
   if ((threadIdx.x & 31) != 0) return;
-  atomicAdd(&counters->evaluations, done.evaluations);
-  atomicAdd(&counters->contributions, done.contributions);
+  atomicAdd(&counters->evaluations, counts.evaluations);
+  atomicAdd(&counters->contributions, counts.contributions);
 }
 
-// A block of the grid is a tile.
+// One thread block per tile.
 template <bool kCount>
 __global__ void __launch_bounds__(kWarps * 32)
     blend(const FrameInput* input, const BlendLists lists, Counters* counters) {
@@ -222,29 +225,29 @@ __global__ void __launch_bounds__(kWarps * 32)
   const unsigned warp = threadIdx.x / 32;
   const ViewInput& view = input->views[blockIdx.y];
   if (blockIdx.x >= static_cast<unsigned>(view.tiles_x * view.tiles_y)) return;
-  Done done;
-  draw_patch<kCount, false>(view, patch_of(view, blockIdx.x, static_cast<int>(warp), false), warp,
-                            lists, stages[warp], done);
-  if (kCount) count_done(done, counters);
+  BlendCounts counts;
+  blend_patch<kCount, false>(view, patch_of(view, blockIdx.x, static_cast<int>(warp), false), warp,
+                             lists, stages[warp], counts);
+  if (kCount) add_counts(counts, counters);
 }
 
-// Where there are foveae, tiles at full resolution and squares at half are drawn by the lengths of
-// their lists, longest first: begun late, one of thousands would keep the frame waiting.
+// With foveae, tiles at full resolution and squares at half are rendered in classes of list length,
+// longest first, since one that starts late prolongs the frame.
 __device__ int class_of(std::uint32_t length) {
   return length > 4096 ? 0 : length > 1024 ? 1 : length > 256 ? 2 : kPatchClasses - 1;
 }
 
-// One of them: the tile, the view above kTileBits, and whether it is the first of such a square.
+// The code of a tile or square: the tile, the view above kTileBits, and a bit for squares.
 constexpr std::uint32_t kTileBits = 28, kHalvedBit = std::uint32_t{1} << 31;
-static_assert(kMostViews <= 1 << (31 - kTileBits));
+static_assert(kMaxFrameViews <= 1 << (31 - kTileBits));
 
-// Adds it to those of its class, if `there`. The whole warp calls it.
-__device__ void add_to_class(bool there, std::uint32_t patch, std::uint32_t length,
+// Adds a code to its class, if `is_valid`. The whole warp calls it.
+__device__ void add_to_class(bool is_valid, std::uint32_t patch, std::uint32_t length,
                              const BlendLists& lists, Counters* counters) {
   const unsigned lane = threadIdx.x & 31;
   const int own = class_of(length);
   for (int k = 0; k < kPatchClasses; ++k) {
-    const unsigned all = __ballot_sync(kAllLanes, there && own == k);
+    const unsigned all = __ballot_sync(kAllLanes, is_valid && own == k);
     if (all == 0) continue;
     std::uint32_t first = 0;
     if (lane == 0)
@@ -255,7 +258,7 @@ __device__ void add_to_class(bool there, std::uint32_t patch, std::uint32_t leng
   }
 }
 
-// A thread is a square of 2 x 2 tiles.
+// One thread per square of 2 x 2 tiles.
 __global__ void __launch_bounds__(kWarps * 32)
     find_patches(const FrameInput* input, const BlendLists lists, Counters* counters) {
   const ViewInput& view = input->views[blockIdx.y];
@@ -266,37 +269,37 @@ __global__ void __launch_bounds__(kWarps * 32)
   const bool is_halved = inside && !has(sharp_squares(view, sy), sx);
   for (int k = 0; k < 4; ++k) {
     const int tx = 2 * sx + k % 2, ty = 2 * sy + k / 2;
-    const bool there = inside && tx < view.tiles_x && ty < view.tiles_y && !(is_halved && k > 0);
+    const bool is_valid = inside && tx < view.tiles_x && ty < view.tiles_y && !(is_halved && k > 0);
     const auto tile = static_cast<std::uint32_t>(ty * view.tiles_x + tx);
-    const uint2 range = there ? lists.ranges[view.first_tile + tile] : make_uint2(0, 0);
-    add_to_class(there, tile | blockIdx.y << kTileBits | (is_halved ? kHalvedBit : 0u),
+    const uint2 range = is_valid ? lists.ranges[view.first_tile + tile] : make_uint2(0, 0);
+    add_to_class(is_valid, tile | blockIdx.y << kTileBits | (is_halved ? kHalvedBit : 0u),
                  range.y - range.x, lists, counters);
   }
 }
 
-// A block of the grid is one of them; there may be more blocks.
+// One thread block per code; surplus blocks do nothing.
 template <bool kCount>
 __global__ void __launch_bounds__(kWarps * 32)
     blend_patches(const FrameInput* input, const BlendLists lists, Counters* counters) {
   __shared__ Stage stages[kWarps];
   const unsigned warp = threadIdx.x / 32;
-  std::uint32_t place = blockIdx.x;
+  std::uint32_t index = blockIdx.x;
   int k = 0;
-  while (k < kPatchClasses && place >= counters->patch_counts[k])
-    place -= counters->patch_counts[k++];
+  while (k < kPatchClasses && index >= counters->patch_counts[k])
+    index -= counters->patch_counts[k++];
   if (k == kPatchClasses) return;
-  const std::uint32_t code = lists.patches[k * lists.patch_capacity + place];
+  const std::uint32_t code = lists.patches[k * lists.patch_capacity + index];
   const std::uint32_t tile = code & ((1u << kTileBits) - 1u);
   const ViewInput& view = input->views[(code & ~kHalvedBit) >> kTileBits];
   const bool is_halved = (code & kHalvedBit) != 0;
   const Patch patch = patch_of(view, tile, static_cast<int>(warp), is_halved);
-  Done done;
+  BlendCounts counts;
   if (is_halved) {
-    draw_patch<kCount, true>(view, patch, warp, lists, stages[warp], done);
+    blend_patch<kCount, true>(view, patch, warp, lists, stages[warp], counts);
   } else {
-    draw_patch<kCount, false>(view, patch, warp, lists, stages[warp], done);
+    blend_patch<kCount, false>(view, patch, warp, lists, stages[warp], counts);
   }
-  if (kCount) count_done(done, counters);
+  if (kCount) add_counts(counts, counters);
 }
 
 }  // namespace

@@ -18,24 +18,25 @@ namespace {
 using namespace cuda;
 using Clock = std::chrono::steady_clock;
 
-// A first guess: splats at most, tiles of each, and tiles at least.
-constexpr std::uint64_t kFirstSplats = std::uint64_t{1} << 21;
-constexpr std::uint64_t kInstancesEach = 4;
-constexpr std::uint64_t kLeastInstances = std::uint64_t{1} << 20;
+// Initial estimates: maximum splats, instances per splat, and minimum instances.
+constexpr std::uint64_t kMaxInitialSplats = std::uint64_t{1} << 21;
+constexpr std::uint64_t kInstancesPerSplat = 4;
+constexpr std::uint64_t kMinInstances = std::uint64_t{1} << 20;
 
 class CudaRenderer final : public Renderer {
  public:
   explicit CudaRenderer(const CudaSettings& settings) : settings_(settings) {}
   ~CudaRenderer() override {
-    if (handed_over_.get() != nullptr) (void)cudaEventSynchronize(handed_over_.get());
+    if (read_done_.get() != nullptr) (void)cudaEventSynchronize(read_done_.get());
   }
 
   Status create() {
     int count = 0;
     if (const cudaError_t error = cudaGetDeviceCount(&count); error != cudaSuccess || count == 0) {
       (void)cudaGetLastError();
-      return unsupported("there is no CUDA device ({}); use backend 'cpu'",
-                         error != cudaSuccess ? cudaGetErrorString(error) : "none is found");
+      return unsupported(
+          "no CUDA device found ({}); use backend 'cpu'",
+          error != cudaSuccess ? cudaGetErrorString(error) : "the device count is 0");
     }
     for (int degree = 0; degree <= math::kShMaxDegree; ++degree) {
       if (const cudaError_t error = find_grids(degree, grids_[degree]); error != cudaSuccess) {
@@ -44,10 +45,10 @@ class CudaRenderer final : public Renderer {
                            cudaGetErrorString(error));
       }
     }
-    STGS_TRY(cuda_status(cudaGetDevice(&device_), "asking for the device"));
+    STGS_TRY(cuda_status(cudaGetDevice(&device_), "querying the current device"));
     STGS_TRY(cuda_status(cudaStreamCreateWithFlags(stream_.fresh(), cudaStreamNonBlocking),
                          "creating a stream"));
-    STGS_TRY(cuda_status(cudaEventCreateWithFlags(handed_over_.fresh(), cudaEventDisableTiming),
+    STGS_TRY(cuda_status(cudaEventCreateWithFlags(read_done_.fresh(), cudaEventDisableTiming),
                          "creating an event"));
     return segments_.create();
   }
@@ -58,76 +59,77 @@ class CudaRenderer final : public Renderer {
               RenderStats* stats) override {
     STGS_TRY(check_views(views));
     STGS_TRY(check_device());
-    drawn_ = false;
+    has_frame_ = false;
     try {
       RenderStats sums;
       const auto begin = Clock::now();
-      STGS_ASSIGN(const auto alive, segments_.make_resident(timeline, seconds));
-      list_parts(timeline, alive);
+      STGS_ASSIGN(const auto refs, segments_.make_resident(timeline, seconds));
+      list_parts(timeline, refs);
       sums.fetch_ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
       sums.stored = segments_.stored_primitives();
-      sums.pending = segments_.waiting_primitives();
+      sums.pending = segments_.pending_primitives();
       STGS_TRY(draw_views(timeline, seconds, views));
-      sums.active = frame_.counted().alive;
-      sums.splats = frame_.counted().visible;
+      sums.active = frame_.counters().active;
+      sums.splats = frame_.counters().visible;
       STGS_TRY(frame_.add_times(sums));
       if (stats != nullptr) *stats = sums;
     } catch (const std::exception& e) {
       return Status(code_of(e),
-                    fmt::format("{}: cannot draw {} s: {}", timeline.name(), seconds, e.what()));
+                    fmt::format("{}: cannot render {} s: {}", timeline.name(), seconds, e.what()));
     }
-    drawn_ = true;
+    has_frame_ = true;
     return {};
   }
 
   Status read(std::vector<Frame>& frames) override {
     try {
-      if (drawn_) return frame_.read(frames);
+      if (has_frame_) return frame_.read(frames);
       frames.clear();
     } catch (const std::exception& e) {
-      return Status(code_of(e), fmt::format("no memory for a picture: {}", e.what()));
+      return Status(code_of(e), fmt::format("cannot read the images: {}", e.what()));
     }
     return {};
   }
 
   Status read_cuda(const std::vector<CudaImage>& to, CUstream_st* stream) override {
-    if (!drawn_) return usage_error("there is nothing drawn to be read");
+    if (!has_frame_) return usage_error("no frame has been rendered yet");
     STGS_TRY(check_device());
     const Status started = frame_.read(to, stream);
-    // Also after an error: what has begun uses the pictures.
-    const cudaError_t recorded = cudaEventRecord(handed_over_.get(), stream);
+    // Also after an error, since some copies may have started.
+    const cudaError_t recorded = cudaEventRecord(read_done_.get(), stream);
     STGS_TRY(started);
     return cuda_status(recorded, "recording an event");
   }
 
   Result<RenderProfile> profile() override {
-    if (!drawn_) return usage_error("there is nothing drawn to be drawn again");
+    if (!has_frame_) return usage_error("no frame has been rendered yet");
     try {
       return frame_.profile(grids_[degree_], buffers_, stream_.get());
     } catch (const std::exception& e) {
-      return Status(code_of(e), fmt::format("no memory to tell what a frame takes: {}", e.what()));
+      return Status(code_of(e), fmt::format("cannot profile the frame: {}", e.what()));
     }
   }
 
  private:
   Status check_device() const {
     int current = -1;
-    STGS_TRY(cuda_status(cudaGetDevice(&current), "asking for the device"));
+    STGS_TRY(cuda_status(cudaGetDevice(&current), "querying the current device"));
     if (current == device_) return {};
     return usage_error(
-        "the renderer is CUDA device {}'s, and device {} is the thread's current one", device_,
-        current);
+        "the renderer was created on CUDA device {}, but device {} is current on this thread; call "
+        "cudaSetDevice first",
+        device_, current);
   }
 
-  void list_parts(const Timeline& timeline, const std::vector<Timeline::SegmentRef>& needed) {
+  void list_parts(const Timeline& timeline, const std::vector<Timeline::SegmentRef>& refs) {
     parts_.clear();
     std::uint32_t chunks = 0;
-    for (const Timeline::SegmentRef& one : needed) {
+    for (const Timeline::SegmentRef& ref : refs) {
       Part part{};
-      part.primitives = timeline.reader().segments()[one.segment].primitives;
+      part.primitives = timeline.reader().segments()[ref.segment].primitives;
       if (part.primitives == 0) continue;
-      part.memory = segments_.at(one.segment);
-      part.ticks = one.ticks;
+      part.memory = segments_.at(ref.segment);
+      part.ticks = ref.ticks;
       part.first_chunk = chunks;
       chunks += padded(part.primitives) / kChunk;
       parts_.push_back(part);
@@ -135,72 +137,77 @@ class CudaRenderer final : public Renderer {
     chunks_ = chunks;
   }
 
-  static std::uint64_t instances_guess(std::uint64_t splats) {
-    return std::max(kLeastInstances, kInstancesEach * splats);
+  static std::uint64_t estimated_instances(std::uint64_t splats) {
+    return std::max(kMinInstances, kInstancesPerSplat * splats);
   }
 
   FrameNeed need_of(const std::vector<View>& views) const {
     FrameNeed need;
-    need.chunks = std::max(chunks_, chunks_at_fullest());
+    need.chunks = std::max(chunks_, peak_chunks());
     need.tiles = tiles_of(views);
     if (buffers_.generation() > 0) return need;
-    const auto guess = [](std::uint64_t wanted, std::uint64_t guessed) {
-      return wanted > 0 ? wanted : guessed;
+    const auto setting_or = [](std::uint64_t setting, std::uint64_t estimate) {
+      return setting > 0 ? setting : estimate;
     };
-    need.splats = guess(settings_.initial_splats,
-                        std::min(kFirstSplats, std::uint64_t{need.chunks} * kChunk * views.size()));
-    need.instances = guess(settings_.initial_instances, instances_guess(need.splats));
+    need.splats =
+        setting_or(settings_.initial_splats,
+                   std::min(kMaxInitialSplats, std::uint64_t{need.chunks} * kChunk * views.size()));
+    need.instances = setting_or(settings_.initial_instances, estimated_instances(need.splats));
     return need;
   }
 
-  // Each segment may leave a part of its last chunk.
-  std::uint32_t chunks_at_fullest() const {
+  // Returns the chunks at the peak. The last chunk of each segment may be incomplete.
+  std::uint32_t peak_chunks() const {
     const auto& [primitives, segments] = segments_.peak();
     return static_cast<std::uint32_t>(
         std::min(primitives / kChunk + segments, kMaxSplats / kChunk));
   }
 
-  // Where the fullest moment has no room, that of this one may have.
-  Status make_room(FrameNeed& need) {
-    const Status made = buffers_.ensure(need);
-    if (made.ok() || need.chunks <= chunks_) return made;
-    segments_.forget_fullest();
+  // Grows the buffers. If the peak does not fit, falls back to this frame.
+  Status ensure_buffers(FrameNeed& need) {
+    const Status status = buffers_.ensure(need);
+    if (status.ok() || need.chunks <= chunks_) return status;
+    segments_.forget_peak();
     buffers_.reset();
     need.chunks = chunks_;
-    need.splats = std::min(need.splats, splats_at_most(kMaxViews));
-    need.instances = std::min(need.instances, instances_guess(need.splats));
+    need.splats = std::min(need.splats, max_splats(kMaxViews));
+    need.instances = std::min(need.instances, estimated_instances(need.splats));
     return buffers_.ensure(need);
   }
 
-  std::uint64_t splats_at_most(std::size_t views) const {
+  std::uint64_t max_splats(std::size_t views) const {
     return std::uint64_t{chunks_} * kChunk * views;
   }
 
-  // Draws, and again with more room where splats or instances did not fit.
+  // Renders, and repeats with larger buffers if splats or instances did not fit.
   Status draw_views(const Timeline& timeline, double seconds, const std::vector<View>& views) {
     degree_ = timeline.reader().sh_degree();
-    if (splats_at_most(views.size()) > kMaxSplats) {
+    if (max_splats(views.size()) > kMaxSplats) {
       return runtime_error(
-          "{}: cannot draw {} s: more primitives may be alive than fit a frame (2^{} of all views)",
+          "{}: cannot render {} s: more primitives may be active than fit a frame (2^{} over all "
+          "views); render fewer views",
           timeline.name(), seconds, kSplatBits);
     }
     FrameNeed need = need_of(views);
-    // The pictures before may still be read.
-    STGS_TRY(cuda_status(cudaEventSynchronize(handed_over_.get()), "waiting for pictures' reader"));
+    // The previous images may still be read.
+    STGS_TRY(cuda_status(cudaEventSynchronize(read_done_.get()),
+                         "waiting for copies of the previous images"));
     for (;;) {
-      STGS_TRY(make_room(need));
+      STGS_TRY(ensure_buffers(need));
       const Status started = frame_.start(views, parts_, degree_, grids_[degree_], buffers_,
                                           settings_.use_graph, stream_.get());
-      // Also after an error: what has begun uses the buffers.
+      // Also after an error, since kernels that have started use the buffers.
       const cudaError_t ended = cudaStreamSynchronize(stream_.get());
       STGS_TRY(started);
-      STGS_TRY(cuda_status(ended, "drawing"));
-      need.splats = frame_.counted().visible;
-      need.instances = frame_.counted().instances;
+      STGS_TRY(cuda_status(ended, "rendering"));
+      need.splats = frame_.counters().visible;
+      need.instances = frame_.counters().instances;
       if (need.instances > kMaxInstances * views.size()) {
         return runtime_error(
-            "{}: cannot draw {} s: the splats touch more tiles than a frame can list (2^26 a view)",
-            timeline.name(), seconds);
+            "{}: cannot render {} s: the splats touch {} tiles, more than the limit of 2^26 per "
+            "view; "
+            "render smaller views",
+            timeline.name(), seconds, need.instances);
       }
       if (need.splats <= buffers_.splat_capacity() &&
           need.instances <= buffers_.instance_capacity()) {
@@ -212,15 +219,15 @@ class CudaRenderer final : public Renderer {
   CudaSettings settings_;
   int device_ = 0;
   Stream stream_;
-  Event handed_over_;  // to whom read_cuda() has
+  Event read_done_;  // of the copies of read_cuda()
   std::array<Grids, math::kShMaxDegree + 1> grids_;
   SegmentCache segments_;
   FrameBuffers buffers_;
   FrameGraph frame_;
-  std::vector<Part> parts_;  // of the moment
+  std::vector<Part> parts_;  // of the frame
   std::uint32_t chunks_ = 0;
   int degree_ = 0;
-  bool drawn_ = false;
+  bool has_frame_ = false;
 };
 
 }  // namespace

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CUDA backend: segments are decoded and kept on the device; a frame is one graph of kernels
-// that the host starts and does not look into before its end.
+// The CUDA backend. Segments are decoded and stay resident on the device. A frame is one graph of
+// kernels, without host synchronisation until it completes.
 #pragma once
 
 #include <memory>
@@ -9,15 +9,17 @@
 
 namespace stgs::player {
 
+// Settings for tests; the defaults suit all uses.
 struct CudaSettings {
-  bool use_graph = true;  // else the kernels are started one by one
-  // Room to begin with; 0: by the primitives. A frame that needs more is drawn again with more.
-  std::uint64_t initial_splats = 0;     // in views
+  bool use_graph = true;  // false: launch the kernels one by one
+  // Initial capacities; 0: estimated. A frame that needs more is rendered again with larger
+  // buffers.
+  std::uint64_t initial_splats = 0;     // over the views
   std::uint64_t initial_instances = 0;  // in tiles
 };
 
-// On the current device of the calling thread, which must stay the same. kNotBuilt without CUDA,
-// kUnsupported where there is no such device or no code for it.
+// Creates a renderer on the current device of the calling thread, which must stay the current one.
+// kNotBuilt without CUDA, kUnsupported if there is no device or this build has no code for it.
 Result<std::unique_ptr<Renderer>> make_cuda_renderer(const CudaSettings& settings = {});
 
 }  // namespace stgs::player

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What CUDA gives, with an owner: memory, a stream, events, a graph. One thread; the current
-// device.
+// Owners of CUDA resources: memory, streams, events, graphs. One thread; the current device.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -12,13 +11,15 @@
 
 namespace stgs::player::cuda {
 
-inline Status cuda_status(cudaError_t error, const char* what) {
+// Converts an error. `action` completes "CUDA failed while ...". Errors: kNoMemory, kDeviceLost,
+// else kRuntime.
+inline Status cuda_status(cudaError_t error, const char* action) {
   if (error == cudaSuccess) return {};
-  std::string message = fmt::format("CUDA failed while {}: {}", what, cudaGetErrorString(error));
+  std::string message = fmt::format("CUDA failed while {}: {}", action, cudaGetErrorString(error));
   switch (error) {
     case cudaErrorMemoryAllocation:
       return {StatusCode::kNoMemory, std::move(message)};
-    // After these the process's context answers nothing else.
+    // These errors make the CUDA context of the process unusable.
     case cudaErrorAssert:
     case cudaErrorECCUncorrectable:
     case cudaErrorHardwareStackError:
@@ -31,13 +32,13 @@ inline Status cuda_status(cudaError_t error, const char* what) {
     case cudaErrorMisalignedAddress:
     case cudaErrorNvlinkUncorrectable:
       return {StatusCode::kDeviceLost,
-              message + ": the GPU has failed, and this process can use it no more"};
+              message + ": the GPU has failed; restart the program to use it again"};
     default:
       return {StatusCode::kRuntime, std::move(message)};
   }
 }
 
-// Bytes that grow as they are asked for; what they held is lost then.
+// Memory that grows on demand, which discards its contents.
 template <cudaError_t (*kAllocate)(void**, std::size_t), cudaError_t (*kFree)(void*)>
 class GrowingBuffer {
  public:
@@ -54,15 +55,15 @@ class GrowingBuffer {
   Status ensure(std::size_t bytes) {
     if (bytes <= bytes_) return {};
     reset();
-    const std::size_t wanted = bytes + bytes / 4;
-    if (const cudaError_t error = kAllocate(&data_, wanted); error != cudaSuccess) {
-      (void)cudaGetLastError();  // told here, and remembered no longer
+    const std::size_t target = bytes + bytes / 4;
+    if (const cudaError_t error = kAllocate(&data_, target); error != cudaSuccess) {
+      (void)cudaGetLastError();  // reported here; clear it
       data_ = nullptr;
-      if (error != cudaErrorMemoryAllocation) return cuda_status(error, "taking memory");
+      if (error != cudaErrorMemoryAllocation) return cuda_status(error, "allocating memory");
       return {StatusCode::kNoMemory,
-              fmt::format("no {} MiB of GPU memory left", (wanted >> 20) + 1)};
+              fmt::format("out of GPU memory (requested {} MiB)", (target >> 20) + 1)};
     }
-    bytes_ = wanted;
+    bytes_ = target;
     return {};
   }
   std::uint8_t* data() const { return static_cast<std::uint8_t*>(data_); }
@@ -73,7 +74,7 @@ class GrowingBuffer {
   std::size_t bytes_ = 0;
 };
 
-// A handle of CUDA's; `get` is null until it is created.
+// Owns a CUDA handle; null until it is created.
 template <typename Handle, cudaError_t (*kDestroy)(Handle)>
 class Owned {
  public:
@@ -86,7 +87,7 @@ class Owned {
     if (handle_ != nullptr) kDestroy(handle_);
     handle_ = nullptr;
   }
-  // Where a function of CUDA's puts a new one.
+  // Destroys the handle and returns its address, for a CUDA function that creates one.
   Handle* fresh() {
     reset();
     return &handle_;

@@ -3,7 +3,7 @@
 
 namespace stgs::player::cuda {
 
-// The arrays of Gaussians4D on the device, with room for a segment's primitives.
+// The arrays of Gaussians4D in device memory, with capacity for the primitives of a segment.
 struct DeviceGaussians {
   float* position = nullptr;       // N x 3
   float* log_scale = nullptr;      // N x 3

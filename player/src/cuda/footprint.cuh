@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which tiles a splat's ellipse meets, and which quarters of them. It may err towards meeting: what
-// is listed where it is not seen costs time. What is missing is wrong, but for pixels where the
-// rounded alpha alone reaches the threshold.
+// Tests which tiles, and which quarters of them, the ellipse of a splat meets. The tests are
+// conservative: a false hit costs time. A missed hit is an error, except at pixels where alpha
+// reaches the threshold only by rounding.
 #pragma once
 
 #include "cuda/draw.h"
@@ -10,9 +10,10 @@
 namespace stgs::player::cuda {
 
 inline constexpr float kLog2Threshold = -7.99435344f;  // log2(kAlphaThreshold)
-// Added to the limit of half squared distances, as raster_bin.cpp adds 1e-4 to their double.
+// Added to the limit of half the squared distance. raster_bin.cpp adds 1e-4 to its double.
 inline constexpr float kLimitSlack = 0.75e-4f;
 
+// A ScreenSplat as vectors.
 struct Quad {
   float4 a, b, c;
 };
@@ -26,11 +27,12 @@ __device__ inline Quad load_quad(const ScreenSplat* splats, std::uint32_t i) {
   return {__ldg(at), __ldg(at + 1), __ldg(at + 2)};
 }
 
-// The ellipse as rows see it. With v the offset from the centre in half heights, its points at v
-// are x + slope v +- width sqrt(1 - v^2): the farthest right is at v = top, left at -top.
+// The ellipse parameterised by row. With v the offset from the centre in half heights, its points
+// at v are x + slope v +- width sqrt(1 - v^2). The rightmost point is at v = top, the leftmost at
+// -top.
 struct Footprint {
   float x, y, per_height, slope, width, top, slack;
-  int row, rows;  // of squares of so many pixels as it was asked for
+  int row, rows;  // of kRowPixels, see footprint_of()
   int view;
 };
 
@@ -46,13 +48,13 @@ __device__ inline Footprint footprint_of(const ScreenSplat& s, int number, const
   f.y = s.y;
   f.per_height = 1.0f / fmaxf(s.extent_y, 1e-4f);
   // The blend's rounding error grows with the elongation, half_xx extent_x^2 over the limit.
-  const float limit = fmaxf(s.most - kLog2Threshold, 0.0f) + kLimitSlack -
+  const float limit = fmaxf(s.peak - kLog2Threshold, 0.0f) + kLimitSlack -
                       4e-6f * s.half_xx * s.extent_x * s.extent_x;
   f.width = sqrtf(limit / -s.half_xx);
   f.slope = -0.5f * s.cross / s.half_xx * fmaxf(s.extent_y, 1e-4f);
   const float ratio = f.slope / f.width;
   f.top = ratio * rsqrtf(1.0f + ratio * ratio);
-  if (!(fabsf(f.top) <= 1.0f)) f.top = copysignf(1.0f, ratio);  // a square that overflowed
+  if (!(fabsf(f.top) <= 1.0f)) f.top = copysignf(1.0f, ratio);  // the square overflowed
   const float slack = 1e-3f + 2e-6f * (s.extent_y + fabsf(s.y));
   f.slack = slack + 2e-6f * (fabsf(f.slope) + f.width + fabsf(s.x));
   constexpr float kSide = kRowPixels;
@@ -70,7 +72,8 @@ struct Span {
   int first, count;
 };
 
-__device__ inline Span shared_by(Span a, Span b) {
+// Returns the intersection of two spans.
+__device__ inline Span intersection(Span a, Span b) {
   const int first = max(a.first, b.first);
   return {first, max(min(a.first + a.count, b.first + b.count) - first, 0)};
 }
@@ -79,13 +82,13 @@ __device__ inline bool has(Span span, int i) {
   return static_cast<unsigned>(i - span.first) < static_cast<unsigned>(span.count);
 }
 
-// sqrt(1 - v^2); 1e-6 for the rounding of v, which counts most near the ends.
+// Returns sqrt(1 - v^2); 1e-6 covers the rounding of v, which matters most near the ends.
 __device__ inline float half_width(float v) {
   return __fsqrt_rn(__fadd_rn(fmaxf(__fmaf_rn(-v, v, 1.0f), 0.0f), 1e-6f));
 }
 
-// The squares of kPixels (tiles, quarters) that the ellipse meets in a row of them. The roundings
-// are given: what is counted and what is listed must be the same, wherever this is compiled to.
+// Returns the cells of kPixels x kPixels (tiles or quarters) that the ellipse meets in a row of
+// them. Rounding is explicit: counting and listing must agree in every kernel.
 template <int kPixels>
 __device__ inline Span span_of(const Footprint& f, int row, const ViewInput& view) {
   constexpr float kSide = kPixels;
@@ -108,14 +111,14 @@ __device__ inline Span span_of(const Footprint& f, int row, const ViewInput& vie
   return {static_cast<int>(first), n > 0 ? n : 0};
 }
 
-// Which quarters of a row of tiles are met: of its upper and of its lower half. Which tiles of a
-// row of squares of 2 x 2 are, alike.
+// The cells that are met in the upper and the lower half of a row: quarters of a row of tiles, or
+// tiles of a row of squares of 2 x 2.
 struct Cells {
   Span upper, lower;
 };
 
-// The tiles, or squares, that have a quarter, or tile, that is met.
-__device__ inline Span wholes_of(const Cells& cells) {
+// Returns the span of tiles with a quarter that is met, or of squares with a tile that is met.
+__device__ inline Span tiles_of_cells(const Cells& cells) {
   const Span a = cells.upper.count > 0 ? cells.upper : cells.lower;
   const Span b = cells.lower.count > 0 ? cells.lower : a;
   const int first = min(a.first, b.first) / 2;
@@ -123,15 +126,15 @@ __device__ inline Span wholes_of(const Cells& cells) {
   return {first, a.count > 0 ? end - first : 0};
 }
 
-// Which of the four of one of them are met: bit x + 2 y.
-__device__ inline std::uint32_t met_of(const Cells& cells, int whole) {
-  const int left = 2 * whole, right = left + 1;
+// Returns which of the four cells of a tile or square are met: bit x + 2 y.
+__device__ inline std::uint32_t met_of(const Cells& cells, int tile) {
+  const int left = 2 * tile, right = left + 1;
   return (has(cells.upper, left) ? 1u : 0u) | (has(cells.upper, right) ? 2u : 0u) |
          (has(cells.lower, left) ? 4u : 0u) | (has(cells.lower, right) ? 8u : 0u);
 }
 
-// The squares of 2 x 2 tiles of a row of them that are drawn at full resolution: as
-// math::beyond_fovea tells. The roundings are given, for the list and the blend must agree on each.
+// Returns the squares of 2 x 2 tiles in a row that are rendered at full resolution, as
+// math::beyond_fovea does. Rounding is explicit: the list and the blend must agree on each square.
 __device__ inline Span sharp_squares(const ViewInput& view, int row) {
   constexpr float kSquare = math::kFoveaSquare;
   const float top = static_cast<float>(row) * kSquare;

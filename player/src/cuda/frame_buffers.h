@@ -9,9 +9,9 @@
 
 namespace stgs::player::cuda {
 
-// What a frame may need; 0: no more than there is.
+// Capacities that a frame requires; 0: the present capacity suffices.
 struct FrameNeed {
-  std::uint32_t chunks = 0;  // of primitives, each of which may be a candidate
+  std::uint32_t chunks = 0;  // of primitives, all of which may be candidates
   std::uint32_t tiles = 0;
   std::uint64_t splats = 0;
   std::uint64_t instances = 0;
@@ -19,19 +19,19 @@ struct FrameNeed {
 
 class FrameBuffers {
  public:
-  // Makes room; what the buffers held is lost where they grow, and addresses change. kRuntime
-  // where the device has no memory left.
+  // Grows the buffers to the capacities, which discards their contents and changes addresses.
+  // kNoMemory if the device is out of memory.
   Status ensure(const FrameNeed& need);
-  // Gives all of it back.
+  // Frees all buffers.
   void reset();
-  // Counts up when addresses have changed.
+  // Increases whenever addresses change.
   std::uint64_t generation() const { return generation_; }
   std::uint64_t splat_capacity() const { return capacity_.splats; }
   std::uint64_t instance_capacity() const { return capacity_.instances; }
-  // The buffers as a frame of so many tiles uses them.
+  // Returns the buffers for a frame with a number of tiles.
   Workspace workspace(std::uint32_t tiles) const;
   std::size_t cleared_bytes() const { return cleared_bytes_; }
-  // Starts clearing what must be clear before a frame.
+  // Starts clearing the buffers that must be zero at the beginning of a frame.
   cudaError_t clear(cudaStream_t stream) const;
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A frame, which is one moment from up to kMostViews views: what it is given, its stages as a
-// graph, and its pictures.
+// A frame, which is one time seen from up to kMaxFrameViews views: its input, its stages as a CUDA
+// graph, and its images.
 #pragma once
 
 #include <cstdint>
@@ -16,60 +16,61 @@ namespace stgs::player::cuda {
 // One thread; the current device.
 class FrameGraph {
  public:
-  // Starts drawing the parts. Not while it draws already.
+  // Starts rendering the parts. The previous frame must have completed.
   Status start(std::span<const View> views, std::span<const Part> parts, int sh_degree,
                const Grids& grids, const FrameBuffers& buffers, bool as_graph, cudaStream_t stream);
-  // What was counted, once the stream has been waited for.
-  const Counters& counted() const { return *reinterpret_cast<const Counters*>(counted_.data()); }
-  // Adds the stages' times, likewise.
+  // Requires, like the following functions, that the stream has been synchronised.
+  // Returns the counters of the frame.
+  const Counters& counters() const { return *reinterpret_cast<const Counters*>(counters_.data()); }
+  // Adds the times of the stages.
   Status add_times(RenderStats& stats) const;
-  // Copies the pictures to the host, likewise.
+  // Copies the images to the host.
   Status read(std::vector<Frame>& frames) const;
-  // Starts to copy them to memory of the device, likewise.
+  // Starts copying the images to device memory.
   Status read(std::span<const CudaImage> to, cudaStream_t stream) const;
-  // What the steps take, likewise; draws the frame once more for it, and waits.
+  // Renders the frame again step by step and returns the times of the steps. Waits.
   Result<RenderProfile> profile(const Grids& grids, const FrameBuffers& buffers,
                                 cudaStream_t stream);
 
  private:
-  // What the graph was made for.
-  struct Made {
-    std::uint64_t generation = 0;  // of the buffers; 0: there is none
+  // The configuration that a graph is captured for.
+  struct Config {
+    std::uint64_t generation = 0;  // of the buffers; 0: no graph
     int sh_degree = 0;
     std::uint32_t views = 0, tiles = 0;
-    std::uint32_t most_tiles = 0, most_squares = 0;  // of a view
-    bool fovea = false;                              // whether a view has one
-    std::size_t parts = 0;                           // that the input has room for
-    bool operator==(const Made&) const = default;
+    std::uint32_t max_tiles = 0, max_squares = 0;  // maximum over the views
+    bool fovea = false;                            // a view has a fovea
+    std::size_t parts = 0;                         // capacity of the input
+    bool operator==(const Config&) const = default;
   };
-  // Where a picture lies, bytes from the beginning of all of them.
-  struct Place {
+  // The location of an image, bytes from the beginning of all images.
+  struct ImageLayout {
     std::size_t offset = 0;
     int width = 0, height = 0;
   };
-  // After which time is told.
+  // Steps after which an event is recorded.
   enum Step { kBegin, kClear, kSelect, kProject, kDepthSort, kList, kTileSort, kBlend, kSteps };
-  enum class Telling { kStages, kSteps };  // kSteps: and counts
+  enum class Measure { kStages, kSteps };  // kSteps also counts the work of the blend
 
-  void place_pictures(std::span<const View> views);
-  Status make_room(const Made& made);
+  void lay_out_images(std::span<const View> views);
+  Status ensure_buffers(const Config& config);
   void fill_input(std::span<const View> views, std::span<const Part> parts);
   Status capture(const Grids& grids, const FrameBuffers& buffers, cudaStream_t stream);
-  // Starts all steps, with events between.
-  Status enqueue(const Grids& grids, const FrameBuffers& buffers, Telling telling,
+  // Enqueues all steps, with events between them.
+  Status enqueue(const Grids& grids, const FrameBuffers& buffers, Measure telling,
                  unsigned event_flags, cudaStream_t stream);
   Status time_between(Step from, Step to, double& ms) const;
 
-  Made now_, captured_;
-  std::vector<Place> places_;
-  std::size_t picture_bytes_ = 0;
-  PinnedBuffer staged_, counted_;
-  DeviceBuffer input_, pictures_;
+  Config current_, captured_;
+  std::vector<ImageLayout> layouts_;
+  std::size_t image_bytes_ = 0;
+  PinnedBuffer staging_, counters_;
+  DeviceBuffer input_, images_;
   Event events_[kSteps];
   GraphExec graph_;
 };
 
-// Of the views' pictures, together.
+// Returns the number of tiles of all views.
 std::uint32_t tiles_of(std::span<const View> views);
 
 }  // namespace stgs::player::cuda

@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// What kernels read of a frame's input.
+// Access to the input of a frame in kernels.
 #pragma once
 
 #include "cuda/draw.h"
 
 namespace stgs::player::cuda {
 
-// Into shared memory. All threads of the block call it; a barrier must follow.
+// Copies the input to shared memory. All threads of the block call it; a barrier must follow.
 __device__ inline void load_frame(const FrameInput* from, FrameInput& to) {
   static_assert(sizeof(FrameInput) % sizeof(std::uint32_t) == 0);
   const auto* const words = reinterpret_cast<const std::uint32_t*>(from);
-  auto* const there = reinterpret_cast<std::uint32_t*>(&to);
+  auto* const out = reinterpret_cast<std::uint32_t*>(&to);
   for (unsigned i = threadIdx.x; i < sizeof(FrameInput) / sizeof(std::uint32_t); i += blockDim.x) {
-    there[i] = words[i];
+    out[i] = words[i];
   }
 }
 

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sizes of grids whose blocks take work by tickets.
+// Sizes of grids whose thread blocks take work by tickets.
 #pragma once
 
 #include <cuda_runtime.h>
 
 namespace stgs::player::cuda {
 
-// Blocks of the kernel that the current GPU runs at once; an error where it cannot be loaded.
+// Computes the thread blocks of a kernel that are resident on the current GPU at once. Fails if the
+// kernel cannot be loaded.
 template <typename Kernel>
 cudaError_t resident_blocks(Kernel kernel, int threads, unsigned& blocks) {
   int device = 0, processors = 0, each = 0;
@@ -21,7 +22,7 @@ cudaError_t resident_blocks(Kernel kernel, int threads, unsigned& blocks) {
   return error;
 }
 
-// Each next to the kernel that it is of.
+// Defined next to their kernels.
 cudaError_t select_grid(unsigned& blocks);
 cudaError_t project_grids(int sh_degree, unsigned& one, unsigned& several);
 cudaError_t list_grids(unsigned& plain, unsigned& fovea);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pinned memory through which the host sends what it has in pageable memory: it fills one part
-// while the device still reads the other.
+// Double-buffered pinned memory for uploads from pageable memory: the host fills one half while the
+// device reads the other.
 #pragma once
 
 #include <cstddef>
@@ -13,20 +13,20 @@ namespace stgs::player::cuda {
 // One thread; the current device.
 class HostStaging {
  public:
-  // Makes each part as large, at least.
+  // Ensures that each half has at least `bytes`.
   Status ensure(std::size_t bytes);
-  // The part that is to be filled, once the device has done with it.
+  // Returns the half to fill next. Waits until the device has finished with it.
   Result<std::uint8_t*> next();
-  // Starts copying the beginning of that part, in the stream's order.
+  // Enqueues a copy of the first `bytes` of that half to the device.
   Status upload(void* to, std::size_t bytes, cudaStream_t stream);
 
  private:
-  struct Part {
+  struct Half {
     PinnedBuffer memory;
-    Event sent;  // the last copy out of it
+    Event uploaded;  // the last copy from it
   };
-  Part parts_[2];
-  int filled_ = 0;  // the part that next() gave last
+  Half halves_[2];
+  int current_ = 0;  // returned by the last next()
 };
 
 }  // namespace stgs::player::cuda

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Starting kernels.
+// Launches kernels.
 #pragma once
 
 #include <cuda_runtime.h>
 
 namespace stgs::player::cuda {
 
-// An error is cudaGetLastError's.
+// Launch errors are reported by cudaGetLastError().
 template <typename... Parameters, typename... Arguments>
 void launch(void (*kernel)(Parameters...), dim3 blocks, unsigned threads, cudaStream_t stream,
             Arguments... arguments) {

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Instances: for each splat, nearest first, the tiles that its ellipse meets, and which quarters of
-// them, so that the blend need not look. A block takes a chunk of splats, counts their tiles,
-// learns how many the chunks before have, and lists its own. Those of one tile are in the order of
-// depth then, which the stable sort by tile keeps. What threads share among them are the chunk's
-// rows of tiles, not its splats: the nearest splats are next to each other, and have many times the
-// rows of others.
+// Lists the instances: for each splat, nearest first, the tiles that its ellipse meets, and which
+// of their quarters, so that the blend need not test them. A thread block takes a chunk of splats,
+// counts their tiles, obtains the count of the chunks before, and lists its own. The instances of a
+// tile are thus in depth order, which the stable sort by tile preserves. The rows of tiles of a
+// chunk are distributed over the threads, not its splats: the nearest splats are adjacent and have
+// many times more rows than others.
 #include "cuda/footprint.cuh"
 #include "cuda/frame_input.cuh"
 #include "cuda/grid.cuh"
@@ -16,45 +16,45 @@ namespace {
 
 constexpr int kThreads = 256, kWarps = kThreads / 32;
 static_assert(kListSplats <= kThreads && kNearSplats <= kListSplats);
-// Rows of a chunk whose cells are kept from counting to listing; those of others are found
-// again.
-constexpr std::uint32_t kKept = 1024;
-// Instances of a chunk that go through shared memory, from where they are written in order.
-constexpr std::uint32_t kStage = 3072;
+// Rows of a chunk whose cells are cached between counting and listing; those of further rows are
+// computed again.
+constexpr std::uint32_t kMaxCachedRows = 1024;
+// Instances of a chunk that are staged in shared memory for coalesced writes.
+constexpr std::uint32_t kMaxStaged = 3072;
 
 struct ListShared {
   FrameInput frame;
-  std::uint32_t digits[kMostPasses][kDigits];
+  std::uint32_t digits[kMaxPasses][kDigits];
   Footprint footprints[kThreads];
   std::uint32_t splats[kThreads];
-  std::uint32_t row_begin[kThreads];  // of a splat, among the chunk's rows
-  ushort4 kept[kKept];                // first and count of the upper half, of the lower
-  std::uint32_t stage[kStage];  // tile, and the splat's place in the chunk in the lower eight bits
-  std::uint8_t stage_met[kStage];
+  std::uint32_t row_begin[kThreads];  // first row of a splat, among the chunk's rows
+  ushort4 cached[kMaxCachedRows];     // first and count of the upper half, then of the lower
+  std::uint32_t staged[kMaxStaged];   // tile; in the lower 8 bits, the splat's index in the chunk
+  std::uint8_t staged_met[kMaxStaged];
   std::uint32_t sums[kWarps];
   std::uint32_t chunk;
-  Told before;
+  TileStatus before;
 };
 
-// A row of a splat of the chunk: of tiles, or where there are foveae of squares of 2 x 2.
+// A row of a splat of the chunk: of tiles, or with foveae, of squares of 2 x 2 tiles.
 struct Row {
   std::uint32_t number;  // among the chunk's rows
-  std::uint32_t splat;   // its place in the chunk
+  std::uint32_t splat;   // its index in the chunk
   int line;              // of the view's rows
 };
 
-// What a row lists.
+// The instances of a row.
 struct RowTiles {
   Row row;
-  Cells met;         // of its tiles the quarters; of its squares the tiles
-  Span tiles[2];     // of its line; of a square's two lines those at full resolution
-  Span left, right;  // squares at half resolution to either side of them
+  Cells met;         // quarters of its tiles; with foveae, tiles of its squares
+  Span tiles[2];     // tiles at full resolution; [1]: of the second line of squares
+  Span left, right;  // squares at half resolution on either side of them
   __device__ std::uint32_t count() const {
     return static_cast<std::uint32_t>(tiles[0].count + tiles[1].count + left.count + right.count);
   }
 };
 
-// Which splat of the chunk has the row: the last of those that begin up to it.
+// Finds the splat of the chunk that has the row: the last one that begins at or before it.
 __device__ Row find_row(const ListShared& s, std::uint32_t row) {
   std::uint32_t splat = 0;
 #pragma unroll
@@ -64,25 +64,25 @@ __device__ Row find_row(const ListShared& s, std::uint32_t row) {
   return {row, splat, s.footprints[splat].row + static_cast<int>(row - s.row_begin[splat])};
 }
 
-// Which squares of kPixels are met in the two lines of them that the row has.
+// Returns the cells of kPixels that are met in the two halves of a row.
 template <int kPixels>
 __device__ Cells find_cells(const Footprint& f, int row, const ViewInput& view) {
   return {span_of<kPixels>(f, 2 * row, view), span_of<kPixels>(f, 2 * row + 1, view)};
 }
 
-// The same of a row of the chunk. Counting keeps them.
+// Returns the cells of a row of the chunk. Caches them while counting.
 template <int kPixels>
 __device__ Cells cells_of_row(ListShared& s, const Row& row, bool counting) {
   const Footprint& f = s.footprints[row.splat];
   const ViewInput& view = s.frame.views[f.view];
-  if (row.number >= kKept) return find_cells<kPixels>(f, row.line, view);
-  ushort4& kept = s.kept[row.number];
-  if (!counting) return {{kept.x, kept.y}, {kept.z, kept.w}};
+  if (row.number >= kMaxCachedRows) return find_cells<kPixels>(f, row.line, view);
+  ushort4& cached = s.cached[row.number];
+  if (!counting) return {{cached.x, cached.y}, {cached.z, cached.w}};
   const Cells cells = find_cells<kPixels>(f, row.line, view);
-  kept = make_ushort4(static_cast<unsigned short>(cells.upper.first),
-                      static_cast<unsigned short>(cells.upper.count),
-                      static_cast<unsigned short>(cells.lower.first),
-                      static_cast<unsigned short>(cells.lower.count));
+  cached = make_ushort4(static_cast<unsigned short>(cells.upper.first),
+                        static_cast<unsigned short>(cells.upper.count),
+                        static_cast<unsigned short>(cells.lower.first),
+                        static_cast<unsigned short>(cells.lower.count));
   return cells;
 }
 
@@ -92,30 +92,30 @@ __device__ RowTiles tiles_of_row(ListShared& s, std::uint32_t number, bool count
   out.row = find_row(s, number);
   if constexpr (!kFovea) {
     out.met = cells_of_row<kQuarterPixels>(s, out.row, counting);
-    out.tiles[0] = wholes_of(out.met);
+    out.tiles[0] = tiles_of_cells(out.met);
   } else {
     const ViewInput& view = s.frame.views[s.footprints[out.row.splat].view];
     out.met = cells_of_row<kTilePixels>(s, out.row, counting);
-    const Span sharp = sharp_squares(view, out.row.line), squares = wholes_of(out.met);
+    const Span sharp = sharp_squares(view, out.row.line), squares = tiles_of_cells(out.met);
     const Span sharp_tiles = {2 * sharp.first, 2 * sharp.count};
-    out.tiles[0] = shared_by(out.met.upper, sharp_tiles);
-    out.tiles[1] = shared_by(out.met.lower, sharp_tiles);
+    out.tiles[0] = intersection(out.met.upper, sharp_tiles);
+    out.tiles[1] = intersection(out.met.lower, sharp_tiles);
     const int end = squares.first + squares.count;
-    out.left = shared_by(squares, {0, sharp.count > 0 ? sharp.first : end});
-    if (sharp.count > 0) out.right = shared_by(squares, {sharp.first + sharp.count, end});
+    out.left = intersection(squares, {0, sharp.count > 0 ? sharp.first : end});
+    if (sharp.count > 0) out.right = intersection(squares, {sharp.first + sharp.count, end});
   }
   return out;
 }
 
-// Calls put(tile, met) for each that the row lists.
-template <bool kFovea, typename Put>
-__device__ void list_row(const ListShared& s, const RowTiles& own, Put put) {
+// Calls emit(tile, met) for each instance of a row.
+template <bool kFovea, typename Emit>
+__device__ void list_row(const ListShared& s, const RowTiles& own, Emit emit) {
   const Footprint& f = s.footprints[own.row.splat];
   const ViewInput& view = s.frame.views[f.view];
   const auto list = [&](const Span& tiles, int line, const Cells& met) {
     const auto first = view.first_tile + static_cast<std::uint32_t>(line * view.tiles_x);
     for (int k = tiles.first; k < tiles.first + tiles.count; ++k) {
-      put(first + static_cast<std::uint32_t>(k), met_of(met, k));
+      emit(first + static_cast<std::uint32_t>(k), met_of(met, k));
     }
   };
   if constexpr (!kFovea) {
@@ -129,20 +129,20 @@ __device__ void list_row(const ListShared& s, const RowTiles& own, Put put) {
     const auto first = view.first_tile + static_cast<std::uint32_t>(line * view.tiles_x);
     for (const Span& squares : {own.left, own.right}) {
       for (int k = squares.first; k < squares.first + squares.count; ++k) {
-        put(first + static_cast<std::uint32_t>(2 * k), met_of(own.met, k));
+        emit(first + static_cast<std::uint32_t>(2 * k), met_of(own.met, k));
       }
     }
   }
 }
 
-// Where the splats of a chunk begin.
+// Returns the first splat of a chunk.
 __device__ std::uint32_t chunk_begin(std::uint32_t chunk) {
   const std::uint32_t near = min(chunk, kNearChunks);
   return near * kNearSplats + (chunk - near) * kListSplats;
 }
 
-// Brings the chunk's splats and tells how many rows they have. The whole block calls it, as what
-// follows.
+// Loads the chunk's splats and returns the number of their rows. The whole block calls this and the
+// following functions.
 template <int kRowPixels>
 __device__ std::uint32_t load_chunk(ListShared& s, const Workspace& w, std::uint32_t visible) {
   const std::uint32_t rank = chunk_begin(s.chunk) + threadIdx.x;
@@ -162,7 +162,7 @@ __device__ std::uint32_t load_chunk(ListShared& s, const Workspace& w, std::uint
   return rows;
 }
 
-// How many tiles and squares the chunk lists: fewer than 2^31, of 256 splats in 2^22 tiles of a
+// Returns the number of instances of the chunk: less than 2^31, for 256 splats in 2^22 tiles of a
 // view.
 template <bool kFovea>
 __device__ std::uint32_t count_tiles(ListShared& s, std::uint32_t rows) {
@@ -174,26 +174,26 @@ __device__ std::uint32_t count_tiles(ListShared& s, std::uint32_t rows) {
   return total;
 }
 
-// Calls put(place, tile, splat, met) for each: `place` counts on through the chunk, `splat` is its
-// place there.
-template <bool kFovea, typename Put>
-__device__ void for_each_tile(ListShared& s, std::uint32_t rows, Put put) {
+// Calls emit(index, tile, splat, met) for each instance of the chunk. `index` counts the instances,
+// `splat` is the index of the splat in the chunk.
+template <bool kFovea, typename Emit>
+__device__ void for_each_tile(ListShared& s, std::uint32_t rows, Emit emit) {
   std::uint32_t begin = 0;
   for (std::uint32_t first = 0; first < rows; first += kThreads) {
     const std::uint32_t number = first + threadIdx.x;
     RowTiles own{};
     if (number < rows) own = tiles_of_row<kFovea>(s, number, false);
     std::uint32_t total;
-    std::uint32_t place = begin + block_sum_before<kWarps>(own.count(), s.sums, total);
+    std::uint32_t index = begin + block_sum_before<kWarps>(own.count(), s.sums, total);
     begin += total;
     if (own.count() == 0) continue;
     list_row<kFovea>(s, own, [&](std::uint32_t tile, std::uint32_t met) {
-      put(place++, tile, own.row.splat, met);
+      emit(index++, tile, own.row.splat, met);
     });
   }
 }
 
-// Writes the chunk's instances from the place `before`.
+// Writes the chunk's instances at index `before`.
 template <bool kFovea>
 __device__ void list_chunk(ListShared& s, const Workspace& w, std::uint32_t rows,
                            std::uint32_t total, std::uint32_t before) {
@@ -203,21 +203,21 @@ __device__ void list_chunk(ListShared& s, const Workspace& w, std::uint32_t rows
     w.tile_splats[0][to] = s.splats[splat] | met << kSplatBits;
     for (int p = 0; p < w.tile_passes; ++p) atomicAdd(&s.digits[p][tile >> 8 * p & 0xFFu], 1u);
   };
-  if (total > kStage) {
+  if (total > kMaxStaged) {
     for_each_tile<kFovea>(s, rows,
-                          [&](std::uint32_t place, std::uint32_t tile, std::uint32_t splat,
-                              std::uint32_t met) { write(before + place, tile, splat, met); });
+                          [&](std::uint32_t index, std::uint32_t tile, std::uint32_t splat,
+                              std::uint32_t met) { write(before + index, tile, splat, met); });
     return;
   }
   for_each_tile<kFovea>(
       s, rows,
-      [&](std::uint32_t place, std::uint32_t tile, std::uint32_t splat, std::uint32_t met) {
-        s.stage[place] = tile << 8 | splat;
-        s.stage_met[place] = static_cast<std::uint8_t>(met);
+      [&](std::uint32_t index, std::uint32_t tile, std::uint32_t splat, std::uint32_t met) {
+        s.staged[index] = tile << 8 | splat;
+        s.staged_met[index] = static_cast<std::uint8_t>(met);
       });
   __syncthreads();
   for (std::uint32_t k = threadIdx.x; k < total; k += kThreads) {
-    write(before + k, s.stage[k] >> 8, s.stage[k] & 0xFFu, s.stage_met[k]);
+    write(before + k, s.staged[k] >> 8, s.staged[k] & 0xFFu, s.staged_met[k]);
   }
 }
 
@@ -226,7 +226,7 @@ __global__ void __launch_bounds__(kThreads) list_tiles(const FrameInput* input, 
   constexpr int kRowPixels = kFovea ? math::kFoveaSquare : kTilePixels;
   __shared__ ListShared s;
   load_frame(input, s.frame);
-  for (int p = 0; p < kMostPasses; ++p) s.digits[p][threadIdx.x] = 0;
+  for (int p = 0; p < kMaxPasses; ++p) s.digits[p][threadIdx.x] = 0;
   const std::uint32_t visible = w.counters->splats;
   for (;;) {
     if (threadIdx.x == 0) s.chunk = atomicAdd(&w.counters->list_ticket, 1u);
@@ -235,11 +235,11 @@ __global__ void __launch_bounds__(kThreads) list_tiles(const FrameInput* input, 
     const std::uint32_t rows = load_chunk<kRowPixels>(s, w, visible);
     const std::uint32_t total = count_tiles<kFovea>(s, rows);
     if (threadIdx.x < 32) {
-      const Told found = sum_before(w.list_told, s.chunk, total);
+      const TileStatus found = sum_before(w.list_status, s.chunk, total);
       if (threadIdx.x == 0) {
         s.before = found;
         if (chunk_begin(s.chunk + 1) >= visible) {
-          const Told all = found + total;
+          const TileStatus all = found + total;
           w.counters->instances = all;
           w.counters->listed = all <= w.instance_capacity ? static_cast<std::uint32_t>(all) : 0;
         }

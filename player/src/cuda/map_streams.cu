@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A thread block maps a chunk of a stream, its threads successive primitives. Products and sums of
-// floats are rounded one by one: a fused one would give other bits than the processor's.
+// A thread block maps a chunk of a stream, its threads successive primitives. Float products and
+// sums are rounded separately: fused operations would differ from the CPU.
 #include "cuda/map_streams.h"
 
 #include <cub/block/block_reduce.cuh>
@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::uint32_t kThreads = 256, kWarp = 32;
 constexpr std::uint32_t kRounds = kMapChunk / kThreads;
-constexpr std::uint32_t kMostTogether = 4;  // components that make floats together
+constexpr std::uint32_t kMaxWidth = 4;  // components mapped together, and floats they result in
 
 using Reduce = cub::BlockReduce<std::uint64_t, kThreads>;
 using Scan = cub::BlockScan<std::uint64_t, kThreads>;
@@ -21,12 +21,12 @@ __device__ float power_of_two(int e) {
   return __int_as_float((e + 127) << 23);
 }
 
-// Exact, and so is its product with an integer in range.
+// Exact, as is its product with an integer in range.
 __device__ float size_of(int multiplier, int exponent) {
   return __fmul_rn(static_cast<float>(multiplier), power_of_two(exponent));
 }
 
-// A value of a component as its digits have it.
+// Returns the value of a component, composed from its digits.
 __device__ std::uint64_t value_at(const MapJob& job, std::uint32_t component, std::uint32_t i) {
   const MapPlane* plane = job.planes + component * job.digits;
   std::uint64_t value = 0;
@@ -39,7 +39,7 @@ __device__ std::uint64_t value_at(const MapJob& job, std::uint32_t component, st
   return value;
 }
 
-// What a value adds to the sum of those before it.
+// Returns the difference of a value from the one before it.
 __device__ std::uint64_t difference_at(const MapJob& job, std::uint32_t component,
                                        std::uint32_t i) {
   const std::uint64_t value = value_at(job, component, i);
@@ -48,7 +48,7 @@ __device__ std::uint64_t difference_at(const MapJob& job, std::uint32_t componen
 }
 
 __device__ bool in_range(const MapJob& job, std::uint32_t q) {
-  return q + job.most <= 2 * job.most;
+  return q + job.max_steps <= 2 * job.max_steps;
 }
 
 __device__ float number(std::uint32_t q) {
@@ -92,8 +92,8 @@ __device__ int rotation_exponent(const MapJob& job, std::uint32_t i) {
 }
 
 // spec 7.5.5.
-__device__ bool rotation(const MapJob& job, int e, const std::uint32_t (&q)[kMostTogether],
-                         float (&out)[kMostTogether]) {
+__device__ bool rotation(const MapJob& job, int e, const std::uint32_t (&q)[kMaxWidth],
+                         float (&out)[kMaxWidth]) {
   const double m = job.step.multiplier;
   const double x = m * static_cast<std::int32_t>(q[0]), y = m * static_cast<std::int32_t>(q[1]),
                z = m * static_cast<std::int32_t>(q[2]);
@@ -105,12 +105,12 @@ __device__ bool rotation(const MapJob& job, int e, const std::uint32_t (&q)[kMos
   return rest > 0.0 && in_range(job, q[0]) && in_range(job, q[1]) && in_range(job, q[2]);
 }
 
-// The floats of components [c, c + width) of primitive i; false where one is out of range.
+// Maps components [c, c + width) of primitive i. Returns false if a value is out of range.
 __device__ bool map_values(const MapJob& job, std::uint32_t c, std::uint32_t i,
-                           std::uint32_t (&q)[kMostTogether], float (&out)[kMostTogether]) {
+                           std::uint32_t (&q)[kMaxWidth], float (&out)[kMaxWidth]) {
   switch (job.mapping) {
     case Mapping::kFloat:
-      for (std::uint32_t k = 0; k < kMostTogether; ++k) out[k] = __uint_as_float(q[k]);
+      for (std::uint32_t k = 0; k < kMaxWidth; ++k) out[k] = __uint_as_float(q[k]);
       return true;
     case Mapping::kTruncated:
       return truncated(job, q[0], out[0]);
@@ -138,8 +138,8 @@ __device__ bool map_values(const MapJob& job, std::uint32_t c, std::uint32_t i,
   }
 }
 
-// Whether a primitive with these floats of the attribute can be drawn (spec 6.4).
-__device__ bool drawable(const MapJob& job, const float* v, std::uint32_t count) {
+// Returns whether a primitive with these values of the attribute can be rendered (spec 6.4).
+__device__ bool is_renderable(const MapJob& job, const float* v, std::uint32_t count) {
   bool finite = true, zero = true;
   for (std::uint32_t k = 0; k < count; ++k) {
     finite = finite && isfinite(v[k]);
@@ -150,8 +150,8 @@ __device__ bool drawable(const MapJob& job, const float* v, std::uint32_t count)
   return finite && !(zero && job.attribute == Attribute::kRotation);
 }
 
-// The sum of the differences up to and with each thread's, from `before` on, which then is that of
-// all. For all threads of a block.
+// Returns `before` plus the inclusive prefix sum of the differences; adds their total to `before`.
+// All threads of the block call it.
 __device__ std::uint64_t running_sum(std::uint64_t difference, std::uint64_t& before) {
   __shared__ typename Scan::TempStorage storage;
   std::uint64_t sum = 0, total = 0;
@@ -175,7 +175,7 @@ __global__ void __launch_bounds__(kThreads) sum_kernel(const MapJob* jobs, const
   if (threadIdx.x == 0) job.sums[std::uint64_t{work.chunk} * job.components + work.component] = sum;
 }
 
-// A thread block takes a job, a warp of it a component: chunk by chunk, 32 at a time.
+// One thread block per job, one warp per component: scans its chunks, 32 at a time.
 __global__ void __launch_bounds__(kThreads)
     chunk_kernel(const MapJob* jobs, const std::uint32_t* summed) {
   const MapJob& job = jobs[summed[blockIdx.x]];
@@ -197,65 +197,66 @@ __global__ void __launch_bounds__(kThreads)
   }
 }
 
-// Positions of keys; false where one has more than 63 bits.
+// Maps Morton keys to positions. Returns false if a key has more than 63 bits or a value is
+// invalid.
 __device__ bool map_keys(const MapJob& job, std::uint32_t chunk) {
   std::uint64_t before = job.sums[chunk];
-  bool good = true;
+  bool valid = true;
   for (std::uint32_t r = 0; r < kRounds; ++r) {
     const std::uint32_t i = chunk * kMapChunk + r * kThreads + threadIdx.x;
     const bool inside = i < job.primitives;
     const std::uint64_t step = inside ? value_at(job, 0, i) : 0;
     const std::uint64_t key = running_sum(step, before);
     if (!inside) continue;
-    good = good && (step | key) >> 63 == 0;
+    valid = valid && (step | key) >> 63 == 0;
     float v[3];
     for (std::uint32_t axis = 0; axis < 3; ++axis) {
       const std::uint32_t q = compact3(key >> axis);
       v[axis] = linear(job, job.origin[axis], q);
-      good = good && in_range(job, q);
+      valid = valid && in_range(job, q);
       job.to[std::uint64_t{i} * job.stride + axis] = v[axis];
     }
-    good = good && drawable(job, v, 3);
+    valid = valid && is_renderable(job, v, 3);
   }
-  return good;
+  return valid;
 }
 
-// Components [c, c + width) of a chunk, all at once; false where a value must be refused.
+// Maps components [c, c + width) of a chunk. Returns false if a value must be rejected.
 __device__ bool map_components(const MapJob& job, std::uint32_t chunk, std::uint32_t c,
                                std::uint32_t width) {
   const bool summed = job.prediction == Prediction::kDelta;
   const std::uint32_t floats =
-      width == 3 && job.attribute == Attribute::kRotation ? kMostTogether : width;
-  std::uint64_t before[kMostTogether] = {};
+      width == 3 && job.attribute == Attribute::kRotation ? kMaxWidth : width;
+  std::uint64_t before[kMaxWidth] = {};
   for (std::uint32_t k = 0; summed && k < width; ++k) {
     before[k] = job.sums[std::uint64_t{chunk} * job.components + c + k];
   }
-  bool good = true;
+  bool valid = true;
   for (std::uint32_t r = 0; r < kRounds; ++r) {
     const std::uint32_t i = chunk * kMapChunk + r * kThreads + threadIdx.x;
     const bool inside = i < job.primitives;
-    std::uint32_t q[kMostTogether] = {};
+    std::uint32_t q[kMaxWidth] = {};
     for (std::uint32_t k = 0; k < width; ++k) {
       const auto v = inside ? static_cast<std::uint32_t>(value_at(job, c + k, i)) : 0u;
       q[k] = job.prediction == Prediction::kPlain ? v : unzigzag(v);
       if (summed) q[k] = static_cast<std::uint32_t>(running_sum(q[k], before[k]));
     }
     if (!inside) continue;
-    float v[kMostTogether] = {};
-    good = map_values(job, c, i, q, v) && good;
+    float v[kMaxWidth] = {};
+    valid = map_values(job, c, i, q, v) && valid;
     for (std::uint32_t k = 0; k < floats; ++k) job.to[std::uint64_t{i} * job.stride + c + k] = v[k];
-    good = drawable(job, v, floats) && good;
+    valid = is_renderable(job, v, floats) && valid;
   }
-  return good;
+  return valid;
 }
 
 __global__ void __launch_bounds__(kThreads) map_kernel(const MapJob* jobs, const MapWork* works) {
   const MapWork work = works[blockIdx.x];
   const MapJob& job = jobs[work.job];
-  const bool good = job.prediction == Prediction::kMorton
-                        ? map_keys(job, work.chunk)
-                        : map_components(job, work.chunk, work.component, job.width);
-  if (!good) *job.bad = 1;
+  const bool valid = job.prediction == Prediction::kMorton
+                         ? map_keys(job, work.chunk)
+                         : map_components(job, work.chunk, work.component, job.width);
+  if (!valid) *job.is_invalid = 1;
 }
 
 }  // namespace

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Planes of a segment to floats on an NVIDIA GPU, to the bits of format's decoder (spec 7.3
-// to 7.5). Nothing here allocates or waits.
+// Converts the planes of a segment to floats on an NVIDIA GPU, bit-identical to the decoder of
+// format (spec 7.3 to 7.5). Nothing here allocates or waits.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -11,33 +11,33 @@
 
 namespace stgs::player::cuda {
 
-inline constexpr std::uint32_t kMapChunk = 1024;  // primitives of a thread block
+inline constexpr std::uint32_t kMapChunk = 1024;  // primitives per thread block
 
-// Pointers are the device's.
+// A plane of digits, in device memory.
 struct MapPlane {
-  const std::uint8_t* symbols = nullptr;  // of all primitives; null: `only` for each of them
+  const std::uint8_t* symbols = nullptr;  // one per primitive; null: all are `only`
   std::uint32_t only = 0;
 };
 
-// A stream of a segment.
+// A stream of a segment. Pointers are device addresses.
 struct MapJob {
   const MapPlane* planes = nullptr;  // components x digits
   float* to = nullptr;               // component c of primitive i is to[i * stride + c]
-  // What displacements and shaped rotations need, decoded.
+  // Decoded values that displacements and shaped rotations require.
   const float *sigma = nullptr, *radius = nullptr, *log_scale = nullptr;
-  // Of each chunk and component the sum of the differences, then of those of all chunks before;
-  // null where the prediction sums nothing.
+  // Per chunk and component, the sum of the differences, later of all chunks before; null if the
+  // prediction does not sum.
   std::uint64_t* sums = nullptr;
-  std::uint32_t* bad = nullptr;  // set to 1 where a value is one that must be refused
+  std::uint32_t* is_invalid = nullptr;  // set to 1 if a value must be rejected
   std::uint64_t first_key = 0;
   float origin[3] = {0, 0, 0};
   float part_ticks = 0;
   std::int32_t time_origin = 0;
   std::uint32_t primitives = 0, chunks = 0;
   Step step;
-  std::uint32_t most = 0;  // of |q|
+  std::uint32_t max_steps = 0;  // limit of |q|
   std::uint32_t components = 0, stride = 0, digits = 0;
-  std::uint32_t width = 1;  // components that make floats together
+  std::uint32_t width = 1;  // components that are mapped together
   Attribute attribute = Attribute::kPosition;
   Mapping mapping = Mapping::kFloat;
   Prediction prediction = Prediction::kPlain;
@@ -53,11 +53,11 @@ constexpr std::uint32_t map_chunks(std::uint32_t primitives) {
   return (primitives + kMapChunk - 1) / kMapChunk;
 }
 
-// Starts the sums of `count` works, of jobs with sums, and then those of the chunks before, job
-// after job: the `summed` numbers of the jobs that have them.
+// Starts summing the differences of `count` works, then prefix sums over the chunks of each of the
+// `jobs_summed` jobs with indices `summed`.
 void sum_differences(const MapJob* jobs, const MapWork* work, std::uint32_t count,
                      const std::uint32_t* summed, std::uint32_t jobs_summed, cudaStream_t stream);
-// Starts the mapping of `count` works.
+// Starts mapping `count` works.
 void map_streams(const MapJob* jobs, const MapWork* work, std::uint32_t count, cudaStream_t stream);
 
 }  // namespace stgs::player::cuda

@@ -5,7 +5,7 @@
 namespace stgs::player::cuda {
 namespace {
 
-constexpr int kSide = 16;  // of a block, pixels
+constexpr int kSide = 16;  // of a thread block, pixels
 
 __device__ unsigned char to_byte(float value) {
   return static_cast<unsigned char>(fminf(fmaxf(value, 0.0f), 1.0f) * 255.0f + 0.5f);

@@ -7,8 +7,8 @@
 
 namespace stgs::player::cuda {
 
-// Red, green, blue and alpha of a picture's planes, one after the other, as 4 bytes a pixel,
-// rounded as the host rounds; `to` and `stride`, bytes, are multiples of 4.
+// Starts packing the contiguous planes red, green, blue and alpha of an image into 4 bytes per
+// pixel, with the rounding of the host. `to` and `stride` (bytes) are multiples of 4.
 cudaError_t pack_pixels(const float* planes, int width, int height, void* to, std::size_t stride,
                         cudaStream_t stream);
 

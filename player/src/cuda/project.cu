@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Slice at t: one candidate a thread, cheapest tests first, as raster_slice.cpp's make_splat. What
-// does not depend on the view is done once. A block takes a chunk of candidates; its splats follow
-// those of the chunks before, so that their order is that of the ids, whichever block is first.
+// Slices the candidates at a time: one candidate per thread, cheapest tests first, as make_splat()
+// in raster_slice.cpp. View-independent work is done once. A thread block takes a chunk of
+// candidates. Its splats follow those of the chunks before, so that splats are in id order
+// regardless of scheduling.
 #include <cuda_fp16.h>
 
 #include "cuda/frame_input.cuh"
@@ -24,7 +25,7 @@ __device__ float half_of(std::uint32_t bits) {
   return __half2float(__ushort_as_half(static_cast<unsigned short>(bits)));
 }
 
-// False where the distance or a sum of the harmonics is not finite (representation 4.6).
+// Returns false if the distance or a sum of the SH coefficients is not finite (representation 4.6).
 template <int kDegree>
 __device__ bool colour_of(const uint2* sh, std::uint32_t stride, Vec3 from_camera,
                           ScreenSplat& out) {
@@ -50,36 +51,37 @@ __device__ bool colour_of(const uint2* sh, std::uint32_t stride, Vec3 from_camer
   return isfinite(square) && isfinite(sums[0]) && isfinite(sums[1]) && isfinite(sums[2]);
 }
 
-// A candidate at the moment.
-struct Alive {
+// A candidate at the rendered time.
+struct Active {
   PackedSegment at;
-  std::uint32_t i, stride;  // of the harmonics' planes
+  std::uint32_t i, stride;  // stride: of the SH planes
   Vec3 position;
   float opacity;
 };
 
-// False where it is not drawn from anywhere.
-__device__ bool find_alive(const Part& part, std::uint32_t i, Alive& out) {
+// Returns false if the candidate is invisible from everywhere.
+__device__ bool find_active(const Part& part, std::uint32_t i, Active& out) {
   out.at = packed_at(part.memory, part.primitives);
   out.i = i;
   out.stride = padded(part.primitives);
-  const float4 place = __ldg(out.at.place + i);
-  const float4 motion = __ldg(out.at.motion + i);
+  const float4 position_time = __ldg(out.at.position_time + i);
+  const float4 velocity_opacity = __ldg(out.at.velocity_opacity + i);
   const float2 lifespan = __ldg(out.at.lifespan + i);
-  const float dt = static_cast<float>(part.ticks - static_cast<double>(place.w));
-  out.position = position_at({place.x, place.y, place.z}, {motion.x, motion.y, motion.z}, dt);
-  out.opacity = motion.w * visibility(dt, lifespan.x, lifespan.y);
+  const float dt = static_cast<float>(part.ticks - static_cast<double>(position_time.w));
+  out.position = position_at({position_time.x, position_time.y, position_time.z},
+                             {velocity_opacity.x, velocity_opacity.y, velocity_opacity.z}, dt);
+  out.opacity = velocity_opacity.w * visibility(dt, lifespan.x, lifespan.y);
   return out.opacity >= kAlphaThreshold;
 }
 
-// Its splat in a view; false where it is not visible.
+// Computes the splat of a candidate in a view. Returns false if it is not visible.
 template <int kDegree>
-__device__ bool make_splat(const Alive& alive, const ViewInput& view, ScreenSplat& out) {
-  const Vec3 position = alive.position;
-  const float opacity = alive.opacity;
+__device__ bool make_splat(const Active& active, const ViewInput& view, ScreenSplat& out) {
+  const Vec3 position = active.position;
+  const float opacity = active.opacity;
   if (!(to_camera(view.camera, position).z >= view.camera.near_plane)) return false;
-  const float4 c = __ldg(alive.at.covariance + alive.i);
-  const float2 rest = __ldg(alive.at.covariance_rest + alive.i);
+  const float4 c = __ldg(active.at.covariance + active.i);
+  const float2 rest = __ldg(active.at.covariance_rest + active.i);
   const Projection p =
       project_gaussian(view.camera, position, {c.x, c.y, c.z, c.w, rest.x, rest.y});
   if (!p.visible) return false;
@@ -96,22 +98,22 @@ __device__ bool make_splat(const Alive& alive, const ViewInput& view, ScreenSpla
   out.half_xx = -0.5f * kLog2E * p.conic.xx;
   out.cross = -kLog2E * p.conic.xy;
   out.half_yy = -0.5f * kLog2E * p.conic.yy;
-  out.most = log2f(opacity);
+  out.peak = log2f(opacity);
   out.depth = p.depth;
   const Vec3 from_camera{position.x - view.centre.x, position.y - view.centre.y,
                          position.z - view.centre.z};
   return isfinite(p.depth) &&
-         colour_of<kDegree>(alive.at.sh + alive.i, alive.stride, from_camera, out);
+         colour_of<kDegree>(active.at.sh + active.i, active.stride, from_camera, out);
 }
 
 __device__ void store_splat(const ScreenSplat& s, ScreenSplat* to) {
   float4* const four = reinterpret_cast<float4*>(to);
   four[0] = make_float4(s.x, s.y, s.half_xx, s.cross);
-  four[1] = make_float4(s.half_yy, s.most, s.extent_x, s.extent_y);
+  four[1] = make_float4(s.half_yy, s.peak, s.extent_x, s.extent_y);
   four[2] = make_float4(s.red, s.green, s.blue, s.depth);
 }
 
-// A thread block takes a chunk of candidates. A thread has the splats of one, of all views.
+// A thread computes the splats of one candidate in all views.
 template <int kDegree, bool kSeveral>
 __global__ void __launch_bounds__(kChunk, 3) project(const FrameInput* input, const Workspace w) {
   __shared__ FrameInput frame;
@@ -120,33 +122,33 @@ __global__ void __launch_bounds__(kChunk, 3) project(const FrameInput* input, co
   __shared__ std::uint32_t chunk, before;
   load_frame(input, frame);
   for (int p = 0; p < kDepthPasses; ++p) digits[p][threadIdx.x] = 0;
-  const std::uint32_t alive_count = w.counters->alive;
+  const std::uint32_t active_count = w.counters->active;
   for (;;) {
     if (threadIdx.x == 0) chunk = atomicAdd(&w.counters->project_ticket, 1u);
     __syncthreads();
-    if (chunk * kChunk >= alive_count) break;
+    if (chunk * kChunk >= active_count) break;
     const std::uint32_t rank = chunk * kChunk + threadIdx.x;
-    ScreenSplat splats[kSeveral ? kMostViews : 1];
+    ScreenSplat splats[kSeveral ? kMaxFrameViews : 1];
     const std::uint32_t views = kSeveral ? frame.view_count : 1;
-    unsigned seen = 0;  // a bit a view
-    if (rank < alive_count) {
+    unsigned visible = 0;  // one bit per view
+    if (rank < active_count) {
       const Candidate candidate = w.candidates[rank];
-      Alive alive;
-      if (find_alive(parts_of(input)[candidate.part], candidate.primitive, alive)) {
+      Active active;
+      if (find_active(parts_of(input)[candidate.part], candidate.primitive, active)) {
 #pragma unroll 1
         for (std::uint32_t v = 0; v < views; ++v) {
-          if (make_splat<kDegree>(alive, frame.views[v], splats[v])) seen |= 1u << v;
+          if (make_splat<kDegree>(active, frame.views[v], splats[v])) visible |= 1u << v;
         }
       }
     }
 
     std::uint32_t total;
-    const std::uint32_t place = block_sum_before<kWarps>(__popc(seen), sums, total);
+    const std::uint32_t index = block_sum_before<kWarps>(__popc(visible), sums, total);
     if (threadIdx.x < 32) {
-      const Told found = sum_before(w.project_told, chunk, total);
+      const TileStatus found = sum_before(w.project_status, chunk, total);
       if (threadIdx.x == 0) {
         before = static_cast<std::uint32_t>(found);
-        if ((chunk + 1) * kChunk >= alive_count) {
+        if ((chunk + 1) * kChunk >= active_count) {
           const std::uint32_t all = before + total;
           w.counters->visible = all;
           w.counters->splats = all <= w.splat_capacity ? all : 0;
@@ -155,10 +157,10 @@ __global__ void __launch_bounds__(kChunk, 3) project(const FrameInput* input, co
     }
     __syncthreads();
     if (before + total <= w.splat_capacity) {
-      std::uint32_t to = before + place;
+      std::uint32_t to = before + index;
 #pragma unroll 1
       for (std::uint32_t v = 0; v < views; ++v) {
-        if ((seen >> v & 1u) == 0) continue;
+        if ((visible >> v & 1u) == 0) continue;
         const std::uint32_t key = __float_as_uint(splats[v].depth);
         store_splat(splats[v], w.splats + to);
         w.depth_keys[0][to] = key;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A warp decodes a block, a lane of it is a lane of the block; the warps of a thread block go
-// through the planes together, so that a plane's table is brought to shared memory once for all,
-// while the plane before is decoded.
+// A warp decodes a rANS block, one lane each. The warps of a thread block process the planes
+// together: the table of a plane is loaded to shared memory once for all warps, while the plane
+// before is decoded.
 #include "cuda/rans_decode.h"
 
 #include <cuda_pipeline_primitives.h>
@@ -13,16 +13,17 @@ constexpr unsigned kAllLanes = 0xFFFFFFFFu;
 constexpr unsigned kThreads = 32 * kRansWarps;
 constexpr std::uint32_t kLanes = kRansLanes, kBlock = kRansBlock;
 
-// The words of a block: the next 32 and the 32 after them, one of each a lane, so that memory is
-// asked long before its answer is needed.
+// The words of a block: the next 32 and the 32 after them, one of each per lane, so that loads are
+// issued long before their results are needed.
 class Words {
  public:
   __device__ Words(const std::uint16_t* words, std::uint32_t count, unsigned lane)
       : words_(words), count_(count), lane_(lane), near_(load(0)), far_(load(kLanes)) {}
 
-  // For each lane that wants one the next word, by lane; 0 past the end. For the whole warp.
-  __device__ std::uint32_t take(bool wants) {
-    const unsigned takers = __ballot_sync(kAllLanes, wants);
+  // Returns the next word for each lane with `needs_word`, in lane order; 0 past the end. The whole
+  // warp calls it.
+  __device__ std::uint32_t take(bool needs_word) {
+    const unsigned takers = __ballot_sync(kAllLanes, needs_word);
     const unsigned at = used_ + __popc(takers & ((1u << lane_) - 1u));
     const std::uint32_t near = __shfl_sync(kAllLanes, near_, static_cast<int>(at % kLanes));
     const std::uint32_t far = __shfl_sync(kAllLanes, far_, static_cast<int>(at % kLanes));
@@ -48,7 +49,7 @@ class Words {
   std::uint32_t near_, far_;
 };
 
-// Starts to bring a plane's table to shared memory.
+// Starts loading the table of a plane to shared memory.
 __device__ void load_lookup(const RansGroup& group, std::uint32_t plane, std::uint32_t* to) {
   const std::uint32_t* from = group.lookups + std::uint64_t{group.tables[plane]} * kRansTotal;
   for (unsigned i = 4 * threadIdx.x; i < kRansTotal; i += 4 * kThreads) {
@@ -57,8 +58,8 @@ __device__ void load_lookup(const RansGroup& group, std::uint32_t plane, std::ui
   __pipeline_commit();
 }
 
-// The symbols of a warp's block in one plane. The warp takes every step as one, as its lanes
-// share the words.
+// Decodes the symbols of a warp's block in one plane. All lanes take every step together, since
+// they share the words.
 __device__ void decode_plane(const std::uint32_t* lookup, std::uint32_t count, std::uint32_t lanes,
                              unsigned lane, std::uint32_t& state, Words& words, std::uint8_t* out) {
   for (std::uint32_t first = 0; first < count; first += lanes) {
@@ -69,9 +70,9 @@ __device__ void decode_plane(const std::uint32_t* lookup, std::uint32_t count, s
       x = ((entry >> kRansBits) % kRansTotal + 1) * (x >> kRansBits) + entry % kRansTotal;
       out[first + lane] = static_cast<std::uint8_t>(entry >> 24);
     }
-    const bool wants = active && x < kRansLow;
-    const std::uint32_t word = words.take(wants);
-    state = wants ? x << 16 | word : x;
+    const bool needs_word = active && x < kRansLow;
+    const std::uint32_t word = words.take(needs_word);
+    state = needs_word ? x << 16 | word : x;
   }
 }
 
@@ -83,24 +84,24 @@ __global__ void __launch_bounds__(kThreads)
   const unsigned lane = threadIdx.x % kLanes;
   const std::uint64_t block = work.first_block + threadIdx.x / kLanes;
   const std::uint64_t begin = block * kBlock;
-  // A warp past the last block has none, but helps with the tables.
+  // A warp past the last block decodes nothing, but helps to load the tables.
   const std::uint32_t count =
       begin < group.primitives
           ? static_cast<std::uint32_t>(min(std::uint64_t{kBlock}, group.primitives - begin))
           : 0;
   const std::uint32_t lanes = (count + kRansLaneSymbols - 1) / kRansLaneSymbols;
-  const RansBlockLocation place = count > 0 ? group.blocks[block] : RansBlockLocation{};
-  const auto* stored = reinterpret_cast<const std::uint16_t*>(group.bytes + place.states);
+  const RansBlockLocation location = count > 0 ? group.blocks[block] : RansBlockLocation{};
+  const auto* stored = reinterpret_cast<const std::uint16_t*>(group.bytes + location.states);
   std::uint32_t state = kRansLow;
   if (lane < lanes) {
     state = __ldg(stored + 2 * lane) | static_cast<std::uint32_t>(__ldg(stored + 2 * lane + 1))
                                            << 16;
   }
-  Words words(stored + 2 * lanes, place.words, lane);
+  Words words(stored + 2 * lanes, location.words, lane);
   if (group.planes > 0) load_lookup(group, 0, lookups[0]);
   for (std::uint32_t p = 0; p < group.planes; ++p) {
     __pipeline_wait_prior(0);
-    __syncthreads();  // the table is there, and all have done with the plane before
+    __syncthreads();  // the table is loaded, and all warps have finished the plane before
     if (p + 1 < group.planes) load_lookup(group, p + 1, lookups[(p + 1) % 2]);
     decode_plane(lookups[p % 2], count, lanes, lane, state, words,
                  group.symbols + std::uint64_t{p} * group.primitives + begin);

@@ -14,10 +14,10 @@ namespace {
 using namespace math;
 
 __device__ unsigned half_bits(float x) {
-  constexpr float kMost = 65504.0f;
-  // What is not finite stays so: such a primitive is not drawn.
-  const float kept = isfinite(x) ? clamped(x, -kMost, kMost) : x;
-  return __half_as_ushort(__float2half_rn(kept));
+  constexpr float kMaxHalf = 65504.0f;
+  // Values that are not finite stay so: such primitives are not rendered.
+  const float clamped_x = isfinite(x) ? clamped(x, -kMaxHalf, kMaxHalf) : x;
+  return __half_as_ushort(__float2half_rn(clamped_x));
 }
 
 __global__ void __launch_bounds__(kChunk) pack(const DeviceGaussians from, PrimitiveRange range,
@@ -34,8 +34,8 @@ __global__ void __launch_bounds__(kChunk) pack(const DeviceGaussians from, Primi
   to.support[at] = make_float2(support.begin, support.end);
   const float *x = from.position + 3 * i, *u = from.velocity + 3 * i, *s = from.log_scale + 3 * i;
   const float* q = from.rotation + std::size_t{4} * i;
-  to.place[at] = make_float4(x[0], x[1], x[2], time);
-  to.motion[at] = make_float4(u[0], u[1], u[2], opacity);
+  to.position_time[at] = make_float4(x[0], x[1], x[2], time);
+  to.velocity_opacity[at] = make_float4(u[0], u[1], u[2], opacity);
   to.lifespan[at] = make_float2(sigma, radius);
   const Sym3 v =
       covariance_of({q[0], q[1], q[2], q[3]}, {std::exp(s[0]), std::exp(s[1]), std::exp(s[2])});

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The layout that a segment is drawn from: arrays of what is read together, in the order of use, so
-// that a primitive costs the bytes up to the test that drops it. 80 to 168 bytes a primitive.
+// The memory layout of a segment for rendering: arrays of values that are read together, in the
+// order of use, so that a rejected primitive costs only the bytes up to the test that rejects it.
+// 80 to 168 bytes per primitive.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -13,10 +14,10 @@
 
 namespace stgs::player::cuda {
 
-inline constexpr std::uint32_t kChunk = 256;  // primitives that are dealt with together
+inline constexpr std::uint32_t kChunk = 256;  // primitives per chunk
 
-// Harmonics are half floats, four to a plane: entry i of plane p has numbers 4p to 4p + 3 of
-// primitive i, counted as in Gaussians4D::sh. Colours are blended to within 2^-10 of each other.
+// Spherical harmonics are half floats, four per plane: entry i of plane p has numbers 4p to 4p + 3
+// of primitive i, counted as in Gaussians4D::sh. Colours are accurate to within 2^-10.
 STGS_FN constexpr int sh_planes(int sh_degree) {
   return (3 * (sh_degree + 1) * (sh_degree + 1) + 3) / 4;
 }
@@ -25,33 +26,32 @@ STGS_FN constexpr std::uint32_t padded(std::uint32_t primitives) {
   return (primitives + kChunk - 1) / kChunk * kChunk;
 }
 
-// Device arrays of padded(N) entries, each behind the one before. Entries from N on have an empty
-// support.
+// Contiguous device arrays of padded(N) entries each. Entries from N on have an empty support.
 struct PackedSegment {
-  float2* support;          // first and last moment at which it may be seen, ticks
-  float4* place;            // position, time centre
-  float4* motion;           // effective velocity, opacity
-  float2* lifespan;         // sigma, radius
-  float4* covariance;       // xx, xy, xz, yy
-  float2* covariance_rest;  // yz, zz
-  uint2* sh;                // sh_planes(degree) planes
+  float2* support;           // first and last time at which it may be visible, ticks
+  float4* position_time;     // position, time centre
+  float4* velocity_opacity;  // effective velocity, opacity
+  float2* lifespan;          // sigma, radius
+  float4* covariance;        // xx, xy, xz, yy
+  float2* covariance_rest;   // yz, zz
+  uint2* sh;                 // sh_planes(degree) planes
 };
 
 constexpr std::size_t packed_bytes_each(int sh_degree) {
   return 72 + 8 * static_cast<std::size_t>(sh_planes(sh_degree));
 }
-// Bytes of the arrays of a segment of N primitives; a multiple of kChunk's alignment.
+// Returns the bytes of a segment, a multiple of kChunk.
 constexpr std::size_t packed_bytes(std::uint32_t primitives, int sh_degree) {
   return padded(primitives) * packed_bytes_each(sh_degree);
 }
-// The arrays of a segment in such memory, aligned as cudaMalloc aligns.
+// Returns the arrays in memory of packed_bytes(), aligned as cudaMalloc aligns.
 STGS_FN PackedSegment packed_at(std::uint8_t* memory, std::uint32_t primitives) {
   const std::size_t n = padded(primitives);
   PackedSegment out;
   out.support = reinterpret_cast<float2*>(memory);
-  out.place = reinterpret_cast<float4*>(out.support + n);
-  out.motion = out.place + n;
-  out.lifespan = reinterpret_cast<float2*>(out.motion + n);
+  out.position_time = reinterpret_cast<float4*>(out.support + n);
+  out.velocity_opacity = out.position_time + n;
+  out.lifespan = reinterpret_cast<float2*>(out.velocity_opacity + n);
   out.covariance = reinterpret_cast<float4*>(out.lifespan + n);
   out.covariance_rest = reinterpret_cast<float2*>(out.covariance + n);
   out.sh = reinterpret_cast<uint2*>(out.covariance_rest + n);
@@ -60,12 +60,12 @@ STGS_FN PackedSegment packed_at(std::uint8_t* memory, std::uint32_t primitives) 
 
 // Successive primitives of a segment.
 struct PrimitiveRange {
-  std::uint32_t first = 0, count = 0;  // first: a multiple of kChunk, as count where others follow
-  std::uint32_t of = 0;                // primitives of the segment
+  std::uint32_t first = 0, count = 0;  // multiples of kChunk, except the last count
+  std::uint32_t of = 0;                // primitives in the segment
 };
 
-// Starts filling a range of the arrays, from the `count` of `from`. Harmonics beyond a half float's
-// range are cut to it: they are far beyond what a picture shows.
+// Starts filling a range of the arrays from the first `count` entries of `from`. Spherical
+// harmonics beyond the range of half floats are clamped, which is far beyond displayable colours.
 void pack_segment(const DeviceGaussians& from, const PrimitiveRange& range, int sh_degree,
                   const PackedSegment& to, cudaStream_t stream);
 

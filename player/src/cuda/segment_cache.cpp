@@ -12,14 +12,14 @@ namespace {
 
 constexpr std::size_t kArrays = 9;       // of DeviceGaussians
 constexpr std::size_t kFloatAlign = 64;  // floats; as cudaMalloc aligns
-constexpr std::uint32_t kCopied = 2048;  // primitives that a thread copies at a time
+constexpr std::uint32_t kCopied = 2048;  // primitives per task
 
 std::size_t floats_each(int sh_degree) {
   return static_cast<std::size_t>(17 + 3 * (sh_degree + 1) * (sh_degree + 1));
 }
 
-// Room for a segment's floats, of which `memory` then points to the end.
-DeviceGaussians take(float*& memory, std::size_t n, int sh_degree) {
+// Lays out the arrays of n primitives at `memory` and advances it to their end.
+DeviceGaussians lay_out_arrays(float*& memory, std::size_t n, int sh_degree) {
   const auto array = [&](std::size_t each) {
     float* const at = memory;
     memory += (each * n + kFloatAlign - 1) / kFloatAlign * kFloatAlign;
@@ -38,7 +38,7 @@ DeviceGaussians take(float*& memory, std::size_t n, int sh_degree) {
   return out;
 }
 
-// Copies a range of a set's arrays, several threads together: one alone is slower than the bus.
+// Copies a range of a set's arrays with several threads, since one thread is slower than the bus.
 void copy_range(const Gaussians4D& set, const PrimitiveRange& range, const DeviceGaussians& to) {
   const std::pair<float*, const FloatArray*> arrays[kArrays] = {
       {to.position, &set.position},
@@ -67,19 +67,20 @@ Status SegmentCache::create() {
   cudaMemPoolProps properties{};
   properties.allocType = cudaMemAllocationTypePinned;
   properties.location.type = cudaMemLocationTypeDevice;
-  STGS_TRY(cuda_status(cudaGetDevice(&properties.location.id), "asking for the device"));
+  STGS_TRY(cuda_status(cudaGetDevice(&properties.location.id), "querying the current device"));
   STGS_TRY(cuda_status(cudaMemPoolCreate(pool_.fresh(), &properties), "creating a memory pool"));
-  // What is dropped is used again by what comes, without asking the system.
-  std::uint64_t keep = ~std::uint64_t{0};
-  return cuda_status(cudaMemPoolSetAttribute(pool_.get(), cudaMemPoolAttrReleaseThreshold, &keep),
-                     "setting up a memory pool");
+  // Reuse freed memory without returning it to the system.
+  std::uint64_t threshold = ~std::uint64_t{0};
+  return cuda_status(
+      cudaMemPoolSetAttribute(pool_.get(), cudaMemPoolAttrReleaseThreshold, &threshold),
+      "setting up a memory pool");
 }
 
 Status SegmentCache::begin(const SceneReader& reader) {
   return decoder_.set_tables(reader.tables());
 }
 
-// The pool keeps what is given back; what another scene left in it need not fit this one.
+// Freed memory stays in the pool. Trims it first, since blocks of another scene may not fit.
 void SegmentCache::reserve(std::uint64_t bytes) {
   (void)cudaStreamSynchronize(stream_.get());
   (void)cudaMemPoolTrimTo(pool_.get(), 0);
@@ -87,7 +88,7 @@ void SegmentCache::reserve(std::uint64_t bytes) {
   if (cudaMallocFromPoolAsync(&memory, bytes, pool_.get(), stream_.get()) == cudaSuccess) {
     cudaFreeAsync(memory, stream_.get());
   } else {
-    (void)cudaGetLastError();  // told where less is too much as well
+    (void)cudaGetLastError();  // reported once an allocation of a segment fails
   }
 }
 
@@ -95,15 +96,15 @@ std::uint64_t SegmentCache::bytes_of(std::uint64_t primitives) const {
   return packed_bytes(static_cast<std::uint32_t>(primitives), sh_degree());
 }
 
-void SegmentCache::give_back(std::uint8_t* memory) {
+void SegmentCache::free(std::uint8_t* memory) {
   if (memory != nullptr) cudaFreeAsync(memory, stream_.get());
 }
 
 void SegmentCache::release(std::uint32_t segment) {
-  if (const auto found = resident_.extract(segment)) give_back(found.mapped());
+  if (const auto found = resident_.extract(segment)) free(found.mapped());
 }
 
-void SegmentCache::take_in(std::uint32_t segment, std::uint64_t primitives, std::uint8_t* fresh) {
+void SegmentCache::replace(std::uint32_t segment, std::uint64_t primitives, std::uint8_t* fresh) {
   release(segment);
   resident_.emplace(segment, fresh);
   insert(segment, primitives, bytes_of(primitives));
@@ -113,20 +114,21 @@ Status SegmentCache::upload(std::uint32_t segment, const Gaussians4D& set, std::
   const auto n = static_cast<std::uint32_t>(set.size());
   if (first == 0) {
     cancel_upload(segment);
-    STGS_TRY(allocate(n, arriving_[segment]));
+    STGS_TRY(allocate(n, incomplete_[segment]));
   }
   const auto count = static_cast<std::uint32_t>(std::min(kMaxUploadPrimitives, n - first));
-  STGS_TRY(lay_out(set, {static_cast<std::uint32_t>(first), count, n}, arriving_.at(segment)));
+  STGS_TRY(
+      upload_range(set, {static_cast<std::uint32_t>(first), count, n}, incomplete_.at(segment)));
   if (first + count < n) return {};
-  STGS_TRY(cuda_status(cudaStreamSynchronize(stream_.get()), "laying a segment out"));
+  STGS_TRY(cuda_status(cudaStreamSynchronize(stream_.get()), "packing a segment"));
   release(segment);
-  resident_.insert(arriving_.extract(segment));
+  resident_.insert(incomplete_.extract(segment));
   insert(segment, n, bytes_of(n));
   return {};
 }
 
 void SegmentCache::cancel_upload(std::uint32_t segment) {
-  if (const auto found = arriving_.extract(segment)) give_back(found.mapped());
+  if (const auto found = incomplete_.extract(segment)) free(found.mapped());
 }
 
 Status SegmentCache::decode(Timeline& timeline, std::span<const std::uint32_t> segments) {
@@ -152,11 +154,11 @@ Status SegmentCache::allocate(std::uint32_t primitives, std::uint8_t*& fresh) {
   void* memory = nullptr;
   const cudaError_t error = cudaMallocFromPoolAsync(&memory, bytes, pool_.get(), stream_.get());
   if (error != cudaSuccess) {
-    (void)cudaGetLastError();  // told here, and remembered no longer
-    // An earlier one, which shows here.
-    if (error != cudaErrorMemoryAllocation) return cuda_status(error, "taking memory");
+    (void)cudaGetLastError();  // reported here; clear it
+    // An earlier asynchronous error.
+    if (error != cudaErrorMemoryAllocation) return cuda_status(error, "allocating memory");
     return {StatusCode::kNoMemory,
-            fmt::format("no {} MiB of GPU memory left for segments", (bytes >> 20) + 1)};
+            fmt::format("out of GPU memory for segments (requested {} MiB)", (bytes >> 20) + 1)};
   }
   fresh = static_cast<std::uint8_t*>(memory);
   return {};
@@ -165,39 +167,39 @@ Status SegmentCache::allocate(std::uint32_t primitives, std::uint8_t*& fresh) {
 Status SegmentCache::decode_batch(Timeline& timeline, std::span<const CodedSegment> coded,
                                   std::span<const std::uint32_t> segments) {
   std::vector<std::uint8_t*> fresh(coded.size(), nullptr);
-  const Result<std::vector<bool>> sound = decode_into(fresh, coded);
+  const Result<std::vector<bool>> intact = decode_into(fresh, coded);
   for (std::size_t k = 0; k < fresh.size(); ++k) {
-    if (sound.ok() && (*sound)[k]) {
-      take_in(segments[k], coded[k].primitives, fresh[k]);
+    if (intact.ok() && (*intact)[k]) {
+      replace(segments[k], coded[k].primitives, fresh[k]);
     } else {
-      give_back(fresh[k]);
+      free(fresh[k]);
     }
   }
-  STGS_TRY(sound.status());
+  STGS_TRY(intact.status());
   for (std::size_t k = 0; k < fresh.size(); ++k) {
-    if (!(*sound)[k]) STGS_TRY(decode_on_cpu(timeline, segments[k]));
+    if (!(*intact)[k]) STGS_TRY(decode_on_cpu(timeline, segments[k]));
   }
   return {};
 }
 
-// Sends a range of a set, and starts laying it out.
-Status SegmentCache::lay_out(const Gaussians4D& set, const PrimitiveRange& range,
-                             std::uint8_t* fresh) {
+// Uploads a range of a set and starts packing it.
+Status SegmentCache::upload_range(const Gaussians4D& set, const PrimitiveRange& range,
+                                  std::uint8_t* fresh) {
   const auto bytes_of_floats = [this](std::uint64_t n) {
     return (floats_each(sh_degree()) * n + kArrays * kFloatAlign) * sizeof(float);
   };
-  // At once as much as there can be in a piece, rather than with every larger one.
-  const std::uint64_t most =
+  // Allocate for the largest upload at once, instead of growing with each larger one.
+  const std::uint64_t max_primitives =
       std::clamp<std::uint64_t>(peak().primitives, range.count, kMaxUploadPrimitives);
-  STGS_TRY(floats_.ensure(bytes_of_floats(most)));
-  STGS_TRY(staging_.ensure(bytes_of_floats(most)));
+  STGS_TRY(floats_.ensure(bytes_of_floats(max_primitives)));
+  STGS_TRY(staging_.ensure(bytes_of_floats(max_primitives)));
   STGS_ASSIGN(std::uint8_t* const staged, staging_.next());
-  auto *here = reinterpret_cast<float*>(staged), *there = reinterpret_cast<float*>(floats_.data());
-  copy_range(set, range, take(here, range.count, sh_degree()));
-  const DeviceGaussians to = take(there, range.count, sh_degree());
+  auto *host = reinterpret_cast<float*>(staged), *device = reinterpret_cast<float*>(floats_.data());
+  copy_range(set, range, lay_out_arrays(host, range.count, sh_degree()));
+  const DeviceGaussians to = lay_out_arrays(device, range.count, sh_degree());
   STGS_TRY(staging_.upload(floats_.data(), bytes_of_floats(range.count), stream_.get()));
   pack_segment(to, range, sh_degree(), packed_at(fresh, range.of), stream_.get());
-  return cuda_status(cudaGetLastError(), "starting to lay a segment out");
+  return cuda_status(cudaGetLastError(), "launching the packing of a segment");
 }
 
 Result<std::vector<bool>> SegmentCache::decode_into(std::span<std::uint8_t*> fresh,
@@ -212,7 +214,8 @@ Result<std::vector<bool>> SegmentCache::decode_into(std::span<std::uint8_t*> fre
   STGS_TRY(floats_.ensure(floats * sizeof(float)));
   auto* memory = reinterpret_cast<float*>(floats_.data());
   std::vector<DeviceGaussians> to;
-  for (const CodedSegment& one : coded) to.push_back(take(memory, one.primitives, sh_degree()));
+  for (const CodedSegment& one : coded)
+    to.push_back(lay_out_arrays(memory, one.primitives, sh_degree()));
   STGS_TRY(decoder_.prepare(pointers, to));
   STGS_TRY(decoder_.launch(stream_.get()));
   for (std::size_t k = 0; k < coded.size(); ++k) {
@@ -220,9 +223,9 @@ Result<std::vector<bool>> SegmentCache::decode_into(std::span<std::uint8_t*> fre
     pack_segment(to[k], {0, n, n}, sh_degree(), packed_at(fresh[k], n), stream_.get());
   }
   const cudaError_t started = cudaGetLastError();
-  Result<std::vector<bool>> sound = decoder_.finish();
-  STGS_TRY(cuda_status(started, "starting to lay segments out"));
-  return sound;
+  Result<std::vector<bool>> intact = decoder_.finish();
+  STGS_TRY(cuda_status(started, "launching the packing of segments"));
+  return intact;
 }
 
 }  // namespace stgs::player::cuda

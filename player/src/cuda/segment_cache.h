@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The segments of a timeline that are on the device, decoded there and laid out to be drawn.
+// The segments that are resident on the CUDA device, which also decodes them.
 #pragma once
 
 #include <cstdint>
@@ -24,7 +24,7 @@ class SegmentCache final : public DeviceSegments {
   ~SegmentCache() override { clear(); }
 
   Status create();
-  // The memory of one that the last call of make_resident() gave, for packed_at().
+  // Returns the memory of a segment that the last make_resident() returned, for packed_at().
   std::uint8_t* at(std::uint32_t segment) const { return resident_.at(segment); }
 
  private:
@@ -38,21 +38,21 @@ class SegmentCache final : public DeviceSegments {
 
   Status decode_batch(Timeline& timeline, std::span<const CodedSegment> coded,
                       std::span<const std::uint32_t> segments);
-  // Starts and awaits the decoding of segments into `fresh`, for which it takes memory; which of
-  // them are sound.
+  // Allocates memory for segments, decodes them and waits. Returns which of them are intact.
   Result<std::vector<bool>> decode_into(std::span<std::uint8_t*> fresh,
                                         std::span<const CodedSegment> coded);
-  Status lay_out(const Gaussians4D& set, const PrimitiveRange& range, std::uint8_t* fresh);
+  // Uploads a range of a set and starts packing it into `fresh`.
+  Status upload_range(const Gaussians4D& set, const PrimitiveRange& range, std::uint8_t* fresh);
   Status allocate(std::uint32_t primitives, std::uint8_t*& fresh);
-  void give_back(std::uint8_t* memory);
-  void take_in(std::uint32_t segment, std::uint64_t primitives, std::uint8_t* fresh);
+  void free(std::uint8_t* memory);
+  void replace(std::uint32_t segment, std::uint64_t primitives, std::uint8_t* fresh);
 
   Stream stream_;
   MemoryPool pool_;
   SegmentDecoder decoder_;
-  DeviceBuffer floats_;  // of the batch that is decoded, or the range that is sent
+  DeviceBuffer floats_;  // of a decoded batch, or of an uploaded range
   HostStaging staging_;
-  std::map<std::uint32_t, std::uint8_t*> resident_, arriving_;
+  std::map<std::uint32_t, std::uint8_t*> resident_, incomplete_;
 };
 
 }  // namespace stgs::player::cuda

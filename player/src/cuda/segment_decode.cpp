@@ -13,23 +13,23 @@ constexpr std::size_t aligned(std::size_t bytes) {
   return (bytes + kAlign - 1) / kAlign * kAlign;
 }
 
-// Memory that is filled here and lies at the same places on the device.
+// Host memory with a device copy of the same layout.
 class Upload {
  public:
-  Upload(std::uint8_t* here, std::uint8_t* there) : here_(here), there_(there) {}
+  Upload(std::uint8_t* host, std::uint8_t* device) : host_(host), device_(device) {}
 
-  // The device's address of a copy of `values`.
+  // Appends a copy of `values`. Returns its device address.
   template <typename T>
   T* add(const std::vector<T>& values) {
     const std::size_t at = used_, bytes = sizeof(T) * values.size();
-    if (bytes > 0) std::memcpy(here_ + at, values.data(), bytes);
+    if (bytes > 0) std::memcpy(host_ + at, values.data(), bytes);
     used_ += aligned(bytes);
-    return reinterpret_cast<T*>(there_ + at);
+    return reinterpret_cast<T*>(device_ + at);
   }
   std::size_t used() const { return used_; }
 
  private:
-  std::uint8_t *here_, *there_;
+  std::uint8_t *host_, *device_;
   std::size_t used_ = 0;
 };
 
@@ -69,8 +69,8 @@ View view_of(const DeviceGaussians& set, Attribute attribute, int sh_degree) {
   return {};
 }
 
-// Whether others of the primitive must be decoded before.
-bool needs_others(const CodedStream& stream) {
+// Returns whether other attributes of the primitive must be decoded first.
+bool depends_on_others(const CodedStream& stream) {
   return stream.mapping == Mapping::kDisplacement || stream.mapping == Mapping::kShapedRotation;
 }
 
@@ -78,7 +78,7 @@ bool is_summed(const CodedStream& stream) {
   return stream.prediction == Prediction::kDelta || stream.prediction == Prediction::kMorton;
 }
 
-// Components that make floats together.
+// Returns the number of components that are mapped together.
 std::uint32_t width_of(const CodedStream& stream) {
   if (stream.attribute == Attribute::kRotation) {
     return static_cast<std::uint32_t>(stream.components);
@@ -86,7 +86,7 @@ std::uint32_t width_of(const CodedStream& stream) {
   return stream.mapping == Mapping::kColour ? 3 : 1;
 }
 
-// Memory that a segment takes: uploaded, and on the device alone.
+// Memory for a segment, bytes: uploaded, and on the device only.
 struct Need {
   std::size_t upload = 0, scratch = 0;
 };
@@ -112,11 +112,11 @@ Need need_of(const CodedSegment& segment) {
   return need;
 }
 
-constexpr std::size_t kArrays = 7;  // of a plan, each aligned
-constexpr int kPhases = 2;          // of the mapping
+constexpr std::size_t kArrays = 7;  // per plan, each aligned
+constexpr int kPhases = 2;          // of mapping
 
-// Whether the harmonics that the file's degree has are all there.
-bool has_harmonics(const CodedSegment& segment) {
+// Returns whether all spherical harmonics of the file's degree are present.
+bool has_sh(const CodedSegment& segment) {
   std::size_t coefficients = 0;
   for (const CodedRecord& record : segment.records) {
     for (const CodedStream& stream : record.streams) {
@@ -129,7 +129,7 @@ bool has_harmonics(const CodedSegment& segment) {
 
 }  // namespace
 
-// Puts the work of some segments into staging memory.
+// Writes the work of several segments to staging memory.
 class SegmentDecoder::Plan {
  public:
   Plan(Upload upload, std::uint8_t* scratch, const std::uint32_t* tables, std::uint32_t* flags)
@@ -171,7 +171,7 @@ class SegmentDecoder::Plan {
   static std::uint32_t size_of(const std::vector<T>& values) {
     return static_cast<std::uint32_t>(values.size());
   }
-  // Scratch memory.
+  // Allocates scratch memory.
   std::uint8_t* take(std::size_t bytes) {
     std::uint8_t* const at = scratch_;
     scratch_ += aligned(bytes);
@@ -225,7 +225,7 @@ class SegmentDecoder::Plan {
     job.sigma = to.sigma;
     job.radius = to.radius;
     job.log_scale = to.log_scale;
-    job.bad = flags_;
+    job.is_invalid = flags_;
     job.first_key = segment.first_key;
     std::copy(stream.origin.begin(), stream.origin.end(), job.origin);
     job.part_ticks = segment.part_ticks;
@@ -233,7 +233,7 @@ class SegmentDecoder::Plan {
     job.primitives = segment.primitives;
     job.chunks = chunks;
     job.step = stream.step;
-    job.most = max_steps(stream.mapping, stream.step.multiplier);
+    job.max_steps = max_steps(stream.mapping, stream.step.multiplier);
     job.components = static_cast<std::uint32_t>(stream.components);
     job.digits = static_cast<std::uint32_t>(stream.digits);
     job.width = width_of(stream);
@@ -247,7 +247,7 @@ class SegmentDecoder::Plan {
       summed_.push_back(number);
     }
     jobs_.push_back(job);
-    std::vector<MapWork>& maps = work_[needs_others(stream) ? 1 : 0];
+    std::vector<MapWork>& maps = work_[depends_on_others(stream) ? 1 : 0];
     for (std::uint32_t chunk = 0; chunk < chunks; ++chunk) {
       for (std::uint32_t c = 0; is_summed(stream) && c < job.components; ++c) {
         sum_work_.push_back({number, chunk, c});
@@ -260,9 +260,9 @@ class SegmentDecoder::Plan {
   Upload upload_;
   std::uint8_t* scratch_;
   const std::uint32_t* tables_;
-  std::uint32_t* flags_;  // of the segment that is added
+  std::uint32_t* flags_;  // of the segment being added
   std::vector<MapJob> jobs_;
-  std::vector<std::uint32_t> summed_;  // jobs with sums
+  std::vector<std::uint32_t> summed_;  // indices of jobs with sums
   std::vector<MapWork> sum_work_, work_[kPhases];
   std::vector<RansGroup> groups_;
   std::vector<std::uint32_t> group_sizes_;
@@ -272,7 +272,7 @@ Status SegmentDecoder::set_tables(std::span<const RansLookup> tables) {
   STGS_TRY(tables_.ensure(tables.size_bytes()));
   return cuda_status(
       cudaMemcpy(tables_.data(), tables.data(), tables.size_bytes(), cudaMemcpyHostToDevice),
-      "sending tables");
+      "uploading tables");
 }
 
 Status SegmentDecoder::prepare(std::span<const CodedSegment* const> segments,
@@ -288,7 +288,7 @@ Status SegmentDecoder::prepare(std::span<const CodedSegment* const> segments,
   STGS_TRY(input_.ensure(need.upload));
   STGS_TRY(scratch_.ensure(need.scratch));
   STGS_TRY(flags_.ensure(flag_bytes));
-  STGS_TRY(found_.ensure(flag_bytes));
+  STGS_TRY(host_flags_.ensure(flag_bytes));
   segments_ = segments.size();
   cleared_.clear();
   Plan plan({staging_.data(), input_.data()}, scratch_.data(),
@@ -297,7 +297,7 @@ Status SegmentDecoder::prepare(std::span<const CodedSegment* const> segments,
   for (std::size_t k = 0; k < segments.size(); ++k) {
     const CodedSegment& segment = *segments[k];
     plan.add(segment, to[k]);
-    if (has_harmonics(segment)) continue;
+    if (has_sh(segment)) continue;
     const auto coefficients =
         static_cast<std::size_t>((segment.sh_degree + 1) * (segment.sh_degree + 1));
     cleared_.push_back({to[k].sh, sizeof(float) * 3 * coefficients * segment.primitives});
@@ -310,31 +310,31 @@ Status SegmentDecoder::launch(cudaStream_t stream) {
   stream_ = stream;
   const std::size_t flag_bytes = sizeof(std::uint32_t) * segments_;
   for (const Cleared& cleared : cleared_) {
-    STGS_TRY(
-        cuda_status(cudaMemsetAsync(cleared.at, 0, cleared.bytes, stream), "clearing harmonics"));
+    STGS_TRY(cuda_status(cudaMemsetAsync(cleared.at, 0, cleared.bytes, stream),
+                         "clearing spherical harmonics"));
   }
   STGS_TRY(cuda_status(cudaMemsetAsync(flags_.data(), 0, flag_bytes, stream), "clearing flags"));
   STGS_TRY(cuda_status(cudaMemcpyAsync(input_.data(), staging_.data(), launch_.upload,
                                        cudaMemcpyHostToDevice, stream),
-                       "sending segments"));
+                       "uploading segments"));
   decode_rans(launch_.groups, launch_.rans, launch_.rans_count, stream);
   sum_differences(launch_.jobs, launch_.sums, launch_.sum_count, launch_.summed,
                   launch_.summed_count, stream);
   for (int phase = 0; phase < kPhases; ++phase) {
     map_streams(launch_.jobs, launch_.maps[phase], launch_.map_count[phase], stream);
   }
-  STGS_TRY(cuda_status(cudaGetLastError(), "starting to decode"));
-  return cuda_status(
-      cudaMemcpyAsync(found_.data(), flags_.data(), flag_bytes, cudaMemcpyDeviceToHost, stream),
-      "asking for flags");
+  STGS_TRY(cuda_status(cudaGetLastError(), "launching the decoding"));
+  return cuda_status(cudaMemcpyAsync(host_flags_.data(), flags_.data(), flag_bytes,
+                                     cudaMemcpyDeviceToHost, stream),
+                     "reading back flags");
 }
 
 Result<std::vector<bool>> SegmentDecoder::finish() {
   STGS_TRY(cuda_status(cudaStreamSynchronize(stream_), "decoding"));
-  const auto* const found = reinterpret_cast<const std::uint32_t*>(found_.data());
-  std::vector<bool> sound(segments_);
-  for (std::size_t k = 0; k < segments_; ++k) sound[k] = found[k] == 0;
-  return sound;
+  const auto* const flags = reinterpret_cast<const std::uint32_t*>(host_flags_.data());
+  std::vector<bool> intact(segments_);
+  for (std::size_t k = 0; k < segments_; ++k) intact[k] = flags[k] == 0;
+  return intact;
 }
 
 }  // namespace stgs::player::cuda

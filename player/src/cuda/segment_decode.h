@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decodes segments on an NVIDIA GPU: rANS groups, predictions and mappings, to the bits of format's
-// decoder (spec 7). What is not rANS has been decompressed when the segment was read.
+// Decodes segments on an NVIDIA GPU: rANS groups, predictions and mappings, bit-identical to the
+// decoder of format (spec 7). Data that is not rANS-coded is decompressed when the segment is read.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -18,35 +18,36 @@
 
 namespace stgs::player::cuda {
 
-// One thread at a time, with the device current that it was made for.
+// One thread at a time, always with the same current device.
 class SegmentDecoder {
  public:
   SegmentDecoder() = default;
   SegmentDecoder(const SegmentDecoder&) = delete;
   SegmentDecoder& operator=(const SegmentDecoder&) = delete;
 
-  // The tables that the records of segments name (SceneReader::tables), from now on. Waits.
+  // Sets the tables that the records of segments refer to (SceneReader::tables). Waits.
   Status set_tables(std::span<const RansLookup> tables);
-  // Makes the plan for segments, each to the arrays of the same number; harmonics that it lacks are
-  // to be 0. The segments need not outlive the call. Not while a launch is under way. An error
-  // (kRuntime) where the device has no memory left.
+  // Prepares the decoding of segments[i] to to[i]. Missing spherical harmonics become 0. The
+  // segments need not outlive the call. No launch may be in flight. kNoMemory if the device is out
+  // of memory.
   Status prepare(std::span<const CodedSegment* const> segments,
                  std::span<const DeviceGaussians> to);
-  // Starts what was prepared: sends it, and the kernels.
+  // Starts the prepared decoding: enqueues uploads and kernels.
   Status launch(cudaStream_t stream);
-  // Waits for what launch() began: for each segment whether it is sound. One that is not (its rANS
-  // blocks end wrong, an integer is out of range, or a primitive cannot be drawn) must not be used.
+  // Waits for launch() and returns for each segment whether it is intact. One that is not must not
+  // be used: its rANS blocks end in an invalid state, an integer is out of range, or a primitive is
+  // invalid.
   Result<std::vector<bool>> finish();
 
  private:
-  // What the kernels are given, on the device.
+  // The arguments of the kernels, in device memory.
   struct Launch {
     const RansGroup* groups = nullptr;
     const RansWork* rans = nullptr;
     const MapJob* jobs = nullptr;
     const MapWork* sums = nullptr;
-    const std::uint32_t* summed = nullptr;  // jobs with sums
-    const MapWork* maps[2] = {};            // those that need others come second
+    const std::uint32_t* summed = nullptr;  // indices of jobs with sums
+    const MapWork* maps[2] = {};            // streams that depend on others come second
     std::uint32_t rans_count = 0, sum_count = 0, summed_count = 0, map_count[2] = {};
     std::size_t upload = 0;  // bytes
   };
@@ -61,7 +62,7 @@ class SegmentDecoder {
   Launch launch_;
   std::vector<Cleared> cleared_;
   DeviceBuffer tables_, input_, scratch_, flags_;
-  PinnedBuffer staging_, found_;
+  PinnedBuffer staging_, host_flags_;
 };
 
 }  // namespace stgs::player::cuda

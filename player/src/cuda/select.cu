@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What may be seen at the moment: of each primitive that is stored only its support is read, 8
-// bytes, so that all else costs what is alive. A warp looks at a chunk; the block's candidates
-// follow those of the blocks' before, in the order of ids.
+// Selects the candidates: reads only the support of each stored primitive, 8 bytes, so that the
+// cost of all later stages depends on the active primitives. A warp tests a chunk. The candidates
+// of a thread block follow those of the blocks before, in id order.
 #include "cuda/frame_input.cuh"
 #include "cuda/grid.cuh"
 #include "cuda/launch.cuh"
@@ -11,9 +11,9 @@ namespace stgs::player::cuda {
 namespace {
 
 constexpr int kWarps = static_cast<int>(kSelectChunks), kThreads = 32 * kWarps;
-constexpr int kEach = static_cast<int>(kChunk) / 32;  // primitives of a lane
+constexpr int kEach = static_cast<int>(kChunk) / 32;  // primitives per lane
 
-// The part that has the chunk: the last one that begins at or before it.
+// Returns the part that contains the chunk: the last one that begins at or before it.
 __device__ std::uint32_t part_of(const Part* parts, std::uint32_t count, std::uint32_t chunk) {
   std::uint32_t low = 0, high = count;
   while (high - low > 1) {
@@ -39,7 +39,7 @@ __global__ void __launch_bounds__(kThreads) select(const FrameInput* input, cons
     const std::uint32_t chunk = tile * kWarps + warp;
     const std::uint32_t item = tile;
     if (item * kWarps >= chunks) break;
-    unsigned alive[kEach] = {};  // of the chunk, a bit a primitive
+    unsigned active[kEach] = {};  // one bit per primitive of the chunk
     std::uint32_t part = 0, first = 0, count = 0;
     if (chunk < chunks) {
       part = part_of(parts, part_count, chunk);
@@ -50,33 +50,33 @@ __global__ void __launch_bounds__(kThreads) select(const FrameInput* input, cons
 #pragma unroll
       for (int k = 0; k < kEach; ++k) {
         const float2 support = __ldg(supports + 32 * k);
-        alive[k] = __ballot_sync(kAllLanes, support.x <= ticks && ticks <= support.y);
-        count += __popc(alive[k]);
+        active[k] = __ballot_sync(kAllLanes, support.x <= ticks && ticks <= support.y);
+        count += __popc(active[k]);
       }
     }
     if (lane == 0) sums[warp] = count;
     __syncthreads();
-    std::uint32_t place = 0, total = 0;
+    std::uint32_t index = 0, total = 0;
     for (unsigned k = 0; k < kWarps; ++k) {
-      if (k < warp) place += sums[k];
+      if (k < warp) index += sums[k];
       total += sums[k];
     }
     if (warp == 0) {
-      const Told found = sum_before(w.select_told, item, total);
+      const TileStatus found = sum_before(w.select_status, item, total);
       if (lane == 0) {
         before = static_cast<std::uint32_t>(found);
-        if ((item + 1) * kWarps >= chunks) w.counters->alive = before + total;
+        if ((item + 1) * kWarps >= chunks) w.counters->active = before + total;
       }
     }
     __syncthreads();
-    place += before;
+    index += before;
 #pragma unroll
     for (int k = 0; k < kEach; ++k) {
-      if ((alive[k] >> lane & 1u) != 0) {
-        w.candidates[place + __popc(alive[k] & ((1u << lane) - 1u))] = {part,
-                                                                        first + 32 * k + lane};
+      if ((active[k] >> lane & 1u) != 0) {
+        w.candidates[index + __popc(active[k] & ((1u << lane) - 1u))] = {part,
+                                                                         first + 32 * k + lane};
       }
-      place += __popc(alive[k]);
+      index += __popc(active[k]);
     }
   }
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The sorts of a frame: splats by depth, instances by tile, and where each tile's begin.
+// The sorts of a frame: splats by depth, instances by tile; and the range of instances of each
+// tile.
 #include "cuda/draw.h"
 #include "cuda/grid.cuh"
 #include "cuda/launch.cuh"
@@ -47,7 +48,7 @@ cudaError_t sort_grids(unsigned& depth, unsigned& tile, unsigned& ranges) {
 
 int tile_passes(std::uint32_t tiles) {
   int passes = 1;
-  while (tiles > std::uint32_t{1} << 8 * passes && passes < kMostPasses) ++passes;
+  while (tiles > std::uint32_t{1} << 8 * passes && passes < kMaxPasses) ++passes;
   return passes;
 }
 
@@ -57,7 +58,7 @@ void launch_depth_sort(const Workspace& w, const Grids& grids, cudaStream_t stre
     SortPass pass;
     pass.count = &w.counters->splats;
     pass.digits = w.depth_digits + p * kDigits;
-    pass.told = w.sort_told[p];
+    pass.status = w.sort_status[p];
     pass.ticket = &w.counters->sort_tickets[p];
     pass.keys = w.depth_keys[p % 2];
     pass.values = w.depth_order[p % 2];
@@ -73,8 +74,8 @@ void launch_tile_sort(const Workspace& w, const Grids& grids, cudaStream_t strea
     SortPass pass;
     pass.count = &w.counters->listed;
     pass.digits = w.tile_digits + p * kDigits;
-    pass.told = w.sort_told[kMostPasses + p];
-    pass.ticket = &w.counters->sort_tickets[kMostPasses + p];
+    pass.status = w.sort_status[kMaxPasses + p];
+    pass.ticket = &w.counters->sort_tickets[kMaxPasses + p];
     pass.keys = w.tile_keys[p % 2];
     pass.values = w.tile_splats[p % 2];
     pass.keys_out = w.tile_keys[(p + 1) % 2];

@@ -16,9 +16,9 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr double kLeastStall = 0.1;  // seconds
-constexpr double kLeastSpeed = 100;  // bytes a second: what comes more slowly counts as silence
-// Between looks at timeouts, and at whether what comes is still wanted; a stop wakes it at once.
+constexpr double kMinStall = 0.1;  // seconds
+constexpr double kMinSpeed = 100;  // bytes per second; slower transfers count as stalled
+// Interval for checking timeouts and should_continue(). A stop request wakes the transfer at once.
 constexpr int kPollMilliseconds = 250;
 
 std::string_view trimmed(std::string_view text) {
@@ -34,7 +34,7 @@ bool same_name(std::string_view a, std::string_view b) {
                     [&](char x, char y) { return lower(x) == lower(y); });
 }
 
-// Takes a number from the front.
+// Consumes a number at the front of `text`.
 std::optional<std::uint64_t> take_number(std::string_view& text) {
   std::uint64_t value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -43,13 +43,15 @@ std::optional<std::uint64_t> take_number(std::string_view& text) {
   return value;
 }
 
-bool take(std::string_view& text, std::string_view what) {
-  if (!text.starts_with(what)) return false;
-  text.remove_prefix(what.size());
+// Consumes `token` at the front of `text`, if it is there.
+bool take(std::string_view& text, std::string_view token) {
+  if (!text.starts_with(token)) return false;
+  text.remove_prefix(token.size());
   return true;
 }
 
-// Of a whole answer: "bytes FIRST-LAST/TOTAL", or "bytes */TOTAL" where the range is not there.
+// The Content-Range header: "bytes FIRST-LAST/TOTAL", or "bytes */TOTAL" if the range does not
+// exist.
 struct ContentRange {
   std::optional<std::uint64_t> first, last, total;
 };
@@ -68,12 +70,13 @@ ContentRange parse_content_range(std::string_view text) {
   return range;
 }
 
-bool is_for_now(long status) {
+// Returns whether an HTTP status reports a temporary error.
+bool is_temporary(long status) {
   return status == 408 || status == 425 || status == 429 || (status >= 500 && status != 501);
 }
 
-// Errors that another try is not going to meet with differently.
-bool is_hopeless(CURLcode code) {
+// Returns whether a retry would fail with the same error.
+bool is_fatal(CURLcode code) {
   switch (code) {
     case CURLE_UNSUPPORTED_PROTOCOL:
     case CURLE_URL_MALFORMAT:
@@ -104,7 +107,7 @@ struct FreeHeaders {
 };
 using Headers = std::unique_ptr<curl_slist, FreeHeaders>;
 
-// Those that ask for an answer only if the ETag is not `known`; null where that is none.
+// Returns headers that request a body only if the ETag differs from `known`; null if that is empty.
 Headers headers_if_changed(const std::string& known) {
   if (known.empty()) return nullptr;
   Headers headers(curl_slist_append(nullptr, ("If-None-Match: " + known).c_str()));
@@ -114,7 +117,7 @@ Headers headers_if_changed(const std::string& known) {
 
 }  // namespace
 
-// What arrives of an answer. Headers begin anew with each answer of a chain of redirections.
+// The response as it arrives. Headers are reset by each response of a chain of redirections.
 struct Connection::Reply {
   CURL* easy = nullptr;
   std::uint64_t offset = 0;
@@ -122,12 +125,12 @@ struct Connection::Reply {
   std::size_t received = 0;
   ContentRange range;
   std::string etag, modified, encoding;
-  std::string refused;  // why the body is not taken
+  std::string rejection;  // why the body is rejected; empty: it is not
   StatusCode code = StatusCode::kIo;
-  bool connected = false;                  // to who is asked now
-  Clock::time_point heard = Clock::now();  // when that was, or something of it had come last
-  std::size_t least = 1;                   // bytes of the body that are something
-  std::size_t unheard = 0;                 // bytes that have come since
+  bool connected = false;                          // to the server of the current request
+  Clock::time_point last_progress = Clock::now();  // when it connected, or data last arrived
+  std::size_t min_progress = 1;                    // bytes of the body that count as progress
+  std::size_t since_progress = 0;                  // bytes of the body since then
   char error[CURL_ERROR_SIZE] = {};
 
   long status() const {
@@ -138,7 +141,7 @@ struct Connection::Reply {
 
   void header(std::string_view line) {
     if (line.starts_with("HTTP/")) {
-      connected = status() / 100 != 3;  // elsewhere next
+      connected = status() / 100 != 3;  // a redirection connects again
       range = {};
       etag.clear();
       modified.clear();
@@ -154,35 +157,37 @@ struct Connection::Reply {
     if (same_name(name, "content-encoding")) encoding = value;
   }
 
-  // Whether the body is the range that was asked for.
+  // Returns whether the body is the requested range.
   bool accepts() {
     if (status() == 200) {
-      refused =
-          "the server sends whole files only, and a scene is read in byte ranges; fetch the file "
-          "first, or serve it by one that answers ranges, as nginx does";
+      rejection =
+          "the server does not support byte ranges, which reading a scene requires; download the "
+          "file first, or use a server that supports them, such as nginx";
       code = StatusCode::kUnsupported;
     } else if (!encoding.empty() && !same_name(encoding, "identity")) {
-      refused = fmt::format("the server encodes ranges ({}), so they are not the file's", encoding);
+      rejection = fmt::format(
+          "the server applies the content encoding '{}' to byte ranges; disable it for this file",
+          encoding);
       code = StatusCode::kUnsupported;
     } else if (!range.first || *range.first != offset) {
-      refused = "the server answers with another range than it was asked for";
+      rejection = "the server returned a different byte range than requested";
     }
-    return refused.empty();
+    return rejection.empty();
   }
 
-  void hear() {
-    heard = Clock::now();
-    unheard = 0;
+  void note_progress() {
+    last_progress = Clock::now();
+    since_progress = 0;
   }
 
-  // False ends the try.
+  // Returns false to end the attempt.
   bool body(const char* bytes, std::size_t count) {
-    unheard += count;
-    if (unheard >= least) hear();
-    if (status() != 206 && status() != 200) return true;  // a page that tells of an error
+    since_progress += count;
+    if (since_progress >= min_progress) note_progress();
+    if (status() != 206 && status() != 200) return true;  // an error page
     if (received == 0 && !accepts()) return false;
     if (count > out.size() - received) {
-      refused = "the server sends more than it was asked for";
+      rejection = "the server sent more data than requested";
       return false;
     }
     std::memcpy(out.data() + received, bytes, count);
@@ -190,14 +195,14 @@ struct Connection::Reply {
     return true;
   }
 
-  // Before each request, of a chain of redirections too.
+  // Called before each request, including those of a chain of redirections.
   static int on_connected(void* reply, char*, char*, int, int) {
     static_cast<Reply*>(reply)->connected = true;
-    static_cast<Reply*>(reply)->hear();
+    static_cast<Reply*>(reply)->note_progress();
     return CURL_PREREQFUNC_OK;
   }
   static std::size_t on_header(char* bytes, std::size_t size, std::size_t count, void* reply) {
-    static_cast<Reply*>(reply)->hear();
+    static_cast<Reply*>(reply)->note_progress();
     static_cast<Reply*>(reply)->header({bytes, size * count});
     return size * count;
   }
@@ -215,7 +220,7 @@ std::unique_ptr<Connection> Connection::open(const std::string& url, const HttpS
   CURL* easy = self->easy_;
   if (easy == nullptr || self->multi_ == nullptr) return nullptr;
   self->stall_ =
-      std::chrono::milliseconds(milliseconds(std::max(settings.stall_seconds, kLeastStall)));
+      std::chrono::milliseconds(milliseconds(std::max(settings.stall_seconds, kMinStall)));
   self->connect_ = std::chrono::milliseconds(milliseconds(settings.connect_seconds));
   curl_easy_setopt(easy, CURLOPT_URL, url.c_str());
   curl_easy_setopt(easy, CURLOPT_PROTOCOLS_STR, "http,https");
@@ -226,7 +231,7 @@ std::unique_ptr<Connection> Connection::open(const std::string& url, const HttpS
   curl_easy_setopt(easy, CURLOPT_USERAGENT, "stgs");
   curl_easy_setopt(easy, CURLOPT_NOSIGNAL, 1L);
 #if LIBCURL_VERSION_NUM >= 0x075700
-  curl_easy_setopt(easy, CURLOPT_QUICK_EXIT, 1L);  // a stop waits for no server's name
+  curl_easy_setopt(easy, CURLOPT_QUICK_EXIT, 1L);  // a stop does not wait for name resolution
 #endif
   curl_easy_setopt(easy, CURLOPT_TCP_KEEPALIVE, 1L);
   curl_easy_setopt(easy, CURLOPT_CONNECTTIMEOUT_MS, milliseconds(settings.connect_seconds));
@@ -241,9 +246,9 @@ Connection::~Connection() {
   if (multi_ != nullptr) curl_multi_cleanup(multi_);
 }
 
-// Runs the transfer; a stop wakes it. Silence is timed here: libcurl's own limit is of a speed that
-// it takes the mean of over some seconds. The handles stay together only meanwhile, the connection
-// in any case.
+// Runs the transfer. A stop request wakes it. Stalls are timed here, because the speed limit of
+// libcurl applies to an average over several seconds. The easy handle is attached to the multi
+// handle only during the call; the connection stays open.
 CURLcode Connection::perform(Reply& reply, const std::function<bool()>& should_continue,
                              bool& stopped) {
   CURLM* const multi = multi_;
@@ -252,13 +257,13 @@ CURLcode Connection::perform(Reply& reply, const std::function<bool()>& should_c
   if (curl_multi_add_handle(multi_, easy_) != CURLM_OK) return result;
   for (int running = 1; running > 0 && !stopped;) {
     CURLMcode code = curl_multi_perform(multi_, &running);
-    // Connecting has a time of its own, which libcurl keeps.
+    // libcurl enforces a separate timeout for connecting.
     const auto limit = reply.connected ? stall_ : stall_ + connect_;
     const auto left =
-        std::chrono::ceil<std::chrono::milliseconds>(reply.heard + limit - Clock::now());
+        std::chrono::ceil<std::chrono::milliseconds>(reply.last_progress + limit - Clock::now());
     if (running > 0 && left.count() <= 0) {
-      fmt::format_to_n(reply.error, CURL_ERROR_SIZE - 1, "{} came for {:g} s",
-                       reply.unheard > 0 ? "next to nothing" : "nothing",
+      fmt::format_to_n(reply.error, CURL_ERROR_SIZE - 1, "received {} data for {:g} s",
+                       reply.since_progress > 0 ? "almost no" : "no",
                        std::chrono::duration<double>(stall_).count());
       result = CURLE_OPERATION_TIMEDOUT;
       break;
@@ -284,8 +289,8 @@ Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out, const
   reply.easy = easy_;
   reply.offset = offset;
   reply.out = out;
-  reply.least = static_cast<std::size_t>(
-      std::max(1.0, kLeastSpeed * std::chrono::duration<double>(stall_).count()));
+  reply.min_progress = static_cast<std::size_t>(
+      std::max(1.0, kMinSpeed * std::chrono::duration<double>(stall_).count()));
   const std::string range = fmt::format("{}-{}", offset, offset + out.size() - 1);
   curl_easy_setopt(easy_, CURLOPT_RANGE, range.c_str());
   curl_easy_setopt(easy_, CURLOPT_PREREQDATA, &reply);
@@ -302,8 +307,8 @@ Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out, const
 
   Attempt attempt;
   attempt.received = reply.received;
-  const bool was_silent = result == CURLE_OPERATION_TIMEDOUT;
-  attempt.progressed = reply.received > (was_silent ? reply.unheard : 0);
+  const bool has_stalled = result == CURLE_OPERATION_TIMEDOUT;
+  attempt.progressed = reply.received > (has_stalled ? reply.since_progress : 0);
   attempt.total = reply.range.total.value_or(0);
   attempt.validator = reply.etag.empty() ? reply.modified : reply.etag;
   curl_off_t after = 0;
@@ -311,34 +316,34 @@ Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out, const
     attempt.retry_after = static_cast<double>(after);
   }
   const long status = reply.status();
-  const std::uint64_t there =
+  const std::uint64_t expected =
       attempt.total > offset ? std::min<std::uint64_t>(out.size(), attempt.total - offset) : 0;
   if (stopped) {
     attempt.outcome = Attempt::Outcome::kStopped;
-  } else if (!reply.refused.empty()) {
-    attempt.reason = reply.refused;
+  } else if (!reply.rejection.empty()) {
+    attempt.reason = reply.rejection;
     attempt.code = reply.code;
   } else if (result != CURLE_OK && status < 400) {
     attempt.reason = reply.error[0] != 0 ? reply.error : curl_easy_strerror(result);
-    if (!is_hopeless(result)) attempt.outcome = Attempt::Outcome::kAgain;
+    if (!is_fatal(result)) attempt.outcome = Attempt::Outcome::kRetryable;
   } else if (status == 304 && headers != nullptr) {
     attempt.outcome = Attempt::Outcome::kDone;
     attempt.unchanged = true;
   } else if (status == 206 || status == 416) {
     if (status == 206 && attempt.total == 0) {
-      attempt.reason = "the server does not tell how large the file is";
+      attempt.reason = "the server does not state the size of the file";
       attempt.code = StatusCode::kUnsupported;
-    } else if (reply.received < there) {
-      attempt.outcome = Attempt::Outcome::kAgain;
-      attempt.reason = "the server sends less than it was asked for";
+    } else if (reply.received < expected) {
+      attempt.outcome = Attempt::Outcome::kRetryable;
+      attempt.reason = "the server sent less data than requested";
     } else {
       attempt.outcome = Attempt::Outcome::kDone;
     }
   } else {
-    attempt.reason = fmt::format("the server answers {}", status);
-    if (status == 404 || status == 410) attempt.reason += ": there is no such file";
-    if (status == 401 || status == 403) attempt.reason += ": it does not let this be read";
-    if (is_for_now(status)) attempt.outcome = Attempt::Outcome::kAgain;
+    attempt.reason = fmt::format("the server responded with status {}", status);
+    if (status == 404 || status == 410) attempt.reason += ": the file does not exist";
+    if (status == 401 || status == 403) attempt.reason += ": access denied";
+    if (is_temporary(status)) attempt.outcome = Attempt::Outcome::kRetryable;
   }
   return attempt;
 }

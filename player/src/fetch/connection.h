@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One connection to an HTTP server, and one try at a range over it.
+// A connection to an HTTP server, and one attempt at reading a range through it.
 #pragma once
 
 #include <curl/curl.h>
@@ -16,26 +16,26 @@
 
 namespace stgs::player {
 
-// What became of a try.
+// The outcome of an attempt.
 struct Attempt {
   enum class Outcome {
-    kDone,      // all bytes that were asked for, or up to the file's end
-    kAgain,     // the network, or a server that says that it is its fault or for now
-    kHopeless,  // would fail again
-    kStopped,
+    kDone,       // all requested bytes arrived, or all up to the end of the file
+    kRetryable,  // a network error, or a server error that is temporary
+    kFatal,      // a retry would fail the same way
+    kStopped,    // by HttpSettings::stop or `should_continue`
   };
-  Outcome outcome = Outcome::kHopeless;
-  StatusCode code = StatusCode::kIo;  // of what is hopeless
+  Outcome outcome = Outcome::kFatal;
+  StatusCode code = StatusCode::kIo;  // of kFatal
   std::string reason;
-  bool unchanged = false;    // of kDone: nothing was sent, the validator is the known one
-  std::size_t received = 0;  // bytes of the range, from its first
-  bool progressed = false;   // they came, and not too slowly to count
-  std::uint64_t total = 0;   // the file's size by Content-Range; 0: not told
+  bool unchanged = false;    // of kDone: the known ETag is still valid, and no body was sent
+  std::size_t received = 0;  // bytes, from the beginning of the range
+  bool progressed = false;   // bytes arrived, and not too slowly to count
+  std::uint64_t total = 0;   // file size, from Content-Range; 0: not stated
   std::string validator;     // ETag, else Last-Modified, else empty
-  double retry_after = 0;    // seconds that the server asks for
+  double retry_after = 0;    // seconds that the server asks to wait
 };
 
-// Kept alive between tries. One thread at a time.
+// A keep-alive connection. One thread at a time.
 class Connection {
  public:
   static std::unique_ptr<Connection> open(const std::string& url, const HttpSettings& settings);
@@ -43,9 +43,9 @@ class Connection {
   Connection(const Connection&) = delete;
   Connection& operator=(const Connection&) = delete;
 
-  // Asks for `out.size()` bytes, at least one, from `offset` on; with the ETag `known`, where it is
-  // not empty, only if it is another now, and past caches that may hold what was. Stopped where
-  // `should_continue`, which may be empty, answers false.
+  // Requests `out.size()` bytes, at least one, from `offset` on. With the ETag `known`, if it is
+  // not empty, requests them only if the ETag has changed, bypassing caches. Stops once
+  // `should_continue`, which may be empty, returns false.
   Attempt get(std::uint64_t offset, std::span<std::uint8_t> out, const std::string& known = {},
               const std::function<bool()>& should_continue = {});
 

@@ -8,7 +8,7 @@ bool is_http_built() {
 }
 
 Result<std::unique_ptr<HttpSource>> open_url(const std::string& url, const HttpSettings&) {
-  return not_built("{}: this build reads no URLs; build it with libcurl (STGS_WITH_HTTP)", url);
+  return not_built("{}: this build cannot read URLs; build it with libcurl (STGS_WITH_HTTP)", url);
 }
 
 }  // namespace stgs::player

@@ -13,11 +13,11 @@
 namespace stgs::player {
 namespace {
 
-constexpr double kLongestWait = 5;        // seconds between tries of our own choice
-constexpr double kLongestWaitAsked = 30;  // and where the server asks for it
-// Between looks at whether what is waited for is still wanted.
-constexpr std::chrono::milliseconds kLook{250};
-constexpr std::size_t kHeadCompared = 4096;  // bytes that tell whether a file is still the same
+constexpr double kMaxBackoff = 5;      // seconds between attempts, unless the server
+constexpr double kMaxRetryAfter = 30;  // asks for a longer wait, up to this
+// Interval for checking should_continue() while waiting.
+constexpr std::chrono::milliseconds kPollInterval{250};
+constexpr std::size_t kMaxComparedHead = 4096;  // bytes by which refresh() recognises the file
 
 class Http final : public HttpSource {
  public:
@@ -27,44 +27,46 @@ class Http final : public HttpSource {
     settings_.max_attempts = std::max(settings_.max_attempts, 1);
   }
 
-  // The first bytes, which tell the size.
+  // Reads the first bytes and the size of the file.
   Status open() {
     head_.resize(static_cast<std::size_t>(std::max<std::uint64_t>(settings_.head_bytes, 1)));
-    STGS_ASSIGN(const Seen seen, fetch(0, head_, Check::kNothing));
-    head_.resize(seen.bytes);
-    head_bytes_ = seen.bytes;
-    known_ = {seen.total, seen.total, seen.validator};
+    STGS_ASSIGN(const Response response, fetch(0, head_, Check::kNothing));
+    head_.resize(response.bytes);
+    head_bytes_ = response.bytes;
+    state_ = {response.total, response.total, response.validator};
     return {};
   }
 
-  std::uint64_t size() const override { return known().size; }
+  std::uint64_t size() const override { return snapshot().size; }
   void set_finished() override {
     const std::lock_guard lock(mutex_);
-    known_.kept = known_.size;
-    known_.is_finished = true;
+    state_.stable_bytes = state_.size;
+    state_.is_finished = true;
   }
   const std::string& name() const override { return name_; }
 
   bool may_grow() const override { return true; }
-  Result<Change> refresh(std::uint64_t kept) override {
-    const Known before = known();
-    // What is beyond `kept` may be another now.
-    if (kept < head_bytes_) head_bytes_ = kept;
-    std::vector<std::uint8_t> head(std::clamp<std::size_t>(head_bytes_, 1, kHeadCompared));
-    STGS_ASSIGN(const Seen seen, fetch(0, head, Check::kNothing, etag_of(before.validator)));
+  Result<Change> refresh(std::uint64_t stable_bytes) override {
+    const Snapshot before = snapshot();
+    // The file may have changed beyond `stable_bytes`.
+    if (stable_bytes < head_bytes_) head_bytes_ = stable_bytes;
+    std::vector<std::uint8_t> head(std::clamp<std::size_t>(head_bytes_, 1, kMaxComparedHead));
+    STGS_ASSIGN(const Response response,
+                fetch(0, head, Check::kNothing, etag_of(before.validator)));
     const std::size_t same = std::min<std::size_t>(head_bytes_, head.size());
-    if (!seen.unchanged &&
-        (seen.total < kept || seen.bytes < same ||
+    if (!response.unchanged &&
+        (response.total < stable_bytes || response.bytes < same ||
          !std::equal(head.begin(), head.begin() + static_cast<std::ptrdiff_t>(same),
                      head_.begin()))) {
-      tell(TransferEvent::Kind::kReplaced, 0, 0, replaced().message());
+      report(TransferEvent::Kind::kReplaced, 0, 0, replaced().message());
       return Change::kReplaced;
     }
     const std::lock_guard lock(mutex_);
-    known_.kept = kept;
-    if (seen.unchanged) return Change::kNone;
-    known_.validator = seen.validator;
-    return std::exchange(known_.size, seen.total) == seen.total ? Change::kNone : Change::kResized;
+    state_.stable_bytes = stable_bytes;
+    if (response.unchanged) return Change::kNone;
+    state_.validator = response.validator;
+    return std::exchange(state_.size, response.total) == response.total ? Change::kNone
+                                                                        : Change::kResized;
   }
 
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
@@ -87,16 +89,18 @@ class Http final : public HttpSource {
   }
 
  private:
-  // What an answer told of the file.
-  struct Seen {
-    std::size_t bytes = 0;  // of those asked for: fewer at the file's end
-    std::uint64_t total = 0;
-    std::string validator;
-    bool unchanged = false;  // nothing else was told
+  struct Response {
+    std::size_t bytes = 0;    // received; fewer than requested at the end of the file
+    std::uint64_t total = 0;  // size of the file
+    std::string validator;    // ETag, else Last-Modified, else empty
+    bool unchanged = false;   // since the given ETag; the other members are not set
   };
-  enum class Check { kNothing, kSame };
+  enum class Check {
+    kNothing,
+    kSame  // fail if the file was replaced
+  };
 
-  // A connection of this source while it lives; waits where all are in use.
+  // Borrows a connection of the source; waits if all are in use.
   class Lease {
    public:
     explicit Lease(const Http& source) : source_(source) {
@@ -128,51 +132,52 @@ class Http final : public HttpSource {
   };
 
   Status replaced() const {
-    return io_error("{}: the file on the server is another one now; open it again", name_);
+    return io_error("{}: the file on the server was replaced; open it again", name_);
   }
   Status stopped() const { return runtime_error("{}: reading was stopped", name_); }
 
-  // What is known of the file.
-  struct Known {
+  // The state of the file as last observed.
+  struct Snapshot {
     std::uint64_t size = 0;
-    std::uint64_t kept = 0;  // of these bytes, how many are known to stay
+    std::uint64_t stable_bytes = 0;  // prefix that is known not to change
     std::string validator;
-    bool is_finished = false;  // all of them, and no more come
+    bool is_finished = false;  // all of it is stable, and nothing is added
   };
-  Known known() const {
+  Snapshot snapshot() const {
     const std::lock_guard lock(mutex_);
-    return known_;
+    return state_;
   }
-  // A validator that is an ETag, else nothing.
+  // Returns the validator if it is an ETag, else an empty string.
   static std::string etag_of(const std::string& validator) {
     return validator.starts_with('"') || validator.starts_with("W/\"") ? validator : "";
   }
 
-  // Whether an answer is of the file that was known when it was asked for.
-  static bool is_same(const Attempt& attempt, const Known& known) {
-    if (attempt.total == 0) return true;  // it did not say
-    if (attempt.total < known.kept || (known.is_finished && attempt.total != known.size)) {
+  // Returns whether a response is from the file in `snapshot`.
+  static bool is_same(const Attempt& attempt, const Snapshot& snapshot) {
+    if (attempt.total == 0) return true;  // not stated
+    if (attempt.total < snapshot.stable_bytes ||
+        (snapshot.is_finished && attempt.total != snapshot.size)) {
       return false;
     }
-    const bool all_stays = attempt.total == known.size && attempt.total == known.kept;
-    return !all_stays || attempt.validator == known.validator;
+    const bool is_stable = attempt.total == snapshot.size && attempt.total == snapshot.stable_bytes;
+    return !is_stable || attempt.validator == snapshot.validator;
   }
 
-  void tell(TransferEvent::Kind kind, std::uint64_t offset, double wait,
-            const std::string& message) const {
+  void report(TransferEvent::Kind kind, std::uint64_t offset, double wait,
+              const std::string& message) const {
     if (settings_.on_event) settings_.on_event({kind, offset, wait, message});
   }
 
-  // `etag`, where it is not empty: nothing needs to come as long as it is that.
-  Result<Seen> fetch(std::uint64_t offset, std::span<std::uint8_t> out, Check check,
-                     const std::string& etag = {},
-                     const std::function<bool()>& should_continue = {}) const {
+  // Reads a range, with retries. If `etag` is not empty and still valid, reads nothing.
+  Result<Response> fetch(std::uint64_t offset, std::span<std::uint8_t> out, Check check,
+                         const std::string& etag = {},
+                         const std::function<bool()>& should_continue = {}) const {
     const Lease lease(*this);
     if (settings_.stop.stop_requested()) return stopped();
-    if (lease.get() == nullptr) return runtime_error("{}: libcurl has no memory left", name_);
+    if (lease.get() == nullptr) return runtime_error("{}: libcurl is out of memory", name_);
     std::size_t done = 0;
     for (int failures = 0;;) {
-      const Known then = known();
+      const Snapshot expected = snapshot();
       const Attempt attempt = lease.get()->get(offset + done, out.subspan(done),
                                                done == 0 ? etag : std::string(), should_continue);
       done += attempt.received;
@@ -180,17 +185,17 @@ class Http final : public HttpSource {
       if (attempt.outcome == Attempt::Outcome::kStopped) return stopped();
       Status failure;
       auto kind = TransferEvent::Kind::kFailed;
-      if (check == Check::kSame && !is_same(attempt, then)) {
+      if (check == Check::kSame && !is_same(attempt, expected)) {
         failure = replaced();
         kind = TransferEvent::Kind::kReplaced;
       } else if (attempt.outcome == Attempt::Outcome::kDone ||
-                 (attempt.outcome == Attempt::Outcome::kAgain && done == out.size())) {
+                 (attempt.outcome == Attempt::Outcome::kRetryable && done == out.size())) {
         if (check == Check::kNothing || done == out.size()) {
-          return Seen{done, attempt.total, attempt.validator, attempt.unchanged};
+          return Response{done, attempt.total, attempt.validator, attempt.unchanged};
         }
         failure = replaced();
         kind = TransferEvent::Kind::kReplaced;
-      } else if (attempt.outcome == Attempt::Outcome::kHopeless) {
+      } else if (attempt.outcome == Attempt::Outcome::kFatal) {
         failure = {attempt.code, fmt::format("{}: {}", name_, attempt.reason)};
       } else {
         failures = attempt.progressed ? 1 : failures + 1;
@@ -198,10 +203,10 @@ class Http final : public HttpSource {
           STGS_TRY(wait(offset + done, failures, attempt, should_continue));
           continue;
         }
-        failure = io_error("{}: {} (given up after {} tries at byte {})", name_, attempt.reason,
-                           failures, offset + done);
+        failure = io_error("{}: {} (gave up after {} attempt{}) [byte {}]", name_, attempt.reason,
+                           failures, failures == 1 ? "" : "s", offset + done);
       }
-      tell(kind, offset + done, 0, failure.message());
+      report(kind, offset + done, 0, failure.message());
       return failure;
     }
   }
@@ -210,20 +215,21 @@ class Http final : public HttpSource {
     const std::lock_guard lock(mutex_);
     ++statistics_.requests;
     statistics_.bytes += attempt.received;
-    if (attempt.outcome == Attempt::Outcome::kAgain) ++statistics_.retries;
+    if (attempt.outcome == Attempt::Outcome::kRetryable) ++statistics_.retries;
   }
 
-  // Before the next try: each time twice as long, and not for all readers alike.
+  // Waits before the next attempt: exponential backoff with jitter, at least as long as the server
+  // asks for.
   Status wait(std::uint64_t offset, int failures, const Attempt& attempt,
               const std::function<bool()>& should_continue) const {
     std::unique_lock lock(mutex_);
     double seconds =
-        std::min(settings_.backoff_seconds * std::ldexp(1.0, failures - 1), kLongestWait);
+        std::min(settings_.backoff_seconds * std::ldexp(1.0, failures - 1), kMaxBackoff);
     seconds *= std::uniform_real_distribution<double>(0.75, 1.0)(random_);
-    seconds = std::max(seconds, std::min(attempt.retry_after, kLongestWaitAsked));
+    seconds = std::max(seconds, std::min(attempt.retry_after, kMaxRetryAfter));
     lock.unlock();
-    tell(TransferEvent::Kind::kRetry, offset, seconds,
-         fmt::format("{}: {}", name_, attempt.reason));
+    report(TransferEvent::Kind::kRetry, offset, seconds,
+           fmt::format("{}: {}", name_, attempt.reason));
     const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
     std::mutex none;
     std::unique_lock pause(none);
@@ -231,8 +237,8 @@ class Http final : public HttpSource {
     while (std::chrono::steady_clock::now() < end) {
       if (settings_.stop.stop_requested() || (should_continue && !should_continue()))
         return stopped();
-      const auto look = std::chrono::steady_clock::now() + kLook;
-      never.wait_until(pause, settings_.stop, std::min<decltype(end)>(end, look),
+      const auto next_check = std::chrono::steady_clock::now() + kPollInterval;
+      never.wait_until(pause, settings_.stop, std::min<decltype(end)>(end, next_check),
                        [] { return false; });
     }
     return settings_.stop.stop_requested() ? stopped() : Status();
@@ -240,11 +246,11 @@ class Http final : public HttpSource {
 
   std::string url_, name_;
   HttpSettings settings_;
-  std::vector<std::uint8_t> head_;             // the file's first bytes
-  std::atomic<std::uint64_t> head_bytes_ = 0;  // of these, how many are known to be right
+  std::vector<std::uint8_t> head_;             // the first bytes of the file
+  std::atomic<std::uint64_t> head_bytes_ = 0;  // how many of these are known to be valid
 
-  mutable std::mutex mutex_;  // of what follows
-  Known known_;
+  mutable std::mutex mutex_;  // guards the following members
+  Snapshot state_;
   mutable std::condition_variable_any freed_;
   mutable std::vector<std::unique_ptr<Connection>> free_;
   mutable int opened_ = 0;
@@ -259,7 +265,7 @@ bool is_http_built() {
 }
 
 Result<std::unique_ptr<HttpSource>> open_url(const std::string& url, const HttpSettings& settings) {
-  if (!is_url(url)) return usage_error("{}: not a URL of http or https", url);
+  if (!is_url(url)) return usage_error("{}: not an HTTP URL (expected http:// or https://)", url);
   auto source = std::make_unique<Http>(url, settings);
   STGS_TRY(source->open());
   return std::unique_ptr<HttpSource>(std::move(source));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The keys of the sort by depth: what each chunk has, side by side.
+// Compacts the splats of all chunks into keys and values for the sort by depth.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -14,7 +14,7 @@ layout(std430, set = 1, binding = 3) writeonly buffer ValueBuffer {
 };
 
 uint first_of(uint chunk) {
-  return chunk < frame.views * frame.chunks ? chunk_places[chunk] + chunk_sums[chunk / kScanTile]
+  return chunk < frame.views * frame.chunks ? chunk_offsets[chunk] + chunk_sums[chunk / kScanTile]
                                             : visible;
 }
 
@@ -22,15 +22,15 @@ void main() {
   uint begin = group_number() * kCompactChunks, k = gl_LocalInvocationIndex;
   uint firsts[kCompactChunks + 1u];
   float depths[kCompactChunks];
-  // All are asked for at once: what is waited for is memory.
+  // Issue all loads at once to hide memory latency.
   [[unroll]] for (uint c = 0u; c <= kCompactChunks; ++c) firsts[c] = first_of(begin + c);
   [[unroll]] for (uint c = 0u; c < kCompactChunks; ++c) {
-    bool there = k < firsts[c + 1u] - firsts[c];
-    depths[c] = there ? splat_c[(begin + c) * kGroup + k].w : 0.0f;
+    bool is_used = k < firsts[c + 1u] - firsts[c];
+    depths[c] = is_used ? splat_c[(begin + c) * kGroup + k].w : 0.0f;
   }
   [[unroll]] for (uint c = 0u; c < kCompactChunks; ++c) {
     if (k >= firsts[c + 1u] - firsts[c]) continue;
-    // A depth is at least the near plane's, and the bits of positive numbers are in their order.
+    // Depths are positive (at least the near plane), so their bits sort as their values.
     keys[firsts[c] + k] = floatBitsToUint(depths[c]);
     values[firsts[c] + k] = (begin + c) * kGroup + k;
   }

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Copies words, as many workgroups as it takes: what the device's memory can do for shaders.
+// Copies words, to measure the memory bandwidth of shaders.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 
-const uint kGroup = 256u, kEach = 4u;  // invocations of a workgroup; of four words each
+const uint kGroup = 256u, kEach = 4u;  // invocations per workgroup; vectors per invocation
 
 layout(local_size_x = 256) in;
 layout(std430, set = 0, binding = 0) readonly restrict buffer FromBuffer {

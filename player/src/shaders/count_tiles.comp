@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// How many tiles the ellipses of each workgroup's splats meet, nearest first. The last workgroup
-// replaces these numbers by the sums before them, and plans the work on the instances.
+// Counts the tiles that the ellipses of each workgroup's splats meet, nearest first. The last
+// workgroup replaces the counts with their exclusive prefix sums and computes the extents of the
+// instance dispatches.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -9,7 +10,7 @@
 #endif
 #include "frame.glsl"
 
-// After frame.glsl, on which they build.
+// Require frame.glsl.
 #include "footprint.glsl"
 #include "fovea.glsl"
 #include "last.glsl"
@@ -18,17 +19,17 @@
 
 layout(local_size_x = 256) in;
 
-void scan_places(uint n, uint thread) {
+void scan_offsets(uint n, uint thread) {
   uint all = 0u;
   for (uint tile = 0u; tile < n; tile += kScanTile) {
     uint first = tile + thread * kScanEach;
     uint values[kScanEach];
     [[unroll]] for (uint k = 0u; k < kScanEach; ++k) {
-      values[k] = first + k < n ? tile_places[first + k] : 0u;
+      values[k] = first + k < n ? tile_offsets[first + k] : 0u;
     }
     uint total = scan_tile(thread, values);
     [[unroll]] for (uint k = 0u; k < kScanEach; ++k) {
-      if (first + k < n) tile_places[first + k] = added(all, values[k]);
+      if (first + k < n) tile_offsets[first + k] = added(all, values[k]);
     }
     all = added(all, total);
   }
@@ -48,6 +49,6 @@ void main() {
   uint rows = load_rows(group, thread), count = 0u, total;
   for (uint row = thread; row < rows; row += kGroup) count += count_of(tiles_of_row(row));
   sum_before(thread, min(count, kManyInstances), total);
-  if (thread == 0u) tile_places[group] = total;
-  if (is_last(kEndedCountTiles, groups, thread)) scan_places(groups, thread);
+  if (thread == 0u) tile_offsets[group] = total;
+  if (is_last(kEndedCountTiles, groups, thread)) scan_offsets(groups, thread);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where each tile's instances begin and end, unless the sort's last pass has told.
+// Finds the range of instances of each tile, unless the last sort pass has written it.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"

@@ -1,21 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which tiles and pixels a splat's ellipse meets. All of it may only err towards meeting: what is
-// listed where it is not seen costs time, what is missing is wrong.
+// Tests which tiles and pixels the ellipse of a splat meets. All tests are conservative: a false
+// hit costs time, a missed hit is an error.
 
 #include "stgs/format/math/fovea.h"
 
-// Added to the limit of half squared distances, as raster_bin.cpp adds 1e-4 to their double.
+// Added to the limit of half the squared distance. raster_bin.cpp adds 1e-4 to its double.
 const float kLimitSlack = 0.75e-4f;
 
-// The ellipse as rows see it. With v the offset from the centre in half heights, its points at v
-// are x + slope v +- width sqrt(1 - v^2): the farthest right is at v = top, left at -top.
+// The ellipse parameterised by row. With v the offset from the centre in half heights, its points
+// at v are x + slope v +- width sqrt(1 - v^2). The rightmost point is at v = top, the leftmost at
+// -top.
 struct Footprint {
   float x, y, per_height, slope, width, top, slack;
-  int row, rows;  // of tiles, or of squares of 2 x 2 where there are foveae
+  int row, rows;  // of tiles; with foveae, of squares of 2 x 2 tiles
   uint view;
-  int pixels_x, tiles_x;  // of its view, as what follows
+  int pixels_x, tiles_x;  // of its view, as are the following
   uint first_tile;
-  float last_pixel;  // the centre of the lowest row
+  float last_pixel;  // centre of the lowest row
 };
 
 Footprint footprint_of(uint splat) {
@@ -24,7 +25,7 @@ Footprint footprint_of(uint splat) {
   vec4 a = splat_a[splat], b = splat_b[splat];
   uint v = splat / (frame.chunks * kGroup);
   vec2 extent = b.zw;
-  // The same bits wherever it is asked: tiles are counted first and listed later.
+  // Must be bit-identical in all shaders: tiles are counted first and listed later.
   precise Footprint f;
   f.x = a.x;
   f.y = a.y;
@@ -36,7 +37,7 @@ Footprint footprint_of(uint splat) {
   f.slope = -0.5f * a.w / a.z * max(extent.y, 1e-4f);
   precise float ratio = f.slope / f.width;
   f.top = ratio * inversesqrt(1.0f + ratio * ratio);
-  if (!(abs(f.top) <= 1.0f)) f.top = ratio < 0.0f ? -1.0f : 1.0f;  // a square that overflowed
+  if (!(abs(f.top) <= 1.0f)) f.top = ratio < 0.0f ? -1.0f : 1.0f;  // the square overflowed
   precise float slack = 1e-3f + 2e-6f * (extent.y + abs(f.y));
   f.slack = slack + 2e-6f * (abs(f.slope) + f.width + abs(f.x));
   f.view = v;
@@ -52,7 +53,8 @@ Footprint footprint_of(uint splat) {
   return f;
 }
 
-// The squares of so many pixels that are met in a row of them: the first, and how many.
+// Returns the cells of `pixels` x `pixels` that the ellipse meets in a row of them: first and
+// count.
 ivec2 span_of(Footprint f, int row, int pixels) {
   float side = float(pixels);
   float top = float(row) * side + 0.5f;
@@ -62,7 +64,7 @@ ivec2 span_of(Footprint f, int row, int pixels) {
   if (bottom < top || above > beyond || below < -beyond) return ivec2(0);
   float low = clamp(above, -1.0f, 1.0f), high = clamp(below, -1.0f, 1.0f);
   float at_right = clamp(f.top, low, high), at_left = clamp(-f.top, low, high);
-  // 1e-6 for the rounding of v, which counts most near the ends.
+  // 1e-6 covers the rounding of v, which matters most near the ends.
   precise float right = f.x + f.slope * at_right +
                         f.width * sqrt(max(1.0f - at_right * at_right, 0.0f) + 1e-6f) + f.slack;
   precise float left = f.x + f.slope * at_left -
@@ -73,15 +75,17 @@ ivec2 span_of(Footprint f, int row, int pixels) {
   return ivec2(first, max(last - first + 1, 0));
 }
 
-// Least -log2 of falloff on the segment where one offset is `still` and the other in [low, high],
-// less the rounding error that the blend may make there (raster_bin.cpp).
-float edge_minimum(float across, float cross_, float along, float still, float low, float high) {
-  float free = clamp(-0.5f * cross_ * still / along, low, high);
-  float a = across * still * still, b = along * free * free, c = cross_ * still * free;
+// Returns the minimum of -log2 of the falloff on the segment with one offset fixed and the other in
+// [low, high], minus the rounding error of the blend (raster_bin.cpp).
+float edge_minimum(float across, float cross_, float along, float fixed_offset, float low,
+                   float high) {
+  float free = clamp(-0.5f * cross_ * fixed_offset / along, low, high);
+  float a = across * fixed_offset * fixed_offset, b = along * free * free,
+        c = cross_ * fixed_offset * free;
   return a + b + c - 1e-6f * (a + b + abs(c));
 }
 
-// Whether any point of the rectangle [low, high] of pixel centres lies in the ellipse.
+// Returns whether any point of the rectangle [low, high] of pixel centres lies in the ellipse.
 bool meets(vec4 a, vec4 b, vec2 low, vec2 high) {
   low -= a.xy;
   high -= a.xy;
@@ -89,7 +93,7 @@ bool meets(vec4 a, vec4 b, vec2 low, vec2 high) {
   if (in_x && in_y) return true;
   float limit = b.y - kLog2Threshold + kLimitSlack;
   float xx = -a.z, xy = -a.w, yy = -b.x;
-  // A convex form is least on an edge that faces its centre.
+  // The minimum of a convex form lies on an edge that faces its centre.
   if (!in_x && edge_minimum(xx, xy, yy, low.x > 0.0f ? low.x : high.x, low.y, high.y) <= limit) {
     return true;
   }

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a picture is drawn at half resolution, and what splats look like there. Of such a square of
-// 2 x 2 tiles the first has the list of all, whose quarters are the tiles. After frame.glsl, on
-// which it builds.
+// Regions at half resolution, and splats in them. In such a square of 2 x 2 tiles, the first tile
+// holds the list of all four, and the tiles take the role of quarters. Requires frame.glsl.
 #include "stgs/format/math/fovea.h"
 
-// Whether the square of 2 x 2 tiles is: as math::beyond_fovea tells, with roundings that are the
-// same wherever it is asked.
+// Returns whether a square of 2 x 2 tiles is at half resolution, as math::beyond_fovea does.
+// Rounding is identical in all shaders.
 bool square_is_halved(uint view, ivec2 square) {
   const float side = float(kFoveaSquare);
   Vec2 centre = frame.view[view].fovea;
@@ -17,7 +16,7 @@ bool square_is_halved(uint view, ivec2 square) {
   return squared > limit;
 }
 
-// The squares of a row of them that are not halved: the first, and how many.
+// Returns the squares of a row that are at full resolution: first and count.
 ivec2 sharp_squares(uint view, int row) {
   const float side = float(kFoveaSquare);
   Vec2 centre = frame.view[view].fovea;
@@ -28,7 +27,7 @@ ivec2 sharp_squares(uint view, int row) {
   float reach = sqrt(max(radius * radius - off * off, 0.0f));
   int first = int(clamp(ceil((centre.x - side - reach) / side), 0.0f, float(count)));
   int end = int(clamp(floor((centre.x + reach) / side), -1.0f, float(count - 1))) + 1;
-  // The root is rounded, by less than a square.
+  // Correct the rounding of the square root, which is less than a square.
   first = max(first - 1, 0);
   end = min(end + 1, count);
   while (first < end && square_is_halved(view, ivec2(first, row))) ++first;
@@ -36,11 +35,11 @@ ivec2 sharp_squares(uint view, int row) {
   return ivec2(first, max(end - first, 0));
 }
 
-// What a workgroup of the blend draws of a view: the number of a tile of it, which with this bit is
-// the first of a square at half resolution.
+// A patch is the index of a tile of the view. With this bit, it is the first tile of a square at
+// half resolution.
 const uint kHalvedPatch = 1u << 31u;
 
-// The splat's first two parts on the picture of half the size.
+// Converts the first two parts of a splat to the image of half the size.
 void halve_splat(inout vec4 a, inout vec4 b) {
   const float kPerLog2 = -2.0f / 1.44269504f;
   Sym2 conic;

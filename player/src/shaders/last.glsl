@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Dispatches whose last workgroup goes on alone with what all of them have found. None waits for
-// another. After frame.glsl, on which it builds.
+// Dispatches whose last workgroup continues alone with the results of all. No workgroup waits for
+// another. Requires frame.glsl.
 
 shared bool is_last_here;
 
-// Whether all other workgroups of `groups` have called it: what their first invocations wrote to
-// coherent buffers or added by atomics before is seen then. All invocations call it, once.
+// Returns whether all other workgroups of `groups` have called this. If so, coherent writes and
+// atomics of their first invocations before the call are visible. All invocations must call it,
+// once.
 bool is_last(uint number, uint groups, uint thread) {
   if (thread == 0u) {
     memoryBarrierBuffer();
@@ -17,7 +18,7 @@ bool is_last(uint number, uint groups, uint thread) {
   return is_last_here;
 }
 
-// A row of `work`: `each` items a workgroup.
+// Returns a row of `work` with `each` items per workgroup.
 uvec4 work_for(uint items, uint each) {
   uint groups = (items + each - 1u) / each;
   return uvec4(min(groups, kGroupsX), (groups + kGroupsX - 1u) / kGroupsX, 1u, items);

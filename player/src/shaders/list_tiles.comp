@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Instances: for each splat, nearest first, the tiles that its ellipse meets, or squares of 2 x 2
-// at half resolution, and which quarters of them, so that the blend need not look. Those of one
-// tile are in the order of depth then, which the stable sort by tile keeps. The nearest are listed
-// where not all fit.
+// Lists the instances: for each splat, nearest first, the tiles that its ellipse meets, or squares
+// of 2 x 2 tiles at half resolution, and which of their quarters, so that the blend need not test
+// them. The instances of a tile are thus in depth order, which the stable sort by tile preserves.
+// If not all fit, the nearest are listed.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -11,7 +11,7 @@
 #endif
 #include "frame.glsl"
 
-// After frame.glsl, on which they build.
+// Require frame.glsl.
 #include "footprint.glsl"
 #include "fovea.glsl"
 #include "scan.glsl"
@@ -33,59 +33,58 @@ void write_instance(uint to, uint tile, uint splat, uint met) {
   values[to] = splat | met << kSplatBits;
 }
 
-// Where the workgroup's instances go: from `first_place` to before `end_place`, where the next
-// one's are. Were more tiles found than were counted, they would be left out.
-uint first_place, end_place;
+// The output range [begin_at, end_at) of the workgroup. Tiles beyond the number that was counted
+// would be dropped.
+uint begin_at, end_at;
 bool staged;
 
-void put(uint to, uint tile, uint of, uint met) {
-  if (to >= end_place) return;
+void emit(uint to, uint tile, uint of, uint met) {
+  if (to >= end_at) return;
   if (staged) {
-    stage[to - first_place] = tile << kStagedTileShift | met << kStagedMetShift | of;
+    stage[to - begin_at] = tile << kStagedTileShift | met << kStagedMetShift | of;
   } else {
     write_instance(to, tile, row_splats[of], met);
   }
 }
 
-// Those of the span, `each` tiles apart in a line of them; returns the place after them.
-uint put_span(uint to, RowTiles row, ivec2 span, int line, int each, Cells met) {
+// Emits the tiles of a span, `each` tiles apart in a line. Returns the next output index.
+uint emit_span(uint to, RowTiles row, ivec2 span, int line, int each, Cells met) {
   uint tile = row.f.first_tile + uint(line * row.f.tiles_x + span.x * each);
   for (int k = 0; k < span.y; ++k) {
-    put(to + uint(k), tile + uint(k * each), row.place, met_of(met, span.x + k));
+    emit(to + uint(k), tile + uint(k * each), row.index, met_of(met, span.x + k));
   }
   return to + uint(span.y);
 }
 
-void put_row(uint to, RowTiles row) {
+void emit_row(uint to, RowTiles row) {
   if (!kFovea) {
-    put_span(to, row, row.upper, row.row, 1, row.met);
+    emit_span(to, row, row.upper, row.row, 1, row.met);
     return;
   }
   int line = 2 * row.row;
   if (row.upper.y > 0) {
-    to = put_span(to, row, row.upper, line, 1, cells_of(row.f, line, kQuarterPixels));
+    to = emit_span(to, row, row.upper, line, 1, cells_of(row.f, line, kQuarterPixels));
   }
   if (row.lower.y > 0) {
-    to = put_span(to, row, row.lower, line + 1, 1, cells_of(row.f, line + 1, kQuarterPixels));
+    to = emit_span(to, row, row.lower, line + 1, 1, cells_of(row.f, line + 1, kQuarterPixels));
   }
-  to = put_span(to, row, row.left, line, 2, row.met);
-  put_span(to, row, row.right, line, 2, row.met);
+  to = emit_span(to, row, row.left, line, 2, row.met);
+  emit_span(to, row, row.right, line, 2, row.met);
 }
 
 void main() {
   uint thread = thread_number(), group = group_number();
   uint groups = list_groups(visible);
   if (group >= groups) return;
-  first_place = tile_places[group];
-  end_place = group + 1u < groups ? tile_places[group + 1u] : instances;
-  if (first_place >= listed) return;
-  // Sums that stopped at the most that is counted say nothing of what lies between them.
-  staged = end_place - first_place <= kListStage && end_place < kManyInstances &&
-           frame.tiles <= kMostStagedTiles;
-  // Were fewer found, the rest would stand in a tile that they do not meet, where they are not
-  // drawn.
-  for (uint k = thread; staged && k < end_place - first_place; k += kGroup) stage[k] = 0u;
-  uint rows = load_rows(group, thread), begin = first_place;
+  begin_at = tile_offsets[group];
+  end_at = group + 1u < groups ? tile_offsets[group + 1u] : instances;
+  if (begin_at >= listed) return;
+  // Differences of saturated sums are not valid counts.
+  staged =
+      end_at - begin_at <= kListStage && end_at < kManyInstances && frame.tiles <= kMaxStagedTiles;
+  // If fewer were emitted than counted, the rest would have no quarters set and not be rendered.
+  for (uint k = thread; staged && k < end_at - begin_at; k += kGroup) stage[k] = 0u;
+  uint rows = load_rows(group, thread), begin = begin_at;
   for (uint row = thread; row - thread < rows; row += kGroup) {
     RowTiles own;
     uint count = 0u, total;
@@ -94,15 +93,15 @@ void main() {
       count = count_of(own);
     }
     uint to = begin + sum_before(thread, count, total);
-    if (count > 0u) put_row(to, own);
+    if (count > 0u) emit_row(to, own);
     begin += total;
   }
   if (!staged) return;
   barrier();
-  for (uint k = thread; k < end_place - first_place; k += kGroup) {
+  for (uint k = thread; k < end_at - begin_at; k += kGroup) {
     uint one = stage[k];
     uint splat = row_splats[one & kGroup - 1u],
          met = one >> kStagedMetShift & (1u << kQuarters) - 1u;
-    write_instance(first_place + k, one >> kStagedTileShift, splat, met);
+    write_instance(begin_at + k, one >> kStagedTileShift, splat, met);
   }
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Slice at t: one primitive an invocation, cheapest tests first, as raster_slice.cpp's make_splat;
-// what does not depend on the view is done once. In each view a chunk's splats lie side by side
-// from its first place on, in the order of ids.
+// Slices the primitives at a time: one invocation per primitive, cheapest tests first, as
+// make_splat() in raster_slice.cpp. View-independent work is done once. In each view, the splats of
+// a chunk are stored contiguously from the beginning of the chunk, in id order.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -12,9 +12,10 @@
 
 layout(local_size_x = 256) in;
 layout(constant_id = 0) const int kDegree = 3;
-layout(constant_id = 1) const bool kSeveral = true;  // views; one has a shader of its own
+layout(constant_id = 1) const
+    bool kSeveral = true;  // several views; a single view has its own variant
 
-// The same block of memory twice.
+// The same block of memory with two element types.
 layout(std430, set = 1, binding = 0) readonly buffer FourBuffer {
   vec4 fours[];
 };
@@ -28,9 +29,9 @@ struct Splat {
   vec4 a, b, c;
 };
 
-// A segment's data: arrays of n, which is a multiple of kGroup (packed_segment.h).
+// The data of a segment: arrays of n entries, a multiple of kGroup (packed_segment.h).
 struct Arrays {
-  uint pair;  // of the first, in pairs
+  uint pair;  // offset of the first array, in pairs
   uint n;
 };
 
@@ -38,16 +39,16 @@ vec2 pair_at(uint i) {
   return uintBitsToFloat(pairs[i]);
 }
 
-// t - T, with the rounding of the moment and of the difference made good.
+// Returns t - T, compensated for the rounding of t and of the difference.
 float since(Part part, float time) {
   precise float difference = part.ticks - time;
   precise float back = difference - part.ticks;
-  precise float lost = (part.ticks - (difference - back)) - (time + back);
-  precise float dt = difference + (lost + part.ticks_rest);
+  precise float rounding = (part.ticks - (difference - back)) - (time + back);
+  precise float dt = difference + (rounding + part.ticks_rest);
   return dt;
 }
 
-// False where the distance or a sum of the harmonics is not finite (representation 4.6).
+// Returns false if the distance or a sum of the SH coefficients is not finite (representation 4.6).
 bool colour_of(Arrays at, uint i, Vec3 from_camera, inout Splat splat) {
   float square = dot3(from_camera, from_camera);
   float n = 1.0f / sqrt(square);
@@ -66,26 +67,27 @@ bool colour_of(Arrays at, uint i, Vec3 from_camera, inout Splat splat) {
   return finite(square) && finite(sums[0]) && finite(sums[1]) && finite(sums[2]);
 }
 
-// A primitive at the moment.
-struct Moving {
+// A primitive at the rendered time.
+struct Moved {
   Vec3 position;
   float opacity;
 };
 
-// False where it is not drawn from anywhere.
-bool move(Part part, Arrays at, uint i, out Moving one) {
-  vec4 place = fours[(at.pair + at.n) / 2u + i];
-  vec4 motion = fours[(at.pair + 3u * at.n) / 2u + i];
+// Returns false if the primitive is invisible from everywhere.
+bool move(Part part, Arrays at, uint i, out Moved one) {
+  vec4 position_time = fours[(at.pair + at.n) / 2u + i];
+  vec4 velocity_opacity = fours[(at.pair + 3u * at.n) / 2u + i];
   vec2 lifespan = pair_at(at.pair + 5u * at.n + i);
-  float dt = since(part, place.w);
+  float dt = since(part, position_time.w);
   one.position =
-      position_at(vec3_of(place.x, place.y, place.z), vec3_of(motion.x, motion.y, motion.z), dt);
-  one.opacity = motion.w * visibility(dt, lifespan.x, lifespan.y);
+      position_at(vec3_of(position_time.x, position_time.y, position_time.z),
+                  vec3_of(velocity_opacity.x, velocity_opacity.y, velocity_opacity.z), dt);
+  one.opacity = velocity_opacity.w * visibility(dt, lifespan.x, lifespan.y);
   return one.opacity >= kAlphaThreshold;
 }
 
-// The splat of primitive i in a view; false where it is not visible.
-bool make_splat(uint v, Moving one, Arrays at, uint i, out Splat splat) {
+// Computes the splat of primitive i in a view. Returns false if it is not visible.
+bool make_splat(uint v, Moved one, Arrays at, uint i, out Splat splat) {
   PinholeCamera camera = frame.view[v].camera;
   Vec3 position = one.position;
   if (!(to_camera(camera, position).z >= camera.near_plane)) return false;
@@ -115,7 +117,7 @@ bool make_splat(uint v, Moving one, Arrays at, uint i, out Splat splat) {
   return finite(p.depth) && colour_of(at, i, from_camera, splat);
 }
 
-// The part that has the group: the last one that begins at or before it.
+// Returns the part that contains the group: the last one that begins at or before it.
 uint part_of(uint group) {
   uint low = push.first_part, high = push.first_part + push.part_count;
   while (high - low > 1u) {
@@ -130,35 +132,35 @@ uint part_of(uint group) {
 }
 
 const uint kWords = kGroup / 32u;
-shared uint seen[kMostViews * kWords];  // of each view a bit an invocation
-shared uint alive_here;
+shared uint visible_bits[kMaxFrameViews * kWords];  // per view, one bit per invocation
+shared uint active_in_group;
 
-// The splats of a chunk in a view, side by side; all invocations call it.
+// Stores the splats of a chunk in a view contiguously. All invocations must call it.
 void store(uint v, uint chunk, uint thread, bool is_visible, Splat splat) {
-  if (is_visible) atomicOr(seen[v * kWords + thread / 32u], 1u << (thread % 32u));
+  if (is_visible) atomicOr(visible_bits[v * kWords + thread / 32u], 1u << (thread % 32u));
   barrier();
   uint before = 0u, total = 0u;
   for (uint k = 0u; k < kWords; ++k) {
-    uint bits = seen[v * kWords + k];
+    uint bits = visible_bits[v * kWords + k];
     total += uint(bitCount(bits));
     if (k == thread / 32u) bits &= (1u << (thread % 32u)) - 1u;
     if (k <= thread / 32u) before += uint(bitCount(bits));
   }
-  uint place = v * frame.chunks + chunk;
+  uint view_chunk = v * frame.chunks + chunk;
   if (is_visible) {
-    uint to = place * kGroup + before;
+    uint to = view_chunk * kGroup + before;
     splat_a[to] = splat.a;
     splat_b[to] = splat.b;
     splat_c[to] = splat.c;
   }
-  if (thread == 0u) chunk_places[place] = total;
+  if (thread == 0u) chunk_offsets[view_chunk] = total;
 }
 
 void main() {
   uint group = group_number(), thread = gl_LocalInvocationIndex;
   if (group >= push.groups) return;
-  if (thread < kMostViews * kWords) seen[thread] = 0u;
-  if (thread == 0u) alive_here = 0u;
+  if (thread < kMaxFrameViews * kWords) visible_bits[thread] = 0u;
+  if (thread == 0u) active_in_group = 0u;
   barrier();
   Part part = parts[part_of(group)];
   uint chunk_of_part = group - part.first_group, chunk = part.first_chunk + chunk_of_part;
@@ -167,15 +169,15 @@ void main() {
   at.pair = 2u * part.at;
   at.n = (part.primitives + kGroup - 1u) / kGroup * kGroup;
   vec2 support = pair_at(at.pair + i);
-  bool is_alive = support.x <= part.ticks && part.ticks <= support.y;
-  if (is_alive) atomicAdd(alive_here, 1u);
-  Moving one;
-  bool is_seen = is_alive && move(part, at, i, one);
+  bool is_active = support.x <= part.ticks && part.ticks <= support.y;
+  if (is_active) atomicAdd(active_in_group, 1u);
+  Moved one;
+  bool is_candidate = is_active && move(part, at, i, one);
   uint views = kSeveral ? frame.views : 1u;
   for (uint v = 0u; v < views; ++v) {
     Splat splat;
-    bool is_visible = is_seen && make_splat(v, one, at, i, splat);
+    bool is_visible = is_candidate && make_splat(v, one, at, i, splat);
     store(v, chunk, thread, is_visible, splat);
   }
-  if (thread == 0u && alive_here != 0u) atomicAdd(alive, alive_here);
+  if (thread == 0u && active_in_group != 0u) atomicAdd(active_count, active_in_group);
 }

@@ -1,28 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sums over the invocations of a workgroup, which all call them, through its subgroups where they
-// are known (STGS_BALLOT), else through shared memory alone. After frame.glsl, on which it builds.
+// Prefix sums over a workgroup, called by all invocations. Uses subgroups if their size is known
+// (STGS_BALLOT), else shared memory only. Requires frame.glsl.
 
+// Adds with saturation.
 uint added(uint a, uint b) {
   return min(a + b, kManyInstances);
 }
 
 #if STGS_BALLOT
 
-layout(constant_id = 0) const uint kLanes = 32u;  // of a subgroup: 16 or 32
+layout(constant_id = 0) const uint kLanes = 32u;  // per subgroup: 16 or 32
 const uint kSubgroups = kGroup / kLanes;
 
 shared uint scan_totals[2u * kSubgroups];
-uint scan_half = 0u;  // of the totals, in turn: what one sum still reads, the next does not write
+uint scan_half =
+    0u;  // of the totals, used alternately: the next scan does not overwrite one still read
 
-// The invocation's number: successive in a subgroup.
+// Returns the index of the invocation, with successive indices in a subgroup.
 uint thread_number() {
   return gl_SubgroupID * kLanes + gl_SubgroupInvocationID;
 }
 
-// The sum of the values of the invocations before; `total` is that of all.
+// Returns the sum of `value` over earlier invocations; `total`: over all.
 uint sum_before(uint thread, uint value, out uint total) {
   uint lane = thread % kLanes, subgroup = thread / kLanes;
-  // By shuffles, for sums that stop at a limit: subgroupInclusiveAdd would overflow.
+  // Uses shuffles, since sums saturate: subgroupInclusiveAdd would overflow.
   uint upto = value;
   [[unroll]] for (uint distance = 1u; distance < kLanes; distance *= 2u) {
     uint other = subgroupShuffleUp(upto, distance);
@@ -67,9 +69,9 @@ uint sum_before(uint thread, uint value, out uint total) {
 
 #endif
 
-const uint kScanEach = kScanTile / kGroup;  // numbers of an invocation
+const uint kScanEach = kScanTile / kGroup;  // numbers per invocation
 
-// Replaces successive values of each invocation by the sums before them; returns that of all.
+// Replaces the values of each invocation with their exclusive prefix sums. Returns the total.
 uint scan_tile(uint thread, inout uint values[kScanEach]) {
   uint sum = 0u;
   [[unroll]] for (uint k = 0u; k < kScanEach; ++k) {

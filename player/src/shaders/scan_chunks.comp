@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Replaces the chunks' numbers of splats by the sums before them, kScanTile at a time. The last
-// workgroup does so with the totals, and plans the work on what is visible.
+// Replaces the splat counts of chunks with their exclusive prefix sums, kScanTile at a time. The
+// last workgroup scans the totals and computes the extents of the dispatches over visible splats.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -9,7 +9,7 @@
 #endif
 #include "frame.glsl"
 
-// After frame.glsl, on which they build.
+// Require frame.glsl.
 #include "last.glsl"
 #include "scan.glsl"
 
@@ -36,11 +36,11 @@ void main() {
   uint first = group * kScanTile + thread * kScanEach;
   uint values[kScanEach];
   [[unroll]] for (uint k = 0u; k < kScanEach; ++k) {
-    values[k] = first + k < n ? chunk_places[first + k] : 0u;
+    values[k] = first + k < n ? chunk_offsets[first + k] : 0u;
   }
   uint total = scan_tile(thread, values);
   [[unroll]] for (uint k = 0u; k < kScanEach; ++k) {
-    if (first + k < n) chunk_places[first + k] = values[k];
+    if (first + k < n) chunk_offsets[first + k] = values[k];
   }
   if (thread == 0u) chunk_sums[group] = total;
   if (is_last(kEndedScanChunks, groups, thread)) scan_sums(groups, thread);

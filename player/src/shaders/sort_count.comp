@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How many keys of each workgroup's kSortTile, and of each super group's, have each digit.
+// Counts the keys with each digit, per workgroup of kSortTile keys and per super group.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -8,7 +8,7 @@
 #endif
 #include "frame.glsl"
 
-// After frame.glsl, on which it builds.
+// Requires frame.glsl.
 #include "digits.glsl"
 
 layout(local_size_x = 256) in;
@@ -16,19 +16,19 @@ layout(std430, set = 1, binding = 0) readonly buffer KeyBuffer {
   uint keys[];
 };
 
-const uint kEach = kSortTile / kGroup;  // keys of an invocation
+const uint kEach = kSortTile / kGroup;  // keys per invocation
 
 shared uint counts[kDigits];
 
-void count(uint digit, bool there) {
+void count(uint digit, bool is_valid) {
 #if STGS_BALLOT
-  // One invocation for all of its subgroup with the digit, which the upper ones of a depth often
-  // share.
-  uint alike = lanes_alike(digit, subgroupBallot(there).x);
-  bool first = (alike & ((1u << gl_SubgroupInvocationID) - 1u)) == 0u;
-  if (there && first) atomicAdd(counts[digit], uint(bitCount(alike)));
+  // One invocation counts for all lanes with the digit, since the upper digits of depths are often
+  // equal.
+  uint matching = match_lanes(digit, subgroupBallot(is_valid).x);
+  bool first = (matching & ((1u << gl_SubgroupInvocationID) - 1u)) == 0u;
+  if (is_valid && first) atomicAdd(counts[digit], uint(bitCount(matching)));
 #else
-  if (there) atomicAdd(counts[digit], 1u);
+  if (is_valid) atomicAdd(counts[digit], 1u);
 #endif
 }
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Moves each workgroup's kSortTile keys to their places, in the order in which they are. Workgroups
-// wait for none: a kernel before has counted what all of them have.
+// Scatters the kSortTile keys of each workgroup to their sorted positions, stably. Workgroups do
+// not wait for each other: sort_count.comp has counted the digits of all.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
 
-// After frame.glsl, on which they build.
+// Require frame.glsl.
 #include "digits.glsl"
 #include "scan.glsl"
 
@@ -26,11 +26,11 @@ layout(std430, set = 1, binding = 3) writeonly buffer ValueOutBuffer {
 
 const uint kBits = 32u;  // bits of a word
 const uint kWords = kGroup / kBits;
-const uint kEach = kSortTile / kGroup;  // keys of an invocation
+const uint kEach = kSortTile / kGroup;  // keys per invocation
 
-// Of the keys that are moved at once, a bit each where it has the digit.
-shared uint having[kDigits * kWords];
-shared uint places[kDigits];  // of the next key with the digit
+// Per digit, one bit per key of the current batch that has it.
+shared uint digit_bits[kDigits * kWords];
+shared uint next_index[kDigits];  // output index of the next key with the digit
 
 void main() {
   uint n = work[push.work].w, group = group_number(), thread = thread_number();
@@ -38,10 +38,10 @@ void main() {
   if (first >= n) return;
   uint groups = (n + kSortTile - 1u) / kSortTile;
   uint all, total, before = digits_before(thread, group, groups, all);
-  places[thread] = before + sum_before(thread, all, total);
-  for (uint k = 0u; k < kWords; ++k) having[thread * kWords + k] = 0u;
+  next_index[thread] = before + sum_before(thread, all, total);
+  for (uint k = 0u; k < kWords; ++k) digit_bits[thread * kWords + k] = 0u;
   barrier();
-  // All are asked for at once: what is waited for is memory.
+  // Issue all loads at once to hide memory latency.
   uint own_keys[kEach], own_values[kEach];
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
     uint i = first + k * kGroup + thread;
@@ -49,25 +49,25 @@ void main() {
     own_values[k] = i < n ? values[i] : 0u;
   }
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
-    bool there = first + k * kGroup + thread < n;
+    bool is_valid = first + k * kGroup + thread < n;
     uint key = own_keys[k], digit = digit_of(key);
-    if (there) atomicOr(having[digit * kWords + thread / kBits], 1u << (thread % kBits));
+    if (is_valid) atomicOr(digit_bits[digit * kWords + thread / kBits], 1u << (thread % kBits));
     barrier();
-    if (there) {
+    if (is_valid) {
       uint word = thread / kBits;
-      uint to = places[digit];
-      for (uint w = 0u; w < word; ++w) to += uint(bitCount(having[digit * kWords + w]));
-      to += uint(bitCount(having[digit * kWords + word] & ((1u << (thread % kBits)) - 1u)));
+      uint to = next_index[digit];
+      for (uint w = 0u; w < word; ++w) to += uint(bitCount(digit_bits[digit * kWords + w]));
+      to += uint(bitCount(digit_bits[digit * kWords + word] & ((1u << (thread % kBits)) - 1u)));
       keys_out[to] = key;
       values_out[to] = own_values[k];
     }
     barrier();
     uint more = 0u;
     for (uint w = 0u; w < kWords; ++w) {
-      more += uint(bitCount(having[thread * kWords + w]));
-      having[thread * kWords + w] = 0u;
+      more += uint(bitCount(digit_bits[thread * kWords + w]));
+      digit_bits[thread * kWords + w] = 0u;
     }
-    places[thread] += more;
+    next_index[thread] += more;
     barrier();
   }
 }

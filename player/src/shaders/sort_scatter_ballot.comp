@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// sort_scatter.comp where subgroups are known: each ranks successive keys by itself, as the passes
-// of CUDA's sort do (radix_sort.cuh).
+// sort_scatter.comp with known subgroup sizes: each subgroup ranks successive keys independently,
+// as the CUDA sort does (radix_sort.cuh).
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
@@ -8,7 +8,7 @@
 #extension GL_KHR_shader_subgroup_shuffle_relative : require
 #include "frame.glsl"
 
-// After frame.glsl, on which they build.
+// Require frame.glsl.
 #include "digits.glsl"
 #include "scan.glsl"
 
@@ -26,20 +26,20 @@ layout(std430, set = 1, binding = 3) writeonly buffer ValueOutBuffer {
   uint values_out[];
 };
 
-const uint kEach = kSortTile / kGroup;  // keys of an invocation
+const uint kEach = kSortTile / kGroup;  // keys per invocation
 
-// First how many keys each subgroup has of each digit, then those of its keys that come before;
-// at last the workgroup's keys and their values, sorted, from where they are written side by side.
+// First the digit counts per subgroup, then their prefix sums, finally the sorted keys and values
+// of the workgroup, staged for coalesced writes.
 shared uint words[2u * kSortTile];
-shared uint starts[kDigits];  // of a digit's keys in the workgroup
-shared uint shifts[kDigits];  // from a place in the workgroup to that among all keys
+shared uint starts[kDigits];  // first index of a digit's keys in the workgroup
+shared uint shifts[kDigits];  // from an index in the workgroup to the output index
 
-// What a key of the workgroup's `count` tells of its tile's instances: successive, as the passes
-// before have sorted them by the other digits.
-void tell_range(uint place, uint count, uint tile, uint at) {
+// Updates the range of a tile from one of `count` sorted keys of the workgroup. Equal keys are
+// adjacent, since the earlier passes have sorted them by the other digits.
+void write_range(uint index, uint count, uint tile, uint at) {
   if (tile >= tile_ranges.length()) return;
-  if (place == 0u || words[place - 1u] != tile) atomicMax(tile_ranges[tile].x, ~at);
-  if (place + 1u == count || words[place + 1u] != tile) atomicMax(tile_ranges[tile].y, at + 1u);
+  if (index == 0u || words[index - 1u] != tile) atomicMax(tile_ranges[tile].x, ~at);
+  if (index + 1u == count || words[index + 1u] != tile) atomicMax(tile_ranges[tile].y, at + 1u);
 }
 
 void main() {
@@ -48,9 +48,8 @@ void main() {
   if (first >= n) return;
   uint groups = (n + kSortTile - 1u) / kSortTile;
   uint lane = thread % kLanes, own = thread / kLanes * kDigits;
-  // A subgroup has successive keys, so that equal ones keep their order. Those that are not there
-  // come last of all, whatever is counted of them. All are asked for at once: what is waited for is
-  // memory.
+  // A subgroup has successive keys, so that equal keys keep their order. Padding keys sort last and
+  // are not written. Issue all loads at once to hide memory latency.
   uint begin = first + thread / kLanes * kLanes * kEach + lane;
   uint own_keys[kEach], own_values[kEach];
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
@@ -60,20 +59,20 @@ void main() {
   }
   uint all, begins = digits_before(thread, group, groups, all);
   for (uint digit = lane; digit < kDigits; digit += kLanes) words[own + digit] = 0u;
-  uint alike[kEach], ranks[kEach];  // lanes; places among the subgroup's keys with the digit
+  uint matching[kEach], ranks[kEach];  // lanes; index among the subgroup's keys with the digit
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
-    alike[k] = lanes_alike(digit_of(own_keys[k]), ~0u >> (32u - kLanes));
+    matching[k] = match_lanes(digit_of(own_keys[k]), ~0u >> (32u - kLanes));
   }
   subgroupBarrier();
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
     uint at = own + digit_of(own_keys[k]), before = words[at];
-    uint below = uint(bitCount(alike[k] & ((1u << lane) - 1u)));
+    uint below = uint(bitCount(matching[k] & ((1u << lane) - 1u)));
     subgroupBarrier();
-    if (below == 0u) words[at] = before + uint(bitCount(alike[k]));
+    if (below == 0u) words[at] = before + uint(bitCount(matching[k]));
     subgroupBarrier();
     ranks[k] = before + below;
   }
-  // sum_before waits for all, which have counted then.
+  // sum_before() contains a barrier, after which all subgroups have counted.
   uint total, sum = 0u;
   begins += sum_before(thread, all, total);
   [[unroll]] for (uint k = 0u; k < kSubgroups; ++k) {
@@ -97,15 +96,15 @@ void main() {
   barrier();
   uint count = min(n - first, kSortTile);
   [[unroll]] for (uint k = 0u; k < kEach; ++k) {
-    uint place = k * kGroup + thread;
-    if (place < count) {
-      uint key = words[place], to = shifts[digit_of(key)] + place;
-      if (push.tells_ranges != 0u) {
-        tell_range(place, count, key, to);
+    uint index = k * kGroup + thread;
+    if (index < count) {
+      uint key = words[index], to = shifts[digit_of(key)] + index;
+      if (push.writes_ranges != 0u) {
+        write_range(index, count, key, to);
       } else {
         keys_out[to] = key;
       }
-      values_out[to] = words[kSortTile + place];
+      values_out[to] = words[kSortTile + index];
     }
   }
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the blend's pixels go: planes of floats, or pixels of an image of the caller's.
+// Writes pixels of the blend: float planes, or interleaved pixels for an image of the caller.
 layout(std430, set = 1, binding = 2) writeonly buffer PixelBuffer {
   uint pixels[];
 };
@@ -43,9 +43,9 @@ void write_pixel(uint x, uint y, vec4 sums, float t) {
   if (push.with_depth != 0u) depth_plane[to] = depth;
 }
 
-// The square of 2 x 2 pixels, as far as it lies in the picture.
-void write_square(uvec2 to, uvec2 picture, vec4 sums, float t) {
-  bool right = to.x + 1u < picture.x, below = to.y + 1u < picture.y;
+// Writes a square of 2 x 2 pixels, clipped to the image.
+void write_square(uvec2 to, uvec2 size, vec4 sums, float t) {
+  bool right = to.x + 1u < size.x, below = to.y + 1u < size.y;
   write_pixel(to.x, to.y, sums, t);
   if (right) write_pixel(to.x + 1u, to.y, sums, t);
   if (below) write_pixel(to.x, to.y + 1u, sums, t);

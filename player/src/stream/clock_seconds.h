@@ -5,7 +5,7 @@
 
 namespace stgs::player {
 
-// Of a clock that is never set; only differences mean something.
+// Returns the time of a monotonic clock, seconds. Only differences are meaningful.
 inline double clock_seconds() {
   using Clock = std::chrono::steady_clock;
   return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();

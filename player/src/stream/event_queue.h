@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What has happened, until it is asked for.
+// A queue of player events.
 #pragma once
 
 #include <algorithm>
@@ -11,17 +11,18 @@
 
 namespace stgs::player {
 
-// Has its memory from the beginning, so that having none can be told. Not thread-safe.
+// Allocates its memory at construction, so that running out of memory can be reported. Not
+// thread-safe.
 class EventQueue {
  public:
   EventQueue() { events_.reserve(kMaxEvents); }
 
-  // The oldest makes room for one that is too many.
+  // Appends an event; drops the oldest one if the queue is full.
   void add(PlayerEvent event) noexcept {
     if (events_.size() == kMaxEvents) events_.erase(events_.begin());
     events_.push_back(std::move(event));
   }
-  // All, in order; where there is no memory for that none is taken.
+  // Removes and returns all events, oldest first. If this throws, all events stay in the queue.
   std::vector<PlayerEvent> take() {
     std::vector<PlayerEvent> out;
     out.reserve(events_.size());

@@ -9,6 +9,7 @@
 #include "stream/no_memory.h"
 
 namespace stgs::player {
+
 Follower::Follower(SegmentStore& store, std::shared_ptr<RangeSource> source, IndexCache cache,
                    const PlayerSettings& settings,
                    std::function<void(bool, const std::string&)> on_replaced)
@@ -20,8 +21,8 @@ Follower::Follower(SegmentStore& store, std::shared_ptr<RangeSource> source, Ind
                                          : std::pmr::get_default_resource()),
       on_replaced_(std::move(on_replaced)),
       cache_(std::move(cache)),
-      reader_(store.known().reader),
-      pace_(settings.live.poll_seconds, clock_seconds()) {
+      reader_(store.snapshot().reader),
+      interval_(settings.live.poll_seconds, clock_seconds()) {
   thread_ = std::thread([this] { run(); });
 }
 
@@ -40,7 +41,7 @@ void Follower::stop() {
 
 bool Follower::wait() {
   std::unique_lock lock(mutex_);
-  stopped_.wait_for(lock, std::chrono::duration<double>(pace_.seconds()),
+  stopped_.wait_for(lock, std::chrono::duration<double>(interval_.seconds()),
                     [this] { return stopping_; });
   return !stopping_;
 }
@@ -49,40 +50,39 @@ void Follower::run() {
   while (reader_->form() == SceneForm::kGrowing && wait()) {
     bool grown = false;
     try {
-      grown = look();
+      grown = poll();
     } catch (const std::exception& e) {
-      tell_trouble(Trouble::kUnread,
-                   failure(e, [&] { return fmt::format("{}: {}", source_->name(), e.what()); }));
+      set_problem(Problem::kUnreadable,
+                  failure(e, [&] { return fmt::format("{}: {}", source_->name(), e.what()); }));
     }
     const double now = clock_seconds();
-    pace_.update(grown, now);
-    if (grown) stall_told_ = false;
-    if (!grown) tell_stall(now);
+    interval_.update(grown, now);
+    if (grown) stall_reported_ = false;
+    if (!grown) report_stall(now);
   }
 }
 
-// Whether the recording has grown.
-bool Follower::look() {
+// Returns whether the recording has grown.
+bool Follower::poll() {
   const Result<ByteSource::Change> change = source_->refresh(reader_->file_bytes());
   if (!change.ok()) {
-    tell_trouble(Trouble::kUnread, change.status());
+    set_problem(Problem::kUnreadable, change.status());
     return false;
   }
   if (*change == ByteSource::Change::kReplaced) {
-    tell_trouble(Trouble::kReplaced,
-                 io_error("{}: is another file now, or has lost what it had; open it again",
-                          source_->name()));
+    set_problem(Problem::kReplaced,
+                io_error("{}: the file was replaced or truncated; open it again", source_->name()));
     return false;
   }
-  if (trouble_ == Trouble::kReplaced) tell_trouble(Trouble::kNone, {});
-  // Once more where it could not be read, or what had come was not whole: a file's length can be
-  // seen before its bytes.
-  const bool again = std::exchange(again_, false) || trouble_ == Trouble::kUnread;
+  if (problem_ == Problem::kReplaced) set_problem(Problem::kNone, {});
+  // Read it again after a failure or an incomplete fragment: the size of a file can change before
+  // its bytes are readable.
+  const bool retry = std::exchange(retry_, false) || problem_ == Problem::kUnreadable;
   if (*change == ByteSource::Change::kResized) {
-    again_ = true;
+    retry_ = true;
     return take_snapshot();
   }
-  return again && take_snapshot();
+  return retry && take_snapshot();
 }
 
 bool Follower::take_snapshot() {
@@ -90,11 +90,11 @@ bool Follower::take_snapshot() {
   if (!opened.ok()) {
     const StatusCode code = opened.status().code();
     const bool damaged = code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported;
-    tell_trouble(damaged ? Trouble::kDamaged : Trouble::kUnread, opened.status());
+    set_problem(damaged ? Problem::kDamaged : Problem::kUnreadable, opened.status());
     return false;
   }
-  tell_trouble(Trouble::kNone, {});
-  if ((*opened)->incomplete_bytes() == 0) again_ = false;
+  set_problem(Problem::kNone, {});
+  if ((*opened)->incomplete_bytes() == 0) retry_ = false;
   if ((*opened)->file_bytes() <= reader_->file_bytes()) return false;
   store_.grow(*opened);
   reader_ = *opened;
@@ -102,35 +102,35 @@ bool Follower::take_snapshot() {
   return true;
 }
 
-void Follower::tell_trouble(Trouble trouble, const Status& status) noexcept {
-  const Trouble before = std::exchange(trouble_, trouble);
-  if (trouble == before) return;
+void Follower::set_problem(Problem problem, const Status& status) noexcept {
+  const Problem before = std::exchange(problem_, problem);
+  if (problem == before) return;
   {
     const std::lock_guard lock(mutex_);
-    if (stopping_) return;  // a read that was ended is no news
+    if (stopping_) return;  // reads fail because they are interrupted
   }
-  if (before == Trouble::kReplaced) on_replaced_(false, {});
-  if (trouble == Trouble::kNone) return;
-  if (trouble == Trouble::kReplaced) return on_replaced_(true, status.message());
+  if (before == Problem::kReplaced) on_replaced_(false, {});
+  if (problem == Problem::kNone) return;
+  if (problem == Problem::kReplaced) return on_replaced_(true, status.message());
   const auto kind =
-      trouble == Trouble::kDamaged ? PlayerEvent::Kind::kDamaged : PlayerEvent::Kind::kReadFailed;
-  store_.tell(event_of(kind, reader_->file_bytes(), status.code(), status.message()));
+      problem == Problem::kDamaged ? PlayerEvent::Kind::kDamaged : PlayerEvent::Kind::kReadFailed;
+  store_.push_event(event_of(kind, reader_->file_bytes(), status.code(), status.message()));
 }
 
-void Follower::tell_stall(double now) noexcept {
-  if (stall_told_ || pace_.idle_seconds(now) < settings_.stall_seconds) return;
-  stall_told_ = true;
+void Follower::report_stall(double now) noexcept {
+  if (stall_reported_ || interval_.idle_seconds(now) < settings_.stall_seconds) return;
+  stall_reported_ = true;
   PlayerEvent event;
   event.kind = PlayerEvent::Kind::kStalled;
   event.offset = reader_->file_bytes();
   event.code = StatusCode::kIo;
   try {
-    event.message = fmt::format("{}: nothing has been added for {:.1f} s", source_->name(),
-                                pace_.idle_seconds(now));
+    event.message =
+        fmt::format("{}: no new data for {:.1f} s", source_->name(), interval_.idle_seconds(now));
   } catch (const std::bad_alloc&) {
     event.message = kNoMemory;
   }
-  store_.tell(std::move(event));
+  store_.push_event(std::move(event));
 }
 
 }  // namespace stgs::player

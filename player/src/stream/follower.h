@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Looks whether a recording has grown, and what has come of it.
+// Polls a growing recording and hands new data to the segment store.
 #pragma once
 
 #include <condition_variable>
@@ -16,31 +16,37 @@
 
 namespace stgs::player {
 
-// Has a thread of its own, which ends with the recording or this. What goes wrong is told once, and
-// again after it has been right; it goes on looking in any case.
+// Runs a thread that ends with the recording or with this object. Reports each problem once, and
+// again if it recurs after polls without one; keeps polling in any case.
 class Follower {
  public:
-  // `cache`: of the reader that `store` has. All but the cache outlive this. `on_replaced` is told
-  // where the file is another one (true), and where it is the right one again.
+  // `cache` is the one with which the reader of `store` was opened. Everything else outlives this
+  // object. `on_replaced` receives true and a message if the file was replaced, and false once it
+  // is the right one again.
   Follower(SegmentStore& store, std::shared_ptr<RangeSource> source, IndexCache cache,
            const PlayerSettings& settings,
            std::function<void(bool, const std::string&)> on_replaced);
-  // Waits for the look that is under way, which ends by itself or by who interrupts the source.
+  // Waits for a poll in progress, which ends by itself or when the source is interrupted.
   ~Follower();
-  // Begins no look any more.
+  // Begins no further polls.
   void stop();
   Follower(const Follower&) = delete;
   Follower& operator=(const Follower&) = delete;
 
  private:
-  enum class Trouble { kNone, kUnread, kDamaged, kReplaced };
+  enum class Problem {
+    kNone,
+    kUnreadable,
+    kDamaged,  // the file is invalid
+    kReplaced  // the file was replaced or truncated
+  };
 
   void run();
   bool wait();
-  bool look();
+  bool poll();
   bool take_snapshot();
-  void tell_trouble(Trouble trouble, const Status& status) noexcept;
-  void tell_stall(double now) noexcept;
+  void set_problem(Problem problem, const Status& status) noexcept;
+  void report_stall(double now) noexcept;
 
   SegmentStore& store_;
   const std::shared_ptr<RangeSource> source_;
@@ -49,12 +55,13 @@ class Follower {
   std::pmr::memory_resource* const memory_;
   const std::function<void(bool, const std::string&)> on_replaced_;
 
-  // The thread's own.
+  // Used by the thread only.
   IndexCache cache_;
   std::shared_ptr<const SceneReader> reader_;
-  PollInterval pace_;
-  Trouble trouble_ = Trouble::kNone;
-  bool stall_told_ = false, again_ = false;
+  PollInterval interval_;
+  Problem problem_ = Problem::kNone;
+  bool stall_reported_ = false;
+  bool retry_ = false;  // read the file again even if its size is unchanged
 
   std::mutex mutex_;
   std::condition_variable stopped_;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the edge of a recording is between the stretches that come, and how to keep behind it.
+// Estimates the live edge of a growing recording, and how far behind it to play.
 #pragma once
 
 #include <algorithm>
@@ -9,46 +9,48 @@
 
 namespace stgs::player {
 
-// A recording comes in stretches, each once it is over, and so does its edge. Whoever is to see all
-// of it without standing still has to be as far behind as a stretch is long, and as the latest of
-// them comes late against the earliest. Moments of the clip and a clock that never goes back, both
-// in seconds. Not thread-safe.
+// A recording grows by fragments, each of which arrives once it is complete. To play without
+// stalls, the latency must be at least the duration of a fragment plus the jitter of the arrivals:
+// the delay of the latest fragment relative to the earliest. `time` and `edge` are clip times,
+// `now` is the time of a monotonic clock, all in seconds. Not thread-safe.
 class LiveEdge {
  public:
-  // `edge`: where it is to begin with; `stretch`: how long the last one is that there is.
-  LiveEdge(const LiveSettings& settings, double edge, double stretch)
-      : settings_(settings), stretch_(stretch), edge_(edge) {}
+  // `edge`: the initial edge; `fragment`: the duration of the last fragment present.
+  LiveEdge(const LiveSettings& settings, double edge, double fragment)
+      : settings_(settings), fragment_(fragment), edge_(edge) {}
 
-  // The recording can be played up to `edge`, as is found at `now`; its last stretch is so long.
-  // The first time tells nothing of when the edge came to be there.
-  void observe(double edge, double stretch, double now);
-  // The same where that tells nothing of when it came: nobody looked, or it cannot be played yet.
+  // Records that at `now` the recording is playable up to `edge`, and that its last fragment has
+  // the duration `fragment`. The first call does not tell when the edge was reached.
+  void observe(double edge, double fragment, double now);
+  // Records an edge whose time of arrival is unknown: nobody polled, or it is not playable yet.
   void extend_to(double edge) { edge_ = std::max(edge_, edge); }
 
-  // Where it is, taken to move on with the clock until the next stretch is overdue.
+  // Returns the estimated edge, which advances with the clock until the next fragment is overdue.
   double edge(double now) const;
-  // How far behind it to be.
+  // Returns the latency to keep.
   double target_latency() const;
+  // Returns the clip time at the target latency.
   double target(double now) const { return edge(now) - target_latency(); }
-  // What a rate of 1 is to be instead, 0.9 to 1.1, to get from a moment to the target.
-  double rate_factor(double moment, double now) const;
-  // Whether the moment is so far behind the target that it is not to be caught up with.
-  bool should_skip(double moment, double now) const;
+  // Returns the factor by which to change a rate of 1, 0.9 to 1.1, to get from `time` to the
+  // target.
+  double rate_factor(double time, double now) const;
+  // Returns whether `time` is too far behind the target to catch up by playing faster.
+  bool should_skip(double time, double now) const;
 
  private:
   struct Arrival {
-    double ahead = 0;  // of the clock, the edge
-    double stretch = 0;
+    double ahead = 0;  // edge minus clock
+    double fragment = 0;
   };
-  double earliest() const;
-  double longest() const;
+  double max_ahead() const;
+  double max_fragment() const;
   double jitter() const;
 
   const LiveSettings settings_;
-  double stretch_ = 0, edge_ = 0;
+  double fragment_ = 0, edge_ = 0;
   double first_ahead_ = 0;
-  bool joined_ = false;
-  std::deque<Arrival> arrivals_;  // the last of them
+  bool has_observed_ = false;
+  std::deque<Arrival> arrivals_;  // the most recent ones
 };
 
 }  // namespace stgs::player

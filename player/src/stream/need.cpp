@@ -6,25 +6,25 @@
 
 namespace stgs::player {
 
-Need need_of(double begin, double end, const Playhead& motion) {
+Need need_of(double begin, double end, const Playhead& playhead) {
   constexpr double kNever = std::numeric_limits<double>::infinity();
-  const double speed = std::abs(motion.ticks_per_second);
-  // As for somebody who goes forwards from 0.
-  const bool back = motion.ticks_per_second < 0;
-  const double first = back ? motion.ticks - end : begin - motion.ticks;
-  const double last = back ? motion.ticks - begin : end - motion.ticks;
-  if (first <= 0 && last >= 0) return {0, motion.still ? kNever : last / speed};
-  if (first > 0) return {first / speed, motion.still ? kNever : last / speed};
-  if (!motion.loop) return {kNever, kNever};
-  return {(first + motion.duration) / speed, (last + motion.duration) / speed};
+  const double speed = std::abs(playhead.ticks_per_second);
+  // Mirrored for backward playback, so that the playhead moves forwards from 0.
+  const bool back = playhead.ticks_per_second < 0;
+  const double first = back ? playhead.ticks - end : begin - playhead.ticks;
+  const double last = back ? playhead.ticks - begin : end - playhead.ticks;
+  if (first <= 0 && last >= 0) return {0, playhead.stationary ? kNever : last / speed};
+  if (first > 0) return {first / speed, playhead.stationary ? kNever : last / speed};
+  if (!playhead.loop) return {kNever, kNever};
+  return {(first + playhead.duration) / speed, (last + playhead.duration) / speed};
 }
 
-int layer_of(const SegmentInfo& segment, bool harmonics, int tiers) {
-  return harmonics ? tiers + segment.tier : segment.tier;
+int layer_of(const SegmentInfo& segment, bool sh, int tiers) {
+  return sh ? tiers + segment.tier : segment.tier;
 }
 
-double deadline(const Need& need, int layer, double patience) {
-  return need.from + layer * patience;
+double deadline(const Need& need, int layer, double lead) {
+  return need.from + layer * lead;
 }
 
 }  // namespace stgs::player

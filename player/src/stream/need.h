@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How soon each piece of a file is needed by somebody who watches it: what to fetch next, and what
-// can be dropped first.
+// When each segment is shown next: decides what to fetch first and what to evict first.
 #pragma once
 
 #include <cstdint>
@@ -9,40 +8,41 @@
 
 namespace stgs::player {
 
-// Where a viewer is in the clip, and which way he goes.
+// The playback position and how it moves.
 struct Playhead {
   double ticks = 0;             // in [0, duration]
-  double ticks_per_second = 1;  // below 0: backwards; not 0 (who pauses is about to go on)
+  double ticks_per_second = 1;  // negative: backwards; never 0, also while paused
   double duration = 0;          // ticks
-  bool loop = false;            // after the end the beginning follows, and the other way round
-  bool still = false;           // he stays where he is, for how long nobody knows
+  bool loop = false;            // playback wraps around at both ends
+  bool stationary = false;      // the position stays where it is for an unknown time
 };
 
-// Seconds from now; `from` = infinity: never again.
+// When a segment is shown, seconds from now.
 struct Need {
-  double from = 0;   // until a moment first lies in the segment
-  double until = 0;  // until the last one does, before it comes round again; infinity: nobody knows
+  double from = 0;   // until its first time is shown; infinity: never
+  double until = 0;  // until its last time is shown, before the next loop; infinity: unknown
 };
 
-// When moments of [begin, end] of the timeline are shown.
-Need need_of(double begin, double end, const Playhead& motion);
+// Returns when times in [begin, end], ticks, are shown.
+Need need_of(double begin, double end, const Playhead& playhead);
 
-// A file comes in pieces: of each segment its base, and its harmonics where they are apart. Pieces
-// of one layer make a picture better alike: the bases of a tier, then all harmonics of a tier.
-struct Piece {
+// The base of a segment, or its spherical harmonics if they are stored separately. The same parts
+// of all segments of a tier form a layer of the file: first the bases of each tier, then the
+// spherical harmonics of each tier.
+struct SegmentLayer {
   std::uint32_t segment = 0;
-  bool harmonics = false;
+  bool sh = false;
 
-  bool operator==(const Piece&) const = default;
+  bool operator==(const SegmentLayer&) const = default;
 };
 
-// Layer 0 alone is a picture of all the space; `tiers` of the file.
-int layer_of(const SegmentInfo& segment, bool harmonics, int tiers);
+// Returns the layer of the file, given its number of tiers. Layer 0 alone covers all space.
+int layer_of(const SegmentInfo& segment, bool sh, int tiers);
 
-// How long a piece can wait, seconds: a piece of layer l is as urgent as one of layer 0 that is
-// needed l * patience later. So layer 0 is fetched furthest ahead, the next a patience less, and
-// where a link cannot carry all layers those on top come too late to be fetched at all, without any
-// estimate of what it carries.
-double deadline(const Need& need, int layer, double patience);
+// Returns the deadline by which segment layers are scheduled, seconds from now: layer l is as
+// urgent as a part of layer 0 that is needed l * lead later. Layer 0 is thus fetched furthest
+// ahead. On a link that cannot carry all layers, the top ones become too late to be fetched at all,
+// without any estimate of the throughput.
+double deadline(const Need& need, int layer, double lead);
 
 }  // namespace stgs::player

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What threads that must go on do where there is no memory.
+// Error handling without memory, for threads that must keep running.
 #pragma once
 
 #include <algorithm>
@@ -13,19 +13,21 @@
 
 namespace stgs::player {
 
-inline constexpr const char* kNoMemory = "no memory";  // short enough for a string to take none
+inline constexpr const char* kNoMemory = "out of memory";  // fits the small-string buffer
 
-// Of what was thrown, in the words that words() gives where there is memory for them.
-template <typename Words>
-Status failure(const std::exception& e, const Words& words) noexcept {
+// Returns the status for an exception. Its message is the result of describe(), or kNoMemory if
+// there is no memory for that.
+template <typename Describe>
+Status failure(const std::exception& e, const Describe& describe) noexcept {
   try {
-    return {code_of(e), words()};
+    return {code_of(e), describe()};
   } catch (const std::exception&) {
     return {code_of(e), kNoMemory};
   }
 }
 
-// Tells what went wrong at a byte of the file, in the same way.
+// Returns an event with a byte offset. Its message is kNoMemory if there is no memory for
+// `message`.
 inline PlayerEvent event_of(PlayerEvent::Kind kind, std::uint64_t offset, StatusCode code,
                             std::string_view message) noexcept {
   PlayerEvent event;
@@ -40,7 +42,7 @@ inline PlayerEvent event_of(PlayerEvent::Kind kind, std::uint64_t offset, Status
   return event;
 }
 
-// So that growing to `size` elements does not throw any more; a few more each time cost little.
+// Reserves capacity so that growing to `size` elements does not throw. Grows geometrically.
 template <typename T>
 void reserve_for(std::vector<T>& list, std::size_t size) {
   if (list.capacity() < size) list.reserve(std::max(size, 2 * list.capacity()));

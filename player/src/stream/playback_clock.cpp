@@ -13,7 +13,7 @@ void PlaybackClock::seek(double ticks) {
 PlaybackClock::Step PlaybackClock::after(double seconds) const {
   const double to = ticks_ + seconds * ticks_per_second();
   if (loop_) {
-    const double round = last_ + 1;  // the last frame is shown for a tick too
+    const double round = last_ + 1;  // the last frame lasts one tick too
     const double inside = to - round * std::floor(to / round);
     return {inside, false, to < 0 || to >= round};
   }

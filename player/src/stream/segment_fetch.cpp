@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is fetched next, and fetching it.
+// SegmentStore: schedules and runs fetches.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -14,257 +14,267 @@
 namespace stgs::player {
 namespace {
 
-constexpr double kForEver = std::numeric_limits<double>::infinity();
-// Of a run that is not longer for its first piece, bytes; and between its pieces.
-constexpr std::uint64_t kRun = 512 << 10, kGap = 4 << 10;
-constexpr double kBrief = 0.1;  // seconds that a run of pieces of any urgency may take
-// Seconds and bytes asked for at once: what a jump has to wait for.
-constexpr double kStretch = 0.25;
-constexpr double kLongStretch = 2 * kStretch;  // after which a jump ends one
-constexpr double kLeastStretch = 64 << 10, kGreatestStretch = 1 << 20;
-// Seconds for which a piece that the viewer waits for has the link to itself.
-constexpr double kAlone = 1;
+constexpr double kNever = std::numeric_limits<double>::infinity();
+// Bytes of a request, unless its first layer is larger; bytes of a gap between its layers.
+constexpr std::uint64_t kMaxRequest = 512 << 10, kMaxGap = 4 << 10;
+// Duration up to which a request is extended by layers of any deadline.
+constexpr double kMaxExtraSeconds = 0.1;
+// Duration and bytes of a single read, which a seek has to wait for.
+constexpr double kReadSeconds = 0.25;
+constexpr double kMaxReadSeconds = 2 * kReadSeconds;  // after this, a seek interrupts a read
+constexpr double kMinRead = 64 << 10, kMaxRead = 1 << 20;
+// Time for which a layer that the viewer waits for has the link to itself, seconds.
+constexpr double kExclusiveSeconds = 1;
 
 }  // namespace
 
-// Whether a piece is still to be fetched, and soon enough to begin with it.
-bool SegmentStore::wanted(const Piece& piece, double now) const {
-  if (!reader_->segments()[piece.segment].is_shown()) return false;
-  const Entry& entry = entries_[piece.segment];
-  const PieceState& own = state(piece);
-  if (own.at != At::kAway && !(own.at == At::kLost && now >= own.retry)) return false;
-  if (piece.harmonics && entry.base.at != At::kHere && entry.base.at != At::kComing) return false;
-  return need_for(piece).from <= farthest_ahead();
+// Returns whether a layer is missing and needed within the prefetch horizon.
+bool SegmentStore::is_fetchable(const SegmentLayer& layer, double now) const {
+  if (!reader_->segments()[layer.segment].is_shown()) return false;
+  const Entry& entry = entries_[layer.segment];
+  const LayerState& own = state_of(layer);
+  if (own.state != LoadState::kMissing && !(own.state == LoadState::kFailed && now >= own.retry_at))
+    return false;
+  if (layer.sh && entry.base.state != LoadState::kResident &&
+      entry.base.state != LoadState::kInFlight)
+    return false;
+  return need_for(layer).from <= prefetch_horizon();
 }
 
-// Whether a piece can come before the last moment that it is for, as the link is; layer 0 always is
-// tried.
-bool SegmentStore::in_time(const Piece& piece) const {
+// Returns whether a layer can arrive before the last time that shows it, at the current throughput.
+// Layer 0 is always attempted.
+bool SegmentStore::arrives_in_time(const SegmentLayer& layer) const {
   const double speed = throughput_.bytes_per_second();
-  if (layer_of(reader_->segments()[piece.segment], piece.harmonics, tiers_) == 0 || speed == 0) {
+  if (layer_of(reader_->segments()[layer.segment], layer.sh, tiers_) == 0 || speed == 0) {
     return true;
   }
-  return static_cast<double>(piece_bytes(piece)) / speed <= need_for(piece).until;
+  return static_cast<double>(stored_bytes(layer)) / speed <= need_for(layer).until;
 }
 
-// Whether something is under way that the viewer waits for, and has not been for long.
-bool SegmentStore::is_waited_for(double now) const {
-  return std::any_of(running_.begin(), running_.end(), [&](const Run& run) {
-    return run.generation == generation_ && urgency_of(run.pieces[0].piece) <= 0 &&
-           now < run.begun + kAlone;
+// Returns whether a request that the viewer waits for has recently begun.
+bool SegmentStore::is_viewer_waiting(double now) const {
+  return std::any_of(requests_.begin(), requests_.end(), [&](const FetchRequest& request) {
+    return request.generation == generation_ && deadline_of(request.layers[0].layer) <= 0 &&
+           now < request.started_at + kExclusiveSeconds;
   });
 }
 
-// Pieces that the viewer comes to as far ahead as is fetched, and some around them, by their places
-// in the file.
-std::vector<std::size_t> SegmentStore::pieces_ahead() const {
-  constexpr double kAround = 1;  // ticks: which are near enough is asked of each
-  const double speed = std::abs(motion_.ticks_per_second);
-  const double ahead = farthest_ahead() * speed, at = motion_.ticks, end = motion_.duration;
-  const bool back = motion_.ticks_per_second < 0;
+// Returns the layers that playback reaches within the prefetch horizon, and some more, by their
+// index in file order.
+std::vector<std::size_t> SegmentStore::upcoming_layers() const {
+  constexpr double kAround = 1;  // ticks; is_fetchable() checks each layer exactly
+  const double speed = std::abs(playhead_.ticks_per_second);
+  const double ahead = prefetch_horizon() * speed, at = playhead_.ticks, end = playhead_.duration;
+  const bool back = playhead_.ticks_per_second < 0;
   std::vector<std::uint32_t> near =
       back ? reader_->segments_between(at - ahead - kAround, at + kAround)
            : reader_->segments_between(at - kAround, at + ahead + kAround);
-  if (const double round = back ? end + at - ahead : at + ahead - end; motion_.loop) {
-    const auto more = back ? reader_->segments_between(std::max(round, at) - kAround, end)
-                           : reader_->segments_between(0, std::min(round, at) + kAround);
+  if (const double wrapped = back ? end + at - ahead : at + ahead - end; playhead_.loop) {
+    const auto more = back ? reader_->segments_between(std::max(wrapped, at) - kAround, end)
+                           : reader_->segments_between(0, std::min(wrapped, at) + kAround);
     near.insert(near.end(), more.begin(), more.end());
   }
   std::vector<std::size_t> out;
   for (const std::uint32_t segment : near) {
-    for (const bool harmonics : {false, true}) {
-      if (piece_bytes({segment, harmonics}) > 0) out.push_back(place_of({segment, harmonics}));
+    for (const bool sh : {false, true}) {
+      if (stored_bytes({segment, sh}) > 0) out.push_back(file_index({segment, sh}));
     }
   }
-  // In this order the first of those that are alike is taken; what is near both ways is here twice.
+  // In file order, so that ties go to the first. Removes those that are near in both directions.
   std::sort(out.begin(), out.end());
   out.erase(std::unique(out.begin(), out.end()), out.end());
   return out;
 }
 
-// The most urgent piece. While the viewer waits for one, nothing else takes bandwidth from it. What
-// comes too late is tried only where nothing else is under way: the link may have become better.
-std::optional<Piece> SegmentStore::next_piece(double now) const {
-  const bool only_waited_for = is_waited_for(now);
-  std::optional<Piece> best, late;
-  double least = kForEver, least_late = kForEver;
-  for (const std::size_t place : pieces_ahead()) {
-    const Piece& piece = in_file_[place];
-    if (!wanted(piece, now)) continue;
-    const double urgency = urgency_of(piece);
-    if (only_waited_for && urgency > 0) continue;
-    if (urgency < least && in_time(piece)) {
-      least = urgency;
-      best = piece;
-    } else if (urgency < least_late) {
-      least_late = urgency;
-      late = piece;
+// Returns the most urgent layer. While the viewer waits for one, no other layer competes for
+// bandwidth. Layers that would arrive too late are attempted only if nothing is in flight, in case
+// the link has become faster.
+std::optional<SegmentLayer> SegmentStore::next_layer(double now) const {
+  const bool only_urgent = is_viewer_waiting(now);
+  std::optional<SegmentLayer> best, late;
+  double best_deadline = kNever, late_deadline = kNever;
+  for (const std::size_t index : upcoming_layers()) {
+    const SegmentLayer& layer = file_order_[index];
+    if (!is_fetchable(layer, now)) continue;
+    const double deadline = deadline_of(layer);
+    if (only_urgent && deadline > 0) continue;
+    if (deadline < best_deadline && arrives_in_time(layer)) {
+      best_deadline = deadline;
+      best = layer;
+    } else if (deadline < late_deadline) {
+      late_deadline = deadline;
+      late = layer;
     }
   }
-  return best || !running_.empty() ? best : late;
+  return best || !requests_.empty() ? best : late;
 }
 
-// Marks a piece as coming if there is room for it.
-bool SegmentStore::take(const Piece& piece, double urgency) {
-  if (!make_room(memory_of(piece), urgency)) return false;
-  if (urgency >= full_from_) full_from_ = kForEver;
-  count(piece, memory_of(piece));
-  state(piece).at = At::kComing;
+// Charges the budget for a layer and marks it as in flight. Returns false if it does not fit.
+bool SegmentStore::reserve(const SegmentLayer& layer, double deadline) {
+  if (!evict_for(memory_of(layer), deadline)) return false;
+  if (deadline >= full_from_) full_from_ = kNever;
+  set_memory(layer, memory_of(layer));
+  state_of(layer).state = LoadState::kInFlight;
   return true;
 }
 
-// Whether decoding is about to leave room.
+// Returns whether decoding is about to free memory.
 bool SegmentStore::is_decoding() const {
-  return under_way_.segments > 0 || next_decode();
+  return decoding_.segments > 0 || next_decode();
 }
 
-// Puts the next run into `taken`; false where there is none. What throws leaves there what is
-// to be given back.
-bool SegmentStore::next_run(double now, Runs& taken) {
-  if (!is_placed_) return false;
-  const std::optional<Piece> first = next_piece(now);
+// Appends the next request to `out`. Returns false if there is none. If this throws, `out` holds
+// the requests to cancel.
+bool SegmentStore::next_request(double now, FetchRequests& out) {
+  if (!has_playhead_) return false;
+  const std::optional<SegmentLayer> first = next_layer(now);
   if (!first) return false;
-  const double urgency = urgency_of(*first);
-  const std::uint64_t offset = piece_offset(*first), bytes = piece_bytes(*first);
-  taken.push_back({offset, bytes, {{*first, offset, bytes}}, jumps_, now, generation_});
-  if (!take(*first, urgency)) {
-    taken.pop_back();
-    is_full_ = true;
-    const bool no_more_room = running_.empty() && !is_decoding();
-    if (no_more_room) full_from_ = std::min(full_from_, urgency);
-    // What the viewer waits for and cannot have is passed over, or he would wait for ever.
-    const bool layer0 =
-        layer_of(reader_->segments()[first->segment], first->harmonics, tiers_) == 0;
-    if (layer0 && no_more_room && need_for(*first).from <= settings_.resume_seconds) {
-      lose(*first, false, PlayerEvent::Kind::kReadFailed,
-           runtime_error("{}: what is alive takes more memory than the {} bytes allowed",
-                         source_->name(), settings_.memory_budget));
+  const double deadline = deadline_of(*first);
+  const std::uint64_t offset = file_offset(*first), bytes = stored_bytes(*first);
+  out.push_back({offset, bytes, {{*first, offset, bytes}}, jumps_, now, generation_});
+  if (!reserve(*first, deadline)) {
+    out.pop_back();
+    waits_for_memory_ = true;
+    const bool budget_is_full = requests_.empty() && !is_decoding();
+    if (budget_is_full) full_from_ = std::min(full_from_, deadline);
+    // Playback must not wait forever for a layer that does not fit.
+    const bool is_layer0 = layer_of(reader_->segments()[first->segment], first->sh, tiers_) == 0;
+    if (is_layer0 && budget_is_full && need_for(*first).from <= settings_.resume_seconds) {
+      mark_failed(
+          *first, false, PlayerEvent::Kind::kReadFailed,
+          runtime_error("{}: the active segments take more memory than the budget of {} bytes; "
+                        "allow more memory",
+                        source_->name(), settings_.memory_budget));
     }
     return false;
   }
-  extend(taken.back(), urgency, now);
+  extend(out.back(), deadline, now);
   return true;
 }
 
-// Adds what follows in the file: what is about as urgent as the first piece, which it makes later,
-// and what comes sooner with it than by a request of its own.
-void SegmentStore::extend(Run& run, double urgency, double now) {
-  const Piece first = run.pieces[0].piece;
-  const double alike = urgency <= 0 ? 0 : urgency + settings_.layer_lead_seconds;
-  const double brief = urgency <= 0 ? 0 : kBrief * throughput_.bytes_per_second();
-  std::size_t at = place_of(first);
-  while (++at < in_file_.size()) {
-    const Piece& piece = in_file_[at];
-    const std::uint64_t end = run.offset + run.bytes, begin = piece_offset(piece);
-    if (begin < end || begin - end > kGap) return;
-    const std::uint64_t bytes = begin - run.offset + piece_bytes(piece);
-    const double most = static_cast<double>(bytes) <= brief ? kForEver : alike;
-    if (bytes > kRun || !wanted(piece, now) || !in_time(piece) || urgency_of(piece) > most) return;
-    run.pieces.push_back({piece, begin, piece_bytes(piece)});
-    if (!take(piece, urgency_of(piece))) return run.pieces.pop_back();
-    run.bytes = bytes;
+// Extends a request by the layers that follow it in the file if they are about as urgent as the
+// first one, which they delay, or so small that they arrive sooner than by a request of their own.
+void SegmentStore::extend(FetchRequest& request, double deadline, double now) {
+  const SegmentLayer first = request.layers[0].layer;
+  const double similar = deadline <= 0 ? 0 : deadline + settings_.layer_lead_seconds;
+  const double extra_bytes = deadline <= 0 ? 0 : kMaxExtraSeconds * throughput_.bytes_per_second();
+  std::size_t at = file_index(first);
+  while (++at < file_order_.size()) {
+    const SegmentLayer& layer = file_order_[at];
+    const std::uint64_t end = request.offset + request.bytes, begin = file_offset(layer);
+    if (begin < end || begin - end > kMaxGap) return;
+    const std::uint64_t bytes = begin - request.offset + stored_bytes(layer);
+    const double limit = static_cast<double>(bytes) <= extra_bytes ? kNever : similar;
+    if (bytes > kMaxRequest || !is_fetchable(layer, now) || !arrives_in_time(layer) ||
+        deadline_of(layer) > limit)
+      return;
+    request.layers.push_back({layer, begin, stored_bytes(layer)});
+    if (!reserve(layer, deadline_of(layer))) return request.layers.pop_back();
+    request.bytes = bytes;
   }
 }
 
-// A run that was not begun.
-void SegmentStore::give_back(const Run& run) noexcept {
-  for (const PlacedPiece& own : run.pieces) {
-    if (state(own.piece).at == At::kComing) release(own.piece, At::kAway);
+// Cancels a request that has not begun.
+void SegmentStore::cancel(const FetchRequest& request) noexcept {
+  for (const LocatedLayer& own : request.layers) {
+    if (state_of(own.layer).state == LoadState::kInFlight) release(own.layer, LoadState::kMissing);
   }
 }
 
-void SegmentStore::fetch_pieces() {
-  bool is_short = false;  // of memory, which is told once
+void SegmentStore::run_fetcher() {
+  bool out_of_memory = false;  // reported once
   std::unique_lock lock(mutex_);
   while (!stopping_) {
-    Runs own;
+    FetchRequests own;
     bool found = false;
     try {
-      found = next_run(clock_seconds(), own);
-      is_short = false;
+      found = next_request(clock_seconds(), own);
+      out_of_memory = false;
     } catch (const std::exception& e) {
-      for (const Run& run : own) give_back(run);
-      if (!std::exchange(is_short, true)) {
-        add_event(event_of(PlayerEvent::Kind::kReadFailed, 0, code_of(e), kNoMemory));
+      for (const FetchRequest& request : own) cancel(request);
+      if (!std::exchange(out_of_memory, true)) {
+        append_event(event_of(PlayerEvent::Kind::kReadFailed, 0, code_of(e), kNoMemory));
       }
     }
     if (!found) {
-      // Not for ever: what was lost is tried again.
+      // With a timeout, since failed layers are retried.
       to_fetch_.wait_for(lock, std::chrono::milliseconds(100));
       continue;
     }
-    running_.splice(running_.begin(), own);
-    const auto run = running_.begin();
+    requests_.splice(requests_.begin(), own);
+    const auto request = requests_.begin();
     throughput_.begin(clock_seconds());
     lock.unlock();
     std::vector<std::uint8_t> bytes;
     Status status;
     try {
-      status = fetch(*run, bytes);
-      if (status.ok() && bytes.size() == run->bytes) put(*run, bytes);
+      status = fetch(*request, bytes);
+      if (status.ok() && bytes.size() == request->bytes) insert_ranges(*request, bytes);
     } catch (const std::exception& e) {
       bytes.clear();
       status = failure(e, [&] {
-        return fmt::format("{}: cannot hold {} bytes: {}", source_->name(), run->bytes, e.what());
+        return fmt::format("{}: cannot read {} bytes: {}", source_->name(), request->bytes,
+                           e.what());
       });
     }
-    const bool came = status.ok() && bytes.size() == run->bytes;
+    const bool complete = status.ok() && bytes.size() == request->bytes;
     lock.lock();
     throughput_.end(clock_seconds());
-    own.splice(own.begin(), running_, run);
-    settle(own.front(), came, status);
+    own.splice(own.begin(), requests_, request);
+    finish(own.front(), complete, status);
     to_fetch_.notify_all();
   }
 }
 
-std::size_t SegmentStore::stretch_of(const Run& run) const {
+// Returns the bytes of the next read.
+std::size_t SegmentStore::read_size(const FetchRequest& request) const {
   const std::lock_guard lock(mutex_);
   const double speed = throughput_.bytes_per_second();
-  const double bytes =
-      speed > 0 ? std::clamp(kStretch * speed, kLeastStretch, kGreatestStretch) : kGreatestStretch;
-  return static_cast<std::size_t>(std::min(bytes, static_cast<double>(run.bytes)));
+  const double bytes = speed > 0 ? std::clamp(kReadSeconds * speed, kMinRead, kMaxRead) : kMaxRead;
+  return static_cast<std::size_t>(std::min(bytes, static_cast<double>(request.bytes)));
 }
 
-// Whether the rest of a run is not worth its time: after a jump there is something more urgent.
-bool SegmentStore::given_up(const Run& run) const {
-  return stopping_ || run.generation != generation_ ||
-         (run.jumps != jumps_ && urgency_of(run.pieces[0].piece) > settings_.layer_lead_seconds);
+// Returns whether to give up the rest of a request: after a seek, other layers are more urgent.
+bool SegmentStore::is_abandoned(const FetchRequest& request) const {
+  return stopping_ || request.generation != generation_ ||
+         (request.jumps != jumps_ &&
+          deadline_of(request.layers[0].layer) > settings_.layer_lead_seconds);
 }
 
-// Whether nothing of a run that is at or behind a place in the file is needed soon where the viewer
-// has jumped to.
-bool SegmentStore::is_needless(const Run& run, std::uint64_t from) const {
-  if (stopping_ || run.generation != generation_) return true;
-  const auto needless = [&](const PlacedPiece& own) {
+// Returns whether no part of a request from the offset `from` on is needed soon after a seek.
+bool SegmentStore::is_obsolete(const FetchRequest& request, std::uint64_t from) const {
+  if (stopping_ || request.generation != generation_) return true;
+  const auto is_unneeded = [&](const LocatedLayer& own) {
     return own.offset + own.bytes <= from ||
-           need_for(own.piece).from > settings_.layer_lead_seconds;
+           need_for(own.layer).from > settings_.layer_lead_seconds;
   };
-  return run.jumps != jumps_ && std::all_of(run.pieces.begin(), run.pieces.end(), needless);
+  return request.jumps != jumps_ &&
+         std::all_of(request.layers.begin(), request.layers.end(), is_unneeded);
 }
 
-// The bytes of a run; none where it is given up.
-Status SegmentStore::fetch(const Run& run, std::vector<std::uint8_t>& bytes) {
-  bytes.resize(static_cast<std::size_t>(run.bytes));
+// Reads the bytes of a request. Returns none if it is given up.
+Status SegmentStore::fetch(const FetchRequest& request, std::vector<std::uint8_t>& bytes) {
+  bytes.resize(static_cast<std::size_t>(request.bytes));
   for (std::size_t done = 0; done < bytes.size();) {
-    const std::size_t part = std::min(stretch_of(run), bytes.size() - done);
-    // To end a stretch before it has come costs its connection.
-    const double begun = clock_seconds();
+    const std::size_t part = std::min(read_size(request), bytes.size() - done);
+    // Interrupting a read closes its connection.
+    const double started_at = clock_seconds();
     bool ended = false;
     const auto should_continue = [&] {
-      if (clock_seconds() - begun < kLongStretch) return true;
+      if (clock_seconds() - started_at < kMaxReadSeconds) return true;
       const std::lock_guard lock(mutex_);
-      return !(ended = is_needless(run, run.offset + done));
+      return !(ended = is_obsolete(request, request.offset + done));
     };
     bool read = false;
-    const Status status = source_->fetch(should_continue, run.offset + done,
+    const Status status = source_->fetch(should_continue, request.offset + done,
                                          std::span(bytes).subspan(done, part), read);
     done += part;
     if (!status.ok() && !ended) return status;
     const std::lock_guard lock(mutex_);
     if (status.ok() && read) throughput_.add_bytes(part, clock_seconds());
     if (status.ok()) fetched_bytes_ += part;
-    if (!status.ok()) throughput_.forget();  // it may have stood still
-    if (!status.ok() || (done < bytes.size() && given_up(run))) {
+    if (!status.ok()) throughput_.reset();  // it may have stalled
+    if (!status.ok() || (done < bytes.size() && is_abandoned(request))) {
       bytes.clear();
       return {};
     }
@@ -272,38 +282,40 @@ Status SegmentStore::fetch(const Run& run, std::vector<std::uint8_t>& bytes) {
   return {};
 }
 
-void SegmentStore::put(const Run& run, std::span<const std::uint8_t> bytes) {
-  for (const PlacedPiece& own : run.pieces) {
-    source_->put(own.offset, bytes.subspan(static_cast<std::size_t>(own.offset - run.offset),
-                                           static_cast<std::size_t>(own.bytes)));
+void SegmentStore::insert_ranges(const FetchRequest& request, std::span<const std::uint8_t> bytes) {
+  for (const LocatedLayer& own : request.layers) {
+    source_->insert(own.offset, bytes.subspan(static_cast<std::size_t>(own.offset - request.offset),
+                                              static_cast<std::size_t>(own.bytes)));
   }
 }
 
-// After a run that has come, was given up, or failed.
-void SegmentStore::settle(const Run& run, bool came, const Status& status) noexcept {
-  for (const auto& [piece, offset, bytes] : run.pieces) {
-    if (run.generation != generation_) {
-      source_->drop(offset);
-    } else if (came) {
-      state(piece).at = At::kHere;
+// Handles the end of a request: `complete`, given up, or failed.
+void SegmentStore::finish(const FetchRequest& request, bool complete,
+                          const Status& status) noexcept {
+  for (const auto& [layer, offset, bytes] : request.layers) {
+    if (request.generation != generation_) {
+      source_->erase(offset);
+    } else if (complete) {
+      state_of(layer).state = LoadState::kResident;
     } else {
-      release(piece, At::kAway);
-      if (!status.ok() && !stopping_) lose(piece, false, PlayerEvent::Kind::kReadFailed, status);
+      release(layer, LoadState::kMissing);
+      if (!status.ok() && !stopping_)
+        mark_failed(layer, false, PlayerEvent::Kind::kReadFailed, status);
     }
   }
   to_decode_.notify_all();
-  if (!status.ok() && !is_followed() && source_->has_shrunk()) note_change(true);
-  // What a link carried before it failed tells nothing of what it carries after.
-  if (!status.ok()) throughput_.forget();
+  if (!status.ok() && !is_live() && source_->has_shrunk()) set_replaced(true);
+  // The throughput before a failure does not predict the throughput after it.
+  if (!status.ok()) throughput_.reset();
 }
 
-// By somebody who looks himself whether it is another file.
-bool SegmentStore::is_followed() const {
+// Returns whether a Follower checks whether the file was replaced.
+bool SegmentStore::is_live() const {
   return settings_.live.follow && reader_->form() == SceneForm::kGrowing;
 }
 
-void SegmentStore::note_change(bool changed) noexcept {
-  if (std::exchange(is_changed_, changed) != changed) on_changed_(changed);
+void SegmentStore::set_replaced(bool replaced) noexcept {
+  if (std::exchange(is_replaced_, replaced) != replaced) on_replaced_(replaced);
 }
 
 }  // namespace stgs::player

@@ -15,50 +15,28 @@
 namespace stgs::player {
 namespace {
 
-constexpr double kForEver = std::numeric_limits<double>::infinity();
+constexpr double kNever = std::numeric_limits<double>::infinity();
 
-std::uint64_t offset_of(const SegmentInfo& segment, bool harmonics) {
-  return harmonics ? segment.sh_offset : segment.offset;
-}
-std::uint64_t bytes_of(const SegmentInfo& segment, bool harmonics) {
-  return harmonics ? segment.sh_bytes : segment.bytes;
-}
-
-// Of the segments from `first` on, by offset.
-std::vector<Piece> pieces_from(const std::vector<SegmentInfo>& segments, std::size_t first) {
-  std::vector<Piece> out;
-  for (std::size_t s = first; s < segments.size(); ++s) {
-    for (const bool harmonics : {false, true}) {
-      if (bytes_of(segments[s], harmonics) == 0) continue;
-      out.push_back({static_cast<std::uint32_t>(s), harmonics});
-    }
-  }
-  const auto offset = [&](const Piece& p) { return offset_of(segments[p.segment], p.harmonics); };
-  std::sort(out.begin(), out.end(),
-            [&](const Piece& a, const Piece& b) { return offset(a) < offset(b); });
-  return out;
-}
-
-// How many segments are decoded at once. Each is decoded on all cores already: this is for what one
-// core does of it alone.
-int decoders_for(TaskRunner* runner) {
-  constexpr int kMost = 8;
+// Returns the number of segments to decode at once. Each one already uses all cores; several
+// overlap the parts that run on a single core.
+int max_decodes_for(TaskRunner* runner) {
+  constexpr int kMaxDecodes = 8;
   const ScopedTaskRunner use(runner);
   const int threads = std::max(concurrency(), 1);
-  return std::clamp(threads / 2, std::min(threads, 2), kMost);
+  return std::clamp(threads / 2, std::min(threads, 2), kMaxDecodes);
 }
 
 }  // namespace
 
 SegmentStore::SegmentStore(std::shared_ptr<const SceneReader> reader,
                            std::shared_ptr<RangeSource> source, const PlayerSettings& settings,
-                           std::function<void(bool)> on_changed)
+                           std::function<void(bool)> on_replaced)
     : source_(std::move(source)),
       settings_(settings),
-      on_changed_(std::move(on_changed)),
+      on_replaced_(std::move(on_replaced)),
       reader_(std::move(reader)) {
-  take_reader(reader_);
-  motion_.duration = reader_->metadata().frames;
+  adopt_reader(reader_);
+  playhead_.duration = reader_->metadata().frames;
   start_threads();
 }
 
@@ -67,84 +45,12 @@ SegmentStore::~SegmentStore() {
   for (std::thread& thread : threads_) thread.join();
 }
 
-// Whether the reader's segments begin with those that are listed, and the rest lies behind them.
-bool SegmentStore::goes_on(const SceneReader& reader) const {
-  const std::vector<SegmentInfo>&before = reader_->segments(), &now = reader.segments();
-  const auto same = [](const SegmentInfo& a, const SegmentInfo& b) {
-    return a.offset == b.offset && a.bytes == b.bytes && a.primitives == b.primitives &&
-           a.sh_offset == b.sh_offset && a.sh_bytes == b.sh_bytes;
-  };
-  return now.size() >= before.size() &&
-         std::equal(before.begin(), before.end(), now.begin(), same) &&
-         std::all_of(now.begin() + static_cast<std::ptrdiff_t>(before.size()), now.end(),
-                     [&](const SegmentInfo& s) { return s.offset >= reader_->file_bytes(); });
-}
-
-// Lists the segments of a reader that are not listed yet; they follow the others in the file. All
-// that can throw comes before all that changes.
-void SegmentStore::take_reader(std::shared_ptr<const SceneReader> reader) {
-  const std::vector<SegmentInfo>& segments = reader->segments();
-  // A fragment of the index that was damaged leaves out what a later one may list again.
-  const bool anew = !goes_on(*reader);
-  const std::vector<Piece> more = pieces_from(segments, anew ? 0 : entries_.size());
-  reserve_for(entries_, segments.size());
-  reserve_for(in_file_, (anew ? 0 : in_file_.size()) + more.size());
-  reserve_for(places_, 2 * segments.size());
-  if (anew) forget_segments();
-  reader_ = std::move(reader);
-  const std::size_t first = entries_.size();
-  entries_.resize(segments.size());
-  for (std::size_t s = first; s < segments.size(); ++s) {
-    tiers_ = std::max(tiers_, segments[s].tier + 1);
-    if (!segments[s].available) entries_[s].base = {At::kLost, kForEver};
-    if (!segments[s].sh_available) entries_[s].harmonics = {At::kLost, kForEver};
-    if (segments[s].sh_bytes == 0) entries_[s].harmonics.at = At::kHere;
-  }
-  places_.resize(2 * segments.size());
-  for (const Piece& piece : more) {
-    places_[2 * std::size_t{piece.segment} + (piece.harmonics ? 1 : 0)] = in_file_.size();
-    in_file_.push_back(piece);
-  }
-}
-
-// What is under way of them goes when it has come.
-void SegmentStore::forget_segments() {
-  for (const Piece& piece : in_file_) {
-    if (state(piece).at == At::kHere) source_->drop(piece_offset(piece));
-  }
-  source_->forget_recent();
-  entries_.clear();
-  in_file_.clear();
-  places_.clear();
-  losses_.clear();
-  memory_ = stored_primitives_ = 0;
-  full_from_ = kForEver;
-  ++generation_;
-}
-
-void SegmentStore::grow(std::shared_ptr<const SceneReader> reader) {
-  {
-    const std::lock_guard lock(mutex_);
-    take_reader(std::move(reader));
-  }
-  to_fetch_.notify_all();
-}
-
-SegmentStore::Known SegmentStore::known() const {
-  const std::lock_guard lock(mutex_);
-  return {reader_, generation_};
-}
-
-int SegmentStore::tiers() const {
-  const std::lock_guard lock(mutex_);
-  return tiers_;
-}
-
 void SegmentStore::start_threads() {
   try {
-    decoders_ = decoders_for(settings_.task_runner);
-    for (int k = 0; k < settings_.max_reads_in_flight; ++k) run_thread(&SegmentStore::fetch_pieces);
-    run_thread(&SegmentStore::decode_segments);
+    max_decodes_ = max_decodes_for(settings_.task_runner);
+    for (int k = 0; k < settings_.max_reads_in_flight; ++k)
+      start_thread(&SegmentStore::run_fetcher);
+    start_thread(&SegmentStore::run_decoder);
     start_more_decoders();
   } catch (...) {
     stop();
@@ -153,15 +59,15 @@ void SegmentStore::start_threads() {
   }
 }
 
-// Those that there are threads for: one is enough.
+// Starts as many further decoders as the system has threads for; one is sufficient.
 void SegmentStore::start_more_decoders() {
   try {
-    for (int k = 1; k < decoders_; ++k) run_thread(&SegmentStore::decode_segments);
+    for (int k = 1; k < max_decodes_; ++k) start_thread(&SegmentStore::run_decoder);
   } catch (const std::system_error&) {
   }
 }
 
-void SegmentStore::run_thread(void (SegmentStore::*work)()) {
+void SegmentStore::start_thread(void (SegmentStore::*work)()) {
   threads_.emplace_back([this, work] { (this->*work)(); });
 }
 
@@ -174,51 +80,51 @@ void SegmentStore::stop() {
   to_decode_.notify_all();
 }
 
-void SegmentStore::move(const Playhead& motion, bool jumped) {
+void SegmentStore::set_playhead(const Playhead& playhead, bool jumped) {
   {
     const std::lock_guard lock(mutex_);
-    is_placed_ = true;
-    motion_ = motion;
+    has_playhead_ = true;
+    playhead_ = playhead;
     jumps_ += jumped ? 1 : 0;
-    if (jumped) full_from_ = kForEver;
+    if (jumped) full_from_ = kNever;
   }
   to_fetch_.notify_all();
   if (jumped) to_decode_.notify_all();
 }
 
-Playhead SegmentStore::motion() const {
+Playhead SegmentStore::playhead() const {
   const std::lock_guard lock(mutex_);
-  return motion_;
+  return playhead_;
 }
 
-std::shared_ptr<const ResidentSegment> SegmentStore::held(std::uint32_t segment,
-                                                          std::uint64_t generation) const {
+std::shared_ptr<const ResidentSegment> SegmentStore::resident(std::uint32_t segment,
+                                                              std::uint64_t generation) const {
   const std::lock_guard lock(mutex_);
-  return generation == generation_ ? entries_[segment].held : nullptr;
+  return generation == generation_ ? entries_[segment].resident : nullptr;
 }
 
-bool SegmentStore::base_settled(std::uint32_t segment) const {
-  // A base that was lost and comes again is not waited for.
+bool SegmentStore::is_base_final(std::uint32_t segment) const {
+  // Playback does not wait for a base that failed before, even while it is retried.
   const Entry& entry = entries_[segment];
-  return entry.held != nullptr || entry.base.at == At::kLost || entry.base.patience > 0 ||
-         !reader_->segments()[segment].is_shown();
+  return entry.resident != nullptr || entry.base.state == LoadState::kFailed ||
+         entry.base.backoff > 0 || !reader_->segments()[segment].is_shown();
 }
 
-bool SegmentStore::harmonics_settled(std::uint32_t segment) const {
+bool SegmentStore::is_sh_final(std::uint32_t segment) const {
   const Entry& entry = entries_[segment];
-  return entry.with_harmonics || entry.harmonics.at == At::kLost || entry.harmonics.patience > 0 ||
-         (entry.held == nullptr && base_settled(segment));
+  return entry.has_sh || entry.sh.state == LoadState::kFailed || entry.sh.backoff > 0 ||
+         (entry.resident == nullptr && is_base_final(segment));
 }
 
-bool SegmentStore::has_no_room(const Piece& piece) const {
-  return state(piece).at == At::kAway && urgency_of(piece) >= full_from_;
+bool SegmentStore::does_not_fit(const SegmentLayer& layer) const {
+  return state_of(layer).state == LoadState::kMissing && deadline_of(layer) >= full_from_;
 }
 
 bool SegmentStore::ready(double ticks) const {
   const std::lock_guard lock(mutex_);
-  const std::vector<std::uint32_t> alive = reader_->segments_between(ticks, ticks);
-  return std::all_of(alive.begin(), alive.end(), [this](std::uint32_t s) {
-    return reader_->segments()[s].tier > 0 || base_settled(s);
+  const std::vector<std::uint32_t> active = reader_->segments_between(ticks, ticks);
+  return std::all_of(active.begin(), active.end(), [this](std::uint32_t s) {
+    return reader_->segments()[s].tier > 0 || is_base_final(s);
   });
 }
 
@@ -230,7 +136,7 @@ std::vector<TickRange> SegmentStore::ready_ranges() const {
     end = reader_->metadata().frames;
     for (std::uint32_t s = 0; s < entries_.size(); ++s) {
       const SegmentInfo& segment = reader_->segments()[s];
-      if (segment.tier == 0 && !base_settled(s))
+      if (segment.tier == 0 && !is_base_final(s))
         gaps.push_back({segment.begin_ticks, segment.end_ticks});
     }
   }
@@ -248,26 +154,26 @@ std::vector<TickRange> SegmentStore::ready_ranges() const {
 
 int SegmentStore::layers(double ticks) const {
   const std::lock_guard lock(mutex_);
-  const std::vector<std::uint32_t> alive = reader_->segments_between(ticks, ticks);
+  const std::vector<std::uint32_t> active = reader_->segments_between(ticks, ticks);
   int layers = 2 * tiers_;
-  for (std::uint32_t s : alive) {
+  for (std::uint32_t s : active) {
     const SegmentInfo& segment = reader_->segments()[s];
     const Entry& entry = entries_[s];
-    if (entry.held == nullptr) {
+    if (entry.resident == nullptr) {
       layers = std::min(layers, layer_of(segment, false, tiers_));
-    } else if (!entry.with_harmonics) {
+    } else if (!entry.has_sh) {
       layers = std::min(layers, layer_of(segment, true, tiers_));
     }
   }
   return layers;
 }
 
-bool SegmentStore::settled(double ticks) const {
+bool SegmentStore::is_complete(double ticks) const {
   const std::lock_guard lock(mutex_);
-  const std::vector<std::uint32_t> alive = reader_->segments_between(ticks, ticks);
-  return std::all_of(alive.begin(), alive.end(), [this](std::uint32_t s) {
-    if (!base_settled(s)) return has_no_room({s, false});
-    return harmonics_settled(s) || has_no_room({s, true});
+  const std::vector<std::uint32_t> active = reader_->segments_between(ticks, ticks);
+  return std::all_of(active.begin(), active.end(), [this](std::uint32_t s) {
+    if (!is_base_final(s)) return does_not_fit({s, false});
+    return is_sh_final(s) || does_not_fit({s, true});
   });
 }
 
@@ -288,118 +194,113 @@ std::vector<PlayerEvent> SegmentStore::take_events() {
 
 std::vector<SegmentDamage> SegmentStore::segment_damage() const {
   const std::lock_guard lock(mutex_);
-  return losses_;
+  return damage_;
 }
 
-void SegmentStore::tell(PlayerEvent event) noexcept {
+void SegmentStore::push_event(PlayerEvent event) noexcept {
   const std::lock_guard lock(mutex_);
-  add_event(std::move(event));
+  append_event(std::move(event));
 }
 
-void SegmentStore::add_event(PlayerEvent event) noexcept {
-  event.seconds = reader_->metadata().time_base.seconds(motion_.ticks);
+void SegmentStore::append_event(PlayerEvent event) noexcept {
+  event.seconds = reader_->metadata().time_base.seconds(playhead_.ticks);
   events_.add(std::move(event));
 }
 
-std::uint64_t SegmentStore::piece_bytes(const Piece& piece) const {
-  return bytes_of(reader_->segments()[piece.segment], piece.harmonics);
-}
-
-std::uint64_t SegmentStore::piece_offset(const Piece& piece) const {
-  return offset_of(reader_->segments()[piece.segment], piece.harmonics);
-}
-
-std::uint64_t SegmentStore::memory_of(const Piece& piece) const {
-  const SegmentInfo& segment = reader_->segments()[piece.segment];
+std::uint64_t SegmentStore::memory_of(const SegmentLayer& layer) const {
+  const SegmentInfo& segment = reader_->segments()[layer.segment];
   const std::uint64_t decoded =
-      piece.harmonics ? 0 : decoded_segment_bytes(segment.primitives, reader_->sh_degree());
-  return piece_bytes(piece) + decoded;
+      layer.sh ? 0 : decoded_segment_bytes(segment.primitives, reader_->sh_degree());
+  return stored_bytes(layer) + decoded;
 }
 
-Need SegmentStore::need_for(const Piece& piece) const {
-  const SegmentInfo& segment = reader_->segments()[piece.segment];
-  return need_of(segment.begin_ticks, segment.end_ticks, motion_);
+Need SegmentStore::need_for(const SegmentLayer& layer) const {
+  const SegmentInfo& segment = reader_->segments()[layer.segment];
+  return need_of(segment.begin_ticks, segment.end_ticks, playhead_);
 }
 
-double SegmentStore::urgency_of(const Piece& piece) const {
-  return deadline(need_for(piece),
-                  layer_of(reader_->segments()[piece.segment], piece.harmonics, tiers_),
+double SegmentStore::deadline_of(const SegmentLayer& layer) const {
+  return deadline(need_for(layer), layer_of(reader_->segments()[layer.segment], layer.sh, tiers_),
                   settings_.layer_lead_seconds);
 }
 
-void SegmentStore::count(const Piece& piece, std::uint64_t memory) {
-  PieceState& own = state(piece);
-  memory_ += memory - own.memory;
-  own.memory = memory;
+// Sets the memory charged for a layer.
+void SegmentStore::set_memory(const SegmentLayer& layer, std::uint64_t bytes) {
+  LayerState& own = state_of(layer);
+  memory_ += bytes - own.memory;
+  own.memory = bytes;
 }
 
-void SegmentStore::hold(std::uint32_t segment, std::shared_ptr<const ResidentSegment> held) {
-  std::shared_ptr<const ResidentSegment>& own = entries_[segment].held;
+void SegmentStore::set_resident(std::uint32_t segment,
+                                std::shared_ptr<const ResidentSegment> resident) {
+  std::shared_ptr<const ResidentSegment>& own = entries_[segment].resident;
   if (own != nullptr) stored_primitives_ -= own->set.size();
-  own = std::move(held);
+  own = std::move(resident);
   if (own != nullptr) stored_primitives_ += own->set.size();
 }
 
-// What a piece leaves when it is not here any more.
-void SegmentStore::release(const Piece& piece, At at) {
-  source_->drop(piece_offset(piece));
-  count(piece, 0);
-  state(piece).at = at;
+// Releases the bytes and memory of a layer that is no longer resident or in flight.
+void SegmentStore::release(const SegmentLayer& layer, LoadState state) {
+  source_->erase(file_offset(layer));
+  set_memory(layer, 0);
+  state_of(layer).state = state;
 }
 
-// Whether a segment has something to drop, and nobody is at it.
-bool SegmentStore::can_drop(std::uint32_t segment) const {
+// Returns whether a segment holds memory and is neither being decoded nor fetched.
+bool SegmentStore::is_evictable(std::uint32_t segment) const {
   const Entry& entry = entries_[segment];
-  return entry.base.memory + entry.harmonics.memory > 0 && !entry.decoding &&
-         entry.base.at != At::kComing && entry.harmonics.at != At::kComing;
+  return entry.base.memory + entry.sh.memory > 0 && !entry.decoding &&
+         entry.base.state != LoadState::kInFlight && entry.sh.state != LoadState::kInFlight;
 }
 
-// Drops what is needed later than `urgency`, the latest first, until `bytes` more fit; nothing
-// where they cannot.
-bool SegmentStore::make_room(std::uint64_t bytes, double urgency) {
+// Evicts segments with a later deadline, latest first, until `bytes` more fit the budget. Returns
+// false and evicts nothing if that is impossible.
+bool SegmentStore::evict_for(std::uint64_t bytes, double deadline) {
   if (memory_ + bytes <= settings_.memory_budget) return true;
   std::vector<std::pair<double, std::uint32_t>> later;
-  std::uint64_t room = settings_.memory_budget - std::min(memory_, settings_.memory_budget);
+  std::uint64_t available = settings_.memory_budget - std::min(memory_, settings_.memory_budget);
   for (std::uint32_t s = 0; s < entries_.size(); ++s) {
-    if (!can_drop(s)) continue;
-    const double own = urgency_of({s, false});
-    if (own <= urgency) continue;
+    if (!is_evictable(s)) continue;
+    const double own = deadline_of({s, false});
+    if (own <= deadline) continue;
     later.emplace_back(own, s);
-    room += entries_[s].base.memory + entries_[s].harmonics.memory;
+    available += entries_[s].base.memory + entries_[s].sh.memory;
   }
-  if (room < bytes) return false;
+  if (available < bytes) return false;
   std::sort(later.rbegin(), later.rend());
-  for (std::size_t k = 0; memory_ + bytes > settings_.memory_budget; ++k) drop(later[k].second);
+  for (std::size_t k = 0; memory_ + bytes > settings_.memory_budget; ++k) evict(later[k].second);
   return true;
 }
 
-void SegmentStore::drop(std::uint32_t segment) {
+void SegmentStore::evict(std::uint32_t segment) {
   Entry& entry = entries_[segment];
-  for (const bool harmonics : {false, true}) {
-    const Piece piece{segment, harmonics};
-    if (piece_bytes(piece) > 0 && state(piece).at == At::kHere) release(piece, At::kAway);
+  for (const bool sh : {false, true}) {
+    const SegmentLayer layer{segment, sh};
+    if (stored_bytes(layer) > 0 && state_of(layer).state == LoadState::kResident)
+      release(layer, LoadState::kMissing);
   }
-  hold(segment, nullptr);
-  entry.with_harmonics = false;
+  set_resident(segment, nullptr);
+  entry.has_sh = false;
 }
 
-void SegmentStore::drop_harmonics(std::uint32_t segment) noexcept {
-  const Piece piece{segment, true};
-  if (piece_bytes(piece) > 0 && state(piece).at == At::kHere) release(piece, At::kAway);
+void SegmentStore::evict_sh(std::uint32_t segment) noexcept {
+  const SegmentLayer layer{segment, true};
+  if (stored_bytes(layer) > 0 && state_of(layer).state == LoadState::kResident)
+    release(layer, LoadState::kMissing);
 }
 
-// A piece that could not be had: tried again, each time after twice as long, or never.
-void SegmentStore::lose(const Piece& piece, bool for_ever, PlayerEvent::Kind kind,
-                        const Status& status) noexcept {
-  constexpr double kLongest = 10;  // seconds
-  release(piece, At::kLost);
-  PieceState& own = state(piece);
-  own.patience = own.patience > 0
-                     ? std::min(2 * own.patience, std::max(kLongest, settings_.retry_seconds))
-                     : std::max(settings_.retry_seconds, 1e-3);
-  own.retry = for_ever ? kForEver : clock_seconds() + own.patience;
-  if (!piece.harmonics && for_ever) drop_harmonics(piece.segment);  // nothing without their base
-  add_event(event_of(kind, piece_offset(piece), status.code(), status.message()));
+// Marks a layer as failed. It is retried with exponential backoff, unless it failed permanently.
+void SegmentStore::mark_failed(const SegmentLayer& layer, bool permanently, PlayerEvent::Kind kind,
+                               const Status& status) noexcept {
+  constexpr double kMaxBackoff = 10;  // seconds
+  release(layer, LoadState::kFailed);
+  LayerState& own = state_of(layer);
+  own.backoff = own.backoff > 0
+                    ? std::min(2 * own.backoff, std::max(kMaxBackoff, settings_.retry_seconds))
+                    : std::max(settings_.retry_seconds, 1e-3);
+  own.retry_at = permanently ? kNever : clock_seconds() + own.backoff;
+  if (!layer.sh && permanently) evict_sh(layer.segment);  // useless without its base
+  append_event(event_of(kind, file_offset(layer), status.code(), status.message()));
 }
 
 }  // namespace stgs::player

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fetches and decodes, ahead of a viewer, what he is about to see, within a budget of memory.
+// Fetches and decodes segments ahead of playback, within a memory budget.
 #pragma once
 
 #include <algorithm>
@@ -19,200 +19,212 @@
 #include "stgs/player/player.h"
 #include "stream/event_queue.h"
 #include "stream/need.h"
-#include "stream/piece_source.h"
+#include "stream/range_source.h"
 #include "stream/throughput.h"
 
 namespace stgs::player {
 
-// All may be called from any thread; none waits for a transfer, but the destructor for those that
-// are under way.
+// Thread-safe. Only the destructor waits for transfers, namely for those in flight.
 class SegmentStore {
  public:
-  // `source` is the one of `reader`. `on_changed` is told, by a thread of the store, whether a file
-  // that is not followed is another than it was, when that changes; it does not throw.
+  // `source` is the one that `reader` reads. `on_replaced` is called by threads of the store when a
+  // file that is not live turns out to be replaced (true), or to be the right one again (false); it
+  // must not throw.
   SegmentStore(std::shared_ptr<const SceneReader> reader, std::shared_ptr<RangeSource> source,
-               const PlayerSettings& settings, std::function<void(bool)> on_changed);
+               const PlayerSettings& settings, std::function<void(bool)> on_replaced);
   ~SegmentStore();
-  // Begins nothing any more. What is under way ends by itself, or by who interrupts the source.
+  // Begins no further work. Work in flight ends by itself or when the source is interrupted.
   void stop();
   SegmentStore(const SegmentStore&) = delete;
   SegmentStore& operator=(const SegmentStore&) = delete;
 
-  // A reader of the file as it is known now. Another generation: its segments are not those that
-  // there were, and more; all that was held of these has gone.
-  struct Known {
+  // The file as it is known at present. A new generation renumbers the segments instead of only
+  // appending some, and evicts everything that was resident.
+  struct Snapshot {
     std::shared_ptr<const SceneReader> reader;
     std::uint64_t generation = 0;
   };
-  Known known() const;
-  // The file has grown: `reader` is one of what it is now. Where that throws, it has not.
+  Snapshot snapshot() const;
+  // Adopts a reader of the file after it has grown. If this throws, nothing has changed.
   void grow(std::shared_ptr<const SceneReader> reader);
   int tiers() const;
   std::uint64_t memory_budget() const { return settings_.memory_budget; }
 
-  // Where the viewer is now; nothing is fetched before it is known. `jumped`: not where he was
-  // about to come.
-  void move(const Playhead& motion, bool jumped);
-  Playhead motion() const;
+  // Sets the playback position. Nothing is fetched before the first call. `jumped`: the position
+  // did not result from playback.
+  void set_playhead(const Playhead& playhead, bool jumped);
+  Playhead playhead() const;
 
-  // What is there of a segment of that generation, or null.
-  std::shared_ptr<const ResidentSegment> held(std::uint32_t segment,
-                                              std::uint64_t generation) const;
-  // Whether nothing of layer 0 at this moment is still to come.
+  // Returns a segment of the given generation if it is resident, else null.
+  std::shared_ptr<const ResidentSegment> resident(std::uint32_t segment,
+                                                  std::uint64_t generation) const;
+  // Returns whether layer 0 is final at `ticks`: nothing more of it will arrive.
   bool ready(double ticks) const;
-  // The moments around which nothing of layer 0 is still to come, ascending, apart from each other.
+  // Returns the disjoint ranges in which layer 0 is final, ascending.
   std::vector<TickRange> ready_ranges() const;
-  // Layers of which all is there at a moment, from 0 on.
+  // Returns the number of layers, counting from layer 0, that are complete at `ticks`.
   int layers(double ticks) const;
-  // Whether nothing more of a moment comes as long as the viewer is there.
-  bool settled(double ticks) const;
+  // Returns whether nothing more will arrive for `ticks` while the position stays there.
+  bool is_complete(double ticks) const;
   StreamStatistics statistics() const;
-  // What damage has taken so far.
+  // Returns the damage found so far.
   std::vector<SegmentDamage> segment_damage() const;
-  // What has happened since the last call.
+  // Removes and returns the events since the last call.
   std::vector<PlayerEvent> take_events();
-  // Adds one, at the moment of the motion.
-  void tell(PlayerEvent event) noexcept;
+  // Queues an event, stamped with the playback position.
+  void push_event(PlayerEvent event) noexcept;
 
  private:
-  enum class At { kAway, kComing, kHere, kLost };  // kLost: not to be had, for now or for ever
-  struct PieceState {
-    At at = At::kAway;
-    double retry = 0;          // of kLost: when to try again
-    double patience = 0;       // how long the last wait for it was, seconds; 0: none
-    std::uint64_t memory = 0;  // that is counted for it
+  enum class LoadState {
+    kMissing,
+    kInFlight,
+    kResident,
+    kFailed  // could not be read or decoded; retried later or never
+  };
+  struct LayerState {
+    LoadState state = LoadState::kMissing;
+    double retry_at = 0;       // kFailed: when to retry
+    double backoff = 0;        // delay before the last retry, seconds; 0: none failed
+    std::uint64_t memory = 0;  // bytes charged to the budget
   };
   struct Entry {
-    PieceState base, harmonics;
-    bool decoding = false, with_harmonics = false;  // the latter: of `held`
-    std::shared_ptr<const ResidentSegment> held;
+    LayerState base, sh;
+    bool decoding = false;
+    bool has_sh = false;  // `resident` includes its spherical harmonics
+    std::shared_ptr<const ResidentSegment> resident;
   };
-  struct PlacedPiece {
-    Piece piece;
+  // A segment layer and its location in the file.
+  struct LocatedLayer {
+    SegmentLayer layer;
     std::uint64_t offset = 0, bytes = 0;
   };
-  // Pieces that are asked for at once: they follow each other in the file.
-  struct Run {
+  // Segment layers that are adjacent in the file and fetched together.
+  struct FetchRequest {
     std::uint64_t offset = 0, bytes = 0;
-    std::vector<PlacedPiece> pieces;
-    std::uint64_t jumps = 0;  // when it began
-    double begun = 0;
+    std::vector<LocatedLayer> layers;
+    std::uint64_t jumps = 0;  // value of jumps_ when it began
+    double started_at = 0;
     std::uint64_t generation = 0;
   };
-  using Runs = std::list<Run>;
-  // What is being decoded.
-  struct UnderWay {
-    int segments = 0, ahead = 0;  // ahead: that are not needed yet
-    std::uint64_t bytes = 0;      // of memory that they are counted with
-    UnderWay with(const UnderWay& o) const {
+  using FetchRequests = std::list<FetchRequest>;
+  // The segments that are being decoded.
+  struct InFlight {
+    int segments = 0;
+    int ahead = 0;            // of these, segments that are not needed yet
+    std::uint64_t bytes = 0;  // memory charged for them
+    InFlight with(const InFlight& o) const {
       return {segments + o.segments, ahead + o.ahead, bytes + o.bytes};
     }
-    UnderWay without(const UnderWay& o) const {
+    InFlight without(const InFlight& o) const {
       return {segments - o.segments, ahead - o.ahead, bytes - o.bytes};
     }
   };
 
-  PieceState& state(const Piece& piece) {
-    return piece.harmonics ? entries_[piece.segment].harmonics : entries_[piece.segment].base;
+  LayerState& state_of(const SegmentLayer& layer) {
+    return layer.sh ? entries_[layer.segment].sh : entries_[layer.segment].base;
   }
-  const PieceState& state(const Piece& piece) const {
-    return piece.harmonics ? entries_[piece.segment].harmonics : entries_[piece.segment].base;
+  const LayerState& state_of(const SegmentLayer& layer) const {
+    return layer.sh ? entries_[layer.segment].sh : entries_[layer.segment].base;
   }
-  std::uint64_t piece_bytes(const Piece& piece) const;
-  std::uint64_t piece_offset(const Piece& piece) const;
-  std::uint64_t memory_of(const Piece& piece) const;  // that it takes, decoded too
-  Need need_for(const Piece& piece) const;
-  double urgency_of(const Piece& piece) const;
-  bool base_settled(std::uint32_t segment) const;  // here and decoded, or lost so far
-  bool harmonics_settled(std::uint32_t segment) const;
-  bool has_no_room(const Piece& piece) const;
+  std::uint64_t memory_of(const SegmentLayer& layer) const;  // fetched and decoded
+  Need need_for(const SegmentLayer& layer) const;
+  double deadline_of(const SegmentLayer& layer) const;
 
-  bool goes_on(const SceneReader& reader) const;
-  void take_reader(std::shared_ptr<const SceneReader> reader);
-  void forget_segments();
+  // segment_store.cpp
+  bool is_base_final(std::uint32_t segment) const;
+  bool is_sh_final(std::uint32_t segment) const;
+  bool does_not_fit(const SegmentLayer& layer) const;
   void start_threads();
   void start_more_decoders();
-  void run_thread(void (SegmentStore::*work)());
-  void count(const Piece& piece, std::uint64_t memory);  // that it takes from now on
-  void hold(std::uint32_t segment, std::shared_ptr<const ResidentSegment> held);
-  void release(const Piece& piece, At at);
-  bool can_drop(std::uint32_t segment) const;
-  bool make_room(std::uint64_t bytes, double urgency);
-  void drop(std::uint32_t segment);
-  void drop_harmonics(std::uint32_t segment) noexcept;
-  void add_event(PlayerEvent event) noexcept;
-  void lose(const Piece& piece, bool for_ever, PlayerEvent::Kind kind,
-            const Status& status) noexcept;
+  void start_thread(void (SegmentStore::*work)());
+  void set_memory(const SegmentLayer& layer, std::uint64_t bytes);
+  void set_resident(std::uint32_t segment, std::shared_ptr<const ResidentSegment> resident);
+  void release(const SegmentLayer& layer, LoadState state);
+  bool is_evictable(std::uint32_t segment) const;
+  bool evict_for(std::uint64_t bytes, double deadline);
+  void evict(std::uint32_t segment);
+  void evict_sh(std::uint32_t segment) noexcept;
+  void append_event(PlayerEvent event) noexcept;
+  void mark_failed(const SegmentLayer& layer, bool permanently, PlayerEvent::Kind kind,
+                   const Status& status) noexcept;
+
+  // segment_index.cpp
+  std::uint64_t stored_bytes(const SegmentLayer& layer) const;  // in the file
+  std::uint64_t file_offset(const SegmentLayer& layer) const;
+  bool is_continuation(const SceneReader& reader) const;
+  void adopt_reader(std::shared_ptr<const SceneReader> reader);
+  void forget_segments();
 
   // segment_fetch.cpp
-  void fetch_pieces();
-  // Seconds: what is needed later is not fetched yet. As far as play asks for before it goes on.
-  double farthest_ahead() const {
+  void run_fetcher();
+  // Layers needed later than this are not fetched yet, seconds. At least what playback requires to
+  // resume.
+  double prefetch_horizon() const {
     return std::max(settings_.prefetch_seconds, settings_.resume_seconds);
   }
-  std::size_t place_of(const Piece& piece) const {
-    return places_[2 * std::size_t{piece.segment} + (piece.harmonics ? 1 : 0)];
+  std::size_t file_index(const SegmentLayer& layer) const {
+    return file_index_[2 * std::size_t{layer.segment} + (layer.sh ? 1 : 0)];
   }
-  std::vector<std::size_t> pieces_ahead() const;
-  bool wanted(const Piece& piece, double now) const;
-  bool in_time(const Piece& piece) const;
-  bool is_waited_for(double now) const;
-  std::optional<Piece> next_piece(double now) const;
-  bool next_run(double now, Runs& taken);
-  bool take(const Piece& piece, double urgency);
+  std::vector<std::size_t> upcoming_layers() const;
+  bool is_fetchable(const SegmentLayer& layer, double now) const;
+  bool arrives_in_time(const SegmentLayer& layer) const;
+  bool is_viewer_waiting(double now) const;
+  std::optional<SegmentLayer> next_layer(double now) const;
+  bool next_request(double now, FetchRequests& out);
+  bool reserve(const SegmentLayer& layer, double deadline);
   bool is_decoding() const;
-  void extend(Run& run, double urgency, double now);
-  std::size_t stretch_of(const Run& run) const;
-  bool given_up(const Run& run) const;
-  bool is_needless(const Run& run, std::uint64_t from) const;
-  Status fetch(const Run& run, std::vector<std::uint8_t>& bytes);
-  void put(const Run& run, std::span<const std::uint8_t> bytes);
-  void settle(const Run& run, bool came, const Status& status) noexcept;
-  bool is_followed() const;
-  void note_change(bool changed) noexcept;
-  void give_back(const Run& run) noexcept;
+  void extend(FetchRequest& request, double deadline, double now);
+  std::size_t read_size(const FetchRequest& request) const;
+  bool is_abandoned(const FetchRequest& request) const;
+  bool is_obsolete(const FetchRequest& request, std::uint64_t from) const;
+  Status fetch(const FetchRequest& request, std::vector<std::uint8_t>& bytes);
+  void insert_ranges(const FetchRequest& request, std::span<const std::uint8_t> bytes);
+  void finish(const FetchRequest& request, bool complete, const Status& status) noexcept;
+  void cancel(const FetchRequest& request) noexcept;
+  bool is_live() const;
+  void set_replaced(bool replaced) noexcept;
 
   // segment_decoding.cpp
-  void decode_segments();
+  void run_decoder();
   std::optional<std::uint32_t> next_decode() const;
-  bool is_ahead(std::uint32_t segment) const;  // not needed at the viewer's moment
-  bool may_begin(std::uint32_t segment) const;
-  Status decode(const SceneReader& reader, std::uint32_t segment, bool with_harmonics,
-                std::shared_ptr<const ResidentSegment>& held, Status& harmonics) const;
-  void take_decoded(std::uint32_t segment, bool with_harmonics,
-                    std::shared_ptr<const ResidentSegment> held, const Status& base,
-                    const Status& harmonics) noexcept;
-  bool note_loss(const Piece& piece, const Status& status) noexcept;
+  bool is_ahead(std::uint32_t segment) const;
+  bool may_decode(std::uint32_t segment) const;
+  Status decode(const SceneReader& reader, std::uint32_t segment, bool with_sh,
+                std::shared_ptr<const ResidentSegment>& out, Status& sh) const;
+  void insert_decoded(std::uint32_t segment, bool with_sh,
+                      std::shared_ptr<const ResidentSegment> decoded, const Status& base,
+                      const Status& sh) noexcept;
+  bool record_damage(const SegmentLayer& layer, const Status& status) noexcept;
 
   const std::shared_ptr<RangeSource> source_;
   const PlayerSettings settings_;
-  const std::function<void(bool)> on_changed_;
-  int decoders_ = 1;  // segments that are decoded at once, at most
+  const std::function<void(bool)> on_replaced_;
+  int max_decodes_ = 1;  // segments decoded at once
 
-  mutable std::mutex mutex_;  // of all that follows
+  mutable std::mutex mutex_;  // guards the following members
   std::shared_ptr<const SceneReader> reader_;
-  std::uint64_t generation_ = 0;  // how often its segments were not those before, and more
+  std::uint64_t generation_ = 0;  // how often the segments were renumbered
   int tiers_ = 1;
-  std::vector<Piece> in_file_;       // all, by offset
-  std::vector<std::size_t> places_;  // in in_file_: of a segment's base, of its harmonics
+  std::vector<SegmentLayer> file_order_;  // all segment layers, by offset
+  std::vector<std::size_t> file_index_;   // index in file_order_ of a segment's base, then its SH
   std::condition_variable to_fetch_, to_decode_;
   bool stopping_ = false;
-  bool is_changed_ = false;    // as on_changed_ was told
-  double doubtful_until_ = 0;  // what comes until then may be of another file, clock seconds
-  std::uint64_t jumps_ = 0;
-  bool is_placed_ = false;  // motion_ is the viewer's
-  Playhead motion_;
+  bool is_replaced_ = false;  // as reported to on_replaced_
+  double suspect_until_ = 0;  // data fetched until then may be of another file, clock seconds
+  std::uint64_t jumps_ = 0;   // of the playhead
+  bool has_playhead_ = false;
+  Playhead playhead_;
   std::vector<Entry> entries_;  // by segment
-  UnderWay under_way_;
-  bool is_full_ = false;  // something found no room: what decoding leaves may be enough
-  Runs running_;          // under way
+  InFlight decoding_;
+  bool waits_for_memory_ = false;  // a layer did not fit; decoding may free enough memory
+  FetchRequests requests_;         // in flight
   std::uint64_t memory_ = 0;
-  // Nothing as urgent as this or later found room when nothing was under way.
+  // Layers with this deadline or a later one did not fit the budget while nothing was in flight.
   double full_from_ = std::numeric_limits<double>::infinity();
   Throughput throughput_;
   std::uint64_t fetched_bytes_ = 0, stored_primitives_ = 0;
   EventQueue events_;
-  std::vector<SegmentDamage> losses_;
+  std::vector<SegmentDamage> damage_;
   std::vector<std::thread> threads_;
 };
 

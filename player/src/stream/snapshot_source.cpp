@@ -7,10 +7,10 @@
 namespace stgs::player {
 namespace {
 
-constexpr std::uint64_t kTail = 64 << 10;  // bytes at the end that are read at once
-constexpr std::uint64_t kMost = 64 << 20;  // bytes that are kept; beyond, all is read again
+constexpr std::uint64_t kTailBytes = 64 << 10;       // at the end of the file, read at once
+constexpr std::uint64_t kMaxCachedBytes = 64 << 20;  // beyond this, the cache is cleared
 
-// As long as the file was when this was made, whatever it has become.
+// Keeps the size that the file has at construction, even if the file grows.
 class SnapshotSource final : public ByteSource {
  public:
   SnapshotSource(std::shared_ptr<RangeSource> under, IndexCache& cache)
@@ -23,8 +23,8 @@ class SnapshotSource final : public ByteSource {
     if (cache_ != nullptr) return cache_->read(*under_, size_, offset, out);
     return under_->read(offset, out);
   }
-  // The index has been read, by the thread that the cache is for.
-  void leave_cache() { cache_ = nullptr; }
+  // Stops using the cache once the index is read: other threads read the segments.
+  void detach_cache() { cache_ = nullptr; }
 
  private:
   const std::shared_ptr<RangeSource> under_;
@@ -47,7 +47,7 @@ Status IndexCache::read(const ByteSource& under, std::uint64_t size, std::uint64
                         std::span<std::uint8_t> out) {
   if (out.empty()) return {};
   Range* range = find(offset, out.size());
-  const std::uint64_t tail = std::max(size - std::min(size, kTail), complete_);
+  const std::uint64_t tail = std::max(size - std::min(size, kTailBytes), complete_);
   std::uint64_t begin = offset;
   if (range == nullptr) {
     const bool at_end = offset > 0 && offset >= tail;
@@ -56,7 +56,7 @@ Status IndexCache::read(const ByteSource& under, std::uint64_t size, std::uint64
     std::vector<std::uint8_t> bytes(static_cast<std::size_t>(end - begin));
     STGS_TRY(under.read(begin, bytes));
     if (at_end) tail_at_ = begin;
-    if (this->bytes() + bytes.size() > kMost) ranges_.clear();
+    if (this->bytes() + bytes.size() > kMaxCachedBytes) ranges_.clear();
     range = &(ranges_[begin] = {std::move(bytes), true});
   } else {
     begin = std::prev(ranges_.upper_bound(offset))->first;
@@ -67,19 +67,19 @@ Status IndexCache::read(const ByteSource& under, std::uint64_t size, std::uint64
   return {};
 }
 
-void IndexCache::keep(std::uint64_t complete) {
+void IndexCache::retain(std::uint64_t complete) {
   complete_ = complete;
   std::erase_if(ranges_, [](const auto& range) { return !range.second.used; });
   for (auto& [begin, range] : ranges_) range.used = false;
   tail_at_.reset();
-  keep();
+  discard_incomplete();
 }
 
-void IndexCache::keep() {
+void IndexCache::discard_incomplete() {
   ranges_.erase(ranges_.lower_bound(complete_), ranges_.end());
   for (auto& [begin, range] : ranges_) {
-    const std::uint64_t right = std::min<std::uint64_t>(range.bytes.size(), complete_ - begin);
-    range.bytes.resize(static_cast<std::size_t>(right));
+    const std::uint64_t valid = std::min<std::uint64_t>(range.bytes.size(), complete_ - begin);
+    range.bytes.resize(static_cast<std::size_t>(valid));
   }
 }
 
@@ -88,8 +88,8 @@ std::pair<std::uint64_t, std::span<const std::uint8_t>> IndexCache::tail(
   const auto found = tail_at_ ? ranges_.find(*tail_at_) : ranges_.end();
   if (found == ranges_.end() || complete <= *tail_at_) return {};
   const std::span<const std::uint8_t> bytes(found->second.bytes);
-  const std::uint64_t right = std::min<std::uint64_t>(bytes.size(), complete - *tail_at_);
-  return {*tail_at_, bytes.first(static_cast<std::size_t>(right))};
+  const std::uint64_t valid = std::min<std::uint64_t>(bytes.size(), complete - *tail_at_);
+  return {*tail_at_, bytes.first(static_cast<std::size_t>(valid))};
 }
 
 std::uint64_t IndexCache::bytes() const {
@@ -105,19 +105,19 @@ Result<std::shared_ptr<const SceneReader>> read_snapshot(const std::shared_ptr<R
                                                          const ReadLimits& limits,
                                                          std::pmr::memory_resource* memory) {
   auto snapshot = std::make_unique<SnapshotSource>(source, cache);
-  SnapshotSource& of_reader = *snapshot;
+  SnapshotSource& snapshot_ref = *snapshot;
   Result<std::unique_ptr<SceneReader>> opened =
       SceneReader::open(std::move(snapshot), limits, memory);
   if (!opened.ok()) {
-    cache.keep();
+    cache.discard_incomplete();
     return opened.status();
   }
-  of_reader.leave_cache();
+  snapshot_ref.detach_cache();
   std::unique_ptr<SceneReader> reader = std::move(opened).value();
   if (reader->form() == SceneForm::kGrowing) {
     const auto [offset, bytes] = cache.tail(reader->file_bytes());
-    if (!bytes.empty()) source->recent(offset, bytes);
-    cache.keep(reader->file_bytes());
+    if (!bytes.empty()) source->add_recent(offset, bytes);
+    cache.retain(reader->file_bytes());
   } else {
     cache.clear();
   }
@@ -133,7 +133,7 @@ Result<std::shared_ptr<const SceneReader>> open_snapshot(const std::shared_ptr<R
   try {
     return read_snapshot(source, cache, limits, memory);
   } catch (const std::exception&) {
-    cache.keep();
+    cache.discard_incomplete();
     throw;
   }
 }

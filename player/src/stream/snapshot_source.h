@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A file that grows, as it was at a moment: what a reader of it is opened over.
+// Opens readers over a growing file as it is at one point in time.
 #pragma once
 
 #include <cstdint>
@@ -13,27 +13,27 @@
 #include <vector>
 
 #include "stgs/format/scene_file.h"
-#include "stream/piece_source.h"
+#include "stream/range_source.h"
 
 namespace stgs::player {
 
-// What opening readers over a growing file has read of it, so that the next reader reads only what
-// is new. One thread at a time.
+// Caches the bytes read while opening readers over a growing file, so that the next reader reads
+// only new data. One thread at a time.
 class IndexCache {
  public:
-  // Reads from what is known, else from `under`, which has `size` bytes now: near its end all that
-  // is there at once, since an index lies there.
+  // Reads from the cache, else from `under`, which is `size` bytes long at present. A read near the
+  // end reads everything from there to the end at once, since an index lies there.
   Status read(const ByteSource& under, std::uint64_t size, std::uint64_t offset,
               std::span<std::uint8_t> out);
-  // Forgets what was not read since the last call, and what lies behind `complete`, which may
-  // become something else.
-  void keep(std::uint64_t complete);
-  // Forgets only the latter: a reader could not be opened.
-  void keep();
+  // Discards bytes that were not read since the last call, and bytes from `complete` on, which may
+  // still change.
+  void retain(std::uint64_t complete);
+  // Discards bytes from the last `complete` on. Call it if a reader could not be opened.
+  void discard_incomplete();
   void clear() { ranges_.clear(); }
   std::uint64_t bytes() const;
-  // Of what was read at the end since the last call of keep(), what lies before `complete`: the
-  // first byte's place, and the bytes.
+  // Returns the offset and bytes of the last read at the end of the file since retain(), up to
+  // `complete`; empty if there was none.
   std::pair<std::uint64_t, std::span<const std::uint8_t>> tail(std::uint64_t complete) const;
 
  private:
@@ -43,12 +43,13 @@ class IndexCache {
   };
   Range* find(std::uint64_t offset, std::size_t bytes);
 
-  std::map<std::uint64_t, Range> ranges_;  // by offset, apart from each other or not
+  std::map<std::uint64_t, Range> ranges_;  // by offset; may overlap
   std::uint64_t complete_ = 0;
-  std::optional<std::uint64_t> tail_at_;  // where what was read at the end begins
+  std::optional<std::uint64_t> tail_at_;  // offset of the last read at the end of the file
 };
 
-// Reads the index of the file as it is. `memory`: of what is decoded. Errors: SceneReader::open's.
+// Reads the index of the file as it is now. `memory` allocates decoded data. Errors: those of
+// SceneReader::open().
 Result<std::shared_ptr<const SceneReader>> open_snapshot(const std::shared_ptr<RangeSource>& source,
                                                          IndexCache& cache,
                                                          const ReadLimits& limits,

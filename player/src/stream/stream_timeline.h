@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The timeline of a scene that is still coming.
+// The timeline of a scene that is being streamed.
 #pragma once
 
 #include <memory>
@@ -9,7 +9,8 @@
 
 namespace stgs::player {
 
-// at() gives what the store has of the moment, and never waits.
+// Creates a timeline over `store`, which outlives it. at() returns the segments that are resident
+// and never waits.
 std::unique_ptr<Timeline> make_stream_timeline(SegmentStore& store, std::string name);
 
 }  // namespace stgs::player

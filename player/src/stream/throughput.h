@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a link has carried of late.
+// The recent throughput of a link.
 #pragma once
 
 #include <algorithm>
@@ -8,40 +8,43 @@
 
 namespace stgs::player {
 
-// Bytes over the time in which at least one transfer was under way; what is old counts for less.
-// Times are seconds of a clock that never goes back. Not thread-safe.
+// Bytes per time during which at least one transfer was in flight, with exponentially decaying
+// weights. Times are seconds of a monotonic clock. Not thread-safe.
 class Throughput {
  public:
+  // Begins a transfer.
   void begin(double now) {
-    pass(now);
+    advance(now);
     ++transfers_;
   }
+  // Counts bytes of a transfer in flight.
   void add_bytes(std::uint64_t bytes, double now) {
-    pass(now);
+    advance(now);
     bytes_ += static_cast<double>(bytes);
   }
+  // Ends a transfer.
   void end(double now) {
-    pass(now);
+    advance(now);
     --transfers_;
   }
-  // What has been carried so far tells nothing any more.
-  void forget() { bytes_ = seconds_ = 0; }
-  // 0: not known yet.
-  double bytes_per_second() const { return seconds_ < kLeast ? 0.0 : bytes_ / seconds_; }
+  // Discards the measurements so far.
+  void reset() { bytes_ = seconds_ = 0; }
+  // Returns the throughput; 0: not yet known.
+  double bytes_per_second() const { return seconds_ < kMinSeconds ? 0.0 : bytes_ / seconds_; }
 
  private:
-  static constexpr double kHalfLife = 2, kLeast = 0.02;  // seconds under way
+  static constexpr double kHalfLife = 2, kMinSeconds = 0.02;  // of time with transfers in flight
 
-  void pass(double now) {
+  void advance(double now) {
     const double passed = transfers_ > 0 ? std::max(now - at_, 0.0) : 0.0;
-    const double kept = std::exp2(-passed / kHalfLife);
-    bytes_ *= kept;
-    seconds_ = seconds_ * kept + passed;
+    const double decay = std::exp2(-passed / kHalfLife);
+    bytes_ *= decay;
+    seconds_ = seconds_ * decay + passed;
     at_ = now;
   }
 
   double at_ = 0, bytes_ = 0, seconds_ = 0;
-  int transfers_ = 0;
+  int transfers_ = 0;  // in flight
 };
 
 }  // namespace stgs::player

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What transfers met with, until it is asked for.
+// Collects the events of transfers.
 #pragma once
 
 #include <functional>
@@ -15,51 +15,55 @@
 
 namespace stgs::player {
 
-// Thread-safe; to add one does not throw.
+// Thread-safe. Adding events does not throw.
 class TransferEvents {
  public:
-  // Those until opened() go to `on_opening`, where it is set.
+  // Events before opened() go to `on_opening`, if it is set.
   explicit TransferEvents(std::function<void(const PlayerEvent&)> on_opening = {})
       : on_opening_(std::move(on_opening)) {}
+  // Ends the opening phase: later events are queued for take().
   void opened() {
     const std::lock_guard lock(mutex_);
     on_opening_ = nullptr;
   }
 
+  // Adds the event of a transfer.
   void add(const TransferEvent& event) {
-    if (event.kind == TransferEvent::Kind::kFailed) return;  // the pieces tell
+    if (event.kind == TransferEvent::Kind::kFailed) return;  // reported for each segment layer
     if (event.kind == TransferEvent::Kind::kReplaced) {
       return set_replaced(true, event.message, event.offset);
     }
-    put(PlayerEvent::Kind::kRetry, event.offset, event.message);
+    push(PlayerEvent::Kind::kRetry, event.offset, event.message);
   }
-  // Whether the file is another one now; that is told once as long as it is, and again where nobody
-  // has said so for long: what is lost is tried again more often. `now`: seconds of a clock.
+  // Sets whether the file is replaced. That is reported once, and again only after no call has
+  // confirmed it for kRepeatSeconds; failed reads are retried more often than that. `now`: seconds
+  // of a monotonic clock.
   void set_replaced(bool replaced, const std::string& message, std::uint64_t offset = 0,
                     double now = clock_seconds()) {
     {
       const std::lock_guard lock(mutex_);
       const bool before = std::exchange(replaced_, replaced);
-      const double last = std::exchange(replaced_at_, replaced ? now : replaced_at_);
-      if (!replaced || (before && now - last <= kForgotten)) return;
+      const double last = std::exchange(reported_at_, replaced ? now : reported_at_);
+      if (!replaced || (before && now - last <= kRepeatSeconds)) return;
     }
-    put(PlayerEvent::Kind::kReplaced, offset, message);
+    push(PlayerEvent::Kind::kReplaced, offset, message);
   }
+  // Removes and returns the queued events, oldest first.
   std::vector<PlayerEvent> take() {
     const std::lock_guard lock(mutex_);
     return events_.take();
   }
 
  private:
-  static constexpr double kForgotten = 60;  // seconds
-  void put(PlayerEvent::Kind kind, std::uint64_t offset, const std::string& message) noexcept {
+  static constexpr double kRepeatSeconds = 60;
+  void push(PlayerEvent::Kind kind, std::uint64_t offset, const std::string& message) noexcept {
     PlayerEvent event = event_of(kind, offset, StatusCode::kIo, message);
     const std::lock_guard lock(mutex_);
     if (!on_opening_) return events_.add(std::move(event));
     try {
       on_opening_(event);
     } catch (...) {
-      events_.add(std::move(event));  // he has no memory for it now
+      events_.add(std::move(event));  // the callback is out of memory
     }
   }
 
@@ -67,7 +71,7 @@ class TransferEvents {
   std::function<void(const PlayerEvent&)> on_opening_;
   EventQueue events_;
   bool replaced_ = false;
-  double replaced_at_ = 0;  // as it was said last, seconds
+  double reported_at_ = 0;  // when set_replaced(true) was last called, seconds
 };
 
 }  // namespace stgs::player

@@ -6,7 +6,7 @@
 
 #include "vulkan/buffer.h"
 #include "vulkan/pipelines.h"
-#include "vulkan/times.h"
+#include "vulkan/timestamps.h"
 
 namespace stgs::player::vulkan {
 namespace {
@@ -14,14 +14,14 @@ namespace {
 constexpr std::uint32_t kCopyCode[] = {
 #include "copy.spv.inc"
 };
-// Of a workgroup (copy.comp), and of all: every device has ranges and dispatches for the most, and
-// where its memory is nearly full, less will do.
+// Bytes per workgroup (copy.comp), and in total. Every device supports ranges and dispatches of the
+// maximum; smaller ones are used if its memory is nearly full.
 constexpr std::uint64_t kGroupBytes = 256 * 4 * 16;
-constexpr std::uint64_t kMostCopied = std::uint64_t{128} << 20, kLeastCopied = kMostCopied / 8;
+constexpr std::uint64_t kMaxCopied = std::uint64_t{128} << 20, kMinCopied = kMaxCopied / 8;
 constexpr std::uint32_t kCopies = 6;
-static_assert(kMostCopied / kGroupBytes <= 65535 && kCopies + 1 <= Times::kMost);
+static_assert(kMaxCopied / kGroupBytes <= 65535 && kCopies + 1 <= Timestamps::kMaxCount);
 
-// The shader with its two buffers.
+// The copy shader with its two buffers.
 class Copy {
  public:
   explicit Copy(const Device& device) : device_(device) {}
@@ -36,10 +36,10 @@ class Copy {
   }
 
   Status create() {
-    Status status = make_room(kMostCopied);
-    for (std::uint64_t bytes = kMostCopied / 2;
-         status.code() == StatusCode::kNoMemory && bytes >= kLeastCopied; bytes /= 2) {
-      status = make_room(bytes);
+    Status status = create_buffers(kMaxCopied);
+    for (std::uint64_t bytes = kMaxCopied / 2;
+         status.code() == StatusCode::kNoMemory && bytes >= kMinCopied; bytes /= 2) {
+      status = create_buffers(bytes);
     }
     STGS_TRY(status);
     STGS_TRY(make_layout());
@@ -59,9 +59,9 @@ class Copy {
   std::uint64_t bytes() const { return memory_[0].bytes(); }
 
  private:
-  Status make_room(std::uint64_t bytes) {
+  Status create_buffers(std::uint64_t bytes) {
     for (Buffer& one : memory_) one.reset();
-    for (Buffer& one : memory_) STGS_TRY(one.create(device_, bytes, Place::kDevice));
+    for (Buffer& one : memory_) STGS_TRY(one.create(device_, bytes, MemoryLocation::kDevice));
     return {};
   }
 
@@ -72,7 +72,7 @@ class Copy {
     info.setLayoutCount = 1;
     info.pSetLayouts = &buffers_;
     return vk_status(device_.vk.vkCreatePipelineLayout(device_.handle(), &info, nullptr, &layout_),
-                     "creating a layout of shaders");
+                     "creating a pipeline layout");
   }
 
   Status make_set() {
@@ -82,14 +82,14 @@ class Copy {
     pool.maxSets = pool.poolSizeCount = 1;
     pool.pPoolSizes = &size;
     STGS_TRY(vk_status(device_.vk.vkCreateDescriptorPool(device_.handle(), &pool, nullptr, &pool_),
-                       "making room for buffer sets"));
+                       "creating a descriptor pool"));
     auto info =
         structure<VkDescriptorSetAllocateInfo>(VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO);
     info.descriptorPool = pool_;
     info.descriptorSetCount = 1;
     info.pSetLayouts = &buffers_;
     STGS_TRY(vk_status(device_.vk.vkAllocateDescriptorSets(device_.handle(), &info, &set_),
-                       "making a buffer set"));
+                       "allocating a descriptor set"));
     const VkDescriptorBufferInfo buffers[] = {{memory_[0].handle(), 0, VK_WHOLE_SIZE},
                                               {memory_[1].handle(), 0, VK_WHOLE_SIZE}};
     auto write = structure<VkWriteDescriptorSet>(VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET);
@@ -112,25 +112,26 @@ class Copy {
 
 }  // namespace
 
-Result<double> copied_bytes_per_second(Device& device) {
+Result<double> measure_bandwidth(Device& device) {
   Copy copy(device);
   STGS_TRY(copy.create());
-  Times times;
-  STGS_TRY(times.create(device, kCopies + 1));
+  Timestamps timestamps;
+  STGS_TRY(timestamps.create(device, kCopies + 1));
   VkCommandBuffer commands = VK_NULL_HANDLE;
   STGS_TRY(device.begin(&commands));
-  device.vk.vkCmdResetQueryPool(commands, times.pool(), 0, kCopies + 1);
+  device.vk.vkCmdResetQueryPool(commands, timestamps.pool(), 0, kCopies + 1);
   for (std::uint32_t k = 0; k <= kCopies; ++k) {
     barrier(device, commands);
-    device.vk.vkCmdWriteTimestamp(commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, times.pool(), k);
+    device.vk.vkCmdWriteTimestamp(commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, timestamps.pool(),
+                                  k);
     if (k < kCopies) copy.record(commands);
   }
   STGS_TRY(device.finish(commands));
   std::array<double, kCopies> ms{};
-  STGS_TRY(times.between(ms));
-  // The fastest: the first touches the memory for the first time.
-  const double least = *std::min_element(ms.begin(), ms.end());
-  return 2e3 * static_cast<double>(copy.bytes()) / std::max(least, 1e-6);
+  STGS_TRY(timestamps.between(ms));
+  // The fastest copy, since the first one touches the memory for the first time.
+  const double min_ms = *std::min_element(ms.begin(), ms.end());
+  return 2e3 * static_cast<double>(copy.bytes()) / std::max(min_ms, 1e-6);
 }
 
 }  // namespace stgs::player::vulkan

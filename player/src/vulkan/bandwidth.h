@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a device's memory can do.
+// Measures the bandwidth of a device's memory.
 #pragma once
 
 #include "vulkan/device.h"
 
 namespace stgs::player::vulkan {
 
-// Bytes a second that a shader which copies reads and writes, more than caches hold: Vulkan does
-// not tell, and its own copies can be several times slower. Waits for the device, which has
-// timestamps.
-Result<double> copied_bytes_per_second(Device& device);
+// Returns the bytes per second that a copy shader reads and writes, with buffers larger than
+// caches. Vulkan does not report the bandwidth, and its copy commands can be several times slower.
+// Waits for the device, which must support timestamps.
+Result<double> measure_bandwidth(Device& device);
 
 }  // namespace stgs::player::vulkan

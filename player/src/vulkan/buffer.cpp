@@ -26,13 +26,13 @@ void Buffer::reset() {
   mapped_ = nullptr;
 }
 
-Status Buffer::create(const Device& device, std::uint64_t bytes, Place place) {
+Status Buffer::create(const Device& device, std::uint64_t bytes, MemoryLocation location) {
   reset();
   device_ = &device;
   auto info = structure<VkBufferCreateInfo>(VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO);
   info.size = bytes;
   info.usage = VK_BUFFER_USAGE_TRANSFER_SRC_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT;
-  if (place == Place::kDevice) {
+  if (location == MemoryLocation::kDevice) {
     info.usage |= VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_INDIRECT_BUFFER_BIT;
   }
   const auto& vk = device.vk;
@@ -41,30 +41,31 @@ Status Buffer::create(const Device& device, std::uint64_t bytes, Place place) {
   VkMemoryRequirements needs{};
   vk.vkGetBufferMemoryRequirements(device.handle(), buffer_, &needs);
   const VkMemoryPropertyFlags properties =
-      place == Place::kDevice
+      location == MemoryLocation::kDevice
           ? VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT
           : VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
   Status status;
-  if (place == Place::kHost) {
-    // Where the host also reads, cached memory is many times faster.
+  if (location == MemoryLocation::kHost) {
+    // Prefer cached memory: it is many times faster for reads by the host.
     status = device.allocate(needs, properties | VK_MEMORY_PROPERTY_HOST_CACHED_BIT, &memory_);
   }
   if (memory_ == VK_NULL_HANDLE) status = device.allocate(needs, properties, &memory_);
   STGS_TRY(status);
-  STGS_TRY(
-      vk_status(vk.vkBindBufferMemory(device.handle(), buffer_, memory_, 0), "binding memory"));
-  if (place == Place::kHost) {
+  STGS_TRY(vk_status(vk.vkBindBufferMemory(device.handle(), buffer_, memory_, 0),
+                     "binding buffer memory"));
+  if (location == MemoryLocation::kHost) {
     STGS_TRY(vk_status(vk.vkMapMemory(device.handle(), memory_, 0, VK_WHOLE_SIZE, 0, &mapped_),
-                       "mapping memory"));
+                       "mapping buffer memory"));
   }
   bytes_ = bytes;
   return {};
 }
 
-Status Buffer::ensure(const Device& device, std::uint64_t bytes, Place place, std::uint64_t most) {
+Status Buffer::ensure(const Device& device, std::uint64_t bytes, MemoryLocation location,
+                      std::uint64_t max_bytes) {
   if (bytes <= bytes_) return {};
-  const std::uint64_t wanted = std::max(bytes, std::min(bytes + bytes / 4, most));
-  return create(device, (wanted + 15) / 16 * 16, place);
+  const std::uint64_t target = std::max(bytes, std::min(bytes + bytes / 4, max_bytes));
+  return create(device, (target + 15) / 16 * 16, location);
 }
 
 namespace {

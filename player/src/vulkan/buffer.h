@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Memory of a Vulkan device with an owner.
+// Owned buffers in Vulkan device or host memory.
 #pragma once
 
 #include <cstddef>
@@ -10,12 +10,13 @@
 
 namespace stgs::player::vulkan {
 
-enum class Place {
-  kDevice,  // for shaders, transfers and indirect dispatches
-  kHost,    // mapped; for transfers
+enum class MemoryLocation {
+  kDevice,  // device-local, for shaders, transfers and indirect dispatches
+  kHost,    // host-visible and mapped, for transfers
 };
 
-// Not while commands that use it run. The device outlives it.
+// A buffer with its own memory. Must not change while commands that use it are executing. The
+// device outlives it.
 class Buffer {
  public:
   Buffer() = default;
@@ -24,11 +25,11 @@ class Buffer {
   ~Buffer() { reset(); }
 
   void reset();
-  // Exactly so many bytes, > 0; what it held is lost.
-  Status create(const Device& device, std::uint64_t bytes, Place place);
-  // At least so many bytes, and a quarter more where it grows, up to `most`.
-  Status ensure(const Device& device, std::uint64_t bytes, Place place,
-                std::uint64_t most = ~std::uint64_t{0});
+  // Allocates exactly `bytes`, greater than 0. The contents are undefined.
+  Status create(const Device& device, std::uint64_t bytes, MemoryLocation location);
+  // Allocates at least `bytes`; if it grows, a quarter more, up to `max_bytes`.
+  Status ensure(const Device& device, std::uint64_t bytes, MemoryLocation location,
+                std::uint64_t max_bytes = ~std::uint64_t{0});
 
   VkBuffer handle() const { return buffer_; }
   std::uint64_t bytes() const { return bytes_; }
@@ -42,10 +43,10 @@ class Buffer {
   void* mapped_ = nullptr;
 };
 
-// All that was commanded before is done and visible to all that follows, the host included.
+// Records a barrier: all earlier commands complete and are visible to later ones and to the host.
 void barrier(const Device& device, VkCommandBuffer commands);
-// What shaders wrote is visible to shaders, and to dispatches that take their size from it. The
-// host and copies are left out: for them a device may write back what shaders soon read again.
+// Records a barrier: shader writes are visible to shaders and to indirect dispatches. Excludes the
+// host and copies, for which a device may write back data that shaders read again soon.
 void shader_barrier(const Device& device, VkCommandBuffer commands);
 
 }  // namespace stgs::player::vulkan

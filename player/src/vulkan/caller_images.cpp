@@ -9,20 +9,21 @@ namespace stgs::player::vulkan {
 namespace {
 
 Status check_image(const Device& device, const View& view, const VulkanImage& image,
-                   std::size_t number, const char* kind, bool known_format) {
+                   std::size_t number, const char* kind, bool is_supported_format) {
   const auto width = static_cast<std::uint32_t>(std::lround(view.camera.width));
   const auto height = static_cast<std::uint32_t>(std::lround(view.camera.height));
   if (image.image == VK_NULL_HANDLE) {
     return usage_error("the {} image of view {} is missing", kind, number);
   }
   if (image.width != width || image.height != height) {
-    return usage_error("the {} image of view {} has {}x{} pixels, the view {}x{}", kind, number,
-                       image.width, image.height, width, height);
-  }
-  if (!known_format) {
     return usage_error(
-        "the {} image of view {} has a format that is not drawn in (VkFormat {}); the header that "
-        "declares the image lists those that are",
+        "the {} image of view {} has the wrong size (expected {}x{} pixels, got {}x{})", kind,
+        number, width, height, image.width, image.height);
+  }
+  if (!is_supported_format) {
+    return usage_error(
+        "the {} image of view {} has an unsupported format (VkFormat {}); the header that declares "
+        "the image lists the supported formats",
         kind, number, static_cast<int>(image.format));
   }
   if ((device.features_of(image.format) & VK_FORMAT_FEATURE_TRANSFER_DST_BIT) == 0) {
@@ -31,8 +32,9 @@ Status check_image(const Device& device, const View& view, const VulkanImage& im
   }
   if (image.final_layout == VK_IMAGE_LAYOUT_UNDEFINED ||
       image.final_layout == VK_IMAGE_LAYOUT_PREINITIALIZED) {
-    return usage_error("the {} image of view {} cannot be left in an undefined layout", kind,
-                       number);
+    return usage_error(
+        "the final layout of the {} image of view {} must not be undefined or preinitialized", kind,
+        number);
   }
   return {};
 }
@@ -42,15 +44,16 @@ Status check_semaphores(const Device& device, const std::vector<VulkanSemaphore>
     if (one.semaphore == VK_NULL_HANDLE) return usage_error("a Vulkan semaphore is missing");
     if (one.value > 0 && !device.features().timeline_semaphores) {
       return unsupported(
-          "the Vulkan device was made without timeline semaphores: enable the feature "
-          "timelineSemaphore (before Vulkan 1.2 the extension VK_KHR_timeline_semaphore too), and "
-          "say so where the device is handed over");
+          "the Vulkan device was created without timeline semaphores; enable the feature "
+          "timelineSemaphore (before Vulkan 1.2 also the extension VK_KHR_timeline_semaphore), and "
+          "list it in the device description");
     }
   }
   return {};
 }
 
-// Of the level and layer; what was submitted before `from`, or waited for, comes before.
+// Records the layout transition of the level and layer before or after the copy. Synchronises with
+// all earlier and later commands.
 void change_layout(const Device& device, VkCommandBuffer commands, const VulkanImage& image,
                    bool to_copy) {
   auto change = structure<VkImageMemoryBarrier>(VK_STRUCTURE_TYPE_IMAGE_MEMORY_BARRIER);
@@ -93,7 +96,8 @@ PixelFormat pixel_format(VkFormat format) {
 Status check_submission(const Device& device, const std::vector<View>& views,
                         const VulkanSubmission& to) {
   if (to.targets.size() != views.size()) {
-    return usage_error("{} views need as many targets, not {}", views.size(), to.targets.size());
+    return usage_error("expected {} targets (one per view), got {}", views.size(),
+                       to.targets.size());
   }
   for (std::size_t i = 0; i < views.size(); ++i) {
     const VulkanTarget& target = to.targets[i];
@@ -107,8 +111,8 @@ Status check_submission(const Device& device, const std::vector<View>& views,
   return check_semaphores(device, to.signal);
 }
 
-void copy_picture(const Device& device, VkBuffer from, const VulkanImage& image,
-                  VkCommandBuffer commands) {
+void copy_to_image(const Device& device, VkBuffer from, const VulkanImage& image,
+                   VkCommandBuffer commands) {
   change_layout(device, commands, image, true);
   VkBufferImageCopy region{};
   region.imageSubresource = {VK_IMAGE_ASPECT_COLOR_BIT, image.level, image.layer, 1};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The caller's images: what they may be, and bringing pictures into them.
+// Validates the caller's images and copies rendered images into them.
 #pragma once
 
 #include <cstdint>
@@ -10,20 +10,20 @@
 
 namespace stgs::player::vulkan {
 
-// How the blend writes pixels for a format.
+// How the blend shaders write pixels of an image format.
 struct PixelFormat {
-  std::uint32_t pixels = 0;  // kPixel... ; kPixelPlanes: for none
-  std::uint32_t bytes = 0;   // of a pixel
+  std::uint32_t pixels = 0;  // kPixel... of frame_layout.h; kPixelPlanes: format not supported
+  std::uint32_t bytes = 0;   // per pixel
 };
 PixelFormat pixel_format(VkFormat format);
 
-// kUsage where targets and semaphores do not fit the views, kUnsupported where the device lacks
-// what they need.
+// Returns kUsage if targets or semaphores do not match the views, kUnsupported if the device lacks
+// a feature that they require.
 Status check_submission(const Device& device, const std::vector<View>& views,
                         const VulkanSubmission& to);
 
-// Copies a picture that lies in `from`, row by row, into an image.
-void copy_picture(const Device& device, VkBuffer from, const VulkanImage& image,
-                  VkCommandBuffer commands);
+// Records a copy of the tightly packed pixels in `from` into an image, with layout transitions.
+void copy_to_image(const Device& device, VkBuffer from, const VulkanImage& image,
+                   VkCommandBuffer commands);
 
 }  // namespace stgs::player::vulkan

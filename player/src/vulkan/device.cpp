@@ -15,17 +15,18 @@ namespace stgs::player::vulkan {
 namespace {
 
 constexpr std::uint32_t kStorageBuffers = kFrameBindings + kStageBindings;
-constexpr std::uint32_t kSharedBytes = 16384;
-// Of sort_scatter_ballot.comp with 16 lanes: keys and values, places and digits, sums.
+constexpr std::uint32_t kMinSharedBytes = 16384;
+// Shared memory of sort_scatter_ballot.comp with 16 lanes: keys and values, positions and digits,
+// sums.
 constexpr std::uint32_t kBallotSharedBytes = 8 * kSortTile + 2 * 4 * kDigits + 4 * 2 * 16;
 static_assert(kBallotSharedBytes == 18560);
-constexpr std::uint32_t kOwnVersion = VK_API_VERSION_1_1;  // of an instance of our own
+constexpr std::uint32_t kOwnVersion = VK_API_VERSION_1_1;  // of an own instance
 constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
-// How long a frame is looked for before its interrupt is waited for: longer than most take.
-constexpr std::chrono::milliseconds kLookedFor{4};
+// How long to poll a fence before waiting for its interrupt: longer than most frames take.
+constexpr std::chrono::milliseconds kPollTime{4};
 
-// volk's functions of instances are the process's: for making devices alone, one after the other.
-std::mutex volk_in_use;
+// Guards volk's instance functions, which are global. They are used only to create devices.
+std::mutex volk_mutex;
 
 std::vector<VkQueueFamilyProperties> families_of(VkPhysicalDevice device) {
   std::uint32_t count = 0;
@@ -35,8 +36,8 @@ std::vector<VkQueueFamilyProperties> families_of(VkPhysicalDevice device) {
   return families;
 }
 
-// What a device lacks to be drawn with; empty where it is nothing.
-std::string lacking(VkPhysicalDevice device) {
+// Returns the first requirement that a device does not meet; empty if it meets all.
+std::string missing_feature(VkPhysicalDevice device) {
   VkPhysicalDeviceProperties properties{};
   vkGetPhysicalDeviceProperties(device, &properties);
   const VkPhysicalDeviceLimits& limits = properties.limits;
@@ -45,11 +46,11 @@ std::string lacking(VkPhysicalDevice device) {
       limits.maxComputeWorkGroupSize[0] < kGroup) {
     return fmt::format("workgroups of {} invocations", kGroup);
   }
-  if (limits.maxComputeSharedMemorySize < kSharedBytes) {
-    return fmt::format("{} bytes of shared memory", kSharedBytes);
+  if (limits.maxComputeSharedMemorySize < kMinSharedBytes) {
+    return fmt::format("{} bytes of shared memory", kMinSharedBytes);
   }
   if (limits.maxPerStageDescriptorStorageBuffers < kStorageBuffers) {
-    return fmt::format("{} storage buffers a stage", kStorageBuffers);
+    return fmt::format("{} storage buffers per stage", kStorageBuffers);
   }
   return {};
 }
@@ -58,27 +59,27 @@ bool computes(const VkQueueFamilyProperties& family) {
   return (family.queueFlags & VK_QUEUE_COMPUTE_BIT) != 0;
 }
 
-// The family that computes, or -1 where the device cannot draw.
+// Returns the first compute queue family, or -1 if the device is not usable.
 int family_of(VkPhysicalDevice device) {
-  if (!lacking(device).empty()) return -1;
+  if (!missing_feature(device).empty()) return -1;
   const auto families = families_of(device);
   const auto found = std::find_if(families.begin(), families.end(), computes);
   return found == families.end() ? -1 : static_cast<int>(found - families.begin());
 }
 
-// volk's functions of an instance of the caller's.
+// Loads volk's functions for an instance of the caller.
 Status load_instance(PFN_vkGetInstanceProcAddr get_instance_proc_addr, VkInstance instance,
                      std::uint32_t api_version) {
   if (api_version < VK_API_VERSION_1_1) {
     return unsupported(
-        "the Vulkan instance is of version {}.{}; it must be made for 1.1 at least "
-        "(VkApplicationInfo::apiVersion)",
+        "the Vulkan instance was created for version {}.{} (VkApplicationInfo::apiVersion); create "
+        "it for 1.1 or later",
         VK_API_VERSION_MAJOR(api_version), VK_API_VERSION_MINOR(api_version));
   }
   if (get_instance_proc_addr != nullptr) {
     volkInitializeCustom(get_instance_proc_addr);
   } else if (volkInitialize() != VK_SUCCESS) {
-    return unsupported("there is no Vulkan loader (libvulkan.so.1)");
+    return unsupported("no Vulkan loader found (libvulkan.so.1)");
   }
   volkLoadInstanceOnly(instance);
   return {};
@@ -86,15 +87,15 @@ Status load_instance(PFN_vkGetInstanceProcAddr get_instance_proc_addr, VkInstanc
 
 }  // namespace
 
-Status vk_status(VkResult result, const char* what) {
+Status vk_status(VkResult result, const char* action) {
   if (result == VK_SUCCESS) return {};
   std::string message =
-      fmt::format("Vulkan failed while {}: VkResult {}", what, static_cast<int>(result));
+      fmt::format("Vulkan failed while {}: VkResult {}", action, static_cast<int>(result));
   if (result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY) {
     return {StatusCode::kNoMemory, std::move(message)};
   }
   if (result == VK_ERROR_DEVICE_LOST) {
-    return {StatusCode::kDeviceLost, message + ": the GPU has failed; make another renderer"};
+    return {StatusCode::kDeviceLost, message + ": the GPU has failed; create another renderer"};
   }
   return {StatusCode::kRuntime, std::move(message)};
 }
@@ -115,51 +116,53 @@ Device::~Device() {
 
 Status Device::create(const VulkanSettings& settings) {
   settings_ = settings;
-  const std::lock_guard lock(volk_in_use);
-  STGS_TRY(make_instance());
+  const std::lock_guard lock(volk_mutex);
+  STGS_TRY(create_instance());
   STGS_TRY(choose());
   STGS_TRY(open());
-  learn_limits();
-  return make_commands();
+  query_limits();
+  return create_commands();
 }
 
 Status Device::borrow(const VulkanDevice& lent) {
   if (lent.instance == VK_NULL_HANDLE || lent.physical_device == VK_NULL_HANDLE ||
       lent.device == VK_NULL_HANDLE || lent.queue == VK_NULL_HANDLE) {
     return usage_error(
-        "a Vulkan device to draw with needs its instance, physical device, device and queue");
+        "a Vulkan device needs an instance, physical device, device and queue; one of them is "
+        "null");
   }
   if (static_cast<bool>(lent.lock_queue) != static_cast<bool>(lent.unlock_queue)) {
-    return usage_error("a Vulkan queue that is locked must be unlocked: give both functions");
+    return usage_error("lock_queue and unlock_queue must both be set, or neither");
   }
-  const std::lock_guard lock(volk_in_use);
+  const std::lock_guard lock(volk_mutex);
   STGS_TRY(load_instance(lent.get_instance_proc_addr, lent.instance, lent.api_version));
-  if (const std::string lacks = lacking(lent.physical_device); !lacks.empty()) {
-    return unsupported("the Vulkan device cannot draw: it has no {}", lacks);
+  if (const std::string missing = missing_feature(lent.physical_device); !missing.empty()) {
+    return unsupported("the Vulkan device cannot be used: it does not support {}", missing);
   }
   const auto families = families_of(lent.physical_device);
   if (lent.queue_family >= families.size() || !computes(families[lent.queue_family])) {
-    return usage_error("queue family {} of the Vulkan device does not compute", lent.queue_family);
+    return usage_error("queue family {} of the Vulkan device does not support compute",
+                       lent.queue_family);
   }
   borrowed_ = true;
   context_ = lent;
   features_ = enabled_features(lent);
-  context_.features = nullptr;  // the caller's, for now only
-  keep_functions();
+  context_.features = nullptr;  // valid only during this call
+  save_functions();
   volkLoadDeviceTable(&vk, context_.device);
-  learn_limits();
-  return make_commands();
+  query_limits();
+  return create_commands();
 }
 
-void Device::keep_functions() {
+void Device::save_functions() {
   instance_.vkGetPhysicalDeviceFormatProperties = vkGetPhysicalDeviceFormatProperties;
   instance_.vkDestroyDebugUtilsMessengerEXT = vkDestroyDebugUtilsMessengerEXT;
   instance_.vkDestroyInstance = vkDestroyInstance;
 }
 
-Status Device::make_instance() {
+Status Device::create_instance() {
   if (volkInitialize() != VK_SUCCESS) {
-    return unsupported("there is no Vulkan loader (libvulkan.so.1); use backend 'cpu'");
+    return unsupported("no Vulkan loader found (libvulkan.so.1); use backend 'cpu'");
   }
   VulkanInstanceSettings settings;
   settings.api_version = kOwnVersion;
@@ -168,27 +171,27 @@ Status Device::make_instance() {
   const VkResult result = make_vulkan_instance(settings, made);
   if (result == VK_ERROR_INCOMPATIBLE_DRIVER) {
     return unsupported(
-        "there is no Vulkan driver (the GPU's, or Debian's mesa-vulkan-drivers); use backend "
+        "no Vulkan driver found; install the GPU's driver or mesa-vulkan-drivers, or use backend "
         "'cpu'");
   }
   if (result != VK_SUCCESS) {
-    return unsupported("Vulkan does not start (VkResult {}); use backend 'cpu'",
+    return unsupported("cannot create a Vulkan instance (VkResult {}); use backend 'cpu'",
                        static_cast<int>(result));
   }
   context_.instance = made.instance;
   messenger_ = made.messenger;
   volkLoadInstanceOnly(context_.instance);
-  keep_functions();
+  save_functions();
   return {};
 }
 
 Status Device::choose() {
   std::uint32_t count = 0;
   STGS_TRY(vk_status(vkEnumeratePhysicalDevices(context_.instance, &count, nullptr),
-                     "counting devices"));
+                     "enumerating devices"));
   std::vector<VkPhysicalDevice> devices(count);
   STGS_TRY(vk_status(vkEnumeratePhysicalDevices(context_.instance, &count, devices.data()),
-                     "listing devices"));
+                     "enumerating devices"));
   int best = 0;
   for (const VkPhysicalDevice device : devices) {
     const int family = family_of(device);
@@ -201,8 +204,7 @@ Status Device::choose() {
     context_.queue_family = static_cast<std::uint32_t>(family);
   }
   if (best > 0) return {};
-  return unsupported("there is no Vulkan device that can draw ({} found); use backend 'cpu'",
-                     devices.size());
+  return unsupported("no suitable Vulkan device ({} found); use backend 'cpu'", devices.size());
 }
 
 Status Device::open() {
@@ -228,13 +230,13 @@ Status Device::open() {
   const VkResult result =
       vkCreateDevice(context_.physical_device, &info, nullptr, &context_.device);
   if (result != VK_SUCCESS) context_.device = VK_NULL_HANDLE;
-  STGS_TRY(vk_status(result, "opening a device"));
+  STGS_TRY(vk_status(result, "creating a device"));
   volkLoadDeviceTable(&vk, context_.device);
   vk.vkGetDeviceQueue(context_.device, context_.queue_family, 0, &context_.queue);
   return {};
 }
 
-void Device::learn_limits() {
+void Device::query_limits() {
   auto subgroups = structure<VkPhysicalDeviceSubgroupProperties>(
       VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_PROPERTIES);
   auto maintenance = structure<VkPhysicalDeviceMaintenance3Properties>(
@@ -246,10 +248,10 @@ void Device::learn_limits() {
   vkGetPhysicalDeviceProperties2(context_.physical_device, &properties);
   vkGetPhysicalDeviceMemoryProperties(context_.physical_device, &memory_);
   const VkPhysicalDeviceLimits& limits = properties.properties.limits;
-  shares_processors_ = properties.properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU;
-  most_range_ =
+  runs_on_cpu_ = properties.properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU;
+  max_range_ =
       std::min<std::uint64_t>(limits.maxStorageBufferRange, maintenance.maxMemoryAllocationSize);
-  if (settings_.range_bytes > 0) most_range_ = std::min(most_range_, settings_.range_bytes);
+  if (settings_.range_bytes > 0) max_range_ = std::min(max_range_, settings_.range_bytes);
   subgroups_ = subgroups_of(context_.physical_device, features_);
   constexpr VkSubgroupFeatureFlags kOperations =
       VK_SUBGROUP_FEATURE_BALLOT_BIT | VK_SUBGROUP_FEATURE_SHUFFLE_RELATIVE_BIT;
@@ -264,7 +266,7 @@ void Device::learn_limits() {
   timestamp_mask_ = bits >= 64 ? kNoLimit : (std::uint64_t{1} << bits) - 1;
 }
 
-Status Device::make_commands() {
+Status Device::create_commands() {
   auto pool = structure<VkCommandPoolCreateInfo>(VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO);
   pool.queueFamilyIndex = context_.queue_family;
   STGS_TRY(vk_status(vk.vkCreateCommandPool(context_.device, &pool, nullptr, &pool_),
@@ -275,7 +277,7 @@ Status Device::make_commands() {
   info.level = VK_COMMAND_BUFFER_LEVEL_PRIMARY;
   info.commandBufferCount = 1;
   STGS_TRY(vk_status(vk.vkAllocateCommandBuffers(context_.device, &info, &commands_),
-                     "creating a command buffer"));
+                     "allocating a command buffer"));
   const auto fence = structure<VkFenceCreateInfo>(VK_STRUCTURE_TYPE_FENCE_CREATE_INFO);
   return vk_status(vk.vkCreateFence(context_.device, &fence, nullptr, &fence_), "creating a fence");
 }
@@ -292,19 +294,19 @@ Status Device::allocate(const VkMemoryRequirements& needs, VkMemoryPropertyFlags
     *memory = VK_NULL_HANDLE;
   }
   return {StatusCode::kNoMemory,
-          fmt::format("no {} MiB of GPU memory left", (needs.size >> 20) + 1)};
+          fmt::format("out of GPU memory (requested {} MiB)", (needs.size >> 20) + 1)};
 }
 
 Status Device::begin(VkCommandBuffer* commands) {
-  STGS_TRY(vk_status(vk.vkResetCommandPool(context_.device, pool_, 0), "resetting commands"));
+  STGS_TRY(vk_status(vk.vkResetCommandPool(context_.device, pool_, 0), "resetting a command pool"));
   auto info = structure<VkCommandBufferBeginInfo>(VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO);
   info.flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT;
   *commands = commands_;
-  return vk_status(vk.vkBeginCommandBuffer(commands_, &info), "beginning commands");
+  return vk_status(vk.vkBeginCommandBuffer(commands_, &info), "beginning a command buffer");
 }
 
 Status Device::finish(VkCommandBuffer commands) {
-  STGS_TRY(vk_status(vk.vkEndCommandBuffer(commands), "ending commands"));
+  STGS_TRY(vk_status(vk.vkEndCommandBuffer(commands), "ending a command buffer"));
   auto info = structure<VkSubmitInfo>(VK_STRUCTURE_TYPE_SUBMIT_INFO);
   info.commandBufferCount = 1;
   info.pCommandBuffers = &commands;
@@ -318,13 +320,13 @@ Status Device::submit(std::span<const VkSubmitInfo> batches, VkFence fence) {
   const VkResult result = vk.vkQueueSubmit(
       context_.queue, static_cast<std::uint32_t>(batches.size()), batches.data(), fence);
   if (context_.unlock_queue) context_.unlock_queue();
-  return vk_status(result, "starting commands");
+  return vk_status(result, "submitting commands");
 }
 
 Status Device::wait(VkFence fence) const {
-  // An interrupt comes about .1 ms after the frame, which is looked for first.
-  if (!shares_processors_) {
-    const auto end = std::chrono::steady_clock::now() + kLookedFor;
+  // Poll first: the interrupt arrives about 0.1 ms after the frame completes.
+  if (!runs_on_cpu_) {
+    const auto end = std::chrono::steady_clock::now() + kPollTime;
     do {
       const VkResult result = vk.vkGetFenceStatus(context_.device, fence);
       if (result != VK_NOT_READY) return vk_status(result, "waiting for the device");
@@ -349,12 +351,12 @@ Result<VulkanSupport> vulkan_support(PFN_vkGetInstanceProcAddr get_instance_proc
                                      VkPhysicalDevice physical_device) {
   if (instance == VK_NULL_HANDLE || physical_device == VK_NULL_HANDLE) {
     return usage_error(
-        "what a Vulkan device can do is asked with its instance and physical device");
+        "querying a Vulkan device requires an instance and a physical device; one of them is null");
   }
-  const std::lock_guard lock(vulkan::volk_in_use);
+  const std::lock_guard lock(vulkan::volk_mutex);
   STGS_TRY(vulkan::load_instance(get_instance_proc_addr, instance, api_version));
   const vulkan::Features offered = vulkan::offered_features(physical_device, api_version);
-  return VulkanSupport{vulkan::lacking(physical_device), offered.timeline_semaphores,
+  return VulkanSupport{vulkan::missing_feature(physical_device), offered.timeline_semaphores,
                        offered.subgroup_size_control};
 }
 

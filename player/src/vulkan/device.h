@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A Vulkan device with a queue that computes.
+// A Vulkan device with a compute queue.
 #pragma once
 
 #include <volk.h>
@@ -15,25 +15,26 @@
 
 namespace stgs::player::vulkan {
 
-// kRuntime where the call failed.
-Status vk_status(VkResult result, const char* what);
+// Converts a VkResult. `action` completes "Vulkan failed while ...". Errors: kNoMemory,
+// kDeviceLost, else kRuntime.
+Status vk_status(VkResult result, const char* action);
 
-// A zeroed Vulkan structure that says what it is.
+// Returns a zeroed Vulkan structure with its sType.
 template <typename T>
 T structure(VkStructureType type) {
-  T made{};
-  made.sType = type;
-  return made;
+  T out{};
+  out.sType = type;
+  return out;
 }
 
-// Of an instance: what is called after the device is there.
+// Instance functions that are called after the device is created.
 struct InstanceFunctions {
   PFN_vkGetPhysicalDeviceFormatProperties vkGetPhysicalDeviceFormatProperties = nullptr;
   PFN_vkDestroyDebugUtilsMessengerEXT vkDestroyDebugUtilsMessengerEXT = nullptr;
   PFN_vkDestroyInstance vkDestroyInstance = nullptr;
 };
 
-// Of its own or borrowed. One thread at a time.
+// An own or borrowed device. One thread at a time.
 class Device {
  public:
   Device() = default;
@@ -41,53 +42,54 @@ class Device {
   Device& operator=(const Device&) = delete;
   ~Device();
 
-  // One of the two, once: makes an instance and a device of its own, or takes the caller's.
+  // Call one of the two, once. Creates an own instance and device, or borrows the caller's.
   Status create(const VulkanSettings& settings);
   Status borrow(const VulkanDevice& lent);
 
-  // The device's functions.
-  VolkDeviceTable vk{};
+  VolkDeviceTable vk{};  // the functions of the device
   VkDevice handle() const { return context_.device; }
   std::uint32_t family() const { return context_.queue_family; }
   const Features& features() const { return features_; }
-  VkFormatFeatureFlags features_of(VkFormat format) const;  // of images with optimal tiling
-  std::uint64_t most_range() const { return most_range_; }  // bytes of a storage buffer
-  // Those that the ballot shaders run with; none where they do not.
+  // Returns the features of a format for images with optimal tiling.
+  VkFormatFeatureFlags features_of(VkFormat format) const;
+  std::uint64_t max_range() const { return max_range_; }  // bytes of a storage buffer
+  // Returns the subgroups of the ballot shaders; 0 lanes if those are not used.
   const Subgroups& subgroups() const { return subgroups_; }
-  bool ballots() const { return subgroups_.lanes != 0; }
-  // Nanoseconds a step of a timestamp; 0 where there are none.
+  bool uses_ballot() const { return subgroups_.lanes != 0; }
+  // Returns the nanoseconds per timestamp increment; 0 if timestamps are not supported.
   double timestamp_ns() const { return timestamp_ns_; }
   std::uint64_t timestamp_mask() const { return timestamp_mask_; }
-  // Memory of one of the types and with the properties; kRuntime where there is none left.
+  // Allocates memory of an allowed type with the properties; kNoMemory if there is none left.
   Status allocate(const VkMemoryRequirements& needs, VkMemoryPropertyFlags properties,
                   VkDeviceMemory* memory) const;
-  // A command buffer that is ready to be recorded, and runs it to its end.
+  // Begins recording the device's own command buffer.
   Status begin(VkCommandBuffer* commands);
+  // Submits it and waits until it has completed.
   Status finish(VkCommandBuffer commands);
   Status submit(std::span<const VkSubmitInfo> batches, VkFence fence);
   Status wait(VkFence fence) const;
 
  private:
-  Status make_instance();
+  Status create_instance();
   Status choose();
   Status open();
-  void keep_functions();
-  void learn_limits();
-  Status make_commands();
+  void save_functions();
+  void query_limits();
+  Status create_commands();
 
   VulkanSettings settings_;
   VulkanDevice context_;
-  Features features_;  // that the device was made with
+  Features features_;  // enabled at device creation
   Subgroups subgroups_;
   bool borrowed_ = false;
-  bool shares_processors_ = false;  // with the host
+  bool runs_on_cpu_ = false;
   InstanceFunctions instance_;
   VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;
   VkPhysicalDeviceMemoryProperties memory_{};
   VkCommandPool pool_ = VK_NULL_HANDLE;
   VkCommandBuffer commands_ = VK_NULL_HANDLE;
   VkFence fence_ = VK_NULL_HANDLE;
-  std::uint64_t most_range_ = 0, timestamp_mask_ = 0;
+  std::uint64_t max_range_ = 0, timestamp_mask_ = 0;
   double timestamp_ns_ = 0;
 };
 

@@ -22,14 +22,14 @@ bool has_extension(VkPhysicalDevice device, const char* name) {
   });
 }
 
-// Of the device and of its instance.
+// Returns the lower of the versions of the device and of its instance.
 std::uint32_t version_of(VkPhysicalDevice device, std::uint32_t api_version) {
   VkPhysicalDeviceProperties properties{};
   vkGetPhysicalDeviceProperties(device, &properties);
   return std::min(api_version, properties.apiVersion);
 }
 
-// The structure of a chain with that type, or null.
+// Returns the structure of a type in a pNext chain, or null.
 template <typename T>
 const T* find(const void* chain, VkStructureType type) {
   for (auto* next = static_cast<const VkBaseInStructure*>(chain); next != nullptr;
@@ -83,18 +83,18 @@ Features offered_features(VkPhysicalDevice device, std::uint32_t api_version) {
 
 Features enabled_features(const VulkanDevice& lent) {
   const std::uint32_t version = version_of(lent.physical_device, lent.api_version);
-  const auto there = [&](std::uint32_t core, const char* extension) {
+  const auto is_available = [&](std::uint32_t core, const char* extension) {
     const auto& names = lent.extensions;
     return version >= core || std::find(names.begin(), names.end(), extension) != names.end();
   };
-  return {there(VK_API_VERSION_1_2, VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME) &&
+  return {is_available(VK_API_VERSION_1_2, VK_KHR_TIMELINE_SEMAPHORE_EXTENSION_NAME) &&
               enables_timeline(lent.features),
-          there(VK_API_VERSION_1_3, VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME) &&
+          is_available(VK_API_VERSION_1_3, VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME) &&
               enables_subgroup_sizes(lent.features)};
 }
 
 Subgroups subgroups_of(VkPhysicalDevice device, const Features& enabled) {
-  // Known by the extension alone where the device was not made with them.
+  // Without the feature, the sizes are known only through the extension.
   if (!enabled.subgroup_size_control &&
       !has_extension(device, VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME)) {
     return {};
@@ -112,7 +112,7 @@ Subgroups subgroups_of(VkPhysicalDevice device, const Features& enabled) {
         sizes.maxComputeWorkgroupSubgroups >= kGroup / lanes) {
       return {lanes, true};
     }
-    // With one size, the invocations of a workgroup whose size is a multiple of it fill them.
+    // If there is only one size, workgroups of a multiple of it consist of full subgroups.
     if (sizes.minSubgroupSize == sizes.maxSubgroupSize) return {lanes, false};
   }
   return {};

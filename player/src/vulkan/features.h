@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a Vulkan device can be made with, and what it was made with.
+// Optional features that a Vulkan device supports, and those that it was created with.
 #pragma once
 
 #include <volk.h>
@@ -10,24 +10,23 @@
 
 namespace stgs::player::vulkan {
 
-// All are as good as missing where the version is too low and the extension is not there.
+// A feature counts as missing if the version is too low and its extension is not available.
 struct Features {
   bool timeline_semaphores = false;
-  // subgroupSizeControl and computeFullSubgroups.
-  bool subgroup_size_control = false;
+  bool subgroup_size_control = false;  // subgroupSizeControl and computeFullSubgroups
 };
-// That a device of the physical one can be made with, in an instance of the version.
+// Returns the features that a device can be created with, in an instance of the version.
 Features offered_features(VkPhysicalDevice device, std::uint32_t api_version);
-// That the caller's was made with.
+// Returns the features that the caller's device was created with.
 Features enabled_features(const VulkanDevice& lent);
 
-// How the invocations of a workgroup are in subgroups.
+// The distribution of the invocations of a workgroup over subgroups.
 struct Subgroups {
-  std::uint32_t lanes = 0;  // 16 or 32; 0: neither is known
-  bool required = false;    // pipelines must ask for it, and for full ones; false: all have it
+  std::uint32_t lanes = 0;  // 16 or 32; 0: unknown
+  bool required = false;    // pipelines must request this size and full subgroups
 };
-// Of a device that was made with them or without. Where sizes vary and none can be asked for, the
-// invocations of a workgroup may be in more subgroups than their size tells.
+// Returns the subgroups of a device that was created with the features. If sizes vary and cannot be
+// requested, a workgroup may have more subgroups than its size implies, so the result is unknown.
 Subgroups subgroups_of(VkPhysicalDevice device, const Features& enabled);
 
 }  // namespace stgs::player::vulkan

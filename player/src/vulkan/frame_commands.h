@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of a view as commands.
+// Records the rendering stages of a frame.
 #pragma once
 
 #include <span>
@@ -11,39 +11,39 @@
 
 namespace stgs::player::vulkan {
 
-// Of the input's parts, those that lie in one block.
+// The input parts that lie in one block of memory.
 struct BlockParts {
   std::uint32_t block, first_part, parts, groups;
 };
 
-inline constexpr std::uint32_t kPlanes = 5;  // red, green, blue, alpha, depth
-inline constexpr std::uint32_t kTimes = 4;   // begin, sliced, binned, blended
+inline constexpr std::uint32_t kPlanes = 5;           // red, green, blue, alpha, depth
+inline constexpr std::uint32_t kStageTimestamps = 4;  // begin, sliced, binned, blended
 
-// Whose times can be told, in their order.
+// Steps that can be measured, in execution order.
 enum FrameStep { kClear, kProject, kCompact, kDepthSort, kList, kTileSort, kBlend, kFrameSteps };
 
-// Where the picture of a view goes.
-struct PictureBuffers {
+// The output buffers of a view.
+struct ImageBuffers {
   std::uint32_t pixels = kPixelPlanes;
-  // Of kPixelPlanes all; else depth where it is wanted. What is not written is null.
+  // All planes for kPixelPlanes, else depth if requested. Planes that are not written are null.
   std::array<VkDescriptorBufferInfo, kPlanes> planes{};
-  VkBuffer packed = VK_NULL_HANDLE;  // of other pixels
+  VkBuffer packed = VK_NULL_HANDLE;  // for other pixels
 };
 
-// What a frame is drawn from and with.
+// The input and output of a frame.
 struct FrameWork {
   const FrameInput* input;
-  std::span<const Part> parts;  // those of a block side by side
+  std::span<const Part> parts;  // grouped by block
   std::span<const BlockParts> blocks;
   int sh_degree;
-  std::span<const PictureBuffers> pictures;  // of each view
-  VkBuffer told;                             // where the Counts go, for the host
-  VkQueryPool times;                         // kTimes of them; null where there are none
-  VkQueryPool step_times;                    // kFrameSteps + 1 of them, likewise
-  bool fovea;  // whether a view has one: splats are listed by rows of squares of 2 x 2 tiles
+  std::span<const ImageBuffers> images;  // one per view
+  VkBuffer counts;                       // receives the Counts for the host
+  VkQueryPool stage_timestamps;          // kStageTimestamps; null: not measured
+  VkQueryPool step_timestamps;           // kFrameSteps + 1; null: not measured
+  bool fovea;  // a view has one: splats are listed by rows of squares of 2 x 2 tiles
 };
 
-// The sets of buffers that a frame's commands use; one command buffer at a time.
+// The descriptor sets of a frame. Serves one command buffer at a time.
 class FrameCommands {
  public:
   FrameCommands() = default;
@@ -51,13 +51,13 @@ class FrameCommands {
   FrameCommands& operator=(const FrameCommands&) = delete;
   ~FrameCommands();
 
-  // Records a frame. Nothing that was recorded before may still run.
+  // Records a frame. Commands recorded before must have completed.
   Status record(const Device& device, const Pipelines& pipelines, const SegmentMemory& memory,
                 const FrameBuffers& buffers, const FrameWork& work, VkCommandBuffer commands);
 
  private:
   class Recorder;
-  Status make_room(const Device& device, std::uint32_t sets);
+  Status reset_pool(const Device& device, std::uint32_t sets);
 
   const Device* device_ = nullptr;
   VkDescriptorPool pool_ = VK_NULL_HANDLE;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the steps of a frame take, beside what they cannot do without.
+// The times of the steps of a frame next to their lower bounds.
 #pragma once
 
 #include <array>
@@ -12,7 +12,7 @@ namespace stgs::player::vulkan {
 
 using StepTimes = std::array<double, kFrameSteps>;  // milliseconds
 
-// Of a frame that has ended: what was counted, and what its steps took.
+// Returns the steps of a completed frame, given its counts and times.
 std::vector<RenderStep> steps_of(const FrameWork& work, const Counts& counts, const StepTimes& ms);
 
 }  // namespace stgs::player::vulkan

@@ -7,7 +7,7 @@
 namespace stgs::player::vulkan {
 namespace {
 
-// The semaphores of a batch as Vulkan takes them.
+// Semaphores in the layout of VkSubmitInfo.
 struct Semaphores {
   explicit Semaphores(std::span<const VulkanSemaphore> from) {
     for (const VulkanSemaphore& one : from) {
@@ -27,7 +27,7 @@ struct Semaphores {
 
 FrameSlot::~FrameSlot() {
   if (device_ == nullptr) return;
-  if (on_its_way_) (void)device_->wait(fence_);
+  if (in_flight_) (void)device_->wait(fence_);
   const auto& vk = device_->vk;
   vk.vkDestroyFence(device_->handle(), fence_, nullptr);
   vk.vkDestroyCommandPool(device_->handle(), pool_, nullptr);
@@ -46,39 +46,40 @@ Status FrameSlot::create(Device& device) {
   info.level = VK_COMMAND_BUFFER_LEVEL_PRIMARY;
   info.commandBufferCount = static_cast<std::uint32_t>(commands_.size());
   STGS_TRY(vk_status(vk.vkAllocateCommandBuffers(device.handle(), &info, commands_.data()),
-                     "creating command buffers"));
+                     "allocating command buffers"));
   const auto fence = structure<VkFenceCreateInfo>(VK_STRUCTURE_TYPE_FENCE_CREATE_INFO);
   STGS_TRY(
       vk_status(vk.vkCreateFence(device.handle(), &fence, nullptr, &fence_), "creating a fence"));
-  STGS_TRY(told_.create(device, sizeof(Counts), Place::kHost));
-  return device.timestamp_ns() == 0 ? Status() : times_.create(device, kTimes);
+  STGS_TRY(counts_.create(device, sizeof(Counts), MemoryLocation::kHost));
+  return device.timestamp_ns() == 0 ? Status() : timestamps_.create(device, kStageTimestamps);
 }
 
-Result<bool> FrameSlot::has_ended() {
-  if (!on_its_way_) return true;
+Result<bool> FrameSlot::has_completed() {
+  if (!in_flight_) return true;
   const VkResult result = device_->vk.vkGetFenceStatus(device_->handle(), fence_);
   if (result == VK_NOT_READY) return false;
-  STGS_TRY(vk_status(result, "looking whether a frame has ended"));
-  on_its_way_ = false;
+  STGS_TRY(vk_status(result, "querying a fence"));
+  in_flight_ = false;
   return true;
 }
 
 Status FrameSlot::wait() {
-  if (!on_its_way_) return {};
+  if (!in_flight_) return {};
   STGS_TRY(device_->wait(fence_));
-  on_its_way_ = false;
+  in_flight_ = false;
   return {};
 }
 
 Status FrameSlot::begin() {
-  STGS_TRY(
-      vk_status(device_->vk.vkResetCommandPool(device_->handle(), pool_, 0), "resetting commands"));
+  STGS_TRY(vk_status(device_->vk.vkResetCommandPool(device_->handle(), pool_, 0),
+                     "resetting a command pool"));
   for (const VkCommandBuffer commands : commands_) {
     auto info = structure<VkCommandBufferBeginInfo>(VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO);
     info.flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT;
-    STGS_TRY(vk_status(device_->vk.vkBeginCommandBuffer(commands, &info), "beginning commands"));
+    STGS_TRY(
+        vk_status(device_->vk.vkBeginCommandBuffer(commands, &info), "beginning a command buffer"));
   }
-  // Frames share what they are drawn with: this one waits for those before it.
+  // Frames share working buffers: this one waits for those before it.
   barrier(*device_, draw());
   return {};
 }
@@ -86,7 +87,7 @@ Status FrameSlot::begin() {
 Status FrameSlot::submit(std::span<const VulkanSemaphore> wait,
                          std::span<const VulkanSemaphore> signal) {
   for (const VkCommandBuffer commands : commands_) {
-    STGS_TRY(vk_status(device_->vk.vkEndCommandBuffer(commands), "ending commands"));
+    STGS_TRY(vk_status(device_->vk.vkEndCommandBuffer(commands), "ending a command buffer"));
   }
   const Semaphores before(wait), after(signal);
   const std::vector<VkPipelineStageFlags> stages(wait.size(), VK_PIPELINE_STAGE_ALL_COMMANDS_BIT);
@@ -96,7 +97,7 @@ Status FrameSlot::submit(std::span<const VulkanSemaphore> wait,
   values.pWaitSemaphoreValues = before.values.data();
   values.signalSemaphoreValueCount = after.count();
   values.pSignalSemaphoreValues = after.values.data();
-  // Two batches: drawing need not wait for the images.
+  // Two batches, so that rendering does not wait for the caller's images.
   std::array<VkSubmitInfo, 2> batches{};
   for (std::size_t i = 0; i < batches.size(); ++i) {
     batches[i].sType = VK_STRUCTURE_TYPE_SUBMIT_INFO;
@@ -111,20 +112,20 @@ Status FrameSlot::submit(std::span<const VulkanSemaphore> wait,
   last.signalSemaphoreCount = after.count();
   last.pSignalSemaphores = after.handles.data();
   STGS_TRY(device_->submit(batches, fence_));
-  on_its_way_ = true;
+  in_flight_ = true;
   return {};
 }
 
 Counts FrameSlot::counts() const {
   Counts counts{};
-  std::memcpy(&counts, told_.mapped(), sizeof(counts));
+  std::memcpy(&counts, counts_.mapped(), sizeof(counts));
   return counts;
 }
 
 Status FrameSlot::add_times(RenderStats& to) const {
-  if (times() == VK_NULL_HANDLE) return {};
-  std::array<double, kTimes - 1> ms{};
-  STGS_TRY(times_.between(ms));
+  if (timestamps() == VK_NULL_HANDLE) return {};
+  std::array<double, kStageTimestamps - 1> ms{};
+  STGS_TRY(timestamps_.between(ms));
   to.slice_ms += ms[0];
   to.bin_ms += ms[1];
   to.blend_ms += ms[2];

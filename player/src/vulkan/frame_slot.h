@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a frame has for itself while it is on its way: its commands, and what the device tells when
-// it has ended.
+// The resources of a frame in flight: its commands, and the results that the device returns.
 #pragma once
 
 #include <array>
@@ -12,11 +11,11 @@
 #include "vulkan/buffer.h"
 #include "vulkan/frame_buffers.h"
 #include "vulkan/frame_commands.h"
-#include "vulkan/times.h"
+#include "vulkan/timestamps.h"
 
 namespace stgs::player::vulkan {
 
-// One thread; the device outlives it. The destructor waits.
+// One thread. The device outlives it. The destructor waits for the frame.
 class FrameSlot {
  public:
   FrameSlot() = default;
@@ -25,40 +24,41 @@ class FrameSlot {
   ~FrameSlot();
 
   Status create(Device& device);
-  // Whether its last frame has not ended as far as is known.
-  bool on_its_way() const { return on_its_way_; }
-  Result<bool> has_ended();  // looks
+  // Returns whether the last frame is in flight, as of the last has_completed() or wait().
+  bool in_flight() const { return in_flight_; }
+  // Checks whether the last frame has completed.
+  Result<bool> has_completed();
   Status wait();
 
-  // Begins a frame; the last one has ended. `draw` is for drawing, `hand_over` for what waits for
-  // the caller's semaphores.
+  // Begins recording a frame; the last one must have completed. Rendering goes to `draw`, commands
+  // that wait for the caller's semaphores go to `output`.
   Status begin();
   VkCommandBuffer draw() const { return commands_[0]; }
-  VkCommandBuffer hand_over() const { return commands_[1]; }
+  VkCommandBuffer output() const { return commands_[1]; }
   FrameCommands& sets() { return sets_; }
-  VkBuffer told() const { return told_.handle(); }
-  VkQueryPool times() const { return times_.pool(); }
-  // Starts both.
+  VkBuffer counts_buffer() const { return counts_.handle(); }
+  VkQueryPool timestamps() const { return timestamps_.pool(); }
+  // Submits both command buffers.
   Status submit(std::span<const VulkanSemaphore> wait, std::span<const VulkanSemaphore> signal);
 
-  // Of a frame that has ended.
+  // Return the results of a completed frame.
   Counts counts() const;
   Status add_times(RenderStats& stats) const;
 
-  std::uint64_t number = 0;    // of the frame, as all that follows
-  std::uint64_t capacity = 0;  // instances that there was room for
-  RenderStats stats;           // what the host knows of it
-  std::vector<Buffer> copied;  // that its commands copy from
+  std::uint64_t number = 0;     // of the frame
+  std::uint64_t capacity = 0;   // of instances in its buffers
+  RenderStats stats;            // the part that the host knows
+  std::vector<Buffer> staging;  // that its commands copy from
 
  private:
   Device* device_ = nullptr;
   VkCommandPool pool_ = VK_NULL_HANDLE;
   std::array<VkCommandBuffer, 2> commands_{};
   VkFence fence_ = VK_NULL_HANDLE;
-  Times times_;
+  Timestamps timestamps_;
   FrameCommands sets_;
-  Buffer told_;
-  bool on_its_way_ = false;
+  Buffer counts_;
+  bool in_flight_ = false;
 };
 
 }  // namespace stgs::player::vulkan

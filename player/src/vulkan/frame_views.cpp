@@ -10,7 +10,7 @@
 namespace stgs::player::vulkan {
 namespace {
 
-constexpr std::uint64_t kPlaneAlign = 256;  // that every device is content with
+constexpr std::uint64_t kPlaneAlign = 256;  // sufficient for every device
 
 int tiles_along(int pixels) {
   return (pixels + kTilePixels - 1) / kTilePixels;
@@ -18,21 +18,21 @@ int tiles_along(int pixels) {
 
 }  // namespace
 
-void Picture::set_size(const View& view) {
+void ViewImage::set_size(const View& view) {
   width = static_cast<int>(std::lround(view.camera.width));
   height = static_cast<int>(std::lround(view.camera.height));
 }
 
-std::uint32_t Picture::tiles() const {
+std::uint32_t ViewImage::tiles() const {
   return static_cast<std::uint32_t>(tiles_along(width) * tiles_along(height));
 }
 
-std::uint64_t Picture::plane_bytes() const {
+std::uint64_t ViewImage::plane_bytes() const {
   return (sizeof(float) * pixels() + kPlaneAlign - 1) / kPlaneAlign * kPlaneAlign;
 }
 
-PictureBuffers Picture::buffers(const VulkanTarget* to) const {
-  PictureBuffers out;
+ImageBuffers ViewImage::buffers(const VulkanTarget* to) const {
+  ImageBuffers out;
   for (std::uint32_t plane = 0; to == nullptr && plane < kPlanes; ++plane) {
     out.planes[plane] = {planes.handle(), plane * plane_bytes(), plane_bytes()};
   }
@@ -48,8 +48,8 @@ bool has_fovea(const std::vector<View>& views) {
                      [](const View& view) { return view.fovea.has_value(); });
 }
 
-FrameInput input_of(const std::vector<View>& views, std::span<const Picture> pictures) {
-  static_assert(kMostViews == kMaxViews);
+FrameInput input_of(const std::vector<View>& views, std::span<const ViewImage> images) {
+  static_assert(kMaxFrameViews == kMaxViews);
   FrameInput input{};
   input.views = static_cast<std::uint32_t>(views.size());
   for (std::size_t i = 0; i < views.size(); ++i) {
@@ -57,15 +57,15 @@ FrameInput input_of(const std::vector<View>& views, std::span<const Picture> pic
     view.camera = views[i].camera;
     view.centre = math::camera_centre(views[i].camera);
     view.background = views[i].background;
-    view.width = pictures[i].width;
-    view.height = pictures[i].height;
-    view.tiles_x = tiles_along(pictures[i].width);
-    view.tiles_y = tiles_along(pictures[i].height);
+    view.width = images[i].width;
+    view.height = images[i].height;
+    view.tiles_x = tiles_along(images[i].width);
+    view.tiles_y = tiles_along(images[i].height);
     view.first_tile = input.tiles;
     const Fovea fovea = fovea_of(views[i]);
     view.fovea = fovea.centre;
     view.fovea_radius = fovea.radius;
-    input.tiles += pictures[i].tiles();
+    input.tiles += images[i].tiles();
   }
   return input;
 }

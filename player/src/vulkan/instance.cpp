@@ -15,8 +15,8 @@ constexpr const char* kLayer = "VK_LAYER_KHRONOS_validation";
 VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
                                           VkDebugUtilsMessageTypeFlagsEXT,
                                           const VkDebugUtilsMessengerCallbackDataEXT* data,
-                                          void* tell) {
-  (*static_cast<const std::function<void(const std::string&)>*>(tell))(data->pMessage);
+                                          void* callback) {
+  (*static_cast<const std::function<void(const std::string&)>*>(callback))(data->pMessage);
   return VK_FALSE;
 }
 
@@ -31,7 +31,7 @@ bool has_validation_layer() {
 }
 
 VkDebugUtilsMessengerCreateInfoEXT messenger_to(
-    const std::function<void(const std::string&)>* tell) {
+    const std::function<void(const std::string&)>* callback) {
   auto info = structure<VkDebugUtilsMessengerCreateInfoEXT>(
       VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT);
   info.messageSeverity = VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT |
@@ -39,7 +39,7 @@ VkDebugUtilsMessengerCreateInfoEXT messenger_to(
   info.messageType = VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT |
                      VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT;
   info.pfnUserCallback = on_message;
-  info.pUserData = const_cast<std::function<void(const std::string&)>*>(tell);
+  info.pUserData = const_cast<std::function<void(const std::string&)>*>(callback);
   return info;
 }
 
@@ -52,7 +52,7 @@ VkResult make_vulkan_instance(const VulkanInstanceSettings& settings, VulkanInst
   application.apiVersion = settings.api_version;
   auto info = structure<VkInstanceCreateInfo>(VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO);
   info.pApplicationInfo = &application;
-  // In the chain too, for what is wrong with making and destroying the instance itself.
+  // Also in the pNext chain, to validate the creation and destruction of the instance itself.
   const auto debug = messenger_to(settings.on_message);
   const VkValidationFeatureEnableEXT synchronisation =
       VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;

@@ -23,14 +23,15 @@ std::uint32_t sh_planes(int sh_degree) {
   return (sh_floats(sh_degree) + 3) / 4;
 }
 
-// The nearest half float, ties to even. What is not finite stays so: it is not drawn.
+// Returns the bits of the nearest half float, ties to even. Values that are not finite stay so:
+// such primitives are not rendered.
 std::uint32_t half_bits(float x) {
-  constexpr float kMost = 65504.0f;
+  constexpr float kMaxHalf = 65504.0f;
   const auto bits = std::bit_cast<std::uint32_t>(x);
   const std::uint32_t sign = bits >> 16 & 0x8000u;
   if (!std::isfinite(x)) return sign | (std::isnan(x) ? 0x7E00u : 0x7C00u);
-  const float magnitude = std::min(std::abs(x), kMost);
-  // Adding a power of two leaves as many bits as a half float has there.
+  const float magnitude = std::min(std::abs(x), kMaxHalf);
+  // Adding 0.5 rounds to the precision of subnormal half floats.
   if (magnitude < 0x1p-14f) {
     return sign | (std::bit_cast<std::uint32_t>(magnitude + 0.5f) - 0x3F000000u);
   }
@@ -38,10 +39,10 @@ std::uint32_t half_bits(float x) {
   return sign | (((m + 0xFFFu + (m >> 13 & 1u)) >> 13) - (112u << 10));
 }
 
-constexpr std::size_t kPacked = 1024;  // primitives that a thread packs at a time
+constexpr std::size_t kBlock = 1024;  // primitives per task
 
 struct Arrays {
-  float *support, *place, *motion, *lifespan, *covariance, *covariance_rest;
+  float *support, *position_time, *velocity_opacity, *lifespan, *covariance, *covariance_rest;
   std::uint32_t* sh;
 };
 
@@ -54,8 +55,8 @@ Arrays arrays_at(std::uint8_t* memory, std::size_t n) {
   };
   Arrays out{};
   out.support = take(2);
-  out.place = take(4);
-  out.motion = take(4);
+  out.position_time = take(4);
+  out.velocity_opacity = take(4);
   out.lifespan = take(2);
   out.covariance = take(4);
   out.covariance_rest = take(2);
@@ -76,8 +77,8 @@ void pack_one(const Gaussians4D& set, std::size_t i, const Arrays& to, std::size
   const Sym3 v =
       covariance_of({q[0], q[1], q[2], q[3]}, {std::exp(s[0]), std::exp(s[1]), std::exp(s[2])});
   put(to.support + 2 * k, {support.begin, support.end});
-  put(to.place + 4 * k, {x[0], x[1], x[2], time});
-  put(to.motion + 4 * k, {u[0], u[1], u[2], opacity});
+  put(to.position_time + 4 * k, {x[0], x[1], x[2], time});
+  put(to.velocity_opacity + 4 * k, {u[0], u[1], u[2], opacity});
   put(to.lifespan + 2 * k, {set.sigma[i], set.radius[i]});
   put(to.covariance + 4 * k, {v.xx, v.xy, v.xz, v.yy});
   put(to.covariance_rest + 2 * k, {v.yz, v.zz});
@@ -101,20 +102,20 @@ void pack_segment(const Gaussians4D& set, std::size_t first, std::uint32_t count
                   std::uint8_t* memory) {
   const std::size_t n = padded(count);
   const std::size_t floats = sh_floats(sh_degree), planes = sh_planes(sh_degree);
-  const std::size_t held = std::min<std::size_t>(floats, sh_floats(set.sh_degree));
+  const std::size_t available = std::min<std::size_t>(floats, sh_floats(set.sh_degree));
   const Arrays to = arrays_at(memory, n);
-  parallel_blocks(std::size_t{0}, n, kPacked, [&](std::size_t begin, std::size_t end) {
+  parallel_blocks(std::size_t{0}, n, kBlock, [&](std::size_t begin, std::size_t end) {
     for (std::size_t k = begin; k < end; ++k) {
-      const bool there = k < count;
-      if (there) {
+      const bool is_used = k < count;
+      if (is_used) {
         pack_one(set, first + k, to, k);
       } else {
         put(to.support + 2 * k, {kNever, -kNever});
       }
       const float* const sh =
-          there ? set.sh.data() + sh_floats(set.sh_degree) * (first + k) : nullptr;
+          is_used ? set.sh.data() + sh_floats(set.sh_degree) * (first + k) : nullptr;
       const auto bits = [&](std::size_t number) {
-        return there && number < held ? half_bits(sh[number]) : 0u;
+        return is_used && number < available ? half_bits(sh[number]) : 0u;
       };
       for (std::size_t p = 0; p < planes; ++p) {
         std::uint32_t* const pair = to.sh + 2 * (n * p + k);

@@ -58,7 +58,7 @@ constexpr std::uint32_t kBlendBallotCode[] = {
 };
 
 struct Code {
-  std::span<const std::uint32_t> anywhere, ballot;  // for any subgroups; where they are known
+  std::span<const std::uint32_t> portable, ballot;  // for unknown and for known subgroup sizes
 };
 
 Code code_of(Shader shader) {
@@ -102,7 +102,7 @@ Status make_buffers_layout(const Device& device, std::uint32_t count, VkDescript
   info.bindingCount = count;
   info.pBindings = bindings.data();
   return vk_status(device.vk.vkCreateDescriptorSetLayout(device.handle(), &info, nullptr, out),
-                   "creating a layout of buffers");
+                   "creating a descriptor set layout");
 }
 
 Status make_pipeline(const Device& device, std::span<const std::uint32_t> code,
@@ -119,11 +119,11 @@ Status make_pipeline(const Device& device, std::span<const std::uint32_t> code,
   info.layout = layout;
   STGS_TRY(vk_status(
       device.vk.vkCreateShaderModule(device.handle(), &module, nullptr, &info.stage.module),
-      "loading a shader"));
+      "creating a shader module"));
   const VkResult result =
       device.vk.vkCreateComputePipelines(device.handle(), VK_NULL_HANDLE, 1, &info, nullptr, out);
   device.vk.vkDestroyShaderModule(device.handle(), info.stage.module, nullptr);
-  return vk_status(result, "compiling a shader");
+  return vk_status(result, "creating a compute pipeline");
 }
 
 Pipelines::~Pipelines() {
@@ -141,16 +141,16 @@ Pipelines::~Pipelines() {
 }
 
 Status Pipelines::create(const Device& device, int sh_degree) {
-  if (layout_ == VK_NULL_HANDLE) STGS_TRY(make_layout(device));
+  if (layout_ == VK_NULL_HANDLE) STGS_TRY(create_layout(device));
   auto& pipelines = pipelines_[static_cast<std::size_t>(sh_degree)];
   for (std::size_t i = 0; i < kShaders; ++i) {
     if (pipelines[i] != VK_NULL_HANDLE) continue;
-    STGS_TRY(make(device, static_cast<Shader>(i), sh_degree, &pipelines[i]));
+    STGS_TRY(create_one(device, static_cast<Shader>(i), sh_degree, &pipelines[i]));
   }
   return {};
 }
 
-Status Pipelines::make_layout(const Device& device) {
+Status Pipelines::create_layout(const Device& device) {
   device_ = &device;
   const std::uint32_t counts[] = {kFrameBindings, kStageBindings};
   for (std::size_t set = 0; set < sets_.size(); ++set) {
@@ -163,13 +163,14 @@ Status Pipelines::make_layout(const Device& device) {
   info.pushConstantRangeCount = 1;
   info.pPushConstantRanges = &push;
   return vk_status(device.vk.vkCreatePipelineLayout(device.handle(), &info, nullptr, &layout_),
-                   "creating a layout of shaders");
+                   "creating a pipeline layout");
 }
 
-Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPipeline* out) const {
+Status Pipelines::create_one(const Device& device, Shader shader, int sh_degree,
+                             VkPipeline* out) const {
   const std::uint32_t lanes = device.subgroups().lanes;
   const Code codes = code_of(shader);
-  const std::span<const std::uint32_t> code = lanes != 0 ? codes.ballot : codes.anywhere;
+  const std::span<const std::uint32_t> code = lanes != 0 ? codes.ballot : codes.portable;
   const bool projects = shader == Shader::kProject || shader == Shader::kProjectSeveral;
   const bool fovea = shader == Shader::kCountTilesFovea || shader == Shader::kListTilesFovea ||
                      shader == Shader::kBlendFovea;
@@ -187,7 +188,7 @@ Status Pipelines::make(const Device& device, Shader shader, int sh_degree, VkPip
   auto size = structure<VkPipelineShaderStageRequiredSubgroupSizeCreateInfo>(
       VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_REQUIRED_SUBGROUP_SIZE_CREATE_INFO);
   size.requiredSubgroupSize = lanes;
-  if (device.subgroups().required && codes.ballot.data() != codes.anywhere.data()) {
+  if (device.subgroups().required && codes.ballot.data() != codes.portable.data()) {
     stage.pNext = &size;
     stage.flags = VK_PIPELINE_SHADER_STAGE_CREATE_REQUIRE_FULL_SUBGROUPS_BIT;
   }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shaders, ready to be dispatched. All have one layout: set 0 is the frame's buffers
-// (frame.glsl), set 1 up to four of the stage, and the constants of frame_layout.h's Push.
+// The compute pipelines. All have one layout: set 0 holds the frame's buffers (frame.glsl), set 1
+// up to four buffers of the stage, and the push constants are Push of frame_layout.h.
 #pragma once
 
 #include <array>
@@ -14,14 +14,14 @@ inline constexpr std::uint32_t kFrameBindings = 15, kStageBindings = 4;
 inline constexpr int kDegrees = 4;
 
 enum class Shader {
-  kProject,         // of one view
-  kProjectSeveral,  // views
+  kProject,         // one view
+  kProjectSeveral,  // several views
   kScanChunks,
   kCompact,
   kSortCount,
   kSortScatter,
   kCountTiles,
-  kCountTilesFovea,  // where a view has one, as the others of this name
+  kCountTilesFovea,  // ...Fovea: used if a view has a fovea
   kListTiles,
   kListTilesFovea,
   kFindRanges,
@@ -31,14 +31,15 @@ enum class Shader {
 };
 inline constexpr std::size_t kShaders = 14;
 
-// Storage buffers for compute shaders, at bindings from 0 on.
+// Creates a descriptor set layout of `count` storage buffers for compute shaders, from binding 0
+// on.
 Status make_buffers_layout(const Device& device, std::uint32_t count, VkDescriptorSetLayout* out);
-// Of `stage` the code is set here.
+// Creates a compute pipeline. Sets the module of `stage` from `code`.
 Status make_pipeline(const Device& device, std::span<const std::uint32_t> code,
                      const VkPipelineShaderStageCreateInfo& stage, VkPipelineLayout layout,
                      VkPipeline* out);
 
-// The device outlives it.
+// The pipelines of a device, which outlives them.
 class Pipelines {
  public:
   Pipelines() = default;
@@ -46,7 +47,7 @@ class Pipelines {
   Pipelines& operator=(const Pipelines&) = delete;
   ~Pipelines();
 
-  // For scenes of a degree; once for each.
+  // Creates the pipelines for an SH degree, unless they exist.
   Status create(const Device& device, int sh_degree);
   VkPipeline of(Shader shader, int sh_degree) const {
     return pipelines_[static_cast<std::size_t>(sh_degree)][static_cast<std::size_t>(shader)];
@@ -56,8 +57,8 @@ class Pipelines {
   VkDescriptorSetLayout stage_set() const { return sets_[1]; }
 
  private:
-  Status make_layout(const Device& device);
-  Status make(const Device& device, Shader shader, int sh_degree, VkPipeline* out) const;
+  Status create_layout(const Device& device);
+  Status create_one(const Device& device, Shader shader, int sh_degree, VkPipeline* out) const;
 
   const Device* device_ = nullptr;
   std::array<VkDescriptorSetLayout, 2> sets_{};

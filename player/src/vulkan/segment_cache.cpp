@@ -14,39 +14,41 @@ namespace stgs::player::vulkan {
 namespace {
 
 constexpr std::uint64_t kBlockBytes = std::uint64_t{256} << 20;
-// Bytes that wait to be copied at most, and that buffers are made for before play; frames on their
-// way may give back twice as much.
-constexpr std::uint64_t kWaiting = std::uint64_t{64} << 20, kSpare = 2 * kWaiting;
+// Bytes of staged copies, for which buffers are allocated in advance. Frames in flight may return
+// twice as many.
+constexpr std::uint64_t kMaxStaged = std::uint64_t{64} << 20, kMaxSpare = 2 * kMaxStaged;
 
 }  // namespace
 
 void SegmentCache::create(Device& device, std::uint64_t block_bytes) {
   device_ = &device;
-  const std::uint64_t wanted = block_bytes > 0 ? block_bytes : kBlockBytes;
-  // A chunk of any degree fits a block.
-  const std::uint64_t least = kGroup * packed_bytes_each(math::kShMaxDegree);
-  const std::uint64_t bytes = std::max(least, std::min(wanted, device.most_range()));
+  const std::uint64_t preferred = block_bytes > 0 ? block_bytes : kBlockBytes;
+  // A block must hold a chunk of any SH degree.
+  const std::uint64_t min_bytes = kGroup * packed_bytes_each(math::kShMaxDegree);
+  const std::uint64_t bytes = std::max(min_bytes, std::min(preferred, device.max_range()));
   memory_.create(device, bytes / SegmentMemory::kAlign * SegmentMemory::kAlign);
 }
 
 Status SegmentCache::begin(const SceneReader& /*reader*/) {
-  spare_.clear();  // of another scene's size
+  spare_.clear();  // sized for another scene
   return {};
 }
 
-// What is sent while it plays finds its buffers made, as the time for that would be a picture's.
+// Allocates staging buffers before playback, since allocation takes as long as a frame.
 void SegmentCache::reserve(std::uint64_t bytes) {
   memory_.reserve(bytes);
-  const std::uint64_t each = host_bytes();
-  for (std::uint64_t all = each; all <= std::min(bytes, kWaiting); all += each) {
+  const std::uint64_t each = staging_bytes();
+  for (std::uint64_t all = each; all <= std::min(bytes, kMaxStaged); all += each) {
     Buffer buffer;
-    if (!buffer.create(*device_, each, Place::kHost).ok()) return;  // told where one is needed
+    if (!buffer.create(*device_, each, MemoryLocation::kHost).ok())
+      return;  // reported once one is needed
     spare_.push_back(std::move(buffer));
   }
 }
 
-// Of a host buffer: what any piece of the scene fits in, so that each serves for all.
-std::uint64_t SegmentCache::host_bytes() const {
+// Returns the size of a staging buffer: any upload of the scene fits, so that all are
+// interchangeable.
+std::uint64_t SegmentCache::staging_bytes() const {
   return bytes_of(std::min<std::uint64_t>(peak().primitives, kMaxUploadPrimitives));
 }
 
@@ -54,26 +56,27 @@ std::uint64_t SegmentCache::bytes_of(std::uint64_t primitives) const {
   return packed_bytes(static_cast<std::uint32_t>(primitives), sh_degree());
 }
 
-void SegmentCache::give_back(Pieces& pieces, std::uint32_t segment) {
-  const auto found = pieces.find(segment);
-  if (found == pieces.end()) return;
-  for (const Piece& piece : found->second) {
-    if (piece.room.bytes == 0) continue;  // it got none
-    const auto waits = std::find_if(copies_.begin(), copies_.end(), [&](const Copy& copy) {
-      return copy.room.block == piece.room.block && copy.room.offset == piece.room.offset;
+void SegmentCache::free(Uploads& uploads, std::uint32_t segment) {
+  const auto found = uploads.find(segment);
+  if (found == uploads.end()) return;
+  for (const Upload& one : found->second) {
+    if (one.allocation.bytes == 0) continue;  // the allocation failed
+    const auto staged = std::find_if(copies_.begin(), copies_.end(), [&](const Copy& copy) {
+      return copy.allocation.block == one.allocation.block &&
+             copy.allocation.offset == one.allocation.offset;
     });
-    if (waits != copies_.end()) copies_.erase(waits);
-    memory_.give_back(piece.room);
+    if (staged != copies_.end()) copies_.erase(staged);
+    memory_.free(one.allocation);
   }
-  pieces.erase(found);
+  uploads.erase(found);
 }
 
 void SegmentCache::release(std::uint32_t segment) {
-  give_back(resident_, segment);
+  free(resident_, segment);
 }
 
 void SegmentCache::cancel_upload(std::uint32_t segment) {
-  give_back(arriving_, segment);
+  free(incomplete_, segment);
 }
 
 Status SegmentCache::decode(Timeline& timeline, std::span<const std::uint32_t> segments) {
@@ -82,7 +85,7 @@ Status SegmentCache::decode(Timeline& timeline, std::span<const std::uint32_t> s
   parallel_for(std::size_t{0}, read.size(),
                [&](std::size_t k) { read[k].emplace(reader.decode(segments[k])); });
   for (std::size_t k = 0; k < read.size(); ++k) {
-    STGS_TRY(read[k]->ok() ? send_all(segments[k], **read[k])
+    STGS_TRY(read[k]->ok() ? upload_all(segments[k], **read[k])
                            : decode_on_cpu(timeline, segments[k]));
     read[k].reset();
   }
@@ -91,28 +94,28 @@ Status SegmentCache::decode(Timeline& timeline, std::span<const std::uint32_t> s
 
 Status SegmentCache::upload(std::uint32_t segment, const Gaussians4D& set, std::size_t first) {
   if (first == 0) cancel_upload(segment);
-  std::vector<Piece>& pieces = arriving_[segment];
+  std::vector<Upload>& uploads = incomplete_[segment];
   const std::uint64_t fitting =
       memory_.block_bytes() / (packed_bytes_each(sh_degree()) * kGroup) * kGroup;
   const std::size_t end = std::min(first + kMaxUploadPrimitives, set.size());
   while (first < end) {
-    pieces.emplace_back();  // it holds what the room takes, whatever happens
-    Piece& piece = pieces.back();
-    piece.primitives = static_cast<std::uint32_t>(std::min<std::uint64_t>(end - first, fitting));
-    STGS_TRY(send_room(set, first, piece));
-    first += piece.primitives;
+    uploads.emplace_back();  // registered first, so that an error frees its allocation
+    Upload& one = uploads.back();
+    one.primitives = static_cast<std::uint32_t>(std::min<std::uint64_t>(end - first, fitting));
+    STGS_TRY(stage(set, first, one));
+    first += one.primitives;
   }
   if (end < set.size()) return {};
-  give_back(resident_, segment);
+  free(resident_, segment);
   std::uint64_t bytes = 0;
-  for (const Piece& piece : pieces) bytes += piece.room.bytes;
-  resident_.insert(arriving_.extract(segment));
+  for (const Upload& one : uploads) bytes += one.allocation.bytes;
+  resident_.insert(incomplete_.extract(segment));
   insert(segment, set.size(), bytes);
   return {};
 }
 
-// Many pieces are small: they share buffers, of which making one takes milliseconds.
-Status SegmentCache::fill(std::uint64_t bytes) {
+// Small uploads share a buffer, since allocating one takes milliseconds.
+Status SegmentCache::ensure_staging(std::uint64_t bytes) {
   if (!filled_.empty() && filled_.back().bytes() - filled_bytes_ >= bytes) return {};
   filled_.reserve(filled_.size() + 1);
   const auto spare = std::find_if(spare_.begin(), spare_.end(),
@@ -122,60 +125,60 @@ Status SegmentCache::fill(std::uint64_t bytes) {
     buffer = std::move(*spare);
     spare_.erase(spare);
   } else {
-    STGS_TRY(buffer.create(*device_, std::max(bytes, host_bytes()), Place::kHost));
+    STGS_TRY(buffer.create(*device_, std::max(bytes, staging_bytes()), MemoryLocation::kHost));
   }
   filled_.push_back(std::move(buffer));
   filled_bytes_ = 0;
   return {};
 }
 
-Status SegmentCache::send_room(const Gaussians4D& set, std::size_t first, Piece& piece) {
-  const std::uint64_t bytes = packed_bytes(piece.primitives, sh_degree());
-  STGS_TRY(fill(bytes));
-  pack_segment(set, first, piece.primitives, sh_degree(), filled_.back().mapped() + filled_bytes_);
+Status SegmentCache::stage(const Gaussians4D& set, std::size_t first, Upload& upload) {
+  const std::uint64_t bytes = packed_bytes(upload.primitives, sh_degree());
+  STGS_TRY(ensure_staging(bytes));
+  pack_segment(set, first, upload.primitives, sh_degree(), filled_.back().mapped() + filled_bytes_);
   copies_.reserve(copies_.size() + 1);
-  STGS_ASSIGN(piece.room, memory_.take(bytes));
-  copies_.push_back({piece.room, filled_.size() - 1, filled_bytes_});
-  filled_bytes_ += piece.room.bytes;
-  waiting_ += piece.room.bytes;
-  return waiting_ > kWaiting ? copy_now() : Status();
+  STGS_ASSIGN(upload.allocation, memory_.allocate(bytes));
+  copies_.push_back({upload.allocation, filled_.size() - 1, filled_bytes_});
+  filled_bytes_ += upload.allocation.bytes;
+  staged_bytes_ += upload.allocation.bytes;
+  return staged_bytes_ > kMaxStaged ? copy_now() : Status();
 }
 
 Status SegmentCache::copy_now() {
   VkCommandBuffer commands = VK_NULL_HANDLE;
   STGS_TRY(device_->begin(&commands));
-  barrier(*device_, commands);  // what frames on their way read of the blocks
+  barrier(*device_, commands);  // after frames in flight have read the blocks
   record_copies(commands);
   std::vector<Buffer> copied;
   copied.reserve(filled_.size());
   STGS_TRY(device_->finish(commands));
-  take_copied(copied);
-  take_back(std::move(copied));
+  take_staging(copied);
+  recycle(std::move(copied));
   return {};
 }
 
 void SegmentCache::record_copies(VkCommandBuffer commands) const {
   for (const Copy& copy : copies_) {
-    const VkBufferCopy region{copy.offset, copy.room.offset, copy.room.bytes};
+    const VkBufferCopy region{copy.offset, copy.allocation.offset, copy.allocation.bytes};
     device_->vk.vkCmdCopyBuffer(commands, filled_[copy.buffer].handle(),
-                                memory_.buffer(copy.room.block), 1, &region);
+                                memory_.buffer(copy.allocation.block), 1, &region);
   }
   if (!copies_.empty()) barrier(*device_, commands);
 }
 
-void SegmentCache::take_copied(std::vector<Buffer>& to) {
+void SegmentCache::take_staging(std::vector<Buffer>& to) {
   for (Buffer& buffer : filled_) to.push_back(std::move(buffer));
   filled_.clear();
   copies_.clear();
-  waiting_ = 0;
+  staged_bytes_ = 0;
 }
 
-void SegmentCache::take_back(std::vector<Buffer> buffers) {
+void SegmentCache::recycle(std::vector<Buffer> buffers) {
   std::uint64_t bytes = 0;
   for (const Buffer& buffer : spare_) bytes += buffer.bytes();
   for (Buffer& buffer : buffers) {
     bytes += buffer.bytes();
-    if (bytes <= kSpare) spare_.push_back(std::move(buffer));
+    if (bytes <= kMaxSpare) spare_.push_back(std::move(buffer));
   }
 }
 

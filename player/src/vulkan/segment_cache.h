@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The segments of a timeline that are on the device, laid out to be drawn.
+// The segments that are resident on the Vulkan device.
 #pragma once
 
 #include <cstdint>
@@ -13,15 +13,15 @@
 
 namespace stgs::player::vulkan {
 
-// Primitives of a segment, successive ones, that lie in one block.
-struct Piece {
-  Room room;
+// Successive primitives of a segment in one block.
+struct Upload {
+  Allocation allocation;
   std::uint32_t primitives = 0;
 };
 
-// What make_resident() sends waits, up to some MiB, to be copied by the commands of the frame that
-// needs it, so that the host waits for nothing. Frames on their way may use what it drops: copies
-// come after them in the queue. One thread; the device outlives it.
+// Uploads of make_resident() are staged, up to some MiB, and copied by the commands of the frame
+// that needs them, so that the host does not wait. Frames in flight may use evicted memory: later
+// copies follow them in the queue. One thread. The device outlives it.
 class SegmentCache final : public DeviceSegments {
  public:
   SegmentCache() = default;
@@ -29,18 +29,21 @@ class SegmentCache final : public DeviceSegments {
   SegmentCache& operator=(const SegmentCache&) = delete;
   ~SegmentCache() override { clear(); }
 
-  // `block_bytes`: of a block, 0 for as much as is good for the device.
+  // `block_bytes`: size of a block; 0: a default that suits the device.
   void create(Device& device, std::uint64_t block_bytes);
-  // Of one that the last call of make_resident() gave.
-  const std::vector<Piece>& at(std::uint32_t segment) const { return resident_.at(segment); }
+  // Returns the memory of a segment that the last make_resident() returned.
+  const std::vector<Upload>& at(std::uint32_t segment) const { return resident_.at(segment); }
   const SegmentMemory& memory() const { return memory_; }
-  // The copies that wait, at the beginning of a frame's commands and after those of all before.
+  // Records the staged copies. Call it at the beginning of a frame's commands, after those of all
+  // earlier frames.
   void record_copies(VkCommandBuffer commands) const;
-  std::size_t buffers() const { return filled_.size(); }
-  // Once those commands are submitted: adds buffers() of them, which must last until they have
-  // ended; then take_back() has use for them. Does not throw where `to` has room for them.
-  void take_copied(std::vector<Buffer>& to);
-  void take_back(std::vector<Buffer> buffers);
+  // Returns the number of staging buffers that are filled.
+  std::size_t staging_buffers() const { return filled_.size(); }
+  // Moves the filled staging buffers to `to`, once the commands are submitted. They must be
+  // retained until the commands have completed, and can then be recycled. Does not throw if `to`
+  // has capacity for staging_buffers() more.
+  void take_staging(std::vector<Buffer>& to);
+  void recycle(std::vector<Buffer> buffers);
 
  private:
   Status begin(const SceneReader& reader) override;
@@ -52,27 +55,27 @@ class SegmentCache final : public DeviceSegments {
   void release(std::uint32_t segment) override;
 
   struct Copy {
-    Room room;
-    std::size_t buffer = 0;    // of filled_
-    std::uint64_t offset = 0;  // in it
+    Allocation allocation;
+    std::size_t buffer = 0;    // index in filled_
+    std::uint64_t offset = 0;  // in that buffer
   };
-  using Pieces = std::map<std::uint32_t, std::vector<Piece>>;  // of segments
-  void give_back(Pieces& pieces, std::uint32_t segment);
-  // Sends primitives from `first` on to a room of their own.
-  Status send_room(const Gaussians4D& set, std::size_t first, Piece& piece);
-  std::uint64_t host_bytes() const;
-  // Room in the last of filled_; how much of it is taken then is told by filled_bytes_.
-  Status fill(std::uint64_t bytes);
+  using Uploads = std::map<std::uint32_t, std::vector<Upload>>;  // by segment
+  void free(Uploads& uploads, std::uint32_t segment);
+  // Stages the primitives from `first` on and allocates device memory for them.
+  Status stage(const Gaussians4D& set, std::size_t first, Upload& upload);
+  std::uint64_t staging_bytes() const;
+  // Ensures that the last of filled_ has `bytes` left.
+  Status ensure_staging(std::uint64_t bytes);
   Status copy_now();
 
   Device* device_ = nullptr;
   SegmentMemory memory_;
-  std::vector<Copy> copies_;        // that wait
-  std::uint64_t waiting_ = 0;       // bytes of them, and of those that were given up
-  std::vector<Buffer> filled_;      // of the host, that hold them
-  std::uint64_t filled_bytes_ = 0;  // of the last of these
-  std::vector<Buffer> spare_;
-  Pieces resident_, arriving_;
+  std::vector<Copy> copies_;        // staged
+  std::uint64_t staged_bytes_ = 0;  // including copies that were cancelled
+  std::vector<Buffer> filled_;      // staging buffers with the copies
+  std::uint64_t filled_bytes_ = 0;  // used in the last of them
+  std::vector<Buffer> spare_;       // staging buffers that are free
+  Uploads resident_, incomplete_;
 };
 
 }  // namespace stgs::player::vulkan

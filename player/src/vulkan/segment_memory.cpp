@@ -8,8 +8,8 @@ namespace stgs::player::vulkan {
 
 Status SegmentMemory::add_block() {
   Block fresh;
-  STGS_TRY(fresh.buffer.create(*device_, block_bytes_, Place::kDevice));
-  fresh.free.emplace(0, block_bytes_);
+  STGS_TRY(fresh.buffer.create(*device_, block_bytes_, MemoryLocation::kDevice));
+  fresh.holes.emplace(0, block_bytes_);
   blocks_.push_back(std::move(fresh));
   return {};
 }
@@ -21,35 +21,35 @@ void SegmentMemory::reserve(std::uint64_t bytes) {
   }
 }
 
-Result<Room> SegmentMemory::take(std::uint64_t bytes) {
+Result<Allocation> SegmentMemory::allocate(std::uint64_t bytes) {
   bytes = (bytes + kAlign - 1) / kAlign * kAlign;
   for (std::uint32_t b = 0;; ++b) {
     if (b == blocks_.size()) STGS_TRY(add_block());
-    auto& free = blocks_[b].free;
-    for (auto hole = free.begin(); hole != free.end(); ++hole) {
+    auto& holes = blocks_[b].holes;
+    for (auto hole = holes.begin(); hole != holes.end(); ++hole) {
       if (hole->second < bytes) continue;
-      const Room room{b, hole->first, bytes};
+      const Allocation allocation{b, hole->first, bytes};
       const std::uint64_t rest = hole->second - bytes;
-      free.erase(hole);
-      if (rest > 0) free.emplace(room.offset + bytes, rest);
-      return room;
+      holes.erase(hole);
+      if (rest > 0) holes.emplace(allocation.offset + bytes, rest);
+      return allocation;
     }
   }
 }
 
-void SegmentMemory::give_back(const Room& room) {
-  auto& free = blocks_[room.block].free;
-  auto hole = free.emplace(room.offset, room.bytes).first;
+void SegmentMemory::free(const Allocation& allocation) {
+  auto& holes = blocks_[allocation.block].holes;
+  auto hole = holes.emplace(allocation.offset, allocation.bytes).first;
   if (const auto next = std::next(hole);
-      next != free.end() && hole->first + hole->second == next->first) {
+      next != holes.end() && hole->first + hole->second == next->first) {
     hole->second += next->second;
-    free.erase(next);
+    holes.erase(next);
   }
-  if (hole == free.begin()) return;
+  if (hole == holes.begin()) return;
   const auto before = std::prev(hole);
   if (before->first + before->second != hole->first) return;
   before->second += hole->second;
-  free.erase(hole);
+  holes.erase(hole);
 }
 
 }  // namespace stgs::player::vulkan

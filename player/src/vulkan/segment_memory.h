@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Memory for segments: a few large buffers, each of which a shader can see as a whole, and first
-// fit within them.
+// Suballocates device memory for segments: first fit within a few large buffers, each small enough
+// for a shader binding.
 #pragma once
 
 #include <cstdint>
@@ -12,25 +12,26 @@
 
 namespace stgs::player::vulkan {
 
-struct Room {
+// A range of a block.
+struct Allocation {
   std::uint32_t block = 0;
   std::uint64_t offset = 0, bytes = 0;
 };
 
 class SegmentMemory {
  public:
-  static constexpr std::uint64_t kAlign = 16;  // of rooms, bytes
+  static constexpr std::uint64_t kAlign = 16;  // of allocations, bytes
 
-  // Blocks of so many bytes, a multiple of kAlign.
+  // Sets the size of blocks, a multiple of kAlign.
   void create(const Device& device, std::uint64_t block_bytes) {
     device_ = &device;
     block_bytes_ = block_bytes;
   }
-  // Makes blocks for so many bytes together, where the device has memory for all of them.
+  // Adds blocks until they hold `bytes` together; adds none if the device lacks memory for all.
   void reserve(std::uint64_t bytes);
-  // `bytes` <= block_bytes(), and not 0. kRuntime where the device has no memory left.
-  Result<Room> take(std::uint64_t bytes);
-  void give_back(const Room& room);
+  // Allocates `bytes`: not 0, and at most block_bytes(). kNoMemory if the device is out of memory.
+  Result<Allocation> allocate(std::uint64_t bytes);
+  void free(const Allocation& allocation);
   std::uint64_t block_bytes() const { return block_bytes_; }
   std::uint32_t blocks() const { return static_cast<std::uint32_t>(blocks_.size()); }
   VkBuffer buffer(std::uint32_t block) const { return blocks_[block].buffer.handle(); }
@@ -38,7 +39,7 @@ class SegmentMemory {
  private:
   struct Block {
     Buffer buffer;
-    std::map<std::uint64_t, std::uint64_t> free;  // offset, bytes; never side by side
+    std::map<std::uint64_t, std::uint64_t> holes;  // offset, bytes; never adjacent
   };
   Status add_block();
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Vulkan backend: segments are decoded by the processor and kept on the device; a frame is one
-// command buffer of compute shaders that the host does not look into before its end.
+// The Vulkan backend. The CPU decodes segments, which stay resident on the device. A frame is one
+// command buffer of compute shaders, without host synchronisation until it completes.
 #pragma once
 
 #include <cstdint>
@@ -15,21 +15,21 @@ namespace stgs::player {
 class VulkanRenderer;
 struct VulkanDevice;
 
+// Settings for tests; the defaults suit all uses.
 struct VulkanSettings {
-  std::uint64_t initial_instances =
-      0;                          // room for splats in tiles to begin with; 0: by the primitives
-  bool use_ballot = true;         // the shaders for subgroups of 16 or 32 where there are such
-  std::uint64_t block_bytes = 0;  // of a block of segments; 0: as the device allows
-  std::uint64_t range_bytes = 0;  // that storage buffers have at most; 0: as the device allows
-  // Where set, the validation layer runs, if it is installed, and tells its messages here. Of a
-  // device of the renderer's own.
+  std::uint64_t initial_instances = 0;  // capacity in tile instances; 0: estimated
+  bool use_ballot = true;               // use the subgroup shaders if the device supports them
+  std::uint64_t block_bytes = 0;        // of a segment memory block; 0: chosen for the device
+  std::uint64_t range_bytes = 0;        // limit for storage buffers; 0: the limit of the device
+  // If set, enables the validation layer, if it is installed, and receives its messages. For own
+  // devices only.
   std::function<void(const std::string&)> on_message;
 };
 
-// A device of the renderer's own (vulkan_device_rank). kNotBuilt without
-// Vulkan, kUnsupported where there is no device that can draw.
+// Creates a renderer on an own device (vulkan_device_rank()). kNotBuilt without Vulkan,
+// kUnsupported if there is no suitable device.
 Result<std::unique_ptr<Renderer>> make_vulkan_renderer(const VulkanSettings& settings = {});
-// On the caller's device (stgs/player/vulkan_renderer.h).
+// Creates a renderer on the caller's device (stgs/player/vulkan_renderer.h).
 Result<std::unique_ptr<VulkanRenderer>> make_vulkan_renderer(const VulkanDevice& device,
                                                              const VulkanSettings& settings);
 

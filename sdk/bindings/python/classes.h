@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The classes of the Python module, and what declares them to it.
+// Classes of the Python module and the functions that declare them.
 #pragma once
 
 #include <pybind11/numpy.h>
@@ -12,25 +12,25 @@
 
 namespace stgs::python {
 
-// A camera: the struct itself, whose arrays Python sees where they are.
+// A camera. Python accesses the arrays of the struct in place.
 struct View {
   stgs_view view{};
 };
 
-// Where a file comes from: a path or URL, or bytes that are borrowed as long as this lives.
+// Location of a file: a path or URL, or a buffer that is borrowed for the lifetime of this object.
 class Source {
  public:
-  // ValueError and TypeError where it is neither.
+  // Throws TypeError unless it is path-like or a buffer, BufferError unless that is contiguous.
   explicit Source(const py::object& source);
 
-  // Calls open_place(text) or open_memory(data, size).
-  template <typename OpenPlace, typename OpenMemory>
-  stgs_result open(OpenPlace&& open_place, OpenMemory&& open_memory) const {
-    return place_ ? open_place(place_->c_str()) : open_memory(bytes_.ptr, size_);
+  // Calls open_location(text) or open_memory(data, size).
+  template <typename OpenLocation, typename OpenMemory>
+  stgs_result open(OpenLocation&& open_location, OpenMemory&& open_memory) const {
+    return location_ ? open_location(location_->c_str()) : open_memory(bytes_.ptr, size_);
   }
 
  private:
-  std::optional<std::string> place_;
+  std::optional<std::string> location_;
   py::buffer_info bytes_;
   std::size_t size_ = 0;
 };
@@ -38,16 +38,16 @@ class Source {
 class Scene {
  public:
   Scene(const py::object& source, const stgs_scene_settings& settings);
-  // A player's, which outlives it.
+  // The scene of a player, which must outlive it.
   Scene(stgs_scene* of_player, std::shared_ptr<Log> log);
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
 
-  // Calls `call(scene)`, which gives a result, and throws where it failed.
+  // Runs call(scene) and throws Failure unless it returns STGS_OK.
   template <typename Call>
   void run(Call&& call) {
     const stgs_result result = unlocked([&] { return call(scene_.get()); }, mutex_);
-    log_->pass_on();
+    log_->flush();
     check(result, static_cast<const stgs_scene*>(scene_.get()), stgs_scene_error);
   }
 
@@ -66,7 +66,7 @@ class Scene {
 };
 
 void declare_scene(py::module_& module);
-void declare_pictures(py::module_& module);  // views, pictures and renderers
-void declare_player(py::module_& module);    // after scenes
+void declare_images(py::module_& module);  // views, images and renderers
+void declare_player(py::module_& module);  // after scenes
 
 }  // namespace stgs::python

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the classes of the Python module share: errors, the log, and calls without the interpreter's
-// lock.
+// Shared by the classes of the Python module: errors, the log, and calls without the GIL.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -17,7 +16,7 @@ namespace stgs::python {
 
 namespace py = pybind11;
 
-// stgs.Error, before it is one of Python's.
+// Becomes stgs.Error in Python.
 struct Failure : std::runtime_error {
   stgs_result code = STGS_OK;
   int issue = 0;
@@ -31,7 +30,7 @@ struct Failure : std::runtime_error {
   }
 };
 
-// A struct of the interface's with its size set.
+// Returns a zeroed struct with its size set.
 template <typename T>
 T sized() {
   T out{};
@@ -39,27 +38,28 @@ T sized() {
   return out;
 }
 
-// Throws where a call on an object failed; `tell` is the object's _error function.
+// Throws Failure if a call on an object failed. `get_error` is the _error function of the object.
 template <typename Object>
 void check(stgs_result result, const Object* object,
-           stgs_result (*tell)(const Object*, stgs_error*)) {
+           stgs_result (*get_error)(const Object*, stgs_error*)) {
   if (result == STGS_OK) return;
   auto error = sized<stgs_error>();
-  if (tell(object, &error) == STGS_OK && error.result == result) throw Failure(error);
+  if (get_error(object, &error) == STGS_OK && error.result == result) throw Failure(error);
   throw Failure(result, stgs_result_name(result));
 }
 
-// What the library has logged during a call, for Python's logging after it: no Python runs within a
-// call, so none can call back into the object.
+// Collects the log of a call and passes it to Python's logging afterwards. No Python code runs
+// during a call, so none can call back into the object.
 class Log {
  public:
-  static void take(void* self, stgs_log_level level, const char* message) {
+  // An stgs_log_fn; `self` is the Log.
+  static void append(void* self, stgs_log_level level, const char* message) {
     Log& log = *static_cast<Log*>(self);
     const std::scoped_lock lock(log.mutex_);
     log.messages_.emplace_back(level, message);
   }
-  // With the interpreter's lock.
-  void pass_on() {
+  // Requires the GIL.
+  void flush() {
     std::vector<std::pair<stgs_log_level, std::string>> messages;
     {
       const std::scoped_lock lock(mutex_);
@@ -76,12 +76,12 @@ class Log {
   }
 
  private:
-  std::mutex mutex_;  // another thread may be in a call meanwhile
+  std::mutex mutex_;  // other threads may be in a call
   std::vector<std::pair<stgs_log_level, std::string>> messages_;
 };
 
-// Runs a call without the interpreter's lock and with those of the objects, since Python's threads
-// may use one object at once and the library's must not. The locks are taken in this order alone.
+// Runs a call without the GIL and with the locks of its objects: Python threads may share an
+// object, but the library allows one thread at a time.
 template <typename Call, typename... Mutexes>
 auto unlocked(Call&& call, Mutexes&... mutexes) {
   const py::gil_scoped_release release;

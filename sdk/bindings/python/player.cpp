@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Playing a scene while it is still coming.
+// Plays a scene while its data is still arriving.
 #include <pybind11/stl.h>
 
 #include <array>
@@ -23,7 +23,7 @@ const char* name_of(const Names& names, std::int32_t index) {
   return i < names.size() ? names[i] : "unknown";
 }
 
-// stgs_player_event with words of its own.
+// An stgs_player_event that owns its message.
 struct Event {
   stgs_player_event event = sized<stgs_player_event>();
   std::string message;
@@ -34,15 +34,15 @@ class Player {
   Player(const py::object& source, const stgs_player_settings& settings)
       : log_(std::make_shared<Log>()), source_(source) {
     stgs_player_settings own = settings;
-    own.log = Log::take;
+    own.log = Log::append;
     own.log_user = log_.get();
-    stgs_player* made = nullptr;
-    if (const stgs_result result = stgs_player_create(&own, &made); result != STGS_OK)
-      throw Failure(result, "one of these settings is out of its range");
-    player_.reset(made);
-    scene_.emplace(stgs_player_scene(made), log_);
+    stgs_player* created = nullptr;
+    if (const stgs_result result = stgs_player_create(&own, &created); result != STGS_OK)
+      throw Failure(result, "a setting is out of range");
+    player_.reset(created);
+    scene_.emplace(stgs_player_scene(created), log_);
     run([&](stgs_player* p) {
-      return source_.open([&](const char* place) { return stgs_player_open(p, place); },
+      return source_.open([&](const char* location) { return stgs_player_open(p, location); },
                           [&](const void* data, std::size_t size) {
                             return stgs_player_open_memory(p, data, size);
                           });
@@ -50,18 +50,18 @@ class Player {
   }
   Player(const Player&) = delete;
   Player& operator=(const Player&) = delete;
-  // Ends reads and threads, which may take a moment.
+  // Ends reads and threads, which may block briefly.
   ~Player() {
     scene_.reset();
     const py::gil_scoped_release release;
     player_.reset();
   }
 
-  // Calls `call(player)`, which gives a result, and throws where it failed.
+  // Runs call(player) and throws Failure unless it returns STGS_OK.
   template <typename Call>
   void run(Call&& call) {
     const stgs_result result = unlocked([&] { return call(player_.get()); }, mutex_);
-    log_->pass_on();
+    log_->flush();
     check(result, static_cast<const stgs_player*>(player_.get()), stgs_player_error);
   }
 
@@ -82,11 +82,11 @@ class Player {
     });
     return status;
   }
-  // Others may use it beside the player from then on that an update has said that it is open.
+  // Another thread may use the scene once an update has reported an open state.
   Scene& scene() {
     if (!unlocked([&] { return is_open_; }, mutex_)) {
       throw Failure(STGS_ERROR_STATE,
-                    "the player's file is not open yet: call wait_open() or update() first");
+                    "the file of the player is not open; call wait_open() or update() first");
     }
     return *scene_;
   }
@@ -95,8 +95,8 @@ class Player {
     run([&](stgs_player* p) -> stgs_result {
       for (;;) {
         Event one;
-        if (const stgs_result bad = stgs_player_next_event(p, &one.event); bad != STGS_OK) {
-          return bad;
+        if (const stgs_result result = stgs_player_next_event(p, &one.event); result != STGS_OK) {
+          return result;
         }
         if (one.event.kind == STGS_EVENT_NONE) return STGS_OK;
         one.message = one.event.message;
@@ -110,9 +110,9 @@ class Player {
     std::uint32_t count = 0;
     run([&](stgs_player* p) {
       for (;;) {
-        const auto room = static_cast<std::uint32_t>(ranges.size());
-        const stgs_result result = stgs_player_get_buffered(p, ranges.data(), room, &count);
-        if (result != STGS_OK || count <= room) return result;
+        const auto capacity = static_cast<std::uint32_t>(ranges.size());
+        const stgs_result result = stgs_player_get_buffered(p, ranges.data(), capacity, &count);
+        if (result != STGS_OK || count <= capacity) return result;
         ranges.resize(count);
       }
     });
@@ -129,7 +129,7 @@ class Player {
   stgs_player_live live() {
     auto out = sized<stgs_player_live>();
     run([&](stgs_player* p) { return stgs_player_get_live(p, &out); });
-    if (out.following != 0) rate_ = 1;  // whatever it was before
+    if (out.following != 0) rate_ = 1;  // following resets the rate
     return out;
   }
 
@@ -161,50 +161,51 @@ class Player {
   bool loop_ = false;
 };
 
-// The settings that are given by name; others have their defaults.
+// Returns the defaults with the settings given by name.
 stgs_player_settings settings_of(const py::kwargs& given) {
   stgs_player_settings out;
   stgs_player_settings_defaults(&out, sizeof out);
   std::size_t known = 0;
-  const auto take = [&](const char* name, auto member) {
+  const auto set = [&](const char* name, auto member) {
     if (!given.contains(name)) return;
     ++known;
     out.*member = given[name].cast<std::decay_t<decltype(out.*member)>>();
   };
   using Settings = stgs_player_settings;
-  take("memory_budget", &Settings::memory_budget);
-  take("max_file_bytes", &Settings::max_file_bytes);
-  take("max_primitives", &Settings::max_primitives);
-  take("max_memory", &Settings::max_memory);
-  take("prefetch_seconds", &Settings::prefetch_seconds);
-  take("resume_seconds", &Settings::resume_seconds);
-  take("layer_lead_seconds", &Settings::layer_lead_seconds);
-  take("retry_seconds", &Settings::retry_seconds);
-  take("max_reads_in_flight", &Settings::max_reads_in_flight);
-  take("url_max_attempts", &Settings::url_max_attempts);
-  take("url_connect_seconds", &Settings::url_connect_seconds);
-  take("url_stall_seconds", &Settings::url_stall_seconds);
-  take("live_follow", &Settings::live_follow);
-  take("live_latency_seconds", &Settings::live_latency_seconds);
-  take("live_poll_seconds", &Settings::live_poll_seconds);
-  take("live_stall_seconds", &Settings::live_stall_seconds);
-  take("live_skip_seconds", &Settings::live_skip_seconds);
-  if (known != given.size()) throw py::type_error("a player has no such setting");
+  set("memory_budget", &Settings::memory_budget);
+  set("max_file_bytes", &Settings::max_file_bytes);
+  set("max_primitives", &Settings::max_primitives);
+  set("max_memory", &Settings::max_memory);
+  set("prefetch_seconds", &Settings::prefetch_seconds);
+  set("resume_seconds", &Settings::resume_seconds);
+  set("layer_lead_seconds", &Settings::layer_lead_seconds);
+  set("retry_seconds", &Settings::retry_seconds);
+  set("max_reads_in_flight", &Settings::max_reads_in_flight);
+  set("url_max_attempts", &Settings::url_max_attempts);
+  set("url_connect_seconds", &Settings::url_connect_seconds);
+  set("url_stall_seconds", &Settings::url_stall_seconds);
+  set("live_follow", &Settings::live_follow);
+  set("live_latency_seconds", &Settings::live_latency_seconds);
+  set("live_poll_seconds", &Settings::live_poll_seconds);
+  set("live_stall_seconds", &Settings::live_stall_seconds);
+  set("live_skip_seconds", &Settings::live_skip_seconds);
+  if (known != given.size())
+    throw py::type_error("Player: unknown setting (see stgs_player_settings)");
   return out;
 }
 
-void declare_told(py::module_& module) {
+void declare_results(py::module_& module) {
   using Status = stgs_player_status;
-  py::class_<Status>(module, "PlayerStatus", "Where a player is; see stgs_player_status.")
+  py::class_<Status>(module, "PlayerStatus", "Status of a player; see stgs_player_status.")
       .def_property_readonly(
           "state", [](const Status& s) { return name_of(kStates, s.state); },
           "closed, opening, paused, playing, buffering or ended")
-      .def_readonly("seconds", &Status::seconds, "the moment to draw")
+      .def_readonly("seconds", &Status::seconds, "time to render")
       .def_readonly("layers", &Status::layers)
       .def_readonly("layer_count", &Status::layer_count)
       .def_property_readonly("ready", [](const Status& s) { return s.ready != 0; })
       .def_property_readonly("is_complete", [](const Status& s) { return s.is_complete != 0; });
-  py::class_<Event>(module, "PlayerEvent", "What has happened; see stgs_player_event.")
+  py::class_<Event>(module, "PlayerEvent", "Event of a player; see stgs_player_event.")
       .def_property_readonly("kind", [](const Event& e) { return name_of(kEvents, e.event.kind); })
       .def_property_readonly("seconds", [](const Event& e) { return e.event.seconds; })
       .def_property_readonly("layers", [](const Event& e) { return e.event.layers; })
@@ -218,14 +219,16 @@ void declare_told(py::module_& module) {
                              })
       .def_readonly("message", &Event::message);
   using Live = stgs_player_live;
-  py::class_<Live>(module, "PlayerLive", "Where play is in a recording; see stgs_player_live.")
+  py::class_<Live>(module, "PlayerLive",
+                   "Position of playback in a recording; see stgs_player_live.")
       .def_property_readonly("growing", [](const Live& l) { return l.growing != 0; })
       .def_property_readonly("following", [](const Live& l) { return l.following != 0; })
       .def_readonly("edge_seconds", &Live::edge_seconds)
       .def_readonly("latency_seconds", &Live::latency_seconds)
       .def_readonly("target_latency_seconds", &Live::target_latency_seconds);
   using Statistics = stgs_player_statistics;
-  py::class_<Statistics>(module, "PlayerStatistics", "See stgs_player_statistics.")
+  py::class_<Statistics>(module, "PlayerStatistics",
+                         "Transfer and memory statistics; see stgs_player_statistics.")
       .def_readonly("bytes_per_second", &Statistics::bytes_per_second)
       .def_readonly("fetched_bytes", &Statistics::fetched_bytes)
       .def_readonly("memory_bytes", &Statistics::memory_bytes)
@@ -235,23 +238,25 @@ void declare_told(py::module_& module) {
 }  // namespace
 
 void declare_player(py::module_& module) {
-  declare_told(module);
+  declare_results(module);
   const auto calling = [](stgs_result (*function)(stgs_player*)) {
     return [function](Player& player) { player.run(function); };
   };
   py::class_<Player>(module, "Player",
-                     "Plays a scene while it is still coming. `source` is as of Scene, and begins "
-                     "to be opened; the settings are those of stgs_player_settings, by name. Call "
-                     "update() before each picture, then draw `scene` at the status's moment.")
+                     "Plays a scene while its data is still arriving. Starts to open `source`, as "
+                     "in Scene. Keyword arguments are the members of stgs_player_settings. Call "
+                     "update() each frame, then render `scene` at the `seconds` of the status.")
       .def(py::init([](const py::object& source, const py::kwargs& settings) {
              return std::make_unique<Player>(source, settings_of(settings));
            }),
            py::arg("source"))
-      .def("wait_open", &Player::wait_open, "Waits until the file is open; Error where it fails.")
+      .def("wait_open", &Player::wait_open,
+           "Blocks until the file is open; Error if opening fails.")
       .def("update", &Player::update, py::arg("now") = py::none(),
-           "Where the player is at `now`, seconds of a clock that never goes back: "
-           "time.monotonic() where it is left out.")
-      .def("events", &Player::events, "What has happened since the last call, in order.")
+           "Advances the player and returns its status. `now` is in seconds of a clock that does "
+           "not "
+           "run backwards; None: time.monotonic().")
+      .def("events", &Player::events, "Returns the events since the last call, oldest first.")
       .def("play", calling(stgs_player_play))
       .def("pause", calling(stgs_player_pause))
       .def(
@@ -266,13 +271,16 @@ void declare_player(py::module_& module) {
             player.run([=](stgs_player* p) { return stgs_player_seek_frame(p, frame); });
           },
           py::arg("frame"))
-      .def_property("rate", &Player::rate, &Player::set_rate, "-2 to 4, not 0; below 0: backwards")
+      .def_property("rate", &Player::rate, &Player::set_rate,
+                    "Playback rate: -2 to 4, not 0; negative rates play backwards.")
       .def_property("loop", &Player::loop, &Player::set_loop)
-      .def_property_readonly("scene", &Player::scene, py::return_value_policy::reference_internal,
-                             "The Scene, for its info and for drawing, once the file is open.")
+      .def_property_readonly(
+          "scene", &Player::scene, py::return_value_policy::reference_internal,
+          "The Scene, for its metadata and for rendering, once the file is open.")
       .def_property_readonly("buffered", &Player::buffered,
-                             "Where play does not have to wait: (begin, end) in seconds.")
-      .def("go_live", calling(stgs_player_go_live), "To the edge of a recording that grows.")
+                             "Ranges in which playback does not stall: (begin, end) in seconds.")
+      .def("go_live", calling(stgs_player_go_live),
+           "Moves to the edge of a growing recording and follows it.")
       .def_property_readonly("live", &Player::live)
       .def_property_readonly("statistics", &Player::statistics);
 }

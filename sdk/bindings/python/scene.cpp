@@ -8,13 +8,13 @@ namespace {
 
 using Floats = py::array_t<float>;
 
-// What stgs_scene_get_primitives fills.
+// Arrays that stgs_scene_get_primitives fills.
 struct Primitives {
   py::array_t<std::uint32_t> id;
   Floats position, velocity, scale, rotation, opacity, sh;
 };
 
-// N rows of that many floats, in memory of numpy's.
+// Returns a NumPy array of n rows.
 Floats rows(std::uint64_t n, py::ssize_t columns) {
   return Floats({static_cast<py::ssize_t>(n), columns});
 }
@@ -59,32 +59,33 @@ View framed(Scene& scene, View view) {
 View first_view(Scene& scene) {
   View out;
   out.view = sized<stgs_view>();
-  bool none = false;
+  bool has_none = false;
   scene.run([&](stgs_scene* s) {
     const stgs_result result = stgs_scene_start_view(s, &out.view);
-    none = result == STGS_ERROR_UNSUPPORTED;
-    return none ? STGS_OK : result;
+    has_none = result == STGS_ERROR_UNSUPPORTED;
+    return has_none ? STGS_OK : result;
   });
-  return none ? framed(scene, out) : out;
+  return has_none ? framed(scene, out) : out;
 }
 
 Primitives primitives_at(Scene& scene, double seconds) {
   const int degree = info_of(scene).sh_degree;
-  std::uint64_t count = 0, room = 0;
+  std::uint64_t count = 0, capacity = 0;
   Primitives out;
-  // Again where more has come meanwhile, or another thread has been there.
+  // Repeated if more data arrived or another thread used the scene between the two calls.
   do {
-    scene.run([&](stgs_scene* s) { return stgs_scene_get_primitives(s, seconds, nullptr, &room); });
-    out = {py::array_t<std::uint32_t>(static_cast<py::ssize_t>(room)),
-           rows(room, 3),
-           rows(room, 3),
-           rows(room, 3),
-           rows(room, 4),
-           Floats(static_cast<py::ssize_t>(room)),
-           Floats({static_cast<py::ssize_t>(room), py::ssize_t{degree + 1} * (degree + 1),
+    scene.run(
+        [&](stgs_scene* s) { return stgs_scene_get_primitives(s, seconds, nullptr, &capacity); });
+    out = {py::array_t<std::uint32_t>(static_cast<py::ssize_t>(capacity)),
+           rows(capacity, 3),
+           rows(capacity, 3),
+           rows(capacity, 3),
+           rows(capacity, 4),
+           Floats(static_cast<py::ssize_t>(capacity)),
+           Floats({static_cast<py::ssize_t>(capacity), py::ssize_t{degree + 1} * (degree + 1),
                    py::ssize_t{3}})};
     auto arrays = sized<stgs_primitives>();
-    arrays.capacity = room;
+    arrays.capacity = capacity;
     arrays.id = out.id.mutable_data();
     arrays.position = out.position.mutable_data();
     arrays.velocity = out.velocity.mutable_data();
@@ -94,7 +95,7 @@ Primitives primitives_at(Scene& scene, double seconds) {
     arrays.sh = out.sh.mutable_data();
     scene.run(
         [&](stgs_scene* s) { return stgs_scene_get_primitives(s, seconds, &arrays, &count); });
-  } while (count != room);
+  } while (count != capacity);
   return out;
 }
 
@@ -117,7 +118,7 @@ std::vector<float> list_of(const float (&values)[N]) {
 
 void declare_info(py::module_& module) {
   using Info = stgs_scene_info;
-  py::class_<Info>(module, "SceneInfo", "What a scene's file says; see stgs_scene_info in stgs.h.")
+  py::class_<Info>(module, "SceneInfo", "Metadata of a scene; see stgs_scene_info.")
       .def_property_readonly(
           "format", [](const Info& i) { return py::make_tuple(i.format_major, i.format_minor); })
       .def_readonly("frames", &Info::frames)
@@ -141,47 +142,48 @@ void declare_info(py::module_& module) {
 
 void declare_primitives(py::module_& module) {
   py::class_<Primitives>(module, "Primitives",
-                         "The primitives that are seen at a moment: numpy arrays, a row each.")
+                         "Primitives visible at one time: NumPy arrays with one row per primitive.")
       .def("__len__", [](const Primitives& p) { return p.id.size(); })
-      .def_readonly("id", &Primitives::id, "(N,) number in the file")
+      .def_readonly("id", &Primitives::id, "(N,) index in the file")
       .def_readonly("position", &Primitives::position, "(N, 3) scene units")
-      .def_readonly("velocity", &Primitives::velocity, "(N, 3) scene units a second")
-      .def_readonly("scale", &Primitives::scale, "(N, 3) standard deviations, scene units")
+      .def_readonly("velocity", &Primitives::velocity, "(N, 3) scene units per second")
+      .def_readonly("scale", &Primitives::scale,
+                    "(N, 3) standard deviations along the axes, scene units")
       .def_readonly("rotation", &Primitives::rotation, "(N, 4) unit quaternions w, x, y, z")
-      .def_readonly("opacity", &Primitives::opacity, "(N,) at the moment, 1/255 to 1")
-      .def_readonly("sh", &Primitives::sh, "(N, (sh_degree + 1)^2, 3) coefficients of colour");
+      .def_readonly("opacity", &Primitives::opacity, "(N,) at the time, 1/255 to 1")
+      .def_readonly("sh", &Primitives::sh, "(N, (sh_degree + 1)^2, 3) spherical harmonics");
 }
 
 }  // namespace
 
 Source::Source(const py::object& source) {
   if (PyObject_CheckBuffer(source.ptr()) == 0) {
-    place_ = py::module_::import("os").attr("fspath")(source).cast<std::string>();
+    location_ = py::module_::import("os").attr("fspath")(source).cast<std::string>();
     return;
   }
   bytes_ = py::reinterpret_borrow<py::buffer>(source).request();
   if (PyBuffer_IsContiguous(bytes_.view(), 'C') == 0)
-    throw py::buffer_error("a scene's bytes must lie side by side");
+    throw py::buffer_error("source: the buffer must be contiguous");
   size_ = static_cast<std::size_t>(bytes_.size * bytes_.itemsize);
 }
 
 Scene::Scene(const py::object& source, const stgs_scene_settings& settings)
     : log_(std::make_shared<Log>()), source_(source) {
   stgs_scene_settings own = settings;
-  own.log = Log::take;
+  own.log = Log::append;
   own.log_user = log_.get();
-  stgs_scene* made = nullptr;
-  if (const stgs_result result = stgs_scene_create(&own, &made); result != STGS_OK)
-    throw Failure(result, "these limits are none");
-  scene_.reset(made);
+  stgs_scene* created = nullptr;
+  if (const stgs_result result = stgs_scene_create(&own, &created); result != STGS_OK)
+    throw Failure(result, "a limit is out of range");
+  scene_.reset(created);
   run([&](stgs_scene* s) {
     return source_->open(
-        [&](const char* place) { return stgs_scene_open(s, place); },
+        [&](const char* location) { return stgs_scene_open(s, location); },
         [&](const void* data, std::size_t size) { return stgs_scene_open_memory(s, data, size); });
   });
 }
 
-// The library leaves a player's scene to the player, whoever destroys it.
+// stgs_scene_destroy does nothing for the scene of a player.
 Scene::Scene(stgs_scene* of_player, std::shared_ptr<Log> log)
     : log_(std::move(log)), scene_(of_player) {}
 
@@ -189,8 +191,8 @@ void declare_scene(py::module_& module) {
   declare_info(module);
   declare_primitives(module);
   py::class_<Scene>(module, "Scene",
-                    "An open scene. `source` is a path, a URL, or bytes of a file (bytes, "
-                    "bytearray, memoryview, mmap), which are not copied and must not change.")
+                    "An open scene. `source` is a path, a URL, or a buffer with a file (bytes, "
+                    "bytearray, memoryview, mmap), which is not copied and must not change.")
       .def(py::init(&open), py::arg("source"), py::kw_only(), py::arg("max_memory") = py::none(),
            py::arg("max_file_bytes") = py::none(), py::arg("max_primitives") = py::none(),
            py::arg("reject_damage") = false)
@@ -199,14 +201,15 @@ void declare_scene(py::module_& module) {
       .def_property_readonly("generator", [](Scene& s) { return text_of(s, STGS_TEXT_GENERATOR); })
       .def_property_readonly("audio", [](Scene& s) { return text_of(s, STGS_TEXT_AUDIO); })
       .def_property_readonly("issues", &issues_of,
-                             "What was wrong with the file when it was opened: dicts.")
-      .def("start_view", &start_view, "The camera that the file has to start with.")
+                             "Issues found when the file was opened: dicts with number, is_error, "
+                             "offset and message.")
+      .def("start_view", &start_view, "Returns the start camera of the file; Error if it has none.")
       .def("first_view", &first_view,
-           "The start camera; where the file has none, a view of all of the scene.")
+           "Returns the start camera or, if the file has none, a view of the whole scene.")
       .def("framed", &framed, py::arg("view"),
-           "The view, from where it shows all of the scene; its direction and lens are kept.")
+           "Returns the view, moved so that it shows the whole scene; direction and lens stay.")
       .def("primitives", &primitives_at, py::arg("seconds"),
-           "The primitives that are seen at a moment, as numpy arrays.");
+           "Returns the primitives visible at a time.");
 }
 
 }  // namespace stgs::python

@@ -7,21 +7,21 @@
 
 #include "unity_camera.h"
 
-/* Pictures that were drawn, first row at the bottom. The render thread's. */
-typedef struct drawing {
+/* The rendered image of a camera, bottom row first. Used by the render thread only. */
+typedef struct unity_image {
   uint32_t width, height;
-  uint32_t* planes[2]; /* by STGS_UNITY_COLOUR and _DEPTH: 4 bytes a pixel of either */
-} drawing;
+  uint32_t* planes[2]; /* index: STGS_UNITY_COLOUR or _DEPTH; 4 bytes per pixel each */
+} unity_image;
 
-/* What a handle stands for. */
+/* The object behind a handle. */
 typedef struct instance {
-  int references; /* the table's lock; one is the open handle's, one an event's under way */
+  int references; /* guarded by table.lock; held by the open handle and by events in flight */
   int32_t handle;
-  stgs_player* player;     /* the main thread's, but for its scene, which is the render thread's */
-  stgs_renderer* renderer; /* the render thread's */
-  drawing drawings[STGS_MAX_VIEWS];
-  pthread_mutex_t lock; /* of what follows */
-  uint32_t count;       /* cameras to draw; 0: nothing has been asked for */
+  stgs_player* player;     /* used by the main thread; its scene by the render thread */
+  stgs_renderer* renderer; /* used by the render thread */
+  unity_image images[STGS_MAX_VIEWS];
+  pthread_mutex_t lock; /* guards the members below */
+  uint32_t count;       /* cameras to render; 0: none requested yet */
   stgs_view views[STGS_MAX_VIEWS];
   float units[STGS_MAX_VIEWS];
   double seconds;
@@ -32,10 +32,10 @@ typedef struct instance {
 static struct {
   pthread_mutex_t lock;
   instance* open[STGS_UNITY_MAX_HANDLES];
-  int32_t opened; /* in all, so that a handle does not soon stand for another */
+  int32_t last_handle; /* handles count up, so that a stale one is not soon valid again */
 } table = {PTHREAD_MUTEX_INITIALIZER, {NULL}, 0};
 
-/* Whose picture Unity is reading now. The render thread's. */
+/* The instance whose image Unity is reading. Used by the render thread only. */
 static instance* uploading = NULL;
 
 static int slot_of(int32_t handle) {
@@ -58,7 +58,7 @@ static void destroy(instance* ending) {
   stgs_renderer_destroy(ending->renderer);
   stgs_player_destroy(ending->player);
   for (i = 0; i < STGS_MAX_VIEWS; ++i) {
-    for (plane = 0; plane < 2; ++plane) free(ending->drawings[i].planes[plane]);
+    for (plane = 0; plane < 2; ++plane) free(ending->images[i].planes[plane]);
   }
   pthread_mutex_destroy(&ending->lock);
   free(ending);
@@ -73,25 +73,25 @@ static void release(instance* one) {
   if (left == 0) destroy(one);
 }
 
-/* Gives the instance a handle; 0: there are too many. */
-static int32_t enter(instance* made) {
+/* Assigns a handle to the instance and returns it; 0: no handle is free. */
+static int32_t assign_handle(instance* created) {
   int tries;
   int32_t handle = 0;
   pthread_mutex_lock(&table.lock);
   for (tries = 0; tries < STGS_UNITY_MAX_HANDLES && handle == 0; ++tries) {
-    /* Below 2^28: beside it a texture's number has three bits for camera and plane. */
-    table.opened = table.opened % ((1 << 28) - 1) + 1;
-    if (table.open[slot_of(table.opened)] == NULL) handle = table.opened;
+    /* Below 2^28: stgs_unity_texture adds three bits for camera and plane. */
+    table.last_handle = table.last_handle % ((1 << 28) - 1) + 1;
+    if (table.open[slot_of(table.last_handle)] == NULL) handle = table.last_handle;
   }
   if (handle != 0) {
-    made->handle = handle;
-    table.open[slot_of(handle)] = made;
+    created->handle = handle;
+    table.open[slot_of(handle)] = created;
   }
   pthread_mutex_unlock(&table.lock);
   return handle;
 }
 
-static stgs_result set_up(instance* made, const char* place, uint64_t memory_budget,
+static stgs_result set_up(instance* created, const char* location, uint64_t memory_budget,
                           stgs_backend backend) {
   stgs_player_settings player;
   stgs_renderer_settings renderer;
@@ -100,27 +100,27 @@ static stgs_result set_up(instance* made, const char* place, uint64_t memory_bud
   if (result == STGS_OK) result = stgs_renderer_settings_defaults(&renderer, sizeof renderer);
   if (result != STGS_OK) return result;
   renderer.backend = backend;
-  result = stgs_renderer_create(&renderer, &made->renderer);
-  if (result == STGS_OK) result = stgs_player_create(&player, &made->player);
-  if (result == STGS_OK) result = stgs_player_open(made->player, place);
+  result = stgs_renderer_create(&renderer, &created->renderer);
+  if (result == STGS_OK) result = stgs_player_create(&player, &created->player);
+  if (result == STGS_OK) result = stgs_player_open(created->player, location);
   return result;
 }
 
-int32_t stgs_unity_open(const char* place, uint64_t memory_budget, stgs_backend backend) {
+int32_t stgs_unity_open(const char* location, uint64_t memory_budget, stgs_backend backend) {
   int32_t handle;
   stgs_result result;
-  instance* made = calloc(1, sizeof *made);
-  if (made == NULL) return -STGS_ERROR_OUT_OF_MEMORY;
-  made->references = 1;
-  pthread_mutex_init(&made->lock, NULL);
-  result = set_up(made, place, memory_budget, backend);
+  instance* created = calloc(1, sizeof *created);
+  if (created == NULL) return -STGS_ERROR_OUT_OF_MEMORY;
+  created->references = 1;
+  pthread_mutex_init(&created->lock, NULL);
+  result = set_up(created, location, memory_budget, backend);
   if (result != STGS_OK) {
-    destroy(made);
+    destroy(created);
     return -result;
   }
-  handle = enter(made);
+  handle = assign_handle(created);
   if (handle != 0) return handle;
-  destroy(made);
+  destroy(created);
   return -STGS_ERROR_LIMIT;
 }
 
@@ -132,7 +132,7 @@ void stgs_unity_close(int32_t handle) {
   is_last = table.open[slot_of(handle)] == closing;
   if (is_last) table.open[slot_of(handle)] = NULL;
   pthread_mutex_unlock(&table.lock);
-  if (is_last) release(closing); /* the handle's own */
+  if (is_last) release(closing); /* the reference of the handle */
   release(closing);
 }
 
@@ -143,9 +143,9 @@ stgs_player* stgs_unity_player(int32_t handle) {
   return player;
 }
 
-/* Keeps what to draw; `views` and `units` are `count` long. */
-static void ask(instance* one, double seconds, const stgs_view* views, const float* units,
-                uint32_t count) {
+/* Stores `count` views and units for the next render event. */
+static void store_request(instance* one, double seconds, const stgs_view* views, const float* units,
+                          uint32_t count) {
   pthread_mutex_lock(&one->lock);
   one->seconds = seconds;
   one->count = count;
@@ -168,8 +168,8 @@ static int32_t frame(instance* one, double clock, const stgs_unity_camera* camer
   status.struct_size = sizeof status;
   result = stgs_player_update(one->player, clock, &status);
   if (result != STGS_OK) return -result;
-  /* The render thread may use the scene from now on. */
-  if (status.state >= STGS_PLAYER_PAUSED) ask(one, status.seconds, views, units, count);
+  /* From an open state on, the render thread may use the scene. */
+  if (status.state >= STGS_PLAYER_PAUSED) store_request(one, status.seconds, views, units, count);
   return status.state;
 }
 
@@ -181,8 +181,8 @@ int32_t stgs_unity_frame(int32_t handle, double clock, const stgs_unity_camera* 
   return state;
 }
 
-/* Memory for pictures of that size; 0: there is none. */
-static int make_room(drawing* to, uint32_t width, uint32_t height) {
+/* Allocates the planes of an image of this size. Returns 0 if memory is exhausted. */
+static int allocate(unity_image* to, uint32_t width, uint32_t height) {
   const size_t pixels = (size_t)width * height;
   int plane;
   if (to->planes[0] != NULL && to->width == width && to->height == height) return 1;
@@ -197,66 +197,66 @@ static int make_room(drawing* to, uint32_t width, uint32_t height) {
   return 1;
 }
 
-/* Turns rows upside down. */
+/* Reverses the order of the rows. */
 static void flip(uint32_t* pixels, uint32_t width, uint32_t height) {
   uint32_t y, x;
   for (y = 0; y < height / 2; ++y) {
     uint32_t* above = pixels + (size_t)width * y;
     uint32_t* below = pixels + (size_t)width * (height - 1 - y);
     for (x = 0; x < width; ++x) {
-      const uint32_t kept = above[x];
+      const uint32_t upper = above[x];
       above[x] = below[x];
-      below[x] = kept;
+      below[x] = upper;
     }
   }
 }
 
-/* From the library's rows and units to Unity's. */
-static void turn(drawing* drawn, float unit) {
-  float* depth = (float*)drawn->planes[STGS_UNITY_DEPTH];
+/* Converts an image to the row order and units of Unity. */
+static void convert(unity_image* image, float unit) {
+  float* depth = (float*)image->planes[STGS_UNITY_DEPTH];
   size_t i;
-  for (i = 0; i < (size_t)drawn->width * drawn->height; ++i) depth[i] *= unit;
-  flip(drawn->planes[STGS_UNITY_COLOUR], drawn->width, drawn->height);
-  flip(drawn->planes[STGS_UNITY_DEPTH], drawn->width, drawn->height);
+  for (i = 0; i < (size_t)image->width * image->height; ++i) depth[i] *= unit;
+  flip(image->planes[STGS_UNITY_COLOUR], image->width, image->height);
+  flip(image->planes[STGS_UNITY_DEPTH], image->width, image->height);
 }
 
-static stgs_result draw(instance* one, double seconds, const stgs_view* views, const float* units,
-                        uint32_t count) {
-  stgs_image pictures[STGS_MAX_VIEWS];
+static stgs_result render(instance* one, double seconds, const stgs_view* views, const float* units,
+                          uint32_t count) {
+  stgs_image images[STGS_MAX_VIEWS];
   stgs_result result;
   uint32_t i;
   for (i = 0; i < count; ++i) {
-    drawing* to = &one->drawings[i];
+    unity_image* to = &one->images[i];
     const size_t bytes = (size_t)4 * views[i].width * views[i].height;
     if (views[i].width > STGS_MAX_SIDE || views[i].height > STGS_MAX_SIDE) {
       return STGS_ERROR_ARGUMENT;
     }
-    if (!make_room(to, views[i].width, views[i].height)) return STGS_ERROR_OUT_OF_MEMORY;
-    stgs_image_defaults(&pictures[i], sizeof pictures[i]);
-    pictures[i].rgba8.data = to->planes[STGS_UNITY_COLOUR];
-    pictures[i].depth.data = to->planes[STGS_UNITY_DEPTH];
-    pictures[i].rgba8.bytes = pictures[i].depth.bytes = bytes;
+    if (!allocate(to, views[i].width, views[i].height)) return STGS_ERROR_OUT_OF_MEMORY;
+    stgs_image_defaults(&images[i], sizeof images[i]);
+    images[i].rgba8.data = to->planes[STGS_UNITY_COLOUR];
+    images[i].depth.data = to->planes[STGS_UNITY_DEPTH];
+    images[i].rgba8.bytes = images[i].depth.bytes = bytes;
   }
   result =
-      stgs_render(one->renderer, stgs_player_scene(one->player), seconds, views, pictures, count);
+      stgs_render(one->renderer, stgs_player_scene(one->player), seconds, views, images, count);
   for (i = 0; i < count; ++i) {
     if (result == STGS_OK) {
-      turn(&one->drawings[i], units[i]);
+      convert(&one->images[i], units[i]);
     } else {
-      one->drawings[i].width = 0; /* no picture: textures stay as they are */
+      one->images[i].width = 0; /* no image: textures stay unchanged */
     }
   }
   return result;
 }
 
-static void keep_result(instance* one, stgs_result result) {
+static void store_result(instance* one, stgs_result result) {
   stgs_error error;
   const char* message = "";
   error.struct_size = sizeof error;
   if (result != STGS_OK) {
-    const int told =
+    const int has_message =
         stgs_renderer_error(one->renderer, &error) == STGS_OK && error.result == result;
-    message = told ? error.message : stgs_result_name(result);
+    message = has_message ? error.message : stgs_result_name(result);
   }
   pthread_mutex_lock(&one->lock);
   one->result = result;
@@ -277,22 +277,22 @@ static void on_render(int event) {
   memcpy(views, one->views, sizeof views);
   memcpy(units, one->units, sizeof units);
   pthread_mutex_unlock(&one->lock);
-  if (count > 0) keep_result(one, draw(one, seconds, views, units, count));
+  if (count > 0) store_result(one, render(one, seconds, views, units, count));
   release(one);
 }
 
-/* The pixels for a texture; NULL where none fit. */
+/* Returns the pixels for a texture; NULL if no image matches it. */
 static void* pixels_for(instance* one, const unity_texture_update* update) {
   const uint32_t plane = update->user & 1, camera = (update->user >> 1) & 3;
-  const drawing* drawn = &one->drawings[camera];
+  const unity_image* image = &one->images[camera];
   const int is_colour =
       update->format == UNITY_R8G8B8A8_SRGB || update->format == UNITY_R8G8B8A8_UNORM;
   const int fits = plane == STGS_UNITY_COLOUR ? is_colour : update->format == UNITY_R32_SFLOAT;
-  if (!fits || update->bytes_per_pixel != 4 || drawn->width == 0 || drawn->width != update->width ||
-      drawn->height != update->height) {
+  if (!fits || update->bytes_per_pixel != 4 || image->width == 0 || image->width != update->width ||
+      image->height != update->height) {
     return NULL;
   }
-  return drawn->planes[plane];
+  return image->planes[plane];
 }
 
 static void on_texture(int event, void* data) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* STGS scenes in Unity's textures: a native plugin of plain C functions, for
+/* STGS scenes in textures of Unity: a native plugin of plain C functions for
  * DllImport("stgs_unity").
  *
  *   start:       handle = stgs_unity_open(path, 1 << 30, 0)
@@ -10,60 +10,75 @@
  *                    stgs_unity_texture_event(), texture, stgs_unity_texture(handle, 0, 0))
  *   end:         stgs_unity_close(handle)
  *
- * Scene and Unity: the object's local x is the scene's x, its y the scene's -y, its z the scene's
- * z, so that a scene that stands upright in OpenCV's axes stands upright in Unity's. A texture has
- * its first row at the bottom, as Unity's have.
+ * Axes: local x, y, z of the game object are x, -y, z of the scene, so that a scene that is upright
+ * in OpenCV axes is upright in Unity. Textures begin with the bottom row, as usual in Unity.
  *
- * Threads: the functions are Unity's main thread's, the two events its render thread's. */
+ * Threads: call the functions on the main thread. Unity calls the two events on its render
+ * thread. */
 #ifndef STGS_UNITY_H
 #define STGS_UNITY_H
 
 #include "stgs/stgs.h"
 #include "unity_abi.h"
 
-#define STGS_UNITY_MAX_HANDLES 64
+#define STGS_UNITY_MAX_HANDLES 64 /* open at the same time */
 
-/* Begins to open a path or URL. `memory_budget` as of stgs_player_settings, 0: its default;
- * `backend` one of STGS_BACKEND_. A handle from 1 on, or -result. The handle is the caller's. */
-STGS_API int32_t stgs_unity_open(const char* place, uint64_t memory_budget, stgs_backend backend);
-/* Ends what the handle stands for, when the render thread has done with it. Others: nothing. */
+/* Starts to open a path or URL and returns a handle >= 1, or -result after an error.
+ *
+ * `memory_budget` as in stgs_player_settings, 0: its default; `backend` is a STGS_BACKEND_ value.
+ * Release the handle with stgs_unity_close. */
+STGS_API int32_t stgs_unity_open(const char* location, uint64_t memory_budget,
+                                 stgs_backend backend);
+
+/* Closes a handle once the render thread no longer uses it. Does nothing for an invalid handle. */
 STGS_API void stgs_unity_close(int32_t handle);
-/* For stgs_player_play and all else that a player does (DllImport("libstgs.so.0")), except its
- * updates and its scene. Until the handle is closed; NULL: no such handle. */
+
+/* Returns the player of a handle, valid until the handle is closed; NULL: the handle is invalid.
+ *
+ * Use it with stgs_player_play and other functions (DllImport("libstgs.so.0")), except
+ * stgs_player_update and functions on its scene. */
 STGS_API stgs_player* stgs_unity_player(int32_t handle);
 
-/* What a Unity camera sees; matrices column after column, as a Matrix4x4 lies in memory. */
+/* A Unity camera. Matrices are column-major, like Matrix4x4 in memory. */
 typedef struct stgs_unity_camera {
-  float local_to_world[16];  /* of the object that the scene is: rotation, translation, one scale */
-  float world_to_camera[16]; /* Camera.worldToCameraMatrix, or of an eye GetStereoViewMatrix */
-  float projection[16];      /* Camera.projectionMatrix, or GetStereoProjectionMatrix */
+  float local_to_world[16];  /* of the game object: rotation, translation, uniform scale */
+  float world_to_camera[16]; /* Camera.worldToCameraMatrix, or GetStereoViewMatrix of an eye */
+  float projection[16];      /* Camera.projectionMatrix, or GetStereoProjectionMatrix of an eye */
   uint32_t width, height;    /* of the textures, pixels */
-  /* As of stgs_view, but counted from the textures' first row, the lower one. 0: none. */
+  /* As in stgs_view, but from the bottom left corner. Radius 0: none. */
   float fovea_x, fovea_y, fovea_radius;
 } stgs_unity_camera;
 
-/* Moves the player on to `clock`, seconds, and keeps 1 to STGS_MAX_VIEWS cameras for the next
- * render event. The player's state (STGS_PLAYER_), or -result: STGS_ERROR_ARGUMENT is a handle that
- * there is not, a camera that is not one of perspective, or an object of several scales, or a fovea
- * that is none. */
+/* Advances the player to `clock` and stores 1 to STGS_MAX_VIEWS cameras for the next render event.
+ *
+ * `clock` is in seconds. Returns the state of the player (STGS_PLAYER_), or -result.
+ * STGS_ERROR_ARGUMENT: the handle is invalid, a camera is not a perspective camera, the scale of
+ * the game object is not uniform, or a fovea is invalid. */
 STGS_API int32_t stgs_unity_frame(int32_t handle, double clock, const stgs_unity_camera* cameras,
                                   uint32_t count);
 
-/* With the handle as event: draws the cameras that were kept last. */
+/* Returns the render event. Its argument is the handle; it renders the stored cameras. */
 STGS_API unity_event_fn stgs_unity_render_event(void);
-/* With stgs_unity_texture as user data: the picture that was drawn last, where the texture has its
- * size and format; else it stays as it is. */
+
+/* Returns the texture event. Its user data is from stgs_unity_texture; it copies the last rendered
+ * image into the texture. A texture of another size or format stays unchanged. */
 STGS_API unity_event_and_data_fn stgs_unity_texture_event(void);
 
-/* Colour over black, premultiplied by alpha, RGBA32; camera depth in Unity's units, 0 where nothing
- * is, RFloat. */
-enum { STGS_UNITY_COLOUR = 0, STGS_UNITY_DEPTH = 1 };
+/* Plane of a rendered image. */
+enum {
+  STGS_UNITY_COLOUR = 0, /* RGBA32: colour over black, premultiplied by alpha */
+  STGS_UNITY_DEPTH = 1   /* RFloat: camera depth, Unity units; 0 where alpha is 0 */
+};
+
+/* Returns the user data of the texture event for a plane of a camera. `camera` is the index passed
+ * to stgs_unity_frame. */
 STGS_API uint32_t stgs_unity_texture(int32_t handle, uint32_t camera, uint32_t plane);
 
-/* How the last render event ended; the message is cut to `bytes`, 0 at its end included. */
+/* Returns the result of the last render event and copies its message, truncated to `bytes`
+ * including the terminating 0. NULL message: not returned. */
 STGS_API stgs_result stgs_unity_error(int32_t handle, char* message, size_t bytes);
 
-/* Unity's, when the plugin is unloaded: closes every handle. */
+/* Closes all handles. Unity calls it when it unloads the plugin. */
 STGS_API void UnityPluginUnload(void);
 
 #endif

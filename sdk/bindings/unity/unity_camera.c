@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-/* Element of a matrix that lies column after column. */
+/* Returns an element of a column-major matrix. */
 static double at(const float* m, int row, int column) {
   return m[4 * column + row];
 }
@@ -12,8 +12,8 @@ static int is_affine(const float* m) {
   return at(m, 3, 0) == 0 && at(m, 3, 1) == 0 && at(m, 3, 2) == 0 && at(m, 3, 3) == 1;
 }
 
-/* Rows of a 3x4 matrix: scene to OpenCV's camera, still with the object's scale.
- * Unity's camera looks along -z with y up, and the scene's y is minus the object's. */
+/* Computes the 3x4 matrix from the scene to an OpenCV camera, including the scale of the game
+ * object. A Unity camera looks along -z with y up, and y of the scene is -y of the game object. */
 static void scene_to_camera(const stgs_unity_camera* camera, double out[3][4]) {
   static const double camera_sign[3] = {1, -1, -1}, scene_sign[4] = {1, -1, 1, 1};
   int row, column, k;
@@ -28,7 +28,7 @@ static void scene_to_camera(const stgs_unity_camera* camera, double out[3][4]) {
   }
 }
 
-/* The length that the three rows have in common; 0: they have not, to a thousandth. */
+/* Returns the common length of the three rows; 0 if they differ by more than a thousandth. */
 static double common_length(double rows[3][4]) {
   double lengths[3];
   int row;
@@ -42,8 +42,9 @@ static double common_length(double rows[3][4]) {
   return lengths[0] > 0 && lengths[0] < HUGE_VAL ? lengths[0] : 0;
 }
 
-/* Makes the rows of a rotation as right-angled as floats can be: Unity's products are not. */
-static void square_up(double rows[3][4]) {
+/* Orthonormalises the first two rows of a rotation: products of Unity matrices are only roughly
+ * orthonormal. */
+static void orthonormalise(double rows[3][4]) {
   double along = 0, length = 0;
   int k;
   for (k = 0; k < 3; ++k) {
@@ -62,7 +63,7 @@ int stgs_unity_view(const stgs_unity_camera* camera, stgs_view* view, float* uni
   if (!isfinite(camera->fovea_x) || !isfinite(camera->fovea_y)) return 0;
   if (!isfinite(camera->fovea_radius) || camera->fovea_radius < 0) return 0;
   if (!is_affine(camera->world_to_camera) || !is_affine(camera->local_to_world)) return 0;
-  /* x and y of a perspective projection, divided by -z: no shear, and nothing else. */
+  /* A perspective projection divides by -z and has no shear. */
   if (at(p, 3, 2) != -1 || at(p, 3, 3) != 0 || at(p, 0, 1) != 0 || at(p, 1, 0) != 0) return 0;
   scene_to_camera(camera, rows);
   scale = common_length(rows);
@@ -70,9 +71,9 @@ int stgs_unity_view(const stgs_unity_camera* camera, stgs_view* view, float* uni
   for (row = 0; row < 3; ++row) {
     for (k = 0; k < 4; ++k) rows[row][k] /= scale;
   }
-  square_up(rows);
-  /* The third row of a rotation is the product of the others; where it is minus that, the matrices
-   * mirror. */
+  orthonormalise(rows);
+  /* The third row of a rotation is the cross product of the others; a negated third row means a
+   * reflection. */
   for (k = 0; k < 3; ++k) {
     cross[k] =
         rows[0][(k + 1) % 3] * rows[1][(k + 2) % 3] - rows[0][(k + 2) % 3] * rows[1][(k + 1) % 3];
@@ -94,7 +95,7 @@ int stgs_unity_view(const stgs_unity_camera* camera, stgs_view* view, float* uni
   view->fovea_x = camera->fovea_x;
   view->fovea_y = (float)camera->height - camera->fovea_y;
   view->fovea_radius = camera->fovea_radius;
-  /* The near plane n is where z comes out as -1: n (P22 - 1) = P23. */
+  /* The near plane n projects to z = -1: n (P22 - 1) = P23. */
   view->near_plane = (float)(at(p, 2, 3) / (at(p, 2, 2) - 1) / scale);
   *unit = (float)scale;
   return view->near_plane > 0;

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# What embed_vulkan and hello_openxr have in common: stgs_example_app, which lacks the folder of the
-# library's headers. Needs Vulkan::Vulkan, glslc and PkgConfig::STB.
+# stgs_example_app, shared by embed_vulkan and hello_openxr. Needs Vulkan::Vulkan, glslc and
+# PkgConfig::STB. The including file adds the headers of the library.
 add_library(stgs_example_app STATIC
   ${CMAKE_CURRENT_LIST_DIR}/compositor.cpp ${CMAKE_CURRENT_LIST_DIR}/gpu.cpp)
 foreach(shader geometry.vert geometry.frag composite.vert composite.frag)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scene's pixels, premultiplied, each at its depth: the depth test decides what the
-// application's geometry hides, and blending lays the rest over it.
+// Premultiplied pixels of the scene, each at its depth. The depth test hides pixels behind the
+// application's geometry; blending composites the others over it.
 #version 450
 
 layout(push_constant) uniform Push {
@@ -14,6 +14,6 @@ void main() {
   ivec2 at = ivec2(gl_FragCoord.xy);
   colour = texelFetch(scene_colour, at, 0);
   if (colour.a == 0) discard;
-  // As the geometry's: 1 at the near plane, 0 at infinity.
+  // Like the geometry: 1 at the near plane, 0 at infinity.
   gl_FragDepth = near_plane / texelFetch(scene_depth, at, 0).r;
 }

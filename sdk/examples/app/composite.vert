@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A triangle over the whole picture.
+// A triangle that covers the whole image.
 #version 450
 
 void main() {

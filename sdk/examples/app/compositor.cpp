@@ -19,7 +19,7 @@ constexpr std::uint32_t kCompositeVertex[] = {
 constexpr std::uint32_t kCompositeFragment[] = {
 #include "composite.frag.inc"
 };
-constexpr std::uint32_t kVertices = 42;  // of geometry.vert
+constexpr std::uint32_t kVertices = 42;  // geometry.vert
 constexpr VkFormat kDepthBuffer = VK_FORMAT_D32_SFLOAT;
 constexpr VkShaderStageFlags kStages = VK_SHADER_STAGE_VERTEX_BIT | VK_SHADER_STAGE_FRAGMENT_BIT;
 
@@ -36,34 +36,34 @@ Matrix operator*(const Matrix& a, const Matrix& b) {
 }
 
 Matrix camera_from_scene(const stgs_view& view) {
-  const float* r = view.rotation;  // row by row
+  const float* r = view.rotation;  // row-major
   const float* t = view.translation;
   return {{r[0], r[3], r[6], 0, r[1], r[4], r[7], 0, r[2], r[5], r[8], 0, t[0], t[1], t[2], 1}};
 }
 
-// Of a pinhole camera of STGS's, x right, y down, z forward, as Vulkan's clip space has them too.
-// The depth is near / z: 1 at the near plane, 0 at infinity.
+// Projection of a view. Camera axes and Vulkan clip space agree: x right, y down, z forward. Depth
+// is near / z: 1 at the near plane, 0 at infinity.
 Matrix clip_from_camera(const stgs_view& view) {
   const auto w = static_cast<float>(view.width), h = static_cast<float>(view.height);
   return {{2 * view.fx / w, 0, 0, 0, 0, 2 * view.fy / h, 0, 0, 2 * view.cx / w - 1,
            2 * view.cy / h - 1, 0, 1, 0, 0, view.near_plane, 0}};
 }
 
-// The cube's axes: y up, the others wherever.
-Matrix scene_from_app(const Place& place) {
-  const float* y = place.up;
-  // The axis that is least along it, so that the product is not 0.
+// The axes of the cube: y up, the others arbitrary.
+Matrix scene_from_app(const Placement& cube) {
+  const float* y = cube.up;
+  // The coordinate axis least parallel to y, so that the cross product is not 0.
   float other[3] = {};
-  const auto least = [](float a, float b) { return std::abs(a) < std::abs(b); };
-  other[std::min_element(y, y + 3, least) - y] = 1;
+  const auto by_magnitude = [](float a, float b) { return std::abs(a) < std::abs(b); };
+  other[std::min_element(y, y + 3, by_magnitude) - y] = 1;
   float x[3] = {other[1] * y[2] - other[2] * y[1], other[2] * y[0] - other[0] * y[2],
                 other[0] * y[1] - other[1] * y[0]};
   const float length = std::hypot(x[0], x[1], x[2]);
   for (float& v : x) v /= length;
   const float z[3] = {x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2],
                       x[0] * y[1] - x[1] * y[0]};
-  const float s = place.half_edge;
-  const float* c = place.centre;
+  const float s = cube.half_edge;
+  const float* c = cube.centre;
   return {{s * x[0], s * x[1], s * x[2], 0, s * y[0], s * y[1], s * y[2], 0, s * z[0], s * z[1],
            s * z[2], 0, c[0], c[1], c[2], 1}};
 }
@@ -86,32 +86,32 @@ stgs_view first_view(stgs_scene* scene) {
   view.struct_size = sizeof view;
   stgs_result result = stgs_scene_start_view(scene, &view);
   if (result == STGS_ERROR_UNSUPPORTED) result = stgs_scene_frame_view(scene, &view);
-  must(result, scene);
+  check(result, scene);
   return view;
 }
 
-Place middle_of(const stgs_scene_info& info, const stgs_view& camera) {
-  Place place{};
-  const bool told = std::hypot(info.up[0], info.up[1], info.up[2]) > 0;
+Placement centre_of(const stgs_scene_info& info, const stgs_view& camera) {
+  Placement cube{};
+  const bool has_up = std::hypot(info.up[0], info.up[1], info.up[2]) > 0;
   float diagonal = 0;
   for (int i = 0; i < 3; ++i) {
-    place.centre[i] = (info.bounds_min[i] + info.bounds_max[i]) / 2;
-    place.up[i] = told ? info.up[i] : -camera.rotation[3 + i];
+    cube.centre[i] = (info.bounds_min[i] + info.bounds_max[i]) / 2;
+    cube.up[i] = has_up ? info.up[i] : -camera.rotation[3 + i];
     diagonal = std::hypot(diagonal, info.bounds_max[i] - info.bounds_min[i]);
   }
-  place.half_edge = diagonal / 25;
-  return place;
+  cube.half_edge = diagonal / 25;
+  return cube;
 }
 
 Compositor::Compositor(Gpu& gpu, VkFormat format, const std::vector<VkExtent2D>& sizes)
-    : gpu_(gpu), commands_(gpu.make_commands()), timeline_(gpu.make_timeline()) {
-  make_layouts();
-  geometry_ = make_pipeline(format, false);
-  composite_ = make_pipeline(format, true);
-  for (const VkExtent2D size : sizes) eyes_.push_back(make_eye(size));
-  const stgs_vulkan_device lent = gpu.lent();
-  if (stgs_vulkan_renderer_create(&lent, nullptr, &renderer_) != STGS_OK) {
-    throw std::runtime_error("STGS cannot draw on the device");
+    : gpu_(gpu), commands_(gpu.allocate_commands()), timeline_(gpu.create_timeline()) {
+  create_layouts();
+  geometry_ = create_pipeline(format, false);
+  composite_ = create_pipeline(format, true);
+  for (const VkExtent2D size : sizes) eyes_.push_back(create_eye(size));
+  const stgs_vulkan_device device = gpu.stgs_device();
+  if (stgs_vulkan_renderer_create(&device, nullptr, &renderer_) != STGS_OK) {
+    throw std::runtime_error("cannot create an STGS renderer on the device");
   }
 }
 
@@ -120,11 +120,11 @@ Compositor::~Compositor() {
   stgs_renderer_destroy(renderer_);
 }
 
-void Compositor::make_layouts() {
+void Compositor::create_layouts() {
   VkSamplerCreateInfo sampler{};
   sampler.sType = VK_STRUCTURE_TYPE_SAMPLER_CREATE_INFO;
-  must(vkCreateSampler(gpu_.device, &sampler, nullptr, &sampler_), "making a sampler");
-  gpu_.at_end([&gpu = gpu_, it = sampler_] { vkDestroySampler(gpu.device, it, nullptr); });
+  check(vkCreateSampler(gpu_.device, &sampler, nullptr, &sampler_), "creating a sampler");
+  gpu_.defer([&gpu = gpu_, it = sampler_] { vkDestroySampler(gpu.device, it, nullptr); });
   VkDescriptorSetLayoutBinding bindings[2] = {};
   for (std::uint32_t i = 0; i < 2; ++i) {
     bindings[i] = {i, VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER, 1, VK_SHADER_STAGE_FRAGMENT_BIT,
@@ -134,8 +134,9 @@ void Compositor::make_layouts() {
   set.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO;
   set.bindingCount = 2;
   set.pBindings = bindings;
-  must(vkCreateDescriptorSetLayout(gpu_.device, &set, nullptr, &scene_layout_), "making a layout");
-  gpu_.at_end(
+  check(vkCreateDescriptorSetLayout(gpu_.device, &set, nullptr, &scene_layout_),
+        "creating a layout");
+  gpu_.defer(
       [&gpu = gpu_, it = scene_layout_] { vkDestroyDescriptorSetLayout(gpu.device, it, nullptr); });
   const VkDescriptorPoolSize size{VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER, 2 * STGS_MAX_VIEWS};
   VkDescriptorPoolCreateInfo pool{};
@@ -143,8 +144,9 @@ void Compositor::make_layouts() {
   pool.maxSets = STGS_MAX_VIEWS;
   pool.poolSizeCount = 1;
   pool.pPoolSizes = &size;
-  must(vkCreateDescriptorPool(gpu_.device, &pool, nullptr, &descriptors_), "making descriptors");
-  gpu_.at_end(
+  check(vkCreateDescriptorPool(gpu_.device, &pool, nullptr, &descriptors_),
+        "creating a descriptor pool");
+  gpu_.defer(
       [&gpu = gpu_, it = descriptors_] { vkDestroyDescriptorPool(gpu.device, it, nullptr); });
   const VkPushConstantRange push{kStages, 0, sizeof(Matrix)};
   VkPipelineLayoutCreateInfo info{};
@@ -153,18 +155,18 @@ void Compositor::make_layouts() {
   info.pSetLayouts = &scene_layout_;
   info.pushConstantRangeCount = 1;
   info.pPushConstantRanges = &push;
-  must(vkCreatePipelineLayout(gpu_.device, &info, nullptr, &layout_), "making a layout");
-  gpu_.at_end([&gpu = gpu_, it = layout_] { vkDestroyPipelineLayout(gpu.device, it, nullptr); });
+  check(vkCreatePipelineLayout(gpu_.device, &info, nullptr, &layout_), "creating a layout");
+  gpu_.defer([&gpu = gpu_, it = layout_] { vkDestroyPipelineLayout(gpu.device, it, nullptr); });
 }
 
-VkPipeline Compositor::make_pipeline(VkFormat format, bool composite) {
+VkPipeline Compositor::create_pipeline(VkFormat format, bool composite) {
   VkPipelineShaderStageCreateInfo stages[2] = {};
   stages[0].stage = VK_SHADER_STAGE_VERTEX_BIT;
   stages[0].module =
-      composite ? gpu_.make_shader(kCompositeVertex) : gpu_.make_shader(kGeometryVertex);
+      composite ? gpu_.create_shader(kCompositeVertex) : gpu_.create_shader(kGeometryVertex);
   stages[1].stage = VK_SHADER_STAGE_FRAGMENT_BIT;
   stages[1].module =
-      composite ? gpu_.make_shader(kCompositeFragment) : gpu_.make_shader(kGeometryFragment);
+      composite ? gpu_.create_shader(kCompositeFragment) : gpu_.create_shader(kGeometryFragment);
   for (auto& stage : stages) {
     stage.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO;
     stage.pName = "main";
@@ -187,7 +189,7 @@ VkPipeline Compositor::make_pipeline(VkFormat format, bool composite) {
   depth.sType = VK_STRUCTURE_TYPE_PIPELINE_DEPTH_STENCIL_STATE_CREATE_INFO;
   depth.depthTestEnable = VK_TRUE;
   depth.depthWriteEnable = composite ? VK_FALSE : VK_TRUE;
-  depth.depthCompareOp = VK_COMPARE_OP_GREATER;  // near is 1
+  depth.depthCompareOp = VK_COMPARE_OP_GREATER;  // 1 at the near plane
   VkPipelineColorBlendAttachmentState blend{};
   blend.blendEnable = composite ? VK_TRUE : VK_FALSE;
   blend.srcColorBlendFactor = blend.srcAlphaBlendFactor = VK_BLEND_FACTOR_ONE;
@@ -223,43 +225,43 @@ VkPipeline Compositor::make_pipeline(VkFormat format, bool composite) {
   info.pDynamicState = &dynamic;
   info.layout = layout_;
   VkPipeline pipeline = VK_NULL_HANDLE;
-  must(vkCreateGraphicsPipelines(gpu_.device, VK_NULL_HANDLE, 1, &info, nullptr, &pipeline),
-       "making a pipeline");
-  gpu_.at_end([&gpu = gpu_, pipeline] { vkDestroyPipeline(gpu.device, pipeline, nullptr); });
+  check(vkCreateGraphicsPipelines(gpu_.device, VK_NULL_HANDLE, 1, &info, nullptr, &pipeline),
+        "creating a pipeline");
+  gpu_.defer([&gpu = gpu_, pipeline] { vkDestroyPipeline(gpu.device, pipeline, nullptr); });
   return pipeline;
 }
 
-Compositor::Eye Compositor::make_eye(VkExtent2D size) {
+Compositor::Eye Compositor::create_eye(VkExtent2D size) {
   constexpr VkImageUsageFlags kScene = VK_IMAGE_USAGE_TRANSFER_DST_BIT | VK_IMAGE_USAGE_SAMPLED_BIT;
-  const auto make = [&](VkFormat format, VkImageUsageFlags usage, VkImageAspectFlags aspect) {
-    return gpu_.make_image(format, size.width, size.height, usage, aspect);
+  const auto create = [&](VkFormat format, VkImageUsageFlags usage, VkImageAspectFlags aspect) {
+    return gpu_.create_image(format, size.width, size.height, usage, aspect);
   };
   Eye eye{};
-  eye.colour = make(VK_FORMAT_R8G8B8A8_UNORM, kScene, VK_IMAGE_ASPECT_COLOR_BIT);
-  eye.depth = make(VK_FORMAT_R32_SFLOAT, kScene, VK_IMAGE_ASPECT_COLOR_BIT);
+  eye.colour = create(VK_FORMAT_R8G8B8A8_UNORM, kScene, VK_IMAGE_ASPECT_COLOR_BIT);
+  eye.depth = create(VK_FORMAT_R32_SFLOAT, kScene, VK_IMAGE_ASPECT_COLOR_BIT);
   eye.depth_buffer =
-      make(kDepthBuffer, VK_IMAGE_USAGE_DEPTH_STENCIL_ATTACHMENT_BIT, VK_IMAGE_ASPECT_DEPTH_BIT);
+      create(kDepthBuffer, VK_IMAGE_USAGE_DEPTH_STENCIL_ATTACHMENT_BIT, VK_IMAGE_ASPECT_DEPTH_BIT);
   VkDescriptorSetAllocateInfo info{};
   info.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO;
   info.descriptorPool = descriptors_;
   info.descriptorSetCount = 1;
   info.pSetLayouts = &scene_layout_;
-  must(vkAllocateDescriptorSets(gpu_.device, &info, &eye.scene), "making descriptors");
+  check(vkAllocateDescriptorSets(gpu_.device, &info, &eye.scene), "allocating descriptors");
   const VkDescriptorImageInfo images[] = {
       {sampler_, eye.colour.view, VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL},
       {sampler_, eye.depth.view, VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL}};
   VkWriteDescriptorSet write{};
   write.sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET;
   write.dstSet = eye.scene;
-  write.descriptorCount = 2;  // bindings one after the other
+  write.descriptorCount = 2;  // consecutive bindings
   write.descriptorType = VK_DESCRIPTOR_TYPE_COMBINED_IMAGE_SAMPLER;
   write.pImageInfo = images;
   vkUpdateDescriptorSets(gpu_.device, 1, &write, 0, nullptr);
   return eye;
 }
 
-// STGS's part: colour and depth of all views in one call, after the application has done with what
-// was in the images.
+// Renders colour and depth of all views with one call, once the application has finished reading
+// the images.
 void Compositor::submit_scene(stgs_scene* scene, double seconds,
                               const std::vector<stgs_view>& views) {
   std::vector<stgs_vulkan_target> targets(views.size());
@@ -285,12 +287,12 @@ void Compositor::submit_scene(stgs_scene* scene, double seconds,
   frame.wait_count = value_ > 0 ? 1 : 0;
   frame.signal = &after;
   frame.signal_count = 1;
-  must(stgs_vulkan_submit(renderer_, scene, seconds, &frame, nullptr), renderer_);
+  check(stgs_vulkan_submit(renderer_, scene, seconds, &frame, nullptr), renderer_);
   ++value_;
 }
 
 void Compositor::record(const Eye& eye, const stgs_view& view, const Output& output,
-                        const Place& place) {
+                        const Placement& cube) {
   change_layout(commands_, output.image, VK_IMAGE_LAYOUT_UNDEFINED,
                 VK_IMAGE_LAYOUT_COLOR_ATTACHMENT_OPTIMAL);
   change_layout(commands_, eye.depth_buffer.image, VK_IMAGE_LAYOUT_UNDEFINED,
@@ -313,7 +315,7 @@ void Compositor::record(const Eye& eye, const stgs_view& view, const Output& out
                             0, 1};
   vkCmdSetViewport(commands_, 0, 1, &viewport);
   vkCmdSetScissor(commands_, 0, 1, &area);
-  const Matrix clip = clip_from_camera(view) * camera_from_scene(view) * scene_from_app(place);
+  const Matrix clip = clip_from_camera(view) * camera_from_scene(view) * scene_from_app(cube);
   vkCmdBindPipeline(commands_, VK_PIPELINE_BIND_POINT_GRAPHICS, geometry_);
   vkCmdPushConstants(commands_, layout_, kStages, 0, sizeof clip, &clip);
   vkCmdDraw(commands_, kVertices, 1, 0, 0);
@@ -325,16 +327,16 @@ void Compositor::record(const Eye& eye, const stgs_view& view, const Output& out
   vkCmdEndRendering(commands_);
 }
 
-void Compositor::draw(stgs_scene* scene, double seconds, const std::vector<stgs_view>& views,
-                      const std::vector<Output>& outputs, const Place& place) {
-  wait();  // for the command buffer
+void Compositor::render(stgs_scene* scene, double seconds, const std::vector<stgs_view>& views,
+                        const std::vector<Output>& outputs, const Placement& cube) {
+  wait();  // until the command buffer is free
   submit_scene(scene, seconds, views);
   VkCommandBufferBeginInfo begin{};
   begin.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO;
   begin.flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT;
-  must(vkBeginCommandBuffer(commands_, &begin), "beginning commands");
-  for (std::size_t i = 0; i < views.size(); ++i) record(eyes_[i], views[i], outputs[i], place);
-  must(vkEndCommandBuffer(commands_), "ending commands");
+  check(vkBeginCommandBuffer(commands_, &begin), "beginning commands");
+  for (std::size_t i = 0; i < views.size(); ++i) record(eyes_[i], views[i], outputs[i], cube);
+  check(vkEndCommandBuffer(commands_), "ending commands");
   VkSemaphoreSubmitInfo semaphores[2] = {};
   for (std::uint64_t i = 0; i < 2; ++i) {
     semaphores[i].sType = VK_STRUCTURE_TYPE_SEMAPHORE_SUBMIT_INFO;
@@ -353,7 +355,7 @@ void Compositor::draw(stgs_scene* scene, double seconds, const std::vector<stgs_
   submit.pSignalSemaphoreInfos = &semaphores[1];
   submit.commandBufferInfoCount = 1;
   submit.pCommandBufferInfos = &commands;
-  must(vkQueueSubmit2(gpu_.queue, 1, &submit, VK_NULL_HANDLE), "submitting");
+  check(vkQueueSubmit2(gpu_.queue, 1, &submit, VK_NULL_HANDLE), "submitting");
 }
 
 void Compositor::wait() {
@@ -362,7 +364,7 @@ void Compositor::wait() {
   info.semaphoreCount = 1;
   info.pSemaphores = &timeline_;
   info.pValues = &value_;
-  must(vkWaitSemaphores(gpu_.device, &info, UINT64_MAX), "waiting for a frame");
+  check(vkWaitSemaphores(gpu_.device, &info, UINT64_MAX), "waiting for a frame");
 }
 
 }  // namespace app

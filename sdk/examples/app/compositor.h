@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// An application's picture of its own geometry with an STGS scene in it.
+// Composites an STGS scene with geometry of the application.
 //
-// STGS draws the scene's colour, premultiplied, and its depth; the application draws its geometry
-// with a depth buffer, then lays the scene over it, pixel by pixel at the scene's depth. What that
-// can do: a pixel of the scene has one depth, the mean of all that is seen through it. Where that
-// is one surface the geometry is right before it or right behind it, and a half-transparent edge
-// blends. Where some of what a pixel shows is before the geometry and some behind, as at the rim of
-// something soft and in smoke, the whole pixel goes to the side of its mean.
+// STGS renders premultiplied colour and depth. The application renders its geometry with a depth
+// buffer, then blends the scene over it, each pixel at the depth of the scene. The method has a
+// limit: a pixel of the scene has a single depth, the mean of everything visible through it. For a
+// single surface, geometry is correctly in front or behind, and half-transparent edges blend. A
+// pixel whose content lies partly in front of the geometry and partly behind it, as at soft edges
+// and in smoke, goes entirely to the side of its mean.
 #pragma once
 
 #include <cstdint>
@@ -16,24 +16,24 @@
 
 namespace app {
 
-// Column by column, as shaders have it.
+// Column-major, as in shaders.
 struct Matrix {
   float at[16];
 };
 
-// Where the application's geometry stands: a cube of that size on a plate.
-struct Place {
+// Placement of the application's geometry, a cube on a plate.
+struct Placement {
   float centre[3];  // scene units
   float up[3];      // unit vector
-  float half_edge;
+  float half_edge;  // scene units
 };
-// The file's start camera; where it has none, a view of all of the scene.
+// Returns the start camera of the file or, without one, a view of the whole scene.
 stgs_view first_view(stgs_scene* scene);
-// In the middle of the scene's bounds, upright as far as the file tells, else as the camera is
-// held.
-Place middle_of(const stgs_scene_info& info, const stgs_view& camera);
+// Returns the centre of the scene's bounds, upright if the file states an up direction, otherwise
+// aligned with the camera.
+Placement centre_of(const stgs_scene_info& info, const stgs_view& camera);
 
-// A view's picture: an image of the application's, from any layout to COLOR_ATTACHMENT_OPTIMAL.
+// An image of the application that receives a view; any layout, left as COLOR_ATTACHMENT_OPTIMAL.
 struct Output {
   VkImage image;
   VkImageView view;
@@ -41,28 +41,28 @@ struct Output {
 
 class Compositor {
  public:
-  // For as many views as there are sizes; pictures are of `format`, UNORM, as colours are encoded.
-  // The device outlives it.
+  // Creates a compositor for one view per size. `format` is the UNORM format of the outputs,
+  // because colours are already encoded. The device must outlive it.
   Compositor(Gpu& gpu, VkFormat format, const std::vector<VkExtent2D>& sizes);
   ~Compositor();
 
-  // Draws all views of a moment and returns: the pictures are ready when wait() returns, or for
-  // what is submitted to the queue later. `views` are over black.
-  void draw(stgs_scene* scene, double seconds, const std::vector<stgs_view>& views,
-            const std::vector<Output>& outputs, const Place& place);
+  // Submits all views of one time. The outputs are ready after wait(), and for later submissions to
+  // the queue. The background of `views` must be black.
+  void render(stgs_scene* scene, double seconds, const std::vector<stgs_view>& views,
+              const std::vector<Output>& outputs, const Placement& cube);
   void wait();
 
  private:
   struct Eye {
-    Image colour, depth;  // the scene's
-    Image depth_buffer;   // the geometry's
+    Image colour, depth;  // of the scene
+    Image depth_buffer;   // of the geometry
     VkDescriptorSet scene;
   };
-  Eye make_eye(VkExtent2D size);
-  void make_layouts();
-  VkPipeline make_pipeline(VkFormat format, bool composite);
+  Eye create_eye(VkExtent2D size);
+  void create_layouts();
+  VkPipeline create_pipeline(VkFormat format, bool composite);
   void submit_scene(stgs_scene* scene, double seconds, const std::vector<stgs_view>& views);
-  void record(const Eye& eye, const stgs_view& view, const Output& output, const Place& place);
+  void record(const Eye& eye, const stgs_view& view, const Output& output, const Placement& cube);
 
   Gpu& gpu_;
   stgs_renderer* renderer_ = nullptr;
@@ -73,7 +73,7 @@ class Compositor {
   VkPipeline geometry_ = VK_NULL_HANDLE, composite_ = VK_NULL_HANDLE;
   std::vector<Eye> eyes_;
   VkCommandBuffer commands_ = VK_NULL_HANDLE;
-  // One after the other: STGS has drawn, then the application has.
+  // Counts finished steps: STGS and the application render in turn.
   VkSemaphore timeline_ = VK_NULL_HANDLE;
   std::uint64_t value_ = 0;
 };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// An orange cube, a chequered plate; sRGB-encoded, as the splats are.
+// An orange cube and a chequered plate. Colours are sRGB-encoded, like those of the splats.
 #version 450
 
 layout(location = 0) in vec3 position;

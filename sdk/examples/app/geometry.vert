@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A cube from -1 to 1 that stands on a plate, y up; two triangles a side, without a vertex buffer.
+// A cube from -1 to 1 on a plate, y up. Two triangles per side, without a vertex buffer.
 #version 450
 
 layout(push_constant) uniform Push {

@@ -10,20 +10,20 @@
 namespace app {
 namespace {
 
-// Whether an application and STGS can draw on a queue of the family.
-bool draws(const VkQueueFamilyProperties& family) {
+// Whether the application and STGS can share a queue of the family.
+bool is_suitable(const VkQueueFamilyProperties& family) {
   constexpr VkQueueFlags kBoth = VK_QUEUE_GRAPHICS_BIT | VK_QUEUE_COMPUTE_BIT;
   return (family.queueFlags & kBoth) == kBoth;
 }
 
-// -1: there is none.
+// Returns a suitable queue family; -1: none.
 int family_of(VkPhysicalDevice device) {
   std::uint32_t count = 0;
   vkGetPhysicalDeviceQueueFamilyProperties(device, &count, nullptr);
   std::vector<VkQueueFamilyProperties> families(count);
   vkGetPhysicalDeviceQueueFamilyProperties(device, &count, families.data());
   for (std::uint32_t i = 0; i < count; ++i) {
-    if (draws(families[i])) return static_cast<int>(i);
+    if (is_suitable(families[i])) return static_cast<int>(i);
   }
   return -1;
 }
@@ -35,27 +35,27 @@ int rank_of(VkPhysicalDevice device) {
   return properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU ? 0 : 1;
 }
 
-// What a device lacks for the example itself, or for STGS; empty: nothing.
-std::string lacking(const Gpu& gpu) {
+// Returns the feature that the example or STGS misses; empty if the device is suitable.
+std::string missing_feature(const Gpu& gpu) {
   VkPhysicalDeviceProperties properties{};
   vkGetPhysicalDeviceProperties(gpu.physical_device, &properties);
   if (properties.apiVersion < VK_API_VERSION_1_3) return "Vulkan 1.3";
-  if (family_of(gpu.physical_device) < 0) return "queue that draws and computes";
-  const stgs_vulkan_device asked = gpu.lent();
+  if (family_of(gpu.physical_device) < 0) return "queue for graphics and compute";
+  const stgs_vulkan_device device = gpu.stgs_device();
   stgs_vulkan_support support{};
   support.struct_size = sizeof support;
-  if (stgs_vulkan_get_support(&asked, &support) != STGS_OK) return "Vulkan with STGS";
+  if (stgs_vulkan_get_support(&device, &support) != STGS_OK) return "Vulkan support in STGS";
   return support.missing_features;
 }
 
 }  // namespace
 
-void must(VkResult result, const char* what) {
+void check(VkResult result, const char* operation) {
   if (result == VK_SUCCESS) return;
-  throw std::runtime_error(std::string(what) + ": VkResult " + std::to_string(result));
+  throw std::runtime_error(std::string(operation) + ": VkResult " + std::to_string(result));
 }
 
-void must(stgs_result result, stgs_renderer* renderer) {
+void check(stgs_result result, stgs_renderer* renderer) {
   if (result == STGS_OK) return;
   stgs_error error{};
   error.struct_size = sizeof error;
@@ -63,7 +63,7 @@ void must(stgs_result result, stgs_renderer* renderer) {
   throw std::runtime_error(error.message);
 }
 
-void must(stgs_result result, stgs_scene* scene) {
+void check(stgs_result result, stgs_scene* scene) {
   if (result == STGS_OK) return;
   stgs_error error{};
   error.struct_size = sizeof error;
@@ -71,7 +71,7 @@ void must(stgs_result result, stgs_scene* scene) {
   throw std::runtime_error(error.message);
 }
 
-void must(stgs_result result, stgs_player* player) {
+void check(stgs_result result, stgs_player* player) {
   if (result == STGS_OK) return;
   stgs_error error{};
   error.struct_size = sizeof error;
@@ -79,7 +79,7 @@ void must(stgs_result result, stgs_player* player) {
   throw std::runtime_error(error.message);
 }
 
-Makers vulkan_makers() {
+DeviceFactory vulkan_factory() {
   return {[](const VkInstanceCreateInfo& info, VkInstance* out) {
             return vkCreateInstance(&info, nullptr, out);
           },
@@ -89,7 +89,7 @@ Makers vulkan_makers() {
           }};
 }
 
-Gpu::Gpu(const Makers& makers) : Gpu() {
+Gpu::Gpu(const DeviceFactory& factory) : Gpu() {
   VkApplicationInfo application{};
   application.sType = VK_STRUCTURE_TYPE_APPLICATION_INFO;
   application.pApplicationName = "STGS example";
@@ -97,10 +97,10 @@ Gpu::Gpu(const Makers& makers) : Gpu() {
   VkInstanceCreateInfo instance_info{};
   instance_info.sType = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO;
   instance_info.pApplicationInfo = &application;
-  if (makers.instance(instance_info, &instance) != VK_SUCCESS) {
-    throw Unsupported("there is no Vulkan 1.3");
+  if (factory.create_instance(instance_info, &instance) != VK_SUCCESS) {
+    throw Unsupported("Vulkan 1.3 is not available");
   }
-  choose(makers);
+  choose(factory);
   queue_family = static_cast<std::uint32_t>(family_of(physical_device));
   const float priority = 1;
   VkDeviceQueueCreateInfo queue_info{};
@@ -108,9 +108,10 @@ Gpu::Gpu(const Makers& makers) : Gpu() {
   queue_info.queueFamilyIndex = queue_family;
   queue_info.queueCount = 1;
   queue_info.pQueuePriorities = &priority;
-  // STGS needs none of these; timeline semaphores are how frames are handed over here, and with the
-  // control of subgroups' sizes, which all of Vulkan 1.3 has, some GPUs draw faster. Each in a
-  // struct of its own: an OpenXR runtime may add others, which those of a whole version forbid.
+  // STGS requires none of these features. The example synchronises with timeline semaphores, and
+  // subgroup size control, part of Vulkan 1.3, makes some GPUs faster. Each feature has its own
+  // struct because an OpenXR runtime may chain others, which the structs of a Vulkan version would
+  // exclude.
   VkPhysicalDeviceSubgroupSizeControlFeatures sizes{};
   sizes.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_SIZE_CONTROL_FEATURES;
   sizes.subgroupSizeControl = sizes.computeFullSubgroups = VK_TRUE;
@@ -131,21 +132,21 @@ Gpu::Gpu(const Makers& makers) : Gpu() {
   info.pNext = &timeline;
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &queue_info;
-  must(makers.device(physical_device, info, &device), "making a device");
+  check(factory.create_device(physical_device, info, &device), "creating a device");
   vkGetDeviceQueue(device, queue_family, 0, &queue);
   VkCommandPoolCreateInfo pool{};
   pool.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO;
   pool.flags = VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT;
   pool.queueFamilyIndex = queue_family;
-  must(vkCreateCommandPool(device, &pool, nullptr, &pool_), "making a command pool");
+  check(vkCreateCommandPool(device, &pool, nullptr, &pool_), "creating a command pool");
 }
 
 Gpu::~Gpu() {
   if (device != VK_NULL_HANDLE) {
     vkDeviceWaitIdle(device);
-    while (!ends_.empty()) {
-      ends_.back()();
-      ends_.pop_back();
+    while (!cleanups_.empty()) {
+      cleanups_.back()();
+      cleanups_.pop_back();
     }
     vkDestroyCommandPool(device, pool_, nullptr);
     vkDestroyDevice(device, nullptr);
@@ -153,29 +154,29 @@ Gpu::~Gpu() {
   if (instance != VK_NULL_HANDLE) vkDestroyInstance(instance, nullptr);
 }
 
-void Gpu::choose(const Makers& makers) {
+void Gpu::choose(const DeviceFactory& factory) {
   std::vector<VkPhysicalDevice> devices;
-  if (makers.choose) {
-    devices.push_back(makers.choose(instance));
+  if (factory.choose_device) {
+    devices.push_back(factory.choose_device(instance));
   } else {
     std::uint32_t count = 0;
     vkEnumeratePhysicalDevices(instance, &count, nullptr);
     devices.resize(count);
-    must(vkEnumeratePhysicalDevices(instance, &count, devices.data()), "listing devices");
+    check(vkEnumeratePhysicalDevices(instance, &count, devices.data()), "listing devices");
   }
-  // Discrete GPUs first, drivers of the processor last.
+  // Discrete GPUs first, CPU implementations last.
   std::stable_sort(devices.begin(), devices.end(),
                    [](VkPhysicalDevice a, VkPhysicalDevice b) { return rank_of(a) > rank_of(b); });
-  std::string lacks = "device";
+  std::string missing = "device";
   for (const VkPhysicalDevice one : devices) {
     physical_device = one;
-    lacks = lacking(*this);
-    if (lacks.empty()) return;
+    missing = missing_feature(*this);
+    if (missing.empty()) return;
   }
-  throw Unsupported("there is no Vulkan device to draw with: no " + lacks);
+  throw Unsupported("no suitable Vulkan device (missing: " + missing + ")");
 }
 
-stgs_vulkan_device Gpu::lent() const {
+stgs_vulkan_device Gpu::stgs_device() const {
   stgs_vulkan_device out;
   stgs_vulkan_device_defaults(&out, sizeof out);
   out.instance = instance;
@@ -199,14 +200,14 @@ VkDeviceMemory Gpu::allocate(const VkMemoryRequirements& needs, VkMemoryProperty
     if ((memory.memoryTypes[i].propertyFlags & properties) != properties) continue;
     info.memoryTypeIndex = i;
     VkDeviceMemory out = VK_NULL_HANDLE;
-    must(vkAllocateMemory(device, &info, nullptr, &out), "allocating GPU memory");
+    check(vkAllocateMemory(device, &info, nullptr, &out), "allocating GPU memory");
     return out;
   }
-  throw std::runtime_error("the GPU has no memory of a kind that is needed");
+  throw std::runtime_error("the GPU has no suitable memory type");
 }
 
-Image Gpu::make_image(VkFormat format, std::uint32_t width, std::uint32_t height,
-                      VkImageUsageFlags usage, VkImageAspectFlags aspect) {
+Image Gpu::create_image(VkFormat format, std::uint32_t width, std::uint32_t height,
+                        VkImageUsageFlags usage, VkImageAspectFlags aspect) {
   VkImageCreateInfo info{};
   info.sType = VK_STRUCTURE_TYPE_IMAGE_CREATE_INFO;
   info.imageType = VK_IMAGE_TYPE_2D;
@@ -216,20 +217,20 @@ Image Gpu::make_image(VkFormat format, std::uint32_t width, std::uint32_t height
   info.samples = VK_SAMPLE_COUNT_1_BIT;
   info.usage = usage;
   Image out{VK_NULL_HANDLE, VK_NULL_HANDLE, format, width, height};
-  must(vkCreateImage(device, &info, nullptr, &out.image), "making an image");
-  at_end([this, image = out.image] { vkDestroyImage(device, image, nullptr); });
+  check(vkCreateImage(device, &info, nullptr, &out.image), "creating an image");
+  defer([this, image = out.image] { vkDestroyImage(device, image, nullptr); });
   VkMemoryRequirements needs{};
   vkGetImageMemoryRequirements(device, out.image, &needs);
   const VkDeviceMemory memory = allocate(needs, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
-  // After the image, which ends before it.
-  ends_.insert(ends_.end() - 1, [this, memory] { vkFreeMemory(device, memory, nullptr); });
-  must(vkBindImageMemory(device, out.image, memory, 0), "binding an image");
-  out.view = make_view(out.image, format, aspect);
-  at_end([this, view = out.view] { vkDestroyImageView(device, view, nullptr); });
+  // Runs after the destruction of the image.
+  cleanups_.insert(cleanups_.end() - 1, [this, memory] { vkFreeMemory(device, memory, nullptr); });
+  check(vkBindImageMemory(device, out.image, memory, 0), "binding an image");
+  out.view = create_view(out.image, format, aspect);
+  defer([this, view = out.view] { vkDestroyImageView(device, view, nullptr); });
   return out;
 }
 
-VkImageView Gpu::make_view(VkImage image, VkFormat format, VkImageAspectFlags aspect) const {
+VkImageView Gpu::create_view(VkImage image, VkFormat format, VkImageAspectFlags aspect) const {
   VkImageViewCreateInfo info{};
   info.sType = VK_STRUCTURE_TYPE_IMAGE_VIEW_CREATE_INFO;
   info.image = image;
@@ -237,11 +238,11 @@ VkImageView Gpu::make_view(VkImage image, VkFormat format, VkImageAspectFlags as
   info.format = format;
   info.subresourceRange = {aspect, 0, 1, 0, 1};
   VkImageView view = VK_NULL_HANDLE;
-  must(vkCreateImageView(device, &info, nullptr, &view), "making an image view");
+  check(vkCreateImageView(device, &info, nullptr, &view), "creating an image view");
   return view;
 }
 
-VkSemaphore Gpu::make_timeline() {
+VkSemaphore Gpu::create_timeline() {
   VkSemaphoreTypeCreateInfo type{};
   type.sType = VK_STRUCTURE_TYPE_SEMAPHORE_TYPE_CREATE_INFO;
   type.semaphoreType = VK_SEMAPHORE_TYPE_TIMELINE;
@@ -249,29 +250,29 @@ VkSemaphore Gpu::make_timeline() {
   info.sType = VK_STRUCTURE_TYPE_SEMAPHORE_CREATE_INFO;
   info.pNext = &type;
   VkSemaphore semaphore = VK_NULL_HANDLE;
-  must(vkCreateSemaphore(device, &info, nullptr, &semaphore), "making a semaphore");
-  at_end([this, semaphore] { vkDestroySemaphore(device, semaphore, nullptr); });
+  check(vkCreateSemaphore(device, &info, nullptr, &semaphore), "creating a semaphore");
+  defer([this, semaphore] { vkDestroySemaphore(device, semaphore, nullptr); });
   return semaphore;
 }
 
-VkShaderModule Gpu::make_shader(std::span<const std::uint32_t> code) {
+VkShaderModule Gpu::create_shader(std::span<const std::uint32_t> code) {
   VkShaderModuleCreateInfo info{};
   info.sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO;
   info.codeSize = code.size_bytes();
   info.pCode = code.data();
   VkShaderModule shader = VK_NULL_HANDLE;
-  must(vkCreateShaderModule(device, &info, nullptr, &shader), "making a shader");
-  at_end([this, shader] { vkDestroyShaderModule(device, shader, nullptr); });
+  check(vkCreateShaderModule(device, &info, nullptr, &shader), "creating a shader");
+  defer([this, shader] { vkDestroyShaderModule(device, shader, nullptr); });
   return shader;
 }
 
-VkCommandBuffer Gpu::make_commands() {
+VkCommandBuffer Gpu::allocate_commands() {
   VkCommandBufferAllocateInfo info{};
   info.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO;
   info.commandPool = pool_;
   info.commandBufferCount = 1;
   VkCommandBuffer commands = VK_NULL_HANDLE;
-  must(vkAllocateCommandBuffers(device, &info, &commands), "making commands");
+  check(vkAllocateCommandBuffers(device, &info, &commands), "creating commands");
   return commands;
 }
 
@@ -282,16 +283,16 @@ std::vector<std::uint8_t> Gpu::read(const Image& image, VkImageLayout layout) {
   info.size = bytes;
   info.usage = VK_BUFFER_USAGE_TRANSFER_DST_BIT;
   VkBuffer buffer = VK_NULL_HANDLE;
-  must(vkCreateBuffer(device, &info, nullptr, &buffer), "making a buffer");
+  check(vkCreateBuffer(device, &info, nullptr, &buffer), "creating a buffer");
   VkMemoryRequirements needs{};
   vkGetBufferMemoryRequirements(device, buffer, &needs);
   const VkDeviceMemory memory =
       allocate(needs, VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT);
-  must(vkBindBufferMemory(device, buffer, memory, 0), "binding a buffer");
-  VkCommandBuffer commands = make_commands();
+  check(vkBindBufferMemory(device, buffer, memory, 0), "binding a buffer");
+  VkCommandBuffer commands = allocate_commands();
   VkCommandBufferBeginInfo begin{};
   begin.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO;
-  must(vkBeginCommandBuffer(commands, &begin), "beginning commands");
+  check(vkBeginCommandBuffer(commands, &begin), "beginning commands");
   constexpr VkImageLayout kSource = VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL;
   change_layout(commands, image.image, layout, kSource);
   VkBufferImageCopy region{};
@@ -299,15 +300,15 @@ std::vector<std::uint8_t> Gpu::read(const Image& image, VkImageLayout layout) {
   region.imageExtent = {image.width, image.height, 1};
   vkCmdCopyImageToBuffer(commands, image.image, kSource, buffer, 1, &region);
   change_layout(commands, image.image, kSource, layout);
-  must(vkEndCommandBuffer(commands), "ending commands");
+  check(vkEndCommandBuffer(commands), "ending commands");
   VkSubmitInfo submit{};
   submit.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO;
   submit.commandBufferCount = 1;
   submit.pCommandBuffers = &commands;
-  must(vkQueueSubmit(queue, 1, &submit, VK_NULL_HANDLE), "submitting");
-  must(vkQueueWaitIdle(queue), "waiting for the queue");
+  check(vkQueueSubmit(queue, 1, &submit, VK_NULL_HANDLE), "submitting");
+  check(vkQueueWaitIdle(queue), "waiting for the queue");
   void* mapped = nullptr;
-  must(vkMapMemory(device, memory, 0, VK_WHOLE_SIZE, 0, &mapped), "mapping a buffer");
+  check(vkMapMemory(device, memory, 0, VK_WHOLE_SIZE, 0, &mapped), "mapping a buffer");
   const auto* from = static_cast<const std::uint8_t*>(mapped);
   std::vector<std::uint8_t> out(from, from + bytes);
   if (image.format == VK_FORMAT_B8G8R8A8_UNORM) {
@@ -343,7 +344,7 @@ void write_png(const std::string& path, std::uint32_t width, std::uint32_t heigh
   for (std::size_t i = 3; i < pixels.size(); i += 4) pixels[i] = 255;
   const int w = static_cast<int>(width), h = static_cast<int>(height);
   if (stbi_write_png(path.c_str(), w, h, 4, pixels.data(), 4 * w) == 0) {
-    throw std::runtime_error(path + ": cannot be written");
+    throw std::runtime_error(path + ": cannot write the image");
   }
 }
 

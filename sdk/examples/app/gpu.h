@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The application's Vulkan device, and the little that the examples make with it. An example throws
-// std::runtime_error where something fails, Unsupported where the machine lacks something.
+// The Vulkan device of the application, and helpers of the examples. Functions throw
+// std::runtime_error on failure and Unsupported if the machine lacks something.
 #pragma once
 
 #include <stgs/stgs_vulkan.h>
@@ -19,20 +19,20 @@ struct Unsupported : std::runtime_error {
   using runtime_error::runtime_error;
 };
 
-// Throws where a call of Vulkan's or of STGS's failed.
-void must(VkResult result, const char* what);
-void must(stgs_result result, stgs_renderer* renderer);
-void must(stgs_result result, stgs_scene* scene);
-void must(stgs_result result, stgs_player* player);
+// Throws unless the result of a Vulkan or STGS call is success.
+void check(VkResult result, const char* operation);
+void check(stgs_result result, stgs_renderer* renderer);
+void check(stgs_result result, stgs_scene* scene);
+void check(stgs_result result, stgs_player* player);
 
-// Who makes the instance and the device: Vulkan itself, or OpenXR, which adds what it needs.
-struct Makers {
-  std::function<VkResult(const VkInstanceCreateInfo&, VkInstance*)> instance;
-  // Null: the first that draws.
-  std::function<VkPhysicalDevice(VkInstance)> choose;
-  std::function<VkResult(VkPhysicalDevice, const VkDeviceCreateInfo&, VkDevice*)> device;
+// Creates the instance and the device: plain Vulkan, or OpenXR, which adds its requirements.
+struct DeviceFactory {
+  std::function<VkResult(const VkInstanceCreateInfo&, VkInstance*)> create_instance;
+  // Empty: the first suitable device.
+  std::function<VkPhysicalDevice(VkInstance)> choose_device;
+  std::function<VkResult(VkPhysicalDevice, const VkDeviceCreateInfo&, VkDevice*)> create_device;
 };
-Makers vulkan_makers();
+DeviceFactory vulkan_factory();
 
 struct Image {
   VkImage image = VK_NULL_HANDLE;
@@ -41,11 +41,11 @@ struct Image {
   std::uint32_t width = 0, height = 0;
 };
 
-// Vulkan 1.3 with one queue that draws and computes. One thread.
+// A Vulkan 1.3 device with one queue for graphics and compute. One thread at a time.
 class Gpu {
  public:
-  explicit Gpu(const Makers& makers);
-  ~Gpu();  // ends all that was made with it
+  explicit Gpu(const DeviceFactory& factory);
+  ~Gpu();  // destroys everything created with it
   Gpu(const Gpu&) = delete;
   Gpu& operator=(const Gpu&) = delete;
 
@@ -55,36 +55,36 @@ class Gpu {
   VkQueue queue = VK_NULL_HANDLE;
   std::uint32_t queue_family = 0;
 
-  // The device as STGS borrows it.
-  stgs_vulkan_device lent() const;
+  // Returns the device for STGS.
+  stgs_vulkan_device stgs_device() const;
 
-  Image make_image(VkFormat format, std::uint32_t width, std::uint32_t height,
-                   VkImageUsageFlags usage, VkImageAspectFlags aspect);
-  // The caller's to destroy.
-  VkImageView make_view(VkImage image, VkFormat format, VkImageAspectFlags aspect) const;
-  VkSemaphore make_timeline();
-  VkShaderModule make_shader(std::span<const std::uint32_t> code);
-  VkCommandBuffer make_commands();
-  // The pixels of an image of RGBA or BGRA, 4 bytes each, red first, which is in `layout` and stays
-  // in it; waits for all that the queue has to do.
+  Image create_image(VkFormat format, std::uint32_t width, std::uint32_t height,
+                     VkImageUsageFlags usage, VkImageAspectFlags aspect);
+  // The caller destroys the view.
+  VkImageView create_view(VkImage image, VkFormat format, VkImageAspectFlags aspect) const;
+  VkSemaphore create_timeline();
+  VkShaderModule create_shader(std::span<const std::uint32_t> code);
+  VkCommandBuffer allocate_commands();
+  // Returns the pixels of an RGBA or BGRA image, 4 bytes each, red first. The image is in `layout`
+  // and stays in it. Waits for the queue to become idle.
   std::vector<std::uint8_t> read(const Image& image, VkImageLayout layout);
-  // Called when the device ends, in the opposite order.
-  void at_end(std::function<void()> end) { ends_.push_back(std::move(end)); }
+  // Registers a function that the destructor calls, in reverse order.
+  void defer(std::function<void()> cleanup) { cleanups_.push_back(std::move(cleanup)); }
 
  private:
-  Gpu() = default;  // so that what a constructor has made ends where it throws
-  void choose(const Makers& makers);
+  Gpu() = default;  // delegated to, so that the destructor runs if a constructor throws
+  void choose(const DeviceFactory& factory);
   VkDeviceMemory allocate(const VkMemoryRequirements& needs, VkMemoryPropertyFlags properties);
 
   VkCommandPool pool_ = VK_NULL_HANDLE;
-  std::vector<std::function<void()>> ends_;
+  std::vector<std::function<void()>> cleanups_;
 };
 
-// A barrier of a whole image, from all that came before to all that follows.
+// Records a barrier for an entire image, between all earlier and all later commands.
 void change_layout(VkCommandBuffer commands, VkImage image, VkImageLayout from, VkImageLayout to,
                    VkImageAspectFlags aspect = VK_IMAGE_ASPECT_COLOR_BIT);
 
-// Opaque, 4 bytes a pixel: red, green, blue and something.
+// Writes an opaque PNG from 4 bytes per pixel: red, green, blue and an ignored byte.
 void write_png(const std::string& path, std::uint32_t width, std::uint32_t height,
                std::vector<std::uint8_t> pixels);
 

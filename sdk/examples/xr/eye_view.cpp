@@ -7,7 +7,7 @@
 namespace xr {
 namespace {
 
-// From axes x right, y up, z back to x right, y down, z forward, and back.
+// Converts between axes x right, y up, z back and x right, y down, z forward.
 constexpr float kFlip[3] = {1, -1, -1};
 
 float dot(const float* a, const float* b) {
@@ -19,7 +19,7 @@ void normalise(float* v) {
   for (int i = 0; i < 3; ++i) v[i] /= length;
 }
 
-// Of a unit quaternion, row by row: out = rotation in.
+// Rotation matrix of a unit quaternion, row-major: out = rotation * in.
 void rotation_of(const XrQuaternionf& q, float* out) {
   const float x = q.x, y = q.y, z = q.z, w = q.w;
   const float rows[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
@@ -28,14 +28,14 @@ void rotation_of(const XrQuaternionf& q, float* out) {
   std::copy_n(rows, 9, out);
 }
 
-// Turns the axes so that down is the scene's; the direction of the view is kept as far as it can
-// be.
+// Rotates the axes so that down is opposite to `up`, and keeps the viewing direction as far as
+// possible.
 void level(const float* up, float* rotation) {
   float* right = rotation;
   float* down = rotation + 3;
   float* forward = rotation + 6;
   const float rise = dot(forward, up);
-  // Straight up or down there is no direction to keep.
+  // Looking straight up or down leaves no horizontal direction.
   if (std::abs(rise) > 0.99f) return;
   for (int i = 0; i < 3; ++i) {
     down[i] = -up[i];
@@ -75,8 +75,8 @@ stgs_view eye_view(const XrView& eye, const Anchor& anchor, const stgs_view& sta
   view.fy = static_cast<float>(height) / (up - down);
   view.cx = -left * view.fx;
   view.cy = up * view.fy;
-  // camera = flip head^T (space - position), space = flip anchor (scene - anchor's position), where
-  // the space is measured in scene units.
+  // camera = flip * head^T * (space - position) and space = flip * anchor * (scene -
+  // anchor.position), with the tracking space in scene units.
   float head[9];
   rotation_of(eye.pose.orientation, head);
   const float position[3] = {eye.pose.position.x, eye.pose.position.y, eye.pose.position.z};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// From what OpenXR says of an eye to a view of STGS's.
+// Converts an OpenXR eye to a view of STGS.
 #pragma once
 
 #include <openxr/openxr.h>
@@ -7,20 +7,20 @@
 
 namespace xr {
 
-// Where the space of the head's poses (metres; x right, y up, z back) lies in the scene.
+// Pose of the tracking space (metres; x right, y up, z back) in the scene.
 struct Anchor {
-  // Rows: what is right, down and forward of the space's origin, in the scene.
+  // Rows: right, down and forward of the space, in scene axes.
   float rotation[9];
   float position[3];  // of the origin, scene units
   float units_per_metre;
 };
 
-// The origin at the first view's camera; upright and as large as life as far as the file tells,
-// else as the camera is held, and a unit a metre.
+// Places the origin at the camera of the first view. Upright and at life size if the file states an
+// up direction and a scale; otherwise aligned with the camera, at one unit per metre.
 Anchor anchor_at(const stgs_view& start, const stgs_scene_info& info);
 
-// The eye's frustum, whose sides need not be alike, on a picture of that size, over black. Its near
-// plane is the start camera's.
+// Returns the view of an eye, whose frustum may be asymmetric, for an image of this size over
+// black. The near plane is that of the start camera.
 stgs_view eye_view(const XrView& eye, const Anchor& anchor, const stgs_view& start, uint32_t width,
                    uint32_t height);
 

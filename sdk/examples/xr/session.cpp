@@ -12,20 +12,20 @@ constexpr XrViewConfigurationType kStereo = XR_VIEW_CONFIGURATION_TYPE_PRIMARY_S
 
 template <typename T>
 T structure(XrStructureType type) {
-  T made{};
-  made.type = type;
-  return made;
+  T out{};
+  out.type = type;
+  return out;
 }
 
-void must(XrResult result, const char* what) {
+void check(XrResult result, const char* operation) {
   if (XR_SUCCEEDED(result)) return;
-  throw std::runtime_error(std::string(what) + ": XrResult " + std::to_string(result));
+  throw std::runtime_error(std::string(operation) + ": XrResult " + std::to_string(result));
 }
 
 template <typename Function>
 Function function_of(XrInstance instance, const char* name) {
   PFN_xrVoidFunction found = nullptr;
-  must(xrGetInstanceProcAddr(instance, name, &found), name);
+  check(xrGetInstanceProcAddr(instance, name, &found), name);
   return reinterpret_cast<Function>(found);
 }
 
@@ -40,12 +40,12 @@ System::System() : System(0) {
   info.enabledExtensionNames = &extension;
   if (const XrResult result = xrCreateInstance(&info, &instance); XR_FAILED(result)) {
     instance = XR_NULL_HANDLE;
-    throw app::Unsupported("there is no OpenXR runtime with " + std::string(extension) +
-                           " (XrResult " + std::to_string(result) + ")");
+    throw app::Unsupported("no OpenXR runtime supports " + std::string(extension) + " (XrResult " +
+                           std::to_string(result) + ")");
   }
-  auto wanted = structure<XrSystemGetInfo>(XR_TYPE_SYSTEM_GET_INFO);
-  wanted.formFactor = XR_FORM_FACTOR_HEAD_MOUNTED_DISPLAY;
-  if (const XrResult result = xrGetSystem(instance, &wanted, &system); XR_FAILED(result)) {
+  auto system_info = structure<XrSystemGetInfo>(XR_TYPE_SYSTEM_GET_INFO);
+  system_info.formFactor = XR_FORM_FACTOR_HEAD_MOUNTED_DISPLAY;
+  if (const XrResult result = xrGetSystem(instance, &system_info, &system); XR_FAILED(result)) {
     throw app::Unsupported("the OpenXR runtime has no headset (XrResult " + std::to_string(result) +
                            ")");
   }
@@ -55,60 +55,61 @@ System::~System() {
   if (instance != XR_NULL_HANDLE) xrDestroyInstance(instance);
 }
 
-app::Makers System::makers() const {
-  // The runtime wants to be asked before it makes anything.
+app::DeviceFactory System::device_factory() const {
+  // The runtime requires this query before it creates anything.
   auto required =
       structure<XrGraphicsRequirementsVulkan2KHR>(XR_TYPE_GRAPHICS_REQUIREMENTS_VULKAN2_KHR);
-  must(function_of<PFN_xrGetVulkanGraphicsRequirements2KHR>(
-           instance, "xrGetVulkanGraphicsRequirements2KHR")(instance, system, &required),
-       "asking for the runtime's Vulkan");
+  check(function_of<PFN_xrGetVulkanGraphicsRequirements2KHR>(
+            instance, "xrGetVulkanGraphicsRequirements2KHR")(instance, system, &required),
+        "querying the Vulkan requirements of the runtime");
   if (required.minApiVersionSupported > XR_MAKE_VERSION(1, 3, 0)) {
-    throw app::Unsupported("the OpenXR runtime wants a later Vulkan than 1.3");
+    throw app::Unsupported("the OpenXR runtime requires a later Vulkan version than 1.3");
   }
-  app::Makers makers;
-  makers.instance = [this](const VkInstanceCreateInfo& vulkan, VkInstance* out) {
+  app::DeviceFactory factory;
+  factory.create_instance = [this](const VkInstanceCreateInfo& vulkan, VkInstance* out) {
     auto info = structure<XrVulkanInstanceCreateInfoKHR>(XR_TYPE_VULKAN_INSTANCE_CREATE_INFO_KHR);
     info.systemId = system;
     info.pfnGetInstanceProcAddr = vkGetInstanceProcAddr;
     info.vulkanCreateInfo = &vulkan;
     VkResult result = VK_ERROR_UNKNOWN;
-    must(function_of<PFN_xrCreateVulkanInstanceKHR>(instance, "xrCreateVulkanInstanceKHR")(
-             instance, &info, out, &result),
-         "making a Vulkan instance");
+    check(function_of<PFN_xrCreateVulkanInstanceKHR>(instance, "xrCreateVulkanInstanceKHR")(
+              instance, &info, out, &result),
+          "creating a Vulkan instance");
     return result;
   };
-  makers.choose = [this](VkInstance vulkan) {
+  factory.choose_device = [this](VkInstance vulkan) {
     auto info =
         structure<XrVulkanGraphicsDeviceGetInfoKHR>(XR_TYPE_VULKAN_GRAPHICS_DEVICE_GET_INFO_KHR);
     info.systemId = system;
     info.vulkanInstance = vulkan;
     VkPhysicalDevice device = VK_NULL_HANDLE;
-    must(function_of<PFN_xrGetVulkanGraphicsDevice2KHR>(instance, "xrGetVulkanGraphicsDevice2KHR")(
-             instance, &info, &device),
-         "asking for the headset's Vulkan device");
+    check(function_of<PFN_xrGetVulkanGraphicsDevice2KHR>(instance, "xrGetVulkanGraphicsDevice2KHR")(
+              instance, &info, &device),
+          "querying the Vulkan device of the headset");
     return device;
   };
-  makers.device = [this](VkPhysicalDevice from, const VkDeviceCreateInfo& vulkan, VkDevice* out) {
+  factory.create_device = [this](VkPhysicalDevice from, const VkDeviceCreateInfo& vulkan,
+                                 VkDevice* out) {
     auto info = structure<XrVulkanDeviceCreateInfoKHR>(XR_TYPE_VULKAN_DEVICE_CREATE_INFO_KHR);
     info.systemId = system;
     info.pfnGetInstanceProcAddr = vkGetInstanceProcAddr;
     info.vulkanPhysicalDevice = from;
     info.vulkanCreateInfo = &vulkan;
     VkResult result = VK_ERROR_UNKNOWN;
-    must(function_of<PFN_xrCreateVulkanDeviceKHR>(instance, "xrCreateVulkanDeviceKHR")(
-             instance, &info, out, &result),
-         "making a Vulkan device");
+    check(function_of<PFN_xrCreateVulkanDeviceKHR>(instance, "xrCreateVulkanDeviceKHR")(
+              instance, &info, out, &result),
+          "creating a Vulkan device");
     return result;
   };
-  return makers;
+  return factory;
 }
 
 VkExtent2D System::recommended_size() const {
   std::array<XrViewConfigurationView, kEyes> views;
   views.fill(structure<XrViewConfigurationView>(XR_TYPE_VIEW_CONFIGURATION_VIEW));
   std::uint32_t count = 0;
-  must(xrEnumerateViewConfigurationViews(instance, system, kStereo, kEyes, &count, views.data()),
-       "asking for the eyes");
+  check(xrEnumerateViewConfigurationViews(instance, system, kStereo, kEyes, &count, views.data()),
+        "querying the eyes");
   return {std::max(views[0].recommendedImageRectWidth, views[1].recommendedImageRectWidth),
           std::max(views[0].recommendedImageRectHeight, views[1].recommendedImageRectHeight)};
 }
@@ -124,13 +125,13 @@ Session::Session(const System& system, const app::Gpu& gpu, VkExtent2D size) : S
   auto info = structure<XrSessionCreateInfo>(XR_TYPE_SESSION_CREATE_INFO);
   info.next = &binding;
   info.systemId = system.system;
-  must(xrCreateSession(instance_, &info, &session_), "making a session");
+  check(xrCreateSession(instance_, &info, &session_), "creating a session");
   auto space = structure<XrReferenceSpaceCreateInfo>(XR_TYPE_REFERENCE_SPACE_CREATE_INFO);
   space.referenceSpaceType = XR_REFERENCE_SPACE_TYPE_LOCAL;
   space.poseInReferenceSpace.orientation.w = 1;
-  must(xrCreateReferenceSpace(session_, &space, &space_), "making a space");
+  check(xrCreateReferenceSpace(session_, &space, &space_), "creating a space");
   choose_format();
-  for (Swapchain& one : swapchains_) make_swapchain(one);
+  for (Swapchain& one : swapchains_) create_swapchain(one);
 }
 
 Session::~Session() {
@@ -144,9 +145,9 @@ Session::~Session() {
 
 void Session::choose_format() {
   std::uint32_t count = 0;
-  must(xrEnumerateSwapchainFormats(session_, 0, &count, nullptr), "counting formats");
+  check(xrEnumerateSwapchainFormats(session_, 0, &count, nullptr), "counting formats");
   std::vector<std::int64_t> offered(count);
-  must(xrEnumerateSwapchainFormats(session_, count, &count, offered.data()), "listing formats");
+  check(xrEnumerateSwapchainFormats(session_, count, &count, offered.data()), "listing formats");
   const auto offers = [&](VkFormat format) {
     return std::find(offered.begin(), offered.end(), format) != offered.end();
   };
@@ -157,29 +158,29 @@ void Session::choose_format() {
     swapchain_format_ = VK_FORMAT_B8G8R8A8_SRGB;
     format_ = VK_FORMAT_B8G8R8A8_UNORM;
   } else {
-    throw app::Unsupported("the OpenXR runtime has no swapchains of 8 bits, sRGB");
+    throw app::Unsupported("the OpenXR runtime has no 8-bit sRGB swapchain format");
   }
 }
 
-void Session::make_swapchain(Swapchain& to) {
+void Session::create_swapchain(Swapchain& to) {
   auto info = structure<XrSwapchainCreateInfo>(XR_TYPE_SWAPCHAIN_CREATE_INFO);
-  // Mutable: written as it is encoded, read by the runtime as sRGB.
+  // Mutable format: the application writes encoded values, the runtime reads them as sRGB.
   info.usageFlags = XR_SWAPCHAIN_USAGE_COLOR_ATTACHMENT_BIT | XR_SWAPCHAIN_USAGE_TRANSFER_SRC_BIT |
                     XR_SWAPCHAIN_USAGE_MUTABLE_FORMAT_BIT;
   info.format = swapchain_format_;
   info.sampleCount = info.faceCount = info.arraySize = info.mipCount = 1;
   info.width = size_.width;
   info.height = size_.height;
-  must(xrCreateSwapchain(session_, &info, &to.handle), "making a swapchain");
+  check(xrCreateSwapchain(session_, &info, &to.handle), "creating a swapchain");
   std::uint32_t count = 0;
-  must(xrEnumerateSwapchainImages(to.handle, 0, &count, nullptr), "counting images");
+  check(xrEnumerateSwapchainImages(to.handle, 0, &count, nullptr), "counting images");
   to.images.assign(count,
                    structure<XrSwapchainImageVulkan2KHR>(XR_TYPE_SWAPCHAIN_IMAGE_VULKAN2_KHR));
-  must(xrEnumerateSwapchainImages(to.handle, count, &count,
-                                  reinterpret_cast<XrSwapchainImageBaseHeader*>(to.images.data())),
-       "listing images");
+  check(xrEnumerateSwapchainImages(to.handle, count, &count,
+                                   reinterpret_cast<XrSwapchainImageBaseHeader*>(to.images.data())),
+        "listing images");
   for (const auto& one : to.images) {
-    to.views.push_back(gpu_.make_view(one.image, format_, VK_IMAGE_ASPECT_COLOR_BIT));
+    to.views.push_back(gpu_.create_view(one.image, format_, VK_IMAGE_ASPECT_COLOR_BIT));
   }
 }
 
@@ -200,26 +201,26 @@ void Session::change_state(XrSessionState state) {
   if (state == XR_SESSION_STATE_READY) {
     auto info = structure<XrSessionBeginInfo>(XR_TYPE_SESSION_BEGIN_INFO);
     info.primaryViewConfigurationType = kStereo;
-    must(xrBeginSession(session_, &info), "beginning the session");
+    check(xrBeginSession(session_, &info), "beginning the session");
     running_ = true;
   } else if (state == XR_SESSION_STATE_FOCUSED) {
     focused_ = true;
   } else if (state == XR_SESSION_STATE_STOPPING) {
     running_ = false;
-    must(xrEndSession(session_), "ending the session");
+    check(xrEndSession(session_), "ending the session");
   } else if (state == XR_SESSION_STATE_EXITING || state == XR_SESSION_STATE_LOSS_PENDING) {
     ended_ = true;
   }
 }
 
 void Session::request_exit() {
-  must(xrRequestExitSession(session_), "asking for the session's end");
+  check(xrRequestExitSession(session_), "requesting the end of the session");
 }
 
 Frame Session::begin_frame() {
   auto state = structure<XrFrameState>(XR_TYPE_FRAME_STATE);
-  must(xrWaitFrame(session_, nullptr, &state), "waiting for a frame");
-  must(xrBeginFrame(session_, nullptr), "beginning a frame");
+  check(xrWaitFrame(session_, nullptr, &state), "waiting for a frame");
+  check(xrBeginFrame(session_, nullptr), "beginning a frame");
   Frame frame;
   frame.time = state.predictedDisplayTime;
   if (state.shouldRender == XR_FALSE) return frame;
@@ -230,8 +231,8 @@ Frame Session::begin_frame() {
   auto found = structure<XrViewState>(XR_TYPE_VIEW_STATE);
   frame.eyes.fill(structure<XrView>(XR_TYPE_VIEW));
   std::uint32_t count = 0;
-  must(xrLocateViews(session_, &info, &found, kEyes, &count, frame.eyes.data()),
-       "asking where the eyes are");
+  check(xrLocateViews(session_, &info, &found, kEyes, &count, frame.eyes.data()),
+        "locating the eyes");
   constexpr XrViewStateFlags kKnown =
       XR_VIEW_STATE_ORIENTATION_VALID_BIT | XR_VIEW_STATE_POSITION_VALID_BIT;
   frame.visible = (found.viewStateFlags & kKnown) == kKnown;
@@ -242,10 +243,10 @@ std::array<EyeImage, kEyes> Session::acquire() {
   std::array<EyeImage, kEyes> out{};
   for (std::size_t i = 0; i < kEyes; ++i) {
     std::uint32_t index = 0;
-    must(xrAcquireSwapchainImage(swapchains_[i].handle, nullptr, &index), "acquiring an image");
+    check(xrAcquireSwapchainImage(swapchains_[i].handle, nullptr, &index), "acquiring an image");
     auto info = structure<XrSwapchainImageWaitInfo>(XR_TYPE_SWAPCHAIN_IMAGE_WAIT_INFO);
     info.timeout = XR_INFINITE_DURATION;
-    must(xrWaitSwapchainImage(swapchains_[i].handle, &info), "waiting for an image");
+    check(xrWaitSwapchainImage(swapchains_[i].handle, &info), "waiting for an image");
     out[i] = {swapchains_[i].images[index].image, swapchains_[i].views[index]};
   }
   return out;
@@ -253,7 +254,7 @@ std::array<EyeImage, kEyes> Session::acquire() {
 
 void Session::release() {
   for (const Swapchain& one : swapchains_) {
-    must(xrReleaseSwapchainImage(one.handle, nullptr), "releasing an image");
+    check(xrReleaseSwapchainImage(one.handle, nullptr), "releasing an image");
   }
 }
 
@@ -278,7 +279,7 @@ void Session::end_frame(const Frame& frame) {
   info.environmentBlendMode = XR_ENVIRONMENT_BLEND_MODE_OPAQUE;
   info.layerCount = frame.visible ? 1 : 0;
   info.layers = &layers;
-  must(xrEndFrame(session_, &info), "ending a frame");
+  check(xrEndFrame(session_, &info), "ending a frame");
 }
 
 }  // namespace xr

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// OpenXR, as much of it as an application with two eyes and no hands needs. One thread.
+// The part of OpenXR that an application with two eyes and no controllers needs. One thread at a
+// time.
 #pragma once
 
-#include "../app/gpu.h"  // first: OpenXR's header of platforms speaks of Vulkan's types
+#include "../app/gpu.h"  // first: openxr_platform.h uses Vulkan types
 
 #define XR_USE_GRAPHICS_API_VULKAN
 #include <openxr/openxr.h>
@@ -15,7 +16,7 @@ namespace xr {
 
 inline constexpr std::size_t kEyes = 2;
 
-// Throws app::Unsupported where there is no runtime or no headset.
+// Throws app::Unsupported if there is no runtime or no headset.
 class System {
  public:
   System();
@@ -26,29 +27,29 @@ class System {
   XrInstance instance = XR_NULL_HANDLE;
   XrSystemId system = XR_NULL_SYSTEM_ID;
 
-  // How a Vulkan device is made that the runtime can share (XR_KHR_vulkan_enable2).
-  app::Makers makers() const;
-  // Pixels of a picture that the runtime would like, the same for both eyes.
+  // Returns the factory of a Vulkan device that the runtime can share (XR_KHR_vulkan_enable2).
+  app::DeviceFactory device_factory() const;
+  // Returns the image size that the runtime recommends, the same for both eyes.
   VkExtent2D recommended_size() const;
 
  private:
-  System(int) {}  // so that what a constructor has made ends where it throws
+  System(int) {}  // delegated to, so that the destructor runs if a constructor throws
 };
 
-// A picture that is the application's from acquire() to release(), to be left as
+// A swapchain image, owned by the application from acquire() to release(), which must leave it as
 // COLOR_ATTACHMENT_OPTIMAL.
 struct EyeImage {
   VkImage image;
-  VkImageView view;  // UNORM: what is written is sRGB-encoded, as the runtime reads it
+  VkImageView view;  // UNORM: the application writes sRGB-encoded values
 };
 
 struct Frame {
-  XrTime time = 0;  // at which it will be seen, nanoseconds of the runtime's clock
+  XrTime time = 0;  // predicted display time, nanoseconds on the clock of the runtime
   bool visible = false;
   std::array<XrView, kEyes> eyes{};
 };
 
-// The system and the device outlive it.
+// The system and the device must outlive the session.
 class Session {
  public:
   Session(const System& system, const app::Gpu& gpu, VkExtent2D size);
@@ -57,14 +58,14 @@ class Session {
   Session& operator=(const Session&) = delete;
 
   VkFormat format() const { return format_; }  // of EyeImage::view
-  // What has happened meanwhile; false: the session has ended.
+  // Handles events. Returns false once the session has ended.
   bool poll();
-  bool running() const { return running_; }  // frames are wanted
+  bool running() const { return running_; }  // the runtime expects frames
   bool has_been_focused() const { return focused_; }
   void request_exit();
 
-  // A frame, from when the runtime wants it to its end. Pictures are drawn between acquire() and
-  // release() of a visible one.
+  // Waits until the runtime expects a frame and begins it. If it is visible, render between
+  // acquire() and release(). Always end it.
   Frame begin_frame();
   std::array<EyeImage, kEyes> acquire();
   void release();
@@ -78,7 +79,7 @@ class Session {
   };
   explicit Session(const app::Gpu& gpu) : gpu_(gpu) {}
   void choose_format();
-  void make_swapchain(Swapchain& to);
+  void create_swapchain(Swapchain& to);
   void change_state(XrSessionState state);
 
   const app::Gpu& gpu_;

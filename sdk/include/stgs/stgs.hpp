@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// stgs.h for C++17 and later: objects that end by themselves, errors as exceptions. Header only;
-// what the C headers say of threads, ownership and ranges holds here.
+// C++17 wrapper of stgs.h: objects that release themselves, errors as exceptions. Header-only.
 //
-// What is not wrapped is called with get(): stgs::check(stgs_vulkan_submit(renderer.get(), ...)).
+// The rules of the C headers on threads, ownership and ranges apply. Call C functions that are not
+// wrapped with get(): stgs::check(stgs_vulkan_submit(renderer.get(), ...), renderer.get()).
 #ifndef STGS_STGS_HPP
 #define STGS_STGS_HPP
 
@@ -21,7 +21,7 @@
 #include <span>
 #endif
 
-// Named, so that no type of the library's own, in the static one, has the same name.
+// An inline namespace keeps these types apart from types of the static library with the same name.
 namespace stgs {
 inline namespace hpp {
 
@@ -29,7 +29,7 @@ inline namespace hpp {
 template <typename T>
 using Span = std::span<T>;
 #else
-// What is needed of C++20's: elements of somebody else's, side by side.
+// The part of C++20's std::span that this header needs: a view of contiguous elements.
 template <typename T>
 class Span {
  public:
@@ -45,7 +45,7 @@ class Span {
 };
 #endif
 
-// A result other than STGS_OK, in words.
+// A failed call; what() is the message of the object.
 class Error : public std::runtime_error {
  public:
   Error(stgs_result result, const std::string& message, std::uint64_t offset = STGS_NO_OFFSET,
@@ -55,9 +55,12 @@ class Error : public std::runtime_error {
         offset_(offset),
         issue_(issue) {}
 
+  // The result, never STGS_OK.
   stgs_result result() const { return result_; }
-  std::uint64_t offset() const { return offset_; }  // of the file; STGS_NO_OFFSET: not known
-  std::int32_t issue() const { return issue_; }     // of the file; 0: none
+  // Position in the file, bytes; STGS_NO_OFFSET: not known.
+  std::uint64_t offset() const { return offset_; }
+  // Number of the file issue as in `stgs validate`; 0: none.
+  std::int32_t issue() const { return issue_; }
 
  private:
   stgs_result result_;
@@ -83,7 +86,7 @@ struct Destroy {
   void operator()(stgs_player* player) const { stgs_player_destroy(player); }
 };
 
-// A struct that begins with its size.
+// A zeroed struct with its size set.
 template <typename T>
 T sized() {
   T out{};
@@ -94,18 +97,18 @@ template <typename T, typename Defaults>
 T with_defaults(Defaults defaults) {
   T out;
   if (const stgs_result result = defaults(&out, sizeof(T)); result != STGS_OK) {
-    throw Error(result, "stgs.hpp and the library do not fit together");
+    throw Error(result, "stgs.hpp does not match the version of the library");
   }
   return out;
 }
 
 }  // namespace detail
 
-// Throws what a call without an object, or one that makes an object, ended with.
+// Throws Error unless the result of a call without an object is STGS_OK.
 inline void check(stgs_result result) {
   if (result != STGS_OK) throw Error(result, {});
 }
-// Throws what a call on an object ended with, with the object's words.
+// Throws Error with the object's message unless the result of a call on it is STGS_OK.
 template <typename Object>
 void check(stgs_result result, const Object* object) {
   if (result == STGS_OK) return;
@@ -114,21 +117,27 @@ void check(stgs_result result, const Object* object) {
   throw Error(result, error.message, error.offset, error.issue);
 }
 
+// Returns the default settings of a scene.
 inline stgs_scene_settings scene_settings() {
   return detail::with_defaults<stgs_scene_settings>(stgs_scene_settings_defaults);
 }
+// Returns the default settings of a renderer.
 inline stgs_renderer_settings renderer_settings() {
   return detail::with_defaults<stgs_renderer_settings>(stgs_renderer_settings_defaults);
 }
+// Returns the default settings of a player.
 inline stgs_player_settings player_settings() {
   return detail::with_defaults<stgs_player_settings>(stgs_player_settings_defaults);
 }
+// Returns the default view, see stgs_view_defaults.
 inline stgs_view default_view() {
   return detail::with_defaults<stgs_view>(stgs_view_defaults);
 }
-inline stgs_image no_picture() {
+// Returns an image without buffers.
+inline stgs_image empty_image() {
   return detail::with_defaults<stgs_image>(stgs_image_defaults);
 }
+// Returns the view with another image size, see stgs_view_resize.
 inline stgs_view resized(stgs_view view, std::uint32_t width, std::uint32_t height) {
   check(stgs_view_resize(&view, width, height));
   return view;
@@ -136,28 +145,29 @@ inline stgs_view resized(stgs_view view, std::uint32_t width, std::uint32_t heig
 
 namespace detail {
 
-// What can be asked of a scene, whoever's it is.
+// Queries of Scene and SceneRef.
 template <typename Self>
 class SceneCalls {
  public:
+  // Returns the metadata.
   stgs_scene_info info() const {
     auto info = sized<stgs_scene_info>();
     check(stgs_scene_get_info(scene(), &info), scene());
     return info;
   }
-  // As long as the scene.
+  // Returns a text of the file, or an empty string. Valid until the scene is destroyed.
   const char* text(stgs_text which) const {
     const char* text = nullptr;
     check(stgs_scene_get_text(scene(), which, &text), scene());
     return text;
   }
-  // `index` from 0 to info().issues - 1.
+  // Returns an issue of the file. `index` is 0 to info().issues - 1.
   stgs_issue issue(std::uint32_t index) const {
     auto issue = sized<stgs_issue>();
     check(stgs_scene_get_issue(scene(), index, &issue), scene());
     return issue;
   }
-  // Nothing where the file has no start camera.
+  // Returns the start camera, or nothing if the file has none.
   std::optional<stgs_view> start_view() const {
     auto view = sized<stgs_view>();
     const stgs_result result = stgs_scene_start_view(scene(), &view);
@@ -165,12 +175,12 @@ class SceneCalls {
     check(result, scene());
     return view;
   }
-  // The view from where it shows all of the scene.
+  // Returns the view, moved so that it shows the bounds of the scene.
   stgs_view framed(stgs_view view) const {
     check(stgs_scene_frame_view(scene(), &view), scene());
     return view;
   }
-  // The start camera; where the file has none, a view of all of the scene.
+  // Returns the start camera or, if the file has none, a view of the bounds of the scene.
   stgs_view first_view() const {
     auto view = sized<stgs_view>();
     const stgs_result result = stgs_scene_start_view(scene(), &view);
@@ -185,6 +195,7 @@ class SceneCalls {
 
 }  // namespace detail
 
+// An open .stgs file.
 class Scene : public detail::SceneCalls<Scene> {
  public:
   explicit Scene(const stgs_scene_settings& settings = scene_settings()) {
@@ -192,33 +203,39 @@ class Scene : public detail::SceneCalls<Scene> {
     check(stgs_scene_create(&settings, &scene));
     scene_.reset(scene);
   }
+  // Returns the C object, which this object owns.
   stgs_scene* get() const { return scene_.get(); }
 
-  void open(const std::string& place) { check(stgs_scene_open(get(), place.c_str()), get()); }
-  // The bytes must stay until the scene ends.
+  // Opens a path, or an http or https URL.
+  void open(const std::string& location) { check(stgs_scene_open(get(), location.c_str()), get()); }
+  // Opens a file in memory without copying it; the bytes must outlive the scene.
   void open_memory(Span<const std::uint8_t> bytes) {
     check(stgs_scene_open_memory(get(), bytes.data(), bytes.size()), get());
   }
+  // Opens a copy of a file in memory.
   void open_memory_copy(Span<const std::uint8_t> bytes) {
     check(stgs_scene_open_memory_copy(get(), bytes.data(), bytes.size()), get());
   }
+  // Opens a data source of the application.
   void open(const stgs_io& io) { check(stgs_scene_open_io(get(), &io), get()); }
 
  private:
   std::unique_ptr<stgs_scene, detail::Destroy> scene_;
 };
 
-// A Scene's or a Player's scene, while that lives.
+// Refers to the scene of a Scene or Player, which must outlive it.
 class SceneRef : public detail::SceneCalls<SceneRef> {
  public:
   SceneRef(const Scene& scene) : scene_(scene.get()) {}  // NOLINT: implicit by design
   explicit SceneRef(stgs_scene* scene) : scene_(scene) {}
+  // Returns the C object.
   stgs_scene* get() const { return scene_; }
 
  private:
   stgs_scene* scene_;
 };
 
+// Renders scenes.
 class Renderer {
  public:
   explicit Renderer(const stgs_renderer_settings& settings = renderer_settings()) {
@@ -227,34 +244,37 @@ class Renderer {
     renderer_.reset(renderer);
   }
   explicit Renderer(stgs_backend backend) : Renderer(settings_of(backend)) {}
-  // Takes one, as stgs_vulkan_renderer_create makes it.
+  // Takes ownership of a renderer, for example from stgs_vulkan_renderer_create.
   explicit Renderer(stgs_renderer* renderer) : renderer_(renderer) {}
+  // Returns the C object, which this object owns.
   stgs_renderer* get() const { return renderer_.get(); }
 
+  // Returns the backend in use, never STGS_BACKEND_AUTO.
   stgs_backend backend() const {
     stgs_backend backend = STGS_BACKEND_AUTO;
     check(stgs_renderer_get_backend(get(), &backend), get());
     return backend;
   }
-  // pictures[i] gets views[i].
+  // Renders 1 to STGS_MAX_VIEWS views of one time; images[i] receives views[i].
   void render(SceneRef scene, double seconds, Span<const stgs_view> views,
-              Span<const stgs_image> pictures) {
-    if (views.size() != pictures.size()) {
-      throw Error(STGS_ERROR_ARGUMENT, "as many pictures as views");
+              Span<const stgs_image> images) {
+    if (views.size() != images.size()) {
+      throw Error(STGS_ERROR_ARGUMENT, "render: the numbers of views and images differ");
     }
-    check(stgs_render(get(), scene.get(), seconds, views.data(), pictures.data(),
+    check(stgs_render(get(), scene.get(), seconds, views.data(), images.data(),
                       static_cast<std::uint32_t>(views.size())),
           get());
   }
-  void render(SceneRef scene, double seconds, const stgs_view& view, const stgs_image& picture) {
-    check(stgs_render(get(), scene.get(), seconds, &view, &picture, 1), get());
+  // Renders one view.
+  void render(SceneRef scene, double seconds, const stgs_view& view, const stgs_image& image) {
+    check(stgs_render(get(), scene.get(), seconds, &view, &image, 1), get());
   }
-  // A picture of 8 bits: red, green, blue, alpha; rows side by side.
+  // Renders one view and returns its pixels: red, green, blue, alpha, 8 bits each, rows contiguous.
   std::vector<std::uint8_t> render_rgba8(SceneRef scene, double seconds, const stgs_view& view) {
     std::vector<std::uint8_t> pixels(std::size_t{4} * view.width * view.height);
-    stgs_image picture = no_picture();
-    picture.rgba8 = {pixels.data(), 0, pixels.size()};
-    render(scene, seconds, view, picture);
+    stgs_image image = empty_image();
+    image.rgba8 = {pixels.data(), 0, pixels.size()};
+    render(scene, seconds, view, image);
     return pixels;
   }
 
@@ -267,89 +287,10 @@ class Renderer {
   std::unique_ptr<stgs_renderer, detail::Destroy> renderer_;
 };
 
-// stgs_player_event with words of its own.
-struct PlayerEvent {
-  stgs_event_kind kind = STGS_EVENT_NONE;
-  stgs_result result = STGS_OK;
-  double seconds = 0;
-  std::uint64_t offset = STGS_NO_OFFSET;
-  std::int32_t layers = 0;
-  std::string message;
-};
-
-class Player {
- public:
-  explicit Player(const stgs_player_settings& settings = player_settings()) {
-    stgs_player* player = nullptr;
-    check(stgs_player_create(&settings, &player));
-    player_.reset(player);
-  }
-  stgs_player* get() const { return player_.get(); }
-  SceneRef scene() const { return SceneRef(stgs_player_scene(get())); }
-
-  void open(const std::string& place) { check(stgs_player_open(get(), place.c_str()), get()); }
-  // The bytes must stay until the player ends.
-  void open_memory(Span<const std::uint8_t> bytes) {
-    check(stgs_player_open_memory(get(), bytes.data(), bytes.size()), get());
-  }
-  void open_memory_copy(Span<const std::uint8_t> bytes) {
-    check(stgs_player_open_memory_copy(get(), bytes.data(), bytes.size()), get());
-  }
-  void open(const stgs_io& io) { check(stgs_player_open_io(get(), &io), get()); }
-  void open(const stgs_async_io& io) { check(stgs_player_open_async_io(get(), &io), get()); }
-  // Throws what opening ended with.
-  void wait_open() { check(stgs_player_wait_open(get()), get()); }
-
-  void play() { check(stgs_player_play(get()), get()); }
-  void pause() { check(stgs_player_pause(get()), get()); }
-  void seek(double seconds) { check(stgs_player_seek(get(), seconds), get()); }
-  void seek_frame(std::uint32_t frame) { check(stgs_player_seek_frame(get(), frame), get()); }
-  void set_rate(double rate) { check(stgs_player_set_rate(get(), rate), get()); }
-  void set_loop(bool loop) { check(stgs_player_set_loop(get(), loop ? 1 : 0), get()); }
-
-  void go_live() { check(stgs_player_go_live(get()), get()); }
-  stgs_player_live live() const {
-    auto live = detail::sized<stgs_player_live>();
-    check(stgs_player_get_live(get(), &live), get());
-    return live;
-  }
-
-  stgs_player_status update(double now) {
-    auto status = detail::sized<stgs_player_status>();
-    check(stgs_player_update(get(), now, &status), get());
-    return status;
-  }
-  // Nothing: there is no more.
-  std::optional<PlayerEvent> next_event() {
-    auto event = detail::sized<stgs_player_event>();
-    check(stgs_player_next_event(get(), &event), get());
-    if (event.kind == STGS_EVENT_NONE) return {};
-    return PlayerEvent{event.kind,   event.result, event.seconds,
-                       event.offset, event.layers, event.message};
-  }
-  stgs_player_statistics statistics() const {
-    auto statistics = detail::sized<stgs_player_statistics>();
-    check(stgs_player_get_statistics(get(), &statistics), get());
-    return statistics;
-  }
-  std::vector<stgs_time_range> buffered() const {
-    std::vector<stgs_time_range> ranges(8);
-    for (;;) {
-      std::uint32_t count = 0;
-      check(stgs_player_get_buffered(get(), ranges.data(),
-                                     static_cast<std::uint32_t>(ranges.size()), &count),
-            get());
-      const bool all = count <= ranges.size();
-      ranges.resize(count);
-      if (all) return ranges;
-    }
-  }
-
- private:
-  std::unique_ptr<stgs_player, detail::Destroy> player_;
-};
-
 }  // namespace hpp
 }  // namespace stgs
+
+// The rest of the wrapper, which needs the declarations above.
+#include "stgs/stgs_player.hpp"
 
 #endif

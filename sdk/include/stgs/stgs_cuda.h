@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* STGS into memory of an NVIDIA GPU, in the order of the application's stream. C99, beside stgs.h,
- * whose rules of structs, threads and results count here too. Needs no header of CUDA's. */
+/* Renders STGS scenes into memory of an NVIDIA GPU, ordered by a stream of the application. C99;
+ * the general rules of stgs.h apply. Needs no CUDA headers. */
 #ifndef STGS_STGS_CUDA_H
 #define STGS_STGS_CUDA_H
 
@@ -12,19 +12,21 @@ extern "C" {
 
 struct CUstream_st; /* cudaStream_t and CUstream are pointers to it */
 
-/* As stgs_render, by a renderer of STGS_BACKEND_CUDA (STGS_ERROR_UNSUPPORTED: another), into memory
- * of its device: of each picture the buffers' `data` are device pointers, and those of rgba8 and
- * their strides multiples of 4. The device that is current when the renderer is created is its own,
- * and must be current, on the calling thread, whenever it is used (STGS_ERROR_ARGUMENT).
+/* Renders into device memory, otherwise like stgs_render.
  *
- * Waits on the host for the drawing, as it may need more room, but not for `stream`: the buffers
- * are written in its order, after what was put into it before, by which their old use must be done,
- * and ready for what follows in it. `stream` is the application's, of the device; NULL: the default
- * stream. Buffers and stream must last until it has got so far; a later call on the renderer and
- * its destruction wait for that, so that what the stream waits for must come without this thread.
- * After an error the buffers may have any content. */
+ * `data` of the image buffers are device pointers; for rgba8 the pointer and the stride are
+ * multiples of 4. The renderer uses STGS_BACKEND_CUDA (otherwise STGS_ERROR_UNSUPPORTED). It
+ * belongs to the device that was current when it was created, which must be current on the calling
+ * thread in every call (STGS_ERROR_ARGUMENT).
+ *
+ * The call waits for rendering, because buffers may have to grow, but not for `stream`. The buffers
+ * are written in stream order: after all work submitted to the stream before the call, and before
+ * all work submitted after it. NULL is the default stream. Buffers and stream must stay valid until
+ * the stream reaches that point. A later call on the renderer and its destruction wait for it, so
+ * work ahead of it in the stream must not depend on this thread. After an error the content of the
+ * buffers is undefined. */
 STGS_API stgs_result stgs_cuda_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
-                                      const stgs_view* views, const stgs_image* pictures,
+                                      const stgs_view* views, const stgs_image* images,
                                       uint32_t count, struct CUstream_st* stream);
 
 #ifdef __cplusplus

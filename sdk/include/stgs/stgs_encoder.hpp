@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// stgs_encoder.h for C++17 and later: encoders and recorders that end by themselves, errors as
-// exceptions. Header only; what the C header says of threads, ownership and ranges holds here.
+// C++17 wrapper of stgs_encoder.h: encoders and recorders that release themselves, errors as
+// exceptions. Header-only. The rules of the C headers on threads, ownership and ranges apply.
 #ifndef STGS_STGS_ENCODER_HPP
 #define STGS_STGS_ENCODER_HPP
 
@@ -17,7 +17,7 @@
 namespace stgs {
 inline namespace hpp {
 
-// Throws what a call on an encoder ended with, with its words.
+// Throws Error with the encoder's message unless the result of a call on it is STGS_OK.
 inline void check(stgs_result result, const stgs_encoder* encoder) {
   if (result == STGS_OK) return;
   auto error = detail::sized<stgs_error>();
@@ -25,37 +25,43 @@ inline void check(stgs_result result, const stgs_encoder* encoder) {
   throw Error(result, error.message, error.offset, error.issue);
 }
 
+// Returns the default settings of an encoder.
 inline stgs_encoder_settings encoder_settings() {
   return detail::with_defaults<stgs_encoder_settings>(stgs_encoder_settings_defaults);
 }
+// Returns the default settings of Encoder::prepare.
 inline stgs_prepare_settings prepare_settings() {
   return detail::with_defaults<stgs_prepare_settings>(stgs_prepare_settings_defaults);
 }
+// Returns the default settings of Encoder::train.
 inline stgs_train_settings train_settings() {
   return detail::with_defaults<stgs_train_settings>(stgs_train_settings_defaults);
 }
+// Returns the default settings of Encoder::pack.
 inline stgs_pack_settings pack_settings() {
   return detail::with_defaults<stgs_pack_settings>(stgs_pack_settings_defaults);
 }
 
+// Makes scenes: prepare, train, pack.
 class Encoder {
  public:
-  // Called as stgs_encoder_progress_fn; true: go on. Must not throw.
+  // Receives progress like stgs_encoder_progress_fn, but returns true to continue. Must not throw.
   using Progress = std::function<bool(const stgs_encoder_progress&)>;
 
   explicit Encoder(Progress progress = {}, stgs_encoder_settings settings = encoder_settings())
       : progress_(std::make_unique<Progress>(std::move(progress))) {
     if (*progress_) {
-      settings.progress = [](void* user, const stgs_encoder_progress* told) -> std::int32_t {
-        return (*static_cast<const Progress*>(user))(*told) ? 0 : 1;
+      settings.progress = [](void* user, const stgs_encoder_progress* current) -> std::int32_t {
+        return (*static_cast<const Progress*>(user))(*current) ? 0 : 1;
       };
       settings.progress_user = progress_.get();
     }
-    stgs_encoder* made = nullptr;
-    check(stgs_encoder_create(&settings, &made));
-    encoder_.reset(made);
+    stgs_encoder* encoder = nullptr;
+    check(stgs_encoder_create(&settings, &encoder));
+    encoder_.reset(encoder);
   }
 
+  // Converts a capture folder into a prepared capture.
   stgs_prepare_report prepare(const std::string& capture, const std::string& prepared,
                               const stgs_prepare_settings& settings = prepare_settings()) {
     auto report = detail::sized<stgs_prepare_report>();
@@ -63,15 +69,18 @@ class Encoder {
           get());
     return report;
   }
+  // Trains a scene from a prepared capture and writes it, lossless.
   stgs_train_report train(const std::string& prepared, const std::string& scene,
                           const stgs_train_settings& settings = train_settings()) {
     auto report = detail::sized<stgs_train_report>();
     check(stgs_encoder_train(get(), prepared.c_str(), scene.c_str(), &settings, &report), get());
     return report;
   }
+  // Checks training settings without a capture.
   void check_training(const stgs_train_settings& settings = train_settings()) {
     check(stgs_encoder_check_training(get(), &settings), get());
   }
+  // Packs a scene, or the windows of a capture, and measures the loss.
   stgs_pack_report pack(const std::vector<std::string>& scenes, const std::string& output,
                         const stgs_pack_settings& settings = pack_settings()) {
     std::vector<const char*> paths;
@@ -82,19 +91,21 @@ class Encoder {
           get());
     return report;
   }
-  // Any thread.
+  // Cancels the running call and all later ones. May be called on any thread.
   void cancel() { stgs_encoder_cancel(get()); }
 
+  // Returns the C object, which this object owns.
   stgs_encoder* get() const { return encoder_.get(); }
 
  private:
   struct Destroy {
     void operator()(stgs_encoder* encoder) const { stgs_encoder_destroy(encoder); }
   };
-  std::unique_ptr<Progress> progress_;  // where the library finds it, wherever this moves
+  std::unique_ptr<Progress> progress_;  // on the heap: its address survives a move of the encoder
   std::unique_ptr<stgs_encoder, Destroy> encoder_;
 };
 
+// Throws Error with the recorder's message unless the result of a call on it is STGS_OK.
 inline void check(stgs_result result, const stgs_recorder* recorder) {
   if (result == STGS_OK) return;
   auto error = detail::sized<stgs_error>();
@@ -102,35 +113,46 @@ inline void check(stgs_result result, const stgs_recorder* recorder) {
   throw Error(result, error.message, error.offset, error.issue);
 }
 
+// Returns the default settings of a recording.
 inline stgs_record_settings record_settings() {
   return detail::with_defaults<stgs_record_settings>(stgs_record_settings_defaults);
 }
+// Returns a fragment of one frame without primitives.
 inline stgs_fragment empty_fragment() {
   return detail::with_defaults<stgs_fragment>(stgs_fragment_defaults);
 }
 
+// Records a scene live.
 class Recorder {
  public:
   Recorder() {
-    stgs_recorder* made = nullptr;
-    check(stgs_recorder_create(&made));
-    recorder_.reset(made);
+    stgs_recorder* recorder = nullptr;
+    check(stgs_recorder_create(&recorder));
+    recorder_.reset(recorder);
   }
 
+  // Creates the file of a new recording.
   void begin(const std::string& path, const stgs_record_settings& settings = record_settings()) {
     check(stgs_recorder_begin(get(), path.c_str(), &settings), get());
   }
+  // Continues a recording that was not closed.
   void resume(const std::string& path, const stgs_record_settings& settings = record_settings()) {
     check(stgs_recorder_resume(get(), path.c_str(), &settings), get());
   }
-  void append(const stgs_fragment& stretch) { check(stgs_recorder_append(get(), &stretch), get()); }
+  // Encodes a fragment and appends it.
+  void append(const stgs_fragment& fragment) {
+    check(stgs_recorder_append(get(), &fragment), get());
+  }
+  // Marks the recording as finished.
   void close() { check(stgs_recorder_close(get()), get()); }
+  // Returns the status of the recording.
   stgs_recorder_status status() const {
     auto status = detail::sized<stgs_recorder_status>();
     check(stgs_recorder_get_status(get(), &status), get());
     return status;
   }
 
+  // Returns the C object, which this object owns.
   stgs_recorder* get() const { return recorder_.get(); }
 
  private:

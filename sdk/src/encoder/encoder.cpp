@@ -14,24 +14,24 @@ stgs_log_level level_of(int level) {
   return level <= 0 ? STGS_LOG_ERROR : level == 1 ? STGS_LOG_WARNING : STGS_LOG_INFO;
 }
 
-// Tells the caller of progress, until one of them has enough of it.
-class Watch {
+// Reports progress to the caller until the call is cancelled.
+class ProgressReporter {
  public:
-  explicit Watch(const stgs_encoder& encoder) : encoder_(encoder) {}
+  explicit ProgressReporter(const stgs_encoder& encoder) : encoder_(encoder) {}
 
-  bool stopped() const { return stopped_; }
-  bool go_on(const encoder::Progress& progress) {
+  bool cancelled() const { return cancelled_; }
+  bool should_continue(const encoder::Progress& progress) {
     const stgs_encoder_settings& settings = encoder_.settings;
-    stopped_ = stopped_ || encoder_.cancelled;
-    if (!stopped_ && settings.progress != nullptr) {
-      const stgs_encoder_progress told = as_struct(progress);
-      stopped_ = settings.progress(settings.progress_user, &told) != 0;
+    cancelled_ = cancelled_ || encoder_.cancelled;
+    if (!cancelled_ && settings.progress != nullptr) {
+      const stgs_encoder_progress current = to_c(progress);
+      cancelled_ = settings.progress(settings.progress_user, &current) != 0;
     }
-    return !stopped_;
+    return !cancelled_;
   }
 
  private:
-  stgs_encoder_progress as_struct(const encoder::Progress& progress) {
+  stgs_encoder_progress to_c(const encoder::Progress& progress) {
     const double before = progress.stage == stage_ ? done_ : 0.0;
     stage_ = progress.stage;
     done_ = std::max(before, std::clamp(progress.done, 0.0, 1.0));
@@ -52,7 +52,7 @@ class Watch {
   }
 
   const stgs_encoder& encoder_;
-  bool stopped_ = false;
+  bool cancelled_ = false;
   std::string stage_;
   double done_ = 0;
 };
@@ -65,7 +65,7 @@ stgs_encoder_settings default_settings() {
 
 }  // namespace
 
-void run_on(std::uint32_t threads, const std::function<void()>& work) {
+void run_with_threads(std::uint32_t threads, const std::function<void()>& work) {
   if (threads == 0) {
     work();
   } else {
@@ -75,54 +75,57 @@ void run_on(std::uint32_t threads, const std::function<void()>& work) {
 
 Outcome run_work(stgs_encoder& encoder, ThreadLimit limit, const EncoderWork& work) {
   if (encoder.cancelled) {
-    return {STGS_ERROR_CANCELLED, "the encoder was cancelled before: make another one"};
+    return {STGS_ERROR_CANCELLED, "the encoder was cancelled; create another encoder"};
   }
   const stgs_encoder_settings& settings = encoder.settings;
-  Watch watch(encoder);
-  const encoder::ProgressSink progress = [&](const encoder::Progress& p) { return watch.go_on(p); };
-  const Log to{settings.log, settings.log_user};
+  ProgressReporter reporter(encoder);
+  const encoder::ProgressSink progress = [&](const encoder::Progress& p) {
+    return reporter.should_continue(p);
+  };
+  const Log caller_log{settings.log, settings.log_user};
   const encoder::LogSink log = [&](int level, const std::string& line) {
-    constexpr int kDetails = 3;
-    if (level < kDetails) to(level_of(level), line);
+    constexpr int kDebug = 3;
+    if (level < kDebug) caller_log(level_of(level), line);
   };
   Outcome outcome;
   const auto run = [&] { outcome = work(progress, log); };
   if (limit == ThreadLimit::kProcess && settings.threads > 0) {
-    const tbb::global_control held(tbb::global_control::max_allowed_parallelism, settings.threads);
+    const tbb::global_control limit_threads(tbb::global_control::max_allowed_parallelism,
+                                            settings.threads);
     run();
   } else {
-    run_on(settings.threads, run);
+    run_with_threads(settings.threads, run);
   }
-  const bool ended_for_that = watch.stopped() && outcome.result == STGS_ERROR_RUNTIME;
-  if (ended_for_that) outcome.result = STGS_ERROR_CANCELLED;
+  const bool was_cancelled = reporter.cancelled() && outcome.result == STGS_ERROR_RUNTIME;
+  if (was_cancelled) outcome.result = STGS_ERROR_CANCELLED;
   return outcome;
 }
 
-Outcome check_range(const char* field, double value, double least, double most, const char* zero) {
+Outcome check_range(const char* field, double value, double min, double max, const char* zero) {
   if (zero != nullptr && value == 0) return {};
-  if (value >= least && value <= most) return {};
+  if (value >= min && value <= max) return {};
   return {STGS_ERROR_ARGUMENT,
-          fmt::format("settings: {} is {:.10g}; it can be {}{:.10g} to {:.10g}", field, value,
-                      zero == nullptr ? "" : fmt::format("0 ({}) or ", zero), least, most)};
+          fmt::format("settings: {} is {:.10g} (expected {}{:.10g} to {:.10g})", field, value,
+                      zero == nullptr ? "" : fmt::format("0 for {}, or ", zero), min, max)};
 }
 
 Outcome check_flag(const char* field, std::int32_t value) {
   if (value == 0 || value == 1) return {};
-  return {STGS_ERROR_ARGUMENT, fmt::format("settings: {} is {}; it can be 0 or 1", field, value)};
+  return {STGS_ERROR_ARGUMENT, fmt::format("settings: {} is {} (expected 0 or 1)", field, value)};
 }
 
 Outcome check_frames(std::int32_t first, std::int32_t end) {
   if (first >= 0 && (end == -1 || end > first)) return {};
   return {STGS_ERROR_ARGUMENT,
-          fmt::format("settings: first_frame is {} and end_frame {}; first_frame can be 0 or more, "
-                      "end_frame greater than it, or -1 (to the end)",
+          fmt::format("settings: first_frame is {} and end_frame is {} (expected first_frame >= 0 "
+                      "and end_frame > first_frame, or -1 for all frames)",
                       first, end)};
 }
 
 Outcome check_path(const char* argument, const char* path) {
   if (path != nullptr && *path != '\0') return {};
   return {STGS_ERROR_ARGUMENT,
-          fmt::format("{} is {}: give a path", argument, path == nullptr ? "NULL" : "empty")};
+          fmt::format("{} is {} (expected a path)", argument, path == nullptr ? "NULL" : "empty")};
 }
 
 }  // namespace stgs::sdk
@@ -130,7 +133,7 @@ Outcome check_path(const char* argument, const char* path) {
 extern "C" {
 
 stgs_result stgs_encoder_settings_defaults(stgs_encoder_settings* settings, size_t struct_size) {
-  return stgs::sdk::put_defaults(settings, struct_size, stgs::sdk::default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_settings());
 }
 
 stgs_result stgs_encoder_create(const stgs_encoder_settings* settings, stgs_encoder** out) {
@@ -138,9 +141,9 @@ stgs_result stgs_encoder_create(const stgs_encoder_settings* settings, stgs_enco
   *out = nullptr;
   stgs_encoder_settings known = stgs::sdk::default_settings();
   if (settings != nullptr) {
-    if (const stgs_result bad = stgs::sdk::take_struct(settings, known); bad != STGS_OK) return bad;
+    if (const stgs_result bad = stgs::sdk::copy_in(settings, known); bad != STGS_OK) return bad;
   }
-  if (known.threads > stgs::sdk::kMostThreads) return STGS_ERROR_ARGUMENT;
+  if (known.threads > stgs::sdk::kMaxThreads) return STGS_ERROR_ARGUMENT;
   auto* encoder = new (std::nothrow) stgs_encoder;
   if (encoder == nullptr) return STGS_ERROR_OUT_OF_MEMORY;
   encoder->settings = known;
@@ -153,7 +156,7 @@ void stgs_encoder_destroy(stgs_encoder* encoder) {
 }
 
 stgs_result stgs_encoder_error(const stgs_encoder* encoder, stgs_error* error) {
-  return encoder == nullptr ? STGS_ERROR_ARGUMENT : encoder->error.tell(error);
+  return encoder == nullptr ? STGS_ERROR_ARGUMENT : encoder->error.get(error);
 }
 
 void stgs_encoder_cancel(stgs_encoder* encoder) {

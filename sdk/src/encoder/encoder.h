@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the calls of an encoder share: how they are watched and stopped, and how their settings are
-// refused.
+// Shared by the calls of an encoder: progress, cancellation and checks of settings.
 #pragma once
 
 #include <atomic>
@@ -16,47 +15,47 @@ struct stgs_encoder {
   stgs::sdk::LastError error;
   stgs_encoder_settings settings{};
   std::atomic<bool> cancelled{false};
-  static_assert(std::atomic<bool>::is_always_lock_free, "set by signal handlers");
+  static_assert(std::atomic<bool>::is_always_lock_free, "signal handlers set it");
 };
 
 namespace stgs::sdk {
 
-inline constexpr std::uint32_t kMostThreads = 1024;
+inline constexpr std::uint32_t kMaxThreads = 1024;
 
-// Runs `work` on so many threads at most; 0: all cores.
-void run_on(std::uint32_t threads, const std::function<void()>& work);
+// Runs `work` on at most `threads` threads; 0: all cores.
+void run_with_threads(std::uint32_t threads, const std::function<void()>& work);
 
-// Which threads a piece of work is held to.
-enum class ThreadLimit { kOwn, kProcess };
+// Scope of the thread limit: this work, or the whole process.
+enum class ThreadLimit { kWork, kProcess };
 
-// Runs `work` with an encoder's threads, progress and log: STGS_ERROR_CANCELLED where it was
-// stopped and ended for that.
+// Runs `work` with the threads, progress and log of an encoder. Returns STGS_ERROR_CANCELLED if it
+// failed because it was cancelled.
 using EncoderWork =
     std::function<Outcome(const encoder::ProgressSink& progress, const encoder::LogSink& log)>;
 Outcome run_work(stgs_encoder& encoder, ThreadLimit limit, const EncoderWork& work);
 
-// STGS_ERROR_ARGUMENT, which names the field and what is possible, unless value is in [least, most]
-// or, where `zero` says what that means, 0.
-Outcome check_range(const char* field, double value, double least, double most,
+// Returns STGS_ERROR_ARGUMENT, naming the field and its range, unless the value is in [min, max]
+// or, if `zero` describes its meaning, 0.
+Outcome check_range(const char* field, double value, double min, double max,
                     const char* zero = nullptr);
-// The same for a field that is 0 or 1.
+// Checks that a field is 0 or 1.
 Outcome check_flag(const char* field, std::int32_t value);
-// For a pair of fields: a range that is not empty; an end of -1 is open.
+// Checks that a range of frames is not empty; an end of -1 is open.
 Outcome check_frames(std::int32_t first, std::int32_t end);
-// For a path that there must be.
+// Checks that a path is neither NULL nor empty.
 Outcome check_path(const char* argument, const char* path);
 
-// Text of the caller's; NULL is none.
+// Returns the caller's text; NULL is empty.
 inline std::string text_of(const char* text) {
   return text == nullptr ? std::string() : std::string(text);
 }
 
-// The caller's settings over `known`, the defaults; NULL: these.
+// Reads the caller's settings into `known`, which holds the defaults; NULL leaves them.
 template <typename Settings>
-Outcome take_settings(const Settings* given, Settings& known) {
-  return given == nullptr ? Outcome() : take_struct(given, known, "settings");
+Outcome copy_in_settings(const Settings* given, Settings& known) {
+  return given == nullptr ? Outcome() : copy_in(given, known, "settings");
 }
-// A report may be NULL.
+// Checks the struct_size of a report; NULL is valid.
 template <typename Report>
 Outcome check_report(const Report* report) {
   return report == nullptr ? Outcome() : check_struct(report, "report");

@@ -28,10 +28,11 @@ Outcome check(const stgs_pack_settings& s) {
   STGS_SDK_TRY(check_range("profile", s.profile, STGS_PROFILE_QUANTISED, STGS_PROFILE_DRACO));
   STGS_SDK_TRY(check_range("tiers", s.tiers, 0, 16));
   STGS_SDK_TRY(check_range("quality", s.quality, 0, 100));
-  STGS_SDK_TRY(check_range("target_kbps", s.target_kbps, 0.001, 1e9, "none"));
-  STGS_SDK_TRY(check_range("max_error", s.max_error, 1e-6, 1e9, "as quality has it"));
-  STGS_SDK_TRY(check_range("chunk_seconds", s.chunk_seconds, 0.01, 3600, "by the lifespans"));
-  STGS_SDK_TRY(check_range("metres_per_unit", s.metres_per_unit, 1e-9, 1e9, "as the scene says"));
+  STGS_SDK_TRY(check_range("target_kbps", s.target_kbps, 0.001, 1e9, "no limit"));
+  STGS_SDK_TRY(check_range("max_error", s.max_error, 1e-6, 1e9, "the value of quality"));
+  STGS_SDK_TRY(check_range("chunk_seconds", s.chunk_seconds, 0.01, 3600, "a choice by lifespans"));
+  STGS_SDK_TRY(
+      check_range("metres_per_unit", s.metres_per_unit, 1e-9, 1e9, "the value of the scene"));
   for (const float x : s.up) STGS_SDK_TRY(check_range("up", x, -kFar, kFar));
   STGS_SDK_TRY(check_flag("has_floor", s.has_floor));
   for (const float x : s.floor) STGS_SDK_TRY(check_range("floor", x, -kFar, kFar));
@@ -55,9 +56,10 @@ encoder::PackSettings packing_of(const stgs_pack_settings& s) {
   return settings;
 }
 
-Outcome take_scenes(const char* const* scenes, std::uint32_t count, std::vector<std::string>& out) {
+Outcome copy_in_scenes(const char* const* scenes, std::uint32_t count,
+                       std::vector<std::string>& out) {
   if (scenes == nullptr || count == 0) {
-    return {STGS_ERROR_ARGUMENT, "scenes is NULL or count 0: give a scene at least"};
+    return {STGS_ERROR_ARGUMENT, "scenes is NULL or count is 0 (expected at least one scene)"};
   }
   for (std::uint32_t i = 0; i < count; ++i) {
     STGS_SDK_TRY(check_path(fmt::format("scenes[{}]", i).c_str(), scenes[i]));
@@ -76,7 +78,7 @@ Status pack(const std::vector<std::string>& scenes, const char* output, const st
   return encoder::pack(scenes, output, packing_of(s), &report, progress, log);
 }
 
-void tell(const encoder::PackReport& from, stgs_pack_report* to) {
+void to_c(const encoder::PackReport& from, stgs_pack_report* to) {
   stgs_pack_report report{};
   const auto psnr = [](const std::optional<encoder::HeldOutScore>& score) {
     return score ? score->psnr : 0.0;
@@ -100,7 +102,7 @@ void tell(const encoder::PackReport& from, stgs_pack_report* to) {
   report.images_psnr = from.images_psnr.value_or(0.0);
   report.held_out_before = psnr(from.held_out_before);
   report.held_out_after = psnr(from.held_out_after);
-  give_struct(to, report);
+  copy_out(to, report);
 }
 
 }  // namespace
@@ -109,7 +111,7 @@ void tell(const encoder::PackReport& from, stgs_pack_report* to) {
 extern "C" {
 
 stgs_result stgs_pack_settings_defaults(stgs_pack_settings* settings, size_t struct_size) {
-  return stgs::sdk::put_defaults(settings, struct_size, stgs::sdk::default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_settings());
 }
 
 stgs_result stgs_encoder_pack(stgs_encoder* encoder, const char* const* scenes, uint32_t count,
@@ -117,18 +119,18 @@ stgs_result stgs_encoder_pack(stgs_encoder* encoder, const char* const* scenes, 
                               stgs_pack_report* report) {
   using namespace stgs::sdk;
   return guarded(encoder, [&]() -> Outcome {
-    std::vector<std::string> taken_scenes;
-    STGS_SDK_TRY(take_scenes(scenes, count, taken_scenes));
+    std::vector<std::string> known_scenes;
+    STGS_SDK_TRY(copy_in_scenes(scenes, count, known_scenes));
     STGS_SDK_TRY(check_path("output", output));
     STGS_SDK_TRY(check_report(report));
-    stgs_pack_settings taken = default_settings();
-    STGS_SDK_TRY(take_settings(settings, taken));
-    STGS_SDK_TRY(check(taken));
+    stgs_pack_settings known = default_settings();
+    STGS_SDK_TRY(copy_in_settings(settings, known));
+    STGS_SDK_TRY(check(known));
     stgs::encoder::PackReport packed;
-    STGS_SDK_TRY(run_work(*encoder, ThreadLimit::kOwn, [&](const auto& progress, const auto& log) {
-      return pack(taken_scenes, output, taken, progress, log, packed);
+    STGS_SDK_TRY(run_work(*encoder, ThreadLimit::kWork, [&](const auto& progress, const auto& log) {
+      return pack(known_scenes, output, known, progress, log, packed);
     }));
-    if (report != nullptr) tell(packed, report);
+    if (report != nullptr) to_c(packed, report);
     return {};
   });
 }

@@ -28,13 +28,12 @@ Outcome check_test_cameras(const stgs_prepare_settings& s) {
   if (s.test_camera_count == 0) return {};
   if (s.default_test_cameras != 0) {
     return {STGS_ERROR_ARGUMENT,
-            "settings: default_test_cameras is 1 and there are test_cameras; set it to 0, or "
-            "test_camera_count"};
+            "settings: default_test_cameras is 1, but test_camera_count is not 0; set one of them "
+            "to 0"};
   }
   if (s.test_cameras == nullptr) {
     return {STGS_ERROR_ARGUMENT,
-            fmt::format("settings: test_cameras is NULL and test_camera_count {}; give as many "
-                        "names",
+            fmt::format("settings: test_cameras is NULL, but test_camera_count is {}",
                         s.test_camera_count)};
   }
   for (std::uint32_t i = 0; i < s.test_camera_count; ++i) {
@@ -46,16 +45,16 @@ Outcome check_test_cameras(const stgs_prepare_settings& s) {
 }
 
 Outcome check(const stgs_prepare_settings& s) {
-  constexpr double kMostPoints = 1e9;
+  constexpr double kMaxPoints = 1e9;
   STGS_SDK_TRY(check_range("layout", s.layout, STGS_LAYOUT_AUTO, STGS_LAYOUT_VIDEOS));
   STGS_SDK_TRY(check_frames(s.first_frame, s.end_frame));
   STGS_SDK_TRY(check_range("scale", s.scale, 0.01, 1));
   STGS_SDK_TRY(check_test_cameras(s));
-  STGS_SDK_TRY(check_range("fps", s.fps, 0.001, 100000, "what the layout says"));
+  STGS_SDK_TRY(check_range("fps", s.fps, 0.001, 100000, "the value of the layout"));
   STGS_SDK_TRY(check_flag("separate_motion", s.separate_motion));
-  const char* const by_size = "by the pictures' size";
-  STGS_SDK_TRY(check_range("max_dynamic_points", s.max_dynamic_points, 1, kMostPoints, by_size));
-  STGS_SDK_TRY(check_range("max_static_points", s.max_static_points, 1, kMostPoints, by_size));
+  const char* const by_size = "a choice by image size";
+  STGS_SDK_TRY(check_range("max_dynamic_points", s.max_dynamic_points, 1, kMaxPoints, by_size));
+  STGS_SDK_TRY(check_range("max_static_points", s.max_static_points, 1, kMaxPoints, by_size));
   return check_flag("overwrite", s.overwrite);
 }
 
@@ -92,13 +91,14 @@ Outcome prepare(const char* capture, const char* prepared, const stgs_prepare_se
 Outcome prepare(const char* capture, const char*, const stgs_prepare_settings&,
                 const encoder::ProgressSink&, const encoder::LogSink&) {
   return not_built(
-      "{}: this build cannot prepare captures: it was made without OpenCV; prepare with another",
+      "{}: this build cannot prepare captures, because it lacks OpenCV; prepare the capture with "
+      "another build",
       capture);
 }
 
 #endif
 
-Outcome tell(const char* prepared, stgs_prepare_report* to) {
+Outcome to_c(const char* prepared, stgs_prepare_report* to) {
   STGS_ASSIGN(const encoder::PreparedCapture capture, encoder::read_prepared_capture(prepared));
   const auto& cameras = capture.cameras;
   stgs_prepare_report report{};
@@ -107,7 +107,7 @@ Outcome tell(const char* prepared, stgs_prepare_report* to) {
       std::count_if(cameras.begin(), cameras.end(), [](const auto& c) { return c.test; }));
   report.frames = static_cast<std::uint32_t>(capture.frames);
   report.frames_per_second = 1.0 / capture.time_base.seconds(1);
-  give_struct(to, report);
+  copy_out(to, report);
   return {};
 }
 
@@ -117,7 +117,7 @@ Outcome tell(const char* prepared, stgs_prepare_report* to) {
 extern "C" {
 
 stgs_result stgs_prepare_settings_defaults(stgs_prepare_settings* settings, size_t struct_size) {
-  return stgs::sdk::put_defaults(settings, struct_size, stgs::sdk::default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_settings());
 }
 
 stgs_result stgs_encoder_prepare(stgs_encoder* encoder, const char* capture, const char* prepared,
@@ -128,14 +128,14 @@ stgs_result stgs_encoder_prepare(stgs_encoder* encoder, const char* capture, con
     STGS_SDK_TRY(check_path("capture", capture));
     STGS_SDK_TRY(check_path("prepared", prepared));
     STGS_SDK_TRY(check_report(report));
-    stgs_prepare_settings taken = default_settings();
-    STGS_SDK_TRY(take_settings(settings, taken));
-    STGS_SDK_TRY(check(taken));
+    stgs_prepare_settings known = default_settings();
+    STGS_SDK_TRY(copy_in_settings(settings, known));
+    STGS_SDK_TRY(check(known));
     STGS_SDK_TRY(
         run_work(*encoder, ThreadLimit::kProcess, [&](const auto& progress, const auto& log) {
-          return prepare(capture, prepared, taken, progress, log);
+          return prepare(capture, prepared, known, progress, log);
         }));
-    return report == nullptr ? Outcome() : tell(prepared, report);
+    return report == nullptr ? Outcome() : to_c(prepared, report);
   });
 }
 

@@ -15,24 +15,25 @@ struct stgs_recorder {
 
   stgs::sdk::Outcome check_recording() const {
     if (recorder == nullptr) {
-      return {STGS_ERROR_STATE, "nothing is recorded: call stgs_recorder_begin or _resume first"};
+      return {STGS_ERROR_STATE,
+              "no recording was begun; call stgs_recorder_begin or stgs_recorder_resume first"};
     }
     if (recorder->is_open()) return {};
-    return {STGS_ERROR_STATE, "the recording is closed, or an error has ended it"};
+    return {STGS_ERROR_STATE, "the recording is closed, or ended by an error"};
   }
   stgs::sdk::Outcome check_not_begun() const {
     if (recorder == nullptr) return {};
-    return {STGS_ERROR_STATE, "a recorder makes one file: make another one"};
+    return {STGS_ERROR_STATE, "the recorder already has a file; create another recorder"};
   }
 };
 
 namespace stgs::sdk {
 namespace {
 
-constexpr std::uint64_t kMostPrimitives = 200'000'000;
-constexpr float kLeastOpacity = 0.001f, kMostOpacity = 0.999f;  // whose logits are finite
+constexpr std::uint64_t kMaxPrimitives = 200'000'000;
+constexpr float kMinOpacity = 0.001f, kMaxOpacity = 0.999f;  // with finite logits
 constexpr double kFar = 1e9;
-constexpr std::size_t kMostText = 4096;  // bytes
+constexpr std::size_t kMaxText = 4096;  // bytes
 
 stgs_record_settings default_settings() {
   const RecordSettings defaults;
@@ -47,33 +48,34 @@ stgs_record_settings default_settings() {
   return settings;
 }
 
-stgs_fragment default_stretch() {
-  stgs_fragment stretch{};
-  stretch.struct_size = sizeof(stretch);
-  stretch.frames = 1;
-  return stretch;
+stgs_fragment default_fragment() {
+  stgs_fragment fragment{};
+  fragment.struct_size = sizeof(fragment);
+  fragment.frames = 1;
+  return fragment;
 }
 
 Outcome check_text(const char* field, const char* text) {
   const std::size_t bytes = text_of(text).size();
-  if (bytes <= kMostText) return {};
+  if (bytes <= kMaxText) return {};
   return {STGS_ERROR_ARGUMENT,
-          fmt::format("settings: {} has {} bytes, more than {}", field, bytes, kMostText)};
+          fmt::format("settings: {} has {} bytes (expected at most {})", field, bytes, kMaxText)};
 }
 
 Outcome check(const stgs_record_settings& s) {
-  constexpr double kMost = std::numeric_limits<std::uint32_t>::max();
-  STGS_SDK_TRY(check_range("time_base_numerator", s.time_base_numerator, 1, kMost));
-  STGS_SDK_TRY(check_range("time_base_denominator", s.time_base_denominator, 1, kMost));
+  constexpr double kMax = std::numeric_limits<std::uint32_t>::max();
+  STGS_SDK_TRY(check_range("time_base_numerator", s.time_base_numerator, 1, kMax));
+  STGS_SDK_TRY(check_range("time_base_denominator", s.time_base_denominator, 1, kMax));
   STGS_SDK_TRY(check_range("sh_degree", s.sh_degree, 0, 3));
   STGS_SDK_TRY(check_range("profile", s.profile, STGS_PROFILE_QUANTISED, STGS_PROFILE_DRACO));
   STGS_SDK_TRY(check_range("tiers", s.tiers, 0, 16));
   STGS_SDK_TRY(check_range("quality", s.quality, 0, 100));
-  STGS_SDK_TRY(check_range("max_error", s.max_error, 1e-6, 1e9, "as quality has it"));
-  STGS_SDK_TRY(check_range("chunk_seconds", s.chunk_seconds, 0.01, 3600, "by the first stretch"));
+  STGS_SDK_TRY(check_range("max_error", s.max_error, 1e-6, 1e9, "the value of quality"));
+  STGS_SDK_TRY(
+      check_range("chunk_seconds", s.chunk_seconds, 0.01, 3600, "a choice by the first fragment"));
   STGS_SDK_TRY(check_flag("sync", s.sync));
-  STGS_SDK_TRY(check_range("threads", s.threads, 0, kMostThreads));
-  STGS_SDK_TRY(check_range("metres_per_unit", s.metres_per_unit, 1e-9, 1e9, "not known"));
+  STGS_SDK_TRY(check_range("threads", s.threads, 0, kMaxThreads));
+  STGS_SDK_TRY(check_range("metres_per_unit", s.metres_per_unit, 1e-9, 1e9, "an unknown scale"));
   for (const float x : s.up) STGS_SDK_TRY(check_range("up", x, -kFar, kFar));
   for (const float x : s.floor) STGS_SDK_TRY(check_range("floor", x, -kFar, kFar));
   STGS_SDK_TRY(check_text("title", s.title));
@@ -92,13 +94,13 @@ RecordSettings recording_of(const stgs_record_settings& s) {
   return settings;
 }
 
-Outcome take_start_view(const stgs_view* given, SceneMetadata& metadata) {
+Outcome copy_in_start_view(const stgs_view* given, SceneMetadata& metadata) {
   if (given == nullptr) return {};
   stgs_view view{};
-  STGS_SDK_TRY(take_struct(given, view, "settings: start_view"));
+  STGS_SDK_TRY(copy_in(given, view, "settings: start_view"));
   if (!(view.near_plane > 0 && std::isfinite(view.near_plane))) {
-    return {STGS_ERROR_ARGUMENT, fmt::format("settings: start_view's near_plane is {}; it must be "
-                                             "positive",
+    return {STGS_ERROR_ARGUMENT, fmt::format("settings: start_view: near_plane is {} (expected a "
+                                             "positive number)",
                                              view.near_plane)};
   }
   metadata.start_camera = camera_of(view);
@@ -107,7 +109,7 @@ Outcome take_start_view(const stgs_view* given, SceneMetadata& metadata) {
   return {};
 }
 
-Outcome take_metadata(const stgs_record_settings& s, SceneMetadata& metadata) {
+Outcome copy_in_metadata(const stgs_record_settings& s, SceneMetadata& metadata) {
   metadata.time_base = {s.time_base_numerator, s.time_base_denominator};
   metadata.generator = fmt::format("libstgs_encoder {}.{}.{}", STGS_VERSION_MAJOR,
                                    STGS_VERSION_MINOR, STGS_VERSION_PATCH);
@@ -119,36 +121,37 @@ Outcome take_metadata(const stgs_record_settings& s, SceneMetadata& metadata) {
   }
   metadata.audio = text_of(s.audio);
   metadata.audio_begin = metadata.time_base.ticks(s.audio_begin);
-  return take_start_view(s.start_view, metadata);
+  return copy_in_start_view(s.start_view, metadata);
 }
 
-Outcome wrong(std::string message) {
-  return {STGS_ERROR_ARGUMENT, "stretch: " + std::move(message)};
+Outcome invalid(std::string message) {
+  return {STGS_ERROR_ARGUMENT, "fragment: " + std::move(message)};
 }
 
 Outcome check(const stgs_fragment& s, std::uint32_t frames) {
-  if (s.frames == 0) return wrong("its frames are 0; it has one at least");
-  constexpr std::uint32_t kMost = std::numeric_limits<std::uint32_t>::max();
-  if (std::max(s.frames, s.visible_frames) > kMost - frames) {
-    return wrong(fmt::format("{} frames after {} are more than a file can have",
-                             std::max(s.frames, s.visible_frames), frames));
+  if (s.frames == 0) return invalid("frames is 0 (expected at least 1)");
+  constexpr std::uint32_t kMax = std::numeric_limits<std::uint32_t>::max();
+  if (std::max(s.frames, s.visible_frames) > kMax - frames) {
+    return invalid(fmt::format("{} frames after frame {} exceed the limit of the format",
+                               std::max(s.frames, s.visible_frames), frames));
   }
-  if (s.count > kMostPrimitives) {
-    return wrong(fmt::format("{} primitives, more than {}", s.count, kMostPrimitives));
+  if (s.count > kMaxPrimitives) {
+    return invalid(fmt::format("count is {} (expected at most {})", s.count, kMaxPrimitives));
   }
   const std::pair<const char*, const float*> needed[] = {
       {"position", s.position}, {"scale", s.scale}, {"opacity", s.opacity}, {"sh", s.sh}};
   for (const auto& [name, array] : needed) {
-    if (s.count > 0 && array == nullptr) return wrong(fmt::format("{} is NULL", name));
+    if (s.count > 0 && array == nullptr)
+      return invalid(fmt::format("{} is NULL, but count is not 0", name));
   }
-  const bool whole = s.time == nullptr;
-  if ((s.sigma == nullptr) != whole || (s.radius == nullptr) != whole) {
-    return wrong("time, sigma and radius go together: give all three, or none");
+  const bool no_lifespans = s.time == nullptr;
+  if ((s.sigma == nullptr) != no_lifespans || (s.radius == nullptr) != no_lifespans) {
+    return invalid("only some of time, sigma and radius are set; set all three or none");
   }
   return {};
 }
 
-// By the names that the caller knows; the recorder checks what comes of them.
+// Checks the values under the names that the caller knows. The recorder checks converted values.
 Outcome check_finite(const stgs_fragment& s, int sh_degree) {
   const auto coefficients = static_cast<std::size_t>(3 * (sh_degree + 1) * (sh_degree + 1));
   const struct {
@@ -162,20 +165,22 @@ Outcome check_finite(const stgs_fragment& s, int sh_degree) {
                 {"radius", s.radius, 1},     {"importance", s.importance, 1}};
   for (const auto& array : arrays) {
     const std::size_t count = array.values == nullptr ? 0 : array.each * s.count;
-    const float* const wrong_one = std::find_if_not(array.values, array.values + count,
-                                                    [](float v) { return std::isfinite(v); });
-    if (wrong_one == array.values + count) continue;
-    const auto at = static_cast<std::size_t>(wrong_one - array.values);
+    const float* const found = std::find_if_not(array.values, array.values + count,
+                                                [](float v) { return std::isfinite(v); });
+    if (found == array.values + count) continue;
+    const auto at = static_cast<std::size_t>(found - array.values);
     const std::string component =
         array.each > 1 ? fmt::format("[{}]", at % array.each) : std::string();
-    return wrong(fmt::format("{}{} of primitive {} is {}, not a finite number", array.name,
-                             component, at / array.each, *wrong_one));
+    return invalid(fmt::format("{}{} of primitive {} is {} (expected a finite number)", array.name,
+                               component, at / array.each, *found));
   }
   return {};
 }
 
-// The stretch as the format has it, in ticks of `seconds`. What the recorder checks is left to it.
-Outcome take_primitives(const stgs_fragment& s, int sh_degree, double seconds, Gaussians4D& set) {
+// Converts the fragment to the representation of the format, in ticks of `seconds`. Skips checks
+// that the recorder makes.
+Outcome convert_primitives(const stgs_fragment& s, int sh_degree, double seconds,
+                           Gaussians4D& set) {
   const auto n = static_cast<std::size_t>(s.count);
   STGS_SDK_TRY(check_finite(s, sh_degree));
   set.sh_degree = sh_degree;
@@ -185,18 +190,19 @@ Outcome take_primitives(const stgs_fragment& s, int sh_degree, double seconds, G
   if (s.rotation != nullptr) std::copy_n(s.rotation, 4 * n, set.rotation.begin());
   for (std::size_t i = 0; i < 3 * n; ++i) {
     if (!(s.scale[i] > 0)) {
-      return wrong(fmt::format("scale of primitive {} is {}, not > 0", i / 3, s.scale[i]));
+      return invalid(fmt::format("scale of primitive {} is {} (expected > 0)", i / 3, s.scale[i]));
     }
     set.log_scale[i] = std::log(s.scale[i]);
     if (s.velocity != nullptr) set.velocity[i] = static_cast<float>(s.velocity[i] * seconds);
   }
-  // From the first frame, in full, to beyond the last at which it may be seen.
+  // Full opacity from the first frame to beyond the last visible one.
   const auto always = 2.0f * static_cast<float>(std::max(s.frames, s.visible_frames));
   for (std::size_t i = 0; i < n; ++i) {
     if (!(s.opacity[i] >= 0 && s.opacity[i] <= 1)) {
-      return wrong(fmt::format("opacity of primitive {} is {}, not 0 to 1", i, s.opacity[i]));
+      return invalid(
+          fmt::format("opacity of primitive {} is {} (expected 0 to 1)", i, s.opacity[i]));
     }
-    const float opacity = std::clamp(s.opacity[i], kLeastOpacity, kMostOpacity);
+    const float opacity = std::clamp(s.opacity[i], kMinOpacity, kMaxOpacity);
     set.opacity_logit[i] = std::log(opacity / (1 - opacity));
     if (s.rotation == nullptr) set.rotation[4 * i] = 1;
     set.time[i] = s.time == nullptr ? 0 : static_cast<float>(s.time[i] / seconds);
@@ -206,27 +212,28 @@ Outcome take_primitives(const stgs_fragment& s, int sh_degree, double seconds, G
   return {};
 }
 
-Outcome take_path_and_settings(const stgs_recorder& recorder, const char* path,
-                               const stgs_record_settings* given, stgs_record_settings& settings) {
+Outcome copy_in_path_and_settings(const stgs_recorder& recorder, const char* path,
+                                  const stgs_record_settings* given,
+                                  stgs_record_settings& settings) {
   STGS_SDK_TRY(recorder.check_not_begun());
   STGS_SDK_TRY(check_path("path", path));
-  STGS_SDK_TRY(take_settings(given, settings));
+  STGS_SDK_TRY(copy_in_settings(given, settings));
   return check(settings);
 }
 
-Outcome append(stgs_recorder& to, const stgs_fragment& stretch) {
+Outcome append(stgs_recorder& to, const stgs_fragment& fragment) {
   SceneRecorder& recorder = *to.recorder;
-  STGS_SDK_TRY(check(stretch, recorder.frames()));
+  STGS_SDK_TRY(check(fragment, recorder.frames()));
   Gaussians4D set;
-  STGS_SDK_TRY(take_primitives(stretch, recorder.sh_degree(),
-                               recorder.metadata().time_base.seconds(1), set));
+  STGS_SDK_TRY(convert_primitives(fragment, recorder.sh_degree(),
+                                  recorder.metadata().time_base.seconds(1), set));
   std::span<const float> importance;
-  if (stretch.importance != nullptr) importance = {stretch.importance, set.size()};
+  if (fragment.importance != nullptr) importance = {fragment.importance, set.size()};
   const std::uint32_t begin = recorder.frames();
   Outcome outcome;
-  run_on(to.threads, [&] {
+  run_with_threads(to.threads, [&] {
     outcome =
-        recorder.append(set, begin + stretch.frames, importance, begin + stretch.visible_frames);
+        recorder.append(set, begin + fragment.frames, importance, begin + fragment.visible_frames);
   });
   return outcome;
 }
@@ -237,11 +244,11 @@ Outcome append(stgs_recorder& to, const stgs_fragment& stretch) {
 extern "C" {
 
 stgs_result stgs_record_settings_defaults(stgs_record_settings* settings, size_t struct_size) {
-  return stgs::sdk::put_defaults(settings, struct_size, stgs::sdk::default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_settings());
 }
 
-stgs_result stgs_fragment_defaults(stgs_fragment* stretch, size_t struct_size) {
-  return stgs::sdk::put_defaults(stretch, struct_size, stgs::sdk::default_stretch());
+stgs_result stgs_fragment_defaults(stgs_fragment* fragment, size_t struct_size) {
+  return stgs::sdk::fill_defaults(fragment, struct_size, stgs::sdk::default_fragment());
 }
 
 stgs_result stgs_recorder_create(stgs_recorder** out) {
@@ -255,21 +262,22 @@ void stgs_recorder_destroy(stgs_recorder* recorder) {
 }
 
 stgs_result stgs_recorder_error(const stgs_recorder* recorder, stgs_error* error) {
-  return recorder == nullptr ? STGS_ERROR_ARGUMENT : recorder->error.tell(error);
+  return recorder == nullptr ? STGS_ERROR_ARGUMENT : recorder->error.get(error);
 }
 
 stgs_result stgs_recorder_begin(stgs_recorder* recorder, const char* path,
                                 const stgs_record_settings* settings) {
   using namespace stgs::sdk;
   return guarded(recorder, [&]() -> Outcome {
-    stgs_record_settings taken = default_settings();
-    STGS_SDK_TRY(take_path_and_settings(*recorder, path, settings, taken));
+    stgs_record_settings known = default_settings();
+    STGS_SDK_TRY(copy_in_path_and_settings(*recorder, path, settings, known));
     stgs::SceneMetadata metadata;
-    STGS_SDK_TRY(take_metadata(taken, metadata));
-    auto made = stgs::SceneRecorder::create(path, metadata, taken.sh_degree, recording_of(taken));
-    if (!made.ok()) return made.status();
-    recorder->recorder = std::move(made).value();
-    recorder->threads = taken.threads;
+    STGS_SDK_TRY(copy_in_metadata(known, metadata));
+    auto created =
+        stgs::SceneRecorder::create(path, metadata, known.sh_degree, recording_of(known));
+    if (!created.ok()) return created.status();
+    recorder->recorder = std::move(created).value();
+    recorder->threads = known.threads;
     return {};
   });
 }
@@ -278,23 +286,23 @@ stgs_result stgs_recorder_resume(stgs_recorder* recorder, const char* path,
                                  const stgs_record_settings* settings) {
   using namespace stgs::sdk;
   return guarded(recorder, [&]() -> Outcome {
-    stgs_record_settings taken = default_settings();
-    STGS_SDK_TRY(take_path_and_settings(*recorder, path, settings, taken));
-    auto made = stgs::SceneRecorder::resume(path, recording_of(taken));
-    if (!made.ok()) return made.status();
-    recorder->recorder = std::move(made).value();
-    recorder->threads = taken.threads;
+    stgs_record_settings known = default_settings();
+    STGS_SDK_TRY(copy_in_path_and_settings(*recorder, path, settings, known));
+    auto created = stgs::SceneRecorder::resume(path, recording_of(known));
+    if (!created.ok()) return created.status();
+    recorder->recorder = std::move(created).value();
+    recorder->threads = known.threads;
     return {};
   });
 }
 
-stgs_result stgs_recorder_append(stgs_recorder* recorder, const stgs_fragment* stretch) {
+stgs_result stgs_recorder_append(stgs_recorder* recorder, const stgs_fragment* fragment) {
   using namespace stgs::sdk;
   return guarded(recorder, [&]() -> Outcome {
     STGS_SDK_TRY(recorder->check_recording());
-    stgs_fragment taken = default_stretch();
-    STGS_SDK_TRY(take_struct(stretch, taken, "stretch"));
-    return append(*recorder, taken);
+    stgs_fragment known = default_fragment();
+    STGS_SDK_TRY(copy_in(fragment, known, "fragment"));
+    return append(*recorder, known);
   });
 }
 
@@ -313,8 +321,8 @@ stgs_result stgs_recorder_get_status(stgs_recorder* recorder, stgs_recorder_stat
     STGS_SDK_TRY(check_struct(status, "status"));
     const stgs::SceneRecorder& of = *recorder->recorder;
     const stgs::TimeBase& time_base = of.metadata().time_base;
-    give_struct(status, {sizeof(*status), of.bytes(), of.frames(), time_base.numerator,
-                         time_base.denominator, of.sh_degree(), of.primitives(), of.dropped()});
+    copy_out(status, {sizeof(*status), of.bytes(), of.frames(), time_base.numerator,
+                      time_base.denominator, of.sh_degree(), of.primitives(), of.dropped()});
     return {};
   });
 }

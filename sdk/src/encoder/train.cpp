@@ -10,7 +10,7 @@
 namespace stgs::sdk {
 namespace {
 
-constexpr double kMostIterations = 1e8;
+constexpr double kMaxIterations = 1e8;
 
 stgs_train_settings default_settings() {
   const encoder::TrainSettings defaults;
@@ -25,32 +25,33 @@ stgs_train_settings default_settings() {
 
 Outcome check_parameters(const stgs_train_settings& s) {
   if (s.parameter_count > 0 && s.parameters == nullptr) {
-    return {STGS_ERROR_ARGUMENT,
-            fmt::format("settings: parameters is NULL and parameter_count {}; give as many",
-                        s.parameter_count)};
+    return {
+        STGS_ERROR_ARGUMENT,
+        fmt::format("settings: parameters is NULL, but parameter_count is {}", s.parameter_count)};
   }
   for (std::uint32_t i = 0; i < s.parameter_count; ++i) {
     if (s.parameters[i].name == nullptr || s.parameters[i].value == nullptr) {
-      return {STGS_ERROR_ARGUMENT, fmt::format("settings: parameters[{}] has a NULL", i)};
+      return {STGS_ERROR_ARGUMENT,
+              fmt::format("settings: parameters[{}] has a NULL name or value", i)};
     }
   }
   return {};
 }
 
 Outcome check(const stgs_train_settings& s) {
-  const char* const by_preset = "the preset's";
+  const char* const by_preset = "the value of the preset";
   STGS_SDK_TRY(check_range("preset", s.preset, STGS_PRESET_DEFAULT, STGS_PRESET_BEST));
   if (s.backend == STGS_BACKEND_VULKAN) {
     return {STGS_ERROR_NOT_BUILT,
-            "settings: backend is STGS_BACKEND_VULKAN, which draws and does not train; it can be "
-            "STGS_BACKEND_AUTO, _CPU or _CUDA"};
+            "settings: STGS_BACKEND_VULKAN cannot train (expected STGS_BACKEND_AUTO, _CPU or "
+            "_CUDA)"};
   }
   STGS_SDK_TRY(check_range("backend", s.backend, STGS_BACKEND_AUTO, STGS_BACKEND_CUDA));
-  STGS_SDK_TRY(check_range("iterations", s.iterations, 1, kMostIterations, by_preset));
+  STGS_SDK_TRY(check_range("iterations", s.iterations, 1, kMaxIterations, by_preset));
   STGS_SDK_TRY(check_range("max_primitives", s.max_primitives, 1, 2e8, by_preset));
   STGS_SDK_TRY(check_range("max_seconds", s.max_seconds, 1, 1e8, "no limit"));
   STGS_SDK_TRY(check_frames(s.first_frame, s.end_frame));
-  STGS_SDK_TRY(check_range("checkpoint_interval", s.checkpoint_interval, 1, kMostIterations));
+  STGS_SDK_TRY(check_range("checkpoint_interval", s.checkpoint_interval, 1, kMaxIterations));
   STGS_SDK_TRY(check_range("held_out_evaluations", s.held_out_evaluations, 0, 1e6));
   return check_parameters(s);
 }
@@ -78,15 +79,14 @@ encoder::TrainSettings training_of(const stgs_train_settings& s) {
   return settings;
 }
 
-// Places that are written to can be, and none is another, but that a checkpoint may go on in its
-// own.
-Status check_places(const std::string& scene, const encoder::TrainSettings& settings) {
-  std::vector<NamedPath> places = {
+// Checks that the output paths are writable and distinct. `resume` may equal `checkpoint`.
+Status check_paths(const std::string& scene, const encoder::TrainSettings& settings) {
+  std::vector<NamedPath> paths = {
       {"scene", scene}, {"checkpoint", settings.checkpoint}, {"log_path", settings.log_path}};
-  if (check_distinct({places[1], {"resume", settings.resume}}).ok()) {
-    places.push_back({"resume", settings.resume});
+  if (check_distinct({paths[1], {"resume", settings.resume}}).ok()) {
+    paths.push_back({"resume", settings.resume});
   }
-  STGS_TRY(check_distinct(places));
+  STGS_TRY(check_distinct(paths));
   for (const std::string* path : {&scene, &settings.checkpoint, &settings.log_path}) {
     if (!path->empty()) STGS_TRY(check_can_write(*path));
   }
@@ -104,11 +104,11 @@ Status train(const char* prepared, const std::string& scene, const stgs_train_se
              const encoder::ProgressSink& progress, const encoder::LogSink& log,
              encoder::TrainReport& report) {
   const encoder::TrainSettings settings = training_of(s);
-  STGS_TRY(check_places(scene, settings));
+  STGS_TRY(check_paths(scene, settings));
   STGS_ASSIGN(const encoder::PreparedCapture capture, capture_of(prepared, s));
   if (!settings.checkpoint.empty()) {
     for (const std::string& file : remove_stale_files(settings.checkpoint)) {
-      log(2, fmt::format("{}: removed, a killed training had left it", file));
+      log(2, fmt::format("{}: removed a file left by a training run that was killed", file));
     }
   }
   STGS_ASSIGN(const Scene trained, encoder::train(capture, settings, progress, log, &report));
@@ -117,11 +117,11 @@ Status train(const char* prepared, const std::string& scene, const stgs_train_se
   return write_scene(scene, trained, writing);
 }
 
-Outcome tell(const encoder::TrainReport& from, const char* scene, stgs_train_report* to) {
+Outcome to_c(const encoder::TrainReport& from, const char* scene, stgs_train_report* to) {
   stgs_train_report report{};
   std::error_code error;
   report.bytes = std::filesystem::file_size(scene, error);
-  if (error) return io_error("{}: cannot be read: {}", scene, error.message());
+  if (error) return io_error("{}: cannot read the file: {}", scene, error.message());
   report.backend = from.backend.rfind("cpu", 0) == 0 ? STGS_BACKEND_CPU : STGS_BACKEND_CUDA;
   report.iterations = static_cast<std::uint64_t>(from.iterations);
   report.primitives = from.primitives;
@@ -129,7 +129,7 @@ Outcome tell(const encoder::TrainReport& from, const char* scene, stgs_train_rep
   report.loss = from.final_loss;
   report.held_out_psnr = from.held_out ? from.held_out->psnr : 0.0;
   report.held_out_images = from.held_out ? static_cast<std::uint32_t>(from.held_out->images) : 0;
-  give_struct(to, report);
+  copy_out(to, report);
   return {};
 }
 
@@ -139,7 +139,7 @@ Outcome tell(const encoder::TrainReport& from, const char* scene, stgs_train_rep
 extern "C" {
 
 stgs_result stgs_train_settings_defaults(stgs_train_settings* settings, size_t struct_size) {
-  return stgs::sdk::put_defaults(settings, struct_size, stgs::sdk::default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_settings());
 }
 
 stgs_result stgs_encoder_train(stgs_encoder* encoder, const char* prepared, const char* scene,
@@ -149,14 +149,14 @@ stgs_result stgs_encoder_train(stgs_encoder* encoder, const char* prepared, cons
     STGS_SDK_TRY(check_path("prepared", prepared));
     STGS_SDK_TRY(check_path("scene", scene));
     STGS_SDK_TRY(check_report(report));
-    stgs_train_settings taken = default_settings();
-    STGS_SDK_TRY(take_settings(settings, taken));
-    STGS_SDK_TRY(check(taken));
+    stgs_train_settings known = default_settings();
+    STGS_SDK_TRY(copy_in_settings(settings, known));
+    STGS_SDK_TRY(check(known));
     stgs::encoder::TrainReport trained;
-    STGS_SDK_TRY(run_work(*encoder, ThreadLimit::kOwn, [&](const auto& progress, const auto& log) {
-      return train(prepared, scene, taken, progress, log, trained);
+    STGS_SDK_TRY(run_work(*encoder, ThreadLimit::kWork, [&](const auto& progress, const auto& log) {
+      return train(prepared, scene, known, progress, log, trained);
     }));
-    return report == nullptr ? Outcome() : tell(trained, scene, report);
+    return report == nullptr ? Outcome() : to_c(trained, scene, report);
   });
 }
 
@@ -164,11 +164,11 @@ stgs_result stgs_encoder_check_training(stgs_encoder* encoder,
                                         const stgs_train_settings* settings) {
   using namespace stgs::sdk;
   return guarded(encoder, [&]() -> Outcome {
-    stgs_train_settings taken = default_settings();
-    STGS_SDK_TRY(take_settings(settings, taken));
-    STGS_SDK_TRY(check(taken));
-    return run_work(*encoder, ThreadLimit::kOwn, [&](const auto&, const auto&) {
-      return stgs::encoder::check_training(training_of(taken), nullptr);
+    stgs_train_settings known = default_settings();
+    STGS_SDK_TRY(copy_in_settings(settings, known));
+    STGS_SDK_TRY(check(known));
+    return run_work(*encoder, ThreadLimit::kWork, [&](const auto&, const auto&) {
+      return stgs::encoder::check_training(training_of(known), nullptr);
     });
   });
 }

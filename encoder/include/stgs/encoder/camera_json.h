@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A camera as JSON: an entry of capture.json's "cameras", and a file of its own.
+// JSON form of a camera: an entry of "cameras" in capture.json, or a file of its own.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
@@ -9,11 +9,13 @@
 
 namespace stgs::encoder {
 
-// Name and test may be missing. The error names `where` (a file) and the camera.
+// Converts JSON to a camera and validates it. "name" and "test" are optional.
+// kInvalidFile names `where` (a file), the camera and the key.
 Result<Camera> camera_from_json(const nlohmann::ordered_json& json, const std::string& where);
+// Converts a camera to JSON with every key that camera_from_json reads.
 nlohmann::ordered_json camera_to_json(const Camera& camera);
 
-// kInvalidFile where its size, intrinsics or pose make no sense.
+// Validates size, intrinsics and pose in single precision. kInvalidFile names `where` (a file).
 Status check_camera(const Camera& camera, const std::string& where);
 
 }  // namespace stgs::encoder

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A few held-out pictures, measured while a scene trains. Nothing here changes the training.
+// Evaluates a few held-out images while a scene trains. Nothing here changes the training.
 #pragma once
 
 #include <cstddef>
@@ -11,18 +11,19 @@
 
 namespace stgs::encoder {
 
-inline constexpr int kMaxHeldOutImages = 8;  // at most, so that a measure stays short
+inline constexpr int kMaxHeldOutImages = 8;  // keeps an evaluation short
 
 struct SampledView {
   std::size_t camera = 0;  // index into the capture's cameras
   int frame = 0;
 };
 
-// At most `most` pictures of the test cameras (or of the training cameras), spread over cameras and
-// time alike; each at most once, the same for the same capture.
-std::vector<SampledView> sample_views(const PreparedCapture& capture, bool test, int most);
+// Selects at most `max_views` images of the test cameras (or, if `test` is false, of the training
+// cameras), spread evenly over cameras and time. No image is selected twice. The selection depends
+// on the capture alone.
+std::vector<SampledView> sample_views(const PreparedCapture& capture, bool test, int max_views);
 
-// Means over the pictures, dB; the measures are those of metrics.h.
+// Means over the images, dB; metrics.h defines the measures.
 struct HeldOutScore {
   double psnr = 0, psnr_cc = 0;
   int images = 0;
@@ -30,19 +31,20 @@ struct HeldOutScore {
 
 class HeldOutViews {
  public:
-  // Decodes the pictures and keeps them, 3 bytes a pixel.
+  // Decodes the test images and keeps them in memory, 3 bytes per pixel.
   static Result<HeldOutViews> load(const PreparedCapture& capture);
 
   bool empty() const { return views_.empty(); }
-  // Draws the set before `background` (sRGB-encoded), clamps to [0,1] and compares. Uses all
-  // threads; the result does not depend on their number. Throws std::length_error as bin() does.
-  HeldOutScore measure(const Gaussians4D& set, math::Vec3 background) const;
+  // Renders the set over `background` (sRGB-encoded), clamps to [0,1] and compares with the ground
+  // truth. Uses all threads; the result does not depend on their number. Throws std::length_error
+  // under the same conditions as bin().
+  HeldOutScore evaluate(const Gaussians4D& set, math::Vec3 background) const;
 
  private:
   struct View {
     math::PinholeCamera camera;
     float ticks = 0;
-    Image8 truth;
+    Image8 ground_truth;
   };
   std::vector<View> views_;
 };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// From a capture in a layout that people already have to a prepared capture (paper 3.3).
+// Converts a capture in a common multi-view layout to a prepared capture (paper 3.3).
 #pragma once
 
 #include <functional>
@@ -12,29 +12,40 @@
 
 namespace stgs::encoder {
 
-enum class Layout { kAuto, kN3dv, kPanoptic, kEasyVolcap, kColmap, kNerfstudio, kVideos };
+// Layouts of the source capture. encoder/src/capture has one file for each, which describes it.
+enum class Layout {
+  kAuto,        // detect the layout from the files in the folder
+  kN3dv,        // Neural 3D Video: videos and poses_bounds.npy (LLFF)
+  kPanoptic,    // CMU Panoptic as in Dynamic 3D Gaussians: train_meta.json
+  kEasyVolcap,  // EasyVolcap and EasyMocap: intri.yml and extri.yml
+  kColmap,      // COLMAP model in sparse/
+  kNerfstudio,  // nerfstudio: transforms.json
+  kVideos,      // videos or image folders, calibrated by cameras.json or by COLMAP
+};
 
 struct PrepareSettings {
   Layout layout = Layout::kAuto;
-  int first_frame = 0, end_frame = -1;    // [first, end) of the source; -1: to the end
-  double scale = 1.0;                     // of the frames, (0, 1]
-  std::vector<std::string> test_cameras;  // names; empty: the layout's own split
-  bool default_test_cameras = true;       // false: hold out exactly test_cameras, even none
-  double fps = 0;               // for folders of pictures; 0: what the layout says, else 30
-  bool separate_motion = true;  // false: one cloud from the first frame, all of it static
-  int max_dynamic_points = 0;   // a frame; 0: chosen from the image size
-  int max_static_points = 0;    // 0: chosen from the image size
+  int first_frame = 0, end_frame = -1;    // source frames [first, end); end -1: the last frame
+  double scale = 1.0;                     // of the image size, (0, 1]
+  std::vector<std::string> test_cameras;  // names; empty: the split of the layout
+  bool default_test_cameras = true;       // false: hold out exactly test_cameras, even if empty
+  double fps = 0;               // of image folders; 0: the rate that the layout states, else 30
+  bool separate_motion = true;  // false: one static point cloud from the first frame
+  int max_dynamic_points = 0;   // per frame; 0: derived from the image size
+  int max_static_points = 0;    // 0: derived from the image size
   std::uint64_t seed = 1;
   bool overwrite = false;  // replace an existing prepared capture at the target
-  // Asked once the cameras, the pictures' sizes and the frames are known, before the long work; an
-  // error ends it.
+  // Called on the calling thread once cameras, image sizes and frames are known, before the long
+  // work starts. An error cancels the run and is returned. May be empty.
   std::function<Status(const PreparedCapture&)> accept;
 };
 
-// Layout name on the command line <-> value.
+// Returns the layout with this command-line name. kUsage for an unknown name.
 Result<Layout> layout_from_name(const std::string& name);
 
-// Prepares `capture` into `folder`, which appears complete or not at all.
+// Prepares the folder `capture` into `folder`. The target appears complete or not at all.
+// `progress` is called on the calling thread and cancels the run by returning false; it and `log`
+// may be empty.
 Status prepare(const std::string& capture, const std::string& folder,
                const PrepareSettings& settings, const ProgressSink& progress, const LogSink& log);
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The prepared capture: a folder that training and evaluation read without OpenCV or COLMAP.
 //
-//   capture.json            cameras, split, frames, time base, where everything came from
-//   frames/CAM/NNNNNN.png   (or .jpg) undistorted, one size a camera
-//   masks/CAM/NNNNNN.png    8-bit, 255 = moving; may be missing for a camera
+//   capture.json            cameras, split, frames, time base, origin
+//   frames/CAM/NNNNNN.png   (or .jpg) undistorted frames, one size per camera
+//   masks/CAM/NNNNNN.png    8-bit motion masks, 255 = moving; optional for each camera
 //   points_static.ply       initial points: x y z red green blue
 //   points_dynamic.ply      initial points: x y z red green blue vx vy vz frame
-//   report/                 pictures and index.html for a person to look at
+//   report/                 index.html and its images, for visual inspection
 #pragma once
 
 #include <cstdint>
@@ -21,66 +21,73 @@
 
 namespace stgs::encoder {
 
-// An undistorted pinhole camera. p_camera = rotation p_world + translation, OpenCV axes.
+// An undistorted pinhole camera with OpenCV axes: p_camera = rotation * p_world + translation.
 struct Camera {
-  std::string name;                                  // also its folder's name
+  std::string name;                                  // also the name of its folder
   int width = 0, height = 0;                         // pixels
   double fx = 0, fy = 0, cx = 0, cy = 0;             // pixels; pixel centres at +0.5
-  double rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};  // row-major
+  double rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};  // world to camera, row-major
   double translation[3] = {0, 0, 0};                 // scene units
   bool test = false;                                 // held out of training
 
+  // Returns the camera for the rasteriser, in single precision. `near_plane` is in scene units.
   math::PinholeCamera pinhole(float near_plane) const;
 };
 
-// 8-bit RGB, interleaved, row by row.
+// An 8-bit image with interleaved channels (1 or 3, RGB), row by row without padding.
 struct Image8 {
   int width = 0, height = 0, channels = 0;
   std::vector<std::uint8_t> data;
 };
 
+// The contents of capture.json. Scene units are the units of the source calibration.
 struct PreparedCapture {
   std::string folder;
   std::vector<Camera> cameras;
   int first_frame = 0;  // number of the first frame in the source
-  int frames = 0;       // frame i of [0, frames) is moment i in ticks
+  int frames = 0;       // frame i of [0, frames) is at time i, in ticks
   TimeBase time_base;   // one tick is one frame
   bool metric = false;  // scene units are metres
   std::string frame_extension = "png";
-  std::string source;        // layout that it was prepared from
-  float near_plane = 0.01f;  // scene units, chosen by prepare from the cameras and the points
+  std::string source;        // layout of the source capture
+  float near_plane = 0.01f;  // scene units, derived from the cameras and the initial points
   float extent = 1.0f;       // radius of the camera positions around their centre, scene units
   double scene_centre[3] = {0, 0, 0};
-  double scene_radius = 1.0;  // of the initial points around scene_centre, 95 % of them
-  // Where this is a part of the capture in the folder (windows.h): frame 0 is then the window's
-  // first, for frame_path too.
+  double scene_radius = 1.0;  // radius around scene_centre that holds 95 % of the initial points
+  // Set if this object describes a window of the capture (windows.h). Frame 0 is then the first
+  // frame of the window, for frame_path and mask_path too.
   std::optional<CaptureWindow> window;
 
-  // Frames of the folder before frame 0.
+  // Returns the number of frames in the folder that precede frame 0.
   int frame_offset() const { return window ? static_cast<int>(window->first_frame) : 0; }
+  // Returns the path of a frame or mask, which need not exist.
   std::string frame_path(const Camera& camera, int frame) const;
   std::string mask_path(const Camera& camera, int frame) const;
 };
 
-// An initial point. Static ones have velocity 0 and frame -1.
+// An initial point. Static points have velocity 0 and frame -1.
 struct InitialPoint {
   float position[3];
   std::uint8_t colour[3];  // RGB
-  float velocity[3];       // scene units a frame, as measured
+  float velocity[3];       // scene units per frame, as measured
   int frame;               // index in [0, frames), or -1
 };
 
-// Reads and checks capture.json (not the pictures).
+// Reads and validates capture.json in `folder`. Does not open the frames.
+// kIo if it cannot be opened, kInvalidFile if it is malformed, kUnsupported for another version.
 Result<PreparedCapture> read_prepared_capture(const std::string& folder);
+// Validates `capture` and writes capture.json atomically into capture.folder.
 Status write_prepared_capture(const PreparedCapture& capture);
 
-// Decodes a frame to RGB; the error names file, camera and frame, also where the size is wrong.
+// Decodes a frame to RGB. An error names file, camera and frame; a size other than the camera's is
+// kInvalidFile.
 Result<Image8> load_frame(const PreparedCapture& capture, const Camera& camera, int frame);
-// One channel, 255 = moving; an empty image where the capture has no mask for it.
+// Decodes a motion mask: one channel, 255 = moving. Returns an empty image if there is no mask.
 Result<Image8> load_mask(const PreparedCapture& capture, const Camera& camera, int frame);
 
-// Binary little-endian PLY.
+// Reads initial points from a binary little-endian PLY file. kInvalidFile for non-finite values.
 Result<std::vector<InitialPoint>> read_points(const std::string& path);
+// Writes initial points atomically as binary little-endian PLY.
 Status write_points(const std::string& path, const std::vector<InitialPoint>& points);
 
 }  // namespace stgs::encoder

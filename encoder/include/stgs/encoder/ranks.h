@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The processes that train one scene together, each on other views: ranks 0 to size - 1, started by
-// mpirun or by srun --mpi=pmix. All make the same calls in the same order, from one thread each.
+// Processes that train one scene together, each on other views. They have the ranks 0 to size - 1
+// and are started by mpirun or by srun --mpi=pmix. All ranks make the same calls in the same order,
+// each from one thread.
 #pragma once
 
 #include <cstddef>
@@ -16,46 +17,51 @@ inline constexpr int kMaxRanks = 64;
 class Ranks {
  public:
   virtual ~Ranks() = default;
+  // Returns this process's rank, 0 to size() - 1.
   virtual int rank() const = 0;
+  // Returns the number of ranks.
   virtual int size() const = 0;
-  // Among the ranks on this machine, from 0.
+  // Returns the rank among the ranks on this machine, from 0.
   virtual int node_rank() const = 0;
-  // Ranks on this machine, which share its memory and its cores.
+  // Returns the number of ranks on this machine, which share its memory and cores.
   virtual int node_size() const = 0;
-  // all (size() x bytes) becomes what each rank gave as `own`, in the order of the ranks. `bytes`
-  // is a multiple of 4 and the same on every rank. The error of another rank ends the wait.
+  // Gathers `own` from every rank into `all` (size() x bytes), in rank order. `bytes` is a multiple
+  // of 4 and equal on every rank. Blocks until all ranks have called; returns the error of another
+  // rank if one fails.
   virtual Status all_gather(const void* own, std::size_t bytes, void* all) = 0;
-  // The error of another rank that has failed meanwhile, for whoever waits for something else.
+  // Returns the error of another rank that has failed. Poll it while waiting for anything else.
   virtual Status check_peers() = 0;
 };
 
-// How the environment says that this process was started.
+// How this process was started, according to the environment.
 struct Launch {
   int size = 1;          // processes started together
-  std::string launcher;  // what started them, for messages; "" where size is 1
+  std::string launcher;  // "mpirun" or "srun", for messages; "" if size is 1
 };
+// Reads the environment variables of mpirun and srun.
 Launch detect_launch();
 
-// The ranks that mpirun or srun has started, over MPI. The library with MPI in it, stgs_mpi.so, is
-// loaded from the program's folder, so that a program that was started alone needs no MPI.
+// Ranks started by mpirun or srun, connected by MPI. MPI is in the module stgs_mpi.so, which is
+// loaded from the program's folder, so a program that was started alone does not need MPI.
 class World : public Ranks {
  public:
-  // What all ranks have come to.
+  // The outcome that all ranks agree on.
   struct Conclusion {
-    Status status;               // of the run: the error of the lowest rank that had one of its own
-    bool should_report = false;  // this rank is the one that tells it
+    Status status;               // of the run: the lowest rank's own error, if any
+    bool should_report = false;  // whether this rank reports it
   };
 
-  // Whether this build has MPI.
+  // Returns whether this build has MPI.
   static bool is_built();
-  // Null where this process was started alone. kNotBuilt in a build without MPI, kUnsupported where
-  // MPI cannot be loaded or does not know of the other processes.
+  // Connects the ranks; returns null if this process was started alone. kNotBuilt in a build
+  // without MPI; kUnsupported if MPI cannot be loaded or does not see the other processes.
   static Result<std::unique_ptr<World>> join();
 
-  // The end of this rank's work, good or bad: tells the others, who stop waiting for it where it is
-  // bad, and waits for theirs. Nothing but finish() comes after it.
+  // Ends this rank's work with its own status, good or bad. Sends the status to the other ranks,
+  // which stop waiting for this one on an error, and blocks until theirs have arrived (a bounded
+  // time after an error). Only finish() may follow.
   virtual Conclusion conclude(const Status& own) = 0;
-  // Leaves MPI; where ranks hang or have stopped in the middle of something, ends them all with the
+  // Leaves MPI. If ranks hang or stopped in the middle of an exchange, aborts all of them with the
   // conclusion's exit code and does not return.
   virtual void finish() = 0;
 };

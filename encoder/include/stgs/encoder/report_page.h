@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A page for a person to look at: HTML of its own, without scripts, its charts inline SVG, its
-// pictures files beside it. The reports of preparing and of training are such pages.
+// Builds the HTML reports of preparing and training: one page without scripts, with inline SVG
+// charts and with images from files next to it.
 #pragma once
 
 #include <string>
@@ -12,12 +12,12 @@
 
 namespace stgs::encoder {
 
-// Text as HTML shows it.
+// Escapes text for HTML content and quoted attributes.
 std::string escape_html(const std::string& text);
 
 struct ChartSeries {
   std::string name;
-  std::vector<std::pair<double, double>> points;  // x ascending; what is not finite is left out
+  std::vector<std::pair<double, double>> points;  // x ascending; non-finite points are skipped
 };
 
 struct Chart {
@@ -30,30 +30,35 @@ struct BarChart {
   std::vector<std::pair<std::string, double>> bars;  // label, value >= 0
 };
 
-// Everything given as text is escaped.
+// Collects the page in memory; write() stores it. All text is escaped. Not thread-safe.
 class ReportPage {
  public:
+  // Starts a page with this title, which is also its first heading.
   explicit ReportPage(const std::string& title);
 
+  // Adds a second-level heading.
   void heading(const std::string& text);
+  // Adds a paragraph.
   void paragraph(const std::string& text);
-  // As typed: a command line.
+  // Adds preformatted text such as a command line.
   void code(const std::string& text);
+  // Adds a table of (name, value) rows.
   void table(const std::vector<std::pair<std::string, std::string>>& rows);
-  // A picture in the page's folder; a row of them ends at the next heading.
+  // Adds an image file from the folder of the page. Consecutive images form a row.
   void image(const std::string& file, const std::string& caption);
-  // Nothing where no series has two points.
+  // Adds a line chart. Adds nothing if no series has two points.
   void chart(const Chart& chart);
+  // Adds a horizontal bar chart. Adds nothing if every value is 0.
   void bars(const BarChart& chart);
 
-  // Writes index.html into a folder that exists.
+  // Writes index.html atomically into an existing folder.
   Status write(const std::string& folder) const;
 
  private:
   std::string html_;
 };
 
-// "0.5 to 1" labels with their counts; empty bins at both ends are left out.
+// Converts histogram bins to bars labelled "0.5 to 1". Empty bins at both ends are dropped.
 std::vector<std::pair<std::string, double>> histogram_bars(const std::vector<HistogramBin>& bins);
 
 }  // namespace stgs::encoder

@@ -31,11 +31,11 @@ void adam_primitive(TrainState& state, std::size_t i, const LearntGradients& gra
   state.derive(i, input.modulated);
 }
 
-void gather_statistics(TrainState& state, std::size_t i, const ViewStatistics& seen) {
+void gather_statistics(TrainState& state, std::size_t i, const ViewStatistics& view) {
   DensifyStatistics& statistics = state.statistics;
-  statistics.gradient_sum[i] += seen.gradient;
-  statistics.abs_gradient_sum[i] += seen.abs_gradient;
-  statistics.error_max[i] = std::max(statistics.error_max[i], seen.error);
+  statistics.gradient_sum[i] += view.gradient;
+  statistics.abs_gradient_sum[i] += view.abs_gradient;
+  statistics.error_max[i] = std::max(statistics.error_max[i], view.error);
   ++statistics.views[i];
 }
 

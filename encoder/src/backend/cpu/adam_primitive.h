@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Adam on all that is learnt of one primitive.
+// Applies Adam to all learnt parameters of one primitive.
 #pragma once
 
 #include <array>
@@ -9,22 +9,24 @@
 
 namespace stgs::encoder::cpu {
 
-// Gradients by TrainState::values of one primitive; kSh: of its first `coefficients` harmonics,
-// coefficient then channel.
+// Gradients of one primitive with respect to TrainState::values; kSh: of its first `coefficients`
+// SH coefficients, coefficient then channel.
 struct LearntGradients {
   std::array<const float*, kAttributes> by{};
   int coefficients = 1;
 };
 
-// One step with the input's rates, then what follows from the new values. `updates` is counted on.
+// Applies one step with the input's rates, then damping and the derived values. Increments the
+// primitive's update count.
 void adam_primitive(TrainState& state, std::size_t i, const LearntGradients& gradients,
                     const StepInput& input);
 
-// Adds what a view has shown of primitive i to the statistics for densification.
+// Densification statistics of a primitive in one view.
 struct ViewStatistics {
-  float gradient = 0, abs_gradient = 0;  // of the loss by image position, half image widths
-  float error = 0;                       // its share of the error
+  float gradient = 0, abs_gradient = 0;  // of the loss w.r.t. image position, half image widths
+  float error = 0;                       // its contribution to the error
 };
-void gather_statistics(TrainState& state, std::size_t i, const ViewStatistics& seen);
+// Adds a view to the statistics of primitive i.
+void gather_statistics(TrainState& state, std::size_t i, const ViewStatistics& view);
 
 }  // namespace stgs::encoder::cpu

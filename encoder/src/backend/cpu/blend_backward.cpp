@@ -12,7 +12,7 @@
 namespace stgs::encoder::cpu {
 namespace {
 
-// Splats a block of the reduction.
+// Splats per block of the reduction.
 constexpr std::size_t kBlock = 1024;
 
 void add(SplatGradients& a, const SplatGradients& b) {
@@ -41,7 +41,7 @@ math::Plane plane_at(const Image& d_surface, std::size_t p) {
           d_surface.plane(3)[p]};
 }
 
-// out[s]: sum of splat s's entries, in their order.
+// Sums each splat's entries, in order, into out[s].
 template <typename T>
 void sum_by_splat(const BlendBackwardScratch& scratch, const std::vector<T>& instances,
                   std::size_t splats, std::vector<T>& out) {
@@ -61,7 +61,7 @@ void list_by_splat(const SplatFrame& frame, BlendBackwardScratch& scratch) {
   auto& begin = scratch.splat_begin;
   begin.assign(frame.splats.size() + 2, 0);
   scratch.of_splat.resize(frame.instances.size());
-  // Shifted by two, so that after dealing begin[s] is the first entry of s.
+  // Offset by two, so that after the scatter begin[s] is the first entry of s.
   for (std::uint32_t s : frame.instances) ++begin[s + 2];
   for (std::size_t s = 2; s < begin.size(); ++s) begin[s] += begin[s - 1];
   for (std::uint32_t k = 0; k < frame.instances.size(); ++k)
@@ -84,7 +84,7 @@ void blend_backward_tile_scalar(const TileBackward& t) {
       const float error = t.error ? t.error->data[p] : 0.0f;
       const Plane d_plane = t.planes ? plane_at(t.planes->d_surface, p) : Plane{};
       float transmittance = t.forward.transmittance.data[p];
-      // dL/dcolour . (what is seen behind the splat).
+      // dL/dcolour . (colour behind the splat).
       float behind = dot3(d, t.settings.background);
       for (std::uint32_t k = t.forward.last[p]; k-- > 0;) {
         const std::uint32_t index = t.frame.instances[first + k];

@@ -13,9 +13,9 @@ struct TileBackward {
   const Image& d_colour;
   const Image* error;  // may be null
   int tile;
-  SplatGradients* out;           // the entries of the tile's list; all are written
+  SplatGradients* out;           // one per entry of the tile's list; all are written
   const PlanesBackward* planes;  // may be null
-  math::Plane* plane_out;        // like `out`, where there are planes
+  math::Plane* plane_out;        // like `out`, if planes is set
 };
 
 void blend_backward_tile_scalar(const TileBackward& t);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The backward pass over a tile with the machine's vector unit: the forward's loops in reverse.
+// SIMD backward pass over a tile: the loops of the forward pass in reverse.
 #include <algorithm>
 
 #include "backend/cpu/blend_backward_kernels.h"
@@ -8,7 +8,7 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "backend/cpu/blend_backward_vector.cpp"
 #include <hwy/foreach_target.h>
-// After foreach_target.h, which includes this file once a target.
+// Must follow foreach_target.h, which includes this file once per target.
 #include "stgs/format/raster_simd-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -22,22 +22,22 @@ using simd::RowMask;
 using simd::RowVec;
 using IntRow = hn::RebindToSigned<Row>;
 
-// List entries between a splat's fetch and its use.
-constexpr int kAhead = 6;
+// Prefetch distance, list entries.
+constexpr int kPrefetch = 6;
 constexpr int kPixels = kTileSize * kTileSize;
 
-// State of a tile's pixels. Pixels beyond the image's edge have last = 0 and take no part.
+// State of a tile's pixels. Pixels beyond the image's edge have last = 0 and do not contribute.
 struct Tile {
-  HWY_ALIGN float transmittance[kPixels];  // in front of what has been gone through, from behind
-  HWY_ALIGN float behind[kPixels];         // dL/dcolour . (what is seen behind the splat)
+  HWY_ALIGN float transmittance[kPixels];  // in front of the processed splats, back to front
+  HWY_ALIGN float behind[kPixels];         // dL/dcolour . (colour behind the splat)
   HWY_ALIGN float red[kPixels];            // dL/dcolour
   HWY_ALIGN float green[kPixels];
   HWY_ALIGN float blue[kPixels];
   HWY_ALIGN float error[kPixels];
-  HWY_ALIGN float surface[4][kPixels];  // dL/d(blended normal, distance); only where planes are
+  HWY_ALIGN float surface[4][kPixels];  // dL/d(blended normal, distance); only with planes
   HWY_ALIGN std::int32_t last[kPixels];
   int row_last[kTileSize];  // the largest `last` of each row
-  int longest = 0;          // and of the tile
+  int tile_last = 0;        // and of the tile
 };
 
 void load_tile(const TileBackward& t, const raster::PixelBox& box, Tile& tile) {
@@ -61,7 +61,7 @@ void load_tile(const TileBackward& t, const raster::PixelBox& box, Tile& tile) {
       tile.last[at + x] = static_cast<std::int32_t>(t.forward.last[first + x]);
       tile.row_last[row] = std::max(tile.row_last[row], tile.last[at + x]);
     }
-    tile.longest = std::max(tile.longest, tile.row_last[row]);
+    tile.tile_last = std::max(tile.tile_last, tile.row_last[row]);
   }
 }
 
@@ -75,7 +75,7 @@ void load_surface(const TileBackward& t, const raster::PixelBox& box, Tile& tile
   }
 }
 
-// What is summed over a splat's pixels. With g = dL/dpower and d = (x,y) the offset from the mean:
+// Quantities summed over a splat's pixels, with g = dL/dpower and (x,y) the offset from the mean.
 enum Sum {
   kRed,
   kGreen,
@@ -94,14 +94,14 @@ enum Sum {
   kUnused2,
   kUnused3,
   kColourSums,
-  kNormalX = kColourSums,  // planes alone, as the next
+  kNormalX = kColourSums,  // these four only with planes
   kNormalY,
   kNormalZ,
   kDistance,
   kSums
 };
 
-// Sums over the rows of one vector of columns; those by x follow from them at the end.
+// Sums over the rows of one vector of columns; the moments in x follow at the end.
 struct RowSums {
   RowVec red, green, blue, weight, g, gy, gyy, error, abs_x, abs_y;
 };
@@ -109,9 +109,9 @@ struct SurfaceSums {
   RowVec normal_x, normal_y, normal_z, distance;
 };
 
-// a / b within 3e-7 of itself.
+// Returns a / b with a relative error below 3e-7.
 HWY_INLINE RowVec divide(RowVec a, RowVec b) {
-#if HWY_ARCH_X86  // 12 bits or more, doubled by a Newton step; division would stall the loop
+#if HWY_ARCH_X86  // at least 12 bits, doubled by a Newton step; division would stall the loop
   const RowVec r = hn::ApproximateReciprocal(b);
   return hn::Mul(a, hn::Mul(r, hn::NegMulAdd(b, r, hn::Set(Row(), 2.0f))));
 #else
@@ -119,7 +119,7 @@ HWY_INLINE RowVec divide(RowVec a, RowVec b) {
 #endif
 }
 
-// Adds what a plane gives with these weights; returns its dL/dweight.
+// Accumulates a plane's gradients with these weights; returns its dL/dweight.
 HWY_INLINE RowVec surface_backward(const math::Plane& plane, RowVec weight, int at,
                                    const Tile& tile, SurfaceSums& sum) {
   const Row d;
@@ -134,8 +134,8 @@ HWY_INLINE RowVec surface_backward(const math::Plane& plane, RowVec weight, int 
   return hn::MulAdd(x, hn::Set(d, plane.normal.x), hn::MulAdd(y, hn::Set(d, plane.normal.y), own));
 }
 
-// Adds what row y of splat k gives, and takes the splat off the row's pixels. `plane`: the splat's,
-// or null.
+// Accumulates splat k's gradients over row y and removes the splat from the row's pixels. `plane`:
+// the splat's, or null.
 template <bool kPlanes>
 HWY_INLINE void row_backward(const simd::RowSplat& r, const Splat& s, const math::Plane* plane,
                              int k, int y, int at, Tile& tile, RowSums& sum, SurfaceSums& surface) {
@@ -143,12 +143,12 @@ HWY_INLINE void row_backward(const simd::RowSplat& r, const Splat& s, const math
   const IntRow di;
   const RowVec dy = simd::row_offset(r, y);
   const RowVec log2 = simd::row_log2(r, dy);
-  const RowMask reached = hn::RebindMask(d, hn::Gt(hn::Load(di, tile.last + at), hn::Set(di, k)));
-  const RowMask drawn = hn::And(reached, simd::row_seen(log2));
-  if (hn::AllFalse(d, drawn)) return;
+  const RowMask is_listed = hn::RebindMask(d, hn::Gt(hn::Load(di, tile.last + at), hn::Set(di, k)));
+  const RowMask contributes = hn::And(is_listed, simd::row_seen(log2));
+  if (hn::AllFalse(d, contributes)) return;
   const RowVec falloff = simd::exp2_of(log2);
-  const RowVec most = hn::Set(d, math::kAlphaMax);
-  const RowVec alpha = hn::IfThenElseZero(drawn, hn::Min(most, falloff));
+  const RowVec max_alpha = hn::Set(d, math::kAlphaMax);
+  const RowVec alpha = hn::IfThenElseZero(contributes, hn::Min(max_alpha, falloff));
 
   const RowVec transmittance =
       divide(hn::Load(d, tile.transmittance + at), hn::Sub(hn::Set(d, 1.0f), alpha));
@@ -165,8 +165,8 @@ HWY_INLINE void row_backward(const simd::RowSplat& r, const Splat& s, const math
   hn::Store(transmittance, d, tile.transmittance + at);
   hn::Store(hn::MulAdd(alpha, gain, behind), d, tile.behind + at);
 
-  // dL/dpower = -alpha dL/dalpha; none where alpha is cut at its maximum.
-  const RowVec free_weight = hn::IfThenElseZero(hn::Le(falloff, most), weight);
+  // dL/dpower = -alpha dL/dalpha; 0 if alpha is clamped at its maximum.
+  const RowVec free_weight = hn::IfThenElseZero(hn::Le(falloff, max_alpha), weight);
   const RowVec g = hn::Neg(hn::Mul(free_weight, gain));
   const RowVec conic_xy = hn::Set(d, s.conic.xy);
   const RowVec slope_x = hn::MulAdd(hn::Set(d, s.conic.xx), r.dx, hn::Mul(conic_xy, dy));
@@ -184,7 +184,7 @@ HWY_INLINE void row_backward(const simd::RowSplat& r, const Splat& s, const math
   sum.abs_y = hn::Add(sum.abs_y, hn::Abs(hn::Mul(g, slope_y)));
 }
 
-// Adds the sums over the lanes of a, b, c and d to out[0..3].
+// Adds the sums over the lanes of a, b, c and e to out[0..3].
 HWY_INLINE void add_lanes(RowVec a, RowVec b, RowVec c, RowVec e, float* HWY_RESTRICT out) {
 #if HWY_TARGET == HWY_SCALAR  // one lane, nothing to interleave
   out[0] += hn::GetLane(a);
@@ -230,7 +230,7 @@ SplatGradients gradients_of(const Splat& s, const float* sums) {
 }
 
 template <bool kPlanes>
-void backward_planes_or_not(const TileBackward& t) {
+void backward_tile_impl(const TileBackward& t) {
   const Row d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const raster::PixelBox box = raster::tile_pixels(t.frame, t.tile);
@@ -240,11 +240,12 @@ void backward_planes_or_not(const TileBackward& t) {
   Tile tile;
   load_tile(t, box, tile);
   if constexpr (kPlanes) load_surface(t, box, tile);
-  std::fill(t.out + tile.longest, t.out + count, SplatGradients{});
-  if constexpr (kPlanes) std::fill(t.plane_out + tile.longest, t.plane_out + count, math::Plane{});
-  for (int k = tile.longest; k-- > 0;) {
+  std::fill(t.out + tile.tile_last, t.out + count, SplatGradients{});
+  if constexpr (kPlanes)
+    std::fill(t.plane_out + tile.tile_last, t.plane_out + count, math::Plane{});
+  for (int k = tile.tile_last; k-- > 0;) {
     const Splat& s = t.frame.splats[list[k]];
-    simd::prefetch(t.frame.splats.data(), list, k - kAhead, count);
+    simd::prefetch(t.frame.splats.data(), list, k - kPrefetch, count);
     const raster::PixelBox covered = raster::covered_pixels(s, box);
     const math::Plane* plane = kPlanes ? &t.planes->planes[list[k]] : nullptr;
     HWY_ALIGN float sums[kPlanes ? kSums : kColourSums] = {};
@@ -270,7 +271,7 @@ void backward_planes_or_not(const TileBackward& t) {
 }
 
 void backward_tile(const TileBackward& t) {
-  t.planes != nullptr ? backward_planes_or_not<true>(t) : backward_planes_or_not<false>(t);
+  t.planes != nullptr ? backward_tile_impl<true>(t) : backward_tile_impl<false>(t);
 }
 
 }  // namespace

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CPU training backend: every stage of a step in parallel, results independent of the number of
-// threads.
+// The CPU training backend. All stages of a step run in parallel; results do not depend on the
+// number of threads.
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -50,13 +50,14 @@ class CpuBackend final : public TrainBackend {
   Status synchronise() override { return {}; }
   std::size_t abandon() override { return 0; }
   Result<std::optional<std::vector<float>>> importance(
-      std::span<const ImportanceView> views, const std::function<bool(double)>& go_on) override {
-    return view_importance(state_->set, views, go_on);
+      std::span<const ImportanceView> views,
+      const std::function<bool(double)>& should_continue) override {
+    return view_importance(state_->set, views, should_continue);
   }
   std::string name() const override { return "cpu (" + vector_target() + ")"; }
 
  private:
-  // A splat's gradients that come through the set alone, where what is learnt derives the set.
+  // A splat's gradients of learnt parameters that the set is derived from.
   struct Derived {
     math::Coupled by;
     float log_sigma;
@@ -64,33 +65,33 @@ class CpuBackend final : public TrainBackend {
 
   double evaluate_normals(const StepInput& input, const RasterSettings& settings);
   void update(const StepInput& input);
-  // Adds the regularisers; what the result points to is `derived` and this backend's.
+  // Adds the regularisers. The result points into `derived` and this backend.
   cpu::LearntGradients learnt_gradients(const StepInput& input, std::size_t splat,
                                         Derived& derived);
   cpu::ViewStatistics statistics_of(const StepInput& input, std::size_t splat) const;
-  // The step's end where several ranks take it: `own` holds this view's losses and colour.
-  Status update_with_others(const StepInput& input, cpu::ViewContribution& own);
+  // Completes a step of several ranks. `own` has this view's losses and colour map gradient.
+  Status update_with_ranks(const StepInput& input, cpu::ViewContribution& own);
 
   Ranks* ranks_ = nullptr;  // null: alone
   TrainState* state_ = nullptr;
   std::vector<StepOutput> outputs_;  // since the last read()
-  // Kept from step to step for their memory.
+  // Working memory, reused between steps.
   SplatFrame frame_;
   RasterOutput output_;
-  Image shown_, d_shown_, error_;
+  Image corrected_, d_corrected_, error_;
   ImageLoss loss_;
   std::unique_ptr<PerceptualLoss> perceptual_;
   std::vector<cpu::SplatGradients> splat_gradients_;
   cpu::BlendBackwardScratch scratch_;
   cpu::PrimitiveGradients gradients_;
-  // Where L_n is on.
+  // Used if L_n is on.
   NormalLoss normal_loss_;
   RasterOutput surface_;
   Image d_surface_;
   std::vector<math::Plane> planes_, d_planes_;
 };
 
-// L_n, d_surface_ with it.
+// Returns L_n and fills d_surface_.
 double CpuBackend::evaluate_normals(const StepInput& input, const RasterSettings& settings) {
   cpu::find_planes(state_->set, input.ticks, input.camera, frame_, planes_);
   cpu::blend_planes(settings, frame_, planes_, surface_);
@@ -112,20 +113,21 @@ Status CpuBackend::step(const StepInput& input) {
   bin(frame_);
   blend(frame_, settings, output_);
 
-  apply_colour(state_->colour[input.colour_index], output_.colour, shown_);
-  const ImageLossValue value = loss_.evaluate(
-      shown_, *input.ground_truth.pixels, {input.weight_l1, input.weight_ssim}, d_shown_, error_);
+  apply_colour(state_->colour[input.colour_index], output_.colour, corrected_);
+  const ImageLossValue value =
+      loss_.evaluate(corrected_, *input.ground_truth.pixels, {input.weight_l1, input.weight_ssim},
+                     d_corrected_, error_);
   StepOutput out;
   if (input.weight_perceptual > 0) {
-    out.perceptual = perceptual_->evaluate(shown_, *input.ground_truth.pixels, input.patch,
-                                           input.weight_perceptual, d_shown_);
+    out.perceptual = perceptual_->evaluate(corrected_, *input.ground_truth.pixels, input.patch,
+                                           input.weight_perceptual, d_corrected_);
   }
   const ColourMap d_map =
-      colour_backward(state_->colour[input.colour_index], output_.colour, d_shown_);
+      colour_backward(state_->colour[input.colour_index], output_.colour, d_corrected_);
   const bool normals = input.weight_normal > 0.0f;
   if (normals) out.normal = evaluate_normals(input, settings);
   const cpu::PlanesBackward planes{planes_, d_surface_, d_planes_};
-  cpu::blend_backward(frame_, settings, output_, d_shown_, &error_, scratch_, splat_gradients_,
+  cpu::blend_backward(frame_, settings, output_, d_corrected_, &error_, scratch_, splat_gradients_,
                       normals ? &planes : nullptr);
   gradients_.with_covariance = state_->is_coupled();
   cpu::project_backward(state_->set, input.ticks, input.camera, settings, frame_, splat_gradients_,
@@ -146,7 +148,7 @@ Status CpuBackend::step(const StepInput& input) {
     cpu::ViewContribution own;
     own.output = out;
     own.by_colour_map = d_map;
-    return update_with_others(input, own);
+    return update_with_ranks(input, own);
   }
   update(input);
   update_colour(*state_, input.colour_index, d_map, input.rate_colour);
@@ -178,7 +180,7 @@ void CpuBackend::update(const StepInput& input) {
                   });
 }
 
-Status CpuBackend::update_with_others(const StepInput& input, cpu::ViewContribution& own) {
+Status CpuBackend::update_with_ranks(const StepInput& input, cpu::ViewContribution& own) {
   const cpu::ContributionLayout layout(*state_);
   own.resize(frame_.splats.size(), layout);
   parallel_blocks(
@@ -186,7 +188,7 @@ Status CpuBackend::update_with_others(const StepInput& input, cpu::ViewContribut
         for (std::size_t s = first; s < last; ++s) {
           const math::Vec3 colour = frame_.splats[s].colour;
           math::Vec3 by = splat_gradients_[s].colour;
-          // A channel that the forward clamps at 0 passes nothing.
+          // A channel that the forward pass clamps at 0 has no gradient.
           if (!(colour.x > 0.0f)) by.x = 0.0f;
           if (!(colour.y > 0.0f)) by.y = 0.0f;
           if (!(colour.z > 0.0f)) by.z = 0.0f;
@@ -202,7 +204,7 @@ Status CpuBackend::update_with_others(const StepInput& input, cpu::ViewContribut
   return {};
 }
 
-// Image positions in half image widths, so that one threshold fits every picture size (3DGS).
+// Image positions are in half image widths, so that one threshold fits all image sizes (3DGS).
 cpu::ViewStatistics CpuBackend::statistics_of(const StepInput& input, std::size_t splat) const {
   const cpu::SplatGradients& g = splat_gradients_[splat];
   const float half_width = 0.5f * input.camera.width;
@@ -216,7 +218,7 @@ cpu::LearntGradients CpuBackend::learnt_gradients(const StepInput& input, std::s
   const TrainState& state = *state_;
   const std::uint32_t i = frame_.splats[splat].id;
   cpu::PrimitiveGradients& g = gradients_;
-  // The covariance's gradient holds it already, and only the regulariser's is added here.
+  // The covariance's gradient includes the scales already; only the regulariser is added here.
   if (state.is_coupled()) std::fill_n(&g.log_scale[3 * splat], 3, 0.0f);
   cpu::regularise(state, frame_.splats.size(), i, input, g.log_scale.data() + 3 * splat,
                   g.opacity_logit[splat], g.sigma[splat], g.radius[splat]);

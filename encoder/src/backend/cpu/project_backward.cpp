@@ -16,7 +16,7 @@ using namespace math;
 using raster::read3;
 using raster::View;
 
-// Splats a block of parallel work.
+// Splats per task.
 constexpr std::size_t kBlock = 512;
 
 void write3(std::span<float> array, std::size_t i, Vec3 v) {
@@ -25,10 +25,10 @@ void write3(std::span<float> array, std::size_t i, Vec3 v) {
   array[3 * i + 2] = v.z;
 }
 
-// Writes the gradient by the coefficients; returns the one by the position seen.
+// Writes the gradient of the coefficients; returns that of the position at t.
 Vec3 colour_backward(const float* sh, const View& view, Vec3 from_camera, Vec3 colour, Vec3 grad,
                      float* by_sh) {
-  // A channel that the forward clamps at 0 is 0, and passes nothing.
+  // A channel that the forward pass clamps at 0 has no gradient.
   if (!(colour.x > 0.0f)) grad.x = 0.0f;
   if (!(colour.y > 0.0f)) grad.y = 0.0f;
   if (!(colour.z > 0.0f)) grad.z = 0.0f;
@@ -79,7 +79,7 @@ void splat_backward(const Gaussians4D& set, const View& view, const Splat& splat
   out.rotation[4 * s + 1] = by_covariance.rotation.x;
   out.rotation[4 * s + 2] = by_covariance.rotation.y;
   out.rotation[4 * s + 3] = by_covariance.rotation.z;
-  // O_t = O l, so O_t / O is l where O does not vanish; a drawn splat has O >= threshold.
+  // O_t = O l, so l = O_t / O; a rendered splat has O >= threshold, so O is not 0.
   out.opacity_logit[s] = grad.opacity * (splat.opacity / opacity) * opacity_grad(opacity);
   out.time[s] = -(by_motion.dt + by_visibility.dt);
   out.sigma[s] = by_visibility.sigma;

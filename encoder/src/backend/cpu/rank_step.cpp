@@ -17,11 +17,11 @@ namespace {
 
 using raster::read3;
 
-constexpr std::size_t kBlock = 512;                      // primitives updated together
-constexpr std::uint32_t kUnseen = 0xFFFFFFFFu;           // in a view
-constexpr std::size_t kHarmonics = std::size_t{3} * 16;  // numbers of all harmonics
+constexpr std::size_t kBlock = 512;                 // primitives updated together
+constexpr std::uint32_t kNotVisible = 0xFFFFFFFFu;  // in a view
+constexpr std::size_t kMaxShValues = std::size_t{3} * 16;
 
-// What goes ahead of the numbers, for their count.
+// Sent before the numbers, because it states their count.
 struct Head {
   std::uint64_t primitives = 0;
   StepOutput output;
@@ -29,16 +29,16 @@ struct Head {
 };
 static_assert(std::is_trivially_copyable_v<Head> && sizeof(Head) % 4 == 0);
 
-// Entry of each primitive in a view's contributions, or kUnseen.
+// Returns each primitive's index in a view's contributions, or kNotVisible.
 std::vector<std::uint32_t> entries_of(const ViewContribution& view, std::size_t primitives) {
-  std::vector<std::uint32_t> entries(primitives, kUnseen);
+  std::vector<std::uint32_t> entries(primitives, kNotVisible);
   for (std::size_t s = 0; s < view.ids.size(); ++s) {
     if (view.ids[s] < primitives) entries[view.ids[s]] = static_cast<std::uint32_t>(s);
   }
   return entries;
 }
 
-// The harmonics at the direction in which a view sees a primitive.
+// Returns the SH basis for the direction from a camera to a primitive.
 math::ShBasis basis_in(const TrainState& state, std::size_t i, const BatchView& view) {
   const math::Vec3 position = math::position_at(
       read3(state.set.position, i), read3(state.set.velocity, i), view.ticks - state.set.time[i]);
@@ -49,7 +49,7 @@ math::ShBasis basis_in(const TrainState& state, std::size_t i, const BatchView& 
       {from_camera.x * inverse, from_camera.y * inverse, from_camera.z * inverse});
 }
 
-// The sums over the views for one primitive.
+// Sums the contributions of the views to one primitive.
 class Sum {
  public:
   explicit Sum(const ContributionLayout& layout) : layout_(layout) {}
@@ -58,25 +58,25 @@ class Sum {
     for (std::size_t k = 0; k < layout_.statistics; ++k) numbers_[k] += numbers[k];
     const float* colour = numbers + layout_.at[kSh];
     for (int k = 0; k < coefficients; ++k) {
-      for (int c = 0; c < 3; ++c) harmonics_[3 * k + c] += basis.v[k] * colour[c];
+      for (int c = 0; c < 3; ++c) sh_[3 * k + c] += basis.v[k] * colour[c];
     }
   }
-  // The gradients of the mean over so many views.
+  // Returns the mean gradients over `views` views.
   LearntGradients mean(std::size_t views, int coefficients) {
-    const float share = 1.0f / static_cast<float>(views);
-    for (float& x : numbers_) x *= share;
-    for (float& x : harmonics_) x *= share;
+    const float factor = 1.0f / static_cast<float>(views);
+    for (float& x : numbers_) x *= factor;
+    for (float& x : sh_) x *= factor;
     LearntGradients gradients;
     gradients.coefficients = coefficients;
     for (int a = 0; a < kAttributes; ++a) gradients.by[a] = numbers_.data() + layout_.at[a];
-    gradients.by[kSh] = harmonics_.data();
+    gradients.by[kSh] = sh_.data();
     return gradients;
   }
 
  private:
   const ContributionLayout& layout_;
   std::array<float, 32> numbers_{};
-  std::array<float, kHarmonics> harmonics_{};
+  std::array<float, kMaxShValues> sh_{};
 };
 
 }  // namespace
@@ -120,14 +120,15 @@ Result<std::vector<ViewContribution>> gather_contributions(Ranks& ranks,
   std::vector<Head> heads(count);
   const Head head{own.ids.size(), own.output, own.by_colour_map};
   STGS_TRY(ranks.all_gather(&head, sizeof(Head), heads.data()));
-  std::size_t most = 0;
-  for (const Head& h : heads) most = std::max<std::size_t>(most, h.primitives);
-  // Words of a rank: the ids, then the numbers, then nothing up to the longest.
-  const std::size_t words = most * (1 + layout.size);
+  std::size_t max_primitives = 0;
+  for (const Head& h : heads) max_primitives = std::max<std::size_t>(max_primitives, h.primitives);
+  // Words per rank: the ids, then the numbers, padded to the largest count.
+  const std::size_t words = max_primitives * (1 + layout.size);
   std::vector<std::uint32_t> sent(words), received(words * count);
   std::copy(own.ids.begin(), own.ids.end(), sent.begin());
   if (!own.ids.empty()) {
-    std::memcpy(sent.data() + most, own.numbers.data(), own.numbers.size() * sizeof(float));
+    std::memcpy(sent.data() + max_primitives, own.numbers.data(),
+                own.numbers.size() * sizeof(float));
   }
   STGS_TRY(ranks.all_gather(sent.data(), words * sizeof(std::uint32_t), received.data()));
   std::vector<ViewContribution> views;
@@ -139,7 +140,7 @@ Result<std::vector<ViewContribution>> gather_contributions(Ranks& ranks,
     const std::uint32_t* from = received.data() + r * words;
     std::copy_n(from, view.ids.size(), view.ids.begin());
     if (view.ids.empty()) continue;
-    std::memcpy(view.numbers.data(), from + most, view.numbers.size() * sizeof(float));
+    std::memcpy(view.numbers.data(), from + max_primitives, view.numbers.size() * sizeof(float));
   }
   return views;
 }
@@ -155,17 +156,17 @@ void apply_contributions(TrainState& state, const StepInput& input,
   parallel_blocks(std::size_t{0}, state.size(), kBlock, [&](std::size_t first, std::size_t last) {
     for (std::size_t i = first; i < last; ++i) {
       Sum sum(layout);
-      bool seen = false;
+      bool visible = false;
       for (std::size_t r = 0; r < views.size(); ++r) {
         const std::uint32_t s = entries[r][i];
-        if (s == kUnseen) continue;
+        if (s == kNotVisible) continue;
         const float* numbers = views[r].numbers.data() + s * layout.size;
         const float* rest = numbers + layout.statistics;
         sum.add(numbers, basis_in(state, i, input.batch[r]), coefficients);
         if (input.gather_statistics) gather_statistics(state, i, {rest[0], rest[1], rest[2]});
-        seen = true;
+        visible = true;
       }
-      if (seen) adam_primitive(state, i, sum.mean(views.size(), coefficients), input);
+      if (visible) adam_primitive(state, i, sum.mean(views.size(), coefficients), input);
     }
   });
   for (std::size_t r = 0; r < views.size(); ++r) {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A step of several ranks on CPUs. The gradient of the harmonics is basis times colour gradient, so
-// what a view gives for a primitive is some 24 numbers whatever the degree: a contribution. Every
-// rank gathers all contributions and adds them up itself, in the order of the ranks; all states
-// stay the same to the bit without ever being sent.
+// A step of several ranks on CPUs. The SH gradient is basis times colour gradient, so a view's
+// contribution to a primitive is some 24 numbers whatever the degree. Every rank gathers all
+// contributions and sums them itself, in rank order; all states remain bit-identical without ever
+// being sent.
 #pragma once
 
 #include <array>
@@ -17,7 +17,7 @@
 
 namespace stgs::encoder::cpu {
 
-// Where the numbers of a contribution are. kSh stands for the gradient by the colour seen.
+// Offsets of the numbers of a contribution. kSh is the gradient of the colour in the view.
 struct ContributionLayout {
   explicit ContributionLayout(const TrainState& state);
 
@@ -26,26 +26,27 @@ struct ContributionLayout {
   std::size_t size = 0;
 };
 
-// What one rank's view gives.
+// The contributions of one rank's view.
 struct ViewContribution {
   StepOutput output;
   ColourMap by_colour_map{};
-  std::vector<std::uint32_t> ids;  // of the primitives seen
+  std::vector<std::uint32_t> ids;  // of the visible primitives
   std::vector<float> numbers;      // ids.size() x layout.size
 
   void resize(std::size_t primitives, const ContributionLayout& layout);
-  // Fills in primitive s of ids; `by_colour` as the layout says.
+  // Sets the contribution of primitive ids[s]; `by_colour` is the kSh entry.
   void set(std::size_t s, const ContributionLayout& layout, const LearntGradients& gradients,
            math::Vec3 by_colour, const ViewStatistics& statistics);
 };
 
-// Those of all ranks, in their order.
+// Gathers the contributions of all ranks, in rank order.
 Result<std::vector<ViewContribution>> gather_contributions(Ranks& ranks,
                                                            const ContributionLayout& layout,
                                                            const ViewContribution& own);
 
-// One step of Adam with the mean gradient of the views, for each primitive that any has seen, and
-// one of the colour maps for each view; statistics as if each view had been a step of its own.
+// Applies one Adam step with the mean gradient of the views to each primitive visible in any of
+// them, and one per view to the colour maps. Gathers statistics as if each view had been a separate
+// step.
 void apply_contributions(TrainState& state, const StepInput& input,
                          const std::vector<ViewContribution>& views);
 

@@ -10,7 +10,7 @@
 namespace stgs::encoder::cpu {
 namespace {
 
-// sqrt(-2 ln o_th): the factor of sigma in L_t, as the paper writes it.
+// sqrt(-2 ln o_th): the factor of sigma in L_t, as in the paper.
 const float kSpanFactor = std::sqrt(-2.0f * std::log(math::kAlphaThreshold));
 
 float span_of(const TrainState& state, std::size_t i) {
@@ -21,7 +21,7 @@ float visibility_of(const TrainState& state, std::size_t i, float ticks) {
   return math::visibility(ticks - state.set.time[i], state.set.sigma[i], state.set.radius[i]);
 }
 
-// Index of the shortest axis.
+// Returns the index of the shortest axis.
 int shortest_axis(const TrainState& state, std::size_t i) {
   const float* s = &state.set.log_scale[3 * i];
   return static_cast<int>(std::min_element(s, s + 3) - s);
@@ -47,19 +47,19 @@ double regularisation_loss(const TrainState& state, const SplatFrame& frame,
 
 void regularise(const TrainState& state, std::size_t visible, std::size_t i, const StepInput& input,
                 float* d_log_scale, float& d_opacity_logit, float& d_sigma, float& d_radius) {
-  const float share = 1.0f / static_cast<float>(visible);
+  const float weight = 1.0f / static_cast<float>(visible);
   const float span = span_of(state, i);
-  const float d_span = -input.weight_lifespan * share / (span * span);
+  const float d_span = -input.weight_lifespan * weight / (span * span);
   d_sigma += kSpanFactor * d_span;
   d_radius += d_span;
   if (input.second_stage) {
     const float opacity = math::opacity_of(state.set.opacity_logit[i]);
     // l(t) is held constant (the paper's stop-gradient).
-    d_opacity_logit += input.weight_opacity * share * visibility_of(state, i, input.ticks) *
+    d_opacity_logit += input.weight_opacity * weight * visibility_of(state, i, input.ticks) *
                        opacity * (1.0f - opacity);
   }
   const int axis = shortest_axis(state, i);
-  d_log_scale[axis] += input.weight_scale * share * std::exp(state.set.log_scale[3 * i + axis]);
+  d_log_scale[axis] += input.weight_scale * weight * std::exp(state.set.log_scale[3 * i + axis]);
 }
 
 }  // namespace stgs::encoder::cpu

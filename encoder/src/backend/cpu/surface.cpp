@@ -13,7 +13,7 @@ namespace {
 using namespace math;
 using raster::read3;
 
-// Splats a block of parallel work.
+// Splats per task.
 constexpr std::size_t kBlock = 512;
 
 template <typename Work>
@@ -29,7 +29,7 @@ Quat rotation_at(const Gaussians4D& set, std::size_t i) {
   return {r[0], r[1], r[2], r[3]};
 }
 
-Vec3 position_seen(const Gaussians4D& set, std::size_t i, float t) {
+Vec3 position_of(const Gaussians4D& set, std::size_t i, float t) {
   return position_at(read3(set.position, i), read3(set.velocity, i), t - set.time[i]);
 }
 
@@ -46,17 +46,17 @@ void find_planes(const Gaussians4D& set, float t, const PinholeCamera& camera,
                  const SplatFrame& frame, std::vector<Plane>& planes) {
   planes.resize(frame.splats.size());
   for_each_splat(frame, [&](std::size_t s, std::size_t i) {
-    planes[s] = primitive_plane(camera, position_seen(set, i, t), rotation_at(set, i),
+    planes[s] = primitive_plane(camera, position_of(set, i, t), rotation_at(set, i),
                                 read3(set.log_scale, i));
   });
 }
 
 void blend_planes(const RasterSettings& settings, SplatFrame& frame, std::vector<Plane>& planes,
                   RasterOutput& output) {
-  RasterSettings without = settings;
-  without.background = {0.0f, 0.0f, 0.0f};
+  RasterSettings no_background = settings;
+  no_background.background = {0.0f, 0.0f, 0.0f};
   swap_attributes(frame, planes);
-  blend(frame, without, output);
+  blend(frame, no_background, output);
   swap_attributes(frame, planes);
 }
 
@@ -64,9 +64,8 @@ void planes_backward(const Gaussians4D& set, float t, const PinholeCamera& camer
                      const SplatFrame& frame, const std::vector<Plane>& d_planes,
                      PrimitiveGradients& out) {
   for_each_splat(frame, [&](std::size_t s, std::size_t i) {
-    const PrimitivePlaneGrad by =
-        primitive_plane_grad(camera, position_seen(set, i, t), rotation_at(set, i),
-                             read3(set.log_scale, i), d_planes[s]);
+    const PrimitivePlaneGrad by = primitive_plane_grad(
+        camera, position_of(set, i, t), rotation_at(set, i), read3(set.log_scale, i), d_planes[s]);
     const MotionGrad motion =
         position_at_grad(read3(set.velocity, i), t - set.time[i], by.position);
     const auto add = [](float* to, Vec3 v) {

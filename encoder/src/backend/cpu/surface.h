@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The primitives' planes (math/surface.h) in a view, for L_n: forward, and from their gradients to
-// the primitives' parameters.
+// The primitives' planes (math/surface.h) in a view, for L_n: forward and backward passes.
 #pragma once
 
 #include <vector>
@@ -10,17 +9,17 @@
 
 namespace stgs::encoder::cpu {
 
-// planes[s] belongs to frame.splats[s]. `frame` is the slice of `set` alone at t with id base 0.
+// Computes the planes; planes[s] belongs to frame.splats[s]. `frame` must be the slice of `set`
+// alone at t with id base 0.
 void find_planes(const Gaussians4D& set, float t, const math::PinholeCamera& camera,
                  const SplatFrame& frame, std::vector<math::Plane>& planes);
 
-// Blends the planes as the colours are: normals in output.colour, distances in output.depth (hence
-// divided by alpha). The frame and the planes are as before when it returns.
+// Blends the planes like colours: normals to output.colour, distances to output.depth (hence
+// divided by alpha). Restores the frame and the planes before returning.
 void blend_planes(const RasterSettings& settings, SplatFrame& frame,
                   std::vector<math::Plane>& planes, RasterOutput& output);
 
-// Adds what goes through the planes, whose gradients are d_planes, to position, rotation, velocity
-// (by u) and time.
+// Adds the gradients through the planes (d_planes) to position, rotation, velocity (of u) and time.
 void planes_backward(const Gaussians4D& set, float t, const math::PinholeCamera& camera,
                      const SplatFrame& frame, const std::vector<math::Plane>& d_planes,
                      PrimitiveGradients& out);

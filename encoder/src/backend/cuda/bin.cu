@@ -1,27 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tile lists: visible primitives are sorted by depth once, each then lists the tiles that its
-// ellipse meets, and a stable sort by tile of those instances keeps each tile's list in depth
-// order.
+// Builds the tile lists:
+// 1. Sort the visible primitives by depth, once.
+// 2. List the tiles that each primitive's ellipse intersects: its instances.
+// 3. Sort the instances by tile. The sort is stable, so each tile's list remains in depth order.
 //
-// The number of instances is known on the device alone. The sort by tile runs over a bound that the
-// host takes from recent steps, padded with instances of no tile: two passes over a quarter more
-// entries cost less than waiting for the count. Every order here is fixed by depth, primitive and
-// tile, none by scheduling.
+// Only the device knows the number of instances. The sort by tile therefore covers an upper bound
+// that the host derives from recent steps, padded with instances of no tile: two passes over a
+// quarter more entries cost less than waiting for the count. All orders depend on depth, primitive
+// and tile only, never on scheduling.
 #include "backend/cuda/device.cuh"
 
 namespace stgs::encoder::cuda {
 namespace {
 
 constexpr int kBlock = 128;
-constexpr int kDepthBits = 31;  // depths are positive; kInvisible comes last in these bits too
-// Tiles of a box that one thread goes through alone; larger boxes are shared by its warp.
-constexpr int kAlone = 12;
+constexpr int kDepthBits = 31;  // depths are positive; kInvisible sorts last in these bits too
+// Maximum tiles of a box that a single thread processes; its warp shares larger boxes.
+constexpr int kMaxTilesPerThread = 12;
 
 struct TileBox {
   int x0, y0, columns, count;
 };
 
-// Tiles of the box of a splat: those of the pixels whose centres lie in it.
+// Returns the tiles of the pixels whose centres lie in the bounding box of a splat.
 __device__ TileBox tile_box(const ScreenSplat& s, const View& view) {
   const float w = view.camera.width, h = view.camera.height;
   const int x0 = static_cast<int>(ceilf(fminf(fmaxf(s.x - s.extent_x - 0.5f, 0.0f), w)));
@@ -34,7 +35,7 @@ __device__ TileBox tile_box(const ScreenSplat& s, const View& view) {
   return {tx0, ty0, columns, columns * rows};
 }
 
-__device__ bool meets_tile(const ScreenSplat& s, int tx, int ty, const View& view) {
+__device__ bool hits_tile(const ScreenSplat& s, int tx, int ty, const View& view) {
   const int x0 = tx * kTile, y0 = ty * kTile;
   const int x1 = min(x0 + kTile, view.width), y1 = min(y0 + kTile, view.height);
   return ellipse_meets(s, static_cast<float>(x0) + 0.5f, static_cast<float>(x1) - 0.5f,
@@ -42,10 +43,10 @@ __device__ bool meets_tile(const ScreenSplat& s, int tx, int ty, const View& vie
 }
 
 __device__ bool is_large(const TileBox& box) {
-  return box.count > kAlone;
+  return box.count > kMaxTilesPerThread;
 }
 
-// Calls visit(k, tx, ty) for each tile of a box that is not large, k counting from 0.
+// Calls visit(k, tx, ty) for the k-th tile of a box that is not large.
 template <typename Visit>
 __device__ void for_small(const TileBox& box, Visit visit) {
   if (is_large(box)) return;
@@ -66,7 +67,7 @@ __device__ ScreenSplat shuffle_splat(const ScreenSplat& s, int lane) {
   out.half_xx = __shfl_sync(kAllLanes, s.half_xx, lane);
   out.cross = __shfl_sync(kAllLanes, s.cross, lane);
   out.half_yy = __shfl_sync(kAllLanes, s.half_yy, lane);
-  out.most = __shfl_sync(kAllLanes, s.most, lane);
+  out.log2_opacity = __shfl_sync(kAllLanes, s.log2_opacity, lane);
   return out;
 }
 
@@ -75,18 +76,18 @@ __device__ TileBox shuffle_box(const TileBox& b, int lane) {
           __shfl_sync(kAllLanes, b.columns, lane), __shfl_sync(kAllLanes, b.count, lane)};
 }
 
-// What a lane of the walk below works on; count 0: nothing.
-struct Walker {
+// The primitive of a lane; idle if box.count is 0.
+struct TileWalk {
   ScreenSplat splat;
   TileBox box;
   std::uint32_t primitive, begin;
 };
 
-// Calls visit(primitive, begin, tile, place) for each tile that the lanes' splats with a large box
-// meet; `place` counts the tiles of a splat from 0, in ascending order of the tiles. Returns the
-// lane's own count. All lanes of the warp call it.
+// Calls visit(primitive, begin, tile, index) for each tile that the lanes' splats with a large box
+// intersect; `index` counts the tiles of a splat in ascending order. Returns the lane's own count.
+// All lanes of the warp must call it.
 template <typename Visit>
-__device__ std::uint32_t for_large(const Walker& own, const View& view, Visit visit) {
+__device__ std::uint32_t for_large(const TileWalk& own, const View& view, Visit visit) {
   const int lane = threadIdx.x & 31;
   std::uint32_t count = 0;
   unsigned large = __ballot_sync(kAllLanes, is_large(own.box));
@@ -100,9 +101,9 @@ __device__ std::uint32_t for_large(const Walker& own, const View& view, Visit vi
     std::uint32_t found = 0;
     for (int k = lane; k - lane < box.count; k += 32) {
       const int tx = box.x0 + k % box.columns, ty = box.y0 + k / box.columns;
-      const bool met = k < box.count && meets_tile(splat, tx, ty, view);
-      const unsigned mask = __ballot_sync(kAllLanes, met);
-      if (met)
+      const bool hit = k < box.count && hits_tile(splat, tx, ty, view);
+      const unsigned mask = __ballot_sync(kAllLanes, hit);
+      if (hit)
         visit(primitive, begin, static_cast<std::uint32_t>(ty * view.tiles_x + tx),
               found + __popc(mask & ((1u << lane) - 1u)));
       found += __popc(mask);
@@ -112,28 +113,28 @@ __device__ std::uint32_t for_large(const Walker& own, const View& view, Visit vi
   return count;
 }
 
-// The walker of the r-th primitive by depth; idle where there is none.
-__device__ Walker walker_of(std::uint32_t r, std::uint32_t n, const View& view,
+// Returns the walk of the r-th primitive by depth; idle if there is none.
+__device__ TileWalk walk_of(std::uint32_t r, std::uint32_t n, const View& view,
                             const Workspace& w) {
-  Walker walker{};
-  walker.box.columns = 1;
-  if (r >= n || r >= w.counters->visible) return walker;
-  walker.primitive = w.order[r];
-  walker.splat = load_splat(w.splats, walker.primitive);
-  walker.box = tile_box(walker.splat, view);
-  return walker;
+  TileWalk walk{};
+  walk.box.columns = 1;
+  if (r >= n || r >= w.counters->visible) return walk;
+  walk.primitive = w.order[r];
+  walk.splat = load_splat(w.splats, walk.primitive);
+  walk.box = tile_box(walk.splat, view);
+  return walk;
 }
 
 __global__ void __launch_bounds__(kBlock)
     count_tiles(std::uint32_t n, const View view, const Workspace w) {
   const std::uint32_t r = blockIdx.x * kBlock + threadIdx.x;
-  const Walker walker = walker_of(r, n, view, w);
+  const TileWalk walk = walk_of(r, n, view, w);
   std::uint32_t mask = 0;  // bit k: the k-th tile of a box that is not large
-  for_small(walker.box, [&](int k, int tx, int ty) {
-    mask |= static_cast<std::uint32_t>(meets_tile(walker.splat, tx, ty, view)) << k;
+  for_small(walk.box, [&](int k, int tx, int ty) {
+    mask |= static_cast<std::uint32_t>(hits_tile(walk.splat, tx, ty, view)) << k;
   });
   const auto none = [](std::uint32_t, std::uint32_t, std::uint32_t, std::uint32_t) {};
-  const std::uint32_t count = __popc(mask) + for_large(walker, view, none);
+  const std::uint32_t count = __popc(mask) + for_large(walk, view, none);
   if (r < n) w.tile_masks[r] = mask;
   if (r < n) w.tile_counts[r] = count;
   const std::uint32_t sum = warp_sum(count);
@@ -145,33 +146,31 @@ __global__ void __launch_bounds__(kBlock)
     list_instances(std::uint32_t n, const View view, std::uint32_t bound, const Workspace w) {
   const std::uint32_t r = blockIdx.x * kBlock + threadIdx.x;
   const unsigned long long total = w.counters->instances;
-  // Another block may be setting the flag to what this one finds anyway.
+  // A race with another block that sets the flag is benign: both find the same.
   const bool fits = total <= bound && w.counters->overflow == 0;
   if (r == 0 && total > bound) w.counters->overflow = 1;
   for (std::uint32_t k = (fits ? static_cast<std::uint32_t>(total) : 0u) + r; k < bound;
        k += gridDim.x * kBlock)
     w.instance_tiles[k] = 0xFFFFFFFFu;
   if (!fits) return;
-  Walker walker = walker_of(r, n, view, w);
-  if (walker.box.count > 0) walker.begin = w.tile_offsets[r];
+  TileWalk walk = walk_of(r, n, view, w);
+  if (walk.box.count > 0) walk.begin = w.tile_offsets[r];
   const auto list = [&](std::uint32_t primitive, std::uint32_t begin, std::uint32_t tile,
-                        std::uint32_t place) {
-    w.instance_tiles[begin + place] = tile;
-    w.owners[begin + place] = primitive;
+                        std::uint32_t index) {
+    w.instance_tiles[begin + index] = tile;
+    w.owners[begin + index] = primitive;
   };
-  const std::uint32_t mask = walker.box.count > 0 ? w.tile_masks[r] : 0;
+  const std::uint32_t mask = walk.box.count > 0 ? w.tile_masks[r] : 0;
   std::uint32_t count = 0;
-  for_small(walker.box, [&](int k, int tx, int ty) {
+  for_small(walk.box, [&](int k, int tx, int ty) {
     if (mask >> k & 1u)
-      list(walker.primitive, walker.begin, static_cast<std::uint32_t>(ty * view.tiles_x + tx),
-           count++);
+      list(walk.primitive, walk.begin, static_cast<std::uint32_t>(ty * view.tiles_x + tx), count++);
   });
-  count += for_large(walker, view, list);
-  if (r < n && r < w.counters->visible)
-    w.ranges[walker.primitive] = make_uint2(walker.begin, count);
+  count += for_large(walk, view, list);
+  if (r < n && r < w.counters->visible) w.ranges[walk.primitive] = make_uint2(walk.begin, count);
 }
 
-// list and tile_begin from the sorted instances.
+// Computes list and tile_begin from the sorted instances.
 __global__ void __launch_bounds__(kBlock)
     make_lists(std::uint32_t tiles, std::uint32_t bound, const Workspace w) {
   const std::uint32_t k = blockIdx.x * kBlock + threadIdx.x;
@@ -202,10 +201,10 @@ void launch_bin(std::uint32_t n, const View& view, std::size_t bound, const Work
   const std::uint32_t tiles = static_cast<std::uint32_t>(view.tiles_x * view.tiles_y);
   sort_indices(w, w.depth_keys, w.depth_sorted, w.order, n, kDepthBits, stream);
   count_tiles<<<blocks_of(n, kBlock), kBlock, 0, stream>>>(n, view, w);
-  sum_before(w, w.tile_counts, w.tile_offsets, n, stream);
+  exclusive_sum(w, w.tile_counts, w.tile_offsets, n, stream);
   list_instances<<<blocks_of(n, kBlock), kBlock, 0, stream>>>(n, view,
                                                               static_cast<std::uint32_t>(bound), w);
-  // The padding's low bits are all set, and beyond every tile.
+  // The low bits of the padding are all set, so it sorts after every tile.
   sort_indices(w, w.instance_tiles, w.tiles_sorted, w.instances_sorted, bound, bits_of(tiles),
                stream);
   const std::size_t threads = bound > tiles + 1 ? bound : tiles + 1;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Forward blending. A warp draws 8x4 pixels of a tile by itself: it takes the tile's list 32 splats
-// at a time, a splat a lane, and goes only through those whose ellipse meets its pixels.
+// Forward blending. Each warp renders 8x4 pixels of a tile independently. It loads the tile's list
+// 32 splats at a time, one per lane, and processes only those whose ellipse intersects its pixels.
 #include "backend/cuda/device.cuh"
 
 namespace stgs::encoder::cuda {
@@ -11,7 +11,7 @@ using math::kTransmittanceMin;
 
 constexpr int kWarps = 8;  // two columns of four
 
-// Says which tile the segments' numbers up to the next tile's belong to, if any.
+// Assigns the segment indices up to those of the next tile to this tile, or to none.
 __device__ void list_segments(std::uint32_t segment, std::uint32_t first, std::uint32_t end,
                               std::uint32_t tile, int lane, uint2* segments) {
   const std::uint32_t count = (end - first + kSegment - 1) / kSegment;
@@ -27,7 +27,7 @@ __global__ void __launch_bounds__(kWarps * 32) blend(const View view, const Work
   const int warp = threadIdx.x / 32, lane = threadIdx.x & 31;
   const int x0 = static_cast<int>(blockIdx.x) * kTile + warp % 2 * 8;
   const int y0 = static_cast<int>(blockIdx.y) * kTile + warp / 2 * 4;
-  if (x0 >= view.width || y0 >= view.height) return;  // the whole warp; no block barrier follows
+  if (x0 >= view.width || y0 >= view.height) return;  // the entire warp; no block barrier follows
   const int x = x0 + lane % 8, y = y0 + lane / 8;
   const bool inside = x < view.width && y < view.height;
   const float px = static_cast<float>(x) + 0.5f, py = static_cast<float>(y) + 0.5f;
@@ -59,8 +59,8 @@ __global__ void __launch_bounds__(kWarps * 32) blend(const View view, const Work
       w.checkpoints[checkpoint] = make_float4(red, green, blue, transmittance);
       if (kPlanes) w.surface_checkpoints[checkpoint] = surface;
     }
-    const bool met = at + lane < end && ellipse_meets(next, left, right, top, bottom);
-    unsigned hits = __ballot_sync(kAllLanes, met);
+    const bool hit = at + lane < end && ellipse_meets(next, left, right, top, bottom);
+    unsigned hits = __ballot_sync(kAllLanes, hit);
     stage[warp][lane] = next;
     if constexpr (kPlanes) plane_stage[warp][lane] = next_plane;
     __syncwarp();

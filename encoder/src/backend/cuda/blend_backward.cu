@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backward blending, back to front. A block takes a segment of a tile's list, so that a long list
-// is the work of many; it starts from the picture that the forward left in front of the segment
-// behind. It goes 32 splats at a time; each of its
-// warps goes through those that meet its pixels, adds a splat's sums over its lanes and leaves them
-// in shared memory; then the block adds up the warps' sums in their order and writes one entry an
-// instance. No atomics: the sums have one order, so a step gives the same bits every time.
+// Backward blending, back to front. A block processes one segment of a tile's list, so that a long
+// list is distributed over many blocks; it starts from the image that the forward pass stored in
+// front of the next segment behind. For each batch of 32 splats:
+// 1. Each warp processes the splats that intersect its pixels, sums a splat's gradients over its
+// lanes
+//    and stores them in shared memory.
+// 2. The block sums over its warps, in order, and writes one entry per instance.
+// There are no atomics: the order of summation is fixed, so a step is bit-reproducible.
 //
-// What is summed over pixels, with g = dL/dpower and (dx, dy) the offset from the mean, w the
-// blending weight: w dL/dcolour (3), w error, g, g dx, g dy, g dx^2, g dx dy, g dy^2, and the
-// absolute values of the gradient by the mean (2). Where L_n is on, also w dL/dsurface (4).
+// The sums over pixels, with g = dL/dpower, (dx, dy) the offset from the mean and w the blend
+// weight: w dL/dcolour (3), w error, g, g dx, g dy, g dx^2, g dx dy, g dy^2, and the absolute
+// values of the gradient of the mean (2). If L_n is on, also w dL/dsurface (4).
 #include "backend/cuda/device.cuh"
 
 namespace stgs::encoder::cuda {
@@ -18,8 +20,8 @@ using math::kAlphaMax;
 
 constexpr int kBatch = 32;  // splats
 
-// Sums each of v's 12 entries over the warp's lanes. Lane L gets the sum of the entry sum_index(L)
-// (-1: none) by halving the entries that a lane keeps with each exchange.
+// Sums each of v's 12 entries over the warp's lanes and returns the sum of entry sum_index(L) to
+// lane L (-1: none). Each exchange halves the number of entries per lane.
 __device__ float sum_lanes(float (&v)[kSums], int lane) {
   const bool b4 = lane & 16, b3 = lane & 8, b2 = lane & 4, b1 = lane & 2;
 #pragma unroll
@@ -34,10 +36,10 @@ __device__ float sum_lanes(float (&v)[kSums], int lane) {
   }
   const float a = (b2 ? v[2] : v[0]) + __shfl_xor_sync(kAllLanes, b2 ? v[0] : v[2], 4);
   const float b = v[1] + __shfl_xor_sync(kAllLanes, v[1], 4);
-  // Lanes with b2 hold entry 2 in a; the others 0 in a and 1 in b.
-  const float kept = !b2 && b1 ? b : a;
+  // Lanes with b2 have entry 2 in a; the others have 0 in a and 1 in b.
+  const float retained = !b2 && b1 ? b : a;
   const float sent = !b2 && !b1 ? b : a;
-  const float c = kept + __shfl_xor_sync(kAllLanes, sent, 2);
+  const float c = retained + __shfl_xor_sync(kAllLanes, sent, 2);
   return c + __shfl_xor_sync(kAllLanes, c, 1);
 }
 
@@ -47,7 +49,7 @@ __device__ int sum_index(int lane) {
   return (lane & 16 ? 6 : 0) + (lane & 8 ? 3 : 0) + (b2 ? 2 : (b1 ? 1 : 0));
 }
 
-// The same for 4 entries; lane L gets entry plane_index(L).
+// The same for 4 entries; lane L returns entry plane_index(L).
 __device__ float sum_plane_lanes(float4 v, int lane) {
   const bool b4 = lane & 16, b3 = lane & 8;
   const float a = (b4 ? v.z : v.x) + __shfl_xor_sync(kAllLanes, b4 ? v.x : v.z, 16);
@@ -65,23 +67,23 @@ __device__ float dot4(float4 a, float4 b) {
   return fmaf(a.x, b.x, fmaf(a.y, b.y, fmaf(a.z, b.z, a.w * b.w)));
 }
 
-// State of a pixel on its way to the front.
+// State of a pixel, processed back to front.
 struct Pixel {
   float y;
-  float transmittance;  // in front of what has been gone through
-  float behind;         // dL/dcolour . (what is seen behind the splat)
+  float transmittance;  // in front of the processed splats
+  float behind;         // dL/dcolour . (colour behind the splat)
   float red, green, blue, error;
   int last;
-  float4 d_surface;  // where L_n is on
+  float4 d_surface;  // used if L_n is on
 };
 
-// For the list's entries up to `end`; `checkpoint` is that of what lies behind them.
+// Loads a pixel for the list entries before `end`. `checkpoint`: index of the checkpoint at `end`.
 template <bool kPlanes>
 __device__ Pixel load_pixel(int x, int y, int end, std::size_t checkpoint, const View& view,
                             const Workspace& w) {
   Pixel p{};
   p.y = static_cast<float>(y) + 0.5f;
-  if (x >= view.width || y >= view.height) return p;  // last = 0: takes no part
+  if (x >= view.width || y >= view.height) return p;  // last = 0: does not contribute
   const std::size_t at = static_cast<std::size_t>(y) * view.width + x;
   const float4 d = w.d_image[at];
   p.red = d.x;
@@ -89,8 +91,8 @@ __device__ Pixel load_pixel(int x, int y, int end, std::size_t checkpoint, const
   p.blue = d.z;
   p.error = d.w;
   if (kPlanes) p.d_surface = w.d_surface[at];
-  const float4 picture = w.image[at];
-  p.transmittance = picture.w;
+  const float4 image = w.image[at];
+  p.transmittance = image.w;
   p.last = static_cast<int>(w.last[at]);
   if (p.last <= end) {
     p.behind = d.x * view.background.x + d.y * view.background.y + d.z * view.background.z;
@@ -101,18 +103,17 @@ __device__ Pixel load_pixel(int x, int y, int end, std::size_t checkpoint, const
   p.last = end;
   p.transmittance = front.w;
   p.behind =
-      (d.x * (picture.x - front.x) + d.y * (picture.y - front.y) + d.z * (picture.z - front.z)) /
-      front.w;
+      (d.x * (image.x - front.x) + d.y * (image.y - front.y) + d.z * (image.z - front.z)) / front.w;
   if constexpr (kPlanes) {
-    const float4 all = w.surface[at], drawn = w.surface_checkpoints[checkpoint];
-    p.behind += dot4(p.d_surface, make_float4(all.x - drawn.x, all.y - drawn.y, all.z - drawn.z,
-                                              all.w - drawn.w)) /
+    const float4 all = w.surface[at], in_front = w.surface_checkpoints[checkpoint];
+    p.behind += dot4(p.d_surface, make_float4(all.x - in_front.x, all.y - in_front.y,
+                                              all.z - in_front.z, all.w - in_front.w)) /
                 front.w;
   }
   return p;
 }
 
-// Sums over a lane's pixels, which have one dx: the moments by it follow at the end.
+// Sums over a lane's pixels, which share dx, so the moments in x follow at the end.
 struct ColumnSums {
   float red, green, blue, error, g, gy, gyy, abs_x, abs_y;
   float4 plane;
@@ -122,15 +123,16 @@ struct ColumnSums {
 struct Column {
   float dx, slope_x;  // 2 half_xx dx
   float cross_x;      // cross dx
-  float base;         // most + half_xx dx^2
+  float base;         // log2_opacity + half_xx dx^2
 };
 
-// Adds what splat k gives at the pixel, and takes it off. Whether it is drawn there.
+// Accumulates splat k's gradients at the pixel and removes the splat from it. Returns whether the
+// splat contributes there.
 template <bool kPlanes>
 __device__ bool add_pixel(const ScreenSplat& s, const float4& plane, const Column& c, int k,
                           Pixel& p, ColumnSums& v) {
   const float dy = p.y - s.y;
-  const float log2 = fminf(s.most, fmaf(dy, fmaf(s.half_yy, dy, c.cross_x), c.base));
+  const float log2 = fminf(s.log2_opacity, fmaf(dy, fmaf(s.half_yy, dy, c.cross_x), c.base));
   if (k >= p.last || log2 < kLog2Threshold) return false;
   const float falloff = exp2_fast(log2);
   const float alpha = fminf(kAlphaMax, falloff);
@@ -150,19 +152,19 @@ __device__ bool add_pixel(const ScreenSplat& s, const float4& plane, const Colum
   v.green = fmaf(weight, p.green, v.green);
   v.blue = fmaf(weight, p.blue, v.blue);
   v.error = fmaf(weight, p.error, v.error);
-  // dL/dpower = -alpha dL/dalpha; none where alpha is cut at its maximum.
+  // dL/dpower = -alpha dL/dalpha; 0 if alpha is clamped at its maximum.
   const float g = falloff <= kAlphaMax ? -weight * gain : 0.0f;
   const float gy = g * dy;
   v.g += g;
   v.gy += gy;
   v.gyy = fmaf(gy, dy, v.gyy);
-  // The gradient by the mean in units of 1/log2(e), taken off in the update.
+  // The gradient of the mean in units of 1/log2(e), which the update removes.
   v.abs_x = fmaf(fabsf(g), fabsf(fmaf(s.cross, dy, c.slope_x)), v.abs_x);
   v.abs_y = fmaf(fabsf(g), fabsf(fmaf(2.0f * s.half_yy, dy, c.cross_x)), v.abs_y);
   return true;
 }
 
-// A lane has kPer pixels, a warp 8 x 4 kPer.
+// Each lane has kPer pixels, each warp 8 x 4 kPer.
 template <int kPer, bool kPlanes>
 __global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, const Workspace w) {
   constexpr int kWarps = 8 / kPer, kRows = 4 * kPer, kThreads = 32 * kWarps;
@@ -199,25 +201,25 @@ __global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, co
   own_last = __reduce_max_sync(kAllLanes, own_last);
   if (lane == 0) warp_last[warp] = own_last;
   __syncthreads();
-  int longest = begin;
+  int block_last = begin;
 #pragma unroll
-  for (int q = 0; q < kWarps; ++q) longest = max(longest, warp_last[q]);
+  for (int q = 0; q < kWarps; ++q) block_last = max(block_last, warp_last[q]);
 
-  // Nothing is drawn of what lies behind.
-  for (int q = longest * kSums + static_cast<int>(threadIdx.x); q < end * kSums; q += kThreads)
+  // Entries behind the last rendered one have no gradient.
+  for (int q = block_last * kSums + static_cast<int>(threadIdx.x); q < end * kSums; q += kThreads)
     w.partials[static_cast<std::size_t>(w.instances_sorted[first + q / kSums]) * kSums +
                q % kSums] = 0.0f;
   if constexpr (kPlanes) {
-    for (int q = longest + static_cast<int>(threadIdx.x); q < end; q += kThreads)
+    for (int q = block_last + static_cast<int>(threadIdx.x); q < end; q += kThreads)
       w.plane_partials[w.instances_sorted[first + q]] = float4{};
   }
 
   const int index = sum_index(lane);
   float* own_sum = sums[warp] + index;
-  asm("" : "+l"(own_sum));  // kept in a register, not worked out again for each splat
-  for (int base = begin + (longest - begin - 1) / kBatch * kBatch; base >= begin && longest > begin;
-       base -= kBatch) {
-    const int n = min(kBatch, longest - base);
+  asm("" : "+l"(own_sum));  // keeps it in a register instead of recomputing it per splat
+  for (int base = begin + (block_last - begin - 1) / kBatch * kBatch;
+       base >= begin && block_last > begin; base -= kBatch) {
+    const int n = min(kBatch, block_last - base);
     if (threadIdx.x < 3 * n)
       stage[threadIdx.x] = reinterpret_cast<const float4*>(
           w.splats + w.list[first + base + threadIdx.x / 3])[threadIdx.x % 3];
@@ -227,22 +229,22 @@ __global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, co
     }
     __syncthreads();
     const ScreenSplat* splats = reinterpret_cast<const ScreenSplat*>(stage);
-    const bool met =
+    const bool hit =
         lane < n && base + lane < own_last && ellipse_meets(splats[lane], left, right, top, bottom);
-    unsigned hits = __ballot_sync(kAllLanes, met), drawn = 0;
+    unsigned hits = __ballot_sync(kAllLanes, hit), contributing = 0;
     while (hits != 0) {
       const int k = 31 - __clz(hits);
       hits ^= 1u << k;
       const ScreenSplat& s = splats[k];
       const float dx = x - s.x, half_x = s.half_xx * dx;
-      const Column column{dx, 2.0f * half_x, s.cross * dx, fmaf(half_x, dx, s.most)};
+      const Column column{dx, 2.0f * half_x, s.cross * dx, fmaf(half_x, dx, s.log2_opacity)};
       ColumnSums c{};
       bool any = false;
 #pragma unroll
       for (int q = 0; q < kPer; ++q)
         any |= add_pixel<kPlanes>(s, plane_stage[kPlanes ? k : 0], column, base + k, pixels[q], c);
       if (!__any_sync(kAllLanes, any)) continue;
-      drawn |= 1u << k;
+      contributing |= 1u << k;
       const float gx = c.g * dx;
       float v[kSums] = {c.red, c.green, c.blue,    c.error, c.g,     gx,
                         c.gy,  gx * dx, c.gy * dx, c.gyy,   c.abs_x, c.abs_y};
@@ -254,7 +256,7 @@ __global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, co
         if (entry >= 0) plane_sums[warp][k * kPlaneSums + entry] = plane_sum;
       }
     }
-    if (lane == 0) touched[warp] = drawn;
+    if (lane == 0) touched[warp] = contributing;
     __syncthreads();
     for (int q = static_cast<int>(threadIdx.x); q < n * kSums; q += kThreads) {
       float sum = 0.0f;

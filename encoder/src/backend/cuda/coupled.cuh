@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The coupled form of 4DGS (math/coupled.h) between memory and the update's stage.
+// Loads the coupled form of 4DGS (math/coupled.h) and writes its gradients to the update's stage.
 #pragma once
 
 #include "backend/cuda/update_rows.cuh"
@@ -24,7 +24,8 @@ __device__ inline void write4(float* to, math::Quat q) {
   to[3] = q.z;
 }
 
-// Gradients by the parameters, standard deviations by their logarithms.
+// Writes the gradients of the parameters, those of the standard deviations with respect to their
+// logarithms.
 __device__ inline void write_coupled(float* stage, const math::Coupled& by) {
   write3(stage + kByLogScale, by.scale);
   write4(stage + kByRotation, by.left);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CUDA training backend: the whole state is on the GPU from begin() to synchronise(), also
-// while it is densified, and a step is enqueued without waiting for the one before.
+// The CUDA training backend. The complete state resides on the GPU from begin() to synchronise(),
+// also during densification, and steps are enqueued without waiting for previous ones.
 //
-// The buffers for tile instances have a size that follows from the steps before. A step that needs
-// more changes nothing, and neither do those after it; when the host learns of it, a few steps
-// later, it makes room and does them again. A run therefore never depends on timing: on the same
-// GPU and build, the same start gives the same bits.
+// The capacity for tile instances is derived from previous steps. A step that needs more has no
+// effect, and neither do those after it. When the host detects this, a few steps later, it
+// increases the capacity and repeats them. The result of a run therefore never depends on timing:
+// on the same GPU and build, the same start gives the same bits.
 #pragma once
 
 #include <array>
@@ -24,9 +24,9 @@ class CudaBackend final : public TrainBackend {
  public:
   ~CudaBackend() override;
 
-  // Sets up a device, `gpu` modulo their number; kUnsupported where there is none.
+  // Initialises device `gpu` modulo the number of devices; kUnsupported if there is none.
   Status create(int gpu = 0);
-  // As TrainBackend::join, with an exchange that is not NCCL's.
+  // Like TrainBackend::join, with the given exchange instead of NCCL's.
   Status join(Ranks& ranks, std::unique_ptr<RankExchange> exchange);
 
   Status join(Ranks& ranks) override;
@@ -40,63 +40,68 @@ class CudaBackend final : public TrainBackend {
   Status synchronise() override;
   std::size_t abandon() override;
   Result<std::optional<std::vector<float>>> importance(
-      std::span<const ImportanceView> views, const std::function<bool(double)>& go_on) override;
+      std::span<const ImportanceView> views,
+      const std::function<bool(double)>& should_continue) override;
   std::string name() const override { return name_; }
 
+  // For tests and benchmarks.
   StepPipeline& pipeline() { return pipeline_; }
   cudaStream_t stream() const { return stream_; }
-  // Largest number of tile instances of late.
-  std::size_t max_recent_instances() const { return instances_seen_; }
-  // Steps that were done again because there had been too little room.
-  std::size_t retried_steps() const { return redone_; }
+  // Returns the largest number of tile instances of recent steps (a slowly decaying maximum).
+  std::size_t max_recent_instances() const { return recent_instances_; }
+  // Returns the number of steps repeated because the capacity for tile instances was too small.
+  std::size_t retried_steps() const { return retried_steps_; }
 
  private:
-  // Steps on their way to the GPU, at most.
-  static constexpr std::size_t kInFlight = 32;
-  // The same for several ranks, who look at a step's record when so many are under way, and not
-  // when it happens to be there: all learn of an overflow at the same step.
-  static constexpr std::size_t kSharedInFlight = 16;
-  struct Pending {
+  static constexpr std::size_t kMaxInFlight = 32;  // steps
+  // The limit for several ranks. They read a step's record when so many are in flight, not when it
+  // becomes available, so that all detect an overflow at the same step.
+  static constexpr std::size_t kMaxSharedInFlight = 16;
+  struct PendingStep {
     StepInput input;
     std::size_t slot;  // of its record and event
   };
 
   Status enqueue(const StepInput& input);
-  // Room for a step, in tile instances. The pictures on the device make way where there is too
-  // little.
+  // Reserves memory for a step and returns its capacity in tile instances. Evicts cached images if
+  // memory is short.
   Result<std::size_t> reserve_step(const StepInput& input);
-  Status share_with_pictures();
-  // Takes what the oldest step has left, which is done and has fitted.
-  void take_oldest();
+  // Assigns most of the free memory to the image cache.
+  Status resize_image_cache();
+  // Takes the outputs of the oldest step, which has completed without overflow.
+  void retire_oldest();
   const StepRecord& own_record(std::size_t slot) const;
-  // Takes what the oldest steps have left; waits for all of them, or only for those that are done.
+  // Retires completed steps and retries after an overflow. `wait`: waits for all steps.
   Status collect(bool wait);
-  // Waits for a step, and meanwhile looks whether another rank has failed.
+  // Waits for a step while polling for the failure of another rank.
   Status wait_shared(std::size_t slot);
   std::size_t ranks() const {
     return ranks_ == nullptr ? 1 : static_cast<std::size_t>(ranks_->size());
   }
-  Status redo(std::size_t instances);
-  // Adds a view's to `sums`, again and again until there is room for its tile instances.
-  Status weigh(const ImportanceView& view, unsigned long long* sums);
-  std::size_t room() const;
+  // The oldest pending step overflowed with `instances`: increases the capacity and repeats all
+  // pending steps.
+  Status retry(std::size_t instances);
+  // Adds the importances of a view to `sums`; retries until the capacity suffices.
+  Status accumulate_importance(const ImportanceView& view, unsigned long long* sums);
+  // Returns the capacity to reserve for a step, tile instances.
+  std::size_t instance_capacity() const;
 
   std::string name_;
-  Ranks* ranks_ = nullptr;  // null: alone
+  Ranks* ranks_ = nullptr;  // null: this process trains alone
   std::unique_ptr<RankExchange> exchange_;
   Stream stream_;
   DeviceState device_;
   StepPipeline pipeline_;
   Densifier densifier_;
-  GroundTruthCache truths_;
-  PinnedArray<StepRecord> records_;  // for each slot, one a rank
-  std::array<Event, kInFlight> done_;
-  std::deque<Pending> pending_;  // oldest first
+  GroundTruthCache image_cache_;
+  PinnedArray<StepRecord> records_;  // for each slot, one per rank
+  std::array<Event, kMaxInFlight> done_;
+  std::deque<PendingStep> pending_;  // oldest first
   std::size_t next_slot_ = 0;
-  std::size_t lost_ = 0;             // steps that an error has kept from being done again
+  std::size_t dropped_steps_ = 0;    // pending steps that an error prevented from being retried
   std::vector<StepOutput> outputs_;  // since the last read()
   TrainState* state_ = nullptr;
-  std::size_t instances_seen_ = 0, redone_ = 0;
+  std::size_t recent_instances_ = 0, retried_steps_ = 0;
 };
 
 }  // namespace stgs::encoder::cuda

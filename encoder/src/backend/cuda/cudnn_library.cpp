@@ -10,11 +10,11 @@ namespace {
 
 constexpr const char* kLibrary = "libcudnn.so.9";
 
-Status missing(const std::string& why) {
+Status missing(const std::string& reason) {
   return unsupported(
-      "the perceptual loss on a GPU needs cuDNN 9: {}; install it or add its folder to "
-      "LD_LIBRARY_PATH, or leave --perceptual-weights out, or use --backend cpu",
-      why);
+      "the perceptual loss on a GPU requires cuDNN 9: {}; install it, add its folder to "
+      "LD_LIBRARY_PATH, omit --perceptual-weights or use --backend cpu",
+      reason);
 }
 
 }  // namespace
@@ -45,13 +45,13 @@ Result<Cudnn> Cudnn::load() {
   library.find(cudnn.convolve_bias_activation, "cudnnConvolutionBiasActivationForward");
   if (!library.problem().empty()) return missing(library.problem());
   if (cudnn.get_version() / 10000 != CUDNN_MAJOR)
-    return missing(fmt::format("{} calls itself version {}", kLibrary, cudnn.get_version()));
+    return missing(fmt::format("{} reports version {}", kLibrary, cudnn.get_version()));
   return cudnn;
 }
 
-Status Cudnn::status(cudnnStatus_t status, const char* what) const {
+Status Cudnn::status(cudnnStatus_t status, const char* operation) const {
   if (status == CUDNN_STATUS_SUCCESS) return {};
-  return runtime_error("cuDNN failed while {}: {}", what, error_string(status));
+  return runtime_error("cuDNN failed while {}: {}", operation, error_string(status));
 }
 
 }  // namespace stgs::encoder::cuda

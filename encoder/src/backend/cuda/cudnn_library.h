@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// cuDNN 9 as the machine has it: opened at run time, so that the program starts without it.
+// The cuDNN 9 of the machine, loaded at run time so that the program starts without it.
 #pragma once
 
 #include <cudnn.h>
@@ -10,7 +10,7 @@
 
 namespace stgs::encoder::cuda {
 
-// The functions in use. The library stays loaded.
+// The functions in use. The library remains loaded.
 struct Cudnn {
   decltype(&::cudnnGetVersion) get_version;
   decltype(&::cudnnGetErrorString) error_string;
@@ -34,14 +34,14 @@ struct Cudnn {
   decltype(&::cudnnConvolutionForward) convolve;
   decltype(&::cudnnConvolutionBiasActivationForward) convolve_bias_activation;
 
-  // kUnsupported, with what to do, where there is no cuDNN 9.
+  // Loads the library. kUnsupported, with instructions, if there is no cuDNN 9.
   static Result<Cudnn> load();
 
-  // kRuntime with cuDNN's words and what was being done; ok where there is no error.
-  Status status(cudnnStatus_t status, const char* what) const;
+  // Converts a cuDNN status to kRuntime with cuDNN's text and the operation that failed.
+  Status status(cudnnStatus_t status, const char* operation) const;
 };
 
-// A handle or descriptor of cuDNN with its owner.
+// Owns a cuDNN handle or descriptor.
 template <typename T>
 class CudnnObject {
  public:

@@ -12,7 +12,7 @@ constexpr int kAllBits = 32;
 
 Status Densifier::create() {
   STGS_TRY(totals_.ensure(1));
-  return read_.ensure(1);
+  return host_totals_.ensure(1);
 }
 
 Status Densifier::clear_totals(cudaStream_t stream) {
@@ -22,29 +22,29 @@ Status Densifier::clear_totals(cudaStream_t stream) {
 
 Result<DensifyTotals> Densifier::read_totals(cudaStream_t stream) {
   STGS_TRY(cuda_status(cudaGetLastError(), "starting to densify"));
-  STGS_TRY(cuda_status(cudaMemcpyAsync(read_.data(), totals_.data(), sizeof(DensifyTotals),
+  STGS_TRY(cuda_status(cudaMemcpyAsync(host_totals_.data(), totals_.data(), sizeof(DensifyTotals),
                                        cudaMemcpyDeviceToHost, stream),
                        "reading the counts of densification"));
   STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "densifying"));
-  return *read_.data();
+  return *host_totals_.data();
 }
 
-// Moves the primitives flagged in w.tile_counts, which are `kept`, together.
-Status Densifier::keep(DeviceState& state, std::size_t kept, const Workspace& w,
-                       cudaStream_t stream) {
+// Compacts the state to the `survivors` primitives flagged in w.tile_counts.
+Status Densifier::compact(DeviceState& state, std::size_t survivors, const Workspace& w,
+                          cudaStream_t stream) {
   const std::uint32_t n = state.primitives().n;
-  sum_before(w, w.tile_counts, w.tile_offsets, n, stream);
+  exclusive_sum(w, w.tile_counts, w.tile_offsets, n, stream);
   launch_list(n, w.tile_counts, 1, w.tile_offsets, w.order, stream);
-  // Every array fits in the sums of the tile instances, which no step needs now.
-  auto* moved = reinterpret_cast<std::uint32_t*>(w.partials);
+  // Every array fits in the partial sums of the tile instances, which are unused between steps.
+  auto* compacted = reinterpret_cast<std::uint32_t*>(w.partials);
   for (const DeviceState::Array& array : state.arrays()) {
-    const std::size_t words = kept * static_cast<std::size_t>(array.words);
-    launch_gather(array.data, moved, w.order, kept, array.words, stream);
-    STGS_TRY(cuda_status(cudaMemcpyAsync(array.data, moved, words * sizeof(std::uint32_t),
+    const std::size_t words = survivors * static_cast<std::size_t>(array.words);
+    launch_gather(array.data, compacted, w.order, survivors, array.words, stream);
+    STGS_TRY(cuda_status(cudaMemcpyAsync(array.data, compacted, words * sizeof(std::uint32_t),
                                          cudaMemcpyDeviceToDevice, stream),
-                         "moving the primitives that are kept"));
+                         "compacting the primitives"));
   }
-  state.resize(kept);
+  state.resize(survivors);
   return {};
 }
 
@@ -63,23 +63,23 @@ Result<DensifyCounts> Densifier::grow(DeviceState& state, const HyperParameters&
   const DensifyRules rules = densify_rules(parameters, context);
   const std::size_t before = state.primitives().n;
   STGS_TRY(clear_totals(stream));
-  launch_mark_alive(state.primitives(), rules, w.tile_counts, totals_.data(), stream);
+  launch_mark_survivors(state.primitives(), rules, w.tile_counts, totals_.data(), stream);
   STGS_ASSIGN(DensifyTotals totals, read_totals(stream));
   DensifyCounts counts;
   counts.non_finite = totals.non_finite;
-  counts.removed = before - totals.kept;
-  if (counts.removed > 0) STGS_TRY(keep(state, totals.kept, w, stream));
+  counts.removed = before - totals.survivors;
+  if (counts.removed > 0) STGS_TRY(compact(state, totals.survivors, w, stream));
 
   launch_urgency(state.primitives(), rules, w.depth_keys, totals_.data(), stream);
-  sort_indices(w, w.depth_keys, w.depth_sorted, w.order, totals.kept, kAllBits, stream);
+  sort_indices(w, w.depth_keys, w.depth_sorted, w.order, totals.survivors, kAllBits, stream);
   STGS_ASSIGN(totals, read_totals(stream));
   const std::size_t present = state.primitives().n;
   const std::size_t chosen =
-      std::min<std::size_t>(totals.candidates, growth_room(parameters, context, present));
+      std::min<std::size_t>(totals.candidates, max_growth(parameters, context, present));
   launch_choose(state.primitives(), rules, w.order, static_cast<std::uint32_t>(chosen),
                 w.tile_counts, w.depth_keys, totals_.data(), stream);
-  sum_before(w, w.tile_counts, w.tile_offsets, present, stream);
-  sum_before(w, w.depth_keys, w.depth_sorted, present, stream);
+  exclusive_sum(w, w.tile_counts, w.tile_offsets, present, stream);
+  exclusive_sum(w, w.depth_keys, w.depth_sorted, present, stream);
   launch_grow(state.primitives(), rules, w.tile_counts, w.tile_offsets, w.depth_sorted,
               {context.seed, iteration}, stream);
   STGS_ASSIGN(totals, read_totals(stream));
@@ -98,8 +98,8 @@ Result<DensifyCounts> Densifier::replace(DeviceState& state, const HyperParamete
   if (p.n == 0) return counts;
   const DensifyRules rules = densify_rules(parameters, context);
   STGS_TRY(clear_totals(stream));
-  launch_mark_alive(p, rules, w.tile_counts, totals_.data(), stream);
-  // E's 99th percentile counts as 1; errors are not negative, so their bits ascend with them.
+  launch_mark_survivors(p, rules, w.tile_counts, totals_.data(), stream);
+  // E's 99th percentile counts as 1. Errors are not negative, so they sort like their bits.
   const auto* errors = reinterpret_cast<const std::uint32_t*>(p.error_max);
   sort_indices(w, errors, w.depth_sorted, w.order, p.n, kAllBits, stream);
   const ScoreRules score{parameters.score_error, parameters.score_opacity,
@@ -109,11 +109,11 @@ Result<DensifyCounts> Densifier::replace(DeviceState& state, const HyperParamete
   sort_indices(w, w.depth_keys, w.depth_sorted, w.order, p.n, kAllBits, stream);
   auto* dead = reinterpret_cast<std::uint32_t*>(w.ranges);
   launch_invert(p.n, w.tile_counts, stream);
-  sum_before(w, w.tile_counts, w.tile_offsets, p.n, stream);
+  exclusive_sum(w, w.tile_counts, w.tile_offsets, p.n, stream);
   launch_list(p.n, w.tile_counts, 1, w.tile_offsets, dead, stream);
   STGS_ASSIGN(const DensifyTotals totals, read_totals(stream));
   counts.non_finite = totals.non_finite;
-  counts.replaced = replacement_room(parameters, totals.kept, p.n - totals.kept);
+  counts.replaced = max_replacements(parameters, totals.survivors, p.n - totals.survivors);
   launch_replace(p, w.order, dead, static_cast<std::uint32_t>(counts.replaced),
                  {context.seed, iteration}, stream);
   STGS_TRY(cuda_status(cudaGetLastError(), "replacing primitives"));

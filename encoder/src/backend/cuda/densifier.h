@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// train/densify.h on the device: the same decisions, in the same order, from the same random
-// numbers. The host reads a few counts, nothing of the size of the scene.
+// train/densify.h on the device, with the same decisions in the same order from the same random
+// numbers. The host reads only a few counts.
 #pragma once
 
 #include "backend/cuda/densify_kernels.h"
@@ -12,8 +12,10 @@ namespace stgs::encoder::cuda {
 
 class Densifier {
  public:
+  // Allocates the counters.
   Status create();
-  // Between steps: uses the step's buffers for its own. Waits for the stream.
+  // grow() and replace() of train/densify.h. Call between steps, because they reuse the buffers of
+  // the step. Block until the stream has finished.
   Result<DensifyCounts> grow(DeviceState& state, const HyperParameters& parameters,
                              const DensifyContext& context, std::uint64_t iteration,
                              const Workspace& w, cudaStream_t stream);
@@ -24,11 +26,12 @@ class Densifier {
  private:
   Status clear_totals(cudaStream_t stream);
   Result<DensifyTotals> read_totals(cudaStream_t stream);
-  Status keep(DeviceState& state, std::size_t kept, const Workspace& w, cudaStream_t stream);
+  Status compact(DeviceState& state, std::size_t survivors, const Workspace& w,
+                 cudaStream_t stream);
   Status reset_statistics(const Primitives& p, cudaStream_t stream);
 
   DeviceArray<DensifyTotals> totals_;
-  PinnedArray<DensifyTotals> read_;
+  PinnedArray<DensifyTotals> host_totals_;
 };
 
 }  // namespace stgs::encoder::cuda

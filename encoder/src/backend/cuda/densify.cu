@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Densification on the device: train/densify.cpp with a primitive a thread. A random number depends
-// on how many were drawn before it, which a sum over the draws tells.
+// Densification on the device: train/densify.cpp with one thread per primitive. A random number
+// depends on the number of draws before it, which a prefix sum over the draws provides.
 #include "backend/cuda/densify_kernels.h"
 #include "backend/cuda/device.cuh"
 
@@ -35,7 +35,7 @@ __device__ int components(const Primitives& p, int attribute) {
   }
 }
 
-__device__ bool finite(const Primitives& p, std::uint32_t i) {
+__device__ bool is_finite(const Primitives& p, std::uint32_t i) {
   for (int a = 0; a < kAttributes; ++a) {
     const int n = components(p, a);
     const float* values = p.values[a] + static_cast<std::size_t>(i) * n;
@@ -51,20 +51,20 @@ __device__ void add(std::uint32_t* total, bool one) {
   if ((threadIdx.x & 31) == 0 && mask != 0) atomicAdd(total, __popc(mask));
 }
 
-__global__ void mark_alive(const Primitives p, const DensifyRules rules, std::uint32_t* flags,
-                           DensifyTotals* totals) {
+__global__ void mark_survivors(const Primitives p, const DensifyRules rules, std::uint32_t* flags,
+                               DensifyTotals* totals) {
   const std::uint32_t i = thread_index();
-  const bool whole = i < p.n && finite(p, i);
-  const bool alive = whole && survives(rules, p.values[kOpacity][i], read3(p.log_scale, i));
-  if (i < p.n) flags[i] = alive;
-  add(&totals->kept, alive);
-  add(&totals->non_finite, i < p.n && !whole);
+  const bool valid = i < p.n && is_finite(p, i);
+  const bool survivor = valid && survives(rules, p.values[kOpacity][i], read3(p.log_scale, i));
+  if (i < p.n) flags[i] = survivor;
+  add(&totals->survivors, survivor);
+  add(&totals->non_finite, i < p.n && !valid);
 }
 
-__global__ void list_flagged(std::uint32_t n, const std::uint32_t* flags, std::uint32_t wanted,
-                             const std::uint32_t* places, std::uint32_t* list) {
+__global__ void list_flagged(std::uint32_t n, const std::uint32_t* flags, std::uint32_t value,
+                             const std::uint32_t* slots, std::uint32_t* list) {
   const std::uint32_t i = thread_index();
-  if (i < n && flags[i] == wanted) list[places[i]] = i;
+  if (i < n && flags[i] == value) list[slots[i]] = i;
 }
 
 __global__ void invert(std::uint32_t n, std::uint32_t* flags) {
@@ -131,10 +131,10 @@ __device__ void copy_parameters(const Primitives& p, std::uint32_t from, std::ui
   clear_moments(p, to);
 }
 
-__device__ void move_by_sample(const Primitives& p, std::uint32_t i, float share, Random& random) {
+__device__ void move_by_sample(const Primitives& p, std::uint32_t i, float factor, Random& random) {
   const float* q = p.rotation + std::size_t{4} * i;
   const Vec3 offset =
-      gaussian_sample({q[0], q[1], q[2], q[3]}, read3(p.log_scale, i), share, random);
+      gaussian_sample({q[0], q[1], q[2], q[3]}, read3(p.log_scale, i), factor, random);
   float* position = p.values[kPosition] + std::size_t{3} * i;
   position[0] += offset.x;
   position[1] += offset.y;
@@ -162,39 +162,38 @@ __device__ void split_into(const Primitives& p, std::uint32_t from, std::uint32_
 }
 
 __global__ void grow(const Primitives p, const DensifyRules rules, const std::uint32_t* flags,
-                     const std::uint32_t* places, const std::uint32_t* draws_before,
-                     RandomKey key) {
+                     const std::uint32_t* slots, const std::uint32_t* draws_before, RandomKey key) {
   const std::uint32_t i = thread_index();
   if (i >= p.n || flags[i] == 0) return;
   Random random(key.seed, key.iteration, RandomPurpose::kDensify);
   random.skip(draws_before[i]);
-  const std::uint32_t to = p.n + places[i];
+  const std::uint32_t to = p.n + slots[i];
   if (is_split(rules, read3(p.log_scale, i))) {
     split_into(p, i, to, random);
   } else if (rules.plain) {
-    copy_parameters(p, i, to);  // its origin keeps its moments; that parts them (3DGS)
+    copy_parameters(p, i, to);  // the original keeps its moments, which separates them (3DGS)
   } else {
     clone_into(p, i, to, random);
   }
 }
 
-// Unsigned numbers that ascend with the float.
-__device__ std::uint32_t ascending(float x) {
+// Maps floats to unsigned integers of the same order.
+__device__ std::uint32_t ordered_bits(float x) {
   const std::uint32_t bits = __float_as_uint(x);
   return bits >> 31 ? ~bits : bits | 0x80000000u;
 }
 
 __global__ void scores(const Primitives p, const ScoreRules rules, bool modulated,
-                       const std::uint32_t* alive, const std::uint32_t* unit_error,
+                       const std::uint32_t* survivors, const std::uint32_t* unit_error,
                        std::uint32_t* keys) {
   const std::uint32_t i = thread_index();
   if (i >= p.n) return;
-  const float largest = __uint_as_float(*unit_error);
-  const float unit = largest > 0.0f ? 1.0f / largest : 0.0f;
+  const float unit_value = __uint_as_float(*unit_error);
+  const float unit = unit_value > 0.0f ? 1.0f / unit_value : 0.0f;
   const float f = modulated ? lifespan_modulation(p.sigma[i], p.values[kRadius][i]) : 1.0f;
   const float score =
       densification_score(rules, p.error_max[i], unit, p.values[kOpacity][i], read3(p.v, i), f);
-  keys[i] = alive[i] ? ~ascending(score) : 0xFFFFFFFFu;
+  keys[i] = survivors[i] ? ~ordered_bits(score) : 0xFFFFFFFFu;
 }
 
 __global__ void replace(const Primitives p, const std::uint32_t* order, const std::uint32_t* dead,
@@ -216,14 +215,14 @@ __global__ void reset_opacity(const Primitives p, float cap) {
 
 }  // namespace
 
-void launch_mark_alive(const Primitives& p, const DensifyRules& rules, std::uint32_t* flags,
-                       DensifyTotals* totals, cudaStream_t stream) {
-  mark_alive<<<blocks_of(p.n, kBlock), kBlock, 0, stream>>>(p, rules, flags, totals);
+void launch_mark_survivors(const Primitives& p, const DensifyRules& rules, std::uint32_t* flags,
+                           DensifyTotals* totals, cudaStream_t stream) {
+  mark_survivors<<<blocks_of(p.n, kBlock), kBlock, 0, stream>>>(p, rules, flags, totals);
 }
 
-void launch_list(std::uint32_t n, const std::uint32_t* flags, std::uint32_t wanted,
-                 const std::uint32_t* places, std::uint32_t* list, cudaStream_t stream) {
-  list_flagged<<<blocks_of(n, kBlock), kBlock, 0, stream>>>(n, flags, wanted, places, list);
+void launch_list(std::uint32_t n, const std::uint32_t* flags, std::uint32_t value,
+                 const std::uint32_t* slots, std::uint32_t* list, cudaStream_t stream) {
+  list_flagged<<<blocks_of(n, kBlock), kBlock, 0, stream>>>(n, flags, value, slots, list);
 }
 
 void launch_invert(std::uint32_t n, std::uint32_t* flags, cudaStream_t stream) {
@@ -250,15 +249,15 @@ void launch_choose(const Primitives& p, const DensifyRules& rules, const std::ui
 }
 
 void launch_grow(const Primitives& p, const DensifyRules& rules, const std::uint32_t* flags,
-                 const std::uint32_t* places, const std::uint32_t* draws_before, RandomKey key,
+                 const std::uint32_t* slots, const std::uint32_t* draws_before, RandomKey key,
                  cudaStream_t stream) {
-  grow<<<blocks_of(p.n, kBlock), kBlock, 0, stream>>>(p, rules, flags, places, draws_before, key);
+  grow<<<blocks_of(p.n, kBlock), kBlock, 0, stream>>>(p, rules, flags, slots, draws_before, key);
 }
 
 void launch_scores(const Primitives& p, const ScoreRules& rules, bool modulated,
-                   const std::uint32_t* alive, const std::uint32_t* unit_error, std::uint32_t* keys,
-                   cudaStream_t stream) {
-  scores<<<blocks_of(p.n, kBlock), kBlock, 0, stream>>>(p, rules, modulated, alive, unit_error,
+                   const std::uint32_t* survivors, const std::uint32_t* unit_error,
+                   std::uint32_t* keys, cudaStream_t stream) {
+  scores<<<blocks_of(p.n, kBlock), kBlock, 0, stream>>>(p, rules, modulated, survivors, unit_error,
                                                         keys);
 }
 

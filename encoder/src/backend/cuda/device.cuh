@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What several kernels share: loading a splat, its alpha, the ellipse test, warp sums, Adam.
+// Device functions shared by several kernels: splat loading, alpha, ellipse test, warp sums, Adam.
 #pragma once
 
 #include "backend/cuda/kernels.h"
@@ -18,10 +18,10 @@ __device__ inline ScreenSplat load_splat(const ScreenSplat* splats, std::uint32_
   return {a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, c.y, c.z, c.w};
 }
 
-// log2 of the splat's alpha before it is cut at kAlphaMax, at an offset from its mean.
+// Returns log2 of the splat's alpha at an offset from its mean, before clamping at kAlphaMax.
 __device__ inline float log2_alpha(const ScreenSplat& s, float dx, float dy) {
   const float along = fmaf(s.half_xx, dx, s.cross * dy);
-  return fminf(s.most, fmaf(dx, along, fmaf(s.half_yy * dy, dy, s.most)));
+  return fminf(s.log2_opacity, fmaf(dx, along, fmaf(s.half_yy * dy, dy, s.log2_opacity)));
 }
 
 __device__ inline float exp2_fast(float x) {
@@ -30,15 +30,15 @@ __device__ inline float exp2_fast(float x) {
   return y;
 }
 
-// 1 / x within 1 ulp, for x that is neither tiny nor huge.
+// Returns 1 / x within 1 ulp, for x that is neither tiny nor huge.
 __device__ inline float reciprocal_fast(float x) {
   float y;
   asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(x));
   return y;
 }
 
-// Least -log2 of falloff on the segment where one offset is `fixed` and the other in [low, high],
-// less the rounding error that the blend may make there (raster_bin.cpp).
+// Returns the minimum of -log2(falloff) on the line segment with one offset `fixed` and the other
+// in [low, high], minus the rounding error that the blend may make there (raster_bin.cpp).
 __device__ inline float edge_minimum(float across, float cross, float along, float fixed, float low,
                                      float high) {
   const float best = __fdividef(-0.5f * cross * fixed, along);
@@ -47,8 +47,7 @@ __device__ inline float edge_minimum(float across, float cross, float along, flo
   return a + b + c - 1e-6f * (a + b + fabsf(c));
 }
 
-// Whether any point of the rectangle [x0,x1] x [y0,y1] of pixel centres lies in the ellipse where
-// the splat is drawn.
+// Returns whether the splat's ellipse intersects the rectangle [x0,x1] x [y0,y1] of pixel centres.
 __device__ inline bool ellipse_meets(const ScreenSplat& s, float x0, float x1, float y0, float y1) {
   x0 -= s.x;
   x1 -= s.x;
@@ -56,9 +55,9 @@ __device__ inline bool ellipse_meets(const ScreenSplat& s, float x0, float x1, f
   y1 -= s.y;
   const bool in_x = x0 <= 0.0f && x1 >= 0.0f, in_y = y0 <= 0.0f && y1 >= 0.0f;
   if (in_x && in_y) return true;
-  const float limit = s.most - kLog2Threshold + 0.5e-4f * kLog2E;
+  const float limit = s.log2_opacity - kLog2Threshold + 0.5e-4f * kLog2E;
   const float xx = -s.half_xx, xy = -s.cross, yy = -s.half_yy;
-  // A convex form is least on an edge that faces its centre.
+  // A convex form has its minimum on an edge that faces its centre.
   if (!in_x && edge_minimum(xx, xy, yy, x0 > 0.0f ? x0 : x1, y0, y1) <= limit) return true;
   return !in_y && edge_minimum(yy, xy, xx, y0 > 0.0f ? y0 : y1, x0, x1) <= limit;
 }
@@ -69,7 +68,7 @@ __device__ inline T warp_sum(T x) {
   return x;
 }
 
-// Sum over a block of kThreads, for thread 0.
+// Returns the sum over a block of kThreads; valid in thread 0.
 template <int kThreads>
 __device__ inline float block_sum(float x) {
   __shared__ float sums[kThreads / 32];
@@ -88,7 +87,7 @@ __device__ inline float sqrt_fast(float x) {
   return y;
 }
 
-// One Adam step on one value (adam_step of train/adam.h).
+// Bias correction of Adam (AdamCorrection of train/adam.h).
 struct AdamFactors {
   float first, second_root;
 };
@@ -98,6 +97,7 @@ __device__ inline AdamFactors adam_factors(std::uint32_t updates, AdamBetas beta
   return {1.0f / (1.0f - powf(betas.first, n)), 1.0f / sqrtf(1.0f - powf(betas.second, n))};
 }
 
+// Returns the value after one Adam step (adam_step of train/adam.h); updates the moments.
 __device__ inline float adam(float value, float& first, float& second, float gradient, float rate,
                              AdamFactors factors, AdamBetas betas = AdamBetas()) {
   first = betas.first * first + (1.0f - betas.first) * gradient;

@@ -12,14 +12,14 @@ namespace stgs::encoder::cuda {
 namespace {
 
 constexpr std::size_t kAlignment = 64;                // of each array, words
-constexpr std::size_t kChunk = std::size_t{1} << 18;  // words a task copies
+constexpr std::size_t kChunk = std::size_t{1} << 18;  // words per copy task
 constexpr int kMapWords = 12;
 
 std::size_t aligned(std::size_t words) {
   return (words + kAlignment - 1) / kAlignment * kAlignment;
 }
 
-// Copies with all cores: one alone is slower than the bus.
+// Copies with all cores, because a single one is slower than the bus.
 void copy(std::uint32_t* to, const std::uint32_t* from, std::size_t words) {
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, words, kChunk),
                     [&](const tbb::blocked_range<std::size_t>& range) {
@@ -34,7 +34,7 @@ std::uint32_t* words_of(Array& array) {
   return reinterpret_cast<std::uint32_t*>(array.data());
 }
 
-// Words a primitive of each array, in the order of arrays().
+// Returns the words per primitive of each array, in the order of arrays().
 std::vector<int> widths(int sh_coefficients, bool coupled) {
   TrainState state;
   state.coupled.tick = coupled ? 1.0f : 0.0f;
@@ -44,7 +44,7 @@ std::vector<int> widths(int sh_coefficients, bool coupled) {
   }
   const int rest[] = {3, 1, 1, 1, 1, 1, 1};  // u, sigma, updates, statistics
   all.insert(all.end(), std::begin(rest), std::end(rest));
-  if (coupled) all.insert(all.end(), {3, 4});  // scales and rotation as drawn
+  if (coupled) all.insert(all.end(), {3, 4});  // rendered scales and rotation
   return all;
 }
 
@@ -120,7 +120,7 @@ Status DeviceState::upload(const TrainState& state, cudaStream_t stream) {
       reserve(std::max(state.size(), capacity_), state.set.sh_coefficients(), state.is_coupled()));
   primitives_.tick = state.coupled.tick;
   resize(state.size());
-  // The arrays are only read here.
+  // The const_cast is safe, because the arrays are only read.
   const std::vector<std::uint32_t*> host = host_arrays(const_cast<TrainState&>(state));
   std::uint32_t* staged = staging_.data();
   for (std::size_t k = 0; k < host.size(); ++k) {
@@ -129,7 +129,7 @@ Status DeviceState::upload(const TrainState& state, cudaStream_t stream) {
     copy(staged, host[k], words);
     STGS_TRY(cuda_status(cudaMemcpyAsync(arrays_[k].data, staged, words * sizeof(std::uint32_t),
                                          cudaMemcpyHostToDevice, stream),
-                         "copying the state to the GPU"));
+                         "uploading the state"));
     staged += words;
   }
   if (coupled_) launch_derive_coupled(primitives_, stream);
@@ -145,10 +145,10 @@ Status DeviceState::download(TrainState& state, cudaStream_t stream) {
     if (words == 0) continue;
     STGS_TRY(cuda_status(cudaMemcpyAsync(staged, array.data, words * sizeof(std::uint32_t),
                                          cudaMemcpyDeviceToHost, stream),
-                         "copying the state from the GPU"));
+                         "downloading the state"));
     staged += words;
   }
-  STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "copying the state from the GPU"));
+  STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "downloading the state"));
   staged = staging_.data();
   for (std::size_t k = 0; k < host.size(); ++k) {
     const std::size_t words = state.size() * static_cast<std::size_t>(arrays_[k].words);
@@ -173,33 +173,33 @@ Status DeviceState::upload_colour(const TrainState& state, cudaStream_t stream) 
   const std::size_t cameras = state.colour.size(), words = kMapWords * cameras;
   STGS_TRY(colour_memory_.ensure(3 * words + cameras));
   std::uint32_t* at = colour_memory_.data();
-  float** const places[] = {&colour_.map, &colour_.first, &colour_.second};
+  float** const pointers[] = {&colour_.map, &colour_.first, &colour_.second};
   colour_.cameras = static_cast<std::uint32_t>(cameras);
   for (int k = 0; k < 3; ++k, at += words) {
-    *places[k] = reinterpret_cast<float*>(at);
-    // Small, and not pinned: the call returns when it has been read.
+    *pointers[k] = reinterpret_cast<float*>(at);
+    // The source is pageable, so the call returns after reading it.
     STGS_TRY(
         cuda_status(cudaMemcpyAsync(at, colour_arrays(const_cast<TrainState&>(state), k)->data(),
                                     words * sizeof(std::uint32_t), cudaMemcpyHostToDevice, stream),
-                    "copying the colours to the GPU"));
+                    "uploading the colour maps"));
   }
   colour_.updates = at;
   return cuda_status(
       cudaMemcpyAsync(at, state.colour_updates.data(), cameras * sizeof(std::uint32_t),
                       cudaMemcpyHostToDevice, stream),
-      "copying the colours to the GPU");
+      "uploading the colour maps");
 }
 
 Status DeviceState::download_colour(TrainState& state) {
-  const float* const places[] = {colour_.map, colour_.first, colour_.second};
+  const float* const pointers[] = {colour_.map, colour_.first, colour_.second};
   for (int k = 0; k < 3; ++k) {
-    STGS_TRY(cuda_status(cudaMemcpy(colour_arrays(state, k)->data(), places[k],
+    STGS_TRY(cuda_status(cudaMemcpy(colour_arrays(state, k)->data(), pointers[k],
                                     colour_.cameras * sizeof(ColourMap), cudaMemcpyDeviceToHost),
-                         "copying the colours from the GPU"));
+                         "downloading the colour maps"));
   }
   return cuda_status(cudaMemcpy(state.colour_updates.data(), colour_.updates,
                                 colour_.cameras * sizeof(std::uint32_t), cudaMemcpyDeviceToHost),
-                     "copying the colours from the GPU");
+                     "downloading the colour maps");
 }
 
 }  // namespace stgs::encoder::cuda

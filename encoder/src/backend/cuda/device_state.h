@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A TrainState on the GPU, and its way there and back.
+// A TrainState on the GPU, with upload and download.
 #pragma once
 
 #include <cstdint>
@@ -11,27 +11,26 @@
 
 namespace stgs::encoder::cuda {
 
-// Primitives are appended and removed in place: an array has its place for as many as were
-// reserved.
+// Primitives are appended and removed in place: every array has the reserved capacity.
 class DeviceState {
  public:
-  // An array with one entry a primitive, as 4-byte words.
+  // An array with one entry per primitive, in 4-byte words.
   struct Array {
     std::uint32_t* data;
-    int words;  // a primitive
+    int words;  // per primitive
   };
 
-  // Bytes of device memory for n primitives.
+  // Returns the device memory for n primitives, bytes.
   static std::size_t bytes(std::size_t n, int sh_coefficients, bool coupled);
 
-  // Memory for up to n primitives, so that uploads allocate nothing.
+  // Allocates memory for up to n primitives, so that uploads do not allocate.
   Status reserve(std::size_t n, int sh_coefficients, bool coupled);
-  // Copies the state to the device; returns when `state` may be changed again, which is before the
-  // copy has ended on the stream.
+  // Copies the state to the device. `state` may be changed on return, although the copy on the
+  // stream may still be in flight.
   Status upload(const TrainState& state, cudaStream_t stream);
-  // Copies everything back, resizing `state`, and waits for it.
+  // Copies the state to the host, resizing `state`. Blocks until done.
   Status download(TrainState& state, cudaStream_t stream);
-  // Says how many primitives there are now; at most capacity().
+  // Sets the number of primitives, at most capacity().
   void resize(std::size_t n) { primitives_.n = static_cast<std::uint32_t>(n); }
 
   std::size_t capacity() const { return capacity_; }
@@ -40,7 +39,7 @@ class DeviceState {
   const std::vector<Array>& arrays() const { return arrays_; }
 
  private:
-  // The host's side of arrays(), in the same order.
+  // Returns the host arrays that correspond to arrays(), in the same order.
   static std::vector<std::uint32_t*> host_arrays(TrainState& state);
   static std::vector<ColourMap>* colour_arrays(TrainState& state, int which);
   Status upload_colour(const TrainState& state, cudaStream_t stream);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The end of the step: the losses for the host, and the colour maps.
+// The end of a step: the losses for the host, and the colour maps.
 #include "backend/cuda/device.cuh"
 #include "backend/cuda/rank_blocks.h"
 
@@ -13,7 +13,7 @@ constexpr int kMapSize = 12;
 
 struct FinishArguments {
   Counters* counters;
-  const float *loss_sums, *ssim_sums, *normal_sums;  // the last: null where L_n is off
+  const float *loss_sums, *ssim_sums, *normal_sums;  // the last is null if L_n is off
   const double *regulariser_sums, *perceptual;
   std::uint32_t loss_blocks, update_blocks;
   double values;  // pixels times channels
@@ -24,10 +24,11 @@ struct FinishArguments {
   StepRecord* record;
 };
 
-// Sums of all quantities over their blocks, in an order that their numbers alone decide.
+// Sums all quantities over their blocks, in an order that depends only on the numbers of blocks.
 __device__ void sum_all(const FinishArguments& a, double (&sums)[kQuantities]) {
   __shared__ double warps[kQuantities][kBlock / 32];
-  // A thread adds up a few blocks; in float, which is quicker, as a block's own sum is.
+  // Each thread sums a few blocks, in float like the sums of the blocks themselves, which is
+  // faster.
   float own[kFloatQuantities] = {};
   double regularisers = 0.0;
   for (std::uint32_t k = threadIdx.x; k < a.loss_blocks; k += kBlock) {
@@ -70,7 +71,8 @@ __device__ void write_record(const FinishArguments& a, const double* sums) {
   a.counters->visible = 0;
 }
 
-// Entry k of every map: Adam on camera `index`'s own, then the mean goes back to the identity.
+// Updates entry k of the colour maps: Adam for camera `index`, then shifts all cameras so that
+// their mean is the identity.
 __device__ void update_colour(const ColourMaps& colour, std::uint32_t index, int k, float gradient,
                               float rate, AdamFactors factors) {
   const std::size_t at = std::size_t{kMapSize} * index + k;
@@ -105,7 +107,7 @@ __global__ void __launch_bounds__(kBlock) write_head(const FinishArguments a, fl
   if (threadIdx.x == 0) write_record(a, sums);
 }
 
-// A thread an entry of the maps.
+// One thread per entry of the maps.
 __global__ void finish_ranks(const RankViews views, const ColourMaps colour, float rate,
                              Counters* counters, const RankBlocks blocks, StepRecord* records) {
   const int k = static_cast<int>(threadIdx.x);
@@ -130,9 +132,9 @@ __global__ void finish_ranks(const RankViews views, const ColourMaps colour, flo
   if (k == 0 && overflow) counters->overflow = 1;
 }
 
-// All but the colour maps, their camera and rate.
-FinishArguments sums_of(const View& view, std::uint32_t n, const LossWeights& weights,
-                        const Workspace& w, StepRecord* record) {
+// Returns the arguments without the colour maps, camera index and rate.
+FinishArguments make_arguments(const View& view, std::uint32_t n, const LossWeights& weights,
+                               const Workspace& w, StepRecord* record) {
   FinishArguments a{};
   a.counters = w.counters;
   a.loss_sums = w.loss_sums;
@@ -158,7 +160,7 @@ cudaError_t kernels_loadable() {
 void launch_finish(const View& view, std::uint32_t n, const LossWeights& weights,
                    const ColourMaps& colour, std::uint32_t index, float rate, StepRecord* record,
                    const Workspace& w, cudaStream_t stream) {
-  FinishArguments arguments = sums_of(view, n, weights, w, record);
+  FinishArguments arguments = make_arguments(view, n, weights, w, record);
   arguments.colour = colour;
   arguments.index = index;
   arguments.rate = rate;
@@ -168,7 +170,7 @@ void launch_finish(const View& view, std::uint32_t n, const LossWeights& weights
 void launch_head(const View& view, std::uint32_t n, const LossWeights& weights, const Workspace& w,
                  const RankBlocks& blocks, cudaStream_t stream) {
   RankHead* head = rank_head(blocks, blocks.own);
-  write_head<<<1, kBlock, 0, stream>>>(sums_of(view, n, weights, w, &head->record),
+  write_head<<<1, kBlock, 0, stream>>>(make_arguments(view, n, weights, w, &head->record),
                                        head->by_colour_map);
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The training pictures on the GPU: all of them where they fit in the budget, else those that are
-// needed soonest. Copies run on a stream of their own, from pinned memory; as the host is some
-// steps ahead of the GPU, a picture is there when its step begins.
+// The training images on the GPU: all of them if they fit in the budget, else those needed soonest.
+// Uploads run on a separate stream from page-locked memory. Because the host runs some steps ahead
+// of the GPU, an image is resident by the time its step begins.
 #pragma once
 
 #include <cstdint>
@@ -10,32 +10,33 @@
 #include <utility>
 
 #include "backend/cuda/memory.h"
-#include "train/picture.h"
+#include "train/training_image.h"
 
 namespace stgs::encoder::cuda {
 
 class GroundTruthCache {
  public:
-  ~GroundTruthCache() { (void)give_back(); }
+  ~GroundTruthCache() { (void)release_memory(); }
 
-  // Keeps at most `budget` bytes on the device, but always room for a few pictures; forgets those
-  // that it has.
+  // Sets the budget, bytes of device memory; the cache always holds a few images, whatever the
+  // budget. Removes all images.
   Status create(std::size_t budget);
-  // The picture's bytes on the device, for work that is enqueued on `stream` before release().
-  // The pixels on the host are not needed any more when this returns.
-  Result<const std::uint8_t*> acquire(const TrainingImage& picture, cudaStream_t stream);
-  Status release(const TrainingImage& picture, cudaStream_t stream);
-  // Forgets all pictures, of which none may be in use.
+  // Returns the device address of an image, for work enqueued on `stream` before release(). The
+  // host pixels may be freed on return.
+  Result<const std::uint8_t*> acquire(const TrainingImage& image, cudaStream_t stream);
+  // Marks the end of the enqueued work that uses an acquired image.
+  Status release(const TrainingImage& image, cudaStream_t stream);
+  // Removes all images; none may be in use.
   void clear();
-  // The same, and what they took is the device's again: others find more room after it.
-  Status give_back();
+  // Removes all images and returns their memory to the device, for other allocations.
+  Status release_memory();
 
  private:
   struct Entry {
     std::uint8_t* memory = nullptr;
     std::size_t bytes = 0;
     Event copied, used;
-    bool waited = false;  // the stream of the steps has waited for `copied`
+    bool waited = false;  // the steps' stream has waited for `copied`
     bool in_use = false;  // `used` has been recorded
     std::uint64_t next_use = kNeverUsed;
   };
@@ -45,14 +46,14 @@ class GroundTruthCache {
     bool busy = false;
   };
 
-  Status find(const TrainingImage& picture, Entry*& entry);
-  Status make_room(std::size_t bytes, std::uint64_t now);
+  Status find(const TrainingImage& image, Entry*& entry);
+  Status make_space(std::size_t bytes, std::uint64_t now);
   Status evict(std::uint64_t id);
   Status allocate(std::size_t bytes, std::uint64_t now, std::uint8_t*& memory);
-  std::uint64_t least_needed(std::uint64_t now) const;
+  std::uint64_t eviction_candidate(std::uint64_t now) const;
   Status copy(const Image8& image, std::uint8_t* memory, Entry& entry);
 
-  std::size_t budget_ = 0, held_ = 0;
+  std::size_t budget_ = 0, resident_bytes_ = 0;
   Stream copies_;
   std::unordered_map<std::uint64_t, Entry> entries_;          // by id
   std::set<std::pair<std::uint64_t, std::uint64_t>> by_use_;  // next use, id of each

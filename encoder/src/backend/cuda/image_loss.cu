@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The loss of train/image_loss.h, through the camera's colour map: L1 and SSIM with an 11 x 11
-// Gaussian window cut at the border, one channel after the other, rows then columns in shared
-// memory. The first kernel leaves SSIM's slopes by the window means, the second blurs them into
-// dL/dcolour. Sums are a block's, added up in order by the last kernel of the step.
+// The loss of train/image_loss.h, evaluated through the camera's colour map: L1 and SSIM with an 11
+// x 11 zero-padded Gaussian window, channel by channel, rows then columns in shared memory. The
+// first kernel computes the derivatives of SSIM with respect to the window means, the second blurs
+// them into dL/dcolour. Each block writes its sums; the last kernel of the step adds them in order.
 #include "backend/cuda/device.cuh"
 
 namespace stgs::encoder::cuda {
@@ -12,10 +12,10 @@ constexpr int kRadius = 5, kTaps = 2 * kRadius + 1;
 constexpr int kAreaX = kLossX + 2 * kRadius, kAreaY = kLossY + 2 * kRadius;
 constexpr int kArea = kAreaX * kAreaY;
 constexpr int kThreads = 256;
-constexpr int kOwn = kLossX * kLossY / kThreads;  // pixels of a thread
+constexpr int kOwn = kLossX * kLossY / kThreads;  // pixels per thread
 constexpr float kC1 = 0.01f * 0.01f, kC2 = 0.03f * 0.03f;
 
-// exp(-d^2 / (2 1.5^2)) over its sum, for distances 0 to 5; checked by the parity test.
+// exp(-d^2 / (2 1.5^2)), normalised, for distances 0 to 5; checked by the parity test.
 __device__ constexpr float kWindow[kRadius + 1] = {0.266011725f,  0.213005538f,   0.109360690f,
                                                    0.0360007721f, 0.00759875814f, 0.00102838008f};
 
@@ -23,24 +23,24 @@ __device__ constexpr float tap(int k) {
   return kWindow[k < kRadius ? kRadius - k : k - kRadius];
 }
 
-struct Picture {
+struct ImagePair {
   const float4* rendered;
-  const std::uint8_t* truth;
+  const std::uint8_t* ground_truth;
   const float* map;  // 12
   int width, height;
 };
 
-// A channel of what is shown.
-__device__ float shown(const float4& colour, const float* map, int c) {
+// Returns a channel of the corrected colour.
+__device__ float corrected(const float4& colour, const float* map, int c) {
   return map[3 * c] * colour.x + map[3 * c + 1] * colour.y + map[3 * c + 2] * colour.z + map[9 + c];
 }
 
-__device__ float true_value(const Picture& p, std::size_t at, int c) {
-  return static_cast<float>(p.truth[3 * at + c]) * (1.0f / 255.0f);
+__device__ float ground_truth_value(const ImagePair& p, std::size_t at, int c) {
+  return static_cast<float>(p.ground_truth[3 * at + c]) * (1.0f / 255.0f);
 }
 
-// Loads the block's area of both pictures, 0 beyond the border.
-__device__ void load_area(const Picture& p, float (&x)[3][kArea], float (&y)[3][kArea]) {
+// Loads the block's area of both images, 0 beyond the border.
+__device__ void load_area(const ImagePair& p, float (&x)[3][kArea], float (&y)[3][kArea]) {
   const int x0 = static_cast<int>(blockIdx.x) * kLossX - kRadius;
   const int y0 = static_cast<int>(blockIdx.y) * kLossY - kRadius;
   float map[12];
@@ -53,8 +53,8 @@ __device__ void load_area(const Picture& p, float (&x)[3][kArea], float (&y)[3][
     const float4 colour = inside ? p.rendered[at] : float4{};
 #pragma unroll
     for (int c = 0; c < 3; ++c) {
-      x[c][q] = inside ? shown(colour, map, c) : 0.0f;
-      y[c][q] = inside ? true_value(p, at, c) : 0.0f;
+      x[c][q] = inside ? corrected(colour, map, c) : 0.0f;
+      y[c][q] = inside ? ground_truth_value(p, at, c) : 0.0f;
     }
   }
 }
@@ -68,7 +68,8 @@ struct Slopes {
   float by_x, by_xx, by_xy;
 };
 
-// SSIM of one window and its slopes by the means of x, x^2 and xy.
+// Returns the SSIM of a window; computes its derivatives with respect to the means of x, x^2 and
+// xy.
 __device__ float ssim_of(const Means& m, Slopes& slopes) {
   const float x_y = m.x * m.y, squares = m.x * m.x + m.y * m.y;
   const float a1 = 2.0f * x_y + kC1, a2 = 2.0f * (m.xy - x_y) + kC2;
@@ -85,7 +86,7 @@ __device__ float ssim_of(const Means& m, Slopes& slopes) {
 }
 
 __global__ void __launch_bounds__(kThreads)
-    ssim_forward(const Picture p, float* slopes, float* error, float* sums) {
+    ssim_forward(const ImagePair p, float* slopes, float* error, float* sums) {
   __shared__ float x[3][kArea], y[3][kArea];
   __shared__ float rows[5][kAreaY * kLossX];
   load_area(p, x, y);
@@ -153,8 +154,8 @@ __global__ void __launch_bounds__(kThreads)
 }
 
 __global__ void __launch_bounds__(kThreads)
-    loss_gradient(const Picture p, const float* slopes, const float* error, float l1_scale,
-                  float ssim_scale, float4* d_picture, float* sums) {
+    loss_gradient(const ImagePair p, const float* slopes, const float* error, float l1_scale,
+                  float ssim_scale, float4* d_image, float* sums) {
   __shared__ float area[3][kArea];
   __shared__ float rows[3][kAreaY * kLossX];
   const std::size_t pixels = static_cast<std::size_t>(p.width) * p.height;
@@ -197,7 +198,7 @@ __global__ void __launch_bounds__(kThreads)
         for (int k = 0; k < kTaps; ++k) by[m] = fmaf(tap(k), rows[m][q + k * kLossX], by[m]);
       }
       const std::size_t at = static_cast<std::size_t>(py) * p.width + px;
-      const float x = shown(p.rendered[at], map, c), y = true_value(p, at, c);
+      const float x = corrected(p.rendered[at], map, c), y = ground_truth_value(p, at, c);
       const float slope = fmaf(2.0f * x, by[1], fmaf(y, by[2], by[0]));
       const float difference = x - y;
       const float sign = difference == 0.0f ? 0.0f : copysignf(l1_scale, difference);
@@ -214,9 +215,9 @@ __global__ void __launch_bounds__(kThreads)
     const std::size_t at = static_cast<std::size_t>(py) * p.width + px;
     const float4 colour = p.rendered[at];
     const float(&g)[3] = d[own];
-    d_picture[at] = make_float4(map[0] * g[0] + map[3] * g[1] + map[6] * g[2],
-                                map[1] * g[0] + map[4] * g[1] + map[7] * g[2],
-                                map[2] * g[0] + map[5] * g[1] + map[8] * g[2], error[at]);
+    d_image[at] = make_float4(map[0] * g[0] + map[3] * g[1] + map[6] * g[2],
+                              map[1] * g[0] + map[4] * g[1] + map[7] * g[2],
+                              map[2] * g[0] + map[5] * g[1] + map[8] * g[2], error[at]);
 #pragma unroll
     for (int c = 0; c < 3; ++c) {
       by_map[3 * c] = fmaf(g[c], colour.x, by_map[3 * c]);
@@ -238,14 +239,14 @@ __global__ void __launch_bounds__(kThreads)
 
 }  // namespace
 
-void launch_image_loss(const View& view, const std::uint8_t* truth, const float* colour_map,
+void launch_image_loss(const View& view, const std::uint8_t* ground_truth, const float* colour_map,
                        const LossWeights& weights, const Workspace& w, cudaStream_t stream) {
-  const Picture picture{w.image, truth, colour_map, view.width, view.height};
+  const ImagePair images{w.image, ground_truth, colour_map, view.width, view.height};
   const double values = 3.0 * view.width * view.height;
   const dim3 blocks(loss_blocks_x(view), loss_blocks_y(view));
-  ssim_forward<<<blocks, kThreads, 0, stream>>>(picture, w.slopes, w.error, w.ssim_sums);
+  ssim_forward<<<blocks, kThreads, 0, stream>>>(images, w.slopes, w.error, w.ssim_sums);
   loss_gradient<<<blocks, kThreads, 0, stream>>>(
-      picture, w.slopes, w.error, static_cast<float>(weights.l1 / values),
+      images, w.slopes, w.error, static_cast<float>(weights.l1 / values),
       static_cast<float>(-weights.ssim / values), w.d_image, w.loss_sums);
 }
 

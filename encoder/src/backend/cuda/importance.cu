@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much each primitive matters to a view: train/importance.cpp's sums. A warp takes 8x4 pixels
-// of a tile and their list as in blend.cu, a splat a lane, and each lane keeps its splat's sum.
+// The importance sums of train/importance.cpp for a view. Each warp processes 8x4 pixels of a tile
+// as in blend.cu, with one splat per lane; each lane accumulates the sum of its splat.
 #include "backend/cuda/device.cuh"
 
 namespace stgs::encoder::cuda {
@@ -12,13 +12,13 @@ using math::kTransmittanceMin;
 constexpr int kWarps = 8;  // two columns of four
 
 __global__ void __launch_bounds__(kWarps * 32)
-    weigh(const View view, const Workspace w, unsigned long long* sums) {
+    accumulate_importance(const View view, const Workspace w, unsigned long long* sums) {
   __shared__ ScreenSplat stages[kWarps][32];
   ScreenSplat(&stage)[32] = stages[threadIdx.x / 32];
   const int warp = threadIdx.x / 32, lane = threadIdx.x & 31;
   const int x0 = static_cast<int>(blockIdx.x) * kTile + warp % 2 * 8;
   const int y0 = static_cast<int>(blockIdx.y) * kTile + warp / 2 * 4;
-  if (x0 >= view.width || y0 >= view.height) return;  // the whole warp; no block barrier follows
+  if (x0 >= view.width || y0 >= view.height) return;  // the entire warp; no block barrier follows
   const int x1 = min(x0 + 8, view.width), y1 = min(y0 + 4, view.height);
   const int x = x0 + lane % 8, y = y0 + lane / 8;
   const float px = static_cast<float>(x) + 0.5f, py = static_cast<float>(y) + 0.5f;
@@ -30,22 +30,22 @@ __global__ void __launch_bounds__(kWarps * 32)
     if (__all_sync(kAllLanes, transmittance <= kTransmittanceMin)) return;
     std::uint32_t primitive = 0;
     ScreenSplat own{};
-    bool met = false;
+    bool hit = false;
     if (at + lane < end) {
       primitive = w.list[at + lane];
       own = load_splat(w.splats, primitive);
-      met = ellipse_meets(own, static_cast<float>(x0) + 0.5f, static_cast<float>(x1) - 0.5f,
+      hit = ellipse_meets(own, static_cast<float>(x0) + 0.5f, static_cast<float>(x1) - 0.5f,
                           static_cast<float>(y0) + 0.5f, static_cast<float>(y1) - 0.5f);
     }
-    unsigned hits = __ballot_sync(kAllLanes, met);
+    unsigned hits = __ballot_sync(kAllLanes, hit);
     stage[lane] = own;
     __syncwarp();
     float own_sum = 0.0f;
     for (; hits != 0; hits &= hits - 1) {
       const int k = __ffs(hits) - 1;
       const float log2 = log2_alpha(stage[k], px - stage[k].x, py - stage[k].y);
-      const bool drawn = transmittance > kTransmittanceMin && log2 >= kLog2Threshold;
-      const float alpha = drawn ? fminf(kAlphaMax, exp2_fast(log2)) : 0.0f;
+      const bool contributes = transmittance > kTransmittanceMin && log2 >= kLog2Threshold;
+      const float alpha = contributes ? fminf(kAlphaMax, exp2_fast(log2)) : 0.0f;
       const float weight = alpha * transmittance;
       transmittance *= 1.0f - alpha;
       const float sum = warp_sum(weight * weight);
@@ -62,7 +62,8 @@ __global__ void __launch_bounds__(kWarps * 32)
 
 void launch_importance(const View& view, unsigned long long* sums, const Workspace& w,
                        cudaStream_t stream) {
-  weigh<<<dim3(view.tiles_x, view.tiles_y), kWarps * 32, 0, stream>>>(view, w, sums);
+  accumulate_importance<<<dim3(view.tiles_x, view.tiles_y), kWarps * 32, 0, stream>>>(view, w,
+                                                                                      sums);
 }
 
 }  // namespace stgs::encoder::cuda

@@ -3,9 +3,9 @@
 
 namespace stgs::encoder::cuda {
 
-Status cuda_status(cudaError_t error, const char* what) {
+Status cuda_status(cudaError_t error, const char* operation) {
   if (error == cudaSuccess) return {};
-  return runtime_error("CUDA failed while {}: {}", what, cudaGetErrorString(error));
+  return runtime_error("CUDA failed while {}: {}", operation, cudaGetErrorString(error));
 }
 
 std::string bytes_text(double bytes) {
@@ -14,9 +14,9 @@ std::string bytes_text(double bytes) {
                        : fmt::format("{:.1f} MiB", bytes / kMiB);
 }
 
-Status no_memory_left(std::size_t bytes) {
+Status out_of_memory(std::size_t bytes) {
   return runtime_error(
-      "the GPU has no {} left for training: free some, or use fewer primitives or smaller frames",
+      "out of GPU memory (allocating {}); free some, or use fewer primitives or smaller frames",
       bytes_text(static_cast<double>(bytes)));
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// CUDA's memory, streams and errors with owners. One thread; the current device.
+// RAII wrappers of CUDA memory, streams and events, and error handling. All act on the current
+// device, from one thread.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -11,16 +12,16 @@
 
 namespace stgs::encoder::cuda {
 
-// kRuntime with CUDA's words and what was being done; ok where there is no error.
-Status cuda_status(cudaError_t error, const char* what);
+// Converts a CUDA error to kRuntime with CUDA's text and the operation that failed.
+Status cuda_status(cudaError_t error, const char* operation);
 
-// Bytes as a person reads them.
+// Formats a size for humans, in MiB or GiB.
 std::string bytes_text(double bytes);
 
-// kRuntime: so many bytes are not there, and what to do.
-Status no_memory_left(std::size_t bytes);
+// Returns kRuntime for a failed allocation of `bytes`, with a remedy.
+Status out_of_memory(std::size_t bytes);
 
-// Device memory for up to capacity() values; what it holds is lost when it grows.
+// Device memory for up to capacity() values; growing discards the contents.
 template <typename T>
 class DeviceArray {
  public:
@@ -29,11 +30,13 @@ class DeviceArray {
   DeviceArray& operator=(const DeviceArray&) = delete;
   ~DeviceArray() { cudaFree(data_); }
 
+  // Frees the memory.
   void release() {
     cudaFree(data_);
     data_ = nullptr;
     capacity_ = 0;
   }
+  // Grows the capacity to at least n values.
   Status ensure(std::size_t n) {
     if (n <= capacity_) return {};
     release();
@@ -41,7 +44,7 @@ class DeviceArray {
     const cudaError_t error = cudaMalloc(&memory, n * sizeof(T));
     if (error != cudaSuccess) {
       (void)cudaGetLastError();
-      return no_memory_left(n * sizeof(T));
+      return out_of_memory(n * sizeof(T));
     }
     data_ = static_cast<T*>(memory);
     capacity_ = n;
@@ -55,7 +58,8 @@ class DeviceArray {
   std::size_t capacity_ = 0;
 };
 
-// Host memory that the device copies from and to at full speed, and may write to itself.
+// Page-locked host memory, mapped into device address space, for transfers at full speed. Growing
+// discards the contents.
 template <typename T>
 class PinnedArray {
  public:
@@ -77,7 +81,7 @@ class PinnedArray {
     return {};
   }
   T* data() const { return data_; }
-  // The same memory as the device addresses it.
+  // Returns the device address of the memory; null on error.
   T* on_device() const {
     void* pointer = nullptr;
     return cudaHostGetDevicePointer(&pointer, data_, 0) == cudaSuccess ? static_cast<T*>(pointer)

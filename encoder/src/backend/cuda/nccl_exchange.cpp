@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// NCCL as the machine has it: opened at run time, so that the program starts without it.
+// Exchange over the NCCL of the machine, loaded at run time so that the program starts without it.
 #include <nccl.h>
 
 #include <cstring>
@@ -15,7 +15,7 @@ namespace {
 
 constexpr const char* kLibrary = "libnccl.so.2";
 
-// The functions in use. The library stays loaded.
+// The functions in use. The library remains loaded.
 struct Nccl {
   decltype(&::ncclGetUniqueId) get_unique_id;
   decltype(&::ncclCommInitRank) init_rank;
@@ -26,18 +26,19 @@ struct Nccl {
   decltype(&::ncclGetErrorString) error_string;
 
   static Result<Nccl> load();
-  Status status(ncclResult_t result, const char* what) const {
+  Status status(ncclResult_t result, const char* operation) const {
     if (result == ncclSuccess) return {};
-    return runtime_error("NCCL failed while {}: {} (NCCL_DEBUG=WARN tells more)", what,
+    return runtime_error("NCCL failed while {}: {} (set NCCL_DEBUG=WARN for details)", operation,
                          error_string(result));
   }
 };
 
-Status missing(const std::string& why) {
+Status missing(const std::string& reason) {
   return unsupported(
-      "training on several GPUs needs NCCL 2: {}; install it or add its folder to LD_LIBRARY_PATH, "
-      "or use --backend cpu",
-      why);
+      "training on several GPUs requires NCCL 2: {}; install it, add its folder to LD_LIBRARY_PATH "
+      "or "
+      "use --backend cpu",
+      reason);
 }
 
 Result<Nccl> Nccl::load() {
@@ -63,11 +64,11 @@ class NcclExchange final : public RankExchange {
   Status all_gather(void* blocks, std::size_t bytes, cudaStream_t stream) override {
     const auto* own = static_cast<const std::uint8_t*>(blocks) + rank_ * bytes;
     return nccl_.status(nccl_.all_gather(own, blocks, bytes, ncclUint8, comm_, stream),
-                        "gathering what the GPUs give each other");
+                        "gathering between GPUs");
   }
   Status check() override {
     ncclResult_t result = ncclSuccess;
-    STGS_TRY(nccl_.status(nccl_.async_error(comm_, &result), "asking for errors"));
+    STGS_TRY(nccl_.status(nccl_.async_error(comm_, &result), "querying errors"));
     return result == ncclInProgress ? Status() : nccl_.status(result, "gathering between GPUs");
   }
   void abort() override {
@@ -81,15 +82,15 @@ class NcclExchange final : public RankExchange {
   std::size_t rank_ = 0;
 };
 
-// kUnsupported where two ranks have one GPU, which NCCL does not take.
+// Returns kUnsupported if two ranks share a GPU, which NCCL does not support.
 Status check_gpus(Ranks& ranks) {
   struct Gpu {
     char uuid[16];
   };
   int device = 0;
   cudaDeviceProp properties{};
-  STGS_TRY(cuda_status(cudaGetDevice(&device), "asking for the GPU"));
-  STGS_TRY(cuda_status(cudaGetDeviceProperties(&properties, device), "asking about the GPU"));
+  STGS_TRY(cuda_status(cudaGetDevice(&device), "querying the device"));
+  STGS_TRY(cuda_status(cudaGetDeviceProperties(&properties, device), "querying the GPU"));
   Gpu own{};
   std::memcpy(own.uuid, &properties.uuid, sizeof(own.uuid));
   std::vector<Gpu> all(static_cast<std::size_t>(ranks.size()));
@@ -98,8 +99,8 @@ Status check_gpus(Ranks& ranks) {
     for (std::size_t b = a + 1; b < all.size(); ++b) {
       if (std::memcmp(all[a].uuid, all[b].uuid, sizeof(own.uuid)) != 0) continue;
       return unsupported(
-          "processes {} and {} of {} have one GPU, the {}: start as many processes on a machine as "
-          "it has GPUs",
+          "processes {} and {} of {} share a GPU ({}); start at most one process per GPU on each "
+          "machine",
           a + 1, b + 1, all.size(), properties.name);
     }
   }

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// In the place of nccl_exchange.cpp where NCCL's header is not there.
+// Replaces nccl_exchange.cpp in builds without NCCL's header.
 #include "backend/cuda/rank_exchange.h"
 
 namespace stgs::encoder::cuda {
 
 Result<std::unique_ptr<RankExchange>> make_nccl_exchange(Ranks&) {
   return not_built(
-      "this build has no NCCL, which several processes need to train on GPUs: build again where "
-      "nccl.h is found, or use --backend cpu");
+      "this build has no NCCL, which training with several processes on GPUs requires; rebuild "
+      "with "
+      "nccl.h available, or use --backend cpu");
 }
 
 }  // namespace stgs::encoder::cuda

@@ -19,8 +19,8 @@ int grid(std::size_t items, int block) {
   return std::min(blocks_of(items, block), kVggBlocks);
 }
 
-// Index into the picture of pixel q of the patch.
-__device__ std::size_t picture_index(const PerceptualStep& step, std::size_t q) {
+// Returns the image index of pixel q of the patch.
+__device__ std::size_t image_index(const PerceptualStep& step, std::size_t q) {
   const std::size_t x = q % step.patch.width, y = q / step.patch.width;
   return (step.patch.y + y) * step.width + step.patch.x + x;
 }
@@ -29,23 +29,23 @@ __global__ void __launch_bounds__(kThreads)
     load_input(const PerceptualStep step, std::size_t pixels, float4* input) {
   const std::size_t q = std::size_t{blockIdx.x} * kThreads + threadIdx.x;
   if (q >= pixels) return;
-  const std::size_t at = picture_index(step, q);
+  const std::size_t at = image_index(step, q);
   const float4 colour = step.image[at];
-  float shown[3], truth[3];
+  float rendered[3], ground_truth[3];
 #pragma unroll
   for (int c = 0; c < 3; ++c) {
     const float* row = step.colour_map + 3 * c;
     const float x =
         row[0] * colour.x + row[1] * colour.y + row[2] * colour.z + step.colour_map[9 + c];
-    shown[c] = (x - kMean[c]) * kInverse[c];
+    rendered[c] = (x - kMean[c]) * kInverse[c];
     const float y = static_cast<float>(step.ground_truth[3 * at + c]) * (1.0f / 255.0f);
-    truth[c] = (y - kMean[c]) * kInverse[c];
+    ground_truth[c] = (y - kMean[c]) * kInverse[c];
   }
-  input[q] = make_float4(shown[0], shown[1], shown[2], 0.0f);
-  input[pixels + q] = make_float4(truth[0], truth[1], truth[2], 0.0f);
+  input[q] = make_float4(rendered[0], rendered[1], rendered[2], 0.0f);
+  input[pixels + q] = make_float4(ground_truth[0], ground_truth[1], ground_truth[2], 0.0f);
 }
 
-// As fmaxf, but what is not a number stays so.
+// Like fmaxf, but propagates NaN.
 __device__ float larger(float a, float b) {
   return a > b || isnan(a) ? a : b;
 }
@@ -54,7 +54,7 @@ __device__ float4 larger(const float4& a, const float4& b) {
   return make_float4(larger(a.x, b.x), larger(a.y, b.y), larger(a.z, b.z), larger(a.w, b.w));
 }
 
-// Four channels of a pixel a thread; blockIdx.y: which picture.
+// One thread per four channels of a pixel; blockIdx.y: index of the image.
 __global__ void __launch_bounds__(kThreads)
     pool(const float4* features, int width, int height, int quads, float4* pooled) {
   const int out_width = width / 2, out_height = height / 2;
@@ -81,44 +81,44 @@ __global__ void __launch_bounds__(kThreads)
   gradient[k] = d;
 }
 
-// The gradient that the pooling hands to channel c of pixel (x, y), whose feature is f: all of its
-// window's to the first of the largest, row by row.
+// Returns the gradient that the pooling passes to channel c of pixel (x, y), whose feature is f.
+// The window's gradient goes to its first maximum, in row order.
 __device__ float pool_backward(const TapBackward& tap, int x, int y, int c, float f) {
   const int out_width = tap.size.width / 2, out_height = tap.size.height / 2;
   if (tap.d_pooled == nullptr || x / 2 >= out_width || y / 2 >= out_height) return 0.0f;
   const std::size_t channels = tap.size.channels;
   const std::size_t at = (std::size_t{1} * (y / 2) * out_width + x / 2) * channels + c;
-  const float largest = tap.pooled[at];
-  if (f != largest) return 0.0f;
+  const float maximum = tap.pooled[at];
+  if (f != maximum) return 0.0f;
   const std::size_t row = tap.size.width * channels;
   const float* window = tap.features + (y & ~1) * row + (x & ~1) * channels + c;
   const int own = (y & 1) * 2 + (x & 1);
-  if (own > 0 && window[0] == largest) return 0.0f;
-  if (own > 1 && window[channels] == largest) return 0.0f;
-  if (own > 2 && window[row] == largest) return 0.0f;
+  if (own > 0 && window[0] == maximum) return 0.0f;
+  if (own > 1 && window[channels] == maximum) return 0.0f;
+  if (own > 2 && window[row] == maximum) return 0.0f;
   return tap.d_pooled[at];
 }
 
-// A warp a pixel.
+// One warp per pixel.
 template <int kChannels>
 __global__ void __launch_bounds__(kThreads)
     tap_backward(const TapBackward tap, std::size_t pixels, float inverse_pixels) {
-  constexpr int kOwn = kChannels / 32;  // of a thread: its lane and every 32nd from there
+  constexpr int kOwn = kChannels / 32;  // channels per thread: its lane and every 32nd after it
   const int lane = static_cast<int>(threadIdx.x & 31);
   const std::size_t warps = std::size_t{gridDim.x} * kWarps;
   float w[kOwn];
 #pragma unroll
   for (int k = 0; k < kOwn; ++k) w[k] = tap.weights[lane + 32 * k];
-  float share = 0.0f;
+  float sum_over_pixels = 0.0f;
   for (std::size_t q = std::size_t{blockIdx.x} * kWarps + threadIdx.x / 32; q < pixels;
        q += warps) {
-    const float* shown = tap.features + q * kChannels + lane;
-    const float* truth = shown + pixels * kChannels;
+    const float* rendered = tap.features + q * kChannels + lane;
+    const float* ground_truth = rendered + pixels * kChannels;
     float a[kOwn], b[kOwn], square_a = 0.0f, square_b = 0.0f;
 #pragma unroll
     for (int k = 0; k < kOwn; ++k) {
-      a[k] = shown[32 * k];
-      b[k] = truth[32 * k];
+      a[k] = rendered[32 * k];
+      b[k] = ground_truth[32 * k];
       square_a = fmaf(a[k], a[k], square_a);
       square_b = fmaf(b[k], b[k], square_b);
     }
@@ -131,7 +131,7 @@ __global__ void __launch_bounds__(kThreads)
       sum = fmaf(w[k] * difference, difference, sum);
       along = fmaf(w[k] * difference, a[k] * scale_a, along);
     }
-    share += sum;
+    sum_over_pixels += sum;
     along = warp_sum(along);
     const float scale = 2.0f * inverse_pixels * scale_a;
     const int x = static_cast<int>(q % tap.size.width), y = static_cast<int>(q / tap.size.width);
@@ -144,8 +144,8 @@ __global__ void __launch_bounds__(kThreads)
       gradient[32 * k] = a[k] > 0.0f ? own + from_pool : 0.0f;
     }
   }
-  share = block_sum<kThreads>(share);
-  if (threadIdx.x == 0) tap.sums[blockIdx.x] = share * inverse_pixels;
+  sum_over_pixels = block_sum<kThreads>(sum_over_pixels);
+  if (threadIdx.x == 0) tap.sums[blockIdx.x] = sum_over_pixels * inverse_pixels;
 }
 
 __global__ void __launch_bounds__(kThreads)
@@ -156,7 +156,7 @@ __global__ void __launch_bounds__(kThreads)
   for (int k = 0; k < 9; ++k) map[k] = step.colour_map[k];
   for (std::size_t q = std::size_t{blockIdx.x} * kThreads + threadIdx.x; q < pixels;
        q += std::size_t{gridDim.x} * kThreads) {
-    const std::size_t at = picture_index(step, q);
+    const std::size_t at = image_index(step, q);
     const float4 colour = step.image[at], d = gradient[q];
     const float g[3] = {step.weight * kInverse[0] * d.x, step.weight * kInverse[1] * d.y,
                         step.weight * kInverse[2] * d.z};
@@ -180,7 +180,7 @@ __global__ void __launch_bounds__(kThreads)
   }
 }
 
-// A warp a quantity: L, then the colour map's gradients.
+// One warp per quantity: L, then the gradients of the colour map.
 __global__ void __launch_bounds__(32 * (kMapGradients + 1))
     totals(const PerceptualStep step, const float* sums, const float* map_parts, int map_blocks,
            double* value) {

@@ -15,14 +15,14 @@ namespace stgs::encoder::cuda {
 namespace {
 
 constexpr std::size_t kLayers = kVggLayers.size();
-// Deterministic, for every shape, and on the tensor cores where these may be used.
+// Deterministic, available for all shapes, and supports the tensor cores.
 constexpr cudnnConvolutionFwdAlgo_t kAlgorithm = CUDNN_CONVOLUTION_FWD_ALGO_IMPLICIT_PRECOMP_GEMM;
 
 int input_channels(std::size_t layer) {
   return layer == 0 ? kVggInputs : kVggLayers[layer].in;
 }
 
-// A convolution's arguments to cuDNN.
+// The cuDNN arguments of a convolution.
 struct Convolution {
   CudnnObject<cudnnTensorDescriptor_t> input, output, bias_shape;
   CudnnObject<cudnnFilterDescriptor_t> filter;
@@ -32,7 +32,7 @@ struct Convolution {
   std::size_t weight_count() const { return std::size_t{9} * in * out; }
 };
 
-// Work that can be started as one thing.
+// Owns an executable CUDA graph.
 class Graph {
  public:
   Graph() = default;
@@ -51,13 +51,13 @@ class Graph {
   cudaGraphExec_t graph_ = nullptr;
 };
 
-// A pass for patches of one size.
-struct Recorded {
+// The recorded pass for patches of one size.
+struct RecordedPass {
   int width = 0, height = 0;
   Graph graph;
 };
 
-// out x 3 x 3 x in_stored of out x in x 3 x 3, zeros where there is no such input.
+// Converts weights from out x in x 3 x 3 to out x 3 x 3 x in_stored, zero-padding the inputs.
 std::vector<float> forward_weights(const VggConvolution& convolution, const VggLayer& layer,
                                    int in_stored) {
   std::vector<float> weights(std::size_t{9} * in_stored * layer.out);
@@ -71,7 +71,7 @@ std::vector<float> forward_weights(const VggConvolution& convolution, const VggL
   return weights;
 }
 
-// Those that take dL/doutput to dL/dinput: turned round, in_stored x 3 x 3 x out.
+// Returns the weights that map dL/doutput to dL/dinput: flipped, in_stored x 3 x 3 x out.
 std::vector<float> backward_weights(const VggConvolution& convolution, const VggLayer& layer,
                                     int in_stored) {
   std::vector<float> weights(std::size_t{9} * in_stored * layer.out);
@@ -89,7 +89,7 @@ Status upload(const std::vector<float>& values, DeviceArray<float>& array) {
   STGS_TRY(array.ensure(values.size()));
   return cuda_status(cudaMemcpy(array.data(), values.data(), values.size() * sizeof(float),
                                 cudaMemcpyHostToDevice),
-                     "copying the weights of the perceptual loss");
+                     "uploading the weights of the perceptual loss");
 }
 
 class CudnnPerceptual final : public PerceptualNetwork {
@@ -104,9 +104,9 @@ class CudnnPerceptual final : public PerceptualNetwork {
 
  private:
   Status create_convolution(int in, int out, Convolution& convolution);
-  // The descriptors and sizes_ for patches of this size.
+  // Sets the descriptors and sizes_ for patches of this size.
   Status set_size(int width, int height);
-  Status set_shapes(Convolution& convolution, int pictures, const FeatureSize& size);
+  Status set_shapes(Convolution& convolution, int images, const FeatureSize& size);
   Result<std::size_t> workspace_bytes();
   std::size_t gradient_values() const;
   Status upload_weights();
@@ -123,18 +123,18 @@ class CudnnPerceptual final : public PerceptualNetwork {
   CudnnObject<cudnnConvolutionDescriptor_t> convolution_;
   CudnnObject<cudnnActivationDescriptor_t> relu_;
   std::array<Convolution, kLayers> forward_, backward_;
-  std::array<FeatureSize, kLayers> sizes_{};  // of what each layer gives
-  int width_ = 0, height_ = 0;                // that they are for
+  std::array<FeatureSize, kLayers> sizes_{};  // of the output of each layer
+  int width_ = 0, height_ = 0;                // of the patches they are set for
 
   DeviceArray<float> input_, gradient_, next_gradient_;
-  std::array<DeviceArray<float>, kLayers> features_;  // after ReLU, of both pictures
-  std::array<DeviceArray<float>, kLayers> pooled_;    // what goes in, after a pooling
+  std::array<DeviceArray<float>, kLayers> features_;  // after ReLU, of both images
+  std::array<DeviceArray<float>, kLayers> pooled_;    // input of layers that follow a pooling
   std::array<DeviceArray<float>, kVggTaps> channel_weights_;
   DeviceArray<float> sums_, map_parts_;
   DeviceArray<double> value_;
   DeviceArray<std::uint8_t> workspace_;
-  const float* input_gradient_ = nullptr;  // where a pass leaves dL by input_, at every size
-  std::vector<Recorded> recorded_;
+  const float* input_gradient_ = nullptr;  // dL/d(input_) after a pass of any size
+  std::vector<RecordedPass> recorded_;
 };
 
 Status CudnnPerceptual::create(VggPrecision precision) {
@@ -162,40 +162,38 @@ Status CudnnPerceptual::create(VggPrecision precision) {
 }
 
 Status CudnnPerceptual::create_convolution(int in, int out, Convolution& convolution) {
-  const char* what = "describing a layer";
+  const char* operation = "describing a layer";
   convolution.in = in;
   convolution.out = out;
   for (auto* tensor : {&convolution.input, &convolution.output, &convolution.bias_shape})
-    STGS_TRY(cudnn_.status(tensor->create(cudnn_.create_tensor, cudnn_.destroy_tensor), what));
-  STGS_TRY(
-      cudnn_.status(convolution.filter.create(cudnn_.create_filter, cudnn_.destroy_filter), what));
+    STGS_TRY(cudnn_.status(tensor->create(cudnn_.create_tensor, cudnn_.destroy_tensor), operation));
+  STGS_TRY(cudnn_.status(convolution.filter.create(cudnn_.create_filter, cudnn_.destroy_filter),
+                         operation));
   STGS_TRY(cudnn_.status(
       cudnn_.set_filter(convolution.filter, CUDNN_DATA_FLOAT, CUDNN_TENSOR_NHWC, out, in, 3, 3),
-      what));
+      operation));
   return cudnn_.status(
       cudnn_.set_tensor(convolution.bias_shape, CUDNN_TENSOR_NHWC, CUDNN_DATA_FLOAT, 1, out, 1, 1),
-      what);
+      operation);
 }
 
-Status CudnnPerceptual::set_shapes(Convolution& convolution, int pictures,
-                                   const FeatureSize& size) {
-  const char* what = "describing a layer's size";
+Status CudnnPerceptual::set_shapes(Convolution& convolution, int images, const FeatureSize& size) {
+  const char* operation = "describing a layer's size";
   STGS_TRY(cudnn_.status(cudnn_.set_tensor(convolution.input, CUDNN_TENSOR_NHWC, CUDNN_DATA_FLOAT,
-                                           pictures, convolution.in, size.height, size.width),
-                         what));
+                                           images, convolution.in, size.height, size.width),
+                         operation));
   return cudnn_.status(cudnn_.set_tensor(convolution.output, CUDNN_TENSOR_NHWC, CUDNN_DATA_FLOAT,
-                                         pictures, convolution.out, size.height, size.width),
-                       what);
+                                         images, convolution.out, size.height, size.width),
+                       operation);
 }
 
 Status CudnnPerceptual::set_size(int width, int height) {
   if (width == width_ && height == height_) return {};
-  // The largest features, of both pictures; cuDNN counts in 32 bits.
+  // The size of the largest features, of both images; cuDNN uses 32-bit sizes.
   if (std::int64_t{2} * width * height * kVggLayers[0].out > INT32_MAX) {
     return unsupported(
-        "patches of {}x{} pixels are too large for cuDNN: use a smaller "
-        "perceptual_patch",
-        width, height);
+        "patches of {}x{} pixels are too large for cuDNN; use a smaller perceptual_patch", width,
+        height);
   }
   width_ = width;
   height_ = height;
@@ -212,23 +210,23 @@ Status CudnnPerceptual::set_size(int width, int height) {
 }
 
 Result<std::size_t> CudnnPerceptual::workspace_bytes() {
-  std::size_t most = 0;
+  std::size_t maximum = 0;
   for (const auto* convolutions : {&forward_, &backward_}) {
     for (const Convolution& c : *convolutions) {
       std::size_t bytes = 0;
       STGS_TRY(cudnn_.status(cudnn_.workspace_size(handle_, c.input, c.filter, convolution_,
                                                    c.output, kAlgorithm, &bytes),
-                             "asking for its working memory"));
-      most = std::max(most, bytes);
+                             "querying the workspace size"));
+      maximum = std::max(maximum, bytes);
     }
   }
-  return most;
+  return maximum;
 }
 
 std::size_t CudnnPerceptual::gradient_values() const {
-  std::size_t most = 0;
-  for (const FeatureSize& size : sizes_) most = std::max(most, size.values());
-  return most;
+  std::size_t maximum = 0;
+  for (const FeatureSize& size : sizes_) maximum = std::max(maximum, size.values());
+  return maximum;
 }
 
 Result<std::size_t> CudnnPerceptual::bytes(int width, int height) {
@@ -246,7 +244,7 @@ Status CudnnPerceptual::reserve(int width, int height) {
   recorded_.clear();
   STGS_TRY(set_size(width, height));
   STGS_ASSIGN(const std::size_t workspace, workspace_bytes());
-  // Some shapes' algorithms ask for nothing.
+  // The algorithm needs no workspace for some shapes.
   STGS_TRY(workspace_.ensure(std::max<std::size_t>(workspace, 1)));
   STGS_TRY(input_.ensure(2 * kVggInputs * std::size_t{1} * width * height));
   STGS_TRY(gradient_.ensure(gradient_values()));
@@ -283,15 +281,15 @@ Status CudnnPerceptual::enqueue(const PerceptualStep& step, cudaStream_t stream)
   return cuda_status(cudaGetLastError(), "starting the perceptual loss");
 }
 
-// From input_ to sums_ and the gradient: the same work on the same memory for every patch of a
-// size, so that it is recorded once and then started as one thing.
+// Computes sums_ and the gradient from input_. The work and memory are identical for all patches of
+// a size, so the pass is recorded once as a graph and then replayed.
 Status CudnnPerceptual::pass(int width, int height, cudaStream_t stream) {
-  for (const Recorded& recorded : recorded_) {
+  for (const RecordedPass& recorded : recorded_) {
     if (recorded.width != width || recorded.height != height) continue;
     return cuda_status(cudaGraphLaunch(recorded.graph, stream), "starting the perceptual loss");
   }
   STGS_TRY(set_size(width, height));
-  // A smaller patch may need more of it; where it grows, CUDA waits for the work under way.
+  // A smaller patch may need more workspace. If it grows, CUDA waits for the work in flight.
   STGS_ASSIGN(const std::size_t workspace, workspace_bytes());
   if (workspace > workspace_.capacity()) {
     recorded_.clear();
@@ -303,14 +301,15 @@ Status CudnnPerceptual::pass(int width, int height, cudaStream_t stream) {
 }
 
 Status CudnnPerceptual::record(cudaStream_t stream) {
-  const char* what = "recording the perceptual loss";
+  const char* operation = "recording the perceptual loss";
   cudaGraph_t graph = nullptr;
-  STGS_TRY(cuda_status(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), what));
-  const Status ran = run(stream);
-  const cudaError_t ended = cudaStreamEndCapture(stream, &graph);
-  Recorded recorded{width_, height_, {}};
-  Status status = ran.ok() ? cuda_status(ended, what) : ran;
-  if (status.ok()) status = cuda_status(recorded.graph.create(graph), what);
+  STGS_TRY(
+      cuda_status(cudaStreamBeginCapture(stream, cudaStreamCaptureModeThreadLocal), operation));
+  const Status run_status = run(stream);
+  const cudaError_t capture_error = cudaStreamEndCapture(stream, &graph);
+  RecordedPass recorded{width_, height_, {}};
+  Status status = run_status.ok() ? cuda_status(capture_error, operation) : run_status;
+  if (status.ok()) status = cuda_status(recorded.graph.create(graph), operation);
   if (graph != nullptr) cudaGraphDestroy(graph);
   STGS_TRY(status);
   recorded_.push_back(std::move(recorded));
@@ -350,7 +349,7 @@ Status CudnnPerceptual::backward(cudaStream_t stream) {
   const float one = 1.0f, zero = 0.0f;
   float *gradient = gradient_.data(), *next = next_gradient_.data();
   for (std::size_t i = kLayers; i-- > 0;) {
-    // `gradient` is by what this layer gives, after a pooling where there is one.
+    // `gradient` is that of this layer's output, after a pooling if one follows.
     const bool pooled = i + 1 < kLayers && kVggLayers[i + 1].pool_before;
     if (const int tap = kVggLayers[i].tap; tap >= 0) {
       launch_tap_backward({sizes_[i], features_[i].data(), channel_weights_[tap].data(),
@@ -373,7 +372,7 @@ Status CudnnPerceptual::backward(cudaStream_t stream) {
   return {};
 }
 
-// Every pooling follows a tap, whose kernel goes back through both.
+// Every pooling follows a tap, whose kernel computes the backward pass of both.
 constexpr bool taps_before_pools() {
   for (std::size_t i = 1; i < kLayers; ++i) {
     if (kVggLayers[i].pool_before && kVggLayers[i - 1].tap < 0) return false;

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The perceptual loss on the GPU: VGG16 by cuDNN, forward for the rendered and the true patch
-// together, backward to the rendered one. The same sums as perceptual/perceptual_loss.h.
+// The perceptual loss on the GPU: VGG16 by cuDNN, forward for the rendered and the ground-truth
+// patch together, backward for the rendered one. Computes the same sums as
+// perceptual/perceptual_loss.h.
 //
-// The weights are fixed, so that the backward of a convolution is a convolution with other weights,
-// and one algorithm, which is deterministic, does all of them. Features are channels last.
+// The weights are constant, so the backward pass of a convolution is a convolution with other
+// weights, and all use the same deterministic algorithm. Features are channels last.
 //
-// The true patch's features are made in each step: they are a third of the work, and those of the
-// whole pictures, 490 bytes a pixel, would not fit for long (180 GB for 27 cameras and 60 frames of
-// 640x360).
+// The features of the ground truth are recomputed in every step. They take a third of the time, but
+// caching those of complete images, at 490 bytes per pixel, would need too much memory (180 GB for
+// 27 cameras and 60 frames of 640x360).
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -21,26 +22,29 @@
 
 namespace stgs::encoder::cuda {
 
-// How the convolutions multiply: with 10 bits of mantissa on the tensor cores (TF32), adding up in
-// 32-bit floats; or all in 32-bit floats.
-enum class VggPrecision { kTensorCores, kFloat };
+// Arithmetic of the convolutions.
+enum class VggPrecision {
+  kTensorCores,  // TF32 products (10 bits of mantissa) on the tensor cores, sums in 32-bit floats
+  kFloat,        // 32-bit floats throughout
+};
 
-// One thread; the current device. Gives the same bits when repeated.
+// Call it from one thread; uses the current device. Results are bit-reproducible.
 class PerceptualNetwork {
  public:
   virtual ~PerceptualNetwork() = default;
-  // Device memory for patches of up to this size.
+  // Returns the device memory for patches of up to this size, bytes.
   virtual Result<std::size_t> bytes(int width, int height) = 0;
-  // Takes it, and copies the weights there.
+  // Allocates that memory and uploads the weights.
   virtual Status reserve(int width, int height) = 0;
-  // Enqueues the loss of a patch that is reserved for, and its gradients.
+  // Enqueues the loss of a patch within the reserved size, and its gradients.
   virtual Status enqueue(const PerceptualStep& step, cudaStream_t stream) = 0;
-  // Where the last step leaves L on the device.
+  // Returns the device address of L of the latest step.
   virtual const double* value() const = 0;
 };
 
-// kNotBuilt in a build without cuDNN, kUnsupported where the machine has none.
+// Checks for cuDNN. kNotBuilt in a build without it, kUnsupported if the machine has none.
 Status check_perceptual_network();
+// Creates the network. Errors as above.
 Result<std::unique_ptr<PerceptualNetwork>> make_perceptual_network(
     std::shared_ptr<const Vgg16> network, VggPrecision precision = VggPrecision::kTensorCores);
 

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// A step of several ranks on GPUs: what each rank's view gives is a block of device memory, all
-// blocks are gathered on every GPU, and every GPU adds them up itself, in the order of the ranks
-// (backend/cpu/rank_step.h has the same for CPUs).
+// A step of several ranks on GPUs. Each rank writes the contributions of its view to a block of
+// device memory. All blocks are gathered on every GPU, and every GPU sums them itself, in rank
+// order (backend/cpu/rank_step.h is the CPU equivalent).
 //
-// A block is a head, then kContributionRows rows of a float for each primitive: the fields of the
-// update's stage before kBasis, gradient, absolute gradient and error for densification, and 1 for
-// what the view sees, else 0. The other rows hold nothing where that is 0.
+// A block consists of a head and kContributionRows rows with one float per primitive:
+// - the fields of the update's stage before kBasis;
+// - the gradient, absolute gradient and error for densification;
+// - 1 if the primitive is visible in the view, else 0. If 0, the other rows are undefined.
 #pragma once
 
 #include <cstddef>
@@ -16,8 +17,8 @@
 
 namespace stgs::encoder::cuda {
 
-inline constexpr int kMaxBlocks = 64;  // kMaxRanks, whose header is none for device code
-inline constexpr int kStatisticsRow = 20, kSeenRow = 23, kContributionRows = 24;
+inline constexpr int kMaxBlocks = 64;  // = kMaxRanks, whose header cannot be used in device code
+inline constexpr int kStatisticsRow = 20, kVisibleRow = 23, kContributionRows = 24;
 
 struct RankHead {
   StepRecord record;
@@ -26,15 +27,15 @@ struct RankHead {
 inline constexpr std::size_t kHeadBytes = 256;
 static_assert(sizeof(RankHead) <= kHeadBytes);
 
-// The blocks of all ranks, one after the other.
+// The blocks of all ranks, contiguous.
 struct RankBlocks {
   std::uint8_t* data = nullptr;
-  std::size_t bytes = 0;     // of a block
-  std::uint32_t stride = 0;  // floats of a row
+  std::size_t bytes = 0;     // per block
+  std::uint32_t stride = 0;  // floats per row
   int count = 1, own = 0;
 };
 
-// What every rank knows of the view of each.
+// The views of all ranks, known to every rank.
 struct RankViews {
   float4 centre_ticks[kMaxBlocks];
   std::uint32_t colour_index[kMaxBlocks];
@@ -54,20 +55,22 @@ __host__ __device__ inline float* rank_rows(const RankBlocks& blocks, int rank) 
                                   kHeadBytes);
 }
 
-// The first part of launch_update: rows of the own block.
+// The first part of launch_update: writes the rows of this rank's block.
 void launch_contributions(const Primitives& p, const View& view, const UpdateSettings& settings,
                           const Workspace& w, const RankBlocks& blocks, cudaStream_t stream);
-// The first part of launch_finish: the own block's head, counters for the next step.
+// The first part of launch_finish: writes the head of this rank's block and resets the counters for
+// the next step.
 void launch_head(const View& view, std::uint32_t n, const LossWeights& weights, const Workspace& w,
                  const RankBlocks& blocks, cudaStream_t stream);
-// From the gathered blocks: one step of Adam with the mean gradient of the views, for what any has
-// seen; statistics as if each view had been a step. Nothing where a rank had too little room.
+// From the gathered blocks, applies one Adam step with the mean gradient of the views to each
+// primitive visible in any of them. Gathers statistics as if each view had been a separate step. No
+// effect if a rank overflowed.
 void launch_apply(const Primitives& p, const RankViews& views, int coefficients,
                   const UpdateSettings& settings, AdamBetas betas, const RankBlocks& blocks,
                   cudaStream_t stream);
-// The colour maps, a step of Adam a view in the order of the ranks; `records` (mapped host memory):
-// one a rank. Where a rank had too little room, all are told so and take no step until it is
-// cleared.
+// Updates the colour maps with one Adam step per view, in rank order, and writes `records` (mapped
+// host memory), one per rank. If a rank overflowed, sets the overflow of all ranks, so that steps
+// have no effect until it is cleared.
 void launch_finish_ranks(const RankViews& views, const ColourMaps& colour, float rate,
                          Counters* counters, const RankBlocks& blocks, StepRecord* records,
                          cudaStream_t stream);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How the GPUs of several ranks give each other their blocks.
+// Exchanges the blocks of several ranks between their GPUs.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -15,17 +15,18 @@ namespace stgs::encoder::cuda {
 class RankExchange {
  public:
   virtual ~RankExchange() = default;
-  // Enqueues: block k of `blocks` (size x bytes, on the device) becomes what is rank k's own block
-  // there. `bytes` is the same on every rank.
+  // Enqueues an all-gather of `blocks` (size x bytes, on the device): block k receives rank k's own
+  // block. `bytes` is equal on every rank.
   virtual Status all_gather(void* blocks, std::size_t bytes, cudaStream_t stream) = 0;
-  // What has gone wrong meanwhile with what is enqueued.
+  // Returns the error of enqueued work, if any.
   virtual Status check() = 0;
-  // Ends what is enqueued and may wait for a rank that has failed. Nothing comes after it.
+  // Aborts enqueued work, which may be waiting for a failed rank. No other call may follow.
   virtual void abort() = 0;
 };
 
-// By NCCL, a GPU a rank, the current one here; all ranks call it together. kNotBuilt in a build
-// without NCCL's header, kUnsupported where there is no NCCL or two ranks have one GPU.
+// Creates an exchange over NCCL, with one GPU per rank: the current device. All ranks must call it
+// together. kNotBuilt in a build without NCCL's header; kUnsupported if there is no NCCL or two
+// ranks share a GPU.
 Result<std::unique_ptr<RankExchange>> make_nccl_exchange(Ranks& ranks);
 
 }  // namespace stgs::encoder::cuda

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The second half of a step of several ranks: the sum over the views' contributions for each
-// primitive, a thread each, then Adam by rows as in the update of one.
+// The second half of a step of several ranks: sums the contributions of the views, one thread per
+// primitive, then applies Adam in rows as in the update of a single rank.
 #include "backend/cuda/rank_blocks.h"
 #include "backend/cuda/update_rows.cuh"
 #include "math/grad.h"
@@ -11,9 +11,8 @@ namespace {
 
 using namespace math;
 
-constexpr int kHarmonics =
-    3 * kShMaxCoefficients + 1;  // odd, so that lanes fall on different banks
-static_assert(kStatisticsRow == kBasis && kSeenRow == kStatisticsRow + 3);
+constexpr int kShStride = 3 * kShMaxCoefficients + 1;  // odd, to avoid bank conflicts between lanes
+static_assert(kStatisticsRow == kBasis && kVisibleRow == kStatisticsRow + 3);
 
 __device__ bool any_overflow(const RankBlocks& blocks) {
   for (int r = 0; r < blocks.count; ++r) {
@@ -22,11 +21,11 @@ __device__ bool any_overflow(const RankBlocks& blocks) {
   return false;
 }
 
-// The sum over the views that see primitive i: fields of the stage, and the harmonics, whose
-// gradients are basis times colour gradient.
+// Adds a view's contribution to primitive i: fields of the stage, and SH gradients, which are basis
+// times colour gradient.
 __device__ void add_view(const Primitives& p, std::uint32_t i, float4 centre_ticks,
                          int coefficients, const float* rows, std::uint32_t stride, float* stage,
-                         float* harmonics) {
+                         float* sh) {
 #pragma unroll
   for (int k = 0; k < kBasis; ++k) stage[k] += rows[k * stride + i];
   const Vec3 position = position_at(read3(p.values[kPosition], i), read3(p.u, i),
@@ -40,33 +39,33 @@ __device__ void add_view(const Primitives& p, std::uint32_t i, float4 centre_tic
 #pragma unroll
   for (int k = 0; k < kShMaxCoefficients; ++k) {
     if (k >= coefficients) break;
-    harmonics[3 * k] += basis.v[k] * red;
-    harmonics[3 * k + 1] += basis.v[k] * green;
-    harmonics[3 * k + 2] += basis.v[k] * blue;
+    sh[3 * k] += basis.v[k] * red;
+    sh[3 * k + 1] += basis.v[k] * green;
+    sh[3 * k + 2] += basis.v[k] * blue;
   }
 }
 
-// Fills the stage and the harmonics of primitive i with the means over the views; whether any has
-// seen it.
+// Fills the stage and the SH gradients of primitive i with the means over the views. Returns
+// whether it is visible in any of them.
 __device__ bool mean_gradients(const Primitives& p, std::uint32_t i, const RankViews& views,
                                int coefficients, const UpdateSettings& settings,
-                               const RankBlocks& blocks, float* stage, float* harmonics) {
+                               const RankBlocks& blocks, float* stage, float* sh) {
   for (int k = 0; k < kBasis; ++k) stage[k] = 0.0f;
-  for (int k = 0; k < 3 * coefficients; ++k) harmonics[k] = 0.0f;
-  bool seen = false;
+  for (int k = 0; k < 3 * coefficients; ++k) sh[k] = 0.0f;
+  bool visible = false;
   for (int r = 0; r < blocks.count; ++r) {
     const float* rows = rank_rows(blocks, r);
-    if (rows[kSeenRow * blocks.stride + i] == 0.0f) continue;
-    seen = true;
-    add_view(p, i, views.centre_ticks[r], coefficients, rows, blocks.stride, stage, harmonics);
+    if (rows[kVisibleRow * blocks.stride + i] == 0.0f) continue;
+    visible = true;
+    add_view(p, i, views.centre_ticks[r], coefficients, rows, blocks.stride, stage, sh);
     if (!settings.gather_statistics) continue;
     const float* rest = rows + kStatisticsRow * blocks.stride + i;
     gather_statistics(p, i, {rest[0], rest[blocks.stride], rest[2 * blocks.stride]});
   }
-  const float share = 1.0f / static_cast<float>(blocks.count);
-  for (int k = 0; k < kBasis; ++k) stage[k] *= share;
-  for (int k = 0; k < 3 * coefficients; ++k) harmonics[k] *= share;
-  return seen;
+  const float factor = 1.0f / static_cast<float>(blocks.count);
+  for (int k = 0; k < kBasis; ++k) stage[k] *= factor;
+  for (int k = 0; k < 3 * coefficients; ++k) sh[k] *= factor;
+  return visible;
 }
 
 template <bool kCoupled>
@@ -74,16 +73,16 @@ __global__ void __launch_bounds__(kUpdateBlock)
     apply(const Primitives p, const RankViews views, int coefficients,
           const UpdateSettings settings, AdamBetas betas, const RankBlocks blocks) {
   __shared__ float stages[kUpdateBlock * kFields];
-  __shared__ float all_harmonics[kUpdateBlock * kHarmonics];
+  __shared__ float sh_gradients[kUpdateBlock * kShStride];
   if (any_overflow(blocks)) return;
   const int warp = threadIdx.x / 32, lane = threadIdx.x & 31;
   const std::uint32_t i = blockIdx.x * kUpdateBlock + threadIdx.x;
   float* stage = stages + threadIdx.x * kFields;
   float* warp_stage = stages + 32 * warp * kFields;
-  float* harmonics = all_harmonics + threadIdx.x * kHarmonics;
-  const float* warp_harmonics = all_harmonics + 32 * warp * kHarmonics;
+  float* sh = sh_gradients + threadIdx.x * kShStride;
+  const float* warp_sh = sh_gradients + 32 * warp * kShStride;
   const bool own =
-      i < p.n && mean_gradients(p, i, views, coefficients, settings, blocks, stage, harmonics);
+      i < p.n && mean_gradients(p, i, views, coefficients, settings, blocks, stage, sh);
   const unsigned visible = __ballot_sync(kAllLanes, own);
   if (visible == 0) return;
   float before = 1.0f;
@@ -97,10 +96,10 @@ __global__ void __launch_bounds__(kUpdateBlock)
     }
   }
   __syncwarp();
-  const auto by_harmonic = [warp_harmonics](unsigned owner, unsigned k) {
-    return warp_harmonics[owner * kHarmonics + k];
+  const auto sh_gradient = [warp_sh](unsigned owner, unsigned k) {
+    return warp_sh[owner * kShStride + k];
   };
-  update_harmonics(p, i - lane, visible, coefficients, settings, warp_stage, by_harmonic, betas);
+  update_sh(p, i - lane, visible, coefficients, settings, warp_stage, sh_gradient, betas);
   update_parameters<kCoupled>(p, i - lane, visible, settings, warp_stage, betas);
   __syncwarp();
   if (!kCoupled && own) derive(p, i, settings, before, stage);

@@ -9,7 +9,7 @@ SharedLibrary::SharedLibrary(const char* name)
     : name_(name), library_(dlopen(name, RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE)) {
   if (library_ != nullptr) return;
   const char* text = dlerror();
-  problem_ = text != nullptr ? text : fmt::format("{} cannot be opened", name);
+  problem_ = text != nullptr ? text : fmt::format("{} could not be loaded", name);
 }
 
 void* SharedLibrary::address_of(const char* name) {

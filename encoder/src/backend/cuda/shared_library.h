@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A library that is opened at run time, so that the program starts where it is missing.
+// A library loaded at run time, so that the program starts without it.
 #pragma once
 
 #include <string>
@@ -9,17 +9,17 @@
 
 namespace stgs::encoder::cuda {
 
-// Stays loaded to the end of the process. Errors are kept for problem().
+// The library remains loaded until the process ends. problem() returns the first error.
 class SharedLibrary {
  public:
   explicit SharedLibrary(const char* name);
 
-  // Sets the pointer to the library's function of that name.
+  // Sets `function` to the library's function of that name, or null.
   template <typename Function>
   void find(Function& function, const char* name) {
     function = reinterpret_cast<Function>(address_of(name));
   }
-  // Why it cannot be used; "" where it can, and all functions were found.
+  // Returns why the library cannot be used; "" if it was loaded and all functions were found.
   const std::string& problem() const { return problem_; }
 
  private:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Slice at t, one primitive a thread: raster_slice.cpp's make_splat.
+// Slices the set at t, one thread per primitive: make_splat of raster_slice.cpp.
 #include "backend/cuda/device.cuh"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/sh.h"
@@ -11,14 +11,14 @@ namespace {
 using namespace math;
 
 constexpr int kBlock = 256;
-// ln(1/threshold), rounded up: the farthest that anything is drawn in time.
+// ln(1/threshold), rounded up: the maximum temporal distance at which anything is visible.
 constexpr float kReachMax = 5.55f;
 
 __device__ Vec3 read3(const float* array, std::uint32_t i) {
   return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
 }
 
-// False where the distance or a sum of the harmonics is not finite.
+// Returns false if the distance or an SH sum is not finite.
 __device__ bool colour_of(const float* sh, int coefficients, Vec3 from_camera, ScreenSplat& out) {
   const float square = dot3(from_camera, from_camera);
   const float n = 1.0f / sqrtf(square);
@@ -71,7 +71,7 @@ __device__ bool make_splat(const Primitives& p, std::uint32_t i, const View& vie
   out.half_xx = -0.5f * kLog2E * q.conic.xx;
   out.cross = -kLog2E * q.conic.xy;
   out.half_yy = -0.5f * kLog2E * q.conic.yy;
-  out.most = log2f(opacity);
+  out.log2_opacity = log2f(opacity);
   out.depth = q.depth;
   const Vec3 from_camera{position.x - view.centre.x, position.y - view.centre.y,
                          position.z - view.centre.z};

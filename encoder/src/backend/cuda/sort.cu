@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// CUB's device-wide sort and sum, instantiated once: they are what takes long to compile.
+// The only instantiation of CUB's device-wide sort and scan, because they are slow to compile.
 #include <algorithm>
 #include <cub/device/device_radix_sort.cuh>
 #include <cub/device/device_scan.cuh>
@@ -38,8 +38,8 @@ void sort_indices(const Workspace& w, const std::uint32_t* keys, std::uint32_t* 
                                   static_cast<int>(n), 0, bits, stream);
 }
 
-void sum_before(const Workspace& w, const std::uint32_t* values, std::uint32_t* sums, std::size_t n,
-                cudaStream_t stream) {
+void exclusive_sum(const Workspace& w, const std::uint32_t* values, std::uint32_t* sums,
+                   std::size_t n, cudaStream_t stream) {
   std::size_t bytes = w.sort_bytes;
   cub::DeviceScan::ExclusiveSum(w.sort_memory, bytes, values, sums, static_cast<int>(n), stream);
 }

@@ -50,7 +50,7 @@ std::size_t StepPipeline::bytes(std::size_t primitives, int width, int height,
   constexpr std::size_t kPixel = 2 * sizeof(float4) + 11 * 4;
   constexpr std::size_t kInstance = 5 * 4 + kSums * 4;
   const std::size_t pixels = std::size_t{1} * width * height;
-  // The sort keeps a copy of its input.
+  // The sort copies its input.
   const std::size_t items = std::max(primitives, instances);
   const std::size_t segments = segment_count(instances, tiles_of(width, height) + 1);
   const std::size_t checkpoints = segments * kTile * kTile * sizeof(float4);
@@ -69,23 +69,23 @@ Status StepPipeline::create(cudaStream_t stream) {
 Status StepPipeline::reserve(std::size_t primitives, int width, int height, std::size_t instances,
                              bool planes, cudaStream_t stream) {
   const std::size_t pixels = std::size_t{1} * width * height;
-  if (primitives > splats_.capacity() || pixels > picture_.capacity() ||
+  if (primitives > splats_.capacity() || pixels > image_.capacity() ||
       tiles_of(width, height) >= tile_begin_.capacity() || instances > list_.capacity()) {
     STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "waiting for the GPU"));
   }
   STGS_TRY(reserve_primitives(primitives));
-  STGS_TRY(reserve_picture(width, height));
+  STGS_TRY(reserve_image(width, height));
   with_planes_ = with_planes_ || planes;
-  // Half as much again, for the next steps may need a little more each.
-  const std::size_t wish = instances > list_.capacity()
-                               ? std::min(instances + instances / 2, kMaxInstances)
-                               : list_.capacity();
-  if (reserve_lists(wish, stream).ok()) return {};
+  // Grows by half, because the next steps may each need slightly more.
+  const std::size_t target = instances > list_.capacity()
+                                 ? std::min(instances + instances / 2, kMaxInstances)
+                                 : list_.capacity();
+  if (reserve_lists(target, stream).ok()) return {};
   STGS_TRY(release_lists(stream));
   return reserve_lists(instances, stream);
 }
 
-// All whose size follows from the number of tile instances.
+// Reserves all buffers whose size depends on the number of tile instances.
 Status StepPipeline::reserve_lists(std::size_t instances, cudaStream_t stream) {
   STGS_TRY(reserve_instances(instances));
   STGS_TRY(reserve_segments());
@@ -101,7 +101,7 @@ Status StepPipeline::reserve_lists(std::size_t instances, cudaStream_t stream) {
   return {};
 }
 
-// Gives all of them back, so that what is reserved next is no larger than it must be.
+// Frees those buffers, so that the next reservation can be of the exact size.
 Status StepPipeline::release_lists(cudaStream_t stream) {
   STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "waiting for the GPU"));
   for (auto* array :
@@ -135,19 +135,19 @@ Status StepPipeline::reserve_primitives(std::size_t n) {
   return {};
 }
 
-Status StepPipeline::reserve_picture(int width, int height) {
+Status StepPipeline::reserve_image(int width, int height) {
   const std::size_t pixels = std::size_t{1} * width * height;
   const std::size_t blocks = loss_blocks(width, height);
-  STGS_TRY(picture_.ensure(pixels));
-  STGS_TRY(d_picture_.ensure(pixels));
+  STGS_TRY(image_.ensure(pixels));
+  STGS_TRY(d_image_.ensure(pixels));
   STGS_TRY(last_.ensure(pixels));
   STGS_TRY(slopes_.ensure(9 * pixels));
   STGS_TRY(error_.ensure(pixels));
   STGS_TRY(tile_begin_.ensure(tiles_of(width, height) + 1));
   STGS_TRY(ssim_sums_.ensure(blocks));
   STGS_TRY(loss_sums_.ensure(kLossSums * blocks));
-  workspace_.image = picture_.data();
-  workspace_.d_image = d_picture_.data();
+  workspace_.image = image_.data();
+  workspace_.d_image = d_image_.data();
   workspace_.last = last_.data();
   workspace_.slopes = slopes_.data();
   workspace_.error = error_.data();
@@ -179,11 +179,11 @@ Status StepPipeline::reserve_segments() {
   return {};
 }
 
-// As much as there is of what they go with.
+// Reserves the plane buffers with the capacities of their counterparts.
 Status StepPipeline::reserve_planes() {
   STGS_TRY(planes_.ensure(splats_.capacity()));
-  STGS_TRY(surface_.ensure(picture_.capacity()));
-  STGS_TRY(d_surface_.ensure(picture_.capacity()));
+  STGS_TRY(surface_.ensure(image_.capacity()));
+  STGS_TRY(d_surface_.ensure(image_.capacity()));
   STGS_TRY(surface_checkpoints_.ensure(checkpoints_.capacity()));
   STGS_TRY(plane_partials_.ensure(list_.capacity()));
   STGS_TRY(difference_range_.ensure(2));
@@ -209,17 +209,17 @@ void StepPipeline::set_perceptual(std::unique_ptr<PerceptualNetwork> network) {
 }
 
 Status StepPipeline::enqueue_perceptual(const StepInput& input, const View& view,
-                                        const std::uint8_t* truth, const float* colour_map,
+                                        const std::uint8_t* ground_truth, const float* colour_map,
                                         cudaStream_t stream) {
   PerceptualStep step;
   step.image = workspace_.image;
-  step.ground_truth = truth;
+  step.ground_truth = ground_truth;
   step.colour_map = colour_map;
   step.width = view.width;
   step.patch = input.patch;
   step.weight = input.weight_perceptual;
   step.d_image = workspace_.d_image;
-  // Those of the first block of the image loss, which come after its L1.
+  // The colour map sums of the image loss's first block, which follow the sums of L1.
   step.map_stride = loss_blocks(view.width, view.height);
   step.map_sums = workspace_.loss_sums + step.map_stride;
   return perceptual_->enqueue(step, stream);
@@ -263,8 +263,8 @@ Status StepPipeline::enqueue_shared(const DeviceState& state, const StepInput& i
 }
 
 Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
-                             const std::uint8_t* truth, std::size_t instances, StepRecord* record,
-                             cudaStream_t stream) {
+                             const std::uint8_t* ground_truth, std::size_t instances,
+                             StepRecord* record, cudaStream_t stream) {
   const Primitives& primitives = state.primitives();
   const View view = view_of(input, primitives.sh_coefficients);
   const LossWeights weights{input.weight_l1, input.weight_ssim, input.weight_normal,
@@ -279,14 +279,14 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
   stage("bin");
   launch_blend(view, w, stream);
   stage("blend");
-  launch_image_loss(view, truth, map, weights, w, stream);
+  launch_image_loss(view, ground_truth, map, weights, w, stream);
   stage("image_loss");
   if (input.weight_perceptual > 0) {
-    STGS_TRY(enqueue_perceptual(input, view, truth, map, stream));
+    STGS_TRY(enqueue_perceptual(input, view, ground_truth, map, stream));
     stage("perceptual");
   }
   if (view.planes) {
-    launch_normal_loss(view, truth, input.weight_normal, w, stream);
+    launch_normal_loss(view, ground_truth, input.weight_normal, w, stream);
     stage("normal_loss");
   }
   launch_blend_backward(view, instances, w, stream);
@@ -300,20 +300,21 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
   return cuda_status(cudaGetLastError(), "starting a step");
 }
 
-Result<Counters> StepPipeline::weigh(const DeviceState& state, const StepInput& input,
-                                     std::size_t instances, unsigned long long* sums,
-                                     cudaStream_t stream) {
+Result<Counters> StepPipeline::accumulate_importance(const DeviceState& state,
+                                                     const StepInput& input, std::size_t instances,
+                                                     unsigned long long* sums,
+                                                     cudaStream_t stream) {
   const Primitives& primitives = state.primitives();
   const View view = view_of(input, primitives.sh_coefficients);
   launch_slice(primitives, view, workspace_, stream);
   launch_bin(primitives.n, view, instances, workspace_, stream);
   launch_importance(view, sums, workspace_, stream);
-  STGS_TRY(cuda_status(cudaGetLastError(), "weighing the primitives"));
+  STGS_TRY(cuda_status(cudaGetLastError(), "computing the importances"));
   Counters counters{};
   STGS_TRY(cuda_status(cudaMemcpyAsync(&counters, counters_.data(), sizeof(Counters),
                                        cudaMemcpyDeviceToHost, stream),
                        "copying the counters"));
-  STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "weighing the primitives"));
+  STGS_TRY(cuda_status(cudaStreamSynchronize(stream), "computing the importances"));
   STGS_TRY(clear_overflow(stream));
   return counters;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels of one step, or of weighing at one view, in their order, and the buffers between
-// them.
+// Runs the kernels of a step, or of the importances of a view, in order, and owns the buffers
+// between them.
 #pragma once
 
 #include <functional>
@@ -17,53 +17,58 @@ namespace stgs::encoder::cuda {
 
 class StepPipeline {
  public:
-  // Called with a stage's name when all its work and that of the stages before is enqueued.
+  // Called with the name of a stage when its work and that of all previous stages is enqueued.
   using StageObserver = std::function<void(const char* stage)>;
 
-  // Bytes of device memory for such steps.
+  // Returns the device memory for steps of this size, bytes.
   static std::size_t bytes(std::size_t primitives, int width, int height, std::size_t instances,
                            bool planes);
 
+  // Allocates the counters.
   Status create(cudaStream_t stream);
-  // Memory for steps of this size, from now on also with planes (L_n) where it says so; waits for
-  // the stream where it has to grow. Lists grow by more than asked for where there is room; bytes()
-  // are enough.
+  // Reserves memory for steps of this size. `planes`: also for L_n from now on. Waits for the
+  // stream if anything grows. Lists grow by more than requested if memory permits; bytes()
+  // suffices.
   Status reserve(std::size_t primitives, int width, int height, std::size_t instances, bool planes,
                  cudaStream_t stream);
-  // Enqueues a step with room for `instances` tile instances; the size is reserved. `record`, one
-  // a rank, is mapped host memory as the device addresses it.
-  Status enqueue(const DeviceState& state, const StepInput& input, const std::uint8_t* truth,
+  // Enqueues a step with a capacity of `instances` tile instances, within the reserved size.
+  // `record`: device address of mapped host memory, one record per rank.
+  Status enqueue(const DeviceState& state, const StepInput& input, const std::uint8_t* ground_truth,
                  std::size_t instances, StepRecord* record, cudaStream_t stream);
-  // Weighs the primitives at the camera and moment of `input`: adds to `sums`, one a primitive in
-  // units of 1 / kImportanceOne. Where there was no room it adds nothing, and what it returns has
-  // overflow set. Waits.
-  Result<Counters> weigh(const DeviceState& state, const StepInput& input, std::size_t instances,
-                         unsigned long long* sums, cudaStream_t stream);
-  // For steps with a perceptual loss; reserved for their patches. Null: there are none.
+  // Adds the importances at the camera and time of `input` to `sums`, one per primitive, in units
+  // of 1 / kImportanceOne. Blocks until done. If the capacity is too small, adds nothing and
+  // returns counters with the overflow set.
+  Result<Counters> accumulate_importance(const DeviceState& state, const StepInput& input,
+                                         std::size_t instances, unsigned long long* sums,
+                                         cudaStream_t stream);
+  // Sets the network for steps with a perceptual loss, which must have reserved their patch size;
+  // null: none.
   void set_perceptual(std::unique_ptr<PerceptualNetwork> network);
-  // For steps with a batch: the ranks' exchange, which is not owned. `primitives` at most.
+  // Sets the ranks' exchange (not owned) for steps with a batch. `primitives`: the maximum.
   Status set_ranks(const Ranks& ranks, RankExchange* exchange, std::size_t primitives);
-  // Lets steps change the state again after an overflow.
+  // Re-enables steps after an overflow.
   Status clear_overflow(cudaStream_t stream);
 
+  // Sets a function called after each stage.
   void observe(StageObserver observer) { observer_ = std::move(observer); }
-  // The device buffers, as the last step left them.
+  // Returns the device buffers, as the latest step left them.
   const Workspace& workspace() const { return workspace_; }
 
  private:
   Status reserve_lists(std::size_t instances, cudaStream_t stream);
   Status release_lists(cudaStream_t stream);
   Status reserve_primitives(std::size_t n);
-  Status reserve_picture(int width, int height);
+  Status reserve_image(int width, int height);
   Status reserve_instances(std::size_t n);
   Status reserve_segments();
   Status reserve_planes();
-  // The end of a step of several ranks.
+  // Enqueues the end of a step of several ranks.
   Status enqueue_shared(const DeviceState& state, const StepInput& input, const View& view,
                         const LossWeights& weights, StepRecord* records, cudaStream_t stream);
-  // After the image loss.
-  Status enqueue_perceptual(const StepInput& input, const View& view, const std::uint8_t* truth,
-                            const float* colour_map, cudaStream_t stream);
+  // Enqueues the perceptual loss, after the image loss.
+  Status enqueue_perceptual(const StepInput& input, const View& view,
+                            const std::uint8_t* ground_truth, const float* colour_map,
+                            cudaStream_t stream);
   void stage(const char* name) {
     if (observer_) observer_(name);
   }
@@ -72,7 +77,7 @@ class StepPipeline {
   std::unique_ptr<PerceptualNetwork> perceptual_;
   Workspace workspace_;
   RankExchange* exchange_ = nullptr;
-  RankBlocks blocks_;  // but for their size
+  RankBlocks blocks_;  // without their size
   DeviceArray<std::uint8_t> block_memory_;
   DeviceArray<Counters> counters_;
   DeviceArray<std::uint32_t> iota_;
@@ -84,7 +89,7 @@ class StepPipeline {
   DeviceArray<std::uint32_t> tile_begin_, last_;
   DeviceArray<float> partials_, slopes_, error_, ssim_sums_, loss_sums_;
   DeviceArray<uint2> segments_;
-  DeviceArray<float4> picture_, d_picture_, checkpoints_;
+  DeviceArray<float4> image_, d_image_, checkpoints_;
   DeviceArray<double> regulariser_sums_;
   DeviceArray<std::uint8_t> sort_memory_;
   bool with_planes_ = false;

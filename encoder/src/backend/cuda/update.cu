@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The end of the step for each visible primitive, a thread each: its instances' sums, the gradients
-// by its parameters (math/grad.h), regularisers, densification statistics, Adam. The harmonics,
-// most of the numbers, are then updated by the whole warp so that memory is read in rows.
+// Updates each visible primitive, one thread each: sums over owner_stage instances, gradients of
+// owner_stage parameters (math/grad.h), regularisers, densification statistics, Adam. The SH
+// coefficients, most of the numbers, are updated by the complete warp for coalesced access.
 #include "backend/cuda/coupled.cuh"
 #include "backend/cuda/rank_blocks.h"
 #include "backend/cuda/update_rows.cuh"
@@ -13,9 +13,9 @@ namespace {
 using namespace math;
 
 constexpr int kWarps = kUpdateBlock / 32;
-// Instances of a splat that its thread adds up alone; more are shared by the warp.
-constexpr std::uint32_t kAlone = 6;
-// sqrt(-2 ln o_th): the factor of sigma in L_t, as the paper writes it.
+// Maximum instances of a splat that owner_stage thread sums alone; the warp shares more.
+constexpr std::uint32_t kMaxInstancesPerThread = 6;
+// sqrt(-2 ln o_th): the factor of sigma in L_t, as in the paper.
 constexpr float kSpanFactor = 3.32904297f;
 
 template <int kFloats>
@@ -39,15 +39,16 @@ __device__ void add_instance(const float4* partials, std::uint32_t instance,
   }
 }
 
-// The lanes' sums over their instances, in an order that the numbers of instances alone decide.
+// Returns each lane's sum over owner_stage instances, in an order that depends only on the instance
+// counts.
 template <int kFloats>
 __device__ FloatSums<kFloats> sum_instances(uint2 range, const float4* partials) {
   const int lane = threadIdx.x & 31;
   FloatSums<kFloats> own{};
-  if (range.y <= kAlone) {
+  if (range.y <= kMaxInstancesPerThread) {
     for (std::uint32_t k = 0; k < range.y; ++k) add_instance(partials, range.x + k, own);
   }
-  unsigned large = __ballot_sync(kAllLanes, range.y > kAlone);
+  unsigned large = __ballot_sync(kAllLanes, range.y > kMaxInstancesPerThread);
   while (large != 0) {
     const int owner = __ffs(large) - 1;
     large &= large - 1;
@@ -64,12 +65,12 @@ __device__ FloatSums<kFloats> sum_instances(uint2 range, const float4* partials)
   return own;
 }
 
-// Gradients by a splat, from the sums over its pixels.
+// Gradients of a splat, from the sums over owner_stage pixels.
 struct SplatGradient {
   Vec2 mean;
   Sym2 conic;
   Vec3 colour;
-  float opacity;  // by O_t
+  float opacity;  // dL/dO_t
   Vec2 abs_mean;
   float error;
 };
@@ -86,10 +87,11 @@ __device__ SplatGradient splat_gradient(const Sums& s, Sym2 conic, float opacity
   return g;
 }
 
-// The gradient by the position seen, through the colour; basis and gradient for the harmonics.
+// Returns the gradient of the position at t through the colour. Writes the basis and the colour
+// gradient to the stage.
 __device__ Vec3 colour_backward(const float* sh, int coefficients, Vec3 from_camera,
                                 const ScreenSplat& splat, Vec3 grad, float* stage) {
-  // A channel that the forward clamps at 0 is 0, and passes nothing.
+  // A channel that the forward pass clamps at 0 has no gradient.
   if (!(splat.red > 0.0f)) grad.x = 0.0f;
   if (!(splat.green > 0.0f)) grad.y = 0.0f;
   if (!(splat.blue > 0.0f)) grad.z = 0.0f;
@@ -108,22 +110,22 @@ __device__ Vec3 colour_backward(const float* sh, int coefficients, Vec3 from_cam
   return normalise_grad(direction, inverse_length, sh_basis_grad(direction, by_basis));
 }
 
-// Image positions in half image widths, so that one threshold fits every picture size.
+// Image positions are in half image widths, so that one threshold fits all image sizes.
 __device__ Statistics statistics_of(const View& view, const SplatGradient& g) {
   const float half_width = 0.5f * view.camera.width, half_height = 0.5f * view.camera.height;
   return {hypotf(g.mean.x * half_width, g.mean.y * half_height),
           hypotf(g.abs_mean.x * half_width, g.abs_mean.y * half_height), g.error};
 }
 
-// A primitive's own values, read before anything that waits.
-struct Own {
+// The values of a primitive, loaded early to hide latency.
+struct PrimitiveValues {
   Vec3 position, log_scale, u;
   float4 rotation;
   float time, logit, sigma, radius;
 };
 
-__device__ Own load_own(const Primitives& p, std::uint32_t i) {
-  Own own;
+__device__ PrimitiveValues load_values(const Primitives& p, std::uint32_t i) {
+  PrimitiveValues own;
   own.position = read3(p.values[kPosition], i);
   own.log_scale = read3(p.log_scale, i);
   own.u = read3(p.u, i);
@@ -135,18 +137,19 @@ __device__ Own load_own(const Primitives& p, std::uint32_t i) {
   return own;
 }
 
-// Fills the stage of a visible primitive but for Adam's factors, and the statistics where they are
-// gathered; returns its weighted regularisers, not yet a mean. `by_plane`: gradient by its plane.
+// Fills the stage of a visible primitive except Adam's factors, and the statistics if they are
+// gathered. Returns owner_stage weighted regularisers, not yet divided by the count. `by_plane`:
+// gradient of owner_stage plane.
 template <bool kPlanes, bool kCoupled>
-__device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const Own& own,
-                                     const View& view, const UpdateSettings& settings,
-                                     const ScreenSplat& splat, const Sums& sums,
-                                     const Plane& by_plane, float share, float* stage,
-                                     Statistics& statistics) {
+__device__ float primitive_gradients(const Primitives& p, std::uint32_t i,
+                                     const PrimitiveValues& own, const View& view,
+                                     const UpdateSettings& settings, const ScreenSplat& splat,
+                                     const Sums& sums, const Plane& by_plane, float inverse_count,
+                                     float* stage, Statistics& statistics) {
   const Sym2 conic{splat.half_xx * (-2.0f / kLog2E), splat.cross * (-1.0f / kLog2E),
                    splat.half_yy * (-2.0f / kLog2E)};
-  const float seen = exp2f(splat.most);  // O_t
-  const SplatGradient grad = splat_gradient(sums, conic, seen);
+  const float opacity_t = exp2f(splat.log2_opacity);  // O_t
+  const SplatGradient grad = splat_gradient(sums, conic, opacity_t);
 
   const float dt = view.ticks - own.time;
   const float sigma = own.sigma, radius = own.radius;
@@ -179,30 +182,29 @@ __device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const
 
   // L_t, L_opacity and L_scale (regularisers.cpp); l(t) of L_opacity is held constant.
   const float span = kSpanFactor * sigma + radius;
-  const float d_span = -settings.weight_lifespan * share / (span * span);
+  const float d_span = -settings.weight_lifespan * inverse_count / (span * span);
   const float opacity_weight = settings.second_stage ? settings.weight_opacity : 0.0f;
-  const float visible_share = visibility(dt, sigma, radius);
-  float d_logit = grad.opacity * (seen / opacity) * opacity_grad(opacity) +
-                  opacity_weight * share * visible_share * opacity * (1.0f - opacity);
+  const float visible = visibility(dt, sigma, radius);
+  float d_logit = grad.opacity * (opacity_t / opacity) * opacity_grad(opacity) +
+                  opacity_weight * inverse_count * visible * opacity * (1.0f - opacity);
   Vec3 d_scale{by_covariance.scale.x * scale.x, by_covariance.scale.y * scale.y,
                by_covariance.scale.z * scale.z};
-  // The covariance's gradient holds it already, and only the regulariser's is added here.
+  // The covariance's gradient includes the scales already; only the regulariser is added here.
   if constexpr (kCoupled) d_scale = {0.0f, 0.0f, 0.0f};
-  const bool first_is_least = log_scale.x <= log_scale.y && log_scale.x <= log_scale.z;
-  const float least = smaller(scale.x, smaller(scale.y, scale.z));
-  const float d_least = settings.weight_scale * share * least;
-  if (first_is_least) {
-    d_scale.x += d_least;
+  const bool first_is_shortest = log_scale.x <= log_scale.y && log_scale.x <= log_scale.z;
+  const float shortest = smaller(scale.x, smaller(scale.y, scale.z));
+  const float d_shortest = settings.weight_scale * inverse_count * shortest;
+  if (first_is_shortest) {
+    d_scale.x += d_shortest;
   } else if (log_scale.y <= log_scale.z) {
-    d_scale.y += d_least;
+    d_scale.y += d_shortest;
   } else {
-    d_scale.z += d_least;
+    d_scale.z += d_shortest;
   }
   const float d_sigma = by_visibility.sigma + kSpanFactor * d_span;
   const float d_radius = by_visibility.radius + d_span;
-  const float regularisers = settings.weight_lifespan / span +
-                             opacity_weight * opacity * visible_share +
-                             settings.weight_scale * least;
+  const float regularisers = settings.weight_lifespan / span + opacity_weight * opacity * visible +
+                             settings.weight_scale * shortest;
 
   write3(stage + kByPosition, by_motion.position);
   write3(stage + kByLogScale, d_scale);
@@ -225,7 +227,7 @@ __device__ float primitive_gradients(const Primitives& p, std::uint32_t i, const
   return regularisers;
 }
 
-// What this view gives for primitive i, from its stage.
+// Writes this view's contribution to primitive i, from owner_stage stage.
 __device__ void write_contribution(const RankBlocks& blocks, std::uint32_t i, const float* stage,
                                    const Statistics& statistics) {
   float* row = rank_rows(blocks, blocks.own) + i;
@@ -236,14 +238,14 @@ __device__ void write_contribution(const RankBlocks& blocks, std::uint32_t i, co
   row[2 * blocks.stride] = statistics.error;
 }
 
-// kShared: the gradients go to the rank's block, and nothing is changed here.
+// kShared: writes the gradients to the rank's block and does not change the state.
 template <bool kPlanes, bool kCoupled, bool kShared>
 __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
     update(const Primitives p, const View view, const UpdateSettings settings, const Workspace w,
            const RankBlocks blocks) {
   __shared__ float stages[kUpdateBlock * kFields];
   __shared__ double sums[kWarps];
-  if (w.counters->overflow != 0) return;  // the lists are empty: the step will be done again
+  if (w.counters->overflow != 0) return;  // the lists are empty; the step will be retried
   const int warp = threadIdx.x / 32, lane = threadIdx.x & 31;
   const std::uint32_t i = blockIdx.x * kUpdateBlock + threadIdx.x;
   float* stage = stages + threadIdx.x * kFields;
@@ -251,15 +253,15 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
   const bool own = i < p.n && w.depth_keys[i] != kInvisible;
   const unsigned visible = __ballot_sync(kAllLanes, own);
   if constexpr (kShared) {
-    if (i < p.n) rank_rows(blocks, blocks.own)[kSeenRow * blocks.stride + i] = own ? 1.0f : 0.0f;
+    if (i < p.n) rank_rows(blocks, blocks.own)[kVisibleRow * blocks.stride + i] = own ? 1.0f : 0.0f;
   }
   double regularisers = 0.0;
   if (visible != 0) {
-    const float share = 1.0f / static_cast<float>(w.counters->visible);
-    Own values{};
+    const float inverse_count = 1.0f / static_cast<float>(w.counters->visible);
+    PrimitiveValues values{};
     ScreenSplat splat{};
     if (own) {
-      values = load_own(p, i);
+      values = load_values(p, i);
       splat = load_splat(w.splats, i);
     }
     const uint2 range = own ? w.ranges[i] : make_uint2(0, 0);
@@ -272,7 +274,7 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
     if (own) {
       Statistics statistics{};
       regularisers = primitive_gradients<kPlanes, kCoupled>(
-          p, i, values, view, settings, splat, found, by_plane, share, stage, statistics);
+          p, i, values, view, settings, splat, found, by_plane, inverse_count, stage, statistics);
       if constexpr (kShared) {
         write_contribution(blocks, i, stage, statistics);
       } else {
@@ -285,11 +287,11 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
     if constexpr (!kShared) {
       __syncwarp();
       // Basis times colour gradient.
-      const auto by_harmonic = [warp_stage](unsigned owner, unsigned k) {
-        const float* its = warp_stage + owner * kFields;
-        return its[kBasis + k / 3] * its[kByColour + k % 3];
+      const auto sh_gradient = [warp_stage](unsigned owner, unsigned k) {
+        const float* owner_stage = warp_stage + owner * kFields;
+        return owner_stage[kBasis + k / 3] * owner_stage[kByColour + k % 3];
       };
-      update_harmonics(p, i - lane, visible, view.coefficients, settings, warp_stage, by_harmonic);
+      update_sh(p, i - lane, visible, view.coefficients, settings, warp_stage, sh_gradient);
       update_parameters<kCoupled>(p, i - lane, visible, settings, warp_stage);
       __syncwarp();
       if (!kCoupled && own)
@@ -309,7 +311,7 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
 
 void launch_update(const Primitives& p, const View& view, const UpdateSettings& settings,
                    const Workspace& w, cudaStream_t stream) {
-  const bool coupled = p.tick > 0.0f;  // then there are no planes
+  const bool coupled = p.tick > 0.0f;  // which excludes planes
   const auto kernel = coupled       ? update<false, true, false>
                       : view.planes ? update<true, false, false>
                                     : update<false, false, false>;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Adam on the parameters of a warp's 32 primitives, a value a lane so that memory is read in rows,
-// from the gradients that each primitive's thread has left in its stage (shared memory).
+// Adam on the parameters of a warp's 32 primitives, one value per lane for coalesced access. Each
+// primitive's thread has written its gradients to its stage (shared memory).
 #pragma once
 
 #include "backend/cuda/device.cuh"
@@ -8,8 +8,8 @@
 
 namespace stgs::encoder::cuda {
 
-// What a primitive's thread leaves for its warp, its stage: gradients by the parameters but for the
-// harmonics, whose gradients are basis times colour gradient, and Adam's factors.
+// The stage of a primitive, written by its thread for its warp: the gradients of the parameters
+// except SH, whose gradients are basis times colour gradient, and Adam's factors.
 enum Field : int {
   kByPosition = 0,
   kByLogScale = 3,
@@ -19,14 +19,14 @@ enum Field : int {
   kByVelocity = 12,  // the new v after Adam
   kByLogSigma = 15,  // the new log sigma after Adam
   kByRadius = 16,    // the new r after Adam
-  // In place of these three where the form is coupled, whose left rotation is at kByRotation.
+  // The coupled form uses these instead of the last three; its left rotation is at kByRotation.
   kByRight = 12,
   kByLogTime = 16,
   kByColour = 17,
   kBasis = 20,
   kFirstFactor = 36,
   kSecondRoot = 37,
-  kFields = 39,  // odd, so that lanes fall on different banks
+  kFields = 39,  // odd, to avoid bank conflicts between lanes
 };
 
 __device__ inline void write3(float* to, math::Vec3 v) {
@@ -39,27 +39,27 @@ __device__ inline math::Vec3 read3(const float* array, std::uint32_t i) {
   return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
 }
 
-// What densification wants to know of a view.
+// Densification statistics of a primitive in a view.
 struct Statistics {
   float gradient, abs_gradient, error;
 };
 
 __device__ inline void gather_statistics(const Primitives& p, std::uint32_t i,
-                                         const Statistics& seen) {
-  p.gradient_sum[i] += seen.gradient;
-  p.abs_gradient_sum[i] += seen.abs_gradient;
-  p.error_max[i] = fmaxf(p.error_max[i], seen.error);
+                                         const Statistics& view) {
+  p.gradient_sum[i] += view.gradient;
+  p.abs_gradient_sum[i] += view.abs_gradient;
+  p.error_max[i] = fmaxf(p.error_max[i], view.error);
   ++p.views[i];
 }
 
-// The rows of an attribute's values and moments that belong to a warp's primitives: lane L has the
-// values L, L + 32, ... of the kSize * 32 from the first on.
+// An attribute's values and moments of a warp's primitives: lane L holds the values L, L + 32, ...
+// of the kSize * 32, starting at the first.
 template <int kSize>
 struct Rows {
   float value[kSize], first[kSize], second[kSize];
 };
 
-// Whether the value `e` of the warp's rows belongs to a visible primitive.
+// Returns whether row j of this lane belongs to a visible primitive.
 template <int kSize>
 __device__ bool is_used(unsigned visible, int j) {
   return visible >> ((static_cast<int>(threadIdx.x & 31) + 32 * j) / kSize) & 1u;
@@ -78,7 +78,8 @@ __device__ void load_rows(const Primitives& p, int attribute, std::uint32_t firs
   }
 }
 
-// Adam on the rows, whose gradients are in the stage at `field`; the new values replace them there.
+// Applies Adam to the rows. Reads the gradients from the stage at `field` and replaces them with
+// the new values.
 template <int kSize>
 __device__ void step_rows(const Primitives& p, int attribute, std::uint32_t first, unsigned visible,
                           float rate, AdamBetas betas, float* stage, int field, Rows<kSize>& rows) {
@@ -99,7 +100,7 @@ __device__ void step_rows(const Primitives& p, int attribute, std::uint32_t firs
   }
 }
 
-// All attributes but the harmonics; reads go ahead of writes by half of them.
+// Updates all attributes except SH, in two halves with all loads of a half before its stores.
 template <bool kCoupled>
 __device__ void update_parameters(const Primitives& p, std::uint32_t first, unsigned visible,
                                   const UpdateSettings& s, float* stage,
@@ -131,40 +132,40 @@ __device__ void update_parameters(const Primitives& p, std::uint32_t first, unsi
     step_rows(p, kRadius, first, visible, s.rates[kRadius], betas, stage, kByRadius, radius);
 }
 
-// The derived u and sigma from what update_parameters left in the primitive's stage. v settles
-// first; the lifespan had the modulation `before` (math/damp.h).
+// Damps v (math/damp.h; `before`: the modulation f before the step), then derives u and sigma, from
+// the values that update_parameters left in the primitive's stage.
 __device__ inline void derive(const Primitives& p, std::uint32_t i, const UpdateSettings& settings,
                               float before, const float* stage) {
   const float sigma = expf(stage[kByLogSigma]);
   p.sigma[i] = sigma;
   math::Vec3 v = read3(stage + kByVelocity, 0);
   const float radius = stage[kByRadius];
-  const float lived = math::lifespan_modulation(sigma, radius);
-  v = math::damped_velocity(v, settings.modulated ? lived / before : 1.0f, sigma, radius,
+  const float modulation = math::lifespan_modulation(sigma, radius);
+  v = math::damped_velocity(v, settings.modulated ? modulation / before : 1.0f, sigma, radius,
                             settings.damping);
   write3(p.values[kVelocity] + 3 * i, v);
-  const float f = settings.modulated ? lived : 1.0f;
+  const float f = settings.modulated ? modulation : 1.0f;
   write3(p.u + 3 * i, {v.x / f, v.y / f, v.z / f});
 }
 
-// The harmonics of the warp's primitives, kAhead values a lane at a time. gradient_of(owner, k) is
-// the gradient by value k, coefficient then channel, of the warp's primitive `owner`.
+// Updates the SH coefficients of the warp's primitives, kBatch values per lane at a time.
+// gradient_of(owner, k) returns the gradient of value k (coefficient then channel) of the warp's
+// primitive `owner`.
 template <typename GradientOf>
-__device__ void update_harmonics(const Primitives& p, std::uint32_t first, unsigned visible,
-                                 int coefficients, const UpdateSettings& settings,
-                                 const float* stage, const GradientOf& gradient_of,
-                                 AdamBetas betas = AdamBetas()) {
-  constexpr int kAhead = 6;
+__device__ void update_sh(const Primitives& p, std::uint32_t first, unsigned visible,
+                          int coefficients, const UpdateSettings& settings, const float* stage,
+                          const GradientOf& gradient_of, AdamBetas betas = AdamBetas()) {
+  constexpr int kBatch = 6;
   const unsigned used = 3u * static_cast<unsigned>(coefficients), stored = 3u * p.sh_coefficients;
   const std::size_t origin = static_cast<std::size_t>(first) * stored;
-  for (unsigned e = threadIdx.x & 31; e < 32 * used; e += 32 * kAhead) {
-    Rows<kAhead> rows;
-    std::size_t at[kAhead];
-    float gradient[kAhead], rate[kAhead];
-    const float* own[kAhead];
+  for (unsigned e = threadIdx.x & 31; e < 32 * used; e += 32 * kBatch) {
+    Rows<kBatch> rows;
+    std::size_t at[kBatch];
+    float gradient[kBatch], rate[kBatch];
+    const float* own[kBatch];
 #pragma unroll
-    for (int j = 0; j < kAhead; ++j) {
-      const unsigned place = e + 32 * j, owner = place / used, k = place % used;
+    for (int j = 0; j < kBatch; ++j) {
+      const unsigned index = e + 32 * j, owner = index / used, k = index % used;
       own[j] = nullptr;
       if (owner >= 32 || !(visible >> owner & 1u)) continue;
       own[j] = stage + owner * kFields;
@@ -176,7 +177,7 @@ __device__ void update_harmonics(const Primitives& p, std::uint32_t first, unsig
       rate[j] = k < 3 ? settings.rate_sh0 : settings.rates[kSh];
     }
 #pragma unroll
-    for (int j = 0; j < kAhead; ++j) {
+    for (int j = 0; j < kBatch; ++j) {
       if (own[j] == nullptr) continue;
       const float value = adam(rows.value[j], rows.first[j], rows.second[j], gradient[j], rate[j],
                                {own[j][kFirstFactor], own[j][kSecondRoot]}, betas);

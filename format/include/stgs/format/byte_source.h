@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Random access to bytes that may be a file, memory, or something further away.
+// Random-access reading of bytes from a file, from memory or from a remote source.
 #pragma once
 
 #include <cstdint>
@@ -13,52 +13,60 @@
 
 namespace stgs {
 
+// A readable range of bytes. The const member functions are thread-safe.
 class ByteSource {
  public:
+  // The result of refresh().
+  enum class Change {
+    kNone,      // the size is the same
+    kResized,   // bytes were added, or bytes after the stable ones were removed
+    kReplaced,  // stable bytes are gone, or another file has taken the name
+  };
+
   virtual ~ByteSource() = default;
-  // Total size in bytes.
+  // Returns the size in bytes, as of opening or the last refresh().
   virtual std::uint64_t size() const = 0;
-  // Whether refresh() may find more.
+  // Returns whether refresh() can find more bytes.
   virtual bool may_grow() const { return false; }
-  // Looks again how large it is. Of the first `kept` bytes the caller knows that they stay; what
-  // follows them may have become longer or shorter. kReplaced: these are not all there any more, or
-  // it is another file; the source is as it was then. Thread-safe.
-  enum class Change { kNone, kResized, kReplaced };
-  virtual Result<Change> refresh(std::uint64_t kept) {
-    (void)kept;
+  // Updates size(). The first `stable_bytes` are expected to stay; the bytes after them may have
+  // been extended or cut. After kReplaced the source is unchanged. Thread-safe.
+  virtual Result<Change> refresh(std::uint64_t stable_bytes) {
+    (void)stable_bytes;
     return Change::kNone;
   }
-  // The caller knows that nothing is added to the file as it is now: whatever changes makes it
-  // another. Thread-safe.
+  // Declares the file complete: from now on any change makes it a different file. Thread-safe.
   virtual void set_finished() {}
-  // Whether bytes that were there when it was opened, or looked at last, have gone; answers at
-  // once. False where that is not known. Thread-safe.
+  // Returns whether the file is now shorter than size(); false if unknown. Never waits.
+  // Thread-safe.
   virtual bool has_shrunk() const { return false; }
-  // The same of whether a finished file was written to since set_finished().
+  // Returns whether the file was written to since set_finished(); false if unknown. Never waits.
+  // Thread-safe.
   virtual bool was_modified() const { return false; }
-  // Fills `out` from `offset`; an error if any byte lies past the end. Thread-safe.
+  // Fills `out` with the bytes from `offset` on. Fails if any of them lies past the end.
+  // Thread-safe.
   virtual Status read(std::uint64_t offset, std::span<std::uint8_t> out) const = 0;
-  // The same, but a source that waits for others gives it up (kRuntime) within half a second of
-  // `should_continue` answering false, which it asks now and then, on this thread. That does not
-  // throw.
+  // As read(), but a source that waits for a remote peer gives up (kRuntime) at most half a second
+  // after `should_continue` returns false. It is polled on the calling thread and must not throw.
   virtual Status read_while(const std::function<bool()>& should_continue, std::uint64_t offset,
                             std::span<std::uint8_t> out) const {
     (void)should_continue;
     return read(offset, out);
   }
-  // What messages call it: a path, or "memory".
+  // Returns the name used in messages: a path, or "memory".
   virtual const std::string& name() const = 0;
 };
 
-// An error where the source, `size` bytes long, ends before `bytes` from `offset` on do.
+// Returns kInvalidFile if [offset, offset + bytes) does not lie within a source of `size` bytes.
+// `name` is for the message.
 Status check_range(const std::string& name, std::uint64_t size, std::uint64_t offset,
                    std::uint64_t bytes);
 
+// Opens a regular file for reading.
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path);
-// Of a file that is open for reading. Takes the descriptor, also after an error; `path` is its name
-// in messages, and where refresh() looks.
+// Wraps a descriptor that is open for reading. Takes ownership of it, even after an error. `path`
+// is the name in messages and the path that refresh() checks.
 Result<std::unique_ptr<ByteSource>> descriptor_source(int descriptor, const std::string& path);
-// Takes the bytes.
+// Wraps bytes in memory.
 std::unique_ptr<ByteSource> memory_source(std::vector<std::uint8_t> bytes,
                                           std::string name = "memory");
 

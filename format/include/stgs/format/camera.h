@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every camera must be: one set of limits for files, captures and the command line.
+// Limits on cameras, shared by files, captures and the command line.
 #pragma once
 
 #include <cmath>
@@ -9,7 +9,8 @@ namespace stgs {
 inline constexpr int kMaxImageSide = 32768;         // pixels (spec/stgs-format.md, 4.3)
 inline constexpr double kRotationTolerance = 1e-3;  // largest error of R R' - 1 (spec, 4.3)
 
-// Whether the row-major matrix has rows of unit length at right angles, and is no mirror.
+// Returns whether the row-major matrix is a rotation: orthonormal within kRotationTolerance, with a
+// positive determinant.
 template <typename Number>
 bool is_rotation(const Number (&r)[9]) {
   for (int a = 0; a < 3; ++a) {

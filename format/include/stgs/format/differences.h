@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How far a primitive that was coded is from what it was, over the moments of its part.
+// The error of a coded primitive, over the duration of its part.
 #pragma once
 
 #include <cstddef>
@@ -8,26 +8,27 @@
 
 namespace stgs {
 
-// How far apart primitive i of `a` and j of `b` lie at most, scene units, at the moments of their
-// part, which lasts `part_ticks`, at which that of `a` is seen; 0 where it never is.
+// Returns the greatest distance, in scene units, between primitive i of `a` and primitive j of `b`
+// while that of `a` is visible within its part, which lasts `part_ticks`; 0 if it never is.
 double trajectory_error(const Gaussians4D& a, std::size_t i, const Gaussians4D& b, std::size_t j,
                         double part_ticks);
 
-// Of when and how much they are seen; 0 where that of `a` never is.
+// Differences between two lifespans; all 0 if the primitive of `a` is never visible.
 struct LifespanError {
-  // Greatest difference of O l(t) at a frame of the timeline, 0..1. Where it changes slowly over
-  // many frames, 64 of them stand for all.
+  // Greatest difference of O l(t), 0..1, at the frames of the timeline. Slow changes over many
+  // frames are sampled at 64 of them.
   double visibility = 0;
-  // Of the numbers themselves, unless that of `b` is seen alike throughout its part: T and r,
-  // ticks, without what of a flat top lies beyond T's nearest moment of the part, which nobody
-  // sees; and sigma, natural log.
+  // Differences of the parameters, all 0 if that of `b` is fully visible throughout its part. T and
+  // r, in ticks, exclude the invisible share of a flat top beyond the time of the part that is
+  // nearest to T. Sigma: natural log.
   double time = 0, radius = 0, sigma = 0;
 };
-// `part`: ticks of the timeline, from which T counts in it.
+// Compares the lifespans of primitive i of `a` and primitive j of `b`. `part` is the range of their
+// part in ticks of the timeline; their T counts from its beginning.
 LifespanError lifespan_error(const Gaussians4D& a, std::size_t i, const Gaussians4D& b,
                              std::size_t j, const TickRange& part);
 
-// visit(i, part) for each primitive of a scene, in order.
+// Calls visit(i, part) for each primitive of a scene, in order. `part`: a TickRange.
 template <typename Visit>
 void for_each_in_part(const Scene& scene, const Visit& visit) {
   std::size_t i = 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A set of 4D Gaussian primitives, structure of arrays (spec/representation.md, 1).
+// A set of 4D Gaussian primitives as a structure of arrays (spec/representation.md, 1).
 #pragma once
 
 #include <cstddef>
@@ -9,51 +9,58 @@
 
 namespace stgs {
 
-// Seconds a tick, as a fraction. A trainer's tick is one frame of the capture.
+// The duration of one tick, as a fraction of a second. For a trainer a tick is one captured frame.
 struct TimeBase {
   std::uint32_t numerator = 1;
   std::uint32_t denominator = 30;
 
+  // Converts ticks to seconds.
   double seconds(double ticks) const { return ticks * numerator / denominator; }
-  // Whole where `seconds` is that of a whole tick but for rounding: a frame's time is the frame's.
+  // Converts seconds to ticks. Snaps to a whole tick within rounding error, so that the time of a
+  // frame maps back to exactly that frame.
   double ticks(double seconds) const;
   bool operator==(const TimeBase&) const = default;
 };
 
-// The length of a frame at that many frames a second, > 0: rates are whole, NTSC's (29.97 stands
-// for 30000/1001), or thousandths.
+// Returns the duration of a frame at `fps` > 0. Rates become integers, NTSC rates (29.97 means
+// 30000/1001) or multiples of 1/1000 fps.
 TimeBase frame_time_of(double fps);
 
-// Components of primitives.
+// The components of one attribute.
 using FloatArray = std::pmr::vector<float>;
 
-// N primitives. Every array holds its components one primitive after the other.
+// N primitives. Each array stores all components of one primitive before those of the next.
 struct Gaussians4D {
   int sh_degree = 0;         // 0..3
   FloatArray position;       // N x 3, at time `time`; scene units
   FloatArray log_scale;      // N x 3, natural log of the standard deviations
-  FloatArray rotation;       // N x 4, quaternion w x y z of any length but 0
+  FloatArray rotation;       // N x 4, quaternion w x y z of any nonzero length
   FloatArray opacity_logit;  // N
   FloatArray sh;             // N x (sh_degree+1)^2 x 3, coefficient then channel
   FloatArray time;           // N, centre T; ticks from the beginning of its part
-  FloatArray velocity;       // N x 3, effective velocity u = v / f; scene units a tick
+  FloatArray velocity;       // N x 3, effective velocity u = v / f; scene units per tick
   FloatArray sigma;          // N, > 0; ticks
   FloatArray radius;         // N, >= 0; ticks
 
+  // Creates an empty set in heap memory.
   Gaussians4D() = default;
-  // With its memory from there, and that of what it is moved to; copies are on the heap.
+  // Creates an empty set that allocates from `memory`, which must outlive it. Sets moved from it
+  // allocate from there too; copies use the heap.
   explicit Gaussians4D(std::pmr::memory_resource* memory);
 
+  // Returns N.
   std::size_t size() const { return opacity_logit.size(); }
+  // Returns the number of SH coefficients per channel.
   int sh_coefficients() const { return (sh_degree + 1) * (sh_degree + 1); }
-  // Sets N; new primitives are zero in every array.
+  // Sets N. New primitives are zero in every array.
   void resize(std::size_t n);
-  // Memory for N in all.
+  // Allocates memory for N primitives in total.
   void reserve(std::size_t n);
-  // Appends primitive i of `other`, which has the same sh_degree; all of its primitives.
+  // Appends primitive i of `other`, which must have the same sh_degree.
   void append(const Gaussians4D& other, std::size_t i);
+  // Appends all primitives of `other`, which must have the same sh_degree.
   void append(const Gaussians4D& other);
-  // Keeps the primitives listed, in that order; each index < size().
+  // Returns the listed primitives in that order. Each index must be below size().
   Gaussians4D gather(const std::vector<std::uint32_t>& indices) const;
 };
 

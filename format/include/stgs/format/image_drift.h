@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What cameras can say of a scene: how far what stays for the whole clip wanders in their pictures
-// (what is still should not), and how much of it fewer than two of them see (its depth is a guess).
+// Camera-based quality metrics of a scene: the image-space drift of content that should be static,
+// and the number of primitives covered by fewer than two cameras, whose depth is a guess.
 #pragma once
 
 #include <cstdint>
@@ -11,33 +11,35 @@
 
 namespace stgs {
 
-// Pixels over the clip that what stands still may wander, as a mean.
+// Bound on the mean drift of static content, in pixels over the clip.
 inline constexpr double kStaticDrift = 0.05;
 
-// Of the primitives whose support covers the clip (covers_clip of scene_statistics.h), each the
-// mean over the cameras that see it. A camera sees a primitive whose centre lies inside the picture
-// in the first or the last frame and before the near plane in both; what hides it is not asked. The
-// centre moves straight and so does its projection: the length of its path over the clip, the
-// largest displacement and the distance between its places in the first and last frame are one.
+// Drift of the primitives whose support covers the clip (covers_clip() in scene_statistics.h). The
+// drift of a primitive is the mean over the cameras that cover it. A camera covers a primitive if
+// the centre lies inside the image in the first or the last frame and beyond the near plane in
+// both; occlusion is ignored. The centre moves along a straight line, and so does its projection,
+// so path length, largest displacement and distance between first and last frame are equal.
 struct ImageDrift {
-  std::uint64_t primitives = 0;    // that cover the clip and are seen
+  std::uint64_t primitives = 0;    // that cover the clip and are covered by a camera
   double mean = 0;                 // pixels over the clip
-  double opacity_weighted = 0;     // pixels, the mean with O as weight
+  double opacity_weighted = 0;     // pixels, mean weighted by O
   double median = 0;               // pixels
-  std::uint64_t within_bound = 0;  // of the primitives: at most kStaticDrift
+  std::uint64_t within_bound = 0;  // primitives with a drift of at most kStaticDrift
 };
 
-// Times in the scene's ticks, frames 0 to metadata.frames - 1. Does not depend on the number of
-// threads; single precision leaves some 1e-4 pixels.
+// Measures the drift between frames 0 and metadata.frames - 1. The result does not depend on the
+// number of threads. Single precision limits the accuracy to about 1e-4 pixels.
 ImageDrift image_drift(const Scene& scene, const std::vector<math::PinholeCamera>& cameras);
 
-// Primitives by how many cameras see them: those whose picture holds the centre, beyond the near
-// plane, at the shown frame nearest to T. What hides it is not asked.
+// Primitives by the number of cameras that cover them: the image holds the centre, beyond the near
+// plane, at the shown frame nearest to T. Occlusion is ignored.
 struct CameraCoverage {
-  std::uint64_t by_none = 0, by_one = 0, by_more = 0;
+  std::uint64_t by_none = 0;  // covered by no camera
+  std::uint64_t by_one = 0;   // covered by exactly one
+  std::uint64_t by_more = 0;  // covered by two or more
 };
 
-// As for image_drift.
+// Counts the cameras of each primitive. The result does not depend on the number of threads.
 CameraCoverage camera_coverage(const Scene& scene, const std::vector<math::PinholeCamera>& cameras);
 
 }  // namespace stgs

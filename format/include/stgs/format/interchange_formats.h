@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table of the formats that can be read, or written from one moment, or both.
+// The table of formats that can be read, or written from a snapshot of a scene, or both.
 #pragma once
 
 #include <cstdint>
@@ -14,48 +14,50 @@
 
 namespace stgs {
 
-// What formats that move do not say themselves.
+// Parameters that dynamic formats do not store.
 struct ImportSettings {
   SequenceSettings sequence;
   SplatvSettings splatv;
 };
 
-// What reading found.
+// The report of an import.
 struct ImportReport {
   ConversionNotes notes;
-  std::optional<SequenceReport> sequence;  // where the format is that one
-  std::optional<SplatvReport> splatv;
+  std::optional<SequenceReport> sequence;  // set for a PLY sequence
+  std::optional<SplatvReport> splatv;      // set for .splatv
 };
 
 struct InterchangeFormat {
+  // The member of ImportSettings that reading uses.
   enum SettingsKind { kNone, kSequence, kSplatv };
 
   const char* name;       // "SPZ"
   const char* extension;  // of file names, lower case, with its dot; "" for folders
-  // Whether `path`, whose first bytes are `head`, holds this format; `head` is empty for a folder.
-  bool (*holds)(const std::string& path, std::span<const std::uint8_t> head);
-  // From bytes; null where it is only written, or read from a path.
+  // Returns whether `path`, whose first bytes are `head`, holds this format. `head` is empty for a
+  // folder.
+  bool (*matches)(const std::string& path, std::span<const std::uint8_t> head);
+  // Reads a static set. Null if the format is only written, or read with read_path.
   Result<Scene> (*read)(const ByteSource& source, const ReadLimits& limits, ConversionNotes* notes);
-  // For what is more than one file, or moves; null elsewhere.
+  // Reads a format that is dynamic or consists of several files; null for the others.
   Result<Scene> (*read_path)(const std::string& path, const ImportSettings& settings,
                              const ReadLimits& limits, ImportReport& report);
-  // Null where it is only read. Takes a static set; `notes`, which may be null, receives what was
-  // changed beyond the format's precision.
+  // Writes a static set. Null if the format is only read. `notes`, which may be null, receives
+  // changes beyond the format's precision.
   Result<std::vector<std::uint8_t>> (*write)(Gaussians4D set, ConversionNotes* notes);
-  SettingsKind settings_kind = kNone;  // which of ImportSettings reading looks at
+  SettingsKind settings_kind = kNone;
 };
 
-// All of them but .stgs, in the order in which readers are tried.
+// Returns all formats except .stgs, in the order in which readers are tried.
 std::span<const InterchangeFormat> interchange_formats();
-// The format that a file or folder holds, by its content; null for .stgs, and for none of them.
+// Returns the format of a file or folder, by its content; null for .stgs and unknown formats.
 Result<const InterchangeFormat*> detect_format(const std::string& path);
-// Reads a file or folder of that format; kUnsupported where it is only written.
+// Reads a file or folder of the given format. kUnsupported if the format is only written.
 Result<Scene> read_interchange(const InterchangeFormat& format, const std::string& path,
                                const ImportSettings& settings, const ReadLimits& limits,
                                ImportReport& report);
-// The format that can be written under this name; null for none.
+// Returns the writable format of a file name, by its extension; null if there is none.
 const InterchangeFormat* format_for_output(const std::string& path);
-// "a.SPZ" -> ".spz"; "" where there is none.
+// Returns the extension in lower case with its dot: "a.SPZ" -> ".spz"; "" if there is none.
 std::string file_extension(const std::string& path);
 
 }  // namespace stgs

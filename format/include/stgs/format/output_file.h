@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Outputs appear whole or not at all: they are written under a temporary name and renamed.
+// Atomic output: files are written under a temporary name and renamed when complete.
 #pragma once
 
 #include <cstdint>
@@ -13,19 +13,19 @@
 
 namespace stgs {
 
-// The temporary name that belongs to `path` in this process: same folder, same ending, hidden.
+// Returns the temporary name of `path` in this process: same folder, same extension, hidden.
 std::string temporary_name(const std::string& path);
 
-// Removes what of this type lies beside `path`, is named `before`, a process id, `after`, and
-// belongs to a process that has ended on this machine without removing it; returns the names. What
-// cannot be removed stays.
-std::vector<std::string> remove_stale(const std::string& path, const std::string& before,
-                                      const std::string& after, std::filesystem::file_type type);
+// Removes leftovers of processes that ended on this machine: entries of the given type in the
+// folder of `path` that are named `prefix`, a process id, `suffix`. Returns the names removed.
+// Entries that cannot be removed stay.
+std::vector<std::string> remove_stale(const std::string& path, const std::string& prefix,
+                                      const std::string& suffix, std::filesystem::file_type type);
 
-// Renames, replacing an existing file.
+// Renames a file, replacing an existing one.
 Status rename_over(const std::string& from, const std::string& to);
 
-// A file written piece by piece. Removes its temporary unless committed. One thread at a time.
+// A file written piece by piece. Removes its temporary file unless committed. One thread at a time.
 class OutputFile {
  public:
   OutputFile() = default;
@@ -33,12 +33,14 @@ class OutputFile {
   OutputFile(const OutputFile&) = delete;
   OutputFile& operator=(const OutputFile&) = delete;
 
-  // A device or a pipe is written directly: a rename would put a file in its place.
+  // Opens a temporary file for `path`. A device or a pipe is written directly, because a rename
+  // would replace it by a file.
   Status open(const std::string& path);
-  // Writes to a descriptor of somebody else, such as standard output; `name` is for messages.
+  // Writes to a descriptor owned by the caller, such as standard output. `name` is for messages.
   void borrow(int descriptor, const std::string& name);
+  // Appends bytes.
   Status write(std::span<const std::uint8_t> bytes);
-  // Syncs and renames; after an error (full disk, read-only folder) nothing is left behind.
+  // Syncs and renames. After an error (full disk, read-only folder) no file is left behind.
   Status commit();
 
  private:
@@ -49,12 +51,12 @@ class OutputFile {
   bool borrowed_ = false;
 };
 
-// OutputFile in one go: afterwards `path` is either the old file or the whole new one.
+// Writes a complete file with OutputFile. Afterwards `path` is the old file or the complete new
+// one.
 Status write_file_atomically(const std::string& path, std::span<const std::uint8_t> bytes);
 
-// A file that is only appended to, and can be read meanwhile. It is locked (flock) from before its
-// first byte is read or written until it is closed, so that it has one writer. One thread at a
-// time.
+// A file that is only appended to and may be read meanwhile. It is locked (flock) from before the
+// first read or write until it is closed, so it has a single writer. One thread at a time.
 class AppendedFile {
  public:
   AppendedFile() = default;
@@ -62,21 +64,23 @@ class AppendedFile {
   AppendedFile(const AppendedFile&) = delete;
   AppendedFile& operator=(const AppendedFile&) = delete;
 
-  // Makes a file of these bytes, which must not exist; after an error it does not. `sync`: returns
-  // when they and its name are on the disk.
+  // Creates a file with these bytes; it must not exist. After an error it does not exist. With
+  // `sync` it returns once the bytes and the file's name are on disk.
   Status create(const std::string& path, std::span<const std::uint8_t> bytes, bool sync);
-  // Opens a file that exists. kUsage where another has it open so.
+  // Opens an existing file. kUsage if another AppendedFile has it open.
   Status open(const std::string& path);
-  // What it holds: nobody else appends to it or cuts it.
+  // Returns the content. Nobody else appends to it or truncates it.
   Result<std::unique_ptr<ByteSource>> source() const;
-  // Keeps its first `bytes`.
+  // Truncates the file to its first `bytes`.
   Status cut(std::uint64_t bytes);
-  // `sync`: returns when the bytes are on the disk. After an error the file is cut to what it had
-  // before, where that is possible, and closed.
+  // Appends bytes. With `sync` it returns once they are on disk. After an error the file is
+  // truncated to its previous length, if possible, and closed.
   Status append(std::span<const std::uint8_t> bytes, bool sync);
+  // Closes the file and releases the lock.
   Status close();
 
   const std::string& path() const { return path_; }
+  // Returns the length in bytes.
   std::uint64_t bytes() const { return bytes_; }
 
  private:
@@ -86,7 +90,7 @@ class AppendedFile {
   std::string path_;
   int fd_ = -1;
   std::uint64_t bytes_ = 0;
-  bool unfinished_ = false;  // made here, and not whole yet
+  bool unfinished_ = false;  // created here, and not complete yet
 };
 
 }  // namespace stgs

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is asked of places before long work writes there, so that hours are not lost at the end.
+// Checks of output paths before long work starts, so that it cannot fail at the end.
 #pragma once
 
 #include <string>
@@ -9,19 +9,19 @@
 
 namespace stgs {
 
-// Whether a file can be made at `path`: its folder exists and takes files, and nothing but a
-// regular file is in the way.
+// Checks that a file can be created at `path`: its folder exists and is writable, and the path is
+// free or names a regular file.
 Status check_can_write(const std::string& path);
-// Removes the files that temporary_name(path) gave to processes that have ended without removing
-// them, on this machine, and returns their names. What cannot be removed stays.
+// Removes files that temporary_name(path) named for processes that ended on this machine without
+// removing them. Returns their names. Files that cannot be removed stay.
 std::vector<std::string> remove_stale_files(const std::string& path);
 
-// A path that an option or a setting gives, or that follows from one; both for messages.
+// A path, and the option or setting that it comes from; both appear in messages.
 struct NamedPath {
   std::string option, path;
 };
-// kUsage where two of them are one file or folder, whatever links and dots are in the way. Those
-// with an empty path do not count.
-Status check_distinct(const std::vector<NamedPath>& places);
+// Returns kUsage if two paths lead to the same file or folder, after resolving links and dots.
+// Empty paths are ignored.
+Status check_distinct(const std::vector<NamedPath>& paths);
 
 }  // namespace stgs

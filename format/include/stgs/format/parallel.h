@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Work on all threads: those of the thread's TaskRunner, else TBB's. The thread sanitizer cannot
-// see TBB's scheduler (a system library that is not built with it) and would call every hand-over a
-// race: there threads of the standard library do it, so that what is reported is ours.
+// Parallel loops on the threads of the current thread's TaskRunner, else on TBB's. Under the thread
+// sanitizer they use std::thread instead: TBB is a system library without instrumentation, so every
+// hand-over between its threads would be reported as a race.
 #pragma once
 
 #include <algorithm>
@@ -29,30 +29,33 @@
 
 namespace stgs {
 
-// Threads that the functions below use; the caller's own is one of them.
+// Returns the number of threads that the functions below use, including the calling one.
 int concurrency();
 
-// body(i) for each i of [begin, end), in any order. An exception of a body ends it and is rethrown.
+// Calls body(i) for each i of [begin, end), in any order. An exception ends the loop and is
+// rethrown.
 template <typename Index, typename Body>
 void parallel_for(Index begin, Index end, const Body& body);
 
-// body(first, last) for blocks [first, last) of [begin, end), each at most `grain` >= 1 long.
+// Calls body(first, last) for blocks [first, last) that cover [begin, end), each at most `grain` >=
+// 1 long.
 template <typename Index, typename Body>
 void parallel_blocks(Index begin, Index end, Index grain, const Body& body);
 
-// consume(job) for every job that produce() gives until it gives none. produce is called by one
-// thread at a time, in order; consume by several. At most `held` jobs exist at a time.
+// Calls consume(job) for every job that produce() returns, until it returns none. produce() is
+// called by one thread at a time, in order; consume() by several at once. At most `max_jobs` jobs
+// exist at a time.
 template <typename Job, typename Produce, typename Consume>
-void parallel_jobs(int held, const Produce& produce, const Consume& consume);
+void parallel_jobs(int max_jobs, const Produce& produce, const Consume& consume);
 
-// body() by the thread's TaskRunner, where it has one; else here and now.
+// Runs body() on the thread's TaskRunner, if it has one; else directly.
 template <typename Body>
 void run_as_task(const Body& body);
 
 namespace detail {
 
-// work(), which leaves nothing to those who come later, by up to `threads` threads; the first
-// exception is rethrown.
+// Calls work() on up to `threads` threads and rethrows the first exception. Calls share the work: a
+// later one finds nothing left to do.
 template <typename Work>
 void share(int threads, const Work& work) {
   std::exception_ptr error;
@@ -76,7 +79,7 @@ void share(int threads, const Work& work) {
     std::vector<std::thread> others;
     try {
       for (int i = 1; i < threads; ++i) others.emplace_back(guarded);
-    } catch (const std::exception&) {  // those that there are do it
+    } catch (const std::exception&) {  // the threads started so far do the work
     }
     guarded();
     for (std::thread& thread : others) thread.join();
@@ -105,10 +108,10 @@ void share_blocks(Index begin, Index end, Index grain, const Body& body) {
 }
 
 template <typename Job, typename Produce, typename Consume>
-void share_jobs(int held, const Produce& produce, const Consume& consume) {
+void share_jobs(int max_jobs, const Produce& produce, const Consume& consume) {
   std::mutex producing;
   bool ended = false;
-  share(std::min(held, concurrency()), [&] {
+  share(std::min(max_jobs, concurrency()), [&] {
     for (;;) {
       std::optional<Job> job;
       {
@@ -159,7 +162,7 @@ void parallel_for(Index begin, Index end, const Body& body) {
 }
 
 template <typename Job, typename Produce, typename Consume>
-void parallel_jobs(int held, const Produce& produce, const Consume& consume) {
+void parallel_jobs(int max_jobs, const Produce& produce, const Consume& consume) {
 #ifndef __SANITIZE_THREAD__
   if (task_runner() == nullptr) {
     using Slot = std::shared_ptr<Job>;
@@ -170,13 +173,13 @@ void parallel_jobs(int held, const Produce& produce, const Consume& consume) {
       return nullptr;
     };
     return tbb::parallel_pipeline(
-        static_cast<std::size_t>(held),
+        static_cast<std::size_t>(max_jobs),
         tbb::make_filter<void, Slot>(tbb::filter_mode::serial_in_order, next) &
             tbb::make_filter<Slot, void>(tbb::filter_mode::parallel,
                                          [&consume](const Slot& job) { consume(*job); }));
   }
 #endif
-  detail::share_jobs<Job>(held, produce, consume);
+  detail::share_jobs<Job>(max_jobs, produce, consume);
 }
 
 template <typename Body>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The header of a PLY file, as Stanford's "PLY polygon file format" describes it.
+// The header of a PLY file, as specified by Stanford's "PLY polygon file format".
 #pragma once
 
 #include <cstdint>
@@ -13,39 +13,42 @@
 
 namespace stgs {
 
+// The scalar type of a property.
 enum class PlyType { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat32, kFloat64 };
 
 struct PlyProperty {
   std::string name;
   PlyType type = PlyType::kFloat32;
-  std::uint64_t offset = 0;  // bytes, in the record of its element
+  std::uint64_t offset = 0;  // bytes, within a record of its element
 };
 
 struct PlyElement {
   std::string name;
   std::uint64_t count = 0;
   std::vector<PlyProperty> properties;
-  std::uint64_t stride = 0;  // bytes a record
+  std::uint64_t stride = 0;  // bytes per record
   std::uint64_t offset = 0;  // bytes, of its first record in a binary file
-  bool has_lists = false;    // then stride, and the offsets of what follows, are not known
+  bool has_lists = false;    // then the stride and the offsets of later elements are unknown
   bool offset_known = true;
 
+  // Returns the property of that name, or null.
   const PlyProperty* find(std::string_view property) const;
 };
 
 struct PlyHeader {
   bool ascii = false;
-  std::uint64_t bytes = 0;  // of the header itself
+  std::uint64_t bytes = 0;  // length of the header
   std::vector<PlyElement> elements;
 
+  // Returns the element of that name, or null.
   const PlyElement* find(std::string_view element) const;
 };
 
-// Reads and checks the header: known scalar types, counts, at most 4096 properties. In a binary
-// file every element whose place is known must lie within the file.
+// Reads and checks the header: known scalar types, valid counts, at most 4096 properties. In a
+// binary file every element of known offset must lie within the file.
 Result<PlyHeader> read_ply_header(const ByteSource& source);
 
-// A little-endian value of a record, as the nearest float.
+// Returns a little-endian value of a record as the nearest float.
 inline float ply_float(const std::uint8_t* record, const PlyProperty& property) {
   const auto load = [&]<typename T>(T value) {
     std::memcpy(&value, record + property.offset, sizeof(T));

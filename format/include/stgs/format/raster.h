@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CPU rasteriser: slice at t, project, bin to tiles, blend. Its scalar target is the reference
-// rendering of the representation (spec/representation.md, 6); the encoder's CPU backend and the
-// player's CPU backend both draw with it.
+// The CPU rasteriser: slice at time t, project, bin into tiles, blend. Its scalar target is the
+// reference rendering (spec/representation.md, 6). The CPU backends of encoder and player use it.
 #pragma once
 
 #include <cstdint>
@@ -16,20 +15,20 @@ namespace stgs {
 
 inline constexpr int kTileSize = 16;  // pixels, width and height
 
-// One visible primitive at one moment in one view; a cache line.
+// One visible primitive at one time in one view; one cache line.
 struct alignas(64) Splat {
   math::Vec2 mean;    // pixels
   math::Sym2 conic;   // 1/pixels^2
   float opacity;      // O_t = O l(t), after slicing
   math::Vec3 colour;  // sRGB-encoded, >= 0
   float depth;        // camera z
-  math::Vec2 extent;  // half size of a box outside which alpha < threshold, pixels
-  float reach;        // largest half squared distance that is drawn: ln(O_t / threshold)
-  std::uint32_t id;   // index of the primitive in its set
+  math::Vec2 extent;  // half size of a box outside which alpha < kAlphaThreshold, pixels
+  float reach;        // largest visible half squared distance: ln(O_t / kAlphaThreshold)
+  std::uint32_t id;   // index of the primitive in its set, plus id_base
 };
 
-// Splats of a view in the order of their ids, and each tile's splats, nearest first (ties: lower id
-// first). Reused from call to call to keep its memory.
+// The splats of a view in ascending order of id, and the list of each tile, nearest first (ties:
+// lower id first). Reuse an object for successive frames to avoid allocations.
 struct SplatFrame {
   int width = 0, height = 0;  // pixels
   int tiles_x = 0, tiles_y = 0;
@@ -37,7 +36,7 @@ struct SplatFrame {
   std::vector<std::uint32_t> instances;   // indices into splats, tile after tile
   std::vector<std::uint32_t> tile_begin;  // tiles_x*tiles_y + 1 offsets into instances
 
-  // Working memory of slice and bin; nothing to read here.
+  // Working memory of slice() and bin(); private.
   struct Scratch {
     std::vector<std::vector<Splat>> slice_blocks;
     std::vector<std::uint32_t> order, order_next, keys, keys_next, counts;
@@ -50,7 +49,9 @@ struct Image {
   int width = 0, height = 0, channels = 0;
   std::vector<float> data;
 
+  // Sets the size; the values are then unspecified.
   void reshape(int w, int h, int c);
+  // Returns the first pixel of a channel.
   float* plane(int c) { return data.data() + static_cast<std::size_t>(c) * width * height; }
   const float* plane(int c) const {
     return data.data() + static_cast<std::size_t>(c) * width * height;
@@ -61,46 +62,48 @@ struct RasterOutput {
   Image colour;                     // 3 channels, background blended in
   Image alpha;                      // 1 channel, 1 - transmittance
   Image depth;                      // 1 channel, blend-weighted mean camera z; 0 where alpha is 0
-  Image transmittance;              // 1 channel, share of the background that is left
-  std::vector<std::uint32_t> last;  // per pixel: length of its tile's list up to the last one drawn
+  Image transmittance;              // 1 channel, remaining share of the background
+  std::vector<std::uint32_t> last;  // per pixel: 1 + position of the last splat blended in its list
 };
 
-// Where the eye looks: what is farther from it is drawn at half resolution, in squares of 32
-// pixels, where squares of 2 x 2 pixels share a colour, an alpha and a depth (math/fovea.h).
+// The point of gaze. Blocks of 32 x 32 pixels beyond `radius` are rendered at half resolution: each
+// 2 x 2 pixels share a colour, an alpha and a depth (math/fovea.h).
 struct Fovea {
-  math::Vec2 centre{0.0f, 0.0f};  // pixels; may lie outside the picture
+  math::Vec2 centre{0.0f, 0.0f};  // pixels; may lie outside the image
   float radius = 0;               // pixels, at least 0
 };
 
 struct RasterSettings {
-  math::Vec3 background{0.0f, 0.0f, 0.0f};
-  std::optional<Fovea> fovea;  // none: full resolution everywhere
-  bool scalar = false;         // the reference target instead of the machine's vector unit
-  int max_sh_degree = 3;       // harmonics above it are left out
+  math::Vec3 background{0.0f, 0.0f, 0.0f};  // sRGB-encoded
+  std::optional<Fovea> fovea;               // none: full resolution everywhere
+  bool scalar = false;    // use the scalar reference target instead of the vector unit
+  int max_sh_degree = 3;  // SH above this degree are ignored
 };
 
-// Starts a frame of the camera's size with no splats.
+// Starts a frame of the camera's size, without splats.
 void begin_frame(const math::PinholeCamera& camera, SplatFrame& frame);
-// Appends what is visible of the set at moment t (ticks, counted as set.time): motion, visibility,
-// culling, projection, colour. t - T is rounded to single precision once. Splat ids are id_base +
-// index in the set; ids must ascend from call to call.
+// Appends the visible splats of the set at time t: motion, visibility, culling, projection, colour.
+// t is in ticks and counts as set.time does; t - T is rounded to single precision once. The id of a
+// splat is id_base plus its index in the set; ids must ascend from call to call.
 void slice(const Gaussians4D& set, double t, const math::PinholeCamera& camera,
            const RasterSettings& settings, std::uint32_t id_base, SplatFrame& frame);
-// The same for candidate primitives only (ascending), for instance those alive in a segment.
+// As above, for the candidate primitives only (ascending indices), such as those active in a
+// segment.
 void slice(const Gaussians4D& set, const std::vector<std::uint32_t>& candidates, double t,
            const math::PinholeCamera& camera, const RasterSettings& settings, std::uint32_t id_base,
            SplatFrame& frame);
-// Fills the tile lists from frame.splats with the exact ellipse-tile test. Throws std::length_error
-// where they would hold more than 2^26 entries. Takes up to 16 bytes an entry, and keeps up to 12.
+// Fills the tile lists from frame.splats, using the exact ellipse-tile test. Throws
+// std::length_error if they would hold more than 2^26 entries. Uses up to 16 bytes per entry, of
+// which up to 12 stay allocated.
 void bin(SplatFrame& frame);
-// Blends every tile, nearest first.
+// Blends every tile, nearest splat first.
 void blend(const SplatFrame& frame, const RasterSettings& settings, RasterOutput& output);
 
-// begin_frame + slice + bin + blend of one whole set.
+// Renders a complete set: begin_frame, slice, bin and blend.
 void render(const Gaussians4D& set, double t, const math::PinholeCamera& camera,
             const RasterSettings& settings, SplatFrame& frame, RasterOutput& output);
 
-// Name of the vector target in use, for reports ("AVX3", "AVX2", "SSE4", "scalar"...).
+// Returns the name of the vector target in use, for reports ("AVX3", "AVX2", "SSE4", "scalar"...).
 std::string vector_target();
 
 }  // namespace stgs

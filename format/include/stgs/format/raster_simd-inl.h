@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The alpha law over a vector of pixels, shared by the forward and the backward kernel so that both
-// draw exactly the same. For use after hwy/foreach_target.h, once a target.
+// The alpha law over a vector of pixels. Forward and backward kernel share it, so that both give
+// the same result. Include after hwy/foreach_target.h, once per target.
 #if defined(STGS_RASTER_SIMD_INL_H) == defined(HWY_TARGET_TOGGLE)
 #ifdef STGS_RASTER_SIMD_INL_H
 #undef STGS_RASTER_SIMD_INL_H
@@ -18,7 +18,7 @@ HWY_BEFORE_NAMESPACE();
 namespace stgs::raster::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// A row of a tile in one vector, or in several where the machine's are shorter.
+// A row of a tile: one vector, or several if the machine's vectors are shorter.
 using Row = hn::CappedTag<float, kTileSize>;
 using RowVec = hn::Vec<Row>;
 using RowMask = hn::Mask<Row>;
@@ -29,12 +29,12 @@ constexpr float kLog2Threshold = -7.99435344f;  // log2(kAlphaThreshold)
 constexpr float kExp2[6] = {1.00000008f,   0.693147188f,   0.240221075f,
                             0.0555035711f, 0.00967603192f, 0.00133908634f};
 
-// 2^x for x in [-126, 0], within 4e-7 of itself; unspecified elsewhere. (Fewer steps than Exp, as
-// the kernels mask what is out of range anyway.)
+// Returns 2^x for x in [-126, 0], with a relative error of at most 4e-7; unspecified elsewhere. It
+// takes fewer steps than hn::Exp, because the kernels mask values out of range anyway.
 HWY_INLINE RowVec exp2_of(RowVec x) {
   const Row d;
   const hn::RebindToSigned<Row> di;
-  // Adding 1.5 * 2^23 leaves the nearest integer in the low bits.
+  // Adding 1.5 * 2^23 puts the nearest integer into the low bits.
   const RowVec magic = hn::Set(d, 12582912.0f);
   const RowVec shifted = hn::Add(x, magic);
   const RowVec f = hn::Sub(x, hn::Sub(shifted, magic));
@@ -44,42 +44,42 @@ HWY_INLINE RowVec exp2_of(RowVec x) {
   return hn::BitCast(d, hn::Add(hn::BitCast(di, sum), exponent));
 }
 
-// One splat over a row's columns, in powers of two:
-// log2 of opacity exp(-power) = min(base + dy (cross + half_yy dy), most).
+// One splat over the columns of a row, with a base-2 exponent:
+// log2(opacity exp(-power)) = min(base + dy (cross + half_yy dy), peak).
 struct RowSplat {
-  RowVec dx, base, cross, half_yy, mean_y, most;
+  RowVec dx, base, cross, half_yy, mean_y, peak;
 };
 
-// `x` is the first pixel of the row's vector.
+// Prepares a splat for a row. `x` is the first pixel of the row's vector.
 HWY_INLINE RowSplat row_splat(const Splat& s, int x) {
   const Row d;
-  const float most = kLog2E * s.reach + kLog2Threshold;
+  const float peak = kLog2E * s.reach + kLog2Threshold;
   RowSplat r;
   r.dx = hn::Add(hn::Iota(d, 0.0f), hn::Set(d, static_cast<float>(x) + 0.5f - s.mean.x));
-  r.most = hn::Set(d, most);
-  r.base = hn::MulAdd(hn::Mul(hn::Set(d, -0.5f * kLog2E * s.conic.xx), r.dx), r.dx, r.most);
+  r.peak = hn::Set(d, peak);
+  r.base = hn::MulAdd(hn::Mul(hn::Set(d, -0.5f * kLog2E * s.conic.xx), r.dx), r.dx, r.peak);
   r.cross = hn::Mul(hn::Set(d, -kLog2E * s.conic.xy), r.dx);
   r.half_yy = hn::Set(d, -0.5f * kLog2E * s.conic.yy);
   r.mean_y = hn::Set(d, s.mean.y);
   return r;
 }
 
-// Vertical offset of row y.
+// Returns the vertical offset of row y from the splat's centre.
 HWY_INLINE RowVec row_offset(const RowSplat& r, int y) {
   return hn::Sub(hn::Set(Row(), static_cast<float>(y) + 0.5f), r.mean_y);
 }
 
-// log2 of the splat's alpha before it is cut at kAlphaMax.
+// Returns log2 of the splat's alpha before it is clamped to kAlphaMax.
 HWY_INLINE RowVec row_log2(const RowSplat& r, RowVec dy) {
-  return hn::Min(hn::MulAdd(dy, hn::MulAdd(r.half_yy, dy, r.cross), r.base), r.most);
+  return hn::Min(hn::MulAdd(dy, hn::MulAdd(r.half_yy, dy, r.cross), r.base), r.peak);
 }
 
-// Where that reaches kAlphaThreshold.
+// Returns the pixels whose alpha reaches kAlphaThreshold.
 HWY_INLINE RowMask row_seen(RowVec log2) {
   return hn::Ge(log2, hn::Set(Row(), kLog2Threshold));
 }
 
-// Fetches a list's splat that comes up soon: lists jump about among splats.
+// Prefetches the splat of list entry k. Lists refer to splats in no particular order.
 HWY_INLINE void prefetch(const Splat* splats, const std::uint32_t* list, int k, int count) {
   if (k >= 0 && k < count) hwy::Prefetch(splats + list[k]);
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which pixels a tile has and a splat may touch: what the rasteriser's stages and the encoder's
-// backward pass share.
+// The pixels of a tile, and those that a splat may touch. Shared by the stages of the rasteriser
+// and the encoder's backward pass.
 #pragma once
 
 #include <algorithm>
@@ -15,20 +15,21 @@ struct PixelBox {
   bool empty() const { return x0 >= x1 || y0 >= y1; }
 };
 
-// First pixel whose centre is at or after `edge`, kept in [low, high]; low >= 0.
+// Returns the first pixel whose centre is at or after `edge`, clamped to [low, high]; low >= 0.
 inline int first_pixel(float edge, int low, int high) {
   const float x = std::clamp(edge - 0.5f, static_cast<float>(low), static_cast<float>(high));
   const int i = static_cast<int>(x);
   return static_cast<float>(i) < x ? i + 1 : i;
 }
 
-// One past the last pixel whose centre is not after `edge`, kept in [low, high]; low >= 0.
+// Returns one past the last pixel whose centre is not after `edge`, clamped to [low, high]; low >=
+// 0.
 inline int end_pixel(float edge, int low, int high) {
   return static_cast<int>(
       std::clamp(edge + 0.5f, static_cast<float>(low), static_cast<float>(high)));
 }
 
-// Pixels of `within` whose centres lie in the splat's box.
+// Returns the pixels of `within` whose centres lie in the splat's box.
 inline PixelBox covered_pixels(const Splat& s, PixelBox within) {
   return {first_pixel(s.mean.x - s.extent.x, within.x0, within.x1),
           first_pixel(s.mean.y - s.extent.y, within.y0, within.y1),
@@ -36,7 +37,7 @@ inline PixelBox covered_pixels(const Splat& s, PixelBox within) {
           end_pixel(s.mean.y + s.extent.y, within.y0, within.y1)};
 }
 
-// Pixels of a tile, cut at the image's edge.
+// Returns the pixels of a tile, clipped to the image.
 inline PixelBox tile_pixels(const SplatFrame& frame, int tile) {
   const int tx = tile % frame.tiles_x, ty = tile / frame.tiles_x;
   return {tx * kTileSize, ty * kTileSize, std::min((tx + 1) * kTileSize, frame.width),

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What stays the same for all primitives of a view: shared by slicing and by the encoder's backward
-// pass.
+// Values common to all primitives of a view. Shared by slicing and the encoder's backward pass.
 #pragma once
 
 #include <algorithm>
@@ -16,10 +15,10 @@ namespace stgs::raster {
 
 struct View {
   math::PinholeCamera camera;
-  math::Vec3 centre;  // of the camera, in the world
-  double t;           // ticks, from where the set's time counts
-  int coefficients;   // of the harmonics, evaluated
-  int stride;         // floats a primitive in set.sh
+  math::Vec3 centre;  // of the camera, world space
+  double t;           // ticks, counted as set.time
+  int coefficients;   // SH coefficients to evaluate, per channel
+  int stride;         // floats per primitive in set.sh
 };
 
 inline View view_of(const Gaussians4D& set, double t, const math::PinholeCamera& camera,
@@ -29,7 +28,7 @@ inline View view_of(const Gaussians4D& set, double t, const math::PinholeCamera&
           3 * set.sh_coefficients()};
 }
 
-// Entry i of an array of N x 3.
+// Returns entry i of an N x 3 array.
 inline math::Vec3 read3(std::span<const float> array, std::size_t i) {
   return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
 }

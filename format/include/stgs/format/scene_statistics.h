@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How long the primitives of a scene live and how fast they move.
+// Statistics of the lifespans and speeds of a scene's primitives.
 #pragma once
 
 #include <cstdint>
@@ -10,8 +10,8 @@
 
 namespace stgs {
 
-// A primitive that covers the clip is static where it moves by at most this share of the scene's
-// radius over the clip: about half a pixel for a camera one radius away whose focal length is 500.
+// A primitive that covers the clip is static if it moves by at most this share of the scene radius
+// over the clip: about half a pixel for a camera one radius away with a focal length of 500 pixels.
 inline constexpr double kStaticShare = 1e-3;
 
 // Values in [from, to).
@@ -23,41 +23,44 @@ struct HistogramBin {
 
 struct SceneStatistics {
   std::uint64_t primitives = 0;
-  std::uint64_t never_visible = 0;  // O below the threshold 1/255: in no count below
+  std::uint64_t never_visible = 0;  // O below the threshold 1/255; not counted below
   double clip_seconds = 0;          // frames x tick
-  // Of the primitives' positions: distance from their median within which 95 % of them lie.
+  // Distance from the median position within which 95 % of the positions lie.
   double scene_radius = 0;  // scene units
 
-  // Support length 2 (r + sigma sqrt(ln(O / threshold))), seconds; each edge doubles the one before
-  // and one is the clip's length. Primitives whose support covers every frame are in whole_clip.
+  // Histogram of the support length 2 (r + sigma sqrt(ln(O / threshold))), seconds. Each bin edge
+  // is twice the previous one; the last is the length of the clip. Primitives whose support covers
+  // every frame are counted in whole_clip instead.
   std::vector<HistogramBin> lifespans;
   std::uint64_t whole_clip = 0;
-  double median_lifespan = 0;  // seconds, of all
+  double median_lifespan = 0;  // seconds, of all visible primitives
 
-  // Effective speed |u|, scene units a second; two bins a decade.
+  // Histogram of the effective speed |u|, scene units per second; two bins per decade.
   std::vector<HistogramBin> speeds;
   double median_speed = 0;
 
-  double static_bound = 0;              // scene units over the clip: kStaticShare scene_radius
-  std::uint64_t static_primitives = 0;  // cover the clip and move by no more than that
-  double whole_clip_drift = 0;  // scene units over the clip, mean of those that cover it; 0: none
+  double static_bound = 0;              // scene units over the clip: kStaticShare * scene_radius
+  std::uint64_t static_primitives = 0;  // cover the clip and move by at most static_bound
+  double whole_clip_drift = 0;  // mean motion of primitives that cover the clip, scene units
 
-  // Of the visible primitives; 0 where there are none.
+  // Returns the share of static primitives among the visible ones; 0 if none is visible.
   double static_share() const;
 };
 
+// Computes the statistics of a scene.
 SceneStatistics scene_statistics(const Scene& scene);
 
-// The first and the last frame at which primitive i is drawn where its support has them, ticks: the
-// clip's, or its part's in a scene in parts, for which these stand in for the clip.
+// The first and last frame at which a primitive can be shown, in ticks. In a scene with parts these
+// are the frames of its part, which then stands for the clip.
 struct ShownFrames {
   double first = 0, last = 0;
-  double part_begin = 0;  // from which the primitive's time counts
+  double part_begin = 0;  // the primitive's time counts from here
 };
+// Returns the frames at which primitive i can be shown.
 ShownFrames shown_frames(const Scene& scene, std::size_t i);
 
-// Whether the support of primitive i, |t - T| <= r + sigma sqrt(ln(O / threshold)), holds all
-// of its shown_frames.
+// Returns whether the support of primitive i, |t - T| <= r + sigma sqrt(ln(O / threshold)),
+// contains all of its shown_frames().
 bool covers_clip(const Scene& scene, std::size_t i);
 
 }  // namespace stgs

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Errors as values. No exception crosses a module's border.
+// Errors as values. No exception crosses a module boundary.
 #pragma once
 
 #include <fmt/format.h>
@@ -13,28 +13,28 @@
 
 namespace stgs {
 
-// The command line's exit codes are these values, but where one says otherwise.
+// Error codes. The values are the exit codes of the command line, except where stated.
 enum class StatusCode : int {
-  kOk = 0,
-  kUsage = 1,        // the caller asked for something that makes no sense
+  kOk = 0,           // success
+  kUsage = 1,        // invalid argument or call
   kIo = 2,           // a file or stream could not be read or written
-  kInvalidFile = 3,  // bytes that break their format
-  kRuntime = 4,      // anything else that went wrong while working
-  kUnsupported = 5,  // well-formed, but not possible here
-  kNotBuilt = 6,     // a part that this build leaves out
+  kInvalidFile = 3,  // the bytes violate their format
+  kRuntime = 4,      // any other failure at run time
+  kUnsupported = 5,  // well-formed, but not supported
+  kNotBuilt = 6,     // needs a feature that this build lacks
   kDiffers = 7,      // a comparison found a difference
-  kNoMemory = 8,     // not enough memory; the command line's exit code is kRuntime's
-  kLimit = 9,        // more than the caller allows; the command line's is kUnsupported's
-  kDeviceLost = 10,  // the GPU has failed: what uses it is to be made anew; kRuntime's
+  kNoMemory = 8,     // out of memory; exit code of kRuntime
+  kLimit = 9,        // exceeds a limit set by the caller; exit code of kUnsupported
+  kDeviceLost = 10,  // the GPU has failed; recreate the objects that use it; exit code of kRuntime
 };
 
-// Of what was thrown.
+// Returns the code of an exception: kNoMemory for std::bad_alloc, else kRuntime.
 inline StatusCode code_of(const std::exception& e) {
   return dynamic_cast<const std::bad_alloc*>(&e) != nullptr ? StatusCode::kNoMemory
                                                             : StatusCode::kRuntime;
 }
 
-// The result of an operation: kOk, or a code with a message that says what, where and what to do.
+// The result of an operation: kOk, or a code with a message for the user (PATH: problem; remedy).
 class [[nodiscard]] Status {
  public:
   Status() = default;
@@ -49,7 +49,7 @@ class [[nodiscard]] Status {
   std::string message_;
 };
 
-// A value, or the Status that says why there is none.
+// A value, or the Status that explains why there is none. Access the value only if ok().
 template <typename T>
 class [[nodiscard]] Result {
  public:
@@ -71,6 +71,7 @@ class [[nodiscard]] Result {
   Status status_;
 };
 
+// The functions below return a Status with the code of their name and a formatted message.
 template <typename... Args>
 Status usage_error(fmt::format_string<Args...> text, Args&&... args) {
   return {StatusCode::kUsage, fmt::format(text, std::forward<Args>(args)...)};
@@ -96,7 +97,7 @@ Status not_built(fmt::format_string<Args...> text, Args&&... args) {
   return {StatusCode::kNotBuilt, fmt::format(text, std::forward<Args>(args)...)};
 }
 
-// An errno in words, for such messages: "No such file or directory".
+// Returns the text of an errno value for messages: "No such file or directory".
 inline std::string system_message(int error) {
   return error == 0 ? "unknown error" : std::generic_category().message(error);
 }
@@ -111,7 +112,8 @@ inline std::string system_message(int error) {
 
 #define STGS_CONCAT_INNER(a, b) a##b
 #define STGS_CONCAT(a, b) STGS_CONCAT_INNER(a, b)
-// STGS_ASSIGN(auto x, make_x()): takes the value out of a Result, or returns its Status.
+// STGS_ASSIGN(auto x, make_x()): assigns the value of a Result, or returns its Status from the
+// enclosing function.
 #define STGS_ASSIGN(target, expression)                    \
   auto STGS_CONCAT(stgs_result_, __LINE__) = (expression); \
   if (!STGS_CONCAT(stgs_result_, __LINE__).ok())           \

@@ -1,24 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-// Threads of somebody else's for the work of stgs/format/parallel.h.
+// The caller's threads, for the parallel loops of stgs/format/parallel.h.
 #pragma once
 
 namespace stgs {
 
+// Runs parallel work on threads of the application.
 class TaskRunner {
  public:
   virtual ~TaskRunner() = default;
-  // That work is shared out for, the caller's included; 1 or more.
+  // Returns the number of threads to split work for, including the calling one; 1 or more.
   virtual int threads() const = 0;
-  // Calls work(argument), which throws nothing, at least once and `count` times at most, at once
-  // where it can, and returns when all these calls have returned: one of them alone does all there
-  // is to do. Called by several threads at once, and from within work.
+  // Calls work(argument), which never throws, between one and `count` times, concurrently if
+  // possible, and returns when all calls have returned. A single call completes all of the work.
+  // Called from several threads at once, and from within `work`.
   virtual void run(void (*work)(void* argument), void* argument, int count) = 0;
 };
 
-// Who runs the work of this thread; null: threads of our own.
+// Returns the runner of this thread; null: the library uses its own threads.
 TaskRunner* task_runner();
 
-// Makes one the thread's while it lives; null: none.
+// Sets the runner of this thread for the lifetime of the object; null: none.
 class ScopedTaskRunner {
  public:
   explicit ScopedTaskRunner(TaskRunner* runner);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Plays a scene from wherever its bytes are: fetches what is about to be seen, decodes it, and says
-// which moment to draw.
+// Plays a scene from a file, a URL or another byte source: fetches and decodes segments ahead of
+// playback, and advances the playback position.
 #pragma once
 
 #include <cstdint>
@@ -19,166 +19,186 @@
 
 namespace stgs::player {
 
+// Something that happened to a player, see Player::take_events().
 struct PlayerEvent {
   enum class Kind {
-    kBuffering,  // playing, the moment stands still, because what is next has not come
-    kResumed,    // it goes on after kBuffering
-    kLooped,
-    kEnded,
-    kLayers,      // the number of layers at the moment has changed
-    kRetry,       // a transfer failed and is tried again
-    kReadFailed,  // a piece could not be read; it is tried again later
-    kDamaged,     // a piece is not what was written; the picture lacks it
-    // The file is another one now, or has lost what it had: what has not come will not, as long as
-    // it is so. Told once, and again where it has been right meanwhile.
+    kBuffering,   // playback stalled: the data that it needs next is missing
+    kResumed,     // playback resumed after kBuffering
+    kLooped,      // playback wrapped around
+    kEnded,       // playback reached the end
+    kLayers,      // the number of layers available at the current position changed
+    kRetry,       // a transfer failed and is being retried
+    kReadFailed,  // a segment layer could not be read; the player retries it later
+    kDamaged,     // a segment layer is corrupt; frames are rendered without it
+    // The file was replaced, or lost data that it had. Missing segments cannot be fetched for as
+    // long as that is so. Reported once, and again if the file was valid in between.
     kReplaced,
-    // Of a recording that is followed:
-    kStalled,  // nothing has been added to it for LiveSettings::stall_seconds; looked for further
-    kSkipped,  // the moment was too far behind the edge, and has jumped to where it follows it
-    kFinished  // it is closed: nothing more comes, and the clip has its end
+    // The following occur only for recordings that the player follows.
+    kStalled,  // nothing was added for LiveSettings::stall_seconds; the player keeps polling
+    kSkipped,  // the position was too far behind the live edge and jumped towards it
+    kFinished  // the recording was closed: nothing more is added, and the duration is final
   };
   Kind kind = Kind::kBuffering;
-  double seconds = 0;  // the moment of the clip
-  int layers = 0;      // of kLayers
-  // Of kRetry, kLost, kDamaged, kReplaced and kStalled: byte of the file, what is wrong.
-  std::uint64_t offset = 0;
+  double seconds = 0;  // playback position when the event occurred
+  int layers = 0;      // kLayers only: the new number of layers
+  // The following are set for kRetry, kReadFailed, kDamaged, kReplaced and kStalled.
+  std::uint64_t offset = 0;  // byte of the file
   StatusCode code = StatusCode::kOk;
   std::string message;
 };
 
-// How a recording is followed while it grows (spec 5.12), where its source can grow: a file, a URL,
-// or another that says so (ByteSource::may_grow). Its edge is the end of what is recorded.
+// How the player follows a growing recording (spec 5.12). Only sources that may grow are followed:
+// files, URLs and sources for which ByteSource::may_grow() is true. The live edge is the end of the
+// recorded data.
 struct LiveSettings {
-  bool follow = true;  // false: what there is when it is opened is a clip like any other
-  // How far behind the edge play is, seconds; further where stretches are longer, or come too
-  // unevenly, for that without play standing still: 0 is as near as they let it be.
+  // False: the data present when the source is opened is played as a finished clip.
+  bool follow = true;
+  // Minimum latency behind the live edge, seconds. The player increases it to the length of a
+  // fragment plus the jitter of their arrival, so that playback does not stall; 0 is the smallest
+  // latency that avoids stalls.
   double latency_seconds = 1;
-  // Between looks whether there is more, about when it is due; less than 0.01 counts as that. Up to
-  // 2 s where it does not come.
+  // Interval between polls when the next fragment is due; clamped to at least 0.01 s. Grows up to
+  // 2 s while nothing arrives.
   double poll_seconds = 0.05;
-  double stall_seconds = 5;  // without more, then kStalled is told
-  // Further behind where it follows, play jumps there; nearer, its rate is up to a tenth more or
-  // less until it is there.
+  double stall_seconds = 5;  // without new data before kStalled is reported
+  // If the position falls further behind its target than this, it jumps to the target. Otherwise
+  // the rate is changed by up to 10 % until the position catches up.
   double skip_seconds = 3;
 };
 
+// Settings of a player. Times are finite and not negative.
 struct PlayerSettings {
-  std::uint64_t memory_budget = kDefaultMemoryBudget;  // bytes, of what is fetched and decoded
-  double prefetch_seconds = 10;  // of what is fetched before it is needed, at the rate of play
-  double resume_seconds = 0.3;   // that must be there before play goes on after it has stood still
-  // A layer's worth: how much further ahead a layer is fetched than the next.
-  double layer_lead_seconds = 1;
-  // Until what could not be read is tried again; after each failure twice as long, as far as 10 s.
+  std::uint64_t memory_budget = kDefaultMemoryBudget;  // bytes of fetched and decoded data
+  double prefetch_seconds = 10;   // fetched ahead of the position, seconds at the current rate
+  double resume_seconds = 0.3;    // of data required before stalled playback resumes
+  double layer_lead_seconds = 1;  // how much further ahead each layer is fetched than the next one
+  // Delay before a failed read is retried. Doubles with each failure, up to 10 s.
   double retry_seconds = 1;
-  int max_reads_in_flight = 4;  // at once
+  int max_reads_in_flight = 4;  // 1 to 64
   LiveSettings live;
-  HttpSettings http;  // of a URL
-  // Told what transfers meet with while a URL is opened, by its threads, one at a time. Not set:
-  // take_events() tells it once the file is open.
+  HttpSettings http;  // for URLs
+  // Receives transfer events while a URL is being opened, from the player's threads, one call at a
+  // time. If it is not set, take_events() returns these events once the file is open.
   std::function<void(const PlayerEvent&)> on_opening_event;
-  ReadLimits limits;  // of the file
-  // Of the file when it is opened; a larger one is refused before anything of it is read.
+  ReadLimits limits;
+  // A file larger than this when it is opened is rejected before any of it is read.
   std::uint64_t max_file_bytes = std::numeric_limits<std::int64_t>::max();
-  // Decodes; outlives the player. Null: threads of our own.
-  TaskRunner* task_runner = nullptr;
-  // Of what is fetched and decoded, from several threads at once. Null: the heap.
+  TaskRunner* task_runner = nullptr;  // runs decoding; outlives the player; null: internal threads
+  // Allocates fetched and decoded data, from several threads at once. Null: the heap.
   std::shared_ptr<std::pmr::memory_resource> memory;
 };
 
 inline constexpr double kMinRate = -2, kMaxRate = 4;
-// Seconds between calls of Player::advance() that a moment follows; a longer step counts as one of
-// these, so that play goes on from where it was after the caller has stood still.
+// Largest step of the position per call of Player::advance(), seconds at rate 1. If more time has
+// passed, playback resumes where it was instead of jumping ahead.
 inline constexpr double kMaxStepSeconds = 0.25;
-inline constexpr std::size_t kMaxEvents = 1024;  // that are kept until they are taken
+inline constexpr std::size_t kMaxEvents = 1024;  // queued for take_events(); older ones are dropped
 
-enum class PlayerState { kPaused, kPlaying, kBuffering, kEnded };
+enum class PlayerState {
+  kPaused,     // the position does not change
+  kPlaying,    // the position advances
+  kBuffering,  // playing, but the data that is needed next is missing
+  kEnded       // playback reached the end
+};
 
-// Moments of the clip, seconds.
+// A range of clip time, seconds.
 struct TimeRange {
   double begin = 0, end = 0;
 };
+// A range of clip time, ticks.
 struct TickRange {
   double begin = 0, end = 0;
 };
 
-// Where play is in a recording that grows.
+// State of live playback. Everything but `growing` is 0 unless the recording is growing.
 struct LiveState {
-  bool growing = false;     // more is expected; false: the clip has its end, and the rest is 0
-  bool following = false;   // play keeps to the edge
-  double edge_seconds = 0;  // the end of what is recorded, as far as is known
-  // How far the moment is behind the edge, which is taken to move on steadily between what comes:
-  // what a viewer is late by.
+  bool growing = false;     // more data is expected; false: the duration is final
+  bool following = false;   // playback follows the live edge
+  double edge_seconds = 0;  // end of the recorded data that the player knows of
+  // Distance from the position to the live edge, which is assumed to advance steadily between
+  // fragments: the delay that a viewer experiences.
   double latency_seconds = 0;
-  double target_latency_seconds = 0;  // how far it is to be
+  double target_latency_seconds = 0;  // the latency that playback converges to
 };
 
+// Transfer and memory statistics of a player.
 struct StreamStatistics {
-  double bytes_per_second = 0;  // that the link has carried of late; 0: not known yet
+  double bytes_per_second = 0;  // recent throughput; 0: not yet known
   std::uint64_t fetched_bytes = 0;
-  std::uint64_t memory_bytes = 0;       // of the budget
-  std::uint64_t stored_primitives = 0;  // decoded and held
+  std::uint64_t memory_bytes = 0;       // of the memory budget in use
+  std::uint64_t stored_primitives = 0;  // decoded and resident
 };
 
-// A recording that grows is opened at its edge and followed (LiveSettings). To pause, to go to an
-// earlier moment, or another rate than 1 ends that; go_live(), or play that reaches the edge,
-// begins it again. Where play has no more to show it stands still until more comes, as anywhere
-// (kBuffering). Closed, a recording is a clip like any other.
+// Plays a scene. A growing recording opens at its live edge and is followed (LiveSettings).
+// Pausing, seeking to an earlier time or setting a rate other than 1 ends that; go_live(), or
+// playback that reaches the edge, starts it again. Playback that runs out of data buffers until
+// more arrives. Once closed, a recording is a clip like any other.
 //
-// Not thread-safe: one thread calls it, and one, which may be another, draws what timeline() has.
-// Fetching and decoding have threads of their own, which the destructor ends.
+// Not thread-safe: one thread calls the player, and one thread, possibly another, uses timeline().
+// Fetching and decoding run on internal threads, which the destructor joins.
 class Player {
  public:
-  // `place`: a path or a URL. Reads the head of the file. Errors: open_location's,
-  // SceneReader::open's, settings out of range (kUsage), a file that is too large (kLimit).
-  static Result<std::unique_ptr<Player>> open(const std::string& place,
+  // Opens a path or URL and reads the head of the file. Errors: those of open_location() and
+  // SceneReader::open(); kUsage for settings out of range, kLimit for a file that is too large.
+  static Result<std::unique_ptr<Player>> open(const std::string& location,
                                               const PlayerSettings& settings = {});
-  // The same of a source that is already open, which may answer as late as it likes. `interrupt`,
-  // where given, must make its reads fail at once: the destructor calls it.
+  // Opens a source, whose reads may block for any time. The destructor calls `interrupt`, if given,
+  // which must make pending and later reads fail at once.
   static Result<std::unique_ptr<Player>> from_source(std::unique_ptr<ByteSource> source,
                                                      const PlayerSettings& settings = {},
                                                      std::function<void()> interrupt = {});
+  // Joins the internal threads; pending reads are interrupted.
   virtual ~Player() = default;
 
-  // What there is of the moment, without waiting: Timeline::at leaves out what has not come. As
-  // long as the player.
+  // Returns the data that is resident, without waiting: Timeline::at() omits segments that have not
+  // arrived. Lives as long as the player.
   virtual Timeline& timeline() = 0;
 
-  // From the end: from the beginning. Nothing happens while it plays, or is about to.
+  // Starts playback. At the end in the direction of playback, starts from the other end. Does
+  // nothing if already playing.
   virtual void play() = 0;
+  // Pauses playback.
   virtual void pause() = 0;
-  // To a moment, or to the beginning of a frame; the next advance() is there. kUsage: not a number,
-  // or a frame that the clip does not have.
+  // Seeks to a time in seconds, clamped to the clip. The next advance() returns that position.
+  // kUsage if it is not finite.
   virtual Status seek(double seconds) = 0;
+  // Seeks to the beginning of a frame. kUsage if the clip has no such frame.
   virtual Status seek_frame(std::uint32_t frame) = 0;
-  // kMinRate to kMaxRate, not 0 (kUsage).
+  // Sets the rate: kMinRate to kMaxRate and not 0, else kUsage. Negative rates play backwards.
   virtual Status set_rate(double rate) = 0;
-  // Counts once the clip has its end.
+  // Enables or disables looping, which takes effect once the duration is final.
   virtual void set_loop(bool loop) = 0;
-  // Follows the edge of a recording that grows, at rate 1; the next advance() is there. Nothing
-  // happens where it does not grow.
+  // Follows the live edge of a growing recording at rate 1, from the next advance() on. Does
+  // nothing if the recording does not grow.
   virtual void go_live() = 0;
+  // Returns the state of live playback.
   virtual LiveState live() const = 0;
 
-  // The moment to draw at `now`, seconds of any clock that never goes back, kMaxStepSeconds on at
-  // most (times the rate). The moment stands still where the base of the next has not come, and
-  // jumps only where it is told to.
+  // Advances playback to `now`, in seconds of any monotonic clock, and returns the position to
+  // render. Moves by at most kMaxStepSeconds times the rate. The position stays where it is while
+  // the base layer of the next one is missing, and jumps only on request.
   virtual double advance(double now) = 0;
 
+  // Returns the playback state.
   virtual PlayerState state() const = 0;
+  // Returns the playback position, seconds.
   virtual double seconds() const = 0;
-  // Whether all of layer 0 is there at the moment: what at() has is a picture of all the space.
+  // Returns whether all of layer 0 is available at the position, so that a frame covers all space.
   virtual bool ready() const = 0;
-  // Layers that are there at the moment, and those that the file has: the tiers of its segments,
-  // then their harmonics.
+  // Returns the number of layers that are completely available at the position.
   virtual int layers() const = 0;
+  // Returns the number of layers in the file: one per tier for the bases of its segments, then one
+  // per tier for their spherical harmonics.
   virtual int layer_count() const = 0;
-  // Whether nothing more of the moment is coming: what layers() lacks of it is damaged, was lost
-  // and is yet to be tried again, or has no room in the memory budget.
+  // Returns whether nothing more will arrive for the position: every layer missing there is
+  // damaged, waits to be retried after a failed read, or does not fit the memory budget.
   virtual bool is_complete() const = 0;
-  // Where play does not have to wait: the base is there, or could not be had.
+  // Returns the ranges that play without waiting, ascending: their base layer is available or could
+  // not be read.
   virtual std::vector<TimeRange> buffered() const = 0;
+  // Returns transfer and memory statistics.
   virtual StreamStatistics statistics() const = 0;
-  // What has happened since the last call, in order; the last kMaxEvents of it.
+  // Returns the events since the last call, oldest first; at most the last kMaxEvents.
   virtual std::vector<PlayerEvent> take_events() = 0;
 };
 

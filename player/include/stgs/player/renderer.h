@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Drawing a scene from a viewpoint at a moment. One interface, one class a backend.
+// Renders a scene from viewpoints at a time. One interface, with one class per backend.
 #pragma once
 
 #include <memory>
@@ -12,102 +12,106 @@
 #include "stgs/format/status.h"
 #include "stgs/player/timeline.h"
 
-struct CUstream_st;  // of CUDA
+struct CUstream_st;  // of CUDA; cudaStream_t points to it
 
 namespace stgs::player {
 
-inline constexpr std::size_t kMaxViews = 4;
+inline constexpr std::size_t kMaxViews = 4;  // per call
 
 // Colour, alpha and depth of one view; channels as in RasterOutput.
 struct Frame {
   Image colour, alpha, depth;
 };
 
-// What a call did; counts and times are sums over its views, except where a line says otherwise.
-// A backend on a device tells the device's times of slice, bin and blend.
+// Counts and times of a call, summed over its views unless stated otherwise. GPU backends report
+// device times for slice, bin and blend.
 struct RenderStats {
-  std::size_t stored = 0;  // primitives decoded and held; once a call
-  std::size_t active = 0;  // candidates at this moment; once a call
-  std::size_t splats = 0;  // splats in view
-  // Primitives of the moment that are decoded, and that the device gets with later pictures
-  // (Timeline::is_playing): these, or a better version of them, are not drawn. Once a call.
+  std::size_t stored = 0;  // primitives decoded and resident; per call
+  std::size_t active = 0;  // candidate primitives at this time; per call
+  std::size_t splats = 0;  // visible splats
+  // Decoded primitives whose upload is deferred to later frames (Timeline::is_playing): they, or a
+  // better version of them, are not rendered yet. Per call.
   std::size_t pending = 0;
-  double fetch_ms = 0;  // finding and decoding what is alive; once a call
+  double fetch_ms = 0;  // finding and decoding the active segments; per call
   double slice_ms = 0, bin_ms = 0, blend_ms = 0;
-  double device_ms = 0;  // of a device, from the first to the last of it; 0 where there is none
+  double device_ms = 0;  // from the beginning to the end of the device's work; 0 for the CPU
 };
 
-// A step of drawing on a device.
+// One step of rendering on a device.
 struct RenderStep {
   std::string name;
   double ms = 0;
-  // What it cannot do without: bytes of device memory, each buffer's read or written once, and
-  // instructions a pixel (0 where they are not counted).
+  // Lower bounds: bytes of device memory if each buffer is read or written once, and instructions
+  // (0 if they are not counted).
   double bytes = 0, operations = 0;
 };
+// The steps of a frame next to the limits of the device.
 struct RenderProfile {
-  // Of the device, at most: of its memory, as a copy moves them where it does not tell, and of its
-  // lanes; 0 where it tells nothing of these.
+  // Peak rates of the device's memory (measured with a copy if the device does not report it) and
+  // of its lanes; 0 if not known.
   double bytes_per_second = 0, operations_per_second = 0;
-  std::vector<RenderStep> steps;  // in their order
+  std::vector<RenderStep> steps;  // in execution order
 };
 
-// Rows of pixels in memory of a CUDA device.
+// Rows of pixels in CUDA device memory.
 struct CudaPlane {
-  void* data = nullptr;    // null: not wanted
+  void* data = nullptr;    // null: not written
   std::size_t stride = 0;  // bytes from row to row
 };
-// Of a view. All strides and addresses are multiples of 4.
+// Output of one view in CUDA device memory. All strides and addresses are multiples of 4.
 struct CudaImage {
-  CudaPlane rgba8;      // 4 bytes a pixel: colour and alpha
+  CudaPlane rgba8;      // 4 bytes per pixel: colour and alpha
   CudaPlane planes[5];  // floats: red, green, blue, alpha, depth
 };
 
+// A viewpoint.
 struct View {
   math::PinholeCamera camera;
   math::Vec3 background{0.0f, 0.0f, 0.0f};  // sRGB-encoded
-  std::optional<Fovea> fovea = {};          // of its picture; none: full resolution everywhere
+  std::optional<Fovea> fovea = {};  // region of full resolution; not set: the complete image
 };
 
-// Not thread-safe: one renderer a thread. It keeps its buffers from call to call.
+// Renders frames and retains its buffers between calls. Not thread-safe: one thread per renderer.
 class Renderer {
  public:
   virtual ~Renderer() = default;
-  // Draws 1 to kMaxViews views of the same moment (seconds); the pictures stay where the backend
-  // makes them, until the next call. `stats` may be null. Errors: the number of views or a
-  // camera's size (kUsage), and Timeline::at.
+  // Renders 1 to kMaxViews views of the scene at `seconds`. The images stay on the backend until
+  // the next call. `stats` may be null. Errors: kUsage for the number of views or the size of a
+  // camera, and those of Timeline::at().
   virtual Status draw(Timeline& timeline, double seconds, const std::vector<View>& views,
                       RenderStats* stats) = 0;
-  // The pictures of the last draw(), which succeeded, for the host; `frames` is resized to its
-  // views. Once: they may be handed over.
+  // Returns the images of the last successful draw() in host memory and resizes `frames` to its
+  // views. Call it once per draw(): the buffers may be handed over.
   virtual Status read(std::vector<Frame>& frames) = 0;
-  // Both.
+  // Calls draw(), then read().
   Status render(Timeline& timeline, double seconds, const std::vector<View>& views,
                 std::vector<Frame>& frames, RenderStats* stats) {
     if (Status status = draw(timeline, seconds, views, stats); !status.ok()) return status;
     return read(frames);
   }
-  // The same for memory of the CUDA device, one of `to` a view, in the order of a stream of it
-  // (cudaStream_t; null: the default one) and without waiting for that; the next draw() and the
-  // destructor do. kUnsupported where the backend does not draw with CUDA, kUsage where the number
-  // is not that of the views.
+  // Copies the images of the last successful draw() to CUDA device memory, one element of `to` per
+  // view. The copies are enqueued on `stream` (cudaStream_t; null: the default stream) and not
+  // waited for; the next draw() and the destructor wait. kUnsupported if the backend does not use
+  // CUDA, kUsage if `to` does not have one element per view.
   virtual Status read_cuda(const std::vector<CudaImage>& to, CUstream_st* stream) {
     (void)to, (void)stream;
-    return unsupported("backend '{}' does not draw with CUDA", name());
+    return unsupported("backend '{}' does not render with CUDA; use backend 'cuda'", name());
   }
+  // Returns the name of the backend, as make_renderer() takes it.
   virtual std::string name() const = 0;
-  // Draws what the last draw() drew, which succeeded, once more, step by step. kUnsupported where
-  // the backend cannot tell.
+  // Renders the last successful draw() again, step by step, and measures each step. kUnsupported if
+  // the backend cannot measure them.
   virtual Result<RenderProfile> profile() {
-    return unsupported("backend '{}' does not tell what its steps take", name());
+    return unsupported("backend '{}' cannot profile its steps", name());
   }
 };
 
-// "cpu", "cuda" or "vulkan"; "auto" is cuda where there is a device for it, else cpu. "cuda" and
-// "vulkan" answer kNotBuilt in a build without them, kUnsupported without a device.
+// Creates a renderer: "cpu", "cuda", "vulkan", or "auto" for CUDA if a device is present, else the
+// CPU. "cuda" and "vulkan" fail with kNotBuilt if the build lacks them and with kUnsupported if
+// there is no suitable device. Other names: kUsage.
 Result<std::unique_ptr<Renderer>> make_renderer(const std::string& backend);
 
-// Names that make_renderer takes in this build, the one that "auto" chooses first.
+// Returns the backends in this build, starting with the one that "auto" prefers.
 std::vector<std::string> renderer_backends();
 
 }  // namespace stgs::player

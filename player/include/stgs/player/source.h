@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the bytes of a scene come from: a file of this machine, or one behind HTTP.
+// Byte sources for scenes: local files, and files behind HTTP.
 #pragma once
 
 #include <cstdint>
@@ -12,68 +12,77 @@
 
 namespace stgs::player {
 
-// What a transfer met with. Told from the thread that reads, by several threads at once.
+// An incident of a transfer. Reported on the thread that reads, possibly by several threads at
+// once.
 struct TransferEvent {
   enum class Kind {
-    kRetry,     // a try failed, another follows
+    kRetry,     // an attempt failed; another one follows
     kFailed,    // the read fails
-    kReplaced,  // the read fails: the file is another one now, and stays so until it is opened
-                // again
+    kReplaced,  // the read fails: the file was replaced; reads fail until it is opened again
   };
   Kind kind = Kind::kRetry;
-  std::uint64_t offset = 0;  // in the file, of the first byte that has not come
-  double wait_seconds = 0;   // before the next try
-  std::string message;       // what went wrong
+  std::uint64_t offset = 0;  // in the file, of the first byte that was not received
+  double wait_seconds = 0;   // before the next attempt
+  std::string message;
 };
 
+// Settings of an HttpSource.
 struct HttpSettings {
-  int max_connections = 4;      // at once at most, kept alive; reads beyond wait for one
-  double connect_seconds = 10;  // to a connection, else the try has failed
-  // Without a byte, or with less than 100 a second of them, after which the try has failed; less
-  // than 0.1 counts as that.
+  int max_connections = 4;      // open at once and kept alive; further reads wait for one
+  double connect_seconds = 10;  // timeout of connecting; then the attempt fails
+  // Timeout without data, or with fewer than 100 bytes/s; then the attempt fails. Clamped to at
+  // least 0.1.
   double stall_seconds = 10;
-  int max_attempts = 5;          // in a row that bring nothing, or too slowly; then the read fails
-  double backoff_seconds = 0.2;  // before the second try; twice as long before each next, up to 5 s
-  std::uint64_t head_bytes = 64 << 10;  // asked for when it is opened, and kept
+  // Consecutive attempts that bring no data, or bring it too slowly, before a read fails.
+  int max_attempts = 5;
+  double backoff_seconds = 0.2;  // before the second attempt; doubles with each further one, to 5 s
+  std::uint64_t head_bytes = 64 << 10;  // of the file, read when it is opened and cached
   std::function<void(const TransferEvent&)> on_event;
-  // Ends reads that are under way, and all later ones, at once (kRuntime).
+  // Makes pending and later reads fail at once (kRuntime).
   std::stop_token stop;
 };
 
+// Counts of an HttpSource since it was opened.
 struct TransferStatistics {
   std::uint64_t requests = 0;  // answered or not
-  std::uint64_t bytes = 0;     // of bodies, that arrived
+  std::uint64_t bytes = 0;     // received in response bodies
   std::uint64_t retries = 0;
 };
 
-// A file behind a server that answers byte ranges (RFC 9110, 14). What has come of a range when a
-// try fails is kept, and the next try asks for the rest. Reads tell (kIo) where the file has become
-// smaller than it was, or than what refresh() was told to stay, or another of the same size (by its
-// ETag, else its time); one that has grown, if it is not finished, is taken for the same, longer,
-// and refresh() looks whether its beginning is. Where the server gives an ETag, refresh() of what
-// has not changed is one answer without a body (RFC 9110, 13.1.2).
+// A file behind a server that supports range requests (RFC 9110, 14). If an attempt fails, the
+// bytes received are retained and the next attempt requests the rest.
+//
+// Reads fail with kIo if the file
+// - is smaller than it was, or than the prefix that refresh() was given, or
+// - was replaced by another of the same size (by its ETag, else by its Last-Modified time).
+// A file that has grown, unless it is finished, counts as the same file; refresh() checks whether
+// its beginning is unchanged. If the server sends ETags, refreshing an unchanged file takes one
+// response without a body (RFC 9110, 13.1.2).
 class HttpSource : public ByteSource {
  public:
+  // Returns the counts so far. Thread-safe.
   virtual TransferStatistics statistics() const = 0;
 };
 
-// Whether URLs can be read in this build, which takes libcurl.
+// Returns whether this build can read URLs, which requires libcurl.
 bool is_http_built();
 
-// Whether it begins with http:// or https://.
-bool is_url(const std::string& place);
+// Returns whether `location` begins with http:// or https://.
+bool is_url(const std::string& location);
 
-// The place for messages: a URL without who asks, and without a query, which may be a key.
-std::string display_location(const std::string& place);
+// Returns `location` for use in messages: a URL without its userinfo, and without its query, which
+// may be a secret.
+std::string display_location(const std::string& location);
 
-// Errors: kIo where there is no answer or no such file, kUnsupported where the server does not
-// answer ranges, kNotBuilt without libcurl. Follows redirections; proxies are those of the
-// environment, as libcurl reads it.
+// Opens a URL and reads its first HttpSettings::head_bytes. Follows redirections; uses the proxies
+// that libcurl finds in the environment. Errors: kIo if the server does not respond or the file
+// does not exist, kUnsupported if the server does not support ranges, kNotBuilt without libcurl,
+// kUsage if `url` is not an HTTP URL.
 Result<std::unique_ptr<HttpSource>> open_url(const std::string& url,
                                              const HttpSettings& settings = {});
 
-// open_url or open_file. Another kind of URL is an error (kUsage).
-Result<std::unique_ptr<ByteSource>> open_location(const std::string& place,
+// Opens a path or an HTTP URL. URLs of another scheme fail with kUsage.
+Result<std::unique_ptr<ByteSource>> open_location(const std::string& location,
                                                   const HttpSettings& settings = {});
 
 }  // namespace stgs::player

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is alive when: decoded segments of an open file, and the candidates at a moment.
+// The segments of a scene over time: which are active, and their candidate primitives.
 #pragma once
 
 #include <cstdint>
@@ -14,101 +14,106 @@ namespace stgs::player {
 
 inline constexpr std::uint64_t kDefaultMemoryBudget = std::uint64_t{4} << 30;  // bytes
 
-// What to do at a moment of which segments are damaged, missing or of a later version.
+// How to treat segments that are damaged, missing, or of a later version of the format.
 enum class DamagePolicy {
-  kReject,  // an error
-  kSkip,    // what is sound of them is alive; an error where all of a moment is lost
+  kReject,  // fail at times that need them
+  kSkip,    // use the intact data; fail only at times for which no data is intact
 };
 
-// What damage took of a segment.
+// Damage to a segment.
 struct SegmentDamage {
   std::uint32_t segment = 0;
-  bool sh_only = false;  // they are 0; else nothing of it is drawn
+  bool sh_only = false;  // true: only its spherical harmonics, which are 0; false: all of it
   Status reason;
 };
 
-// Decodes the segments that a moment needs and keeps them within a memory budget: those needed
-// least recently go first. Not thread-safe; decodes missing segments in parallel (TBB).
+// Decodes the segments that are active at a time and caches them within a memory budget, evicting
+// the least recently used first. Not thread-safe; decodes missing segments in parallel (TBB).
+//
+// If a player follows a growing recording (player.h), everything here is as of the last at() or
+// visible_segments(), which invalidates earlier results.
 class Timeline {
  public:
-  // `place` is a path or a URL. `memory_budget` bounds the bytes of decoded segments, see
-  // memory_bytes().
-  static Result<std::unique_ptr<Timeline>> open(const std::string& place,
+  // Opens a path or URL. `memory_budget` bounds the bytes of decoded segments, see memory_bytes().
+  static Result<std::unique_ptr<Timeline>> open(const std::string& location,
                                                 std::uint64_t memory_budget = kDefaultMemoryBudget,
-                                                DamagePolicy damaged = DamagePolicy::kReject);
-  // The same over a reader that is already open. `name` is for messages.
+                                                DamagePolicy policy = DamagePolicy::kReject);
+  // Creates a timeline over an open reader. `name` is used in messages.
   static std::unique_ptr<Timeline> from_reader(std::unique_ptr<SceneReader> reader,
                                                const std::string& name = "the scene",
                                                std::uint64_t memory_budget = kDefaultMemoryBudget,
-                                               DamagePolicy damaged = DamagePolicy::kReject);
+                                               DamagePolicy policy = DamagePolicy::kReject);
   virtual ~Timeline() = default;
 
-  // Of a recording that a player follows (player.h) all is as of the last at() or
-  // visible_segments(), and what was given before is void.
-
-  // For messages: the path or URL.
+  // Returns the path or URL, for messages.
   virtual const std::string& name() const = 0;
+  // Returns the metadata of the scene.
   virtual const SceneMetadata& metadata() const = 0;
+  // Returns the duration, seconds.
   virtual double duration_seconds() const = 0;
-  // What was wrong with the file when it was opened, and could be read past.
+  // Returns the recoverable issues that were found when the file was opened.
   virtual const std::vector<Issue>& damage() const = 0;
-  // Up to which moment nothing of the file is missing.
+  // Returns the time in seconds up to which no data of the file is missing.
   virtual double complete_seconds() const = 0;
-  // What at() and decode() have passed over so far, each segment once.
+  // Returns the damage that at() and decode() have skipped so far, once per segment.
   virtual const std::vector<SegmentDamage>& segment_damage() const = 0;
 
-  // The decoded segments alive at a moment.
+  // The decoded segments that are active at a time.
   struct Active {
-    // A set with its candidate primitives, ascending: every one whose opacity at this moment
-    // reaches the drawing threshold 1/255 (a rounding error's width beyond included).
+    // A segment and its candidate primitives, ascending: those whose opacity at this time reaches
+    // the rendering threshold of 1/255, within a rounding error.
     struct Segment {
       std::uint32_t segment;
       const Gaussians4D* set;
       const std::vector<std::uint32_t>* candidates;
-      double ticks;  // the moment from where the set's time counts: the beginning of its part
-      // The file's primitives counted in the order of its segments: index of the set's first.
+      double ticks;  // the time relative to the beginning of the segment's part
+      // Index of the first primitive of `set`, counting all primitives in segment order.
       std::uint32_t id_base;
     };
-    std::vector<Segment> segments;  // ascending in segment and in id_base
-    double ticks = 0;
+    std::vector<Segment> segments;  // ascending in `segment` and in `id_base`
+    double ticks = 0;               // the time
   };
-  // What is alive at `seconds`, which may lie outside the duration. The pointers stay valid until
-  // the next call. Errors: a segment that cannot be read or decoded, or that a damaged index no
-  // longer tells (SceneReader::lost_fragments), with kPassOver only where none of the moment's can
-  // be, or the source fails; a moment whose segments together exceed the memory budget (kRuntime).
+  // Returns the active segments at `seconds`, which may lie outside the duration. The pointers are
+  // valid until the next call. Errors:
+  // - a segment that cannot be read or decoded, or that a damaged index no longer lists
+  //   (SceneReader::lost_fragments); with kSkip only if no segment is usable, or the source fails,
+  // - kRuntime if the active segments together exceed the memory budget.
   virtual Result<Active> at(double seconds) = 0;
 
-  // A segment that may have something alive, for a backend that holds segments by itself.
+  // A segment that may be active, for backends that cache segments themselves.
   struct SegmentRef {
     std::uint32_t segment;
-    double ticks;           // as Segment's
-    std::uint32_t id_base;  // as Segment's
-    // Null: not decoded, which is left to the caller. Another one than before: the segment has
+    double ticks;           // as in Active::Segment
+    std::uint32_t id_base;  // as in Active::Segment
+    // Null: not decoded; the caller decodes it. Differs from an earlier call if the segment has
     // changed.
     std::shared_ptr<const Gaussians4D> set;
   };
-  // The segments of at(), ascending, and those that turn out to have no candidates, without
-  // decoding any; without those that are lost as far as it is known. Errors: as at()'s.
+  // Returns the segments of at(), ascending, without decoding any. Includes segments that turn out
+  // to have no candidates, excludes those known to be unusable. Errors as for at().
   virtual Result<std::vector<SegmentRef>> visible_segments(double seconds) = 0;
+  // Returns the reader of the file.
   virtual const SceneReader& reader() const = 0;
-  // A segment as at() decodes it, for such a backend where it cannot; it is not held. Nothing where
-  // it is passed over, which segment_damage() tells, or has not come.
+  // Decodes a segment as at() does, without caching it, for backends that cannot decode it
+  // themselves. Empty if the segment is skipped, which segment_damage() lists, or has not arrived.
   virtual Result<std::optional<Gaussians4D>> decode(std::uint32_t segment) = 0;
+  // Returns the memory budget, bytes.
   virtual std::uint64_t memory_budget() const = 0;
-  // Whether each picture is soon followed by one of another moment: what makes a picture better,
-  // but would keep it waiting, may then come with the next ones.
+  // Returns whether frames of successive times follow each other closely. A backend may then defer
+  // uploads that improve a frame but would delay it.
   virtual bool is_playing() const { return false; }
-  // What is decoded of what follows soon after `seconds` while it plays, soonest first and without
-  // what is alive then, so that it can be brought before it is needed. `ticks` is of no use.
+  // Returns decoded segments that become active soon after `seconds` during playback, soonest
+  // first, without those that are active at `seconds`, so that they can be uploaded in advance.
+  // Their `ticks` are meaningless.
   virtual std::vector<SegmentRef> prefetch_segments(double /*seconds*/) { return {}; }
-  // No other timeline's while somebody keeps it, and the same as long as this one lives; but
-  // another where the index of a recording lists again what damage had hidden, which changes the
-  // numbers of segments.
+  // Returns a token that no other timeline has for as long as a reference to it exists. It stays
+  // the same for the lifetime of the timeline, unless the index of a recording lists segments again
+  // that damage had hidden, which renumbers the segments.
   virtual const std::shared_ptr<const void>& identity() const = 0;
 
-  // Bytes of the decoded segments held now; never more than the budget.
+  // Returns the bytes of the decoded segments that are resident; never more than the budget.
   virtual std::uint64_t memory_bytes() const = 0;
-  // Primitives of the decoded segments held now.
+  // Returns the number of primitives in the decoded segments that are resident.
   virtual std::uint64_t stored_primitives() const = 0;
 };
 

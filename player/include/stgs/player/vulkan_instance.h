@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// An instance of Vulkan for this project's own programs and renderers. In builds with Vulkan
-// (STGS_WITH_VULKAN) alone.
+// Creates Vulkan instances for the renderer and for this project's programs. Only in builds with
+// Vulkan (STGS_WITH_VULKAN).
 #pragma once
 
 #include <vulkan/vulkan_core.h>
@@ -12,31 +12,31 @@
 
 namespace stgs::player {
 
+// Settings of make_vulkan_instance().
 struct VulkanInstanceSettings {
-  const char* application = nullptr;  // its name; may be null
+  const char* application = nullptr;  // application name; may be null
   std::uint32_t api_version = VK_API_VERSION_1_1;
   std::vector<const char*> extensions;
-  // Where it is set, the validation layer runs, synchronisation validation included, if it is
-  // installed, and tells its warnings and errors here, on any thread. It must last as long as the
-  // instance.
+  // If set, enables the validation layer with synchronisation validation, provided that the layer
+  // is installed, and receives its warnings and errors on any thread. Outlives the instance.
   const std::function<void(const std::string&)>* on_message = nullptr;
 };
 
-// The caller's to destroy, the messenger first.
+// Owned by the caller, who destroys the messenger first.
 struct VulkanInstance {
   VkInstance instance = VK_NULL_HANDLE;
-  VkDebugUtilsMessengerEXT messenger = VK_NULL_HANDLE;  // null: nothing validates
+  VkDebugUtilsMessengerEXT messenger = VK_NULL_HANDLE;  // null: validation is off
 };
 
-// Which of several devices draws: of the highest rank, > 0, the first. A discrete GPU comes before
-// others, and all of them before drivers of the processor.
+// Returns the rank of a device type, greater than 0. Of several devices, the first with the highest
+// rank renders: discrete GPUs rank above other GPUs, and those above CPU drivers.
 inline int vulkan_device_rank(VkPhysicalDeviceType type) {
   if (type == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU) return 3;
   return type == VK_PHYSICAL_DEVICE_TYPE_CPU ? 1 : 2;
 }
 
-// After volkInitialize, and before volk's functions of instances are loaded, which this does not.
-// `out` has null handles after an error.
+// Creates an instance. Call it after volkInitialize(); it does not load volk's instance functions.
+// On failure, the handles in `out` are null.
 VkResult make_vulkan_instance(const VulkanInstanceSettings& settings, VulkanInstance& out);
 
 }  // namespace stgs::player

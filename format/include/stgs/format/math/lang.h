@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The subset that C++, CUDA and GLSL share: free functions over float, int and plain structs, all
-// by value; no references, no overloads, no templates. Only these three macros differ.
+// The language subset shared by C++, CUDA and GLSL: free functions over float, int and plain
+// structs, all by value; no references, overloads or templates. Only the three macros below differ.
 #ifndef STGS_FORMAT_MATH_LANG_H
 #define STGS_FORMAT_MATH_LANG_H
 
@@ -32,19 +32,19 @@ struct Vec2 {
 struct Vec3 {
   float x, y, z;
 };
-// Quaternion w + xi + yj + zk.
+// The quaternion w + xi + yj + zk.
 struct Quat {
   float w, x, y, z;
 };
-// 3x3, named row then column.
+// 3x3 matrix; members are named row, then column.
 struct Mat3 {
   float xx, xy, xz, yx, yy, yz, zx, zy, zz;
 };
-// Symmetric 2x2.
+// Symmetric 2x2 matrix.
 struct Sym2 {
   float xx, xy, yy;
 };
-// Symmetric 3x3.
+// Symmetric 3x3 matrix.
 struct Sym3 {
   float xx, xy, xz, yy, yz, zz;
 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Motion and visibility in time (spec/representation.md, 2; paper eq. 1 and 2).
-// Times, sigma and radius are in ticks of the time base; for a trainer a tick is one frame.
+// Motion and visibility over time (spec/representation.md, 2; paper eq. 1 and 2). Times, sigma and
+// radius are in ticks of the time base; for a trainer a tick is one frame.
 #ifndef STGS_FORMAT_MATH_LIFESPAN_H
 #define STGS_FORMAT_MATH_LIFESPAN_H
 
@@ -14,7 +14,7 @@ STGS_FN float lifespan_modulation(float sigma, float radius) {
   return 1.0f + larger(1.0f, span * span);
 }
 
-// Position at dt = t - T for the effective velocity u = v / f, scene units a tick (paper eq. 1).
+// Position at dt = t - T for the effective velocity u = v / f, scene units per tick (paper eq. 1).
 STGS_FN Vec3 position_at(Vec3 position, Vec3 u, float dt) {
   return vec3_of(position.x + u.x * dt, position.y + u.y * dt, position.z + u.z * dt);
 }
@@ -27,23 +27,23 @@ STGS_FN float visibility(float dt, float sigma, float radius) {
   return exp(-x * x);
 }
 
-// Half width of the support {t : O l(t) >= threshold} around T, or -1 where it is empty.
-// Follows from eq. 2: |t - T| <= r + sigma sqrt(-ln(threshold / O)).
+// Half width of the support {t : O l(t) >= threshold} around T, or -1 if it is empty. From eq. 2:
+// |t - T| <= r + sigma sqrt(-ln(threshold / O)).
 STGS_FN float support_half_width(float opacity, float sigma, float radius, float threshold) {
   if (opacity < threshold) return -1.0f;
   return radius + sigma * sqrt(larger(0.0f, log(opacity / threshold)));
 }
 
-// Moments, ticks, at which a primitive may be seen; none where begin > end.
+// Times, in ticks, at which a primitive can be visible; empty if begin > end.
 struct Support {
   float begin, end;
 };
 
-// Beyond every moment: of a primitive that is never seen, the support begins here and ends at -it.
+// Later than any time. The support of a primitive that is never visible is [kNever, -kNever].
 const float kNever = 3e38f;
 
-// The support around the centre `time`, wider by what single precision can lose, so that a list of
-// candidates never decides on the last bit.
+// The support around the centre `time`, widened by the rounding error of single precision, so that
+// candidate lists never exclude a primitive that the exact test would accept.
 STGS_FN Support candidate_support(float opacity, float time, float sigma, float radius,
                                   float threshold) {
   float half_width = support_half_width(opacity + 1e-5f * threshold, sigma, radius, threshold);

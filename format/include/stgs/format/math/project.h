@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// From a 3D Gaussian to a screen-space splat: covariance, EWA projection, opacity-aware extent
-// (spec/representation.md, 3). OpenCV camera axes: x right, y down, z forward; a pixel (i,j) covers
-// [i,i+1) x [j,j+1), so its centre is at +0.5.
+// Projection of a 3D Gaussian to a screen-space splat: covariance, EWA projection, opacity-aware
+// extent (spec/representation.md, 3). Camera axes are OpenCV's: x right, y down, z forward. Pixel
+// (i,j) covers [i,i+1) x [j,j+1); its centre is at +0.5.
 #ifndef STGS_FORMAT_MATH_PROJECT_H
 #define STGS_FORMAT_MATH_PROJECT_H
 
@@ -9,13 +9,13 @@
 
 STGS_MATH_BEGIN
 
-// Variance in pixels^2 added to both axes of a projected Gaussian, as 3DGS does.
+// Variance added to both axes of a projected Gaussian, as in 3DGS; pixels^2.
 const float kScreenBlur = 0.3f;
-// The projection is linearised inside the image enlarged by this share of its size on each side.
+// The projection is linearised inside the image, enlarged by this share of its size on each side.
 const float kFrustumMargin = 0.15f;
 
 // Pinhole camera: p_camera = rotation p_world + translation; lengths in scene units, the rest in
-// pixels. Points nearer than near_plane are not drawn.
+// pixels. Points nearer than near_plane are not rendered.
 struct PinholeCamera {
   Mat3 rotation;
   Vec3 translation;
@@ -24,16 +24,16 @@ struct PinholeCamera {
   float near_plane;
 };
 
-// A projected Gaussian: weight at pixel offset d is exp(-d' conic d / 2).
+// A projected Gaussian; its weight at pixel offset d is exp(-d' conic d / 2).
 struct Projection {
   Vec2 mean;
   Sym2 covariance;
   Sym2 conic;
   float depth;  // camera z, scene units
-  int visible;  // 0 where nothing can be drawn; the other fields are then unspecified
+  int visible;  // 0: cannot be rendered; the other fields are then unspecified
 };
 
-// Rotation matrix of a quaternion of any length but 0.
+// Rotation matrix of a quaternion of any nonzero length.
 STGS_FN Mat3 rotation_of(Quat q) {
   float n = 1.0f / sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z);
   float w = q.w * n;
@@ -53,7 +53,7 @@ STGS_FN Mat3 rotation_of(Quat q) {
   return m;
 }
 
-// R diag(s^2) R', s the standard deviations along the axes of R.
+// Covariance R diag(s^2) R', where s are the standard deviations along the axes of R.
 STGS_FN Sym3 covariance_of(Quat q, Vec3 s) {
   Mat3 r = rotation_of(q);
   float a = s.x * s.x;
@@ -69,20 +69,21 @@ STGS_FN Sym3 covariance_of(Quat q, Vec3 s) {
   return v;
 }
 
-// The camera's centre in the world.
+// Centre of the camera in world space.
 STGS_FN Vec3 camera_centre(PinholeCamera camera) {
   Vec3 c = mat3_transpose_mul(camera.rotation, camera.translation);
   return vec3_of(-c.x, -c.y, -c.z);
 }
 
+// World space to camera space.
 STGS_FN Vec3 to_camera(PinholeCamera camera, Vec3 p) {
   Vec3 c = mat3_mul(camera.rotation, p);
   return vec3_of(c.x + camera.translation.x, c.y + camera.translation.y,
                  c.z + camera.translation.z);
 }
 
-// The two rows of J W: d(pixel)/d(world) at camera point c, with x/z and y/z kept inside the
-// enlarged image so that a Gaussian beside the frustum does not blow up.
+// The two rows of J W: d(pixel)/d(world) at camera point c. x/z and y/z are clamped to the enlarged
+// image, so that a Gaussian outside the frustum does not blow up.
 struct ProjectionRows {
   Vec3 u, v;
 };
@@ -109,7 +110,7 @@ STGS_FN Vec3 sym3_mul(Sym3 s, Vec3 v) {
                  s.xz * v.x + s.yz * v.y + s.zz * v.z);
 }
 
-// EWA projection of a Gaussian with the given world mean and covariance.
+// EWA projection of a Gaussian with the given mean and covariance in world space.
 STGS_FN Projection project_gaussian(PinholeCamera camera, Vec3 mean, Sym3 covariance) {
   Projection p;
   p.visible = 0;
@@ -141,25 +142,26 @@ STGS_FN Projection project_gaussian(PinholeCamera camera, Vec3 mean, Sym3 covari
   return p;
 }
 
-// Half size in pixels of the axis-aligned box of {d : opacity exp(-d' conic d / 2) >= threshold},
-// negative where the set is empty.
+// Half size, in pixels, of the axis-aligned box of {d : opacity exp(-d' conic d / 2) >= threshold};
+// negative if the set is empty.
 STGS_FN Vec2 splat_extent(Sym2 covariance, float opacity, float threshold) {
   if (opacity < threshold) return vec2_of(-1.0f, -1.0f);
   float q = 2.0f * log(opacity / threshold);
   return vec2_of(sqrt(q * covariance.xx), sqrt(q * covariance.yy));
 }
 
-// The conic is the covariance's inverse up to a rounding error that grows with this, at least 1.
+// Elongation of a splat, at least 1. The rounding error of the conic as the inverse of the
+// covariance grows with it.
 STGS_FN float elongation_of(Projection p) {
   return p.covariance.xx * p.conic.xx;
 }
 
-// By which an extent is multiplied so that it holds whatever the rounded conic draws.
+// Factor that makes an extent enclose the ellipse of the rounded conic.
 STGS_FN float extent_slack(float elongation) {
   return 1.0f + 1e-6f * (1.0f + elongation);
 }
 
-// Whether a box around `mean` is beside the image; also where something is not a number.
+// Whether the box around `mean` lies outside the image. Also true if a value is NaN.
 STGS_FN bool outside_image(PinholeCamera camera, Vec2 mean, Vec2 extent) {
   return !(mean.x + extent.x >= 0.0f && mean.y + extent.y >= 0.0f &&
            mean.x - extent.x <= camera.width && mean.y - extent.y <= camera.height);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Real spherical harmonics to degree 3, in the basis and order of 3DGS (spec/representation.md, 4).
+// Real spherical harmonics up to degree 3, in the basis and order of 3DGS (spec/representation.md,
+// 4).
 #ifndef STGS_FORMAT_MATH_SH_H
 #define STGS_FORMAT_MATH_SH_H
 
@@ -10,7 +11,7 @@ STGS_MATH_BEGIN
 const int kShMaxDegree = 3;
 const int kShMaxCoefficients = 16;
 
-// Factors of the basis functions, named by degree and order (those of order -m are alike).
+// Factors of the basis functions, named by degree and order; those of order -m are equal.
 const float kSh00 = 0.28209479177387814f;
 const float kSh1 = 0.4886025119029199f;
 const float kSh20 = 0.31539156525252005f;
@@ -20,7 +21,7 @@ const float kSh31 = 0.4570457994644658f;
 const float kSh32 = 2.890611442640554f;
 const float kSh33 = 0.5900435899266435f;
 
-// Values of the basis functions, degree by degree: 1, 3, 5, 7 of them.
+// Values of the basis functions, degree by degree: 1, 3, 5 and 7 values.
 struct ShBasis {
   float v[16];
 };

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "stream/piece_source.h"
+#include "stream/range_source.h"
 
 #include <algorithm>
 
 namespace stgs::player {
 namespace {
 
-constexpr std::size_t kRecent = 4;
+constexpr std::size_t kMaxRecent = 4;
 
 }  // namespace
 
@@ -15,8 +15,8 @@ Status RangeSource::read(std::uint64_t offset, std::span<std::uint8_t> out) cons
   std::uint64_t begin = 0;
   {
     const std::lock_guard lock(mutex_);
-    auto after = pieces_.upper_bound(offset);
-    if (after != pieces_.begin()) {
+    auto after = ranges_.upper_bound(offset);
+    if (after != ranges_.begin()) {
       begin = std::prev(after)->first;
       bytes = std::prev(after)->second;
     }
@@ -49,10 +49,10 @@ Status RangeSource::fetch(const std::function<bool()>& should_continue, std::uin
   return under_->read_while(should_continue, offset, out);
 }
 
-void RangeSource::recent(std::uint64_t offset, std::span<const std::uint8_t> bytes) {
+void RangeSource::add_recent(std::uint64_t offset, std::span<const std::uint8_t> bytes) {
   const std::lock_guard lock(mutex_);
   recent_.emplace_back(offset, std::vector<std::uint8_t>(bytes.begin(), bytes.end()));
-  if (recent_.size() > kRecent) recent_.pop_front();
+  if (recent_.size() > kMaxRecent) recent_.pop_front();
 }
 
 void RangeSource::forget_recent() {
@@ -60,20 +60,20 @@ void RangeSource::forget_recent() {
   while (recent_.size() > 1) recent_.pop_front();
 }
 
-void RangeSource::put(std::uint64_t offset, std::span<const std::uint8_t> bytes) {
+void RangeSource::insert(std::uint64_t offset, std::span<const std::uint8_t> bytes) {
   auto shared =
       std::make_shared<const std::pmr::vector<std::uint8_t>>(bytes.begin(), bytes.end(), memory_);
   const std::lock_guard lock(mutex_);
-  pieces_[offset] = std::move(shared);
+  ranges_[offset] = std::move(shared);
 }
 
-void RangeSource::drop(std::uint64_t offset) {
-  Bytes dropped;  // freed after the lock
+void RangeSource::erase(std::uint64_t offset) {
+  Bytes removed;  // freed after the mutex is unlocked
   const std::lock_guard lock(mutex_);
-  const auto found = pieces_.find(offset);
-  if (found == pieces_.end()) return;
-  dropped = std::move(found->second);
-  pieces_.erase(found);
+  const auto found = ranges_.find(offset);
+  if (found == ranges_.end()) return;
+  removed = std::move(found->second);
+  ranges_.erase(found);
 }
 
 }  // namespace stgs::player

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Views, pictures and renderers.
+// Views, images and renderers.
 #include <pybind11/stl.h>
 
 #include <array>
@@ -9,8 +9,8 @@
 namespace stgs::python {
 namespace {
 
-// numpy's arrays that the library draws into; None: not wanted.
-struct Picture {
+// NumPy arrays that receive an image; None: not requested.
+struct Image {
   py::object rgba8 = py::none(), rgb = py::none(), alpha = py::none(), depth = py::none();
 };
 
@@ -20,15 +20,16 @@ class Renderer {
     stgs_renderer_settings settings;
     stgs_renderer_settings_defaults(&settings, sizeof settings);
     settings.backend = backend_of(backend);
-    settings.log = Log::take;
+    settings.log = Log::append;
     settings.log_user = &log_;
-    stgs_renderer* made = nullptr;
+    stgs_renderer* created = nullptr;
     std::string message;
     const stgs_result result =
-        unlocked([&] { return stgs_renderer_create(&settings, &made); }, mutex_);
-    log_.pass_on();
-    if (result != STGS_OK) throw Failure(result, "no renderer for the backend '" + backend + "'");
-    renderer_.reset(made);
+        unlocked([&] { return stgs_renderer_create(&settings, &created); }, mutex_);
+    log_.flush();
+    if (result != STGS_OK)
+      throw Failure(result, "cannot create a renderer for backend '" + backend + "'");
+    renderer_.reset(created);
   }
 
   std::string backend() {
@@ -40,15 +41,15 @@ class Renderer {
   }
 
   void render(Scene& scene, double seconds, const std::vector<stgs_view>& views,
-              const std::vector<stgs_image>& pictures) {
+              const std::vector<stgs_image>& images) {
     const stgs_result result = unlocked(
         [&] {
-          return stgs_render(renderer_.get(), scene.get(), seconds, views.data(), pictures.data(),
+          return stgs_render(renderer_.get(), scene.get(), seconds, views.data(), images.data(),
                              static_cast<std::uint32_t>(views.size()));
         },
         mutex_, scene.mutex());
-    log_.pass_on();
-    scene.log().pass_on();
+    log_.flush();
+    scene.log().flush();
     check(result, static_cast<const stgs_renderer*>(renderer_.get()), stgs_renderer_error);
   }
 
@@ -59,7 +60,8 @@ class Renderer {
     for (std::size_t i = 0; i < kBackends.size(); ++i) {
       if (name == kBackends[i]) return static_cast<stgs_backend>(i);
     }
-    throw Failure(STGS_ERROR_ARGUMENT, "there is no backend '" + name + "'");
+    throw Failure(STGS_ERROR_ARGUMENT,
+                  "unknown backend '" + name + "' (expected auto, cpu, cuda or vulkan)");
   }
   struct Destroy {
     void operator()(stgs_renderer* renderer) const { stgs_renderer_destroy(renderer); }
@@ -69,54 +71,54 @@ class Renderer {
   std::unique_ptr<stgs_renderer, Destroy> renderer_;
 };
 
-// The memory of an array of `rows` x `columns` pixels of `channels` elements, whose rows may lie
-// apart; a wrong array is an error of the caller's.
+// Returns the memory of an array of `rows` x `columns` pixels of `channels` elements. Rows may be
+// padded. Throws ValueError unless the array matches.
 template <typename T>
 stgs_buffer buffer_of(const py::object& object, const char* name, py::ssize_t rows,
                       py::ssize_t columns, py::ssize_t channels) {
   if (object.is_none()) return {};
-  const auto wrong = [&](const std::string& why) {
+  const auto mismatch = [&](const std::string& why) {
     return py::value_error(std::string(name) + ": " + why);
   };
-  if (!py::isinstance<py::array_t<T>>(object)) throw wrong("not a numpy array of its type");
+  if (!py::isinstance<py::array_t<T>>(object))
+    throw mismatch("expected a NumPy array of " + std::string(py::str(py::dtype::of<T>())));
   auto array = py::reinterpret_borrow<py::array>(object);
   const bool flat = array.ndim() == 2 && channels == 1;
   if (!flat && !(array.ndim() == 3 && array.shape(2) == channels))
-    throw wrong("not of the shape of the picture");
+    throw mismatch("the array has the wrong shape");
   if (array.shape(0) != rows || array.shape(1) != columns)
-    throw wrong("not of the size of the view");
-  if (!array.writeable()) throw wrong("not writeable");
+    throw mismatch("the array and the view differ in size");
+  if (!array.writeable()) throw mismatch("the array is not writeable");
   const auto pixel = static_cast<py::ssize_t>(sizeof(T)) * channels;
   const bool dense = array.strides(1) == pixel &&
                      (flat || array.strides(2) == static_cast<py::ssize_t>(sizeof(T)));
   if (!dense || array.strides(0) < pixel * columns)
-    throw wrong("the pixels of a row must lie side by side");
+    throw mismatch("the pixels of a row must be contiguous");
   const auto stride = static_cast<std::size_t>(array.strides(0));
   return {array.mutable_data(), stride,
           stride * static_cast<std::size_t>(rows - 1) + static_cast<std::size_t>(pixel * columns)};
 }
 
-stgs_image memory_of(const Picture& picture, const stgs_view& view) {
+stgs_image memory_of(const Image& image, const stgs_view& view) {
   stgs_image out;
   stgs_image_defaults(&out, sizeof out);
   const py::ssize_t rows = view.height, columns = view.width;
-  out.rgba8 = buffer_of<std::uint8_t>(picture.rgba8, "rgba8", rows, columns, 4);
-  out.alpha = buffer_of<float>(picture.alpha, "alpha", rows, columns, 1);
-  out.depth = buffer_of<float>(picture.depth, "depth", rows, columns, 1);
-  if (!picture.rgb.is_none()) {
-    if (py::len(picture.rgb) != 3)
-      throw py::value_error("rgb: not of the shape (3, rows, columns)");
+  out.rgba8 = buffer_of<std::uint8_t>(image.rgba8, "rgba8", rows, columns, 4);
+  out.alpha = buffer_of<float>(image.alpha, "alpha", rows, columns, 1);
+  out.depth = buffer_of<float>(image.depth, "depth", rows, columns, 1);
+  if (!image.rgb.is_none()) {
+    if (py::len(image.rgb) != 3) throw py::value_error("rgb: expected shape (3, rows, columns)");
     for (int c = 0; c < 3; ++c) {
-      out.rgb[c] = buffer_of<float>(picture.rgb[py::int_(c)], "rgb", rows, columns, 1);
+      out.rgb[c] = buffer_of<float>(image.rgb[py::int_(c)], "rgb", rows, columns, 1);
     }
   }
   return out;
 }
 
-Picture new_picture(const std::vector<std::string>& wanted, const stgs_view& view) {
+Image new_image(const std::vector<std::string>& buffers, const stgs_view& view) {
   const py::ssize_t rows = view.height, columns = view.width;
-  Picture out;
-  for (const std::string& name : wanted) {
+  Image out;
+  for (const std::string& name : buffers) {
     if (name == "rgba8") {
       out.rgba8 = py::array_t<std::uint8_t>({rows, columns, py::ssize_t{4}});
     } else if (name == "rgb") {
@@ -126,44 +128,44 @@ Picture new_picture(const std::vector<std::string>& wanted, const stgs_view& vie
     } else if (name == "depth") {
       out.depth = py::array_t<float>({rows, columns});
     } else {
-      throw py::value_error("a picture has no '" + name + "'; it has rgba8, rgb, alpha and depth");
+      throw py::value_error("unknown buffer '" + name + "' (expected rgba8, rgb, alpha or depth)");
     }
   }
   return out;
 }
 
-// The pictures of the views: those of `out`, else new ones.
+// Returns the images of the views: `out`, or new ones.
 py::object render(Renderer& renderer, Scene& scene, double seconds, const py::object& views,
-                  const std::vector<std::string>& wanted, const py::object& out) {
+                  const std::vector<std::string>& buffers, const py::object& out) {
   const bool one = py::isinstance<View>(views);
   std::vector<stgs_view> cameras;
-  std::vector<Picture> pictures;
+  std::vector<Image> images;
   std::vector<stgs_image> memory;
   if (one) {
     cameras.push_back(views.cast<View&>().view);
-    if (!out.is_none()) pictures.push_back(out.cast<Picture>());
+    if (!out.is_none()) images.push_back(out.cast<Image>());
   } else {
     for (const View& view : views.cast<std::vector<View>>()) cameras.push_back(view.view);
-    if (!out.is_none()) pictures = out.cast<std::vector<Picture>>();
+    if (!out.is_none()) images = out.cast<std::vector<Image>>();
   }
-  if (!out.is_none() && pictures.size() != cameras.size())
-    throw py::value_error("out: not as many pictures as views");
+  if (!out.is_none() && images.size() != cameras.size())
+    throw py::value_error("out: the numbers of images and views differ");
   for (std::size_t i = 0; i < cameras.size(); ++i) {
     if (out.is_none()) {
       const stgs_view& view = cameras[i];
       if (view.width < 1 || view.height < 1 || view.width > STGS_MAX_SIDE ||
           view.height > STGS_MAX_SIDE) {
-        throw Failure(STGS_ERROR_ARGUMENT, "a view's sides are 1 to 32768 pixels");
+        throw Failure(STGS_ERROR_ARGUMENT, "view: width and height must be 1 to 32768 pixels");
       }
-      pictures.push_back(new_picture(wanted, view));
+      images.push_back(new_image(buffers, view));
     }
-    memory.push_back(memory_of(pictures[i], cameras[i]));
+    memory.push_back(memory_of(images[i], cameras[i]));
   }
   renderer.render(scene, seconds, cameras, memory);
-  return one ? py::cast(pictures.front()) : py::cast(pictures);
+  return one ? py::cast(images.front()) : py::cast(images);
 }
 
-// A numpy array of a view's own memory, which `self` keeps alive.
+// Returns a NumPy array that refers to memory of a view; `self` owns the memory.
 template <std::size_t N>
 py::array array_of(const py::object& self, float (&values)[N], std::vector<py::ssize_t> shape) {
   return py::array_t<float>(std::move(shape), values, self);
@@ -176,8 +178,8 @@ void declare_view(py::module_& module) {
         [member](View& v, std::decay_t<decltype(stgs_view{}.*member)> x) { v.view.*member = x; }};
   };
   py::class_<View> view(module, "View",
-                        "A pinhole camera: p_camera = rotation p_world + translation. Arrays are "
-                        "the view's own memory: write into them.");
+                        "A pinhole camera: p_camera = rotation @ p_world + translation. The arrays "
+                        "refer to memory of the view: assign to their elements.");
   view.def(py::init([] {
     View out;
     stgs_view_defaults(&out.view, sizeof out.view);
@@ -211,37 +213,39 @@ void declare_view(py::module_& module) {
       [](const View& self, std::uint32_t width, std::uint32_t height) {
         View out = self;
         const stgs_result result = stgs_view_resize(&out.view, width, height);
-        if (result != STGS_OK) throw Failure(result, "a view cannot be of this size");
+        if (result != STGS_OK) throw Failure(result, "view: invalid image size");
         return out;
       },
       py::arg("width"), py::arg("height"),
-      "The same camera with pictures of another size; the view angle is kept an axis each.");
+      "Returns the view with another image size; each axis keeps its view angle.");
   view.def("__copy__", [](const View& self) { return self; });
 }
 
 }  // namespace
 
-void declare_pictures(py::module_& module) {
+void declare_images(py::module_& module) {
   declare_view(module);
-  py::class_<Picture>(module, "Picture",
-                      "Numpy arrays that are drawn into, or None: rgba8 (rows, columns, 4) of "
-                      "bytes; rgb (3, rows, columns), alpha and depth (rows, columns) of floats.")
+  py::class_<Image>(module, "Image",
+                    "NumPy arrays that receive an image, or None: rgba8 (rows, columns, 4) of "
+                    "uint8; rgb (3, rows, columns), alpha and depth (rows, columns) of float32.")
       .def(py::init([](py::object rgba8, py::object rgb, py::object alpha, py::object depth) {
-             return Picture{std::move(rgba8), std::move(rgb), std::move(alpha), std::move(depth)};
+             return Image{std::move(rgba8), std::move(rgb), std::move(alpha), std::move(depth)};
            }),
            py::kw_only(), py::arg("rgba8") = py::none(), py::arg("rgb") = py::none(),
            py::arg("alpha") = py::none(), py::arg("depth") = py::none())
-      .def_readonly("rgba8", &Picture::rgba8)
-      .def_readonly("rgb", &Picture::rgb)
-      .def_readonly("alpha", &Picture::alpha)
-      .def_readonly("depth", &Picture::depth);
-  py::class_<Renderer>(module, "Renderer", "Draws scenes. `backend` is auto, cpu, cuda or vulkan.")
+      .def_readonly("rgba8", &Image::rgba8)
+      .def_readonly("rgb", &Image::rgb)
+      .def_readonly("alpha", &Image::alpha)
+      .def_readonly("depth", &Image::depth);
+  py::class_<Renderer>(module, "Renderer",
+                       "Renders scenes. `backend` is auto, cpu, cuda or vulkan.")
       .def(py::init<const std::string&>(), py::arg("backend") = "auto")
       .def_property_readonly("backend", &Renderer::backend)
-      .def("render", &render, py::arg("scene"), py::arg("seconds"), py::arg("views"),
-           py::arg("wanted") = std::vector<std::string>{"rgba8"}, py::arg("out") = py::none(),
-           "Draws a view, or 1 to 4 of them, of a moment: a Picture each with what is wanted. With "
-           "`out`, into its arrays, which may be parts of others.");
+      .def(
+          "render", &render, py::arg("scene"), py::arg("seconds"), py::arg("views"),
+          py::arg("buffers") = std::vector<std::string>{"rgba8"}, py::arg("out") = py::none(),
+          "Renders a view, or a list of 1 to 4 views, at one time and returns an Image, or a list, "
+          "with the requested buffers. `out` provides the arrays instead; they may be slices.");
 }
 
 }  // namespace stgs::python

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "picture.h"
+#include "image.h"
 
 #include <algorithm>
 #include <cstring>
@@ -9,7 +9,7 @@
 namespace stgs::sdk {
 namespace {
 
-constexpr std::size_t kPixelBytes = 4;  // of RGBA8, and of a float
+constexpr std::size_t kPixelBytes = 4;  // of RGBA8 and of a float
 
 Outcome check_buffer(const stgs_buffer& buffer, const char* name, std::size_t alignment,
                      std::uint32_t width, std::uint32_t height) {
@@ -18,18 +18,20 @@ Outcome check_buffer(const stgs_buffer& buffer, const char* name, std::size_t al
   const std::size_t stride = buffer.stride == 0 ? row : buffer.stride;
   if (stride < row || stride % alignment != 0) {
     return {STGS_ERROR_ARGUMENT,
-            fmt::format("{}: a stride of {} bytes; rows of {} pixels take {}, and strides are "
-                        "multiples of {}",
-                        name, stride, width, row, alignment)};
+            fmt::format("{}: stride is {} bytes (expected a multiple of {}, at least {} for {} "
+                        "pixels)",
+                        name, stride, alignment, row, width)};
   }
   if (reinterpret_cast<std::uintptr_t>(buffer.data) % alignment != 0) {
-    return {STGS_ERROR_ARGUMENT, fmt::format("{}: not aligned to {} bytes", name, alignment)};
+    return {STGS_ERROR_ARGUMENT,
+            fmt::format("{}: data is not aligned to {} bytes", name, alignment)};
   }
-  // Of the rows but the last; divided, so that no product can overflow.
+  // Division avoids overflow: all rows except the last take stride bytes.
   if (buffer.bytes < row || (height > 1 && (buffer.bytes - row) / (height - 1) < stride)) {
     return {STGS_ERROR_ARGUMENT,
-            fmt::format("{}: {} bytes are too few for {}x{} pixels in rows of {} bytes", name,
-                        buffer.bytes, width, height, stride)};
+            fmt::format("{}: the buffer of {} bytes is too small for {}x{} pixels with a stride of "
+                        "{} bytes",
+                        name, buffer.bytes, width, height, stride)};
   }
   return {};
 }
@@ -48,7 +50,7 @@ void write_plane(const Image& image, int channel, const stgs_buffer& buffer) {
   }
 }
 
-// Rounded as `stgs render` rounds for its pictures.
+// Rounds like `stgs render`.
 std::uint8_t to_byte(float value) {
   return static_cast<std::uint8_t>(std::clamp(value, 0.0f, 1.0f) * 255.0f + 0.5f);
 }
@@ -68,34 +70,34 @@ void write_rgba8(const player::Frame& frame, const stgs_buffer& buffer) {
 
 }  // namespace
 
-Outcome check_picture(const stgs_image& picture, std::uint32_t width, std::uint32_t height) {
-  STGS_SDK_TRY(check_buffer(picture.rgba8, "rgba8", 1, width, height));
+Outcome check_image(const stgs_image& image, std::uint32_t width, std::uint32_t height) {
+  STGS_SDK_TRY(check_buffer(image.rgba8, "rgba8", 1, width, height));
   int planes = 0;
-  for (const stgs_buffer& plane : picture.rgb) {
+  for (const stgs_buffer& plane : image.rgb) {
     STGS_SDK_TRY(check_buffer(plane, "rgb", sizeof(float), width, height));
     planes += plane.data != nullptr ? 1 : 0;
   }
-  STGS_SDK_TRY(check_buffer(picture.alpha, "alpha", sizeof(float), width, height));
-  STGS_SDK_TRY(check_buffer(picture.depth, "depth", sizeof(float), width, height));
+  STGS_SDK_TRY(check_buffer(image.alpha, "alpha", sizeof(float), width, height));
+  STGS_SDK_TRY(check_buffer(image.depth, "depth", sizeof(float), width, height));
   if (planes != 0 && planes != 3) {
-    return {STGS_ERROR_ARGUMENT, "rgb: give all three planes, or none"};
+    return {STGS_ERROR_ARGUMENT, "rgb: only some planes are set; set all three planes or none"};
   }
-  if (planes == 0 && picture.rgba8.data == nullptr && picture.alpha.data == nullptr &&
-      picture.depth.data == nullptr) {
-    return {STGS_ERROR_ARGUMENT, "a picture without a buffer: nothing is wanted of the view"};
+  if (planes == 0 && image.rgba8.data == nullptr && image.alpha.data == nullptr &&
+      image.depth.data == nullptr) {
+    return {STGS_ERROR_ARGUMENT, "the image has no buffer; set at least one"};
   }
   return {};
 }
 
-void write_picture(const player::Frame& frame, const stgs_image& picture) {
-  write_rgba8(frame, picture.rgba8);
-  for (int c = 0; c < 3; ++c) write_plane(frame.colour, c, picture.rgb[c]);
-  write_plane(frame.alpha, 0, picture.alpha);
-  write_plane(frame.depth, 0, picture.depth);
+void write_image(const player::Frame& frame, const stgs_image& image) {
+  write_rgba8(frame, image.rgba8);
+  for (int c = 0; c < 3; ++c) write_plane(frame.colour, c, image.rgb[c]);
+  write_plane(frame.alpha, 0, image.alpha);
+  write_plane(frame.depth, 0, image.depth);
 }
 
 }  // namespace stgs::sdk
 
-extern "C" stgs_result stgs_image_defaults(stgs_image* picture, size_t struct_size) {
-  return stgs::sdk::put_defaults(picture, struct_size, stgs_image{});
+extern "C" stgs_result stgs_image_defaults(stgs_image* image, size_t struct_size) {
+  return stgs::sdk::fill_defaults(image, struct_size, stgs_image{});
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One moment of a scene, and the turning of axes.
+// Snapshots of a scene, and changes of axes.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -15,15 +15,15 @@ namespace {
 
 constexpr std::size_t kGrain = 16384;
 
-// Primitives [first, last) that are drawn at a moment as far as parts are concerned (spec 5.10),
-// and the moment as their times count.
-struct DrawnPart {
+// Primitives [first, last) of a part that is shown at a time (spec 5.10), and that time in ticks of
+// the part.
+struct ShownPart {
   std::size_t first = 0, last = 0;
-  double moment = 0;
+  double ticks = 0;
 };
-std::vector<DrawnPart> parts_at(const Scene& scene, double ticks) {
+std::vector<ShownPart> parts_at(const Scene& scene, double ticks) {
   if (scene.parts.empty()) return {{0, scene.gaussians.size(), ticks}};
-  std::vector<DrawnPart> out;
+  std::vector<ShownPart> out;
   std::size_t first = 0;
   for (const ScenePart& part : scene.parts) {
     const std::size_t last = first + static_cast<std::size_t>(part.primitives);
@@ -34,7 +34,7 @@ std::vector<DrawnPart> parts_at(const Scene& scene, double ticks) {
   return out;
 }
 
-// The logit of O l; that of O to the bit where l is 1.
+// Returns the logit of O l; exactly that of O if l is 1.
 float faded_logit(float logit, float visibility) {
   if (visibility >= 1.0f) return logit;
   // O l / (1 - O l) with O = 1 / (1 + e^-o), without the cancellation of 1 - O.
@@ -63,24 +63,24 @@ Scene static_scene(Gaussians4D set) {
 Result<Gaussians4D> snapshot_at(const Scene& scene, double ticks) {
   if (!(ticks >= 0.0 && ticks <= scene.metadata.frames)) {
     const TimeBase& base = scene.metadata.time_base;
-    return usage_error("the moment {} s is not within the scene's {} s", base.seconds(ticks),
+    return usage_error("time {} s is outside the scene (expected 0 to {} s)", base.seconds(ticks),
                        base.seconds(scene.metadata.frames));
   }
   const Gaussians4D& set = scene.gaussians;
-  std::vector<std::uint32_t> seen;
+  std::vector<std::uint32_t> visible;
   FloatArray logits;
   std::vector<float> ages;  // t - T
-  for (const DrawnPart& part : parts_at(scene, ticks)) {
+  for (const ShownPart& part : parts_at(scene, ticks)) {
     for (std::size_t i = part.first; i < part.last; ++i) {
-      const auto dt = static_cast<float>(part.moment - set.time[i]);
+      const auto dt = static_cast<float>(part.ticks - set.time[i]);
       const float l = math::visibility(dt, set.sigma[i], set.radius[i]);
       if (math::opacity_of(set.opacity_logit[i]) * l < math::kAlphaThreshold) continue;
-      seen.push_back(static_cast<std::uint32_t>(i));
+      visible.push_back(static_cast<std::uint32_t>(i));
       logits.push_back(faded_logit(set.opacity_logit[i], l));
       ages.push_back(dt);
     }
   }
-  Gaussians4D out = set.gather(seen);
+  Gaussians4D out = set.gather(visible);
   out.opacity_logit = std::move(logits);
   for (std::size_t i = 0; i < out.size(); ++i) {
     for (std::size_t c = 0; c < 3; ++c) {
@@ -94,8 +94,8 @@ Result<Gaussians4D> snapshot_at(const Scene& scene, double ticks) {
 void flip_axes(Gaussians4D& set, int x, int y, int z) {
   const std::array<float, 3> sign = {x < 0 ? -1.0f : 1.0f, y < 0 ? -1.0f : 1.0f,
                                      z < 0 ? -1.0f : 1.0f};
-  // Y_k(F d) = s_k Y_k(d) for every d: each basis function is even or odd in each axis. The signs
-  // are read off the basis at a direction where none of it is 0.
+  // Each basis function is even or odd in each axis, so Y_k(F d) = s_k Y_k(d) for every d. The
+  // signs are determined at a direction where no basis function is 0.
   const math::Vec3 d = math::vec3_of(0.36f, 0.48f, 0.8f);
   const math::ShBasis before = math::sh_basis(d);
   const math::ShBasis after =
@@ -105,7 +105,8 @@ void flip_axes(Gaussians4D& set, int x, int y, int z) {
   for (std::size_t k = 0; k < coefficients; ++k) {
     sh_sign[k] = (before.v[k] < 0.0f) == (after.v[k] < 0.0f) ? 1.0f : -1.0f;
   }
-  // F R(q) F, of which F S F keeps the scales: the vector part turns as an axial vector does.
+  // The rotation becomes F R(q) F and the scales stay, because F S F = S: the vector part of q
+  // transforms as an axial vector.
   const std::array<float, 4> q_sign = {1.0f, sign[1] * sign[2], sign[0] * sign[2],
                                        sign[0] * sign[1]};
   parallel_blocks(std::size_t{0}, set.size(), kGrain, [&](std::size_t first, std::size_t last) {

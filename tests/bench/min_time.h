@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Timing of short work.
+// Times short work.
 #pragma once
 
 #include <algorithm>
@@ -9,9 +9,9 @@
 
 namespace stgs::bench {
 
-// Seconds of the quickest of the runs that fit into 0.2 s; at least one.
+// Seconds of the fastest run; runs repeat for 0.2 s, at least once.
 template <typename Work>
-double least_seconds(Work work) {
+double min_seconds(Work work) {
   using Clock = std::chrono::steady_clock;
   const auto begin = Clock::now();
   double best = 1e30;
@@ -23,10 +23,10 @@ double least_seconds(Work work) {
   return best;
 }
 
-// Millions of things a second by least_seconds, to a tenth.
+// Millions of items per second by min_seconds, to a tenth.
 template <typename Work>
-double millions_a_second(std::size_t things, Work work) {
-  return std::round(static_cast<double>(things) / least_seconds(work) / 1e5) / 10.0;
+double millions_per_second(std::size_t items, Work work) {
+  return std::round(static_cast<double>(items) / min_seconds(work) / 1e5) / 10.0;
 }
 
 }  // namespace stgs::bench

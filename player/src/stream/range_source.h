@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A source whose pieces are fetched by somebody else, before they are read.
+// A byte source with prefetched ranges.
 #pragma once
 
 #include <deque>
@@ -15,40 +15,46 @@
 
 namespace stgs::player {
 
-// Reads pieces that were put there from memory, and all else from `under`. Thread-safe.
+// Serves prefetched ranges from memory, and all other reads from the underlying source.
+// Thread-safe.
 class RangeSource final : public ByteSource {
  public:
-  // `memory`: of the pieces.
+  // `memory` allocates the prefetched ranges.
   RangeSource(std::unique_ptr<ByteSource> under, std::pmr::memory_resource* memory)
       : under_(std::move(under)), memory_(memory) {}
 
   std::uint64_t size() const override { return under_->size(); }
   const std::string& name() const override { return under_->name(); }
   bool may_grow() const override { return under_->may_grow(); }
-  Result<Change> refresh(std::uint64_t kept) override { return under_->refresh(kept); }
+  Result<Change> refresh(std::uint64_t stable_bytes) override {
+    return under_->refresh(stable_bytes);
+  }
   void set_finished() override { under_->set_finished(); }
   bool has_shrunk() const override { return under_->has_shrunk(); }
   bool was_modified() const override { return under_->was_modified(); }
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override;
 
-  // Reads a piece that is to be put there, as long as it is wanted (read_while()): what recent()
-  // was told of is not read again. `read` tells whether it was.
+  // Reads a range that is to be inserted, for as long as should_continue() is true (read_while()).
+  // Bytes that add_recent() was given are not read again. Sets `read` to whether the underlying
+  // source was read.
   Status fetch(const std::function<bool()>& should_continue, std::uint64_t offset,
                std::span<std::uint8_t> out, bool& read) const;
-  // Bytes that were read for something else, some 64 kB: the last few are kept.
-  void recent(std::uint64_t offset, std::span<const std::uint8_t> bytes);
-  // Keeps the last alone: those before are of what the file is no more.
+  // Retains bytes that were read for another purpose, about 64 kB. The last few are retained.
+  void add_recent(std::uint64_t offset, std::span<const std::uint8_t> bytes);
+  // Discards all recent bytes but the last: the others are from an earlier version of the file.
   void forget_recent();
-  void put(std::uint64_t offset, std::span<const std::uint8_t> bytes);
-  void drop(std::uint64_t offset);
+  // Inserts a prefetched range, or replaces the one at that offset.
+  void insert(std::uint64_t offset, std::span<const std::uint8_t> bytes);
+  // Removes the prefetched range at that offset, if any.
+  void erase(std::uint64_t offset);
 
  private:
   using Bytes = std::shared_ptr<const std::pmr::vector<std::uint8_t>>;
 
   std::unique_ptr<ByteSource> under_;
   std::pmr::memory_resource* memory_;
-  mutable std::mutex mutex_;
-  std::map<std::uint64_t, Bytes> pieces_;  // by offset
+  mutable std::mutex mutex_;               // guards the following members
+  std::map<std::uint64_t, Bytes> ranges_;  // by offset
   std::deque<std::pair<std::uint64_t, std::vector<std::uint8_t>>> recent_;
 };
 

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cctype>
+#include <string_view>
+
+#include "stgs/player/source.h"
+
+namespace stgs::player {
+
+// Schemes are case-insensitive (RFC 3986, 3.1).
+bool is_url(const std::string& location) {
+  std::string scheme = location.substr(0, std::string_view("https://").size());
+  for (char& c : scheme) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return scheme.starts_with("http://") || scheme == "https://";
+}
+
+std::string display_location(const std::string& location) {
+  if (!is_url(location)) return location;
+  const std::size_t host = location.find("//") + 2;
+  std::string shown =
+      location.substr(0, std::min(location.find_first_of("?#", host), location.size()));
+  const std::size_t path = std::min(shown.find('/', host), shown.size());
+  const std::size_t user = shown.rfind('@', path);
+  if (user != std::string::npos && user >= host) shown.erase(host, user + 1 - host);
+  return shown;
+}
+
+Result<std::unique_ptr<ByteSource>> open_location(const std::string& location,
+                                                  const HttpSettings& settings) {
+  if (!is_url(location) && location.find("://") != std::string::npos) {
+    return usage_error("{}: unsupported URL scheme (expected http:// or https://)", location);
+  }
+  if (!is_url(location)) return open_file(location);
+  STGS_ASSIGN(std::unique_ptr<HttpSource> source, open_url(location, settings));
+  return std::unique_ptr<ByteSource>(std::move(source));
+}
+
+}  // namespace stgs::player
