@@ -137,7 +137,7 @@ class Convert final : public Command {
     Conversion work;
     STGS_TRY(check_is_path(input_));
     STGS_TRY(check_paths(work));
-    STGS_TRY(read(work));
+    STGS_TRY(read(session, work));
     warn_of_damage(session, input_, work.damage, work.scene.metadata.time_base);
     for (const std::string& extra : work.extras) {
       session.log(1, fmt::format("{}: not converted: {}", input_, extra));
@@ -167,7 +167,7 @@ class Convert final : public Command {
     return check_distinct({{"IN", input_}, {"OUT", output_}});
   }
 
-  Status read(Conversion& work) const {
+  Status read(Session& session, Conversion& work) const {
     STGS_ASSIGN(work.from, detect_format(input_));
     STGS_TRY(import_.check(input_, work.from));
     if (work.from == nullptr) {
@@ -177,7 +177,7 @@ class Convert final : public Command {
             "{}: this folder has neither PLY frames (00000.ply, 00001.ply, ...) nor a SOG model",
             input_);
       }
-      STGS_ASSIGN(const std::unique_ptr<SceneReader> reader, SceneReader::open(input_));
+      STGS_ASSIGN(const std::unique_ptr<SceneReader> reader, open_scene(session, input_));
       if (work.to == nullptr && reader->profile() != Profile::kLossless) {
         work.report.notes.push_back("the input was packed before: its quantisation errors remain");
       }

@@ -35,7 +35,7 @@ class Finalize final : public Command {
     if (std::filesystem::equivalent(input_, output_, missing)) {
       return usage_error("{}: this is the recording itself; use another output", output_);
     }
-    STGS_ASSIGN(const auto recording, SceneReader::open(input_));
+    STGS_ASSIGN(const auto recording, open_scene(session, input_));
     STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(input_));
     DamageReport damage;
     STGS_TRY(finalize_scene(std::move(source), output_, damage));

@@ -39,6 +39,7 @@ class Pack final : public Command {
     STGS_TRY(check_can_write(output_));
     for (const std::string& input : inputs_) {
       STGS_TRY(check_is_path(input));
+      STGS_TRY(check_is_scene(session, input));
       std::error_code missing;  // an output that does not exist is a different file
       if (std::filesystem::equivalent(input, output_, missing)) {
         return usage_error("{}: this is the input scene itself; use another output", output_);
