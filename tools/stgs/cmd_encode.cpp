@@ -53,6 +53,7 @@ class Encode final : public Command {
   }
 
   Status run(Session& session) override {
+    STGS_TRY(check_extension(output_, "encode", ".stgs"));
     if (const encoder::Launch launch = encoder::detect_launch(); launch.size > 1) {
       return usage_error(
           "encode runs as one process, but {} has started {}; run 'stgs prepare', then 'stgs "

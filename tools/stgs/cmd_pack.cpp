@@ -36,6 +36,7 @@ class Pack final : public Command {
     options_.declare(app);
   }
   Status run(Session& session) override {
+    STGS_TRY(check_extension(output_, "pack", ".stgs"));
     STGS_TRY(check_can_write(output_));
     for (const std::string& input : inputs_) {
       STGS_TRY(check_is_path(input));

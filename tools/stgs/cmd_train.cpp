@@ -42,6 +42,8 @@ class Train final : public Command {
       return usage_error("DIR, the prepared capture, is required; usage: stgs train DIR -o OUTPUT");
     if (output_.empty())
       return usage_error("--output is required; usage: stgs train DIR -o OUTPUT");
+    STGS_TRY(check_extension(output_, windows_.has_windows() ? "train --window" : "train",
+                             windows_.has_windows() ? "" : ".stgs"));
     STGS_TRY(session.join_world());
     if (session.world() != nullptr && windows_.has_windows()) {
       return usage_error(
