@@ -62,8 +62,9 @@ class Bench final : public Command {
     app.add_option("FILE", file_, "The .stgs file, or its URL")->required();
     app.add_option("--camera", camera_files_,
                    "Camera file (JSON), as for render; repeatable (default: the start camera)");
-    app.add_option("--size", size_,
-                   "Frame size WIDTHxHEIGHT in pixels; keeps the field of view of each axis");
+    app.add_option(
+        "--size", size_,
+        "Frame size WIDTHxHEIGHT in pixels; stretches the image if the aspect ratio differs");
     auto* num_frames = app.add_option("--num-frames", num_frames_, "Frames per pass");
     num_frames->check(number_between(1, 1e6))->capture_default_str();
     app.add_option("--stereo", eye_distance_, "Render two eyes at this distance, scene units")
