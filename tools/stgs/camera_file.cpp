@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "camera_file.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <filesystem>
 #include <fstream>
@@ -28,7 +29,7 @@ Result<encoder::Camera> read_camera(const std::string& path) {
     return encoder::camera_from_json(json.contains("start_camera") ? json.at("start_camera") : json,
                                      path);
   } catch (const std::exception& error) {
-    return invalid_file("{}: not a camera: {}", path, encoder::json_error(error));
+    return invalid_file("{}: cannot read camera: {}", path, encoder::json_error(error));
   }
 }
 
@@ -62,6 +63,18 @@ Json camera_json(const StartCamera& start) {
           {"cy", start.cy},
           {"rotation", std::vector<float>(start.rotation, start.rotation + 9)},
           {"translation", std::vector<float>(start.translation, start.translation + 3)}};
+}
+
+encoder::Camera fitted(encoder::Camera camera, Size size) {
+  const double x = static_cast<double>(size.width) / camera.width;
+  const double y = static_cast<double>(size.height) / camera.height;
+  camera.fx *= std::min(x, y);
+  camera.fy *= std::min(x, y);
+  camera.cx *= x;
+  camera.cy *= y;
+  camera.width = size.width;
+  camera.height = size.height;
+  return camera;
 }
 
 encoder::Camera resized(encoder::Camera camera, Size size) {

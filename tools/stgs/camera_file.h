@@ -19,7 +19,11 @@ Result<encoder::Camera> read_camera(const std::string& path);
 Result<encoder::Camera> camera_of(const StartCamera& start, const std::string& file);
 Json camera_json(const StartCamera& start);
 
-// Returns the same view at another size: each axis of the intrinsics is scaled on its own.
+// Returns the camera at another size with square pixels preserved, as stgs_view_resize: shows at
+// least the original view, and more along one axis if the aspect ratio differs.
+encoder::Camera fitted(encoder::Camera camera, Size size);
+// Returns the camera at another size with the field of view of each axis preserved, as
+// stgs_view_stretch: another aspect ratio stretches the image.
 encoder::Camera resized(encoder::Camera camera, Size size);
 
 // Selects cameras of a prepared capture: "test", "train", "all", or comma-separated names.

@@ -14,6 +14,7 @@
 #include "stgs/format/parallel.h"
 #include "stgs/player/renderer.h"
 #include "stgs/player/source.h"
+#include "usage.h"
 
 namespace stgs::tools {
 namespace {
@@ -61,8 +62,9 @@ class Bench final : public Command {
     app.add_option("FILE", file_, "The .stgs file, or its URL")->required();
     app.add_option("--camera", camera_files_,
                    "Camera file (JSON), as for render; repeatable (default: the start camera)");
-    app.add_option("--size", size_,
-                   "Frame size WIDTHxHEIGHT in pixels; keeps the field of view of each axis");
+    app.add_option(
+        "--size", size_,
+        "Frame size WIDTHxHEIGHT in pixels; stretches the image if the aspect ratio differs");
     auto* num_frames = app.add_option("--num-frames", num_frames_, "Frames per pass");
     num_frames->check(number_between(1, 1e6))->capture_default_str();
     app.add_option("--stereo", eye_distance_, "Render two eyes at this distance, scene units")
@@ -72,10 +74,11 @@ class Bench final : public Command {
         ->check(number_between(0, 1e6));
     auto* steps = app.add_flag("--steps", steps_,
                                "Report the time and the lower bound of each rendering step");
-    auto* play = app.add_option("--play", pipeline_, "Benchmark playback through this pipeline")
-                     ->excludes(steps)
-                     ->excludes(num_frames)
-                     ->check(CLI::IsMember({"timeline", "player"}));
+    auto* play =
+        with_choices(app.add_option("--play", pipeline_, "Benchmark playback through this pipeline")
+                         ->excludes(steps)
+                         ->excludes(num_frames),
+                     {"timeline", "player"});
     app.add_option("--frames", play_.frames, "Frames of the clip to play")
         ->needs(play)
         ->check(number_between(1, 1e6))
@@ -106,6 +109,11 @@ class Bench final : public Command {
   }
 
   Status run(Session& session) override {
+    return explain_invalid(session, measure_file(session), file_);
+  }
+
+ private:
+  Status measure_file(Session& session) {
     STGS_ASSIGN(auto source, open(session));
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     const auto budget = static_cast<std::uint64_t>(memory_mb_ * 1e6);
@@ -123,7 +131,6 @@ class Bench final : public Command {
     return run_passes(session, *timeline, *renderer);
   }
 
- private:
   std::string shown_file() const { return player::display_location(file_); }
 
   Result<std::unique_ptr<ByteSource>> open(Session& session) const {

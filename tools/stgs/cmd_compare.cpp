@@ -70,8 +70,9 @@ class Compare final : public Command {
     STGS_ASSIGN(Image a, read_image(a_));
     STGS_ASSIGN(Image b, read_image(b_));
     if (a.width != b.width || a.height != b.height) {
-      return {StatusCode::kDiffers, fmt::format("{} is {}x{}, {} is {}x{}", a_, a.width, a.height,
-                                                b_, b.width, b.height)};
+      return {StatusCode::kDiffers,
+              fmt::format("the images differ in size: {} is {}x{}, {} is {}x{}", a_, a.width,
+                          a.height, b_, b.width, b.height)};
     }
     STGS_TRY(encoder::check_finite(a, a_));
     STGS_TRY(encoder::check_finite(b, b_));
@@ -93,8 +94,8 @@ class Compare final : public Command {
                  {"num_frames", num_frames_}};
     if (std::abs(a->duration_seconds() - b->duration_seconds()) > kSameDuration) {
       return {StatusCode::kDiffers,
-              fmt::format("{} lasts {} s, {} lasts {} s", a->name(), a->duration_seconds(),
-                          b->name(), b->duration_seconds())};
+              fmt::format("the scenes differ in duration: {} lasts {:.6g} s, {} lasts {:.6g} s",
+                          a->name(), a->duration_seconds(), b->name(), b->duration_seconds())};
     }
     STGS_ASSIGN(const encoder::Camera camera, find_camera(*a));
     Difference total;

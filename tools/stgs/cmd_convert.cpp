@@ -137,7 +137,7 @@ class Convert final : public Command {
     Conversion work;
     STGS_TRY(check_is_path(input_));
     STGS_TRY(check_paths(work));
-    STGS_TRY(read(work));
+    STGS_TRY(read(session, work));
     warn_of_damage(session, input_, work.damage, work.scene.metadata.time_base);
     for (const std::string& extra : work.extras) {
       session.log(1, fmt::format("{}: not converted: {}", input_, extra));
@@ -167,7 +167,7 @@ class Convert final : public Command {
     return check_distinct({{"IN", input_}, {"OUT", output_}});
   }
 
-  Status read(Conversion& work) const {
+  Status read(Session& session, Conversion& work) const {
     STGS_ASSIGN(work.from, detect_format(input_));
     STGS_TRY(import_.check(input_, work.from));
     if (work.from == nullptr) {
@@ -177,7 +177,7 @@ class Convert final : public Command {
             "{}: this folder has neither PLY frames (00000.ply, 00001.ply, ...) nor a SOG model",
             input_);
       }
-      STGS_ASSIGN(const std::unique_ptr<SceneReader> reader, SceneReader::open(input_));
+      STGS_ASSIGN(const std::unique_ptr<SceneReader> reader, open_scene(session, input_));
       if (work.to == nullptr && reader->profile() != Profile::kLossless) {
         work.report.notes.push_back("the input was packed before: its quantisation errors remain");
       }
@@ -261,8 +261,9 @@ class Convert final : public Command {
     std::vector<std::uint32_t> order;
     STGS_ASSIGN(std::vector<std::uint8_t> bytes, encode_scene(work.scene, settings, &order));
     if (order.size() < work.scene.gaussians.size()) {
-      work.report.notes.push_back(fmt::format("{} primitives are dropped: never visible",
-                                              work.scene.gaussians.size() - order.size()));
+      work.report.notes.push_back(
+          fmt::format("{} dropped: never visible",
+                      plural(work.scene.gaussians.size() - order.size(), "primitive")));
     }
     // In file order, for the comparison with the decoded output.
     work.scene.gaussians = work.scene.gaussians.gather(order);
@@ -322,8 +323,8 @@ class Convert final : public Command {
                  {"peak_memory", peak_memory()}};
     json.update(import_json(work.report));
     std::string text =
-        fmt::format("{}: {} primitives from {} to {}, {} to {}, {:.1f} bytes per primitive\n",
-                    output_, primitives, name_of(work.from), name_of(work.to),
+        fmt::format("{}: {} from {} to {}, {} to {}, {:.1f} bytes per primitive\n", output_,
+                    plural(primitives, "primitive"), name_of(work.from), name_of(work.to),
                     human_bytes(work.bytes_in), human_bytes(bytes_out), each);
     text += import_text(work.report);
     text += work.errors

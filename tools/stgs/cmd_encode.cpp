@@ -53,6 +53,7 @@ class Encode final : public Command {
   }
 
   Status run(Session& session) override {
+    STGS_TRY(check_extension(output_, "encode", ".stgs"));
     if (const encoder::Launch launch = encoder::detect_launch(); launch.size > 1) {
       return usage_error(
           "encode runs as one process, but {} has started {}; run 'stgs prepare', then 'stgs "
@@ -168,13 +169,13 @@ class Encode final : public Command {
         {"work", keep_work_.empty() ? Json(nullptr) : Json(keep_work_)},
         {"peak_memory", peak_memory()}};
     return session.emit(
-        json,
-        fmt::format("{}: {} primitives ({} never visible dropped), {}, {:.1f} bytes per primitive\n"
-                    "{}prepare {:.1f} s, train {:.1f} s ({}), pack {:.1f} s, peak memory "
-                    "{}\n",
-                    output_, pack.primitives, pack.dropped, human_bytes(pack.bytes_out),
-                    pack.bytes_per_primitive, quality_text(pack), seconds[0], seconds[1],
-                    plural(train.iterations, "step"), seconds[2], human_bytes(peak_memory())));
+        json, fmt::format("{}: {} ({} never visible dropped), {}, {:.1f} bytes per primitive\n"
+                          "{}prepare {:.1f} s, train {:.1f} s ({}), pack {:.1f} s, peak memory "
+                          "{}\n",
+                          output_, plural(pack.primitives, "primitive"), pack.dropped,
+                          human_bytes(pack.bytes_out), pack.bytes_per_primitive, quality_text(pack),
+                          seconds[0], seconds[1], plural(train.iterations, "step"), seconds[2],
+                          human_bytes(peak_memory())));
   }
 
   std::string capture_, output_, keep_work_;

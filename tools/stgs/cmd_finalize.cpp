@@ -30,12 +30,13 @@ class Finalize final : public Command {
   }
   Status run(Session& session) override {
     STGS_TRY(check_is_path(input_));
+    STGS_TRY(check_extension(output_, "finalize", ".stgs"));
     STGS_TRY(check_can_write(output_));
     std::error_code missing;  // an output that does not exist is a different file
     if (std::filesystem::equivalent(input_, output_, missing)) {
       return usage_error("{}: this is the recording itself; use another output", output_);
     }
-    STGS_ASSIGN(const auto recording, SceneReader::open(input_));
+    STGS_ASSIGN(const auto recording, open_scene(session, input_));
     STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(input_));
     DamageReport damage;
     STGS_TRY(finalize_scene(std::move(source), output_, damage));
@@ -53,8 +54,8 @@ class Finalize final : public Command {
                        {"incomplete_bytes", damage.incomplete_bytes},
                        {"damaged", damage_json(damage)}};
     std::string text = fmt::format(
-        "{}: {}, {} primitives in {}, {}\n", output_, plural(finished->metadata().frames, "frame"),
-        finished->primitives(), plural(std::ssize(finished->parts()), "part"),
+        "{}: {}, {} in {}, {}\n", output_, plural(finished->metadata().frames, "frame"),
+        plural(finished->primitives(), "primitive"), plural(std::ssize(finished->parts()), "part"),
         human_bytes(finished->file_bytes()));
     if (!closed) text += "the recording was not closed\n";
     return session.emit(json, text);

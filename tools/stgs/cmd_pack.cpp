@@ -36,9 +36,11 @@ class Pack final : public Command {
     options_.declare(app);
   }
   Status run(Session& session) override {
+    STGS_TRY(check_extension(output_, "pack", ".stgs"));
     STGS_TRY(check_can_write(output_));
     for (const std::string& input : inputs_) {
       STGS_TRY(check_is_path(input));
+      STGS_TRY(check_is_scene(session, input));
       std::error_code missing;  // an output that does not exist is a different file
       if (std::filesystem::equivalent(input, output_, missing)) {
         return usage_error("{}: this is the input scene itself; use another output", output_);
@@ -56,14 +58,14 @@ class Pack final : public Command {
     return session.emit(
         json,
         fmt::format(
-            "{}: {} primitives ({} never visible dropped), {} to {}, {:.1f} bytes per primitive\n"
+            "{}: {} ({} never visible dropped), {} to {}, {:.1f} bytes per primitive\n"
             "{}errors: position {:.3g} max, {:.3g} rms; colour {:.3g} rms; opacity {:.3g} max, "
             "{:.3g} "
             "at a frame; time {:.3g} and radius {:.3g} frames, sigma {:.3g} % max\n",
-            output_, report.primitives, report.dropped, human_bytes(report.bytes_in),
-            human_bytes(report.bytes_out), report.bytes_per_primitive, quality_text(report),
-            report.position_max, report.position_rms, report.colour_rms, report.opacity_max,
-            report.visibility_max, report.time_max, report.radius_max,
+            output_, plural(report.primitives, "primitive"), report.dropped,
+            human_bytes(report.bytes_in), human_bytes(report.bytes_out), report.bytes_per_primitive,
+            quality_text(report), report.position_max, report.position_rms, report.colour_rms,
+            report.opacity_max, report.visibility_max, report.time_max, report.radius_max,
             100.0 * std::expm1(report.sigma_max)));
   }
 

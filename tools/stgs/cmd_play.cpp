@@ -129,9 +129,8 @@ class Play final : public Command {
     if (!screenshot_.empty()) json["screenshot"] = screenshot_;
     const std::string text = fmt::format(
         "{} on {}: {} of {}x{} ({:.1f} fps), {}, peak memory {}\n", shown_file(), report.device,
-        plural(static_cast<std::int64_t>(report.frames), "frame"), report.size.width,
-        report.size.height, fps, plural(static_cast<std::int64_t>(report.stalls), "stall"),
-        human_bytes(peak_memory()));
+        plural(report.frames, "frame"), report.size.width, report.size.height, fps,
+        plural(report.stalls, "stall"), human_bytes(peak_memory()));
     return session.emit(json, text);
   }
 #endif

@@ -3,6 +3,7 @@
 
 #include "command.h"
 #include "encode_options.h"
+#include "output_path.h"
 #include "stgs/encoder/prepared_capture.h"
 
 namespace stgs::tools {
@@ -28,6 +29,7 @@ class Prepare final : public Command {
   }
   Status run(Session& session) override {
     const double begin = now_seconds();
+    STGS_TRY(check_extension(output_, "prepare", ""));
     STGS_TRY(prepare_stage(capture_, output_, options_, session));
     STGS_ASSIGN(const auto prepared, encoder::read_prepared_capture(output_));
     const auto test = std::count_if(prepared.cameras.begin(), prepared.cameras.end(),

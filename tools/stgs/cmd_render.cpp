@@ -28,7 +28,7 @@ struct Options {
   std::string file, camera, cameras, which = "test", frames, size, background, output;
   double time = 0;
   double memory_mb = 4096;
-  bool side_by_side = false;
+  bool side_by_side = false, stretch = false;
 };
 
 class Render final : public Command {
@@ -70,8 +70,13 @@ class Render final : public Command {
     time_ = time;
     app.add_option("--frames", o_.frames, "Frames FIRST:END, END excluded; 0: selects all")
         ->excludes(time);
-    app.add_option("--size", o_.size,
-                   "Image size WIDTHxHEIGHT in pixels; keeps the field of view of each axis");
+    auto* size = app.add_option(
+        "--size", o_.size,
+        "Image size WIDTHxHEIGHT in pixels; another aspect ratio shows more of the scene along "
+        "one axis");
+    app.add_flag("--stretch", o_.stretch,
+                 "Stretch the image to --size: keep the field of view of each axis")
+        ->needs(size);
     app.add_option("--background", o_.background,
                    "Background colour r,g,b, each 0 to 1 (default: from the file)");
     app.add_flag("--side-by-side", o_.side_by_side,
@@ -153,7 +158,9 @@ class Render final : public Command {
     }
     if (!o_.size.empty()) {
       STGS_ASSIGN(const Size size, parse_size(o_.size));
-      for (auto& camera : cameras) camera = resized(camera, size);
+      for (auto& camera : cameras) {
+        camera = o_.stretch ? resized(camera, size) : fitted(camera, size);
+      }
     }
     return cameras;
   }
@@ -254,10 +261,9 @@ class Render final : public Command {
                          {"blend", totals.stats.blend_ms / n}}},
                        {"mean_splats", static_cast<double>(totals.stats.splats) / n},
                        {"peak_memory", peak_memory()}};
-    const std::string text =
-        fmt::format("{}: {}, {:.1f} ms per image ({:.1f} fps), peak memory {}\n", o_.output,
-                    plural(static_cast<std::int64_t>(images), "image"), 1000 * totals.render / n,
-                    fps, human_bytes(peak_memory()));
+    const std::string text = fmt::format(
+        "{}: {}, {:.1f} ms per image ({:.1f} fps), peak memory {}\n", o_.output,
+        plural(images, "image"), 1000 * totals.render / n, fps, human_bytes(peak_memory()));
     if (o_.output != "-") return session.emit(json, text);
     session.emit_to_stderr(json, text);
     return {};

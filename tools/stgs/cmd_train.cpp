@@ -38,8 +38,12 @@ class Train final : public Command {
   }
   Status run(Session& session) override {
     if (list_) return list(session);
-    if (folder_.empty()) return usage_error("DIR, the prepared capture, is required");
-    if (output_.empty()) return usage_error("--output, the output file, is required");
+    if (folder_.empty())
+      return usage_error("DIR, the prepared capture, is required; usage: stgs train DIR -o OUTPUT");
+    if (output_.empty())
+      return usage_error("--output is required; usage: stgs train DIR -o OUTPUT");
+    STGS_TRY(check_extension(output_, windows_.has_windows() ? "train --window" : "train",
+                             windows_.has_windows() ? "" : ".stgs"));
     STGS_TRY(session.join_world());
     if (session.world() != nullptr && windows_.has_windows()) {
       return usage_error(
@@ -66,12 +70,14 @@ class Train final : public Command {
     json["peak_memory"] = report.peak_memory;
     return session.emit(
         json,
-        fmt::format(
-            "{}: {} primitives, {}, {} {} in {:.1f} s, loss {:.5f}{}, peak memory "
-            "{}\n",
-            output_, report.primitives, human_bytes(bytes), report.iterations,
-            report.processes > 1 ? fmt::format("views by {} processes", report.processes) : "steps",
-            report.seconds, report.final_loss, held_out, human_bytes(report.peak_memory)));
+        fmt::format("{}: {}, {}, {} in {:.1f} s, loss {:.5f}{}, peak memory "
+                    "{}\n",
+                    output_, plural(report.primitives, "primitive"), human_bytes(bytes),
+                    report.processes > 1
+                        ? fmt::format("{} by {} processes", plural(report.iterations, "view"),
+                                      report.processes)
+                        : plural(report.iterations, "step"),
+                    report.seconds, report.final_loss, held_out, human_bytes(report.peak_memory)));
   }
 
  private:

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <CLI/CLI.hpp>
+#include <algorithm>
 
 #include "command.h"
 #include "scene_input.h"
@@ -17,6 +18,13 @@ struct Verdict {
   int errors() const {
     return static_cast<int>(
         std::count_if(issues.begin(), issues.end(), [](const Issue& i) { return i.error; }));
+  }
+  // The number of errors, and the first of them. There must be one.
+  Status error() const {
+    const Issue& first =
+        *std::find_if(issues.begin(), issues.end(), [](const Issue& i) { return i.error; });
+    return invalid_file("{}: {}{}: {} (byte {}, issue {})", name, plural(errors(), "error"),
+                        errors() > 1 ? ", first" : "", first.message, first.offset, first.number);
   }
   bool valid() const { return unreadable.ok() && errors() == 0; }
 };
@@ -92,7 +100,7 @@ class Validate final : public Command {
       verdicts.push_back(validate_file(session, path));
       const Verdict& v = verdicts.back();
       if (v.errors() > 0) {
-        worst = invalid_file("{}: {}", v.name, plural(v.errors(), "error"));
+        worst = explain_invalid(session, v.error(), path);
       } else if (!v.unreadable.ok() && worst.ok()) {
         worst = v.unreadable;
       }

@@ -93,9 +93,9 @@ std::string import_text(const ImportReport& report) {
       "splats after the first frame continue a primitive\n"
       "largest errors: position {:.3g} scene units ({:.3g} of the splat's size), log scale {:.3g}, "
       "opacity {:.3g}, colour {:.3g}\n",
-      plural(r.frames, "frame"), plural(static_cast<std::int64_t>(r.splats), "splat"), r.primitives,
-      r.whole_clip, r.moving, 100 * r.matched(), r.position_error, r.errors.position,
-      r.errors.log_scale, r.errors.opacity, r.errors.colour);
+      plural(r.frames, "frame"), plural(r.splats, "splat"), r.primitives, r.whole_clip, r.moving,
+      100 * r.matched(), r.position_error, r.errors.position, r.errors.log_scale, r.errors.opacity,
+      r.errors.colour);
 }
 
 }  // namespace stgs::tools

@@ -3,7 +3,11 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
+#include <string_view>
+
+#include "stgs/format/interchange_formats.h"
 
 namespace stgs::tools {
 namespace {
@@ -13,6 +17,25 @@ namespace fs = std::filesystem;
 std::string without_slashes(std::string folder) {
   while (folder.size() > 1 && folder.back() == '/') folder.pop_back();
   return folder;
+}
+
+struct KnownExtensions {
+  const char* advice;  // completes the message
+  std::vector<std::string_view> extensions;
+};
+
+// Extensions that promise another format than a verb writes.
+const std::vector<KnownExtensions>& foreign_extensions() {
+  static const std::vector<KnownExtensions> all = {
+      {"'stgs render' writes video", {".mp4", ".y4m"}},
+      {"'stgs render' writes images", {".png", ".exr"}},
+      {"'stgs convert' writes other formats of Gaussian splats", {".ply", ".spz", ".glb"}},
+      {"", {".mov",    ".mkv", ".webm", ".avi",  ".m4v",  ".gif",  ".jpg",    ".jpeg",
+            ".webp",   ".bmp", ".tif",  ".tiff", ".gltf", ".sog",  ".splatv", ".splat",
+            ".ksplat", ".obj", ".fbx",  ".usd",  ".usdz", ".json", ".jsonl",  ".html",
+            ".txt",    ".csv", ".ckpt", ".zip",  ".tar",  ".gz",   ".zst"}},
+  };
+  return all;
 }
 
 // A work folder is named by a process id between these two parts.
@@ -35,6 +58,27 @@ std::string work_name(const std::string& path) {
 std::vector<std::string> remove_stale_work(const std::string& path) {
   const NameParts parts = work_parts(path);
   return remove_stale(path, parts.before, parts.after, fs::file_type::directory);
+}
+
+Status check_extension(const std::string& path, const char* verb, const std::string& extension) {
+  const std::string own = file_extension(without_slashes(path));
+  if (extension.empty() && own == ".stgs") {
+    return usage_error("{}: {} writes a folder, not a .stgs file; use another name", path, verb);
+  }
+  for (const KnownExtensions& known : foreign_extensions()) {
+    if (std::find(known.extensions.begin(), known.extensions.end(), own) ==
+        known.extensions.end()) {
+      continue;
+    }
+    const std::string advice = *known.advice == '\0' ? "" : fmt::format(" ({})", known.advice);
+    if (extension.empty()) {
+      return usage_error("{}: {} writes a folder, not a {} file; use another name{}", path, verb,
+                         own, advice);
+    }
+    return usage_error("{}: {} writes a {} file; use a name that ends in {}{}", path, verb,
+                       extension, extension, advice);
+  }
+  return {};
 }
 
 Status check_can_make_folder(const std::string& path) {

@@ -5,15 +5,17 @@
 #include <array>
 
 #include "options.h"
+#include "usage.h"
 
 namespace stgs::tools {
 
 void PackOptions::declare(CLI::App& app) {
   const char* group = "Packing";
-  app.add_option("--profile", profile_,
-                 "quantised, or draco: positions coded as Draco point clouds, for comparison;\n"
-                 "decoding then needs libdraco")
-      ->check(CLI::IsMember({profile_name(Profile::kQuantised), profile_name(Profile::kDraco)}))
+  with_choices(
+      app.add_option("--profile", profile_,
+                     "quantised, or draco: positions coded as Draco point clouds, for comparison;\n"
+                     "decoding then needs libdraco"),
+      {profile_name(Profile::kQuantised), profile_name(Profile::kDraco)})
       ->capture_default_str()
       ->group(group);
   auto* quality = app.add_option("--quality", quality_,

@@ -12,6 +12,7 @@
 #include "stgs/format/scene_file.h"
 #include "stgs/player/renderer.h"
 #include "stgs/player/source.h"
+#include "usage.h"
 
 #ifdef STGS_HAS_PREPARE
 #include <cstdlib>
@@ -33,33 +34,34 @@ struct Verb {
 
 void declare_shared(CLI::App& app, const Shared& shared, CommonOptions& options) {
   const char* group = "Common options";
-  app.add_option("--format", options.format, "Output format: text or json")
-      ->check(CLI::IsMember({"text", "json"}))
+  with_choices(app.add_option("--format", options.format, "Output format: text or json"),
+               {"text", "json"})
       ->capture_default_str()
       ->group(group);
   if (shared.progress) {
-    app.add_option(
-           "--progress", options.progress,
-           "Progress on standard error: auto (a bar on a terminal), bar, json (one object per "
-           "line) or none")
-        ->check(CLI::IsMember({"auto", "bar", "json", "none"}))
+    with_choices(
+        app.add_option(
+            "--progress", options.progress,
+            "Progress on standard error: auto (a bar on a terminal), bar, json (one object per "
+            "line) or none"),
+        {"auto", "bar", "json", "none"})
         ->capture_default_str()
         ->group(group);
   }
   if (shared.log_level) {
-    app.add_option("--log-level", options.log_level,
-                   "Messages to print: error, warning, info or debug")
-        ->check(CLI::IsMember({"error", "warning", "info", "debug"}))
+    with_choices(app.add_option("--log-level", options.log_level,
+                                "Messages to print: error, warning, info or debug"),
+                 {"error", "warning", "info", "debug"})
         ->capture_default_str()
         ->group(group);
   }
   if (shared.backend != nullptr) {
     std::vector<std::string> backends = {"auto", "cpu", "cuda"};
     if (!shared.trains) backends.push_back("vulkan");
-    app.add_option("--backend", options.backend,
-                   fmt::format("{}: auto, cpu{}", shared.backend,
-                               shared.trains ? " or cuda" : ", cuda or vulkan"))
-        ->check(CLI::IsMember(backends))
+    with_choices(app.add_option("--backend", options.backend,
+                                fmt::format("{}: auto, cpu{}", shared.backend,
+                                            shared.trains ? " or cuda" : ", cuda or vulkan")),
+                 backends)
         ->capture_default_str()
         ->group(group);
   }
@@ -94,45 +96,6 @@ std::vector<Verb> declare_verbs(CLI::App& app, CommonOptions& options) {
 int usage(const std::string& message) {
   fmt::print(stderr, "stgs: error: {}\n", message);
   return static_cast<int>(StatusCode::kUsage);
-}
-
-// Returns the long option names of an app, with their dashes.
-std::vector<std::string> option_names(const CLI::App& app) {
-  std::vector<std::string> names;
-  for (const CLI::Option* option : app.get_options()) {
-    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
-  }
-  return names;
-}
-
-// Reports a parse error of CLI11 and suggests the option that was probably meant.
-int usage_of_parse_error(const CLI::App& app, const CLI::ParseError& error) {
-  std::string where = "stgs", message = error.what();
-  // "--size: At Most 1 required but received 2"
-  const std::size_t most = message.find(": At Most 1 required");
-  if (most != std::string::npos) message = message.substr(0, most) + " is given more than once";
-  for (const CLI::App* verb : app.get_subcommands()) {
-    where += " " + verb->get_name();
-    for (const std::string& argument : verb->remaining()) {
-      const std::string name = argument.substr(0, argument.find('='));
-      if (name.size() < 2 || name[0] != '-') continue;
-      message = fmt::format("unknown option '{}'", name);
-      const std::string near = nearest_word(name, option_names(*verb));
-      if (!near.empty()) message += fmt::format("; did you mean '{}'?", near);
-      break;
-    }
-  }
-  return usage(fmt::format("{} (see '{} --help')", message, where));
-}
-
-int unknown_verb(const std::string& word, const std::vector<Verb>& verbs) {
-  std::vector<std::string> names;
-  for (const Verb& verb : verbs) names.push_back(verb.app->get_name());
-  const std::string near = nearest_word(word, names);
-  if (!near.empty()) {
-    return usage(fmt::format("unknown verb '{}'; did you mean '{}'?", word, near));
-  }
-  return usage(fmt::format("unknown verb '{}'; the verbs are {}", word, fmt::join(names, ", ")));
 }
 
 // Returns the command line, with arguments quoted for a shell.
@@ -222,19 +185,22 @@ int run_program(int argc, char** argv) {
   session.command = command_line(argc, argv);
   const std::vector<Verb> verbs = declare_verbs(app, session.options);
   const std::string first = argc > 1 ? argv[1] : "";
-  const bool known = std::any_of(verbs.begin(), verbs.end(),
-                                 [&](const Verb& v) { return v.app->get_name() == first; });
-  if (!first.empty() && first[0] != '-' && !known) return unknown_verb(first, verbs);
+  std::vector<std::string> names;
+  for (const Verb& verb : verbs) names.push_back(verb.app->get_name());
+  const bool known = std::find(names.begin(), names.end(), first) != names.end();
+  if (!first.empty() && first[0] != '-' && !known) return usage(unknown_verb_message(first, names));
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success& success) {
     app.exit(success);  // --help, --version: prints to standard output
     return std::fflush(stdout) == 0 ? 0 : static_cast<int>(StatusCode::kIo);
   } catch (const CLI::ParseError& error) {
-    return usage_of_parse_error(app, error);
+    return usage(usage_message(app, error));
   }
   for (const Verb& verb : verbs) {
-    if (verb.app->parsed()) return run_verb(*verb.command, session);
+    if (!verb.app->parsed()) continue;
+    const std::string empty = empty_value_message(*verb.app);
+    return empty.empty() ? run_verb(*verb.command, session) : usage(empty);
   }
   fmt::print(stderr, "{}", app.help());
   return usage("no verb is given");

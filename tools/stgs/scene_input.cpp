@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "scene_input.h"
 
+#include <algorithm>
+
+#include "content_kind.h"
 #include "damage.h"
 #include "stgs/player/source.h"
 
@@ -20,15 +23,36 @@ Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::str
 
 Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& location) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_source(session, location));
-  return SceneReader::open(std::move(source));
+  Result<std::unique_ptr<SceneReader>> reader = SceneReader::open(std::move(source));
+  if (!reader.ok()) return explain_invalid(session, reader.status(), location);
+  return reader;
 }
 
 Result<Scene> load_scene(Session& session, const std::string& location) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_source(session, location));
   DamageReport damage;
-  STGS_ASSIGN(Scene scene, recover_scene(std::move(source), damage));
-  warn_of_damage(session, player::display_location(location), damage, scene.metadata.time_base);
+  Result<Scene> scene = recover_scene(std::move(source), damage);
+  if (!scene.ok()) return explain_invalid(session, scene.status(), location);
+  warn_of_damage(session, player::display_location(location), damage, scene->metadata.time_base);
   return scene;
+}
+
+Status explain_invalid(Session& session, const Status& status, const std::string& location) {
+  if (status.code() != StatusCode::kInvalidFile) return status;
+  const auto source = open_source(session, location);
+  if (!source.ok()) return status;
+  std::vector<std::uint8_t> head(std::min<std::uint64_t>((*source)->size(), kContentBytes));
+  if (!(*source)->read(0, head).ok()) return status;
+  const std::string content = describe_content(head);
+  if (content.empty()) return status;
+  // The message ends in the issue: "(byte 0, issue 102)".
+  const std::size_t issue = status.message().rfind(" (byte ");
+  return invalid_file("{}: not an .stgs file: {}{}", player::display_location(location), content,
+                      issue == std::string::npos ? "" : status.message().substr(issue));
+}
+
+Status check_is_scene(Session& session, const std::string& location) {
+  return open_scene(session, location).status();
 }
 
 Status check_is_path(const std::string& location) {

@@ -13,10 +13,16 @@ namespace stgs::tools {
 // Opens a path or URL for reading. SIGINT and SIGTERM cancel reads from a URL; failed attempts that
 // are retried are reported as warnings. The session must outlive the result.
 Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::string& location);
-// Opens a scene: reads its head, not its segments.
+// Opens a scene: reads its head, not its segments. The message for a file of another format names
+// that format, here and in load_scene().
 Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& location);
 // Reads the entire scene. Reports damage as warnings.
 Result<Scene> load_scene(Session& session, const std::string& location);
+// Replaces the message of an invalid file (kInvalidFile) by a description of its content, if that
+// is of another format. Passes other statuses through.
+Status explain_invalid(Session& session, const Status& status, const std::string& location);
+// As explain_invalid() for a file that another module opens: reads the head of the scene.
+Status check_is_scene(Session& session, const std::string& location);
 // Returns kUsage if `location` is a URL, for verbs that read local files only.
 Status check_is_path(const std::string& location);
 

@@ -28,6 +28,9 @@ constexpr std::chrono::milliseconds kSignalPoll(50);  // of the watcher thread
 std::atomic<bool> stop_requested{false};
 static_assert(std::atomic<bool>::is_always_lock_free, "used in a signal handler");
 
+std::atomic<int> stop_signal{0};
+static_assert(std::atomic<int>::is_always_lock_free, "used in a signal handler");
+
 std::atomic<std::time_t> stop_requested_at{0};
 static_assert(std::atomic<std::time_t>::is_always_lock_free, "used in a signal handler");
 
@@ -36,6 +39,7 @@ static_assert(std::atomic<std::time_t>::is_always_lock_free, "used in a signal h
 void request_stop(int signal) {
   const std::time_t now = std::time(nullptr);
   if (!stop_requested.exchange(true)) {
+    stop_signal = signal;
     stop_requested_at = now;
   } else if (now > stop_requested_at + 1) {
     std::signal(signal, SIG_DFL);
@@ -87,7 +91,10 @@ int Session::conclude(Status status) {
     status = conclusion.status;
     silent_ = !conclusion.should_report;
   }
-  if (!status.ok() && interrupted()) status = runtime_error("interrupted: {}", status.message());
+  if (!status.ok() && interrupted()) {
+    status = runtime_error("interrupted by {}: {}", stop_signal == SIGTERM ? "SIGTERM" : "SIGINT",
+                           status.message());
+  }
   if (!status.ok()) log(0, status.message());
   if (world_ != nullptr) world_->finish();
   switch (status.code()) {
@@ -220,10 +227,6 @@ std::string human_bytes(std::uint64_t bytes) {
     ++unit;
   }
   return unit == 0 ? fmt::format("{} B", bytes) : fmt::format("{:.3g} {}", value, kUnits[unit]);
-}
-
-std::string plural(std::int64_t count, const char* noun) {
-  return fmt::format("{} {}{}", count, noun, count == 1 ? "" : "s");
 }
 
 std::string name_at_time(const std::string& file, double seconds) {

@@ -3,6 +3,7 @@
 // standard error, and interruption.
 #pragma once
 
+#include <concepts>
 #include <cstdint>
 #include <memory>
 #include <mutex>
@@ -93,7 +94,9 @@ std::uint64_t peak_memory();
 // Formats bytes with decimal units: 1234567 -> "1.23 MB".
 std::string human_bytes(std::uint64_t bytes);
 // Formats a count with its noun: "1 frame", "12 frames"; `noun` is a singular that takes an s.
-std::string plural(std::int64_t count, const char* noun);
+std::string plural(std::integral auto count, const char* noun) {
+  return fmt::format("{} {}{}", count, noun, count == 1 ? "" : "s");
+}
 // Returns "FILE at 1.5 s", for messages.
 std::string name_at_time(const std::string& file, double seconds);
 // Adds the file and the time to the message of a failed render. Passes success through.

@@ -7,13 +7,14 @@
 #include "options.h"
 #include "output_path.h"
 #include "train_report.h"
+#include "usage.h"
 
 namespace stgs::tools {
 
 void TrainOptions::declare(CLI::App& app) {
   const char* group = "Training";
-  app.add_option("--preset", preset_, "Training preset: fast, default or best")
-      ->check(CLI::IsMember({"fast", "default", "best"}))
+  with_choices(app.add_option("--preset", preset_, "Training preset: fast, default or best"),
+               {"fast", "default", "best"})
       ->capture_default_str()
       ->group(group);
   app.add_option("--iterations", iterations_,
@@ -47,13 +48,14 @@ void TrainOptions::declare(CLI::App& app) {
       ->capture_default_str()
       ->needs(checkpoint)
       ->group(group);
-  app.add_option(
-         "--ablate", ablate_,
-         "Disable parts of the method, comma-separated: representation (use the coupled one "
-         "of 4DGS), lifespan (r = 0), modulation (f = 1; with --set velocity_shrink=0 the "
-         "motion of FreeTimeGS), initialisation (points of the first frame only, all static, "
-         "v = 0), densification (as in 3DGS and 4DGS)")
-      ->check(CLI::IsMember(encoder::ablation_names()))
+  with_choices(
+      app.add_option(
+          "--ablate", ablate_,
+          "Disable parts of the method, comma-separated: representation (use the coupled one "
+          "of 4DGS), lifespan (r = 0), modulation (f = 1; with --set velocity_shrink=0 the "
+          "motion of FreeTimeGS), initialisation (points of the first frame only, all static, "
+          "v = 0), densification (as in 3DGS and 4DGS)"),
+      encoder::ablation_names())
       ->delimiter(',')
       ->allow_extra_args(false)
       ->group(group);

@@ -173,9 +173,9 @@ Status train_windows(const encoder::PreparedCapture& capture,
       encoder::TrainReport report;
       STGS_TRY(train_window(window, path, page, settings, session, report));
       row["training"] = to_json(report);
-      text +=
-          fmt::format("{}: {} primitives, {} in {:.1f} s, loss {:.5f}\n", path, report.primitives,
-                      plural(report.iterations, "step"), report.seconds, report.final_loss);
+      text += fmt::format("{}: {}, {} in {:.1f} s, loss {:.5f}\n", path,
+                          plural(report.primitives, "primitive"), plural(report.iterations, "step"),
+                          report.seconds, report.final_loss);
     }
     windows.push_back(std::move(row));
   }

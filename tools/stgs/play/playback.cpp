@@ -6,6 +6,7 @@
 #include <iterator>
 
 #include "damage.h"
+#include "scene_input.h"
 
 namespace stgs::tools {
 namespace {
@@ -47,7 +48,9 @@ Result<bool> Playback::is_open() {
     opening_events_.clear();
   }
   if (!ended) return false;
-  STGS_ASSIGN(player_, opening_.get());
+  Result<std::unique_ptr<player::Player>> player = opening_.get();
+  if (!player.ok()) return explain_invalid(session_, player.status(), settings_.file);
+  player_ = std::move(player).value();
   STGS_TRY(begin());
   return true;
 }

@@ -17,6 +17,7 @@
 #include "play/screen.h"
 #include "play/window.h"
 #include "printable.h"
+#include "scene_input.h"
 #include "stgs/player/source.h"
 
 namespace stgs::tools {
@@ -69,8 +70,8 @@ class PlayWindow {
   }
 
   Status open() {
-    // Report a wrong path before opening the window, or failing to.
-    if (!player::is_url(location())) STGS_TRY(player::open_location(location()).status());
+    // Report a wrong file before opening the window, or failing to.
+    if (!player::is_url(location())) STGS_TRY(check_is_scene(session_, location()));
     STGS_ASSIGN(window_, Window::make("stgs play " + file(), initial_size()));
     std::function<void(const std::string&)> on_message;
     if (session_.options.log_level == "debug") {
@@ -91,7 +92,7 @@ class PlayWindow {
 
   Status run() {
     while (!window_->closing() && !done_) {
-      if (interrupted()) return runtime_error("the window was closed");
+      if (interrupted()) return runtime_error("playback stopped");
       const bool idle = is_idle();
       is_busy_ = is_busy_ && !idle;
       window_->poll(idle ? kIdleSeconds : 0);

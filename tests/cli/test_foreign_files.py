@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A file of another format is named: what it is, and the verb that reads it."""
+import json
+import os
+import struct
+import unittest
+
+from harness import CliTest, built_in
+
+INVALID = 3
+PLY = b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nend_header\n"
+
+
+class ForeignFiles(CliTest):
+    KINDS = {
+        "a.png": (b"\x89PNG\r\n\x1a\n" + bytes(100), "this is a PNG image"),
+        "a.jpg": (b"\xff\xd8\xff\xe0" + bytes(100), "this is a JPEG image"),
+        "a.mp4": (struct.pack(">I", 32) + b"ftypisom" + bytes(100),
+                  "this is an MP4 video; use 'stgs encode' on the folder of the videos"),
+        "a.mkv": (b"\x1a\x45\xdf\xa3" + bytes(100), "this is a Matroska or WebM video"),
+        "a.ply": (PLY, "this is a PLY model; use 'stgs convert'"),
+        "a.spz": (b"NGSP" + bytes(100), "this is an SPZ model; use 'stgs convert'"),
+        "a.sog": (b"PK\x03\x04" + bytes(100), "this is a ZIP archive, for example a SOG bundle; use"),
+        "a.glb": (b"glTF" + bytes(100), "this is a glTF model"),
+        "a.ckpt": (b"STGSCKP3" + bytes(100), "this is a training checkpoint"),
+        "a.html": (b"\n<!DOCTYPE html><title>404</title>", "this is an HTML page; check the URL"),
+        "a.json": (b'{"stgs_capture": 1}' + b" " * 60, "this is a JSON file"),
+        "a.txt": (b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 1\n",
+                  "this is a Git LFS pointer"),
+        "b.txt": (b"no scene " * 50, "this is a text file"),
+        "zeros": (bytes(5000), "this file begins with zeros"),
+    }
+
+    def test_info_names_the_kind(self):
+        for name, (data, text) in self.KINDS.items():
+            with self.subTest(name=name):
+                self.write(name, data)
+                self.fails(INVALID, rf"error: {name}: not an .stgs file: {text}.*\(byte 0, issue "
+                                    r"10\d\)$", "info", name)
+
+    def test_every_verb_that_reads_scenes_does(self):
+        for name in ("a.png", "a.ply"):
+            data, text = self.KINDS[name]
+            self.write(name, data)
+            for verb in (["validate", name], ["render", name, "--time", "0", "-o", "null"],
+                         ["evaluate", name, "--against", self.fixture("prepared")],
+                         ["bench", name], ["bench", name, "--play", "player"],
+                         ["bench", name, "--animate"], ["pack", name, "-o", "x.stgs"],
+                         ["finalize", name, "-o", "x.stgs"]):
+                with self.subTest(verb=verb):
+                    self.fails(INVALID, f"{name}: not an .stgs file: {text}", *verb)
+        self.fails(INVALID, "this is a PNG image", "convert", "a.png", "x.stgs")
+        self.assertFalse(os.path.exists(self.path("x.stgs")))
+
+    @unittest.skipIf(not built_in("play"), "play is not built in")
+    def test_play_says_so_before_it_opens_a_window(self):
+        self.write("a.ply", PLY)
+        self.fails(INVALID, "this is a PLY model; use 'stgs convert'", "play", "a.ply")
+
+    def test_validate_lists_the_issue_as_well(self):
+        self.write("a.png", self.KINDS["a.png"][0])
+        result = self.stgs("validate", "a.png", "--format", "json")
+        self.assertEqual(result.returncode, INVALID)
+        report = json.loads(result.stdout)
+        self.check_schema("validate", report)
+        self.assertEqual([i["number"] for i in report["files"][0]["issues"]], [102])
+
+    def test_damaged_scenes_are_not_taken_for_others(self):
+        with open(self.fixture("tiny.stgs"), "rb") as file:
+            good = file.read()
+        self.write("cut.stgs", good[:100])
+        self.fails(INVALID, r"cut.stgs: the file is truncated", "info", "cut.stgs")
+        self.write("empty.stgs", b"")
+        self.fails(INVALID, r"empty.stgs: too short", "info", "empty.stgs")
+
+
+if __name__ == "__main__":
+    unittest.main()

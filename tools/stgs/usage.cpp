@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "usage.h"
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <regex>
+
+#include "options.h"
+
+namespace stgs::tools {
+namespace {
+
+// Returns the long option names of an app, with their dashes.
+std::vector<std::string> option_names(const CLI::App& app) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : app.get_options()) {
+    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+  }
+  return names;
+}
+
+// The verb on the command line; the program itself if there is none.
+const CLI::App& parsed_app(const CLI::App& app) {
+  const auto verbs = app.get_subcommands();
+  return verbs.empty() ? app : *verbs.front();
+}
+
+std::string full_name(const CLI::App& app) {
+  return app.get_parent() == nullptr ? app.get_name() : "stgs " + app.get_name();
+}
+
+// Returns the required arguments of an app, for example "stgs pack SCENE... -o FILE".
+std::string synopsis(const CLI::App& app) {
+  std::string text = full_name(app), options;
+  for (const CLI::Option* option : app.get_options()) {
+    const bool several = option->get_items_expected_max() > 1;
+    if (option->get_positional()) {
+      text += fmt::format(" {}{}", option->get_name(true), several ? "..." : "");
+    } else if (option->get_required()) {
+      const auto& letters = option->get_snames();
+      options += fmt::format(
+          " {} {}", letters.empty() ? "--" + option->get_lnames().front() : "-" + letters[0],
+          option->check_lname("output") ? "OUTPUT" : "VALUE");
+    }
+  }
+  return text + options;
+}
+
+// "Could not convert: --iterations = 1e3"
+std::string conversion_message(const std::string& message) {
+  static const std::regex form(R"(Could not convert: (\S+) = ([^]*))");
+  std::smatch found;
+  if (!std::regex_match(message, found, form)) return message;
+  const std::string value = found[2];
+  std::string text = fmt::format("{}: '{}' is not an integer", found[1].str(), value);
+  char* end = nullptr;
+  const double number = std::strtod(value.c_str(), &end);
+  const bool is_whole = end != value.c_str() && *end == '\0' && std::abs(number) < 1e15 &&
+                        number == std::floor(number);
+  if (is_whole) text += fmt::format("; write {:.0f}", number);
+  return text;
+}
+
+// "--size: At Most 1 required but received 2" and "--size: 1 required TEXT missing"
+std::string count_message(const std::string& message) {
+  if (const std::size_t at = message.find(": At Most 1 required"); at != std::string::npos) {
+    return message.substr(0, at) + " is given more than once";
+  }
+  static const std::regex missing(R"((\S+): (\d+) required (?:\w+)[^]* missing)");
+  std::smatch found;
+  if (!std::regex_match(message, found, missing)) return message;
+  return fmt::format("{} needs {}", found[1].str(),
+                     found[2] == "1" ? std::string("a value") : found[2].str() + " values");
+}
+
+std::string unknown_option_message(const CLI::App& app, const std::string& argument) {
+  const std::string name = argument.substr(0, argument.find('='));
+  const std::string near = nearest_word(name, option_names(app));
+  return fmt::format("unknown option '{}'{}", name,
+                     near.empty() ? "" : fmt::format("; did you mean '{}'?", near));
+}
+
+bool is_option(const std::string& argument) {
+  return argument.size() > 1 && argument[0] == '-';
+}
+
+}  // namespace
+
+CLI::Option* with_choices(CLI::Option* option, std::vector<std::string> choices) {
+  const std::string listed = fmt::format("{{{}}}", fmt::join(choices, ","));
+  const auto check = [choices = std::move(choices)](const std::string& text) -> std::string {
+    if (std::find(choices.begin(), choices.end(), text) != choices.end()) return {};
+    const std::string near = nearest_word(text, choices);
+    return fmt::format("'{}' is not one of {}{}", text, fmt::join(choices, ", "),
+                       near.empty() ? "" : fmt::format("; did you mean '{}'?", near));
+  };
+  return option->check(check, listed);
+}
+
+std::string usage_message(const CLI::App& app, const CLI::ParseError& error) {
+  const CLI::App& parsed = parsed_app(app);
+  std::string message = error.what();
+  std::vector<std::string> extras = parsed.remaining();
+  if (extras.empty()) extras = app.remaining();
+  const auto unknown = std::find_if(extras.begin(), extras.end(), is_option);
+  if (unknown != extras.end()) {
+    message = unknown_option_message(parsed, *unknown);
+  } else if (error.get_name() == "RequiredError") {
+    message += "; usage: " + synopsis(parsed);
+  } else if (!extras.empty()) {
+    message = fmt::format("unexpected argument '{}'; usage: {}", extras.front(), synopsis(parsed));
+  } else if (error.get_name() == "ConversionError") {
+    message = conversion_message(message);
+  } else if (error.get_name() == "ArgumentMismatch") {
+    message = count_message(message);
+  }
+  return fmt::format("{} (see '{} --help')", message, full_name(parsed));
+}
+
+std::string empty_value_message(const CLI::App& verb) {
+  for (const CLI::Option* option : verb.get_options()) {
+    const auto& values = option->results();
+    if (option->count() == 0 || std::find(values.begin(), values.end(), "") == values.end())
+      continue;
+    return fmt::format("{} is empty (see '{} --help')", option->get_name(), full_name(verb));
+  }
+  return {};
+}
+
+std::string unknown_verb_message(const std::string& word, const std::vector<std::string>& verbs) {
+  const std::string near = nearest_word(word, verbs);
+  if (!near.empty()) return fmt::format("unknown verb '{}'; did you mean '{}'?", word, near);
+  return fmt::format("unknown verb '{}'; the verbs are {}", word, fmt::join(verbs, ", "));
+}
+
+}  // namespace stgs::tools
