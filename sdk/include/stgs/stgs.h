@@ -78,6 +78,7 @@ enum {
   STGS_ERROR_LIMIT = 42,         /* a limit of stgs_scene_settings would be exceeded */
   STGS_ERROR_CANCELLED = 43,     /* the caller cancelled the operation */
   STGS_ERROR_DEVICE_LOST = 44,   /* the GPU failed; destroy the renderer and create another */
+  STGS_ERROR_TIMEOUT = 45,       /* the operation did not complete in the given time */
   STGS_ERROR_UNSUPPORTED = 50,   /* valid, but not available: no device, or a later file format */
   STGS_ERROR_NOT_BUILT = 60      /* this build of the library lacks the feature */
 };
@@ -177,11 +178,13 @@ typedef struct stgs_view {
  * pixels, over black. `struct_size` is sizeof(*view). */
 STGS_API stgs_result stgs_view_defaults(stgs_view* view, size_t struct_size);
 
-/* Changes the image size of a view and keeps its horizontal and vertical view angles.
+/* Changes the image size of a view and keeps its pixels square.
  *
- * The focal lengths, the principal point and the fovea scale with the image, each axis on its own,
- * so that another aspect ratio stretches the image. Fails with STGS_ERROR_ARGUMENT, without
- * changing the view, if a size is out of range or a scaled length is not finite. */
+ * Fits the view angle: the image shows at least what it showed before, and more along one axis if
+ * the aspect ratio changes. fx and fy keep their ratio, the principal point its relative position
+ * in the image, and the fovea its direction and angular size. To stretch the image instead, use
+ * stgs_view_stretch. STGS_ERROR_ARGUMENT: a size is out of range, or a scaled length is not finite;
+ * the view is unchanged. */
 STGS_API stgs_result stgs_view_resize(stgs_view* view, uint32_t width, uint32_t height);
 
 /* --- Images --- */
@@ -252,11 +255,16 @@ STGS_API stgs_result stgs_renderer_get_backend(stgs_renderer* renderer, stgs_bac
 
 /* Renders 1 to STGS_MAX_VIEWS views of the scene at the time `seconds` and waits for the images.
  *
- * images[i] receives views[i]. `seconds` may lie outside the clip. The call uses both the renderer
- * and the scene: no other thread may use either. Invalid arguments leave the buffers unchanged;
- * other errors leave their content undefined. STGS_ERROR_LIMIT: the segments active at this time
- * need more than max_memory. STGS_ERROR_RUNTIME: the splats of a view cover more than 2^26 tiles of
- * 16 x 16 pixels, as large splats can in images with sides of tens of thousands of pixels. */
+ * images[i] receives views[i]. `seconds` is in the clip, 0 to stgs_scene_info.duration_seconds;
+ * other times fail with STGS_ERROR_ARGUMENT, except that times up to half a frame outside count as
+ * the nearer end, to allow for rounding. A recording that a player follows has no end: beyond its
+ * edge the image shows the background. The times of stgs_player_status are always valid.
+ *
+ * The call uses both the renderer and the scene: no other thread may use either. Invalid arguments
+ * leave the buffers unchanged; other errors leave their content undefined. STGS_ERROR_LIMIT: the
+ * segments active at this time need more than max_memory. STGS_ERROR_RUNTIME: the splats of a view
+ * cover more than 2^26 tiles of 16 x 16 pixels, as large splats can in images with sides of tens of
+ * thousands of pixels. */
 STGS_API stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
                                  const stgs_view* views, const stgs_image* images, uint32_t count);
 
@@ -267,5 +275,6 @@ STGS_API stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, dou
 /* The remaining headers of the library; each needs the declarations above. */
 #include "stgs/stgs_player.h"
 #include "stgs/stgs_scene.h"
+#include "stgs/stgs_view.h"
 
 #endif
