@@ -15,17 +15,17 @@
 // After foreach_target.h, which includes this file once per target.
 #include <hwy/highway.h>
 
+#include "codec/store_floats-inl.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace stgs::HWY_NAMESPACE {
 namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-constexpr std::size_t kBlock = 64;          // primitives; their SH fit into the cache
 constexpr std::size_t kAhead = 2 * kBlock;  // prefetch distance in a plane, symbols
 using Numbers = std::uint32_t[kBlock];
 using Keys = std::uint64_t[kBlock];
-using Floats = float[kBlock];
 
 // 2^e, |e| <= 126.
 HWY_INLINE float power_of_two(int e) {
@@ -181,55 +181,6 @@ HWY_INLINE void map_colour(const StreamRow& row, const Numbers* q, Floats* out) 
   map_linear(0.0f, step, red, out[0]);
   map_linear(0.0f, step, green, out[1]);
   map_linear(0.0f, step, blue, out[2]);
-}
-
-template <std::size_t kCount>
-HWY_INLINE void store(const Floats* from, std::size_t count, float* to, std::size_t stride) {
-  for (std::size_t i = 0; i < count; ++i, to += stride) {
-    for (std::size_t c = 0; c < kCount; ++c) to[c] = from[c][i];
-  }
-}
-
-// Transposes four floats of four primitives, from one row per component to one per primitive.
-HWY_INLINE void store_square(const Floats* from, std::size_t i, float* to, std::size_t stride) {
-#if HWY_TARGET == HWY_SCALAR
-  for (std::size_t k = 0; k < 4; ++k, to += stride) {
-    for (std::size_t c = 0; c < 4; ++c) to[c] = from[c][i + k];
-  }
-#else
-  const hn::FixedTag<float, 4> f;
-  const hn::FixedTag<std::uint64_t, 2> two;
-  const auto a = hn::Load(f, from[0] + i), b = hn::Load(f, from[1] + i);
-  const auto c = hn::Load(f, from[2] + i), d = hn::Load(f, from[3] + i);
-  const auto ab = hn::BitCast(two, hn::InterleaveLower(f, a, b));
-  const auto cd = hn::BitCast(two, hn::InterleaveLower(f, c, d));
-  const auto ab_high = hn::BitCast(two, hn::InterleaveUpper(f, a, b));
-  const auto cd_high = hn::BitCast(two, hn::InterleaveUpper(f, c, d));
-  hn::StoreU(hn::BitCast(f, hn::InterleaveLower(two, ab, cd)), f, to);
-  hn::StoreU(hn::BitCast(f, hn::InterleaveUpper(two, ab, cd)), f, to + stride);
-  hn::StoreU(hn::BitCast(f, hn::InterleaveLower(two, ab_high, cd_high)), f, to + 2 * stride);
-  hn::StoreU(hn::BitCast(f, hn::InterleaveUpper(two, ab_high, cd_high)), f, to + 3 * stride);
-#endif
-}
-
-// Stores `width` >= 4 floats of each primitive. The last four may overlap the previous ones.
-HWY_INLINE void store_wide(const Floats* from, std::size_t width, std::size_t count, float* to,
-                           std::size_t stride) {
-  std::size_t i = 0;
-  for (; i + 4 <= count; i += 4, to += 4 * stride) {
-    for (std::size_t c = 0; c + 4 < width; c += 4) store_square(from + c, i, to + c, stride);
-    store_square(from + width - 4, i, to + width - 4, stride);
-  }
-  for (; i < count; ++i, to += stride) {
-    for (std::size_t c = 0; c < width; ++c) to[c] = from[c][i];
-  }
-}
-
-HWY_INLINE void store_all(const Floats* from, std::size_t width, std::size_t count, float* to,
-                          std::size_t stride) {
-  if (width == 1) return store<1>(from, count, to, stride);
-  if (width == 3) return store<3>(from, count, to, stride);
-  store_wide(from, width, count, to, stride);
 }
 
 // Maps a block of one component, of which the first `count` numbers are valid.

@@ -5,9 +5,9 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <numeric>
 
 #include "quantise/axis_turns.h"
+#include "quantise/integers.h"
 #include "stgs/format/math/blend.h"
 
 namespace stgs {
@@ -114,146 +114,6 @@ double typical_log_scale(const Gaussians4D& set) {
     sizes[i] = (s[0] + s[1] + s[2]) / 3.0f;
   }
   return percentile(std::move(sizes), 25);
-}
-
-Integers begin(Attribute attribute, Mapping mapping, Step step, int components, std::size_t n) {
-  Integers out;
-  out.attribute = attribute;
-  out.mapping = mapping;
-  out.step = step;
-  out.components = components;
-  out.values.resize(n * static_cast<std::size_t>(components));
-  return out;
-}
-
-// Returns x in steps, clamped so that a mapping can add two of them.
-std::uint32_t steps_in(double x, Step step, Mapping mapping) {
-  const std::int64_t limit = max_steps(mapping, step.multiplier) / 2;
-  return static_cast<std::uint32_t>(std::clamp(nearest(x, step), -limit, limit));
-}
-
-// Converts an attribute to steps.
-Integers linear(const Gaussians4D& part, Attribute attribute, Mapping mapping, Step step) {
-  const int components = components_of(attribute);
-  const std::size_t n = part.size();
-  const AttributeView<const float> view = view_of(part, attribute);
-  Integers out = begin(attribute, mapping, step, components, n);
-  for (std::size_t c = 0; c < static_cast<std::size_t>(components); ++c) {
-    for (std::size_t i = 0; i < n; ++i) {
-      out.values[c * n + i] = steps_in(view.data[i * view.stride + c], step, mapping);
-    }
-  }
-  return out;
-}
-
-// Converts T to steps from the beginning of the segment.
-Integers times(const Gaussians4D& part, Step step, double segment_begin) {
-  Integers out = linear(part, Attribute::kTime, Mapping::kTime, step);
-  const auto first = static_cast<std::uint32_t>(time_origin(segment_begin, step));
-  for (std::uint32_t& v : out.values) v -= first;
-  return out;
-}
-
-Integers truncated(const Gaussians4D& part, Attribute attribute, Step step, float offset) {
-  const AttributeView<const float> view = view_of(part, attribute);
-  Integers out = begin(attribute, Mapping::kTruncated, step, 1, part.size());
-  for (std::size_t i = 0; i < part.size(); ++i) {
-    out.values[i] = static_cast<std::uint32_t>(truncated_steps(view.data[i] + offset, step));
-  }
-  out.origin[1] = offset;
-  return out;
-}
-
-Integers displacement(const Gaussians4D& part, Step step, float part_ticks) {
-  const std::size_t n = part.size();
-  Integers out = begin(Attribute::kVelocity, Mapping::kDisplacement, step, 3, n);
-  for (std::size_t i = 0; i < n; ++i) {
-    const int e = step.exponent - lifespan_exponent(part.sigma[i], part.radius[i], part_ticks);
-    const Step own{std::clamp(e, kMinExponent, kMaxExponent), step.multiplier};
-    for (std::size_t c = 0; c < 3; ++c) {
-      out.values[c * n + i] = steps_in(part.velocity[3 * i + c], own, Mapping::kDisplacement);
-    }
-  }
-  return out;
-}
-
-// `shapes`: log scales as reconstructed by a decoder.
-Integers rotation(const Gaussians4D& part, const std::vector<float>& shapes, Step step) {
-  const std::size_t n = part.size();
-  Integers out = begin(Attribute::kRotation, Mapping::kShapedRotation, step, 3, n);
-  for (std::size_t i = 0; i < n; ++i) {
-    const float* q = part.rotation.data() + 4 * i;
-    const Step own{std::clamp(step.exponent + rotation_shift(shapes.data() + 3 * i),
-                              kMinRotationExponent, kMaxRotationExponent),
-                   step.multiplier};
-    for (std::size_t c = 0; c < 3; ++c) {
-      out.values[c * n + i] = static_cast<std::uint32_t>(nearest(q[c + 1], own));
-    }
-  }
-  return out;
-}
-
-// Returns the log scales that a decoder reconstructs from these integers.
-std::vector<float> decoded_log_scales(const Integers& integers) {
-  const std::size_t n = integers.values.size() / 3;
-  std::vector<float> out(3 * n);
-  const auto step = static_cast<float>(size_of(integers.step));
-  for (std::size_t c = 0; c < 3; ++c) {
-    for (std::size_t i = 0; i < n; ++i) {
-      const auto k = static_cast<std::int32_t>(integers.values[c * n + i]);
-      out[3 * i + c] = step * static_cast<float>(k);
-    }
-  }
-  return out;
-}
-
-// Converts each coefficient to luma and two chroma integers, centred at zero (spec 7.5.6).
-Integers colour(const Gaussians4D& part, Attribute attribute, Step step) {
-  const auto components = static_cast<std::size_t>(components_of(attribute));
-  const std::size_t n = part.size();
-  const AttributeView<const float> view = view_of(part, attribute);
-  Integers out = begin(attribute, Mapping::kColour, step, static_cast<int>(components), n);
-  for (std::size_t c = 0; c < components; c += 3) {
-    for (std::size_t i = 0; i < n; ++i) {
-      const float* channel = view.data + i * view.stride + c;
-      const double r = channel[0], g = channel[1], b = channel[2];
-      const double planes[3] = {0.25 * (r + 2.0 * g + b), 0.5 * (r - b), 0.25 * (2.0 * g - r - b)};
-      for (std::size_t k = 0; k < 3; ++k) {
-        out.values[(c + k) * n + i] = steps_in(planes[k], step, Mapping::kColour);
-      }
-    }
-  }
-  return out;
-}
-
-// Returns positions as Morton keys, and sets `order` to the order of ascending keys.
-Integers position(const Gaussians4D& part, const GroupSteps& steps,
-                  std::vector<std::uint32_t>& order) {
-  Integers out;
-  out.attribute = Attribute::kPosition;
-  out.mapping = Mapping::kLinear;
-  out.components = 3;
-  out.step = steps.position;
-  std::copy_n(steps.origin, 3, out.origin);
-  const std::size_t n = part.size();
-  std::vector<std::uint64_t> keys(n);
-  for (std::size_t i = 0; i < n; ++i) {
-    std::array<std::uint32_t, 3> q{};
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const double from_origin =
-          static_cast<double>(part.position[3 * i + axis]) - out.origin[axis];
-      q[axis] = static_cast<std::uint32_t>(
-          std::clamp<std::int64_t>(nearest(from_origin, out.step), 0, (1 << kMortonBits) - 1));
-    }
-    keys[i] = morton_key(q[0], q[1], q[2]);
-  }
-  order.resize(n);
-  std::iota(order.begin(), order.end(), 0u);
-  std::sort(order.begin(), order.end(), [&keys](std::uint32_t a, std::uint32_t b) {
-    return keys[a] != keys[b] ? keys[a] < keys[b] : a < b;
-  });
-  for (std::uint32_t i : order) out.morton.push_back(keys[i]);
-  return out;
 }
 
 // Returns the greatest displacement along an axis over a lifespan, scene units (spec 7.5.4).
@@ -395,19 +255,19 @@ std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSt
                                           double segment_begin, float part_ticks,
                                           std::vector<std::uint32_t>& order) const {
   std::vector<Integers> out;
-  out.push_back(position(part, steps, order));
+  out.push_back(position_integers(part, steps.position, steps.origin, order));
   Gaussians4D sorted = part.gather(order);
   minimise_rotations(sorted);
-  out.push_back(times(sorted, steps.lifespan.time, segment_begin));
-  out.push_back(truncated(sorted, Attribute::kSigma, steps.lifespan.sigma, 0.0f));
-  out.push_back(truncated(sorted, Attribute::kRadius, steps.lifespan.radius, 1.0f));
-  out.push_back(displacement(sorted, steps.displacement, part_ticks));
-  out.push_back(linear(sorted, Attribute::kLogScale, Mapping::kLinear, steps.log_scale));
-  out.push_back(rotation(sorted, decoded_log_scales(out.back()), steps.rotation));
-  out.push_back(linear(sorted, Attribute::kOpacity, Mapping::kLinear, steps_.opacity));
+  out.push_back(time_integers(sorted, steps.lifespan.time, segment_begin));
+  out.push_back(truncated_integers(sorted, Attribute::kSigma, steps.lifespan.sigma, 0.0f));
+  out.push_back(truncated_integers(sorted, Attribute::kRadius, steps.lifespan.radius, 1.0f));
+  out.push_back(displacement_integers(sorted, steps.displacement, part_ticks));
+  out.push_back(linear_integers(sorted, Attribute::kLogScale, Mapping::kLinear, steps.log_scale));
+  out.push_back(rotation_integers(sorted, decoded_log_scales(out.back()), steps.rotation));
+  out.push_back(linear_integers(sorted, Attribute::kOpacity, Mapping::kLinear, steps_.opacity));
   for (int band = 0; band <= part.sh_degree; ++band) {
     const auto attribute = static_cast<Attribute>(static_cast<int>(Attribute::kSh0) + band);
-    out.push_back(colour(sorted, attribute, steps.sh[band]));
+    out.push_back(colour_integers(sorted, attribute, steps.sh[band]));
   }
   return out;
 }
