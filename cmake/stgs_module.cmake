@@ -13,7 +13,9 @@ endfunction()
 function(stgs_module name)
   cmake_parse_arguments(arg "" "" "SOURCES;LINK;PRIVATE" ${ARGN})
   add_library(stgs_${name} STATIC ${arg_SOURCES})
-  add_library(stgs::${name} ALIAS stgs_${name})
+  if(NOT TARGET stgs::${name})  # stgs::format stands for several libraries
+    add_library(stgs::${name} ALIAS stgs_${name})
+  endif()
   target_include_directories(stgs_${name} PUBLIC ${CMAKE_CURRENT_SOURCE_DIR}/include
                              PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/src)
   target_link_libraries(stgs_${name} PUBLIC ${arg_LINK} PRIVATE ${arg_PRIVATE})

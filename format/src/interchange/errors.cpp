@@ -3,7 +3,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "axis_turns.h"
+#include "quantise/axis_turns.h"
 #include "stgs/format/differences.h"
 #include "stgs/format/interchange.h"
 #include "stgs/format/math/blend.h"

@@ -6,7 +6,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "bytes.h"
+#include "core/bytes.h"
 #include "interchange/import.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/sh.h"

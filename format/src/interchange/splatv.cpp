@@ -7,7 +7,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "bytes.h"
+#include "core/bytes.h"
 #include "interchange/import.h"
 #include "interchange/json_fields.h"
 #include "stgs/format/camera.h"

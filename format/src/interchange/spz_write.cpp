@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "bytes.h"
+#include "core/bytes.h"
 #include "interchange/import.h"
 #include "interchange/spz.h"
 #include "stgs/format/math/blend.h"

@@ -1,0 +1,258 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "codec/layout.h"
+
+#include <algorithm>
+#include <bit>
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+
+constexpr std::uint64_t kRowLengthBytes = 2;  // before each row
+
+// Returns the number of values of the origin to write: trailing zeros are omitted.
+std::size_t origins_of(const StreamRow& row) {
+  std::size_t count = std::size(row.origin);
+  while (count > 0 && std::bit_cast<std::uint32_t>(row.origin[count - 1]) == 0) --count;
+  return count;
+}
+
+void write_row(const StreamRow& row, ByteWriter& to) {  // spec 6.3
+  ByteWriter out;
+  out.u16(row.attribute);
+  out.u8(row.components);
+  out.u8(row.mapping);
+  out.u8(row.prediction);
+  out.u8(row.coder);
+  out.u8(static_cast<std::uint8_t>(row.step.exponent));
+  out.u8(static_cast<std::uint8_t>(row.step.multiplier));
+  out.u8(row.digits);
+  const std::size_t origins = origins_of(row);
+  out.u8(static_cast<std::uint8_t>(origins));
+  for (std::size_t d = 0; d < row.digits; ++d) out.u8(row.digit_bits[d]);
+  for (std::size_t i = 0; i < origins; ++i) out.f32(row.origin[i]);
+  for (std::uint16_t table : row.tables) out.u16(table);
+  to.u16(static_cast<std::uint16_t>(out.view().size()));
+  to.bytes(out.view());
+}
+
+// Reads the fields of a row that all versions have.
+void read_kind(ByteReader& in, StreamRow& row) {
+  row.attribute = in.u16();
+  row.components = in.u8();
+  row.mapping = in.u8();
+  row.prediction = in.u8();
+  row.coder = in.u8();
+  row.known = is_known(row);
+}
+
+// Reads the other fields of a known row. Bytes after them belong to a later version. Returns false
+// if a field is invalid.
+bool read_fields(ByteReader& in, std::uint64_t offset, StreamRow& row, Findings& findings) {
+  row.step.exponent = static_cast<std::int8_t>(in.u8());
+  row.step.multiplier = in.u8();
+  row.digits = in.u8();
+  const std::size_t origins = in.u8();
+  if (!in.ok()) return true;  // reported by the caller
+  if (row.digits == 0 || row.digits > kMaxDigits || origins > std::size(row.origin)) {
+    findings.error(N::kStreamShape, offset,
+                   "layouts: stream with {} digits (expected 1 to {}) and {} origin values "
+                   "(expected at most {})",
+                   row.digits, kMaxDigits, origins, std::size(row.origin));
+    return false;
+  }
+  for (std::size_t d = 0; d < row.digits; ++d) row.digit_bits[d] = in.u8();
+  for (std::size_t i = 0; i < origins; ++i) row.origin[i] = in.f32();
+  if (row.in_group()) {
+    for (std::size_t p = 0; p < row.planes() && in.ok(); ++p) row.tables.push_back(in.u16());
+  }
+  return true;
+}
+
+// Reads a row. Returns false if it is invalid.
+bool read_row(std::span<const std::uint8_t> bytes, std::uint64_t offset, StreamRow& row,
+              Findings& findings) {
+  ByteReader in(bytes);
+  read_kind(in, row);
+  if (row.known && !read_fields(in, offset, row, findings)) return false;
+  if (in.ok()) return true;
+  findings.error(N::kLayouts, offset, "layouts: row too short ({} bytes)", bytes.size());
+  return false;
+}
+
+Attribute attribute_of(const StreamRow& row) {
+  return static_cast<Attribute>(row.attribute);
+}
+
+// Checks that the tables of the planes exist.
+bool check_tables(const StreamRow& row, const LayoutSet& set, std::uint64_t offset,
+                  Findings& findings) {
+  for (std::size_t p = 0; p < row.tables.size(); ++p) {
+    const std::size_t table = row.tables[p];
+    if (table >= set.tables.size()) {
+      findings.error(N::kLayouts, offset, "layouts: invalid table number {} (there are {} tables)",
+                     table, set.tables.size());
+      return false;
+    }
+  }
+  return true;
+}
+
+// Reads the rows of a layout.
+bool read_rows(std::span<const std::span<const std::uint8_t>> rows, std::uint64_t offset,
+               const LayoutSet& set, Layout& layout, Findings& findings) {
+  std::size_t coded = 0, max_planes = 0;
+  std::uint64_t at = offset;
+  for (const std::span<const std::uint8_t> bytes : rows) {
+    StreamRow row;
+    at += kRowLengthBytes;
+    if (!read_row(bytes, at, row, findings)) return false;
+    if (row.optional() && row.in_group()) {
+      findings.error(N::kStreamShape, at, "layouts: optional attribute {} is coded with rANS",
+                     row.attribute);
+      return false;
+    }
+    if (!row.known) {  // records with this layout are rejected later
+      layout.streams.push_back(std::move(row));
+      at += bytes.size();
+      continue;
+    }
+    if (!check_row(row, at, findings) || !check_tables(row, set, at, findings)) return false;
+    max_planes += sizeof(float) * static_cast<std::size_t>(components_of(attribute_of(row)));
+    for (const std::uint16_t table : row.tables) coded += set.only[table] < 0 ? 1 : 0;
+    layout.streams.push_back(std::move(row));
+    at += bytes.size();
+  }
+  if (layout.planes() > max_planes) {  // spec 7.3
+    findings.error(N::kStreamShape, offset,
+                   "layouts: too many planes (expected at most {}, got {})", max_planes,
+                   layout.planes());
+    return false;
+  }
+  if (coded > kRansPlanes) {
+    findings.error(N::kLayouts, offset,
+                   "layouts: too many planes in a group (expected at most {}, got {})", kRansPlanes,
+                   coded);
+    return false;
+  }
+  return true;
+}
+
+// Reads a layout and returns the number of its rows. An invalid row affects this layout only,
+// unless its bytes are missing.
+std::size_t read_layout(ByteReader& in, std::uint64_t offset, const LayoutSet& set,
+                        Layout& layout) {
+  const std::uint64_t at = offset + in.position() + 1;
+  std::vector<std::span<const std::uint8_t>> rows(in.u8());
+  for (auto& row : rows) row = in.bytes(in.u16());
+  if (!in.ok()) return 0;  // reported by the caller
+  Findings found;
+  if (read_rows(rows, at, set, layout, found)) return rows.size();
+  Issue issue = std::move(found.take().front());
+  layout.problem = issue.number;
+  layout.problem_at = issue.offset;
+  layout.why = std::move(issue.message);
+  return rows.size();
+}
+
+}  // namespace
+
+bool Layout::has_group() const {
+  return std::any_of(streams.begin(), streams.end(),
+                     [](const StreamRow& row) { return row.in_group(); });
+}
+
+std::size_t Layout::planes() const {
+  std::size_t planes = 0;
+  for (const StreamRow& row : streams) {
+    planes += row.planes();
+  }
+  return planes;
+}
+
+std::size_t Layout::varying_planes(const LayoutSet& set) const {
+  std::size_t count = 0;
+  for (const StreamRow& row : streams) {
+    if (!row.in_group()) count += row.planes();
+    for (const std::uint16_t table : row.tables) count += set.only[table] < 0 ? 1 : 0;
+  }
+  return count;
+}
+
+bool Layout::has_first_key() const {
+  return std::any_of(streams.begin(), streams.end(), [](const StreamRow& row) {
+    return !row.optional() && static_cast<Prediction>(row.prediction) == Prediction::kMorton;
+  });
+}
+
+std::int16_t only_symbol(const RansTable& table) {
+  for (std::size_t s = 0; s < table.frequency.size(); ++s) {
+    if (table.frequency[s] == kRansTotal) return static_cast<std::int16_t>(s);
+  }
+  return -1;
+}
+
+void write_layouts(const LayoutSet& set, ByteWriter& out) {  // spec 6.2
+  out.u16(static_cast<std::uint16_t>(set.tables.size()));
+  for (const RansTable& table : set.tables) write_rans_table(table, out);
+  out.u16(static_cast<std::uint16_t>(set.layouts.size()));
+  for (const Layout& layout : set.layouts) {
+    out.u8(static_cast<std::uint8_t>(layout.streams.size()));
+    for (const StreamRow& row : layout.streams) write_row(row, out);
+  }
+}
+
+bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
+                   std::uint64_t memory, LayoutSet& set, Findings& findings) {
+  const std::size_t tables = in.u16();
+  if (tables > max_tables) {
+    findings.error(N::kLayouts, offset, "layouts: too many tables (expected at most {}, got {})",
+                   max_tables, tables);
+    return false;
+  }
+  if (tables > memory / kTableMemory) {
+    findings.unsupported(
+        N::kMemoryLimit, offset,
+        "layouts: {} tables need {} bytes, more than the remaining memory limit of "
+        "{} bytes",
+        tables, tables * kTableMemory, memory);
+    return false;
+  }
+  set.lookups.reserve(tables);
+  for (std::size_t i = 0; i < tables; ++i) {
+    auto table = read_rans_table(in);
+    if (!table.ok()) {
+      findings.error(N::kLayouts, offset, "layouts: {}", table.status().message());
+      return false;
+    }
+    set.only.push_back(only_symbol(*table));
+    set.tables.push_back(*table);
+    set.lookups.emplace_back();
+    if (set.only.back() < 0) rans_lookup(*table, set.lookups.back());
+  }
+  const std::size_t layouts = in.u16();
+  if (layouts > kMaxLayouts) {
+    findings.error(N::kLayouts, offset, "layouts: too many layouts (expected at most {}, got {})",
+                   kMaxLayouts, layouts);
+    return false;
+  }
+  std::size_t rows = 0;
+  for (std::size_t i = 0; i < layouts && in.ok(); ++i) {
+    Layout layout;
+    rows += read_layout(in, offset, set, layout);
+    if (rows > kFreeRows && rows - kFreeRows > memory / kRowMemory) {
+      findings.unsupported(N::kMemoryLimit, offset,
+                           "layouts: {} rows exceed the memory limit of {} bytes", rows, memory);
+      return false;
+    }
+    set.layouts.push_back(std::move(layout));
+  }
+  if (!in.ok()) {
+    findings.error(N::kLayouts, offset, "layouts: truncated");
+    return false;
+  }
+  return set.layouts.size() == layouts;
+}
+
+}  // namespace stgs

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+// Data shared by the records of a file (spec 6.2): layouts, which describe the streams of a kind of
+// record, and the rANS tables of their planes.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "codec/rans.h"
+#include "codec/stream.h"
+
+namespace stgs {
+
+inline constexpr std::size_t kMaxTables = 1024;
+inline constexpr std::size_t kMaxOwnTables = 256;  // of a record's own layout
+// Memory charged for a table with its lookup (conformance 1.5).
+inline constexpr std::uint64_t kTableMemory = sizeof(RansLookup);
+// Memory charged for each row of layouts, and the number of rows free of charge (conformance 1.5).
+inline constexpr std::uint64_t kRowMemory = 128, kFreeRows = 1024;
+inline constexpr std::size_t kMaxLayouts = 65534;
+inline constexpr std::uint16_t kOwnLayout = 0xFFFF;  // the record contains its layout
+
+struct LayoutSet;
+
+struct Layout {
+  std::vector<StreamRow> streams;
+  // Set if a row violates a rule (spec 6.3). Records with this layout cannot be read.
+  int problem = 0;  // issue number; 0: none
+  std::uint64_t problem_at = 0;
+  std::string why;
+
+  // Returns whether a stream is coded with rANS.
+  bool has_group() const;
+  // Returns the number of planes of all streams.
+  std::size_t planes() const;
+  // Returns whether a stream has prediction kMorton.
+  bool has_first_key() const;
+  // Returns the number of planes that take bytes. A plane whose table has a single symbol takes
+  // none.
+  std::size_t varying_planes(const LayoutSet& set) const;
+  bool operator==(const Layout&) const = default;
+};
+
+struct LayoutSet {
+  std::vector<RansTable> tables;
+  std::vector<Layout> layouts;
+  // By table: its only symbol, or -1; and its lookup, set by parse_layouts() unless it has only
+  // one.
+  std::vector<std::int16_t> only;
+  std::vector<RansLookup> lookups;
+};
+
+// Returns the only symbol of a table, or -1 if it has several.
+std::int16_t only_symbol(const RansTable& table);
+
+void write_layouts(const LayoutSet& set, ByteWriter& out);
+// Reads a set of at most `max_tables` tables from `in`, which starts at byte `offset` of the file.
+// `memory`: bytes that the tables may take. The problem of a row is stored in its layout.
+bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
+                   std::uint64_t memory, LayoutSet& set, Findings& findings);
+
+}  // namespace stgs

@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+// Opening and decoding a group of planes.
+#include "codec/rans.h"
+
+#include <algorithm>
+
+#include "codec/rans_block.h"
+#include "stgs/format/parallel.h"
+
+namespace stgs {
+namespace {
+
+constexpr std::size_t kGrain = 32;  // blocks per task: about 0.1 ms
+
+std::size_t block_size(std::size_t n, std::size_t block) {
+  return std::min(n - block * kRansBlock, kRansBlock);
+}
+
+}  // namespace
+
+Result<std::vector<RansBlockLocation>> rans_layout(std::span<const std::uint8_t> bytes,
+                                                   std::size_t n) {
+  const std::size_t count = rans_blocks(n);
+  // Each block has at least a size and a state.
+  if (count > bytes.size() / 8) {
+    return invalid_file("group too short ({} bytes for {} primitives)", bytes.size(), n);
+  }
+  ByteReader sizes(bytes), data(bytes);
+  data.bytes(4 * count);
+  std::vector<RansBlockLocation> blocks(count);
+  for (std::size_t b = 0; b < count; ++b) {
+    blocks[b] = {data.position(), sizes.u32()};
+    bool possible = true;
+    for (std::size_t lane = 0; lane < rans_lanes(block_size(n, b)); ++lane)
+      possible = data.u32() >= kRansLow && possible;
+    data.bytes(std::uint64_t{2} * blocks[b].words);
+    if (!data.ok() || !possible) {
+      return invalid_file("block {} at byte {} of the group: {}", b, blocks[b].states,
+                          data.ok() ? "state below 65536" : "extends past the group");
+    }
+  }
+  if (data.left() != 0) {
+    return invalid_file("extra bytes after the blocks of the group (expected {}, got {})",
+                        data.position(), bytes.size());
+  }
+  return blocks;
+}
+
+RansGroupDecoder::RansGroupDecoder(std::unique_ptr<RansBlock[]> blocks, std::size_t n, bool scalar)
+    : blocks_(std::move(blocks)), n_(n), scalar_(scalar) {}
+RansGroupDecoder::RansGroupDecoder(RansGroupDecoder&&) noexcept = default;
+RansGroupDecoder& RansGroupDecoder::operator=(RansGroupDecoder&&) noexcept = default;
+RansGroupDecoder::~RansGroupDecoder() = default;
+
+Result<RansGroupDecoder> RansGroupDecoder::open(std::span<const std::uint8_t> bytes, std::size_t n,
+                                                bool scalar) {
+  STGS_ASSIGN(const std::vector<RansBlockLocation> locations, rans_layout(bytes, n));
+  auto blocks = std::make_unique<RansBlock[]>(locations.size());
+  for (std::size_t b = 0; b < locations.size(); ++b) {
+    RansBlock& block = blocks[b];
+    block.lanes = rans_lanes(block_size(n, b));
+    ByteReader data(bytes.subspan(locations[b].states));
+    for (std::size_t lane = 0; lane < block.lanes; ++lane) block.state[lane] = data.u32();
+    const auto coded = data.bytes(std::uint64_t{2} * locations[b].words);
+    block.next = coded.data();
+    block.end = coded.data() + coded.size();
+  }
+  return RansGroupDecoder(std::move(blocks), n, scalar);
+}
+
+void RansGroupDecoder::next_plane(const RansLookup& lookup, std::uint8_t* out) {
+  const auto decode = [&](std::size_t begin, std::size_t end) {
+    for (std::size_t b = begin; b < end; ++b) {
+      std::uint8_t* const first = out + b * kRansBlock;
+      if (scalar_) {
+        rans_decode_scalar(blocks_[b], lookup, 0, block_size(n_, b), first);
+      } else if (b + 1 < end && block_size(n_, b + 1) == kRansBlock) {
+        rans_decode_pair(blocks_[b], blocks_[b + 1], lookup, first);
+        ++b;
+      } else {
+        rans_decode_vector(blocks_[b], lookup, block_size(n_, b), first);
+      }
+    }
+  };
+  const std::size_t count = rans_blocks(n_);
+  if (count <= kGrain) {  // starting a task takes as long as decoding a short block
+    decode(0, count);
+  } else {
+    parallel_blocks(std::size_t{0}, count, kGrain, decode);
+  }
+}
+
+bool RansGroupDecoder::finish() const {
+  return std::all_of(blocks_.get(), blocks_.get() + rans_blocks(n_), [](const RansBlock& block) {
+    return !block.overrun && block.next == block.end &&
+           std::all_of(block.state, block.state + block.lanes,
+                       [](std::uint32_t x) { return x == kRansLow; });
+  });
+}
+
+}  // namespace stgs

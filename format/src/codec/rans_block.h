@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+// Decoding state of a block of a rANS group, shared by the scalar and the vector decoder.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "codec/rans.h"
+
+namespace stgs {
+
+struct RansBlock {
+  std::uint32_t state[kRansLanes] = {};
+  const std::uint8_t* next = nullptr;  // next word; little-endian, unaligned
+  const std::uint8_t* end = nullptr;   // of the words
+  std::size_t lanes = 0;
+  bool overrun = false;  // a word past the end was requested; it reads as 0
+  bool moved = false;    // next and end point into `tail`
+  // The last words, fewer than 32, then zeros: the vector unit loads more words than it consumes.
+  std::uint8_t tail[2 * 2 * kRansLanes] = {};
+};
+
+// Decodes one symbol of a lane.
+inline std::uint8_t rans_step(RansBlock& block, std::uint32_t& state, const RansLookup& lookup) {
+  const std::uint32_t entry = lookup[state % kRansTotal];
+  const std::uint32_t frequency = (entry >> kRansBits) % kRansTotal + 1;
+  std::uint32_t x = frequency * (state >> kRansBits) + entry % kRansTotal;
+  if (x < kRansLow) {
+    std::uint32_t word = 0;
+    if (block.next != block.end) {
+      word = block.next[0] | static_cast<std::uint32_t>(block.next[1]) << 8;
+      block.next += 2;
+    } else {
+      block.overrun = true;
+    }
+    x = x << 16 | word;
+  }
+  state = x;
+  return static_cast<std::uint8_t>(entry >> 24);
+}
+
+// Decodes symbols [begin, count) of a block's plane; `begin` is a multiple of its lanes. Lanes are
+// independent and take words in their order, so they can be processed one after the other.
+inline void rans_decode_scalar(RansBlock& block, const RansLookup& lookup, std::size_t begin,
+                               std::size_t count, std::uint8_t* out) {
+  for (std::size_t first = begin; first < count; first += block.lanes) {
+    const std::size_t active = count - first < block.lanes ? count - first : block.lanes;
+    for (std::size_t lane = 0; lane < active; ++lane)
+      out[first + lane] = rans_step(block, block.state[lane], lookup);
+  }
+}
+
+// As above from begin = 0, on the vector unit.
+void rans_decode_vector(RansBlock& block, const RansLookup& lookup, std::size_t count,
+                        std::uint8_t* out);
+// Decodes two adjacent full blocks at once, which is faster than one after the other.
+void rans_decode_pair(RansBlock& first, RansBlock& second, const RansLookup& lookup,
+                      std::uint8_t* out);
+
+}  // namespace stgs

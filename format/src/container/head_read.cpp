@@ -1,0 +1,398 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <set>
+#include <string_view>
+
+#include "container/container.h"
+#include "core/bytes.h"
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+
+// Reads the payload of a record of the head. `have`: tags of the records before it. Returns false
+// if the record is unusable.
+bool read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::uint64_t payload_at,
+                 const ReadLimits& limits, const std::set<std::uint32_t>& have, FileHead& out,
+                 Findings& findings) {
+  if (tag == kMetadataTag) return parse_metadata(payload, payload_at, out.metadata, findings);
+  if (tag == kWindowTag) return parse_window(payload, payload_at, out.metadata.scene, findings);
+  if (tag == kPrivateTag) return parse_private_names(payload, payload_at, out, findings);
+  if (tag == kLayoutTag) {
+    ByteReader in(payload);
+    return parse_layouts(in, payload_at, kMaxTables, limits.max_memory, out.layouts, findings);
+  }
+  if (have.count(kMetadataTag) == 0) return false;
+  const RecordArea body = {out.header.head_bytes, out.header.file_bytes};
+  if (!parse_index(payload, payload_at, body, out, findings)) return false;
+  check_index(out, payload_at, limits, findings);
+  return true;
+}
+
+// Finds META, LAYT, INDX, WNDW and PRIV among the records of the head.
+bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, FileHead& out,
+               Findings& findings) {
+  std::set<std::uint32_t> have;
+  for (std::uint64_t at = kHeaderBytes; at < head.size();) {
+    RecordHeader record;
+    if (!parse_record_header(head.subspan(at), at, head.size(), record, findings)) return false;
+    const std::uint64_t payload_at = at + kRecordHeaderBytes;
+    const auto payload = head.subspan(payload_at, record.length);
+    at = payload_at + record.length;
+    const bool known = record.tag == kMetadataTag || record.tag == kLayoutTag ||
+                       (record.tag == kIndexTag && !out.growing());
+    const bool optional =
+        (record.tag == kWindowTag || record.tag == kPrivateTag) && record.flags == 0;
+    if (!optional && !check_flags(record, known, payload_at - kRecordHeaderBytes, findings))
+      continue;
+    Findings found;
+    if (check_payload(record, payload, payload_at, found)) {
+      if (have.count(record.tag) != 0) {
+        found.error(N::kDuplicateRecord, payload_at, "duplicate '{}' record", tag_text(record.tag));
+      } else if (read_record(record.tag, payload, payload_at, limits, have, out, found)) {
+        have.insert(record.tag);
+      }
+    }
+    if (optional) {
+      findings.damage(std::move(found));  // not critical
+    } else {
+      findings.append(std::move(found));
+    }
+  }
+  if (have.count(kMetadataTag) == 0 || (have.count(kIndexTag) == 0 && !out.growing())) {
+    if (findings.ok()) {
+      findings.error(N::kMissingRecord, kHeaderBytes, "the head has no '{}' record",
+                     have.count(kMetadataTag) != 0 ? "INDX" : "META");
+    }
+    return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+std::string tag_text(std::uint32_t tag) {
+  std::string text;
+  for (int i = 0; i < 4; ++i) {
+    const auto c = static_cast<char>(tag >> (8 * i) & 0xFF);
+    text.push_back(c >= 0x20 && c < 0x7F ? c : '.');
+  }
+  return text;
+}
+
+std::uint64_t floats_per_primitive(int sh_degree) {
+  return 17 + 3 * static_cast<std::uint64_t>((sh_degree + 1) * (sh_degree + 1));
+}
+
+namespace {
+
+// Describes a file with a foreign magic, for messages: "; this is ..."; "" if the format is
+// unknown.
+std::string foreign_format(std::span<const std::uint8_t> head) {
+  struct Signature {
+    std::size_t offset;
+    std::string_view bytes;
+    const char* text;
+  };
+  constexpr Signature kSignatures[] = {
+      {0, "ply\n", "a PLY file; convert models with 'stgs convert'"},
+      {0, "ply\r", "a PLY file; convert models with 'stgs convert'"},
+      {0, "NGSP", "an SPZ model; convert it with 'stgs convert'"},
+      {0, "\x1F\x8B", "a gzip file; convert SPZ models with 'stgs convert'"},
+      {0, "PK\x03\x04", "a zip archive; convert SOG models with 'stgs convert'"},
+      {0, "glTF", "a binary glTF file"},
+      {0, "\x89PNG", "a PNG image"},
+      {0, "\xFF\xD8\xFF", "a JPEG image"},
+      {4, "ftyp", "an MP4 video"},
+      {0, "\x1A\x45\xDF\xA3", "a Matroska or WebM video"},
+      {0, "<!DOCTYPE", "an HTML page; check the URL it was downloaded from"},
+      {0, "<!doctype", "an HTML page; check the URL it was downloaded from"},
+      {0, "<html", "an HTML page; check the URL it was downloaded from"}};
+  for (const auto& [offset, bytes, text] : kSignatures) {
+    if (head.size() < offset + bytes.size()) continue;
+    const auto same = [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; };
+    if (std::equal(bytes.begin(), bytes.end(), head.begin() + static_cast<std::ptrdiff_t>(offset),
+                   same)) {
+      return fmt::format("; this is {}", text);
+    }
+  }
+  return "";
+}
+
+// A growing file does not state its size (spec 2.6).
+bool parse_growing_sizes(std::uint64_t source_bytes, const FileHeader& header, Findings& findings) {
+  if (header.file_bytes != 0 || header.head_bytes < kHeaderBytes) {
+    findings.error(N::kHeadSize, 16,
+                   "invalid sizes in the header of a growing file (file: {} bytes, head: {} bytes)",
+                   header.file_bytes, header.head_bytes);
+    return false;
+  }
+  if (header.head_bytes <= source_bytes) return true;
+  findings.error(N::kFileSize, 24,
+                 "the file is truncated (its head has {} bytes, the file has {} bytes)",
+                 header.head_bytes, source_bytes);
+  return false;
+}
+
+}  // namespace
+
+std::optional<FileHeader> intact_header(std::span<const std::uint8_t> bytes) {
+  if (bytes.size() < kHeaderBytes || !std::equal(kMagic.begin(), kMagic.end(), bytes.begin())) {
+    return {};
+  }
+  ByteReader in(bytes.subspan(kMagic.size()));
+  FileHeader header;
+  header.major = in.u16();
+  header.minor = in.u16();
+  header.flags = in.u32();
+  header.file_bytes = in.u64();
+  header.head_bytes = in.u64();
+  if (in.u64() != checksum(bytes.first(kHeaderBytes - 8))) return {};
+  return header;
+}
+
+bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_bytes,
+                  FileHeader& header, Findings& findings) {
+  if (bytes.size() < kHeaderBytes) {
+    findings.error(N::kTooShort, 0,
+                   "too short for an .stgs file (expected at least {} bytes, got {})", kHeaderBytes,
+                   bytes.size());
+    return false;
+  }
+  if (!std::equal(kMagic.begin(), kMagic.end(), bytes.begin())) {
+    const bool text_damage = std::equal(kMagic.begin(), kMagic.begin() + 4, bytes.begin());
+    if (text_damage) {
+      findings.error(N::kMagic, 0, "damaged by a text-mode transfer; copy the file in binary mode");
+    } else {
+      findings.error(N::kMagic, 0, "not an .stgs file{}", foreign_format(bytes));
+    }
+    return false;
+  }
+  const std::optional<FileHeader> fields = intact_header(bytes);
+  if (!fields) {
+    findings.error(N::kHeaderChecksum, 32, "file header is damaged (checksum mismatch)");
+    return false;
+  }
+  header = *fields;
+  if (header.major == 0) {
+    findings.unsupported(N::kVersion, 8,
+                         "unsupported format version (expected {}.x, got the pre-release version "
+                         "0.{}); create the file again with 'stgs train', 'pack' or 'convert'",
+                         kFormatMajor, header.minor);
+    return false;
+  }
+  if (header.major != kFormatMajor) {
+    findings.unsupported(
+        N::kVersion, 8,
+        "unsupported format version (expected {}.x, got {}.{}); use a later version "
+        "of this program",
+        kFormatMajor, header.major, header.minor);
+    return false;
+  }
+  if ((header.flags & kCriticalHeaderFlags & ~kGrowing) != 0) {
+    findings.unsupported(N::kHeaderFlags, 12, "file header has unknown critical flags {:#x}",
+                         header.flags & kCriticalHeaderFlags);
+    return false;
+  }
+  if ((header.flags & kGrowing) != 0) return parse_growing_sizes(source_bytes, header, findings);
+  if (header.file_bytes < source_bytes) {
+    findings.damage(N::kFileSize, 16,
+                    "extra bytes after the end of the file (expected {} bytes, got {}); copy or "
+                    "download it again",
+                    header.file_bytes, source_bytes);
+  }
+  if (header.head_bytes < kHeaderBytes || header.head_bytes > header.file_bytes) {
+    findings.error(N::kHeadSize, 24, "invalid head size ({} bytes in a file of {} bytes)",
+                   header.head_bytes, header.file_bytes);
+    return false;
+  }
+  if (header.head_bytes <= source_bytes) return true;
+  findings.error(N::kFileSize, 16,
+                 "the file is truncated within its head (expected {} bytes, got {}); copy or "
+                 "download it again",
+                 header.file_bytes, source_bytes);
+  return false;
+}
+
+bool parse_record_header(std::span<const std::uint8_t> bytes, std::uint64_t offset,
+                         std::uint64_t area_end, RecordHeader& header, Findings& findings) {
+  if (bytes.size() < kRecordHeaderBytes || area_end - offset < kRecordHeaderBytes) {
+    findings.error(N::kRecordHeader, offset, "truncated record header");
+    return false;
+  }
+  ByteReader in(bytes);
+  header.tag = in.u32();
+  header.flags = in.u32();
+  header.length = in.u64();
+  header.checksum = in.u64();
+  if (in.u64() != checksum(bytes.first(kRecordHeaderBytes - 8))) {
+    findings.error(N::kRecordHeader, offset, "header of record '{}' is damaged (checksum mismatch)",
+                   tag_text(header.tag));
+    return false;
+  }
+  if (header.length > area_end - offset - kRecordHeaderBytes) {
+    findings.error(N::kRecordLength, offset, "record '{}' of {} bytes extends past byte {}",
+                   tag_text(header.tag), header.length, area_end);
+    return false;
+  }
+  return true;
+}
+
+Result<std::optional<RecordHeader>> complete_record_at(const ByteSource& source,
+                                                       std::uint64_t offset, std::uint64_t end) {
+  std::optional<RecordHeader> none;
+  if (offset > end || end - offset < kRecordHeaderBytes) return none;
+  std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
+  STGS_TRY(source.read(offset, bytes));
+  Findings ignored;
+  RecordHeader header;
+  if (!parse_record_header(bytes, offset, end, header, ignored)) return none;
+  return std::optional(header);
+}
+
+namespace {
+
+// Returns whether records with this tag must be marked critical (spec 3.2).
+bool is_critical(std::uint32_t tag) {
+  return tag == kMetadataTag || tag == kLayoutTag || tag == kIndexTag || tag == kFragmentTag ||
+         tag == kSegmentTag;
+}
+
+}  // namespace
+
+bool check_flags(const RecordHeader& header, bool known_tag, std::uint64_t offset,
+                 Findings& findings) {  // spec 3.2, 3.4
+  if (known_tag && header.flags == kCritical) return true;
+  if ((header.flags & kCritical) != 0) {
+    findings.unsupported(N::kUnknownCritical, offset,
+                         "unknown critical record '{}' (flags {:#x}); a later version is needed",
+                         tag_text(header.tag), header.flags);
+  } else if ((known_tag || is_critical(header.tag)) && header.flags == 0) {
+    findings.error(N::kNotCritical, offset, "record '{}' is not marked critical",
+                   tag_text(header.tag));
+  }
+  return false;
+}
+
+bool check_payload(const RecordHeader& header, std::span<const std::uint8_t> payload,
+                   std::uint64_t offset, Findings& findings) {
+  if (checksum(payload) == header.checksum) return true;
+  findings.error(N::kRecordChecksum, offset,
+                 "record '{}' is damaged (checksum mismatch over {} bytes)", tag_text(header.tag),
+                 payload.size());
+  return false;
+}
+
+namespace {
+
+// Reports a truncated file whose head is complete: the segments up to its end are available (spec
+// 2.6).
+void report_truncation(const FileHead& head, Findings& findings) {
+  const std::vector<SegmentEntry>& segments = head.index.segments;
+  std::size_t missing = 0, without_sh = 0;
+  for (const SegmentEntry& segment : segments) {
+    missing += head.has(segment.base) ? 0 : 1;
+    without_sh += head.has(segment.base) && !head.has(segment.sh) ? 1 : 0;
+  }
+  findings.damage(
+      N::kFileSize, 16,
+      "the file is truncated (expected {} bytes, got {}): {} of {} segments missing, {} "
+      "without their SH; copy or download it again",
+      head.header.file_bytes, head.available_bytes, missing, segments.size(), without_sh);
+}
+
+}  // namespace
+
+bool is_intact_head(std::span<const std::uint8_t> head, Findings& findings) {
+  for (std::uint64_t at = kHeaderBytes; at < head.size();) {
+    RecordHeader record;
+    if (!parse_record_header(head.subspan(at), at, head.size(), record, findings)) return false;
+    at += kRecordHeaderBytes;
+    if (!check_payload(record, head.subspan(at, record.length), at, findings)) return false;
+    at += record.length;
+  }
+  return true;
+}
+
+Result<std::vector<std::uint8_t>> read_head_bytes(const ByteSource& source, const FileHead& head) {
+  if (!head.repaired.empty()) return head.repaired;
+  std::vector<std::uint8_t> bytes(head.header.head_bytes);
+  STGS_TRY(source.read(0, bytes));
+  return bytes;
+}
+
+namespace {
+
+// Reads the head that the header states.
+bool read_stated_head(const ByteSource& source, const ReadLimits& limits, FileHeader& header,
+                      std::vector<std::uint8_t>& bytes, Findings& findings) {
+  if (!parse_header(bytes, source.size(), header, findings)) return false;
+  if (header.head_bytes > limits.max_memory) {
+    findings.unsupported(N::kMemoryLimit, 24,
+                         "head of {} bytes exceeds the memory limit of {} bytes", header.head_bytes,
+                         limits.max_memory);
+    return false;
+  }
+  bytes.resize(header.head_bytes);
+  const Status status = source.read(0, bytes);
+  if (!status.ok()) findings.failed_read(0, status);
+  return status.ok();
+}
+
+// Reads the bytes of the head or, if they are damaged, those of an intact copy.
+bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead& head,
+                    std::vector<std::uint8_t>& bytes, Findings& findings) {
+  bytes.resize(std::min<std::uint64_t>(kHeaderBytes, source.size()));
+  if (Status status = source.read(0, bytes); !status.ok()) {
+    findings.failed_read(0, status);
+    return false;
+  }
+  const std::vector<std::uint8_t> first = bytes;
+  Findings found;
+  const bool read = read_stated_head(source, limits, head.header, bytes, found);
+  Findings damage;
+  const bool intact =
+      intact_header(first) ? !read || is_intact_head(bytes, damage) : first.size() < kHeaderBytes;
+  Result<std::optional<HeadCopy>> copy = std::optional<HeadCopy>();
+  if (!intact) copy = find_head_copy(source, first, limits);
+  if (!copy.ok()) {
+    findings.failed_read(0, copy.status());
+    return false;
+  }
+  if (!*copy) {  // the caller reports the damage
+    findings.append(std::move(found));
+    return read;
+  }
+  const Issue why = (read ? damage : found).take().front();
+  findings.damage(
+      N::kRepairedHead, why.offset,
+      "head is damaged and was read from its copy at byte {}; copy or download the file "
+      "again, or repair it with 'stgs finalize' ({}, issue {})",
+      (*copy)->offset, why.message, why.number);
+  bytes = head.repaired = std::move((*copy)->head);
+  return parse_header(bytes, source.size(), head.header, findings);
+}
+
+}  // namespace
+
+bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,
+               Findings& findings) {
+  head.limits = limits;
+  head.available_bytes = source.size();
+  std::vector<std::uint8_t> bytes;
+  if (!read_or_repair(source, limits, head, bytes, findings)) return false;
+  if (!walk_head(bytes, limits, head, findings)) return false;
+  head.index_bytes = head.header.head_bytes;
+  if (head.growing()) {
+    head.closed = false;
+    head.head_checksum = checksum(bytes);
+    if (!read_fragments(source, head, findings)) return false;
+  }
+  check_window(head.metadata.scene, findings);
+  if (!head.growing() && head.available_bytes < head.header.file_bytes)
+    report_truncation(head, findings);
+  return true;
+}
+
+}  // namespace stgs

@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: Apache-2.0
+// META and WNDW: the metadata of a scene (spec 4).
+#include <algorithm>
+#include <cmath>
+
+#include "container/container.h"
+#include "core/bytes.h"
+#include "stgs/format/camera.h"
+#include "stgs/format/text.h"
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+
+constexpr std::uint64_t kWindowBytes = 24;
+// Conventions of kernel, colour and SH from this number on may be treated as 0 (spec 4.2).
+constexpr std::uint8_t kFirstShownAsZero = 128;
+
+bool all_finite(std::span<const float> values) {
+  return std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); });
+}
+
+void check_start_camera(const StartCamera& camera, std::uint64_t offset, Findings& findings) {
+  const auto side = [](std::uint32_t v) { return v >= 1 && v <= kMaxImageSide; };
+  if (!side(camera.width) || !side(camera.height)) {
+    findings.error(N::kMetadataValue, offset,
+                   "metadata: start camera has an invalid size (expected sides of 1 to {} pixels, "
+                   "got {}x{})",
+                   kMaxImageSide, camera.width, camera.height);
+  }
+  const float intrinsics[4] = {camera.fx, camera.fy, camera.cx, camera.cy};
+  if (!all_finite(camera.translation) || !all_finite(intrinsics) || camera.fx <= 0.0f ||
+      camera.fy <= 0.0f) {
+    findings.error(N::kMetadataValue, offset,
+                   "metadata: start camera has values that are not finite, or a focal length <= 0");
+  }
+  if (!is_rotation(camera.rotation)) {
+    findings.error(N::kMetadataValue, offset,
+                   "metadata: start camera has an invalid rotation matrix");
+  }
+}
+
+}  // namespace
+
+std::vector<std::uint8_t> write_metadata(const FileMetadata& metadata) {  // spec 4.2
+  const SceneMetadata& scene = metadata.scene;
+  ByteWriter out;
+  out.u32(scene.time_base.numerator);
+  out.u32(scene.time_base.denominator);
+  out.u32(scene.frames);
+  out.u8(scene.kernel);
+  out.u8(0);  // axes: OpenCV
+  out.u8(scene.colour);
+  out.u8(scene.sh_convention);
+  out.u16(static_cast<std::uint16_t>(metadata.profile));
+  out.u16(static_cast<std::uint16_t>(metadata.sh_degree));
+  for (float v : scene.background) out.f32(v);
+  for (float v : scene.bounds_min) out.f32(v);
+  for (float v : scene.bounds_max) out.f32(v);
+  out.f32(scene.near_plane);
+  const StartCamera camera = scene.start_camera.value_or(StartCamera{});
+  out.u32(camera.width);
+  out.u32(camera.height);
+  for (float v : camera.rotation) out.f32(v);
+  for (float v : camera.translation) out.f32(v);
+  for (float v : {camera.fx, camera.fy, camera.cx, camera.cy}) out.f32(v);
+  out.string(scene.generator);
+  out.string(scene.title);
+  out.f32(scene.metres_per_unit);
+  for (float v : scene.up) out.f32(v);
+  for (float v : scene.floor) out.f32(v);
+  out.string(scene.audio);
+  out.f64(scene.audio_begin);
+  return out.take();
+}
+
+std::vector<std::uint8_t> write_window(const CaptureWindow& window) {  // spec 4.5
+  ByteWriter out;
+  out.u32(window.first_frame);
+  out.u32(window.capture_frames);
+  out.u64(window.capture);
+  out.u64(window.training);
+  return out.take();
+}
+
+void check_metadata_values(const FileMetadata& metadata, std::uint64_t offset, Findings& findings) {
+  const SceneMetadata& scene = metadata.scene;
+  const bool finite = all_finite(scene.background) && all_finite(scene.bounds_min) &&
+                      all_finite(scene.bounds_max) && std::isfinite(scene.near_plane);
+  if (!finite || scene.near_plane < 0.0f) {
+    findings.error(N::kMetadataValue, offset,
+                   "metadata: background, bounds or near plane is not finite, or the near plane is "
+                   "negative");
+  }
+  const double length = std::hypot(double{scene.up[0]}, double{scene.up[1]}, double{scene.up[2]});
+  if (!all_finite(scene.up) || !all_finite(scene.floor) || !std::isfinite(scene.metres_per_unit) ||
+      scene.metres_per_unit < 0.0f || (length != 0.0 && std::abs(length - 1.0) > 1e-3)) {
+    findings.error(N::kMetadataValue, offset,
+                   "metadata: invalid unit ({} metres), up vector (length {}) or floor",
+                   scene.metres_per_unit, length);
+  }
+  for (int axis = 0; axis < 3; ++axis) {
+    if (scene.bounds_min[axis] > scene.bounds_max[axis]) {
+      findings.error(N::kMetadataValue, offset, "metadata: bounds of axis {} are inverted", axis);
+    }
+  }
+  if (scene.start_camera) check_start_camera(*scene.start_camera, offset, findings);
+  if (!(std::abs(scene.audio_begin) <= kMaxChunk)) {
+    findings.error(N::kMetadataValue, offset, "metadata: invalid beginning of the audio, tick {}",
+                   scene.audio_begin);
+  }
+  if (!is_utf8(scene.generator) || !is_utf8(scene.title) || !is_utf8(scene.audio)) {
+    findings.error(N::kMetadataText, offset,
+                   "metadata: generator, title or audio location is not UTF-8");
+  }
+}
+
+bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                    FileMetadata& metadata, Findings& findings) {  // spec 4.2
+  ByteReader in(payload);
+  SceneMetadata& scene = metadata.scene;
+  scene.time_base.numerator = in.u32();
+  scene.time_base.denominator = in.u32();
+  scene.frames = in.u32();
+  scene.kernel = in.u8();
+  const std::uint8_t axes = in.u8();
+  scene.colour = in.u8();
+  scene.sh_convention = in.u8();
+  const std::uint16_t profile = in.u16();
+  metadata.sh_degree = in.u16();
+  for (float& v : scene.background) v = in.f32();
+  for (float& v : scene.bounds_min) v = in.f32();
+  for (float& v : scene.bounds_max) v = in.f32();
+  scene.near_plane = in.f32();
+  StartCamera camera;
+  camera.width = in.u32();
+  camera.height = in.u32();
+  for (float& v : camera.rotation) v = in.f32();
+  for (float& v : camera.translation) v = in.f32();
+  for (float* v : {&camera.fx, &camera.fy, &camera.cx, &camera.cy}) *v = in.f32();
+  scene.generator = in.string();
+  scene.title = in.string();
+  scene.metres_per_unit = in.f32();
+  for (float& v : scene.up) v = in.f32();
+  for (float& v : scene.floor) v = in.f32();
+  scene.audio = in.string();
+  scene.audio_begin = in.f64();
+  if (!in.ok()) {
+    findings.error(N::kMetadataLayout, offset, "metadata: too short ({} bytes)", payload.size());
+    return false;
+  }
+  const auto unknown = [](std::uint8_t v) { return v != 0 && v < kFirstShownAsZero; };
+  if (axes != 0 || unknown(scene.kernel) || unknown(scene.colour) || unknown(scene.sh_convention)) {
+    findings.unsupported(N::kMetadataConvention, offset + 12,
+                         "metadata: unknown convention (kernel {}, axes {}, colour {}, SH {}); a "
+                         "later version is needed",
+                         scene.kernel, axes, scene.colour, scene.sh_convention);
+    return false;
+  }
+  if (scene.kernel != 0 || scene.colour != 0 || scene.sh_convention != 0) {
+    findings.warning(
+        N::kMetadataConvention, offset + 12,
+        "metadata: convention of a later version is treated as 0 (kernel {}, colour {}, SH {})",
+        scene.kernel, scene.colour, scene.sh_convention);
+  }
+  metadata.profile_number = profile;
+  metadata.profile = profile <= static_cast<int>(Profile::kDraco) ? static_cast<Profile>(profile)
+                                                                  : Profile::kUnknown;
+  if (camera.width != 0 || camera.height != 0) scene.start_camera = camera;
+  if (scene.time_base.numerator == 0 || scene.time_base.denominator == 0 || scene.frames == 0) {
+    findings.error(N::kTimeBase, offset, "metadata: invalid duration ({} frames of {}/{} s)",
+                   scene.frames, scene.time_base.numerator, scene.time_base.denominator);
+    return false;
+  }
+  if (metadata.sh_degree > 3) {
+    findings.unsupported(N::kShDegree, offset + 18,
+                         "metadata: unsupported SH degree (expected 0 to 3, got {})",
+                         metadata.sh_degree);
+    return false;
+  }
+  check_metadata_values(metadata, offset, findings);
+  return true;
+}
+
+bool parse_window(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                  SceneMetadata& metadata, Findings& findings) {  // spec 4.5
+  if (payload.size() < kWindowBytes) {
+    findings.error(N::kWindow, offset, "window: too short ({} bytes)", payload.size());
+    return false;
+  }
+  ByteReader in(payload);
+  CaptureWindow window;
+  window.first_frame = in.u32();
+  window.capture_frames = in.u32();
+  window.capture = in.u64();
+  window.training = in.u64();
+  metadata.window = window;
+  return true;
+}
+
+void check_window(SceneMetadata& metadata, Findings& findings) {
+  if (!metadata.window) return;
+  const CaptureWindow window = *metadata.window;
+  if (std::uint64_t{window.first_frame} + metadata.frames <= window.capture_frames) return;
+  findings.damage(N::kWindow, kHeaderBytes,
+                  "window: frames {} to {} exceed the capture of {} frames", window.first_frame,
+                  std::uint64_t{window.first_frame} + metadata.frames - 1, window.capture_frames);
+  metadata.window.reset();
+}
+
+}  // namespace stgs

@@ -1,0 +1,236 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "container/segment.h"
+
+#include <algorithm>
+
+#include "core/bytes.h"
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+
+bool same_segment(ByteReader& in, const IndexEntry& expected) {
+  const auto level = static_cast<std::int16_t>(in.u16());
+  const std::uint16_t layer = in.u16();
+  const std::uint32_t slot = in.u32(), primitives = in.u32();
+  return level == expected.level && layer == expected.layer && slot == expected.slot &&
+         primitives == expected.primitives;
+}
+
+// Checks that this version can decode the layout's streams (spec 6.3).
+bool check_known(const Layout& layout, std::uint32_t ordinal, std::uint64_t offset,
+                 Findings& findings) {
+  for (const StreamRow& row : layout.streams) {
+    if (row.known || row.optional()) continue;
+    findings.unsupported(
+        N::kStreamUnsupported, offset,
+        "segment {}: unknown attribute {} with mapping {}, prediction {} and coder "
+        "{}; a later version is needed",
+        ordinal, row.attribute, row.mapping, row.prediction, row.coder);
+    return false;
+  }
+  return true;
+}
+
+// Returns whether each table is used by a plane (spec 6.1).
+bool names_all_tables(const Layout& layout, std::size_t tables) {
+  std::vector<bool> named(tables);
+  for (const StreamRow& row : layout.streams) {
+    for (const std::uint16_t table : row.tables) named[table] = true;
+  }
+  return std::all_of(named.begin(), named.end(), [](bool is) { return is; });
+}
+
+// Checks that the layout has the streams of the record's content, in order.
+bool check_attributes(const Layout& layout, const IndexEntry& entry, int sh_degree,
+                      std::uint32_t ordinal, std::uint64_t offset, Findings& findings) {
+  const std::span<const Attribute> all = attributes_of(sh_degree);
+  const std::size_t base = attributes_of(0).size();
+  const bool sh = content_of(entry.layer) == static_cast<int>(Content::kSh);
+  const std::span<const Attribute> needed = sh ? all.subspan(base) : all;
+  std::size_t found = 0;
+  for (const StreamRow& row : layout.streams) {
+    if (row.optional()) continue;
+    if (found == needed.size() || row.attribute != static_cast<std::uint16_t>(needed[found])) {
+      findings.error(N::kStreamMissing, offset,
+                     "segment {}: unexpected attribute {} in its layout (expected {})", ordinal,
+                     row.attribute, found == needed.size() ? "no more" : name_of(needed[found]));
+      return false;
+    }
+    ++found;
+  }
+  // SH above degree 0 may be in a separate record.
+  if (found == needed.size() || (!sh && found == base)) return true;
+  findings.error(N::kStreamMissing, offset, "segment {}: no stream for {}", ordinal,
+                 name_of(needed[found]));
+  return false;
+}
+
+// Returns whether the layout lacks the SH above degree 0.
+bool is_partial(const Layout& layout, int sh_degree) {
+  const auto known = std::count_if(layout.streams.begin(), layout.streams.end(),
+                                   [](const StreamRow& row) { return !row.optional(); });
+  return static_cast<std::size_t>(known) < attributes_of(sh_degree).size();
+}
+
+// Checks that a layout is allowed by the file's profile (spec 8.1). Unknown profiles allow any.
+bool check_profile_of(const Layout& layout, Profile profile, std::uint32_t ordinal,
+                      std::uint64_t offset, Findings& findings) {
+  for (const StreamRow& row : layout.streams) {
+    if (row.optional()) continue;
+    const bool draco = static_cast<Coder>(row.coder) == Coder::kDraco;
+    const bool mapped = static_cast<Mapping>(row.mapping) != Mapping::kFloat;
+    const bool fits = profile == Profile::kLossless    ? !mapped && !draco
+                      : profile == Profile::kQuantised ? !draco
+                                                       : true;
+    if (fits) continue;
+    findings.error(N::kProfile, offset,
+                   "segment {}, {}: mapping {} with coder {} is not allowed by the profile {}",
+                   ordinal, name_of(static_cast<Attribute>(row.attribute)), row.mapping, row.coder,
+                   profile_name(profile));
+    return false;
+  }
+  return true;
+}
+
+// Adds to the memory of a segment (conformance 1.5). Returns false if that exceeds the limit.
+bool take_memory(std::uint64_t bytes, const FileHead& head, std::uint32_t ordinal,
+                 std::uint64_t offset, std::uint64_t& memory, Findings& findings) {
+  const std::uint64_t limit = head.limits.max_memory;
+  if (memory <= limit && bytes <= limit - memory) {
+    memory += bytes;
+    return true;
+  }
+  findings.unsupported(N::kMemoryLimit, offset,
+                       "segment {}: decoding exceeds the memory limit of {} bytes", ordinal, limit);
+  return false;
+}
+
+// Finds the record's layout and the bytes of its streams (spec 6.1). `memory`: see SegmentRecords.
+bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
+                   std::uint32_t ordinal, const IndexEntry& expected, SegmentRecord& record,
+                   std::uint64_t& memory, Findings& findings) {
+  ByteReader in(payload);
+  if (!same_segment(in, expected)) {
+    findings.error(N::kSegmentMismatch, record.payload_at,
+                   "segment {}: record does not match its index entry", ordinal);
+    return false;
+  }
+  record.layout = in.u16();
+  record.checksum = in.u64();
+  record.has_own = record.layout == kOwnLayout;
+  if (record.has_own) {
+    if (!parse_layouts(in, record.payload_at, kMaxOwnTables, head.limits.max_memory - memory,
+                       record.own, findings)) {
+      return false;
+    }
+    memory += record.own.tables.size() * kTableMemory;
+    record.layout = 0;
+  }
+  const std::vector<Layout>& layouts = record.set(head.layouts).layouts;
+  if (record.layout >= layouts.size() || (record.has_own && layouts.size() != 1)) {
+    findings.error(N::kLayouts, record.payload_at,
+                   "segment {}: invalid layout number {} (there are {} layouts)", ordinal,
+                   record.layout, layouts.size());
+    return false;
+  }
+  const Layout& layout = layouts[record.layout];
+  if (layout.problem != 0) {
+    findings.error(static_cast<N>(layout.problem), record.payload_at, "segment {}: {}", ordinal,
+                   layout.why);
+    return false;
+  }
+  if (record.has_own && !names_all_tables(layout, record.own.tables.size())) {
+    findings.error(N::kLayouts, record.payload_at,
+                   "segment {}: its layout does not use all of its {} tables", ordinal,
+                   record.own.tables.size());
+    return false;
+  }
+  if (!check_known(layout, ordinal, record.payload_at, findings) ||
+      !check_attributes(layout, expected, head.metadata.sh_degree, ordinal, record.payload_at,
+                        findings) ||
+      !check_profile_of(layout, head.metadata.profile, ordinal, record.payload_at, findings) ||
+      !take_memory(
+          layout.varying_planes(record.set(head.layouts)) * std::uint64_t{expected.primitives},
+          head, ordinal, record.payload_at, memory, findings)) {
+    return false;
+  }
+  if (layout.has_first_key()) record.first_key = in.u64();
+  std::vector<std::uint64_t> sizes(layout.streams.size());
+  for (std::size_t i = 0; i < sizes.size(); ++i) {
+    if (!layout.streams[i].in_group()) sizes[i] = in.u64();
+  }
+  for (const std::uint64_t size : sizes) record.streams.push_back(in.bytes(size));
+  if (layout.has_group()) record.group = in.bytes(in.left());
+  if (in.ok() && in.left() == 0) return true;
+  findings.error(N::kStreamTable, record.payload_at,
+                 "segment {}: payload of {} bytes does not match the streams of its layout",
+                 ordinal, payload.size());
+  return false;
+}
+
+// Reads one record and checks it against its index entry.
+bool read_record(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
+                 const IndexEntry& entry, SegmentRecord& record, std::uint64_t& memory,
+                 Findings& findings) {
+  if (!head.has(entry)) {
+    findings.error(N::kFileSize, entry.offset,
+                   "segment {}: the file is truncated within its {} bytes", ordinal, entry.bytes);
+    return false;
+  }
+  if (!take_memory(entry.bytes, head, ordinal, entry.offset, memory, findings)) return false;
+  record.bytes.resize(entry.bytes);
+  if (Status status = source.read(entry.offset, record.bytes); !status.ok()) {
+    findings.failed_read(entry.offset, status);
+    return false;
+  }
+  RecordHeader header;
+  if (!parse_record_header(record.bytes, entry.offset, entry.offset + entry.bytes, header,
+                           findings)) {
+    return false;
+  }
+  if (header.tag != kSegmentTag || header.length != entry.bytes - kRecordHeaderBytes) {
+    findings.error(N::kSegmentMismatch, entry.offset,
+                   "segment {}: record '{}' of {} bytes does not match its index entry", ordinal,
+                   tag_text(header.tag), header.length);
+    return false;
+  }
+  if ((header.flags & kCritical) == 0) {  // listed records cannot be skipped
+    findings.error(N::kNotCritical, entry.offset, "segment {} is not marked critical", ordinal);
+    return false;
+  }
+  if (!check_flags(header, true, entry.offset, findings)) return false;
+  const auto payload = std::span<const std::uint8_t>(record.bytes).subspan(kRecordHeaderBytes);
+  record.payload_at = entry.offset + kRecordHeaderBytes;
+  if (checksum(payload) != header.checksum) {
+    findings.error(N::kRecordChecksum, record.payload_at,
+                   "segment {} is damaged (checksum mismatch over {} bytes)", ordinal,
+                   payload.size());
+  }
+  return parse_segment(payload, head, ordinal, entry, record, memory, findings);
+}
+
+}  // namespace
+
+bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
+                  bool with_sh, SegmentRecords& records, Findings& findings) {
+  const SegmentEntry& segment = head.index.segments[ordinal];
+  records.memory = 0;
+  if (!take_memory(4 * floats_per_primitive(head.metadata.sh_degree) * segment.base.primitives,
+                   head, ordinal, segment.base.offset, records.memory, findings) ||
+      !read_record(source, head, ordinal, segment.base, records.base, records.memory, findings)) {
+    return false;
+  }
+  const bool partial = is_partial(records.base.layout_in(head.layouts), head.metadata.sh_degree);
+  const bool own = segment.sh.bytes > 0;
+  if (partial != own) {
+    findings.error(N::kStreamMissing, segment.base.offset, "segment {}: SH above degree 0 are {}",
+                   ordinal, own ? "stored twice" : "missing");
+    return false;
+  }
+  if (!own || !with_sh) return true;
+  return read_record(source, head, ordinal, segment.sh, records.sh, records.memory, findings);
+}
+
+}  // namespace stgs

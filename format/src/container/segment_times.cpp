@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "container/segment_times.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <utility>
+
+namespace stgs {
+
+SegmentTimes::SegmentTimes(const std::vector<SegmentInfo>& segments, double frames)
+    : frames_(frames) {
+  std::map<int, Group> groups;  // by the power of two of their length
+  for (std::uint32_t i = 0; i < segments.size(); ++i) {
+    const SegmentInfo& segment = segments[i];
+    if (!segment.is_shown()) continue;
+    const double length = segment.end_ticks - segment.begin_ticks;
+    Group& group = groups[std::ilogb(length)];
+    group.longest = std::max(group.longest, length);
+    group.by_begin.push_back({segment.begin_ticks, segment.end_ticks, i});
+  }
+  for (auto& [power, group] : groups) {
+    std::sort(group.by_begin.begin(), group.by_begin.end(),
+              [](const Entry& a, const Entry& b) { return a.begin < b.begin; });
+    groups_.push_back(std::move(group));
+  }
+}
+
+std::vector<std::uint32_t> SegmentTimes::between(double t0, double t1) const {
+  std::vector<std::uint32_t> out;
+  if (!(t0 <= t1)) return out;
+  const double first = std::clamp(t0, 0.0, frames_), last = std::clamp(t1, 0.0, frames_);
+  for (const Group& group : groups_) {
+    // Starts a little earlier: lengths are rounded differences.
+    const double earliest = first - group.longest - 1;
+    auto at =
+        std::lower_bound(group.by_begin.begin(), group.by_begin.end(), earliest,
+                         [](const Entry& entry, double begin) { return entry.begin < begin; });
+    for (; at != group.by_begin.end() && at->begin <= last; ++at) {
+      if (first < at->end || at->end >= frames_) out.push_back(at->segment);
+    }
+  }
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+}  // namespace stgs

@@ -1,0 +1,298 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "quantise/quantise.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "quantise/axis_turns.h"
+#include "quantise/integers.h"
+#include "stgs/format/math/blend.h"
+
+namespace stgs {
+namespace {
+
+// Quality to octaves of step size, 0 at kReference: 12.5 units of quality per octave below it, and
+// 6 above. Below kPoor images fall apart, so that a unit has less effect.
+constexpr double kReference = 85.0, kPoor = 55.0;
+constexpr double kUnits = 12.5, kFinerUnits = 6.0, kPoorUnits = 25.0;
+// Coarsest steps, in octaves: opacity (logit), T (ticks), log scale. Coarser ones would cost more
+// image quality than the same bytes saved elsewhere. Likewise the greatest error of a constant
+// opacity.
+constexpr double kCoarsestOpacity = -0.5, kCoarsestTime = -0.5, kCoarsestLogScale = -0.75;
+constexpr double kMaxConstantOpacity = -3.5;
+constexpr double kConstantOpacity = -5.0;             // error of a constant opacity, octaves
+constexpr double kEdge = -2.0, kCoarsestEdge = -1.0;  // error of an edge in sigmas, octaves
+// Exponents of importance in steps, measured; lower than the ideal 0.5. An estimate by size is less
+// reliable, in particular for positions: small primitives need them as exactly as large ones.
+constexpr double kPower = 0.3;
+constexpr double kPowerBySize = 0.2, kPositionPowerBySize = 0.1;
+constexpr double kMaxOctaves = 3.0;  // greatest effect of importance on a step
+// Steps as shares of max_error; position and displacement may each use half of it. The error of a
+// position is half the diagonal of a step. So is that of a displacement, over 2^E ticks of a
+// lifespan L < 2^(E+1), which is visible for at most 1.18 L after T, where its opacity falls to
+// 1/255 (spec 7.5.4).
+constexpr double kPositionShare = 0.5 / 0.867;
+constexpr double kDisplacementShare = 0.5 / (0.867 * 2.36);
+// Bits of a displacement in steps: its product with a multiplier stays below 2^23.
+constexpr int kDisplacementBits = 22, kFineDisplacementBits = 19;
+constexpr double kOutlier = 16.0;         // multiple of the 90th percentile beyond which one is far
+constexpr double kDistanceOctaves = 4.0;  // range of outliers that share a layout
+constexpr int kMaxDistances = 12;         // limits the tiers of a segment (spec 5.7)
+// Bound of the importance by size, as a multiple of the 90th percentile. A sky dome covers a
+// million times the area of a splat and would dominate the mean.
+constexpr float kMaxImportance = 64.0f;
+constexpr double kMinRotationStep = -12.0, kMaxRotationStep = -2.5;
+
+// Returns the smallest power of two with which numbers up to `largest` fit into `bits` bits.
+Step step_for(double largest, int bits) {
+  return power_above(largest > 0.0 ? std::ceil(std::log2(largest)) - bits : kMinExponent);
+}
+
+// Returns a percentile; 0 if there are no values.
+float percentile(std::vector<float> values, std::size_t hundredths) {
+  if (values.empty()) return 0.0f;
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(values.size() * hundredths / 100);
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
+}
+
+struct Extent {
+  std::array<float, 3> low{}, high{};
+  double largest() const {
+    double out = 0.0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      out = std::max(out, static_cast<double>(high[axis]) - low[axis]);
+    }
+    return out;
+  }
+};
+
+// Returns the extent of the members; of all primitives if null.
+Extent extent_of(const Gaussians4D& set, const std::vector<std::uint32_t>* members) {
+  Extent out;
+  const std::size_t n = members != nullptr ? members->size() : set.size();
+  for (std::size_t k = 0; k < n; ++k) {
+    const std::size_t i = members != nullptr ? (*members)[k] : k;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const float x = set.position[3 * i + axis];
+      out.low[axis] = k == 0 ? x : std::min(out.low[axis], x);
+      out.high[axis] = k == 0 ? x : std::max(out.high[axis], x);
+    }
+  }
+  return out;
+}
+
+// Returns the median position per axis, which outliers do not affect.
+std::array<float, 3> median_of(const Gaussians4D& set) {
+  std::array<float, 3> out{};
+  std::vector<float> line(set.size());
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    for (std::size_t i = 0; i < line.size(); ++i) line[i] = set.position[3 * i + axis];
+    out[axis] = percentile(line, 50);
+  }
+  return out;
+}
+
+// Returns the distance of a primitive from a point along the axis with the greatest one; scene
+// units.
+double distance_from(const std::array<float, 3>& point, const Gaussians4D& set, std::size_t i) {
+  double out = 0.0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    out = std::max(out, std::abs(double{set.position[3 * i + axis]} - point[axis]));
+  }
+  return out;
+}
+
+// Returns the size relative to which position errors are measured: the 25th percentile of the mean
+// log scales.
+double typical_log_scale(const Gaussians4D& set) {
+  std::vector<float> sizes(set.size());
+  for (std::size_t i = 0; i < sizes.size(); ++i) {
+    const float* s = set.log_scale.data() + 3 * i;
+    sizes[i] = (s[0] + s[1] + s[2]) / 3.0f;
+  }
+  return percentile(std::move(sizes), 25);
+}
+
+// Returns the greatest displacement along an axis over a lifespan, scene units (spec 7.5.4).
+double displacement_of(const Gaussians4D& set, std::size_t i, float part_ticks) {
+  double out = 0.0;
+  const int life = lifespan_exponent(set.sigma[i], set.radius[i], part_ticks);
+  for (std::size_t c = 0; c < 3; ++c) {
+    out = std::max(out, std::ldexp(std::abs(double{set.velocity[3 * i + c]}), life));
+  }
+  return out;
+}
+
+double max_displacement(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
+                        float part_ticks) {
+  double out = 0.0;
+  for (const std::uint32_t i : members) out = std::max(out, displacement_of(set, i, part_ticks));
+  return out;
+}
+
+double octaves_coarser(double quality) {
+  if (quality >= kReference) return (kReference - quality) / kFinerUnits;
+  const double poor = std::max(0.0, kPoor - quality);
+  return (kReference - quality - poor) / kUnits + poor / kPoorUnits;
+}
+
+double mean_of(std::span<const float> values) {
+  double sum = 0.0;
+  for (const float v : values) sum += v;
+  return values.empty() ? 0.0 : sum / static_cast<double>(values.size());
+}
+
+// Returns kOutlier times the 90th percentile of measure(i).
+template <typename Measure>
+double outlier_bound(const Gaussians4D& set, const Measure& measure) {
+  std::vector<float> values(set.size());
+  constexpr double kMax = std::numeric_limits<float>::max();
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    values[i] = static_cast<float>(std::min(measure(i), kMax));
+  }
+  return kOutlier * percentile(std::move(values), 90);
+}
+
+}  // namespace
+
+Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, bool by_size,
+                     double longest_part, double quality, double max_error)
+    : longest_part_(static_cast<float>(longest_part)),
+      max_error_(max_error),
+      power_(by_size ? kPowerBySize : kPower),
+      position_power_(by_size ? kPositionPowerBySize : kPower) {
+  coarser_ = octaves_coarser(quality);
+  importance_ = mean_of(importance);
+  const double size = typical_log_scale(set) / std::log(2.0);
+  // Measured at equal loss. With estimated importance, colour counts less relative to position.
+  steps_.position = std::clamp(size - (by_size ? 3.3 : 3.1), -90.0, 90.0);
+  steps_.displacement = steps_.position + 1.0;
+  steps_.log_scale = -3.4;
+  steps_.rotation = -5.2;
+  steps_.sh[0] = by_size ? -4.35 : -4.65;
+  steps_.sh[1] = steps_.sh[2] = steps_.sh[3] = by_size ? -4.6 : -4.9;
+  steps_.opacity = step_near(std::min(-1.5 + coarser_, kCoarsestOpacity), kFineSteps);
+  double motion = std::exp2(steps_.displacement + coarser_);
+  if (max_error_ > 0.0) motion = std::min(motion, max_error_);  // half of it in each direction
+  // Limits of outliers: the range of the steps, an octave of which is reserved for importance, and
+  // the bulk of the primitives.
+  middle_ = median_of(set);
+  const Step position = bounded(steps_.position + coarser_, kPositionShare, kCoarseSteps);
+  near_distance_ =
+      std::max(std::ldexp(size_of(position), kMortonBits - 2),
+               outlier_bound(set, [&](auto i) { return distance_from(middle_, set, i); }));
+  const Step displacement = bounded(steps_.displacement + coarser_, kDisplacementShare, kFineSteps);
+  near_displacement_ =
+      std::max(std::ldexp(size_of(displacement), kFineDisplacementBits - 1),
+               outlier_bound(set, [&](auto i) { return displacement_of(set, i, longest_part_); }));
+  lifespans_.emplace(
+      longest_part, std::min(-2.0 + coarser_, kCoarsestTime),
+      std::clamp(21.0 + coarser_, 16.0, 22.0), steps_.opacity,
+      LifespanBounds{motion, std::exp2(std::min(kConstantOpacity + coarser_, kMaxConstantOpacity)),
+                     std::exp2(std::min(kEdge + coarser_, kCoarsestEdge))});
+}
+
+Step Quantiser::bounded(double octaves, double share, int in_octave) const {
+  const Step step = step_near(octaves, in_octave);
+  if (max_error_ == 0.0) return step;
+  const Step bound = step_below(std::log2(max_error_ * share), in_octave);
+  return size_of(bound) < size_of(step) ? bound : step;
+}
+
+// Coarse enough to represent the greatest displacement.
+Step Quantiser::displacement_step(double octaves, double farthest) const {
+  const Step step = bounded(octaves, kDisplacementShare, kFineSteps);
+  if (size_of(step) >= size_of(step_for(farthest, kFineDisplacementBits))) return step;
+  return coarser_of(bounded(octaves, kDisplacementShare, 1), step_for(farthest, kDisplacementBits));
+}
+
+Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set,
+                                      std::span<const PartRange> parts) const {
+  Gaussians4D out = set;
+  for (const PartRange& part : parts) {
+    for (std::uint32_t i = part.first; i < part.last; ++i) lifespans_->snap(part.interval, i, out);
+  }
+  return out;
+}
+
+int Quantiser::distance_of(const Gaussians4D& set, std::size_t i) const {
+  const double farther = std::max(distance_from(middle_, set, i) / near_distance_,
+                                  displacement_of(set, i, longest_part_) / near_displacement_);
+  if (farther <= 1.0) return 0;
+  return std::min(1 + static_cast<int>(std::log2(farther) / kDistanceOctaves), kMaxDistances);
+}
+
+GroupSteps Quantiser::steps_of(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
+                               double importance) const {
+  const double ratio = importance > 0 && importance_ > 0 ? importance_ / importance : 1.0;
+  const auto coarser_by = [&](double power) {
+    return coarser_ + std::clamp(power * std::log2(ratio), -kMaxOctaves, kMaxOctaves);
+  };
+  const double coarser = coarser_by(power_);
+  const auto fine = [coarser](double step) { return step_near(step + coarser, kFineSteps); };
+  const Extent extent = extent_of(set, &members);
+  GroupSteps out;
+  out.lifespan = lifespans_->steps_of(set, members);
+  // One value fewer than 2^21, because the origin is rounded down.
+  out.position = coarser_of(
+      bounded(steps_.position + coarser_by(position_power_), kPositionShare, kCoarseSteps),
+      step_for(extent.largest() * 1.000001, kMortonBits));
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    out.origin[axis] = on_grid(extent.low[axis], out.position);
+  out.displacement = displacement_step(steps_.displacement + coarser,
+                                       max_displacement(set, members, longest_part_));
+  out.log_scale = step_near(std::min(steps_.log_scale + coarser, kCoarsestLogScale), kFineSteps);
+  out.rotation = step_near(
+      std::clamp(steps_.rotation + coarser, kMinRotationStep, kMaxRotationStep), kCoarseSteps);
+  for (int band = 0; band < 4; ++band) out.sh[band] = fine(steps_.sh[band]);
+  return out;
+}
+
+std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSteps& steps,
+                                          double segment_begin, float part_ticks,
+                                          std::vector<std::uint32_t>& order) const {
+  std::vector<Integers> out;
+  out.push_back(position_integers(part, steps.position, steps.origin, order));
+  Gaussians4D sorted = part.gather(order);
+  minimise_rotations(sorted);
+  out.push_back(time_integers(sorted, steps.lifespan.time, segment_begin));
+  out.push_back(truncated_integers(sorted, Attribute::kSigma, steps.lifespan.sigma, 0.0f));
+  out.push_back(truncated_integers(sorted, Attribute::kRadius, steps.lifespan.radius, 1.0f));
+  out.push_back(displacement_integers(sorted, steps.displacement, part_ticks));
+  out.push_back(linear_integers(sorted, Attribute::kLogScale, Mapping::kLinear, steps.log_scale));
+  out.push_back(rotation_integers(sorted, decoded_log_scales(out.back()), steps.rotation));
+  out.push_back(linear_integers(sorted, Attribute::kOpacity, Mapping::kLinear, steps_.opacity));
+  for (int band = 0; band <= part.sh_degree; ++band) {
+    const auto attribute = static_cast<Attribute>(static_cast<int>(Attribute::kSh0) + band);
+    out.push_back(colour_integers(sorted, attribute, steps.sh[band]));
+  }
+  return out;
+}
+
+float Quantiser::position_step(const Gaussians4D& set) const {
+  const Step widest = step_for(extent_of(set, nullptr).largest() * 1.000001, kMortonBits);
+  const double coarsest = std::ceil(steps_.position + coarser_ + kMaxOctaves);
+  return static_cast<float>(size_of(coarser_of(power_above(coarsest), widest)));
+}
+
+std::vector<float> importance_by_size(const Gaussians4D& set, double ticks) {
+  std::vector<float> out(set.size());
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const float* s = set.log_scale.data() + 3 * i;
+    const float area = std::min(std::exp(s[0] + s[1] + s[2] - std::min({s[0], s[1], s[2]})),
+                                std::numeric_limits<float>::max());
+    const float opacity = math::opacity_of(set.opacity_logit[i]);
+    const float span = set.radius[i] + set.sigma[i];
+    out[i] = opacity * opacity * area * std::min(1.0f, 2.0f * span / static_cast<float>(ticks));
+  }
+  const float limit = kMaxImportance * percentile(out, 90);
+  if (limit > 0.0f) {
+    for (float& x : out) x = std::min(x, limit);
+  }
+  return out;
+}
+
+}  // namespace stgs

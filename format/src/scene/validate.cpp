@@ -1,0 +1,321 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <limits>
+
+#include "codec/values.h"
+#include "container/segment.h"
+#include "core/bytes.h"
+#include "quantise/segmenter.h"
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+constexpr double kIntervalTolerance = 0.01;  // ticks, spec 5.8
+
+void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t segment,
+                  Findings& findings) {
+  const SegmentEntry& entry = head.index.segments[segment];
+  const SceneMetadata& scene = head.metadata.scene;
+  const std::uint64_t at = entry.base.offset;
+  const std::size_t n = set.size();
+  const Interval interval = interval_of(head, entry.base, entry.part);
+  const PartEntry& part = head.parts[entry.part];
+  check_each(n, N::kOutsideSegment, true, segment, at, "visible outside the segment's interval",
+             findings, [&](std::size_t i) {
+               const Lifetime lifetime = lifetime_of(set, i, part.end - part.begin, false);
+               return !lifetime.never && (lifetime.begin < interval.begin - kIntervalTolerance ||
+                                          lifetime.end > interval.end + kIntervalTolerance);
+             });
+  check_each(n, N::kOutsideBounds, false, segment, at, "position outside the stated bounds",
+             findings, [&](std::size_t i) {
+               bool outside = false;
+               for (std::size_t axis = 0; axis < 3; ++axis) {
+                 const float x = set.position[3 * i + axis];
+                 outside |= x < scene.bounds_min[axis] || x > scene.bounds_max[axis];
+               }
+               return outside;
+             });
+}
+
+// Returns whether the payload of a record, all of which is read, is within the caller's limit.
+bool fits_memory(const RecordHeader& record, const FileHead& head, std::uint64_t at,
+                 Findings& findings) {
+  if (record.length <= head.limits.max_memory) return true;
+  findings.unsupported(N::kMemoryLimit, at,
+                       "record '{}' of {} bytes exceeds the memory limit of {} bytes",
+                       tag_text(record.tag), record.length, head.limits.max_memory);
+  return false;
+}
+
+// Checks a FRAG record before its index. `frames`: of the previous one (spec 5.12).
+void check_fragment(std::span<const std::uint8_t> payload, const FileHead& head, std::uint64_t at,
+                    std::uint64_t end, std::uint32_t& frames, Findings& findings) {
+  ByteReader in(payload);
+  const std::uint32_t now = in.u32(), flags = in.u32();
+  if (!in.ok()) return;
+  check_fragment_flags(flags, end == head.header.file_bytes, at, findings);
+  if (now < frames) {
+    findings.error(N::kFragment, at, "index fragment with {} frames follows one with {}", now,
+                   frames);
+  }
+  frames = now;
+}
+
+// Checks the records in [at, end) of the body, which the index does not list, as far as they are
+// available. `frames`: of the previous FRAG record.
+void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t at,
+                   std::uint64_t end, std::uint32_t& frames, Findings& findings) {
+  while (at < end) {
+    const std::uint64_t left = head.available_bytes - std::min(at, head.available_bytes);
+    if (left < std::min(end - at, kRecordHeaderBytes)) return;  // already reported
+    std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, end - at));
+    if (Status status = source.read(at, bytes); !status.ok()) {
+      return findings.failed_read(at, status);
+    }
+    RecordHeader record;
+    if (!parse_record_header(bytes, at, end, record, findings)) return;
+    if (record.length > left - kRecordHeaderBytes) return;
+    const bool fragment = head.growing() && record.tag == kFragmentTag;
+    const bool segment =
+        check_flags(record, record.tag == kSegmentTag || fragment, at, findings) && !fragment;
+    if (!fits_memory(record, head, at, findings)) {
+      at += kRecordHeaderBytes + record.length;
+      continue;
+    }
+    bytes.resize(record.length);
+    if (Status status = source.read(at + kRecordHeaderBytes, bytes); !status.ok()) {
+      return findings.failed_read(at, status);
+    }
+    const bool intact = check_payload(record, bytes, at + kRecordHeaderBytes, findings);
+    if (intact && fragment) {
+      check_fragment(bytes, head, at, at + kRecordHeaderBytes + record.length, frames, findings);
+    }
+    if (intact && record.tag == kImportanceTag && record.flags == 0) {
+      (void)parse_importance(bytes, head.index.primitives, at, findings);
+    }
+    if (intact && record.tag == kCopyTag && record.flags == 0) {
+      check_head_copy(source, head, at, bytes, findings);
+    }
+    if (intact) check_private_record(record, bytes, at, findings);
+    // Content added by later versions is not reported (spec 5.7, 6.1).
+    if (segment && bytes.size() >= 4 && bytes[3] <= static_cast<int>(Content::kSh)) {
+      findings.warning(N::kUnlistedRecord, at, "segment record is not listed in the index");
+    }
+    at += kRecordHeaderBytes + record.length;
+  }
+}
+
+// Returns the frame count of the last complete fragment.
+std::uint32_t shown_frames(const FileHead& head) {
+  return head.fragments.empty() ? 0 : head.metadata.scene.frames;
+}
+
+// Checks the content after the last complete fragment of a growing file: complete records, and one
+// that is being written or was truncated.
+void walk_tail(const ByteSource& source, const FileHead& head, std::uint64_t from,
+               Findings& findings) {
+  const std::uint64_t size = source.size();
+  if (from >= size) return;
+  const std::string hidden =
+      head.unreached_frames > 0
+          ? fmt::format(
+                "; they contain an index fragment with {} frames that cannot be used because a "
+                "record before it is damaged: content after frame {} is not shown",
+                head.unreached_frames, shown_frames(head))
+          : "";
+  findings.warning(N::kIncompleteTail, from, "{} bytes after the last complete fragment{}",
+                   size - from, hidden);
+  for (std::uint64_t at = from; size - at >= kRecordHeaderBytes;) {
+    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
+    if (Status status = source.read(at, bytes); !status.ok()) {
+      return findings.failed_read(at, status);
+    }
+    RecordHeader record;
+    const std::uint64_t no_end = std::numeric_limits<std::uint64_t>::max();
+    if (!parse_record_header(bytes, at, no_end, record, findings)) return;
+    at += kRecordHeaderBytes;
+    if (record.length > size - at) return;
+    if (!fits_memory(record, head, at, findings)) return;
+    bytes.resize(record.length);
+    if (Status status = source.read(at, bytes); !status.ok()) {
+      return findings.failed_read(at, status);
+    }
+    check_payload(record, bytes, at, findings);
+    at += record.length;
+  }
+}
+
+// Checks that the segments of a fragment are followed by its FRAG record; other records come before
+// the segments (spec 5.12).
+void check_gap(const ByteSource& source, const FileHead& head, std::uint64_t at, std::uint64_t end,
+               Findings& findings) {
+  if (!head.growing() || at == head.header.head_bytes) return;
+  RecordHeader record;
+  do {  // skips further records of the segments
+    if (end - at < kRecordHeaderBytes) return;
+    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
+    if (Status status = source.read(at, bytes); !status.ok()) {
+      return findings.failed_read(at, status);
+    }
+    Findings ignored;  // walk_unlisted() reports a damaged header
+    if (!parse_record_header(bytes, at, end, record, ignored)) return;
+    at += kRecordHeaderBytes + record.length;
+  } while (record.tag == kSegmentTag);
+  if (record.tag == kFragmentTag) return;
+  findings.error(N::kFragment, at,
+                 "unexpected record '{}' between the segments of a fragment and its FRAG record",
+                 tag_text(record.tag));
+}
+
+// Checks the records of the body between and after those listed in the index.
+void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
+  std::uint64_t at = head.header.head_bytes;
+  std::uint32_t frames = 0;
+  for (const IndexEntry* record : records_of(head.index.segments)) {
+    check_gap(source, head, at, record->offset, findings);
+    walk_unlisted(source, head, at, record->offset, frames, findings);
+    at = record->offset + record->bytes;
+  }
+  check_gap(source, head, at, head.header.file_bytes, findings);
+  walk_unlisted(source, head, at, head.header.file_bytes, frames, findings);
+  if (head.growing() && !head.closed) walk_tail(source, head, head.header.file_bytes, findings);
+}
+
+// Checks that further records of a segment are in ascending order of layer (spec 5.13).
+void check_further_order(const FileHead& head, Findings& findings) {
+  const std::vector<FurtherEntry>& further = head.index.further;
+  for (std::size_t i = 1; i < further.size(); ++i) {
+    const IndexEntry &a = further[i - 1].entry, &b = further[i].entry;
+    const bool same =
+        further[i - 1].part == further[i].part && a.level == b.level && a.slot == b.slot;
+    if (!same || a.layer <= b.layer) continue;
+    findings.error(N::kSegmentOrder, b.offset, "further record of layer {} follows one of layer {}",
+                   b.layer, a.layer);
+  }
+}
+
+// Checks that timed data states its times and lies in a segment that contains them (spec 5.13).
+void check_timed(ByteReader& in, const FurtherEntry& record, const FileHead& head,
+                 Findings& findings) {
+  if (content_of(record.entry.layer) < kFirstPrivateContent) return;
+  const double begin = in.f64(), end = in.f64();
+  const Interval interval = interval_of(head, record.entry, record.part);
+  if (in.ok() && interval.begin <= begin && begin <= end && end <= interval.end) return;
+  findings.error(
+      N::kTimedData, record.entry.offset,
+      "timed data is truncated or outside its segment (ticks {} to {}, segment {} to {})", begin,
+      end, interval.begin, interval.end);
+}
+
+// Checks that records of unknown content match the index (spec 6.1).
+void check_further(const ByteSource& source, const FileHead& head, Findings& findings) {
+  check_further_order(head, findings);
+  for (const FurtherEntry& further : head.index.further) {
+    const IndexEntry& entry = further.entry;
+    constexpr std::uint64_t kBytes = kRecordHeaderBytes + 8 + 2 * 8;
+    if (!head.has(entry)) continue;  // truncated: already reported
+    std::vector<std::uint8_t> bytes(std::min(entry.bytes, kBytes));
+    if (Status status = source.read(entry.offset, bytes); !status.ok()) {
+      findings.failed_read(entry.offset, status);
+      continue;
+    }
+    RecordHeader record;
+    if (!parse_record_header(bytes, entry.offset, entry.offset + entry.bytes, record, findings)) {
+      continue;
+    }
+    ByteReader in{std::span<const std::uint8_t>(bytes).subspan(kRecordHeaderBytes)};
+    const auto level = static_cast<std::int16_t>(in.u16());
+    const std::uint16_t layer = in.u16();
+    const std::uint32_t slot = in.u32();
+    if (in.ok() && record.tag == kSegmentTag && level == entry.level && layer == entry.layer &&
+        slot == entry.slot) {
+      check_timed(in, further, head, findings);
+      continue;
+    }
+    findings.error(N::kSegmentMismatch, entry.offset,
+                   "record of content {} does not match its index entry", content_of(entry.layer));
+  }
+}
+
+// Checks the records of the head that reading skips.
+void walk_head_records(const ByteSource& source, const FileHead& head, Findings& findings) {
+  const Result<std::vector<std::uint8_t>> bytes = read_head_bytes(source, head);
+  if (!bytes.ok()) return findings.failed_read(0, bytes.status());
+  for (std::uint64_t at = kHeaderBytes; at < bytes->size();) {
+    const auto rest = std::span(*bytes).subspan(at);
+    RecordHeader record;
+    if (!parse_record_header(rest, at, bytes->size(), record, findings)) return;
+    const std::uint64_t payload_at = at + kRecordHeaderBytes;
+    at = payload_at + record.length;
+    if ((record.flags & kCritical) != 0) continue;
+    const auto payload = rest.subspan(kRecordHeaderBytes, record.length);
+    if (record.tag == kWindowTag || record.tag == kPrivateTag) continue;
+    if (record.tag == kCopyTag) {
+      findings.warning(N::kForeignCopy, payload_at - kRecordHeaderBytes, "head copy within a head");
+    }
+    if (!check_payload(record, payload, payload_at, findings)) continue;
+    check_private_record(record, payload, payload_at, findings);
+  }
+}
+
+// Checks the available records of a segment, and its primitives even if its SH are damaged.
+void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
+                   Findings& findings) {
+  const SegmentEntry& segment = head.index.segments[ordinal];
+  if (!head.has(segment.base)) return;  // truncated: already reported
+  const bool has_sh = head.has(segment.sh);
+  SegmentRecords records;
+  Gaussians4D set;
+  bool good = read_segment(source, head, ordinal, has_sh, records, findings);
+  for (const SegmentRecord* record : {&records.base, &records.sh}) {
+    check_private_layouts(record->own, record->payload_at, head, findings);
+  }
+  good = good && decode_segment(records, head, ordinal, set, findings);
+  if (!good && has_sh && segment.sh.bytes > 0) {
+    Findings reported;
+    good = read_segment(source, head, ordinal, false, records = {}, reported) && reported.ok() &&
+           decode_segment(records, head, ordinal, set = {}, reported);
+  }
+  if (good) check_values(set, head, ordinal, findings);
+}
+
+void check_segments(const ByteSource& source, FileHead& head, Findings& findings) {
+  for (std::uint32_t i = 0; i < head.index.segments.size(); ++i) {
+    check_segment(source, head, i, findings);
+  }
+  for (const Layout& layout : head.layouts.layouts) {
+    if (layout.problem == 0) continue;
+    findings.error(static_cast<N>(layout.problem), layout.problem_at, "{}", layout.why);
+  }
+  check_further(source, head, findings);
+  walk_body(source, head, findings);
+  walk_head_records(source, head, findings);
+  check_private_numbers(head, findings);
+}
+
+}  // namespace
+
+Result<std::vector<Issue>> validate_scene(const ByteSource& source, const ReadLimits& limits) {
+  try {
+    Findings findings;
+    FileHead head;
+    // Beyond the limits nothing is decoded.
+    const bool reachable = read_head(source, limits, head, findings);
+    const Status status = findings.status(source.name());
+    if (status.code() == StatusCode::kIo) return status;
+    if (reachable && status.code() != StatusCode::kUnsupported) {
+      check_segments(source, head, findings);
+    }
+    // Says nothing about the file.
+    const Status checked = findings.status(source.name());
+    if (checked.code() == StatusCode::kNotBuilt) return checked;
+    return findings.take();
+  } catch (const std::exception& e) {
+    return Status(code_of(e), fmt::format("{}: {}", source.name(), e.what()));
+  }
+}
+
+}  // namespace stgs

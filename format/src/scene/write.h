@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// The steps of writing a scene, shared by files and recordings.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "scene/body_write.h"
+
+namespace stgs {
+
+// Rejects scenes and settings that a reader would reject.
+Status check_scene(const Scene& scene, const WriteSettings& settings);
+
+struct EncodedScene {
+  FileMetadata metadata;  // with the bounds
+  Body body;
+};
+// Encodes the records of a checked scene. A chunk of 0 ticks is chosen automatically.
+Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& settings,
+                                    double chunk_ticks);
+
+// Returns the records META, LAYT if there are layouts, and WNDW if there is a window.
+std::vector<std::uint8_t> write_head_records(const FileMetadata& metadata,
+                                             const LayoutSet& layouts);
+}  // namespace stgs
