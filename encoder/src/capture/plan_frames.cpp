@@ -13,6 +13,9 @@
 namespace stgs::encoder {
 namespace {
 
+// Depth needs a second view.
+constexpr std::size_t kMinTrainingCameras = 2;
+
 Result<std::vector<FrameInfo>> probe_all(const SourceCapture& source) {
   const std::size_t count = source.cameras.size();
   std::vector<std::optional<Result<FrameInfo>>> found(count);
@@ -112,12 +115,13 @@ Status split(const SourceCapture& source, const PrepareSettings& settings,
     }
     it->test = true;
   }
-  const bool trains = std::any_of(capture.cameras.begin(), capture.cameras.end(),
-                                  [](const Camera& camera) { return !camera.test; });
-  if (!trains)
-    return usage_error("{}: every camera is held out; leave some for training (--test-cameras)",
-                       source.folder);
-  return {};
+  const auto trains = [](const Camera& camera) { return !camera.test; };
+  const auto count = std::count_if(capture.cameras.begin(), capture.cameras.end(), trains);
+  if (count >= static_cast<std::ptrdiff_t>(kMinTrainingCameras)) return {};
+  return usage_error(
+      "{}: {} left for training after holding out {} (expected at least {}); hold out fewer with "
+      "--test-cameras",
+      source.folder, plural(count, "camera"), capture.cameras.size() - count, kMinTrainingCameras);
 }
 
 // Checks that every training camera with given flow has it for all frames, before the long work.
@@ -153,6 +157,7 @@ std::string extension_of(const SourceCapture& source, const std::vector<CameraPl
 Result<std::vector<CameraPlan>> plan_frames(const SourceCapture& source,
                                             const PrepareSettings& settings,
                                             PreparedCapture& capture, const LogSink& log) {
+  STGS_TRY(check_camera_count(source.folder, source.cameras));
   STGS_TRY(check_frame_numbers(source, settings.end_frame, log));
   STGS_ASSIGN(const std::vector<FrameInfo> infos, probe_all(source));
   STGS_TRY(choose_range(source, infos, settings, capture));

@@ -61,6 +61,7 @@ Result<Layout> detect(const std::string& folder) {
     if (matches(entry.layout, folder)) return entry.layout;
     evidence += fmt::format("\n  {}: {}", entry.name, entry.evidence);
   }
+  STGS_TRY(check_camera_count(folder, find_cameras(folder)));
   return usage_error("{}: unknown capture layout (see --layout); looked for:{}", folder, evidence);
 }
 
@@ -205,6 +206,14 @@ void choose_test_camera(SourceCapture& capture, const LogSink& log) {
 }
 
 }  // namespace
+
+Status check_camera_count(const std::string& folder, const std::vector<SourceCamera>& cameras) {
+  if (cameras.size() != 1) return {};
+  return invalid_file(
+      "{}: only 1 camera ('{}'), but at least 2 cameras are needed; add synchronised views "
+      "from other positions",
+      folder, cameras.front().name);
+}
 
 const char* layout_name(Layout layout) {
   for (const LayoutEntry& entry : kLayouts) {

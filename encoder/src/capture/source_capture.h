@@ -68,6 +68,9 @@ const char* layout_name(Layout layout);
 Result<SourceCapture> load_source(const std::string& folder, const PrepareSettings& settings,
                                   const ProgressSink& progress, const LogSink& log);
 
+// kInvalidFile for a capture of one camera, which has no depth.
+Status check_camera_count(const std::string& folder, const std::vector<SourceCamera>& cameras);
+
 // The layout loaders. They may throw OpenCV and filesystem exceptions.
 Result<SourceCapture> load_n3dv(const std::string& folder);
 Result<SourceCapture> load_panoptic(const std::string& folder);

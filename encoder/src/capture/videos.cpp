@@ -20,7 +20,6 @@
 #include <filesystem>
 
 #include "capture_files.h"
-#include "plural.h"
 #include "stgs/encoder/json_error.h"
 
 namespace stgs::encoder {
@@ -126,11 +125,10 @@ Result<SourceCapture> load_videos(const std::string& folder, int first_frame,
     STGS_TRY(read_cameras(folder + "/cameras.json", capture));
     STGS_TRY(attach_frames(folder, found, capture, log));
   } else {
-    if (found.size() < 2) {
+    STGS_TRY(check_camera_count(folder, found));
+    if (found.empty()) {
       return io_error(
-          "{}: found {} (a video or image folder each); calibration needs at least 2, or a "
-          "cameras.json",
-          folder, plural(found.size(), "camera"));
+          "{}: no videos or image folders found in videos/, images/ and the folder itself", folder);
     }
     capture.cameras = std::move(found);
     STGS_TRY(calibrate(first_frame, capture, progress, log));
