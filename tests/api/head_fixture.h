@@ -7,8 +7,8 @@
 #include <span>
 #include <vector>
 
-#include "bytes.h"
-#include "container.h"
+#include "core/bytes.h"
+#include "container/container.h"
 #include "copy_fixture.h"
 
 namespace stgs::testing {

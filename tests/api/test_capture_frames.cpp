@@ -310,7 +310,7 @@ TEST_CASE("prepare leaves the whole folder or nothing") {
   SECTION("never over something else") {
     settings.overwrite = true;
     CHECK(says(prepare(folder / "in", folder / "in", settings, {}, log), {"is the capture"}));
-    CHECK(says(prepare(folder / "in", folder.path, settings, {}, log), {"holds it"}));
+    CHECK(says(prepare(folder / "in", folder.path, settings, {}, log), {"contains it"}));
     write_text(folder / "mine/letter.txt", "keep me");
     CHECK(says(prepare(folder / "in", folder / "mine", settings, {}, log), {"not a prepared"}));
     CHECK(fs::exists(folder / "mine/letter.txt"));

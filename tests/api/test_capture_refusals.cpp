@@ -93,7 +93,7 @@ TEST_CASE("two files of one frame are refused") {
   const TemporaryFolder folder;
   write_abc(folder, 3);
   write_picture(folder / "images/b/000001.jpg", picture(1, 1));
-  CHECK(says(planned(folder.path), {"images/b/000001", "camera 'b'", "one file a frame"}));
+  CHECK(says(planned(folder.path), {"images/b/000001", "camera 'b'", "one file per frame"}));
 }
 
 TEST_CASE("masks beside a capture are taken whatever its layout") {
@@ -218,7 +218,7 @@ TEST_CASE("a camera's name that is not UTF-8 is refused before any work") {
 TEST_CASE("what cannot be replaced stays") {
   const TemporaryFolder folder;
   write_text(folder / "out/capture.json", "old");
-  CHECK(says(replace_folder(folder / "nothing", folder / "out"), {"/out", "put the result"}));
+  CHECK(says(replace_folder(folder / "nothing", folder / "out"), {"/out", "cannot move the result"}));
   CHECK(fs::exists(folder / "out/capture.json"));
   write_text(folder / "made/new.json", "new");
   REQUIRE(replace_folder(folder / "made", folder / "out").ok());

@@ -4,9 +4,9 @@
 #include <catch2/catch.hpp>
 #include <random>
 
-#include "draco_points.h"
+#include "codec/draco_points.h"
 #include "scene_fixture.h"
-#include "stream.h"
+#include "codec/stream.h"
 
 using namespace stgs;
 using stgs::testing::fingerprints;

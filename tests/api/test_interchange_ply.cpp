@@ -193,7 +193,7 @@ TEST_CASE("what cannot be drawn is left out of a PLY, and told of") {
   REQUIRE(back.ok());
   CHECK(back->gaussians.size() == 37);
   REQUIRE(notes.size() == 1);
-  CHECK_THAT(notes[0], Catch::Contains("3 of 40 primitives are left out"));
+  CHECK_THAT(notes[0], Catch::Contains("dropped 3 of 40 primitives"));
   CHECK(encode_scene(*back, {}).ok());
 }
 

@@ -254,7 +254,7 @@ TEST_CASE("PLY sequence: what is no sequence is refused") {
   fs::rename(folder / "00010.ply", folder / "007.ply");
   CHECK_THAT(read_ply_sequence(folder.path).status().message(), Contains("the same frame"));
   fs::rename(folder / "007.ply", folder / "model.ply");
-  CHECK_THAT(read_ply_sequence(folder.path).status().message(), Contains("no number"));
+  CHECK_THAT(read_ply_sequence(folder.path).status().message(), Contains("no frame number"));
   fs::rename(folder / "model.ply", folder / "99999999999999999999999.ply");
   CHECK(code() == StatusCode::kUsage);
   fs::remove(folder / "99999999999999999999999.ply");

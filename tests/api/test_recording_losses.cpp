@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What of a damaged recording is kept, and what is told of the rest.
-#include "container.h"
+#include "container/container.h"
 #include "recording_fixture.h"
 
 using namespace stgs;
@@ -40,8 +40,7 @@ TEST_CASE("finalize leaves a stretch out that no sound record is left of") {
   CHECK(losses.ranges[0].end <= 40);
   const auto lines = describe_damage(losses, recording_metadata().time_base);
   REQUIRE(lines.size() == 1);
-  CHECK(lines[0].find(fmt::format("with 60 primitives; {} bytes, of", lost_bytes)) !=
-        std::string::npos);
+  CHECK(lines[0].find(fmt::format("(60 primitives); {} bytes", lost_bytes)) != std::string::npos);
 }
 
 TEST_CASE("finalize keeps what is sound beside a damaged record, and the damage") {
@@ -119,7 +118,7 @@ TEST_CASE("what a damaged fragment of the index alone lists is told with its mom
   const auto lines = describe_damage(read, reader->metadata().time_base);
   REQUIRE(lines.size() == 2);
   CHECK(lines[0].find("issue 313") != std::string::npos);
-  CHECK(lines[1].find("first seen at 3.000 to 3.333 s is lost") != std::string::npos);
+  CHECK(lines[1].find("first shown at 3.000 to 3.333 s is lost") != std::string::npos);
 }
 
 TEST_CASE("a fragment that a damaged one hides is told") {
@@ -139,8 +138,8 @@ TEST_CASE("a fragment that a damaged one hides is told") {
   REQUIRE(issues.ok());
   CHECK(std::any_of(issues->begin(), issues->end(), [](const Issue& issue) {
     return issue.number == 314 &&
-           issue.message.find("of 30 frames in all, is not used") != std::string::npos &&
-           issue.message.find("beyond frame 20 is not shown") != std::string::npos;
+           issue.message.find("with 30 frames that cannot be used") != std::string::npos &&
+           issue.message.find("after frame 20 is not shown") != std::string::npos;
   }));
   CHECK(opened(path)->unreached_frames() == 0);
 }

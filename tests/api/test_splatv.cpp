@@ -151,7 +151,7 @@ TEST_CASE("splatv: what lies about itself is refused") {
   CHECK_THAT(refused(chunks), Contains("the file is truncated"));
   chunks = splatv_chunks(3);
   chunks[0]["size"] = -64;
-  CHECK_THAT(refused(chunks), Contains("no size"));
+  CHECK_THAT(refused(chunks), Contains("without a size"));
   chunks = splatv_chunks(3);
   chunks[0]["texheight"] = 4;
   CHECK_THAT(refused(chunks), Contains("do not match"));
@@ -161,7 +161,7 @@ TEST_CASE("splatv: what lies about itself is refused") {
   chunks[0]["type"] = "other";
   CHECK_THAT(refused(chunks), Contains("no chunk of type"));
   CHECK_THAT(refused({{"type", "splat"}}), Contains("not a list"));
-  CHECK_THAT(refused({1, 2}), Contains("no size"));
+  CHECK_THAT(refused({1, 2}), Contains("without a size"));
   CHECK_THAT(read(splatv_file(records, "[{")).status().message(), Contains("not valid JSON"));
   ReadLimits limits;
   limits.max_primitives = 2;

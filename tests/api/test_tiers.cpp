@@ -5,7 +5,7 @@
 #include <numeric>
 
 #include "scene_fixture.h"
-#include "tiers.h"
+#include "quantise/tiers.h"
 
 using namespace stgs;
 using Catch::Detail::Approx;

@@ -292,5 +292,5 @@ TEST_CASE("backgrounds that differ by rounding are the first window's, and that 
   const Result<Scene> merged = merge_windows({b, a}, log);
   REQUIRE(merged.ok());
   CHECK(merged->metadata.background[2] == 100 / 255.0f);
-  CHECK(told == "the windows' backgrounds differ by up to 1 of 255; 0 0 100 of a is taken");
+  CHECK(told == "the windows' backgrounds differ by up to 1 of 255; using 0 0 100 of a");
 }

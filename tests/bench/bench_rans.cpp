@@ -11,7 +11,7 @@
 #include <random>
 
 #include "min_time.h"
-#include "rans.h"
+#include "codec/rans.h"
 #include "vector_targets.h"
 
 using namespace stgs;

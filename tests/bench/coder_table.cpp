@@ -6,12 +6,12 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "draco_points.h"
-#include "layout_plan.h"
+#include "codec/draco_points.h"
+#include "codec/layout_plan.h"
 #include "min_time.h"
-#include "planes.h"
-#include "quantise.h"
-#include "rans.h"
+#include "codec/planes.h"
+#include "quantise/quantise.h"
+#include "codec/rans.h"
 
 namespace stgs::bench {
 namespace {

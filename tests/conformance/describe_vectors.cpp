@@ -8,8 +8,8 @@
 #include <string>
 
 #include "../kernels/vector_targets.h"
-#include "attributes.h"
-#include "container.h"
+#include "codec/attributes.h"
+#include "container/container.h"
 
 using namespace stgs;
 

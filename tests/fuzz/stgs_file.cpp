@@ -9,9 +9,9 @@
 #include <string_view>
 
 #include "../api/scene_fixture.h"
-#include "bytes.h"
-#include "draco_points.h"
-#include "layout.h"
+#include "core/bytes.h"
+#include "codec/draco_points.h"
+#include "codec/layout.h"
 
 namespace stgs::fuzz {
 namespace {

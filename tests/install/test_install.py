@@ -156,7 +156,7 @@ class Install(unittest.TestCase):
             self.skipTest("needs a build with OpenCV")
         capture = os.path.join(ARGUMENTS.source, "tests/data/workshop")
         told = run(programs[0][0], capture, self.at("draft.stgs"), "draft")
-        self.assertRegex(told, r"^\d+ primitives, \d+ bytes, pictures \d+\.\d dB from")
+        self.assertRegex(told, r"^\d+ primitives, \d+ bytes, PSNR \d+\.\d dB against")
         run(ARGUMENTS.minimal, self.at("draft.stgs"), "0", self.at("draft.png"))
         self.assertGreater(len(set(read_png(self.at("draft.png"))[2])), 50)
 

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "cuda/rans_decode.h"
-#include "rans.h"
+#include "codec/rans.h"
 
 namespace stgs::testing {
 

@@ -8,7 +8,7 @@
 #include <random>
 #include <vector>
 
-#include "rans.h"
+#include "codec/rans.h"
 
 namespace stgs::testing {
 

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <random>
 
-#include "layout_plan.h"
-#include "planes.h"
-#include "steps.h"
+#include "codec/layout_plan.h"
+#include "codec/planes.h"
+#include "quantise/steps.h"
 
 using namespace stgs;
 

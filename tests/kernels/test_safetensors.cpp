@@ -65,7 +65,7 @@ TEST_CASE("arrays come back as 32-bit floats from every type that is read") {
 }
 
 TEST_CASE("broken headers are refused before anything is read by them") {
-  refused(open(Bytes(5)), "too short");
+  refused(open(Bytes(5)), "shorter than 8 bytes");
   refused(open(Bytes(8)), "not a JSON object");
   refused(open(Bytes{100, 0, 0, 0, 0, 0, 0, 0, '{', '}'}), "header of 100 bytes, 2 available");
   refused(open(Bytes(16, 0xff)), "header of 18446744073709551615 bytes, 8 available");
@@ -167,7 +167,7 @@ TEST_CASE("VGG16 is read by torchvision's names, with LPIPS's linear layers or w
   Vgg16 network = random_vgg16(1, true);
   const std::uint64_t hash = (*read(network, ""))->hash;
   for (const char* name : {"features.0.weight", "features.28.bias", "lin3.model.1.weight"})
-    refused(read(network, name), fmt::format("holds no tensor '{}'", name));
+    refused(read(network, name), fmt::format("tensor '{}' is missing", name));
   network.convolutions[12].bias[511] += 1.0f;
   CHECK((*read(network, ""))->hash != hash);
   network.convolutions[5].weight.resize(9 * 256);

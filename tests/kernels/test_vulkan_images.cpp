@@ -438,7 +438,7 @@ TEST_CASE("a device that cannot be used is refused with what it lacks") {
   refused(device, StatusCode::kUsage, "family 99");
   device = host().device();
   device.lock_queue = [] {};
-  refused(device, StatusCode::kUsage, "unlocked");
+  refused(device, StatusCode::kUsage, "lock_queue");
 }
 
 TEST_CASE("a device without timeline semaphores draws, and says so where they are asked for") {

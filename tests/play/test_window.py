@@ -144,7 +144,7 @@ class WindowTest(unittest.TestCase):
                                "--size", f"{WIDTH}x{HEIGHT}", "--screenshot", "window.png",
                                "--format", "json")
         self.assertEqual(result.returncode, 0, result.stderr)
-        self.assertIn("damaged, left out", result.stderr)
+        self.assertIn("damaged, skipped", result.stderr)
         self.assertIn("scene.stgs at 1.3 s: the screenshot lacks", result.stderr)
         self.render(json.loads(result.stdout), "expected.png")
         self.assertFalse(self.differs("window.png", "expected.png"))
@@ -304,7 +304,7 @@ class WindowTest(unittest.TestCase):
             process = self.start(f"http://127.0.0.1:{nobody.getsockname()[1]}/scene.stgs")
             _, error = process.communicate(timeout=60)
         self.assertEqual(process.returncode, 2, error)
-        self.assertIn("trying again", error.split("stgs: error:")[0])
+        self.assertIn("retrying", error.split("stgs: error:")[0])
 
     def test_a_window_that_is_closed_before_its_screenshot_says_so(self):
         process = self.start("scene.stgs", "--loop", "--after", "100000", "--screenshot",

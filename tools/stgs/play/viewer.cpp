@@ -103,7 +103,7 @@ class PlayWindow {
     if (is_open_) report_.stalls = playback_.stalls();
     report_saved_screenshot(true);
     if (settings_.screenshot.empty() || done_) return {};
-    return runtime_error("{}: not written; the window was closed before", settings_.screenshot);
+    return runtime_error("{}: the window was closed before it was written", settings_.screenshot);
   }
 
   const ViewerReport& report() const { return report_; }
