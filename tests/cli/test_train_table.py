@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""tests/bench/train_table.py, which the tables of trainings in RESULTS.md are made with."""
+"""tests/bench/train_table.py, which trains and evaluates lists of variants."""
 import json
 import os
 import subprocess

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // All numbers of the training schedule, by name. The paper specifies few of them; the others are
-// tuned on training cameras (tests/bench/RESULTS.md). Members are named as --set takes them.
+// tuned on training cameras (tests/bench/results.csv). Members are named as --set takes them.
 #pragma once
 
 #include <string>

@@ -16,7 +16,7 @@ namespace stgs::encoder {
 namespace {
 
 // Above this number faint primitives are worth retaining: +0.36 dB on held-out views with 400,000.
-// With 200,000 the threshold makes no difference (tests/bench/RESULTS.md).
+// With 200,000 the threshold makes no difference (tests/bench/results.csv).
 constexpr int kManyPrimitives = 200'000;
 constexpr double kManyPruneOpacity = 0.005;
 
