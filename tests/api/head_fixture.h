@@ -7,9 +7,9 @@
 #include <span>
 #include <vector>
 
-#include "core/bytes.h"
 #include "container/container.h"
 #include "copy_fixture.h"
+#include "core/bytes.h"
 
 namespace stgs::testing {
 

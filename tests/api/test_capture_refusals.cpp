@@ -218,7 +218,8 @@ TEST_CASE("a camera's name that is not UTF-8 is refused before any work") {
 TEST_CASE("what cannot be replaced stays") {
   const TemporaryFolder folder;
   write_text(folder / "out/capture.json", "old");
-  CHECK(says(replace_folder(folder / "nothing", folder / "out"), {"/out", "cannot move the result"}));
+  CHECK(
+      says(replace_folder(folder / "nothing", folder / "out"), {"/out", "cannot move the result"}));
   CHECK(fs::exists(folder / "out/capture.json"));
   write_text(folder / "made/new.json", "new");
   REQUIRE(replace_folder(folder / "made", folder / "out").ok());

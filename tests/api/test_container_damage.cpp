@@ -89,8 +89,9 @@ TEST_CASE("a file with extra bytes after the end of the file is read, and told")
   Bytes bytes = small_file(Profile::kLossless);
   bytes.push_back(0);
   CHECK(read_all(bytes).ok());
-  CHECK((*SceneReader::open(memory_source(bytes)))->damage()[0].message.find("after the end of the file") !=
-        std::string::npos);
+  CHECK((*SceneReader::open(memory_source(bytes)))
+            ->damage()[0]
+            .message.find("after the end of the file") != std::string::npos);
   CHECK(numbers_of(issues_of(bytes)) == std::set<int>{106});
 }
 
@@ -123,9 +124,10 @@ TEST_CASE("damage stays within its segment") {
   REQUIRE(reader.ok());
   for (std::uint32_t s = 0; s < segments.size(); ++s) CHECK((*reader)->decode(s).ok() == (s != 1));
   const std::string message = (*reader)->decode(1).status().message();
-  CHECK(message == fmt::format("x.stgs: segment 1 is damaged (checksum mismatch over {} bytes) (byte {}, "
-                               "issue 112)",
-                               segments[1].bytes - kRecord, segments[1].offset + kRecord));
+  CHECK(message ==
+        fmt::format("x.stgs: segment 1 is damaged (checksum mismatch over {} bytes) (byte {}, "
+                    "issue 112)",
+                    segments[1].bytes - kRecord, segments[1].offset + kRecord));
   for (const Issue& issue : issues_of(bytes)) {
     CHECK(issue.offset >= segments[1].offset);
     CHECK(issue.offset < segments[1].offset + segments[1].bytes);

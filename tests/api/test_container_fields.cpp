@@ -23,7 +23,8 @@ TEST_CASE("the header's fields are checked one by one") {
         "x.stgs: too short for an .stgs file (expected at least 40 bytes, got 0) (byte 0, issue "
         "101)");
   CHECK(change(0, std::uint8_t{0x88}).second == std::set<int>{102});
-  CHECK(change(5, std::uint8_t{0x0D}).first.message().find("text-mode transfer") != std::string::npos);
+  CHECK(change(5, std::uint8_t{0x0D}).first.message().find("text-mode transfer") !=
+        std::string::npos);
   for (const std::uint16_t major : {std::uint16_t{0}, std::uint16_t{2}}) {
     CHECK(change(8, major).first.code() == StatusCode::kUnsupported);
     CHECK(change(8, major).second == std::set<int>{104});

@@ -5,8 +5,8 @@
 #include <random>
 
 #include "codec/draco_points.h"
-#include "scene_fixture.h"
 #include "codec/stream.h"
+#include "scene_fixture.h"
 
 using namespace stgs;
 using stgs::testing::fingerprints;

@@ -86,7 +86,8 @@ TEST_CASE("every issue number is in the text and the other way round") {
     }
     return out;
   };
-  const auto code = numbers(source_text("format/src/container/findings.h"), " = ([1-5][0-9][0-9]),");
+  const auto code =
+      numbers(source_text("format/src/container/findings.h"), " = ([1-5][0-9][0-9]),");
   CHECK(code.size() > 30);
   CHECK(code == numbers(source_text("spec/conformance.md"), "\\| ([1-5][0-9][0-9]) \\|"));
 }

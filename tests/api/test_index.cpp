@@ -6,11 +6,11 @@
 #include <random>
 #include <set>
 
+#include "container/segment_times.h"
 #include "core/bytes.h"
 #include "head_fixture.h"
-#include "scene_fixture.h"
-#include "container/segment_times.h"
 #include "quantise/segmenter.h"
+#include "scene_fixture.h"
 
 using namespace stgs;
 using stgs::testing::body_of;

@@ -192,7 +192,8 @@ TEST_CASE("what cannot be written is refused by name and number") {
         "640x0)");
   bad.metadata.start_camera = camera;
   bad.metadata.start_camera->fy = 0.0f;
-  CHECK(message(bad).find("start camera has values that are not finite, or a focal length <= 0") != std::string::npos);
+  CHECK(message(bad).find("start camera has values that are not finite, or a focal length <= 0") !=
+        std::string::npos);
   bad.metadata.start_camera = camera;
   bad.metadata.start_camera->rotation[4] = 1.1f;
   CHECK(message(bad) == "metadata: start camera has an invalid rotation matrix");

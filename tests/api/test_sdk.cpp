@@ -83,7 +83,7 @@ TEST_CASE("pictures are what the rasteriser draws, whatever their strides", "[sd
   const ScenePtr scene = open_scene(file);
   const RendererPtr renderer = cpu_renderer();
   stgs_view views[2] = {start_view(scene.get()), start_view(scene.get())};
-  REQUIRE(stgs_view_resize(&views[1], 33, 17) == STGS_OK);
+  REQUIRE(stgs_view_stretch(&views[1], 33, 17) == STGS_OK);
   views[1].background[0] = 1;
 
   auto read = read_scene(memory_source(file));

@@ -284,7 +284,7 @@ TEST_CASE("a device that cannot be lent is refused with what it lacks", "[sdk]")
   refused(device, STGS_ERROR_ARGUMENT, "family 99");
   device = good;
   device.lock_queue = [](void*) {};
-  refused(device, STGS_ERROR_ARGUMENT, "unlocked");
+  refused(device, STGS_ERROR_ARGUMENT, "lock_queue");
   device = good;
   device.struct_size = 0;
   refused(device, STGS_ERROR_STRUCT_SIZE, "struct_size");

@@ -4,8 +4,8 @@
 #include <map>
 #include <numeric>
 
-#include "scene_fixture.h"
 #include "quantise/tiers.h"
+#include "scene_fixture.h"
 
 using namespace stgs;
 using Catch::Detail::Approx;

@@ -10,8 +10,8 @@
 #include <nlohmann/json.hpp>
 #include <random>
 
-#include "min_time.h"
 #include "codec/rans.h"
+#include "min_time.h"
 #include "vector_targets.h"
 
 using namespace stgs;

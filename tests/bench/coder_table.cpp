@@ -8,10 +8,10 @@
 
 #include "codec/draco_points.h"
 #include "codec/layout_plan.h"
-#include "min_time.h"
 #include "codec/planes.h"
-#include "quantise/quantise.h"
 #include "codec/rans.h"
+#include "min_time.h"
+#include "quantise/quantise.h"
 
 namespace stgs::bench {
 namespace {

@@ -14,8 +14,8 @@
 #include "../api/sog_fixture.h"
 #endif
 #include "../api/splatv_fixture.h"
-#include "core/bytes.h"
 #include "container/container.h"
+#include "core/bytes.h"
 #include "image_io.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/format/output_file.h"

@@ -288,7 +288,7 @@ class Verbs(unittest.TestCase):
             run.send_signal(signal.SIGINT)
             error = run.communicate(timeout=20)[1]
             self.assertEqual(run.returncode, 4)
-            self.assertRegex(error, b"interrupted: ")
+            self.assertRegex(error, b"interrupted by SIGINT: ")
             self.assertLess(time.monotonic() - begin, 10)
 
     @unittest.skipUnless(shutil.which("nginx"), "needs nginx")

@@ -9,9 +9,9 @@
 #include <string_view>
 
 #include "../api/scene_fixture.h"
-#include "core/bytes.h"
 #include "codec/draco_points.h"
 #include "codec/layout.h"
+#include "core/bytes.h"
 
 namespace stgs::fuzz {
 namespace {

@@ -5,9 +5,9 @@
 // Input: u16 primitives, u8 planes, for each a table (A.2), then the group to the end.
 #include <algorithm>
 
+#include "codec/rans.h"
 #include "core/bytes.h"
 #include "mutator.h"
-#include "codec/rans.h"
 
 using namespace stgs;
 using namespace stgs::fuzz;

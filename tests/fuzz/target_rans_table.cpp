@@ -2,9 +2,9 @@
 // A table of the rANS coder as bytes (spec annex A.2), which have one form only.
 #include <numeric>
 
+#include "codec/rans.h"
 #include "core/bytes.h"
 #include "mutator.h"
-#include "codec/rans.h"
 
 using namespace stgs;
 using namespace stgs::fuzz;

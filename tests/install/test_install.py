@@ -127,8 +127,8 @@ class Install(unittest.TestCase):
                 self.assertEqual(self.picture(program, f"pc_{name}.png", environment=used),
                                  read_png(self.at("example.png")))
 
-    def test_the_commands_of_the_readme(self):
-        with open(os.path.join(ARGUMENTS.source, "README.md"), encoding="utf-8") as file:
+    def test_the_commands_of_the_embedding_page(self):
+        with open(os.path.join(ARGUMENTS.source, "sdk/docs/embedding.md"), encoding="utf-8") as file:
             block = re.search(r"<!-- not run: installs; [^\n]*\n```sh\n(.*?)```", file.read(), re.S)
         script = block.group(1)
         for there, here in (("/opt/stgs", self.at("by_readme")), ("cmake ", f"{ARGUMENTS.cmake} "),
@@ -138,7 +138,7 @@ class Install(unittest.TestCase):
             script = script.replace(there, here)
         subprocess.run(["sh", "-e", "-c", script], cwd=self.folder, check=True,
                        stdout=subprocess.DEVNULL)
-        self.assertEqual(read_png(self.at("picture.png")), read_png(self.at("example.png")))
+        self.assertEqual(read_png(self.at("image.png")), read_png(self.at("example.png")))
 
     def test_the_encoder_each_way(self):
         programs = [(self.by_find_package(name, "encode.c", "C", name), None)

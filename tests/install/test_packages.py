@@ -227,7 +227,7 @@ class Packages(unittest.TestCase):
             self.skipTest("needs a build with OpenCV")
         for command in commands[1:]:
             if command.startswith("stgs encode"):  # enough to see that it works
-                command += (" --scale 0.25 --frames 0:2 --iterations 5 --num-evals 0"
+                command += (" --scale 0.25 --frames 0:4 --iterations 5 --num-evals 0"
                             " --max-static-points 1000 --max-dynamic-points 100")
             run("sh", "-c", command.replace("/usr/share", f"{root}/usr/share"), cwd=work,
                 env=environment)

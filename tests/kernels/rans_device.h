@@ -9,8 +9,8 @@
 #include <stdexcept>
 #include <vector>
 
-#include "cuda/rans_decode.h"
 #include "codec/rans.h"
+#include "cuda/rans_decode.h"
 
 namespace stgs::testing {
 

@@ -145,7 +145,7 @@ class WindowTest(unittest.TestCase):
                                "--format", "json")
         self.assertEqual(result.returncode, 0, result.stderr)
         self.assertIn("damaged, skipped", result.stderr)
-        self.assertIn("scene.stgs at 1.3 s: the screenshot lacks", result.stderr)
+        self.assertIn("scene.stgs at 1.3 s: the screenshot is incomplete", result.stderr)
         self.render(json.loads(result.stdout), "expected.png")
         self.assertFalse(self.differs("window.png", "expected.png"))
 
