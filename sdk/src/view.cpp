@@ -39,6 +39,53 @@ bool is_side(std::uint32_t side) {
   return side >= 1 && side <= STGS_MAX_SIDE;
 }
 
+// Ratio of the new image size to the old one.
+struct Ratio {
+  double x, y;
+};
+
+void fit(Ratio ratio, stgs_view& view) {
+  const double scale = std::min(ratio.x, ratio.y);
+  const double gaze_x = view.fovea_x - static_cast<double>(view.cx);
+  const double gaze_y = view.fovea_y - static_cast<double>(view.cy);
+  view.fovea_x = static_cast<float>(view.cx * ratio.x + gaze_x * scale);
+  view.fovea_y = static_cast<float>(view.cy * ratio.y + gaze_y * scale);
+  view.fovea_radius = static_cast<float>(view.fovea_radius * scale);
+  view.fx = static_cast<float>(view.fx * scale);
+  view.fy = static_cast<float>(view.fy * scale);
+}
+
+void stretch(Ratio ratio, stgs_view& view) {
+  view.fovea_x = static_cast<float>(view.fovea_x * ratio.x);
+  view.fovea_y = static_cast<float>(view.fovea_y * ratio.y);
+  view.fovea_radius = static_cast<float>(view.fovea_radius * std::sqrt(ratio.x * ratio.y));
+  view.fx = static_cast<float>(view.fx * ratio.x);
+  view.fy = static_cast<float>(view.fy * ratio.y);
+}
+
+// Gives the caller's view another image size; `scale` sets the focal lengths and the fovea.
+stgs_result resize(stgs_view* view, std::uint32_t width, std::uint32_t height,
+                   void (*scale)(Ratio, stgs_view&)) {
+  stgs_view out = default_view();
+  if (const stgs_result bad = copy_in(view, out); bad != STGS_OK) return bad;
+  for (const std::uint32_t side : {width, height, out.width, out.height}) {
+    if (!is_side(side)) return STGS_ERROR_ARGUMENT;
+  }
+  const Ratio ratio{static_cast<double>(width) / out.width,
+                    static_cast<double>(height) / out.height};
+  scale(ratio, out);
+  out.cx = static_cast<float>(out.cx * ratio.x);
+  out.cy = static_cast<float>(out.cy * ratio.y);
+  out.width = width;
+  out.height = height;
+  for (const float length :
+       {out.fx, out.fy, out.cx, out.cy, out.fovea_x, out.fovea_y, out.fovea_radius}) {
+    if (!std::isfinite(length)) return STGS_ERROR_ARGUMENT;
+  }
+  copy_out(view, out);
+  return STGS_OK;
+}
+
 template <std::size_t N>
 bool all_finite(const float (&values)[N]) {
   return std::all_of(values, values + N, [](float v) { return std::isfinite(v); });
@@ -95,28 +142,11 @@ stgs_result stgs_view_defaults(stgs_view* view, size_t struct_size) {
 }
 
 stgs_result stgs_view_resize(stgs_view* view, uint32_t width, uint32_t height) {
-  stgs_view out = stgs::sdk::default_view();
-  if (const stgs_result bad = stgs::sdk::copy_in(view, out); bad != STGS_OK) return bad;
-  for (const uint32_t side : {width, height, out.width, out.height}) {
-    if (!stgs::sdk::is_side(side)) return STGS_ERROR_ARGUMENT;
-  }
-  const double x = static_cast<double>(width) / out.width;
-  const double y = static_cast<double>(height) / out.height;
-  out.fx = static_cast<float>(out.fx * x);
-  out.cx = static_cast<float>(out.cx * x);
-  out.fy = static_cast<float>(out.fy * y);
-  out.cy = static_cast<float>(out.cy * y);
-  out.fovea_x = static_cast<float>(out.fovea_x * x);
-  out.fovea_y = static_cast<float>(out.fovea_y * y);
-  out.fovea_radius = static_cast<float>(out.fovea_radius * std::sqrt(x * y));
-  out.width = width;
-  out.height = height;
-  for (const float length :
-       {out.fx, out.fy, out.cx, out.cy, out.fovea_x, out.fovea_y, out.fovea_radius}) {
-    if (!std::isfinite(length)) return STGS_ERROR_ARGUMENT;
-  }
-  stgs::sdk::copy_out(view, out);
-  return STGS_OK;
+  return stgs::sdk::resize(view, width, height, stgs::sdk::fit);
+}
+
+stgs_result stgs_view_stretch(stgs_view* view, uint32_t width, uint32_t height) {
+  return stgs::sdk::resize(view, width, height, stgs::sdk::stretch);
 }
 
 stgs_result stgs_scene_start_view(stgs_scene* scene, stgs_view* view) {

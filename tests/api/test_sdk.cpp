@@ -83,7 +83,7 @@ TEST_CASE("pictures are what the rasteriser draws, whatever their strides", "[sd
   const ScenePtr scene = open_scene(file);
   const RendererPtr renderer = cpu_renderer();
   stgs_view views[2] = {start_view(scene.get()), start_view(scene.get())};
-  REQUIRE(stgs_view_resize(&views[1], 33, 17) == STGS_OK);
+  REQUIRE(stgs_view_stretch(&views[1], 33, 17) == STGS_OK);
   views[1].background[0] = 1;
 
   auto read = read_scene(memory_source(file));
@@ -161,7 +161,7 @@ TEST_CASE("pictures are whole where the eye looks, and nearly so elsewhere", "[s
   with_fovea.fovea_radius = 50;
   check_foveated(whole, draw_rgba8(renderer.get(), scene.get(), 0.5, with_fovea), with_fovea);
 
-  REQUIRE(stgs_view_resize(&with_fovea, 8 * kSdkWidth, 2 * kSdkHeight) == STGS_OK);
+  REQUIRE(stgs_view_stretch(&with_fovea, 8 * kSdkWidth, 2 * kSdkHeight) == STGS_OK);
   CHECK(with_fovea.fovea_x == 200);
   CHECK(with_fovea.fovea_y == 40);
   CHECK(with_fovea.fovea_radius == 50);
@@ -176,7 +176,7 @@ TEST_CASE("pictures are whole where the eye looks, and nearly so elsewhere", "[s
   }
   stgs_view wide = view;
   wide.fx = 3e38f;
-  CHECK(stgs_view_resize(&wide, 32768, kSdkHeight) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_view_stretch(&wide, 32768, kSdkHeight) == STGS_ERROR_ARGUMENT);
   CHECK(wide.width == view.width);
   CHECK(wide.fx == 3e38f);
 }

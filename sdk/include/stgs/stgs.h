@@ -177,11 +177,13 @@ typedef struct stgs_view {
  * pixels, over black. `struct_size` is sizeof(*view). */
 STGS_API stgs_result stgs_view_defaults(stgs_view* view, size_t struct_size);
 
-/* Changes the image size of a view and keeps its horizontal and vertical view angles.
+/* Changes the image size of a view and keeps its pixels square.
  *
- * The focal lengths, the principal point and the fovea scale with the image, each axis on its own,
- * so that another aspect ratio stretches the image. Fails with STGS_ERROR_ARGUMENT, without
- * changing the view, if a size is out of range or a scaled length is not finite. */
+ * Fits the view angle: the image shows at least what it showed before, and more along one axis if
+ * the aspect ratio changes. fx and fy keep their ratio, the principal point its relative position
+ * in the image, and the fovea its direction and angular size. To stretch the image instead, use
+ * stgs_view_stretch. STGS_ERROR_ARGUMENT: a size is out of range, or a scaled length is not finite;
+ * the view is unchanged. */
 STGS_API stgs_result stgs_view_resize(stgs_view* view, uint32_t width, uint32_t height);
 
 /* --- Images --- */
@@ -267,5 +269,6 @@ STGS_API stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, dou
 /* The remaining headers of the library; each needs the declarations above. */
 #include "stgs/stgs_player.h"
 #include "stgs/stgs_scene.h"
+#include "stgs/stgs_view.h"
 
 #endif

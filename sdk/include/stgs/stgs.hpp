@@ -137,9 +137,14 @@ inline stgs_view default_view() {
 inline stgs_image empty_image() {
   return detail::with_defaults<stgs_image>(stgs_image_defaults);
 }
-// Returns the view with another image size, see stgs_view_resize.
+// Returns the view with another image size and square pixels, see stgs_view_resize.
 inline stgs_view resized(stgs_view view, std::uint32_t width, std::uint32_t height) {
   check(stgs_view_resize(&view, width, height));
+  return view;
+}
+// Returns the view with another image size and the same view angles, see stgs_view_stretch.
+inline stgs_view stretched(stgs_view view, std::uint32_t width, std::uint32_t height) {
+  check(stgs_view_stretch(&view, width, height));
   return view;
 }
 

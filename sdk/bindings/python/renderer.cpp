@@ -217,7 +217,19 @@ void declare_view(py::module_& module) {
         return out;
       },
       py::arg("width"), py::arg("height"),
-      "Returns the view with another image size; each axis keeps its view angle.");
+      "Returns the view with another image size and square pixels: it shows at least what this "
+      "view "
+      "shows.");
+  view.def(
+      "stretched",
+      [](const View& self, std::uint32_t width, std::uint32_t height) {
+        View out = self;
+        const stgs_result result = stgs_view_stretch(&out.view, width, height);
+        if (result != STGS_OK) throw Failure(result, "view: invalid image size");
+        return out;
+      },
+      py::arg("width"), py::arg("height"),
+      "Returns the view with another image size and the same view angles: pixels are stretched.");
   view.def("__copy__", [](const View& self) { return self; });
 }
 
