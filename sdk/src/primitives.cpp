@@ -97,10 +97,7 @@ stgs_result stgs_scene_get_primitives(stgs_scene* scene, double seconds,
       STGS_SDK_TRY(stgs::sdk::copy_in(primitives, requested, "primitives"));
     }
     if (count == nullptr) return {STGS_ERROR_ARGUMENT, "count is NULL"};
-    if (!std::isfinite(seconds)) {
-      return {STGS_ERROR_ARGUMENT,
-              fmt::format("seconds is {} (expected a finite number)", seconds)};
-    }
+    STGS_SDK_TRY(scene->clamp_time(seconds));
     STGS_SDK_TRY(scene->check_memory(seconds));
     stgs::player::Timeline& timeline = *scene->timeline;
     const auto active = timeline.at(seconds);

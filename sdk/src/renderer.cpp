@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "renderer.h"
 
-#include <cmath>
 #include <new>
 #include <utility>
 
@@ -63,13 +62,10 @@ stgs_result create_renderer(const stgs_renderer_settings* settings, stgs_rendere
   return result;
 }
 
-Outcome check_time(const stgs_scene* scene, double seconds) {
+Outcome clamp_time(const stgs_scene* scene, double& seconds) {
   if (scene == nullptr) return {STGS_ERROR_ARGUMENT, "scene is NULL"};
   STGS_SDK_TRY(scene->check_open());
-  if (!std::isfinite(seconds)) {
-    return {STGS_ERROR_ARGUMENT, fmt::format("seconds is {} (expected a finite number)", seconds)};
-  }
-  return {};
+  return scene->clamp_time(seconds);
 }
 
 Outcome copy_in_views(stgs_renderer& renderer, const stgs_view* views, std::uint32_t count) {
@@ -89,10 +85,10 @@ Outcome copy_in_views(stgs_renderer& renderer, const stgs_view* views, std::uint
   return {};
 }
 
-Outcome copy_in_arguments(stgs_renderer& renderer, const stgs_scene* scene, double seconds,
+Outcome copy_in_arguments(stgs_renderer& renderer, const stgs_scene* scene, double& seconds,
                           const stgs_view* views, const stgs_image* images, std::uint32_t count,
                           Images& known) {
-  STGS_SDK_TRY(check_time(scene, seconds));
+  STGS_SDK_TRY(clamp_time(scene, seconds));
   STGS_SDK_TRY(copy_in_views(renderer, views, count));
   if (images == nullptr) return {STGS_ERROR_ARGUMENT, "images is NULL"};
   known = {};

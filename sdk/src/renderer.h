@@ -31,15 +31,15 @@ namespace stgs::sdk {
 stgs_result create_renderer(const stgs_renderer_settings* settings, stgs_renderer** out,
                             const std::function<Outcome(stgs_renderer&, stgs_backend)>& make);
 
-// Checks that the scene is open and the time finite.
-Outcome check_time(const stgs_scene* scene, double seconds);
+// Checks that the scene is open and the time in its clip, and clamps the time.
+Outcome clamp_time(const stgs_scene* scene, double& seconds);
 // Copies the caller's views, checked, to renderer.views.
 Outcome copy_in_views(stgs_renderer& renderer, const stgs_view* views, std::uint32_t count);
 
 using Images = std::array<stgs_image, STGS_MAX_VIEWS>;
-// Checks the arguments of a call that renders into images; copies the views to renderer.views and
-// `count` images to `known`.
-Outcome copy_in_arguments(stgs_renderer& renderer, const stgs_scene* scene, double seconds,
+// Checks the arguments of a call that renders into images; clamps the time, and copies the views to
+// renderer.views and `count` images to `known`.
+Outcome copy_in_arguments(stgs_renderer& renderer, const stgs_scene* scene, double& seconds,
                           const stgs_view* views, const stgs_image* images, std::uint32_t count,
                           Images& known);
 // Renders renderer.views; the frames stay in the backend.

@@ -2,6 +2,7 @@
 #include "scene.h"
 
 #include <algorithm>
+#include <cmath>
 #include <new>
 #include <utility>
 
@@ -95,6 +96,23 @@ void stgs_scene::log_new_damage() {
                     one.sh_only ? "view-dependent colour" : "any of its primitives",
                     one.reason.message()));
   }
+}
+
+Outcome stgs_scene::clamp_time(double& seconds) const {
+  if (!std::isfinite(seconds)) {
+    return {STGS_ERROR_ARGUMENT, fmt::format("seconds is {} (expected a finite number)", seconds)};
+  }
+  const double duration = timeline->duration_seconds();
+  const double tolerance = timeline->metadata().time_base.seconds(0.5);
+  const bool is_growing = of_player && timeline->reader().form() == stgs::SceneForm::kGrowing;
+  if (seconds < -tolerance || (seconds > duration + tolerance && !is_growing)) {
+    return {STGS_ERROR_ARGUMENT,
+            fmt::format("{}: seconds is {:.10g}, outside of the clip (expected 0 to {:.10g})",
+                        timeline->name(), seconds, duration)};
+  }
+  seconds = std::max(seconds, 0.0);
+  if (!is_growing) seconds = std::min(seconds, duration);
+  return {};
 }
 
 Outcome stgs_scene::check_memory(double seconds) {

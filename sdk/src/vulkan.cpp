@@ -191,7 +191,7 @@ stgs_result stgs_vulkan_submit(stgs_renderer* renderer, stgs_scene* scene, doubl
                                const stgs_vulkan_frame* frame, uint64_t* number) {
   return guarded(renderer, [&]() -> Outcome {
     STGS_SDK_TRY(check_vulkan(*renderer));
-    STGS_SDK_TRY(stgs::sdk::check_time(scene, seconds));
+    STGS_SDK_TRY(stgs::sdk::clamp_time(scene, seconds));
     KnownFrame known;
     STGS_SDK_TRY(copy_in_frame(*renderer, frame, known));
     STGS_SDK_TRY(scene->check_memory(seconds));

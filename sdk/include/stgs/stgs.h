@@ -254,11 +254,16 @@ STGS_API stgs_result stgs_renderer_get_backend(stgs_renderer* renderer, stgs_bac
 
 /* Renders 1 to STGS_MAX_VIEWS views of the scene at the time `seconds` and waits for the images.
  *
- * images[i] receives views[i]. `seconds` may lie outside the clip. The call uses both the renderer
- * and the scene: no other thread may use either. Invalid arguments leave the buffers unchanged;
- * other errors leave their content undefined. STGS_ERROR_LIMIT: the segments active at this time
- * need more than max_memory. STGS_ERROR_RUNTIME: the splats of a view cover more than 2^26 tiles of
- * 16 x 16 pixels, as large splats can in images with sides of tens of thousands of pixels. */
+ * images[i] receives views[i]. `seconds` is in the clip, 0 to stgs_scene_info.duration_seconds;
+ * other times fail with STGS_ERROR_ARGUMENT, except that times up to half a frame outside count as
+ * the nearer end, to allow for rounding. A recording that a player follows has no end: times beyond
+ * its edge are valid, but the image is incomplete. The times of stgs_player_status are always valid.
+ *
+ * The call uses both the renderer and the scene: no other thread may use either. Invalid arguments
+ * leave the buffers unchanged; other errors leave their content undefined. STGS_ERROR_LIMIT: the
+ * segments active at this time need more than max_memory. STGS_ERROR_RUNTIME: the splats of a view
+ * cover more than 2^26 tiles of 16 x 16 pixels, as large splats can in images with sides of tens of
+ * thousands of pixels. */
 STGS_API stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
                                  const stgs_view* views, const stgs_image* images, uint32_t count);
 

@@ -100,7 +100,8 @@ typedef struct stgs_primitives {
  * sizeof(*primitives). */
 STGS_API stgs_result stgs_primitives_defaults(stgs_primitives* primitives, size_t struct_size);
 
-/* Returns the primitives that are visible at the time `seconds`, which may lie outside the clip.
+/* Returns the primitives that are visible at the time `seconds`, which is in the clip as for
+ * stgs_render.
  *
  * *count is the number of visible primitives; the arrays receive as many of them as fit, in the
  * order of the file. NULL primitives: count only. After an error the content of the arrays is
