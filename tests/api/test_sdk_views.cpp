@@ -1,17 +1,49 @@
 // SPDX-License-Identifier: Apache-2.0
-// Views of the C interface: image size.
+// Views of the C interface: image size, look-at and orbit.
 #include <array>
 #include <cmath>
+#include <numbers>
 
 #include "sdk_fixture.h"
 
 namespace stgs::testing {
 namespace {
 
+using Vector = std::array<double, 3>;
+
 stgs_view default_view() {
   stgs_view view;
   REQUIRE(stgs_view_defaults(&view, sizeof view) == STGS_OK);
   return view;
+}
+
+Vector in_camera(const stgs_view& view, const Vector& point) {
+  Vector out{};
+  for (std::size_t row = 0; row < 3; ++row) {
+    out[row] = view.translation[row];
+    for (std::size_t i = 0; i < 3; ++i) out[row] += view.rotation[3 * row + i] * point[i];
+  }
+  return out;
+}
+
+Vector position_of(const stgs_view& view) {
+  Vector out{};
+  for (std::size_t row = 0; row < 3; ++row) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      out[i] -= view.rotation[3 * row + i] * view.translation[row];
+    }
+  }
+  return out;
+}
+
+std::array<double, 2> pixel_of(const stgs_view& view, const Vector& point) {
+  const Vector p = in_camera(view, point);
+  REQUIRE(p[2] > 0);
+  return {view.fx * p[0] / p[2] + view.cx, view.fy * p[1] / p[2] + view.cy};
+}
+
+double distance(const Vector& a, const Vector& b) {
+  return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 }
 
 // Tangents of the angles to the left, top, right and bottom edge of the image.
@@ -95,6 +127,102 @@ TEST_CASE("sizes out of range leave a view unchanged", "[sdk]") {
     view.struct_size = 12;
     CHECK(function(&view, 100, 100) == STGS_ERROR_STRUCT_SIZE);
   }
+}
+
+TEST_CASE("a camera looks at its target, upright", "[sdk]") {
+  stgs_view view = off_centre_view();
+  const float eye[] = {3, -2, 1}, target[] = {-1, 0.5f, 6}, up[] = {0, 0, 10};
+  REQUIRE(stgs_view_look_at(&view, eye, target, up) == STGS_OK);
+  CHECK(distance(position_of(view), {3, -2, 1}) < 1e-5);
+  const auto pixel = pixel_of(view, {-1, 0.5, 6});
+  CHECK(pixel[0] == Approx(view.cx).margin(1e-3));
+  CHECK(pixel[1] == Approx(view.cy).margin(1e-3));
+  // Above the target is above it in the image, and nowhere else.
+  const auto above = pixel_of(view, {-1, 0.5, 6.5});
+  CHECK(above[0] == Approx(pixel[0]).margin(1e-3));
+  CHECK(above[1] < pixel[1]);
+  CHECK(view.fx == off_centre_view().fx);
+  // Valid for rendering.
+  const auto file = sdk_file();
+  const ScenePtr scene = open_scene(file);
+  CHECK(draw_rgba8(cpu_renderer().get(), scene.get(), 0.1, view).size() == 4 * 400 * 300);
+}
+
+TEST_CASE("without an up direction a camera keeps its own", "[sdk]") {
+  const float eye[] = {0, 0, -5}, target[] = {0, 0, 0}, none[] = {0, 0, 0};
+  for (const float* up : {static_cast<const float*>(nullptr), none}) {
+    stgs_view view = default_view();
+    REQUIRE(stgs_view_look_at(&view, eye, target, up) == STGS_OK);
+    const stgs_view level = default_view();
+    for (int i = 0; i < 9; ++i) CHECK(view.rotation[i] == Approx(level.rotation[i]).margin(1e-6));
+    CHECK(view.translation[2] == Approx(5));
+  }
+}
+
+TEST_CASE("directions that are none leave a view unchanged", "[sdk]") {
+  const stgs_view before = off_centre_view();
+  stgs_view view = before;
+  const float a[] = {1, 2, 3}, b[] = {1, 2, 8}, z[] = {0, 0, -2}, nan[] = {0, NAN, 0};
+  CHECK(stgs_view_look_at(&view, a, a, nullptr) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_view_look_at(&view, a, b, z) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_view_look_at(&view, nan, b, nullptr) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_view_look_at(&view, a, b, nan) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_view_look_at(&view, nullptr, b, nullptr) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_view_look_at(nullptr, a, b, nullptr) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_view_orbit(&view, nullptr, nullptr, 1, 0) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_view_orbit(&view, a, nullptr, NAN, 0) == STGS_ERROR_ARGUMENT);
+  const float at_camera[] = {0, 0, 0};
+  CHECK(stgs_view_orbit(&view, at_camera, nullptr, 1, 0) == STGS_ERROR_ARGUMENT);
+  CHECK(std::equal(view.rotation, view.rotation + 9, before.rotation));
+  CHECK(std::equal(view.translation, view.translation + 3, before.translation));
+  view.rotation[0] = 2;
+  CHECK(stgs_view_orbit(&view, a, nullptr, 1, 0) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_view_look_at(&view, a, b, nullptr) == STGS_ERROR_ARGUMENT);
+}
+
+TEST_CASE("a turntable keeps the centre at its pixel and comes round", "[sdk]") {
+  stgs_view view = off_centre_view();
+  const float eye[] = {1, -1, -4}, target[] = {0, 0.2f, 0}, up[] = {0, -1, 0};
+  const float centre[] = {0.3f, 0.1f, 0.5f};
+  const Vector middle = {centre[0], centre[1], centre[2]};
+  REQUIRE(stgs_view_look_at(&view, eye, target, up) == STGS_OK);
+  const stgs_view first = view;
+  const auto pixel = pixel_of(view, middle);
+  const double radius = distance(position_of(view), middle);
+  constexpr int kSteps = 360;
+  for (int i = 0; i < kSteps; ++i) {
+    REQUIRE(stgs_view_orbit(&view, centre, up, 2 * std::numbers::pi / kSteps, 0) == STGS_OK);
+    const auto now = pixel_of(view, middle);
+    REQUIRE(now[0] == Approx(pixel[0]).margin(0.05));
+    REQUIRE(now[1] == Approx(pixel[1]).margin(0.05));
+    REQUIRE(distance(position_of(view), middle) == Approx(radius).epsilon(1e-4));
+    REQUIRE(position_of(view)[1] == Approx(-1).margin(1e-3));  // at its height
+  }
+  CHECK(distance(position_of(view), position_of(first)) < 1e-3);
+}
+
+TEST_CASE("a positive azimuth moves the camera to its right, a positive elevation up", "[sdk]") {
+  stgs_view view = default_view();
+  const float eye[] = {0, 0, -5}, origin[] = {0, 0, 0}, up[] = {0, -1, 0};
+  REQUIRE(stgs_view_look_at(&view, eye, origin, up) == STGS_OK);
+  stgs_view right = view;
+  REQUIRE(stgs_view_orbit(&right, origin, up, std::numbers::pi / 2, 0) == STGS_OK);
+  CHECK(distance(position_of(right), {5, 0, 0}) < 1e-5);
+  stgs_view high = view;
+  REQUIRE(stgs_view_orbit(&high, origin, up, 0, std::numbers::pi / 6) == STGS_OK);
+  CHECK(position_of(high)[1] == Approx(-2.5));
+  CHECK(high.rotation[1] == Approx(0).margin(1e-6));  // its x axis stays level
+  // It stops a degree from the pole, and comes back from there.
+  stgs_view pole = view;
+  for (int i = 0; i < 10; ++i) REQUIRE(stgs_view_orbit(&pole, origin, up, 0, 1) == STGS_OK);
+  CHECK(position_of(pole)[1] == Approx(-5 * std::sin(89 * std::numbers::pi / 180)));
+  REQUIRE(stgs_view_orbit(&pole, origin, up, 0, -89 * std::numbers::pi / 180) == STGS_OK);
+  CHECK(distance(position_of(pole), position_of(view)) < 1e-3);
+  // From above it may come down, around its own x axis.
+  const float above[] = {0, -5, 0}, north[] = {0, 0, 1};
+  REQUIRE(stgs_view_look_at(&view, above, origin, north) == STGS_OK);
+  REQUIRE(stgs_view_orbit(&view, origin, up, 0, -std::numbers::pi / 2) == STGS_OK);
+  CHECK(distance(position_of(view), {0, 0, -5}) < 1e-4);
 }
 
 }  // namespace stgs::testing

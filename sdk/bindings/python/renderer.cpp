@@ -230,6 +230,39 @@ void declare_view(py::module_& module) {
       },
       py::arg("width"), py::arg("height"),
       "Returns the view with another image size and the same view angles: pixels are stretched.");
+  using Vector = std::array<float, 3>;
+  view.def(
+      "looking_at",
+      [](const View& self, const Vector& eye, const Vector& target,
+         const std::optional<Vector>& up) {
+        View out = self;
+        const stgs_result result =
+            stgs_view_look_at(&out.view, eye.data(), target.data(), up ? up->data() : nullptr);
+        if (result != STGS_OK) {
+          throw Failure(result,
+                        "looking_at: eye and target coincide, up is parallel to the line "
+                        "between them, or a value is invalid");
+        }
+        return out;
+      },
+      py::arg("eye"), py::arg("target"), py::arg("up") = py::none(),
+      "Returns the view from `eye` to `target`. `up` points against gravity; None or zeros: as in "
+      "this view.");
+  view.def(
+      "orbited",
+      [](const View& self, const Vector& centre, double azimuth, double elevation,
+         const std::optional<Vector>& up) {
+        View out = self;
+        const stgs_result result = stgs_view_orbit(&out.view, centre.data(),
+                                                   up ? up->data() : nullptr, azimuth, elevation);
+        if (result != STGS_OK) {
+          throw Failure(result, "orbited: the camera is at the centre, or a value is invalid");
+        }
+        return out;
+      },
+      py::arg("centre"), py::arg("azimuth"), py::arg("elevation") = 0.0, py::arg("up") = py::none(),
+      "Returns the view, moved around `centre` by `azimuth` radians to its right and `elevation` "
+      "radians towards `up`. None or zeros: as in this view.");
   view.def("__copy__", [](const View& self) { return self; });
 }
 

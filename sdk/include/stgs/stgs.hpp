@@ -6,6 +6,7 @@
 #ifndef STGS_STGS_HPP
 #define STGS_STGS_HPP
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -145,6 +146,20 @@ inline stgs_view resized(stgs_view view, std::uint32_t width, std::uint32_t heig
 // Returns the view with another image size and the same view angles, see stgs_view_stretch.
 inline stgs_view stretched(stgs_view view, std::uint32_t width, std::uint32_t height) {
   check(stgs_view_stretch(&view, width, height));
+  return view;
+}
+// A point or direction, scene units.
+using Vector3 = std::array<float, 3>;
+// Returns the view from `eye` to `target`, see stgs_view_look_at. `up` 0, 0, 0: as in `view`.
+inline stgs_view looking_at(stgs_view view, const Vector3& eye, const Vector3& target,
+                            const Vector3& up = {}) {
+  check(stgs_view_look_at(&view, eye.data(), target.data(), up.data()));
+  return view;
+}
+// Returns the view, moved around `centre`, see stgs_view_orbit. `up` 0, 0, 0: as in `view`.
+inline stgs_view orbited(stgs_view view, const Vector3& centre, double azimuth,
+                         double elevation = 0, const Vector3& up = {}) {
+  check(stgs_view_orbit(&view, centre.data(), up.data(), azimuth, elevation));
   return view;
 }
 

@@ -20,6 +20,25 @@ extern "C" {
  * stgs_view_resize. */
 STGS_API stgs_result stgs_view_stretch(stgs_view* view, uint32_t width, uint32_t height);
 
+/* Moves the camera of a view to `eye` and points it at `target`; lens and image size stay.
+ *
+ * All vectors are in scene units. `up` points against gravity and may have any length: for example
+ * stgs_scene_info.up. NULL or 0, 0, 0: the present up direction of the view. STGS_ERROR_ARGUMENT: a
+ * value is not finite, eye and target coincide, `up` is parallel to the line between them, or the
+ * view is invalid. */
+STGS_API stgs_result stgs_view_look_at(stgs_view* view, const float eye[3], const float target[3],
+                                       const float up[3]);
+
+/* Moves the camera of a view on a sphere around `centre`, which stays at its place in the image.
+ *
+ * First rotates the camera by `azimuth` radians around the axis through `centre` along `up`; from a
+ * level camera, positive angles move it to its right. Then raises it by `elevation` radians towards
+ * `up`, up to 89 degrees above or below the centre. `up` as for stgs_view_look_at. For a turntable
+ * of n frames, call it n times with 2 * pi / n and 0. STGS_ERROR_ARGUMENT: a value is not finite,
+ * the camera is at `centre`, or the view is invalid. */
+STGS_API stgs_result stgs_view_orbit(stgs_view* view, const float centre[3], const float up[3],
+                                     double azimuth, double elevation);
+
 #ifdef __cplusplus
 }
 #endif
