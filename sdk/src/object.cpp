@@ -128,6 +128,8 @@ const char* stgs_result_name(stgs_result result) {
       return "STGS_ERROR_CANCELLED";
     case STGS_ERROR_DEVICE_LOST:
       return "STGS_ERROR_DEVICE_LOST";
+    case STGS_ERROR_TIMEOUT:
+      return "STGS_ERROR_TIMEOUT";
     case STGS_ERROR_UNSUPPORTED:
       return "STGS_ERROR_UNSUPPORTED";
     case STGS_ERROR_NOT_BUILT:

@@ -136,29 +136,35 @@ stgs_event_kind kind_of(PlayerEvent::Kind kind) {
   return STGS_EVENT_FINISHED;
 }
 
-Outcome check_open(const stgs_player& player) {
-  if (player.player != nullptr) return {};
+}  // namespace
+
+Outcome stgs_player::check_open() const {
+  if (player != nullptr) return {};
   return {STGS_ERROR_STATE, "no file is open; open one and wait for it first"};
 }
 
-stgs_player_status status_of(const stgs_player& player) {
-  stgs_player_status out{};
-  out.struct_size = sizeof(out);
-  if (player.player == nullptr) {
-    out.state = player.opening.valid() ? STGS_PLAYER_OPENING : STGS_PLAYER_CLOSED;
-    return out;
-  }
-  const stgs::player::Player& open = *player.player;
-  out.state = state_of(open.state());
-  out.seconds = open.seconds();
-  out.layers = open.layers();
-  out.layer_count = open.layer_count();
-  out.ready = open.ready() ? 1 : 0;
-  out.is_complete = open.is_complete() ? 1 : 0;
-  return out;
+void stgs_player::advance(double now) {
+  last_now = now;
+  finish_opening(false);
+  if (player != nullptr) player->advance(now);
+  collect_events();
 }
 
-}  // namespace
+stgs_player_status stgs_player::status() const {
+  stgs_player_status out{};
+  out.struct_size = sizeof(out);
+  if (player == nullptr) {
+    out.state = opening.valid() ? STGS_PLAYER_OPENING : STGS_PLAYER_CLOSED;
+    return out;
+  }
+  out.state = state_of(player->state());
+  out.seconds = player->seconds();
+  out.layers = player->layers();
+  out.layer_count = player->layer_count();
+  out.ready = player->ready() ? 1 : 0;
+  out.is_complete = player->is_complete() ? 1 : 0;
+  return out;
+}
 
 void stgs_player::push_event(Event event) noexcept {
   event.event.struct_size = sizeof(event.event);
@@ -264,14 +270,14 @@ stgs_result stgs_player_pause(stgs_player* player) {
 
 stgs_result stgs_player_seek(stgs_player* player, double seconds) {
   return guarded(player, [&]() -> Outcome {
-    STGS_SDK_TRY(check_open(*player));
+    STGS_SDK_TRY(player->check_open());
     return player->player->seek(seconds);
   });
 }
 
 stgs_result stgs_player_seek_frame(stgs_player* player, uint32_t frame) {
   return guarded(player, [&]() -> Outcome {
-    STGS_SDK_TRY(check_open(*player));
+    STGS_SDK_TRY(player->check_open());
     return player->player->seek_frame(frame);
   });
 }
@@ -298,7 +304,7 @@ stgs_result stgs_player_set_loop(stgs_player* player, int32_t loop) {
 
 stgs_result stgs_player_go_live(stgs_player* player) {
   return guarded(player, [&]() -> Outcome {
-    STGS_SDK_TRY(check_open(*player));
+    STGS_SDK_TRY(player->check_open());
     player->player->go_live();
     return {};
   });
@@ -321,10 +327,8 @@ stgs_result stgs_player_update(stgs_player* player, double now, stgs_player_stat
     if (!std::isfinite(now))
       return {STGS_ERROR_ARGUMENT, fmt::format("now is {} (expected a finite number)", now)};
     if (status != nullptr) STGS_SDK_TRY(stgs::sdk::check_struct(status, "status"));
-    player->finish_opening(false);
-    if (player->player != nullptr) player->player->advance(now);
-    player->collect_events();
-    if (status != nullptr) stgs::sdk::copy_out(status, status_of(*player));
+    player->advance(now);
+    if (status != nullptr) stgs::sdk::copy_out(status, player->status());
     return {};
   });
 }

@@ -5,6 +5,7 @@
 #include <future>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -67,6 +68,8 @@ struct stgs_player {
   bool has_opened = false;                                // `opened` is set
   std::unique_ptr<stgs::player::Player> player;           // null: not open
 
+  std::optional<double> last_now;  // of the last update
+
   // State to apply once the file is open.
   bool playing = false, loop = false;
   double rate = 1;
@@ -81,6 +84,10 @@ struct stgs_player {
   void push_event(Event event) noexcept;
   // Queues the events of the opening and of the player.
   void collect_events();
+  stgs::sdk::Outcome check_open() const;
+  // Advances the player to `now` and queues its events.
+  void advance(double now);
+  stgs_player_status status() const;
 
  private:
   void push_event(stgs::player::PlayerEvent& from);

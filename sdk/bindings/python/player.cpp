@@ -82,6 +82,11 @@ class Player {
     });
     return status;
   }
+  stgs_player_status seek_and_wait(double seconds, double timeout) {
+    auto status = sized<stgs_player_status>();
+    run([&](stgs_player* p) { return stgs_player_seek_and_wait(p, seconds, timeout, &status); });
+    return status;
+  }
   // Another thread may use the scene once an update has reported an open state.
   Scene& scene() {
     if (!unlocked([&] { return is_open_; }, mutex_)) {
@@ -265,6 +270,9 @@ void declare_player(py::module_& module) {
             player.run([=](stgs_player* p) { return stgs_player_seek(p, seconds); });
           },
           py::arg("seconds"))
+      .def("seek_and_wait", &Player::seek_and_wait, py::arg("seconds"), py::arg("timeout") = 30.0,
+           "Pauses, moves to a time, blocks until no more data of it is in flight, and returns the "
+           "status. Error STGS_ERROR_TIMEOUT after `timeout` seconds.")
       .def(
           "seek_frame",
           [](Player& player, std::uint32_t frame) {

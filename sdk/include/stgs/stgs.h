@@ -78,6 +78,7 @@ enum {
   STGS_ERROR_LIMIT = 42,         /* a limit of stgs_scene_settings would be exceeded */
   STGS_ERROR_CANCELLED = 43,     /* the caller cancelled the operation */
   STGS_ERROR_DEVICE_LOST = 44,   /* the GPU failed; destroy the renderer and create another */
+  STGS_ERROR_TIMEOUT = 45,       /* the operation did not complete in the given time */
   STGS_ERROR_UNSUPPORTED = 50,   /* valid, but not available: no device, or a later file format */
   STGS_ERROR_NOT_BUILT = 60      /* this build of the library lacks the feature */
 };

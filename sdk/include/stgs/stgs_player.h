@@ -14,8 +14,8 @@
  *
  * Threads: one thread at a time may use a player, and one its scene. Once an update has reported an
  * open state, the two may be different threads. The player opens, fetches and decodes on threads of
- * its own, which stgs_player_destroy ends. Only stgs_player_wait_open and, as stated there,
- * stgs_player_destroy wait for a source. */
+ * its own, which stgs_player_destroy ends. Only stgs_player_wait_open, stgs_player_seek_and_wait
+ * and, as stated there, stgs_player_destroy wait for a source. */
 #ifndef STGS_STGS_PLAYER_H
 #define STGS_STGS_PLAYER_H
 
@@ -135,6 +135,31 @@ STGS_API stgs_result stgs_player_wait_open(stgs_player* player);
  * more. The player owns the scene. */
 STGS_API stgs_scene* stgs_player_scene(stgs_player* player);
 
+/* --- Status --- */
+
+/* State of a player. */
+typedef int32_t stgs_player_state;
+enum {
+  STGS_PLAYER_CLOSED = 0,    /* no file is open, or opening failed */
+  STGS_PLAYER_OPENING = 1,   /* the head of the file is being read */
+  STGS_PLAYER_PAUSED = 2,    /* open and paused; all later states are open too */
+  STGS_PLAYER_PLAYING = 3,   /* the time advances */
+  STGS_PLAYER_BUFFERING = 4, /* playing, but the time stands still until data arrives */
+  STGS_PLAYER_ENDED = 5      /* playback reached the end of the clip */
+};
+
+/* Status of a player. */
+typedef struct stgs_player_status {
+  size_t struct_size;
+  stgs_player_state state;
+  double seconds;      /* time to render */
+  int32_t layers;      /* layers available at this time, counted from the base layer */
+  int32_t layer_count; /* layers in the file; 0 before it is open */
+  int32_t ready;       /* 1: the base layer is available, which covers the whole scene; 0: it is
+                        * missing or could not be read, and the image has holes */
+  int32_t is_complete; /* 1: no more data of this time is in flight for now */
+} stgs_player_status;
+
 /* --- Playback ---
  *
  * Before the file is open, these functions set the initial state; seeking fails with
@@ -155,6 +180,16 @@ STGS_API stgs_result stgs_player_seek(stgs_player* player, double seconds);
 
 /* Moves to the start of a frame. Fails with STGS_ERROR_ARGUMENT if the clip has no such frame. */
 STGS_API stgs_result stgs_player_seek_frame(stgs_player* player, uint32_t frame);
+
+/* Pauses, moves to a time like stgs_player_seek, and blocks until no more data of it is in flight.
+ *
+ * For a single image, as in a screenshot. Returns STGS_OK once status.is_complete is 1: then only
+ * damaged or unreadable layers and those that exceed the memory budget are missing. Waits at most
+ * timeout_seconds, >= 0 (INFINITY: no limit), then fails with STGS_ERROR_TIMEOUT; the player stays
+ * at the time and continues to load it. *status is written in this case too; NULL: not returned.
+ * Events are queued as in stgs_player_update. STGS_ERROR_STATE: the file is not open. */
+STGS_API stgs_result stgs_player_seek_and_wait(stgs_player* player, double seconds,
+                                               double timeout_seconds, stgs_player_status* status);
 
 /* Sets the playback rate: -2 to 4, not 0; negative rates play backwards. Initially 1. */
 STGS_API stgs_result stgs_player_set_rate(stgs_player* player, double rate);
@@ -191,30 +226,7 @@ STGS_API stgs_result stgs_player_get_live(stgs_player* player, stgs_player_live*
  * the file is not growing. STGS_ERROR_STATE: the file is not open. */
 STGS_API stgs_result stgs_player_go_live(stgs_player* player);
 
-/* --- Status --- */
-
-/* State of a player. */
-typedef int32_t stgs_player_state;
-enum {
-  STGS_PLAYER_CLOSED = 0,    /* no file is open, or opening failed */
-  STGS_PLAYER_OPENING = 1,   /* the head of the file is being read */
-  STGS_PLAYER_PAUSED = 2,    /* open and paused; all later states are open too */
-  STGS_PLAYER_PLAYING = 3,   /* the time advances */
-  STGS_PLAYER_BUFFERING = 4, /* playing, but the time stands still until data arrives */
-  STGS_PLAYER_ENDED = 5      /* playback reached the end of the clip */
-};
-
-/* Status of a player. */
-typedef struct stgs_player_status {
-  size_t struct_size;
-  stgs_player_state state;
-  double seconds;      /* time to render */
-  int32_t layers;      /* layers available at this time, counted from the base layer */
-  int32_t layer_count; /* layers in the file; 0 before it is open */
-  int32_t ready;       /* 1: the base layer is available, which covers the whole scene; 0: it is
-                        * missing or could not be read, and the image has holes */
-  int32_t is_complete; /* 1: no more data of this time is in flight for now */
-} stgs_player_status;
+/* --- Updates --- */
 
 /* Advances the player to `now` and returns its status. Call it every frame, also while paused.
  *

@@ -56,6 +56,13 @@ class Player {
   void pause() { check(stgs_player_pause(get()), get()); }
   // Moves to a time.
   void seek(double seconds) { check(stgs_player_seek(get(), seconds), get()); }
+  // Pauses, moves to a time and blocks until it is complete, see stgs_player_seek_and_wait. Throws
+  // STGS_ERROR_TIMEOUT if that takes longer than timeout_seconds.
+  stgs_player_status seek_and_wait(double seconds, double timeout_seconds) {
+    auto status = detail::sized<stgs_player_status>();
+    check(stgs_player_seek_and_wait(get(), seconds, timeout_seconds, &status), get());
+    return status;
+  }
   // Moves to the start of a frame.
   void seek_frame(std::uint32_t frame) { check(stgs_player_seek_frame(get(), frame), get()); }
   // Sets the playback rate: -2 to 4, not 0.
