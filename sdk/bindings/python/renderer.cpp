@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Views, images and renderers.
+// Images and renderers.
 #include <pybind11/stl.h>
 
 #include <array>
@@ -16,42 +16,43 @@ struct Image {
 
 class Renderer {
  public:
-  explicit Renderer(const std::string& backend) {
+  explicit Renderer(const std::string& backend)
+      : log_(std::make_shared<Log>()), handle_("renderer", log_) {
     stgs_renderer_settings settings;
     stgs_renderer_settings_defaults(&settings, sizeof settings);
     settings.backend = backend_of(backend);
     settings.log = Log::append;
-    settings.log_user = &log_;
+    settings.log_user = log_.get();
     stgs_renderer* created = nullptr;
-    std::string message;
-    const stgs_result result =
-        unlocked([&] { return stgs_renderer_create(&settings, &created); }, mutex_);
-    log_.flush();
+    const auto create = [&] {
+      const py::gil_scoped_release release;
+      return stgs_renderer_create(&settings, &created);
+    };
+    const stgs_result result = create();
+    log_->flush();
     if (result != STGS_OK)
       throw Failure(result, "cannot create a renderer for backend '" + backend + "'");
-    renderer_.reset(created);
+    handle_.set(created);
   }
 
   std::string backend() {
     stgs_backend backend = STGS_BACKEND_AUTO;
-    const stgs_result result =
-        unlocked([&] { return stgs_renderer_get_backend(renderer_.get(), &backend); }, mutex_);
-    check(result, static_cast<const stgs_renderer*>(renderer_.get()), stgs_renderer_error);
+    handle_.run([&](stgs_renderer* r) { return stgs_renderer_get_backend(r, &backend); });
     return kBackends.at(static_cast<std::size_t>(backend));
   }
 
   void render(Scene& scene, double seconds, const std::vector<stgs_view>& views,
               const std::vector<stgs_image>& images) {
-    const stgs_result result = unlocked(
-        [&] {
-          return stgs_render(renderer_.get(), scene.get(), seconds, views.data(), images.data(),
+    handle_.run(
+        [&](stgs_renderer* r, stgs_scene* s) {
+          return stgs_render(r, s, seconds, views.data(), images.data(),
                              static_cast<std::uint32_t>(views.size()));
         },
-        mutex_, scene.mutex());
-    log_.flush();
-    scene.log().flush();
-    check(result, static_cast<const stgs_renderer*>(renderer_.get()), stgs_renderer_error);
+        scene.handle());
   }
+
+  void close() { handle_.close(); }
+  bool is_closed() { return handle_.is_closed(); }
 
  private:
   // Index: stgs_backend.
@@ -63,12 +64,8 @@ class Renderer {
     throw Failure(STGS_ERROR_ARGUMENT,
                   "unknown backend '" + name + "' (expected auto, cpu, cuda or vulkan)");
   }
-  struct Destroy {
-    void operator()(stgs_renderer* renderer) const { stgs_renderer_destroy(renderer); }
-  };
-  Log log_;
-  std::mutex mutex_;
-  std::unique_ptr<stgs_renderer, Destroy> renderer_;
+  std::shared_ptr<Log> log_;
+  RendererHandle handle_;
 };
 
 // Returns the memory of an array of `rows` x `columns` pixels of `channels` elements. Rows may be
@@ -134,22 +131,45 @@ Image new_image(const std::vector<std::string>& buffers, const stgs_view& view) 
   return out;
 }
 
+std::string type_of(const py::handle& object) {
+  return py::str(py::type::handle_of(object).attr("__name__"));
+}
+
+// Returns the elements of an argument that is a T or a sequence of T. Throws TypeError otherwise;
+// `expected` describes the argument.
+template <typename T>
+std::vector<T> elements_of(const py::object& argument, const char* expected) {
+  std::vector<T> out;
+  if (py::isinstance<T>(argument)) {
+    out.push_back(argument.cast<T>());
+    return out;
+  }
+  if (!py::isinstance<py::sequence>(argument))
+    throw py::type_error(std::string(expected) + ", not " + type_of(argument));
+  for (const py::handle element : argument.cast<py::sequence>()) {
+    if (!py::isinstance<T>(element)) {
+      throw py::type_error(std::string(expected) + ", not a " + type_of(argument) +
+                           " that contains " + type_of(element));
+    }
+    out.push_back(element.cast<T>());
+  }
+  return out;
+}
+
 // Returns the images of the views: `out`, or new ones.
 py::object render(Renderer& renderer, Scene& scene, double seconds, const py::object& views,
                   const std::vector<std::string>& buffers, const py::object& out) {
-  const bool one = py::isinstance<View>(views);
   std::vector<stgs_view> cameras;
+  for (const View& one :
+       elements_of<View>(views, "views must be a stgs.View or a sequence of them"))
+    cameras.push_back(one.view);
   std::vector<Image> images;
-  std::vector<stgs_image> memory;
-  if (one) {
-    cameras.push_back(views.cast<View&>().view);
-    if (!out.is_none()) images.push_back(out.cast<Image>());
-  } else {
-    for (const View& view : views.cast<std::vector<View>>()) cameras.push_back(view.view);
-    if (!out.is_none()) images = out.cast<std::vector<Image>>();
+  if (!out.is_none()) {
+    images = elements_of<Image>(out, "out must be a stgs.Image or a sequence of them");
+    if (images.size() != cameras.size())
+      throw py::value_error("out: the numbers of images and views differ");
   }
-  if (!out.is_none() && images.size() != cameras.size())
-    throw py::value_error("out: the numbers of images and views differ");
+  std::vector<stgs_image> memory;
   for (std::size_t i = 0; i < cameras.size(); ++i) {
     if (out.is_none()) {
       const stgs_view& view = cameras[i];
@@ -162,114 +182,30 @@ py::object render(Renderer& renderer, Scene& scene, double seconds, const py::ob
     memory.push_back(memory_of(images[i], cameras[i]));
   }
   renderer.render(scene, seconds, cameras, memory);
-  return one ? py::cast(images.front()) : py::cast(images);
+  return py::isinstance<View>(views) ? py::cast(images.front()) : py::cast(images);
 }
 
-// Returns a NumPy array that refers to memory of a view; `self` owns the memory.
-template <std::size_t N>
-py::array array_of(const py::object& self, float (&values)[N], std::vector<py::ssize_t> shape) {
-  return py::array_t<float>(std::move(shape), values, self);
+std::string repr_of_image(const Image& image) {
+  std::string out = "<stgs.Image";
+  const std::pair<const char*, const py::object&> buffers[] = {
+      {"rgba8", image.rgba8}, {"rgb", image.rgb}, {"alpha", image.alpha}, {"depth", image.depth}};
+  const char* separator = " ";
+  for (const auto& [name, array] : buffers) {
+    if (array.is_none()) continue;
+    out += separator + format("{} {}", name, py::getattr(array, "shape", py::str("?")));
+    separator = ", ";
+  }
+  return out + ">";
 }
 
-void declare_view(py::module_& module) {
-  const auto field = [](auto member) {
-    return std::pair{
-        [member](const View& v) { return v.view.*member; },
-        [member](View& v, std::decay_t<decltype(stgs_view{}.*member)> x) { v.view.*member = x; }};
-  };
-  py::class_<View> view(module, "View",
-                        "A pinhole camera: p_camera = rotation @ p_world + translation. The arrays "
-                        "refer to memory of the view: assign to their elements.");
-  view.def(py::init([] {
-    View out;
-    stgs_view_defaults(&out.view, sizeof out.view);
-    return out;
-  }));
-  const auto property = [&](const char* name, auto member) {
-    const auto [get, set] = field(member);
-    view.def_property(name, get, set);
-  };
-  property("fx", &stgs_view::fx);
-  property("fy", &stgs_view::fy);
-  property("cx", &stgs_view::cx);
-  property("cy", &stgs_view::cy);
-  property("width", &stgs_view::width);
-  property("height", &stgs_view::height);
-  property("near_plane", &stgs_view::near_plane);
-  property("fovea_x", &stgs_view::fovea_x);
-  property("fovea_y", &stgs_view::fovea_y);
-  property("fovea_radius", &stgs_view::fovea_radius);
-  view.def_property_readonly("rotation", [](const py::object& self) {
-    return array_of(self, self.cast<View&>().view.rotation, {3, 3});
-  });
-  view.def_property_readonly("translation", [](const py::object& self) {
-    return array_of(self, self.cast<View&>().view.translation, {3});
-  });
-  view.def_property_readonly("background", [](const py::object& self) {
-    return array_of(self, self.cast<View&>().view.background, {3});
-  });
-  view.def(
-      "resized",
-      [](const View& self, std::uint32_t width, std::uint32_t height) {
-        View out = self;
-        const stgs_result result = stgs_view_resize(&out.view, width, height);
-        if (result != STGS_OK) throw Failure(result, "view: invalid image size");
-        return out;
-      },
-      py::arg("width"), py::arg("height"),
-      "Returns the view with another image size and square pixels: it shows at least what this "
-      "view "
-      "shows.");
-  view.def(
-      "stretched",
-      [](const View& self, std::uint32_t width, std::uint32_t height) {
-        View out = self;
-        const stgs_result result = stgs_view_stretch(&out.view, width, height);
-        if (result != STGS_OK) throw Failure(result, "view: invalid image size");
-        return out;
-      },
-      py::arg("width"), py::arg("height"),
-      "Returns the view with another image size and the same view angles: pixels are stretched.");
-  using Vector = std::array<float, 3>;
-  view.def(
-      "looking_at",
-      [](const View& self, const Vector& eye, const Vector& target,
-         const std::optional<Vector>& up) {
-        View out = self;
-        const stgs_result result =
-            stgs_view_look_at(&out.view, eye.data(), target.data(), up ? up->data() : nullptr);
-        if (result != STGS_OK) {
-          throw Failure(result,
-                        "looking_at: eye and target coincide, up is parallel to the line "
-                        "between them, or a value is invalid");
-        }
-        return out;
-      },
-      py::arg("eye"), py::arg("target"), py::arg("up") = py::none(),
-      "Returns the view from `eye` to `target`. `up` points against gravity; None or zeros: as in "
-      "this view.");
-  view.def(
-      "orbited",
-      [](const View& self, const Vector& centre, double azimuth, double elevation,
-         const std::optional<Vector>& up) {
-        View out = self;
-        const stgs_result result = stgs_view_orbit(&out.view, centre.data(),
-                                                   up ? up->data() : nullptr, azimuth, elevation);
-        if (result != STGS_OK) {
-          throw Failure(result, "orbited: the camera is at the centre, or a value is invalid");
-        }
-        return out;
-      },
-      py::arg("centre"), py::arg("azimuth"), py::arg("elevation") = 0.0, py::arg("up") = py::none(),
-      "Returns the view, moved around `centre` by `azimuth` radians to its right and `elevation` "
-      "radians towards `up`. None or zeros: as in this view.");
-  view.def("__copy__", [](const View& self) { return self; });
+std::string repr_of_renderer(Renderer& renderer) {
+  return renderer.is_closed() ? std::string("<stgs.Renderer, closed>")
+                              : format("<stgs.Renderer {!r}>", renderer.backend());
 }
 
 }  // namespace
 
-void declare_images(py::module_& module) {
-  declare_view(module);
+void declare_renderer(py::module_& module) {
   py::class_<Image>(module, "Image",
                     "NumPy arrays that receive an image, or None: rgba8 (rows, columns, 4) of "
                     "uint8; rgb (3, rows, columns), alpha and depth (rows, columns) of float32.")
@@ -281,16 +217,20 @@ void declare_images(py::module_& module) {
       .def_readonly("rgba8", &Image::rgba8)
       .def_readonly("rgb", &Image::rgb)
       .def_readonly("alpha", &Image::alpha)
-      .def_readonly("depth", &Image::depth);
-  py::class_<Renderer>(module, "Renderer",
-                       "Renders scenes. `backend` is auto, cpu, cuda or vulkan.")
-      .def(py::init<const std::string&>(), py::arg("backend") = "auto")
+      .def_readonly("depth", &Image::depth)
+      .def("__repr__", &repr_of_image);
+  py::class_<Renderer> renderer(module, "Renderer",
+                                "Renders scenes. `backend` is auto, cpu, cuda or vulkan. A context "
+                                "manager, which closes it.");
+  add_closing(renderer, "Releases the backend and its memory.");
+  renderer.def(py::init<const std::string&>(), py::arg("backend") = "auto")
       .def_property_readonly("backend", &Renderer::backend)
       .def(
           "render", &render, py::arg("scene"), py::arg("seconds"), py::arg("views"),
           py::arg("buffers") = std::vector<std::string>{"rgba8"}, py::arg("out") = py::none(),
           "Renders a view, or a list of 1 to 4 views, at one time and returns an Image, or a list, "
-          "with the requested buffers. `out` provides the arrays instead; they may be slices.");
+          "with the requested buffers. `out` provides the arrays instead; they may be slices.")
+      .def("__repr__", &repr_of_renderer);
 }
 
 }  // namespace stgs::python
