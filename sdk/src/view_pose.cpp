@@ -15,7 +15,8 @@ namespace {
 using Vector = std::array<double, 3>;
 using Matrix = std::array<Vector, 3>;  // rows
 
-constexpr double kMinSine = 1e-6;  // of the angle between two directions
+constexpr double kMinSine = 1e-6;     // of the angle between two directions
+constexpr double kResolution = 1e-6;  // of positions, relative to their distance from the origin
 constexpr double kMaxElevation = 89 * std::numbers::pi / 180;
 
 double dot(const Vector& a, const Vector& b) {
@@ -136,7 +137,8 @@ stgs_result orbit(const float* centre, const float* up, double azimuth, double e
   Vector translation = vector_of(view.translation);
   rotate_camera(around, axis, azimuth, rotation, translation);
   const Vector offset = position_of(rotation, translation) - around;
-  if (!(length(offset) > 0)) return STGS_ERROR_ARGUMENT;
+  // At the centre the offset is 0, apart from the rounding of the translation.
+  if (!(length(offset) > kResolution * length(around))) return STGS_ERROR_ARGUMENT;
   if (elevation != 0) {
     const Vector side = cross(offset, axis);
     const bool at_pole = length(side) < kMinSine * length(offset);

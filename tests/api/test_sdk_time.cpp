@@ -99,7 +99,6 @@ TEST_CASE("only a recording that a player follows has no end", "[sdk]") {
   REQUIRE(stgs_player_wait_open(player.get()) == STGS_OK);
   stgs_scene* const followed = stgs_player_scene(player.get());
   CHECK(stgs_render(renderer.get(), followed, 2, &view, &image, 1) == STGS_OK);
-  CHECK(std::all_of(pixels.begin(), pixels.end(), [](std::uint8_t p) { return p == 0; }));
   CHECK(stgs_render(renderer.get(), followed, -1, &view, &image, 1) == STGS_ERROR_ARGUMENT);
 }
 

@@ -88,7 +88,7 @@ class Scenes(unittest.TestCase):
 
     def test_a_view_of_all_of_a_scene(self):
         scene = stgs.Scene(path("no_camera.stgs"))
-        view = scene.first_view().stretched(80, 60)
+        view = scene.first_view().resized(80, 45)
         alpha = stgs.Renderer("cpu").render(scene, 0.1, view, ["alpha"]).alpha
         self.assertGreater(np.mean(alpha > 0.5), 0.02)
         self.assertLess(np.mean(np.concatenate([alpha[0], alpha[-1]]) > 0.5), 0.2)

@@ -28,6 +28,8 @@ class Source {
   stgs_result open(OpenLocation&& open_location, OpenMemory&& open_memory) const {
     return location_ ? open_location(location_->c_str()) : open_memory(bytes_.ptr, size_);
   }
+  // Returns text for __repr__.
+  std::string description() const;
 
  private:
   std::optional<std::string> location_;
@@ -39,34 +41,30 @@ class Scene {
  public:
   Scene(const py::object& source, const stgs_scene_settings& settings);
   // The scene of a player, which must outlive it.
-  Scene(stgs_scene* of_player, std::shared_ptr<Log> log);
-  Scene(const Scene&) = delete;
-  Scene& operator=(const Scene&) = delete;
+  Scene(stgs_scene* of_player, const std::string& description, std::shared_ptr<Log> log);
 
   // Runs call(scene) and throws Failure unless it returns STGS_OK.
   template <typename Call>
   void run(Call&& call) {
-    const stgs_result result = unlocked([&] { return call(scene_.get()); }, mutex_);
-    log_->flush();
-    check(result, static_cast<const stgs_scene*>(scene_.get()), stgs_scene_error);
+    handle_.run(std::forward<Call>(call));
   }
-
-  stgs_scene* get() { return scene_.get(); }
-  std::mutex& mutex() { return mutex_; }
-  Log& log() { return *log_; }
+  SceneHandle& handle() { return handle_; }
+  // Does nothing for the scene of a player.
+  void close();
+  bool is_closed() { return handle_.is_closed(); }
+  const std::string& description() const { return description_; }
 
  private:
-  struct Destroy {
-    void operator()(stgs_scene* scene) const { stgs_scene_destroy(scene); }
-  };
   std::shared_ptr<Log> log_;
-  std::mutex mutex_;
-  std::optional<Source> source_;  // outlives the scene
-  std::unique_ptr<stgs_scene, Destroy> scene_;
+  std::string description_;
+  std::optional<Source> source_;  // must outlive the scene; none: the scene of a player
+  SceneHandle handle_;
 };
 
+// Each needs the classes that are declared before it.
+void declare_view(py::module_& module);
 void declare_scene(py::module_& module);
-void declare_images(py::module_& module);  // views, images and renderers
-void declare_player(py::module_& module);  // after scenes
+void declare_renderer(py::module_& module);  // and images
+void declare_player(py::module_& module);
 
 }  // namespace stgs::python

@@ -45,7 +45,8 @@ PYBIND11_MODULE(stgs, module) {
       translate(py::reinterpret_borrow<py::object>(error), failure);
     }
   });
+  declare_view(module);
   declare_scene(module);
-  declare_images(module);
+  declare_renderer(module);
   declare_player(module);
 }

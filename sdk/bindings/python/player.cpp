@@ -4,6 +4,7 @@
 
 #include <array>
 #include <chrono>
+#include <set>
 
 #include "classes.h"
 
@@ -32,37 +33,43 @@ struct Event {
 class Player {
  public:
   Player(const py::object& source, const stgs_player_settings& settings)
-      : log_(std::make_shared<Log>()), source_(source) {
+      : log_(std::make_shared<Log>()), source_(source), handle_("player", log_) {
+    description_ = source_->description();
     stgs_player_settings own = settings;
     own.log = Log::append;
     own.log_user = log_.get();
     stgs_player* created = nullptr;
     if (const stgs_result result = stgs_player_create(&own, &created); result != STGS_OK)
       throw Failure(result, "a setting is out of range");
-    player_.reset(created);
-    scene_.emplace(stgs_player_scene(created), log_);
+    handle_.set(created);
+    scene_.emplace(stgs_player_scene(created), "of a player", log_);
     run([&](stgs_player* p) {
-      return source_.open([&](const char* location) { return stgs_player_open(p, location); },
-                          [&](const void* data, std::size_t size) {
-                            return stgs_player_open_memory(p, data, size);
-                          });
+      return source_->open([&](const char* location) { return stgs_player_open(p, location); },
+                           [&](const void* data, std::size_t size) {
+                             return stgs_player_open_memory(p, data, size);
+                           });
     });
   }
+  ~Player() { close(); }
   Player(const Player&) = delete;
   Player& operator=(const Player&) = delete;
+
   // Ends reads and threads, which may block briefly.
-  ~Player() {
-    scene_.reset();
-    const py::gil_scoped_release release;
-    player_.reset();
+  void close() {
+    if (scene_) {
+      handle_.close(scene_->handle());
+    } else {
+      handle_.close();
+    }
+    source_.reset();
   }
+  bool is_closed() { return handle_.is_closed(); }
+  const std::string& description() const { return description_; }
 
   // Runs call(player) and throws Failure unless it returns STGS_OK.
   template <typename Call>
   void run(Call&& call) {
-    const stgs_result result = unlocked([&] { return call(player_.get()); }, mutex_);
-    log_->flush();
-    check(result, static_cast<const stgs_player*>(player_.get()), stgs_player_error);
+    handle_.run(std::forward<Call>(call));
   }
 
   void wait_open() {
@@ -77,7 +84,16 @@ class Player {
     const std::chrono::duration<double> clock = std::chrono::steady_clock::now().time_since_epoch();
     run([&](stgs_player* p) {
       const stgs_result result = stgs_player_update(p, now.value_or(clock.count()), &status);
-      is_open_ = is_open_ || (result == STGS_OK && status.state >= STGS_PLAYER_PAUSED);
+      if (result == STGS_OK) remember(status);
+      return result;
+    });
+    return status;
+  }
+  stgs_player_status seek_and_wait(double seconds, double timeout) {
+    auto status = sized<stgs_player_status>();
+    run([&](stgs_player* p) {
+      const stgs_result result = stgs_player_seek_and_wait(p, seconds, timeout, &status);
+      if (result == STGS_OK) remember(status);
       return result;
     });
     return status;
@@ -89,7 +105,12 @@ class Player {
   }
   // Another thread may use the scene once an update has reported an open state.
   Scene& scene() {
-    if (!unlocked([&] { return is_open_; }, mutex_)) {
+    bool is_open = false;
+    run([&](stgs_player*) {
+      is_open = is_open_;
+      return STGS_OK;
+    });
+    if (!is_open) {
       throw Failure(STGS_ERROR_STATE,
                     "the file of the player is not open; call wait_open() or update() first");
     }
@@ -151,17 +172,30 @@ class Player {
     loop_ = loop;
   }
   bool loop() const { return loop_; }
+  // Returns the status of the last update.
+  stgs_player_status last_status() {
+    auto out = sized<stgs_player_status>();
+    run([&](stgs_player*) {
+      out = last_status_;
+      return STGS_OK;
+    });
+    return out;
+  }
 
  private:
-  struct Destroy {
-    void operator()(stgs_player* player) const { stgs_player_destroy(player); }
-  };
+  // With the lock of the player.
+  void remember(const stgs_player_status& status) {
+    last_status_ = status;
+    is_open_ = is_open_ || status.state >= STGS_PLAYER_PAUSED;
+  }
+
   std::shared_ptr<Log> log_;
-  std::mutex mutex_;
-  Source source_;  // outlives the player
-  std::unique_ptr<stgs_player, Destroy> player_;
+  std::string description_;
+  std::optional<Source> source_;  // must outlive the player
+  PlayerHandle handle_;
   std::optional<Scene> scene_;
   bool is_open_ = false;
+  stgs_player_status last_status_{sizeof(stgs_player_status), STGS_PLAYER_OPENING, 0, 0, 0, 0, 0};
   double rate_ = 1;
   bool loop_ = false;
 };
@@ -170,11 +204,16 @@ class Player {
 stgs_player_settings settings_of(const py::kwargs& given) {
   stgs_player_settings out;
   stgs_player_settings_defaults(&out, sizeof out);
-  std::size_t known = 0;
+  std::set<std::string> known;
   const auto set = [&](const char* name, auto member) {
+    known.insert(name);
     if (!given.contains(name)) return;
-    ++known;
-    out.*member = given[name].cast<std::decay_t<decltype(out.*member)>>();
+    try {
+      out.*member = given[name].cast<std::decay_t<decltype(out.*member)>>();
+    } catch (const py::cast_error&) {
+      throw py::type_error(std::string("Player: ") + name + " must be a number in range, not " +
+                           py::repr(given[name]).cast<std::string>());
+    }
   };
   using Settings = stgs_player_settings;
   set("memory_budget", &Settings::memory_budget);
@@ -194,9 +233,41 @@ stgs_player_settings settings_of(const py::kwargs& given) {
   set("live_poll_seconds", &Settings::live_poll_seconds);
   set("live_stall_seconds", &Settings::live_stall_seconds);
   set("live_skip_seconds", &Settings::live_skip_seconds);
-  if (known != given.size())
-    throw py::type_error("Player: unknown setting (see stgs_player_settings)");
+  for (const auto& [name, value] : given) {
+    if (known.count(name.cast<std::string>()) != 0) continue;
+    throw py::type_error("Player: unknown setting '" + name.cast<std::string>() +
+                         "' (see stgs_player_settings)");
+  }
   return out;
+}
+
+std::string repr_of_status(const stgs_player_status& s) {
+  return format("<stgs.PlayerStatus {} at {:.3f} s, {} of {} layers{}>", name_of(kStates, s.state),
+                s.seconds, s.layers, s.layer_count, s.is_complete != 0 ? ", complete" : "");
+}
+
+std::string repr_of_event(const Event& e) {
+  return format("<stgs.PlayerEvent {} at {:.3f} s{}{}>", name_of(kEvents, e.event.kind),
+                e.event.seconds, e.message.empty() ? "" : ": ", e.message);
+}
+
+std::string repr_of_live(const stgs_player_live& l) {
+  if (l.growing == 0) return "<stgs.PlayerLive, not growing>";
+  return format("<stgs.PlayerLive {}, {:.3f} s behind the edge at {:.3f} s>",
+                l.following != 0 ? "following" : "not following", l.latency_seconds,
+                l.edge_seconds);
+}
+
+std::string repr_of_statistics(const stgs_player_statistics& s) {
+  return format("<stgs.PlayerStatistics {:.0f} bytes/s, {} bytes fetched, {} bytes in memory>",
+                s.bytes_per_second, s.fetched_bytes, s.memory_bytes);
+}
+
+std::string repr_of_player(Player& player) {
+  if (player.is_closed()) return format("<stgs.Player {}, closed>", player.description());
+  const stgs_player_status status = player.last_status();
+  return format("<stgs.Player {}, {} at {:.3f} s>", player.description(),
+                name_of(kStates, status.state), status.seconds);
 }
 
 void declare_results(py::module_& module) {
@@ -209,7 +280,8 @@ void declare_results(py::module_& module) {
       .def_readonly("layers", &Status::layers)
       .def_readonly("layer_count", &Status::layer_count)
       .def_property_readonly("ready", [](const Status& s) { return s.ready != 0; })
-      .def_property_readonly("is_complete", [](const Status& s) { return s.is_complete != 0; });
+      .def_property_readonly("is_complete", [](const Status& s) { return s.is_complete != 0; })
+      .def("__repr__", &repr_of_status);
   py::class_<Event>(module, "PlayerEvent", "Event of a player; see stgs_player_event.")
       .def_property_readonly("kind", [](const Event& e) { return name_of(kEvents, e.event.kind); })
       .def_property_readonly("seconds", [](const Event& e) { return e.event.seconds; })
@@ -222,7 +294,8 @@ void declare_results(py::module_& module) {
                                if (e.event.offset == STGS_NO_OFFSET) return {};
                                return e.event.offset;
                              })
-      .def_readonly("message", &Event::message);
+      .def_readonly("message", &Event::message)
+      .def("__repr__", &repr_of_event);
   using Live = stgs_player_live;
   py::class_<Live>(module, "PlayerLive",
                    "Position of playback in a recording; see stgs_player_live.")
@@ -230,14 +303,16 @@ void declare_results(py::module_& module) {
       .def_property_readonly("following", [](const Live& l) { return l.following != 0; })
       .def_readonly("edge_seconds", &Live::edge_seconds)
       .def_readonly("latency_seconds", &Live::latency_seconds)
-      .def_readonly("target_latency_seconds", &Live::target_latency_seconds);
+      .def_readonly("target_latency_seconds", &Live::target_latency_seconds)
+      .def("__repr__", &repr_of_live);
   using Statistics = stgs_player_statistics;
   py::class_<Statistics>(module, "PlayerStatistics",
                          "Transfer and memory statistics; see stgs_player_statistics.")
       .def_readonly("bytes_per_second", &Statistics::bytes_per_second)
       .def_readonly("fetched_bytes", &Statistics::fetched_bytes)
       .def_readonly("memory_bytes", &Statistics::memory_bytes)
-      .def_readonly("stored_primitives", &Statistics::stored_primitives);
+      .def_readonly("stored_primitives", &Statistics::stored_primitives)
+      .def("__repr__", &repr_of_statistics);
 }
 
 }  // namespace
@@ -247,10 +322,14 @@ void declare_player(py::module_& module) {
   const auto calling = [](stgs_result (*function)(stgs_player*)) {
     return [function](Player& player) { player.run(function); };
   };
-  py::class_<Player>(module, "Player",
-                     "Plays a scene while its data is still arriving. Starts to open `source`, as "
-                     "in Scene. Keyword arguments are the members of stgs_player_settings. Call "
-                     "update() each frame, then render `scene` at the `seconds` of the status.")
+  py::class_<Player> player(
+      module, "Player",
+      "Plays a scene while its data is still arriving. Starts to open `source`, as "
+      "in Scene. Keyword arguments are the members of stgs_player_settings. Call "
+      "update() each frame, then render `scene` at the `seconds` of the status. "
+      "A context manager, which closes it.");
+  add_closing(player, "Ends the threads of the player and releases its memory.");
+  player
       .def(py::init([](const py::object& source, const py::kwargs& settings) {
              return std::make_unique<Player>(source, settings_of(settings));
            }),
@@ -290,7 +369,8 @@ void declare_player(py::module_& module) {
       .def("go_live", calling(stgs_player_go_live),
            "Moves to the edge of a growing recording and follows it.")
       .def_property_readonly("live", &Player::live)
-      .def_property_readonly("statistics", &Player::statistics);
+      .def_property_readonly("statistics", &Player::statistics)
+      .def("__repr__", &repr_of_player);
 }
 
 }  // namespace stgs::python

@@ -26,9 +26,14 @@ stgs_scene_info info_of(Scene& scene) {
 }
 
 std::string text_of(Scene& scene, stgs_text which) {
-  const char* text = nullptr;
-  scene.run([&](stgs_scene* s) { return stgs_scene_get_text(s, which, &text); });
-  return text;
+  std::string out;
+  scene.run([&](stgs_scene* s) {
+    const char* text = "";
+    const stgs_result result = stgs_scene_get_text(s, which, &text);
+    out = text;
+    return result;
+  });
+  return out;
 }
 
 std::vector<py::dict> issues_of(Scene& scene) {
@@ -36,10 +41,15 @@ std::vector<py::dict> issues_of(Scene& scene) {
   const std::uint32_t count = info_of(scene).issues;
   for (std::uint32_t i = 0; i < count; ++i) {
     auto issue = sized<stgs_issue>();
-    scene.run([&](stgs_scene* s) { return stgs_scene_get_issue(s, i, &issue); });
+    std::string message;
+    scene.run([&](stgs_scene* s) {
+      const stgs_result result = stgs_scene_get_issue(s, i, &issue);
+      if (result == STGS_OK) message = issue.message;
+      return result;
+    });
     out.push_back(py::dict(py::arg("number") = issue.number,
                            py::arg("is_error") = issue.is_error != 0,
-                           py::arg("offset") = issue.offset, py::arg("message") = issue.message));
+                           py::arg("offset") = issue.offset, py::arg("message") = message));
   }
   return out;
 }
@@ -116,15 +126,33 @@ std::vector<float> list_of(const float (&values)[N]) {
   return {values, values + N};
 }
 
+double fps_of(const stgs_scene_info& info) {
+  return double(info.time_base_denominator) / info.time_base_numerator;
+}
+
+std::string repr_of_info(const stgs_scene_info& info) {
+  return format("<stgs.SceneInfo {:.3f} s, {} frames at {:.5g} fps, {} primitives>",
+                info.duration_seconds, info.frames, fps_of(info), info.primitives);
+}
+
+std::string repr_of_scene(Scene& scene) {
+  if (scene.is_closed()) return format("<stgs.Scene {}, closed>", scene.description());
+  try {
+    const stgs_scene_info info = info_of(scene);
+    return format("<stgs.Scene {}, {:.3f} s, {} frames, {} primitives>", scene.description(),
+                  info.duration_seconds, info.frames, info.primitives);
+  } catch (const Failure&) {
+    return format("<stgs.Scene {}, not open>", scene.description());
+  }
+}
+
 void declare_info(py::module_& module) {
   using Info = stgs_scene_info;
   py::class_<Info>(module, "SceneInfo", "Metadata of a scene; see stgs_scene_info.")
       .def_property_readonly(
           "format", [](const Info& i) { return py::make_tuple(i.format_major, i.format_minor); })
       .def_readonly("frames", &Info::frames)
-      .def_property_readonly(
-          "fps",
-          [](const Info& i) { return double(i.time_base_denominator) / i.time_base_numerator; })
+      .def_property_readonly("fps", &fps_of)
       .def_readonly("duration_seconds", &Info::duration_seconds)
       .def_readonly("complete_seconds", &Info::complete_seconds)
       .def_readonly("primitives", &Info::primitives)
@@ -137,13 +165,18 @@ void declare_info(py::module_& module) {
       .def_property_readonly("bounds_max", [](const Info& i) { return list_of(i.bounds_max); })
       .def_readonly("metres_per_unit", &Info::metres_per_unit)
       .def_property_readonly("up", [](const Info& i) { return list_of(i.up); })
-      .def_property_readonly("floor", [](const Info& i) { return list_of(i.floor); });
+      .def_property_readonly("floor", [](const Info& i) { return list_of(i.floor); })
+      .def("__repr__", &repr_of_info);
 }
 
 void declare_primitives(py::module_& module) {
   py::class_<Primitives>(module, "Primitives",
                          "Primitives visible at one time: NumPy arrays with one row per primitive.")
       .def("__len__", [](const Primitives& p) { return p.id.size(); })
+      .def("__repr__",
+           [](const Primitives& p) {
+             return format("<stgs.Primitives, {} primitives>", p.id.size());
+           })
       .def_readonly("id", &Primitives::id, "(N,) index in the file")
       .def_readonly("position", &Primitives::position, "(N, 3) scene units")
       .def_readonly("velocity", &Primitives::velocity, "(N, 3) scene units per second")
@@ -167,15 +200,21 @@ Source::Source(const py::object& source) {
   size_ = static_cast<std::size_t>(bytes_.size * bytes_.itemsize);
 }
 
+std::string Source::description() const {
+  if (location_) return py::repr(py::str(*location_)).cast<std::string>();
+  return format("of {} bytes", size_);
+}
+
 Scene::Scene(const py::object& source, const stgs_scene_settings& settings)
-    : log_(std::make_shared<Log>()), source_(source) {
+    : log_(std::make_shared<Log>()), source_(source), handle_("scene", log_) {
+  description_ = source_->description();
   stgs_scene_settings own = settings;
   own.log = Log::append;
   own.log_user = log_.get();
   stgs_scene* created = nullptr;
   if (const stgs_result result = stgs_scene_create(&own, &created); result != STGS_OK)
     throw Failure(result, "a limit is out of range");
-  scene_.reset(created);
+  handle_.set(created);
   run([&](stgs_scene* s) {
     return source_->open(
         [&](const char* location) { return stgs_scene_open(s, location); },
@@ -184,15 +223,27 @@ Scene::Scene(const py::object& source, const stgs_scene_settings& settings)
 }
 
 // stgs_scene_destroy does nothing for the scene of a player.
-Scene::Scene(stgs_scene* of_player, std::shared_ptr<Log> log)
-    : log_(std::move(log)), scene_(of_player) {}
+Scene::Scene(stgs_scene* of_player, const std::string& description, std::shared_ptr<Log> log)
+    : log_(std::move(log)), description_(description), handle_("player", log_) {
+  handle_.set(of_player);
+}
+
+void Scene::close() {
+  if (!source_) return;
+  handle_.close();
+  source_.reset();
+}
 
 void declare_scene(py::module_& module) {
   declare_info(module);
   declare_primitives(module);
-  py::class_<Scene>(module, "Scene",
-                    "An open scene. `source` is a path, a URL, or a buffer with a file (bytes, "
-                    "bytearray, memoryview, mmap), which is not copied and must not change.")
+  py::class_<Scene> scene(
+      module, "Scene",
+      "An open scene. `source` is a path, a URL, or a buffer with a file (bytes, "
+      "bytearray, memoryview, mmap), which is not copied and must not change. A "
+      "context manager, which closes it.");
+  add_closing(scene, "Releases the file and its memory. Does nothing for the scene of a player.");
+  scene
       .def(py::init(&open), py::arg("source"), py::kw_only(), py::arg("max_memory") = py::none(),
            py::arg("max_file_bytes") = py::none(), py::arg("max_primitives") = py::none(),
            py::arg("reject_damage") = false)
@@ -209,7 +260,8 @@ void declare_scene(py::module_& module) {
       .def("framed", &framed, py::arg("view"),
            "Returns the view, moved so that it shows the whole scene; direction and lens stay.")
       .def("primitives", &primitives_at, py::arg("seconds"),
-           "Returns the primitives visible at a time.");
+           "Returns the primitives visible at a time.")
+      .def("__repr__", &repr_of_scene);
 }
 
 }  // namespace stgs::python
