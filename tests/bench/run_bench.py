@@ -139,7 +139,7 @@ def verdict(metric, values, before):
     """better, worse, same or new; the reference as text; the noise."""
     middle = bench_data.statistics.median(values)
     if not before:
-        return "new", "", bench_data.deviation(values)
+        return "new", "", NOISES * bench_data.deviation(values)
     past = [float(row.value) for row in before]
     reference = bench_data.median(before)
     noise = NOISES * math.hypot(bench_data.deviation(values), bench_data.deviation(past))
