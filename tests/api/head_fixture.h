@@ -2,14 +2,14 @@
 // Files with another index: what a writer would not write.
 #pragma once
 
-#include <catch2/catch.hpp>
 #include <cstdint>
 #include <span>
 #include <vector>
 
-#include "core/bytes.h"
+#include "catch.h"
 #include "container/container.h"
 #include "copy_fixture.h"
+#include "core/bytes.h"
 
 namespace stgs::testing {
 

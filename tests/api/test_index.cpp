@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the index tells, and what a reader refuses of it (spec 5).
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <random>
 #include <set>
 
+#include "catch.h"
+#include "container/segment_times.h"
 #include "core/bytes.h"
 #include "head_fixture.h"
-#include "scene_fixture.h"
-#include "container/segment_times.h"
 #include "quantise/segmenter.h"
+#include "scene_fixture.h"
 
 using namespace stgs;
 using stgs::testing::body_of;
