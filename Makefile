@@ -27,7 +27,8 @@ check: setup
 check-all: check check-slow
 	@tools/setup/setup.sh check-all
 	@for preset in asan tsan decode-only no-encoder; do \
-	  cmake --preset $$preset && cmake --build build/$$preset -j $(JOBS) && \
+	  cmake --preset $$preset -DSTGS_BUILD_TESTS=ON -DSTGS_BUILD_EXAMPLES=ON && \
+	  cmake --build build/$$preset -j $(JOBS) && \
 	  ctest --preset $$preset -LE slow -j $(JOBS) || exit 1; \
 	done
 	@tools/setup/debian13.sh build/debian13
