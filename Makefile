@@ -1,25 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-# Two commands on a bare Debian 12: `make demo` shows what STGS does, `make check` proves that it
-# works. Both install what is missing, then build. Everything else is plain CMake (see README.md).
-PRESET ?= release
-BUILD := build/$(PRESET)
+# Four commands for a bare Debian 12 or 13. Each installs the packages it needs, then builds.
+#   make           builds the program, build/release/bin/stgs
+#   make demo      builds the program and encodes, checks and renders the sample capture
+#   make check     builds everything and runs the tests (15 minutes on two cores)
+#   make check-all the same, then the slow tests: sanitizers, builds without the encoder, Debian 13
+# Everything else is plain CMake (README.md, CMakePresets.json).
 JOBS ?= $(shell nproc)
+CTEST = STGS_VALIDATED=1 ctest --output-on-failure --no-tests=error -j $(JOBS)
 
-.PHONY: demo check build setup clean
+.PHONY: program demo check check-all check-slow setup clean
 
-demo: build
-	@tools/demo/demo.sh $(BUILD)/bin/stgs build/demo
+program:
+	@tools/setup/setup.sh core program
+	@cmake --preset release $(shell tools/setup/cuda.sh)
+	@cmake --build build/release -j $(JOBS) --target stgs
 
-# The validation layer is among what setup installs: without it the Vulkan tests say that they skip.
-check: build
-	@STGS_VALIDATED=1 ctest --test-dir $(BUILD) --output-on-failure --no-tests=error -j $(JOBS)
+demo: program
+	@tools/demo/demo.sh build/release/bin/stgs build/demo
 
-build: setup
-	@cmake --preset $(PRESET)
-	@cmake --build $(BUILD) -j $(JOBS)
+# STGS_VALIDATED: the Vulkan tests fail without the validation layer, which setup installs.
+check: setup
+	@cmake --preset check
+	@cmake --build build/check -j $(JOBS)
+	@$(CTEST) --test-dir build/check -LE slow
+
+check-all: check check-slow
+	@tools/setup/setup.sh check-all
+	@for preset in asan tsan decode-only no-encoder; do \
+	  cmake --preset $$preset -DSTGS_BUILD_TESTS=ON -DSTGS_BUILD_EXAMPLES=ON && \
+	  cmake --build build/$$preset -j $(JOBS) && \
+	  ctest --preset $$preset -LE slow -j $(JOBS) || exit 1; \
+	done
+	@tools/setup/debian13.sh build/debian13
+
+check-slow: check
+	@$(CTEST) --test-dir build/check -L slow
 
 setup:
-	@tools/setup/setup.sh
+	@tools/setup/setup.sh core program check
 
 clean:
 	rm -rf build

@@ -1,21 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 # stgs_module(NAME SOURCES files... LINK public libraries... PRIVATE private libraries...)
-# makes the static library stgs_NAME (alias stgs::NAME) with the one include root NAME/include.
+# makes the static library stgs_NAME with the include root include/ of the current folder.
 include_guard()
-
-function(stgs_compile_options target)
-  target_compile_options(${target} PRIVATE
-    $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wshadow -Wconversion -Wno-sign-conversion>
-    $<$<AND:$<BOOL:${STGS_WARNINGS_AS_ERRORS}>,$<COMPILE_LANGUAGE:CXX>>:-Werror>
-    $<$<COMPILE_LANGUAGE:CXX>:-fno-math-errno>)
-endfunction()
 
 function(stgs_module name)
   cmake_parse_arguments(arg "" "" "SOURCES;LINK;PRIVATE" ${ARGN})
   add_library(stgs_${name} STATIC ${arg_SOURCES})
-  if(NOT TARGET stgs::${name})  # stgs::format stands for several libraries
-    add_library(stgs::${name} ALIAS stgs_${name})
-  endif()
   target_include_directories(stgs_${name} PUBLIC ${CMAKE_CURRENT_SOURCE_DIR}/include
                              PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/src)
   target_link_libraries(stgs_${name} PUBLIC ${arg_LINK} PRIVATE ${arg_PRIVATE})
@@ -23,14 +13,46 @@ function(stgs_module name)
   stgs_compile_options(stgs_${name})
 endfunction()
 
-# With STGS_BUNDLE_RUNTIME, copies the shared libraries that a program needs to lib/ beside it, where
-# every program of the build looks first, so that bin/ can be copied to another machine.
+# stgs_precompile(TARGET common|json|opencv): with STGS_PRECOMPILED_HEADERS, TARGET is compiled with
+# precompiled headers of other libraries, which all targets of a set share: fmt and parts of the
+# standard library; also nlohmann/json; also OpenCV. Sources still include what they use, because other
+# builds have no precompiled headers.
+function(stgs_precompile target set)
+  if(NOT STGS_PRECOMPILED_HEADERS)
+    return()
+  endif()
+  if(NOT TARGET stgs_precompiled_${set})
+    set(headers algorithm array cmath cstdint filesystem functional map memory optional span string
+        vector fmt/format.h)
+    set(libraries fmt::fmt)
+    if(NOT set STREQUAL "common")
+      list(APPEND headers nlohmann/json.hpp)
+      list(APPEND libraries nlohmann_json::nlohmann_json)
+    endif()
+    if(set STREQUAL "opencv")
+      list(APPEND headers opencv2/core.hpp opencv2/imgproc.hpp)
+      list(APPEND libraries stgs_dep_opencv)
+    endif()
+    set(source ${CMAKE_CURRENT_BINARY_DIR}/precompiled_${set}.cpp)
+    file(CONFIGURE OUTPUT ${source} CONTENT "")
+    add_library(stgs_precompiled_${set} OBJECT ${source})
+    target_link_libraries(stgs_precompiled_${set} PRIVATE ${libraries})
+    set_target_properties(stgs_precompiled_${set} PROPERTIES POSITION_INDEPENDENT_CODE ON)
+    stgs_compile_options(stgs_precompiled_${set})
+    list(TRANSFORM headers REPLACE "(.+)" "<\\1>")
+    target_precompile_headers(stgs_precompiled_${set} PRIVATE ${headers})
+  endif()
+  target_precompile_headers(${target} REUSE_FROM stgs_precompiled_${set})
+endfunction()
+
+# With STGS_BUNDLE_RUNTIME, copies the shared libraries of a program to lib/ beside it, the first folder
+# in its RPATH, so that bin/ can be copied to another machine.
 function(stgs_bundle_runtime program)
   if(STGS_BUNDLE_RUNTIME)
     add_custom_command(TARGET ${program} POST_BUILD
       COMMAND ${CMAKE_COMMAND} -DPROGRAM=$<TARGET_FILE:${program}>
               -DFOLDER=$<TARGET_FILE_DIR:${program}>/lib
               -P ${PROJECT_SOURCE_DIR}/cmake/bundle_runtime.cmake
-      COMMENT "Collecting what ${program} needs at run time" VERBATIM)
+      COMMENT "Collecting the shared libraries of ${program}" VERBATIM)
   endif()
 endfunction()

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # The C interface of the encoder: libstgs_encoder, separate from libstgs so that players do not depend
-# on the libraries for preparing and training. Installed targets are stgs::encoder and
-# stgs::encoder_static; in the source tree stgs::encoder is the encoder module.
+# on the libraries for preparing and training.
 add_library(stgs_encoder_sdk_objects OBJECT
   src/encoder/encoder.cpp
   src/encoder/pack.cpp
@@ -9,15 +8,15 @@ add_library(stgs_encoder_sdk_objects OBJECT
   src/encoder/recorder.cpp
   src/encoder/train.cpp)
 target_include_directories(stgs_encoder_sdk_objects PRIVATE include src)
-target_link_libraries(stgs_encoder_sdk_objects PRIVATE stgs::encoder TBB::tbb)
+target_link_libraries(stgs_encoder_sdk_objects PRIVATE stgs_encoder TBB::tbb)
 set_target_properties(stgs_encoder_sdk_objects PROPERTIES POSITION_INDEPENDENT_CODE ON
                       CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
 stgs_compile_options(stgs_encoder_sdk_objects)
-set(modules stgs::encoder)
-set(module_objects $<TARGET_OBJECTS:stgs_encoder>)
+set(modules stgs_encoder)
+set(module_objects $<TARGET_OBJECTS:stgs_encoder> $<TARGET_OBJECTS:stgs_capture>)
 if(STGS_HAS_PREPARE)
   target_compile_definitions(stgs_encoder_sdk_objects PRIVATE STGS_HAS_PREPARE)
-  list(APPEND modules stgs::prepare)
+  list(APPEND modules stgs_prepare)
   list(APPEND module_objects $<TARGET_OBJECTS:stgs_prepare>)
 endif()
 
@@ -48,25 +47,5 @@ foreach(target stgs_encoder_sdk stgs_encoder_sdk_static)
 endforeach()
 set_target_properties(stgs_encoder_sdk PROPERTIES EXPORT_NAME encoder)
 set_target_properties(stgs_encoder_sdk_static PROPERTIES EXPORT_NAME encoder_static)
-
-add_executable(stgs_encode_example examples/encode.c)
-set_target_properties(stgs_encode_example PROPERTIES C_STANDARD 99 C_EXTENSIONS OFF)
-target_compile_options(stgs_encode_example PRIVATE -pedantic -Wall -Wextra)
-target_link_libraries(stgs_encode_example PRIVATE stgs_encoder_sdk)
-
-install(TARGETS stgs_encoder_sdk EXPORT stgs-encoder
-  LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT encoder NAMELINK_COMPONENT encoder_dev)
-install(TARGETS stgs_encoder_sdk_static EXPORT stgs-encoder_static
-  ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT encoder_dev)
-foreach(component encoder encoder_static)
-  install(EXPORT stgs-${component} NAMESPACE stgs:: COMPONENT encoder_dev
-          DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/stgs)
-endforeach()
-install(FILES include/stgs/stgs_encoder.h include/stgs/stgs_encoder_recorder.h
-              include/stgs/stgs_encoder.hpp
-        DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/stgs COMPONENT encoder_dev)
-set(examples ${CMAKE_INSTALL_DATADIR}/doc/libstgs-encoder-dev/examples)
-install(FILES examples/encode.c examples/telepresence_recorder.cpp
-        DESTINATION ${examples} COMPONENT encoder_dev)
-install(FILES examples/installed_encoder.cmake
-        DESTINATION ${examples} RENAME CMakeLists.txt COMPONENT encoder_dev)
+add_library(stgs::encoder ALIAS stgs_encoder_sdk)
+add_library(stgs::encoder_static ALIAS stgs_encoder_sdk_static)

@@ -2,7 +2,7 @@
 #define CATCH_CONFIG_RUNNER
 #include "catch_runner.h"
 
-#include <catch2/catch.hpp>
+#include "catch.h"
 
 namespace stgs::testing {
 

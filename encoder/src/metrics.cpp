@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/encoder/metrics.h"
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -78,6 +77,32 @@ Ssim channel_sums(const float* a, const float* b, int width, int height) {
   return sums;
 }
 
+// Solves a x = b, where a is positive semidefinite and the system has a solution, and writes x to
+// b. Gauss-Jordan elimination with the largest diagonal element as pivot; unknowns without a pivot
+// are 0.
+void solve_semidefinite(double (&a)[4][4], double (&b)[4][3]) {
+  const double largest = std::max({a[0][0], a[1][1], a[2][2], a[3][3]});
+  const double negligible = 1e-14 * largest;  // 4 x 4 products, rounded to 1.1e-16 each
+  bool done[4] = {};
+  for (int step = 0; step < 4; ++step) {
+    int p = -1;
+    for (int i = 0; i < 4; ++i) {
+      if (!done[i] && (p < 0 || a[i][i] > a[p][p])) p = i;
+    }
+    if (a[p][p] <= negligible) break;
+    done[p] = true;
+    for (int r = 0; r < 4; ++r) {
+      if (r == p) continue;
+      const double factor = a[r][p] / a[p][p];
+      for (int c = 0; c < 4; ++c) a[r][c] -= factor * a[p][c];
+      for (int c = 0; c < 3; ++c) b[r][c] -= factor * b[p][c];
+    }
+  }
+  for (int i = 0; i < 4; ++i) {
+    for (int c = 0; c < 3; ++c) b[i][c] = done[i] ? b[i][c] / a[i][i] : 0;
+  }
+}
+
 }  // namespace
 
 Image to_float(const Image8& image) {
@@ -131,20 +156,23 @@ double colour_corrected_error(const Image& image, const Image& ground_truth) {
   const std::size_t pixels = static_cast<std::size_t>(image.width) * image.height;
   const float* in[] = {image.plane(0), image.plane(1), image.plane(2)};
   const float* out[] = {ground_truth.plane(0), ground_truth.plane(1), ground_truth.plane(2)};
-  Eigen::Matrix4d normal = Eigen::Matrix4d::Zero();
-  Eigen::Matrix<double, 4, 3> right = Eigen::Matrix<double, 4, 3>::Zero();
+  double normal[4][4] = {}, right[4][3] = {};
   for (std::size_t i = 0; i < pixels; ++i) {
-    const Eigen::Vector4d x(in[0][i], in[1][i], in[2][i], 1);
-    normal.noalias() += x * x.transpose();
-    right.noalias() += x * Eigen::RowVector3d(out[0][i], out[1][i], out[2][i]);
+    const double x[4] = {in[0][i], in[1][i], in[2][i], 1};
+    for (int r = 0; r < 4; ++r) {
+      for (int c = 0; c < 4; ++c) normal[r][c] += x[r] * x[c];
+      for (int c = 0; c < 3; ++c) right[r][c] += x[r] * out[c][i];
+    }
   }
   // The normal matrix is singular for an image of few colours. Any minimiser is then correct.
-  const Eigen::Matrix<double, 4, 3> map = normal.completeOrthogonalDecomposition().solve(right);
+  solve_semidefinite(normal, right);
   double sum = 0;
   for (std::size_t i = 0; i < pixels; ++i) {
-    const Eigen::Vector4d x(in[0][i], in[1][i], in[2][i], 1);
-    const Eigen::RowVector3d y(out[0][i], out[1][i], out[2][i]);
-    sum += (x.transpose() * map - y).squaredNorm();
+    for (int c = 0; c < 3; ++c) {
+      const double mapped =
+          in[0][i] * right[0][c] + in[1][i] * right[1][c] + in[2][i] * right[2][c] + right[3][c];
+      sum += (mapped - out[c][i]) * (mapped - out[c][i]);
+    }
   }
   return sum / static_cast<double>(3 * pixels);
 }

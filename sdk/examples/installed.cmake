@@ -12,17 +12,15 @@ foreach(program player telepresence_viewer)
   target_link_libraries(${program} PRIVATE stgs::stgs)
 endforeach()
 
-find_package(PkgConfig)
-if(PkgConfig_FOUND)
-  pkg_check_modules(STB IMPORTED_TARGET stb)
-endif()
-if(NOT STB_FOUND)
-  message(STATUS "stb not found (pkg-config, libstb-dev; writes PNG): "
+find_path(STB_INCLUDE_DIR stb_image_write.h PATH_SUFFIXES stb)
+if(NOT STB_INCLUDE_DIR)
+  message(STATUS "stb not found (libstb-dev; writes PNG): "
                  "minimal, embed_vulkan and hello_openxr are left out")
   return()
 endif()
 add_executable(minimal minimal.c)
-target_link_libraries(minimal PRIVATE stgs::stgs PkgConfig::STB)
+target_include_directories(minimal SYSTEM PRIVATE ${STB_INCLUDE_DIR})
+target_link_libraries(minimal PRIVATE stgs::stgs m)
 
 find_package(Vulkan COMPONENTS glslc)
 if(NOT (Vulkan_FOUND AND Vulkan_GLSLC_EXECUTABLE))

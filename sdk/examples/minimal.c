@@ -3,6 +3,8 @@
  * without one, shows the whole scene.
  *
  * usage: minimal SCENE.stgs SECONDS IMAGE.png */
+#define STB_IMAGE_WRITE_IMPLEMENTATION
+#define STB_IMAGE_WRITE_STATIC
 #include <stb_image_write.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -4,7 +4,13 @@
 set(STGS_PACKAGE_MAINTAINER "STGS maintainers <stgs@example.org>" CACHE STRING
     "Maintainer of the Debian packages: NAME <ADDRESS>")
 
-set(packages runtime dev encoder encoder_dev tools)
+set(packages runtime dev)
+if(STGS_HAS_ENCODER)
+  list(APPEND packages encoder encoder_dev)
+endif()
+if(STGS_BUILD_PROGRAM)
+  list(APPEND packages tools)
+endif()
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_NAME libstgs0)  # 0: the SOVERSION
 set(CPACK_DEBIAN_DEV_PACKAGE_NAME libstgs-dev)
 set(CPACK_DEBIAN_ENCODER_PACKAGE_NAME libstgs-encoder0)
@@ -19,7 +25,7 @@ if(STGS_HAS_PYTHON)
   list(APPEND packages python)
 endif()
 
-# The first line of a description is its synopsis; CPack would put the project's before it.
+# The first line of a description is its synopsis; CPack would put that of the project before it.
 set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "")
 set(CPACK_COMPONENT_RUNTIME_DESCRIPTION "player of streaming 4D Gaussian video - library
 Opens .stgs scenes from files, URLs, memory or application callbacks and renders
@@ -107,9 +113,9 @@ set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS
 # compiled in; their licences are the copyright files of their Debian packages.
 set(compiled_into_runtime libvulkan-volk-dev)
 set(compiled_into_dev libvulkan-volk-dev)
-set(compiled_into_encoder nlohmann-json3-dev libeigen3-dev libnanoflann-dev libstb-dev)
+set(compiled_into_encoder nlohmann-json3-dev libnanoflann-dev libstb-dev)
 set(compiled_into_encoder_dev ${compiled_into_encoder})
-set(compiled_into_tools libvulkan-volk-dev libcli11-dev nlohmann-json3-dev libeigen3-dev
+set(compiled_into_tools libvulkan-volk-dev libcli11-dev nlohmann-json3-dev
     libnanoflann-dev libstb-dev libimgui-dev)
 set(compiled_into_python pybind11-dev)
 find_program(GZIP_PROGRAM gzip)

@@ -2,10 +2,10 @@
 // What a timeline shows at a moment.
 #pragma once
 
-#include <catch2/catch.hpp>
 #include <set>
 #include <string>
 
+#include "catch.h"
 #include "stgs/player/timeline.h"
 #include "stretch_fixture.h"
 

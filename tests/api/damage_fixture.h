@@ -4,12 +4,12 @@
 
 #include <xxhash.h>
 
-#include <catch2/catch.hpp>
 #include <cstring>
 #include <set>
 #include <string>
 #include <vector>
 
+#include "catch.h"
 #include "copy_fixture.h"
 #include "scene_fixture.h"
 

@@ -2,11 +2,11 @@
 // Files with another index: what a writer would not write.
 #pragma once
 
-#include <catch2/catch.hpp>
 #include <cstdint>
 #include <span>
 #include <vector>
 
+#include "catch.h"
 #include "container/container.h"
 #include "copy_fixture.h"
 #include "core/bytes.h"

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
@@ -12,6 +11,7 @@
 #include <thread>
 
 #include "alive.h"
+#include "catch.h"
 #include "stgs/player/player.h"
 #include "stretch_fixture.h"
 #include "temporary_folder.h"

@@ -2,11 +2,11 @@
 // Recordings in files of a test's own.
 #pragma once
 
-#include <catch2/catch.hpp>
 #include <filesystem>
 #include <fstream>
 #include <set>
 
+#include "catch.h"
 #include "stretch_fixture.h"
 #include "temporary_folder.h"
 

@@ -2,12 +2,12 @@
 // A small scene in memory, and objects of the C interface that end by themselves.
 #pragma once
 
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "catch.h"
 #include "scene_fixture.h"
 #include "stgs/stgs.h"
 

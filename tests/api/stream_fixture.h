@@ -3,7 +3,6 @@
 #pragma once
 
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <chrono>
 #include <condition_variable>
 #include <functional>
@@ -16,6 +15,7 @@
 #include <vector>
 
 #include "alive.h"
+#include "catch.h"
 #include "scene_fixture.h"
 #include "stgs/player/player.h"
 

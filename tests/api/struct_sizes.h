@@ -2,7 +2,6 @@
 // Structs of the C interface as programs with older and with newer headers hand them over.
 #pragma once
 
-#include <catch2/catch.hpp>
 #include <cstdint>
 #include <cstring>
 #include <fstream>
@@ -14,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "catch.h"
 #include "stgs/stgs.h"
 
 namespace stgs::testing {

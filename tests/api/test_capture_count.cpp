@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Captures with too few cameras for depth are refused before any work.
-#include <catch2/catch.hpp>
-
 #include "capture_fixture.h"
+
+#include "catch.h"
 
 namespace stgs::encoder::capture_test {
 namespace {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Frames: undistortion, scale, synchronisation, what is written, and what is refused.
-#include <catch2/catch.hpp>
 #include <opencv2/calib3d.hpp>
 
 #include "capture_fixture.h"
+#include "catch.h"
 #include "src/capture/run_program.h"
 
 namespace stgs::encoder::capture_test {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Each layout gives back the cameras that it was written from.
-#include <catch2/catch.hpp>
-
 #include "capture_fixture.h"
+
+#include "catch.h"
 
 namespace stgs::encoder::capture_test {
 namespace {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Captures with something missing, misnamed or damaged: refused by name, never bent to fit.
 #include <algorithm>
-#include <catch2/catch.hpp>
 
 #include "capture_fixture.h"
+#include "catch.h"
 #include "src/capture/capture_files.h"
 
 namespace stgs::encoder::capture_test {

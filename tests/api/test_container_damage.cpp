@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a reader and the validator say of damaged files.
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <set>
 
+#include "catch.h"
 #include "damage_fixture.h"
 
 using namespace stgs;

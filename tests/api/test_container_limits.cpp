@@ -3,10 +3,10 @@
 #include <sys/resource.h>
 
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <memory_resource>
 #include <set>
 
+#include "catch.h"
 #include "damage_fixture.h"
 #include "head_fixture.h"
 #include "stgs/format/damage_report.h"

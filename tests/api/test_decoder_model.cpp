@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a file asks of a decoder (spec/decoder-model.md), against looking at every moment.
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <fstream>
 #include <sstream>
 
+#include "catch.h"
 #include "scene_fixture.h"
 #include "stgs/format/decoder_model.h"
 

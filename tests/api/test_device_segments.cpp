@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a backend's device is asked to hold, with a device that only counts.
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <chrono>
 #include <map>
 #include <set>
 
+#include "catch.h"
 #include "device_segments.h"
 #include "scene_fixture.h"
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The profile draco: the quantised one, its positions coded by Draco (spec 7.2.1).
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <random>
 
+#include "catch.h"
 #include "codec/draco_points.h"
 #include "codec/stream.h"
 #include "scene_fixture.h"

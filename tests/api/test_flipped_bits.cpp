@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A bit that flips anywhere in a file is found, and what it does not touch still plays.
-#include <catch2/catch.hpp>
-
+#include "catch.h"
 #include "copy_fixture.h"
 #include "recording_fixture.h"
 

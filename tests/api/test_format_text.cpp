@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The format's text and its program say the same.
-#include <catch2/catch.hpp>
 #include <fstream>
 #include <regex>
 #include <set>
 #include <sstream>
 
+#include "catch.h"
 #include "copy_fixture.h"
 #include "stgs/format/scene_file.h"
 

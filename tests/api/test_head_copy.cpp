@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The copy of a head: which one is taken for a damaged head, and what is said of it.
-#include <catch2/catch.hpp>
 #include <fstream>
 
+#include "catch.h"
 #include "copy_fixture.h"
 #include "damage_fixture.h"
 #include "stgs/format/scene_recorder.h"

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the index tells, and what a reader refuses of it (spec 5).
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <random>
 #include <set>
 
+#include "catch.h"
 #include "container/segment_times.h"
 #include "core/bytes.h"
 #include "head_fixture.h"

@@ -3,10 +3,10 @@
 
 #include <tbb/global_control.h>
 
-#include <catch2/catch.hpp>
 #include <fstream>
 #include <sstream>
 
+#include "catch.h"
 #include "init/motion.h"
 #include "synthetic_rig.h"
 #include "temporary_folder.h"

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // glTF out, and the table of formats.
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <cstring>
 #include <nlohmann/json.hpp>
 
+#include "catch.h"
 #include "scene_fixture.h"
 #include "stgs/format/interchange_formats.h"
 #include "stgs/format/math/blend.h"

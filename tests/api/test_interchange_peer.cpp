@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Files that another program wrote (tests/data/interchange/README.md).
-#include <catch2/catch.hpp>
-
 #include "stgs/format/interchange_formats.h"
+
+#include "catch.h"
 
 namespace stgs {
 namespace {

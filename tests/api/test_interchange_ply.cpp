@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // One moment of a scene, turned axes, and PLY in and out.
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <cstring>
 #include <limits>
 #include <span>
 
+#include "catch.h"
 #include "scene_fixture.h"
 #include "stgs/format/interchange.h"
 #include "stgs/format/math/blend.h"

@@ -2,9 +2,9 @@
 // SPZ in and out.
 #include <zlib.h>
 
-#include <catch2/catch.hpp>
 #include <cmath>
 
+#include "catch.h"
 #include "scene_fixture.h"
 #include "stgs/format/interchange.h"
 #include "stgs/format/math/blend.h"

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The arithmetic of following a recording: where its edge is, how far behind it, when to look.
-#include <catch2/catch.hpp>
-
+#include "catch.h"
 #include "stream/live_edge.h"
 #include "stream/poll_interval.h"
 

@@ -4,9 +4,9 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include <catch2/catch.hpp>
 #include <filesystem>
 
+#include "catch.h"
 #include "copy_fixture.h"
 #include "scene_fixture.h"
 #include "stgs/format/math/blend.h"

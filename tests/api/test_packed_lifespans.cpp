@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <random>
 
+#include "catch.h"
 #include "scene_fixture.h"
 #include "stgs/format/differences.h"
 #include "stgs/format/math/blend.h"

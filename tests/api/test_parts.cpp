@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Scenes in parts, and windows of a capture, in a file (spec 4.5, 5.10).
-#include <catch2/catch.hpp>
 #include <set>
 
+#include "catch.h"
 #include "head_fixture.h"
 #include "scene_fixture.h"
 

@@ -2,19 +2,19 @@
 #include "stgs/format/ply_sequence.h"
 
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <filesystem>
 #include <functional>
 #include <numeric>
 
+#include "catch.h"
 #include "scene_fixture.h"
 #include "stgs/format/output_file.h"
 #include "stgs/format/raster.h"
 #include "temporary_folder.h"
 
 using namespace stgs;
-using Catch::Matchers::Contains;
+using Catch::Contains;
 namespace fs = std::filesystem;
 
 namespace {

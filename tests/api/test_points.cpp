@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <catch2/catch.hpp>
 #include <filesystem>
 #include <fstream>
 
+#include "catch.h"
 #include "stgs/encoder/prepared_capture.h"
 #include "temporary_folder.h"
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sources that fail while they are read, files that change under a reader, and callers' limits.
 #include <atomic>
-#include <catch2/catch.hpp>
 #include <filesystem>
 #include <fstream>
 
+#include "catch.h"
 #include "head_fixture.h"
 #include "scene_fixture.h"
 #include "stgs/format/scene_recorder.h"

@@ -5,13 +5,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <catch2/catch.hpp>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <set>
 #include <thread>
 
+#include "catch.h"
 #include "head_fixture.h"
 #include "recording_fixture.h"
 #include "stgs/format/output_file.h"

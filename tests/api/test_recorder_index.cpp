@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The index of files that grow: how little is read of it, however long they are, and what is lost
 // with a piece of it.
-#include <catch2/catch.hpp>
 #include <set>
 
+#include "catch.h"
 #include "head_fixture.h"
 #include "recording_fixture.h"
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <catch2/catch.hpp>
 #include <cmath>
 
+#include "catch.h"
 #include "stgs/format/scene_statistics.h"
 
 using namespace stgs;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <map>
 #include <set>
 
+#include "catch.h"
 #include "scene_fixture.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"

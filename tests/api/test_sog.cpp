@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <catch2/catch.hpp>
 #include <cmath>
 
+#include "catch.h"
 #include "scene_fixture.h"
 #include "sog_fixture.h"
 #include "stgs/format/interchange.h"
@@ -26,7 +26,7 @@ Status refusal(const SogModel& model, const ReadLimits& limits = {}) {
   return scene.status();
 }
 
-using Catch::Matchers::Contains;
+using Catch::Contains;
 
 }  // namespace
 

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <catch2/catch.hpp>
-
+#include "catch.h"
 #include "splatv_fixture.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/splatv.h"
 
 using namespace stgs;
-using Catch::Matchers::Contains;
+using Catch::Contains;
 using stgs::testing::splatv_chunks;
 using stgs::testing::splatv_file;
 using stgs::testing::SplatvRecord;

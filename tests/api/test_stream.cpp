@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Playing what is still coming: what is fetched when, and what is shown of it.
 #include <atomic>
-#include <catch2/catch.hpp>
 #include <chrono>
 #include <limits>
 #include <map>
 #include <set>
 #include <thread>
 
+#include "catch.h"
 #include "resident_segment.h"
 #include "stream/need.h"
 #include "stream/playback_clock.h"

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a player's timeline says comes next.
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <vector>
 
+#include "catch.h"
 #include "stream_fixture.h"
 
 namespace stgs::player {

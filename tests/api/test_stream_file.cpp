@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Playing a file that changes meanwhile.
-#include <catch2/catch.hpp>
 #include <filesystem>
 #include <fstream>
 
+#include "catch.h"
 #include "stream/transfer_events.h"
 #include "stream_fixture.h"
 #include "temporary_folder.h"

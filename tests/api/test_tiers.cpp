@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <map>
 #include <numeric>
 
-#include "quantise/tiers.h"
+#include "catch.h"
 #include "scene_fixture.h"
+#include "quantise/tiers.h"
 
 using namespace stgs;
-using Catch::Detail::Approx;
 
 namespace {
 

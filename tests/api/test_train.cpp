@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <catch2/catch.hpp>
 #include <filesystem>
 #include <fstream>
 #include <stdexcept>
@@ -7,6 +6,7 @@
 
 #include <tbb/global_control.h>
 #include "../kernels/thread_ranks.h"
+#include "catch.h"
 #include "stgs/encoder/train.h"
 #include "stgs/encoder/training_log.h"
 #include "synthetic_capture.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <catch2/catch.hpp>
 #include <filesystem>
 
+#include "catch.h"
 #include "stgs/encoder/train.h"
 #include "stgs/format/parallel.h"
 #include "synthetic_capture.h"

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // That --set of a hyper-parameter changes the scene or is refused, for all of them.
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <map>
 
 #include "../kernels/thread_ranks.h"
+#include "catch.h"
 #include "train/training_choice.h"
 #include "train_run.h"
 

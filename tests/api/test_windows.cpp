@@ -2,10 +2,10 @@
 // Long captures as windows of time: cut, trained apart, merged.
 #include <algorithm>
 #include <array>
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <set>
 
+#include "catch.h"
 #include "stgs/encoder/metrics.h"
 #include "stgs/encoder/pack.h"
 #include "stgs/encoder/train.h"

@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <array>
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -19,6 +18,7 @@
 #include <stb_image.h>
 
 #include "../api/temporary_folder.h"
+#include "catch.h"
 #include "catch_runner.h"
 #include "stgs/format/scene_file.h"
 

@@ -3,8 +3,9 @@
 #include "xr/eye_view.h"
 
 #include <array>
-#include <catch2/catch.hpp>
 #include <cmath>
+
+#include "catch.h"
 
 namespace {
 

@@ -3,10 +3,10 @@
 #include <netdb.h>
 
 #include <atomic>
-#include <catch2/catch.hpp>
 #include <chrono>
 #include <future>
 
+#include "catch.h"
 #include "stgs/player/source.h"
 
 namespace {

@@ -133,6 +133,10 @@ class Docs(unittest.TestCase):
     def test_links_and_names(self):
         headers = "".join(read(path) for path in glob.glob(self.at("prefix/include/stgs/*.h")))
         declared = set(re.findall(r"\bstgs_\w+|\bSTGS_\w+", headers))
+        options = read(os.path.join(ARGUMENTS.source, "cmake/options.cmake"))
+        declared |= set(re.findall(r"^option\((STGS_\w+)", options, re.MULTILINE))
+        declared |= {f"STGS_WITH_{name}" for name in
+                     re.findall(r"^stgs_option\((\w+)", options, re.MULTILINE)}
         for page, text in self.pages.items():
             for target in re.findall(r"\]\(([^)#:]+)\)", text):
                 self.assertIn(target, self.pages, f"{page} links to {target}")

@@ -2,11 +2,11 @@
 // What the tests of the CUDA training backend share.
 #pragma once
 
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <vector>
 
 #include "backend/cuda/cuda_backend.h"
+#include "catch.h"
 #include "stgs/encoder/train.h"
 #include "synthetic_capture.h"
 #include "train_run.h"

@@ -3,9 +3,10 @@
 #pragma once
 
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <span>
+
+#include "catch.h"
 
 namespace stgs::testing {
 

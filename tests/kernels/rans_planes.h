@@ -4,10 +4,10 @@
 
 #include <algorithm>
 #include <array>
-#include <catch2/catch.hpp>
 #include <random>
 #include <vector>
 
+#include "catch.h"
 #include "codec/rans.h"
 
 namespace stgs::testing {

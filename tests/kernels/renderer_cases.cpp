@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // A device's renderer against the CPU renderer (spec/representation.md, 7.2).
-#include <catch2/catch.hpp>
 #include <chrono>
 #include <functional>
 #include <memory>
 #include <thread>
 
+#include "catch.h"
 #include "frame_difference.h"
 #include "renderer_under_test.h"
 #include "scene_fixture.h"

@@ -2,7 +2,6 @@
 // The files of the conformance suite, also the damaged ones that can be read past, as a device's
 // renderer and the CPU renderer draw them.
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -10,6 +9,7 @@
 #include <memory>
 #include <vector>
 
+#include "catch.h"
 #include "frame_difference.h"
 #include "renderer_under_test.h"
 #include "stgs/format/math/lifespan.h"

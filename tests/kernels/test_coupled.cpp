@@ -3,13 +3,13 @@
 // finite differences, and the gradients that a training step takes from it.
 #include <Eigen/Dense>
 #include <array>
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <filesystem>
 #include <random>
 
 #include "../api/temporary_folder.h"
 #include "backend/backend.h"
+#include "catch.h"
 #include "raster_scene.h"
 #include "stgs/format/raster.h"
 #include "train/checkpoint.h"

@@ -4,11 +4,11 @@
 // Gradients are compared through Adam's first moments after one step from zero, which are 0.1 times
 // the gradient. Both backends round differently, and a pixel at the edge of a splat may be drawn by
 // one alone; so arrays are compared by the length of their difference against their own length.
-#include <catch2/catch.hpp>
 #include <cstdio>
 #include <filesystem>
 #include <functional>
 
+#include "catch.h"
 #include "catch_runner.h"
 #include "cuda_backend_check.h"
 #include "stgs/encoder/train.h"

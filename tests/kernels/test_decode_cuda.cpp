@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The GPU's decoder of segments against the processor's, to the bit.
-#include <catch2/catch.hpp>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
 
+#include "catch.h"
 #include "device_gaussians.h"
 #include "scene_fixture.h"
 #include "stgs/format/scene_file.h"

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <atomic>
-#include <catch2/catch.hpp>
 #include <chrono>
 #include <random>
 #include <thread>
 
+#include "catch.h"
 #include "train/frame_store.h"
 #include "train/view_order.h"
 

@@ -3,7 +3,6 @@
 #include <tbb/global_control.h>
 
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <cstring>
 #include <functional>
@@ -12,6 +11,7 @@
 
 #include "backend/cpu/blend_backward.h"
 #include "backend/cpu/project_backward.h"
+#include "catch.h"
 #include "finite_differences.h"
 #include "raster_scene.h"
 #include "stgs/format/math/lifespan.h"

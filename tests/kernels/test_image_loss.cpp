@@ -2,10 +2,10 @@
 #include <tbb/global_control.h>
 
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <random>
 
+#include "catch.h"
 #include "train/image_loss.h"
 #include "vector_targets.h"
 

@@ -2,10 +2,10 @@
 // What a primitive matters to pictures, against what a change of its colour does to them.
 #include "train/importance.h"
 
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <set>
 
+#include "catch.h"
 #include "importance_scene.h"
 #include "stgs/format/math/sh.h"
 #include "stgs/format/raster.h"

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which digits and tables the writer chooses.
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <random>
 
+#include "catch.h"
 #include "codec/layout_plan.h"
 #include "codec/planes.h"
 #include "quantise/steps.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <catch2/catch.hpp>
 #include <cmath>
 
+#include "catch.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/project.h"

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // format/math on a CUDA device against C++. Exit code 77: there is no device.
-#include <catch2/catch.hpp>
 #include <cstdio>
 
+#include "catch.h"
 #include "catch_runner.h"
 #include "math_parity_check.h"
 #include "math_parity_cuda.h"

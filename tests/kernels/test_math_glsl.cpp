@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // format/math through GLSL on every Vulkan device against C++. Exit code 77: there is no device.
-#include <catch2/catch.hpp>
 #include <cstdio>
 
 #include "catch_runner.h"
@@ -14,6 +13,7 @@ using stgs::math::ParityGiven;
 namespace {
 
 constexpr std::uint32_t kSpirv[] = {
+#include "catch.h"
 #include "math_parity.spv.inc"
 };
 constexpr std::size_t kPrimitives = 10000;

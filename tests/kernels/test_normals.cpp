@@ -4,13 +4,13 @@
 #include <tbb/global_control.h>
 
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <cstring>
 #include <random>
 #include <span>
 
 #include "backend/cpu/surface.h"
+#include "catch.h"
 #include "finite_differences.h"
 #include "math/grad.h"
 #include "raster_scene.h"

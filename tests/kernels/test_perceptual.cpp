@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <array>
-#include <catch2/catch.hpp>
 #include <cmath>
 
+#include "catch.h"
 #include "perceptual/perceptual_loss.h"
 #include "vector_targets.h"
 #include "vgg_fixture.h"

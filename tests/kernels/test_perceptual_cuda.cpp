@@ -6,12 +6,12 @@
 // those of the arithmetic, so gradients are held to a bound of their median over cases and to a
 // wide one of the worst.
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <cstdio>
 
 #include "backend/cuda/cuda_backend.h"
 #include "backend/cuda/memory.h"
+#include "catch.h"
 #include "catch_runner.h"
 #include "perceptual/perceptual_loss.h"
 #include "train/colour_correction.h"

@@ -3,8 +3,8 @@
 // plainly. Gradients are read from Adam's first moments after one step from zero, which are 0.1
 // times the gradient.
 #include <algorithm>
-#include <catch2/catch.hpp>
 
+#include "catch.h"
 #include "stgs/format/parallel.h"
 #include "thread_ranks.h"
 #include "train/coupled_state.h"

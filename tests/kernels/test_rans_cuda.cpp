@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The rANS decoder of the GPU against the scalar one.
-#include <catch2/catch.hpp>
 #include <cstdio>
 
+#include "catch.h"
 #include "rans_device.h"
 #include "rans_planes.h"
 

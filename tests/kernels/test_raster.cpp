@@ -3,7 +3,6 @@
 #include <tbb/global_control.h>
 
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
@@ -12,6 +11,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "catch.h"
 #include "raster_scene.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/fovea.h"

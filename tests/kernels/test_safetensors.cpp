@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <catch2/catch.hpp>
-
 #include "perceptual/safetensors.h"
 #include "vgg_fixture.h"
+
+#include "catch.h"
 
 using namespace stgs;
 using namespace stgs::encoder;

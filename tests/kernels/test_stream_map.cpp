@@ -2,10 +2,10 @@
 // The floats of a file are the same from every vector unit, and from any number of threads.
 #include <tbb/global_control.h>
 
-#include <catch2/catch.hpp>
 #include <span>
 
 #include "../api/scene_fixture.h"
+#include "catch.h"
 #include "vector_targets.h"
 
 using namespace stgs;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The trainer's parts against what they promise: Adam, colour correction, regularisers,
 // densification, checkpoints.
-#include <catch2/catch.hpp>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -10,6 +9,7 @@
 
 #include "../api/temporary_folder.h"
 #include "backend/cpu/regularisers.h"
+#include "catch.h"
 #include "stgs/format/math/blend.h"
 #include "train/adam.h"
 #include "train/checkpoint.h"

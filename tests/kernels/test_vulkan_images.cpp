@@ -3,14 +3,13 @@
 // the validation layer where it is installed. Exit code 77: there is no device.
 #include "vulkan_host.h"
 
-// After volk, which wants to be the first of Vulkan's headers.
-#include <catch2/catch.hpp>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <thread>
 
+#include "catch.h"
 #include "catch_runner.h"
 #include "scene_fixture.h"
 #include "vulkan/features.h"

@@ -5,12 +5,12 @@
 // STGS_CPU_SUBGROUP lanes that it was asked for.
 #define CATCH_CONFIG_EXTERNAL_INTERFACES
 #include <algorithm>
-#include <catch2/catch.hpp>
 #include <cstdio>
 #include <cstdlib>
 #include <string>
 #include <vector>
 
+#include "catch.h"
 #include "catch_runner.h"
 #include "renderer_under_test.h"
 #include "scene_fixture.h"

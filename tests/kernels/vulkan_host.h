@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A program that has a Vulkan device of its own, with images and semaphores, as whoever lends it to
-// the renderer. Before <catch2/catch.hpp> and others of Vulkan's headers.
+// the renderer.
 #pragma once
 
 #include <volk.h>

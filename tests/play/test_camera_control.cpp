@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The viewer's camera: it stays a camera, upright, and turns around what it looks at.
-#include <catch2/catch.hpp>
 #include <cmath>
 
+#include "catch.h"
 #include "play/camera_control.h"
 
 using namespace stgs;

@@ -1,24 +1,52 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # Installs the packages of tools/setup/packages.txt that are missing.
-# Exit code 0: all packages are installed; 1: a package could not be installed.
+# usage: setup.sh [--print] SECTION...    sections: core, program, check, check-all
+#   --print  prints the names of the packages, one per line, and installs nothing
+# Exit code 0: all packages are installed; 1: a package could not be installed; 2: usage.
 set -eu
 
 list=$(dirname "$0")/packages.txt
+print=no
+if [ "${1:-}" = --print ]; then
+  print=yes
+  shift
+fi
+if [ $# -eq 0 ]; then
+  echo "usage: setup.sh [--print] SECTION...    sections: core, program, check, check-all" >&2
+  exit 2
+fi
+
+# The lines of the given sections.
+lines=
+for section; do
+  part=$(awk -v section="[$section]" \
+    '/^\[/ { inside = ($0 == section) } inside && /^[a-z0-9]/' "$list")
+  if [ -z "$part" ]; then
+    echo "setup: packages.txt has no section '$section'" >&2
+    exit 2
+  fi
+  lines="$lines$part
+"
+done
+names=$(printf '%s' "$lines" | cut -d ' ' -f 1)
+if [ $print = yes ]; then
+  echo "$names"
+  exit 0
+fi
 
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
   echo "setup: this is not a Debian system; install the equivalents of these packages:"
-  grep -v '^#' "$list"
+  printf '%s' "$lines" | sed 's/^/  /'
   echo "setup: continuing with the installed packages"
   exit 0
 fi
 
 missing=
-for package in $(sed -e '/^#/d' -e 's/ .*//' "$list"); do
+for package in $names; do
   state=$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null || true)
   [ "$state" = installed ] || missing="$missing $package"
 done
-
 if [ -z "$missing" ]; then
   echo "setup: all packages are installed"
   exit 0
@@ -26,7 +54,7 @@ fi
 
 echo "setup: installing with apt-get:"
 for package in $missing; do
-  grep "^$package " "$list" | sed 's/^/  /'
+  printf '%s' "$lines" | grep "^$package " | sed 's/^/  /'
 done
 
 as_root=

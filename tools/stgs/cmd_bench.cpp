@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <optional>
 
@@ -58,7 +57,7 @@ class Bench final : public Command {
   Shared shared() const override {
     return {.progress = true, .backend = "Renderer", .threads = true};
   }
-  void declare(CLI::App& app) override {
+  void declare(Arguments& app) override {
     app.add_option("FILE", file_, "The .stgs file, or its URL")->required();
     app.add_option("--camera", camera_files_,
                    "Camera file (JSON), as for render; repeatable (default: the start camera)");

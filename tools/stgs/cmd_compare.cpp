@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
 #include <algorithm>
 
 #include "camera_file.h"
@@ -45,7 +44,7 @@ class Compare final : public Command {
   Shared shared() const override {
     return {.progress = true, .backend = "Renderer", .threads = true};
   }
-  void declare(CLI::App& app) override {
+  void declare(Arguments& app) override {
     app.add_option("A", a_, "An image, or a .stgs file or its URL")->required();
     app.add_option("B", b_, "The image or .stgs file to compare with")->required();
     app.add_option("--min-psnr", min_psnr_, "Exit code 7 if psnr is below this, dB")

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -120,7 +119,7 @@ class Convert final : public Command {
         "  stgs convert frames/ clip.stgs --fps 30"};
   }
   Shared shared() const override { return {.log_level = true, .threads = true}; }
-  void declare(CLI::App& app) override {
+  void declare(Arguments& app) override {
     app.add_option("IN", input_, "Input file or folder")->required();
     app.add_option("OUT", output_, "Output file; its extension selects the format")->required();
     app.add_option("--time", seconds_,

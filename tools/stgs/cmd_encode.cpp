@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
 #include <optional>
@@ -42,7 +41,7 @@ class Encode final : public Command {
         "  stgs encode capture/ -o scene.stgs --keep-work work/ --resume work/run.ckpt"};
   }
   Shared shared() const override { return TrainOptions::shared(); }
-  void declare(CLI::App& app) override {
+  void declare(Arguments& app) override {
     app.add_option("CAPTURE", capture_, "Folder of videos or images")->required();
     app.add_option("-o,--output", output_, "Output file (.stgs)")->required();
     app.add_option("--keep-work", keep_work_,

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
 #include <algorithm>
 
 #include "camera_file.h"
@@ -125,7 +124,7 @@ class Evaluate final : public Command {
   Shared shared() const override {
     return {.progress = true, .backend = "Renderer", .threads = true};
   }
-  void declare(CLI::App& app) override {
+  void declare(Arguments& app) override {
     app.add_option("FILE", file_, "The .stgs file, or its URL")->required();
     app.add_option("--against", folder_, "Prepared capture to compare with")->required();
     app.add_option("--cameras", which_, "Cameras: test, train, all, or comma-separated names")

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
 #include <filesystem>
 
 #include "command.h"
@@ -24,7 +23,7 @@ class Finalize final : public Command {
         "  stgs finalize live.stgs -o scene.stgs"};
   }
   Shared shared() const override { return {.log_level = true}; }
-  void declare(CLI::App& app) override {
+  void declare(Arguments& app) override {
     app.add_option("FILE", input_, "The recording (.stgs)")->required();
     app.add_option("-o,--output", output_, "Output file (.stgs)")->required();
   }

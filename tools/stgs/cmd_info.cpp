@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
-
 #include "command.h"
 #include "scene_info.h"
 #include "scene_input.h"
@@ -38,7 +36,7 @@ class Info final : public Command {
             "  stgs info scene.stgs --lifespans --format json"};
   }
   Shared shared() const override { return {}; }
-  void declare(CLI::App& app) override {
+  void declare(Arguments& app) override {
     app.add_option("FILE", locations_, "The .stgs files, or their URLs")->required();
     app.add_flag("--segments", segments_, "Print tables of segments, layers and streams");
     app.add_flag("--lifespans", lifespans_,

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <filesystem>
 
@@ -28,7 +27,7 @@ class Pack final : public Command {
         "  stgs pack parts/*.stgs -o scene.stgs"};
   }
   Shared shared() const override { return {.progress = true, .log_level = true, .threads = true}; }
-  void declare(CLI::App& app) override {
+  void declare(Arguments& app) override {
     app.add_option("SCENE", inputs_, "A lossless .stgs file, or one per window")->required();
     app.add_option("-o,--output", output_, "Output file (.stgs)")->required();
     app.add_option("--against", against_,

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
-
 #include "camera_file.h"
 #include "command.h"
 #include "options.h"
@@ -32,7 +30,7 @@ class Play final : public Command {
 
   Shared shared() const override { return {.log_level = true, .threads = true}; }
 
-  void declare(CLI::App& app) override {
+  void declare(Arguments& app) override {
     app.add_option("FILE", file_, "The .stgs file, or its URL")->required();
     app.add_option("--start-camera,--camera", camera_,
                    "Camera file (JSON), as for render (default: the start camera of the file)");

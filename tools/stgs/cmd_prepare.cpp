@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
-
 #include "command.h"
 #include "encode_options.h"
 #include "output_path.h"
@@ -22,7 +20,7 @@ class Prepare final : public Command {
   Shared shared() const override {
     return {.progress = true, .log_level = true, .threads = true, .seed = true};
   }
-  void declare(CLI::App& app) override {
+  void declare(Arguments& app) override {
     app.add_option("CAPTURE", capture_, "Folder of videos or images")->required();
     app.add_option("-o,--output", output_, "Output folder")->required();
     options_.declare(app);

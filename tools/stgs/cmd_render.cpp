@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <filesystem>
 #include <limits>
@@ -55,7 +54,7 @@ class Render final : public Command {
   Shared shared() const override {
     return {.progress = true, .log_level = true, .backend = "Renderer", .threads = true};
   }
-  void declare(CLI::App& app) override {
+  void declare(Arguments& app) override {
     app.add_option("FILE", o_.file, "The .stgs file, or its URL")->required();
     auto* camera = app.add_option("--camera", o_.camera, "Camera file (JSON), described below");
     auto* cameras =
@@ -270,7 +269,7 @@ class Render final : public Command {
   }
 
   Options o_;
-  CLI::Option* time_ = nullptr;
+  Argument* time_ = nullptr;
   encoder::PreparedCapture capture_;
   std::vector<player::Frame> frames_;
 };

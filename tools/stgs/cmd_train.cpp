@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
 #include <filesystem>
 
 #include "command.h"
@@ -28,7 +27,7 @@ class Train final : public Command {
         "  mpirun -np 2 --bind-to none stgs train prepared/ -o scene.stgs"};
   }
   Shared shared() const override { return TrainOptions::shared(); }
-  void declare(CLI::App& app) override {
+  void declare(Arguments& app) override {
     app.add_option("DIR", folder_, "Prepared capture");
     app.add_option("-o,--output", output_, "Output file (lossless .stgs), or folder with --window");
     options_.declare(app);

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <CLI/CLI.hpp>
 #include <algorithm>
 
 #include "command.h"
@@ -90,7 +89,7 @@ class Validate final : public Command {
             "  stgs validate scene.stgs other.stgs"};
   }
   Shared shared() const override { return {.threads = true}; }
-  void declare(CLI::App& app) override {
+  void declare(Arguments& app) override {
     app.add_option("FILE", paths_, "The .stgs files, or their URLs")->required();
   }
   Status run(Session& session) override {

@@ -6,12 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "arguments.h"
 #include "session.h"
 #include "stgs/format/status.h"
-
-namespace CLI {
-class App;
-}
 
 namespace stgs::tools {
 
@@ -37,7 +34,7 @@ class Command {
   virtual Help help() const = 0;
   virtual Shared shared() const = 0;
   // Declares the verb's own options. Parsing fills them in.
-  virtual void declare(CLI::App& app) = 0;
+  virtual void declare(Arguments& app) = 0;
   // Runs the verb. Called once, after parsing.
   virtual Status run(Session& session) = 0;
 };

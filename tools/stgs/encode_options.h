@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "arguments.h"
 #include "command.h"
 #include "output_path.h"
 #include "session.h"
@@ -14,15 +15,11 @@
 #include "stgs/encoder/train.h"
 #include "stgs/format/status.h"
 
-namespace CLI {
-class App;
-}
-
 namespace stgs::tools {
 
 class PrepareOptions {
  public:
-  void declare(CLI::App& app);
+  void declare(Arguments& app);
   // Defined only with STGS_HAS_PREPARE.
   Result<encoder::PrepareSettings> settings(const CommonOptions& common) const;
   bool overwrite() const { return overwrite_; }
@@ -45,7 +42,7 @@ class TrainOptions {
             .threads = true,
             .seed = true};
   }
-  void declare(CLI::App& app);
+  void declare(Arguments& app);
   // Returns the settings. kUsage if two paths are the same, of these options and of `outputs`, the
   // other outputs of the verb. The process that writes also checks that its files can be written.
   // Files may lie in `new_folder`, which the verb creates; "": it creates none.
@@ -72,7 +69,7 @@ class TrainOptions {
 
 class PackOptions {
  public:
-  void declare(CLI::App& app);
+  void declare(Arguments& app);
   encoder::PackSettings settings() const;
 
  private:

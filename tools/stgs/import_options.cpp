@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "import_options.h"
 
-#include <CLI/CLI.hpp>
-
 #include "options.h"
 
 namespace stgs::tools {
@@ -32,7 +30,7 @@ Json to_json(const SplatvReport& r) {
 
 }  // namespace
 
-void ImportOptions::declare(CLI::App& app) {
+void ImportOptions::declare(Arguments& app) {
   const char* group = "Animated formats";
   app.add_option("--fps", fps_,
                  "Frame rate of a folder of PLY frames or of a .splatv (default: 30)")

@@ -5,19 +5,16 @@
 #include <optional>
 #include <string>
 
+#include "arguments.h"
 #include "session.h"
 #include "stgs/format/interchange_formats.h"
 #include "stgs/format/status.h"
-
-namespace CLI {
-class App;
-}
 
 namespace stgs::tools {
 
 class ImportOptions {
  public:
-  void declare(CLI::App& app);
+  void declare(Arguments& app);
   // kUsage if an option is given that does not apply to `format` (null: .stgs).
   Status check(const std::string& path, const InterchangeFormat* format) const;
   ImportSettings settings() const;

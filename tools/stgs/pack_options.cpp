@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "encode_options.h"
 
-#include <CLI/CLI.hpp>
 #include <array>
 
 #include "options.h"
@@ -9,7 +8,7 @@
 
 namespace stgs::tools {
 
-void PackOptions::declare(CLI::App& app) {
+void PackOptions::declare(Arguments& app) {
   const char* group = "Packing";
   with_choices(
       app.add_option("--profile", profile_,

@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "encode_options.h"
 
-#include <CLI/CLI.hpp>
-
 #include "options.h"
 
 namespace stgs::tools {
 
-void PrepareOptions::declare(CLI::App& app) {
+void PrepareOptions::declare(Arguments& app) {
   const char* group = "Preparing";
   app.add_option(
          "--layout", layout_,

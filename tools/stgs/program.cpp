@@ -7,7 +7,9 @@
 
 #include "command.h"
 #include "options.h"
+#ifdef STGS_HAS_ENCODER
 #include "stgs/encoder/train.h"
+#endif
 #include "stgs/format/raster.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/player/renderer.h"
@@ -30,6 +32,7 @@ constexpr const char* kExitCodes =
 struct Verb {
   std::unique_ptr<Command> command;
   CLI::App* app = nullptr;
+  std::unique_ptr<Arguments> arguments;
 };
 
 void declare_shared(CLI::App& app, const Shared& shared, CommonOptions& options) {
@@ -86,9 +89,10 @@ std::vector<Verb> declare_verbs(CLI::App& app, CommonOptions& options) {
     const Help help = command->help();
     CLI::App* verb = app.add_subcommand(help.name, help.summary);
     verb->footer(fmt::format("{}\n\nExample:\n{}\n\n{}", help.text, help.example, kExitCodes));
-    command->declare(*verb);
+    auto arguments = std::make_unique<Arguments>(*verb);
+    command->declare(*arguments);
     declare_shared(*verb, command->shared(), options);
-    verbs.push_back({std::move(command), verb});
+    verbs.push_back({std::move(command), verb, std::move(arguments)});
   }
   return verbs;
 }
@@ -137,6 +141,14 @@ int run_verb(Command& command, Session& session) {
   return session.conclude(status);
 }
 
+std::vector<std::string> training_backends() {
+#ifdef STGS_HAS_ENCODER
+  return encoder::train_backends();
+#else
+  return {"-"};
+#endif
+}
+
 }  // namespace
 
 std::string version_text() {
@@ -165,7 +177,7 @@ std::string version_text() {
   return fmt::format(
       "stgs {}\nformat: {}.{}\nvector target: {}\ntrains with: {}\nrenders with: {}\nbuilt in:{}\n",
       STGS_VERSION, kFormatMajor, kFormatMinor, vector_target(),
-      fmt::join(encoder::train_backends(), " "), fmt::join(player::renderer_backends(), " "),
+      fmt::join(training_backends(), " "), fmt::join(player::renderer_backends(), " "),
       parts.empty() ? " -" : parts);
 }
 

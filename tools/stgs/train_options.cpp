@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "encode_options.h"
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 
 #include "options.h"
@@ -11,7 +10,7 @@
 
 namespace stgs::tools {
 
-void TrainOptions::declare(CLI::App& app) {
+void TrainOptions::declare(Arguments& app) {
   const char* group = "Training";
   with_choices(app.add_option("--preset", preset_, "Training preset: fast, default or best"),
                {"fast", "default", "best"})

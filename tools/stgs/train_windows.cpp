@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "train_windows.h"
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
 
@@ -79,7 +78,7 @@ Status train_window(const encoder::PreparedCapture& window, const std::string& p
 
 }  // namespace
 
-void WindowOptions::declare(CLI::App& app) {
+void WindowOptions::declare(Arguments& app) {
   const char* group = "Long captures";
   auto* frames = app.add_option("--frames", frames_,
                                 "Train only frames FIRST:END, as one window of the capture")

@@ -5,19 +5,16 @@
 #include <string>
 #include <vector>
 
+#include "arguments.h"
 #include "session.h"
 #include "stgs/encoder/train.h"
 #include "stgs/encoder/windows.h"
-
-namespace CLI {
-class App;
-}
 
 namespace stgs::tools {
 
 class WindowOptions {
  public:
-  void declare(CLI::App& app);
+  void declare(Arguments& app);
 
   // Returns whether --output is a folder of windows.
   bool has_windows() const { return length_ > 0; }

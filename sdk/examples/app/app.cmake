@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # stgs_example_app, shared by embed_vulkan and hello_openxr. Needs Vulkan::Vulkan, glslc and
-# PkgConfig::STB. The including file adds the headers of the library.
+# STB_INCLUDE_DIR. The including file adds the headers of the library.
 add_library(stgs_example_app STATIC
   ${CMAKE_CURRENT_LIST_DIR}/compositor.cpp ${CMAKE_CURRENT_LIST_DIR}/gpu.cpp)
 foreach(shader geometry.vert geometry.frag composite.vert composite.frag)
@@ -14,4 +14,5 @@ foreach(shader geometry.vert geometry.frag composite.vert composite.frag)
   target_sources(stgs_example_app PRIVATE ${spirv})
 endforeach()
 target_include_directories(stgs_example_app PRIVATE ${CMAKE_CURRENT_BINARY_DIR})
-target_link_libraries(stgs_example_app PUBLIC Vulkan::Vulkan PRIVATE PkgConfig::STB)
+target_include_directories(stgs_example_app SYSTEM PRIVATE ${STB_INCLUDE_DIR})
+target_link_libraries(stgs_example_app PUBLIC Vulkan::Vulkan)

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+# Looks for nvcc and the CUDA toolkit: CUDAToolkit_FOUND, cudnn_found, nccl_found.
+include_guard()
+include(CheckLanguage)
+
+if(NOT CMAKE_CUDA_COMPILER AND NOT DEFINED ENV{CUDACXX})
+  # NVIDIA's installers do not put nvcc on the path.
+  find_program(STGS_NVCC nvcc HINTS ENV CUDA_PATH ENV CUDA_HOME PATHS /usr/local/cuda PATH_SUFFIXES bin)
+  mark_as_advanced(STGS_NVCC)
+  if(STGS_NVCC)
+    set(CMAKE_CUDA_COMPILER ${STGS_NVCC})
+  endif()
+endif()
+check_language(CUDA)
+if(CMAKE_CUDA_COMPILER)
+  if(NOT CMAKE_CUDA_ARCHITECTURES)
+    set(CMAKE_CUDA_ARCHITECTURES 89;90)
+  endif()
+  enable_language(CUDA)
+  # CMake 3.25 does not know that nvcc 12 and later support C++20.
+  if(NOT DEFINED CMAKE_CUDA20_STANDARD_COMPILE_OPTION)
+    set(CMAKE_CUDA20_STANDARD_COMPILE_OPTION -std=c++20)
+    set(CMAKE_CUDA20_EXTENSION_COMPILE_OPTION -std=c++20)
+  endif()
+  set(CMAKE_CUDA_STANDARD 20)
+  # FindCUDAToolkit of CMake 3.25 in Debian 12 fails with CUDA 13: it deprecates a target that CUDA 13
+  # no longer has. It does so only for projects that require 3.25 or later.
+  set(asked ${CMAKE_MINIMUM_REQUIRED_VERSION})
+  set(CMAKE_MINIMUM_REQUIRED_VERSION 3.24)
+  find_package(CUDAToolkit QUIET)
+  set(CMAKE_MINIMUM_REQUIRED_VERSION ${asked})
+endif()
+
+# Headers alone: the libraries are opened at run time.
+set(cudnn_found OFF)
+set(nccl_found OFF)
+if(CUDAToolkit_FOUND AND NOT STGS_WITH_CUDNN STREQUAL "OFF")
+  find_path(CUDNN_INCLUDE_DIR cudnn.h HINTS ${CUDAToolkit_INCLUDE_DIRS})
+  mark_as_advanced(CUDNN_INCLUDE_DIR)
+  if(CUDNN_INCLUDE_DIR)
+    file(STRINGS ${CUDNN_INCLUDE_DIR}/cudnn_version.h cudnn_major REGEX "define CUDNN_MAJOR 9$")
+    if(cudnn_major)
+      set(cudnn_found ON)
+    endif()
+  endif()
+endif()
+if(CUDAToolkit_FOUND AND NOT STGS_WITH_NCCL STREQUAL "OFF")
+  find_path(NCCL_INCLUDE_DIR nccl.h HINTS ${CUDAToolkit_INCLUDE_DIRS})
+  mark_as_advanced(NCCL_INCLUDE_DIR)
+  if(NCCL_INCLUDE_DIR)
+    set(nccl_found ON)
+  endif()
+endif()
