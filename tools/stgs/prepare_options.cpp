@@ -4,14 +4,14 @@
 #include <CLI/CLI.hpp>
 
 #include "options.h"
+#include "usage.h"
 
 namespace stgs::tools {
 
 void PrepareOptions::declare(CLI::App& app) {
   const char* group = "Preparing";
-  app.add_option(
-         "--layout", layout_,
-         "Layout of CAPTURE: auto, n3dv, panoptic, easyvolcap, colmap, nerfstudio or videos")
+  with_choices(app.add_option("--layout", layout_, "Layout of CAPTURE"),
+               {"auto", "n3dv", "panoptic", "easyvolcap", "colmap", "nerfstudio", "videos"})
       ->capture_default_str()
       ->group(group);
   app.add_option("--frames", frames_, "Source frames FIRST:END, END excluded (default: all)")

@@ -7,12 +7,8 @@
 
 #include "command.h"
 #include "options.h"
-#include "stgs/encoder/train.h"
-#include "stgs/format/raster.h"
-#include "stgs/format/scene_file.h"
-#include "stgs/player/renderer.h"
-#include "stgs/player/source.h"
 #include "usage.h"
+#include "version.h"
 
 #ifdef STGS_HAS_PREPARE
 #include <cstdlib>
@@ -34,6 +30,10 @@ struct Verb {
 
 void declare_shared(CLI::App& app, const Shared& shared, CommonOptions& options) {
   const char* group = "Common options";
+  // Only documents the option: with_config_first() moves it before the verb.
+  app.add_option("--config", options.config,
+                 "Read options from a TOML file, from its section [VERB]; the command line wins")
+      ->group(group);
   with_choices(app.add_option("--format", options.format, "Output format: text or json"),
                {"text", "json"})
       ->capture_default_str()
@@ -129,6 +129,24 @@ void set_up_opencv(const CommonOptions& options) {
 #endif
 }
 
+// Returns the arguments in reverse, as CLI11 expects them, with --config FILE before the verb,
+// where CLI11 accepts it.
+std::vector<std::string> with_config_first(int argc, char** argv) {
+  std::vector<std::string> config, others;
+  for (int i = 1; i < argc; ++i) {
+    const std::string argument = argv[i];
+    if (argument == "--config" && i + 1 < argc) {
+      config.push_back(argument);
+      config.emplace_back(argv[++i]);
+    } else {
+      (argument.rfind("--config=", 0) == 0 ? config : others).push_back(argument);
+    }
+  }
+  config.insert(config.end(), others.begin(), others.end());
+  std::reverse(config.begin(), config.end());
+  return config;
+}
+
 int run_verb(Command& command, Session& session) {
   install_signal_handlers();
   set_up_opencv(session.options);
@@ -138,36 +156,6 @@ int run_verb(Command& command, Session& session) {
 }
 
 }  // namespace
-
-std::string version_text() {
-  std::string parts;
-#ifdef STGS_HAS_PREPARE
-  parts += " prepare encode mp4";
-#endif
-#ifdef STGS_HAS_EXR
-  parts += " exr";
-#endif
-#ifdef STGS_HAS_SOG
-  parts += " sog";
-#endif
-  if (check_profile(Profile::kDraco).ok()) parts += " draco";
-#ifdef STGS_HAS_PLAY
-  parts += " play";
-#endif
-  if (player::is_http_built()) parts += " http";
-#ifdef STGS_HAS_CUDNN
-  parts += " cudnn";
-#endif
-#ifdef STGS_HAS_NCCL
-  parts += " nccl";
-#endif
-  if (encoder::World::is_built()) parts += " mpi";
-  return fmt::format(
-      "stgs {}\nformat: {}.{}\nvector target: {}\ntrains with: {}\nrenders with: {}\nbuilt in:{}\n",
-      STGS_VERSION, kFormatMajor, kFormatMinor, vector_target(),
-      fmt::join(encoder::train_backends(), " "), fmt::join(player::renderer_backends(), " "),
-      parts.empty() ? " -" : parts);
-}
 
 int run_program(int argc, char** argv) {
   CLI::App app(
@@ -179,6 +167,8 @@ int run_program(int argc, char** argv) {
                   "  stgs encode CAPTURE -o scene.stgs\n"
                   "  stgs render scene.stgs --time 0.5 -o image.png\n\n{}",
                   kExitCodes));
+  app.set_config("--config")->group("");  // the verbs document it
+  app.allow_config_extras(CLI::config_extras_mode::error);
   app.set_version_flag("--version", version_text, "Print the version and the built-in features");
   app.require_subcommand(0, 1);
   Session session;
@@ -190,7 +180,7 @@ int run_program(int argc, char** argv) {
   const bool known = std::find(names.begin(), names.end(), first) != names.end();
   if (!first.empty() && first[0] != '-' && !known) return usage(unknown_verb_message(first, names));
   try {
-    app.parse(argc, argv);
+    app.parse(with_config_first(argc, argv));
   } catch (const CLI::Success& success) {
     app.exit(success);  // --help, --version: prints to standard output
     return std::fflush(stdout) == 0 ? 0 : static_cast<int>(StatusCode::kIo);

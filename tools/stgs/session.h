@@ -28,6 +28,7 @@ struct CommonOptions {
   std::string progress = "auto";   // auto, bar, json or none
   std::string log_level = "info";  // error, warning, info or debug
   std::string backend = "auto";
+  std::string config;      // never set: the program handles it
   int threads = 0;         // 0: all
   std::uint64_t seed = 1;  // for all random choices
 };

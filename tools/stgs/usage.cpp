@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <regex>
+#include <string_view>
 
 #include "options.h"
 
@@ -84,6 +85,20 @@ std::string unknown_option_message(const CLI::App& app, const std::string& argum
                      near.empty() ? "" : fmt::format("; did you mean '{}'?", near));
 }
 
+// "INI was not able to parse render.bogus" and "none.toml was not readable (missing?)"
+std::string config_message(const CLI::App& app, const std::string& message) {
+  const CLI::Option* option = app.get_config_ptr();
+  const std::string file = option->count() > 0 ? option->results().front() : "";
+  const std::string_view unparsed = "INI was not able to parse ";
+  if (message.rfind(unparsed, 0) != 0)
+    return fmt::format("--config {}: cannot read the file", file);
+  return fmt::format(
+      "--config {}: unknown option '{}'; write the options of a verb as NAME = VALUE in the "
+      "section "
+      "[VERB]",
+      file, message.substr(unparsed.size()));
+}
+
 bool is_option(const std::string& argument) {
   return argument.size() > 1 && argument[0] == '-';
 }
@@ -109,6 +124,8 @@ std::string usage_message(const CLI::App& app, const CLI::ParseError& error) {
   const auto unknown = std::find_if(extras.begin(), extras.end(), is_option);
   if (unknown != extras.end()) {
     message = unknown_option_message(parsed, *unknown);
+  } else if (error.get_name() == "ConfigError" || error.get_name() == "FileError") {
+    message = config_message(app, message);
   } else if (error.get_name() == "RequiredError") {
     message += "; usage: " + synopsis(parsed);
   } else if (!extras.empty()) {
