@@ -2,6 +2,7 @@
 #include "scene_input.h"
 
 #include <algorithm>
+#include <string_view>
 
 #include "content_kind.h"
 #include "damage.h"
@@ -47,17 +48,19 @@ Result<Scene> load_scene(Session& session, const std::string& location) {
 }
 
 Status explain_invalid(Session& session, const Status& status, const std::string& location) {
-  if (status.code() != StatusCode::kInvalidFile) return status;
+  // The format library names what it knows: "not an .stgs file; this is a PNG image (byte 0, ...)".
+  constexpr std::string_view kUnknown = "not an .stgs file (byte ";
+  const std::size_t at = status.message().find(kUnknown);
+  if (status.code() != StatusCode::kInvalidFile || at == std::string::npos) return status;
   const auto source = open_source(session, location);
   if (!source.ok()) return status;
   std::vector<std::uint8_t> head(std::min<std::uint64_t>((*source)->size(), kContentBytes));
   if (!(*source)->read(0, head).ok()) return status;
   const std::string content = describe_content(head);
   if (content.empty()) return status;
-  // The message ends in the issue: "(byte 0, issue 102)".
-  const std::size_t issue = status.message().rfind(" (byte ");
-  return invalid_file("{}: not an .stgs file: {}{}", display_name(location), content,
-                      issue == std::string::npos ? "" : status.message().substr(issue));
+  std::string message = status.message();
+  message.insert(at + kUnknown.find(" (byte "), "; " + content);
+  return {status.code(), message};
 }
 
 Status check_is_scene(Session& session, const std::string& location) {

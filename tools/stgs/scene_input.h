@@ -21,8 +21,8 @@ Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::str
 Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& location);
 // Reads the entire scene. Reports damage as warnings.
 Result<Scene> load_scene(Session& session, const std::string& location);
-// Replaces the message of an invalid file (kInvalidFile) by a description of its content, if that
-// is of another format. Passes other statuses through.
+// Adds a description of the content to the message "not an .stgs file", if the content is known.
+// Passes other statuses through.
 Status explain_invalid(Session& session, const Status& status, const std::string& location);
 // As explain_invalid() for a file that another module opens: reads the head of the scene.
 Status check_is_scene(Session& session, const std::string& location);
