@@ -55,7 +55,7 @@ class Info final : public Command {
       if (first.ok()) {
         first = status;
       } else {
-        session.log(0, status.message());
+        session.report_error(status);
       }
     }
     if (files.empty() && text.empty()) return first;

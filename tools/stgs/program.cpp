@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "command.h"
+#include "error_report.h"
 #include "options.h"
 #include "usage.h"
 #include "version.h"
@@ -93,9 +94,10 @@ std::vector<Verb> declare_verbs(CLI::App& app, CommonOptions& options) {
   return verbs;
 }
 
-int usage(const std::string& message) {
-  fmt::print(stderr, "stgs: error: {}\n", message);
-  return static_cast<int>(StatusCode::kUsage);
+// Reports an error of the command line, before its options are known.
+int usage(Session& session, const std::string& message) {
+  if (wants_json(session.arguments)) session.options.format = "json";
+  return session.conclude(usage_error("{}", message));
 }
 
 // Returns the command line, with arguments quoted for a shell.
@@ -173,27 +175,29 @@ int run_program(int argc, char** argv) {
   app.require_subcommand(0, 1);
   Session session;
   session.command = command_line(argc, argv);
+  session.arguments.assign(argv + 1, argv + argc);
   const std::vector<Verb> verbs = declare_verbs(app, session.options);
   const std::string first = argc > 1 ? argv[1] : "";
   std::vector<std::string> names;
   for (const Verb& verb : verbs) names.push_back(verb.app->get_name());
   const bool known = std::find(names.begin(), names.end(), first) != names.end();
-  if (!first.empty() && first[0] != '-' && !known) return usage(unknown_verb_message(first, names));
+  if (!first.empty() && first[0] != '-' && !known)
+    return usage(session, unknown_verb_message(first, names));
   try {
     app.parse(with_config_first(argc, argv));
   } catch (const CLI::Success& success) {
     app.exit(success);  // --help, --version: prints to standard output
     return std::fflush(stdout) == 0 ? 0 : static_cast<int>(StatusCode::kIo);
   } catch (const CLI::ParseError& error) {
-    return usage(usage_message(app, error));
+    return usage(session, usage_message(app, error));
   }
   for (const Verb& verb : verbs) {
     if (!verb.app->parsed()) continue;
     const std::string empty = empty_value_message(*verb.app);
-    return empty.empty() ? run_verb(*verb.command, session) : usage(empty);
+    return empty.empty() ? run_verb(*verb.command, session) : usage(session, empty);
   }
   fmt::print(stderr, "{}", app.help());
-  return usage("no verb is given");
+  return usage(session, "no verb is given");
 }
 
 }  // namespace stgs::tools
