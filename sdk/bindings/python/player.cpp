@@ -98,11 +98,6 @@ class Player {
     });
     return status;
   }
-  stgs_player_status seek_and_wait(double seconds, double timeout) {
-    auto status = sized<stgs_player_status>();
-    run([&](stgs_player* p) { return stgs_player_seek_and_wait(p, seconds, timeout, &status); });
-    return status;
-  }
   // Another thread may use the scene once an update has reported an open state.
   Scene& scene() {
     bool is_open = false;
