@@ -258,7 +258,8 @@ STGS_API stgs_result stgs_renderer_get_backend(stgs_renderer* renderer, stgs_bac
  * images[i] receives views[i]. `seconds` is in the clip, 0 to stgs_scene_info.duration_seconds;
  * other times fail with STGS_ERROR_ARGUMENT, except that times up to half a frame outside count as
  * the nearer end, to allow for rounding. A recording that a player follows has no end: times beyond
- * its edge are valid, but the image is incomplete. The times of stgs_player_status are always valid.
+ * its edge are valid, but the image is incomplete. The times of stgs_player_status are always
+ * valid.
  *
  * The call uses both the renderer and the scene: no other thread may use either. Invalid arguments
  * leave the buffers unchanged; other errors leave their content undefined. STGS_ERROR_LIMIT: the
