@@ -152,7 +152,8 @@ printf '%s\\n' "${COMPREPLY[@]}"
         parameters = self.json_of("train", "--list-parameters")["parameters"]
         for line in ("stgs train x --set ", "stgs encode x --set "):
             self.assertEqual(self.complete(line), {key + "=" for key in parameters})
-        self.assertEqual(self.complete("stgs train x --set weight_s"), {"weight_ssim="})
+        self.assertEqual(self.complete("stgs train x --set weight_s"),
+                         {"weight_scale=", "weight_ssim="})
         self.assertEqual(self.complete("stgs train x --set=weight_s"), {"weight_ssim="})
         self.assertEqual(self.complete("stgs train x --set weight_ssim=0"), set())
         self.assertEqual(self.complete("stgs help ren"), {"render"})

@@ -16,7 +16,9 @@ class Version final : public Command {
   }
   Shared shared() const override { return {}; }
   void declare(Arguments& /*app*/) override {}
-  Status run(Session& session) override { return session.emit(version_json(), version_text()); }
+  Status run(Session& session) override {
+    return session.emit(version_json(), version_text() + "\n");
+  }
 };
 
 }  // namespace

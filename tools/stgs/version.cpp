@@ -64,7 +64,7 @@ std::string version_text() {
   const std::vector<std::string> names = features();
   return fmt::format(
       "stgs {}\nformat: {}.{}\nvector target: {}\ntrains with: {}\nrenders with: {}\nbuilt in: "
-      "{}\n",
+      "{}",
       STGS_VERSION, kFormatMajor, kFormatMinor, vector_target(),
       training_backends().empty() ? "-" : fmt::format("{}", fmt::join(training_backends(), " ")),
       fmt::join(player::renderer_backends(), " "),
