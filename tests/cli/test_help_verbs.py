@@ -154,7 +154,8 @@ printf '%s\\n' "${COMPREPLY[@]}"
             self.assertEqual(self.complete(line), {key + "=" for key in parameters})
         self.assertEqual(self.complete("stgs train x --set weight_s"),
                          {"weight_scale=", "weight_ssim="})
-        self.assertEqual(self.complete("stgs train x --set=weight_s"), {"weight_ssim="})
+        self.assertEqual(self.complete("stgs train x --set=weight_s"),
+                         {"weight_scale=", "weight_ssim="})
         self.assertEqual(self.complete("stgs train x --set weight_ssim=0"), set())
         self.assertEqual(self.complete("stgs help ren"), {"render"})
 
