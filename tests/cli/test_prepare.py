@@ -30,7 +30,7 @@ class Preparing(CliTest):
             (USAGE, "'film' is not a layout", ["empty", "--layout", "film"]),
             (USAGE, "--scale: 0 is out of range", ["empty", "--scale", "0"]),
             (USAGE, "--scale: 2 is out of range", ["empty", "--scale", "2"]),
-            (USAGE, "'5' is not a range of frames", ["empty", "--frames", "5"]),
+            (USAGE, "'5' is not a frame range", ["empty", "--frames", "5"]),
             (USAGE, "frames 5:2 hold nothing", ["empty", "--frames", "5:2"]),
             (USAGE, "empty: is not a capture of a known layout", ["empty"]),
             (USAGE, "text: is not a capture of a known layout", ["text"]),
