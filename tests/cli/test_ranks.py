@@ -103,8 +103,8 @@ class Ranks(CliTest):
         os.rename(self.path("out.stgs"), self.path("whole.stgs"))
         os.remove(self.path("run.ckpt"))
         error = self.stopped_at(0.05, lambda process: process.send_signal(signal.SIGTERM), *args)
-        self.assertRegex(error, r"stgs: error: interrupted: stopped at iteration \d*[02468]; go on "
-                                r"with --resume run.ckpt")
+        self.assertRegex(error, r"stgs: error: interrupted by SIGTERM: .*stopped at iteration \d*[02468]; "
+                                r"resume with --resume run.ckpt")
         self.assertEqual(error.count("stgs: error"), 1)
         self.no_leftovers()
         shutil.copy(self.path("run.ckpt"), self.path("stopped.ckpt"))

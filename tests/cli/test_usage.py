@@ -26,7 +26,7 @@ class Usage(CliTest):
             ("--output is required", ["render", tiny, "--time", "0"]),
             ("--against is required", ["evaluate", tiny]),
             ("B is required", ["compare", tiny]),
-            ("not expected: extra", ["info", tiny, "extra"]),
+            ("unexpected argument 'extra'", ["validate", tiny, "extra"]),
             ("--format: 'yaml' is not one of", ["info", tiny, "--format", "yaml"]),
             ("--progress: 'often' is not one of", [*render, "--progress", "often"]),
             ("--log-level: 'loud' is not one of", [*render, "--log-level", "loud"]),
@@ -125,7 +125,7 @@ class Help(CliTest):
         for verb in self.verbs():
             with self.subTest(verb=verb):
                 text = self.succeeds(verb, "--help").stdout.decode()
-                self.assertRegex(text, rf"Example:\n  stgs {verb} ")
+                self.assertRegex(text, rf"Example:\n  stgs {verb}\b")
                 self.assertIn("Exit codes: 0 ok, 1 usage", text)
                 self.assertIn("--format", text)
 
