@@ -59,7 +59,7 @@ class DamagedRecordings(Told):
         for verb, lines in self.all_ways(scene).items():
             text = "\n".join(lines)
             self.assertIn("index fragment is damaged", text, verb)
-            self.assertRegex(text, r"first seen at 3\.000 to 3\.333 s is lost .*: \d+ bytes", verb)
+            self.assertRegex(text, r"first shown \S+ 3\.000 to 3\.333 s is lost .*\d+ bytes", verb)
         info = self.json_of("info", scene)
         self.assertEqual([(s["begin_s"], round(s["end_s"], 3)) for s in info["lost_fragments"]], [(3, 3.333)])
         self.assertEqual(info["complete_s"], 3)
@@ -153,11 +153,11 @@ class PassedOver(Told):
 
     def test_up_and_floor(self):
         text = "\n".join(self.warnings("convert", self.vector("metres_and_up"), "a.ply", "--time", "0"))
-        self.assertIn("PLY cannot hold how many metres a unit is, what is up and where the floor is", text)
+        self.assertIn("PLY cannot hold the metres per unit, the up direction and th", text)
 
     def test_what_is_not_read_back_is_said(self):
         run = self.succeeds("convert", self.fixture("tiny.stgs"), "a.glb", "--time", "0.1")
-        self.assertIn("errors: not measured, glTF is not read here", run.stdout.decode())
+        self.assertIn("errors: not measured (glTF cannot be read back)", run.stdout.decode())
 
 
 class Clipping(Told):

@@ -173,7 +173,7 @@ class StartedAsSeveral(CliTest):
     def test_encode_runs_as_one(self):
         for environment in ({"OMPI_COMM_WORLD_SIZE": "2"},
                             {"SLURM_STEP_ID": "0", "SLURM_NTASKS": "4"}):
-            self.run_in(USAGE, "processes, and encode runs as one",
+            self.run_in(USAGE, "encode runs as one process",
                         ["encode", "capture", "-o", "out.stgs"], **environment)
 
     def test_a_build_without_mpi_does_not_train_the_same_twice(self):

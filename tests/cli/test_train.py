@@ -19,13 +19,11 @@ class Capture(CliTest):
     def test_nothing_is_written_over_it(self):
         folder = self.copy_capture("capture")
         before = self.contents(folder)
-        for option, name in [("--output", "capture.json"), ("--log", "points_static.ply"),
-                             ("--checkpoint", "capture.json"), ("--report", "frames"),
-                             ("--report", "")]:
+        for option, name in [("--log", "points_static.ply"), ("--checkpoint", "capture.json"),
+                             ("--report", "frames"), ("--report", "")]:
             args = ["train", folder, "--iterations", "2", option, os.path.join(folder, name)]
             with self.subTest(args=args):
-                if option != "--output":
-                    args += ["-o", "scene.stgs"]
+                args += ["-o", "scene.stgs"]
                 self.fails(USAGE, f"used by both .*{option}", *args)
                 self.assertRegex(self.stgs(*args).stderr, b"DIR")
         self.assertEqual(self.contents(folder), before)

@@ -26,7 +26,7 @@ class Usage(CliTest):
             ("--output is required", ["render", tiny, "--time", "0"]),
             ("--against is required", ["evaluate", tiny]),
             ("B is required", ["compare", tiny]),
-            ("unexpected argument 'extra'", ["validate", tiny, "extra"]),
+            ("unexpected argument 'extra'", ["evaluate", tiny, "--against", "x", "extra"]),
             ("--format: 'yaml' is not one of", ["info", tiny, "--format", "yaml"]),
             ("--progress: 'often' is not one of", [*render, "--progress", "often"]),
             ("--log-level: 'loud' is not one of", [*render, "--log-level", "loud"]),
