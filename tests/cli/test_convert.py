@@ -56,7 +56,7 @@ class Converting(CliTest):
                      "SPZ cannot hold the start camera, the title",
                      "SPZ rounds or clips: positions by up to "):
             self.assertIn(part, error)
-        self.assertRegex(result.stdout.decode(), r"errors: position \S+ at most")
+        self.assertRegex(result.stdout.decode(), r"errors: position \S+ max")
         quiet = self.succeeds("convert", "a.spz", "b.ply")
         self.assertEqual(quiet.stderr, b"")
 
@@ -99,7 +99,7 @@ class Converting(CliTest):
                    tiny, "a.ply")
         self.fails(1, r"time 0\.3 s is outside the scene \(expected 0 to 0\.2 s\)", "convert", tiny, "a.ply",
                    "--time", "0.3")
-        self.fails(1, r"a\.jpg: its ending names no format .* \.stgs, \.ply, \.spz, \.glb",
+        self.fails(1, r"a\.jpg: unknown output format; .* \.stgs, \.ply, \.spz, \.glb",
                    "convert", tiny, "a.jpg", "--time", "0")
         self.fails(1, "--quality is for .stgs", "convert", tiny, "a.ply", "--time", "0",
                    "--quality", "50")

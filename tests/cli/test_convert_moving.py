@@ -80,7 +80,7 @@ class ConvertingSplatv(CliTest):
         self.assertRegex(result["notes"][0], "approximated paths by lines: .* 6 of 12")
         self.assertIsNone(result["sequence"])
         self.assertAlmostEqual(self.json_of("info", "a.stgs")["duration_s"], 3)
-        self.fails(1, "--tolerance is for", "convert", self.fixture("clip.splatv"), "b.stgs",
+        self.fails(1, "--tolerance applies to", "convert", self.fixture("clip.splatv"), "b.stgs",
                    "--tolerance", "1")
 
     def test_damaged(self):

@@ -45,7 +45,7 @@ class Packing(CliTest):
         self.assertEqual(self.json_of("info", "again.stgs")["audio"], {"location": "../a.opus", "begin_s": -0.5})
         self.assertRegex(self.succeeds("info", "again.stgs").stdout.decode(), r"audio +../a.opus, from -0.500 s")
         self.assertRegex(self.succeeds("convert", "again.stgs", "x.ply", "--time", "0").stderr.decode(),
-                         "where the sound is")
+                         "the audio location")
         self.fails(1, "--audio", "pack", tiny, "-o", "x.stgs", "--audio-offset", "1")
         self.fails(1, "has no direction", "pack", tiny, "-o", "x.stgs", "--up", "0,0,0")
         self.fails(1, "requires an up vector", "pack", tiny, "-o", "x.stgs", "--floor", "0,0,0")

@@ -66,8 +66,8 @@ class Ranks(CliTest):
         self.check_schema("train", report)
         self.assertEqual((report["processes"], report["iterations"]), (2, 600))
         self.assertEqual(result.stderr.count("training on cpu"), 1)
-        self.assertIn("2 processes, a view each in every step: the 600 iterations are views, which "
-                      "makes 300 steps", result.stderr)
+        self.assertIn("2 processes train one view each per step: 600 iterations (views) take "
+                      "300 steps", result.stderr)
         lines = [json.loads(line) for line in self.read("log.jsonl").splitlines()]
         steps = [line["iteration"] for line in lines if "loss" in line]
         self.assertEqual(steps, [2, *range(50, 601, 50)])
