@@ -182,7 +182,7 @@ class Reading(CliTest):
         self.assertEqual(packed["quality"], 80)
         self.assertLess(3 * packed["file_bytes"], full["file_bytes"])
         self.fails(USAGE, "--quality applies to a synthetic scene; add --animate", "bench", scene, "--quality", "80")
-        self.fails(USAGE, "--seed is of what --animate, ", "bench", scene, "--seed", "2")
+        self.fails(USAGE, "--seed applies to a synthetic scene; add --animate", "bench", scene, "--seed", "2")
         text = self.succeeds("bench", scene, "--num-frames", "2").stdout.decode()
         self.assertRegex(text, r"first +mean ms +p50 +p95 +p99\n +frame ")
         self.fails(USAGE, "--num-frames: .*0", "bench", scene, "--num-frames", "0")
@@ -246,7 +246,7 @@ class Reading(CliTest):
         self.fails(USAGE, "--frames requires --play", "bench", scene, "--frames", "9")
         self.fails(USAGE, "--num-frames excludes --play", "bench", scene, "--play", "player",
                    "--num-frames", "9")
-        self.fails(USAGE, r"are 3\.33e\+10 pictures, more than 10000000", "bench", scene, "--play",
+        self.fails(USAGE, r"takes 3\.33e\+10 refreshes .at most 10000000", "bench", scene, "--play",
                    "timeline", "--frames", "1000000", "--rate", "0.01", "--refresh", "10000")
         camera = self.write("camera.json", json.dumps(self.json_of("info", scene)))
         self.fails(USAGE, "takes one camera, not 2", "bench", scene, "--play", "player",

@@ -67,7 +67,7 @@ class Windows(CliTest):
                        *self.train("-o", "parts", "--window", "3", *part))
         os.remove(self.path("parts/first.stgs"))
         # Before anything is trained, whichever window it is.
-        self.fails(USAGE, "000003-000006.stgs: is of another capture or was trained with other",
+        self.fails(USAGE, "000003-000006.stgs: belongs to another capture or was trained with other",
                    *self.train("-o", "parts", "--window", "3", "--set", "lr_time=0.02"))
         self.assertEqual(os.listdir(self.path("parts")), ["000003-000006.stgs"])
         self.succeeds(*self.train("-o", "parts", "--window", "3", "--window-index", "0"))
@@ -80,7 +80,7 @@ class Windows(CliTest):
         self.assertIn("index.html", os.listdir(self.path("new/pages/000003-000006")))
         self.fails(IO, "folder 'none' does not exist",
                    *self.train("-o", "none/x.stgs", "--report", "none/pages"))
-        self.fails(IO, "the folder 'none/deep' does not exist",
+        self.fails(IO, "folder 'none/deep' does not exist",
                    *self.train("-o", "none", *windows, "--report", "none/deep/pages"))
         self.assertFalse(os.path.exists(self.path("none")))
 
@@ -179,7 +179,7 @@ class Windows(CliTest):
                     error = process.stderr.read().decode()
                 if number == signal.SIGINT:
                     self.assertEqual(process.returncode, RUNTIME, error)
-                    self.assertIn(f"{names[1]}: stopped; the same command goes on", error)
+                    self.assertIn(f"{names[1]}: incomplete; run the same command again to resume", error)
                 else:
                     self.assertEqual(process.returncode, -number, error)
                 self.assertEqual(sorted(os.listdir(self.path(folder))),
