@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "catch.h"
 #include "src/capture/source_capture.h"
 #include "src/capture/write_frames.h"
 #include "temporary_folder.h"

@@ -20,7 +20,7 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr int kFrames = 12;
-constexpr std::size_t kStatic = 500, kMoving = 80, kComing = 60, kGoing = 60;
+constexpr std::size_t kStatic = 500, kMoving = 80, kArriving = 60, kGoing = 60;
 constexpr int kComes = 5, kGoes = 7;  // first frame of the one, first frame without the other
 
 struct Folder : testing::TemporaryFolder {
@@ -37,15 +37,15 @@ using Motion = std::function<float(std::size_t i, int frame, std::size_t axis)>;
 // The parts of a model in their order: what stands still, moves, comes, and goes.
 std::vector<Gaussians4D> make_frames(const Motion& motion) {
   Gaussians4D model =
-      testing::random_scene(kStatic + kMoving + kComing + kGoing, 1, 1, 11).gaussians;
+      testing::random_scene(kStatic + kMoving + kArriving + kGoing, 1, 1, 11).gaussians;
   for (float& s : model.log_scale) s += 1.2f;
   std::vector<Gaussians4D> frames;
   for (int f = 0; f < kFrames; ++f) {
     Gaussians4D frame;
     frame.sh_degree = 1;
     for (std::size_t i = 0; i < model.size(); ++i) {
-      const bool coming = i >= kStatic + kMoving && i < kStatic + kMoving + kComing;
-      const bool going = i >= kStatic + kMoving + kComing;
+      const bool coming = i >= kStatic + kMoving && i < kStatic + kMoving + kArriving;
+      const bool going = i >= kStatic + kMoving + kArriving;
       if ((coming && f < kComes) || (going && f >= kGoes)) continue;
       frame.append(model, i);
       if (i < kStatic || i >= kStatic + kMoving) continue;
@@ -134,11 +134,11 @@ TEST_CASE("PLY sequence: still, moving, coming and going splats become one primi
   INFO(scene.status().message());
   REQUIRE(scene.ok());
   CHECK(scene->metadata.frames == kFrames);
-  CHECK(scene->gaussians.size() == kStatic + kMoving + kComing + kGoing);
+  CHECK(scene->gaussians.size() == kStatic + kMoving + kArriving + kGoing);
   CHECK(report.frames == kFrames);
   CHECK(report.primitives == scene->gaussians.size());
   CHECK(report.splats ==
-        kFrames * (kStatic + kMoving) + kComing * (kFrames - kComes) + kGoing * kGoes);
+        kFrames * (kStatic + kMoving) + kArriving * (kFrames - kComes) + kGoing * kGoes);
   CHECK(report.whole_clip == kStatic + kMoving);
   CHECK(report.moving == kMoving);
   CHECK(report.matched() > 0.98);  // what comes begins primitives
@@ -177,7 +177,7 @@ TEST_CASE("PLY sequence: a path that bends becomes a few straight pieces") {
   SequenceReport report;
   const Result<Scene> scene = read(folder, frames, report);
   REQUIRE(scene.ok());
-  const std::size_t others = kStatic + kComing + kGoing;
+  const std::size_t others = kStatic + kArriving + kGoing;
   CHECK(scene->gaussians.size() >= others + kMoving);
   CHECK(scene->gaussians.size() <= others + kMoving * kFrames * 2 / 3);
   CHECK(report.errors.position <= 0.02);
@@ -197,7 +197,7 @@ TEST_CASE("PLY sequence: what differs within the tolerances is one, and the erro
   SequenceReport report;
   Result<Scene> scene = read(folder, frames, report);
   REQUIRE(scene.ok());
-  CHECK(scene->gaussians.size() == kStatic + kMoving + kComing + kGoing);
+  CHECK(scene->gaussians.size() == kStatic + kMoving + kArriving + kGoing);
   CHECK(report.errors.log_scale > 0.004);
   CHECK(report.errors.log_scale <= 0.010001);  // of two noisy frames
   CHECK(report.errors.opacity > 0.0005);
@@ -221,7 +221,7 @@ TEST_CASE("PLY sequence: a colour that changes begins a new primitive") {
   SequenceReport report;
   const Result<Scene> scene = read(folder, frames, report);
   REQUIRE(scene.ok());
-  CHECK(scene->gaussians.size() == kStatic + kMoving + kComing + kGoing + 1);
+  CHECK(scene->gaussians.size() == kStatic + kMoving + kArriving + kGoing + 1);
   CHECK(worst_psnr(*scene, frames) > 60);
 }
 

@@ -4,8 +4,8 @@
 #include <numeric>
 
 #include "catch.h"
-#include "scene_fixture.h"
 #include "quantise/tiers.h"
+#include "scene_fixture.h"
 
 using namespace stgs;
 

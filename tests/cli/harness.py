@@ -67,7 +67,7 @@ class CliTest(unittest.TestCase):
         result = self.stgs(*args, **options)
         error = result.stderr.decode(errors="replace")
         self.assertEqual(result.returncode, code, f"{args}: {error}")
-        lines = [line for line in error.splitlines() if line.startswith("stgs: error: ")]
+        lines = [line for line in error.splitlines() if line.startswith(("stgs: error: ", '{"error":'))]
         self.assertEqual(len(lines), 1, f"{args}: one error line, got: {error}")
         self.assertRegex(lines[0], message)
         self.no_leftovers()

@@ -66,8 +66,8 @@ class Encoding(CliTest):
 
     def test_a_stopped_encode_goes_on_as_it_says(self):
         kept = ["--keep-work", "work", "--checkpoint", "work/run.ckpt"]
-        self.assertRegex(self.stopped(*kept, "--overwrite"), "go on by the same command with "
-                         "--resume work/run.ckpt in place of --overwrite$")
+        self.assertRegex(self.stopped(*kept, "--overwrite"), "run the same command with "
+                         "--resume work/run.ckpt instead of --overwrite$")
         self.assertFalse(os.path.exists(self.path("out.stgs")))
         self.assertEqual(sorted(os.listdir(self.path("work"))), ["prepared", "run.ckpt"])
         told = self.succeeds(*self.encode(*kept, "--resume", "work/run.ckpt")).stderr.decode()
@@ -87,7 +87,7 @@ class Encoding(CliTest):
 
     def test_a_checkpoint_needs_the_capture_that_it_goes_on_from(self):
         for option in ("--checkpoint", "--resume"):
-            self.fails(USAGE, f"{option} needs the prepared capture .*add --keep-work FOLDER",
+            self.fails(USAGE, f"{option} requires --keep-work FOLDER",
                        *self.encode(option, "run.ckpt"))
         self.assertEqual(os.listdir(self.work), [])
 

@@ -52,11 +52,11 @@ class Converting(CliTest):
     def test_what_the_target_cannot_hold_is_told(self):
         result = self.succeeds("convert", self.fixture("tiny.stgs"), "a.spz", "--time", "0.1")
         error = result.stderr.decode()
-        for part in ("stgs: warning: ", "without motion and lifespans", "not seen at that moment",
+        for part in ("stgs: warning: ", "without motion and lifespans", "not visible at that time",
                      "SPZ cannot hold the start camera, the title",
                      "SPZ rounds or clips: positions by up to "):
             self.assertIn(part, error)
-        self.assertRegex(result.stdout.decode(), r"errors: position \S+ at most")
+        self.assertRegex(result.stdout.decode(), r"errors: position \S+ max")
         quiet = self.succeeds("convert", "a.spz", "b.ply")
         self.assertEqual(quiet.stderr, b"")
 
@@ -75,7 +75,7 @@ class Converting(CliTest):
         self.assertGreater(packed["errors"]["position_max"], 0)
         self.assertLess(packed["errors"]["position_max"], 0.03)
         unpacked = self.json_of("convert", "d.stgs", "e.stgs")
-        self.assertEqual(unpacked["notes"], ["its scene was packed: what that lost stays lost"])
+        self.assertEqual(unpacked["notes"], ["the input was packed before: its quantisation errors remain"])
 
     def test_a_whole_scene_stays_whole(self):
         result = self.json_of("convert", self.fixture("tiny.stgs"), "copy.stgs")
@@ -95,11 +95,11 @@ class Converting(CliTest):
 
     def test_refusals(self):
         tiny = self.fixture("tiny.stgs")
-        self.fails(1, r"lasts 0\.2 s, and PLY holds one moment: choose it with --time", "convert",
+        self.fails(1, r"lasts 0\.2 s, but PLY holds a single time; select one with --time", "convert",
                    tiny, "a.ply")
         self.fails(1, r"time 0\.3 s is outside the scene \(expected 0 to 0\.2 s\)", "convert", tiny, "a.ply",
                    "--time", "0.3")
-        self.fails(1, r"a\.jpg: its ending names no format .* \.stgs, \.ply, \.spz, \.glb",
+        self.fails(1, r"a\.jpg: unknown output format; .* \.stgs, \.ply, \.spz, \.glb",
                    "convert", tiny, "a.jpg", "--time", "0")
         self.fails(1, "--quality is for .stgs", "convert", tiny, "a.ply", "--time", "0",
                    "--quality", "50")

@@ -51,7 +51,7 @@ class ConvertingFrames(CliTest):
         loose = self.json_of("convert", "frames", "loose.stgs", "--tolerance", "20")
         self.assertLess(loose["primitives"], result["primitives"])
         text = self.succeeds("convert", "frames", "a.stgs").stdout.decode()
-        self.assertRegex(text, r"6 frames, \d+ splats to \d+ primitives")
+        self.assertRegex(text, r"6 frames, \d+ splats merged into \d+ primitives")
         moment = self.json_of("convert", "frames", "moment.ply", "--time", "0.1")
         self.assertEqual(moment["output_format"], "PLY")
 
@@ -60,7 +60,7 @@ class ConvertingFrames(CliTest):
         os.remove(self.path("frames", "00002.ply"))
         self.fails(1, "frames missing after", "convert", "frames", "a.stgs")
         os.mkdir(self.path("empty"))
-        self.fails(2, "empty: the folder holds neither PLY frames", "convert", "empty", "a.stgs")
+        self.fails(2, "empty: this folder has neither PLY frames", "convert", "empty", "a.stgs")
         for option, value in (("--fps", "30"), ("--frames", "5"), ("--tolerance", "2")):
             self.fails(1, f"{option} is for", "convert", self.fixture("tiny.stgs"), "a.stgs",
                        option, value)
@@ -77,10 +77,10 @@ class ConvertingSplatv(CliTest):
         self.assertEqual(result["primitives"], 12)
         self.assertEqual(result["splatv"]["bent"], 6)
         self.assertGreater(result["splatv"]["path_max"], 0.1)
-        self.assertRegex(result["notes"][0], "paths are made straight: .* 6 of 12")
+        self.assertRegex(result["notes"][0], "approximated paths by lines: .* 6 of 12")
         self.assertIsNone(result["sequence"])
         self.assertAlmostEqual(self.json_of("info", "a.stgs")["duration_s"], 3)
-        self.fails(1, "--tolerance is for", "convert", self.fixture("clip.splatv"), "b.stgs",
+        self.fails(1, "--tolerance applies to", "convert", self.fixture("clip.splatv"), "b.stgs",
                    "--tolerance", "1")
 
     def test_damaged(self):
@@ -109,7 +109,7 @@ class ConvertingSog(CliTest):
         os.remove(self.path("chunks", "0_1", "sh0.webp"))
         self.fails(2, "sh0.webp: cannot open", "convert", "chunks", "a.stgs")
         self.write("broken.sog", b"PK\x03\x04 and nothing else")
-        self.fails(3, "broken.sog: not a zip archive", "convert", "broken.sog", "a.stgs")
+        self.fails(3, "broken.sog: cannot read as a zip archive", "convert", "broken.sog", "a.stgs")
 
     @unittest.skipIf(built_in("sog"), "libwebp and libzip are there")
     def test_not_built(self):

@@ -314,7 +314,7 @@ class Encoding(Paging):
             with self.subTest(stage=stage):
                 code, error = self.stopped(signal.SIGINT, stage)
                 self.assertEqual(code, RUNTIME, error)
-                self.assertRegex(error, r"(?m)^stgs: error: interrupted: ")
+                self.assertRegex(error, r"(?m)^stgs: error: interrupted by SIG(INT|TERM): ")
                 self.assertEqual(f"{left[0]}: removed" in error, stage == "train", error)
                 self.assertEqual(self.read("out.stgs"), b"old")
                 self.assertEqual(sorted(os.listdir(self.work)), sorted(["out.stgs", *kept]))

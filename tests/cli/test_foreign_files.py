@@ -14,32 +14,31 @@ PLY = b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nend_header\n"
 class ForeignFiles(CliTest):
     KINDS = {
         "a.png": (b"\x89PNG\r\n\x1a\n" + bytes(100), "this is a PNG image"),
-        "a.jpg": (b"\xff\xd8\xff\xe0" + bytes(100), "this is a JPEG image"),
-        "a.mp4": (struct.pack(">I", 32) + b"ftypisom" + bytes(100),
-                  "this is an MP4 video; use 'stgs encode' on the folder of the videos"),
-        "a.mkv": (b"\x1a\x45\xdf\xa3" + bytes(100), "this is a Matroska or WebM video"),
-        "a.ply": (PLY, "this is a PLY model; use 'stgs convert'"),
-        "a.spz": (b"NGSP" + bytes(100), "this is an SPZ model; use 'stgs convert'"),
-        "a.sog": (b"PK\x03\x04" + bytes(100), "this is a ZIP archive, for example a SOG bundle; use"),
-        "a.glb": (b"glTF" + bytes(100), "this is a glTF model"),
+        "a.mp4": (struct.pack(">I", 32) + b"ftypisom" + bytes(100), "this is an MP4 video"),
+        "a.ply": (PLY, "this is a PLY file; convert models with 'stgs convert'"),
+        "a.gif": (b"GIF89a" + bytes(100), "this is a GIF image"),
+        "a.webp": (b"RIFF" + bytes(4) + b"WEBP" + bytes(100), "this is a WebP image"),
+        "a.y4m": (b"YUV4MPEG2 W8 H8\nFRAME\n" + bytes(100), "this is a Y4M video"),
         "a.ckpt": (b"STGSCKP3" + bytes(100), "this is a training checkpoint"),
-        "a.html": (b"\n<!DOCTYPE html><title>404</title>", "this is an HTML page; check the URL"),
+        "a.html": (b"\n<!Doctype html><title>404</title>" + b" " * 40,
+                   "this is an HTML page; check the URL"),
+        "a.xml": (b'<?xml version="1.0"?>' + b" " * 40, "this is an XML or HTML file"),
         "a.json": (b'{"stgs_capture": 1}' + b" " * 60, "this is a JSON file"),
         "a.txt": (b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 1\n",
                   "this is a Git LFS pointer"),
         "b.txt": (b"no scene " * 50, "this is a text file"),
-        "zeros": (bytes(5000), "this file begins with zeros"),
+        "zeros": (bytes(5000), "it begins with zeros"),
     }
 
     def test_info_names_the_kind(self):
         for name, (data, text) in self.KINDS.items():
             with self.subTest(name=name):
                 self.write(name, data)
-                self.fails(INVALID, rf"error: {name}: not an .stgs file: {text}.*\(byte 0, issue "
-                                    r"10\d\)$", "info", name)
+                self.fails(INVALID, rf"error: {name}: not an .stgs file; {text}.*\(byte 0, issue "
+                                    r"102\)$", "info", name)
 
     def test_every_verb_that_reads_scenes_does(self):
-        for name in ("a.png", "a.ply"):
+        for name in ("a.png", "a.json"):
             data, text = self.KINDS[name]
             self.write(name, data)
             for verb in (["validate", name], ["render", name, "--time", "0", "-o", "null"],
@@ -48,14 +47,14 @@ class ForeignFiles(CliTest):
                          ["bench", name, "--animate"], ["pack", name, "-o", "x.stgs"],
                          ["finalize", name, "-o", "x.stgs"]):
                 with self.subTest(verb=verb):
-                    self.fails(INVALID, f"{name}: not an .stgs file: {text}", *verb)
+                    self.fails(INVALID, f"{name}: (1 error: )?not an .stgs file; {text}", *verb)
         self.fails(INVALID, "this is a PNG image", "convert", "a.png", "x.stgs")
         self.assertFalse(os.path.exists(self.path("x.stgs")))
 
     @unittest.skipIf(not built_in("play"), "play is not built in")
     def test_play_says_so_before_it_opens_a_window(self):
         self.write("a.ply", PLY)
-        self.fails(INVALID, "this is a PLY model; use 'stgs convert'", "play", "a.ply")
+        self.fails(INVALID, "this is a PLY file; convert models with 'stgs convert'", "play", "a.ply")
 
     def test_validate_lists_the_issue_as_well(self):
         self.write("a.png", self.KINDS["a.png"][0])

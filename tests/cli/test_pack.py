@@ -43,9 +43,9 @@ class Packing(CliTest):
         self.succeeds("pack", "out.stgs", "-o", "loud.stgs", "--audio", "../a.opus", "--audio-offset", "-0.5")
         self.succeeds("pack", "loud.stgs", "-o", "again.stgs")
         self.assertEqual(self.json_of("info", "again.stgs")["audio"], {"location": "../a.opus", "begin_s": -0.5})
-        self.assertRegex(self.succeeds("info", "again.stgs").stdout.decode(), r"sound +../a.opus, from -0.500 s")
+        self.assertRegex(self.succeeds("info", "again.stgs").stdout.decode(), r"audio +../a.opus, from -0.500 s")
         self.assertRegex(self.succeeds("convert", "again.stgs", "x.ply", "--time", "0").stderr.decode(),
-                         "where the sound is")
+                         "the audio location")
         self.fails(1, "--audio", "pack", tiny, "-o", "x.stgs", "--audio-offset", "1")
         self.fails(1, "has no direction", "pack", tiny, "-o", "x.stgs", "--up", "0,0,0")
         self.fails(1, "requires an up vector", "pack", tiny, "-o", "x.stgs", "--floor", "0,0,0")
@@ -118,7 +118,7 @@ class Packing(CliTest):
         tiny = self.fixture("tiny.stgs")
         self.fails(USAGE, "--quality: 101 is out of range", "pack", tiny, "-o", "o.stgs",
                    "--quality", "101")
-        self.fails(USAGE, "--profile: lossless not in", "pack", tiny, "-o", "o.stgs",
+        self.fails(USAGE, "--profile: 'lossless' is not one of", "pack", tiny, "-o", "o.stgs",
                    "--profile", "lossless")
         self.fails(USAGE, "--output is required", "pack", tiny)
         self.fails(IO, "none.stgs: cannot open", "pack", "none.stgs", "-o", "o.stgs")

@@ -27,14 +27,14 @@ class Preparing(CliTest):
         self.write("text/notes.txt", "no video")
         self.write("file", b"")
         cases = [
-            (USAGE, "'film' is not a layout", ["empty", "--layout", "film"]),
+            (USAGE, "'film' is not one of auto", ["empty", "--layout", "film"]),
             (USAGE, "--scale: 0 is out of range", ["empty", "--scale", "0"]),
             (USAGE, "--scale: 2 is out of range", ["empty", "--scale", "2"]),
-            (USAGE, "'5' is not a range of frames", ["empty", "--frames", "5"]),
-            (USAGE, "frames 5:2 hold nothing", ["empty", "--frames", "5:2"]),
-            (USAGE, "empty: is not a capture of a known layout", ["empty"]),
-            (USAGE, "text: is not a capture of a known layout", ["text"]),
-            (IO, "missing: does not exist; name the folder that holds", ["missing"]),
+            (USAGE, "'5' is not a frame range", ["empty", "--frames", "5"]),
+            (USAGE, "frame range 5:2 is empty", ["empty", "--frames", "5:2"]),
+            (USAGE, "empty: unknown capture layout", ["empty"]),
+            (USAGE, "text: unknown capture layout", ["text"]),
+            (IO, "missing: no such file or folder; name the folder with", ["missing"]),
             (IO, "file: is not a folder", ["file"]),
         ]
         for code, message, args in cases:

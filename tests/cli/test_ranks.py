@@ -66,8 +66,8 @@ class Ranks(CliTest):
         self.check_schema("train", report)
         self.assertEqual((report["processes"], report["iterations"]), (2, 600))
         self.assertEqual(result.stderr.count("training on cpu"), 1)
-        self.assertIn("2 processes, a view each in every step: the 600 iterations are views, which "
-                      "makes 300 steps", result.stderr)
+        self.assertIn("2 processes train one view each per step: 600 iterations (views) take "
+                      "300 steps", result.stderr)
         lines = [json.loads(line) for line in self.read("log.jsonl").splitlines()]
         steps = [line["iteration"] for line in lines if "loss" in line]
         self.assertEqual(steps, [2, *range(50, 601, 50)])
@@ -103,8 +103,8 @@ class Ranks(CliTest):
         os.rename(self.path("out.stgs"), self.path("whole.stgs"))
         os.remove(self.path("run.ckpt"))
         error = self.stopped_at(0.05, lambda process: process.send_signal(signal.SIGTERM), *args)
-        self.assertRegex(error, r"stgs: error: interrupted: stopped at iteration \d*[02468]; go on "
-                                r"with --resume run.ckpt")
+        self.assertRegex(error, r"stgs: error: interrupted by SIGTERM: .*stopped at iteration \d*[02468]; "
+                                r"resume with --resume run.ckpt")
         self.assertEqual(error.count("stgs: error"), 1)
         self.no_leftovers()
         shutil.copy(self.path("run.ckpt"), self.path("stopped.ckpt"))
@@ -173,7 +173,7 @@ class StartedAsSeveral(CliTest):
     def test_encode_runs_as_one(self):
         for environment in ({"OMPI_COMM_WORLD_SIZE": "2"},
                             {"SLURM_STEP_ID": "0", "SLURM_NTASKS": "4"}):
-            self.run_in(USAGE, "processes, and encode runs as one",
+            self.run_in(USAGE, "encode runs as one process",
                         ["encode", "capture", "-o", "out.stgs"], **environment)
 
     def test_a_build_without_mpi_does_not_train_the_same_twice(self):

@@ -26,33 +26,33 @@ class Usage(CliTest):
             ("--output is required", ["render", tiny, "--time", "0"]),
             ("--against is required", ["evaluate", tiny]),
             ("B is required", ["compare", tiny]),
-            ("not expected: extra", ["info", tiny, "extra"]),
-            ("--format: yaml not in", ["info", tiny, "--format", "yaml"]),
-            ("--progress: often not in", [*render, "--progress", "often"]),
-            ("--log-level: loud not in", [*render, "--log-level", "loud"]),
-            ("--backend: abacus not in", [*render, "--backend", "abacus"]),
+            ("unexpected argument 'extra'", ["evaluate", tiny, "--against", "x", "extra"]),
+            ("--format: 'yaml' is not one of", ["info", tiny, "--format", "yaml"]),
+            ("--progress: 'often' is not one of", [*render, "--progress", "often"]),
+            ("--log-level: 'loud' is not one of", [*render, "--log-level", "loud"]),
+            ("--backend: 'abacus' is not one of", [*render, "--backend", "abacus"]),
             ("--threads: -1 is out of range", ["validate", tiny, "--threads", "-1"]),
             ("--threads: 'two' is not a number", ["validate", tiny, "--threads", "two"]),
-            ("--seed: '-3' is not a whole number",
+            ("--seed: '-3' is not an integer",
              ["train", prepared, "-o", "out.stgs", "--seed", "-3"]),
             ("unknown option '--seed'", [*render, "--seed", "3"]),
             ("unknown option '--backend'", ["info", tiny, "--backend", "cpu"]),
             ("--time: 'soon' is not a number", [*render, "--time", "soon"]),
             ("--time: 'nan' is not a number", [*render, "--time", "nan"]),
-            ("--time -1 is out of range: .* lasts from 0 to 0.2 s", [*render, "--time", "-1"]),
+            ("--time -1 is out of range; .* lasts from 0 to 0.2 s", [*render, "--time", "-1"]),
             ("--time 7 is out of range", [*render, "--time", "7"]),
-            ("say when: --time SECONDS or --frames", render),
+            ("use --time SECONDS or --frames", render),
             ("--(time|frames) excludes --(time|frames)",
              [*render, "--time", "0", "--frames", "0:1"]),
-            ("frames 0:99 are out of range: there are 6 frames", [*render, "--frames", "0:99"]),
-            ("frames 6: are out of range", [*render, "--frames", "6:"]),
-            ("frames 3:3 hold nothing", [*render, "--frames", "3:3"]),
-            ("'all' is not a range of frames", [*render, "--frames", "all"]),
-            ("'-1:2' is not a range of frames", [*render, "--frames=-1:2"]),
-            ("holds one picture, but 2 are asked for", [*render, "--frames", "0:2"]),
+            ("frame range 0:99 is out of range; the clip has 6 frames", [*render, "--frames", "0:99"]),
+            ("frame range 6: is out of range", [*render, "--frames", "6:"]),
+            ("frame range 3:3 is empty", [*render, "--frames", "3:3"]),
+            ("'all' is not a frame range", [*render, "--frames", "all"]),
+            ("'-1:2' is not a frame range", [*render, "--frames=-1:2"]),
+            ("holds one image, not 2", [*render, "--frames", "0:2"]),
             ("'12' is not a size", [*render, "--time", "0", "--size", "12"]),
             ("'0x9' is not a size", [*render, "--time", "0", "--size", "0x9"]),
-            ("each 1 to 32768, such as 1280x720", [*render, "--time", "0", "--size", "99999x9"]),
+            ("each 1 to 32768, for example 1280x720", [*render, "--time", "0", "--size", "99999x9"]),
             ("'1,2' is not a colour", [*render, "--time", "0", "--background", "1,2"]),
             ("'1,1,x' is not a colour", [*render, "--time", "0", "--background", "1,1,x"]),
             ("'2,0,0' is not a colour", [*render, "--time", "0", "--background", "2,0,0"]),
@@ -60,22 +60,22 @@ class Usage(CliTest):
             ("--which requires --cameras", [*render, "--time", "0", "--which", "all"]),
             ("--camera(s)? excludes --camera(s)?",
              [*render, "--time", "0", "--camera", "x.json", "--cameras", prepared]),
-            ("cannot tell what to write; end it in .png", ["render", tiny, "--time", "0", "-o",
+            ("unknown output format; use a name that ends in .png", ["render", tiny, "--time", "0", "-o",
                                                             "out.gif"]),
-            ("holds one camera, but 2 are chosen",
+            ("holds one camera, not 2",
              ["render", tiny, "--frames", "0:2", "--cameras", prepared, "--which", "train", "-o",
               "out.y4m"]),
-            ("has no camera 'z'; its cameras are a, b, c",
+            ("no camera 'z'; the cameras are a, b, c",
              [*render, "--time", "0", "--cameras", prepared, "--which", "z"]),
-            ("needs a moment that .* has a frame of",
+            ("needs the time of a frame; .* has none at",
              [*render, "--time", "0.01", "--cameras", prepared, "--side-by-side"]),
-            ("has no start camera; give --camera",
+            ("no start camera; use --camera",
              ["render", self.fixture("no_camera.stgs"), "--time", "0", "-o", "out.png"]),
             ("--every: 0 is out of range", ["evaluate", tiny, "--against", prepared, "--every",
                                             "0"]),
             ("do not match", ["evaluate", self.fixture("longer.stgs"), "--against",
                                         prepared]),
-            ("are not of one kind", ["compare", tiny, "picture.png"]),
+            ("cannot compare an image with a .stgs file", ["compare", tiny, "picture.png"]),
             ("--min-psnr: 'high' is not a number", ["compare", tiny, tiny, "--min-psnr", "high"]),
         ]
         for message, args in cases:
@@ -106,7 +106,7 @@ class Usage(CliTest):
         for verb in ("train", "encode"):
             args = [verb, self.fixture("prepared"), "-o", "out.stgs", "--backend"]
             with self.subTest(verb=verb):
-                self.fails(USAGE, "--backend: vulkan not in {auto,cpu,cuda}", *args, "vulkan")
+                self.fails(USAGE, "--backend: 'vulkan' is not one of auto, cpu, cuda", *args, "vulkan")
                 if os.path.exists("/dev/nvidiactl"):
                     continue
                 result = self.stgs(*args, "cuda")
@@ -125,7 +125,7 @@ class Help(CliTest):
         for verb in self.verbs():
             with self.subTest(verb=verb):
                 text = self.succeeds(verb, "--help").stdout.decode()
-                self.assertRegex(text, rf"Example:\n  stgs {verb} ")
+                self.assertRegex(text, rf"Example:\n  stgs {verb}\b")
                 self.assertIn("Exit codes: 0 ok, 1 usage", text)
                 self.assertIn("--format", text)
 
@@ -168,7 +168,7 @@ class Help(CliTest):
     def test_verbs_of_files_say_so_of_a_url(self):
         for verb in ("pack", "finalize", "convert"):
             output = [] if verb == "convert" else ["-o"]
-            self.fails(USAGE, "http://here/a.stgs: is a URL, of which this verb reads none", verb,
+            self.fails(USAGE, "http://here/a.stgs: this verb reads local files only", verb,
                        "http://me:secret@here/a.stgs", *output, "out.stgs")
 
     def test_version(self):

@@ -181,8 +181,8 @@ class Reading(CliTest):
                               "--full-sh", "--quality", "80")
         self.assertEqual(packed["quality"], 80)
         self.assertLess(3 * packed["file_bytes"], full["file_bytes"])
-        self.fails(USAGE, "--quality is of what --animate, ", "bench", scene, "--quality", "80")
-        self.fails(USAGE, "--seed is of what --animate, ", "bench", scene, "--seed", "2")
+        self.fails(USAGE, "--quality applies to a synthetic scene; add --animate", "bench", scene, "--quality", "80")
+        self.fails(USAGE, "--seed applies to a synthetic scene; add --animate", "bench", scene, "--seed", "2")
         text = self.succeeds("bench", scene, "--num-frames", "2").stdout.decode()
         self.assertRegex(text, r"first +mean ms +p50 +p95 +p99\n +frame ")
         self.fails(USAGE, "--num-frames: .*0", "bench", scene, "--num-frames", "0")
@@ -242,11 +242,11 @@ class Reading(CliTest):
         self.assertEqual(slow[0]["active"], slow[1]["active"])
         self.assertEqual((play["eye_distance"], slow[1]["play"]["eye_distance"]), (None, 0.06))
         text = self.succeeds("bench", scene, "--play", "player", "--frames", "2").stdout.decode()
-        self.assertRegex(text, r"2 frames at 1 times their rate, 100 pictures a second: \d of 7 ")
+        self.assertRegex(text, r"2 frames at rate 1, 100 refreshes/s: \d of 7 ")
         self.fails(USAGE, "--frames requires --play", "bench", scene, "--frames", "9")
         self.fails(USAGE, "--num-frames excludes --play", "bench", scene, "--play", "player",
                    "--num-frames", "9")
-        self.fails(USAGE, r"are 3\.33e\+10 pictures, more than 10000000", "bench", scene, "--play",
+        self.fails(USAGE, r"takes 3\.33e\+10 refreshes .at most 10000000", "bench", scene, "--play",
                    "timeline", "--frames", "1000000", "--rate", "0.01", "--refresh", "10000")
         camera = self.write("camera.json", json.dumps(self.json_of("info", scene)))
         self.fails(USAGE, "takes one camera, not 2", "bench", scene, "--play", "player",
@@ -305,7 +305,7 @@ class Rendering(CliTest):
         header, rest = result.stdout.split(b"\n", 1)
         self.assertEqual(header, b"YUV4MPEG2 W64 H48 F30:1 Ip A1:1 C444 XCOLORRANGE=LIMITED")
         self.assertEqual(len(rest), 3 * (len(b"FRAME\n") + 3 * 64 * 48))
-        self.assertIn(b"3 picture(s)", result.stderr)
+        self.assertIn(b"3 images", result.stderr)
         self.succeeds("render", self.fixture("tiny.stgs"), "--frames", "1:4", "-o", "out.y4m")
         self.assertEqual(self.read("out.y4m"), result.stdout)
 
@@ -332,7 +332,7 @@ class Rendering(CliTest):
             return
         self.succeeds("render", self.fixture("tiny.stgs"), "--frames", "0:6", "-o", "out.mp4")
         self.assertIn(b"ftyp", self.read("out.mp4")[:16])
-        self.fails(1, "mp4 needs even sides, not 33x24", "render", self.fixture("tiny.stgs"),
+        self.fails(1, "mp4 needs an even width and height, not 33x24", "render", self.fixture("tiny.stgs"),
                    "--frames", "0:2", "--size", "33x24", "-o", "odd.mp4")
 
     def test_exr_is_an_exr(self):

@@ -46,7 +46,7 @@ class Windows(CliTest):
         self.assertEqual([row["training"] is None for row in again["windows"]],
                          [True, True, False])
         self.assertEqual(self.read("parts/000003-000006.stgs"), before)
-        self.fails(USAGE, "000000-000003.stgs: is of another capture or was trained with other",
+        self.fails(USAGE, "000000-000003.stgs: belongs to another capture or was trained with other",
                    *self.train("-o", "parts", *windows, "--set", "lr_time=0.02"))
         # What was trained counts, not how it was asked for.
         for same in (["--set", "lr_time=.010"], ["--seed", "9"]):
@@ -57,7 +57,7 @@ class Windows(CliTest):
         self.succeeds(*self.train("-o", "parts", "--window", "3"))
         os.remove(self.path("parts/000000-000003.stgs"))
         self.fails(USAGE, r"parts/000003-000006.stgs: is a window \(frames 3:6\) of another plan than "
-                   "--window 4 --overlap 2; remove it or name another folder",
+                   "--window 4 --overlap 2; remove it or use another folder",
                    *self.train("-o", "parts", "--window", "4", "--overlap", "2"))
         self.assertEqual(os.listdir(self.path("parts")), ["000003-000006.stgs"])
         # However a window came to be there; and a part of the plan does not make it another.
@@ -67,7 +67,7 @@ class Windows(CliTest):
                        *self.train("-o", "parts", "--window", "3", *part))
         os.remove(self.path("parts/first.stgs"))
         # Before anything is trained, whichever window it is.
-        self.fails(USAGE, "000003-000006.stgs: is of another capture or was trained with other",
+        self.fails(USAGE, "000003-000006.stgs: belongs to another capture or was trained with other",
                    *self.train("-o", "parts", "--window", "3", "--set", "lr_time=0.02"))
         self.assertEqual(os.listdir(self.path("parts")), ["000003-000006.stgs"])
         self.succeeds(*self.train("-o", "parts", "--window", "3", "--window-index", "0"))
@@ -78,9 +78,9 @@ class Windows(CliTest):
         report = self.json_of(*self.train("-o", "new/", *windows, "--report", "./new/pages"))
         self.assertEqual(report["windows"][0]["output"], "new/000000-000003.stgs")
         self.assertIn("index.html", os.listdir(self.path("new/pages/000003-000006")))
-        self.fails(IO, "the folder 'none' does not exist",
+        self.fails(IO, "folder 'none' does not exist",
                    *self.train("-o", "none/x.stgs", "--report", "none/pages"))
-        self.fails(IO, "the folder 'none/deep' does not exist",
+        self.fails(IO, "folder 'none/deep' does not exist",
                    *self.train("-o", "none", *windows, "--report", "none/deep/pages"))
         self.assertFalse(os.path.exists(self.path("none")))
 
@@ -138,7 +138,7 @@ class Windows(CliTest):
             (USAGE, "one window contains the other", [parts[0], parts[0], parts[1]]),
             (USAGE, "trained with different settings", [parts[0], "other.stgs", parts[2]]),
             (USAGE, "whole.stgs: not a window of a capture", [parts[0], "whole.stgs"]),
-            (USAGE, "which packing would lose", [*parts, "-o", parts[1]]),
+            (USAGE, "this is the input scene itself", [*parts, "-o", parts[1]]),
         ]
         for code, message, inputs in cases:
             with self.subTest(message=message):
@@ -146,11 +146,11 @@ class Windows(CliTest):
                 self.fails(code, message, "pack", *inputs, *output)
         for message, options in [
                 ("expected 0 <= overlap < window", ["--window", "2", "--overlap", "2"]),
-                ("--window-index 3: there are 3 windows, 0 to 2", ["--window", "2", "--window-index", "3"]),
+                ("--window-index 3 is out of range; expected 0 to 2", ["--window", "2", "--window-index", "3"]),
                 ("--overlap requires --window", ["--overlap", "1"]),
                 ("excludes", ["--window", "2", "--frames", "0:2"]),
-                ("are for one run", ["--window", "2", "--checkpoint", "c.ckpt"]),
-                ("are for one run", ["--window", "2", "--log", "l.jsonl"])]:
+                ("cannot be used with --window", ["--window", "2", "--checkpoint", "c.ckpt"]),
+                ("cannot be used with --window", ["--window", "2", "--log", "l.jsonl"])]:
             with self.subTest(message=message):
                 self.fails(USAGE, message, *self.train("-o", "refused", *options))
         os.mkdir(self.path("folder"))
@@ -179,7 +179,7 @@ class Windows(CliTest):
                     error = process.stderr.read().decode()
                 if number == signal.SIGINT:
                     self.assertEqual(process.returncode, RUNTIME, error)
-                    self.assertIn(f"{names[1]}: stopped; the same command goes on", error)
+                    self.assertIn(f"{names[1]}: incomplete; run the same command again to resume", error)
                 else:
                     self.assertEqual(process.returncode, -number, error)
                 self.assertEqual(sorted(os.listdir(self.path(folder))),

@@ -104,11 +104,11 @@ class LentFile {
     const std::lock_guard lock(mutex_);
     require(!closed_, "what is closed is not read");
     require(bytes <= most_ && offset <= most_ - bytes, "reads lie within the size that was told");
-    ++under_way_;
+    ++in_flight_;
   }
   int end_read(std::uint64_t offset, void* out, std::size_t bytes) {
     const std::lock_guard lock(mutex_);
-    --under_way_;
+    --in_flight_;
     if (habits_.fails_each != 0 && ++reads_ % habits_.fails_each == 0) return 5;
     if (bytes > bytes_.size() || offset > bytes_.size() - bytes) return 6;
     std::memcpy(out, bytes_.data() + offset, bytes);
@@ -120,7 +120,7 @@ class LentFile {
   }
   void close() {
     const std::lock_guard lock(mutex_);
-    require(!closed_ && under_way_ == 0, "a source is closed once, when nothing is read any more");
+    require(!closed_ && in_flight_ == 0, "a source is closed once, when nothing is read any more");
     closed_ = true;
   }
   void interrupt() {
@@ -138,7 +138,7 @@ class LentFile {
   Bytes bytes_;
   const Habits habits_;
   std::uint64_t size_, most_;
-  unsigned reads_ = 0, under_way_ = 0;
+  unsigned reads_ = 0, in_flight_ = 0;
   bool closed_ = false, interrupted_ = false;
   std::vector<Waiting> waiting_;
 };

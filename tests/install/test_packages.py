@@ -44,7 +44,8 @@ CONTENTS = {
              "usr/share/man/man1/stgs.1.gz", "usr/share/man/man1/stgs-render.1.gz",
              LIBRARIES + "cmake/stgs/stgs-tools.cmake"],
     "stgs-mpi": [LIBRARIES + "stgs/stgs_mpi.so"],
-    "python3-stgs": ["usr/lib/python3/dist-packages/stgs.*.so"],
+    "python3-stgs": ["usr/lib/python3/dist-packages/stgs.*.so",
+                     "usr/lib/python3/dist-packages/stgs-stubs/__init__.pyi"],
 }
 
 

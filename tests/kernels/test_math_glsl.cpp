@@ -2,6 +2,7 @@
 // format/math through GLSL on every Vulkan device against C++. Exit code 77: there is no device.
 #include <cstdio>
 
+#include "catch.h"
 #include "catch_runner.h"
 #include "math_parity_check.h"
 #include "vulkan_compute.h"
@@ -13,7 +14,6 @@ using stgs::math::ParityGiven;
 namespace {
 
 constexpr std::uint32_t kSpirv[] = {
-#include "catch.h"
 #include "math_parity.spv.inc"
 };
 constexpr std::size_t kPrimitives = 10000;

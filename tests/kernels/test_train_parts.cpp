@@ -486,7 +486,7 @@ TEST_CASE("a capture whose pictures have been replaced is another") {
   std::ofstream(capture.frame_path(capture.cameras[0], 1)) << "another picture";
   CHECK(check_same_run("k", before, image_fingerprint(capture))
             .message()
-            .find("pictures of camera a") != std::string::npos);
+            .find("images of camera a") != std::string::npos);
 }
 
 TEST_CASE("what differs between two runs is named, with both values") {

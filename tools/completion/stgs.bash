@@ -14,8 +14,12 @@ _stgs() {
   help=$("${COMP_WORDS[0]}" ${verb:+"$verb"} --help 2>/dev/null)
   if [[ $word == -* ]]; then
     words=$(grep -oE '^ +-[^ ]+' <<<"$help" | grep -oE -- '--[a-z-]+')
-  elif ((COMP_CWORD == 1)); then
+  elif ((COMP_CWORD == 1)) || [[ $verb == help ]]; then
+    [[ $verb == help ]] && help=$("${COMP_WORDS[0]}" --help 2>/dev/null)
     words=$(sed -nE '/^Subcommands:/,/^$/s/^ +([a-z]+) .*/\1/p' <<<"$help")
+  elif [[ $before == --set && $verb == @(train|encode) ]]; then
+    words=$("${COMP_WORDS[0]}" train --list-parameters 2>/dev/null | sed -nE 's/^([a-z0-9_]+) .*/\1=/p')
+    compopt -o nospace 2>/dev/null  # fails outside of a completion
   elif [[ $before =~ ^--?[a-z-]+$ ]]; then
     words=$(sed -nE "s/^ +(-[a-z],)?$before [A-Z]+:\{([^}]*)\}.*/\2/p" <<<"$help")
   fi

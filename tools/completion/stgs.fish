@@ -11,7 +11,11 @@ function __stgs_words
     end
     set -l help ($before[1] $verb --help 2>/dev/null)
     set -l option (string match -r -- '^--[a-z-]+(?==)' $word)
-    if test -n "$option"
+    if test "$option" = --set; and contains -- "$verb" train encode
+        string replace -r -- '^' "$option=" (__stgs_parameters $before[1])
+    else if test "$before[-1]" = --set; and contains -- "$verb" train encode
+        __stgs_parameters $before[1]
+    else if test -n "$option"
         string replace -r -- '^' "$option=" (__stgs_values $option $help)
     else if string match -q -- '-*' $word
         # The description of an option starts in column 31, on the next line if the option is long.
@@ -28,14 +32,19 @@ function __stgs_words
                 if (substr($0, 29) ~ /^  [^ ]/) offer(text)
             }
             END { if (open) offer(text) }'
-    else if test (count $before) -eq 1
-        printf '%s\n' $help | awk '
+    else if test (count $before) -eq 1; or test "$verb" = help
+        $before[1] --help 2>/dev/null | awk '
             /^Subcommands:/ { listed = 1; next }
             /^$/ { listed = 0 }
             listed { verb = $1; $1 = ""; print verb "\t" substr($0, 2) }'
     else
         __stgs_values $before[-1] $help
     end
+end
+
+# Prints the hyper-parameters for --set, as KEY=. Argument: the program.
+function __stgs_parameters
+    $argv[1] train --list-parameters 2>/dev/null | string replace -rf -- '^([a-z0-9_]+) .*' '$1='
 end
 
 # Prints the values of an option that the help lists. Arguments: OPTION HELP-LINE...

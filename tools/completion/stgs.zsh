@@ -3,6 +3,13 @@
 # zsh completion of `stgs`. Reads verbs, options and values from the --help of the program, so that
 # they match the installed version. Files fall back to _files.
 
+# Offers the hyper-parameters for --set, as KEY=.
+_stgs_parameters() {
+  local -a keys
+  keys=(${${(f)"$(_call_program parameters ${(q)words[1]} train --list-parameters 2>/dev/null)"}%% *})
+  compadd -S = -a keys
+}
+
 # Sets `values` to the values of an option that the help lists.
 _stgs_values() {
   local line
@@ -22,7 +29,12 @@ _stgs() {
   local -a help names values entries
   (( CURRENT > 2 )) && [[ $words[2] != -* ]] && verb=$words[2]
   help=("${(@f)$(_call_program help ${(q)words[1]} $verb --help 2>/dev/null)}")
-  if [[ $PREFIX == --*=* ]]; then
+  if [[ $verb == (train|encode) && $PREFIX == --set=* ]]; then
+    compset -P '*='
+    _stgs_parameters
+  elif [[ $verb == (train|encode) && $words[CURRENT-1] == --set ]]; then
+    _stgs_parameters
+  elif [[ $PREFIX == --*=* ]]; then
     _stgs_values ${PREFIX%%=*} || return 1
     compset -P '*='
     compadd -a values
@@ -39,7 +51,8 @@ _stgs() {
       fi
     done
     _describe -o option entries
-  elif (( CURRENT == 2 )); then
+  elif (( CURRENT == 2 )) || [[ $verb == help ]]; then
+    help=("${(@f)$(_call_program help ${(q)words[1]} --help 2>/dev/null)}")
     for line in "${help[@]}"; do
       if [[ $line == Subcommands:* ]]; then
         listed=1

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Builds and tests the tree in Debian 13 (trixie), in a root folder made by debootstrap.
 # usage: debian13.sh FOLDER [CTEST OPTION...]
-#   FOLDER  holds the root and the build; what is there is used again (about 4 GB)
+#   FOLDER  holds the root and the build; existing content is reused (about 4 GB)
 # Needs root, the package debootstrap and the network. MIRROR overrides the Debian mirror, which is
 # otherwise that of this machine's apt sources.
 set -eu

@@ -73,6 +73,7 @@ STGS_ARGUMENT(int);
 STGS_ARGUMENT(double);
 STGS_ARGUMENT(std::optional<double>);
 STGS_ARGUMENT(std::optional<float>);
+STGS_ARGUMENT(std::optional<std::string>);
 STGS_ARGUMENT(std::optional<std::uint32_t>);
 STGS_ARGUMENT(std::optional<std::uint64_t>);
 STGS_ARGUMENT(std::vector<std::string>);

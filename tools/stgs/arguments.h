@@ -42,6 +42,7 @@ class Argument {
   Argument* capture_default_str();
   // How often it was given, after parsing.
   std::size_t count() const;
+  CLI::Option* option() const { return option_; }
 
  private:
   CLI::Option* option_;
@@ -60,6 +61,7 @@ class Arguments {
   Argument* add_flag(const std::string& name, bool& value, const std::string& help);
   // Accepts arguments that are not declared.
   void allow_extras();
+  const CLI::App& app() const { return app_; }
 
  private:
   Argument* keep(CLI::Option* option);

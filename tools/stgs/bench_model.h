@@ -8,9 +8,9 @@
 
 namespace stgs::tools {
 
-// Adds the dynamics of the `_dynamic` cases of tests/bench/results.csv: 300 frames, T uniform over them,
-// sigma 3 frames for 30 % of the primitives and 900 for the rest, r nearly 0, speeds up to 0.001
-// units per frame and axis.
+// Adds the dynamics of the `_dynamic` cases of tests/bench/results.csv: 300 frames, T uniform over
+// them, sigma 3 frames for 30 % of the primitives and 900 for the rest, r nearly 0, speeds up to
+// 0.001 units per frame and axis.
 void animate(Scene& scene, std::uint64_t seed);
 
 // Splits each primitive into `ratio` consecutive ones over 300 frames, at random times. The number

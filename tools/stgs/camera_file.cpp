@@ -5,14 +5,21 @@
 #include <cerrno>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 
+#include "standard_input.h"
 #include "stgs/encoder/camera_json.h"
 #include "stgs/encoder/json_error.h"
 #include "stgs/format/camera.h"
 
 namespace stgs::tools {
+namespace {
 
-Result<encoder::Camera> read_camera(const std::string& path) {
+Result<std::string> read_text(const std::string& path) {
+  if (is_standard_input(path)) {
+    STGS_ASSIGN(const auto bytes, read_standard_input());
+    return std::string(bytes.begin(), bytes.end());
+  }
   std::error_code none;
   if (std::filesystem::is_directory(path, none)) {
     return io_error("{}: cannot open camera file: this is a folder", path);
@@ -20,8 +27,15 @@ Result<encoder::Camera> read_camera(const std::string& path) {
   errno = 0;
   std::ifstream file(path);
   if (!file) return io_error("{}: cannot open camera file: {}", path, system_message(errno));
+  return std::string(std::istreambuf_iterator<char>(file), {});
+}
+
+}  // namespace
+
+Result<encoder::Camera> read_camera(const std::string& path) {
+  STGS_ASSIGN(const std::string text, read_text(path));
   try {
-    const Json json = Json::parse(file);
+    const Json json = Json::parse(text);
     if (json.contains("start_camera") && json.at("start_camera").is_null()) {
       return invalid_file("{}: start_camera is null: the scene has none; use another camera file",
                           path);

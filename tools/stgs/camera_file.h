@@ -12,7 +12,8 @@
 
 namespace stgs::tools {
 
-// Reads a camera file, or the start camera from the output of `stgs info --format json`.
+// Reads a camera file ("-": standard input), or the start camera from the output of `stgs info
+// --format json`.
 Result<encoder::Camera> read_camera(const std::string& path);
 // Converts the start camera of `file`. kInvalidFile if its size, focal lengths or rotation are
 // invalid.

@@ -12,7 +12,6 @@
 #include "scene_input.h"
 #include "stgs/format/parallel.h"
 #include "stgs/player/renderer.h"
-#include "stgs/player/source.h"
 #include "usage.h"
 
 namespace stgs::tools {
@@ -58,7 +57,8 @@ class Bench final : public Command {
     return {.progress = true, .backend = "Renderer", .threads = true};
   }
   void declare(Arguments& app) override {
-    app.add_option("FILE", file_, "The .stgs file, or its URL")->required();
+    app.add_option("FILE", file_, "The .stgs file: a path, a URL, or - for standard input")
+        ->required();
     app.add_option("--camera", camera_files_,
                    "Camera file (JSON), as for render; repeatable (default: the start camera)");
     app.add_option(
@@ -130,7 +130,7 @@ class Bench final : public Command {
     return run_passes(session, *timeline, *renderer);
   }
 
-  std::string shown_file() const { return player::display_location(file_); }
+  std::string shown_file() const { return display_name(file_); }
 
   Result<std::unique_ptr<ByteSource>> open(Session& session) const {
     if (!animate_ && !full_sh_ && stored_ratio_ == 0) {

@@ -8,7 +8,6 @@
 #include "scene_input.h"
 #include "stgs/encoder/metrics.h"
 #include "stgs/player/renderer.h"
-#include "stgs/player/source.h"
 
 namespace stgs::tools {
 namespace {
@@ -45,7 +44,8 @@ class Compare final : public Command {
     return {.progress = true, .backend = "Renderer", .threads = true};
   }
   void declare(Arguments& app) override {
-    app.add_option("A", a_, "An image, or a .stgs file or its URL")->required();
+    app.add_option("A", a_, "An image, or a .stgs file: a path, a URL, or - for standard input")
+        ->required();
     app.add_option("B", b_, "The image or .stgs file to compare with")->required();
     app.add_option("--min-psnr", min_psnr_, "Exit code 7 if psnr is below this, dB")
         ->check(number_between(0, encoder::kPsnrMax));
@@ -58,8 +58,8 @@ class Compare final : public Command {
   Status run(Session& session) override {
     const bool images = is_image_name(a_);
     if (images != is_image_name(b_)) {
-      return usage_error("{} and {}: cannot compare an image with a .stgs file",
-                         player::display_location(a_), player::display_location(b_));
+      return usage_error("{} and {}: cannot compare an image with a .stgs file", display_name(a_),
+                         display_name(b_));
     }
     return images ? compare_images(session) : compare_scenes(session);
   }
@@ -83,8 +83,8 @@ class Compare final : public Command {
   Status compare_scenes(Session& session) {
     STGS_ASSIGN(auto first, open_scene(session, a_));
     STGS_ASSIGN(auto second, open_scene(session, b_));
-    const auto a = player::Timeline::from_reader(std::move(first), player::display_location(a_));
-    const auto b = player::Timeline::from_reader(std::move(second), player::display_location(b_));
+    const auto a = player::Timeline::from_reader(std::move(first), display_name(a_));
+    const auto b = player::Timeline::from_reader(std::move(second), display_name(b_));
     Json json = {{"a", a->name()},
                  {"b", b->name()},
                  {"kind", "scenes"},

@@ -128,6 +128,7 @@ class Convert final : public Command {
     app.add_option("--quality", quality_,
                    "For .stgs: 0 (smallest file) to 100 (closest) (default: lossless)")
         ->check(number_between(0, 100));
+    app.add_option("--title", title_, "For .stgs: title of the scene (default: that of IN)");
     import_.declare(app);
   }
 
@@ -141,6 +142,7 @@ class Convert final : public Command {
     for (const std::string& extra : work.extras) {
       session.log(1, fmt::format("{}: not converted: {}", input_, extra));
     }
+    if (title_) work.scene.metadata.title = *title_;
     STGS_TRY(select_time(work));
     STGS_ASSIGN(const std::vector<std::uint8_t> bytes, encode(session, work));
     STGS_TRY(read_back(bytes, work));
@@ -161,6 +163,9 @@ class Convert final : public Command {
     }
     if (work.to != nullptr && quality_) {
       return usage_error("--quality applies to .stgs output, not to {}", work.to->name);
+    }
+    if (work.to != nullptr && title_) {
+      return usage_error("--title applies to .stgs output, not to {}", work.to->name);
     }
     STGS_TRY(check_can_write(output_));
     return check_distinct({{"IN", input_}, {"OUT", output_}});
@@ -336,6 +341,7 @@ class Convert final : public Command {
   ImportOptions import_;
   std::optional<double> seconds_;
   std::optional<double> quality_;
+  std::optional<std::string> title_;
 };
 
 }  // namespace

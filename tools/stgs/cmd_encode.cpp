@@ -96,9 +96,9 @@ class Encode final : public Command {
     seconds[0] = lap();
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(prepared));
     const WriteTime checkpoint_before = write_time(training.checkpoint);
-    STGS_TRY(with_resume_hint(
-        train_to_file(capture, trained, train_.report(), training, session, train_report), training,
-        checkpoint_before));
+    STGS_TRY(with_resume_hint(train_to_file(capture, trained, train_.title(), train_.report(),
+                                            training, session, train_report),
+                              training, checkpoint_before));
     seconds[1] = lap();
     encoder::PackSettings packing = pack_.settings();
     const bool held_out = std::any_of(capture.cameras.begin(), capture.cameras.end(),

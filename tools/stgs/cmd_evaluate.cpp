@@ -12,7 +12,6 @@
 #include "stgs/format/image_drift.h"
 #include "stgs/format/parallel.h"
 #include "stgs/player/renderer.h"
-#include "stgs/player/source.h"
 
 namespace stgs::tools {
 namespace {
@@ -125,7 +124,8 @@ class Evaluate final : public Command {
     return {.progress = true, .backend = "Renderer", .threads = true};
   }
   void declare(Arguments& app) override {
-    app.add_option("FILE", file_, "The .stgs file, or its URL")->required();
+    app.add_option("FILE", file_, "The .stgs file: a path, a URL, or - for standard input")
+        ->required();
     app.add_option("--against", folder_, "Prepared capture to compare with")->required();
     app.add_option("--cameras", which_, "Cameras: test, train, all, or comma-separated names")
         ->capture_default_str();
@@ -151,7 +151,7 @@ class Evaluate final : public Command {
   }
 
  private:
-  std::string shown_file() const { return player::display_location(file_); }
+  std::string shown_file() const { return display_name(file_); }
 
   Status find_backgrounds(Session& session) {
     std::vector<int> frames;

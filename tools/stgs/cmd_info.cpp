@@ -2,7 +2,6 @@
 #include "command.h"
 #include "scene_info.h"
 #include "scene_input.h"
-#include "stgs/player/source.h"
 
 namespace stgs::tools {
 namespace {
@@ -37,7 +36,8 @@ class Info final : public Command {
   }
   Shared shared() const override { return {}; }
   void declare(Arguments& app) override {
-    app.add_option("FILE", locations_, "The .stgs files, or their URLs")->required();
+    app.add_option("FILE", locations_, "The .stgs files: paths, URLs, or - for standard input")
+        ->required();
     app.add_flag("--segments", segments_, "Print tables of segments, layers and streams");
     app.add_flag("--lifespans", lifespans_,
                  "Print lifespans, speeds and the share of static primitives");
@@ -53,7 +53,7 @@ class Info final : public Command {
       if (first.ok()) {
         first = status;
       } else {
-        session.log(0, status.message());
+        session.report_error(status);
       }
     }
     if (files.empty() && text.empty()) return first;
@@ -63,7 +63,7 @@ class Info final : public Command {
 
  private:
   Status add(Session& session, const std::string& location, Json& files, std::string& text) const {
-    const std::string name = player::display_location(location);
+    const std::string name = display_name(location);
     STGS_ASSIGN(const auto reader, open_scene(session, location));
     std::optional<SceneStatistics> statistics;
     if (lifespans_) {

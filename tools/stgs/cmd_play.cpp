@@ -2,6 +2,7 @@
 #include "camera_file.h"
 #include "command.h"
 #include "options.h"
+#include "standard_input.h"
 #ifdef STGS_HAS_PLAY
 #include "play/viewer.h"
 #include "stgs/encoder/camera_json.h"
@@ -61,6 +62,9 @@ class Play final : public Command {
   }
 
   Status run(Session& session) override {
+    if (is_standard_input(file_)) {
+      return usage_error("play cannot read standard input; write the data to a file first");
+    }
     if (rate_ == 0) return usage_error("--rate 0 is not supported; use --paused");
     if (!screenshot_.empty() && extension_is_not_png()) {
       return usage_error("--screenshot {}: screenshots are PNG files; use a name that ends in .png",

@@ -11,7 +11,6 @@
 #include "scene_input.h"
 #include "stgs/encoder/windows.h"
 #include "stgs/player/renderer.h"
-#include "stgs/player/source.h"
 
 namespace stgs::tools {
 namespace {
@@ -55,7 +54,8 @@ class Render final : public Command {
     return {.progress = true, .log_level = true, .backend = "Renderer", .threads = true};
   }
   void declare(Arguments& app) override {
-    app.add_option("FILE", o_.file, "The .stgs file, or its URL")->required();
+    app.add_option("FILE", o_.file, "The .stgs file: a path, a URL, or - for standard input")
+        ->required();
     auto* camera = app.add_option("--camera", o_.camera, "Camera file (JSON), described below");
     auto* cameras =
         app.add_option("--cameras", o_.cameras, "Use the cameras of this prepared capture")
@@ -131,7 +131,7 @@ class Render final : public Command {
   }
 
  private:
-  std::string shown_file() const { return player::display_location(o_.file); }
+  std::string shown_file() const { return display_name(o_.file); }
 
   struct Totals {
     player::RenderStats stats;

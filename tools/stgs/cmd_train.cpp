@@ -55,7 +55,8 @@ class Train final : public Command {
     if (windows_.has_windows()) return train_all(capture, settings, session);
     if (session.is_first()) STGS_TRY(check_can_write(output_));
     encoder::TrainReport report;
-    STGS_TRY(train_to_file(capture, output_, options_.report(), settings, session, report));
+    STGS_TRY(train_to_file(capture, output_, options_.title(), options_.report(), settings, session,
+                           report));
     if (!session.is_first()) return {};
     const auto bytes = static_cast<std::uint64_t>(std::filesystem::file_size(output_));
     const std::string held_out = report.held_out
@@ -101,7 +102,8 @@ class Train final : public Command {
     STGS_TRY(check_can_make_folder(output_));
     STGS_ASSIGN(const auto spans, windows_.spans(capture));
     STGS_TRY(windows_.check_folder(capture, output_));
-    return train_windows(capture, spans, output_, options_.report(), settings, session);
+    return train_windows(capture, spans, output_, options_.title(), options_.report(), settings,
+                         session);
   }
 
   Status list(Session& session) const {

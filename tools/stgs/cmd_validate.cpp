@@ -4,7 +4,6 @@
 #include "command.h"
 #include "scene_input.h"
 #include "stgs/format/scene_file.h"
-#include "stgs/player/source.h"
 
 namespace stgs::tools {
 namespace {
@@ -30,7 +29,7 @@ struct Verdict {
 
 Verdict validate_file(Session& session, const std::string& path) {
   Verdict verdict;
-  verdict.name = player::display_location(path);
+  verdict.name = display_name(path);
   auto source = open_source(session, path);
   if (!source.ok()) {
     verdict.unreadable = source.status();
@@ -90,7 +89,8 @@ class Validate final : public Command {
   }
   Shared shared() const override { return {.threads = true}; }
   void declare(Arguments& app) override {
-    app.add_option("FILE", paths_, "The .stgs files, or their URLs")->required();
+    app.add_option("FILE", paths_, "The .stgs files: paths, URLs, or - for standard input")
+        ->required();
   }
   Status run(Session& session) override {
     std::vector<Verdict> verdicts;

@@ -45,6 +45,7 @@ std::unique_ptr<Command> make_convert();
 std::unique_ptr<Command> make_encode();
 std::unique_ptr<Command> make_evaluate();
 std::unique_ptr<Command> make_finalize();
+std::unique_ptr<Command> make_help();
 std::unique_ptr<Command> make_info();
 std::unique_ptr<Command> make_pack();
 std::unique_ptr<Command> make_play();
@@ -52,6 +53,7 @@ std::unique_ptr<Command> make_prepare();
 std::unique_ptr<Command> make_render();
 std::unique_ptr<Command> make_train();
 std::unique_ptr<Command> make_validate();
+std::unique_ptr<Command> make_version();
 
 // Returns every verb, in the order of the workflow from capture to playback.
 std::vector<std::unique_ptr<Command>> all_commands();

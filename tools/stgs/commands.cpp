@@ -18,6 +18,8 @@ std::vector<std::unique_ptr<Command>> all_commands() {
   commands.push_back(make_evaluate());
   commands.push_back(make_compare());
   commands.push_back(make_convert());
+  commands.push_back(make_help());
+  commands.push_back(make_version());
   return commands;
 }
 

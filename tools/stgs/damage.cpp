@@ -26,9 +26,15 @@ void warn_of_open_damage(Session& session, const player::Timeline& timeline) {
 
 void warn_of_damage(Session& session, const player::Timeline& timeline) {
   if (timeline.segment_damage().empty()) return;
-  session.log(1, fmt::format("{}: skipped {}, rendered {} without SH; first: {}", timeline.name(),
-                             plural(skipped(timeline), "damaged segment"),
-                             plural(without_sh(timeline), "segment"),
+  std::string text;
+  if (skipped(timeline) > 0) {
+    text = fmt::format("skipped {}", plural(skipped(timeline), "damaged segment"));
+  }
+  if (without_sh(timeline) > 0) {
+    text += fmt::format("{}rendered {} without SH", text.empty() ? "" : ", ",
+                        plural(without_sh(timeline), "segment"));
+  }
+  session.log(1, fmt::format("{}: {}; first: {}", timeline.name(), text,
                              timeline.segment_damage().front().reason.message()));
 }
 

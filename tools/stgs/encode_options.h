@@ -50,6 +50,7 @@ class TrainOptions {
                                           const std::string& new_folder) const;
   const std::string& preset() const { return preset_; }
   const std::string& report() const { return report_; }
+  const std::string& title() const { return title_; }
   // Returns the report folder, or null.
   Json report_json() const { return report_.empty() ? Json(nullptr) : Json(report_); }
   bool has_log() const { return !log_.empty(); }
@@ -58,7 +59,7 @@ class TrainOptions {
   Status check_paths(const std::string& log_path, std::vector<NamedPath> paths) const;
   Status check_writable(const std::string& new_folder) const;
 
-  std::string preset_ = "default", frame_memory_, resume_, checkpoint_, log_, report_;
+  std::string preset_ = "default", frame_memory_, resume_, checkpoint_, log_, report_, title_;
   std::vector<std::string> ablate_;
   int iterations_ = 0, max_primitives_ = 0, checkpoint_interval_ = 500;
   std::string perceptual_weights_;
@@ -95,9 +96,11 @@ Json to_json(const encoder::PackReport& report);
 // Returns one line of text: quality, bit rate, and the PSNR that packing cost.
 std::string quality_text(const encoder::PackReport& report);
 
-// Trains, writes the lossless scene to `output`, and a report to `report_folder` unless it is "".
+// Trains, writes the lossless scene with its title to `output`, and a report to `report_folder`
+// unless it is "".
 Status train_to_file(const encoder::PreparedCapture& capture, const std::string& output,
-                     const std::string& report_folder, const encoder::TrainSettings& settings,
-                     Session& session, encoder::TrainReport& report);
+                     const std::string& title, const std::string& report_folder,
+                     const encoder::TrainSettings& settings, Session& session,
+                     encoder::TrainReport& report);
 
 }  // namespace stgs::tools

@@ -4,6 +4,7 @@
 #include <new>
 
 #include "program.h"
+#include "stgs/format/status.h"
 
 int main(int argc, char** argv) {
   try {

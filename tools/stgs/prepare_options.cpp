@@ -2,14 +2,14 @@
 #include "encode_options.h"
 
 #include "options.h"
+#include "usage.h"
 
 namespace stgs::tools {
 
 void PrepareOptions::declare(Arguments& app) {
   const char* group = "Preparing";
-  app.add_option(
-         "--layout", layout_,
-         "Layout of CAPTURE: auto, n3dv, panoptic, easyvolcap, colmap, nerfstudio or videos")
+  with_choices(app.add_option("--layout", layout_, "Layout of CAPTURE"),
+               {"auto", "n3dv", "panoptic", "easyvolcap", "colmap", "nerfstudio", "videos"})
       ->capture_default_str()
       ->group(group);
   app.add_option("--frames", frames_, "Source frames FIRST:END, END excluded (default: all)")

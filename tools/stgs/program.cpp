@@ -6,15 +6,10 @@
 #include <cstdio>
 
 #include "command.h"
+#include "error_report.h"
 #include "options.h"
-#ifdef STGS_HAS_ENCODER
-#include "stgs/encoder/train.h"
-#endif
-#include "stgs/format/raster.h"
-#include "stgs/format/scene_file.h"
-#include "stgs/player/renderer.h"
-#include "stgs/player/source.h"
 #include "usage.h"
+#include "version.h"
 
 #ifdef STGS_HAS_PREPARE
 #include <cstdlib>
@@ -37,6 +32,10 @@ struct Verb {
 
 void declare_shared(CLI::App& app, const Shared& shared, CommonOptions& options) {
   const char* group = "Common options";
+  // Only documents the option: with_config_first() moves it before the verb.
+  app.add_option("--config", options.config,
+                 "Read options from a TOML file, from its section [VERB]; the command line wins")
+      ->group(group);
   with_choices(app.add_option("--format", options.format, "Output format: text or json"),
                {"text", "json"})
       ->capture_default_str()
@@ -97,9 +96,10 @@ std::vector<Verb> declare_verbs(CLI::App& app, CommonOptions& options) {
   return verbs;
 }
 
-int usage(const std::string& message) {
-  fmt::print(stderr, "stgs: error: {}\n", message);
-  return static_cast<int>(StatusCode::kUsage);
+// Reports an error of the command line, before its options are known.
+int usage(Session& session, const std::string& message) {
+  if (wants_json(session.arguments)) session.options.format = "json";
+  return session.conclude(usage_error("{}", message));
 }
 
 // Returns the command line, with arguments quoted for a shell.
@@ -133,6 +133,24 @@ void set_up_opencv(const CommonOptions& options) {
 #endif
 }
 
+// Returns the arguments in reverse, as CLI11 expects them, with --config FILE before the verb,
+// where CLI11 accepts it.
+std::vector<std::string> with_config_first(int argc, char** argv) {
+  std::vector<std::string> config, others;
+  for (int i = 1; i < argc; ++i) {
+    const std::string argument = argv[i];
+    if (argument == "--config" && i + 1 < argc) {
+      config.push_back(argument);
+      config.emplace_back(argv[++i]);
+    } else {
+      (argument.rfind("--config=", 0) == 0 ? config : others).push_back(argument);
+    }
+  }
+  config.insert(config.end(), others.begin(), others.end());
+  std::reverse(config.begin(), config.end());
+  return config;
+}
+
 int run_verb(Command& command, Session& session) {
   install_signal_handlers();
   set_up_opencv(session.options);
@@ -141,45 +159,7 @@ int run_verb(Command& command, Session& session) {
   return session.conclude(status);
 }
 
-std::vector<std::string> training_backends() {
-#ifdef STGS_HAS_ENCODER
-  return encoder::train_backends();
-#else
-  return {"-"};
-#endif
-}
-
 }  // namespace
-
-std::string version_text() {
-  std::string parts;
-#ifdef STGS_HAS_PREPARE
-  parts += " prepare encode mp4";
-#endif
-#ifdef STGS_HAS_EXR
-  parts += " exr";
-#endif
-#ifdef STGS_HAS_SOG
-  parts += " sog";
-#endif
-  if (check_profile(Profile::kDraco).ok()) parts += " draco";
-#ifdef STGS_HAS_PLAY
-  parts += " play";
-#endif
-  if (player::is_http_built()) parts += " http";
-#ifdef STGS_HAS_CUDNN
-  parts += " cudnn";
-#endif
-#ifdef STGS_HAS_NCCL
-  parts += " nccl";
-#endif
-  if (encoder::World::is_built()) parts += " mpi";
-  return fmt::format(
-      "stgs {}\nformat: {}.{}\nvector target: {}\ntrains with: {}\nrenders with: {}\nbuilt in:{}\n",
-      STGS_VERSION, kFormatMajor, kFormatMinor, vector_target(),
-      fmt::join(training_backends(), " "), fmt::join(player::renderer_backends(), " "),
-      parts.empty() ? " -" : parts);
-}
 
 int run_program(int argc, char** argv) {
   CLI::App app(
@@ -191,31 +171,35 @@ int run_program(int argc, char** argv) {
                   "  stgs encode CAPTURE -o scene.stgs\n"
                   "  stgs render scene.stgs --time 0.5 -o image.png\n\n{}",
                   kExitCodes));
+  app.set_config("--config")->group("");  // the verbs document it
+  app.allow_config_extras(CLI::config_extras_mode::error);
   app.set_version_flag("--version", version_text, "Print the version and the built-in features");
   app.require_subcommand(0, 1);
   Session session;
   session.command = command_line(argc, argv);
+  session.arguments.assign(argv + 1, argv + argc);
   const std::vector<Verb> verbs = declare_verbs(app, session.options);
   const std::string first = argc > 1 ? argv[1] : "";
   std::vector<std::string> names;
   for (const Verb& verb : verbs) names.push_back(verb.app->get_name());
   const bool known = std::find(names.begin(), names.end(), first) != names.end();
-  if (!first.empty() && first[0] != '-' && !known) return usage(unknown_verb_message(first, names));
+  if (!first.empty() && first[0] != '-' && !known)
+    return usage(session, unknown_verb_message(first, names));
   try {
-    app.parse(argc, argv);
+    app.parse(with_config_first(argc, argv));
   } catch (const CLI::Success& success) {
     app.exit(success);  // --help, --version: prints to standard output
     return std::fflush(stdout) == 0 ? 0 : static_cast<int>(StatusCode::kIo);
   } catch (const CLI::ParseError& error) {
-    return usage(usage_message(app, error));
+    return usage(session, usage_message(app, error));
   }
   for (const Verb& verb : verbs) {
     if (!verb.app->parsed()) continue;
     const std::string empty = empty_value_message(*verb.app);
-    return empty.empty() ? run_verb(*verb.command, session) : usage(empty);
+    return empty.empty() ? run_verb(*verb.command, session) : usage(session, empty);
   }
   fmt::print(stderr, "{}", app.help());
-  return usage("no verb is given");
+  return usage(session, "no verb is given");
 }
 
 }  // namespace stgs::tools

@@ -2,16 +2,9 @@
 // The program: from the command line to a verb, and from the verb's status to the exit code.
 #pragma once
 
-#include <string>
-
-#include "stgs/format/status.h"
-
 namespace stgs::tools {
 
 // Runs the program and returns its exit code. All messages have been printed.
 int run_program(int argc, char** argv);
-
-// Returns the text of --version: program, format version, vector target, backends and features.
-std::string version_text();
 
 }  // namespace stgs::tools

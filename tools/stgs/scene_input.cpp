@@ -2,14 +2,24 @@
 #include "scene_input.h"
 
 #include <algorithm>
+#include <string_view>
 
 #include "content_kind.h"
 #include "damage.h"
+#include "standard_input.h"
 #include "stgs/player/source.h"
 
 namespace stgs::tools {
 
+std::string display_name(const std::string& location) {
+  return is_standard_input(location) ? "standard input" : player::display_location(location);
+}
+
 Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::string& location) {
+  if (is_standard_input(location)) {
+    STGS_ASSIGN(const auto bytes, read_standard_input());
+    return memory_source({bytes.begin(), bytes.end()}, display_name(location));
+  }
   player::HttpSettings settings;
   if (player::is_url(location)) settings.stop = session.stop_token();
   settings.on_event = [&session](const player::TransferEvent& event) {
@@ -33,22 +43,24 @@ Result<Scene> load_scene(Session& session, const std::string& location) {
   DamageReport damage;
   Result<Scene> scene = recover_scene(std::move(source), damage);
   if (!scene.ok()) return explain_invalid(session, scene.status(), location);
-  warn_of_damage(session, player::display_location(location), damage, scene->metadata.time_base);
+  warn_of_damage(session, display_name(location), damage, scene->metadata.time_base);
   return scene;
 }
 
 Status explain_invalid(Session& session, const Status& status, const std::string& location) {
-  if (status.code() != StatusCode::kInvalidFile) return status;
+  // The format library names what it knows: "not an .stgs file; this is a PNG image (byte 0, ...)".
+  constexpr std::string_view kUnknown = "not an .stgs file (byte ";
+  const std::size_t at = status.message().find(kUnknown);
+  if (status.code() != StatusCode::kInvalidFile || at == std::string::npos) return status;
   const auto source = open_source(session, location);
   if (!source.ok()) return status;
   std::vector<std::uint8_t> head(std::min<std::uint64_t>((*source)->size(), kContentBytes));
   if (!(*source)->read(0, head).ok()) return status;
   const std::string content = describe_content(head);
   if (content.empty()) return status;
-  // The message ends in the issue: "(byte 0, issue 102)".
-  const std::size_t issue = status.message().rfind(" (byte ");
-  return invalid_file("{}: not an .stgs file: {}{}", player::display_location(location), content,
-                      issue == std::string::npos ? "" : status.message().substr(issue));
+  std::string message = status.message();
+  message.insert(at + kUnknown.find(" (byte "), "; " + content);
+  return {status.code(), message};
 }
 
 Status check_is_scene(Session& session, const std::string& location) {
@@ -56,6 +68,9 @@ Status check_is_scene(Session& session, const std::string& location) {
 }
 
 Status check_is_path(const std::string& location) {
+  if (is_standard_input(location)) {
+    return usage_error("this verb cannot read standard input; write the data to a file first");
+  }
   if (!player::is_url(location)) return {};
   return usage_error("{}: this verb reads local files only; download the file first",
                      player::display_location(location));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opens the FILE argument of a verb: a path, or an http or https URL.
+// Opens the FILE argument of a verb: a path, an http or https URL, or "-" for standard input.
 #pragma once
 
 #include <memory>
@@ -10,7 +10,10 @@
 
 namespace stgs::tools {
 
-// Opens a path or URL for reading. SIGINT and SIGTERM cancel reads from a URL; failed attempts that
+// Returns the name of a location for messages: the path, the URL without userinfo, or "standard
+// input".
+std::string display_name(const std::string& location);
+// Opens a location for reading. SIGINT and SIGTERM cancel reads from a URL; failed attempts that
 // are retried are reported as warnings. The session must outlive the result.
 Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::string& location);
 // Opens a scene: reads its head, not its segments. The message for a file of another format names
@@ -18,12 +21,12 @@ Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::str
 Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& location);
 // Reads the entire scene. Reports damage as warnings.
 Result<Scene> load_scene(Session& session, const std::string& location);
-// Replaces the message of an invalid file (kInvalidFile) by a description of its content, if that
-// is of another format. Passes other statuses through.
+// Adds a description of the content to the message "not an .stgs file", if the content is known.
+// Passes other statuses through.
 Status explain_invalid(Session& session, const Status& status, const std::string& location);
 // As explain_invalid() for a file that another module opens: reads the head of the scene.
 Status check_is_scene(Session& session, const std::string& location);
-// Returns kUsage if `location` is a URL, for verbs that read local files only.
+// Returns kUsage if `location` is a URL or standard input, for verbs that read local files only.
 Status check_is_path(const std::string& location);
 
 }  // namespace stgs::tools

@@ -9,12 +9,14 @@
 #include <atomic>
 #include <cerrno>
 #include <chrono>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <ctime>
 #include <system_error>
 
+#include "error_report.h"
 #include "printable.h"
 #include "stgs/format/parallel.h"
 
@@ -95,17 +97,18 @@ int Session::conclude(Status status) {
     status = runtime_error("interrupted by {}: {}", stop_signal == SIGTERM ? "SIGTERM" : "SIGINT",
                            status.message());
   }
-  if (!status.ok()) log(0, status.message());
+  if (!status.ok()) report_error(status);
   if (world_ != nullptr) world_->finish();
-  switch (status.code()) {
-    case StatusCode::kNoMemory:
-    case StatusCode::kDeviceLost:
-      return static_cast<int>(StatusCode::kRuntime);
-    case StatusCode::kLimit:
-      return static_cast<int>(StatusCode::kUnsupported);
-    default:
-      return static_cast<int>(status.code());
-  }
+  return exit_code(status.code());
+}
+
+void Session::report_error(const Status& status) {
+  if (!json()) return log(0, status.message());
+  if (silent_) return;
+  const std::lock_guard lock(stderr_mutex_);
+  clear_bar();
+  const std::string out = json_text(error_json(status, arguments)) + "\n";
+  std::fwrite(out.data(), 1, out.size(), stderr);
 }
 
 Status Session::emit(const Json& json, const std::string& text) const {
@@ -178,7 +181,9 @@ void Session::show(const encoder::Progress& progress) {
   last_stage_ = progress.stage;
   std::string out;
   if (json_lines) {
-    Json line = {{"stage", progress.stage}, {"done", std::clamp(progress.done, 0.0, 1.0)}};
+    const double done = std::clamp(progress.done, 0.0, 1.0);
+    Json line = {
+        {"stage", progress.stage}, {"done", done}, {"percent", std::round(1e3 * done) / 10}};
     if (progress.eta_seconds >= 0) line["eta_seconds"] = progress.eta_seconds;
     if (!progress.detail.empty()) line["detail"] = progress.detail;
     out = json_text(line) + "\n";

@@ -11,6 +11,7 @@
 #include <stop_token>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "stgs/encoder/progress.h"
 #include "stgs/encoder/ranks.h"
@@ -28,6 +29,7 @@ struct CommonOptions {
   std::string progress = "auto";   // auto, bar, json or none
   std::string log_level = "info";  // error, warning, info or debug
   std::string backend = "auto";
+  std::string config;      // never set: the program handles it
   int threads = 0;         // 0: all
   std::uint64_t seed = 1;  // for all random choices
 };
@@ -35,7 +37,8 @@ struct CommonOptions {
 class Session {
  public:
   CommonOptions options;
-  std::string command;  // the command line, quoted for a shell
+  std::string command;                 // the command line, quoted for a shell
+  std::vector<std::string> arguments;  // of the command line, without the program
 
   // Applies --threads. Call once, before any work. The limit lasts as long as the session.
   Status start();
@@ -57,6 +60,8 @@ class Session {
   // Prints the result to standard error, for verbs whose standard output carries a video stream.
   void emit_to_stderr(const Json& json, const std::string& text) const;
 
+  // Prints an error to standard error: as JSON with --format json, else as a line of text.
+  void report_error(const Status& status);
   // Thread-safe. Levels as in LogSink: 0 error, 1 warning, 2 information, 3 debug.
   void log(int level, const std::string& line);
   encoder::LogSink log_sink();

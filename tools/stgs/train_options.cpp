@@ -67,6 +67,8 @@ void TrainOptions::declare(Arguments& app) {
       ->group(group);
   app.add_option("--log", log_, "Write steps and evaluations to this file, as JSON lines")
       ->group(group);
+  app.add_option("--title", title_, "Metadata: title of the scene, shown by players and info")
+      ->group(group);
   app.add_option("--report", report_,
                  "Write a report to this folder: curves, test renders and statistics (index.html)")
       ->group(group);
@@ -189,8 +191,9 @@ Json to_json(const encoder::TrainReport& report) {
 }
 
 Status train_to_file(const encoder::PreparedCapture& capture, const std::string& output,
-                     const std::string& report_folder, const encoder::TrainSettings& settings,
-                     Session& session, encoder::TrainReport& report) {
+                     const std::string& title, const std::string& report_folder,
+                     const encoder::TrainSettings& settings, Session& session,
+                     encoder::TrainReport& report) {
   if (!settings.checkpoint.empty() && session.is_first()) {
     for (const std::string& file : remove_stale_files(settings.checkpoint)) {
       session.log(2, fmt::format("{}: removed; left over from a killed training", file));
@@ -201,9 +204,10 @@ Status train_to_file(const encoder::PreparedCapture& capture, const std::string&
     std::filesystem::create_directories(report_folder, error);
     if (error) return io_error("{}: cannot create: {}", report_folder, error.message());
   }
-  STGS_ASSIGN(const Scene scene, encoder::train(capture, settings, session.progress_sink(),
-                                                session.log_sink(), &report));
+  STGS_ASSIGN(Scene scene, encoder::train(capture, settings, session.progress_sink(),
+                                          session.log_sink(), &report));
   if (!session.is_first()) return {};
+  scene.metadata.title = title;
   WriteSettings writing;
   writing.profile = Profile::kLossless;
   STGS_TRY(write_scene(output, scene, writing));

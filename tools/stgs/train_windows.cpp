@@ -61,12 +61,14 @@ Result<bool> is_trained(const std::string& path, const encoder::PreparedCapture&
 
 // Trains one window. Resumes from its checkpoint if there is one, and removes it at the end.
 Status train_window(const encoder::PreparedCapture& window, const std::string& path,
-                    const std::string& report_folder, encoder::TrainSettings settings,
-                    Session& session, encoder::TrainReport& report) {
+                    const std::string& title, const std::string& report_folder,
+                    encoder::TrainSettings settings, Session& session,
+                    encoder::TrainReport& report) {
   settings.checkpoint = checkpoint_of(path);
   if (std::filesystem::exists(settings.checkpoint)) settings.resume = settings.checkpoint;
   if (!report_folder.empty()) settings.log_path = report_folder + "/training.jsonl";
-  const Status trained = train_to_file(window, path, report_folder, settings, session, report);
+  const Status trained =
+      train_to_file(window, path, title, report_folder, settings, session, report);
   if (!trained.ok() && interrupted() && std::filesystem::exists(settings.checkpoint)) {
     return runtime_error("{}: incomplete; run the same command again to resume from its checkpoint",
                          path);
@@ -143,8 +145,8 @@ Status WindowOptions::check_folder(const encoder::PreparedCapture& capture,
 
 Status train_windows(const encoder::PreparedCapture& capture,
                      const std::vector<encoder::FrameSpan>& spans, const std::string& folder,
-                     const std::string& report_folder, const encoder::TrainSettings& settings,
-                     Session& session) {
+                     const std::string& title, const std::string& report_folder,
+                     const encoder::TrainSettings& settings, Session& session) {
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) return io_error("{}: cannot create: {}", folder, error.message());
@@ -170,7 +172,7 @@ Status train_windows(const encoder::PreparedCapture& capture,
                                  span.begin, span.end));
       const std::string page = report_folder.empty() ? "" : report_folder + "/" + name;
       encoder::TrainReport report;
-      STGS_TRY(train_window(window, path, page, settings, session, report));
+      STGS_TRY(train_window(window, path, title, page, settings, session, report));
       row["training"] = to_json(report);
       text += fmt::format("{}: {}, {} in {:.1f} s, loss {:.5f}\n", path,
                           plural(report.primitives, "primitive"), plural(report.iterations, "step"),

@@ -36,7 +36,7 @@ class WindowOptions {
 // report to a subfolder of `report_folder` unless that is "". Prints the result of 'train'.
 Status train_windows(const encoder::PreparedCapture& capture,
                      const std::vector<encoder::FrameSpan>& spans, const std::string& folder,
-                     const std::string& report_folder, const encoder::TrainSettings& settings,
-                     Session& session);
+                     const std::string& title, const std::string& report_folder,
+                     const encoder::TrainSettings& settings, Session& session);
 
 }  // namespace stgs::tools

@@ -3,10 +3,12 @@
 
 #include <fmt/format.h>
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <regex>
+#include <string_view>
 
 #include "options.h"
 
@@ -14,28 +16,28 @@ namespace stgs::tools {
 namespace {
 
 // Returns the long option names of an app, with their dashes.
-std::vector<std::string> option_names(const Arguments& app) {
+std::vector<std::string> option_names(const CLI::App& app) {
   std::vector<std::string> names;
-  for (const Argument* option : app.get_options()) {
+  for (const CLI::Option* option : app.get_options()) {
     for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
   }
   return names;
 }
 
 // The verb on the command line; the program itself if there is none.
-const CLI::App& parsed_app(const Arguments& app) {
+const CLI::App& parsed_app(const CLI::App& app) {
   const auto verbs = app.get_subcommands();
   return verbs.empty() ? app : *verbs.front();
 }
 
-std::string full_name(const Arguments& app) {
+std::string full_name(const CLI::App& app) {
   return app.get_parent() == nullptr ? app.get_name() : "stgs " + app.get_name();
 }
 
 // Returns the required arguments of an app, for example "stgs pack SCENE... -o FILE".
-std::string synopsis(const Arguments& app) {
+std::string synopsis(const CLI::App& app) {
   std::string text = full_name(app), options;
-  for (const Argument* option : app.get_options()) {
+  for (const CLI::Option* option : app.get_options()) {
     const bool several = option->get_items_expected_max() > 1;
     if (option->get_positional()) {
       text += fmt::format(" {}{}", option->get_name(true), several ? "..." : "");
@@ -76,11 +78,25 @@ std::string count_message(const std::string& message) {
                      found[2] == "1" ? std::string("a value") : found[2].str() + " values");
 }
 
-std::string unknown_option_message(const Arguments& app, const std::string& argument) {
+std::string unknown_option_message(const CLI::App& app, const std::string& argument) {
   const std::string name = argument.substr(0, argument.find('='));
   const std::string near = nearest_word(name, option_names(app));
   return fmt::format("unknown option '{}'{}", name,
                      near.empty() ? "" : fmt::format("; did you mean '{}'?", near));
+}
+
+// "INI was not able to parse render.bogus" and "none.toml was not readable (missing?)"
+std::string config_message(const CLI::App& app, const std::string& message) {
+  const CLI::Option* option = app.get_config_ptr();
+  const std::string file = option->count() > 0 ? option->results().front() : "";
+  const std::string_view unparsed = "INI was not able to parse ";
+  if (message.rfind(unparsed, 0) != 0)
+    return fmt::format("--config {}: cannot read the file", file);
+  return fmt::format(
+      "--config {}: unknown option '{}'; write the options of a verb as NAME = VALUE in the "
+      "section "
+      "[VERB]",
+      file, message.substr(unparsed.size()));
 }
 
 bool is_option(const std::string& argument) {
@@ -89,7 +105,7 @@ bool is_option(const std::string& argument) {
 
 }  // namespace
 
-Argument* with_choices(Argument* option, std::vector<std::string> choices) {
+CLI::Option* with_choices(CLI::Option* option, std::vector<std::string> choices) {
   const std::string listed = fmt::format("{{{}}}", fmt::join(choices, ","));
   const auto check = [choices = std::move(choices)](const std::string& text) -> std::string {
     if (std::find(choices.begin(), choices.end(), text) != choices.end()) return {};
@@ -100,7 +116,12 @@ Argument* with_choices(Argument* option, std::vector<std::string> choices) {
   return option->check(check, listed);
 }
 
-std::string usage_message(const Arguments& app, const CLI::ParseError& error) {
+Argument* with_choices(Argument* argument, std::vector<std::string> choices) {
+  with_choices(argument->option(), std::move(choices));
+  return argument;
+}
+
+std::string usage_message(const CLI::App& app, const CLI::ParseError& error) {
   const CLI::App& parsed = parsed_app(app);
   std::string message = error.what();
   std::vector<std::string> extras = parsed.remaining();
@@ -108,6 +129,8 @@ std::string usage_message(const Arguments& app, const CLI::ParseError& error) {
   const auto unknown = std::find_if(extras.begin(), extras.end(), is_option);
   if (unknown != extras.end()) {
     message = unknown_option_message(parsed, *unknown);
+  } else if (error.get_name() == "ConfigError" || error.get_name() == "FileError") {
+    message = config_message(app, message);
   } else if (error.get_name() == "RequiredError") {
     message += "; usage: " + synopsis(parsed);
   } else if (!extras.empty()) {
@@ -121,7 +144,7 @@ std::string usage_message(const Arguments& app, const CLI::ParseError& error) {
 }
 
 std::string empty_value_message(const CLI::App& verb) {
-  for (const Argument* option : verb.get_options()) {
+  for (const CLI::Option* option : verb.get_options()) {
     const auto& values = option->results();
     if (option->count() == 0 || std::find(values.begin(), values.end(), "") == values.end())
       continue;

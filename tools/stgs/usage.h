@@ -16,11 +16,12 @@ class ParseError;
 namespace stgs::tools {
 
 // Restricts an option to `choices`, which --help lists as {a,b,c}. Returns the option.
-Argument* with_choices(Argument* option, std::vector<std::string> choices);
+CLI::Option* with_choices(CLI::Option* option, std::vector<std::string> choices);
+Argument* with_choices(Argument* argument, std::vector<std::string> choices);
 
 // Returns the message for a command line that CLI11 rejected: names the argument and the values or
 // the option that fit, and refers to the help.
-std::string usage_message(const Arguments& app, const CLI::ParseError& error);
+std::string usage_message(const CLI::App& app, const CLI::ParseError& error);
 
 // Returns the message if an option or positional of the parsed verb has an empty value; else "".
 std::string empty_value_message(const CLI::App& verb);

@@ -21,7 +21,7 @@ namespace fs = std::filesystem;
 
 constexpr int kFramesInFlight = 4;  // per camera
 
-// Keeps the error of the lowest camera, then frame, and tells the workers to stop. Thread-safe.
+// Keeps the error of the lowest camera, then frame, and stops the workers. Thread-safe.
 class FirstError {
  public:
   void set(Status status, std::size_t camera, int frame) {

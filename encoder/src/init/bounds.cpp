@@ -8,7 +8,7 @@ namespace stgs::encoder::init {
 namespace {
 
 // Content starts at the first percentile of the depths in a view. The near plane at half of that
-// depth leaves room for motion towards the camera and excludes floaters in front of it.
+// depth allows for motion towards the camera and excludes floaters in front of it.
 constexpr double kNearPercentile = 0.01;
 constexpr double kNearFraction = 0.5;
 

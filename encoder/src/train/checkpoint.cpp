@@ -92,7 +92,7 @@ class Reader {
   bool failed_ = false;
 };
 
-// Visits every field in file order, for writing, reading and hashing alike.
+// Visits every field in file order, for writing, reading and hashing.
 template <typename State, typename Archive>
 void visit_state(State& state, Archive& archive) {
   archive.value(state.iteration);

@@ -71,7 +71,7 @@ Fingerprint image_fingerprint(const PreparedCapture& capture) {
   Fingerprint out;
   for (const Camera& camera : capture.cameras) {
     if (camera.test) continue;
-    out.emplace_back("pictures of camera " + camera.name,
+    out.emplace_back("images of camera " + camera.name,
                      fmt::format("sizes {:016x}", frame_sizes(capture, camera)));
   }
   return out;

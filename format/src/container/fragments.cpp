@@ -175,7 +175,7 @@ class FragmentFinder {
     return true;
   }
 
-  // Used if a record header on the way is damaged: returns whether a record listed by the fragment
+  // Used if a record header in between is damaged: returns whether a record listed by the fragment
   // is at its stated offset, at or after `first`. Version 1.0 did not accept this.
   Result<bool> lists_a_record(const FragRecord& fragment, std::uint64_t first) {
     if (head_.header.minor < kCopyMinor) return false;

@@ -101,7 +101,7 @@ class Finalizer {
   }
 
   // Adds the non-critical records of [at, end). Critical ones are FRAG, and segments lost with a
-  // damaged fragment. COPY is written anew. Records after a damaged header cannot be located.
+  // damaged fragment. COPY is written again. Records after a damaged header cannot be located.
   Result<std::uint64_t> plan_others(std::uint64_t at, std::uint64_t end) {
     std::uint64_t found = 0;
     while (end - at >= kRecordHeaderBytes) {

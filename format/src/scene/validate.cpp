@@ -309,7 +309,7 @@ Result<std::vector<Issue>> validate_scene(const ByteSource& source, const ReadLi
     if (reachable && status.code() != StatusCode::kUnsupported) {
       check_segments(source, head, findings);
     }
-    // Says nothing about the file.
+    // Not an issue of the file.
     const Status checked = findings.status(source.name());
     if (checked.code() == StatusCode::kNotBuilt) return checked;
     return findings.take();

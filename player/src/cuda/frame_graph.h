@@ -57,7 +57,7 @@ class FrameGraph {
   void fill_input(std::span<const View> views, std::span<const Part> parts);
   Status capture(const Grids& grids, const FrameBuffers& buffers, cudaStream_t stream);
   // Enqueues all steps, with events between them.
-  Status enqueue(const Grids& grids, const FrameBuffers& buffers, Measure telling,
+  Status enqueue(const Grids& grids, const FrameBuffers& buffers, Measure measure,
                  unsigned event_flags, cudaStream_t stream);
   Status time_between(Step from, Step to, double& ms) const;
 

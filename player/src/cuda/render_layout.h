@@ -65,7 +65,8 @@ struct PrimitiveRange {
 };
 
 // Starts filling a range of the arrays from the first `count` entries of `from`. Spherical
-// harmonics beyond the range of half floats are clamped, which is far beyond displayable colours.
+// coefficients beyond the range of half floats are clamped, which is far beyond displayable
+// colours.
 void pack_segment(const DeviceGaussians& from, const PrimitiveRange& range, int sh_degree,
                   const PackedSegment& to, cudaStream_t stream);
 

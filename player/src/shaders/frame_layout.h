@@ -34,7 +34,7 @@ const uint kGroupsX = 32768u;    // maximum of a dispatch along x; more extend a
 const uint kMaxFrameViews = 4u;  // per frame
 
 // In a tile's list, the bits below this one hold the splat index, enough for 16 bytes per splat in
-// any buffer with a 32-bit size. The bits from this one on tell which quarters of the tile the
+// any buffer with a 32-bit size. The bits from this one on state which quarters of the tile the
 // splat meets, or which tiles of a square at half resolution: bit x + 2 y.
 const uint kSplatBits = 28u;
 

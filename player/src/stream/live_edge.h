@@ -20,7 +20,7 @@ class LiveEdge {
       : settings_(settings), fragment_(fragment), edge_(edge) {}
 
   // Records that at `now` the recording is playable up to `edge`, and that its last fragment has
-  // the duration `fragment`. The first call does not tell when the edge was reached.
+  // the duration `fragment`. The time at which the edge was reached is unknown at the first call.
   void observe(double edge, double fragment, double now);
   // Records an edge whose time of arrival is unknown: nobody polled, or it is not playable yet.
   void extend_to(double edge) { edge_ = std::max(edge_, edge); }

@@ -144,7 +144,7 @@ enum {
   STGS_PLAYER_OPENING = 1,   /* the head of the file is being read */
   STGS_PLAYER_PAUSED = 2,    /* open and paused; all later states are open too */
   STGS_PLAYER_PLAYING = 3,   /* the time advances */
-  STGS_PLAYER_BUFFERING = 4, /* playing, but the time stands still until data arrives */
+  STGS_PLAYER_BUFFERING = 4, /* playing, but stalled until data arrives */
   STGS_PLAYER_ENDED = 5      /* playback reached the end of the clip */
 };
 

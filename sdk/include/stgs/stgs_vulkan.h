@@ -74,7 +74,7 @@ STGS_API stgs_result stgs_vulkan_get_support(const stgs_vulkan_device* device,
  * stgs_renderer_destroy wait for its frames and so for their semaphores. `settings` as for
  * stgs_renderer_create, with STGS_BACKEND_AUTO or STGS_BACKEND_VULKAN. The log receives the message
  * of an error. STGS_ERROR_ARGUMENT: a handle is missing, or the queue family lacks compute;
- * STGS_ERROR_UNSUPPORTED: stgs_vulkan_get_support tells the reason. */
+ * STGS_ERROR_UNSUPPORTED: stgs_vulkan_get_support returns the reason. */
 STGS_API stgs_result stgs_vulkan_renderer_create(const stgs_vulkan_device* device,
                                                  const stgs_renderer_settings* settings,
                                                  stgs_renderer** out);

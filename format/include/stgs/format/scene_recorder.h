@@ -14,7 +14,7 @@
 namespace stgs {
 
 struct RecordSettings {
-  WriteSettings write;  // records always have their own layouts, whatever `own_layouts` says
+  WriteSettings write;  // records always have their own layouts, regardless of `own_layouts`
   // Each append waits until its bytes are on disk, so that they survive a power failure. Otherwise
   // they survive only the end of this process.
   bool sync = true;

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The verbs help and version, standard input, titles, and options from a file."""
+import json
+import os
+import pty
+import subprocess
+import unittest
+
+import harness
+from harness import CliTest, built_in
+from test_manual import help_of, verbs
+
+USAGE, INVALID = 1, 3
+
+
+class HelpAndVersion(CliTest):
+    def test_help_is_the_option_help(self):
+        self.assertEqual(self.succeeds("help").stdout.decode(), help_of())
+        for verb in verbs():
+            self.assertEqual(self.succeeds("help", verb).stdout.decode(), help_of(verb), verb)
+        self.assertEqual(self.json_of("help", "render"), {"verb": "render", "text": help_of("render")})
+        self.fails(USAGE, "unknown verb 'rendr'; did you mean 'render'", "help", "rendr")
+
+    def test_version_is_the_option_version(self):
+        text = self.succeeds("--version").stdout.decode()
+        self.assertEqual(self.succeeds("version").stdout.decode(), text)
+        version = self.json_of("version")
+        self.assertEqual(text.split()[1], version["version"])
+        self.assertIn("built in: " + (" ".join(version["built_in"]) or "-"), text)
+        self.assertIn("cpu", version["renders_with"])
+
+
+class StandardInput(CliTest):
+    def piped(self, name, *args, code=0):
+        with open(self.fixture(name), "rb") as file:
+            result = self.stgs(*args, stdin=file)
+        self.assertEqual(result.returncode, code, result.stderr)
+        return result
+
+    def test_scenes(self):
+        info = json.loads(self.piped("tiny.stgs", "info", "-", "--format", "json").stdout)
+        self.assertEqual(info["file"], "standard input")
+        self.assertEqual(info["primitives"], 400)
+        self.assertEqual(self.piped("tiny.stgs", "validate", "-").stdout, b"standard input: valid\n")
+        self.piped("tiny.stgs", "render", "-", "--time", "0.05", "-o", "a.png")
+        self.succeeds("render", self.fixture("tiny.stgs"), "--time", "0.05", "-o", "b.png")
+        self.assertEqual(self.read("a.png"), self.read("b.png"))
+        self.piped("tiny.stgs", "compare", "-", self.fixture("tiny.stgs"), "--min-psnr", "100")
+        # Reads the scene twice: to render it, and for its drift.
+        self.piped("tiny.stgs", "evaluate", "-", "--against", self.fixture("prepared"), "--every", "5")
+
+    def test_camera_files(self):
+        tiny = self.fixture("tiny.stgs")
+        camera = self.succeeds("info", tiny, "--format", "json").stdout
+        self.write("camera.json", camera)
+        with open(self.path("camera.json"), "rb") as file:
+            result = self.stgs("render", tiny, "--time", "0", "-o", "a.png", "--camera", "-", stdin=file)
+        self.assertEqual(result.returncode, 0, result.stderr)
+        self.succeeds("render", tiny, "--time", "0", "-o", "b.png")
+        self.assertEqual(self.read("a.png"), self.read("b.png"))
+
+    def test_what_cannot_be_read_from_it(self):
+        for verb in (["pack", "-", "-o", "x.stgs"], ["finalize", "-", "-o", "x.stgs"],
+                     ["convert", "-", "x.stgs"]):
+            self.fails(USAGE, "cannot read standard input", *verb, stdin=subprocess.DEVNULL)
+        self.fails(INVALID, "standard input: too short", "info", "-", stdin=subprocess.DEVNULL)
+        self.fails(INVALID, "standard input: not an .stgs file; this is a text file", "info", "-",
+                   stdin=open(__file__, "rb"))
+        master, terminal = pty.openpty()
+        self.addCleanup(os.close, master)
+        self.addCleanup(os.close, terminal)
+        self.fails(USAGE, "standard input is a terminal", "info", "-", stdin=terminal)
+
+    @unittest.skipIf(not built_in("play"), "play is not built in")
+    def test_play_cannot(self):
+        self.fails(USAGE, "play cannot read standard input", "play", "-", stdin=subprocess.DEVNULL)
+
+
+class Titles(CliTest):
+    def title(self, name):
+        return self.json_of("info", name)["title"]
+
+    def test_convert_sets_and_keeps_a_title(self):
+        self.succeeds("convert", self.fixture("tiny.stgs"), "a.stgs", "--title", "Dancer, take 2")
+        self.assertEqual(self.title("a.stgs"), "Dancer, take 2")
+        self.succeeds("convert", "a.stgs", "b.stgs")
+        self.assertEqual(self.title("b.stgs"), "Dancer, take 2")
+        self.succeeds("pack", "a.stgs", "-o", "c.stgs")
+        self.assertEqual(self.title("c.stgs"), "Dancer, take 2")
+        self.fails(USAGE, "--title applies to .stgs output, not to PLY", "convert", "a.stgs", "a.ply",
+                   "--time", "0", "--title", "x")
+
+    def test_train_sets_a_title(self):
+        self.succeeds("train", self.fixture("prepared"), "-o", "t.stgs", "--iterations", "4",
+                      "--max-primitives", "50", "--num-evals", "0", "--title", "Dancer",
+                      "--backend", "cpu", "--preset", "fast")
+        self.assertEqual(self.title("t.stgs"), "Dancer")
+
+
+class ConfigFiles(CliTest):
+    def render(self, *args):
+        return json.loads(self.succeeds("render", self.fixture("tiny.stgs"), *args).stdout)
+
+    def test_options_of_the_verb(self):
+        self.write("a.toml", '# defaults\n[render]\nsize = "32x24"\nformat = "json"\ntime = 0.1\n'
+                             'output = "null"\n[train]\niterations = 100\n')
+        self.assertEqual(self.render("--config", "a.toml")["cameras"][0]["width"], 32)
+        self.assertEqual(self.render("--config=a.toml", "--size", "16x12")["cameras"][0]["width"], 16)
+        before = self.stgs("--config", "a.toml", "render", self.fixture("tiny.stgs"))
+        self.assertEqual(json.loads(before.stdout)["cameras"][0]["width"], 32)
+
+    def test_lists_and_flags(self):
+        self.write("b.toml", '[bench]\nanimate = true\ncamera = ["c.json", "c.json"]\n'
+                             'num-frames = 2\n')
+        self.write("c.json", json.dumps(self.json_of("info", self.fixture("tiny.stgs"))))
+        bench = self.json_of("bench", self.fixture("tiny.stgs"), "--config", "b.toml", "--size", "16x12")
+        self.assertTrue(bench["animated"])
+        self.assertEqual((len(bench["cameras"]), bench["num_frames"]), (2, 2))
+
+    def test_errors(self):
+        tiny = self.fixture("tiny.stgs")
+        self.write("bad.toml", "[render]\nsise = 3\n")
+        self.fails(USAGE, r"--config bad.toml: unknown option 'render.sise'; write the options",
+                   "render", tiny, "--config", "bad.toml")
+        self.fails(USAGE, "--config none.toml: cannot read the file", "info", tiny, "--config",
+                   "none.toml")
+        self.write("value.toml", '[render]\nthreads = -1\n')
+        self.fails(USAGE, "--threads: -1 is out of range", "render", tiny, "--time", "0", "-o", "null",
+                   "--config", "value.toml")
+        self.fails(USAGE, "--config needs a value", "info", tiny, "--config")
+
+
+class Completion(CliTest):
+    PROGRAM = """
+source "$1"
+shift
+COMP_WORDS=("$@") COMP_CWORD=$(($# - 1))
+_stgs
+printf '%s\\n' "${COMPREPLY[@]}"
+"""
+
+    def complete(self, line):
+        words = line.replace("=", " = ").split(" ")
+        script = os.path.join(harness.SOURCE, "tools", "completion", "stgs.bash")
+        shown = subprocess.run(["bash", "--norc", "-c", self.PROGRAM, "bash", script, harness.STGS,
+                                *words[1:]], capture_output=True, text=True, check=True, cwd=self.work)
+        self.assertEqual(shown.stderr, "")
+        return set(shown.stdout.split())
+
+    def test_bash(self):
+        self.assertEqual(self.complete("stgs prepare x --layout n"), {"n3dv", "nerfstudio"})
+        parameters = self.json_of("train", "--list-parameters")["parameters"]
+        for line in ("stgs train x --set ", "stgs encode x --set "):
+            self.assertEqual(self.complete(line), {key + "=" for key in parameters})
+        self.assertEqual(self.complete("stgs train x --set weight_s"),
+                         {"weight_scale=", "weight_ssim="})
+        self.assertEqual(self.complete("stgs train x --set=weight_s"),
+                         {"weight_scale=", "weight_ssim="})
+        self.assertEqual(self.complete("stgs train x --set weight_ssim=0"), set())
+        self.assertEqual(self.complete("stgs help ren"), {"render"})
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+// Errors as JSON, for --format json.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "session.h"
+#include "stgs/format/status.h"
+
+namespace stgs::tools {
+
+// Returns the exit code of the program for a status.
+int exit_code(StatusCode code);
+
+// Returns {"error": {"code", "exit_code", "message", "path", "issue", "offset"}}; the last three
+// are null where they do not apply. `arguments` are those of the command line: the path is the file
+// that the message begins with, if it is one of them or lies in one.
+Json error_json(const Status& status, const std::vector<std::string>& arguments);
+
+// Returns whether the arguments select --format json; for errors of the command line itself.
+bool wants_json(const std::vector<std::string>& arguments);
+
+}  // namespace stgs::tools
