@@ -17,10 +17,9 @@ extern "C" {
 /* Severity of a log message. */
 typedef int32_t stgs_log_level;
 enum {
-  STGS_LOG_ERROR = 0, /* the call fails */
-  STGS_LOG_WARNING =
-      1,            /* the call succeeds, but something is wrong: for example damage in a file */
-  STGS_LOG_INFO = 2 /* progress and choices, such as the backend in use */
+  STGS_LOG_ERROR = 0,   /* the call fails */
+  STGS_LOG_WARNING = 1, /* the call succeeds despite a defect, such as damage in a file */
+  STGS_LOG_INFO = 2     /* progress and choices, such as the backend in use */
 };
 
 /* Receives a log message. Called on the thread that calls the library, during that call.
