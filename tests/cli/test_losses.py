@@ -59,7 +59,7 @@ class DamagedRecordings(Told):
         for verb, lines in self.all_ways(scene).items():
             text = "\n".join(lines)
             self.assertIn("index fragment is damaged", text, verb)
-            self.assertRegex(text, r"first shown \S+ 3\.000 to 3\.333 s is lost .*\d+ bytes", verb)
+            self.assertRegex(text, r"first shown 3\.000 to 3\.333 s is lost .*\d+ bytes", verb)
         info = self.json_of("info", scene)
         self.assertEqual([(s["begin_s"], round(s["end_s"], 3)) for s in info["lost_fragments"]], [(3, 3.333)])
         self.assertEqual(info["complete_s"], 3)
