@@ -71,7 +71,7 @@ class Encoding(CliTest):
         self.assertFalse(os.path.exists(self.path("out.stgs")))
         self.assertEqual(sorted(os.listdir(self.path("work"))), ["prepared", "run.ckpt"])
         told = self.succeeds(*self.encode(*kept, "--resume", "work/run.ckpt")).stderr.decode()
-        self.assertRegex(told, "work/prepared: goes on from it; .* is not prepared again")
+        self.assertRegex(told, "work/prepared: resuming from it; .* is not prepared again")
         self.assertRegex(told, r"resumed at iteration \d+ from work/run.ckpt")
         self.json_of("validate", "out.stgs")
         self.succeeds("train", "work/prepared", "-o", "straight.stgs", *self.TRAIN)

@@ -101,7 +101,7 @@ class Converting(CliTest):
                    "--time", "0.3")
         self.fails(1, r"a\.jpg: unknown output format; .* \.stgs, \.ply, \.spz, \.glb",
                    "convert", tiny, "a.jpg", "--time", "0")
-        self.fails(1, "--quality is for .stgs", "convert", tiny, "a.ply", "--time", "0",
+        self.fails(1, "--quality applies to .stgs", "convert", tiny, "a.ply", "--time", "0",
                    "--quality", "50")
         self.fails(2, "missing.ply: cannot open", "convert", "missing.ply", "a.stgs")
         self.fails(3, "x.ply", "convert", self.write("x.ply", b"not a splat"), "a.stgs")

@@ -62,7 +62,7 @@ class ConvertingFrames(CliTest):
         os.mkdir(self.path("empty"))
         self.fails(2, "empty: this folder has neither PLY frames", "convert", "empty", "a.stgs")
         for option, value in (("--fps", "30"), ("--frames", "5"), ("--tolerance", "2")):
-            self.fails(1, f"{option} is for", "convert", self.fixture("tiny.stgs"), "a.stgs",
+            self.fails(1, f"{option} applies to", "convert", self.fixture("tiny.stgs"), "a.stgs",
                        option, value)
         self.fails(1, "out of range", "convert", "frames", "a.stgs", "--fps", "0")
         self.assertFalse(os.path.exists(self.path("a.stgs")))

@@ -69,7 +69,7 @@ class Training(Paging):
             (USAGE, "--set perceptual_patch=64 has no effect without --perceptual-weights",
              self.train("--set", "perceptual_patch=64")),
             (USAGE, "unknown hyper-parameter", self.train("--set", "zzz=1")),
-            (USAGE, "hyper-parameter iterations is out of range (expected 1 to",
+            (USAGE, r"hyper-parameter iterations is out of range \(expected 1 to",
              self.train("--set", "iterations=0")),
             (USAGE, "--checkpoint-interval requires --checkpoint",
              self.train("--checkpoint-interval", "5")),
@@ -221,7 +221,7 @@ class Training(Paging):
         self.assertEqual(len(self.log("a <b>/page/training.jsonl")), 4 + 5)
         for frame in range(6):
             truth = self.fixture(f"prepared/frames/c/{frame:06}.png")
-            same = self.json_of("compare", f"a <b>/page/truth_c_{frame:06}.png", truth)
+            same = self.json_of("compare", f"a <b>/page/ground_truth_c_{frame:06}.png", truth)
             self.assertEqual(same["max_difference"], 0)
             self.succeeds("render", "out.stgs", "--frames", f"{frame}:{frame + 1}", "--cameras",
                           self.fixture("prepared"), "--which", "c", "-o", "end.png")

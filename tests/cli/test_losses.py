@@ -83,8 +83,8 @@ class DamagedRecordings(Told):
             scene = self.write("damaged.stgs", flipped(whole, middle))
             for verb, lines in self.all_ways(scene).items():
                 self.assertEqual(len(lines), 1, (verb, lines))
-                self.assertRegex(lines[0], rf"1 of {len(segments)} segments with "
-                                           rf"{segment['primitives']} primitives; \d+ bytes, of "
+                self.assertRegex(lines[0], rf"1 of {len(segments)} segments \("
+                                           rf"{segment['primitives']} primitives\): \d+ bytes, shown "
                                            rf"{segment['begin_s']:.3f} to ", verb)
             finished = self.json_of("finalize", scene, "-o", "f.stgs")
             self.assertEqual(finished["damaged"], {"segments": 1, "sh": 0})

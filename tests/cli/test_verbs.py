@@ -184,7 +184,7 @@ class Reading(CliTest):
         self.fails(USAGE, "--quality applies to a synthetic scene; add --animate", "bench", scene, "--quality", "80")
         self.fails(USAGE, "--seed applies to a synthetic scene; add --animate", "bench", scene, "--seed", "2")
         text = self.succeeds("bench", scene, "--num-frames", "2").stdout.decode()
-        self.assertRegex(text, r"first +mean ms +p50 +p95 +p99\n +frame ")
+        self.assertRegex(text, r"cold +mean ms +p50 +p95 +p99\n +frame ")
         self.fails(USAGE, "--num-frames: .*0", "bench", scene, "--num-frames", "0")
 
     def test_bench_draws_two_eyes(self):
@@ -249,7 +249,7 @@ class Reading(CliTest):
         self.fails(USAGE, r"takes 3\.33e\+10 refreshes .at most 10000000", "bench", scene, "--play",
                    "timeline", "--frames", "1000000", "--rate", "0.01", "--refresh", "10000")
         camera = self.write("camera.json", json.dumps(self.json_of("info", scene)))
-        self.fails(USAGE, "takes one camera, not 2", "bench", scene, "--play", "player",
+        self.fails(USAGE, "uses one camera, not 2", "bench", scene, "--play", "player",
                    "--camera", camera, "--camera", camera)
 
     def test_compare(self):

@@ -116,7 +116,7 @@ class Encode final : public Command {
     if (training.resume.empty() && training.checkpoint.empty()) return {};
     if (keep_work_.empty()) {
       return usage_error(
-          "{} requires --keep-work FOLDER, which keeps the prepared capture to resume on",
+          "{} requires --keep-work FOLDER, which keeps the prepared capture to resume from",
           training.resume.empty() ? "--checkpoint" : "--resume");
     }
     if (training.resume.empty() || !prepare_.overwrite()) return {};
@@ -139,7 +139,7 @@ class Encode final : public Command {
     };
     if (training.resume.empty()) return prepare_stage(capture_, prepared, prepare_, session, fits);
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(prepared));
-    session.log(2, fmt::format("{}: resuming on it; {} is not prepared again", prepared, capture_));
+    session.log(2, fmt::format("{}: resuming from it; {} is not prepared again", prepared, capture_));
     return fits(capture);
   }
 
