@@ -78,7 +78,7 @@ class Encoding(CliTest):
         self.assertEqual(self.read("work/trained.stgs"), self.read("straight.stgs"))
 
         # A folder that is not the run's, and what would replace it.
-        self.fails(IO, "other/prepared: is missing: --resume goes on from the capture",
+        self.fails(IO, "other/prepared: not found; --resume needs the --keep-work folder",
                    *self.encode("--keep-work", "other", "--resume", "work/run.ckpt"))
         self.assertFalse(os.path.exists(self.path("other")))
         self.fails(USAGE, "--overwrite replaces it; leave one out",

@@ -71,7 +71,7 @@ class DamagedRecordings(Told):
                    "--time", "3.1", *look)
         self.assertFalse(os.path.exists(self.path("out.png")))
         for moment in ("2.9", "3.4"):
-            self.assertIn("whole up to 3.000 s", self.warnings("render", scene, "--time", moment, *look)[0])
+            self.assertIn("complete up to 3.000 s", self.warnings("render", scene, "--time", moment, *look)[0])
 
     def test_a_damaged_stretch(self):
         """A flipped bit costs its record, wherever it is, and is told with seconds and bytes."""
