@@ -81,7 +81,7 @@ class Encoding(CliTest):
         self.fails(IO, "other/prepared: not found; --resume needs the --keep-work folder",
                    *self.encode("--keep-work", "other", "--resume", "work/run.ckpt"))
         self.assertFalse(os.path.exists(self.path("other")))
-        self.fails(USAGE, "--overwrite replaces it; leave one out",
+        self.fails(USAGE, "--overwrite replaces it; use one of them",
                    *self.encode(*kept, "--resume", "work/run.ckpt", "--overwrite"))
         self.assertTrue(os.path.exists(self.path("work/prepared/capture.json")))
 

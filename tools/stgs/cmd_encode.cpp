@@ -139,7 +139,8 @@ class Encode final : public Command {
     };
     if (training.resume.empty()) return prepare_stage(capture_, prepared, prepare_, session, fits);
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(prepared));
-    session.log(2, fmt::format("{}: resuming from it; {} is not prepared again", prepared, capture_));
+    session.log(2,
+                fmt::format("{}: resuming from it; {} is not prepared again", prepared, capture_));
     return fits(capture);
   }
 
