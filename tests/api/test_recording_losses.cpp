@@ -119,7 +119,7 @@ TEST_CASE("what a damaged fragment of the index alone lists is told with its mom
   const auto lines = describe_damage(read, reader->metadata().time_base);
   REQUIRE(lines.size() == 2);
   CHECK(lines[0].find("issue 313") != std::string::npos);
-  CHECK(lines[1].find("is lost because an index fragment is damaged") != std::string::npos);
+  CHECK(lines[1].find("content first shown 3.000 to 3.333 s is lost") != std::string::npos);
 }
 
 TEST_CASE("a fragment that a damaged one hides is told") {

@@ -69,6 +69,9 @@ class CliTest(unittest.TestCase):
         self.assertEqual(result.returncode, code, f"{args}: {error}")
         lines = [line for line in error.splitlines() if line.startswith(("stgs: error: ", '{"error":'))]
         self.assertEqual(len(lines), 1, f"{args}: one error line, got: {error}")
+        if lines[0].startswith("{"):
+            self.check_schema("error", json.loads(lines[0]))
+            self.assertEqual(json.loads(lines[0])["error"]["exit_code"], code)
         self.assertRegex(lines[0], message)
         self.no_leftovers()
         return result

@@ -26,6 +26,8 @@ class Capture(CliTest):
                 args += ["-o", "scene.stgs"]
                 self.fails(USAGE, f"used by both .*{option}", *args)
                 self.assertRegex(self.stgs(*args).stderr, b"DIR")
+        self.fails(USAGE, "capture.json: train writes a .stgs file", "train", folder, "--iterations", "2",
+                   "-o", os.path.join(folder, "capture.json"))
         self.assertEqual(self.contents(folder), before)
         self.assertEqual(os.listdir(self.work), ["capture"])
 

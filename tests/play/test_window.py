@@ -313,7 +313,9 @@ class WindowTest(unittest.TestCase):
         self.xdotool("key", "Escape")
         out, error = process.communicate(timeout=60)
         self.assertEqual((process.returncode, out), (4, ""))
-        self.assertIn("window.png: the window was closed before it was written", error)
+        self.assertEqual(json.loads(error)["error"],
+                         {"code": "runtime", "exit_code": 4, "path": None, "issue": None, "offset": None,
+                          "message": "window.png: the window was closed before it was written"})
         self.assertFalse(os.path.exists(self.path("window.png")))
 
     def test_an_interrupt_ends_it(self):
