@@ -57,6 +57,6 @@ function(stgs_compile_options target)
     $<$<AND:$<BOOL:${STGS_WARNINGS_AS_ERRORS}>,$<COMPILE_LANGUAGE:CXX>>:-Werror>
     # GCC 12 has false positives at -O3, in strings and vectors.
     $<$<AND:$<CONFIG:Release>,$<COMPILE_LANG_AND_ID:CXX,GNU>>:-Wno-array-bounds -Wno-restrict
-      -Wno-stringop-overflow>
+      -Wno-stringop-overflow -Wno-stringop-overread>
     $<$<COMPILE_LANGUAGE:CXX>:-fno-math-errno>)
 endfunction()
