@@ -50,8 +50,13 @@ if(STGS_CCACHE)
 endif()
 
 function(stgs_compile_options target)
+  # -pthread everywhere: precompiled headers cannot be shared between targets with and without it.
   target_compile_options(${target} PRIVATE
+    $<$<COMPILE_LANGUAGE:CXX>:-pthread>
     $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wshadow -Wconversion -Wno-sign-conversion>
     $<$<AND:$<BOOL:${STGS_WARNINGS_AS_ERRORS}>,$<COMPILE_LANGUAGE:CXX>>:-Werror>
+    # GCC 12 has false positives at -O3, in strings and vectors.
+    $<$<AND:$<CONFIG:Release>,$<COMPILE_LANG_AND_ID:CXX,GNU>>:-Wno-array-bounds -Wno-restrict
+      -Wno-stringop-overflow -Wno-stringop-overread>
     $<$<COMPILE_LANGUAGE:CXX>:-fno-math-errno>)
 endfunction()

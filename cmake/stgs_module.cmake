@@ -13,19 +13,20 @@ function(stgs_module name)
   stgs_compile_options(stgs_${name})
 endfunction()
 
-# stgs_precompile(TARGET common|json|opencv): with STGS_PRECOMPILED_HEADERS, TARGET is compiled with
+# stgs_precompile(TARGET common|json|opencv|catch): with STGS_PRECOMPILED_HEADERS, compiles TARGET with
 # precompiled headers of other libraries, which all targets of a set share: fmt and parts of the
-# standard library; also nlohmann/json; also OpenCV. Sources still include what they use, because other
-# builds have no precompiled headers.
+# standard library; also nlohmann/json; also OpenCV; Catch2 for test programs. Sources still include
+# what they use, because other builds have no precompiled headers.
+set(STGS_PRECOMPILED algorithm array cmath cstdint filesystem functional map memory optional span string
+    vector fmt/format.h)
 function(stgs_precompile target set)
   if(NOT STGS_PRECOMPILED_HEADERS)
     return()
   endif()
   if(NOT TARGET stgs_precompiled_${set})
-    set(headers algorithm array cmath cstdint filesystem functional map memory optional span string
-        vector fmt/format.h)
+    set(headers ${STGS_PRECOMPILED})
     set(libraries fmt::fmt)
-    if(NOT set STREQUAL "common")
+    if(set STREQUAL "json" OR set STREQUAL "opencv")
       list(APPEND headers nlohmann/json.hpp)
       list(APPEND libraries nlohmann_json::nlohmann_json)
     endif()
@@ -33,14 +34,21 @@ function(stgs_precompile target set)
       list(APPEND headers opencv2/core.hpp opencv2/imgproc.hpp)
       list(APPEND libraries stgs_dep_opencv)
     endif()
+    list(TRANSFORM headers REPLACE "(.+)" "<\\1>")
+    if(set STREQUAL "catch")
+      list(APPEND headers ${PROJECT_SOURCE_DIR}/tests/catch.h)
+      list(APPEND libraries Catch2::Catch2)
+    endif()
     set(source ${CMAKE_CURRENT_BINARY_DIR}/precompiled_${set}.cpp)
     file(CONFIGURE OUTPUT ${source} CONTENT "")
     add_library(stgs_precompiled_${set} OBJECT ${source})
     target_link_libraries(stgs_precompiled_${set} PRIVATE ${libraries})
-    set_target_properties(stgs_precompiled_${set} PROPERTIES POSITION_INDEPENDENT_CODE ON)
-    stgs_compile_options(stgs_precompiled_${set})
-    list(TRANSFORM headers REPLACE "(.+)" "<\\1>")
     target_precompile_headers(stgs_precompiled_${set} PRIVATE ${headers})
+    # The options that a precompiled header depends on are those of the targets that use it.
+    stgs_compile_options(stgs_precompiled_${set})
+    if(NOT set STREQUAL "catch")
+      set_target_properties(stgs_precompiled_${set} PROPERTIES POSITION_INDEPENDENT_CODE ON)
+    endif()
   endif()
   target_precompile_headers(${target} REUSE_FROM stgs_precompiled_${set})
 endfunction()
