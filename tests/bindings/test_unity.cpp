@@ -238,9 +238,9 @@ TEST_CASE("Unity's textures get what the library draws", "[unity]") {
   REQUIRE(colour.updates == 1);
   REQUIRE(depth.updates == 1);
   // Matrices of floats, multiplied: a rounding here and there.
-  CHECK(differing(colour, draw_rgba8(renderer.get(), scene.get(), 0.4, view), 2) < 20);
+  CHECK(differing(colour, render_rgba8(renderer.get(), scene.get(), 0.4, view), 2) < 20);
   std::vector<float> expected(std::size_t{view.width} * view.height), got(expected.size());
-  stgs_image picture = empty_picture();
+  stgs_image picture = empty_image();
   picture.depth = {expected.data(), 0, expected.size() * sizeof(float)};
   REQUIRE(stgs_render(renderer.get(), scene.get(), 0.4, &view, &picture, 1) == STGS_OK);
   std::memcpy(got.data(), depth.pixels.data(), depth.pixels.size());
