@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Recordings in files of a test's own.
+// Records fragments into a file and opens it.
 #pragma once
 
 #include <filesystem>
@@ -17,7 +17,7 @@ inline std::vector<std::uint8_t> bytes_of(const std::string& path) {
   return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
 
-// Records so many stretches; the sizes of the file before the first and after each.
+// Records `count` fragments. Returns the file size before the first, after each, and after close().
 inline std::vector<std::uint64_t> record(const std::string& path, std::uint32_t count, bool close,
                                          Profile profile = Profile::kLossless,
                                          std::size_t primitives = 60) {
