@@ -40,11 +40,39 @@ inline std::vector<std::uint64_t> record(const std::string& path, std::uint32_t 
   return sizes;
 }
 
-inline std::unique_ptr<SceneReader> opened(const std::string& path) {
+inline std::unique_ptr<SceneReader> open_scene(const std::string& path) {
   auto reader = SceneReader::open(path);
   INFO(reader.status().message());
   REQUIRE(reader.ok());
   return std::move(*reader);
+}
+
+// Fingerprints of the primitives in a part.
+inline std::multiset<std::string> fingerprints_of(const SceneReader& reader, std::uint32_t part) {
+  std::multiset<std::string> out;
+  for (std::uint32_t s = 0; s < reader.segments().size(); ++s) {
+    if (reader.segments()[s].part != part) continue;
+    const auto set = reader.decode(s);
+    INFO(set.status().message());
+    REQUIRE(set.ok());
+    for (std::string& print : fingerprints(*set)) out.insert(std::move(print));
+  }
+  return out;
+}
+
+inline std::multiset<std::string> fingerprints_of(const Gaussians4D& set) {
+  const auto prints = fingerprints(set);
+  return {prints.begin(), prints.end()};
+}
+
+// Finalizes an undamaged recording; an incomplete fragment at its end is left out.
+inline void finalize_intact(const std::string& path, const std::string& finished) {
+  DamageReport report;
+  const Status status = finalize_scene(std::move(*open_file(path)), finished, report);
+  INFO(status.message());
+  REQUIRE(status.ok());
+  CHECK(report.damage.empty());
+  CHECK(report.reason.ok());
 }
 
 inline std::set<int> issues_of(const std::vector<std::uint8_t>& bytes) {

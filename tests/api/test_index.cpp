@@ -209,8 +209,7 @@ TEST_CASE("invalid segment positions are rejected") {
   CHECK(open_issue(index_of({~0ull, 4, 5, 10}, 5, 1), body) == 302);
   CHECK(open_issue(index_of({0, 4, 5, 10, 0, 4, 5, 10}, 10, 2), body) == 302);  // two persistent
   CHECK(open_issue(index_of({1, 4, 5, 10, 1, 4, 5, 10}, 10, 2), body) == 0);    // slots 0 and 1
-  CHECK(open_issue(index_of({1, 4, 5, 10, 2, 4, 5, 10}, 10, 2), body) ==
-        303);  // the longer comes first
+  CHECK(open_issue(index_of({1, 4, 5, 10, 2, 4, 5, 10}, 10, 2), body) == 303);  // longer first
   CHECK(open_issue(index_of({2, 4, 5, 10, 1, 4, 5, 10}, 10, 2), body) == 0);
   CHECK(open_issue(index_of({1, 4, 5, 10, 0, 4, 5, 10}, 10, 2), body) == 303);
   CHECK(open_issue(index_of({1, 4, 5, 10}, 5, 1, 42), body) == 0);  // unlisted bytes
