@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files with a changed head or index, also with content that no writer produces.
+// Files with a modified head or index, including content that no writer produces.
 #pragma once
 
 #include <cstdint>

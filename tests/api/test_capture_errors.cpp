@@ -31,7 +31,8 @@ Status planned(const std::string& folder, const PrepareSettings& settings = {}) 
       .status();
 }
 
-Status written(const std::string& folder, const PrepareSettings& settings, const std::string& out) {
+Status load_and_write(const std::string& folder, const PrepareSettings& settings,
+                      const std::string& out) {
   STGS_ASSIGN(const SourceCapture source, load(folder, settings));
   PreparedCapture prepared;
   prepared.folder = out;
@@ -40,7 +41,7 @@ Status written(const std::string& folder, const PrepareSettings& settings, const
   return write_frames(source, plans, prepared, {});
 }
 
-TEST_CASE("a gap in the numbered images is named, even if all cameras have as many images") {
+TEST_CASE("a gap in the numbered images is named, even if all cameras have the same number") {
   const TemporaryFolder folder;
   write_abc(folder, 6);
   fs::remove(folder / "images/c/000005.png");
@@ -190,7 +191,7 @@ TEST_CASE("an image at which OpenCV throws is reported as a damaged file of its 
   for (const int frame : {2, 0}) {  // found while writing, and while probing the first frame
     fs::remove(folder / fmt::format("images/b/{:06}.png", frame));
     write_bytes(folder / fmt::format("images/b/{:06}.bmp", frame), enormous_bmp());
-    const Status status = written(folder.path, half, folder / fmt::format("out{}", frame));
+    const Status status = load_and_write(folder.path, half, folder / fmt::format("out{}", frame));
     CHECK(status.code() == StatusCode::kInvalidFile);
     CHECK(fails_with(status, {fmt::format("images/b/{:06}.bmp", frame),
                               fmt::format("camera 'b' frame {}", frame)}));

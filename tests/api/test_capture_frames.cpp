@@ -212,7 +212,7 @@ TEST_CASE("errors name the camera and frame of missing, damaged and differently 
   CHECK(fails_with(write(folder.path, half, folder / "out3", scaled),
                    {"c1/000002.png", "camera 'c1' frame 2", "32x24", "64x48"}));
 
-  write_text(folder / "images/c1/000002.png", "not a picture");
+  write_text(folder / "images/c1/000002.png", "not an image");
   PreparedCapture damaged;
   CHECK(fails_with(write(folder.path, {}, folder / "out4", damaged),
                    {"c1/000002.png", "'c1' frame 2"}));

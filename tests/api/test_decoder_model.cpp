@@ -13,8 +13,9 @@ using stgs::testing::random_scene;
 
 namespace {
 
-std::unique_ptr<SceneReader> written(std::size_t n, std::uint32_t frames, double chunk_seconds,
-                                     bool in_parts, bool own_layouts = false) {
+std::unique_ptr<SceneReader> write_and_open(std::size_t n, std::uint32_t frames,
+                                            double chunk_seconds, bool in_parts,
+                                            bool own_layouts = false) {
   Scene scene = random_scene(n, 1, frames, 4);
   if (in_parts) {
     scene.parts = {{0, 0.6 * frames, n / 2}, {0.5 * frames, double(frames), n - n / 2}};
@@ -34,7 +35,7 @@ std::unique_ptr<SceneReader> written(std::size_t n, std::uint32_t frames, double
 
 TEST_CASE("resident data and rates are those of the most demanding time") {
   for (const bool in_parts : {false, true}) {
-    const auto reader = written(6000, 300, 0.2, in_parts);
+    const auto reader = write_and_open(6000, 300, 0.2, in_parts);
     const DecoderNeeds needs = decoder_needs(*reader);
     DecoderNeeds peak;
     for (double t = 0; t <= 300; t += 0.125) {
@@ -83,7 +84,7 @@ TEST_CASE("resident data and rates are those of the most demanding time") {
 }
 
 TEST_CASE("tables in a record count as decoding work") {
-  const auto reader = written(6000, 300, 0.2, false, true);
+  const auto reader = write_and_open(6000, 300, 0.2, false, true);
   const DecoderNeeds needs = decoder_needs(*reader);
   double peak = 0;
   for (const SegmentInfo& last : reader->segments()) {
@@ -98,11 +99,11 @@ TEST_CASE("tables in a record count as decoding work") {
     if (last.begin_ticks > 30.0) peak = std::max(peak, work / (last.begin_ticks / 30.0));
   }
   CHECK(needs.primitives_per_second == Approx(peak));
-  CHECK(peak > 2 * decoder_needs(*written(6000, 300, 0.2, false)).primitives_per_second);
+  CHECK(peak > 2 * decoder_needs(*write_and_open(6000, 300, 0.2, false)).primitives_per_second);
 }
 
 TEST_CASE("a clip of one segment requires only that segment") {
-  const auto reader = written(100, 20, 10.0, false);
+  const auto reader = write_and_open(100, 20, 10.0, false);
   const DecoderNeeds needs = decoder_needs(*reader);
   CHECK(needs.primitives == reader->primitives());
   CHECK(needs.ranges == 1);

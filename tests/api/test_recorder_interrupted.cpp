@@ -190,7 +190,7 @@ TEST_CASE("a reader follows a recording of another process") {
   const pid_t writer = spawn(path, 12, 5);
   wait_for(path, 300);
   auto reader = open_scene(path);
-  std::set<std::uint32_t> seen;
+  std::set<std::uint32_t> frame_counts;
   std::size_t segments = reader->segments().size();
   for (int i = 0; i < 60000 && reader->form() == SceneForm::kGrowing; ++i) {
     const auto grown = reader->refresh();
@@ -202,7 +202,7 @@ TEST_CASE("a reader follows a recording of another process") {
       INFO(set.status().message());
       REQUIRE(set.ok());
     }
-    seen.insert(reader->metadata().frames);
+    frame_counts.insert(reader->metadata().frames);
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
   int status = -1;
@@ -211,7 +211,7 @@ TEST_CASE("a reader follows a recording of another process") {
   CHECK(reader->form() == SceneForm::kRecorded);
   CHECK(reader->metadata().frames == 120);
   CHECK(reader->primitives() == 12 * 60);
-  CHECK(seen.size() > 3);
+  CHECK(frame_counts.size() > 3);
   CHECK_FALSE(*reader->refresh());
 }
 

@@ -30,7 +30,7 @@ Scene random_lifespans(std::uint32_t frames, unsigned seed) {
   return scene;
 }
 
-std::unique_ptr<SceneReader> written(const Scene& scene, const WriteSettings& settings) {
+std::unique_ptr<SceneReader> write_and_open(const Scene& scene, const WriteSettings& settings) {
   auto bytes = encode_scene(scene, settings);
   INFO(bytes.status().message());
   REQUIRE(bytes.ok());
@@ -53,7 +53,7 @@ TEST_CASE("every visible primitive is in a segment active at that time") {
     for (std::uint32_t frames : {1u, 17u, 300u}) {
       WriteSettings settings;
       settings.profile = profile;
-      const auto reader = written(random_lifespans(frames, frames), settings);
+      const auto reader = write_and_open(random_lifespans(frames, frames), settings);
       std::vector<Gaussians4D> sets;
       for (std::uint32_t s = 0; s < reader->segments().size(); ++s) {
         auto set = reader->decode(s);
@@ -91,7 +91,7 @@ TEST_CASE("every visible primitive is in a segment active at that time") {
 
 TEST_CASE("every primitive is stored once, never visible ones only in the lossless profile") {
   const Scene scene = random_lifespans(120, 5);
-  const auto lossless = written(scene, {});
+  const auto lossless = write_and_open(scene, {});
   CHECK(lossless->primitives() == scene.gaussians.size());
   std::multiset<std::string> stored;
   for (std::uint32_t s = 0; s < lossless->segments().size(); ++s) {
@@ -126,10 +126,10 @@ TEST_CASE("a lossless segment has one tier, and packing separates primitives tha
     for (std::size_t c = 0; c < 3; ++c) set.velocity[3 * i + c] = i % 2 == 0 ? 0.0f : 0.05f;
   }
   WriteSettings settings;
-  CHECK(written(scene, settings)->segments().size() == 1);
+  CHECK(write_and_open(scene, settings)->segments().size() == 1);
   settings.profile = Profile::kQuantised;
   settings.tiers = 1;
-  const auto reader = written(scene, settings);
+  const auto reader = write_and_open(scene, settings);
   REQUIRE(reader->segments().size() == 2);
   const auto static_segment = reader->decode(0), dynamic_segment = reader->decode(1);
   REQUIRE(static_segment.ok());
@@ -144,7 +144,7 @@ TEST_CASE("a lossless segment has one tier, and packing separates primitives tha
 TEST_CASE("segments are stored by begin time, the longer first") {
   WriteSettings settings;
   settings.chunk_seconds = 0.5;
-  const auto reader = written(random_lifespans(300, 8), settings);
+  const auto reader = write_and_open(random_lifespans(300, 8), settings);
   const auto& segments = reader->segments();
   REQUIRE(segments.size() > 20);
   CHECK(segments[0].level == -1);
@@ -163,7 +163,7 @@ TEST_CASE("a segment is at most four times as long as its lifespans, or one chun
   Scene scene = random_lifespans(600, 9);
   WriteSettings settings;
   settings.chunk_seconds = 0.5;
-  const auto reader = written(scene, settings);
+  const auto reader = write_and_open(scene, settings);
   for (std::uint32_t s = 0; s < reader->segments().size(); ++s) {
     const SegmentInfo& segment = reader->segments()[s];
     if (segment.level <= 0) continue;
@@ -184,7 +184,7 @@ TEST_CASE("a segment is at most four times as long as its lifespans, or one chun
 TEST_CASE("the segments of an interval are those of all times in it") {
   WriteSettings settings;
   settings.chunk_seconds = 0.5;
-  const auto reader = written(random_lifespans(300, 10), settings);
+  const auto reader = write_and_open(random_lifespans(300, 10), settings);
   std::set<std::uint32_t> expected;
   for (double t = 40.0; t <= 55.0; t += 0.25) {
     for (std::uint32_t s : reader->segments_between(t, t)) expected.insert(s);

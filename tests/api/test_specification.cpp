@@ -66,8 +66,8 @@ TEST_CASE("the example in the specification is the writer's output") {
   const std::string printed = text.substr(first, text.find(end) - first);
   CHECK(printed == "\n" + hexdump(bytes) + "\n");
   const auto record_at = [&bytes](const char* tag) {
-    const std::string whole(bytes.begin(), bytes.end());
-    return whole.find(tag);
+    const std::string content(bytes.begin(), bytes.end());
+    return content.find(tag);
   };
   CHECK(text.find(fmt::format("META begins at {}, LAYT at {}, INDX at {}, SEGM at {}.",
                               record_at("META"), record_at("LAYT"), record_at("INDX"),
