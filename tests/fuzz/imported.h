@@ -23,7 +23,7 @@ inline void check_import(const Result<Scene>& scene) {
   if (!scene.ok()) {
     const StatusCode code = scene.status().code();
     require(code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported,
-            "a reader fails only with invalid or unsupported file");
+            "a reader rejects a file only as invalid or unsupported");
     require(!scene.status().message().empty(), "an error has a message");
     return;
   }

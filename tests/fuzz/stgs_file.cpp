@@ -74,7 +74,7 @@ std::vector<Record> records_by_header(View file) {
   return out;
 }
 
-// Parses the payload of a SEGM record (spec 6.1), as far as its bytes go.
+// Parses the payload of a SEGM record (spec 6.1) up to the end of its bytes.
 class ParsedSegment {
  public:
   ParsedSegment(View payload, const LayoutSet& file_layouts) : in_(payload) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CUDA backend in little GPU memory: steps after other programs have taken it, the cache of
-// ground-truth images, and plans that hardly fit.
+// The CUDA backend with little GPU memory: steps after other programs have taken it, the cache of
+// ground-truth images, and plans near the limit.
 #include <cuda_runtime_api.h>
 
 #include <cstdio>

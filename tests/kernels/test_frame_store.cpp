@@ -146,7 +146,7 @@ TEST_CASE("an acquired image outlives its eviction from the store") {
   std::vector<Result<TrainingImage>> acquired;
   for (const std::uint64_t id : ids) acquired.push_back(store.acquire(id));
   for (std::size_t i = 0; i < ids.size(); ++i) check_image(acquired[i], ids[i]);
-  CHECK(store.statistics().peak >= 8 * kFull);  // each of the views was held, whatever the budget
+  CHECK(store.statistics().peak >= 8 * kFull);  // all eight images at once, whatever the budget
 }
 
 TEST_CASE("images that were not announced can be acquired too") {

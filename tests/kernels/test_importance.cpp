@@ -28,7 +28,7 @@ Image red_of(const Gaussians4D& set, const ImportanceView& view) {
   return output.colour;
 }
 
-// A backend whose importance() does what the test passes in.
+// A backend whose importance() runs the given action.
 class FakeBackend final : public TrainBackend {
  public:
   explicit FakeBackend(std::function<Status()> action) : action_(std::move(action)) {}
