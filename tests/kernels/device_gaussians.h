@@ -10,7 +10,7 @@ namespace stgs::testing {
 
 class DeviceGaussianArrays {
  public:
-  // Filled with -7, which no test decodes out_arrays.
+  // Filled with -7, a value that no test decodes.
   DeviceGaussianArrays(std::size_t n, int sh_degree) {
     set_.sh_degree = sh_degree;
     set_.resize(n);

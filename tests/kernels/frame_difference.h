@@ -16,7 +16,7 @@ struct FrameDifference {
   std::size_t far_pixels = 0;  // beyond 1/255 in a channel, in alpha or in relative depth
   double worst = 0;            // largest error of a colour channel
 
-  // 60 dB, and at largest one far pixel in 10,000 (one in a smaller frame).
+  // At least 60 dB, and at most one far pixel in 10,000 (one in a smaller frame).
   bool agrees() const {
     return psnr >= 60 && far_pixels <= std::max<std::size_t>(1, pixels / 10000);
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Views of a random scene, for the tests of importance.
+// Views of a random scene, for the tests of importances.
 #pragma once
 
 #include <vector>

@@ -105,7 +105,7 @@ void compare_lifespan(const ParityInput& g, const ParityResult& e, const ParityR
 void compare_projection(const ParityInput& g, const ParityResult& e, const ParityResult& a,
                         std::size_t i, Comparison* out) {
   const Projection& p = e.projection;
-  // p_camera = R p + t cancels; `reach` bounds the magnitudes that go into a depth.
+  // p_camera = R p + t loses digits by cancellation; `reach` bounds the magnitudes in a depth.
   const double reach = norm(e.position) + norm(g.camera.translation);
   out->add("depth", i, p.depth, a.projection.depth, 8 * kEpsilon * reach);
   const bool at_near_plane = std::abs(p.depth - g.camera.near_plane) <= 8 * kEpsilon * reach;

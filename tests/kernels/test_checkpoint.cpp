@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checkpoints, and the fingerprints by which a checkpoint belongs to a run.
+// Checkpoints, and the fingerprints that match them to a training run.
 #include "train/checkpoint.h"
 
 #include <cstdio>

@@ -60,7 +60,7 @@ math::Conditional conditional(const math::Coupled& g) {
   return c;
 }
 
-// The float at index k of a struct of floats.
+// Returns the k-th float of a struct of floats.
 template <typename T>
 float& entry(T& value, std::size_t k) {
   return reinterpret_cast<float*>(&value)[k];

@@ -57,7 +57,7 @@ StepInput step_of(const Image8& ground_truth, int s, Distance distance) {
   return input;
 }
 
-// Equal images that the backend takes for different ones.
+// Equal images that the backend treats as different ones.
 std::vector<Image8> equal_ground_truths(std::size_t count) {
   return std::vector<Image8>(count, random_ground_truth(kWidth, kHeight, 100));
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Densification: clones, splits, removals and replacements, and the plan of when to do which.
+// Densification: clones, splits, removals and replacements, and their schedule.
 #include "train/densify.h"
 
 #include <cmath>

@@ -108,7 +108,8 @@ TEST_CASE("slicing the visible candidates gives the same splats as slicing the s
   slice(set, candidates, 4.0f, camera, settings_of(true), 0, some);
   REQUIRE(some.splats.size() == all.splats.size());
   bool same = true;
-  for (std::size_t i = 0; i < all.splats.size(); ++i)  // compare the members up to and including id
+  for (std::size_t i = 0; i < all.splats.size();
+       ++i)  // compares the members up to and including id
     same &= std::memcmp(&some.splats[i], &all.splats[i], offsetof(Splat, id) + 4) == 0;
   CHECK(same);
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The Vulkan renderer in the renderer_*_cases.cpp, with the validation layer if it is installed.
-// Its variant uses only shared memory and small blocks of segments. Exit code 77: no device found,
-// no validation layer although STGS_VALIDATED is set, or Mesa's CPU device lacks the subgroups of
-// STGS_CPU_SUBGROUP lanes.
+// Its variant uses shared memory instead of ballots, and small blocks of segments. Exit code 77: no
+// device found, no validation layer although STGS_VALIDATED is set, or Mesa's CPU device lacks the
+// subgroups of STGS_CPU_SUBGROUP lanes.
 #define CATCH_CONFIG_EXTERNAL_INTERFACES
 #include <algorithm>
 #include <cstdio>
