@@ -20,7 +20,7 @@ struct Recording {
 };
 // A recording of four fragments.
 const Recording& recording();
-// A seed file or the recording, complete or cut.
+// A seed file or the recording, complete or truncated.
 Bytes some_file(std::uint8_t argument);
 // A number that interfaces mishandle.
 float extreme_number(std::uint8_t argument);

@@ -60,7 +60,8 @@ stgs_result SdkCalls::open_player_source(std::uint8_t argument) {
   return result;
 }
 
-// Skips deferred sources, whose reads complete only in other calls, so that waiting never ends.
+// Does not wait for deferred sources: their reads complete only in other calls, so it would never
+// return.
 stgs_result SdkCalls::wait_open() const {
   const bool deferred = !player_sources.empty() && player_sources.back()->is_deferred();
   return deferred ? STGS_ERROR_STATE : stgs_player_wait_open(player);

@@ -75,7 +75,7 @@ std::vector<Bytes> seeds() {
               .call(kCreate)
               .start(kResume)
               .bytes(),
-          // Many short fragments, high of them empty.
+          // Many short fragments, most of them empty.
           InputBuilder()
               .call(kCreate)
               .start(kBegin)
