@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Catch2 for test programs with their own main(). Compiled once, because it takes 15 s.
+// Catch2 for tests with their own main(), compiled once because it takes 15 s.
 #pragma once
 
 namespace stgs::testing {
