@@ -153,7 +153,7 @@ stgs_unity_camera unity_camera(const stgs_view& view, double scale, double angle
                          -scale * s, 0, scale * c, position[2], 0, 0,     0, 1};
   const Matrix inverse = {
       c / scale, 0,         -s / scale, -(c * position[0] - s * position[2]) / scale,
-      0,         1 / scale, 0,          -place[1] / scale,
+      0,         1 / scale, 0,          -position[1] / scale,
       s / scale, 0,         c / scale,  -(s * position[0] + c * position[2]) / scale,
       0,         0,         0,          1};
   Matrix pose{};
