@@ -58,7 +58,7 @@ class Usage(CliTest):
             ("'2,0,0' is not a colour", [*render, "--time", "0", "--background", "2,0,0"]),
             ("--side-by-side requires --cameras", [*render, "--time", "0", "--side-by-side"]),
             ("--which requires --cameras", [*render, "--time", "0", "--which", "all"]),
-            ("--camera(s)? excludes --camera(s)?",
+            ("--cameras? excludes --cameras?",
              [*render, "--time", "0", "--camera", "x.json", "--cameras", prepared]),
             ("unknown output format; use a name that ends in .png", ["render", tiny, "--time", "0", "-o",
                                                             "out.gif"]),

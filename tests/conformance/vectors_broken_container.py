@@ -150,7 +150,7 @@ def broken_head():
     for name, about, meta in (
             ("no_frames", "a duration of 0", Meta(frames=0)),
             ("time_base", "a denominator of 0", Meta(time_base=(1, 0))),
-            ("degree_4", "harmonics of degree 4", Meta(degree=4)),
+            ("degree_4", "SH degree 4", Meta(degree=4)),
             ("convention", "axes 1", Meta(conventions=(0, 1, 0, 0)))):
         must_fail(name, "4.2", about, plain(meta=meta))
     for name, about, meta in (

@@ -233,7 +233,7 @@ class Packages(unittest.TestCase):
                             " --max-static-points 1000 --max-dynamic-points 100")
             run("sh", "-c", command.replace("/usr/share", f"{root}/usr/share"), cwd=work,
                 env=environment)
-        width, height, pixels = read_png(f"{work}/picture.png")
+        width, height, pixels = read_png(f"{work}/image.png")
         self.assertGreater(min(width, height), 50)
         self.assertGreater(len(set(pixels)), 20)
 
