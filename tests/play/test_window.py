@@ -315,7 +315,8 @@ class WindowTest(unittest.TestCase):
         out, error = process.communicate(timeout=60)
         self.assertEqual((process.returncode, out), (4, ""))
         self.assertEqual(json.loads(error)["error"],
-                         {"code": "runtime", "exit_code": 4, "path": None, "issue": None, "offset": None,
+                         {"code": "runtime", "exit_code": 4, "path": "window.png", "issue": None,
+                          "offset": None,
                           "message": "window.png: the window was closed before it was written"})
         self.assertFalse(os.path.exists(self.path("window.png")))
 
