@@ -12,7 +12,7 @@ import unittest
 import stgs
 
 STUBS = sys.argv[1]
-SPECIAL = {"__len__", "__enter__", "__exit__", "__copy__"}  # compared although they are not public
+SPECIAL = {"__len__", "__enter__", "__exit__", "__copy__"}  # not defined by every class
 
 
 def is_public(name):

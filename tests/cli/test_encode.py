@@ -172,7 +172,7 @@ class Training(ReportTest):
         self.assertIsNone(without["held_out"])
         self.assertEqual(self.read("out.stgs"), scene)
 
-    def test_a_normal_weight_trains_and_logs_normals(self):
+    def test_weight_normal_trains_and_logs_normals(self):
         args = self.train("--iterations", "60", "--max-primitives", "300", "--log", "log.jsonl")
         self.succeeds(*args)
         self.assertEqual(self.normals(), [0, 0, 0])

@@ -39,7 +39,7 @@ class Capture(CliTest):
                     files[os.path.join(parent, name)] = file.read()
         return files
 
-    def test_a_camera_may_be_named_once(self):
+    def test_a_camera_may_be_named_only_once(self):
         self.fails(USAGE, "camera 'a' is named twice", "evaluate", self.fixture("tiny.stgs"),
                    "--against", self.fixture("prepared"), "--cameras", "a,a")
 

@@ -204,7 +204,7 @@ class Reading(CliTest):
         self.assertAlmostEqual(near["stereo"]["ratio_to_one_eye_foveated"], times)
 
     def test_bench_rejects_steps_where_the_backend_lacks_them(self):
-        # Fails at once, not after the first pass over so many frames.
+        # It fails at once, not after a million frames.
         self.fails(5, "'cpu' cannot profile its steps", "bench", self.fixture("tiny.stgs"),
                    "--steps", "--backend", "cpu", "--num-frames", "1000000")
 
@@ -259,7 +259,7 @@ class Reading(CliTest):
         self.assertEqual(same["max_difference"], 0)
         near = self.json_of("compare", tiny, packed)
         self.assertEqual(near["primitives"][0], 400)
-        self.assertGreater(near["primitives"][1], 390)  # packing drops what is never visible
+        self.assertGreater(near["primitives"][1], 390)  # packing omits primitives that are never visible
         self.assertLess(near["psnr"], 100)
         self.fails(7, "is below 99", "compare", tiny, packed, "--min-psnr", "99")
         self.fails(7, "lasts", "compare", tiny, self.fixture("longer.stgs"))

@@ -66,8 +66,8 @@ def valid_growing():
 
 
 def forged_fragment(less, at, part, skip=None):
-    """Returns a FRAG record for byte `at` after the recording `less` that lists no records, or a
-    skip."""
+    """Returns a FRAG record for byte `at` after the recording `less`. It lists no records, after
+    `skip` bytes."""
     before = less.rindex(b"FRAG")
     head_bytes = struct.unpack_from("<Q", less, 24)[0]
     empty = Part([], part.begin, part.end)

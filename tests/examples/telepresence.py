@@ -64,7 +64,7 @@ def percentile(values, share):
 
 def latencies(out):
     """Returns latencies in seconds of the fragments appended after joining: from the end of capture
-    to the first frame shown, from the append to the first frame shown, and of each frame."""
+    to the first frame shown, from the append to the first frame shown, and that of each frame."""
     joined = out["shown"][0][1]
     visible, after_append, late = [], [], []
     for fragment in out["fragments"]:

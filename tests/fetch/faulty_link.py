@@ -12,9 +12,9 @@ class FaultyLink:
     have no faults.
 
     delay: seconds added before each chunk of a response
-    cut:   reset the connection after so many bytes of responses
-    stall: as cut, but silent until the test ends
-    do:    call this function then
+    cut:   bytes of the responses after which the connection is reset
+    stall: as cut, but the reset comes after silence until the test ends
+    do:    a function that is called after these bytes
     """
 
     CHUNK = 16384

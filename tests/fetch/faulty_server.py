@@ -14,13 +14,13 @@ class FaultyServer:
 
     status:      respond with this status and no file
     retry_after: with `status`: send this header
-    slowly:      with `status`: send the five bytes of the body so many seconds apart
-    cut:         reset the connection after so many bytes of the body
-    stall:       as cut, but silent for 20 s before
+    slowly:      with `status`: seconds between the five bytes of the body
+    cut:         bytes of the body after which the connection is reset
+    stall:       as cut, but the reset comes after 20 s of silence
     delay:       seconds before the response
-    drip:        seconds before each further byte of the body
+    drip:        seconds between the bytes of the body
     complete:    ignore the range
-    shift:       respond with a range that begins so many bytes later
+    shift:       bytes by which the range in the response begins later
     encode:      state the content encoding gzip
     long:        number of additional bytes
     anonymous:   send no ETag

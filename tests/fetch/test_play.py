@@ -93,7 +93,7 @@ class Play(unittest.TestCase):
         self.assertGreater(out["frames_ready"], 0)
         self.assertGreater(out["bytes_per_second"], limit / 4)
 
-    def test_late_responses_are_no_errors(self):
+    def test_late_responses_cause_no_errors(self):
         out = self.faulty([{"delay": 0.2}] * 400)
         self.assertEqual(out["messages"], [])
 
@@ -171,7 +171,7 @@ class PlayNginx(unittest.TestCase):
         self.assertGreater(out["frames_ready"], 0)
         return out
 
-    def test_delays_are_no_errors(self):
+    def test_delays_cause_no_errors(self):
         out = self.over_link([{"delay": 0.1}] * 100, 2)
         self.assertEqual(out["messages"], [])
 
