@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a timeline shows at a moment.
+// The primitives that a timeline shows at a given time.
 #pragma once
 
 #include <set>
@@ -11,7 +11,7 @@
 
 namespace stgs::player {
 
-// Fingerprints of what is alive.
+// Fingerprints of the primitives that are active at `seconds`.
 inline std::multiset<std::string> alive(Timeline& timeline, double seconds) {
   const auto active = timeline.at(seconds);
   REQUIRE(active.ok());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tiny captures with known cameras, in temporary folders.
+// Writes tiny captures with known cameras into temporary folders.
 #pragma once
 
 #include <cmath>
@@ -23,7 +23,7 @@ using testing::TemporaryFolder;
 
 constexpr int kWidth = 64, kHeight = 48;
 
-// Camera i of `count` on a circle of radius 3, looking at the origin; first pixel's centre at +0.5.
+// Camera i of `count` on a circle of radius 3, looking at the origin; pixel centres are at +0.5.
 inline Camera known_camera(int i, int count, const std::string& name) {
   Camera camera;
   camera.name = name;
@@ -55,21 +55,21 @@ inline cv::Vec3d centre_of(const double* rotation, const double* translation) {
   return -(cv::Matx33d(rotation).t() * cv::Vec3d(translation));
 }
 
-inline cv::Mat picture(int camera, int frame, int width = kWidth, int height = kHeight) {
+inline cv::Mat test_image(int camera, int frame, int width = kWidth, int height = kHeight) {
   cv::Mat image(height, width, CV_8UC3, cv::Scalar(20 + 10 * camera, 80, 120));
   cv::circle(image, {width / 4 + 3 * frame, height / 2}, height / 6, {200, 220, 40}, cv::FILLED);
   return image;
 }
 
-inline void write_picture(const std::string& path, const cv::Mat& image) {
+inline void write_image(const std::string& path, const cv::Mat& image) {
   fs::create_directories(fs::path(path).parent_path());
   cv::imwrite(path, image);
 }
 
-inline void write_pictures(const std::string& folder, int camera, int frames,
-                           const std::string& extension = "png") {
+inline void write_images(const std::string& folder, int camera, int frames,
+                         const std::string& extension = "png") {
   for (int f = 0; f < frames; ++f) {
-    write_picture(fmt::format("{}/{:06}.{}", folder, f, extension), picture(camera, f));
+    write_image(fmt::format("{}/{:06}.{}", folder, f, extension), test_image(camera, f));
   }
 }
 
@@ -77,7 +77,7 @@ inline void write_video(const std::string& path, int camera, int frames, double 
                         int width = kWidth, int height = kHeight) {
   fs::create_directories(fs::path(path).parent_path());
   cv::VideoWriter video(path, cv::VideoWriter::fourcc('m', 'p', '4', 'v'), fps, {width, height});
-  for (int f = 0; f < frames; ++f) video.write(picture(camera, f, width, height));
+  for (int f = 0; f < frames; ++f) video.write(test_image(camera, f, width, height));
 }
 
 inline void write_text(const std::string& path, const std::string& text) {
@@ -97,6 +97,7 @@ void append(std::string& bytes, T value) {
   bytes.append(p, sizeof(T));
 }
 
+// Removes the last `bytes` bytes of a file.
 inline void shorten(const std::string& path, std::uintmax_t bytes) {
   fs::resize_file(path, fs::file_size(path) - bytes);
 }
@@ -112,16 +113,16 @@ inline Result<SourceCapture> load(const std::string& folder, PrepareSettings set
                      [](int, const std::string& line) { log_lines().push_back(line); });
 }
 
-// The camera's largest error against the truth: entries of the rotation, scene units, and pixels.
-inline double difference(const SourceCamera& found, const Camera& truth) {
+// Largest difference over rotation entries, translation (scene units) and intrinsics (pixels).
+inline double difference(const SourceCamera& found, const Camera& expected) {
   double largest = 0;
   const auto add = [&](double a, double b) { largest = std::max(largest, std::abs(a - b)); };
-  for (int i = 0; i < 9; ++i) add(found.rotation[i], truth.rotation[i]);
-  for (int i = 0; i < 3; ++i) add(found.translation[i], truth.translation[i]);
-  add(found.fx, truth.fx);
-  add(found.fy, truth.fy);
-  add(found.cx, truth.cx);
-  add(found.cy, truth.cy);
+  for (int i = 0; i < 9; ++i) add(found.rotation[i], expected.rotation[i]);
+  for (int i = 0; i < 3; ++i) add(found.translation[i], expected.translation[i]);
+  add(found.fx, expected.fx);
+  add(found.fy, expected.fy);
+  add(found.cx, expected.cx);
+  add(found.cy, expected.cy);
   return largest;
 }
 
@@ -132,7 +133,8 @@ inline const SourceCamera* find(const SourceCapture& capture, const std::string&
   return nullptr;
 }
 
-inline bool says(const Status& status, const std::vector<std::string>& words) {
+// Whether `status` is an error whose message contains all `words`.
+inline bool fails_with(const Status& status, const std::vector<std::string>& words) {
   for (const std::string& word : words) {
     if (status.message().find(word) == std::string::npos) {
       UNSCOPED_INFO("missing '" << word << "' in: " << status.message());
@@ -142,7 +144,7 @@ inline bool says(const Status& status, const std::vector<std::string>& words) {
   return !status.ok();
 }
 
-// An n3dv capture: videos cam00.mp4 .. and poses_bounds.npy.
+// An n3dv capture: videos cam00.mp4, cam01.mp4, ... and poses_bounds.npy.
 inline void write_n3dv(const std::string& folder, int cameras, int frames) {
   std::vector<double> rows;
   for (int i = 0; i < cameras; ++i) {
@@ -165,7 +167,6 @@ inline void write_n3dv(const std::string& folder, int cameras, int frames) {
   write_bytes(folder + "/poses_bounds.npy", bytes);
 }
 
-// Parts of a JSON array.
 inline std::string json_list(const std::vector<double>& numbers) {
   std::string text = "[";
   for (std::size_t i = 0; i < numbers.size(); ++i) {

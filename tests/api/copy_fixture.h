@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files with and without the copy of their head.
+// Locates and removes the copy of a file's head (COPY record).
 #pragma once
 
 #include <xxhash.h>
@@ -10,7 +10,7 @@
 
 namespace stgs::testing {
 
-// Where the COPY record that ends a finished file begins; its size where it has none.
+// Offset of the COPY record that ends a finished file; the file size if there is none.
 inline std::size_t copy_at(const std::vector<std::uint8_t>& bytes) {
   constexpr std::size_t kRecord = 32;
   std::uint64_t length = 0;
@@ -21,7 +21,8 @@ inline std::size_t copy_at(const std::vector<std::uint8_t>& bytes) {
   return std::memcmp(bytes.data() + at, "COPY", 4) == 0 ? at : bytes.size();
 }
 
-// A finished file without it, of this minor version: damage to its head is not mended then.
+// A finished file of this minor version without its COPY record. Damage to its head is not
+// repaired.
 inline std::vector<std::uint8_t> without_copy(std::vector<std::uint8_t> bytes,
                                               std::uint16_t minor = 1) {
   const std::uint64_t size = copy_at(bytes);

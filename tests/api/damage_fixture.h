@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small files, changed with checksums that fit, and what a reader and the validator say of them.
+// Small files that tests change under valid checksums, and the findings of reader and validator.
 #pragma once
 
 #include <xxhash.h>
@@ -19,7 +19,7 @@ using Bytes = std::vector<std::uint8_t>;
 
 inline constexpr std::size_t kHeader = 40, kRecord = 32;
 
-// Without the copy of its head.
+// Without the copy of its head, so that damage to the head is not repaired.
 inline Bytes small_file(Profile profile, std::size_t n = 40, bool own_layouts = false) {
   WriteSettings settings;
   settings.profile = profile;
@@ -30,7 +30,7 @@ inline Bytes small_file(Profile profile, std::size_t n = 40, bool own_layouts = 
   return without_copy(std::move(*bytes));
 }
 
-// Opens and decodes all of it.
+// Opens and decodes the complete file.
 inline Status read_all(Bytes bytes) {
   return read_scene(memory_source(std::move(bytes), "x.stgs")).status();
 }
@@ -62,7 +62,7 @@ void put(Bytes& bytes, std::size_t at, Value v) {
 inline void seal_header(Bytes& bytes) {
   put<std::uint64_t>(bytes, 32, XXH3_64bits(bytes.data(), 32));
 }
-// Makes the checksums of the record at `at` right again.
+// Recomputes the checksums of the record at `at`.
 inline void seal_record(Bytes& bytes, std::size_t at) {
   const auto length = get<std::uint64_t>(bytes, at + 8);
   if (at + kRecord + length <= bytes.size()) {
@@ -70,7 +70,7 @@ inline void seal_record(Bytes& bytes, std::size_t at) {
   }
   put<std::uint64_t>(bytes, at + 24, XXH3_64bits(bytes.data() + at, 24));
 }
-// The first record of this tag.
+// Offset of the first record with this tag.
 inline std::size_t record_at(const Bytes& bytes, const char* tag) {
   std::size_t at = kHeader;
   while (std::memcmp(bytes.data() + at, tag, 4) != 0) {
@@ -92,7 +92,8 @@ inline std::size_t body_at(const Bytes& bytes) {
   return get<std::uint64_t>(bytes, 24);
 }
 
-// Changes one field of a valid file, seals the checksums around it, and returns the first number.
+// Changes one field of a record, recomputes the checksums around it, and returns the number of
+// the first issue. Reader and validator must agree on it.
 template <typename Value>
 int first_issue(Bytes bytes, std::size_t record, std::size_t offset, Value value) {
   put<Value>(bytes, record + kRecord + offset, value);

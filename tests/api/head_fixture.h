@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files with another index: what a writer would not write.
+// Files with a modified head or index, including content that no writer produces.
 #pragma once
 
 #include <cstdint>
@@ -21,13 +21,13 @@ inline FileHead head_of(const std::vector<std::uint8_t>& bytes) {
   return head;
 }
 
-// Without the copy of the head.
+// The bytes after the head, without the copy of the head.
 inline std::vector<std::uint8_t> body_of(const std::vector<std::uint8_t>& bytes) {
   return {bytes.begin() + static_cast<std::ptrdiff_t>(head_of(bytes).header.head_bytes),
           bytes.begin() + static_cast<std::ptrdiff_t>(copy_at(bytes))};
 }
 
-// A file whose head is these records; the header states the sizes.
+// A file whose head consists of these records; the header states the resulting sizes.
 inline std::vector<std::uint8_t> file_of(const std::vector<std::vector<std::uint8_t>>& records,
                                          std::span<const std::uint8_t> body = {}) {
   FileHeader header;
@@ -40,7 +40,7 @@ inline std::vector<std::uint8_t> file_of(const std::vector<std::vector<std::uint
   return out;
 }
 
-// The file with this payload for INDX, without a copy of its head; the header states the sizes.
+// The file with this INDX payload, without the copy of its head; the header states the new sizes.
 inline std::vector<std::uint8_t> with_index(const std::vector<std::uint8_t>& bytes,
                                             std::span<const std::uint8_t> payload) {
   const std::span<const std::uint8_t> all = std::span(bytes).first(copy_at(bytes));

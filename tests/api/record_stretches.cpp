@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // usage: record_stretches FILE COUNT MILLISECONDS
-// Records so many stretches, waits that long after each, and closes the file.
+// Records COUNT fragments, waits MILLISECONDS after each, and closes the file.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Recordings in files of a test's own.
+// Records fragments into a file and opens it.
 #pragma once
 
 #include <filesystem>
@@ -17,7 +17,7 @@ inline std::vector<std::uint8_t> bytes_of(const std::string& path) {
   return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
 
-// Records so many stretches; the sizes of the file before the first and after each.
+// Records `count` fragments. Returns the file size before the first, after each, and after close().
 inline std::vector<std::uint64_t> record(const std::string& path, std::uint32_t count, bool close,
                                          Profile profile = Profile::kLossless,
                                          std::size_t primitives = 60) {
@@ -40,11 +40,39 @@ inline std::vector<std::uint64_t> record(const std::string& path, std::uint32_t 
   return sizes;
 }
 
-inline std::unique_ptr<SceneReader> opened(const std::string& path) {
+inline std::unique_ptr<SceneReader> open_scene(const std::string& path) {
   auto reader = SceneReader::open(path);
   INFO(reader.status().message());
   REQUIRE(reader.ok());
   return std::move(*reader);
+}
+
+// Fingerprints of the primitives in a part.
+inline std::multiset<std::string> fingerprints_of(const SceneReader& reader, std::uint32_t part) {
+  std::multiset<std::string> out;
+  for (std::uint32_t s = 0; s < reader.segments().size(); ++s) {
+    if (reader.segments()[s].part != part) continue;
+    const auto set = reader.decode(s);
+    INFO(set.status().message());
+    REQUIRE(set.ok());
+    for (std::string& print : fingerprints(*set)) out.insert(std::move(print));
+  }
+  return out;
+}
+
+inline std::multiset<std::string> fingerprints_of(const Gaussians4D& set) {
+  const auto prints = fingerprints(set);
+  return {prints.begin(), prints.end()};
+}
+
+// Finalizes an undamaged recording; an incomplete fragment at its end is left out.
+inline void finalize_intact(const std::string& path, const std::string& finished) {
+  DamageReport report;
+  const Status status = finalize_scene(std::move(*open_file(path)), finished, report);
+  INFO(status.message());
+  REQUIRE(status.ok());
+  CHECK(report.damage.empty());
+  CHECK(report.reason.ok());
 }
 
 inline std::set<int> issues_of(const std::vector<std::uint8_t>& bytes) {

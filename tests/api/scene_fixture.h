@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scenes for tests: random, with the spread that trained scenes have.
+// Random scenes whose parameters are distributed as in trained scenes.
 #pragma once
 
 #include <cmath>
@@ -11,7 +11,8 @@
 
 namespace stgs::testing {
 
-// n primitives in a box of 4 units before the camera: 60 % static and long-lived, the rest short.
+// n primitives in a box of 4 units in front of the camera: 60 % static and long-lived, the rest
+// moving and short-lived.
 inline Scene random_scene(std::size_t n, int sh_degree, std::uint32_t frames, unsigned seed) {
   std::mt19937 random(seed);
   std::normal_distribution<float> normal(0.0f, 1.0f);
@@ -36,9 +37,9 @@ inline Scene random_scene(std::size_t n, int sh_degree, std::uint32_t frames, un
     for (std::size_t c = 0; c < 4; ++c) set.rotation[4 * i + c] = normal(random);
     set.opacity_logit[i] = 2.2f * normal(random);
     const auto coefficients = static_cast<std::size_t>(set.sh_coefficients());
-    const float gloss = std::exp(0.5f * normal(random));  // most are dull, a few shine
+    const float sh_scale = std::exp(0.5f * normal(random));  // a few primitives are glossy
     for (std::size_t k = 0; k < coefficients; ++k) {
-      const float spread = k == 0 ? 0.8f : gloss * (k < 4 ? 0.05f : k < 9 ? 0.03f : 0.02f);
+      const float spread = k == 0 ? 0.8f : sh_scale * (k < 4 ? 0.05f : k < 9 ? 0.03f : 0.02f);
       const float shared = normal(random);
       for (std::size_t c = 0; c < 3; ++c) {
         set.sh[(i * coefficients + k) * 3 + c] = spread * (0.92f * shared + 0.39f * normal(random));
@@ -51,7 +52,7 @@ inline Scene random_scene(std::size_t n, int sh_degree, std::uint32_t frames, un
   return scene;
 }
 
-// A bit pattern of each primitive, for comparing sets whatever their order.
+// The bytes of each primitive, for comparing sets regardless of order.
 inline std::vector<std::string> fingerprints(const Gaussians4D& set) {
   std::vector<std::string> out(set.size());
   const auto add = [&out](const FloatArray& array, std::size_t components) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Encoders and recorders of the C interface, what they report, and captures for them.
+// Encoders and recorders of the C API, their reports, and captures to encode.
 #pragma once
 
 #include <algorithm>
@@ -18,8 +18,8 @@ namespace stgs::testing {
 namespace fs = std::filesystem;
 using Bytes = std::vector<char>;
 
-// What is in a folder, hidden files too.
-inline std::vector<std::string> names_in(const std::string& folder) {
+// Sorted; includes hidden files.
+inline std::vector<std::string> file_names_in(const std::string& folder) {
   std::vector<std::string> out;
   for (const auto& entry : fs::directory_iterator(folder)) {
     out.push_back(entry.path().filename().string());
@@ -33,15 +33,15 @@ inline Bytes bytes_of(const std::string& path) {
   return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
 
-// Primitives of degree 0, with arrays for all that a stretch may have.
+// Primitives of SH degree 0, with a value for every array of a fragment.
 struct Primitives {
   std::vector<float> position, velocity, scale, rotation, opacity, sh, time, sigma, radius,
       importance;
 
   explicit Primitives(std::size_t count, float x = 0) {
     for (std::size_t i = 0; i < count; ++i) {
-      const auto at = static_cast<float>(i);
-      position.insert(position.end(), {x + 0.5f * at, -0.25f * at, 4});
+      const auto k = static_cast<float>(i);
+      position.insert(position.end(), {x + 0.5f * k, -0.25f * k, 4});
       velocity.insert(velocity.end(), {0, 0.6f, -0.3f});
       scale.insert(scale.end(), {0.1f, 0.2f, 0.4f});
       rotation.insert(rotation.end(), {2, 0.4f, 0, 1});
@@ -53,7 +53,7 @@ struct Primitives {
       importance.push_back(1);
     }
   }
-  stgs_fragment stretch(std::uint32_t frames) const {
+  stgs_fragment fragment(std::uint32_t frames) const {
     stgs_fragment out;
     REQUIRE(stgs_fragment_defaults(&out, sizeof out) == STGS_OK);
     out.frames = frames;
@@ -70,9 +70,9 @@ struct Primitives {
     out.importance = importance.data();
     return out;
   }
-  // What must be told of each alone.
-  stgs_fragment plain(std::uint32_t frames) const {
-    stgs_fragment out = stretch(frames);
+  // Only the arrays that a fragment must have.
+  stgs_fragment minimal_fragment(std::uint32_t frames) const {
+    stgs_fragment out = fragment(frames);
     out.velocity = out.rotation = out.time = out.sigma = out.radius = out.importance = nullptr;
     return out;
   }
@@ -82,23 +82,24 @@ struct DestroyEncoder {
   void operator()(stgs_encoder* encoder) const { stgs_encoder_destroy(encoder); }
 };
 
-// An encoder that notes what it is told, and asks `stop` whether to.
-class Watched {
+// An encoder whose callbacks record stages and log lines, and cancel if `should_cancel` returns
+// true.
+class ObservedEncoder {
  public:
-  explicit Watched(std::uint32_t threads = 0) {
+  explicit ObservedEncoder(std::uint32_t threads = 0) {
     stgs_encoder_settings settings;
     REQUIRE(stgs_encoder_settings_defaults(&settings, sizeof settings) == STGS_OK);
     settings.threads = threads;
     settings.progress_user = settings.log_user = this;
     settings.progress = [](void* user, const stgs_encoder_progress* progress) -> std::int32_t {
-      return static_cast<Watched*>(user)->on_progress(*progress);
+      return static_cast<ObservedEncoder*>(user)->on_progress(*progress);
     };
     settings.log = [](void* user, stgs_log_level, const char* message) {
-      static_cast<Watched*>(user)->lines.emplace_back(message);
+      static_cast<ObservedEncoder*>(user)->lines.emplace_back(message);
     };
-    stgs_encoder* made = nullptr;
-    REQUIRE(stgs_encoder_create(&settings, &made) == STGS_OK);
-    encoder_.reset(made);
+    stgs_encoder* created = nullptr;
+    REQUIRE(stgs_encoder_create(&settings, &created) == STGS_OK);
+    encoder_.reset(created);
   }
 
   stgs_encoder* get() const { return encoder_.get(); }
@@ -108,35 +109,35 @@ class Watched {
     REQUIRE(stgs_encoder_error(get(), &error) == STGS_OK);
     return error;
   }
-  bool saw(const std::string& stage) const {
+  bool has_reported(const std::string& stage) const {
     return std::find(stages.begin(), stages.end(), stage) != stages.end();
   }
 
-  std::function<bool(const stgs_encoder_progress&)> stop;
+  std::function<bool(const stgs_encoder_progress&)> should_cancel;
   std::vector<std::string> stages, lines;
-  int calls_after_stop = 0;
-  bool monotone = true;
+  int calls_after_cancel = 0;
+  bool is_monotonic = true;
   stgs_encoder_progress last_training{};
 
  private:
   std::int32_t on_progress(const stgs_encoder_progress& progress) {
-    if (stopped_) ++calls_after_stop;
+    if (cancelled_) ++calls_after_cancel;
     if (stages.empty() || stages.back() != progress.stage) {
-      // No stage comes twice: what is done can be shown as one bar after another.
-      monotone = monotone && !saw(progress.stage);
+      // No stage is reported twice, so a program can show one progress bar per stage.
+      is_monotonic = is_monotonic && !has_reported(progress.stage);
       stages.emplace_back(progress.stage);
       done_ = 0;
     }
-    monotone = monotone && progress.done >= done_ && progress.done <= 1;
+    is_monotonic = is_monotonic && progress.done >= done_ && progress.done <= 1;
     done_ = progress.done;
     if (stages.back() == "train") last_training = progress;
-    stopped_ = stop && stop(progress);
-    return stopped_ ? 1 : 0;
+    cancelled_ = should_cancel && should_cancel(progress);
+    return cancelled_ ? 1 : 0;
   }
 
   std::unique_ptr<stgs_encoder, DestroyEncoder> encoder_;
   double done_ = 0;
-  bool stopped_ = false;
+  bool cancelled_ = false;
 };
 
 struct DestroyRecorder {
@@ -145,16 +146,16 @@ struct DestroyRecorder {
 using RecorderPtr = std::unique_ptr<stgs_recorder, DestroyRecorder>;
 
 inline RecorderPtr make_recorder() {
-  stgs_recorder* made = nullptr;
-  REQUIRE(stgs_recorder_create(&made) == STGS_OK);
-  return RecorderPtr(made);
+  stgs_recorder* recorder = nullptr;
+  REQUIRE(stgs_recorder_create(&recorder) == STGS_OK);
+  return RecorderPtr(recorder);
 }
 
-// A prepared capture that needs no OpenCV.
-class Prepared {
+// A prepared capture, generated without OpenCV.
+class PreparedCapture {
  public:
   std::string folder() const { return synthetic_.capture.folder; }
-  std::string at(const std::string& name) const { return folder() + "/" + name; }
+  std::string path(const std::string& name) const { return folder() + "/" + name; }
 
  private:
   test::SyntheticCapture synthetic_;
@@ -169,19 +170,20 @@ inline stgs_train_settings short_training(std::uint32_t iterations = 60) {
   settings.max_primitives = 600;
   return settings;
 }
-inline stgs_pack_settings packing() {
+inline stgs_pack_settings pack_settings() {
   stgs_pack_settings settings;
   REQUIRE(stgs_pack_settings_defaults(&settings, sizeof settings) == STGS_OK);
   return settings;
 }
-template <typename Report>
-Report empty_report() {
-  Report report{};
-  report.struct_size = sizeof report;
-  return report;
+// A zeroed output struct with its size set.
+template <typename Output>
+Output empty_output() {
+  Output output{};
+  output.struct_size = sizeof output;
+  return output;
 }
 
-inline stgs_result pack_one(const Watched& encoder, const std::string& scene,
+inline stgs_result pack_one(const ObservedEncoder& encoder, const std::string& scene,
                             const std::string& output, const stgs_pack_settings* settings = nullptr,
                             stgs_pack_report* report = nullptr) {
   const char* const scenes[] = {scene.c_str()};

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The header needs nothing before it, and may be there twice.
+// The header is self-contained and can be included twice.
 #include "stgs/stgs_encoder.h"
 
 #include "stgs/stgs_encoder.h"
 
-void cancel_an_encoder_again(stgs_encoder* encoder);
-void cancel_an_encoder_again(stgs_encoder* encoder) {
+void call_encoder_from_cpp(stgs_encoder* encoder);
+void call_encoder_from_cpp(stgs_encoder* encoder) {
   stgs_encoder_cancel(encoder);
 }

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// stgs_encoder.hpp needs nothing before it, may be there twice, and is C++17.
+// stgs_encoder.hpp is self-contained, can be included twice, and compiles as C++17.
 #include "stgs/stgs_encoder.hpp"
 
 #include "stgs/stgs_encoder.hpp"
 
-std::uint64_t bytes_of_capture(const std::string& capture, const std::string& output);
-std::uint64_t bytes_of_capture(const std::string& capture, const std::string& output) {
+std::uint64_t encoded_bytes(const std::string& capture, const std::string& output);
+std::uint64_t encoded_bytes(const std::string& capture, const std::string& output) {
   stgs::Encoder encoder([](const stgs_encoder_progress& progress) { return progress.loss < 10; });
   encoder.check_training();
   encoder.prepare(capture, output + ".prepared");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A small scene in memory, and objects of the C interface that end by themselves.
+// A small scene in memory, and RAII wrappers for the objects of the C API.
 #pragma once
 
 #include <cmath>
@@ -17,7 +17,7 @@ inline constexpr std::uint32_t kSdkWidth = 64, kSdkHeight = 48;
 
 inline std::vector<std::uint8_t> sdk_file() {
   Scene scene = random_scene(500, 1, 30, 3);
-  for (float& s : scene.gaussians.log_scale) s += 1.5f;  // to be seen in a small picture
+  for (float& s : scene.gaussians.log_scale) s += 1.5f;  // large enough for a small image
   StartCamera start;
   start.fx = start.fy = 60;
   start.cx = kSdkWidth / 2.0f;
@@ -82,49 +82,60 @@ inline stgs_view start_view(stgs_scene* scene) {
   REQUIRE(stgs_scene_start_view(scene, &view) == STGS_OK);
   return view;
 }
-inline stgs_image empty_picture() {
-  stgs_image picture;
-  REQUIRE(stgs_image_defaults(&picture, sizeof picture) == STGS_OK);
-  return picture;
+inline stgs_view small_view() {
+  stgs_view view;
+  REQUIRE(stgs_view_defaults(&view, sizeof view) == STGS_OK);
+  REQUIRE(stgs_view_resize(&view, kSdkWidth, kSdkHeight) == STGS_OK);
+  return view;
+}
+// An image without buffers.
+inline stgs_image empty_image() {
+  stgs_image image;
+  REQUIRE(stgs_image_defaults(&image, sizeof image) == STGS_OK);
+  return image;
+}
+inline bool contains(const std::string& text, const char* part) {
+  return text.find(part) != std::string::npos;
 }
 
-// A tight picture of 8 bits.
-inline std::vector<std::uint8_t> draw_rgba8(stgs_renderer* renderer, stgs_scene* scene,
-                                            double seconds, const stgs_view& view) {
+// Renders tightly packed 8-bit RGBA.
+inline std::vector<std::uint8_t> render_rgba8(stgs_renderer* renderer, stgs_scene* scene,
+                                              double seconds, const stgs_view& view) {
   std::vector<std::uint8_t> pixels(std::size_t{4} * view.width * view.height);
-  stgs_image picture = empty_picture();
-  picture.rgba8 = {pixels.data(), 0, pixels.size()};
-  REQUIRE(stgs_render(renderer, scene, seconds, &view, &picture, 1) == STGS_OK);
+  stgs_image image = empty_image();
+  image.rgba8 = {pixels.data(), 0, pixels.size()};
+  REQUIRE(stgs_render(renderer, scene, seconds, &view, &image, 1) == STGS_OK);
   return pixels;
 }
 
-// Of the same moment: within the view's fovea the pictures are the same, beyond it near each other.
-inline void check_foveated(const std::vector<std::uint8_t>& whole,
-                           const std::vector<std::uint8_t>& drawn, const stgs_view& view) {
-  REQUIRE(drawn.size() == whole.size());
+// Compares a foveated render with the full one of the same time: the pixels within the view's fovea
+// are identical, those outside differ slightly.
+inline void check_foveated(const std::vector<std::uint8_t>& full,
+                           const std::vector<std::uint8_t>& foveated, const stgs_view& view) {
+  REQUIRE(foveated.size() == full.size());
   double squares = 0;
-  std::size_t wrong = 0, within = 0, beyond = 0, changed = 0;
+  std::size_t wrong = 0, inside = 0, outside = 0, changed = 0;
   for (std::uint32_t y = 0; y < view.height; ++y) {
     for (std::uint32_t x = 0; x < view.width; ++x) {
       const float dx = static_cast<float>(x) + 0.5f - view.fovea_x;
       const float dy = static_cast<float>(y) + 0.5f - view.fovea_y;
-      const bool is_within = dx * dx + dy * dy <= view.fovea_radius * view.fovea_radius;
-      within += is_within ? 1 : 0;
-      beyond += is_within ? 0 : 1;
+      const bool is_inside = dx * dx + dy * dy <= view.fovea_radius * view.fovea_radius;
+      inside += is_inside ? 1 : 0;
+      outside += is_inside ? 0 : 1;
       for (std::size_t c = 0; c < 4; ++c) {
         const std::size_t i = 4 * (std::size_t{y} * view.width + x) + c;
-        const int difference = int{drawn[i]} - int{whole[i]};
-        wrong += is_within && difference != 0 ? 1 : 0;
-        changed += !is_within && difference != 0 ? 1 : 0;
-        squares += is_within ? 0 : difference * difference;
+        const int difference = int{foveated[i]} - int{full[i]};
+        wrong += is_inside && difference != 0 ? 1 : 0;
+        changed += !is_inside && difference != 0 ? 1 : 0;
+        squares += is_inside ? 0 : difference * difference;
       }
     }
   }
   CHECK(wrong == 0);
-  CHECK(within > 1000);
-  CHECK(changed > beyond / 4);
-  const double psnr = 10 * std::log10(255.0 * 255.0 * 4 * static_cast<double>(beyond) / squares);
-  INFO(psnr << " dB beyond the fovea");
+  CHECK(inside > 1000);
+  CHECK(changed > outside / 4);
+  const double psnr = 10 * std::log10(255.0 * 255.0 * 4 * static_cast<double>(outside) / squares);
+  INFO(psnr << " dB outside the fovea");
   CHECK(psnr > 30);
 }
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A clip in memory, sources of the application's that misbehave, and players of the C interface.
+// A clip in memory, application sources that stall and fail, and helpers for players of the C API.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cstring>
@@ -9,14 +10,14 @@
 #include <thread>
 #include <utility>
 
-#include "late_file.h"
+#include "deferred_source.h"
 #include "sdk_fixture.h"
 
 namespace stgs::testing {
 
 inline constexpr std::uint32_t kClipFrames = 60;  // 2 s
 
-// Several tiers with their harmonics apart, segments of 0.2 s and longer.
+// Several tiers with separate SH layers; segments last 0.2 s or longer.
 inline const std::vector<std::uint8_t>& clip_file() {
   static const std::vector<std::uint8_t> file = [] {
     Scene scene = random_scene(2000, 1, kClipFrames, 3);
@@ -31,7 +32,7 @@ inline const std::vector<std::uint8_t>& clip_file() {
   return file;
 }
 
-// Bytes that are read when a file is opened.
+// The bytes before the first segment, which are read when the file is opened.
 inline std::uint64_t head_bytes_of(const std::vector<std::uint8_t>& file) {
   auto reader = SceneReader::open(memory_source(file));
   REQUIRE(reader.ok());
@@ -76,13 +77,13 @@ inline stgs_player_status update(stgs_player* player, double now) {
   return status;
 }
 
-// An event that keeps its words.
-struct KeptEvent {
+// An event with a copy of its message, which the library keeps valid only until the next event.
+struct OwnedEvent {
   stgs_player_event event;
   std::string message;
 };
-inline std::vector<KeptEvent> take_events(stgs_player* player) {
-  std::vector<KeptEvent> out;
+inline std::vector<OwnedEvent> take_events(stgs_player* player) {
+  std::vector<OwnedEvent> out;
   for (;;) {
     stgs_player_event event{};
     event.struct_size = sizeof event;
@@ -92,7 +93,7 @@ inline std::vector<KeptEvent> take_events(stgs_player* player) {
   }
 }
 
-// Asks until it holds; false after long waiting.
+// Polls until `holds()` returns true; returns false after 60 s.
 inline bool wait_until(const std::function<bool()>& holds) {
   const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(60);
   while (!holds()) {
@@ -101,19 +102,24 @@ inline bool wait_until(const std::function<bool()>& holds) {
   }
   return true;
 }
-// Updates, without time passing, until the status is as it should be.
+inline int count_events(const std::vector<OwnedEvent>& events, stgs_event_kind kind) {
+  return static_cast<int>(std::count_if(events.begin(), events.end(),
+                                        [&](const OwnedEvent& e) { return e.event.kind == kind; }));
+}
+
+// Updates at one fixed time until `holds(status)`; returns false after 60 s.
 inline bool update_until(stgs_player* player, double now,
                          const std::function<bool(const stgs_player_status&)>& holds) {
   return wait_until([&] { return holds(update(player, now)); });
 }
-inline bool settle(stgs_player* player, double now) {
+inline bool wait_until_complete(stgs_player* player, double now) {
   return update_until(player, now, [](const stgs_player_status& s) { return s.is_complete != 0; });
 }
 
-// What a source of the application's does with its reads. Thread-safe.
-class CallerFile {
+// An application source, blocking or asynchronous, with injected stalls and errors. Thread-safe.
+class FaultySource {
  public:
-  explicit CallerFile(const std::vector<std::uint8_t>& bytes) : bytes_(bytes) {}
+  explicit FaultySource(const std::vector<std::uint8_t>& bytes) : bytes_(bytes) {}
 
   stgs_io io() {
     stgs_io io{};
@@ -121,10 +127,10 @@ class CallerFile {
     io.user = this;
     io.size = bytes_.size();
     io.read = [](void* user, std::uint64_t offset, void* out, std::size_t bytes) {
-      return static_cast<CallerFile*>(user)->read(offset, out, bytes);
+      return static_cast<FaultySource*>(user)->read(offset, out, bytes);
     };
-    io.interrupt = [](void* user) { static_cast<CallerFile*>(user)->interrupt(); };
-    io.close = [](void* user) { ++static_cast<CallerFile*>(user)->closed; };
+    io.interrupt = [](void* user) { static_cast<FaultySource*>(user)->interrupt(); };
+    io.close = [](void* user) { ++static_cast<FaultySource*>(user)->closed; };
     return io;
   }
   stgs_async_io async_io() {
@@ -133,20 +139,21 @@ class CallerFile {
     io.user = this;
     io.size = bytes_.size();
     io.begin = [](void* user, stgs_read* read, std::uint64_t offset, void* out, std::size_t bytes) {
-      static_cast<CallerFile*>(user)->begin(read, offset, out, bytes);
+      static_cast<FaultySource*>(user)->begin(read, offset, out, bytes);
     };
-    io.interrupt = [](void* user) { static_cast<CallerFile*>(user)->interrupt(); };
-    io.close = [](void* user) { ++static_cast<CallerFile*>(user)->closed; };
+    io.interrupt = [](void* user) { static_cast<FaultySource*>(user)->interrupt(); };
+    io.close = [](void* user) { ++static_cast<FaultySource*>(user)->closed; };
     return io;
   }
 
-  // Answers the reads that wait, on the thread that calls.
-  void answer(int with_error = 0) { late_.answer(with_error); }
-  std::size_t waiting() { return late_.waiting(); }
+  // Completes the stalled asynchronous reads on the calling thread.
+  void complete(int error_code = 0) { stalled_.complete(error_code); }
+  std::size_t pending() { return stalled_.pending(); }
 
-  // Reads from this number on wait: for interrupt(), or for answer().
+  // The number of the first read that stalls: until interrupt() if blocking, until complete() if
+  // asynchronous.
   std::atomic<int> stall_from{1 << 30};
-  // Of reads that do not wait, at this byte or behind it.
+  // The result of reads that do not stall and begin at or after the byte `error_from`.
   std::atomic<int> error{0};
   std::atomic<std::uint64_t> error_from{0};
   std::atomic<int> reads{0}, closed{0}, interrupted{0};
@@ -164,7 +171,7 @@ class CallerFile {
   int error_at(std::uint64_t offset) const { return offset >= error_from ? error.load() : 0; }
 
   void begin(stgs_read* read, std::uint64_t offset, void* out, std::size_t bytes) {
-    if (reads++ >= stall_from) return late_.begin(read, offset, out, bytes);
+    if (reads++ >= stall_from) return stalled_.begin(read, offset, out, bytes);
     const int failed = error_at(offset);
     if (failed == 0) std::memcpy(out, bytes_.data() + offset, bytes);
     stgs_read_complete(read, failed);
@@ -175,13 +182,13 @@ class CallerFile {
   }
 
   const std::vector<std::uint8_t>& bytes_;
-  LateFile late_{bytes_};
+  DeferredSource stalled_{bytes_};
 };
 
-// The picture of a player's moment.
-inline std::vector<std::uint8_t> draw_moment(stgs_renderer* renderer, stgs_player* player,
-                                             const stgs_view& view) {
-  return draw_rgba8(renderer, stgs_player_scene(player), update(player, 0).seconds, view);
+// Renders the current time of a player.
+inline std::vector<std::uint8_t> render_current(stgs_renderer* renderer, stgs_player* player,
+                                                const stgs_view& view) {
+  return render_rgba8(renderer, stgs_player_scene(player), update(player, 0).seconds, view);
 }
 
 }  // namespace stgs::testing

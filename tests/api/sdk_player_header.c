@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The header needs nothing before it, and may be there twice. */
+/* The header is self-contained and can be included twice. */
 #include "stgs/stgs_player.h"
 
 #include "stgs/stgs_player.h"
 
-stgs_scene* scene_of_player(stgs_player* player);
-stgs_scene* scene_of_player(stgs_player* player) {
+stgs_scene* call_player_from_c(stgs_player* player);
+stgs_scene* call_player_from_c(stgs_player* player) {
   return stgs_player_scene(player);
 }

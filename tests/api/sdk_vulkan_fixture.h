@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// A Vulkan device and images of the application's, and what the C interface draws into them.
+// A Vulkan device and images owned by the application, into which the C API renders.
 #pragma once
 
 #include "vulkan_host.h"
 
-// After volk, which wants to be the first of Vulkan's headers.
+// After volk.h, which must precede other Vulkan headers.
 #include <cmath>
 #include <memory>
 #include <vector>
@@ -14,26 +14,26 @@
 
 namespace stgs::testing {
 
-inline constexpr double kMoment = 0.4;
-inline constexpr auto kReadable = VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL;
+inline constexpr double kTime = 0.4;  // seconds
+inline constexpr auto kFinalLayout = VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL;
 
-// Made once: each takes a while under the validation layer.
+// Created once, because creation is slow under the validation layer.
 inline VulkanHost& host() {
-  static const std::unique_ptr<VulkanHost> made = VulkanHost::make(true);
-  return *made;
+  static const std::unique_ptr<VulkanHost> shared = VulkanHost::make(true);
+  return *shared;
 }
 
-inline stgs_vulkan_device device_of(const VulkanHost& from, bool timeline_semaphores = true) {
+inline stgs_vulkan_device device_of(const VulkanHost& owner, bool timeline_semaphores = true) {
   stgs_vulkan_device device;
   REQUIRE(stgs_vulkan_device_defaults(&device, sizeof device) == STGS_OK);
-  device.instance = from.device().instance;
-  device.api_version = from.device().api_version;
-  device.physical_device = from.device().physical_device;
-  device.device = from.device().device;
-  device.queue = from.device().queue;
-  device.queue_family = from.device().queue_family;
+  device.instance = owner.device().instance;
+  device.api_version = owner.device().api_version;
+  device.physical_device = owner.device().physical_device;
+  device.device = owner.device().device;
+  device.queue = owner.device().queue;
+  device.queue_family = owner.device().queue_family;
   device.timeline_semaphores = timeline_semaphores ? 1 : 0;
-  device.subgroup_size_control = from.controls_subgroup_sizes() ? 1 : 0;
+  device.subgroup_size_control = owner.controls_subgroup_sizes() ? 1 : 0;
   return device;
 }
 
@@ -43,14 +43,14 @@ inline RendererPtr renderer_on(const stgs_vulkan_device& device) {
   return RendererPtr(renderer);
 }
 
-inline stgs_vulkan_target into(const HostImage& colour) {
+inline stgs_vulkan_target target_of(const HostImage& colour) {
   stgs_vulkan_target target;
   REQUIRE(stgs_vulkan_target_defaults(&target, sizeof target) == STGS_OK);
   target.colour.image = colour.image;
   target.colour.format = colour.format;
   target.colour.width = colour.width;
   target.colour.height = colour.height;
-  target.colour.final_layout = kReadable;
+  target.colour.final_layout = kFinalLayout;
   return target;
 }
 
@@ -71,15 +71,15 @@ inline double psnr(const std::vector<std::uint8_t>& a, const std::vector<std::ui
   return -10 * std::log10(squares / (255.0 * 255.0 * static_cast<double>(a.size())) + 1e-20);
 }
 
-// Against what the processor draws, alpha included.
-inline double psnr_of(stgs_scene* scene, double seconds, const stgs_view& view, VulkanHost& from,
-                      const HostImage& image) {
-  return psnr(draw_rgba8(cpu_renderer().get(), scene, seconds, view),
-              from.read(image, kReadable, 4));
+// PSNR in dB of an image, alpha included, against the CPU renderer.
+inline double psnr_against_cpu(stgs_scene* scene, double seconds, const stgs_view& view,
+                               VulkanHost& owner, const HostImage& image) {
+  return psnr(render_rgba8(cpu_renderer().get(), scene, seconds, view),
+              owner.read(image, kFinalLayout, 4));
 }
 
-inline HostImage rgba8_of(VulkanHost& of, const stgs_view& view) {
-  return of.make_image(VK_FORMAT_R8G8B8A8_UNORM, view.width, view.height);
+inline HostImage make_rgba8_image(VulkanHost& owner, const stgs_view& view) {
+  return owner.make_image(VK_FORMAT_R8G8B8A8_UNORM, view.width, view.height);
 }
 
 inline stgs_vulkan_progress progress_of(stgs_renderer* renderer) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A small SOG model for tests: pictures and their description, written as folder or bundle.
+// A small SOG model for tests: images and meta.json, written as a folder or a bundle.
 #pragma once
 
 #include <webp/encode.h>
@@ -15,22 +15,22 @@
 
 namespace stgs::testing {
 
-struct Picture {
+struct RgbaImage {
   int width = 0, height = 0;
   std::vector<std::uint8_t> rgba;
 };
 
-inline std::string encode_webp(const Picture& picture, bool lossless = true) {
+inline std::string encode_webp(const RgbaImage& image, bool lossless = true) {
   WebPConfig config;
   WebPConfigPreset(&config, WEBP_PRESET_DEFAULT, 90);
   config.lossless = lossless ? 1 : 0;
-  config.exact = 1;  // colours count where alpha is 0 too
+  config.exact = 1;  // keep colours where alpha is 0
   WebPPicture work;
   WebPPictureInit(&work);
   work.use_argb = 1;
-  work.width = picture.width;
-  work.height = picture.height;
-  WebPPictureImportRGBA(&work, picture.rgba.data(), 4 * picture.width);
+  work.width = image.width;
+  work.height = image.height;
+  WebPPictureImportRGBA(&work, image.rgba.data(), 4 * image.width);
   WebPMemoryWriter writer;
   WebPMemoryWriterInit(&writer);
   work.writer = WebPMemoryWrite;
@@ -44,15 +44,15 @@ inline std::string encode_webp(const Picture& picture, bool lossless = true) {
   return out;
 }
 
-// What a SOG model is made of; a test changes what it likes before it writes.
+// The content of a SOG model, which tests modify before they write it.
 struct SogModel {
   nlohmann::json meta;
-  std::map<std::string, Picture> pictures;
-  std::map<std::string, std::string> files;  // bytes that replace a picture's
+  std::map<std::string, RgbaImage> images;
+  std::map<std::string, std::string> files;  // raw bytes, which replace the image of that name
 
   std::map<std::string, std::string> all_files() const {
     std::map<std::string, std::string> out;
-    for (const auto& [name, picture] : pictures) out[name] = encode_webp(picture);
+    for (const auto& [name, image] : images) out[name] = encode_webp(image);
     out["meta.json"] = meta.dump();
     for (const auto& [name, bytes] : files) out[name] = bytes;
     return out;
@@ -75,18 +75,18 @@ struct SogModel {
   }
 };
 
-// `count` splats in pictures of `width` pixels, with random bytes wherever any byte is right.
+// `count` splats in images `width` pixels wide, with random bytes wherever every value is valid.
 inline SogModel random_sog(int count, int bands, unsigned seed, int width = 8) {
   std::mt19937 random(seed);
   const int height = (count + width - 1) / width;
   const auto noise = [&](int w, int h, int alpha_from) {
-    Picture picture{w, h, {}};
+    RgbaImage image{w, h, {}};
     for (int i = 0; i < w * h; ++i) {
-      for (int c = 0; c < 3; ++c) picture.rgba.push_back(static_cast<std::uint8_t>(random()));
+      for (int c = 0; c < 3; ++c) image.rgba.push_back(static_cast<std::uint8_t>(random()));
       const int range = 256 - alpha_from;
-      picture.rgba.push_back(static_cast<std::uint8_t>(alpha_from + int(random() % range)));
+      image.rgba.push_back(static_cast<std::uint8_t>(alpha_from + int(random() % range)));
     }
-    return picture;
+    return image;
   };
   const auto codebook = [](double from, double to) {
     std::vector<double> out;
@@ -102,11 +102,11 @@ inline SogModel random_sog(int count, int bands, unsigned seed, int width = 8) {
       {"scales", {{"codebook", codebook(-9, 0.5)}, {"files", {"scales.webp"}}}},
       {"quats", {{"files", {"quats.webp"}}}},
       {"sh0", {{"codebook", codebook(-2, 2)}, {"files", {"sh0.webp"}}}}};
-  model.pictures = {{"l.webp", noise(width, height, 255)},
-                    {"u.webp", noise(width, height, 255)},
-                    {"scales.webp", noise(width, height, 255)},
-                    {"quats.webp", noise(width, height, 252)},
-                    {"sh0.webp", noise(width, height, 0)}};
+  model.images = {{"l.webp", noise(width, height, 255)},
+                  {"u.webp", noise(width, height, 255)},
+                  {"scales.webp", noise(width, height, 255)},
+                  {"quats.webp", noise(width, height, 252)},
+                  {"sh0.webp", noise(width, height, 0)}};
   if (bands > 0) {
     constexpr int kEntries = 70;  // two rows of the palette
     const int coefficients = (bands + 1) * (bands + 1) - 1;
@@ -114,14 +114,14 @@ inline SogModel random_sog(int count, int bands, unsigned seed, int width = 8) {
                          {"bands", bands},
                          {"codebook", codebook(-0.5, 0.5)},
                          {"files", {"centroids.webp", "labels.webp"}}};
-    model.pictures["centroids.webp"] = noise(64 * coefficients, 2, 255);
-    Picture labels = noise(width, height, 255);
+    model.images["centroids.webp"] = noise(64 * coefficients, 2, 255);
+    RgbaImage labels = noise(width, height, 255);
     for (int i = 0; i < width * height; ++i) {
       std::uint8_t& label = labels.rgba[4 * static_cast<std::size_t>(i)];
       label = static_cast<std::uint8_t>(label % kEntries);
       labels.rgba[4 * static_cast<std::size_t>(i) + 1] = 0;
     }
-    model.pictures["labels.webp"] = labels;
+    model.images["labels.webp"] = labels;
   }
   return model;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small .splatv files for tests.
+// Writes small .splatv files.
 #pragma once
 
 #include <array>
@@ -13,18 +13,18 @@
 
 namespace stgs::testing {
 
-// A record before it is packed; time runs from 0 to 1.
+// An unpacked record; time runs from 0 to 1.
 struct SplatvRecord {
   std::array<float, 3> position{};
   std::array<float, 4> rotation{1, 0, 0, 0};
   std::array<float, 3> scale{0.25f, 0.125f, 0.0625f};
   std::array<std::uint8_t, 4> rgba{255, 128, 0, 204};
-  std::array<float, 9> motion{};  // of dt, dt^2, dt^3
-  std::array<float, 4> turning{};
+  std::array<float, 9> motion{};           // position: coefficients of dt, dt^2, dt^3
+  std::array<float, 4> rotation_motion{};  // rotation: coefficients of dt
   float centre = 0.5f, width = 0.25f;
 };
 
-// Of values that binary16 holds, so that tests can be exact.
+// Exact for values that binary16 represents.
 inline std::uint32_t half_bits(float value) {
   const auto bits = std::bit_cast<std::uint32_t>(value);
   const std::uint32_t sign = bits >> 16 & 0x8000;
@@ -51,8 +51,8 @@ inline std::string pack_record(const SplatvRecord& r) {
   for (std::uint8_t v : r.rgba) out.push_back(static_cast<char>(v));
   for (std::size_t i = 0; i < 8; i += 2) halves(r.motion[i], r.motion[i + 1]);
   halves(r.motion[8], 0);
-  halves(r.turning[0], r.turning[1]);
-  halves(r.turning[2], r.turning[3]);
+  halves(r.rotation_motion[0], r.rotation_motion[1]);
+  halves(r.rotation_motion[2], r.rotation_motion[3]);
   halves(r.centre, r.width);
   return out;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stretches of a recording, the same in every process.
+// Fragments of a recording, identical in every process.
 #pragma once
 
 #include "scene_fixture.h"
@@ -9,10 +9,11 @@ namespace stgs::testing {
 
 inline constexpr std::uint32_t kStretchFrames = 10;
 
-// The primitives of stretch i, of frames [10 i, 10 i + 10), from which their times count.
+// The primitives of fragment i, which covers frames [10 i, 10 i + 10); times count from
+// its first frame.
 inline Gaussians4D stretch(std::uint32_t i, std::size_t primitives = 60, int sh_degree = 1) {
   Gaussians4D set = random_scene(primitives, sh_degree, kStretchFrames, 100 + i).gaussians;
-  for (float& o : set.opacity_logit) o = std::abs(o);  // all of them are seen
+  for (float& o : set.opacity_logit) o = std::abs(o);  // all are visible
   return set;
 }
 

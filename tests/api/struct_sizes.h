@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Structs of the C interface as programs with older and with newer headers hand them over.
+// Structs of the C API as passed by programs built with older or newer headers.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <fstream>
@@ -18,14 +19,14 @@
 
 namespace stgs::testing {
 
-// A struct with bytes behind it, in memory that ends with them.
+// A struct in an allocation of another size, at the end of which a memory checker detects overruns.
 template <typename T>
 class Sized {
  public:
-  // Of the first `size` bytes of `value`; what it has beyond, `rest`.
-  Sized(std::size_t size, const T& value, unsigned char rest = 0)
+  // Copies the first `size` bytes of `value`; bytes beyond the struct are set to `fill`.
+  Sized(std::size_t size, const T& value, unsigned char fill = 0)
       : size_(size), bytes_(static_cast<unsigned char*>(::operator new(size))) {
-    std::memset(bytes_.get(), rest, size);
+    std::memset(bytes_.get(), fill, size);
     std::memcpy(bytes_.get(), &value, std::min(size, sizeof value));
     std::memcpy(bytes_.get(), &size, std::min(size, sizeof size));
   }
@@ -41,14 +42,14 @@ class Sized {
   std::unique_ptr<unsigned char[], Free> bytes_;
 };
 
-// A struct that the library reads: `value` is one with which `use` succeeds, also where all beyond
-// its first `least` bytes is left to the defaults.
+// Checks a struct that the library reads. `use` succeeds with `value`, and still succeeds when all
+// but the first `min_size` bytes are left to the defaults.
 template <typename T, typename Use>
-void check_taken(const char* name, const T& value, std::size_t least, Use&& use) {
+void check_input_struct(const char* name, const T& value, std::size_t min_size, Use&& use) {
   for (std::size_t size = 16; size <= sizeof(T) + 64; size += 8) {
     INFO(name << " of " << size << " bytes, not " << sizeof(T));
     const stgs_result result = use(Sized<T>(size, value).get());
-    if (size >= least) {
+    if (size >= min_size) {
       CHECK(result == STGS_OK);
     } else {
       CHECK(result != STGS_ERROR_STRUCT_SIZE);
@@ -66,31 +67,31 @@ void check_taken(const char* name, const T& value, std::size_t least, Use&& use)
   }
 }
 
-// A struct that the library writes.
+// Checks a struct that the library writes.
 template <typename T, typename Use>
-void check_given(const char* name, Use&& use) {
-  T whole{};
-  whole.struct_size = sizeof whole;
-  REQUIRE(use(&whole) == STGS_OK);
+void check_output_struct(const char* name, Use&& use) {
+  T full{};
+  full.struct_size = sizeof full;
+  REQUIRE(use(&full) == STGS_OK);
   for (std::size_t size = 16; size <= sizeof(T) + 64; size += 8) {
     INFO(name << " of " << size << " bytes, not " << sizeof(T));
-    Sized<T> given(size, T{}, 0xA5);
-    REQUIRE(use(given.get()) == STGS_OK);
+    Sized<T> output(size, T{}, 0xA5);
+    REQUIRE(use(output.get()) == STGS_OK);
     const std::size_t known = std::min(size, sizeof(T)), skip = sizeof(std::size_t);
-    CHECK(given.get()->struct_size == size);
-    CHECK(std::memcmp(given.bytes() + skip, reinterpret_cast<const char*>(&whole) + skip,
+    CHECK(output.get()->struct_size == size);
+    CHECK(std::memcmp(output.bytes() + skip, reinterpret_cast<const char*>(&full) + skip,
                       known - skip) == 0);
-    CHECK(std::all_of(given.bytes() + known, given.bytes() + size,
+    CHECK(std::all_of(output.bytes() + known, output.bytes() + size,
                       [](unsigned char byte) { return byte == 0; }));
   }
   for (const std::size_t size : {std::size_t{0}, std::size_t{8}, sizeof(T) - 4, sizeof(T) + 1}) {
     INFO(name << " of " << size << " bytes");
-    whole.struct_size = size;
-    CHECK(use(&whole) == STGS_ERROR_STRUCT_SIZE);
+    full.struct_size = size;
+    CHECK(use(&full) == STGS_ERROR_STRUCT_SIZE);
   }
 }
 
-// The structs of a header that begin with their size.
+// Returns the names of the structs in a header that begin with struct_size.
 inline std::set<std::string> sized_structs(const std::string& header) {
   std::ifstream file(header);
   REQUIRE(file);

@@ -60,7 +60,7 @@ encoder::Camera make_camera(int index, int cameras) {
   camera.cx = 0.5 * kWidth;
   camera.cy = 0.5 * kHeight;
   camera.test = index == 0;
-  // cam00 in the middle, the others on an arc around it.
+  // cam00 is in the middle, the others are on an arc around it.
   const double angle = index == 0 ? 0.0 : 0.3 * (2.0 * (index - 1) / (cameras - 2.0) - 1.0);
   const double c = std::cos(angle), s = std::sin(angle);
   const double rotation[9] = {c, 0, -s, 0, 1, 0, s, 0, c};
@@ -83,13 +83,14 @@ std::vector<std::uint8_t> to_bytes(const Image& image) {
   return bytes;
 }
 
-void write_frames(const encoder::PreparedCapture& capture, const Gaussians4D& truth) {
+void write_frames(const encoder::PreparedCapture& capture, const Gaussians4D& ground_truth) {
   SplatFrame frame;
   RasterOutput output;
   for (const encoder::Camera& camera : capture.cameras) {
     std::filesystem::create_directories(capture.folder + "/frames/" + camera.name);
     for (int f = 0; f < capture.frames; ++f) {
-      render(truth, static_cast<float>(f), camera.pinhole(capture.near_plane), {}, frame, output);
+      render(ground_truth, static_cast<float>(f), camera.pinhole(capture.near_plane), {}, frame,
+             output);
       const std::vector<std::uint8_t> bytes = to_bytes(output.colour);
       if (!stbi_write_png(capture.frame_path(camera, f).c_str(), camera.width, camera.height, 3,
                           bytes.data(), 3 * camera.width)) {
@@ -99,33 +100,35 @@ void write_frames(const encoder::PreparedCapture& capture, const Gaussians4D& tr
   }
 }
 
-// Points near the truth, off by a few centimetres, in grey.
-void write_initial_points(const encoder::PreparedCapture& capture, const Gaussians4D& truth) {
+// Grey points, displaced from the ground truth by at most 0.03 units per axis.
+void write_initial_points(const encoder::PreparedCapture& capture,
+                          const Gaussians4D& ground_truth) {
   std::mt19937 random(11);
-  std::vector<encoder::InitialPoint> fixed, moving;
+  std::vector<encoder::InitialPoint> static_points, dynamic_points;
   for (int i = 0; i < kStatic + kDynamic; ++i) {
     encoder::InitialPoint point{};
     point.frame = -1;
     std::fill_n(point.colour, 3, std::uint8_t{128});
     for (int c = 0; c < 3; ++c)
-      point.position[c] = truth.position[3 * i + c] + uniform(random, -0.03f, 0.03f);
+      point.position[c] = ground_truth.position[3 * i + c] + uniform(random, -0.03f, 0.03f);
     if (i < kStatic) {
-      fixed.push_back(point);
+      static_points.push_back(point);
       continue;
     }
     const encoder::InitialPoint middle = point;
     for (int f = 0; f < capture.frames; ++f) {
       point.frame = f;
       for (int c = 0; c < 3; ++c) {
-        point.velocity[c] = truth.velocity[3 * i + c];
+        point.velocity[c] = ground_truth.velocity[3 * i + c];
         point.position[c] =
-            middle.position[c] + point.velocity[c] * (static_cast<float>(f) - truth.time[i]);
+            middle.position[c] + point.velocity[c] * (static_cast<float>(f) - ground_truth.time[i]);
       }
-      moving.push_back(point);
+      dynamic_points.push_back(point);
     }
   }
-  const bool ok = encoder::write_points(capture.folder + "/points_static.ply", fixed).ok() &&
-                  encoder::write_points(capture.folder + "/points_dynamic.ply", moving).ok();
+  const bool ok =
+      encoder::write_points(capture.folder + "/points_static.ply", static_points).ok() &&
+      encoder::write_points(capture.folder + "/points_dynamic.ply", dynamic_points).ok();
   if (!ok) throw std::runtime_error("cannot write the test points");
 }
 
@@ -140,9 +143,9 @@ SyntheticCapture::SyntheticCapture(int cameras, int frames) {
   capture.extent = 0.8f;
   capture.scene_centre[2] = 2.5;
   capture.scene_radius = 1.5;
-  truth = make_scene(frames);
-  write_frames(capture, truth);
-  write_initial_points(capture, truth);
+  ground_truth = make_scene(frames);
+  write_frames(capture, ground_truth);
+  write_initial_points(capture, ground_truth);
   if (!encoder::write_prepared_capture(capture).ok()) {
     throw std::runtime_error("cannot write capture.json");
   }
@@ -152,21 +155,21 @@ double held_out_psnr(const SyntheticCapture& synthetic, const Scene& scene) {
   const encoder::PreparedCapture& capture = synthetic.capture;
   const encoder::Camera& camera = capture.cameras.front();
   SplatFrame frame;
-  RasterOutput shown, truth;
+  RasterOutput rendered, ground_truth;
   RasterSettings settings;
   const float* background = scene.metadata.background;
   settings.background = {background[0], background[1], background[2]};
   double sum = 0;
   for (int f = 0; f < capture.frames; ++f) {
     const math::PinholeCamera pinhole = camera.pinhole(capture.near_plane);
-    render(scene.gaussians, static_cast<float>(f), pinhole, settings, frame, shown);
-    render(synthetic.truth, static_cast<float>(f), pinhole, {}, frame, truth);
+    render(scene.gaussians, static_cast<float>(f), pinhole, settings, frame, rendered);
+    render(synthetic.ground_truth, static_cast<float>(f), pinhole, {}, frame, ground_truth);
     double squares = 0;
-    for (std::size_t i = 0; i < truth.colour.data.size(); ++i) {
-      const double d = truth.colour.data[i] - shown.colour.data[i];
+    for (std::size_t i = 0; i < ground_truth.colour.data.size(); ++i) {
+      const double d = ground_truth.colour.data[i] - rendered.colour.data[i];
       squares += d * d;
     }
-    sum += -10.0 * std::log10(squares / static_cast<double>(truth.colour.data.size()));
+    sum += -10.0 * std::log10(squares / static_cast<double>(ground_truth.colour.data.size()));
   }
   return sum / capture.frames;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A small prepared capture with known content, made in a temporary folder: textured blobs on a
-// wall and one blob that crosses in front of it.
+// A small prepared capture with known content in a temporary folder: textured blobs on a wall, and
+// one blob that crosses in front of it.
 #pragma once
 
 #include "stgs/encoder/prepared_capture.h"
@@ -16,10 +16,10 @@ struct SyntheticCapture {
 
   testing::TemporaryFolder folder;
   encoder::PreparedCapture capture;
-  Gaussians4D truth;  // what the frames show
+  Gaussians4D ground_truth;  // the primitives that the frames show
 };
 
-// PSNR in dB of a scene against the frames of the held-out camera, mean over frames.
+// PSNR in dB of a scene against the ground truth as the held-out camera sees it, mean over frames.
 double held_out_psnr(const SyntheticCapture& synthetic, const Scene& scene);
 
 }  // namespace stgs::test

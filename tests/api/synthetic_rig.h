@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A small scene with a known truth, drawn by casting rays: a textured wall and floor, and a
-// textured ball that moves at constant velocity. Units are metres, OpenCV axes (y down).
+// A small ray-cast scene with known geometry: a textured wall and floor, and a textured ball that
+// moves at constant velocity. Units are metres, axes are OpenCV's (y down).
 #pragma once
 
 #include <algorithm>
@@ -20,13 +20,14 @@ class SyntheticRig {
   static constexpr double kBallRadius = 0.35, kWallDepth = 3.6, kFloorHeight = 0.9;
 
   int frames = 5;
-  cv::Vec3d start{-0.25, 0.2, 2.2}, velocity{0.09, -0.02, 0.0};  // of the ball, a frame
+  cv::Vec3d start{-0.25, 0.2, 2.2};      // centre of the ball in frame 0
+  cv::Vec3d velocity{0.09, -0.02, 0.0};  // of the ball, per frame
   bool ball = true;
 
   cv::Vec3d centre_at(int frame) const { return start + double(frame) * velocity; }
 
-  // Writes the frames of `cameras` cameras on an arc into `folder`; the middle one is held out
-  // where there header too large three.
+  // Writes the frames of `cameras` cameras on an arc into `folder`. The middle one is held out if
+  // there are more than three.
   PreparedCapture write(const std::string& folder, int cameras) const {
     std::filesystem::remove_all(folder);
     PreparedCapture capture;
@@ -38,16 +39,16 @@ class SyntheticRig {
     for (const Camera& c : capture.cameras) {
       std::filesystem::create_directories(folder + "/frames/" + c.name);
       for (int f = 0; f < frames; ++f) {
-        (void)init::write_png(capture.frame_path(c, f), draw(c, f, nullptr));
+        (void)init::write_png(capture.frame_path(c, f), render(c, f, nullptr));
       }
     }
     return capture;
   }
 
-  // The picture, and where the ball is in it (8-bit, 255).
-  cv::Mat draw(const Camera& c, int frame, cv::Mat* mask) const {
+  // Renders a frame. `mask` (8-bit, may be null) is 255 where the ball is visible.
+  cv::Mat render(const Camera& c, int frame, cv::Mat* mask) const {
     const init::View view = init::make_view(c, c.width);
-    cv::Mat picture(c.height, c.width, CV_8UC3);
+    cv::Mat image(c.height, c.width, CV_8UC3);
     if (mask) *mask = cv::Mat(c.height, c.width, CV_8U, cv::Scalar(0));
     for (int y = 0; y < c.height; ++y) {
       for (int x = 0; x < c.width; ++x) {
@@ -57,11 +58,11 @@ class SyntheticRig {
           const cv::Vec3d ray = view.ray(x + 0.25 + 0.5 * (s & 1), y + 0.25 + 0.5 * (s >> 1));
           sum += 0.25 * shade(view.centre, ray, frame, &hit);
         }
-        for (int k = 0; k < 3; ++k) picture.at<cv::Vec3b>(y, x)[k] = std::uint8_t(sum[k]);
+        for (int k = 0; k < 3; ++k) image.at<cv::Vec3b>(y, x)[k] = std::uint8_t(sum[k]);
         if (mask && hit) mask->at<std::uint8_t>(y, x) = 255;
       }
     }
-    return picture;
+    return image;
   }
 
   // Distance of a point from the nearest static surface.
@@ -93,7 +94,7 @@ class SyntheticRig {
     return camera;
   }
 
-  // Smooth noise in [0, 1] over a lattice.
+  // Lattice noise in [0, 1].
   static double noise(const cv::Vec3d& p, std::uint32_t salt) {
     const cv::Vec3d base(std::floor(p[0]), std::floor(p[1]), std::floor(p[2]));
     double sum = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A folder of a test's own, removed with it. Tests run side by side, those of one program too: none
-// has a fixed name in the temporary folder.
+// A temporary folder with a unique name. Test programs, and cases of one program, run in parallel,
+// so tests never use a fixed name in the system's temporary folder.
 #pragma once
 
 #include <stdlib.h>
@@ -12,8 +12,9 @@
 
 namespace stgs::testing {
 
+// Created by the constructor, removed with its contents by the destructor.
 struct TemporaryFolder {
-  // Throws where none can be made.
+  // Throws std::system_error if the folder cannot be created.
   TemporaryFolder() : path((std::filesystem::temp_directory_path() / "stgs_test_XXXXXX").string()) {
     if (::mkdtemp(path.data()) == nullptr)
       throw std::system_error(errno, std::generic_category(), path);

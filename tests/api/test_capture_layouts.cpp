@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Each layout gives back the cameras that it was written from.
+// Every capture layout is read back with the cameras that it was written with.
 #include "capture_fixture.h"
 
 #include "catch.h"
@@ -9,7 +9,7 @@ namespace {
 
 constexpr int kCameras = 5;
 
-TEST_CASE("n3dv: LLFF's poses become world-to-camera, the first camera is held out") {
+TEST_CASE("n3dv: LLFF poses become world-to-camera matrices, and the first camera is held out") {
   const TemporaryFolder folder;
   write_n3dv(folder.path, 3, 2);
   const auto capture = load(folder.path);
@@ -17,12 +17,12 @@ TEST_CASE("n3dv: LLFF's poses become world-to-camera, the first camera is held o
   CHECK(capture->layout == Layout::kN3dv);
   REQUIRE(capture->cameras.size() == 3);
   for (int i = 0; i < 3; ++i) {
-    Camera truth = known_camera(i, 3, fmt::format("cam{:02}", i));
-    truth.fy = truth.fx;
-    truth.cx = 0.5 * kWidth;
-    truth.cy = 0.5 * kHeight;
-    CHECK(capture->cameras[i].name == truth.name);
-    CHECK(difference(capture->cameras[i], truth) < 1e-9);
+    Camera expected = known_camera(i, 3, fmt::format("cam{:02}", i));
+    expected.fy = expected.fx;
+    expected.cx = 0.5 * kWidth;
+    expected.cy = 0.5 * kHeight;
+    CHECK(capture->cameras[i].name == expected.name);
+    CHECK(difference(capture->cameras[i], expected) < 1e-9);
     CHECK(capture->cameras[i].test == (i == 0));
   }
 }
@@ -43,10 +43,10 @@ void write_panoptic(const TemporaryFolder& folder, const std::string& name, int 
       w2c += fmt::format("{}{}", next, json_list(m));
       fn += fmt::format("{}\"{}/{:06}.jpg\"", next, i, f);
       id += fmt::format("{}{}", next, i);
-      write_picture(fmt::format("{}/ims/{}/{:06}.jpg", folder.path, i, f), picture(i, f));
+      write_image(fmt::format("{}/ims/{}/{:06}.jpg", folder.path, i, f), test_image(i, f));
       cv::Mat mask = cv::Mat::zeros(kHeight, kWidth, CV_8UC1);
-      mask.colRange(0, kWidth / 2).setTo(1);  // 0 and 1, as some tools write them
-      if (i != 0) write_picture(fmt::format("{}/seg/{}/{:06}.png", folder.path, i, f), mask);
+      mask.colRange(0, kWidth / 2).setTo(1);  // values 0 and 1, as some tools write
+      if (i != 0) write_image(fmt::format("{}/seg/{}/{:06}.png", folder.path, i, f), mask);
     }
     k += "]", w2c += "]", fn += "]", id += "]";
   }
@@ -55,7 +55,7 @@ void write_panoptic(const TemporaryFolder& folder, const std::string& name, int 
                                         kWidth, kHeight, k, w2c, fn, id));
 }
 
-TEST_CASE("panoptic: cameras, split, masks") {
+TEST_CASE("panoptic: cameras, the train/test split and masks are read") {
   const TemporaryFolder folder;
   write_panoptic(folder, "train_meta.json", 1, kCameras, -1);
   write_panoptic(folder, "test_meta.json", 0, 1, -1);
@@ -88,10 +88,10 @@ TEST_CASE("panoptic: cameras, split, masks") {
   CHECK_FALSE(fs::exists(prepared.mask_path(prepared.cameras[0], 0)));
 }
 
-TEST_CASE("panoptic: a moving camera is refused by name and frame") {
+TEST_CASE("panoptic: a moving camera is rejected, naming camera and frame") {
   const TemporaryFolder folder;
   write_panoptic(folder, "train_meta.json", 1, kCameras, 3);
-  CHECK(says(load(folder.path).status(), {"train_meta.json", "camera '3'", "frame 1"}));
+  CHECK(fails_with(load(folder.path).status(), {"train_meta.json", "camera '3'", "frame 1"}));
 }
 
 std::string yaml_matrix(const std::string& name, int rows, int columns,
@@ -114,14 +114,14 @@ void write_easyvolcap(const TemporaryFolder& folder, bool videos) {
     if (videos) {
       write_video(folder / fmt::format("videos/{}.mp4", name), i, 2);
     } else {
-      write_pictures(folder / ("images/" + name), i, 2, "jpg");
+      write_images(folder / ("images/" + name), i, 2, "jpg");
     }
   }
   write_text(folder / "intri.yml", intri);
   write_text(folder / "extri.yml", extri);
 }
 
-TEST_CASE("easyvolcap: OpenCV's integer centres gain half a pixel, the middle camera is held out") {
+TEST_CASE("easyvolcap: principal points shift by half a pixel, and the middle camera is held out") {
   const bool videos = GENERATE(false, true);
   const TemporaryFolder folder;
   write_easyvolcap(folder, videos);
@@ -139,19 +139,19 @@ TEST_CASE("easyvolcap: OpenCV's integer centres gain half a pixel, the middle ca
   CHECK(log_lines().back().find("'02'") != std::string::npos);
 }
 
-TEST_CASE("easyvolcap: damaged and missing entries are named") {
+TEST_CASE("easyvolcap: errors name damaged and missing entries") {
   const TemporaryFolder folder;
   write_easyvolcap(folder, false);
   fs::remove_all(folder / "images/03");
-  CHECK(says(load(folder.path).status(), {"camera '03'", "images/03"}));
+  CHECK(fails_with(load(folder.path).status(), {"camera '03'", "images/03"}));
   write_text(folder / "extri.yml", "%YAML:1.0\n---\nT_00: 5\n");
-  CHECK(says(load(folder.path).status(), {"extri.yml", "camera '00'", "Rot_00"}));
+  CHECK(fails_with(load(folder.path).status(), {"extri.yml", "camera '00'", "Rot_00"}));
   write_text(folder / "intri.yml", "%YAML:1.0\n---\nnames: [ \"00\"\nK_00: !!opencv-matrix");
-  CHECK(says(load(folder.path).status(), {"intri.yml"}));
+  CHECK(fails_with(load(folder.path).status(), {"intri.yml"}));
 }
 
 cv::Vec4d quaternion(const Camera& c) {
-  const double* r = c.rotation;  // the tests' cameras stay clear of w = 0
+  const double* r = c.rotation;  // w is never near 0 for known_camera()
   const double w = 0.5 * std::sqrt(1 + r[0] + r[4] + r[8]);
   return {w, (r[7] - r[5]) / (4 * w), (r[2] - r[6]) / (4 * w), (r[3] - r[1]) / (4 * w)};
 }
@@ -168,14 +168,14 @@ void write_colmap_text(const TemporaryFolder& folder) {
     images += fmt::format("{} {:.12f} {:.12f} {:.12f} {:.12f} {:.12f} {:.12f} {:.12f} {} {}\n\n",
                           i + 1, q[0], q[1], q[2], q[3], c.translation[0], c.translation[1],
                           c.translation[2], i + 1, fmt::format("cam{}/000000.png", i));
-    write_pictures(folder / fmt::format("images/cam{}", i), i, 2);
+    write_images(folder / fmt::format("images/cam{}", i), i, 2);
   }
   write_text(folder / "sparse/0/cameras.txt", cameras);
   write_text(folder / "sparse/0/images.txt", images);
   write_text(folder / "sparse/0/points3D.txt", "1 0.5 -1 2 10 20 30 0.4 1 2 3 4\n");
 }
 
-TEST_CASE("colmap: text models of every lens") {
+TEST_CASE("colmap: text models with every lens model are read") {
   const TemporaryFolder folder;
   write_colmap_text(folder);
   const auto capture = load(folder.path);
@@ -226,7 +226,7 @@ void write_colmap_binary(const TemporaryFolder& folder) {
   write_video(folder / "videos/left.mp4", 0, 2);
 }
 
-TEST_CASE("colmap: the model's points are among the initial ones") {
+TEST_CASE("colmap: the initial points include the model's points") {
   const TemporaryFolder folder;
   write_colmap_text(folder);
   write_text(folder / "sparse/0/points3D.txt", "1 0.25 0.125 -0.25 1 254 3 0.4 1 2 3 4\n");
@@ -240,35 +240,35 @@ TEST_CASE("colmap: the model's points are among the initial ones") {
         }) == 1);
 }
 
-TEST_CASE("colmap: binary models, a video a camera") {
+TEST_CASE("colmap: a binary model with one video per camera is read") {
   const TemporaryFolder folder;
   write_colmap_binary(folder);
   const auto capture = load(folder.path);
   REQUIRE(capture.ok());
   REQUIRE(capture->cameras.size() == 1);
-  Camera truth = known_camera(0, kCameras, "");
-  truth.fy = truth.fx;
+  Camera expected = known_camera(0, kCameras, "");
+  expected.fy = expected.fx;
   CHECK(capture->cameras[0].name == "left");
-  CHECK(difference(capture->cameras[0], truth) < 1e-9);
+  CHECK(difference(capture->cameras[0], expected) < 1e-9);
   CHECK(capture->cameras[0].distortion == std::vector<double>{0.05, 0, 0, 0});
   CHECK(capture->points.size() == 1);
 }
 
-TEST_CASE("colmap: a binary model cut anywhere is refused, with the file's name") {
+TEST_CASE("colmap: a binary model truncated at any byte is rejected, naming the file") {
   const std::string file = GENERATE("cameras.bin", "images.bin", "points3D.bin");
   const TemporaryFolder folder;
   write_colmap_binary(folder);
   const std::string path = folder / ("sparse/" + file);
   while (fs::file_size(path) > 0) {
     shorten(path, 1);
-    REQUIRE(says(load(folder.path).status(), {file, "truncated"}));
+    REQUIRE(fails_with(load(folder.path).status(), {file, "truncated"}));
   }
 }
 
-TEST_CASE("nerfstudio: OpenGL poses, pictures grouped by pose and ordered by time") {
+TEST_CASE("nerfstudio: OpenGL poses are converted, images are grouped by pose and sorted by time") {
   const TemporaryFolder folder;
   std::string frames;
-  for (int f = 1; f >= 0; --f) {  // out of order on purpose
+  for (int f = 1; f >= 0; --f) {  // written in reverse order of time
     for (int i = 0; i < kCameras; ++i) {
       const Camera c = known_camera(i, kCameras, "");
       const cv::Vec3d o = centre_of(c.rotation, c.translation);
@@ -279,7 +279,7 @@ TEST_CASE("nerfstudio: OpenGL poses, pictures grouped by pose and ordered by tim
           "{}{{\"file_path\":\"shots/{}_{}.png\",\"time\":{},\"fl_x\":{},\"fl_y\":{},"
           "\"transform_matrix\":{}}}",
           frames.empty() ? "" : ",", 9 - f, i, f * 0.5, c.fx, c.fy, matrix);
-      write_picture(folder / fmt::format("shots/{}_{}.png", 9 - f, i), picture(i, f));
+      write_image(folder / fmt::format("shots/{}_{}.png", 9 - f, i), test_image(i, f));
     }
   }
   const std::string head = fmt::format(
@@ -299,7 +299,7 @@ TEST_CASE("nerfstudio: OpenGL poses, pictures grouped by pose and ordered by tim
   }
 }
 
-TEST_CASE("videos: cameras.json in each of its forms") {
+TEST_CASE("videos: every form of cameras.json is read") {
   const int form = GENERATE(0, 1, 2);
   const TemporaryFolder folder;
   std::string list;
@@ -328,33 +328,33 @@ TEST_CASE("videos: cameras.json in each of its forms") {
   }
 }
 
-TEST_CASE("videos: cameras that COLMAP cannot place are named") {
+TEST_CASE("videos: the error names the cameras that COLMAP cannot register") {
   const TemporaryFolder folder;
   for (int i = 0; i < 2; ++i) write_video(folder / fmt::format("plain{}.mp4", i), i, 1);
   const Status status = load(folder.path).status();
   if (status.code() == StatusCode::kNotBuilt) {
-    CHECK(says(status, {"colmap", "not installed"}));  // on machines without it
+    CHECK(fails_with(status, {"colmap", "not installed"}));  // on machines without it
     return;
   }
-  CHECK(says(status, {folder.path, "'plain0', 'plain1'", "cameras.json"}));
+  CHECK(fails_with(status, {folder.path, "'plain0', 'plain1'", "cameras.json"}));
 }
 
-TEST_CASE("an unknown folder: the error lists what was looked for") {
+TEST_CASE("the error for an unknown layout lists the files of every layout") {
   const TemporaryFolder folder;
   const Status status = load(folder.path).status();
   CHECK(status.code() == StatusCode::kUsage);
-  CHECK(says(status, {"poses_bounds.npy", "train_meta.json", "intri.yml", "transforms.json",
-                      "sparse/0", "cameras.json"}));
+  CHECK(fails_with(status, {"poses_bounds.npy", "train_meta.json", "intri.yml", "transforms.json",
+                            "sparse/0", "cameras.json"}));
 }
 
-TEST_CASE("layouts have names") {
+TEST_CASE("layout names convert in both directions") {
   for (const char* name :
        {"auto", "n3dv", "panoptic", "easyvolcap", "colmap", "nerfstudio", "videos"}) {
     const auto layout = layout_from_name(name);
     REQUIRE(layout.ok());
     CHECK(layout_name(*layout) == std::string(name));
   }
-  CHECK(says(layout_from_name("n3d").status(), {"n3d", "n3dv"}));
+  CHECK(fails_with(layout_from_name("n3d").status(), {"n3d", "n3dv"}));
 }
 
 }  // namespace

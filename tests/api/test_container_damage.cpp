@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a reader and the validator say of damaged files.
+// How the reader and the validator report damaged files.
 #include <algorithm>
 #include <set>
 
@@ -9,7 +9,7 @@
 using namespace stgs;
 using namespace stgs::testing;
 
-TEST_CASE("a sound file has no issues") {
+TEST_CASE("an undamaged file has no issues") {
   CHECK(issues_of(small_file(Profile::kLossless)).empty());
   CHECK(issues_of(small_file(Profile::kQuantised)).empty());
   CHECK(issues_of(small_file(Profile::kQuantised, 3000)).empty());
@@ -17,7 +17,7 @@ TEST_CASE("a sound file has no issues") {
   CHECK(issues_of(small_file(Profile::kQuantised, 3000, true)).empty());
 }
 
-TEST_CASE("what is there of a truncated file can be read") {
+TEST_CASE("the complete segments of a truncated file can be read") {
   Scene scene = random_scene(40, 1, 30, 21);
   scene.importance.assign(scene.gaussians.size(), 0.5f);
   for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {
@@ -26,18 +26,18 @@ TEST_CASE("what is there of a truncated file can be read") {
     settings.chunk_seconds = 0.2;
     const auto encoded = encode_scene(scene, settings);
     REQUIRE(encoded.ok());
-    const Bytes whole = without_copy(*encoded);
-    const auto sound = SceneReader::open(memory_source(whole));
-    REQUIRE(sound.ok());
-    REQUIRE((*sound)->segments().size() > 3);
-    CHECK((*sound)->damage().empty());
+    const Bytes original = without_copy(*encoded);
+    const auto intact = SceneReader::open(memory_source(original));
+    REQUIRE(intact.ok());
+    REQUIRE((*intact)->segments().size() > 3);
+    CHECK((*intact)->damage().empty());
     std::vector<FloatArray> positions;
-    for (std::uint32_t i = 0; i < (*sound)->segments().size(); ++i) {
-      positions.push_back((*sound)->decode(i)->position);
+    for (std::uint32_t i = 0; i < (*intact)->segments().size(); ++i) {
+      positions.push_back((*intact)->decode(i)->position);
     }
-    const std::size_t body = body_at(whole);
-    for (std::size_t size = body; size < whole.size(); ++size) {
-      const Bytes cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+    const std::size_t body = body_at(original);
+    for (std::size_t size = body; size < original.size(); ++size) {
+      const Bytes cut(original.begin(), original.begin() + static_cast<std::ptrdiff_t>(size));
       const auto reader = SceneReader::open(memory_source(cut));
       REQUIRE(reader.ok());
       const auto& segments = (*reader)->segments();
@@ -45,37 +45,40 @@ TEST_CASE("what is there of a truncated file can be read") {
       double complete = 30;
       for (std::uint32_t i = 0; i < segments.size(); ++i) {
         const SegmentInfo& s = segments[i];
-        const bool there = s.offset + s.bytes <= size;
-        const bool all = there && s.sh_offset + s.sh_bytes <= size;
+        const bool available = s.offset + s.bytes <= size;
+        const bool all = available && s.sh_offset + s.sh_bytes <= size;
         if (!all) complete = std::min(complete, s.begin_ticks);
         const auto set = (*reader)->decode(i);
-        if (s.available != there || (s.available && s.sh_available) != all || set.ok() != all) {
+        if (s.available != available || (s.available && s.sh_available) != all || set.ok() != all) {
           FAIL(size << " bytes, segment " << i);
         }
         if (!all && set.status().message().find("issue 106") == std::string::npos) {
           FAIL(set.status().message());
         }
-        Status lost;
-        const auto left = (*reader)->decode_intact(i, lost);
-        if (left.ok() != there || (there && lost.ok() != all)) FAIL(size << " bytes: sound " << i);
-        if (there && left->position != positions[i]) FAIL("other positions at " << size);
+        Status damage;
+        const auto recovered = (*reader)->decode_intact(i, damage);
+        if (recovered.ok() != available || (available && damage.ok() != all))
+          FAIL(size << " bytes: decode_intact of segment " << i);
+        if (available && recovered->position != positions[i])
+          FAIL(size << " bytes: positions differ in segment " << i);
       }
       if ((*reader)->damage().size() != 1 || (*reader)->damage()[0].number != 106 ||
-          (*reader)->missing_bytes() != whole.size() - size ||
+          (*reader)->missing_bytes() != original.size() - size ||
           (*reader)->complete_ticks() != complete) {
-        FAIL(size << " bytes: says otherwise");
+        FAIL(size << " bytes: wrong damage report");
       }
-      if (numbers_of(issues_of(cut)) != std::set<int>{106}) FAIL(size << " bytes: other issues");
-      if (read_all(cut).code() != StatusCode::kInvalidFile) FAIL(size << " bytes: read as whole");
+      if (numbers_of(issues_of(cut)) != std::set<int>{106}) FAIL(size << " bytes: wrong issues");
+      if (read_all(cut).code() != StatusCode::kInvalidFile)
+        FAIL(size << " bytes: read without an error");
     }
   }
 }
 
-TEST_CASE("a file cut anywhere is an error") {
+TEST_CASE("a file truncated at any byte is an error") {
   for (Profile profile : {Profile::kLossless, Profile::kQuantised}) {
-    const Bytes whole = small_file(profile);
-    for (std::size_t size = 0; size < whole.size(); ++size) {
-      const Bytes cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+    const Bytes original = small_file(profile);
+    for (std::size_t size = 0; size < original.size(); ++size) {
+      const Bytes cut(original.begin(), original.begin() + static_cast<std::ptrdiff_t>(size));
       const Status status = read_all(cut);
       const auto issues = issues_of(cut);
       if (status.code() != StatusCode::kInvalidFile || issues.empty()) {
@@ -85,7 +88,7 @@ TEST_CASE("a file cut anywhere is an error") {
   }
 }
 
-TEST_CASE("a file with extra bytes after the end of the file is read, and told") {
+TEST_CASE("a file with trailing bytes is read, and the bytes are reported") {
   Bytes bytes = small_file(Profile::kLossless);
   bytes.push_back(0);
   CHECK(read_all(bytes).ok());
@@ -95,13 +98,13 @@ TEST_CASE("a file with extra bytes after the end of the file is read, and told")
   CHECK(numbers_of(issues_of(bytes)) == std::set<int>{106});
 }
 
-TEST_CASE("every changed byte is found, reading and validating") {
+TEST_CASE("the reader and the validator detect every changed byte") {
   const Bytes files[] = {small_file(Profile::kLossless, 12), small_file(Profile::kQuantised, 12),
                          small_file(Profile::kQuantised, 6, true)};
-  for (const Bytes& whole : files) {
-    for (std::size_t at = 0; at < whole.size(); ++at) {
+  for (const Bytes& original : files) {
+    for (std::size_t at = 0; at < original.size(); ++at) {
       for (int flip : {0x01, 0x10, 0x80, 0xFF}) {
-        Bytes damaged = whole;
+        Bytes damaged = original;
         damaged[at] = static_cast<std::uint8_t>(damaged[at] ^ flip);
         const Status status = read_all(damaged);
         if (status.ok() || issues_of(damaged).empty()) {
@@ -112,11 +115,11 @@ TEST_CASE("every changed byte is found, reading and validating") {
   }
 }
 
-TEST_CASE("damage stays within its segment") {
+TEST_CASE("damage is confined to its segment") {
   Bytes bytes = small_file(Profile::kQuantised, 2000);
-  const auto sound = SceneReader::open(memory_source(bytes));
-  REQUIRE(sound.ok());
-  const auto segments = (*sound)->segments();
+  const auto intact = SceneReader::open(memory_source(bytes));
+  REQUIRE(intact.ok());
+  const auto segments = (*intact)->segments();
   REQUIRE(segments.size() > 3);
   const std::size_t at = segments[1].offset + segments[1].bytes / 2;
   bytes[at] ^= 0x40;
@@ -134,29 +137,29 @@ TEST_CASE("damage stays within its segment") {
   }
 }
 
-TEST_CASE("damage to harmonics leaves the primitives without them") {
+TEST_CASE("damaged SH leave the primitives without SH") {
   Bytes bytes = small_file(Profile::kQuantised, 2000);
-  const auto sound = SceneReader::open(memory_source(bytes));
-  REQUIRE(sound.ok());
-  const SegmentInfo segment = (*sound)->segments()[0];
+  const auto intact = SceneReader::open(memory_source(bytes));
+  REQUIRE(intact.ok());
+  const SegmentInfo segment = (*intact)->segments()[0];
   REQUIRE(segment.sh_bytes > 0);
   bytes[segment.sh_offset + segment.sh_bytes / 2] ^= 0x40;
   const auto reader = SceneReader::open(memory_source(bytes, "x.stgs"));
   REQUIRE(reader.ok());
   CHECK((*reader)->decode(0).status().code() == StatusCode::kInvalidFile);
-  Status lost;
-  const auto set = (*reader)->decode_intact(0, lost);
+  Status damage;
+  const auto set = (*reader)->decode_intact(0, damage);
   REQUIRE(set.ok());
-  CHECK(lost.message().find("issue 112") != std::string::npos);
-  const auto plain = (*sound)->decode(0, false);
+  CHECK(damage.message().find("issue 112") != std::string::npos);
+  const auto plain = (*intact)->decode(0, false);
   CHECK(set->sh == plain->sh);
   CHECK(set->position == plain->position);
-  REQUIRE((*reader)->decode_intact(1, lost).ok());
-  CHECK(lost.ok());
+  REQUIRE((*reader)->decode_intact(1, damage).ok());
+  CHECK(damage.ok());
   CHECK(numbers_of(issues_of(bytes)).count(112) == 1);
 }
 
-TEST_CASE("the validator goes on after the first finding") {
+TEST_CASE("the validator continues after the first finding") {
   Bytes bytes = small_file(Profile::kQuantised, 2000);
   const auto segments = (*SceneReader::open(memory_source(bytes)))->segments();
   REQUIRE(segments.size() > 4);
@@ -168,18 +171,18 @@ TEST_CASE("the validator goes on after the first finding") {
   CHECK(damaged == 3);
 }
 
-TEST_CASE("random bytes and random changes with right checksums never crash a reader") {
+TEST_CASE("random changes under valid checksums never crash the reader") {
   std::mt19937 random(77);
-  const Bytes whole = small_file(Profile::kQuantised, 60);
-  const auto segments = (*SceneReader::open(memory_source(whole)))->segments();
+  const Bytes original = small_file(Profile::kQuantised, 60);
+  const auto segments = (*SceneReader::open(memory_source(original)))->segments();
   ReadLimits limits;
   limits.max_memory = 1 << 24;
   for (int trial = 0; trial < 3000; ++trial) {
-    Bytes bytes = whole;
+    Bytes bytes = original;
     const std::size_t s = random() % segments.size();
     const bool layouts = trial % 3 == 0;
-    const std::size_t record = layouts ? layouts_at(whole) : segments[s].offset;
-    const auto payload = get<std::uint64_t>(whole, record + 8);
+    const std::size_t record = layouts ? layouts_at(original) : segments[s].offset;
+    const auto payload = get<std::uint64_t>(original, record + 8);
     for (int change = 0; change < 3; ++change) {
       bytes[record + kRecord + random() % payload] = static_cast<std::uint8_t>(random());
     }

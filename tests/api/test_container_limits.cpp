@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What hostile files may cost a reader.
+// Bounds on the memory that malicious files make a reader allocate.
 #include <sys/resource.h>
 
 #include <algorithm>
@@ -16,7 +16,7 @@ using namespace stgs::testing;
 
 namespace {
 
-// One primitive of degree 0: nine streams, all stored.
+// One primitive of SH degree 0: nine streams, all stored.
 Bytes one_primitive() {
   auto scene = random_scene(1, 0, 30, 21);
   scene.gaussians.opacity_logit[0] = 3.0f;
@@ -26,9 +26,9 @@ Bytes one_primitive() {
 }
 
 constexpr std::size_t kStreams = 9, kSizes = 22, kFirstStream = kSizes + 8 * kStreams;
-constexpr std::size_t kRows = 7, kRow = 16;  // of a layout that has no tables
+constexpr std::size_t kRows = 7, kRow = 16;  // in a layout without tables
 
-// Replaces the bytes of stream `attribute` of that file, and all sizes around them.
+// Replaces the bytes of stream `attribute` in the file of one_primitive(), and all affected sizes.
 void replace_stream(Bytes& bytes, std::size_t attribute, const Bytes& stored) {
   FileHead head = head_of(bytes);
   const std::size_t at = body_at(bytes), sizes = at + kRecord + kSizes;
@@ -45,8 +45,8 @@ void replace_stream(Bytes& bytes, std::size_t attribute, const Bytes& stored) {
   bytes = with_index(bytes, head);
 }
 
-// Makes a file of one record claim so many primitives, in the index and in the record.
-void claim(Bytes& bytes, std::uint32_t primitives) {
+// Makes a file of one segment state this many primitives, in the index and in the record.
+void state_count(Bytes& bytes, std::uint32_t primitives) {
   FileHead head = head_of(bytes);
   REQUIRE(head.index.segments.size() == 1);
   head.index.primitives = head.index.segments[0].base.primitives = primitives;
@@ -56,13 +56,13 @@ void claim(Bytes& bytes, std::uint32_t primitives) {
   seal_record(bytes, at);
 }
 
-// A zstd frame of one raw block that states `size` bytes of content.
+// A zstd frame of one raw block whose header states `size` bytes of content.
 Bytes zstd_frame(std::uint32_t size, const Bytes& content) {
   Bytes out(12 + content.size());
   put<std::uint32_t>(out, 0, 0xFD2FB528);
-  put<std::uint8_t>(out, 4, 0xA0);  // one segment, size in four bytes
+  put<std::uint8_t>(out, 4, 0xA0);  // single segment, content size in four bytes
   put<std::uint32_t>(out, 5, size);
-  const auto block = static_cast<std::uint32_t>(content.size() << 3 | 1);  // raw, the last
+  const auto block = static_cast<std::uint32_t>(content.size() << 3 | 1);  // raw, last block
   for (std::size_t i = 0; i < 3; ++i) out[9 + i] = static_cast<std::uint8_t>(block >> (8 * i));
   std::copy(content.begin(), content.end(), out.begin() + 12);
   return out;
@@ -74,27 +74,27 @@ long peak_kib() {
   return usage.ru_maxrss;
 }
 
-// Counts what is taken on the heap.
-class Counting final : public std::pmr::memory_resource {
+// Records the peak of allocated bytes.
+class CountingResource final : public std::pmr::memory_resource {
  public:
-  std::uint64_t most = 0;
+  std::uint64_t peak = 0;
 
  private:
   void* do_allocate(std::size_t bytes, std::size_t alignment) override {
-    held_ += bytes;
-    most = std::max(most, held_);
+    allocated_ += bytes;
+    peak = std::max(peak, allocated_);
     return std::pmr::new_delete_resource()->allocate(bytes, alignment);
   }
   void do_deallocate(void* memory, std::size_t bytes, std::size_t alignment) override {
-    held_ -= bytes;
+    allocated_ -= bytes;
     std::pmr::new_delete_resource()->deallocate(memory, bytes, alignment);
   }
   bool do_is_equal(const memory_resource& other) const noexcept override { return this == &other; }
-  std::uint64_t held_ = 0;
+  std::uint64_t allocated_ = 0;
 };
 
-// A file of one segment, which states so many primitives; its record is not there, or is zeros.
-Bytes stated(std::uint32_t primitives, bool there) {
+// A file of one segment that states this many primitives. Its record is zeros or missing.
+Bytes file_stating(std::uint32_t primitives, bool has_record) {
   FileHead head;
   head.index.chunk_ticks = 1;
   head.index.primitives = primitives;
@@ -106,30 +106,30 @@ Bytes stated(std::uint32_t primitives, bool there) {
   Bytes file = file_of({write_record(kMetadataTag, write_metadata(metadata)),
                         write_record(kIndexTag, write_index(head.index, head.parts))},
                        Bytes(bytes));
-  if (!there) file.resize(file.size() - bytes);
+  if (!has_record) file.resize(file.size() - bytes);
   return file;
 }
 
 }  // namespace
 
-TEST_CASE("a zstd stream is one frame") {
-  const Bytes whole = one_primitive();
-  const Bytes content(whole.end() - 12, whole.end());  // sh0, the last stream
-  Bytes bytes = whole;
+TEST_CASE("a zstd stream of more than one frame is rejected") {
+  const Bytes original = one_primitive();
+  const Bytes content(original.end() - 12, original.end());  // sh0, the last stream
+  Bytes bytes = original;
   replace_stream(bytes, 8, zstd_frame(12, content));
   CHECK(issues_of(bytes).empty());
   Bytes frames = zstd_frame(12, content);
   const Bytes empty = zstd_frame(0, {});
   frames.insert(frames.end(), empty.begin(), empty.end());
-  bytes = whole;
+  bytes = original;
   replace_stream(bytes, 8, frames);
   CHECK(numbers_of(issues_of(bytes)) == std::set<int>{405});
   CHECK(read_all(bytes).code() == StatusCode::kInvalidFile);
 }
 
-TEST_CASE("a segment's memory is not allocated before its streams can fill it") {
-  constexpr std::uint32_t kClaim = 3'000'000;  // 240 MB of floats
-  const Bytes filler(kClaim / 16);             // so many primitives need as many bytes
+TEST_CASE("a segment's memory is allocated only after its streams can fill it") {
+  constexpr std::uint32_t kStated = 3'000'000;  // 240 MB of floats
+  const Bytes filler(kStated / 16);  // the least number of bytes for this many primitives
   const auto check = [](const Bytes& bytes) {
     const auto reader = SceneReader::open(memory_source(bytes, "x.stgs"));
     REQUIRE(reader.ok());
@@ -139,20 +139,20 @@ TEST_CASE("a segment's memory is not allocated before its streams can fill it") 
     CHECK(numbers_of(issues_of(bytes)) == std::set<int>{405});
     CHECK(peak_kib() - before < 64 * 1024);
   };
-  for (bool lying_frames : {false, true}) {
+  for (bool false_frames : {false, true}) {
     Bytes bytes = one_primitive();
-    for (std::size_t i = 0; lying_frames && i < kStreams; ++i) {
+    for (std::size_t i = 0; false_frames && i < kStreams; ++i) {
       const std::size_t row = layouts_at(bytes) + kRecord + kRows + kRow * i;
       const auto planes = get<std::uint8_t>(bytes, row + 2) * get<std::uint8_t>(bytes, row + 8);
       replace_stream(bytes, i,
-                     zstd_frame(kClaim * static_cast<std::uint32_t>(planes),
+                     zstd_frame(kStated * static_cast<std::uint32_t>(planes),
                                 i == 0 ? filler : Bytes{1, 2, 3}));
     }
-    if (!lying_frames) replace_stream(bytes, 0, filler);
-    claim(bytes, kClaim);
+    if (!false_frames) replace_stream(bytes, 0, filler);
+    state_count(bytes, kStated);
     check(bytes);
   }
-  // Planes of one symbol take no bits, but each block of 2048 primitives has its lanes' states.
+  // Planes of one symbol take no bits, but every block of 2048 primitives stores its lane states.
   Scene scene = random_scene(1, 0, 30, 21);
   scene.gaussians.opacity_logit[0] = 3.0f;
   const std::vector<std::uint32_t> copies(10000, 0);
@@ -166,13 +166,13 @@ TEST_CASE("a segment's memory is not allocated before its streams can fill it") 
   Bytes constant = without_copy(*encoded);
   CHECK(constant.size() < 2500);
   const auto record = static_cast<std::uint32_t>(constant.size() - body_at(constant));
-  claim(constant, 16 * record);
+  state_count(constant, 16 * record);
   check(constant);
-  claim(constant, 16 * record + 1);
+  state_count(constant, 16 * record + 1);
   CHECK(numbers_of(issues_of(constant)) == std::set<int>{305});
 }
 
-TEST_CASE("primitives that are all alike keep the bytes that their number needs") {
+TEST_CASE("a segment of identical primitives has at least the bytes that its count requires") {
   Scene scene = random_scene(1, 0, 30, 21);
   scene.gaussians.opacity_logit[0] = 3.0f;
   scene.gaussians = scene.gaussians.gather(std::vector<std::uint32_t>(200'000, 0));
@@ -189,7 +189,7 @@ TEST_CASE("primitives that are all alike keep the bytes that their number needs"
   }
 }
 
-TEST_CASE("all that decoding a segment takes counts") {
+TEST_CASE("the memory limit covers everything that decoding a segment allocates") {
   for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {
     for (const bool own_layouts : {false, true}) {
       const Bytes bytes = small_file(profile, 40, own_layouts);
@@ -217,19 +217,19 @@ TEST_CASE("all that decoding a segment takes counts") {
   }
 }
 
-TEST_CASE("memory is taken for what has been decoded, not for what an index says") {
-  Counting heap;
+TEST_CASE("memory is allocated for decoded primitives, not for the count in the index") {
+  CountingResource heap;
   std::pmr::memory_resource* const before = std::pmr::set_default_resource(&heap);
-  for (const bool there : {false, true}) {
-    DamageReport losses;
-    const auto scene = recover_scene(memory_source(stated(1'000'000, there)), losses);
+  for (const bool has_record : {false, true}) {
+    DamageReport report;
+    const auto scene = recover_scene(memory_source(file_stating(1'000'000, has_record)), report);
     CHECK(scene.status().code() == StatusCode::kInvalidFile);
   }
   std::pmr::set_default_resource(before);
-  CHECK(heap.most < 10'000);
+  CHECK(heap.peak < 10'000);
 }
 
-TEST_CASE("the entries of an index and the rows of layouts count as memory") {
+TEST_CASE("index entries and layout rows count towards the memory limit") {
   const auto opening = [](const Bytes& bytes, std::uint64_t limit) {
     ReadLimits limits;
     limits.max_memory = limit;
@@ -237,7 +237,7 @@ TEST_CASE("the entries of an index and the rows of layouts count as memory") {
   };
   FileHead head;
   head.index.chunk_ticks = 1;
-  constexpr std::uint32_t kParts = 600;  // and as many segments
+  constexpr std::uint32_t kParts = 600;  // one segment each
   head.index.primitives = kParts;
   for (std::uint32_t i = 0; i < kParts; ++i) {
     head.parts.push_back({0, 30, 0});
@@ -248,13 +248,13 @@ TEST_CASE("the entries of an index and the rows of layouts count as memory") {
   const Bytes meta = write_record(kMetadataTag, write_metadata(metadata));
   const Bytes index = write_record(kIndexTag, write_index(head.index, head.parts));
   const Bytes many = file_of({meta, index}, Bytes(kParts * kRecordHeaderBytes));
-  constexpr std::uint64_t kNeed = (2 * kParts - 1024) * 512;
-  CHECK(opening(many, kNeed).ok());
-  const Status refused = opening(many, kNeed - 1);
-  CHECK(refused.code() == StatusCode::kUnsupported);
-  CHECK(refused.message().find("issue 308") != std::string::npos);
+  constexpr std::uint64_t kNeeded = (2 * kParts - 1024) * 512;
+  CHECK(opening(many, kNeeded).ok());
+  const Status rejected = opening(many, kNeeded - 1);
+  CHECK(rejected.code() == StatusCode::kUnsupported);
+  CHECK(rejected.message().find("issue 308") != std::string::npos);
 
-  // 10 layouts of 255 rows of an attribute that nobody knows.
+  // 10 layouts of 255 rows of an unknown attribute.
   ByteWriter rows;
   rows.u16(0);
   rows.u16(10);

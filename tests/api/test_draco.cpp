@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The profile draco: the quantised one, its positions coded by Draco (spec 7.2.1).
+// The draco profile: the quantised profile with positions coded by Draco (spec 7.2.1).
 #include <algorithm>
 #include <random>
 
@@ -15,7 +15,7 @@ using Bytes = std::vector<std::uint8_t>;
 
 namespace {
 
-// Planes of these keys, which are sorted.
+// The byte planes of these keys, sorted.
 Bytes planes_of(std::vector<std::uint64_t> keys) {
   std::sort(keys.begin(), keys.end());
   Bytes planes;
@@ -29,7 +29,7 @@ Bytes planes_of(std::vector<std::uint64_t> keys) {
   return planes;
 }
 
-// Three points, of which two are one, as Draco 1.5.5 codes them at its slowest.
+// Three points, two of them equal.
 const std::vector<std::uint64_t> kThreeKeys = {morton_key(1, 2, 3), morton_key(0x1FFFFF, 0, 5),
                                                morton_key(1, 2, 3)};
 
@@ -46,7 +46,7 @@ Result<Scene> decoded(const Scene& scene, const WriteSettings& settings,
 
 }  // namespace
 
-TEST_CASE("without libdraco the profile draco is refused by name") {
+TEST_CASE("without libdraco the draco profile is rejected, naming the package") {
   if (check_draco().ok()) return;
   WriteSettings settings;
   settings.profile = Profile::kDraco;
@@ -57,7 +57,7 @@ TEST_CASE("without libdraco the profile draco is refused by name") {
   CHECK(check_profile(Profile::kQuantised).ok());
 }
 
-TEST_CASE("a file of profile draco opens everywhere and decodes where libdraco is") {
+TEST_CASE("a file of the draco profile opens everywhere and decodes if libdraco is built in") {
   const std::string path = STGS_TEST_DATA "/draco/draco.stgs";
   const auto reader = SceneReader::open(path);
   INFO(reader.status().message());
@@ -74,20 +74,21 @@ TEST_CASE("a file of profile draco opens everywhere and decodes where libdraco i
   }
   INFO(read.status().message());
   REQUIRE(read.ok());
-  const auto coded = (*reader)->read(0, true);  // for a decoder elsewhere: Draco's part is done
+  // For an external decoder, read() has already decoded Draco's part.
+  const auto coded = (*reader)->read(0, true);
   REQUIRE(coded.ok());
   for (const CodedPlane& plane : coded->records.front().streams.front().planes) {
     CHECK(plane.source == CodedPlane::Source::kStored);
   }
-  const auto ours = read_scene(STGS_TEST_DATA "/draco/quantised.stgs");
-  REQUIRE(ours.ok());
-  CHECK(fingerprints(read->gaussians) == fingerprints(ours->gaussians));
+  const auto quantised = read_scene(STGS_TEST_DATA "/draco/quantised.stgs");
+  REQUIRE(quantised.ok());
+  CHECK(fingerprints(read->gaussians) == fingerprints(quantised->gaussians));
 }
 
-TEST_CASE("the profile draco decodes to the bits of the quantised one, in the same order") {
+TEST_CASE("the draco profile decodes to the bits of the quantised profile, in the same order") {
   if (!check_draco().ok()) return;
   Scene scene = random_scene(3000, 2, 60, 5);
-  for (std::size_t i = 0; i < 600; ++i) scene.gaussians.position[i] = 0.25f;  // points that are one
+  for (std::size_t i = 0; i < 600; ++i) scene.gaussians.position[i] = 0.25f;  // coincident points
   for (const std::size_t n :
        {std::size_t{1}, std::size_t{2}, std::size_t{70}, scene.gaussians.size()}) {
     Scene part = scene;
@@ -112,7 +113,7 @@ TEST_CASE("the profile draco decodes to the bits of the quantised one, in the sa
   }
 }
 
-TEST_CASE("the coder gives back points of all sizes at all speeds, and what it wrote long ago") {
+TEST_CASE("point sets of all sizes and bit depths round-trip at every speed") {
   if (!check_draco().ok()) return;
   std::mt19937_64 random(3);
   for (const int bits : {0, 1, 9, 21}) {
@@ -131,7 +132,7 @@ TEST_CASE("the coder gives back points of all sizes at all speeds, and what it w
   }
 }
 
-TEST_CASE("Draco's bytes are looked at before Draco sees them") {
+TEST_CASE("draco_fits() rejects wrong headers before Draco parses them") {
   if (!check_draco().ok()) return;
   const Bytes planes = planes_of(kThreeKeys), stored = draco_encode(planes, 3);
   REQUIRE(draco_fits(stored, 3));
@@ -141,16 +142,16 @@ TEST_CASE("Draco's bytes are looked at before Draco sees them") {
   CHECK_FALSE(draco_fits({}, 0));
   for (std::size_t at = 0; at < 31; ++at) {
     Bytes bytes = stored;
-    bytes[at] ^= 0x80;  // another name, type, count, level or number of bits
+    bytes[at] ^= 0x80;  // magic, type, count, level or bit depth
     INFO("byte " << at);
     CHECK_FALSE(draco_fits(bytes, 3));
   }
-  Bytes many = stored;  // that both counts agree on does not make them the record's
+  Bytes many = stored;  // both counts agree, but not with the record
   many[14] = many[30] = 0x20;
   CHECK_FALSE(draco_fits(many, 3));
 }
 
-TEST_CASE("damaged Draco bytes are refused or give points, never more") {
+TEST_CASE("damaged Draco bytes are rejected or decode to points in range") {
   if (!check_draco().ok()) return;
   const Bytes planes = planes_of(kThreeKeys), stored = draco_encode(planes, 3);
   Bytes back(planes.size());
@@ -166,14 +167,14 @@ TEST_CASE("damaged Draco bytes are refused or give points, never more") {
       Bytes bytes = stored;
       bytes[at] = static_cast<std::uint8_t>(bytes[at] ^ 1u << bit);
       if (draco_decode(bytes, 3, back) != nullptr) continue;
-      for (std::size_t p : {2, 5, 8}) {  // the highest digits, of 21 bits
+      for (std::size_t p : {2, 5, 8}) {  // the most significant digits of 21 bits
         for (std::size_t i = 0; i < 3; ++i) CHECK(back[3 * p + i] < 0x20);
       }
     }
   }
 }
 
-TEST_CASE("Draco codes positions alone, as they are") {
+TEST_CASE("the Draco coder accepts only unpredicted positions") {
   StreamRow row;
   row.attribute = static_cast<std::uint16_t>(Attribute::kPosition);
   row.components = 3;
@@ -183,9 +184,9 @@ TEST_CASE("Draco codes positions alone, as they are") {
   row.digit_bits = {8, 8, 8};
   const auto accepted = [](const StreamRow& r) {
     Findings findings;
-    const bool good = check_row(r, 0, findings);
-    if (!good) CHECK(findings.take().front().number == 404);
-    return good;
+    const bool valid = check_row(r, 0, findings);
+    if (!valid) CHECK(findings.take().front().number == 404);
+    return valid;
   };
   CHECK(accepted(row));
   const auto changed = [&row](const auto& change) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A bit that flips anywhere in a file is found, and what it does not touch still plays.
+// A flipped bit anywhere in a file is detected, and the undamaged segments still decode.
 #include "catch.h"
 #include "copy_fixture.h"
 #include "recording_fixture.h"
@@ -10,7 +10,7 @@ using Bytes = std::vector<std::uint8_t>;
 
 namespace {
 
-// Several segments and tiers, harmonics apart where the profile has them, importances.
+// Several segments and tiers, SH in separate records if the profile has them, importances.
 Bytes small_file(Profile profile) {
   Scene scene = testing::random_scene(24, 1, 30, 21);
   if (profile == Profile::kLossless) scene.importance.assign(24, 1.0f);
@@ -23,15 +23,15 @@ Bytes small_file(Profile profile) {
   return std::move(*bytes);
 }
 
-// What a player gets of each segment, "" for nothing: with its harmonics, and without.
-struct Played {
-  std::vector<std::vector<std::string>> whole, base;
+// The decoded primitives of each segment, with and without SH; empty if it is damaged.
+struct Decoded {
+  std::vector<std::vector<std::string>> with_sh, base;
 };
-Played play(const SceneReader& reader) {
-  Played out;
+Decoded decode_all(const SceneReader& reader) {
+  Decoded out;
   for (std::uint32_t s = 0; s < reader.segments().size(); ++s) {
-    const auto whole = reader.decode(s), base = reader.decode(s, false);
-    out.whole.push_back(whole.ok() ? fingerprints(*whole) : std::vector<std::string>{});
+    const auto with_sh = reader.decode(s), base = reader.decode(s, false);
+    out.with_sh.push_back(with_sh.ok() ? fingerprints(*with_sh) : std::vector<std::string>{});
     out.base.push_back(base.ok() ? fingerprints(*base) : std::vector<std::string>{});
   }
   return out;
@@ -42,19 +42,19 @@ bool within(std::uint64_t at, std::uint64_t begin, std::uint64_t bytes) {
 }
 
 void flip_each_byte(Profile profile) {
-  const Bytes sound = small_file(profile);
-  const auto sound_reader = SceneReader::open(memory_source(sound));
-  REQUIRE(sound_reader.ok());
-  const std::vector<SegmentInfo> segments = (*sound_reader)->segments();
+  const Bytes intact = small_file(profile);
+  const auto intact_reader = SceneReader::open(memory_source(intact));
+  REQUIRE(intact_reader.ok());
+  const std::vector<SegmentInfo> segments = (*intact_reader)->segments();
   REQUIRE(segments.size() > 3);
-  const Played expected = play(**sound_reader);
-  std::uint64_t body = sound.size();
+  const Decoded expected = decode_all(**intact_reader);
+  std::uint64_t body = intact.size();
   for (const SegmentInfo& segment : segments) body = std::min(body, segment.offset);
-  const std::size_t copy = stgs::testing::copy_at(sound);
-  const bool has_importance = !(*sound_reader)->importance()->empty();
-  REQUIRE(copy < sound.size());
-  for (std::size_t at = 0; at < sound.size(); ++at) {
-    Bytes bytes = sound;
+  const std::size_t copy = stgs::testing::copy_at(intact);
+  const bool has_importance = !(*intact_reader)->importance()->empty();
+  REQUIRE(copy < intact.size());
+  for (std::size_t at = 0; at < intact.size(); ++at) {
+    Bytes bytes = intact;
     bytes[at] = static_cast<std::uint8_t>(bytes[at] ^ 1u << (5 * at + at / 8) % 8);
     INFO("byte " << at << " of " << bytes.size());
     const auto issues = validate_scene(*memory_source(bytes, "x.stgs"));
@@ -63,57 +63,57 @@ void flip_each_byte(Profile profile) {
     const auto reader = SceneReader::open(memory_source(bytes, "x.stgs"));
     REQUIRE(reader.ok());
     REQUIRE((*reader)->damage().empty() == (at >= body));
-    const bool nothing_lost = at < body || at >= copy;
-    // Where no importances come before, a record whose header is damaged may have them.
-    const bool told = nothing_lost && (has_importance || !within(at, copy, 32));
-    REQUIRE(read_scene(memory_source(bytes, "x.stgs")).ok() == told);
-    const Played played = play(**reader);
-    if (nothing_lost) {
-      REQUIRE(played.whole == expected.whole);
-      if (told) REQUIRE(*(*reader)->importance() == *(*sound_reader)->importance());
+    const bool is_repairable = at < body || at >= copy;
+    // Without earlier importances, a record with a damaged header could be the one that has them.
+    const bool is_readable = is_repairable && (has_importance || !within(at, copy, 32));
+    REQUIRE(read_scene(memory_source(bytes, "x.stgs")).ok() == is_readable);
+    const Decoded decoded = decode_all(**reader);
+    if (is_repairable) {
+      REQUIRE(decoded.with_sh == expected.with_sh);
+      if (is_readable) REQUIRE(*(*reader)->importance() == *(*intact_reader)->importance());
       continue;
     }
-    bool in_a_segment = false;
+    bool in_segment = false;
     for (std::size_t s = 0; s < segments.size(); ++s) {
       const SegmentInfo& segment = segments[s];
       const bool base = within(at, segment.offset, segment.bytes);
-      const bool harmonics = within(at, segment.sh_offset, segment.sh_bytes);
-      in_a_segment = in_a_segment || base || harmonics;
-      REQUIRE(played.base[s] == (base ? std::vector<std::string>{} : expected.base[s]));
-      REQUIRE(played.whole[s] ==
-              (base || harmonics ? std::vector<std::string>{} : expected.whole[s]));
+      const bool sh = within(at, segment.sh_offset, segment.sh_bytes);
+      in_segment = in_segment || base || sh;
+      REQUIRE(decoded.base[s] == (base ? std::vector<std::string>{} : expected.base[s]));
+      REQUIRE(decoded.with_sh[s] ==
+              (base || sh ? std::vector<std::string>{} : expected.with_sh[s]));
     }
-    REQUIRE(in_a_segment == (*reader)->importance().ok());
+    REQUIRE(in_segment == (*reader)->importance().ok());
   }
 }
 
 }  // namespace
 
-TEST_CASE("a flipped bit before a recording's first stretch is found, and all of it plays") {
+TEST_CASE("a flipped bit in a recording's head is detected, and every fragment decodes") {
   const std::pair<std::uint32_t, bool> kinds[] = {{1, false}, {5, false}, {5, true}};
-  for (const auto& [stretches, close] : kinds) {
+  for (const auto& [count, close] : kinds) {
     const testing::TemporaryFolder folder;
     const std::string path = folder / "live.stgs";
-    const auto sizes = testing::record(path, stretches, close);
-    const Bytes sound = testing::bytes_of(path);
-    const auto sound_reader = SceneReader::open(memory_source(sound));
-    REQUIRE(sound_reader.ok());
-    const Played expected = play(**sound_reader);
-    REQUIRE((*sound_reader)->segments().size() >= stretches);
+    const auto sizes = testing::record(path, count, close);
+    const Bytes intact = testing::bytes_of(path);
+    const auto intact_reader = SceneReader::open(memory_source(intact));
+    REQUIRE(intact_reader.ok());
+    const Decoded expected = decode_all(**intact_reader);
+    REQUIRE((*intact_reader)->segments().size() >= count);
     for (std::size_t at = 0; at < sizes.front(); ++at) {
-      Bytes bytes = sound;
+      Bytes bytes = intact;
       bytes[at] = static_cast<std::uint8_t>(bytes[at] ^ 1u << (5 * at + at / 8) % 8);
       INFO("byte " << at << " of " << sizes.front());
       REQUIRE_FALSE(testing::issues_of(bytes).empty());
       const auto reader = SceneReader::open(memory_source(bytes));
       REQUIRE(reader.ok());
-      REQUIRE((*reader)->form() == (*sound_reader)->form());
-      REQUIRE(play(**reader).whole == expected.whole);
+      REQUIRE((*reader)->form() == (*intact_reader)->form());
+      REQUIRE(decode_all(**reader).with_sh == expected.with_sh);
     }
   }
 }
 
-TEST_CASE("a flipped bit is found wherever it is, and the other segments play on") {
+TEST_CASE("a flipped bit is detected at any offset, and the other segments decode") {
   flip_each_byte(Profile::kLossless);
   flip_each_byte(Profile::kQuantised);
   if (check_profile(Profile::kDraco).ok()) flip_each_byte(Profile::kDraco);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the index tells, and what a reader refuses of it (spec 5).
+// The index of a file, and the indices that a reader rejects (spec 5).
 #include <algorithm>
 #include <cmath>
 #include <random>
@@ -41,7 +41,7 @@ std::set<int> issues_of(const Bytes& bytes, const ReadLimits& limits = {}) {
   return numbers;
 }
 
-// The first finding where the head of a sound file is changed.
+// The first issue after `change` has modified the head of an intact file.
 template <typename Change>
 int first_issue(const Bytes& bytes, const Change& change) {
   FileHead head = head_of(bytes);
@@ -57,7 +57,7 @@ int first_issue(const Bytes& bytes, const Change& change) {
   return issues->front().number;
 }
 
-// The payload of an index of one part, from its first segment on.
+// The payload of an index of one part; `numbers` are the fields of its segments.
 Bytes index_of(const std::vector<std::uint64_t>& numbers, std::uint64_t primitives,
                std::uint64_t segments, std::uint64_t skip = 0) {
   ByteWriter out;
@@ -73,7 +73,7 @@ Bytes index_of(const std::vector<std::uint64_t>& numbers, std::uint64_t primitiv
   return out.take();
 }
 
-// A body of so many records that no reader looks into, of `payload` bytes each.
+// A body of `records` records of `payload` bytes each, which opening does not read.
 Bytes filler(std::size_t records, std::size_t payload) {
   return Bytes(records * (kRecordHeaderBytes + payload));
 }
@@ -86,7 +86,7 @@ Bytes file_with_index(const Bytes& payload, const Bytes& body) {
       body);
 }
 
-int opening(const Bytes& payload, const Bytes& body) {
+int open_issue(const Bytes& payload, const Bytes& body) {
   const auto reader = SceneReader::open(memory_source(file_with_index(payload, body)));
   if (reader.ok()) return 0;
   const std::string& message = reader.status().message();
@@ -95,7 +95,7 @@ int opening(const Bytes& payload, const Bytes& body) {
 
 }  // namespace
 
-TEST_CASE("an index comes back as it was written, in a few bytes a record") {
+TEST_CASE("an index round-trips and takes a few bytes per record") {
   for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {
     const Bytes bytes = small_file(profile, 4000);
     const FileHead head = head_of(bytes);
@@ -104,7 +104,7 @@ TEST_CASE("an index comes back as it was written, in a few bytes a record") {
     std::vector<SegmentEntry> segments = head.index.segments;
     const std::size_t records = records_of(segments).size();
     CHECK(index.size() < 100 + 7 * records);
-    // Without gaps from the head on.
+    // The records follow the head without gaps.
     std::uint64_t at = head.header.head_bytes;
     for (const IndexEntry* record : records_of(segments)) {
       CHECK(record->offset == at);
@@ -114,69 +114,70 @@ TEST_CASE("an index comes back as it was written, in a few bytes a record") {
   }
 }
 
-TEST_CASE("the index's claims are checked before anything is allocated") {
-  const Bytes whole = small_file();
+TEST_CASE("the reader rejects an index that contradicts the file before allocating memory") {
+  const Bytes original = small_file();
   const auto base = [](FileHead& head) -> IndexEntry& { return head.index.segments[0].base; };
-  CHECK(first_issue(whole, [](FileHead& h) { h.index.chunk_ticks = 0.0; }) == 301);
-  CHECK(first_issue(whole, [](FileHead& h) { h.index.chunk_ticks = INFINITY; }) == 301);
-  CHECK(first_issue(whole, [](FileHead& h) { ++h.index.primitives; }) == 306);
-  CHECK(first_issue(whole, [&](FileHead& h) { base(h).bytes = 1ull << 62; }) == 304);
-  CHECK(first_issue(whole, [&](FileHead& h) { base(h).bytes = ~0ull; }) == 304);
-  CHECK(first_issue(whole, [&](FileHead& h) { base(h).primitives = 0; }) == 305);
-  CHECK(first_issue(whole, [&](FileHead& h) { base(h).primitives = ~0u; }) == 305);
-  FileHead sound = head_of(whole);
-  const auto most = static_cast<std::uint32_t>(16 * base(sound).bytes);
-  CHECK(first_issue(whole, [&](FileHead& h) { base(h).primitives = most; }) == 306);
-  CHECK(first_issue(whole, [&](FileHead& h) { base(h).primitives = most + 1; }) == 305);
-  CHECK(first_issue(whole, [](FileHead& h) { h.index.segments.back().base.slot = 1000; }) == 302);
-  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].skip = 1; }) == 304);
-  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].skip = ~0ull; }) == 304);
-  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].end = kFrames + 0x1p-21; }) == 311);
-  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].end = 0x1p33; }) == 311);
-  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].cut = {-1, 10}; }) == 311);
-  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].cut = {10, 10}; }) == 311);
-  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].cut = {0, kFrames + 1}; }) == 311);
-  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].begin = NAN; }) == 311);
-  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].chunk_ticks = 0x1p33; }) == 301);
-  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].chunk_ticks = 0x1p-21; }) == 301);
-  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].begin = kFrames; }) == 311);
-  CHECK(first_issue(whole, [](FileHead& h) { h.parts[0].begin = kFrames - 0.5; }) == 302);
-  CHECK(first_issue(whole, [](FileHead& h) {
+  CHECK(first_issue(original, [](FileHead& h) { h.index.chunk_ticks = 0.0; }) == 301);
+  CHECK(first_issue(original, [](FileHead& h) { h.index.chunk_ticks = INFINITY; }) == 301);
+  CHECK(first_issue(original, [](FileHead& h) { ++h.index.primitives; }) == 306);
+  CHECK(first_issue(original, [&](FileHead& h) { base(h).bytes = 1ull << 62; }) == 304);
+  CHECK(first_issue(original, [&](FileHead& h) { base(h).bytes = ~0ull; }) == 304);
+  CHECK(first_issue(original, [&](FileHead& h) { base(h).primitives = 0; }) == 305);
+  CHECK(first_issue(original, [&](FileHead& h) { base(h).primitives = ~0u; }) == 305);
+  FileHead intact = head_of(original);
+  const auto limit = static_cast<std::uint32_t>(16 * base(intact).bytes);
+  CHECK(first_issue(original, [&](FileHead& h) { base(h).primitives = limit; }) == 306);
+  CHECK(first_issue(original, [&](FileHead& h) { base(h).primitives = limit + 1; }) == 305);
+  CHECK(first_issue(original, [](FileHead& h) { h.index.segments.back().base.slot = 1000; }) ==
+        302);
+  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].skip = 1; }) == 304);
+  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].skip = ~0ull; }) == 304);
+  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].end = kFrames + 0x1p-21; }) == 311);
+  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].end = 0x1p33; }) == 311);
+  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].cut = {-1, 10}; }) == 311);
+  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].cut = {10, 10}; }) == 311);
+  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].cut = {0, kFrames + 1}; }) == 311);
+  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].begin = NAN; }) == 311);
+  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].chunk_ticks = 0x1p33; }) == 301);
+  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].chunk_ticks = 0x1p-21; }) == 301);
+  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].begin = kFrames; }) == 311);
+  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].begin = kFrames - 0.5; }) == 302);
+  CHECK(first_issue(original, [](FileHead& h) {
           std::swap(h.index.segments[1].base.level, h.index.segments.back().base.level);
           std::swap(h.index.segments[1].base.slot, h.index.segments.back().base.slot);
         }) == 303);
   ReadLimits limits;
   limits.max_primitives = 39;
-  CHECK(issues_of(whole, limits) == std::set<int>{307});
+  CHECK(issues_of(original, limits) == std::set<int>{307});
   limits = {};
   limits.max_memory = 2000;
-  CHECK(issues_of(whole, limits) == std::set<int>{308});
+  CHECK(issues_of(original, limits) == std::set<int>{308});
 }
 
-TEST_CASE("counts that no payload could hold are refused") {
+TEST_CASE("counts that exceed the payload are rejected") {
   const std::uint64_t huge = ~0ull;
-  CHECK(opening(index_of({}, 0, huge), {}) == 300);
-  CHECK(opening(index_of({0, huge}, 0, 1), {}) == 300);     // tiers
-  CHECK(opening(index_of({0, 4 * 257}, 0, 1), {}) == 300);  // one tier too many
-  CHECK(opening(index_of({0, 4 * 256}, 0, 1), {}) == 300);  // cut off
-  CHECK(opening(index_of({0, 6, 5, 10, huge}, 5, 1), filler(1, 10)) == 300);
+  CHECK(open_issue(index_of({}, 0, huge), {}) == 300);
+  CHECK(open_issue(index_of({0, huge}, 0, 1), {}) == 300);     // tiers
+  CHECK(open_issue(index_of({0, 4 * 257}, 0, 1), {}) == 300);  // one tier more than allowed
+  CHECK(open_issue(index_of({0, 4 * 256}, 0, 1), {}) == 300);  // truncated
+  CHECK(open_issue(index_of({0, 6, 5, 10, huge}, 5, 1), filler(1, 10)) == 300);
   for (const std::size_t at : {8u, 9u, 10u}) {  // primitives, totals, parts
     Bytes payload = index_of({}, 0, 0);
     ByteWriter out;
     out.bytes(std::span(payload).first(at));
     out.varint(huge);
-    CHECK(opening(out.take(), {}) == 300);
+    CHECK(open_issue(out.take(), {}) == 300);
   }
 }
 
-TEST_CASE("a number has one form") {
+TEST_CASE("only the shortest encoding of a number is accepted") {
   const auto with = [](std::initializer_list<std::uint8_t> number) {
     ByteWriter out;
     out.f64(7.5);
     for (const std::uint8_t byte : number) out.u8(byte);
     out.varint(0);
     out.varint(0);
-    return opening(out.take(), {});
+    return open_issue(out.take(), {});
   };
   CHECK(with({0}) == 0);
   CHECK(with({0x80, 0x00}) == 300);
@@ -197,38 +198,38 @@ TEST_CASE("a number has one form") {
   }
 }
 
-TEST_CASE("places that there are none are refused") {
-  // Place, shape, primitives, bytes: the chunk has 7.5 of 30 ticks.
+TEST_CASE("invalid segment positions are rejected") {
+  // Position, shape, primitives and bytes of a segment; a chunk is 7.5 of 30 ticks.
   const Bytes body = filler(2, 10);
-  CHECK(opening(index_of({1, 4, 5, 10}, 5, 1), body) == 0);
-  CHECK(opening(index_of({1 + 32 * 7, 4, 5, 10}, 5, 1), body) == 0);
-  CHECK(opening(index_of({1 + 32 * 8, 4, 5, 10}, 5, 1), body) == 302);
-  CHECK(opening(index_of({32, 4, 5, 10}, 5, 1), body) == 302);  // persistent, of slot 1
-  CHECK(opening(index_of({1 + (1ull << 37), 4, 5, 10}, 5, 1), body) == 302);
-  CHECK(opening(index_of({~0ull, 4, 5, 10}, 5, 1), body) == 302);
-  CHECK(opening(index_of({0, 4, 5, 10, 0, 4, 5, 10}, 10, 2), body) == 302);  // persistent twice
-  CHECK(opening(index_of({1, 4, 5, 10, 1, 4, 5, 10}, 10, 2), body) == 0);    // slots 0 and 1
-  CHECK(opening(index_of({1, 4, 5, 10, 2, 4, 5, 10}, 10, 2), body) == 303);  // the longer first
-  CHECK(opening(index_of({2, 4, 5, 10, 1, 4, 5, 10}, 10, 2), body) == 0);
-  CHECK(opening(index_of({1, 4, 5, 10, 0, 4, 5, 10}, 10, 2), body) == 303);
-  CHECK(opening(index_of({1, 4, 5, 10}, 5, 1, 42), body) == 0);  // bytes that it does not list
-  CHECK(opening(index_of({1, 4, 5, 10}, 5, 1, 43), body) == 304);
+  CHECK(open_issue(index_of({1, 4, 5, 10}, 5, 1), body) == 0);
+  CHECK(open_issue(index_of({1 + 32 * 7, 4, 5, 10}, 5, 1), body) == 0);
+  CHECK(open_issue(index_of({1 + 32 * 8, 4, 5, 10}, 5, 1), body) == 302);
+  CHECK(open_issue(index_of({32, 4, 5, 10}, 5, 1), body) == 302);  // persistent, slot 1
+  CHECK(open_issue(index_of({1 + (1ull << 37), 4, 5, 10}, 5, 1), body) == 302);
+  CHECK(open_issue(index_of({~0ull, 4, 5, 10}, 5, 1), body) == 302);
+  CHECK(open_issue(index_of({0, 4, 5, 10, 0, 4, 5, 10}, 10, 2), body) == 302);  // two persistent
+  CHECK(open_issue(index_of({1, 4, 5, 10, 1, 4, 5, 10}, 10, 2), body) == 0);    // slots 0 and 1
+  CHECK(open_issue(index_of({1, 4, 5, 10, 2, 4, 5, 10}, 10, 2), body) == 303);  // longer first
+  CHECK(open_issue(index_of({2, 4, 5, 10, 1, 4, 5, 10}, 10, 2), body) == 0);
+  CHECK(open_issue(index_of({1, 4, 5, 10, 0, 4, 5, 10}, 10, 2), body) == 303);
+  CHECK(open_issue(index_of({1, 4, 5, 10}, 5, 1, 42), body) == 0);  // unlisted bytes
+  CHECK(open_issue(index_of({1, 4, 5, 10}, 5, 1, 43), body) == 304);
 }
 
-TEST_CASE("refinements that a version does not know are passed over") {
+TEST_CASE("unknown refinement layers are skipped") {
   const Bytes body = filler(4, 10);
   const auto with = [](std::uint64_t layer) {
     return index_of({1, 6, 5, 10, 1, layer, 10, 1, 4, 6, 10}, 11, 2);
   };
-  CHECK(opening(with(512), body) == 0);
-  CHECK(opening(with(0xFFFF), body) == 0);
-  CHECK(opening(with(0x10000), body) == 303);
-  CHECK(opening(with(511), body) == 303);
-  CHECK(opening(index_of({1, 6, 5, 10, 1, 512, 103}, 5, 1), body) == 304);
-  CHECK(opening(index_of({1, 2, 1, 512, 10, 1, 4, 6, 10}, 6, 2), body) == 0);  // no tiers
-  CHECK(opening(index_of({1, 3, 10, 1, 512, 10}, 0, 1), body) == 300);
-  CHECK(opening(index_of({1, 0}, 0, 1), body) == 300);
-  CHECK(opening(index_of({1, 2, 0}, 0, 1), body) == 300);
+  CHECK(open_issue(with(512), body) == 0);
+  CHECK(open_issue(with(0xFFFF), body) == 0);
+  CHECK(open_issue(with(0x10000), body) == 303);
+  CHECK(open_issue(with(511), body) == 303);
+  CHECK(open_issue(index_of({1, 6, 5, 10, 1, 512, 103}, 5, 1), body) == 304);
+  CHECK(open_issue(index_of({1, 2, 1, 512, 10, 1, 4, 6, 10}, 6, 2), body) == 0);  // no tiers
+  CHECK(open_issue(index_of({1, 3, 10, 1, 512, 10}, 0, 1), body) == 300);
+  CHECK(open_issue(index_of({1, 0}, 0, 1), body) == 300);
+  CHECK(open_issue(index_of({1, 2, 0}, 0, 1), body) == 300);
   const auto reader = SceneReader::open(memory_source(file_with_index(with(512), body)));
   REQUIRE(reader.ok());
   REQUIRE((*reader)->segments().size() == 2);
@@ -236,7 +237,7 @@ TEST_CASE("refinements that a version does not know are passed over") {
   CHECK(segments[1].offset == segments[0].offset + 2 * segments[0].bytes);
 }
 
-TEST_CASE("an index of very many parts is read in one walk") {
+TEST_CASE("an index of 600,000 parts is read in linear time") {
   constexpr std::uint32_t kMany = 600000;
   FileHead head;
   head.index.chunk_ticks = 5;
@@ -253,7 +254,7 @@ TEST_CASE("an index of very many parts is read in one walk") {
   CHECK((*reader)->segments().back().part == kMany - 1);
 }
 
-TEST_CASE("a chunk is chosen that makes segments neither tiny nor wasteful") {
+TEST_CASE("the chunk length grows with lifespans and shrinks with the number of primitives") {
   constexpr std::uint32_t kLong = 3000;
   const auto chosen = [](std::size_t n, float sigma) {
     Scene scene = random_scene(n, 0, kLong, 5);
@@ -268,16 +269,16 @@ TEST_CASE("a chunk is chosen that makes segments neither tiny nor wasteful") {
     const PartRange all = {0, static_cast<std::uint32_t>(n), {0, kLong}};
     return choose_chunk(scene.gaussians, {&all, 1});
   };
-  // Lives of 9 and of 140 frames: the longer the lives, the longer the chunk.
+  // Lifespans of 9 and of 140 frames: longer lifespans take longer chunks.
   CHECK(chosen(50000, 2.0f) >= 8);
   CHECK(chosen(50000, 2.0f) <= 64);
   CHECK(chosen(50000, 30.0f) > chosen(50000, 2.0f));
-  // Few primitives are not worth many segments.
+  // Few primitives do not justify many segments.
   CHECK(chosen(500, 2.0f) > chosen(50000, 2.0f));
   CHECK(chosen(0, 2.0f) >= kLong);
 }
 
-TEST_CASE("the segments of a moment are those that a look at all of them finds") {
+TEST_CASE("the segments in an interval are those that a linear search finds") {
   constexpr double kEnd = 1000;
   std::mt19937 random(5);
   std::uniform_real_distribution<double> uniform(0, 1);
@@ -294,9 +295,9 @@ TEST_CASE("the segments of a moment are those that a look at all of them finds")
       std::vector<std::uint32_t> expected;
       const double first = std::clamp(t0, 0.0, kEnd), end = std::clamp(t0 + length, 0.0, kEnd);
       for (std::uint32_t i = 0; i < segments.size(); ++i) {
-        const SegmentInfo& one = segments[i];
-        const bool ends_after = first < one.end_ticks || one.end_ticks == kEnd;
-        if (one.is_shown() && one.begin_ticks <= end && ends_after) expected.push_back(i);
+        const SegmentInfo& segment = segments[i];
+        const bool ends_after = first < segment.end_ticks || segment.end_ticks == kEnd;
+        if (segment.is_shown() && segment.begin_ticks <= end && ends_after) expected.push_back(i);
       }
       REQUIRE(times.between(t0, t0 + length) == expected);
       found += expected.size();

@@ -37,7 +37,7 @@ std::string bytes_of(const std::string& path) {
   return text.str();
 }
 
-// Everything that the initialisation of `capture` wrote for training.
+// Everything that the initialisation of `capture` writes for training.
 std::string result_of(const PreparedCapture& capture) {
   std::string all = bytes_of(capture.folder + "/points_static.ply") +
                     bytes_of(capture.folder + "/points_dynamic.ply");
@@ -57,7 +57,7 @@ cv::Vec3d position_of(const InitialPoint& p) {
   return {p.position[0], p.position[1], p.position[2]};
 }
 
-TEST_CASE("a moving ball is masked, placed and given its velocity; the rest stands still") {
+TEST_CASE("a moving ball is masked, located and given its velocity; the rest is static") {
   const TemporaryFolder folder;
   const SyntheticRig rig;
   PreparedCapture capture = rig.write(folder.path, 7);
@@ -72,11 +72,11 @@ TEST_CASE("a moving ball is masked, placed and given its velocity; the rest stan
       const auto mask = load_mask(capture, camera, f);
       REQUIRE(mask.ok());
       REQUIRE(mask->data.size() == 160u * 120u);
-      cv::Mat truth;
-      (void)rig.draw(camera, f, &truth);
+      cv::Mat expected;
+      (void)rig.render(camera, f, &expected);
       const cv::Mat found(120, 160, CV_8U, const_cast<std::uint8_t*>(mask->data.data()));
-      both += cv::countNonZero((found >= 128) & truth);
-      either += cv::countNonZero((found >= 128) | truth);
+      both += cv::countNonZero((found >= 128) & expected);
+      either += cv::countNonZero((found >= 128) | expected);
     }
   }
   CHECK(both / either > 0.7);
@@ -89,7 +89,7 @@ TEST_CASE("a moving ball is masked, placed and given its velocity; the rest stan
     REQUIRE(p.frame >= 0);
     REQUIRE(p.frame < capture.frames);
     ++counts[p.frame];
-    // 0.1 m is 0.7 pixels of disparity between neighbours here.
+    // 0.1 m is 0.7 pixels of disparity between neighbouring cameras.
     if (rig.from_ball(position_of(p), p.frame) >= 0.1) continue;
     ++near;
     mean += cv::Vec3d(p.velocity[0], p.velocity[1], p.velocity[2]);
@@ -119,7 +119,7 @@ TEST_CASE("a moving ball is masked, placed and given its velocity; the rest stan
   CHECK(capture.scene_radius < 5);
 }
 
-TEST_CASE("held-out cameras are never looked at, and the number of threads changes nothing") {
+TEST_CASE("held-out cameras are never read, and the number of threads does not change the result") {
   const TemporaryFolder clean, poisoned;
   SyntheticRig rig;
   rig.frames = 3;
@@ -127,7 +127,7 @@ TEST_CASE("held-out cameras are never looked at, and the number of threads chang
   for (const Camera& camera : b.cameras) {
     if (!camera.test) continue;
     for (int f = 0; f < b.frames; ++f) {
-      std::ofstream(b.frame_path(camera, f)) << "this is no picture";
+      std::ofstream(b.frame_path(camera, f)) << "not an image";
     }
   }
   REQUIRE(run(a).ok());
@@ -139,11 +139,11 @@ TEST_CASE("held-out cameras are never looked at, and the number of threads chang
   }
 }
 
-TEST_CASE("captures with nothing to find still get a start") {
+TEST_CASE("minimal captures still get initial points") {
   const TemporaryFolder folder;
   SyntheticRig rig;
   rig.frames = 2;
-  const auto expect_still = [&](int cameras) {
+  const auto expect_static = [&](int cameras) {
     PreparedCapture capture = rig.write(folder.path, cameras);
     const Status status = run(capture);
     INFO(status.message());
@@ -152,19 +152,19 @@ TEST_CASE("captures with nothing to find still get a start") {
     CHECK(points_of(capture, "points_static.ply").size() > 50);
     CHECK(capture.near_plane > 0);
   };
-  SECTION("nothing moves") {
+  SECTION("a static scene") {
     rig.ball = false;
-    expect_still(4);
+    expect_static(4);
   }
-  SECTION("one frame") {
+  SECTION("a single frame") {
     rig.frames = 1;
-    expect_still(4);
+    expect_static(4);
   }
-  SECTION("one camera") {
+  SECTION("a single camera") {
     rig.ball = false;
-    expect_still(1);
+    expect_static(1);
   }
-  SECTION("two cameras, one of them smaller") {
+  SECTION("two cameras of different resolution") {
     rig.frames = 4;
     PreparedCapture capture = rig.write(folder.path, 2);
     Camera& small = capture.cameras[1];
@@ -174,14 +174,14 @@ TEST_CASE("captures with nothing to find still get a start") {
     small.cx = 60;
     small.cy = 45;
     for (int f = 0; f < rig.frames; ++f) {
-      REQUIRE(init::write_png(capture.frame_path(small, f), rig.draw(small, f, nullptr)).ok());
+      REQUIRE(init::write_png(capture.frame_path(small, f), rig.render(small, f, nullptr)).ok());
     }
     const Status status = run(capture);
     INFO(status.message());
     REQUIRE(status.ok());
     CHECK(points_of(capture, "points_dynamic.ply").size() > 50);
   }
-  SECTION("everything is masked") {
+  SECTION("masks that cover every pixel") {
     PreparedCapture capture = rig.write(folder.path, 4);
     for (const Camera& camera : capture.cameras) {
       std::filesystem::create_directories(folder / "masks/" + camera.name);
@@ -197,7 +197,7 @@ TEST_CASE("captures with nothing to find still get a start") {
   }
 }
 
-TEST_CASE("without the split there is one cloud, and it stands still") {
+TEST_CASE("without motion separation there is one static cloud") {
   const TemporaryFolder folder;
   SyntheticRig rig;
   rig.frames = 2;
@@ -216,18 +216,18 @@ TEST_CASE("without the split there is one cloud, and it stands still") {
   CHECK_FALSE(std::filesystem::exists(folder / "masks"));
 }
 
-TEST_CASE("a frame that cannot be read is named") {
+TEST_CASE("the error names the frame that cannot be read") {
   const TemporaryFolder folder;
   SyntheticRig rig;
   rig.frames = 2;
   PreparedCapture capture = rig.write(folder.path, 4);
-  std::ofstream(capture.frame_path(capture.cameras[1], 1)) << "this is no picture";
+  std::ofstream(capture.frame_path(capture.cameras[1], 1)) << "not an image";
   const Status status = run(capture);
   CHECK_FALSE(status.ok());
   CHECK(status.message().find("c1/000001.png") != std::string::npos);
 }
 
-TEST_CASE("a run can be cancelled") {
+TEST_CASE("initialisation can be cancelled") {
   const TemporaryFolder folder;
   SyntheticRig rig;
   rig.frames = 1;
@@ -237,7 +237,7 @@ TEST_CASE("a run can be cancelled") {
   CHECK(status.message().find("cancelled") != std::string::npos);
 }
 
-TEST_CASE("flow files are checked before they are used") {
+TEST_CASE("invalid flow files are rejected") {
   const TemporaryFolder folder;
   const std::string path = folder / "a.flo";
   const auto write = [&](float magic, std::int32_t width, std::int32_t height, int floats) {

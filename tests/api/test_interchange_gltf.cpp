@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// glTF out, and the table of formats.
+// Export to glTF, the table of interchange formats, and conversion errors.
 #include <cmath>
 #include <cstring>
 #include <nlohmann/json.hpp>
@@ -39,7 +39,7 @@ struct Glb {
   }
 };
 
-// Checks the container of glTF 2.0, 4.4, on the way.
+// Parses a GLB and checks its container (glTF 2.0, 4.4).
 Glb parse(const std::vector<std::uint8_t>& bytes) {
   CHECK(word(bytes, 0) == 0x46546C67);
   CHECK(word(bytes, 4) == 2);
@@ -59,7 +59,7 @@ Glb parse(const std::vector<std::uint8_t>& bytes) {
 
 }  // namespace
 
-TEST_CASE("glTF holds a set, its axes turned") {
+TEST_CASE("glTF export writes every attribute, with flipped axes") {
   Gaussians4D set = testing::random_scene(30, 3, 6, 8).gaussians;
   set_static_lifespan(set);
   const auto bytes = write_glb(set);
@@ -74,40 +74,40 @@ TEST_CASE("glTF holds a set, its axes turned") {
   CHECK(glb.json["scenes"][0]["nodes"] == Json::array({0}));
   CHECK(primitive["attributes"].size() == 1 + 3 + 16 + 1);
 
-  Gaussians4D turned = set;
-  flip_axes(turned, -1, -1, 1);
-  CHECK(glb.floats("POSITION") == turned.position);
+  Gaussians4D flipped = set;
+  flip_axes(flipped, -1, -1, 1);
+  CHECK(glb.floats("POSITION") == flipped.position);
   const auto scale = glb.floats("KHR_gaussian_splatting:SCALE");
   const auto rotation = glb.floats("KHR_gaussian_splatting:ROTATION");
   const auto opacity = glb.floats("KHR_gaussian_splatting:OPACITY");
-  const auto dull = glb.floats("KHR_gaussian_splatting:SH_DEGREE_0_COEF_0");
-  const auto last = glb.floats("KHR_gaussian_splatting:SH_DEGREE_3_COEF_6");
+  const auto constant = glb.floats("KHR_gaussian_splatting:SH_DEGREE_0_COEF_0");
+  const auto highest = glb.floats("KHR_gaussian_splatting:SH_DEGREE_3_COEF_6");
   REQUIRE(opacity.size() == set.size());
   for (std::size_t i = 0; i < set.size(); ++i) {
-    const float* q = turned.rotation.data() + 4 * i;
+    const float* q = flipped.rotation.data() + 4 * i;
     const float length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     for (std::size_t c = 0; c < 4; ++c) {
       CHECK(rotation[4 * i + c] == Approx(q[(c + 1) % 4] / length).margin(1e-6));
     }
     for (std::size_t c = 0; c < 3; ++c) {
       CHECK(scale[3 * i + c] == Approx(std::exp(set.log_scale[3 * i + c])));
-      CHECK(dull[3 * i + c] == set.sh[48 * i + c]);
-      CHECK(last[3 * i + c] == -set.sh[48 * i + 45 + c]);  // odd in x
+      CHECK(constant[3 * i + c] == set.sh[48 * i + c]);
+      CHECK(highest[3 * i + c] == -set.sh[48 * i + 45 + c]);  // odd in x
     }
     CHECK(opacity[i] == math::opacity_of(set.opacity_logit[i]));
   }
   const Json& accessor = glb.json["accessors"][primitive["attributes"]["POSITION"].get<int>()];
   for (std::size_t c = 0; c < 3; ++c) {
-    float low = turned.position[c];
-    for (std::size_t i = c; i < turned.position.size(); i += 3) {
-      low = std::min(low, turned.position[i]);
+    float low = flipped.position[c];
+    for (std::size_t i = c; i < flipped.position.size(); i += 3) {
+      low = std::min(low, flipped.position[i]);
     }
     CHECK(accessor["min"][c].get<float>() == low);
   }
   CHECK(write_glb(Gaussians4D{}).status().code() == StatusCode::kUnsupported);
 }
 
-TEST_CASE("every format has a name, an ending, and something that it can do") {
+TEST_CASE("every format has an extension and can be read or written") {
   for (const InterchangeFormat& format : interchange_formats()) {
     CHECK((format.extension[0] == '.' || format.settings_kind == InterchangeFormat::kSequence));
     CHECK((format.read != nullptr || format.read_path != nullptr || format.write != nullptr));
@@ -119,7 +119,7 @@ TEST_CASE("every format has a name, an ending, and something that it can do") {
   CHECK(format_for_output("ply") == nullptr);
 }
 
-TEST_CASE("what was written is known again by its content") {
+TEST_CASE("a written file is recognised by its content") {
   Gaussians4D set = testing::random_scene(5, 0, 6, 8).gaussians;
   for (const InterchangeFormat& format : interchange_formats()) {
     if (format.write == nullptr) continue;
@@ -131,7 +131,7 @@ TEST_CASE("what was written is known again by its content") {
   }
 }
 
-TEST_CASE("errors of a conversion are what they say") {
+TEST_CASE("conversion errors measure the known differences") {
   Scene scene = static_scene(testing::random_scene(4, 1, 6, 8).gaussians);
   Gaussians4D &b = scene.gaussians, a = b;
   CHECK(conversion_errors(a, scene)->position_max == 0);
@@ -155,14 +155,14 @@ TEST_CASE("errors of a conversion are what they say") {
   CHECK_FALSE(conversion_errors(a, scene).ok());
 }
 
-TEST_CASE("errors do not depend on the names of axes, nor on where a straight path begins") {
+TEST_CASE("conversion errors ignore permuted axes and the start of a straight path") {
   Scene scene = testing::random_scene(2, 0, 6, 8);
   Gaussians4D& b = scene.gaussians;
   b.opacity_logit = {2, 2};
   b.time = {3, 3};
   b.sigma = b.radius = {2, 2};
   const Gaussians4D a = b;
-  // A quarter turn about its own x axis; y and z change places.
+  // A quarter turn about its own x axis swaps y and z.
   const float* q = a.rotation.data();
   const float half = std::sqrt(0.5f);
   b.rotation[0] = half * (q[0] - q[1]), b.rotation[1] = half * (q[0] + q[1]);
@@ -173,26 +173,26 @@ TEST_CASE("errors do not depend on the names of axes, nor on where a straight pa
     b.position[c] += 0.5f * 1.5f;
   }
   b.time[0] += 1.5f;
-  Gaussians4D meant = a;
-  std::fill_n(meant.velocity.begin(), 3, 0.5f);
-  auto errors = conversion_errors(meant, scene);
+  Gaussians4D expected = a;
+  std::fill_n(expected.velocity.begin(), 3, 0.5f);
+  auto errors = conversion_errors(expected, scene);
   REQUIRE(errors.ok());
   CHECK(errors->rotation_max < 0.01);
   CHECK(errors->log_scale_max < 1e-6);
   CHECK(errors->position_max < 1e-5);
   CHECK(errors->time_max == 1.5);
-  CHECK(errors->visibility_max > 0.1);  // it comes and goes later
+  CHECK(errors->visibility_max > 0.1);  // it is visible later
   b.time[0] -= 1.5f;
   for (std::size_t c = 0; c < 3; ++c) b.position[c] -= 0.5f * 1.5f;
   b.sigma[0] *= 1.25f;
   b.radius[0] += 0.75f;
-  errors = conversion_errors(meant, scene);
+  errors = conversion_errors(expected, scene);
   CHECK(errors->time_max == 0);
   CHECK(errors->sigma_max == Approx(std::log(1.25)));
   CHECK(errors->radius_max == Approx(0.75));
 }
 
-TEST_CASE("a set that cannot be drawn is not written") {
+TEST_CASE("a set that cannot be rendered is not written") {
   const Gaussians4D good = testing::random_scene(4, 1, 6, 8).gaussians;
   std::vector<Gaussians4D> bad(5, good);
   bad[0].position[5] = std::nanf("");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files that another program wrote (tests/data/interchange/README.md).
+// Files written by other programs (tests/data/interchange/README.md).
 #include "stgs/format/interchange_formats.h"
 
 #include "catch.h"
@@ -21,7 +21,7 @@ Gaussians4D read(const std::string& name) {
 
 }  // namespace
 
-TEST_CASE("SPZ by its own library is what it was made from, axes and harmonics included") {
+TEST_CASE("SPZ files of the reference library decode to their source, axes and SH included") {
   const Gaussians4D source = read("source.ply");
   CHECK(source.size() == 12);
   CHECK(source.sh_degree == 3);
@@ -33,11 +33,11 @@ TEST_CASE("SPZ by its own library is what it was made from, axes and harmonics i
     CHECK(errors->rotation_max < 0.3);
     CHECK(errors->opacity_max <= 0.5 / 255 + 1e-6);
     CHECK(errors->colour_max < 0.004);
-    CHECK(errors->sh_max <= 0.0625 + 0.5 / 128);  // it rounds twice
+    CHECK(errors->sh_max <= 0.0625 + 0.5 / 128);  // rounded twice
   }
 }
 
-TEST_CASE("packed PLY is what its own program unpacks") {
+TEST_CASE("packed PLY decodes to the output of its reference program") {
   const auto errors = conversion_errors(read("unpacked.ply"), static_scene(read("packed.ply")));
   REQUIRE(errors.ok());
   CHECK(errors->position_max < 1e-6);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One moment of a scene, turned axes, and PLY in and out.
+// Snapshots of a scene, flipped axes, and reading and writing of PLY.
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -15,7 +15,7 @@
 namespace stgs {
 namespace {
 
-// 40 primitives that stand still and are seen.
+// `n` static, visible primitives.
 Gaussians4D fixture_set(int degree, std::size_t n = 40) {
   Gaussians4D set = testing::random_scene(n, degree, 6, 3).gaussians;
   for (float& logit : set.opacity_logit) logit = std::abs(logit);
@@ -43,7 +43,8 @@ math::PinholeCamera small_camera() {
   return camera;
 }
 
-std::vector<float> picture(const Gaussians4D& set, float ticks, const math::PinholeCamera& camera) {
+std::vector<float> render_at(const Gaussians4D& set, float ticks,
+                             const math::PinholeCamera& camera) {
   SplatFrame splats;
   RasterOutput output;
   render(set, ticks, camera, {}, splats, output);
@@ -67,23 +68,23 @@ const char* kAsciiHeader =
 
 }  // namespace
 
-TEST_CASE("a moment draws the picture that the scene draws then") {
+TEST_CASE("a snapshot renders the image that the scene renders at that time") {
   Scene scene = testing::random_scene(300, 2, 12, 5);
   for (float& s : scene.gaussians.log_scale) s += 1.5f;
   for (const double ticks : {0.0, 3.25, 12.0}) {
-    const Result<Gaussians4D> moment = snapshot_at(scene, ticks);
-    REQUIRE(moment.ok());
-    CHECK(moment->size() < scene.gaussians.size());
+    const Result<Gaussians4D> snapshot = snapshot_at(scene, ticks);
+    REQUIRE(snapshot.ok());
+    CHECK(snapshot->size() < scene.gaussians.size());
     const auto camera = small_camera();
-    const auto then = picture(scene.gaussians, static_cast<float>(ticks), camera);
-    CHECK(largest_difference(then, picture(*moment, 0.0f, camera)) < 1e-5f);
-    CHECK(largest_difference(then, picture(*moment, 1.0f, camera)) < 1e-5f);
+    const auto expected = render_at(scene.gaussians, static_cast<float>(ticks), camera);
+    CHECK(largest_difference(expected, render_at(*snapshot, 0.0f, camera)) < 1e-5f);
+    CHECK(largest_difference(expected, render_at(*snapshot, 1.0f, camera)) < 1e-5f);
   }
   CHECK(snapshot_at(scene, 12.5).status().code() == StatusCode::kUsage);
   CHECK(snapshot_at(scene, std::nan("")).status().code() == StatusCode::kUsage);
 }
 
-TEST_CASE("a moment has what its part has") {
+TEST_CASE("a snapshot holds the primitives of the part at that time") {
   Scene scene = testing::random_scene(20, 0, 10, 5);
   for (float& logit : scene.gaussians.opacity_logit) logit = 3;
   set_static_lifespan(scene.gaussians, 10);
@@ -94,20 +95,20 @@ TEST_CASE("a moment has what its part has") {
   CHECK(snapshot_at(scene, 10)->size() == 15);
 }
 
-TEST_CASE("flipped axes seen by a flipped camera are the same picture") {
+TEST_CASE("a flipped scene seen by a flipped camera gives the same image") {
   Gaussians4D set = fixture_set(3);
   for (float& s : set.log_scale) s += 1.5f;
   math::PinholeCamera camera = small_camera();
-  const auto before = picture(set, 0, camera);
-  Gaussians4D turned = set;
-  flip_axes(turned, 1, -1, -1);
+  const auto before = render_at(set, 0, camera);
+  Gaussians4D flipped = set;
+  flip_axes(flipped, 1, -1, -1);
   camera.rotation.yy = camera.rotation.zz = -1;
-  CHECK(largest_difference(before, picture(turned, 0, camera)) < 1e-5f);
-  flip_axes(turned, 1, -1, -1);
-  CHECK(testing::fingerprints(turned) == testing::fingerprints(set));
+  CHECK(largest_difference(before, render_at(flipped, 0, camera)) < 1e-5f);
+  flip_axes(flipped, 1, -1, -1);
+  CHECK(testing::fingerprints(flipped) == testing::fingerprints(set));
 }
 
-TEST_CASE("harmonics follow a mirrored axis") {
+TEST_CASE("SH are mirrored with their axes") {
   const Gaussians4D set = fixture_set(3, 1);
   const auto value = [](const Gaussians4D& s, float x, float y, float z) {
     const math::ShBasis basis = math::sh_basis(math::vec3_of(x, y, z));
@@ -125,7 +126,7 @@ TEST_CASE("harmonics follow a mirrored axis") {
   }
 }
 
-TEST_CASE("PLY keeps every float") {
+TEST_CASE("PLY preserves every float") {
   for (int degree = 0; degree <= 3; ++degree) {
     const Gaussians4D set = fixture_set(degree);
     const auto bytes = write_ply(set);
@@ -140,7 +141,7 @@ TEST_CASE("PLY keeps every float") {
   }
 }
 
-TEST_CASE("the harmonics of PLY are a channel after the other") {
+TEST_CASE("PLY stores SH by channel") {
   Gaussians4D set = fixture_set(1, 1);
   for (std::size_t k = 0; k < 12; ++k) set.sh[k] = static_cast<float>(k);
   const auto bytes = write_ply(set);
@@ -151,7 +152,7 @@ TEST_CASE("the harmonics of PLY are a channel after the other") {
   CHECK(rest == std::vector<float>{3, 6, 9, 4, 7, 10, 5, 8, 11});
 }
 
-TEST_CASE("PLY of ASCII, with properties in any order and of any type") {
+TEST_CASE("ASCII PLY is read with properties in any order and of any type") {
   const Result<Scene> scene =
       read_text(std::string(kAsciiHeader) + "7 8\n2 .5 0 0 1 1.5 -3 4e0 255 .1 .2 .3 -1 -2 -3\n");
   REQUIRE(scene.ok());
@@ -161,12 +162,12 @@ TEST_CASE("PLY of ASCII, with properties in any order and of any type") {
   CHECK(set.sh == FloatArray{.1f, .2f, .3f});
   CHECK(set.log_scale == FloatArray{-1, -2, -3});
   CHECK(set.opacity_logit == FloatArray{2});
-  const auto odd = read_text(std::string(kAsciiHeader) +
-                             "7 8\n+2 .5 1e-400 0 1 +1.5 -3 +4e0 255 .1 .2 -1e-999 -1 -2 -3\n");
-  REQUIRE(odd.ok());
-  CHECK(odd->gaussians.position == FloatArray{1.5f, -3, 4});
-  CHECK(odd->gaussians.rotation == FloatArray{1, 0, 0, 0.5f});
-  CHECK(odd->gaussians.sh == FloatArray{.1f, .2f, 0});
+  const auto unusual = read_text(std::string(kAsciiHeader) +
+                                 "7 8\n+2 .5 1e-400 0 1 +1.5 -3 +4e0 255 .1 .2 -1e-999 -1 -2 -3\n");
+  REQUIRE(unusual.ok());
+  CHECK(unusual->gaussians.position == FloatArray{1.5f, -3, 4});
+  CHECK(unusual->gaussians.rotation == FloatArray{1, 0, 0, 0.5f});
+  CHECK(unusual->gaussians.sh == FloatArray{.1f, .2f, 0});
   const std::string rest = " .5 0 0 1 1.5 -3 4e0 255 .1 .2 .3 -1 -2 -3\n";
   CHECK(read_text(std::string(kAsciiHeader) + "7 8\n1e400" + rest)->gaussians.size() == 0);
   CHECK_FALSE(read_text(std::string(kAsciiHeader) + "7 8\n+-2" + rest).ok());
@@ -174,9 +175,9 @@ TEST_CASE("PLY of ASCII, with properties in any order and of any type") {
   CHECK(cut.status().code() == StatusCode::kInvalidFile);
 }
 
-TEST_CASE("what cannot be drawn is left out of a PLY, and told of") {
+TEST_CASE("primitives of a PLY that cannot be rendered are dropped and reported") {
   std::vector<std::uint8_t> bytes = *write_ply(fixture_set(1));
-  constexpr std::size_t kWidth = 26;  // floats a vertex; opacity is number 18, rot_0 22
+  constexpr std::size_t kWidth = 26;  // floats per vertex; opacity is number 18, rot_0 is 22
   const auto change = [&bytes](std::size_t vertex, std::size_t field, float value) {
     const std::size_t body = bytes.size() - 40 * kWidth * sizeof(float);
     std::memcpy(bytes.data() + body + (vertex * kWidth + field) * sizeof(float), &value,
@@ -186,8 +187,8 @@ TEST_CASE("what cannot be drawn is left out of a PLY, and told of") {
   change(1, 0, std::numeric_limits<float>::quiet_NaN());
   change(5, 12, kInf);
   for (std::size_t c = 0; c < 4; ++c) change(9, 22 + c, 0);
-  change(20, 18, kInf);   // an opacity of 1
-  change(21, 19, -kInf);  // an axis of size 0
+  change(20, 18, kInf);   // opacity 1
+  change(21, 19, -kInf);  // scale 0
   ConversionNotes notes;
   const Result<Scene> back = read(bytes, &notes);
   REQUIRE(back.ok());
@@ -197,16 +198,16 @@ TEST_CASE("what cannot be drawn is left out of a PLY, and told of") {
   CHECK(encode_scene(*back, {}).ok());
 }
 
-TEST_CASE("a PLY cut anywhere is refused") {
-  const auto whole = *write_ply(fixture_set(1, 3));
-  for (std::size_t size = 0; size < whole.size(); ++size) {
-    const auto cut = read({whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size)});
+TEST_CASE("a PLY truncated at any byte is rejected") {
+  const auto complete = *write_ply(fixture_set(1, 3));
+  for (std::size_t size = 0; size < complete.size(); ++size) {
+    const auto cut = read({complete.begin(), complete.begin() + static_cast<std::ptrdiff_t>(size)});
     REQUIRE_FALSE(cut.ok());
     CHECK(cut.status().code() == StatusCode::kInvalidFile);
   }
 }
 
-TEST_CASE("PLY headers that lie are refused before anything is allocated") {
+TEST_CASE("a PLY header that exceeds the file is rejected before memory is allocated") {
   const std::string properties =
       "property float x\nproperty float y\nproperty float z\nproperty float f_dc_0\n"
       "property float f_dc_1\nproperty float f_dc_2\nproperty float opacity\n"
@@ -236,7 +237,7 @@ TEST_CASE("PLY headers that lie are refused before anything is allocated") {
   CHECK(read_text(binary + "element vertex 0\n" + properties + "end_header\n").ok());
 }
 
-TEST_CASE("the caller's limits bind a PLY") {
+TEST_CASE("the caller's limits apply to PLY") {
   const auto bytes = *write_ply(fixture_set(3));
   CHECK(read(bytes, nullptr, {.max_primitives = 40}).ok());
   CHECK(read(bytes, nullptr, {.max_primitives = 39}).status().code() == StatusCode::kUnsupported);
@@ -247,7 +248,7 @@ TEST_CASE("the caller's limits bind a PLY") {
 
 namespace {
 
-// A packed PLY of one chunk: `count` primitives of the four words, harmonics of degree 1.
+// A packed PLY of one chunk: `count` primitives of four packed words each, SH of degree 1.
 std::vector<std::uint8_t> packed_ply(std::size_t count, bool colour_bounds) {
   std::string header = "ply\nformat binary_little_endian 1.0\nelement chunk 1\n";
   std::vector<float> bounds = {-1, -2, -3, 1, 2, 3, -4, -4, -4, -2, -2, -2};
@@ -280,7 +281,8 @@ std::vector<std::uint8_t> packed_ply(std::size_t count, bool colour_bounds) {
   };
   append(bounds.data(), bounds.size() * sizeof(float));
   for (std::size_t i = 0; i < count; ++i) {
-    // x at its end, y at its beginning, z at its end; y the largest of w x y z, the others near 0.
+    // Position: x at its maximum, y at its minimum, z at its maximum. Rotation: y is the
+    // largest, the others are near 0.
     const std::uint32_t words[] = {2047u << 21 | 2047u, 2u << 30 | 512u << 20 | 512u << 10 | 512u,
                                    0u, 255u << 24 | 0u << 16 | 51u << 8 | 255u};
     append(words, sizeof(words));
@@ -292,7 +294,7 @@ std::vector<std::uint8_t> packed_ply(std::size_t count, bool colour_bounds) {
 
 }  // namespace
 
-TEST_CASE("packed PLY") {
+TEST_CASE("packed PLY is read with its bounds, rotations and SH") {
   const Result<Scene> scene = read(packed_ply(3, true));
   REQUIRE(scene.ok());
   const Gaussians4D& set = scene->gaussians;
@@ -308,26 +310,26 @@ TEST_CASE("packed PLY") {
   CHECK(set.sh[12] * math::kSh00 + 0.5f == Approx(1.5));
   CHECK(set.sh[13] * math::kSh00 + 0.5f == Approx(-.5));
   CHECK(set.sh[14] * math::kSh00 + 0.5f == Approx(-.5 + 2 * .2));
-  CHECK(set.sh[12 + 3] == -4);               // red of the first harmonic
-  CHECK(set.sh[12 + 6] == Approx(1. / 64));  // of the second
+  CHECK(set.sh[12 + 3] == -4);               // red, coefficient 1
+  CHECK(set.sh[12 + 6] == Approx(1. / 64));  // red, coefficient 2
   CHECK(set.sh[12 + 9] == 4);
-  CHECK(set.sh[12 + 4] == Approx(-4 + 1.5 / 32));  // green of the first
+  CHECK(set.sh[12 + 4] == Approx(-4 + 1.5 / 32));  // green, coefficient 1
   const Result<Scene> plain = read(packed_ply(3, false));
   REQUIRE(plain.ok());
   CHECK(plain->gaussians.sh[12] * math::kSh00 + 0.5f == Approx(1));
-  CHECK_FALSE(read(packed_ply(257, true)).ok());  // one chunk is not enough
-  const auto whole = packed_ply(2, true);
-  for (std::size_t size = 0; size < whole.size(); ++size) {
-    const auto cut = read({whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size)});
+  CHECK_FALSE(read(packed_ply(257, true)).ok());  // more than one chunk covers
+  const auto complete = packed_ply(2, true);
+  for (std::size_t size = 0; size < complete.size(); ++size) {
+    const auto cut = read({complete.begin(), complete.begin() + static_cast<std::ptrdiff_t>(size)});
     REQUIRE(cut.status().code() == StatusCode::kInvalidFile);
   }
 }
 
-TEST_CASE("a changed byte of a PLY is refused, or read as some set") {
-  for (const auto& whole : {*write_ply(fixture_set(1, 2)), packed_ply(2, true)}) {
-    for (std::size_t at = 0; at < whole.size(); ++at) {
+TEST_CASE("a PLY with a changed byte is rejected or read as a valid set") {
+  for (const auto& complete : {*write_ply(fixture_set(1, 2)), packed_ply(2, true)}) {
+    for (std::size_t at = 0; at < complete.size(); ++at) {
       for (const auto flip : std::initializer_list<std::uint8_t>{0x01, 0x04, 0x80, 0xFF}) {
-        auto changed = whole;
+        auto changed = complete;
         changed[at] ^= flip;
         const Result<Scene> scene = read(changed, nullptr, {.max_memory = 1 << 24});
         if (scene.ok()) CHECK(encode_scene(*scene, {}).ok());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// SPZ in and out.
+// Reading and writing of SPZ.
 #include <zlib.h>
 
 #include <cmath>
@@ -56,12 +56,12 @@ Bytes old_body(std::uint8_t version, std::uint8_t degree) {
   append(out, {255, 0, 128});                           // colour
   append(out, {160, 144, 128});                         // log scales 0, -1, -2
   if (version == 2) {
-    append(out, {255, 127, 128});  // nearly a half turn about x
+    append(out, {255, 127, 128});  // almost a half turn about x
   } else {
-    append(out, {0, 0, 0, 0});  // x is the largest: the same
+    append(out, {0, 0, 0, 0});  // the same; x is the largest
   }
-  const std::size_t rest = 3 * ((degree + 1u) * (degree + 1u) - 1);
-  for (std::size_t k = 0; k < rest; ++k) out.push_back(static_cast<std::uint8_t>(129 + k));
+  const std::size_t sh_count = 3 * ((degree + 1u) * (degree + 1u) - 1);
+  for (std::size_t k = 0; k < sh_count; ++k) out.push_back(static_cast<std::uint8_t>(129 + k));
   return out;
 }
 
@@ -73,7 +73,8 @@ Bytes old_file(std::uint8_t version, std::uint8_t degree) {
 
 void check_axes(const Gaussians4D& set) {
   CHECK(set.position == FloatArray{1, -2, 3});
-  // A half turn about x is itself, seen from turned axes; a quaternion's sign is nobody's.
+  // A half turn about x is the same in both axis conventions; the sign of a quaternion is
+  // arbitrary.
   CHECK(std::abs(set.rotation[1]) == Approx(1).margin(1e-3));
   CHECK(set.log_scale == FloatArray{0, -1, -2});
   CHECK(math::opacity_of(set.opacity_logit[0]) == Approx(0.2));
@@ -83,7 +84,7 @@ void check_axes(const Gaussians4D& set) {
 
 }  // namespace
 
-TEST_CASE("SPZ 4 comes back within what it rounds") {
+TEST_CASE("SPZ 4 round-trips within its quantisation steps") {
   for (int degree = 0; degree <= 3; ++degree) {
     const Gaussians4D set = fixture_set(degree);
     const auto bytes = write_spz(set);
@@ -94,7 +95,7 @@ TEST_CASE("SPZ 4 comes back within what it rounds") {
     CHECK(notes.empty());
     const Result<ConversionErrors> errors = conversion_errors(set, *back);
     REQUIRE(errors.ok());
-    // The farthest coordinate is below 8: steps of 2^-13, half of one an axis.
+    // Coordinates are below 8, so a step is 2^-13; the error is half a step per axis.
     CHECK(errors->position_max <= 0.87 / 8192);
     CHECK(errors->log_scale_max <= 0.5 / 16 + 1e-5);
     CHECK(errors->rotation_max < 0.3);
@@ -102,7 +103,7 @@ TEST_CASE("SPZ 4 comes back within what it rounds") {
     CHECK(errors->sh_max <= 0.0626);
     CHECK(errors->sh_rms < 0.03);
     CHECK(errors->colour_max < 0.004);
-    // What was rounded once is not rounded further, but for rotations near a tie.
+    // A second round trip changes nothing, except rotations near a rounding tie.
     const auto again = conversion_errors(back->gaussians, *read(*write_spz(back->gaussians)));
     CHECK(again->position_max == 0);
     CHECK(again->log_scale_max == 0);
@@ -113,16 +114,16 @@ TEST_CASE("SPZ 4 comes back within what it rounds") {
   }
 }
 
-TEST_CASE("what is just seen is still seen after SPZ") {
+TEST_CASE("barely visible primitives stay visible after SPZ") {
   Gaussians4D set = fixture_set(0, 200);
   for (std::size_t i = 0; i < set.size(); ++i) {
-    set.opacity_logit[i] = -5.5373f + 0.002f * static_cast<float>(i);  // just above 1/255, and more
+    set.opacity_logit[i] = -5.5373f + 0.002f * static_cast<float>(i);  // from just above 1/255
   }
   const Scene back = *read(*write_spz(set));
   CHECK(snapshot_at(back, 0)->size() == snapshot_at(static_scene(set), 0)->size());
 }
 
-TEST_CASE("SPZ keeps far positions, and refuses those that it cannot") {
+TEST_CASE("SPZ preserves far positions and rejects those out of range") {
   Gaussians4D set = fixture_set(0, 3);
   set.position[0] = 100000;
   const Result<Scene> back = read(*write_spz(set));
@@ -133,7 +134,7 @@ TEST_CASE("SPZ keeps far positions, and refuses those that it cannot") {
   CHECK(write_spz(Gaussians4D{}).status().code() == StatusCode::kUnsupported);
 }
 
-TEST_CASE("SPZ 2 and 3") {
+TEST_CASE("SPZ 2 and 3 are read, and other versions are rejected") {
   for (const auto version : std::initializer_list<std::uint8_t>{2, 3}) {
     for (const auto degree : std::initializer_list<std::uint8_t>{0, 1, 3}) {
       const Result<Scene> scene = read(old_file(version, degree));
@@ -141,7 +142,7 @@ TEST_CASE("SPZ 2 and 3") {
       CHECK(scene->gaussians.sh_degree == degree);
       check_axes(scene->gaussians);
       if (degree == 0) continue;
-      // Of degree 1 those along y and z change sign, that along x does not.
+      // Of degree 1, the coefficients along y and z change sign; the one along x does not.
       CHECK(scene->gaussians.sh[3] == -1.0f / 128);
       CHECK(scene->gaussians.sh[6] == -4.0f / 128);
       CHECK(scene->gaussians.sh[9] == 7.0f / 128);
@@ -152,7 +153,7 @@ TEST_CASE("SPZ 2 and 3") {
   CHECK(read(old_header(3, 0, 0)).status().code() == StatusCode::kInvalidFile);
 }
 
-TEST_CASE("SPZ of degree 4 keeps what there is room for, and says so") {
+TEST_CASE("SPZ of degree 4 is truncated to degree 3 with a note") {
   ConversionNotes notes;
   const Result<Scene> scene = read(old_file(3, 4), &notes);
   REQUIRE(scene.ok());
@@ -162,7 +163,7 @@ TEST_CASE("SPZ of degree 4 keeps what there is room for, and says so") {
   CHECK_THAT(notes[0], Catch::Contains("degree 4"));
 }
 
-TEST_CASE("SPZ's extensions: axes are obeyed, others told of") {
+TEST_CASE("SPZ extensions: axes are applied, unknown ones are reported") {
   const auto with = [](const Bytes& extensions) {
     Bytes raw = old_header(3, 1, 0, 2);
     append(raw, old_body(3, 0));
@@ -187,20 +188,21 @@ TEST_CASE("SPZ's extensions: axes are obeyed, others told of") {
         StatusCode::kInvalidFile);
 }
 
-TEST_CASE("an SPZ file cut anywhere is refused") {
-  for (const Bytes& whole : {*write_spz(fixture_set(1, 4)), old_file(2, 1), old_file(3, 0)}) {
-    for (std::size_t size = 0; size < whole.size(); ++size) {
-      const auto cut = read({whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size)});
+TEST_CASE("an SPZ file truncated at any byte is rejected") {
+  for (const Bytes& complete : {*write_spz(fixture_set(1, 4)), old_file(2, 1), old_file(3, 0)}) {
+    for (std::size_t size = 0; size < complete.size(); ++size) {
+      const auto cut =
+          read({complete.begin(), complete.begin() + static_cast<std::ptrdiff_t>(size)});
       REQUIRE(cut.status().code() == StatusCode::kInvalidFile);
     }
   }
 }
 
-TEST_CASE("a changed byte of an SPZ file is refused, or read as some set") {
-  for (const Bytes& whole : {*write_spz(fixture_set(1, 4)), old_file(3, 1)}) {
-    for (std::size_t at = 0; at < whole.size(); ++at) {
+TEST_CASE("an SPZ file with a changed byte is rejected or read as a valid set") {
+  for (const Bytes& complete : {*write_spz(fixture_set(1, 4)), old_file(3, 1)}) {
+    for (std::size_t at = 0; at < complete.size(); ++at) {
       for (const auto flip : std::initializer_list<std::uint8_t>{0x01, 0x80, 0xFF}) {
-        Bytes changed = whole;
+        Bytes changed = complete;
         changed[at] ^= flip;
         const Result<Scene> scene = read(changed, nullptr, {.max_memory = 1 << 24});
         if (scene.ok()) CHECK(encode_scene(*scene, {}).ok());
@@ -209,9 +211,9 @@ TEST_CASE("a changed byte of an SPZ file is refused, or read as some set") {
   }
 }
 
-TEST_CASE("an SPZ header that claims more than there is is refused") {
+TEST_CASE("an SPZ header that exceeds the file is rejected") {
   Bytes many = *write_spz(fixture_set(0, 4));
-  many[10] = 0x7F;  // 8 million primitives in some hundred bytes
+  many[10] = 0x7F;  // 8 million primitives in a few hundred bytes
   CHECK(read(many).status().code() == StatusCode::kInvalidFile);
   Bytes raw = old_header(3, 0, 0);
   raw[10] = 0x7F;

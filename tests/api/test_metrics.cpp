@@ -17,7 +17,7 @@ Image noise(int width, int height, unsigned seed) {
   return image;
 }
 
-// SSIM as its definition reads: window by window, in double, the two-dimensional Gaussian.
+// SSIM by its definition: window by window with a two-dimensional Gaussian, in double precision.
 double plain_ssim(const Image& a, const Image& b, double range) {
   double total = 0;
   int count = 0;
@@ -55,7 +55,7 @@ double plain_ssim(const Image& a, const Image& b, double range) {
   return total / count;
 }
 
-TEST_CASE("psnr of a constant offset is known") {
+TEST_CASE("the PSNR of a constant offset is exact") {
   const Image a = noise(20, 15, 1);
   Image b = a;
   for (float& v : b.data) v += 0.125f;
@@ -65,21 +65,21 @@ TEST_CASE("psnr of a constant offset is known") {
   REQUIRE(psnr_of(0) == kPsnrMax);
 }
 
-TEST_CASE("a pixel that is no number is named, and no measure hides it") {
-  const Image good = noise(20, 15, 1);
-  REQUIRE(check_finite(good, "a.exr").ok());
+TEST_CASE("a pixel that is not finite is named, and no metric hides it") {
+  const Image valid = noise(20, 15, 1);
+  REQUIRE(check_finite(valid, "a.exr").ok());
   for (const float value : {std::nanf(""), HUGE_VALF, -HUGE_VALF}) {
-    Image bad = good;
-    bad.plane(2)[4 * 20 + 7] = value;
-    const Status status = check_finite(bad, "a.exr");
+    Image invalid = valid;
+    invalid.plane(2)[4 * 20 + 7] = value;
+    const Status status = check_finite(invalid, "a.exr");
     REQUIRE(status.code() == StatusCode::kInvalidFile);
     REQUIRE(status.message().find("a.exr: channel B of pixel (7, 4) is") == 0);
-    REQUIRE_FALSE(psnr_of(mean_squared_error(good, bad)) > 0);
+    REQUIRE_FALSE(psnr_of(mean_squared_error(valid, invalid)) > 0);
   }
   REQUIRE(std::isnan(psnr_of(std::nan(""))));
 }
 
-TEST_CASE("ssim agrees with its definition, window by window") {
+TEST_CASE("SSIM agrees with its definition") {
   const Image a = noise(23, 17, 2), n = noise(23, 17, 3);
   Image b = a;
   for (std::size_t i = 0; i < b.data.size(); ++i) b.data[i] = 0.8f * a.data[i] + 0.2f * n.data[i];
@@ -92,34 +92,35 @@ TEST_CASE("ssim agrees with its definition, window by window") {
   REQUIRE(ssim(noise(10, 40, 1), noise(10, 40, 2)).status().code() == StatusCode::kUnsupported);
 }
 
-TEST_CASE("colour correction removes an affine map and nothing else") {
-  const Image truth = noise(24, 18, 4);
-  Image mapped = truth;
+TEST_CASE("colour correction removes an affine colour map and nothing else") {
+  const Image ground_truth = noise(24, 18, 4);
+  Image mapped = ground_truth;
   const std::size_t pixels = 24 * 18;
   for (std::size_t i = 0; i < pixels; ++i) {
-    const float r = truth.data[i], g = truth.data[pixels + i], b = truth.data[2 * pixels + i];
+    const float r = ground_truth.data[i], g = ground_truth.data[pixels + i],
+                b = ground_truth.data[2 * pixels + i];
     mapped.data[i] = 0.9f * r + 0.05f * g + 0.02f;
     mapped.data[pixels + i] = 0.7f * g - 0.1f * b + 0.1f;
     mapped.data[2 * pixels + i] = 0.1f * r + 0.8f * b;
   }
-  REQUIRE(psnr_of(mean_squared_error(mapped, truth)) < 25);
-  REQUIRE(colour_corrected_error(mapped, truth) < 1e-10);
+  REQUIRE(psnr_of(mean_squared_error(mapped, ground_truth)) < 25);
+  REQUIRE(colour_corrected_error(mapped, ground_truth) < 1e-10);
   const Image other = noise(24, 18, 5);
-  REQUIRE(colour_corrected_error(other, truth) <= mean_squared_error(other, truth));
-  REQUIRE(colour_corrected_error(other, truth) > 0.05);
-  // The best map of a constant picture is the truth's mean: what is left is the variance.
-  Image grey = truth;
+  REQUIRE(colour_corrected_error(other, ground_truth) <= mean_squared_error(other, ground_truth));
+  REQUIRE(colour_corrected_error(other, ground_truth) > 0.05);
+  // The best map of a constant image is the mean of the ground truth, which leaves the variance.
+  Image grey = ground_truth;
   for (float& v : grey.data) v = 0.5f;
   double variance = 0;
   for (int c = 0; c < 3; ++c) {
     double sum = 0, squares = 0;
     for (std::size_t i = 0; i < pixels; ++i) {
-      sum += truth.plane(c)[i];
-      squares += static_cast<double>(truth.plane(c)[i]) * truth.plane(c)[i];
+      sum += ground_truth.plane(c)[i];
+      squares += static_cast<double>(ground_truth.plane(c)[i]) * ground_truth.plane(c)[i];
     }
     variance += squares / pixels - sum * sum / (pixels * pixels);
   }
-  REQUIRE(colour_corrected_error(grey, truth) == Approx(variance / 3).epsilon(1e-6));
+  REQUIRE(colour_corrected_error(grey, ground_truth) == Approx(variance / 3).epsilon(1e-6));
 }
 
 }  // namespace

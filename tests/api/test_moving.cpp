@@ -7,18 +7,18 @@
 namespace stgs::tools {
 namespace {
 
-encoder::Image8 plain(std::uint8_t value) {
-  encoder::Image8 picture;
-  picture.width = 8;
-  picture.height = 4;
-  picture.channels = 3;
-  picture.data.assign(8 * 4 * 3, value);
-  return picture;
+encoder::Image8 uniform_image(std::uint8_t value) {
+  encoder::Image8 image;
+  image.width = 8;
+  image.height = 4;
+  image.channels = 3;
+  image.data.assign(8 * 4 * 3, value);
+  return image;
 }
 
 }  // namespace
 
-TEST_CASE("the median is of an odd number of frames spread over all, or of none") {
+TEST_CASE("the median uses an odd number of evenly spread frames, or none") {
   for (std::size_t count : {0u, 1u, 4u}) CHECK(median_frames(count).empty());
   CHECK(median_frames(5) == std::vector<std::size_t>{0, 1, 2, 3, 4});
   CHECK(median_frames(6).size() == 5);
@@ -33,36 +33,36 @@ TEST_CASE("the median is of an odd number of frames spread over all, or of none"
   }
 }
 
-TEST_CASE("the median does not see what passes by") {
-  std::vector<encoder::Image8> pictures(5, plain(90));
+TEST_CASE("the median ignores values that pass through a pixel briefly") {
+  std::vector<encoder::Image8> images(5, uniform_image(90));
   for (std::size_t k = 0; k < 5; ++k) {
-    pictures[k].data[3 * k] = 255;  // one pixel after the other
-    pictures[k].data[3 * (8 + k) + 2] = 0;
+    images[k].data[3 * k] = 255;  // another pixel in each frame
+    images[k].data[3 * (8 + k) + 2] = 0;
   }
-  pictures[3].data[60] = pictures[1].data[60] = pictures[4].data[60] = 200;  // most of the time
-  const encoder::Image8 median = median_of(pictures);
+  images[3].data[60] = images[1].data[60] = images[4].data[60] = 200;  // in most frames
+  const encoder::Image8 median = median_of(images);
   for (std::size_t i = 0; i < median.data.size(); ++i) {
     CHECK(int{median.data[i]} == (i == 60 ? 200 : 90));
   }
 }
 
-TEST_CASE("the error within what moves counts the moving pixels alone, in every channel") {
-  const encoder::Image8 background = plain(100);
-  encoder::Image8 truth = background;
-  truth.data[3 * 5 + 1] = 121;  // beyond the threshold
-  truth.data[3 * 9] = 79;
-  truth.data[3 * 12 + 2] = 120;  // at the threshold
-  Image picture;
-  picture.reshape(8, 4, 3);
-  for (float& v : picture.data) v = 100.0f / 255.0f;
-  picture.plane(0)[20] = 1.0f;  // a bad error where nothing moves
-  ErrorSum sum = moving_error(picture, truth, background);
+TEST_CASE("the moving error covers all channels of the moving pixels only") {
+  const encoder::Image8 background = uniform_image(100);
+  encoder::Image8 ground_truth = background;
+  ground_truth.data[3 * 5 + 1] = 121;  // above the threshold
+  ground_truth.data[3 * 9] = 79;
+  ground_truth.data[3 * 12 + 2] = 120;  // at the threshold
+  Image image;
+  image.reshape(8, 4, 3);
+  for (float& v : image.data) v = 100.0f / 255.0f;
+  image.plane(0)[20] = 1.0f;  // a large error at a static pixel
+  ErrorSum sum = moving_error(image, ground_truth, background);
   CHECK(sum.pixels == 2);
   CHECK(sum.mean() == Approx(2 * 21.0 * 21.0 / (6 * 255.0 * 255.0)));
   sum += sum;
   CHECK(sum.pixels == 4);
   CHECK(sum.mean() == Approx(21.0 * 21.0 / (3 * 255.0 * 255.0)));
-  CHECK(moving_error(picture, background, background).pixels == 0);
+  CHECK(moving_error(image, background, background).pixels == 0);
 }
 
 }  // namespace stgs::tools

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// Lifespans after quantisation: visibility in every frame, and the position of edges.
 #include <cmath>
 #include <random>
 
@@ -13,7 +14,7 @@ using stgs::testing::random_scene;
 
 namespace {
 
-// What packing makes of a scene, each primitive beside the one that it was.
+// A scene before and after packing, primitive by primitive.
 struct PackedPair {
   Gaussians4D before, after;
   std::vector<std::uint32_t> order;
@@ -35,14 +36,14 @@ PackedPair packed(const Scene& scene, double quality) {
   return out;
 }
 
-bool is_seen(const Gaussians4D& set, std::size_t i, double t) {
+bool is_visible(const Gaussians4D& set, std::size_t i, double t) {
   const float dt = static_cast<float>(t - set.time[i]);
   return math::opacity_of(set.opacity_logit[i]) *
              math::visibility(dt, set.sigma[i], set.radius[i]) >=
          math::kAlphaThreshold;
 }
 
-// Lifespans of whole frames, as matched splats have them: they end halfway between two.
+// Lifespans of an integral number of frames, with edges halfway between two frames.
 void make_boxes(Scene& scene, unsigned seed) {
   std::mt19937 random(seed);
   const int frames = static_cast<int>(scene.metadata.frames);
@@ -59,7 +60,7 @@ void make_boxes(Scene& scene, unsigned seed) {
 
 }  // namespace
 
-TEST_CASE("what begins and ends between frames is seen at the same frames at any quality") {
+TEST_CASE("primitives with edges between frames are visible in the same frames at any quality") {
   Scene scene = random_scene(1500, 0, 300, 31);
   make_boxes(scene, 32);
   for (const double quality : {0.0, 30.0, 60.0, 85.0, 100.0}) {
@@ -68,19 +69,19 @@ TEST_CASE("what begins and ends between frames is seen at the same frames at any
     int wrong = 0;
     for (std::size_t i = 0; i < pair.order.size(); ++i) {
       for (int t = 0; t <= 300; ++t)
-        wrong += is_seen(pair.before, i, t) != is_seen(pair.after, i, t);
+        wrong += is_visible(pair.before, i, t) != is_visible(pair.after, i, t);
     }
     INFO("quality " << quality);
     CHECK(wrong == 0);
   }
 }
 
-TEST_CASE("frames count from the timeline's beginning in a part that begins between two") {
+TEST_CASE("edges between frames are preserved in a part that begins between two frames") {
   Scene scene = random_scene(400, 0, 60, 33);
   make_boxes(scene, 34);
   scene.parts = {{0, 30.25, 150}, {30.25, 60, 250}};
   for (std::size_t i = 0; i < 400; ++i) {
-    scene.gaussians.time[i] = 0.5f * scene.gaussians.time[i] + 0.1f;  // no edge at a frame
+    scene.gaussians.time[i] = 0.5f * scene.gaussians.time[i] + 0.1f;  // no edge falls on a frame
   }
   const PackedPair pair = packed(scene, 60);
   REQUIRE(pair.order.size() > 390);
@@ -88,14 +89,14 @@ TEST_CASE("frames count from the timeline's beginning in a part that begins betw
   for (std::size_t i = 0; i < pair.order.size(); ++i) {
     const double begin = pair.order[i] < 150 ? 0 : 30.25, end = pair.order[i] < 150 ? 30.25 : 60;
     for (double t = std::ceil(begin); t <= end; ++t) {
-      wrong += is_seen(pair.before, i, t - begin) != is_seen(pair.after, i, t - begin);
+      wrong += is_visible(pair.before, i, t - begin) != is_visible(pair.after, i, t - begin);
     }
   }
   CHECK(wrong == 0);
 }
 
-TEST_CASE("a lifespan far away leaves the others their grid") {
-  for (const float far : {1e5f, 1e8f, 1e30f}) {
+TEST_CASE("a distant lifespan does not coarsen the time grid of the others") {
+  for (const float distance : {1e5f, 1e8f, 1e30f}) {
     Scene scene = random_scene(300, 0, 90, 35);
     Gaussians4D& set = scene.gaussians;
     set.opacity_logit.assign(300, 2.0f);
@@ -103,46 +104,46 @@ TEST_CASE("a lifespan far away leaves the others their grid") {
       set.time[i] = 5.0f + 80.0f / 300.0f * static_cast<float>(i);
       set.sigma[i] = set.radius[i] = 1.0f;
     }
-    set.time[0] = far;   // never seen
-    set.time[1] = 1e5f;  // seen from frame 45 on
+    set.time[0] = distance;  // never visible
+    set.time[1] = 1e5f;      // visible from frame 45
     set.radius[1] = 1e5f - 44.5f;
     set.sigma[1] = 0.01f;
-    set.time[2] = -far;  // seen all the time
-    set.radius[2] = 2.0f * far;
+    set.time[2] = -distance;  // always visible
+    set.radius[2] = 2.0f * distance;
     for (const std::size_t i : {1, 2}) std::fill_n(&set.velocity[3 * i], 3, 0.0f);
     const PackedPair pair = packed(scene, 85);
     REQUIRE(pair.order.size() == 299);
     for (std::size_t i = 0; i < pair.order.size(); ++i) {
-      INFO("far " << far << ", primitive " << pair.order[i]);
+      INFO("distance " << distance << ", primitive " << pair.order[i]);
       if (pair.order[i] > 2) {
         CHECK(std::abs(pair.after.time[i] - pair.before.time[i]) <= 0.126f);
         continue;
       }
-      CHECK(is_seen(pair.after, i, 0) == (pair.order[i] == 2));
-      CHECK(is_seen(pair.after, i, 45) == is_seen(pair.before, i, 45));
-      CHECK(is_seen(pair.after, i, 90));
+      CHECK(is_visible(pair.after, i, 0) == (pair.order[i] == 2));
+      CHECK(is_visible(pair.after, i, 45) == is_visible(pair.before, i, 45));
+      CHECK(is_visible(pair.after, i, 90));
     }
   }
 }
 
-TEST_CASE("what is seen is not left out, whatever the quality") {
+TEST_CASE("visible primitives are never dropped, at any quality") {
   const Scene scene = random_scene(4000, 0, 60, 36);
-  std::size_t seen = 0;
+  std::size_t visible_count = 0;
   for (std::size_t i = 0; i < 4000; ++i) {
-    bool at_all = false;
-    for (int t = 0; t <= 60; ++t) at_all |= is_seen(scene.gaussians, i, t);
-    seen += at_all ? 1 : 0;
+    bool ever_visible = false;
+    for (int t = 0; t <= 60; ++t) ever_visible |= is_visible(scene.gaussians, i, t);
+    visible_count += ever_visible ? 1 : 0;
   }
   for (const double quality : {0.0, 20.0, 34.0, 50.0, 85.0}) {
     INFO("quality " << quality);
-    CHECK(packed(scene, quality).order.size() >= seen);
+    CHECK(packed(scene, quality).order.size() >= visible_count);
   }
 }
 
 namespace {
 
-// Ticks that the beginning and the end of a flat top are off, where they lie within a part of so
-// many.
+// The larger error, in ticks, of the beginning and end of the flat top, clamped to a part of
+// `length` ticks.
 double edge_error(const PackedPair& pair, std::size_t i, double length) {
   const auto edge = [&](const Gaussians4D& set, double side) {
     return std::clamp(set.time[i] + side * set.radius[i], 0.0, length);
@@ -151,17 +152,17 @@ double edge_error(const PackedPair& pair, std::size_t i, double length) {
                   std::abs(edge(pair.before, 1) - edge(pair.after, 1)));
 }
 
-// Long lives with soft edges: they begin and end in a clip of 300 frames or outside of it.
-void make_long(Scene& scene, unsigned seed) {
+// Long lifespans with soft edges that begin and end in or outside a clip of 300 frames.
+void make_long_lifespans(Scene& scene, unsigned seed) {
   std::mt19937 random(seed);
-  const auto between = [&random](float low, float high) {
+  const auto uniform = [&random](float low, float high) {
     return std::uniform_real_distribution(low, high)(random);
   };
   Gaussians4D& set = scene.gaussians;
   for (std::size_t i = 0; i < set.size(); ++i) {
-    set.time[i] = between(-15.0f, 315.0f);
-    set.radius[i] = between(20.0f, 120.0f);
-    set.sigma[i] = between(1.0f, 4.0f);
+    set.time[i] = uniform(-15.0f, 315.0f);
+    set.radius[i] = uniform(20.0f, 120.0f);
+    set.sigma[i] = uniform(1.0f, 4.0f);
     set.opacity_logit[i] = 4.0f;
   }
   set.time[0] = 150.0f;
@@ -171,9 +172,9 @@ void make_long(Scene& scene, unsigned seed) {
 
 }  // namespace
 
-TEST_CASE("long lives with soft edges begin and end when they did") {
+TEST_CASE("long lifespans with soft edges preserve their begin and end") {
   Scene scene = random_scene(2000, 0, 300, 37);
-  make_long(scene, 38);
+  make_long_lifespans(scene, 38);
   struct Bound {
     double quality, sigmas, ticks, opacity;
   };
@@ -184,17 +185,17 @@ TEST_CASE("long lives with soft edges begin and end when they did") {
     for (std::size_t i = 0; i < pair.order.size(); ++i) {
       INFO("quality " << bound.quality << ", T " << pair.before.time[i] << ", r "
                       << pair.before.radius[i] << ", sigma " << pair.before.sigma[i]);
-      const double most = std::max(bound.sigmas * pair.before.sigma[i], bound.ticks);
-      REQUIRE(edge_error(pair, i, 300.0) <= most);
+      const double bound_ticks = std::max(bound.sigmas * pair.before.sigma[i], bound.ticks);
+      REQUIRE(edge_error(pair, i, 300.0) <= bound_ticks);
       const LifespanError error = lifespan_error(pair.before, i, pair.after, i, {0.0, 300.0});
       REQUIRE(error.visibility <= bound.opacity);
       REQUIRE(error.time <= 0.36);
-      REQUIRE(error.radius <= most + 0.36);
+      REQUIRE(error.radius <= bound_ticks + 0.36);
     }
   }
 }
 
-TEST_CASE("what begins long before a clip or ends long after it is seen when it was") {
+TEST_CASE("lifespans that extend far beyond the clip stay visible in the same frames") {
   Scene scene = random_scene(8, 0, 30, 39);
   Gaussians4D& set = scene.gaussians;
   set.time = {-1000, -1000, -60, -5, 1030, -1e5f, -1e8f, -1e5f};
@@ -202,7 +203,7 @@ TEST_CASE("what begins long before a clip or ends long after it is seen when it 
   set.sigma.assign(8, 1.0f);
   set.opacity_logit.assign(8, 2.0f);
   set.velocity.assign(24, 0.0f);
-  set.velocity[3 * 7] = 0.5f;       // seen all the time
+  set.velocity[3 * 7] = 0.5f;       // always visible
   set.position[3 * 7] = -50000.0f;  // at T
   const PackedPair pair = packed(scene, 87);
   REQUIRE(pair.order.size() == 8);
@@ -211,7 +212,8 @@ TEST_CASE("what begins long before a clip or ends long after it is seen when it 
     CHECK(edge_error(pair, i, 30.0) <= 0.21);
     CHECK(trajectory_error(pair.before, i, pair.after, i, 30.0) < 0.05);
     int wrong = 0;
-    for (int t = 0; t <= 30; ++t) wrong += is_seen(pair.before, i, t) != is_seen(pair.after, i, t);
+    for (int t = 0; t <= 30; ++t)
+      wrong += is_visible(pair.before, i, t) != is_visible(pair.after, i, t);
     CHECK(wrong == 0);
   }
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scenes in parts, and windows of a capture, in a file (spec 4.5, 5.10).
+// Files of scenes in parts, and of windows of a capture (spec 4.5, 5.10).
 #include <set>
 
 #include "catch.h"
@@ -62,7 +62,7 @@ std::set<int> issues_of(const Bytes& bytes) {
 
 }  // namespace
 
-TEST_CASE("a scene in parts keeps its primitives, parts and window") {
+TEST_CASE("a file preserves the primitives, parts and window of a scene") {
   const Scene scene = scene_in_parts();
   for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {
     const auto reader = reader_of(scene, profile);
@@ -85,7 +85,7 @@ TEST_CASE("a scene in parts keeps its primitives, parts and window") {
   const auto read = read_scene(memory_source(*bytes));
   REQUIRE(read.ok());
   CHECK(read->parts == kParts);
-  // Each part has its own, whatever the order within it.
+  // Each part has its own primitives, in any order.
   std::uint32_t first = 0;
   for (const ScenePart& part : kParts) {
     std::vector<std::uint32_t> members(part.primitives);
@@ -98,7 +98,7 @@ TEST_CASE("a scene in parts keeps its primitives, parts and window") {
   }
 }
 
-TEST_CASE("a moment has the segments of its part alone") {
+TEST_CASE("the segments at a time are those of one part") {
   const auto reader = reader_of(scene_in_parts(), Profile::kQuantised);
   const auto parts_at = [&](double t) {
     std::set<std::uint32_t> parts;
@@ -118,15 +118,15 @@ TEST_CASE("a moment has the segments of its part alone") {
   CHECK(parts_at(1e6) == last);
 }
 
-TEST_CASE("a scene without parts is one part of all the timeline") {
+TEST_CASE("a scene without parts has one part, the complete timeline") {
   Scene scene = random_scene(50, 0, kFrames, 3);
-  const std::vector<ScenePart> whole = {{0, kFrames, 50}};
-  CHECK(reader_of(scene, Profile::kLossless)->parts() == whole);
-  scene.parts = whole;
-  CHECK(reader_of(scene, Profile::kLossless)->parts() == whole);
+  const std::vector<ScenePart> timeline = {{0, kFrames, 50}};
+  CHECK(reader_of(scene, Profile::kLossless)->parts() == timeline);
+  scene.parts = timeline;
+  CHECK(reader_of(scene, Profile::kLossless)->parts() == timeline);
 }
 
-TEST_CASE("parts are cut and moved by their index alone") {
+TEST_CASE("parts are cut and moved by editing the index alone") {
   const Scene scene = scene_in_parts();
   for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {
     WriteSettings settings;
@@ -134,12 +134,12 @@ TEST_CASE("parts are cut and moved by their index alone") {
     settings.chunk_seconds = 0.1;
     const auto bytes = encode_scene(scene, settings);
     REQUIRE(bytes.ok());
-    // The first ten frames away, and the gap between the first part and the last.
+    // Remove the first ten frames, and the gap between the first and the last part.
     FileHead head = testing::head_of(*bytes);
     for (PartEntry& part : head.parts) {
-      const double by = part.begin == 25 ? 21.5 : 10;
-      part.begin -= by;
-      part.end -= by;
+      const double shift = part.begin == 25 ? 21.5 : 10;
+      part.begin -= shift;
+      part.end -= shift;
     }
     head.parts[0].cut = {0, 3.25};
     head.parts[1].cut = {3.5, 4};
@@ -167,7 +167,7 @@ TEST_CASE("parts are cut and moved by their index alone") {
     CHECK(parts_at(3.2) == std::set<std::uint32_t>{0});
     CHECK(parts_at(3.25).empty());
     CHECK(parts_at(3.5) == std::set<std::uint32_t>{2});
-    // What the scene is written from again is the same file.
+    // Writing the scene again preserves the parts.
     Scene again = *after;
     const auto written = encode_scene(again, {});
     REQUIRE(written.ok());
@@ -175,7 +175,7 @@ TEST_CASE("parts are cut and moved by their index alone") {
   }
 }
 
-TEST_CASE("parts that make no sense are not written") {
+TEST_CASE("invalid parts and windows are not written") {
   Scene scene = random_scene(50, 0, kFrames, 3);
   for (const std::vector<ScenePart>& parts :
        std::vector<std::vector<ScenePart>>{{{0, 20, 25}, {20, 40, 24}},
@@ -192,7 +192,7 @@ TEST_CASE("parts that make no sense are not written") {
   CHECK(encode_scene(scene, {}).status().code() == StatusCode::kUsage);
 }
 
-TEST_CASE("damaged windows are told by number, and ignored") {
+TEST_CASE("invalid window records are reported by number and ignored") {
   const Bytes meta = metadata_record(), index = index_record();
   const auto window = [](const CaptureWindow& w, std::uint32_t flags = 0) {
     return write_record(kWindowTag, write_window(w), flags);

@@ -20,8 +20,9 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr int kFrames = 12;
-constexpr std::size_t kStatic = 500, kMoving = 80, kArriving = 60, kGoing = 60;
-constexpr int kComes = 5, kGoes = 7;  // first frame of the one, first frame without the other
+constexpr std::size_t kStatic = 500, kMoving = 80, kAppearing = 60, kDisappearing = 60;
+constexpr int kFirstShown = 5;   // first frame with the appearing splats
+constexpr int kFirstHidden = 7;  // first frame without the disappearing splats
 
 struct Folder : testing::TemporaryFolder {
   void write(int frame, const Gaussians4D& set) const {
@@ -31,22 +32,22 @@ struct Folder : testing::TemporaryFolder {
   }
 };
 
-// Where splat i of the model is at a frame, relative to its place in the first.
+// Displacement of splat i from its position in the first frame.
 using Motion = std::function<float(std::size_t i, int frame, std::size_t axis)>;
 
-// The parts of a model in their order: what stands still, moves, comes, and goes.
+// The frames of a model whose splats are, in order, static, moving, appearing and disappearing.
 std::vector<Gaussians4D> make_frames(const Motion& motion) {
   Gaussians4D model =
-      testing::random_scene(kStatic + kMoving + kArriving + kGoing, 1, 1, 11).gaussians;
+      testing::random_scene(kStatic + kMoving + kAppearing + kDisappearing, 1, 1, 11).gaussians;
   for (float& s : model.log_scale) s += 1.2f;
   std::vector<Gaussians4D> frames;
   for (int f = 0; f < kFrames; ++f) {
     Gaussians4D frame;
     frame.sh_degree = 1;
     for (std::size_t i = 0; i < model.size(); ++i) {
-      const bool coming = i >= kStatic + kMoving && i < kStatic + kMoving + kArriving;
-      const bool going = i >= kStatic + kMoving + kArriving;
-      if ((coming && f < kComes) || (going && f >= kGoes)) continue;
+      const bool appearing = i >= kStatic + kMoving && i < kStatic + kMoving + kAppearing;
+      const bool disappearing = i >= kStatic + kMoving + kAppearing;
+      if ((appearing && f < kFirstShown) || (disappearing && f >= kFirstHidden)) continue;
       frame.append(model, i);
       if (i < kStatic || i >= kStatic + kMoving) continue;
       for (std::size_t c = 0; c < 3; ++c) {
@@ -59,11 +60,11 @@ std::vector<Gaussians4D> make_frames(const Motion& motion) {
   return frames;
 }
 
-float steady(std::size_t i, int frame, std::size_t axis) {
+float linear(std::size_t i, int frame, std::size_t axis) {
   return 0.01f * static_cast<float>(frame) * (axis == i % 3 ? 1.0f : -0.5f);
 }
 
-float round_and_round(std::size_t i, int frame, std::size_t axis) {
+float circular(std::size_t i, int frame, std::size_t axis) {
   const float angle = 0.3f * static_cast<float>(frame) + static_cast<float>(i);
   const float start = static_cast<float>(i);
   return axis == 0   ? 0.3f * (std::cos(angle) - std::cos(start))
@@ -78,7 +79,7 @@ Gaussians4D shuffled(const Gaussians4D& set, unsigned seed) {
   return set.gather(order);
 }
 
-Image picture(const Gaussians4D& set, double ticks) {
+Image render_at(const Gaussians4D& set, double ticks) {
   math::PinholeCamera camera{};
   camera.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1};
   camera.fx = camera.fy = 150;
@@ -102,14 +103,14 @@ double psnr(const Image& a, const Image& b) {
   return -10 * std::log10(square / static_cast<double>(a.data.size()) + 1e-20);
 }
 
-// Least PSNR over the frames between what the scene shows at their instants and the frames.
-double worst_psnr(const Scene& scene, const std::vector<Gaussians4D>& frames) {
-  double worst = 1000;
+// The lowest PSNR between the scene, rendered at the time of each frame, and the frames.
+double lowest_psnr(const Scene& scene, const std::vector<Gaussians4D>& frames) {
+  double lowest = 1000;
   for (std::size_t f = 0; f < frames.size(); ++f) {
-    worst = std::min(worst,
-                     psnr(picture(scene.gaussians, static_cast<double>(f)), picture(frames[f], 0)));
+    lowest = std::min(
+        lowest, psnr(render_at(scene.gaussians, static_cast<double>(f)), render_at(frames[f], 0)));
   }
-  return worst;
+  return lowest;
 }
 
 Result<Scene> read(const Folder& folder, const std::vector<Gaussians4D>& frames,
@@ -120,9 +121,9 @@ Result<Scene> read(const Folder& folder, const std::vector<Gaussians4D>& frames,
 
 }  // namespace
 
-TEST_CASE("PLY sequence: still, moving, coming and going splats become one primitive each") {
+TEST_CASE("PLY sequence: a static, moving, appearing or disappearing splat is one primitive") {
   const Folder folder;
-  std::vector<Gaussians4D> frames = make_frames(steady);
+  std::vector<Gaussians4D> frames = make_frames(linear);
   const bool permuted = GENERATE(false, true);
   if (permuted) {
     for (std::size_t f = 0; f < frames.size(); ++f) {
@@ -134,59 +135,59 @@ TEST_CASE("PLY sequence: still, moving, coming and going splats become one primi
   INFO(scene.status().message());
   REQUIRE(scene.ok());
   CHECK(scene->metadata.frames == kFrames);
-  CHECK(scene->gaussians.size() == kStatic + kMoving + kArriving + kGoing);
+  CHECK(scene->gaussians.size() == kStatic + kMoving + kAppearing + kDisappearing);
   CHECK(report.frames == kFrames);
   CHECK(report.primitives == scene->gaussians.size());
-  CHECK(report.splats ==
-        kFrames * (kStatic + kMoving) + kArriving * (kFrames - kComes) + kGoing * kGoes);
+  CHECK(report.splats == kFrames * (kStatic + kMoving) + kAppearing * (kFrames - kFirstShown) +
+                             kDisappearing * kFirstHidden);
   CHECK(report.whole_clip == kStatic + kMoving);
   CHECK(report.moving == kMoving);
-  CHECK(report.matched() > 0.98);  // what comes begins primitives
+  CHECK(report.matched() > 0.98);  // appearing splats begin new primitives
   CHECK(report.errors.colour == 0.0);
-  CHECK(worst_psnr(*scene, frames) > 60);
+  CHECK(lowest_psnr(*scene, frames) > 60);
   const auto& velocity = scene->gaussians.velocity;
-  std::size_t still = 0;
+  std::size_t static_count = 0;
   for (std::size_t i = 0; i < scene->gaussians.size(); ++i) {
-    still += velocity[3 * i] == 0 && velocity[3 * i + 1] == 0 && velocity[3 * i + 2] == 0;
+    static_count += velocity[3 * i] == 0 && velocity[3 * i + 1] == 0 && velocity[3 * i + 2] == 0;
   }
-  CHECK(still == scene->gaussians.size() - kMoving);
+  CHECK(static_count == scene->gaussians.size() - kMoving);
 }
 
-TEST_CASE("PLY sequence: a frame is shown from halfway to halfway") {
+TEST_CASE("PLY sequence: a frame is shown for half a frame before and after its time") {
   const Folder folder;
   std::vector<Gaussians4D> frames = make_frames([](std::size_t, int, std::size_t) { return 0.0f; });
   SequenceReport report;
   const Result<Scene> scene = read(folder, frames, report);
   REQUIRE(scene.ok());
   for (const double around : {-0.49, -0.1, 0.0, 0.25, 0.49}) {
-    CHECK(psnr(picture(scene->gaussians, kComes + around),
-               picture(frames[static_cast<std::size_t>(kComes)], 0)) > 60);
-    CHECK(psnr(picture(scene->gaussians, kGoes - 1 + around),
-               picture(frames[static_cast<std::size_t>(kGoes - 1)], 0)) > 60);
+    CHECK(psnr(render_at(scene->gaussians, kFirstShown + around),
+               render_at(frames[static_cast<std::size_t>(kFirstShown)], 0)) > 60);
+    CHECK(psnr(render_at(scene->gaussians, kFirstHidden - 1 + around),
+               render_at(frames[static_cast<std::size_t>(kFirstHidden - 1)], 0)) > 60);
   }
-  // Where two meet, there is neither a hole nor both.
-  CHECK(psnr(picture(scene->gaussians, kComes - 0.5),
-             picture(frames[static_cast<std::size_t>(kComes)], 0)) > 60);
+  // Where two frames meet, there is neither a gap nor an overlap.
+  CHECK(psnr(render_at(scene->gaussians, kFirstShown - 0.5),
+             render_at(frames[static_cast<std::size_t>(kFirstShown)], 0)) > 60);
   // The last frame lasts to the end of the clip.
-  CHECK(psnr(picture(scene->gaussians, kFrames), picture(frames.back(), 0)) > 60);
+  CHECK(psnr(render_at(scene->gaussians, kFrames), render_at(frames.back(), 0)) > 60);
 }
 
-TEST_CASE("PLY sequence: a path that bends becomes a few straight pieces") {
+TEST_CASE("PLY sequence: a curved path becomes a few straight segments") {
   const Folder folder;
-  const std::vector<Gaussians4D> frames = make_frames(round_and_round);
+  const std::vector<Gaussians4D> frames = make_frames(circular);
   SequenceReport report;
   const Result<Scene> scene = read(folder, frames, report);
   REQUIRE(scene.ok());
-  const std::size_t others = kStatic + kArriving + kGoing;
+  const std::size_t others = kStatic + kAppearing + kDisappearing;
   CHECK(scene->gaussians.size() >= others + kMoving);
   CHECK(scene->gaussians.size() <= others + kMoving * kFrames * 2 / 3);
   CHECK(report.errors.position <= 0.02);
-  CHECK(worst_psnr(*scene, frames) >= 50);
+  CHECK(lowest_psnr(*scene, frames) >= 50);
 }
 
-TEST_CASE("PLY sequence: what differs within the tolerances is one, and the error is told") {
+TEST_CASE("PLY sequence: splats within the tolerances are joined, and the error is reported") {
   const Folder folder;
-  std::vector<Gaussians4D> frames = make_frames(steady);
+  std::vector<Gaussians4D> frames = make_frames(linear);
   std::mt19937 random(3);
   std::uniform_real_distribution<float> noise(-1, 1);
   for (std::size_t f = 1; f < frames.size(); ++f) {
@@ -197,38 +198,38 @@ TEST_CASE("PLY sequence: what differs within the tolerances is one, and the erro
   SequenceReport report;
   Result<Scene> scene = read(folder, frames, report);
   REQUIRE(scene.ok());
-  CHECK(scene->gaussians.size() == kStatic + kMoving + kArriving + kGoing);
+  CHECK(scene->gaussians.size() == kStatic + kMoving + kAppearing + kDisappearing);
   CHECK(report.errors.log_scale > 0.004);
-  CHECK(report.errors.log_scale <= 0.010001);  // of two noisy frames
+  CHECK(report.errors.log_scale <= 0.010001);  // the sum for two noisy frames
   CHECK(report.errors.opacity > 0.0005);
   CHECK(report.errors.opacity <= 0.00251);
   CHECK(report.errors.colour > 0);
-  CHECK(worst_psnr(*scene, frames) >= 50);
-  // Nothing allowed, nothing joined, but the frames are shown all the same.
+  CHECK(lowest_psnr(*scene, frames) >= 50);
+  // Zero tolerances join nothing, and the frames are still reproduced.
   SequenceSettings exact;
   exact.tolerances = {0, 0, 0, 0, 0};
   scene = read_ply_sequence(folder.path, exact, {}, &report);
   REQUIRE(scene.ok());
   CHECK(report.matched() == 0.0);
   CHECK(scene->gaussians.size() == report.splats);
-  CHECK(worst_psnr(*scene, frames) > 60);
+  CHECK(lowest_psnr(*scene, frames) > 60);
 }
 
-TEST_CASE("PLY sequence: a colour that changes begins a new primitive") {
+TEST_CASE("PLY sequence: a change of colour begins a new primitive") {
   const Folder folder;
-  std::vector<Gaussians4D> frames = make_frames(steady);
+  std::vector<Gaussians4D> frames = make_frames(linear);
   for (std::size_t f = 6; f < frames.size(); ++f) frames[f].sh[0] += 0.1f;  // of the first splat
   SequenceReport report;
   const Result<Scene> scene = read(folder, frames, report);
   REQUIRE(scene.ok());
-  CHECK(scene->gaussians.size() == kStatic + kMoving + kArriving + kGoing + 1);
-  CHECK(worst_psnr(*scene, frames) > 60);
+  CHECK(scene->gaussians.size() == kStatic + kMoving + kAppearing + kDisappearing + 1);
+  CHECK(lowest_psnr(*scene, frames) > 60);
 }
 
-TEST_CASE("PLY sequence: one frame is a still model") {
+TEST_CASE("PLY sequence: a single frame is a static model") {
   const Folder folder;
   SequenceReport report;
-  const Result<Scene> scene = read(folder, {make_frames(steady)[0]}, report);
+  const Result<Scene> scene = read(folder, {make_frames(linear)[0]}, report);
   REQUIRE(scene.ok());
   CHECK(scene->metadata.frames == 1);
   CHECK(report.matched() == 1.0);
@@ -238,7 +239,7 @@ TEST_CASE("PLY sequence: one frame is a still model") {
   CHECK(scene->gaussians.sigma[0] == 1.0f);
 }
 
-TEST_CASE("PLY sequence: what is no sequence is refused") {
+TEST_CASE("PLY sequence: folders that are not a sequence are rejected") {
   const Folder folder;
   const auto code = [&](const ReadLimits& limits = {}) {
     return read_ply_sequence(folder.path, {}, limits).status().code();
@@ -263,14 +264,14 @@ TEST_CASE("PLY sequence: what is no sequence is refused") {
   fs::resize_file(folder / "00009.ply", fs::file_size(folder / "00009.ply") - 1);
   CHECK(code() == StatusCode::kInvalidFile);
   fs::remove(folder / "00009.ply");
-  // Each frame is within the limit, what becomes of them is not.
+  // Each frame is within the limit, the resulting scene is not.
   folder.write(9, testing::random_scene(30, 0, 1, 3).gaussians);
   ReadLimits limits;
   limits.max_primitives = 59;
   CHECK(code(limits) == StatusCode::kUnsupported);
 }
 
-TEST_CASE("PLY sequence: splats that all lie in one place end in time") {
+TEST_CASE("PLY sequence: thousands of coincident splats are matched in bounded time") {
   const Folder folder;
   Gaussians4D set = testing::random_scene(6000, 0, 1, 4).gaussians;
   std::fill(set.position.begin(), set.position.end(), 1.0f);

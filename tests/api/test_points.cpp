@@ -23,7 +23,7 @@ std::vector<InitialPoint> some_points(bool moving) {
   return points;
 }
 
-TEST_CASE("initial points come back as they were written") {
+TEST_CASE("initial points round-trip") {
   for (bool moving : {false, true}) {
     const testing::TemporaryFolder folder;
     const std::string path = folder / "points.ply";
@@ -44,7 +44,7 @@ TEST_CASE("initial points come back as they were written") {
   }
 }
 
-TEST_CASE("a points file whose count does not fit its bytes is refused") {
+TEST_CASE("a points file whose count or properties do not match its bytes is rejected") {
   const testing::TemporaryFolder folder;
   const std::string path = folder / "points.ply";
   REQUIRE(write_points(path, some_points(true)).ok());

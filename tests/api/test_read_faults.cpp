@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sources that fail while they are read, files that change under a reader, and callers' limits.
+// Sources whose reads fail, files that change under a reader, and the limits of a caller.
 #include <atomic>
 #include <filesystem>
 #include <fstream>
@@ -25,14 +25,14 @@ Bytes vector_named(const std::string& name) {
   return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
 
-// Bytes of which so many reads succeed, and none after them.
+// A source whose reads succeed a given number of times and then all fail.
 class FailingSource final : public ByteSource {
  public:
-  FailingSource(Bytes bytes, std::shared_ptr<std::atomic<int>> left)
-      : bytes_(std::move(bytes)), left_(std::move(left)) {}
+  FailingSource(Bytes bytes, std::shared_ptr<std::atomic<int>> reads_left)
+      : bytes_(std::move(bytes)), reads_left_(std::move(reads_left)) {}
   std::uint64_t size() const override { return bytes_.size(); }
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
-    if (left_->fetch_sub(1) <= 0) return io_error("{}: the disk is gone", name_);
+    if (reads_left_->fetch_sub(1) <= 0) return io_error("{}: the disk is gone", name_);
     REQUIRE((offset <= bytes_.size() && out.size() <= bytes_.size() - offset));
     std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(offset), out.size(), out.begin());
     return {};
@@ -41,7 +41,7 @@ class FailingSource final : public ByteSource {
 
  private:
   Bytes bytes_;
-  std::shared_ptr<std::atomic<int>> left_;
+  std::shared_ptr<std::atomic<int>> reads_left_;
   std::string name_ = "failing";
 };
 
@@ -49,8 +49,8 @@ std::unique_ptr<ByteSource> failing(const Bytes& bytes, int reads) {
   return std::make_unique<FailingSource>(bytes, std::make_shared<std::atomic<int>>(reads));
 }
 
-// Reads all that a file has.
-Status read_all_of(std::unique_ptr<ByteSource> source) {
+// Decodes every segment, and reads the importance of the primitives.
+Status read_all(std::unique_ptr<ByteSource> source) {
   STGS_ASSIGN(const auto reader, SceneReader::open(std::move(source)));
   for (std::uint32_t s = 0; s < reader->segments().size(); ++s) {
     STGS_TRY(reader->decode(s).status());
@@ -59,7 +59,8 @@ Status read_all_of(std::unique_ptr<ByteSource> source) {
   return reader->importance().status();
 }
 
-// How many reads must succeed for a call to.
+// Returns the number of reads that a call needs to succeed. With fewer, it must report the I/O
+// error.
 template <typename Call>
 int reads_needed(const Call& call) {
   constexpr int kMany = 1000;
@@ -85,7 +86,7 @@ constexpr const char* kVectors[] = {"tiers",
 
 }  // namespace
 
-TEST_CASE("a group without planes is checked before a decoder elsewhere gets the segment") {
+TEST_CASE("a group without planes is checked before the segment is decoded or passed on") {
   for (const char* name : {"no_planes_state", "no_planes_word"}) {
     INFO(name);
     const auto reader = SceneReader::open(memory_source(vector_named(name)));
@@ -93,20 +94,20 @@ TEST_CASE("a group without planes is checked before a decoder elsewhere gets the
     CHECK_FALSE((*reader)->decode(0).ok());
     CHECK((*reader)->read(0, true).status().code() == StatusCode::kInvalidFile);
   }
-  const auto sound = SceneReader::open(memory_source(vector_named("group_of_no_planes")));
-  REQUIRE(sound.ok());
-  CHECK((*sound)->read(0, true).ok());
+  const auto valid = SceneReader::open(memory_source(vector_named("group_of_no_planes")));
+  REQUIRE(valid.ok());
+  CHECK((*valid)->read(0, true).ok());
 }
 
-TEST_CASE("a source that fails anywhere is told to be one") {
+TEST_CASE("a failure of any read is reported as an I/O error") {
   for (const char* name : kVectors) {
     INFO(name);
     const Bytes bytes = vector_named(name);
-    const auto read = [&](int reads) { return read_all_of(failing(bytes, reads)); };
+    const auto read = [&](int reads) { return read_all(failing(bytes, reads)); };
     const int needed = reads_needed(read);
     CHECK(needed > 2);
     CHECK(needed < 200);
-    // The validator goes on, and says what it could not look at.
+    // The validator continues, and reports each part that it could not read as issue 100.
     const auto validate = [&](int reads) -> Status {
       STGS_ASSIGN(const auto issues, validate_scene(*failing(bytes, reads)));
       for (const Issue& issue : issues) {
@@ -118,15 +119,15 @@ TEST_CASE("a source that fails anywhere is told to be one") {
   }
 }
 
-TEST_CASE("finalize makes no file of a source that fails") {
+TEST_CASE("finalize writes no file if its source fails") {
   const testing::TemporaryFolder folder;
   const std::string output = folder / "closed.stgs";
   for (const char* name : {"growing_closed", "growing_timed_data", "growing_with_layouts"}) {
     INFO(name);
     const Bytes bytes = vector_named(name);
     const int needed = reads_needed([&](int reads) {
-      DamageReport losses;
-      const Status status = finalize_scene(failing(bytes, reads), output, losses);
+      DamageReport damage;
+      const Status status = finalize_scene(failing(bytes, reads), output, damage);
       CHECK(fs::exists(output) == status.ok());
       return status;
     });
@@ -135,7 +136,7 @@ TEST_CASE("finalize makes no file of a source that fails") {
   }
 }
 
-TEST_CASE("a recording is gone on with only as it was begun") {
+TEST_CASE("only an intact growing recording without timed data can be resumed") {
   const testing::TemporaryFolder folder;
   const std::string path = folder / "live.stgs";
   const auto resumed = [&](const char* name) {
@@ -157,7 +158,7 @@ TEST_CASE("a recording is gone on with only as it was begun") {
 
 namespace {
 
-// A file that is replaced under its reader.
+// A source whose bytes change under its reader.
 class ChangingSource final : public ByteSource {
  public:
   explicit ChangingSource(std::shared_ptr<Bytes> bytes) : bytes_(std::move(bytes)) {}
@@ -178,7 +179,7 @@ class ChangingSource final : public ByteSource {
 
 }  // namespace
 
-TEST_CASE("a recording that becomes shorter is an error, and the reader stays as it was") {
+TEST_CASE("a recording that shrinks is an error, and the reader keeps its state") {
   const auto bytes = std::make_shared<Bytes>(vector_named("growing"));
   const auto reader = SceneReader::open(std::make_unique<ChangingSource>(bytes));
   REQUIRE(reader.ok());
@@ -196,7 +197,7 @@ TEST_CASE("a recording that becomes shorter is an error, and the reader stays as
         StatusCode::kUsage);
 }
 
-TEST_CASE("limits hold for what is asked for as a whole, and for records aside") {
+TEST_CASE("the memory limit applies to a complete read, and the validator reports larger records") {
   Scene scene = random_scene(400, 1, 30, 7);
   scene.importance.assign(400, 1.0f);
   WriteSettings settings;
@@ -204,11 +205,11 @@ TEST_CASE("limits hold for what is asked for as a whole, and for records aside")
   const auto bytes = encode_scene(scene, settings);
   REQUIRE(bytes.ok());
   ReadLimits limits;
-  limits.max_memory = 400 * 4 * 29 - 1;  // every segment's floats take less
+  limits.max_memory = 400 * 4 * 29 - 1;  // enough for each segment, not for all primitives
   CHECK(SceneReader::open(memory_source(*bytes), limits).ok());
-  const Status whole = read_scene(memory_source(*bytes), limits).status();
-  CHECK(whole.code() == StatusCode::kUnsupported);
-  CHECK(whole.message().find("400 primitives need 46400 bytes") != std::string::npos);
+  const Status all = read_scene(memory_source(*bytes), limits).status();
+  CHECK(all.code() == StatusCode::kUnsupported);
+  CHECK(all.message().find("400 primitives need 46400 bytes") != std::string::npos);
 
   const Bytes small = vector_named("importance");
   const FileHead head = head_of(small);
@@ -232,35 +233,35 @@ TEST_CASE("limits hold for what is asked for as a whole, and for records aside")
   CHECK(validate_scene(*memory_source(file), {})->empty());
 }
 
-TEST_CASE("what a file cannot hold is not written") {
+TEST_CASE("a scene that the format cannot represent is not written") {
   const Scene good = random_scene(5, 1, 30, 3);
-  const auto refused = [](const Scene& scene, const WriteSettings& settings) {
+  const auto is_rejected = [](const Scene& scene, const WriteSettings& settings) {
     return encode_scene(scene, settings).status().code() == StatusCode::kUsage;
   };
   WriteSettings settings;
   settings.profile = Profile::kQuantised;
-  CHECK_FALSE(refused(good, settings));
+  CHECK_FALSE(is_rejected(good, settings));
   for (const int tiers : {-1, 17}) {
     settings.tiers = tiers;
-    CHECK(refused(good, settings));
+    CHECK(is_rejected(good, settings));
   }
   settings.tiers = 3;
   Scene scene = good;
   scene.gaussians.position[4] = 0x1p100f;
   CHECK(encode_scene(scene, settings).status().code() == StatusCode::kUnsupported);
-  CHECK_FALSE(refused(scene, {}));
+  CHECK_FALSE(is_rejected(scene, {}));
   scene = good;
   scene.gaussians.sh_degree = 4;
-  CHECK(refused(scene, {}));
+  CHECK(is_rejected(scene, {}));
   scene = good;
   scene.importance = {1, 2, -1, 4, 5};
-  CHECK(refused(scene, {}));
+  CHECK(is_rejected(scene, {}));
   scene = good;
   scene.metadata.audio_begin = INFINITY;
-  CHECK(refused(scene, {}));
+  CHECK(is_rejected(scene, {}));
   scene = good;
   scene.parts = {{-1, 0x1p32, 5}};
-  CHECK(refused(scene, {}));
+  CHECK(is_rejected(scene, {}));
   settings.profile = Profile::kUnknown;
-  CHECK(refused(good, settings));
+  CHECK(is_rejected(good, settings));
 }

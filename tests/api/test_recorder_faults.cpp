@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What happens to a recording's file beside its recorder: others that want it, and disks that are
-// full.
+// Faults while recording: concurrent access to the file, full disks, and extreme input.
 #include <sys/file.h>
 #include <sys/resource.h>
 #include <sys/syscall.h>
@@ -13,11 +12,11 @@
 
 namespace {
 
-std::function<void()> before_lock;  // once
+std::function<void()> before_lock;  // called once
 
 }  // namespace
 
-// In place of the C library's.
+// Replaces the C library's function.
 extern "C" int flock(int descriptor, int operation) noexcept {
   if (const auto call = std::exchange(before_lock, nullptr)) call();
   return static_cast<int>(::syscall(SYS_flock, descriptor, operation));
@@ -28,25 +27,25 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Files of this process can have so many bytes while it lives.
+// Limits the files of this process to `bytes` bytes during its lifetime.
 class FullDisk {
  public:
-  explicit FullDisk(std::uint64_t bytes) : handled_(std::signal(SIGXFSZ, SIG_IGN)) {
-    REQUIRE(::getrlimit(RLIMIT_FSIZE, &was_) == 0);
-    const rlimit small{bytes, was_.rlim_max};
+  explicit FullDisk(std::uint64_t bytes) : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
+    REQUIRE(::getrlimit(RLIMIT_FSIZE, &previous_) == 0);
+    const rlimit small{bytes, previous_.rlim_max};
     REQUIRE(::setrlimit(RLIMIT_FSIZE, &small) == 0);
   }
   ~FullDisk() {
-    ::setrlimit(RLIMIT_FSIZE, &was_);
-    std::signal(SIGXFSZ, handled_);
+    ::setrlimit(RLIMIT_FSIZE, &previous_);
+    std::signal(SIGXFSZ, handler_);
   }
 
  private:
-  rlimit was_{};
-  void (*handled_)(int);
+  rlimit previous_{};
+  void (*handler_)(int);
 };
 
-std::unique_ptr<SceneRecorder> made(const std::string& path) {
+std::unique_ptr<SceneRecorder> create_recorder(const std::string& path) {
   auto recorder = SceneRecorder::create(path, recording_metadata(), 1, recording_settings());
   REQUIRE(recorder.ok());
   return std::move(*recorder);
@@ -58,10 +57,10 @@ void append(SceneRecorder& recorder, std::uint32_t i) {
 
 }  // namespace
 
-TEST_CASE("what another recorder appends before the lock is had is kept") {
+TEST_CASE("fragments that another recorder appends before the lock is taken are preserved") {
   const TemporaryFolder folder;
   const std::string path = folder / "live.stgs";
-  auto first = made(path);
+  auto first = create_recorder(path);
   append(*first, 0);
   const bool closes = GENERATE(false, true);
   before_lock = [&] {
@@ -71,7 +70,7 @@ TEST_CASE("what another recorder appends before the lock is had is kept") {
     first.reset();
   };
   auto second = SceneRecorder::resume(path, recording_settings());
-  CHECK(opened(path)->metadata().frames == 3 * kStretchFrames);
+  CHECK(open_scene(path)->metadata().frames == 3 * kStretchFrames);
   if (closes) {
     CHECK(second.status().code() == StatusCode::kUsage);
     return;
@@ -83,7 +82,7 @@ TEST_CASE("what another recorder appends before the lock is had is kept") {
   CHECK(issues_of(bytes_of(path)).empty());
 }
 
-TEST_CASE("a file that took a recording's place is not cut to it") {
+TEST_CASE("a file that replaces a recording before the lock is taken is not truncated") {
   const TemporaryFolder folder;
   const std::string path = folder / "live.stgs", other = folder / "other.stgs";
   record(path, 1, false);
@@ -95,17 +94,17 @@ TEST_CASE("a file that took a recording's place is not cut to it") {
   REQUIRE(SceneRecorder::resume(path, recording_settings()).ok());
 }
 
-TEST_CASE("a recording that cannot be begun leaves nothing, and can be tried again") {
+TEST_CASE("a failed creation of a recording leaves no file and can be retried") {
   const TemporaryFolder folder;
   const std::string path = folder / "live.stgs";
-  for (const std::uint64_t room : {0u, 100u}) {
-    const FullDisk disk(room);
+  for (const std::uint64_t limit : {0u, 100u}) {
+    const FullDisk disk(limit);
     const auto recorder =
         SceneRecorder::create(path, recording_metadata(), 1, recording_settings());
     CHECK(recorder.status().code() == StatusCode::kIo);
     CHECK_FALSE(fs::exists(path));
   }
-  // What has its name by then is somebody else's.
+  // By then the path belongs to another file.
   before_lock = [&] {
     fs::remove(path);
     std::ofstream(path) << "of another";
@@ -116,14 +115,14 @@ TEST_CASE("a recording that cannot be begun leaves nothing, and can be tried aga
   }
   CHECK(bytes_of(path).size() == 10);
   fs::remove(path);
-  append(*made(path), 0);
+  append(*create_recorder(path), 0);
 }
 
-TEST_CASE("a full disk ends a recording, which can be gone on with") {
+TEST_CASE("a full disk ends a recording, which can be resumed") {
   const TemporaryFolder folder;
   const std::string path = folder / "live.stgs";
   const bool closing = GENERATE(false, true);
-  auto recorder = made(path);
+  auto recorder = create_recorder(path);
   append(*recorder, 0);
   const auto before = bytes_of(path);
   {
@@ -139,7 +138,7 @@ TEST_CASE("a full disk ends a recording, which can be gone on with") {
   CHECK(recorder->bytes() == before.size());
   CHECK(recorder->append(stretch(1), 2 * kStretchFrames).code() == StatusCode::kUsage);
   CHECK(recorder->close().code() == StatusCode::kUsage);
-  // Beside the one that has ended.
+  // While the recorder that has ended still exists.
   auto next = SceneRecorder::resume(path, recording_settings());
   REQUIRE(next.ok());
   append(**next, 1);
@@ -147,7 +146,7 @@ TEST_CASE("a full disk ends a recording, which can be gone on with") {
   CHECK(issues_of(bytes_of(path)).empty());
 }
 
-TEST_CASE("a recorder counts what is never seen") {
+TEST_CASE("a recorder counts primitives that are never visible as dropped") {
   const TemporaryFolder folder;
   const std::string path = folder / "live.stgs";
   auto recorder =
@@ -169,7 +168,7 @@ TEST_CASE("a recorder counts what is never seen") {
   CHECK((*recorder)->dropped() == 0);
 }
 
-TEST_CASE("what is seen all the time is so in the longest stretch that there can be") {
+TEST_CASE("always visible primitives stay so in the longest possible fragment") {
   const TemporaryFolder folder;
   for (const std::uint32_t frames : {2'000'000'000u, 0x7FFFFFFFu, 0x80000000u, 0xFFFFFFFFu}) {
     const std::string path = folder / fmt::format("{}.stgs", frames);
@@ -183,12 +182,12 @@ TEST_CASE("what is seen all the time is so in the longest stretch that there can
     REQUIRE((*recorder)->append(set, frames).ok());
     const auto decoded = read_scene(path);
     REQUIRE(decoded.ok());
-    const Gaussians4D& is = decoded->gaussians;
-    REQUIRE(is.size() == 3);
+    const Gaussians4D& found = decoded->gaussians;
+    REQUIRE(found.size() == 3);
     for (std::size_t i = 0; i < 3; ++i) {
-      INFO(frames << ": " << is.time[i] << " +- " << is.radius[i]);
-      CHECK(is.time[i] - is.radius[i] <= 0);
-      CHECK(double{is.time[i]} + is.radius[i] >= frames);
+      INFO(frames << ": " << found.time[i] << " +- " << found.radius[i]);
+      CHECK(found.time[i] - found.radius[i] <= 0);
+      CHECK(double{found.time[i]} + found.radius[i] >= frames);
     }
     CHECK(issues_of(bytes_of(path)).empty());
   }

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The index of files that grow: how little is read of it, however long they are, and what is lost
-// with a piece of it.
+// The index of recordings: the number of reads to find it, and the effect of damaged fragments.
 #include <set>
 
 #include "catch.h"
@@ -11,24 +10,24 @@ using namespace stgs;
 using namespace stgs::testing;
 using Bytes = std::vector<std::uint8_t>;
 
-TEST_CASE("the index of a long recording is found in few fragments") {
+TEST_CASE("the index of a long recording is found with few fragments") {
   const TemporaryFolder folder;
   const std::string path = folder / "long.stgs";
   const std::vector<std::uint64_t> sizes = record(path, 200, false, Profile::kQuantised, 4);
-  const auto reader = opened(path);
+  const auto reader = open_scene(path);
   CHECK(reader->parts().size() == 200);
   CHECK(reader->primitives() == 800);
   // 200 = 128 + 64 + 8.
   CHECK(reader->head_bytes() < sizes.front() + 3 * 230 + 200 * 60);
-  // Without its last bytes the last fragment before is found.
-  const Bytes whole = bytes_of(path);
-  const Bytes cut(whole.begin(), whole.end() - 1);
+  // Without its last byte, the previous fragment is found.
+  const Bytes intact = bytes_of(path);
+  const Bytes cut(intact.begin(), intact.end() - 1);
   CHECK((*SceneReader::open(memory_source(cut)))->parts().size() == 199);
 }
 
 namespace {
 
-// Counts what a reader asks of its source.
+// Counts the reads of a source and their bytes.
 class CountedSource final : public ByteSource {
  public:
   struct Counts {
@@ -50,8 +49,8 @@ class CountedSource final : public ByteSource {
   Counts& counts_;
 };
 
-// A recording of so many stretches without primitives, with this before each fragment.
-Bytes long_recording(std::uint32_t count, const Bytes& between) {
+// A recording of `count` fragments without primitives; `note` precedes each fragment record.
+Bytes long_recording(std::uint32_t count, const Bytes& note) {
   FileMetadata metadata;
   metadata.scene = recording_metadata();
   metadata.scene.frames = 1;
@@ -69,8 +68,8 @@ Bytes long_recording(std::uint32_t count, const Bytes& between) {
   FileIndex index;
   index.chunk_ticks = 1;
   for (std::uint32_t i = 1; i <= count; ++i) {
-    out.insert(out.end(), between.begin(), between.end());
-    parts.push_back({i - 1.0, 1.0 * i, last_bytes + between.size()});
+    out.insert(out.end(), note.begin(), note.end());
+    parts.push_back({i - 1.0, 1.0 * i, last_bytes + note.size()});
     const std::size_t first = i & (i - 1);
     fragment.frames = i;
     fragment.offset = out.size();
@@ -87,13 +86,13 @@ Bytes long_recording(std::uint32_t count, const Bytes& between) {
 
 }  // namespace
 
-TEST_CASE("a file of 20000 stretches is joined in few reads, wherever it ends") {
+TEST_CASE("a recording of 20,000 fragments is opened in few reads, wherever it ends") {
   const Bytes note = write_record(tag_of("POSE"), Bytes(1000, 7), 0);
-  const Bytes whole = long_recording(20000, note);
-  REQUIRE(whole.size() > 20'000'000);
+  const Bytes intact = long_recording(20000, note);
+  REQUIRE(intact.size() > 20'000'000);
   for (const std::size_t tail : {0u, 1u, 40u, 100'000u, 3'000'000u}) {
-    // What is being written: the beginning of a record.
-    Bytes bytes = whole;
+    // The beginning of a record that is still being written.
+    Bytes bytes = intact;
     const Bytes next = write_record(kSegmentTag, Bytes(4'000'000, 3));
     bytes.insert(bytes.end(), next.begin(), next.begin() + static_cast<std::ptrdiff_t>(tail));
     CountedSource::Counts counts;
@@ -108,20 +107,20 @@ TEST_CASE("a file of 20000 stretches is joined in few reads, wherever it ends") 
   }
 }
 
-TEST_CASE("a damaged fragment loses what it alone lists") {
+TEST_CASE("a damaged fragment affects only the segments that no other fragment lists") {
   const TemporaryFolder folder;
   const std::string path = folder / "live.stgs";
   record(path, 13, false, Profile::kLossless, 6);
-  const Bytes whole = bytes_of(path);
+  const Bytes intact = bytes_of(path);
   std::vector<std::size_t> at;
-  const std::string text(whole.begin(), whole.end());
+  const std::string text(intact.begin(), intact.end());
   for (std::size_t i = text.find("FRAG"); i != std::string::npos; i = text.find("FRAG", i + 1)) {
     at.push_back(i);
   }
   REQUIRE(at.size() == 13);
   for (std::size_t i = 0; i < at.size(); ++i) {
-    for (const std::size_t byte : {5, 40, 110}) {  // its record header, its own fields, its index
-      Bytes damaged = whole;
+    for (const std::size_t byte : {5, 40, 110}) {  // record header, fragment header, index
+      Bytes damaged = intact;
       damaged[at[i] + byte] ^= 0x10;
       const auto reader = SceneReader::open(memory_source(damaged));
       INFO("fragment " << i + 1 << ": " << reader.status().message());
@@ -130,19 +129,19 @@ TEST_CASE("a damaged fragment loses what it alone lists") {
       const auto set = (*reader)->decode(0);
       CHECK(set.ok());
       CHECK_FALSE(issues_of(damaged).empty());
-      // Those of the chain, 8 and 12 and 13; the last is as if it were not there yet.
+      // Fragments 8, 12 and 13 form the chain; a damaged 13 counts as not yet written.
       CHECK((*reader)->damage().size() == (i == 7 || (i == 11 && byte >= 32) ? 1 : 0));
     }
   }
 }
 
-TEST_CASE("many records that look like fragments cost no more than the file") {
+TEST_CASE("records that resemble fragments cause a bounded number of bytes read") {
   Bytes bytes = long_recording(1, {});
   const std::size_t head = bytes.size();
-  // Each claims all that follows it.
-  constexpr std::size_t kFakes = 20000, kSize = 40;
-  bytes.resize(head + kFakes * kSize + 100);
-  for (std::size_t i = 0; i < kFakes; ++i) {
+  // Each states a length up to the end of the file.
+  constexpr std::size_t kFakeCount = 20000, kSize = 40;
+  bytes.resize(head + kFakeCount * kSize + 100);
+  for (std::size_t i = 0; i < kFakeCount; ++i) {
     const std::size_t offset = head + i * kSize;
     ByteWriter out;
     out.u32(kFragmentTag);

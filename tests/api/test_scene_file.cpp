@@ -18,11 +18,11 @@ Result<std::unique_ptr<SceneReader>> open_bytes(std::vector<std::uint8_t> bytes)
 
 }  // namespace
 
-TEST_CASE("the lossless profile gives back every bit of every primitive") {
+TEST_CASE("the lossless profile preserves every bit of every primitive") {
   for (int degree = 0; degree <= 3; ++degree) {
     Scene scene = random_scene(700, degree, 60, 7);
     scene.gaussians.position[0] = -0.0f;
-    scene.gaussians.sh[1] = 1e-42f;  // not normalised
+    scene.gaussians.sh[1] = 1e-42f;  // subnormal
     const testing::TemporaryFolder folder;
     const std::string path = folder / "scene.stgs";
     const Status written = write_scene(path, scene, {});
@@ -38,7 +38,7 @@ TEST_CASE("the lossless profile gives back every bit of every primitive") {
   }
 }
 
-TEST_CASE("a file says what it is") {
+TEST_CASE("metadata round-trips") {
   Scene scene = random_scene(100, 1, 90, 3);
   scene.metadata.time_base = {1001, 30000};
   scene.metadata.metres_per_unit = 0.25f;
@@ -116,7 +116,7 @@ TEST_CASE("writing the same scene twice gives the same bytes") {
   }
 }
 
-TEST_CASE("a packed scene is the same however it is coded, but not as large") {
+TEST_CASE("rANS and zstd decode to the same scene, and rANS is smaller") {
   Scene scene = random_scene(3000, 3, 60, 5);
   for (std::size_t i = 0; i < 300; ++i) scene.gaussians.sh[i * 48 + 5] *= 1000.0f;  // many digits
   WriteSettings settings;
@@ -137,81 +137,83 @@ TEST_CASE("a packed scene is the same however it is coded, but not as large") {
   CHECK(fingerprints(sets[0]) == fingerprints(sets[1]));
 }
 
-TEST_CASE("what cannot be written is refused by name and number") {
-  const Scene good = random_scene(20, 1, 30, 2);
+TEST_CASE("invalid scenes and settings are rejected, naming the value") {
+  const Scene valid = random_scene(20, 1, 30, 2);
   const auto message = [](const Scene& scene, const WriteSettings& settings = {}) {
     const auto bytes = encode_scene(scene, settings);
     CHECK(bytes.status().code() == StatusCode::kUsage);
     return bytes.status().message();
   };
-  Scene bad = good;
-  bad.gaussians.velocity[3 * 11 + 2] = NAN;
-  CHECK(message(bad) == "invalid velocity[2] of primitive 11 (expected a finite number, got nan)");
-  bad = good;
-  bad.gaussians.sh[12 * 4 + 3] = INFINITY;
-  CHECK(message(bad) == "invalid sh1[0] of primitive 4 (expected a finite number, got inf)");
-  bad = good;
-  bad.gaussians.sigma[7] = 0.0f;
-  CHECK(message(bad) == "invalid sigma of primitive 7 (expected > 0, got 0)");
-  bad = good;
-  bad.gaussians.radius[0] = -1.0f;
-  CHECK(message(bad) == "invalid radius of primitive 0 (expected >= 0, got -1)");
-  bad = good;
-  std::fill_n(bad.gaussians.rotation.begin() + 4 * 19, 4, 0.0f);
-  CHECK(message(bad) == "invalid rotation of primitive 19 (quaternion of length 0)");
-  bad = good;
-  bad.gaussians.time.pop_back();
-  CHECK(message(bad) == "array lengths do not match (for 20 primitives)");
-  bad = good;
-  bad.metadata.near_plane = -1.0f;
-  CHECK(message(bad) ==
+  Scene invalid = valid;
+  invalid.gaussians.velocity[3 * 11 + 2] = NAN;
+  CHECK(message(invalid) ==
+        "invalid velocity[2] of primitive 11 (expected a finite number, got nan)");
+  invalid = valid;
+  invalid.gaussians.sh[12 * 4 + 3] = INFINITY;
+  CHECK(message(invalid) == "invalid sh1[0] of primitive 4 (expected a finite number, got inf)");
+  invalid = valid;
+  invalid.gaussians.sigma[7] = 0.0f;
+  CHECK(message(invalid) == "invalid sigma of primitive 7 (expected > 0, got 0)");
+  invalid = valid;
+  invalid.gaussians.radius[0] = -1.0f;
+  CHECK(message(invalid) == "invalid radius of primitive 0 (expected >= 0, got -1)");
+  invalid = valid;
+  std::fill_n(invalid.gaussians.rotation.begin() + 4 * 19, 4, 0.0f);
+  CHECK(message(invalid) == "invalid rotation of primitive 19 (quaternion of length 0)");
+  invalid = valid;
+  invalid.gaussians.time.pop_back();
+  CHECK(message(invalid) == "array lengths do not match (for 20 primitives)");
+  invalid = valid;
+  invalid.metadata.near_plane = -1.0f;
+  CHECK(message(invalid) ==
         "metadata: background, bounds or near plane is not finite, or the near plane is negative");
-  bad = good;
-  bad.metadata.background[2] = NAN;
-  CHECK(message(bad) ==
+  invalid = valid;
+  invalid.metadata.background[2] = NAN;
+  CHECK(message(invalid) ==
         "metadata: background, bounds or near plane is not finite, or the near plane is negative");
-  bad = good;
-  // Latin-1, an overlong slash, a surrogate, past the last code point, cut off.
+  invalid = valid;
+  // Latin-1, an overlong slash, a surrogate, past the last code point, truncated.
   for (const char* text : {"caf\xE9", "\xC0\xAF", "\xED\xA0\x80", "\xF4\x90\x80\x80", "\xE2\x82"}) {
-    bad.metadata.title = text;
-    CHECK(message(bad) == "metadata: generator, title or audio location is not UTF-8");
+    invalid.metadata.title = text;
+    CHECK(message(invalid) == "metadata: generator, title or audio location is not UTF-8");
   }
-  bad = good;
-  bad.metadata.title = "caf\xC3\xA9 \xE2\x82\xAC \xF0\x9F\x8E\xA5";
-  CHECK(encode_scene(bad, {}).ok());
+  invalid = valid;
+  invalid.metadata.title = "caf\xC3\xA9 \xE2\x82\xAC \xF0\x9F\x8E\xA5";
+  CHECK(encode_scene(invalid, {}).ok());
   StartCamera camera;
   camera.width = 640;
   camera.height = 480;
   camera.fx = camera.fy = 500.0f;
-  bad.metadata = good.metadata;
-  bad.metadata.start_camera = camera;
-  CHECK(encode_scene(bad, {}).ok());
-  bad.metadata.start_camera->height = 0;
-  CHECK(message(bad) ==
+  invalid.metadata = valid.metadata;
+  invalid.metadata.start_camera = camera;
+  CHECK(encode_scene(invalid, {}).ok());
+  invalid.metadata.start_camera->height = 0;
+  CHECK(message(invalid) ==
         "metadata: start camera has an invalid size (expected sides of 1 to 32768 pixels, got "
         "640x0)");
-  bad.metadata.start_camera = camera;
-  bad.metadata.start_camera->fy = 0.0f;
-  CHECK(message(bad).find("start camera has values that are not finite, or a focal length <= 0") !=
+  invalid.metadata.start_camera = camera;
+  invalid.metadata.start_camera->fy = 0.0f;
+  CHECK(message(invalid).find(
+            "start camera has values that are not finite, or a focal length <= 0") !=
         std::string::npos);
-  bad.metadata.start_camera = camera;
-  bad.metadata.start_camera->rotation[4] = 1.1f;
-  CHECK(message(bad) == "metadata: start camera has an invalid rotation matrix");
-  bad = good;
-  bad.metadata.frames = 0;
-  CHECK(message(bad).find("at least one frame") != std::string::npos);
+  invalid.metadata.start_camera = camera;
+  invalid.metadata.start_camera->rotation[4] = 1.1f;
+  CHECK(message(invalid) == "metadata: start camera has an invalid rotation matrix");
+  invalid = valid;
+  invalid.metadata.frames = 0;
+  CHECK(message(invalid).find("at least one frame") != std::string::npos);
   WriteSettings settings;
   settings.quality = 101;
-  CHECK(message(good, settings) == "invalid quality (expected 0 to 100, got 101)");
+  CHECK(message(valid, settings) == "invalid quality (expected 0 to 100, got 101)");
   settings = {};
   settings.chunk_seconds = -1.0;
-  CHECK(message(good, settings).find("invalid chunk length") != std::string::npos);
+  CHECK(message(valid, settings).find("invalid chunk length") != std::string::npos);
   settings = {};
   settings.zstd_level = 40;
-  CHECK(message(good, settings) == "invalid zstd level (expected 1 to 19, got 40)");
+  CHECK(message(valid, settings) == "invalid zstd level (expected 1 to 19, got 40)");
 }
 
-TEST_CASE("limits refuse a file before it is decoded") {
+TEST_CASE("limits reject a file before it is decoded") {
   const Scene scene = random_scene(300, 0, 30, 4);
   const auto bytes = encode_scene(scene, {});
   REQUIRE(bytes.ok());
@@ -227,7 +229,7 @@ TEST_CASE("limits refuse a file before it is decoded") {
   CHECK(reader.status().code() == StatusCode::kUnsupported);
 }
 
-TEST_CASE("an unwritable target is an error and leaves nothing behind") {
+TEST_CASE("an unwritable output is an error and leaves nothing behind") {
   const Scene scene = random_scene(10, 0, 30, 4);
   const testing::TemporaryFolder outer;
   const std::string folder = outer / "folder";

@@ -46,18 +46,18 @@ const HistogramBin& bin_of(const std::vector<HistogramBin>& bins, double value) 
 
 }  // namespace
 
-TEST_CASE("lifespans, speeds and the static share are counted as their definitions say") {
-  // Twenty frames of 0.1 s. O = e / 255 makes the support's half width r + sigma.
+TEST_CASE("lifespans, speeds and the static share follow their definitions") {
+  // Twenty frames of 0.1 s. An opacity of e / 255 gives a support half width of r + sigma.
   const float o = std::exp(1.0f) / 255.0f;
   std::vector<Primitive> primitives = {
-      {0.0f, o, 5.0f, 10.0f, 9.5f, 0.0f},     // covers frames 0 to 19 and stands still
-      {0.0f, o, 5.0f, 10.0f, 9.5f, 2e-2f},    // covers them and drifts by 0.38
-      {0.0f, o, 5.0f, 10.0f, 19.0f, 0.0f},    // lives 3 s and is cut by the end
-      {0.0f, o, 1.0f, 2.0f, 4.0f, 0.5f},      // lives 0.6 s at 5 units a second
+      {0.0f, o, 5.0f, 10.0f, 9.5f, 0.0f},     // covers frames 0 to 19 and is static
+      {0.0f, o, 5.0f, 10.0f, 9.5f, 2e-2f},    // covers them and drifts by 0.38 units
+      {0.0f, o, 5.0f, 10.0f, 19.0f, 0.0f},    // lasts 3 s and is cut by the end
+      {0.0f, o, 1.0f, 2.0f, 4.0f, 0.5f},      // lasts 0.6 s at 5 units per second
       {0.0f, 1e-3f, 5.0f, 10.0f, 9.5f, 9.0f}  // never visible
   };
   for (int i = 0; i < 95; ++i) {
-    // Short-lived and still, in a row from -1 to 1: the radius.
+    // Short-lived and static, in a row from -1 to 1, which sets the scene radius.
     primitives.push_back({static_cast<float>(i - 47) / 47.0f, o, 0.2f, 0.0f, 4.0f, 0.0f});
   }
   const SceneStatistics s = scene_statistics(scene_of(primitives, 20));
@@ -87,7 +87,7 @@ TEST_CASE("lifespans, speeds and the static share are counted as their definitio
   CHECK(s.median_speed == 0.0);
 }
 
-TEST_CASE("an empty scene has statistics too") {
+TEST_CASE("an empty scene has valid statistics") {
   const SceneStatistics s = scene_statistics(scene_of({}, 1));
   CHECK(s.primitives == 0);
   CHECK(s.static_share() == 0.0);

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The C interface: scenes from where they may come, what they say, and pictures in the caller's
-// memory.
+// The C API: scene metadata, sources of a scene, and rendering into the caller's memory.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -12,7 +11,7 @@
 
 namespace stgs::testing {
 
-TEST_CASE("a scene tells what its file says", "[sdk]") {
+TEST_CASE("a scene reports the metadata of its file", "[sdk]") {
   const auto file = sdk_file();
   const ScenePtr scene = open_scene(file);
   stgs_scene_info info{};
@@ -42,7 +41,7 @@ TEST_CASE("a scene tells what its file says", "[sdk]") {
   CHECK(view.near_plane == 0.1f);
 }
 
-TEST_CASE("a scene is the same from memory, a copy and callbacks", "[sdk]") {
+TEST_CASE("a scene renders the same from memory, from a copy and through callbacks", "[sdk]") {
   struct Source {
     std::vector<std::uint8_t> bytes;
     int closed = 0;
@@ -59,26 +58,27 @@ TEST_CASE("a scene is the same from memory, a copy and callbacks", "[sdk]") {
   const RendererPtr renderer = cpu_renderer();
   const ScenePtr borrowed = open_scene(source.bytes);
   const stgs_view view = start_view(borrowed.get());
-  const auto expected = draw_rgba8(renderer.get(), borrowed.get(), 0.4, view);
+  const auto expected = render_rgba8(renderer.get(), borrowed.get(), 0.4, view);
 
   const ScenePtr copied = make_scene();
   {
-    const auto passing = source.bytes;
-    REQUIRE(stgs_scene_open_memory_copy(copied.get(), passing.data(), passing.size()) == STGS_OK);
+    const auto temporary = source.bytes;
+    REQUIRE(stgs_scene_open_memory_copy(copied.get(), temporary.data(), temporary.size()) ==
+            STGS_OK);
   }
-  CHECK(draw_rgba8(renderer.get(), copied.get(), 0.4, view) == expected);
+  CHECK(render_rgba8(renderer.get(), copied.get(), 0.4, view) == expected);
 
-  ScenePtr called = make_scene();
-  REQUIRE(stgs_scene_open_io(called.get(), &io) == STGS_OK);
-  CHECK(draw_rgba8(renderer.get(), called.get(), 0.4, view) == expected);
-  // A second source is left alone.
-  CHECK(stgs_scene_open_io(called.get(), &io) == STGS_ERROR_STATE);
+  ScenePtr from_callbacks = make_scene();
+  REQUIRE(stgs_scene_open_io(from_callbacks.get(), &io) == STGS_OK);
+  CHECK(render_rgba8(renderer.get(), from_callbacks.get(), 0.4, view) == expected);
+  // Opening an open scene fails and does not close the source.
+  CHECK(stgs_scene_open_io(from_callbacks.get(), &io) == STGS_ERROR_STATE);
   CHECK(source.closed == 0);
-  called.reset();
+  from_callbacks.reset();
   CHECK(source.closed == 1);
 }
 
-TEST_CASE("pictures are what the rasteriser draws, whatever their strides", "[sdk]") {
+TEST_CASE("images match the rasteriser for every row stride", "[sdk]") {
   const auto file = sdk_file();
   const ScenePtr scene = open_scene(file);
   const RendererPtr renderer = cpu_renderer();
@@ -88,26 +88,26 @@ TEST_CASE("pictures are what the rasteriser draws, whatever their strides", "[sd
 
   auto read = read_scene(memory_source(file));
   REQUIRE(read.ok());
-  stgs_image pictures[2] = {empty_picture(), empty_picture()};
+  stgs_image images[2] = {empty_image(), empty_image()};
   constexpr std::size_t kStride = 300, kGuard = 0xA5;
   std::vector<std::uint8_t> rgba(kStride * kSdkHeight, kGuard);
-  // Up to the end of the last row, and no further.
-  pictures[0].rgba8 = {rgba.data(), kStride, kStride * (kSdkHeight - 1) + 4 * kSdkWidth};
+  // The buffer ends with the last row, without its padding.
+  images[0].rgba8 = {rgba.data(), kStride, kStride * (kSdkHeight - 1) + 4 * kSdkWidth};
   std::vector<float> planes[5];
   for (auto& plane : planes) plane.assign(33 * 17, -1.0f);
   const auto buffer = [&](int i) {
     return stgs_buffer{planes[i].data(), 0, planes[i].size() * sizeof(float)};
   };
-  for (int c = 0; c < 3; ++c) pictures[1].rgb[c] = buffer(c);
-  pictures[1].alpha = buffer(3);
-  pictures[1].depth = buffer(4);
-  REQUIRE(stgs_render(renderer.get(), scene.get(), 0.5, views, pictures, 2) == STGS_OK);
+  for (int c = 0; c < 3; ++c) images[1].rgb[c] = buffer(c);
+  images[1].alpha = buffer(3);
+  images[1].depth = buffer(4);
+  REQUIRE(stgs_render(renderer.get(), scene.get(), 0.5, views, images, 2) == STGS_OK);
 
   SplatFrame splats;
   RasterOutput expected;
   StartCamera camera = *read->metadata.start_camera;
   render(read->gaussians, 15, pinhole_of(camera, 0.1f), {}, splats, expected);
-  int wrong = 0, seen = 0;
+  int wrong = 0, visible = 0;
   for (std::uint32_t y = 0; y < kSdkHeight; ++y) {
     for (std::uint32_t x = 0; x < kSdkWidth; ++x) {
       const std::uint8_t* pixel = rgba.data() + y * kStride + 4 * x;
@@ -118,14 +118,14 @@ TEST_CASE("pictures are what the rasteriser draws, whatever their strides", "[sd
       }
       if (std::abs(static_cast<float>(pixel[3]) - 255 * expected.alpha.plane(0)[i]) > 0.51f)
         ++wrong;
-      if (pixel[3] > 100) ++seen;
+      if (pixel[3] > 100) ++visible;
     }
     for (std::size_t x = 4 * kSdkWidth; x < kStride; ++x) {
       if (rgba[y * kStride + x] != kGuard) ++wrong;
     }
   }
   CHECK(wrong == 0);
-  CHECK(seen > 300);
+  CHECK(visible > 300);
 
   camera.fx *= 33.0f / kSdkWidth;
   camera.cx *= 33.0f / kSdkWidth;
@@ -136,30 +136,33 @@ TEST_CASE("pictures are what the rasteriser draws, whatever their strides", "[sd
   RasterSettings settings;
   settings.background = {1, 0, 0};
   render(read->gaussians, 15, pinhole_of(camera, 0.1f), settings, splats, expected);
-  float largest = 0;
+  float max_difference = 0;
   for (std::size_t i = 0; i < planes[0].size(); ++i) {
     for (int c = 0; c < 3; ++c) {
-      largest = std::max(largest, std::abs(planes[c][i] - expected.colour.plane(c)[i]));
+      max_difference =
+          std::max(max_difference, std::abs(planes[c][i] - expected.colour.plane(c)[i]));
     }
-    largest = std::max(largest, std::abs(planes[3][i] - expected.alpha.plane(0)[i]));
-    largest = std::max(largest, std::abs(planes[4][i] - expected.depth.plane(0)[i]) / 10);
+    max_difference = std::max(max_difference, std::abs(planes[3][i] - expected.alpha.plane(0)[i]));
+    max_difference =
+        std::max(max_difference, std::abs(planes[4][i] - expected.depth.plane(0)[i]) / 10);
   }
-  CHECK(largest < 1e-4f);
+  CHECK(max_difference < 1e-4f);
 }
 
-TEST_CASE("pictures are whole where the eye looks, and nearly so elsewhere", "[sdk]") {
+TEST_CASE("a foveated image is identical within the fovea and close outside it", "[sdk]") {
   const auto file = sdk_file();
   const ScenePtr scene = open_scene(file);
   const RendererPtr renderer = cpu_renderer();
   stgs_view view = start_view(scene.get());
   REQUIRE(stgs_view_resize(&view, 4 * kSdkWidth, 4 * kSdkHeight) == STGS_OK);
-  const auto whole = draw_rgba8(renderer.get(), scene.get(), 0.5, view);
+  const auto full = render_rgba8(renderer.get(), scene.get(), 0.5, view);
   stgs_view with_fovea = view;
   with_fovea.fovea_x = 100;
   with_fovea.fovea_y = 80;
-  CHECK(draw_rgba8(renderer.get(), scene.get(), 0.5, with_fovea) == whole);  // of no radius: none
+  // A radius of 0 disables foveation.
+  CHECK(render_rgba8(renderer.get(), scene.get(), 0.5, with_fovea) == full);
   with_fovea.fovea_radius = 50;
-  check_foveated(whole, draw_rgba8(renderer.get(), scene.get(), 0.5, with_fovea), with_fovea);
+  check_foveated(full, render_rgba8(renderer.get(), scene.get(), 0.5, with_fovea), with_fovea);
 
   REQUIRE(stgs_view_stretch(&with_fovea, 8 * kSdkWidth, 2 * kSdkHeight) == STGS_OK);
   CHECK(with_fovea.fovea_x == 200);
@@ -168,10 +171,10 @@ TEST_CASE("pictures are whole where the eye looks, and nearly so elsewhere", "[s
   for (const auto member : {&stgs_view::fovea_x, &stgs_view::fovea_y, &stgs_view::fovea_radius}) {
     stgs_view wrong = with_fovea;
     wrong.*member = NAN;
-    stgs_image picture = empty_picture();
+    stgs_image image = empty_image();
     std::vector<std::uint8_t> pixels(std::size_t{4} * view.width * view.height);
-    picture.rgba8 = {pixels.data(), 0, pixels.size()};
-    CHECK(stgs_render(renderer.get(), scene.get(), 0, &wrong, &picture, 1) == STGS_ERROR_ARGUMENT);
+    image.rgba8 = {pixels.data(), 0, pixels.size()};
+    CHECK(stgs_render(renderer.get(), scene.get(), 0, &wrong, &image, 1) == STGS_ERROR_ARGUMENT);
     CHECK(stgs_view_resize(&wrong, kSdkWidth, kSdkHeight) == STGS_ERROR_ARGUMENT);
   }
   stgs_view wide = view;
@@ -181,51 +184,50 @@ TEST_CASE("pictures are whole where the eye looks, and nearly so elsewhere", "[s
   CHECK(wide.fx == 3e38f);
 }
 
-TEST_CASE("two threads draw two scenes at once", "[sdk]") {
+TEST_CASE("two threads render two scenes concurrently", "[sdk]") {
   const auto file = sdk_file();
   const ScenePtr scene = open_scene(file);
   const RendererPtr renderer = cpu_renderer();
   const stgs_view view = start_view(scene.get());
   std::vector<std::vector<std::uint8_t>> expected;
   for (int i = 0; i < 4; ++i) {
-    expected.push_back(draw_rgba8(renderer.get(), scene.get(), 0.25 * i, view));
+    expected.push_back(render_rgba8(renderer.get(), scene.get(), 0.25 * i, view));
   }
   int wrong[2] = {0, 0};
-  const auto draw_all = [&](int& count) {
+  const auto render_all = [&](int& count) {
     const ScenePtr own = open_scene(file);
     const RendererPtr own_renderer = cpu_renderer();
     for (int i = 0; i < 8; ++i) {
       std::vector<std::uint8_t> pixels(expected[0].size());
-      stgs_image picture{};
-      picture.struct_size = sizeof picture;
-      picture.rgba8 = {pixels.data(), 0, pixels.size()};
-      if (stgs_render(own_renderer.get(), own.get(), 0.25 * (i % 4), &view, &picture, 1) !=
-              STGS_OK ||
+      stgs_image image{};
+      image.struct_size = sizeof image;
+      image.rgba8 = {pixels.data(), 0, pixels.size()};
+      if (stgs_render(own_renderer.get(), own.get(), 0.25 * (i % 4), &view, &image, 1) != STGS_OK ||
           pixels != expected[i % 4]) {
         ++count;
       }
     }
   };
-  std::thread other([&] { draw_all(wrong[1]); });
-  draw_all(wrong[0]);
+  std::thread other([&] { render_all(wrong[1]); });
+  render_all(wrong[0]);
   other.join();
   CHECK(wrong[0] == 0);
   CHECK(wrong[1] == 0);
 }
 
-TEST_CASE("a renderer without a CUDA device does not draw into its memory", "[sdk]") {
+TEST_CASE("a CPU renderer refuses to render into CUDA memory", "[sdk]") {
   const auto file = sdk_file();
   const ScenePtr scene = open_scene(file);
   const RendererPtr renderer = cpu_renderer();
   const stgs_view view = start_view(scene.get());
   std::vector<std::uint8_t> pixels(std::size_t{4} * view.width * view.height);
-  stgs_image picture = empty_picture();
-  picture.rgba8 = {pixels.data(), 0, pixels.size()};
-  CHECK(stgs_cuda_render(renderer.get(), scene.get(), 0, &view, &picture, 1, nullptr) ==
+  stgs_image image = empty_image();
+  image.rgba8 = {pixels.data(), 0, pixels.size()};
+  CHECK(stgs_cuda_render(renderer.get(), scene.get(), 0, &view, &image, 1, nullptr) ==
         STGS_ERROR_UNSUPPORTED);
   CHECK(std::string(error_of(renderer.get()).message).find("STGS_BACKEND_CUDA") !=
         std::string::npos);
-  CHECK(stgs_cuda_render(nullptr, scene.get(), 0, &view, &picture, 1, nullptr) ==
+  CHECK(stgs_cuda_render(nullptr, scene.get(), 0, &view, &image, 1, nullptr) ==
         STGS_ERROR_ARGUMENT);
 }
 

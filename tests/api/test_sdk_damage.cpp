@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The C interface, called wrongly and with files that are wrong: each has its result and its words.
+// The C API with invalid arguments and damaged files: every error has a result code and a message.
 #include <algorithm>
 #include <limits>
 
@@ -7,15 +7,8 @@
 #include "sdk_fixture.h"
 
 namespace stgs::testing {
-namespace {
 
-bool has(const char* text, const char* words) {
-  return std::string(text).find(words) != std::string::npos;
-}
-
-}  // namespace
-
-TEST_CASE("calls without an object or of another size are refused", "[sdk]") {
+TEST_CASE("calls with a null object or a wrong struct size are rejected", "[sdk]") {
   stgs_scene_destroy(nullptr);
   stgs_renderer_destroy(nullptr);
   CHECK(stgs_scene_create(nullptr, nullptr) == STGS_ERROR_ARGUMENT);
@@ -37,15 +30,15 @@ TEST_CASE("calls without an object or of another size are refused", "[sdk]") {
   CHECK(std::string(stgs_result_name(77)) == "unknown result");
 }
 
-TEST_CASE("a scene that is not open says so, and can be opened after an error", "[sdk]") {
+TEST_CASE("a scene reports that it is not open, and opens after a failed attempt", "[sdk]") {
   const auto file = sdk_file();
   const ScenePtr scene = make_scene();
   stgs_scene_info info{};
   info.struct_size = sizeof info;
   CHECK(stgs_scene_get_info(scene.get(), &info) == STGS_ERROR_STATE);
-  CHECK(has(error_of(scene.get()).message, "no file is open"));
+  CHECK(contains(error_of(scene.get()).message, "no file is open"));
   CHECK(stgs_scene_open(scene.get(), "/nowhere/none.stgs") == STGS_ERROR_IO);
-  CHECK(has(error_of(scene.get()).message, "/nowhere/none.stgs: cannot open"));
+  CHECK(contains(error_of(scene.get()).message, "/nowhere/none.stgs: cannot open"));
   CHECK(stgs_scene_open(scene.get(), nullptr) == STGS_ERROR_ARGUMENT);
   CHECK(stgs_scene_open_memory(scene.get(), file.data(), file.size()) == STGS_OK);
   CHECK(error_of(scene.get()).result == STGS_OK);
@@ -54,92 +47,92 @@ TEST_CASE("a scene that is not open says so, and can be opened after an error", 
   CHECK(stgs_scene_get_text(scene.get(), 99, &text) == STGS_ERROR_ARGUMENT);
   info.struct_size = 8;
   CHECK(stgs_scene_get_info(scene.get(), &info) == STGS_ERROR_STRUCT_SIZE);
-  CHECK(has(error_of(scene.get()).message, "struct_size is 8"));
+  CHECK(contains(error_of(scene.get()).message, "struct_size is 8"));
 }
 
-TEST_CASE("what cannot be drawn is refused before anything is written", "[sdk]") {
+TEST_CASE("invalid render arguments are rejected before anything is written", "[sdk]") {
   const auto file = sdk_file();
   const ScenePtr scene = open_scene(file);
   const RendererPtr renderer = cpu_renderer();
   const stgs_view good = start_view(scene.get());
   std::vector<std::uint8_t> pixels(4 * kSdkWidth * kSdkHeight, 7);
-  stgs_image picture = empty_picture();
-  picture.rgba8 = {pixels.data(), 0, pixels.size()};
+  stgs_image image = empty_image();
+  image.rgba8 = {pixels.data(), 0, pixels.size()};
   const float nan = std::numeric_limits<float>::quiet_NaN();
   double seconds = 0;
   std::uint32_t count = 1;
   stgs_view view = good;
-  const char* words = "";
+  const char* message = "";
 
-  SECTION("a moment that is none") {
-    seconds = nan, words = "seconds is nan";
+  SECTION("a time that is not a number") {
+    seconds = nan, message = "seconds is nan";
   }
-  SECTION("no views") {
-    count = 0, words = "count is 0 (expected 1 to 4 views)";
+  SECTION("zero views") {
+    count = 0, message = "count is 0 (expected 1 to 4 views)";
   }
   SECTION("too many views") {
-    count = 5, words = "count is 5 (expected 1 to 4 views)";
+    count = 5, message = "count is 5 (expected 1 to 4 views)";
   }
-  SECTION("no width") {
-    view.width = 0, words = "0x48 pixels";
+  SECTION("zero width") {
+    view.width = 0, message = "0x48 pixels";
   }
-  SECTION("too high") {
-    view.height = 40000, words = "64x40000 pixels";
+  SECTION("a height above the limit") {
+    view.height = 40000, message = "64x40000 pixels";
   }
-  SECTION("no focal length") {
-    view.fx = 0, words = "fx 0";
+  SECTION("zero focal length") {
+    view.fx = 0, message = "fx 0";
   }
-  SECTION("a centre that is none") {
-    view.cx = nan, words = "cx nan";
+  SECTION("a principal point that is not a number") {
+    view.cx = nan, message = "cx nan";
   }
-  SECTION("a mirror") {
-    view.rotation[0] = -1, words = "rotation";
+  SECTION("a reflection instead of a rotation") {
+    view.rotation[0] = -1, message = "rotation";
   }
-  SECTION("a place that is none") {
-    view.translation[1] = nan, words = "translation";
+  SECTION("a position that is not a number") {
+    view.translation[1] = nan, message = "translation";
   }
-  SECTION("no near plane") {
-    view.near_plane = 0, words = "near_plane";
+  SECTION("a near plane at zero") {
+    view.near_plane = 0, message = "near_plane";
   }
-  SECTION("a colour that is none") {
-    view.background[2] = nan, words = "background";
+  SECTION("a background that is not a number") {
+    view.background[2] = nan, message = "background";
   }
-  SECTION("nothing wanted") {
-    picture.rgba8.data = nullptr, words = "the image has no buffer";
+  SECTION("an image without buffers") {
+    image.rgba8.data = nullptr, message = "the image has no buffer";
   }
-  SECTION("rows that overlap") {
-    picture.rgba8.stride = 4 * kSdkWidth - 1, words = "stride";
+  SECTION("a stride shorter than a row") {
+    image.rgba8.stride = 4 * kSdkWidth - 1, message = "stride";
   }
-  SECTION("too little memory") {
-    picture.rgba8.bytes -= 1, words = "too small";
+  SECTION("a buffer that is one byte too small") {
+    image.rgba8.bytes -= 1, message = "too small";
   }
-  SECTION("a stride beyond all memory") {
-    picture.rgba8.stride = std::numeric_limits<std::size_t>::max() / 2, words = "too small";
+  SECTION("a stride that overflows") {
+    image.rgba8.stride = std::numeric_limits<std::size_t>::max() / 2, message = "too small";
   }
-  SECTION("one plane of three") {
-    picture.rgb[1] = {pixels.data(), 0, pixels.size()}, words = "all three planes";
+  SECTION("one colour plane of three") {
+    image.rgb[1] = {pixels.data(), 0, pixels.size()}, message = "all three planes";
   }
-  SECTION("floats out of step") {
-    picture.depth = {pixels.data(), 4 * kSdkWidth + 2, pixels.size()}, words = "a multiple of 4";
+  SECTION("a float stride that is not a multiple of 4") {
+    image.depth = {pixels.data(), 4 * kSdkWidth + 2, pixels.size()}, message = "a multiple of 4";
   }
-  CHECK(stgs_render(renderer.get(), scene.get(), seconds, &view, &picture, count) ==
+  CHECK(stgs_render(renderer.get(), scene.get(), seconds, &view, &image, count) ==
         STGS_ERROR_ARGUMENT);
   INFO(error_of(renderer.get()).message);
-  CHECK(has(error_of(renderer.get()).message, words));
+  CHECK(contains(error_of(renderer.get()).message, message));
   CHECK(std::count(pixels.begin(), pixels.end(), 7) == static_cast<long>(pixels.size()));
 }
 
-TEST_CASE("a damaged head is told with its byte, and read from its copy", "[sdk]") {
+TEST_CASE("a damaged head is reported with its offset and read from its copy", "[sdk]") {
   auto copied = sdk_file();
-  copied[20] ^= 1;  // of the header, which has a checksum
-  const ScenePtr mended = make_scene();
-  REQUIRE(stgs_scene_open_memory(mended.get(), copied.data(), copied.size()) == STGS_OK);
+  copied[20] ^= 1;  // in the header, which has a checksum
+  const ScenePtr repaired = make_scene();
+  REQUIRE(stgs_scene_open_memory(repaired.get(), copied.data(), copied.size()) == STGS_OK);
   stgs_issue issue{};
   issue.struct_size = sizeof issue;
-  REQUIRE(stgs_scene_get_issue(mended.get(), 0, &issue) == STGS_OK);
+  REQUIRE(stgs_scene_get_issue(repaired.get(), 0, &issue) == STGS_OK);
   CHECK(issue.number == 118);
   CHECK(issue.offset == 32);
-  CHECK(stgs_scene_get_issue(mended.get(), 1, &issue) == STGS_ERROR_ARGUMENT);
+  CHECK(stgs_scene_get_issue(repaired.get(), 1, &issue) == STGS_ERROR_ARGUMENT);
 
   auto file = without_copy(sdk_file());
   file[20] ^= 1;
@@ -148,10 +141,10 @@ TEST_CASE("a damaged head is told with its byte, and read from its copy", "[sdk]
   const stgs_error error = error_of(scene.get());
   CHECK(error.issue == 103);
   CHECK(error.offset != STGS_NO_OFFSET);
-  CHECK(has(error.message, "memory: "));
+  CHECK(contains(error.message, "memory: "));
 }
 
-TEST_CASE("what is damaged is passed over and logged, or refused", "[sdk]") {
+TEST_CASE("damage is skipped and logged, or rejected on request", "[sdk]") {
   auto file = without_copy(sdk_file());
   file.resize(file.size() - 100);
   std::string logged;
@@ -162,7 +155,7 @@ TEST_CASE("what is damaged is passed over and logged, or refused", "[sdk]") {
   };
   const ScenePtr scene = make_scene(&settings);
   REQUIRE(stgs_scene_open_memory(scene.get(), file.data(), file.size()) == STGS_OK);
-  CHECK(has(logged.c_str(), "issue 106"));
+  CHECK(contains(logged.c_str(), "issue 106"));
   stgs_issue issue{};
   issue.struct_size = sizeof issue;
   REQUIRE(stgs_scene_get_issue(scene.get(), 0, &issue) == STGS_OK);
@@ -175,22 +168,22 @@ TEST_CASE("what is damaged is passed over and logged, or refused", "[sdk]") {
   CHECK(error_of(strict.get()).issue == 106);
 }
 
-TEST_CASE("limits hold, and say which", "[sdk]") {
+TEST_CASE("a file above a limit is rejected with a message that names the limit", "[sdk]") {
   const auto file = sdk_file();
   stgs_scene_settings settings = scene_settings();
-  const auto opened = [&] {
+  const auto open_result = [&] {
     const ScenePtr scene = make_scene(&settings);
     const stgs_result result = stgs_scene_open_memory(scene.get(), file.data(), file.size());
-    CHECK(has(error_of(scene.get()).message, "limit"));
+    CHECK(contains(error_of(scene.get()).message, "limit"));
     return result;
   };
   SECTION("bytes") {
     settings.max_file_bytes = file.size() - 1;
-    CHECK(opened() == STGS_ERROR_LIMIT);
+    CHECK(open_result() == STGS_ERROR_LIMIT);
   }
   SECTION("primitives") {
     settings.max_primitives = 499;
-    CHECK(opened() == STGS_ERROR_LIMIT);
+    CHECK(open_result() == STGS_ERROR_LIMIT);
   }
   SECTION("memory") {
     const auto large = encode_scene(random_scene(60000, 0, 30, 4), {});
@@ -204,16 +197,16 @@ TEST_CASE("limits hold, and say which", "[sdk]") {
       REQUIRE(stgs_view_defaults(&view, sizeof view) == STGS_OK);
       REQUIRE(stgs_view_resize(&view, 64, 36) == STGS_OK);
       std::vector<std::uint8_t> pixels(4 * 64 * 36);
-      stgs_image picture = empty_picture();
-      picture.rgba8 = {pixels.data(), 0, pixels.size()};
-      result = stgs_render(renderer.get(), scene.get(), 0.5, &view, &picture, 1);
-      CHECK(has(error_of(renderer.get()).message, "limit"));
+      stgs_image image = empty_image();
+      image.rgba8 = {pixels.data(), 0, pixels.size()};
+      result = stgs_render(renderer.get(), scene.get(), 0.5, &view, &image, 1);
+      CHECK(contains(error_of(renderer.get()).message, "limit"));
     }
     CHECK(result == STGS_ERROR_LIMIT);
   }
 }
 
-TEST_CASE("sources that fail are told, and closed once", "[sdk]") {
+TEST_CASE("a failing source is reported and closed once", "[sdk]") {
   int closed = 0;
   stgs_io io{};
   io.struct_size = sizeof io;
@@ -223,14 +216,14 @@ TEST_CASE("sources that fail are told, and closed once", "[sdk]") {
   io.close = [](void* user) { ++*static_cast<int*>(user); };
   const ScenePtr scene = make_scene();
   CHECK(stgs_scene_open_io(scene.get(), &io) == STGS_ERROR_IO);
-  CHECK(has(error_of(scene.get()).message, "failed with error 42"));
+  CHECK(contains(error_of(scene.get()).message, "failed with error 42"));
   CHECK(closed == 1);
   io.read = nullptr;
   CHECK(stgs_scene_open_io(scene.get(), &io) == STGS_ERROR_ARGUMENT);
   CHECK(closed == 1);
 }
 
-TEST_CASE("backends that are not there say so", "[sdk]") {
+TEST_CASE("an unavailable backend is reported and logged", "[sdk]") {
   std::string logged;
   stgs_renderer_settings settings;
   REQUIRE(stgs_renderer_settings_defaults(&settings, sizeof settings) == STGS_OK);
@@ -243,7 +236,7 @@ TEST_CASE("backends that are not there say so", "[sdk]") {
     settings.backend = backend;
     logged.clear();
     const stgs_result result = stgs_renderer_create(&settings, &renderer);
-    const RendererPtr made(renderer);
+    const RendererPtr owner(renderer);
     CHECK((result == STGS_OK) == (renderer != nullptr));
     CHECK(
         (result == STGS_OK || result == STGS_ERROR_NOT_BUILT || result == STGS_ERROR_UNSUPPORTED));
@@ -254,7 +247,7 @@ TEST_CASE("backends that are not there say so", "[sdk]") {
   CHECK(renderer == nullptr);
   settings.backend = STGS_BACKEND_AUTO;
   REQUIRE(stgs_renderer_create(&settings, &renderer) == STGS_OK);
-  const RendererPtr made(renderer);
+  const RendererPtr owner(renderer);
   stgs_backend backend = STGS_BACKEND_AUTO;
   REQUIRE(stgs_renderer_get_backend(renderer, &backend) == STGS_OK);
   CHECK(backend != STGS_BACKEND_AUTO);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The C interface of the encoder: from a capture to a scene that is drawn, stopped at any stage,
-// and resumed.
+// The encoder of the C API: from a capture to a rendered scene, cancellation at every stage, and
+// resuming.
 #include <tbb/global_control.h>
 #include <tbb/task_arena.h>
 
@@ -13,9 +13,9 @@
 
 namespace stgs::testing {
 
-TEST_CASE("a capture is prepared, trained, packed, opened and drawn", "[sdk]") {
+TEST_CASE("a capture is prepared, trained, packed, opened and rendered", "[sdk]") {
   const TemporaryFolder work;
-  const Watched encoder;
+  const ObservedEncoder encoder;
   stgs_prepare_settings preparing;
   REQUIRE(stgs_prepare_settings_defaults(&preparing, sizeof preparing) == STGS_OK);
   const char* const held_out[] = {"cam00", "cam06"};
@@ -26,7 +26,7 @@ TEST_CASE("a capture is prepared, trained, packed, opened and drawn", "[sdk]") {
   preparing.scale = 0.25;
   preparing.max_static_points = 1000;
   preparing.max_dynamic_points = 100;
-  // Of a program with a later header, in which it is longer.
+  // As passed by a program with a newer header, in which the struct is longer.
   Sized<stgs_prepare_report> longer(sizeof(stgs_prepare_report) + 8, {}, 0xA5);
   const std::string folder = work / "prepared", scene = work / "trained.stgs";
   const stgs_result result = stgs_encoder_prepare(encoder.get(), STGS_TEST_DATA "/workshop",
@@ -35,7 +35,7 @@ TEST_CASE("a capture is prepared, trained, packed, opened and drawn", "[sdk]") {
 #ifndef STGS_HAS_PREPARE
   CHECK(result == STGS_ERROR_NOT_BUILT);
   CHECK(std::string(encoder.error().message).find("OpenCV") != std::string::npos);
-  CHECK(names_in(work.path).empty());
+  CHECK(file_names_in(work.path).empty());
   return;
 #endif
   REQUIRE(result == STGS_OK);
@@ -48,7 +48,7 @@ TEST_CASE("a capture is prepared, trained, packed, opened and drawn", "[sdk]") {
   CHECK(prepared.frames_per_second == Approx(30));
 
   const stgs_train_settings training = short_training(20);
-  auto trained = empty_report<stgs_train_report>();
+  auto trained = empty_output<stgs_train_report>();
   REQUIRE(stgs_encoder_train(encoder.get(), folder.c_str(), scene.c_str(), &training, &trained) ==
           STGS_OK);
   CHECK(trained.backend == STGS_BACKEND_CPU);
@@ -65,9 +65,9 @@ TEST_CASE("a capture is prepared, trained, packed, opened and drawn", "[sdk]") {
   CHECK(encoder.last_training.held_out_psnr == trained.held_out_psnr);
   CHECK(encoder.last_training.done == 1);
 
-  stgs_pack_settings settings = packing();
+  stgs_pack_settings settings = pack_settings();
   settings.against = folder.c_str();
-  auto packed = empty_report<stgs_pack_report>();
+  auto packed = empty_output<stgs_pack_report>();
   REQUIRE(pack_one(encoder, scene, work / "scene.stgs", &settings, &packed) == STGS_OK);
   CHECK(packed.primitives + packed.dropped == trained.primitives);
   CHECK(packed.bytes_in == trained.bytes);
@@ -77,18 +77,19 @@ TEST_CASE("a capture is prepared, trained, packed, opened and drawn", "[sdk]") {
   CHECK(packed.images_psnr > 25);
   CHECK(packed.held_out_before == Approx(trained.held_out_psnr).margin(1));
   CHECK(packed.held_out_after == Approx(packed.held_out_before).margin(1));
-  CHECK(encoder.monotone);
+  CHECK(encoder.is_monotonic);
   for (const char* stage : {"frames", "depth range", "velocities", "load", "train", "pack"}) {
     INFO(stage);
-    CHECK(encoder.saw(stage));
+    CHECK(encoder.has_reported(stage));
   }
   CHECK_FALSE(encoder.lines.empty());
-  CHECK(names_in(work.path) == std::vector<std::string>{"prepared", "scene.stgs", "trained.stgs"});
+  CHECK(file_names_in(work.path) ==
+        std::vector<std::string>{"prepared", "scene.stgs", "trained.stgs"});
 
   const ScenePtr opened = make_scene();
   REQUIRE(stgs_scene_open(opened.get(), (work / "scene.stgs").c_str()) == STGS_OK);
   const stgs_view view = start_view(opened.get());
-  const auto pixels = draw_rgba8(cpu_renderer().get(), opened.get(), 0.03, view);
+  const auto pixels = render_rgba8(cpu_renderer().get(), opened.get(), 0.03, view);
   CHECK(view.width == 120);
   std::size_t opaque = 0;
   for (std::size_t i = 3; i < pixels.size(); i += 4) opaque += pixels[i] > 127 ? 1 : 0;
@@ -96,84 +97,88 @@ TEST_CASE("a capture is prepared, trained, packed, opened and drawn", "[sdk]") {
 }
 
 #ifdef STGS_HAS_PREPARE
-TEST_CASE("preparing that is stopped leaves nothing", "[sdk]") {
+TEST_CASE("cancelled preparation leaves no files", "[sdk]") {
   const TemporaryFolder work;
-  Watched encoder;
-  const std::string at = GENERATE("frames", "motion", "depth range");
-  encoder.stop = [&](const stgs_encoder_progress& progress) { return progress.stage == at; };
+  ObservedEncoder encoder;
+  const std::string stage = GENERATE("frames", "motion", "depth range");
+  encoder.should_cancel = [&](const stgs_encoder_progress& progress) {
+    return progress.stage == stage;
+  };
   stgs_prepare_settings settings;
   REQUIRE(stgs_prepare_settings_defaults(&settings, sizeof settings) == STGS_OK);
   settings.end_frame = 2;
   settings.scale = 0.25;
-  auto report = empty_report<stgs_prepare_report>();
+  auto report = empty_output<stgs_prepare_report>();
   report.frames = 77;
   CHECK(stgs_encoder_prepare(encoder.get(), STGS_TEST_DATA "/workshop", (work / "out").c_str(),
                              &settings, &report) == STGS_ERROR_CANCELLED);
   CHECK(encoder.error().result == STGS_ERROR_CANCELLED);
-  CHECK(encoder.stages.back() == at);
-  CHECK(encoder.calls_after_stop == 0);
+  CHECK(encoder.stages.back() == stage);
+  CHECK(encoder.calls_after_cancel == 0);
   CHECK(report.frames == 77);
-  CHECK(names_in(work.path).empty());
+  CHECK(file_names_in(work.path).empty());
 }
 #endif
 
-TEST_CASE("training that is stopped leaves its checkpoint, and goes on to the same bits", "[sdk]") {
-  const Prepared prepared;
+TEST_CASE("cancelled training leaves a checkpoint and resumes to identical bytes", "[sdk]") {
+  const PreparedCapture prepared;
   stgs_train_settings settings = short_training();
-  const std::string whole = prepared.at("whole.stgs"), part = prepared.at("part.stgs");
-  const std::string checkpoint = prepared.at("run.ckpt");
+  const std::string reference = prepared.path("reference.stgs");
+  const std::string resumed = prepared.path("resumed.stgs");
+  const std::string checkpoint = prepared.path("run.ckpt");
   {
-    const Watched encoder;
-    REQUIRE(stgs_encoder_train(encoder.get(), prepared.folder().c_str(), whole.c_str(), &settings,
-                               nullptr) == STGS_OK);
+    const ObservedEncoder encoder;
+    REQUIRE(stgs_encoder_train(encoder.get(), prepared.folder().c_str(), reference.c_str(),
+                               &settings, nullptr) == STGS_OK);
   }
   settings.checkpoint = checkpoint.c_str();
   settings.checkpoint_interval = 25;
-  Watched encoder;
-  // At an interval, when there is something to go on from.
-  encoder.stop = [&](const stgs_encoder_progress& progress) {
+  ObservedEncoder encoder;
+  // Cancels once there is a checkpoint to resume from.
+  encoder.should_cancel = [&](const stgs_encoder_progress& progress) {
     return progress.stage == std::string("train") && fs::exists(checkpoint);
   };
-  REQUIRE(stgs_encoder_train(encoder.get(), prepared.folder().c_str(), part.c_str(), &settings,
+  REQUIRE(stgs_encoder_train(encoder.get(), prepared.folder().c_str(), resumed.c_str(), &settings,
                              nullptr) == STGS_ERROR_CANCELLED);
   CHECK(std::string(encoder.error().message).find(checkpoint) != std::string::npos);
-  CHECK(encoder.calls_after_stop == 0);
-  CHECK_FALSE(fs::exists(part));
+  CHECK(encoder.calls_after_cancel == 0);
+  CHECK_FALSE(fs::exists(resumed));
   REQUIRE(fs::exists(checkpoint));
-  const auto stopped_at = encoder.last_training.iteration;
-  CHECK(stopped_at >= 25);
-  CHECK(stopped_at < 60);
+  const auto cancelled_at = encoder.last_training.iteration;
+  CHECK(cancelled_at >= 25);
+  CHECK(cancelled_at < 60);
 
-  // The callback ended that call alone. In two threads now, which changes no bit.
-  Watched other(2);
+  // The number of threads does not change the result.
+  ObservedEncoder other(2);
   settings.resume = checkpoint.c_str();
-  auto report = empty_report<stgs_train_report>();
-  REQUIRE(stgs_encoder_train(other.get(), prepared.folder().c_str(), part.c_str(), &settings,
+  auto report = empty_output<stgs_train_report>();
+  REQUIRE(stgs_encoder_train(other.get(), prepared.folder().c_str(), resumed.c_str(), &settings,
                              &report) == STGS_OK);
   CHECK(report.iterations == 60);
-  CHECK(other.monotone);
-  CHECK(bytes_of(part) == bytes_of(whole));
-  encoder.stop = nullptr;
-  const std::string again = prepared.at("again.stgs");
+  CHECK(other.is_monotonic);
+  CHECK(bytes_of(resumed) == bytes_of(reference));
+  // The callback cancelled only one call; the encoder can still be used.
+  encoder.should_cancel = nullptr;
+  const std::string again = prepared.path("again.stgs");
   REQUIRE(stgs_encoder_train(encoder.get(), prepared.folder().c_str(), again.c_str(), &settings,
                              nullptr) == STGS_OK);
-  CHECK(bytes_of(again) == bytes_of(whole));
+  CHECK(bytes_of(again) == bytes_of(reference));
 }
 
-TEST_CASE("another thread stops an encoder for good", "[sdk]") {
-  const Prepared prepared;
-  Watched encoder;
+TEST_CASE("another thread cancels an encoder permanently", "[sdk]") {
+  const PreparedCapture prepared;
+  ObservedEncoder encoder;
   std::atomic<bool> training{false};
-  encoder.stop = [&](const stgs_encoder_progress& progress) {
+  encoder.should_cancel = [&](const stgs_encoder_progress& progress) {
     if (progress.stage == std::string("train")) {
       training = true;
       training.notify_one();
     }
     return false;
   };
-  // Of no use to wait for: it ends in minutes, or when it is told to.
+  // Takes minutes unless it is cancelled.
   const stgs_train_settings settings = short_training(100000);
-  const std::string scene = prepared.at("scene.stgs");
+  const std::string scene = prepared.path("scene.stgs");
   stgs_result result = STGS_OK;
   std::thread worker([&] {
     result = stgs_encoder_train(encoder.get(), prepared.folder().c_str(), scene.c_str(), &settings,
@@ -184,37 +189,37 @@ TEST_CASE("another thread stops an encoder for good", "[sdk]") {
   worker.join();
   CHECK(result == STGS_ERROR_CANCELLED);
   CHECK_FALSE(fs::exists(scene));
-  CHECK(pack_one(encoder, scene, prepared.at("packed.stgs")) == STGS_ERROR_CANCELLED);
+  CHECK(pack_one(encoder, scene, prepared.path("packed.stgs")) == STGS_ERROR_CANCELLED);
   CHECK(std::string(encoder.error().message).find("another") != std::string::npos);
   stgs_encoder_cancel(nullptr);
 }
 
-TEST_CASE("packing that is stopped leaves what was there", "[sdk]") {
-  const Prepared prepared;
-  Watched encoder;
+TEST_CASE("cancelled packing leaves the existing output", "[sdk]") {
+  const PreparedCapture prepared;
+  ObservedEncoder encoder;
   const stgs_train_settings training = short_training(10);
-  const std::string scene = prepared.at("scene.stgs"), output = prepared.at("packed.stgs");
+  const std::string scene = prepared.path("scene.stgs"), output = prepared.path("packed.stgs");
   REQUIRE(stgs_encoder_train(encoder.get(), prepared.folder().c_str(), scene.c_str(), &training,
                              nullptr) == STGS_OK);
   std::ofstream(output) << "before";
-  encoder.stop = [](const stgs_encoder_progress& progress) {
+  encoder.should_cancel = [](const stgs_encoder_progress& progress) {
     return progress.stage == std::string("pack") && progress.done >= 0.8;
   };
   CHECK(pack_one(encoder, scene, output) == STGS_ERROR_CANCELLED);
   CHECK(encoder.stages.back() == "pack");
   const std::string before = "before";
   CHECK(bytes_of(output) == Bytes(before.begin(), before.end()));
-  encoder.stop = nullptr;
+  encoder.should_cancel = nullptr;
   CHECK(pack_one(encoder, scene, output) == STGS_OK);
   CHECK(fs::file_size(output) > 100);
 
-  // Its own input is not lost, by whatever name.
-  CHECK(pack_one(encoder, scene, prepared.at("./scene.stgs")) == STGS_ERROR_ARGUMENT);
-  CHECK(pack_one(encoder, prepared.at("none.stgs"), output) == STGS_ERROR_IO);
-  stgs_pack_settings settings = packing();
+  // The output must not overwrite the input, even under another spelling of its path.
+  CHECK(pack_one(encoder, scene, prepared.path("./scene.stgs")) == STGS_ERROR_ARGUMENT);
+  CHECK(pack_one(encoder, prepared.path("none.stgs"), output) == STGS_ERROR_IO);
+  stgs_pack_settings settings = pack_settings();
   settings.target_kbps = 0.01;
   CHECK(pack_one(encoder, scene, output, &settings) == STGS_ERROR_ARGUMENT);
-  settings = packing();
+  settings = pack_settings();
   settings.floor[1] = 1;
   settings.has_floor = 1;
   CHECK(pack_one(encoder, scene, output, &settings) == STGS_ERROR_ARGUMENT);
@@ -233,11 +238,11 @@ TEST_CASE("packing that is stopped leaves what was there", "[sdk]") {
   CHECK(info.metres_per_unit == 0.5f);
 }
 
-TEST_CASE("an encoder keeps to its threads, and gives the process its own back", "[sdk]") {
-  const Prepared prepared;
-  Watched encoder(1);
+TEST_CASE("an encoder limits its threads and restores the limit of the process", "[sdk]") {
+  const PreparedCapture prepared;
+  ObservedEncoder encoder(1);
   int threads = 0;
-  encoder.stop = [&](const stgs_encoder_progress&) {
+  encoder.should_cancel = [&](const stgs_encoder_progress&) {
     const auto limit =
         tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
     threads = std::max(threads,
@@ -248,7 +253,7 @@ TEST_CASE("an encoder keeps to its threads, and gives the process its own back",
       tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
   const stgs_train_settings settings = short_training(5);
   REQUIRE(stgs_encoder_train(encoder.get(), prepared.folder().c_str(),
-                             prepared.at("scene.stgs").c_str(), &settings, nullptr) == STGS_OK);
+                             prepared.path("scene.stgs").c_str(), &settings, nullptr) == STGS_OK);
   CHECK(threads == 1);
 #ifdef STGS_HAS_PREPARE
   threads = 0;
@@ -256,18 +261,18 @@ TEST_CASE("an encoder keeps to its threads, and gives the process its own back",
   REQUIRE(stgs_prepare_settings_defaults(&preparing, sizeof preparing) == STGS_OK);
   preparing.end_frame = 1;
   preparing.scale = 0.1;
-  CHECK(stgs_encoder_prepare(encoder.get(), STGS_TEST_DATA "/workshop", prepared.at("out").c_str(),
-                             &preparing, nullptr) == STGS_OK);
+  CHECK(stgs_encoder_prepare(encoder.get(), STGS_TEST_DATA "/workshop",
+                             prepared.path("out").c_str(), &preparing, nullptr) == STGS_OK);
   CHECK(threads == 1);
 #endif
   CHECK(tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism) == before);
 }
 
-TEST_CASE("windows of a capture are trained apart and packed together", "[sdk]") {
-  const Prepared prepared;
-  Watched encoder;
+TEST_CASE("training windows are trained separately and packed together", "[sdk]") {
+  const PreparedCapture prepared;
+  ObservedEncoder encoder;
   stgs_train_settings settings = short_training(10);
-  const std::string parts[] = {prepared.at("0-4.stgs"), prepared.at("2-6.stgs")};
+  const std::string parts[] = {prepared.path("0-4.stgs"), prepared.path("2-6.stgs")};
   for (int i = 0; i < 2; ++i) {
     settings.first_frame = 2 * i;
     settings.end_frame = i == 0 ? 4 : -1;
@@ -275,7 +280,7 @@ TEST_CASE("windows of a capture are trained apart and packed together", "[sdk]")
                                &settings, nullptr) == STGS_OK);
   }
   const char* const scenes[] = {parts[1].c_str(), parts[0].c_str()};
-  const std::string output = prepared.at("whole.stgs");
+  const std::string output = prepared.path("packed.stgs");
   REQUIRE(stgs_encoder_pack(encoder.get(), scenes, 2, output.c_str(), nullptr, nullptr) == STGS_OK);
   const ScenePtr opened = make_scene();
   REQUIRE(stgs_scene_open(opened.get(), output.c_str()) == STGS_OK);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the C interface of the encoder refuses: settings that are none, backends, and places.
+// Errors of the encoder of the C API: invalid settings, unavailable backends and bad paths.
 #include <sys/stat.h>
 
 #include <cmath>
@@ -12,11 +12,11 @@
 namespace stgs::testing {
 namespace {
 
-// The message of a call that is refused for its settings.
+// Returns the message of a call that rejects the changed settings.
 template <typename Settings, typename Call>
-std::string refusal(const Watched& encoder, Settings settings,
-                    const std::function<void(Settings&)>& change, const Call& call,
-                    stgs_result expected = STGS_ERROR_ARGUMENT) {
+std::string rejection_message(const ObservedEncoder& encoder, Settings settings,
+                              const std::function<void(Settings&)>& change, const Call& call,
+                              stgs_result expected = STGS_ERROR_ARGUMENT) {
   change(settings);
   CHECK(call(settings) == expected);
   return encoder.error().message;
@@ -24,19 +24,19 @@ std::string refusal(const Watched& encoder, Settings settings,
 
 }  // namespace
 
-TEST_CASE("settings of training that are none are named, with what is possible", "[sdk]") {
-  const Prepared prepared;
-  const Watched encoder;
+TEST_CASE("invalid training settings are rejected with their name and range", "[sdk]") {
+  const PreparedCapture prepared;
+  const ObservedEncoder encoder;
   using Settings = stgs_train_settings;
-  const std::string scene = prepared.at("scene.stgs");
+  const std::string scene = prepared.path("scene.stgs");
   const auto call = [&](const Settings& settings) {
-    const stgs_result refused = stgs_encoder_train(encoder.get(), prepared.folder().c_str(),
-                                                   scene.c_str(), &settings, nullptr);
-    CHECK(stgs_encoder_check_training(encoder.get(), &settings) == refused);
-    return refused;
+    const stgs_result result = stgs_encoder_train(encoder.get(), prepared.folder().c_str(),
+                                                  scene.c_str(), &settings, nullptr);
+    CHECK(stgs_encoder_check_training(encoder.get(), &settings) == result);
+    return result;
   };
   struct Case {
-    std::string field, possible;
+    std::string field, range;
     std::function<void(Settings&)> change;
   };
   const stgs_parameter unknown{"no_such_rate", "1"}, no_number{"lr_scale", "fast"},
@@ -62,10 +62,11 @@ TEST_CASE("settings of training that are none are named, with what is possible",
        [&](Settings& s) { s.parameters = &no_number, s.parameter_count = 1; }},
   };
   for (const Case& one : cases) {
-    const std::string told = refusal<Settings>(encoder, short_training(), one.change, call);
-    INFO(told);
-    CHECK(told.find(one.field) != std::string::npos);
-    CHECK(told.find(one.possible) != std::string::npos);
+    const std::string message =
+        rejection_message<Settings>(encoder, short_training(), one.change, call);
+    INFO(message);
+    CHECK(message.find(one.field) != std::string::npos);
+    CHECK(message.find(one.range) != std::string::npos);
   }
   CHECK(encoder.stages.empty());
   Settings wrong_size = short_training();
@@ -74,9 +75,9 @@ TEST_CASE("settings of training that are none are named, with what is possible",
   CHECK(stgs_encoder_check_training(encoder.get(), nullptr) == STGS_OK);
 }
 
-TEST_CASE("settings of preparing and packing that are none are named", "[sdk]") {
+TEST_CASE("invalid prepare and pack settings are rejected with their name and range", "[sdk]") {
   const TemporaryFolder work;
-  const Watched encoder;
+  const ObservedEncoder encoder;
   using Preparing = stgs_prepare_settings;
   Preparing preparing;
   REQUIRE(stgs_prepare_settings_defaults(&preparing, sizeof preparing) == STGS_OK);
@@ -84,7 +85,7 @@ TEST_CASE("settings of preparing and packing that are none are named", "[sdk]") 
     return stgs_encoder_prepare(encoder.get(), STGS_TEST_DATA "/workshop", (work / "out").c_str(),
                                 &settings, nullptr);
   };
-  const std::pair<std::string, std::function<void(Preparing&)>> of_prepare[] = {
+  const std::pair<std::string, std::function<void(Preparing&)>> prepare_cases[] = {
       {"layout is 7 (expected 0 to 6)", [](Preparing& s) { s.layout = 7; }},
       {"first_frame is -1", [](Preparing& s) { s.first_frame = -1; }},
       {"end_frame is -2", [](Preparing& s) { s.end_frame = -2; }},
@@ -98,16 +99,16 @@ TEST_CASE("settings of preparing and packing that are none are named", "[sdk]") 
       {"max_static_points is", [](Preparing& s) { s.max_static_points = UINT32_MAX; }},
       {"overwrite is 5 (expected 0 or 1)", [](Preparing& s) { s.overwrite = 5; }},
   };
-  for (const auto& [expected, change] : of_prepare) {
-    const std::string told = refusal<Preparing>(encoder, preparing, change, prepare);
-    INFO(told);
-    CHECK(told.find(expected) != std::string::npos);
+  for (const auto& [expected, change] : prepare_cases) {
+    const std::string message = rejection_message<Preparing>(encoder, preparing, change, prepare);
+    INFO(message);
+    CHECK(message.find(expected) != std::string::npos);
   }
   using Packing = stgs_pack_settings;
   const auto pack = [&](const Packing& settings) {
     return pack_one(encoder, work / "none.stgs", work / "out.stgs", &settings);
   };
-  const std::pair<std::string, std::function<void(Packing&)>> of_pack[] = {
+  const std::pair<std::string, std::function<void(Packing&)>> pack_cases[] = {
       {"profile is 2 (expected 0 to 1)", [](Packing& s) { s.profile = 2; }},
       {"tiers is 17 (expected 0 to 16)", [](Packing& s) { s.tiers = 17; }},
       {"quality is 101 (expected 0 to 100)", [](Packing& s) { s.quality = 101; }},
@@ -119,17 +120,17 @@ TEST_CASE("settings of preparing and packing that are none are named", "[sdk]") 
       {"up is nan", [](Packing& s) { s.up[1] = std::nanf(""); }},
       {"audio_begin is", [](Packing& s) { s.audio_begin = 1e9; }},
   };
-  for (const auto& [expected, change] : of_pack) {
-    const std::string told = refusal<Packing>(encoder, packing(), change, pack);
-    INFO(told);
-    CHECK(told.find(expected) != std::string::npos);
+  for (const auto& [expected, change] : pack_cases) {
+    const std::string message = rejection_message<Packing>(encoder, pack_settings(), change, pack);
+    INFO(message);
+    CHECK(message.find(expected) != std::string::npos);
   }
-  CHECK(names_in(work.path).empty());
+  CHECK(file_names_in(work.path).empty());
 }
 
-TEST_CASE("backends that cannot train are told apart from those without a device", "[sdk]") {
-  const Prepared prepared;
-  const Watched encoder;
+TEST_CASE("a backend that cannot train and one without a device give different errors", "[sdk]") {
+  const PreparedCapture prepared;
+  const ObservedEncoder encoder;
   stgs_train_settings settings = short_training();
   settings.backend = STGS_BACKEND_VULKAN;
   CHECK(stgs_encoder_check_training(encoder.get(), &settings) == STGS_ERROR_NOT_BUILT);
@@ -137,7 +138,7 @@ TEST_CASE("backends that cannot train are told apart from those without a device
   settings.backend = STGS_BACKEND_CUDA;
   const auto built = encoder::train_backends();
   const bool has_cuda = std::find(built.begin(), built.end(), "cuda") != built.end();
-  const std::string scene = prepared.at("scene.stgs");
+  const std::string scene = prepared.path("scene.stgs");
   const stgs_result result = stgs_encoder_train(encoder.get(), prepared.folder().c_str(),
                                                 scene.c_str(), &settings, nullptr);
   INFO(encoder.error().message);
@@ -150,11 +151,11 @@ TEST_CASE("backends that cannot train are told apart from those without a device
   }
 }
 
-TEST_CASE("places that are missing, taken or the same are told before long work", "[sdk]") {
-  const Prepared prepared;
-  const Watched encoder;
+TEST_CASE("missing and conflicting paths are rejected before training starts", "[sdk]") {
+  const PreparedCapture prepared;
+  const ObservedEncoder encoder;
   stgs_train_settings settings = short_training(10);
-  const std::string scene = prepared.at("scene.stgs"), none = prepared.at("none");
+  const std::string scene = prepared.path("scene.stgs"), none = prepared.path("none");
   const auto train = [&](const std::string& folder, const std::string& output) {
     return stgs_encoder_train(encoder.get(), folder.c_str(), output.c_str(), &settings, nullptr);
   };
@@ -163,7 +164,7 @@ TEST_CASE("places that are missing, taken or the same are told before long work"
   CHECK(train(prepared.folder(), none + "/scene.stgs") == STGS_ERROR_IO);
   CHECK(std::string(encoder.error().message).find("does not exist") != std::string::npos);
   settings.checkpoint = scene.c_str();
-  CHECK(train(prepared.folder(), prepared.at("frames/../scene.stgs")) == STGS_ERROR_ARGUMENT);
+  CHECK(train(prepared.folder(), prepared.path("frames/../scene.stgs")) == STGS_ERROR_ARGUMENT);
   CHECK(std::string(encoder.error().message).find("checkpoint") != std::string::npos);
   settings.checkpoint = nullptr;
   settings.resume = none.c_str();
@@ -176,7 +177,7 @@ TEST_CASE("places that are missing, taken or the same are told before long work"
   CHECK(encoder.stages.empty());
   CHECK_FALSE(fs::exists(scene));
 #ifdef STGS_HAS_PREPARE
-  CHECK(stgs_encoder_prepare(encoder.get(), none.c_str(), prepared.at("out").c_str(), nullptr,
+  CHECK(stgs_encoder_prepare(encoder.get(), none.c_str(), prepared.path("out").c_str(), nullptr,
                              nullptr) == STGS_ERROR_IO);
 #endif
   CHECK(stgs_encoder_train(encoder.get(), nullptr, scene.c_str(), &settings, nullptr) ==
@@ -186,19 +187,19 @@ TEST_CASE("places that are missing, taken or the same are told before long work"
   CHECK(std::string(encoder.error().message).find("scenes") != std::string::npos);
 }
 
-TEST_CASE("a pipe is no scene to pack, and is not waited for", "[sdk]") {
+TEST_CASE("packing rejects a pipe without waiting for a writer", "[sdk]") {
   const TemporaryFolder work;
-  const Watched encoder;
+  const ObservedEncoder encoder;
   const std::string pipe = work / "pipe.stgs";
   REQUIRE(::mkfifo(pipe.c_str(), 0600) == 0);
-  ::alarm(60);  // ends who waits for a writer
+  ::alarm(60);  // ends the test if it waits for a writer
   CHECK(pack_one(encoder, pipe, work / "packed.stgs") == STGS_ERROR_IO);
   ::alarm(0);
   CHECK(encoder.error().message == pipe + ": not a regular file");
-  CHECK(names_in(work.path) == std::vector<std::string>{"pipe.stgs"});
+  CHECK(file_names_in(work.path) == std::vector<std::string>{"pipe.stgs"});
 }
 
-TEST_CASE("an encoder is made with settings that make sense", "[sdk]") {
+TEST_CASE("invalid encoder settings are rejected", "[sdk]") {
   stgs_encoder* encoder = reinterpret_cast<stgs_encoder*>(1);
   stgs_encoder_settings settings;
   CHECK(stgs_encoder_settings_defaults(&settings, sizeof settings - 1) == STGS_ERROR_STRUCT_SIZE);

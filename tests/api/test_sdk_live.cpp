@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The C interface's player follows a recording.
+// The player of the C API follows a growing recording.
 #include <atomic>
 #include <fstream>
 #include <thread>
@@ -11,16 +11,16 @@
 namespace stgs::testing {
 namespace {
 
-constexpr double kFrame = 1.0 / 30, kStretch = kStretchFrames * kFrame;
-constexpr std::uint32_t kStretches = 9;
+constexpr double kFrame = 1.0 / 30, kFragmentSeconds = kStretchFrames * kFrame;
+constexpr std::uint32_t kFragments = 9;
 
 struct Recording {
   std::vector<std::uint8_t> bytes;
-  std::vector<std::size_t> ends;  // [i]: when i stretches were complete
+  std::vector<std::size_t> ends;  // [i]: the file size after i fragments
 };
 
 const Recording& recording() {
-  static const Recording made = [] {
+  static const Recording shared = [] {
     const TemporaryFolder folder;
     const std::string path = folder / "live.stgs";
     auto recorder = SceneRecorder::create(path, recording_metadata(), 1,
@@ -28,7 +28,7 @@ const Recording& recording() {
     REQUIRE(recorder.ok());
     Recording out;
     out.ends.push_back((*recorder)->bytes());
-    for (std::uint32_t i = 0; i < kStretches; ++i) {
+    for (std::uint32_t i = 0; i < kFragments; ++i) {
       REQUIRE((*recorder)->append(stretch(i), (i + 1) * kStretchFrames).ok());
       out.ends.push_back((*recorder)->bytes());
     }
@@ -37,10 +37,10 @@ const Recording& recording() {
     out.bytes.assign(std::istreambuf_iterator<char>(file), {});
     return out;
   }();
-  return made;
+  return shared;
 }
 
-// As much of the recording as there is: in a file, or for callbacks.
+// A growing prefix of the recording, as a file and through callbacks.
 class GrowingFile {
  public:
   explicit GrowingFile(std::size_t size) { grow(size); }
@@ -97,7 +97,7 @@ stgs_player_live live_of(stgs_player* player) {
 
 }  // namespace
 
-TEST_CASE("a player follows a recording, wherever it comes from", "[sdk]") {
+TEST_CASE("a player follows a recording from every kind of source", "[sdk]") {
   GrowingFile file(recording().ends[5]);
   stgs_player_settings settings = player_settings();
   settings.live_latency_seconds = 0.5;
@@ -114,85 +114,87 @@ TEST_CASE("a player follows a recording, wherever it comes from", "[sdk]") {
     const stgs_io io = file.io();
     REQUIRE(stgs_player_open_io(player, &io) == STGS_OK);
   }
-  SECTION("callbacks that answer later") {
+  SECTION("asynchronous callbacks") {
     const stgs_async_io io = file.async_io();
     REQUIRE(stgs_player_open_async_io(player, &io) == STGS_OK);
   }
   REQUIRE(stgs_player_play(player) == STGS_OK);
   REQUIRE(stgs_player_wait_open(player) == STGS_OK);
-  const auto plays = [](const stgs_player_status& s) { return s.state == STGS_PLAYER_PLAYING; };
-  REQUIRE(update_until(player, 10, plays));
+  const auto is_playing = [](const stgs_player_status& s) {
+    return s.state == STGS_PLAYER_PLAYING;
+  };
+  REQUIRE(update_until(player, 10, is_playing));
   stgs_player_live live = live_of(player);
   CHECK(live.growing == 1);
   CHECK(live.following == 1);
-  CHECK(live.edge_seconds == Approx(5 * kStretch));
+  CHECK(live.edge_seconds == Approx(5 * kFragmentSeconds));
   CHECK(live.latency_seconds == Approx(0.5).margin(kFrame));
   CHECK(live.target_latency_seconds == Approx(0.5));
   file.grow(recording().ends[8]);
   REQUIRE(update_until(player, 10, [&](const stgs_player_status&) {
-    return live_of(player).edge_seconds > 7.9 * kStretch;
+    return live_of(player).edge_seconds > 7.9 * kFragmentSeconds;
   }));
   REQUIRE(stgs_player_pause(player) == STGS_OK);
   CHECK(live_of(player).following == 0);
   REQUIRE(stgs_player_seek(player, 0.1) == STGS_OK);
-  REQUIRE(settle(player, 10));
+  REQUIRE(wait_until_complete(player, 10));
   REQUIRE(stgs_player_go_live(player) == STGS_OK);
   update(player, 10);
   CHECK(live_of(player).following == 1);
   CHECK(live_of(player).latency_seconds == Approx(0.5).margin(kFrame));
-  std::vector<KeptEvent> events;
-  const auto told = [&](stgs_event_kind kind) {
+  std::vector<OwnedEvent> events;
+  const auto has_reported = [&](stgs_event_kind kind) {
     return wait_until([&] {
       update(player, 10);
-      for (KeptEvent& event : take_events(player)) events.push_back(std::move(event));
+      for (OwnedEvent& event : take_events(player)) events.push_back(std::move(event));
       return std::any_of(events.begin(), events.end(),
-                         [&](const KeptEvent& event) { return event.event.kind == kind; });
+                         [&](const OwnedEvent& event) { return event.event.kind == kind; });
     });
   };
-  REQUIRE(told(STGS_EVENT_STALLED));
+  REQUIRE(has_reported(STGS_EVENT_STALLED));
   file.grow(recording().bytes.size());
-  REQUIRE(told(STGS_EVENT_FINISHED));
+  REQUIRE(has_reported(STGS_EVENT_FINISHED));
   CHECK(live_of(player).growing == 0);
   CHECK(live_of(player).edge_seconds == 0);
   CHECK(stgs_player_go_live(player) == STGS_OK);
 }
 
-TEST_CASE("only a player's threads ask a source how large it is", "[sdk]") {
-  static std::atomic<int> here, elsewhere;
-  static std::thread::id own;
-  here = elsewhere = 0;
-  own = std::this_thread::get_id();
+TEST_CASE("only threads of the player query the current size of a source", "[sdk]") {
+  static std::atomic<int> calls_on_test_thread, calls_elsewhere;
+  static std::thread::id test_thread;
+  calls_on_test_thread = calls_elsewhere = 0;
+  test_thread = std::this_thread::get_id();
   const auto size_of = [](void*) -> std::uint64_t {
-    ++(std::this_thread::get_id() == own ? here : elsewhere);
+    ++(std::this_thread::get_id() == test_thread ? calls_on_test_thread : calls_elsewhere);
     return recording().bytes.size();
   };
   GrowingFile file(0);
   stgs_io io = file.io();
   io.current_size = size_of;
-  SECTION("of callbacks") {
+  SECTION("callbacks") {
     const PlayerPtr player = make_player();
     REQUIRE(stgs_player_open_io(player.get(), &io) == STGS_OK);
     CHECK(stgs_player_wait_open(player.get()) == STGS_OK);
-    CHECK(elsewhere >= 1);
+    CHECK(calls_elsewhere >= 1);
   }
-  SECTION("of callbacks that answer later") {
+  SECTION("asynchronous callbacks") {
     stgs_async_io async = file.async_io();
     async.current_size = size_of;
     const PlayerPtr player = make_player();
     REQUIRE(stgs_player_open_async_io(player.get(), &async) == STGS_OK);
     CHECK(stgs_player_wait_open(player.get()) == STGS_OK);
-    CHECK(elsewhere >= 1);
+    CHECK(calls_elsewhere >= 1);
   }
-  SECTION("a scene has none") {
+  SECTION("a scene does not query it") {
     io.size = recording().bytes.size();
     const ScenePtr scene = make_scene();
     CHECK(stgs_scene_open_io(scene.get(), &io) == STGS_OK);
-    CHECK(elsewhere == 0);
+    CHECK(calls_elsewhere == 0);
   }
-  CHECK(here == 0);
+  CHECK(calls_on_test_thread == 0);
 }
 
-TEST_CASE("a recording can be played as the clip that it is so far", "[sdk]") {
+TEST_CASE("without live_follow, a recording plays as a clip of its current length", "[sdk]") {
   const GrowingFile file(recording().ends[5]);
   stgs_player_settings settings = player_settings();
   settings.live_skip_seconds = -1;
@@ -207,9 +209,10 @@ TEST_CASE("a recording can be played as the clip that it is so far", "[sdk]") {
   CHECK(update(player.get(), 0).seconds == 0);
 }
 
-TEST_CASE("what a recording's scene says stays while it grows", "[sdk]") {
+TEST_CASE("texts of a scene stay valid while its recording grows", "[sdk]") {
   GrowingFile file(recording().ends[7]);
-  file.damage(recording().ends[6] - 20);  // of what lists the sixth stretch; the eighth does again
+  // Damages the index that lists the sixth fragment; the index after the eighth lists it again.
+  file.damage(recording().ends[6] - 20);
   stgs_player_settings settings = player_settings();
   settings.live_poll_seconds = 0.002;
   const PlayerPtr player = make_player(&settings);
@@ -233,26 +236,26 @@ TEST_CASE("what a recording's scene says stays while it grows", "[sdk]") {
     REQUIRE(stgs_scene_get_info(scene, &info) == STGS_OK);
     return info.frames;
   };
-  const char *const said = generator(), *const wrong = issue();
-  const std::string said_at_first = said, wrong_at_first = wrong;
-  const std::uint32_t frames_at_first = frames();
+  const char *const first_generator = generator(), *const first_issue = issue();
+  const std::string generator_copy = first_generator, issue_copy = first_issue;
+  const std::uint32_t initial_frames = frames();
   const RendererPtr renderer = cpu_renderer();
   stgs_view view;
   REQUIRE(stgs_view_defaults(&view, sizeof view) == STGS_OK);
   REQUIRE(stgs_view_resize(&view, 32, 18) == STGS_OK);
-  for (const std::size_t stretches : {8, 9}) {
+  for (const std::size_t fragments : {8, 9}) {
     const std::uint32_t before = frames();
-    file.grow(recording().ends[stretches]);
+    file.grow(recording().ends[fragments]);
     REQUIRE(wait_until([&] {
       (void)update(player.get(), 10);
-      (void)draw_rgba8(renderer.get(), scene, 0, view);
+      (void)render_rgba8(renderer.get(), scene, 0, view);
       return frames() > before;
     }));
   }
-  CHECK(frames() > frames_at_first);
-  CHECK(generator() == said);  // the same place, not only the same words
-  CHECK(said == said_at_first);
-  CHECK(wrong == wrong_at_first);
+  CHECK(frames() > initial_frames);
+  CHECK(generator() == first_generator);  // the same pointer, not only the same text
+  CHECK(first_generator == generator_copy);
+  CHECK(first_issue == issue_copy);
 }
 
 }  // namespace stgs::testing

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// No memory at any one moment, for one request or some in a row: every call says so or succeeds,
-// and afterwards all works.
+// Failing allocations in scenes and players, single or several in a row. Every call succeeds or
+// returns STGS_ERROR_OUT_OF_MEMORY, and later calls succeed.
 #include <filesystem>
 #include <fstream>
 
@@ -12,27 +12,21 @@
 namespace stgs::testing {
 namespace {
 
-constexpr double kMoment = 0.5;  // seconds
+constexpr double kTime = 0.5;  // seconds
 
-bool is_told(stgs_result result) {
+bool is_ok_or_out_of_memory(stgs_result result) {
   return result == STGS_OK || result == STGS_ERROR_OUT_OF_MEMORY;
 }
 
-stgs_view small_view() {
-  stgs_view view;
-  REQUIRE(stgs_view_defaults(&view, sizeof view) == STGS_OK);
-  REQUIRE(stgs_view_resize(&view, kSdkWidth, kSdkHeight) == STGS_OK);
-  return view;
+// Renders a clip. Also initialises TBB, which would hang if an allocation failed while it starts.
+std::vector<std::uint8_t> image_of(const std::vector<std::uint8_t>& file) {
+  return render_rgba8(cpu_renderer().get(), open_scene(file).get(), kTime, small_view());
 }
 
-// Of a clip: TBB, which waits for ever where it has no memory for its beginning, has begun after.
-std::vector<std::uint8_t> picture_of(const std::vector<std::uint8_t>& file) {
-  return draw_rgba8(cpu_renderer().get(), open_scene(file).get(), kMoment, small_view());
-}
-
-// Memory fails while `call` runs, which uses no assertions: these take memory.
+// Fails `count` allocations of `call` from number `first` on. `call` must not use assertions,
+// because they allocate. Returns whether an allocation failed.
 template <typename Call>
-bool has_failed_within(int first, int count, const Call& call) {
+bool with_failing_allocations(int first, int count, const Call& call) {
   fuzz::fail_requests(first, first + count - 1);
   call();
   const bool failed = fuzz::have_failed();
@@ -40,42 +34,42 @@ bool has_failed_within(int first, int count, const Call& call) {
   return failed;
 }
 
-// Uses a player as an application does.
-struct Use {
+// Updates and renders a player as an application does.
+struct Application {
   stgs_player* player;
   stgs_renderer* renderer;
   const stgs_view view;
   std::vector<std::uint8_t> pixels = std::vector<std::uint8_t>(4 * kSdkWidth * kSdkHeight);
-  stgs_image picture = empty_picture();
-  bool told = true;  // every call has ended as it may
-  bool settled = false;
-  bool opened = false, finished = false;  // what events said
+  stgs_image image = empty_image();
+  bool results_valid = true;  // every call succeeded or returned STGS_ERROR_OUT_OF_MEMORY
+  bool is_complete = false;   // with all layers
+  bool opened = false, finished = false;  // events reported so
 
   void step(double now) {
     stgs_player_status status{};
     status.struct_size = sizeof status;
-    told &= is_told(stgs_player_update(player, now, &status));
-    settled = status.is_complete != 0 && status.layers == status.layer_count;
+    results_valid &= is_ok_or_out_of_memory(stgs_player_update(player, now, &status));
+    is_complete = status.is_complete != 0 && status.layers == status.layer_count;
     stgs_player_event event{};
     event.struct_size = sizeof event;
     while (stgs_player_next_event(player, &event) == STGS_OK && event.kind != STGS_EVENT_NONE) {
       opened |= event.kind == STGS_EVENT_OPENED;
       finished |= event.kind == STGS_EVENT_FINISHED;
     }
-    picture.rgba8 = {pixels.data(), 0, pixels.size()};
-    told &= is_told(
-        stgs_render(renderer, stgs_player_scene(player), status.seconds, &view, &picture, 1));
+    image.rgba8 = {pixels.data(), 0, pixels.size()};
+    results_valid &= is_ok_or_out_of_memory(
+        stgs_render(renderer, stgs_player_scene(player), status.seconds, &view, &image, 1));
   }
 };
 
-// What was lost for want of memory is asked for again, and not waited for by `is_complete`.
-bool settle_whole(stgs_player* player) {
+// Also waits for reads that are retried after a failed allocation, which `is_complete` ignores.
+bool wait_for_all_layers(stgs_player* player) {
   return update_until(player, 0, [](const stgs_player_status& s) {
     return s.is_complete != 0 && s.layers == s.layer_count;
   });
 }
 
-stgs_player_settings quick() {
+stgs_player_settings quick_retry_settings() {
   stgs_player_settings settings = player_settings();
   settings.retry_seconds = 0.001;
   settings.live_latency_seconds = 0;
@@ -84,77 +78,77 @@ stgs_player_settings quick() {
 
 }  // namespace
 
-TEST_CASE("a scene is opened and drawn with memory that ends at any moment", "[sdk]") {
+TEST_CASE("opening and rendering a scene survives any failing allocation", "[sdk]") {
   const auto file = sdk_file();
-  const auto expected = picture_of(file);
+  const auto expected = image_of(file);
   const stgs_view view = small_view();
   bool failed = true;
   for (int n = 1; failed; ++n) {
     const ScenePtr scene = make_scene();
     const RendererPtr renderer = cpu_renderer();
     std::vector<std::uint8_t> pixels(expected.size());
-    stgs_image picture = empty_picture();
-    picture.rgba8 = {pixels.data(), 0, pixels.size()};
-    stgs_result opened = STGS_OK, drawn = STGS_OK;
-    failed = has_failed_within(n, 1, [&] {
+    stgs_image image = empty_image();
+    image.rgba8 = {pixels.data(), 0, pixels.size()};
+    stgs_result opened = STGS_OK, rendered = STGS_OK;
+    failed = with_failing_allocations(n, 1, [&] {
       opened = stgs_scene_open_memory(scene.get(), file.data(), file.size());
       if (opened == STGS_OK) {
-        drawn = stgs_render(renderer.get(), scene.get(), kMoment, &view, &picture, 1);
+        rendered = stgs_render(renderer.get(), scene.get(), kTime, &view, &image, 1);
       }
     });
-    INFO("request " << n << ": " << opened << ", " << drawn);
-    REQUIRE(is_told(opened));
-    REQUIRE(is_told(drawn));
+    INFO("allocation " << n << ": " << opened << ", " << rendered);
+    REQUIRE(is_ok_or_out_of_memory(opened));
+    REQUIRE(is_ok_or_out_of_memory(rendered));
     if (opened != STGS_OK) {
       REQUIRE(stgs_scene_open_memory(scene.get(), file.data(), file.size()) == STGS_OK);
     }
-    REQUIRE(draw_rgba8(renderer.get(), scene.get(), kMoment, view) == expected);
+    REQUIRE(render_rgba8(renderer.get(), scene.get(), kTime, view) == expected);
   }
 }
 
-TEST_CASE("a player is opened and played with memory that ends at any moment", "[sdk]") {
+TEST_CASE("opening and playing a clip survives failing allocations", "[sdk]") {
   const auto file = sdk_file();
-  const auto expected = picture_of(file);
-  const stgs_player_settings settings = quick();
+  const auto expected = image_of(file);
+  const stgs_player_settings settings = quick_retry_settings();
   const int count = GENERATE(1, 30);
   int n = 1;
   for (bool failed = true; failed && n < 1000; n += count == 1 && n < 40 ? 1 : 7) {
     const PlayerPtr player = make_player(&settings);
     const RendererPtr renderer = cpu_renderer();
-    Use use{player.get(), renderer.get(), small_view()};
+    Application app{player.get(), renderer.get(), small_view()};
     stgs_result begun = STGS_OK, opened = STGS_OK;
-    failed = has_failed_within(n, count, [&] {
+    failed = with_failing_allocations(n, count, [&] {
       begun = stgs_player_open_memory(player.get(), file.data(), file.size());
       if (begun != STGS_OK) return;
       opened = stgs_player_wait_open(player.get());
       if (opened != STGS_OK) return;
-      for (int i = 0; i < 200 && !use.settled; ++i) {
-        use.step(0);
+      for (int i = 0; i < 200 && !app.is_complete; ++i) {
+        app.step(0);
         std::this_thread::sleep_for(std::chrono::milliseconds(1));
       }
     });
-    INFO("requests " << n << " to " << n + count - 1 << ": " << begun << ", " << opened);
-    REQUIRE(is_told(begun));
-    REQUIRE(is_told(opened));
-    REQUIRE(use.told);
+    INFO("allocations " << n << " to " << n + count - 1 << ": " << begun << ", " << opened);
+    REQUIRE(is_ok_or_out_of_memory(begun));
+    REQUIRE(is_ok_or_out_of_memory(opened));
+    REQUIRE(app.results_valid);
     if (begun != STGS_OK || opened != STGS_OK) {
       const stgs_result again = stgs_player_open_memory(player.get(), file.data(), file.size());
       REQUIRE((again == STGS_OK || again == STGS_ERROR_STATE));
       REQUIRE(stgs_player_wait_open(player.get()) == STGS_OK);
     }
     REQUIRE(wait_until([&] {
-      use.step(0);
-      return use.settled;
+      app.step(0);
+      return app.is_complete;
     }));
-    REQUIRE(use.opened);
-    REQUIRE(stgs_player_seek(player.get(), kMoment) == STGS_OK);
-    REQUIRE(settle_whole(player.get()));
-    REQUIRE(draw_moment(renderer.get(), player.get(), small_view()) == expected);
+    REQUIRE(app.opened);
+    REQUIRE(stgs_player_seek(player.get(), kTime) == STGS_OK);
+    REQUIRE(wait_for_all_layers(player.get()));
+    REQUIRE(render_current(renderer.get(), player.get(), small_view()) == expected);
   }
   CHECK(n > 50);
 }
 
-TEST_CASE("a recording is followed with memory that ends at any moment", "[sdk]") {
+TEST_CASE("following a recording survives failing allocations", "[sdk]") {
   const TemporaryFolder folder;
   const std::string path = folder / "live.stgs";
   std::vector<std::size_t> ends;
@@ -170,12 +164,12 @@ TEST_CASE("a recording is followed with memory that ends at any moment", "[sdk]"
   }
   std::ifstream recorded(path, std::ios::binary);
   const std::vector<std::uint8_t> file(std::istreambuf_iterator<char>(recorded), {});
-  const auto expected = picture_of(file);
+  const auto expected = image_of(file);
   struct Growing {
     const std::vector<std::uint8_t>& bytes;
     std::atomic<std::uint64_t> size;
   };
-  const stgs_player_settings settings = quick();
+  const stgs_player_settings settings = quick_retry_settings();
   for (int n = 1; n < 300; n += n < 60 ? 2 : 20) {
     Growing growing{file, {ends[1]}};
     stgs_io io{};
@@ -188,31 +182,31 @@ TEST_CASE("a recording is followed with memory that ends at any moment", "[sdk]"
     io.current_size = [](void* user) { return static_cast<Growing*>(user)->size.load(); };
     const PlayerPtr player = make_player(&settings);
     const RendererPtr renderer = cpu_renderer();
-    Use use{player.get(), renderer.get(), small_view()};
+    Application app{player.get(), renderer.get(), small_view()};
     REQUIRE(stgs_player_open_io(player.get(), &io) == STGS_OK);
     REQUIRE(stgs_player_wait_open(player.get()) == STGS_OK);
-    use.step(0);
-    (void)has_failed_within(n, 3, [&] {
+    app.step(0);
+    (void)with_failing_allocations(n, 3, [&] {
       growing.size = ends[2];
       for (int i = 0; i < 15; ++i) {
-        use.step(0);
+        app.step(0);
         std::this_thread::sleep_for(std::chrono::milliseconds(1));
       }
       growing.size = file.size();
       for (int i = 0; i < 15; ++i) {
-        use.step(0);
+        app.step(0);
         std::this_thread::sleep_for(std::chrono::milliseconds(1));
       }
     });
-    INFO("requests from " << n << " on");
-    REQUIRE(use.told);
+    INFO("allocations from " << n << " on");
+    REQUIRE(app.results_valid);
     REQUIRE(wait_until([&] {
-      use.step(0);
-      return use.finished;
+      app.step(0);
+      return app.finished;
     }));
-    REQUIRE(stgs_player_seek(player.get(), kMoment) == STGS_OK);
-    REQUIRE(settle_whole(player.get()));
-    REQUIRE(draw_moment(renderer.get(), player.get(), small_view()) == expected);
+    REQUIRE(stgs_player_seek(player.get(), kTime) == STGS_OK);
+    REQUIRE(wait_for_all_layers(player.get()));
+    REQUIRE(render_current(renderer.get(), player.get(), small_view()) == expected);
   }
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The primitives of a moment through the C interface.
+// The primitives that are visible at a time, through the C API.
 #include <cmath>
 #include <limits>
 
@@ -10,15 +10,15 @@
 namespace stgs::testing {
 namespace {
 
-constexpr double kMoment = 0.4;  // 12 ticks of the file's 30 a second
+constexpr double kTime = 0.4;  // seconds; 12 ticks of 1/30 s
 
-stgs_primitives nothing() {
+stgs_primitives no_arrays() {
   stgs_primitives primitives;
   REQUIRE(stgs_primitives_defaults(&primitives, sizeof primitives) == STGS_OK);
   return primitives;
 }
 
-// Room for `n` primitives of degree 1, and the struct that leads there.
+// Arrays for `n` primitives of SH degree 1, and the struct that refers to them.
 struct Arrays {
   std::vector<std::uint32_t> id;
   std::vector<float> position, velocity, scale, rotation, opacity, sh;
@@ -32,8 +32,8 @@ struct Arrays {
         opacity(n, -1),
         sh(12 * n) {}
 
-  stgs_primitives wanted(std::uint64_t capacity) {
-    stgs_primitives out = nothing();
+  stgs_primitives output(std::uint64_t capacity) {
+    stgs_primitives out = no_arrays();
     out.capacity = capacity;
     out.id = id.data();
     out.position = position.data();
@@ -54,36 +54,36 @@ std::uint64_t count_of(stgs_scene* scene, double seconds) {
 
 }  // namespace
 
-TEST_CASE("the primitives of a moment are those that are seen then", "[sdk]") {
+TEST_CASE("a scene returns the primitives that are visible at the time", "[sdk]") {
   const auto file = sdk_file();
   const ScenePtr scene = open_scene(file);
   auto read = read_scene(memory_source(file));
   REQUIRE(read.ok());
   const Gaussians4D& all = read->gaussians;
-  auto expected = snapshot_at(*read, 30 * kMoment);
+  auto expected = snapshot_at(*read, 30 * kTime);
   REQUIRE(expected.ok());
-  const std::uint64_t count = count_of(scene.get(), kMoment);
+  const std::uint64_t count = count_of(scene.get(), kTime);
   REQUIRE(count == expected->size());
   REQUIRE(count > 50);
   REQUIRE(count < all.size());
 
   Arrays got(count);
-  const stgs_primitives wanted = got.wanted(count);
+  const stgs_primitives output = got.output(count);
   std::uint64_t again = 0;
-  REQUIRE(stgs_scene_get_primitives(scene.get(), kMoment, &wanted, &again) == STGS_OK);
+  REQUIRE(stgs_scene_get_primitives(scene.get(), kTime, &output, &again) == STGS_OK);
   CHECK(again == count);
-  float farthest = 0, lengths = 0;
+  float max_error = 0, max_length_error = 0;
   for (std::size_t i = 0; i < count; ++i) {
     REQUIRE(got.id[i] < all.size());
     REQUIRE((i == 0 || got.id[i] > got.id[i - 1]));
     for (std::size_t c = 0; c < 3; ++c) {
       const std::size_t at = 3 * i + c, stored = std::size_t{3} * got.id[i] + c;
-      farthest = std::max(farthest, std::abs(got.position[at] - expected->position[at]));
-      farthest = std::max(farthest, std::abs(got.velocity[at] - 30 * all.velocity[stored]));
-      farthest = std::max(farthest, std::abs(std::log(got.scale[at]) - all.log_scale[stored]));
+      max_error = std::max(max_error, std::abs(got.position[at] - expected->position[at]));
+      max_error = std::max(max_error, std::abs(got.velocity[at] - 30 * all.velocity[stored]));
+      max_error = std::max(max_error, std::abs(std::log(got.scale[at]) - all.log_scale[stored]));
     }
-    farthest =
-        std::max(farthest, std::abs(got.opacity[i] - math::opacity_of(expected->opacity_logit[i])));
+    max_error = std::max(max_error,
+                         std::abs(got.opacity[i] - math::opacity_of(expected->opacity_logit[i])));
     float length = 0, aligned = 0, stored_length = 0;
     for (std::size_t c = 0; c < 4; ++c) {
       const float stored = all.rotation[4 * got.id[i] + c];
@@ -91,43 +91,43 @@ TEST_CASE("the primitives of a moment are those that are seen then", "[sdk]") {
       aligned += got.rotation[4 * i + c] * stored;
       stored_length += stored * stored;
     }
-    lengths = std::max(lengths, std::abs(length - 1));
-    farthest = std::max(farthest, std::abs(aligned / std::sqrt(stored_length) - 1));
+    max_length_error = std::max(max_length_error, std::abs(length - 1));
+    max_error = std::max(max_error, std::abs(aligned / std::sqrt(stored_length) - 1));
   }
-  CHECK(farthest < 1e-5f);
-  CHECK(lengths < 1e-6f);
+  CHECK(max_error < 1e-5f);
+  CHECK(max_length_error < 1e-6f);
   CHECK(std::equal(got.sh.begin(), got.sh.end(), expected->sh.begin(), expected->sh.end()));
 }
 
-TEST_CASE("arrays get as many primitives as they have room for", "[sdk]") {
+TEST_CASE("arrays receive at most as many primitives as their capacity", "[sdk]") {
   const auto file = sdk_file();
   const ScenePtr scene = open_scene(file);
-  const std::uint64_t count = count_of(scene.get(), kMoment);
-  Arrays whole(count), part(count);
-  const stgs_primitives all = whole.wanted(count), some = part.wanted(count / 2);
-  std::uint64_t told = 0;
-  REQUIRE(stgs_scene_get_primitives(scene.get(), kMoment, &all, &told) == STGS_OK);
-  REQUIRE(stgs_scene_get_primitives(scene.get(), kMoment, &some, &told) == STGS_OK);
-  CHECK(told == count);
-  CHECK(std::equal(part.position.begin(), part.position.begin() + 3 * (count / 2),
-                   whole.position.begin()));
-  CHECK(part.id[count / 2] == 77);
-  CHECK(part.opacity[count / 2] == -1);
+  const std::uint64_t count = count_of(scene.get(), kTime);
+  Arrays full(count), half(count);
+  const stgs_primitives all = full.output(count), some = half.output(count / 2);
+  std::uint64_t available = 0;
+  REQUIRE(stgs_scene_get_primitives(scene.get(), kTime, &all, &available) == STGS_OK);
+  REQUIRE(stgs_scene_get_primitives(scene.get(), kTime, &some, &available) == STGS_OK);
+  CHECK(available == count);
+  CHECK(std::equal(half.position.begin(), half.position.begin() + 3 * (count / 2),
+                   full.position.begin()));
+  CHECK(half.id[count / 2] == 77);
+  CHECK(half.opacity[count / 2] == -1);
 
-  stgs_primitives alone = nothing();
+  stgs_primitives alone = no_arrays();
   Arrays only(count);
   alone.capacity = count;
   alone.opacity = only.opacity.data();
-  REQUIRE(stgs_scene_get_primitives(scene.get(), kMoment, &alone, &told) == STGS_OK);
-  CHECK(only.opacity == whole.opacity);
+  REQUIRE(stgs_scene_get_primitives(scene.get(), kTime, &alone, &available) == STGS_OK);
+  CHECK(only.opacity == full.opacity);
   CHECK(only.id[0] == 77);
 }
 
-TEST_CASE("asking for primitives with wrong arguments changes nothing", "[sdk]") {
+TEST_CASE("get_primitives rejects invalid arguments and changes nothing", "[sdk]") {
   const auto file = sdk_file();
   const ScenePtr scene = open_scene(file), closed = make_scene();
   std::uint64_t count = 5;
-  stgs_primitives primitives = nothing();
+  stgs_primitives primitives = no_arrays();
   CHECK(stgs_scene_get_primitives(nullptr, 0, nullptr, &count) == STGS_ERROR_ARGUMENT);
   CHECK(stgs_scene_get_primitives(closed.get(), 0, nullptr, &count) == STGS_ERROR_STATE);
   CHECK(stgs_scene_get_primitives(scene.get(), 0, nullptr, nullptr) == STGS_ERROR_ARGUMENT);

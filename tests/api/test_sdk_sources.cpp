@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a scene and a player may be opened from, and what they refuse before they read it.
+// Sources of scenes and players: pipes, stalled reads and oversized memory.
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -12,7 +12,7 @@
 namespace stgs::testing {
 namespace {
 
-// A pipe that nobody writes to. Who waits for that is ended by a signal.
+// A pipe without a writer. SIGALRM ends a test that waits for one.
 class Pipe {
  public:
   Pipe() {
@@ -29,7 +29,7 @@ class Pipe {
 
 }  // namespace
 
-TEST_CASE("a pipe is refused by its name, without waiting for a writer", "[sdk]") {
+TEST_CASE("a pipe is rejected with its path, without waiting for a writer", "[sdk]") {
   const Pipe pipe;
   const std::string message = pipe.path() + ": not a regular file";
   const auto source = open_file(pipe.path());
@@ -44,8 +44,8 @@ TEST_CASE("a pipe is refused by its name, without waiting for a writer", "[sdk]"
   CHECK(error_of(player.get()).message == message);
 }
 
-TEST_CASE("a read that is not answered holds up no seek to elsewhere", "[sdk]") {
-  LateFile file(clip_file());
+TEST_CASE("a stalled read does not delay a seek to another time", "[sdk]") {
+  DeferredSource file(clip_file());
   stgs_player_settings settings = player_settings();
   settings.max_reads_in_flight = 1;
   settings.prefetch_seconds = settings.resume_seconds = 0.1;
@@ -53,22 +53,22 @@ TEST_CASE("a read that is not answered holds up no seek to elsewhere", "[sdk]") 
   const stgs_async_io io = file.io();
   REQUIRE(stgs_player_open_async_io(player.get(), &io) == STGS_OK);
   REQUIRE(update_until(player.get(), 0, [&](const stgs_player_status& status) {
-    file.answer(0);
+    file.complete(0);
     return status.state != STGS_PLAYER_OPENING && status.is_complete != 0;
   }));
   REQUIRE(stgs_player_seek(player.get(), 0.9) == STGS_OK);
-  REQUIRE(wait_until([&] { return file.waiting() == 1; }));
+  REQUIRE(wait_until([&] { return file.pending() == 1; }));
   CHECK(update(player.get(), 0).ready == 0);
   REQUIRE(stgs_player_seek(player.get(), 1.9) == STGS_OK);
   CHECK(update_until(player.get(), 0, [&](const stgs_player_status& status) {
-    int before = 0;  // the first is the one that goes without an answer
-    file.answer_each([&] { return before++ == 0 ? std::nullopt : std::optional(0); });
+    int before = 0;  // the first read stays pending
+    file.complete_each([&] { return before++ == 0 ? std::nullopt : std::optional(0); });
     return status.ready != 0;
   }));
-  CHECK(file.waiting() >= 1);
+  CHECK(file.pending() >= 1);
 }
 
-TEST_CASE("what is larger than a file may be is not copied", "[sdk]") {
+TEST_CASE("a scene does not copy memory larger than max_file_bytes", "[sdk]") {
   int requests = 0;
   stgs_allocator allocator{};
   allocator.struct_size = sizeof allocator;
@@ -81,8 +81,8 @@ TEST_CASE("what is larger than a file may be is not copied", "[sdk]") {
   stgs_scene_settings settings = scene_settings();
   settings.allocator = &allocator;
   const auto file = sdk_file();
-  const auto open = [&](std::uint64_t most, std::size_t bytes) {
-    settings.max_file_bytes = most;
+  const auto open = [&](std::uint64_t max_file_bytes, std::size_t bytes) {
+    settings.max_file_bytes = max_file_bytes;
     return stgs_scene_open_memory_copy(make_scene(&settings).get(), file.data(), bytes);
   };
   CHECK(open(file.size() - 1, file.size()) == STGS_ERROR_LIMIT);

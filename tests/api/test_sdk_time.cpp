@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Times of the C interface that lie inside and outside of a clip.
+// Times inside and outside the clip, through the C API.
 #include "recording_fixture.h"
 #include "sdk_player_fixture.h"
 
@@ -7,13 +7,13 @@ namespace stgs::testing {
 namespace {
 
 constexpr double kFrameSeconds = 1.0 / 30;
-constexpr double kSeconds = 1;  // of sdk_file()
+constexpr double kSeconds = 1;  // duration of sdk_file()
 
-// The result for both functions that take a time, which must be the same.
+// Returns the result of the functions that take a time, which must agree.
 stgs_result result_at(stgs_renderer* renderer, stgs_scene* scene, double seconds) {
   stgs_view view = start_view(scene);
   std::vector<std::uint8_t> pixels(std::size_t{4} * view.width * view.height, 7);
-  stgs_image image = empty_picture();
+  stgs_image image = empty_image();
   image.rgba8 = {pixels.data(), 0, pixels.size()};
   const stgs_result result = stgs_render(renderer, scene, seconds, &view, &image, 1);
   if (result != STGS_OK) {
@@ -28,7 +28,7 @@ stgs_result result_at(stgs_renderer* renderer, stgs_scene* scene, double seconds
 
 }  // namespace
 
-TEST_CASE("a time outside of the clip is an error, not background", "[sdk]") {
+TEST_CASE("a time outside the clip is an error instead of an empty image", "[sdk]") {
   const auto file = sdk_file();
   const ScenePtr scene = open_scene(file);
   const RendererPtr renderer = cpu_renderer();
@@ -42,13 +42,13 @@ TEST_CASE("a time outside of the clip is an error, not background", "[sdk]") {
   }
 }
 
-TEST_CASE("a time that rounding moved out of the clip counts as its end", "[sdk]") {
+TEST_CASE("a time that is outside the clip only by rounding is clamped", "[sdk]") {
   const auto file = sdk_file();
   const ScenePtr scene = open_scene(file);
   const RendererPtr renderer = cpu_renderer();
   const stgs_view view = start_view(scene.get());
   const auto at = [&](double seconds) {
-    return draw_rgba8(renderer.get(), scene.get(), seconds, view);
+    return render_rgba8(renderer.get(), scene.get(), seconds, view);
   };
   CHECK(at(-1e-9) == at(0));
   CHECK(at(-0.4 * kFrameSeconds) == at(0));
@@ -56,7 +56,7 @@ TEST_CASE("a time that rounding moved out of the clip counts as its end", "[sdk]
   CHECK(at(kSeconds + 0.4 * kFrameSeconds) == at(kSeconds));
 }
 
-TEST_CASE("the scene of a player refuses times outside of its clip", "[sdk]") {
+TEST_CASE("the scene of a player rejects times outside its clip", "[sdk]") {
   const auto file = sdk_file();
   const PlayerPtr player = open_player(file);
   stgs_scene* const scene = stgs_player_scene(player.get());
@@ -75,19 +75,14 @@ TEST_CASE("the scene of a player refuses times outside of its clip", "[sdk]") {
   }
 }
 
-TEST_CASE("only a recording that a player follows has no end", "[sdk]") {
+TEST_CASE("only a recording that a player follows accepts times after its end", "[sdk]") {
   const TemporaryFolder folder;
   const std::string path = folder / "live.stgs";
   record(path, 3, false);
-  const stgs_view view = [] {
-    stgs_view out;
-    REQUIRE(stgs_view_defaults(&out, sizeof out) == STGS_OK);
-    REQUIRE(stgs_view_resize(&out, kSdkWidth, kSdkHeight) == STGS_OK);
-    return out;
-  }();
+  const stgs_view view = small_view();
   const RendererPtr renderer = cpu_renderer();
   std::vector<std::uint8_t> pixels(4 * kSdkWidth * kSdkHeight);
-  stgs_image image = empty_picture();
+  stgs_image image = empty_image();
   image.rgba8 = {pixels.data(), 0, pixels.size()};
 
   const ScenePtr scene = make_scene();

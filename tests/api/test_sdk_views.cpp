@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Views of the C interface: image size, look-at and orbit.
+// Views of the C API: image size, look-at and orbit.
 #include <array>
 #include <cmath>
 #include <numbers>
@@ -46,7 +46,8 @@ double distance(const Vector& a, const Vector& b) {
   return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 }
 
-// Tangents of the angles to the left, top, right and bottom edge of the image.
+// Tangents of the angles from the optical axis to the left, top, right and bottom edges of the
+// image.
 std::array<double, 4> extent_of(const stgs_view& view) {
   const double width = view.width, height = view.height;
   return {view.cx / view.fx, view.cy / view.fy, (width - view.cx) / view.fx,
@@ -68,7 +69,7 @@ stgs_view off_centre_view() {
 
 }  // namespace
 
-TEST_CASE("a resized view keeps pixels square and shows at least what it showed", "[sdk]") {
+TEST_CASE("a resized view keeps pixels square and its field of view does not shrink", "[sdk]") {
   const stgs_view before = off_centre_view();
   const std::pair<std::uint32_t, std::uint32_t> sizes[] = {{1280, 720}, {720, 1280}, {200, 150},
                                                            {50, 50},    {400, 300},  {1, 1}};
@@ -81,10 +82,10 @@ TEST_CASE("a resized view keeps pixels square and shows at least what it showed"
     CHECK(view.fx == view.fy);
     CHECK(view.cx / static_cast<float>(width) == Approx(before.cx / 400));
     CHECK(view.cy / static_cast<float>(height) == Approx(before.cy / 300));
-    const auto was = extent_of(before), is = extent_of(view);
-    for (std::size_t i = 0; i < 4; ++i) CHECK(is[i] >= was[i] * (1 - 1e-6));
+    const auto old_extent = extent_of(before), new_extent = extent_of(view);
+    for (std::size_t i = 0; i < 4; ++i) CHECK(new_extent[i] >= old_extent[i] * (1 - 1e-6));
     // One axis is fitted exactly.
-    CHECK((is[0] == Approx(was[0]) || is[1] == Approx(was[1])));
+    CHECK((new_extent[0] == Approx(old_extent[0]) || new_extent[1] == Approx(old_extent[1])));
     // The fovea keeps its direction and its share of the view angle.
     CHECK((view.fovea_x - view.cx) / view.fx == Approx((150 - 120) / 200.0).margin(1e-5));
     CHECK((view.fovea_y - view.cy) / view.fy == Approx((90 - 210) / 200.0).margin(1e-5));
@@ -92,14 +93,14 @@ TEST_CASE("a resized view keeps pixels square and shows at least what it showed"
   }
 }
 
-TEST_CASE("a resized view keeps the shape of its pixels", "[sdk]") {
+TEST_CASE("a resized view keeps its pixel aspect ratio", "[sdk]") {
   stgs_view view = off_centre_view();
   view.fy = 2 * view.fx;
   REQUIRE(stgs_view_resize(&view, 1280, 720) == STGS_OK);
   CHECK(view.fy == 2 * view.fx);
 }
 
-TEST_CASE("a stretched view scales each axis on its own", "[sdk]") {
+TEST_CASE("a stretched view scales each axis independently", "[sdk]") {
   const stgs_view before = off_centre_view();
   stgs_view view = before;
   REQUIRE(stgs_view_stretch(&view, 800, 150) == STGS_OK);
@@ -110,8 +111,8 @@ TEST_CASE("a stretched view scales each axis on its own", "[sdk]") {
   CHECK(view.fovea_x == 300);
   CHECK(view.fovea_y == 45);
   CHECK(view.fovea_radius == 40);
-  const auto was = extent_of(before), is = extent_of(view);
-  for (std::size_t i = 0; i < 4; ++i) CHECK(is[i] == Approx(was[i]));
+  const auto old_extent = extent_of(before), new_extent = extent_of(view);
+  for (std::size_t i = 0; i < 4; ++i) CHECK(new_extent[i] == Approx(old_extent[i]));
 }
 
 TEST_CASE("sizes out of range leave a view unchanged", "[sdk]") {
@@ -129,7 +130,7 @@ TEST_CASE("sizes out of range leave a view unchanged", "[sdk]") {
   }
 }
 
-TEST_CASE("a camera looks at its target, upright", "[sdk]") {
+TEST_CASE("look-at centres the target and keeps the view upright", "[sdk]") {
   stgs_view view = off_centre_view();
   const float eye[] = {3, -2, 1}, target[] = {-1, 0.5f, 6}, up[] = {0, 0, 10};
   REQUIRE(stgs_view_look_at(&view, eye, target, up) == STGS_OK);
@@ -137,7 +138,7 @@ TEST_CASE("a camera looks at its target, upright", "[sdk]") {
   const auto pixel = pixel_of(view, {-1, 0.5, 6});
   CHECK(pixel[0] == Approx(view.cx).margin(1e-3));
   CHECK(pixel[1] == Approx(view.cy).margin(1e-3));
-  // Above the target is above it in the image, and nowhere else.
+  // A point above the target appears directly above it in the image.
   const auto above = pixel_of(view, {-1, 0.5, 6.5});
   CHECK(above[0] == Approx(pixel[0]).margin(1e-3));
   CHECK(above[1] < pixel[1]);
@@ -145,10 +146,10 @@ TEST_CASE("a camera looks at its target, upright", "[sdk]") {
   // Valid for rendering.
   const auto file = sdk_file();
   const ScenePtr scene = open_scene(file);
-  CHECK(draw_rgba8(cpu_renderer().get(), scene.get(), 0.1, view).size() == 4 * 400 * 300);
+  CHECK(render_rgba8(cpu_renderer().get(), scene.get(), 0.1, view).size() == 4 * 400 * 300);
 }
 
-TEST_CASE("without an up direction a camera keeps its own", "[sdk]") {
+TEST_CASE("look-at without an up direction keeps that of the view", "[sdk]") {
   const float eye[] = {0, 0, -5}, target[] = {0, 0, 0}, none[] = {0, 0, 0};
   for (const float* up : {static_cast<const float*>(nullptr), none}) {
     stgs_view view = default_view();
@@ -159,7 +160,7 @@ TEST_CASE("without an up direction a camera keeps its own", "[sdk]") {
   }
 }
 
-TEST_CASE("directions that are none leave a view unchanged", "[sdk]") {
+TEST_CASE("invalid directions are rejected and leave a view unchanged", "[sdk]") {
   const stgs_view before = off_centre_view();
   stgs_view view = before;
   const float a[] = {1, 2, 3}, b[] = {1, 2, 8}, z[] = {0, 0, -2}, nan[] = {0, NAN, 0};
@@ -180,7 +181,7 @@ TEST_CASE("directions that are none leave a view unchanged", "[sdk]") {
   CHECK(stgs_view_look_at(&view, a, b, nullptr) == STGS_ERROR_ARGUMENT);
 }
 
-TEST_CASE("a turntable keeps the centre at its pixel and comes round", "[sdk]") {
+TEST_CASE("an orbit keeps the centre at its pixel and returns to the start", "[sdk]") {
   stgs_view view = off_centre_view();
   const float eye[] = {1, -1, -4}, target[] = {0, 0.2f, 0}, up[] = {0, -1, 0};
   const float centre[] = {0.3f, 0.1f, 0.5f};
@@ -196,7 +197,7 @@ TEST_CASE("a turntable keeps the centre at its pixel and comes round", "[sdk]") 
     REQUIRE(now[0] == Approx(pixel[0]).margin(0.05));
     REQUIRE(now[1] == Approx(pixel[1]).margin(0.05));
     REQUIRE(distance(position_of(view), middle) == Approx(radius).epsilon(1e-4));
-    REQUIRE(position_of(view)[1] == Approx(-1).margin(1e-3));  // at its height
+    REQUIRE(position_of(view)[1] == Approx(-1).margin(1e-3));  // at constant height
   }
   CHECK(distance(position_of(view), position_of(first)) < 1e-3);
 }
@@ -212,13 +213,13 @@ TEST_CASE("a positive azimuth moves the camera to its right, a positive elevatio
   REQUIRE(stgs_view_orbit(&high, origin, up, 0, std::numbers::pi / 6) == STGS_OK);
   CHECK(position_of(high)[1] == Approx(-2.5));
   CHECK(high.rotation[1] == Approx(0).margin(1e-6));  // its x axis stays level
-  // It stops a degree from the pole, and comes back from there.
+  // The elevation stops one degree from the pole and can decrease again.
   stgs_view pole = view;
   for (int i = 0; i < 10; ++i) REQUIRE(stgs_view_orbit(&pole, origin, up, 0, 1) == STGS_OK);
   CHECK(position_of(pole)[1] == Approx(-5 * std::sin(89 * std::numbers::pi / 180)));
   REQUIRE(stgs_view_orbit(&pole, origin, up, 0, -89 * std::numbers::pi / 180) == STGS_OK);
   CHECK(distance(position_of(pole), position_of(view)) < 1e-3);
-  // From above it may come down, around its own x axis.
+  // A view from directly above can be lowered around its own x axis.
   const float above[] = {0, -5, 0}, north[] = {0, 0, 1};
   REQUIRE(stgs_view_look_at(&view, above, origin, north) == STGS_OK);
   REQUIRE(stgs_view_orbit(&view, origin, up, 0, -std::numbers::pi / 2) == STGS_OK);

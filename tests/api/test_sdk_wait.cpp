@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Waiting until a time of a player is complete.
+// Waiting until the current time of a player is complete.
 #include "sdk_player_fixture.h"
 
 namespace stgs::testing {
 namespace {
 
 constexpr double kSeconds = 1.9;  // far from the start of clip_file()
-constexpr double kLong = 60;      // for a busy machine
+constexpr double kLong = 60;      // seconds; generous for a busy machine
 
 stgs_player_status empty_status() {
   stgs_player_status status{};
@@ -14,8 +14,8 @@ stgs_player_status empty_status() {
   return status;
 }
 
-// Fetches little ahead, so that kSeconds is missing at first.
-stgs_player_settings short_sighted() {
+// Prefetches little, so that kSeconds is missing at first.
+stgs_player_settings short_prefetch_settings() {
   stgs_player_settings settings = player_settings();
   settings.prefetch_seconds = settings.resume_seconds = 0.1;
   settings.max_reads_in_flight = 1;
@@ -24,7 +24,7 @@ stgs_player_settings short_sighted() {
 
 }  // namespace
 
-TEST_CASE("a player seeks and waits until the time is complete", "[sdk]") {
+TEST_CASE("seek_and_wait returns once the time is complete", "[sdk]") {
   const PlayerPtr player = open_player(clip_file());
   REQUIRE(stgs_player_set_rate(player.get(), 2) == STGS_OK);
   REQUIRE(stgs_player_play(player.get()) == STGS_OK);
@@ -38,24 +38,19 @@ TEST_CASE("a player seeks and waits until the time is complete", "[sdk]") {
     CHECK(status.layers == status.layer_count);
   }
   REQUIRE(stgs_player_seek_and_wait(player.get(), 0.5, INFINITY, nullptr) == STGS_OK);
-  const stgs_view view = [] {
-    stgs_view out;
-    REQUIRE(stgs_view_defaults(&out, sizeof out) == STGS_OK);
-    REQUIRE(stgs_view_resize(&out, kSdkWidth, kSdkHeight) == STGS_OK);
-    return out;
-  }();
+  const stgs_view view = small_view();
   const RendererPtr renderer = cpu_renderer();
   const ScenePtr scene = open_scene(clip_file());
-  CHECK(draw_rgba8(renderer.get(), stgs_player_scene(player.get()), 0.5, view) ==
-        draw_rgba8(renderer.get(), scene.get(), 0.5, view));
-  // Its clock continues: the next update of an application in real time is no step.
+  CHECK(render_rgba8(renderer.get(), stgs_player_scene(player.get()), 0.5, view) ==
+        render_rgba8(renderer.get(), scene.get(), 0.5, view));
+  // The next update does not advance the player, whatever time the application passes.
   CHECK(update(player.get(), 1e9).seconds == Approx(0.5));
 }
 
-TEST_CASE("waiting ends with the time-out, and can go on later", "[sdk]") {
-  CallerFile file(clip_file());
+TEST_CASE("seek_and_wait times out and can be repeated", "[sdk]") {
+  FaultySource file(clip_file());
   const stgs_async_io io = file.async_io();
-  const stgs_player_settings settings = short_sighted();
+  const stgs_player_settings settings = short_prefetch_settings();
   const PlayerPtr player = make_player(&settings);
   REQUIRE(stgs_player_open_async_io(player.get(), &io) == STGS_OK);
   REQUIRE(stgs_player_wait_open(player.get()) == STGS_OK);
@@ -69,21 +64,21 @@ TEST_CASE("waiting ends with the time-out, and can go on later", "[sdk]") {
   CHECK(status.is_complete == 0);
   CHECK(std::string(error_of(player.get()).message).find("1.9 s") != std::string::npos);
   CHECK(std::string(stgs_result_name(STGS_ERROR_TIMEOUT)) == "STGS_ERROR_TIMEOUT");
-  // It looks once where it may not wait.
+  // A timeout of 0 checks once.
   CHECK(stgs_player_seek_and_wait(player.get(), kSeconds, 0, &status) == STGS_ERROR_TIMEOUT);
   file.stall_from = 1 << 30;
-  file.answer();
+  file.complete();
   CHECK(stgs_player_seek_and_wait(player.get(), kSeconds, kLong, &status) == STGS_OK);
   CHECK(status.layers == status.layer_count);
   CHECK(stgs_player_seek_and_wait(player.get(), kSeconds, 0, &status) == STGS_OK);
 }
 
-TEST_CASE("what cannot be read is not waited for", "[sdk]") {
-  CallerFile file(clip_file());
+TEST_CASE("seek_and_wait does not wait for reads that fail", "[sdk]") {
+  FaultySource file(clip_file());
   file.error_from = head_bytes_of(clip_file());
   file.error = 9;
   const stgs_io io = file.io();
-  const stgs_player_settings settings = short_sighted();
+  const stgs_player_settings settings = short_prefetch_settings();
   const PlayerPtr player = make_player(&settings);
   REQUIRE(stgs_player_open_io(player.get(), &io) == STGS_OK);
   REQUIRE(stgs_player_wait_open(player.get()) == STGS_OK);
@@ -92,12 +87,12 @@ TEST_CASE("what cannot be read is not waited for", "[sdk]") {
   CHECK(status.is_complete == 1);
   CHECK(status.ready == 0);
   const auto events = take_events(player.get());
-  CHECK(std::any_of(events.begin(), events.end(), [](const KeptEvent& event) {
+  CHECK(std::any_of(events.begin(), events.end(), [](const OwnedEvent& event) {
     return event.event.kind == STGS_EVENT_READ_FAILED;
   }));
 }
 
-TEST_CASE("waiting takes an open file and a time", "[sdk]") {
+TEST_CASE("seek_and_wait rejects a closed player and invalid arguments", "[sdk]") {
   stgs_player_status status = empty_status();
   CHECK(stgs_player_seek_and_wait(nullptr, 0, 1, &status) == STGS_ERROR_ARGUMENT);
   const PlayerPtr closed = make_player();

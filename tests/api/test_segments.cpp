@@ -30,7 +30,7 @@ Scene random_lifespans(std::uint32_t frames, unsigned seed) {
   return scene;
 }
 
-std::unique_ptr<SceneReader> written(const Scene& scene, const WriteSettings& settings) {
+std::unique_ptr<SceneReader> write_and_open(const Scene& scene, const WriteSettings& settings) {
   auto bytes = encode_scene(scene, settings);
   INFO(bytes.status().message());
   REQUIRE(bytes.ok());
@@ -48,12 +48,12 @@ bool visible(const Gaussians4D& set, std::size_t i, float t) {
 
 }  // namespace
 
-TEST_CASE("what is visible at a moment is in the segments of that moment") {
+TEST_CASE("every visible primitive is in a segment active at that time") {
   for (Profile profile : {Profile::kLossless, Profile::kQuantised}) {
     for (std::uint32_t frames : {1u, 17u, 300u}) {
       WriteSettings settings;
       settings.profile = profile;
-      const auto reader = written(random_lifespans(frames, frames), settings);
+      const auto reader = write_and_open(random_lifespans(frames, frames), settings);
       std::vector<Gaussians4D> sets;
       for (std::uint32_t s = 0; s < reader->segments().size(); ++s) {
         auto set = reader->decode(s);
@@ -61,37 +61,37 @@ TEST_CASE("what is visible at a moment is in the segments of that moment") {
         sets.push_back(std::move(*set));
       }
       std::mt19937 random(frames);
-      std::uniform_real_distribution<float> moment(0.0f, static_cast<float>(frames));
-      std::size_t missed = 0, seen = 0;
+      std::uniform_real_distribution<float> uniform_time(0.0f, static_cast<float>(frames));
+      std::size_t missed = 0, visible_count = 0;
       for (int trial = 0; trial < 60; ++trial) {
         const float t = trial == 0   ? 0.0f
                         : trial == 1 ? static_cast<float>(frames)
-                        : trial < 20 ? std::floor(moment(random))
-                                     : moment(random);
+                        : trial < 20 ? std::floor(uniform_time(random))
+                                     : uniform_time(random);
         const auto found = reader->segments_between(t, t);
-        std::map<std::pair<int, int>, int> of_a_tier;  // by level
+        std::map<std::pair<int, int>, int> segments_of_tier;  // by level
         for (std::uint32_t s : found) {
-          ++of_a_tier[{reader->segments()[s].level, reader->segments()[s].tier}];
+          ++segments_of_tier[{reader->segments()[s].level, reader->segments()[s].tier}];
         }
-        for (const auto& [place, count] : of_a_tier) CHECK(count <= (place.first < 0 ? 1 : 2));
+        for (const auto& [key, count] : segments_of_tier) CHECK(count <= (key.first < 0 ? 1 : 2));
         for (std::uint32_t s = 0; s < sets.size(); ++s) {
           const bool listed = std::find(found.begin(), found.end(), s) != found.end();
           for (std::size_t i = 0; i < sets[s].size(); ++i) {
             if (!visible(sets[s], i, t)) continue;
-            ++seen;
+            ++visible_count;
             missed += listed ? 0 : 1;
           }
         }
       }
-      CHECK(seen > 1000);
+      CHECK(visible_count > 1000);
       CHECK(missed == 0);
     }
   }
 }
 
-TEST_CASE("every primitive is stored exactly once, invisible ones only without loss") {
+TEST_CASE("every primitive is stored once, never visible ones only in the lossless profile") {
   const Scene scene = random_lifespans(120, 5);
-  const auto lossless = written(scene, {});
+  const auto lossless = write_and_open(scene, {});
   CHECK(lossless->primitives() == scene.gaussians.size());
   std::multiset<std::string> stored;
   for (std::uint32_t s = 0; s < lossless->segments().size(); ++s) {
@@ -100,22 +100,22 @@ TEST_CASE("every primitive is stored exactly once, invisible ones only without l
   const auto expected = fingerprints(scene.gaussians);
   CHECK(stored == std::multiset<std::string>(expected.begin(), expected.end()));
 
-  std::size_t visible_ever = 0;
+  std::size_t ever_visible = 0;
   for (std::size_t i = 0; i < scene.gaussians.size(); ++i) {
-    bool seen = false;
-    for (float t = 0.0f; t <= 120.0f && !seen; t += 0.125f) seen = visible(scene.gaussians, i, t);
-    visible_ever += seen ? 1 : 0;
+    bool shown = false;
+    for (float t = 0.0f; t <= 120.0f && !shown; t += 0.125f) shown = visible(scene.gaussians, i, t);
+    ever_visible += shown ? 1 : 0;
   }
   WriteSettings settings;
   settings.profile = Profile::kQuantised;
   std::vector<std::uint32_t> order;
   REQUIRE(encode_scene(scene, settings, &order).ok());
   CHECK(order.size() < scene.gaussians.size());
-  CHECK(order.size() >= visible_ever * 95 / 100);  // rounding may hide what is barely visible
+  CHECK(order.size() >= ever_visible * 95 / 100);  // rounding may hide barely visible primitives
   CHECK(std::set<std::uint32_t>(order.begin(), order.end()).size() == order.size());
 }
 
-TEST_CASE("a lossless segment is one tier, a packed one has what never changes apart") {
+TEST_CASE("a lossless segment has one tier, and packing separates primitives that never change") {
   Scene scene = random_scene(3000, 1, 60, 4);
   Gaussians4D& set = scene.gaussians;
   for (std::size_t i = 0; i < set.size(); ++i) {
@@ -126,25 +126,25 @@ TEST_CASE("a lossless segment is one tier, a packed one has what never changes a
     for (std::size_t c = 0; c < 3; ++c) set.velocity[3 * i + c] = i % 2 == 0 ? 0.0f : 0.05f;
   }
   WriteSettings settings;
-  CHECK(written(scene, settings)->segments().size() == 1);
+  CHECK(write_and_open(scene, settings)->segments().size() == 1);
   settings.profile = Profile::kQuantised;
   settings.tiers = 1;
-  const auto reader = written(scene, settings);
+  const auto reader = write_and_open(scene, settings);
   REQUIRE(reader->segments().size() == 2);
-  const auto still = reader->decode(0), moving = reader->decode(1);
-  REQUIRE(still.ok());
-  REQUIRE(moving.ok());
-  CHECK(std::all_of(still->velocity.begin(), still->velocity.end(),
+  const auto static_segment = reader->decode(0), dynamic_segment = reader->decode(1);
+  REQUIRE(static_segment.ok());
+  REQUIRE(dynamic_segment.ok());
+  CHECK(std::all_of(static_segment->velocity.begin(), static_segment->velocity.end(),
                     [](float u) { return u == 0.0f; }));
-  CHECK(moving->size() == 1500);
-  CHECK(std::none_of(moving->velocity.begin(), moving->velocity.end(),
+  CHECK(dynamic_segment->size() == 1500);
+  CHECK(std::none_of(dynamic_segment->velocity.begin(), dynamic_segment->velocity.end(),
                      [](float u) { return u == 0.0f; }));
 }
 
-TEST_CASE("segments follow each other in the file by beginning, the longer first") {
+TEST_CASE("segments are stored by begin time, the longer first") {
   WriteSettings settings;
   settings.chunk_seconds = 0.5;
-  const auto reader = written(random_lifespans(300, 8), settings);
+  const auto reader = write_and_open(random_lifespans(300, 8), settings);
   const auto& segments = reader->segments();
   REQUIRE(segments.size() > 20);
   CHECK(segments[0].level == -1);
@@ -155,15 +155,15 @@ TEST_CASE("segments follow each other in the file by beginning, the longer first
                               segments[i].end_ticks <= segments[i - 1].end_ticks;
     CHECK((later || longer_first));
   }
-  // Behind them the copy of the head alone.
+  // Only the copy of the head follows.
   CHECK(segments.back().offset + segments.back().bytes > reader->file_bytes() - 1000);
 }
 
-TEST_CASE("a short life is in a segment at most four times as long, or of one chunk") {
+TEST_CASE("a segment is at most four times as long as its lifespans, or one chunk") {
   Scene scene = random_lifespans(600, 9);
   WriteSettings settings;
   settings.chunk_seconds = 0.5;
-  const auto reader = written(scene, settings);
+  const auto reader = write_and_open(scene, settings);
   for (std::uint32_t s = 0; s < reader->segments().size(); ++s) {
     const SegmentInfo& segment = reader->segments()[s];
     if (segment.level <= 0) continue;
@@ -181,16 +181,16 @@ TEST_CASE("a short life is in a segment at most four times as long, or of one ch
   }
 }
 
-TEST_CASE("an interval finds the segments of all its moments") {
+TEST_CASE("the segments of an interval are those of all times in it") {
   WriteSettings settings;
   settings.chunk_seconds = 0.5;
-  const auto reader = written(random_lifespans(300, 10), settings);
-  std::set<std::uint32_t> moments;
+  const auto reader = write_and_open(random_lifespans(300, 10), settings);
+  std::set<std::uint32_t> expected;
   for (double t = 40.0; t <= 55.0; t += 0.25) {
-    for (std::uint32_t s : reader->segments_between(t, t)) moments.insert(s);
+    for (std::uint32_t s : reader->segments_between(t, t)) expected.insert(s);
   }
   const auto found = reader->segments_between(40.0, 55.0);
-  CHECK(std::set<std::uint32_t>(found.begin(), found.end()) == moments);
+  CHECK(std::set<std::uint32_t>(found.begin(), found.end()) == expected);
   CHECK(found.size() < reader->segments().size());
   CHECK(std::is_sorted(found.begin(), found.end()));
   CHECK(reader->segments_between(5.0, 4.0).empty());

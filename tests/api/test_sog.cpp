@@ -10,15 +10,15 @@
 using namespace stgs;
 using stgs::testing::encode_webp;
 using stgs::testing::fingerprints;
-using stgs::testing::Picture;
 using stgs::testing::random_sog;
+using stgs::testing::RgbaImage;
 using stgs::testing::SogModel;
 using stgs::testing::TemporaryFolder;
 
 namespace {
 
-// What reading a model says that must not be readable.
-Status refusal(const SogModel& model, const ReadLimits& limits = {}) {
+// The status of reading a model that must be rejected.
+Status read_error(const SogModel& model, const ReadLimits& limits = {}) {
   const TemporaryFolder folder;
   model.write_folder(folder.path);
   const Result<Scene> scene = read_sog(folder.path, limits);
@@ -30,7 +30,7 @@ using Catch::Contains;
 
 }  // namespace
 
-TEST_CASE("SOG: the values of the specification") {
+TEST_CASE("SOG: every value is decoded as the specification defines") {
   const TemporaryFolder folder;
   const SogModel model = random_sog(21, 2, 3);
   model.write_folder(folder.path);
@@ -44,7 +44,7 @@ TEST_CASE("SOG: the values of the specification") {
   REQUIRE(set.size() == 21);
   REQUIRE(set.sh_degree == 2);
   const auto byte = [&](const char* name, std::size_t i, std::size_t c) {
-    return int{model.pictures.at(name).rgba[4 * i + c]};
+    return int{model.images.at(name).rgba[4 * i + c]};
   };
   const double mins[] = {-2.5, -1.0, 0.0}, maxs[] = {1.5, 1.0, 3.0};
   for (std::size_t i = 0; i < 21; ++i) {
@@ -82,7 +82,7 @@ TEST_CASE("SOG: the values of the specification") {
   }
 }
 
-TEST_CASE("SOG: a bundle, a folder and its description are one model") {
+TEST_CASE("SOG: a bundle and a folder decode to the same model") {
   const TemporaryFolder folder;
   const SogModel model = random_sog(33, 3, 5);
   model.write_folder(folder / "model");
@@ -95,7 +95,7 @@ TEST_CASE("SOG: a bundle, a folder and its description are one model") {
   CHECK(fingerprints(from_folder->gaussians) == fingerprints(from_bundle->gaussians));
 }
 
-TEST_CASE("SOG: the chunks of a folder are put together in the order of their names") {
+TEST_CASE("SOG: the chunks of a folder are joined in the order of their names") {
   const TemporaryFolder folder;
   random_sog(9, 0, 1).write_folder(folder / "2_0");
   random_sog(12, 1, 2).write_folder(folder / "2_1");
@@ -105,19 +105,19 @@ TEST_CASE("SOG: the chunks of a folder are put together in the order of their na
   REQUIRE(all.ok());
   REQUIRE(second.ok());
   CHECK(all->gaussians.size() == 26);
-  CHECK(all->gaussians.sh_degree == 1);  // the highest; others get zeros
-  const auto whole = fingerprints(all->gaussians), part = fingerprints(second->gaussians);
-  CHECK(std::vector<std::string>(whole.begin() + 9, whole.begin() + 21) == part);
+  CHECK(all->gaussians.sh_degree == 1);  // the highest degree; others are padded with zeros
+  const auto complete = fingerprints(all->gaussians), part = fingerprints(second->gaussians);
+  CHECK(std::vector<std::string>(complete.begin() + 9, complete.begin() + 21) == part);
   CHECK(all->gaussians.sh[3] == 0.0f);
   std::ofstream(folder / "lod-meta.json") << "{}";
   CHECK(read_sog(folder.path).status().code() == StatusCode::kUnsupported);
 }
 
-TEST_CASE("SOG: a codebook whose first entry an early writer left null") {
+TEST_CASE("SOG: a null first entry of a codebook, as early writers left it, is extrapolated") {
   const TemporaryFolder folder;
   SogModel model = random_sog(8, 0, 4);
   model.meta["scales"]["codebook"][0] = nullptr;
-  model.pictures["scales.webp"].rgba[0] = 0;
+  model.images["scales.webp"].rgba[0] = 0;
   model.write_folder(folder.path);
   const Result<Scene> scene = read_sog(folder.path);
   INFO(scene.status().message());
@@ -125,97 +125,97 @@ TEST_CASE("SOG: a codebook whose first entry an early writer left null") {
   CHECK(scene->gaussians.log_scale[0] == Approx(-9).margin(0.05));
 }
 
-TEST_CASE("SOG: what lies about itself is refused") {
-  const SogModel good = random_sog(20, 1, 6);
-  SogModel bad = good;
-  bad.meta["count"] = 1000;
-  CHECK_THAT(refusal(bad).message(), Contains("image too small"));
-  bad = good;
-  bad.meta["count"] = 4'000'000'000'000;
-  CHECK(refusal(bad).code() == StatusCode::kUnsupported);
-  bad = good;
-  bad.meta["count"] = -1;
-  CHECK(refusal(bad).code() == StatusCode::kInvalidFile);
-  bad = good;
-  bad.meta["means"]["mins"] = {0, 0};
-  CHECK_THAT(refusal(bad).message(), Contains("means.mins"));
-  bad = good;
-  bad.meta["means"]["maxs"][1] = 1e30;
-  CHECK_THAT(refusal(bad).message(), Contains("exceed the range of binary32"));
-  bad = good;
-  bad.meta["scales"]["codebook"].erase(7);
-  CHECK_THAT(refusal(bad).message(), Contains("scales.codebook"));
-  bad = good;
-  bad.meta["quats"]["files"] = {"../quats.webp"};
-  CHECK_THAT(refusal(bad).message(), Contains("outside the"));
-  bad = good;
-  bad.meta["sh0"]["files"] = {"absent.webp"};
-  CHECK(refusal(bad).code() == StatusCode::kIo);
-  bad = good;
-  bad.meta["shN"]["bands"] = 4;
-  CHECK_THAT(refusal(bad).message(), Contains("bands"));
-  bad = good;
-  bad.meta["shN"]["count"] = 129;  // the picture holds two rows of 64
-  CHECK_THAT(refusal(bad).message(), Contains("129 entries"));
-  bad = good;
-  bad.pictures["labels.webp"].rgba[1] = 1;  // label 256 and more
-  CHECK_THAT(refusal(bad).message(), Contains("invalid label"));
-  bad = good;
-  bad.pictures["quats.webp"].rgba[3] = 200;
-  CHECK_THAT(refusal(bad).message(), Contains("alpha of splat 0"));
-  bad = good;
-  bad.pictures["sh0.webp"] = random_sog(20, 0, 1, 10).pictures["sh0.webp"];
-  CHECK_THAT(refusal(bad).message(), Contains("image size differs within the model"));
-  bad = good;
-  bad.files["meta.json"] = "{\"version\": 2, \"count\": ";
-  CHECK_THAT(refusal(bad).message(), Contains("not valid JSON"));
-  bad.files["meta.json"] = "[1, 2]";
-  CHECK(refusal(bad).code() == StatusCode::kInvalidFile);
-  bad.files["meta.json"] = "{\"means\": {}}";
-  CHECK_THAT(refusal(bad).message(), Contains("unsupported SOG version"));
-  bad.files["meta.json"] = "{\"version\": 3}";
-  CHECK(refusal(bad).code() == StatusCode::kUnsupported);
+TEST_CASE("SOG: inconsistent metadata is rejected") {
+  const SogModel valid = random_sog(20, 1, 6);
+  SogModel invalid = valid;
+  invalid.meta["count"] = 1000;
+  CHECK_THAT(read_error(invalid).message(), Contains("image too small"));
+  invalid = valid;
+  invalid.meta["count"] = 4'000'000'000'000;
+  CHECK(read_error(invalid).code() == StatusCode::kUnsupported);
+  invalid = valid;
+  invalid.meta["count"] = -1;
+  CHECK(read_error(invalid).code() == StatusCode::kInvalidFile);
+  invalid = valid;
+  invalid.meta["means"]["mins"] = {0, 0};
+  CHECK_THAT(read_error(invalid).message(), Contains("means.mins"));
+  invalid = valid;
+  invalid.meta["means"]["maxs"][1] = 1e30;
+  CHECK_THAT(read_error(invalid).message(), Contains("exceed the range of binary32"));
+  invalid = valid;
+  invalid.meta["scales"]["codebook"].erase(7);
+  CHECK_THAT(read_error(invalid).message(), Contains("scales.codebook"));
+  invalid = valid;
+  invalid.meta["quats"]["files"] = {"../quats.webp"};
+  CHECK_THAT(read_error(invalid).message(), Contains("outside the"));
+  invalid = valid;
+  invalid.meta["sh0"]["files"] = {"absent.webp"};
+  CHECK(read_error(invalid).code() == StatusCode::kIo);
+  invalid = valid;
+  invalid.meta["shN"]["bands"] = 4;
+  CHECK_THAT(read_error(invalid).message(), Contains("bands"));
+  invalid = valid;
+  invalid.meta["shN"]["count"] = 129;  // the image holds two rows of 64
+  CHECK_THAT(read_error(invalid).message(), Contains("129 entries"));
+  invalid = valid;
+  invalid.images["labels.webp"].rgba[1] = 1;  // label 256 and more
+  CHECK_THAT(read_error(invalid).message(), Contains("invalid label"));
+  invalid = valid;
+  invalid.images["quats.webp"].rgba[3] = 200;
+  CHECK_THAT(read_error(invalid).message(), Contains("alpha of splat 0"));
+  invalid = valid;
+  invalid.images["sh0.webp"] = random_sog(20, 0, 1, 10).images["sh0.webp"];
+  CHECK_THAT(read_error(invalid).message(), Contains("image size differs within the model"));
+  invalid = valid;
+  invalid.files["meta.json"] = "{\"version\": 2, \"count\": ";
+  CHECK_THAT(read_error(invalid).message(), Contains("not valid JSON"));
+  invalid.files["meta.json"] = "[1, 2]";
+  CHECK(read_error(invalid).code() == StatusCode::kInvalidFile);
+  invalid.files["meta.json"] = "{\"means\": {}}";
+  CHECK_THAT(read_error(invalid).message(), Contains("unsupported SOG version"));
+  invalid.files["meta.json"] = "{\"version\": 3}";
+  CHECK(read_error(invalid).code() == StatusCode::kUnsupported);
 }
 
-TEST_CASE("SOG: damaged pictures are refused") {
-  SogModel bad = random_sog(20, 0, 7);
-  const std::string picture = encode_webp(bad.pictures["scales.webp"]);
-  for (const std::size_t length : {std::size_t{0}, std::size_t{9}, picture.size() / 2}) {
-    bad.files["scales.webp"] = picture.substr(0, length);
-    CHECK(refusal(bad).code() == StatusCode::kInvalidFile);
+TEST_CASE("SOG: damaged images are rejected") {
+  SogModel invalid = random_sog(20, 0, 7);
+  const std::string image = encode_webp(invalid.images["scales.webp"]);
+  for (const std::size_t length : {std::size_t{0}, std::size_t{9}, image.size() / 2}) {
+    invalid.files["scales.webp"] = image.substr(0, length);
+    CHECK(read_error(invalid).code() == StatusCode::kInvalidFile);
   }
-  bad.files["scales.webp"] = encode_webp(bad.pictures["scales.webp"], false);
-  CHECK_THAT(refusal(bad).message(), Contains("lossy"));
-  bad.files["scales.webp"] = "\x89PNG\r\n\x1a\n____________________";
-  CHECK_THAT(refusal(bad).message(), Contains("not a WebP image"));
+  invalid.files["scales.webp"] = encode_webp(invalid.images["scales.webp"], false);
+  CHECK_THAT(read_error(invalid).message(), Contains("lossy"));
+  invalid.files["scales.webp"] = "\x89PNG\r\n\x1a\n____________________";
+  CHECK_THAT(read_error(invalid).message(), Contains("not a WebP image"));
 }
 
-TEST_CASE("SOG: the caller's limits hold before anything of that size is made") {
+TEST_CASE("SOG: the caller's limits apply before memory is allocated") {
   const SogModel model = random_sog(500, 0, 8, 25);
   ReadLimits limits;
   limits.max_primitives = 499;
-  CHECK(refusal(model, limits).code() == StatusCode::kUnsupported);
+  CHECK(read_error(model, limits).code() == StatusCode::kUnsupported);
   limits = {};
-  limits.max_memory = 25 * 20 * 4 - 1;  // a byte less than one picture
-  CHECK(refusal(model, limits).code() == StatusCode::kUnsupported);
+  limits.max_memory = 25 * 20 * 4 - 1;  // a byte less than one image
+  CHECK(read_error(model, limits).code() == StatusCode::kUnsupported);
 }
 
-TEST_CASE("SOG: damaged bundles are refused") {
+TEST_CASE("SOG: damaged bundles are rejected") {
   const TemporaryFolder folder;
   const std::string path = folder / "model.sog";
   random_sog(300, 0, 9, 20).write_bundle(path);
   std::ifstream file(path, std::ios::binary);
-  const std::string whole{std::istreambuf_iterator<char>(file), {}};
+  const std::string complete{std::istreambuf_iterator<char>(file), {}};
   const auto read_bytes = [&](const std::string& bytes) {
     std::ofstream(path, std::ios::binary | std::ios::trunc) << bytes;
     return read_sog(path).status().code();
   };
-  CHECK(read_bytes(whole) == StatusCode::kOk);
-  for (const std::size_t length : {std::size_t{0}, std::size_t{30}, whole.size() - 5}) {
-    CHECK(read_bytes(whole.substr(0, length)) == StatusCode::kInvalidFile);
+  CHECK(read_bytes(complete) == StatusCode::kOk);
+  for (const std::size_t length : {std::size_t{0}, std::size_t{30}, complete.size() - 5}) {
+    CHECK(read_bytes(complete.substr(0, length)) == StatusCode::kInvalidFile);
   }
-  // A bit of a member's data: its checksum tells.
-  std::string damaged = whole;
+  // The checksum detects a flipped bit in a member's data.
+  std::string damaged = complete;
   damaged[damaged.find("WEBP") + 40] ^= 4;
   CHECK(read_bytes(damaged) == StatusCode::kInvalidFile);
   CHECK(read_sog(folder / "absent.sog").status().code() == StatusCode::kIo);

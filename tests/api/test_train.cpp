@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+// Training of the synthetic capture: quality, evaluation, determinism, ablations and errors.
 #include <filesystem>
-#include <fstream>
-#include <stdexcept>
-#include <utility>
 
 #include <tbb/global_control.h>
 #include "../kernels/thread_ranks.h"
@@ -10,7 +8,6 @@
 #include "stgs/encoder/train.h"
 #include "stgs/encoder/training_log.h"
 #include "synthetic_capture.h"
-#include "train/checkpoint.h"
 #include "train_run.h"
 
 using namespace stgs;
@@ -36,7 +33,7 @@ TEST_CASE("training from rough grey points recovers a held-out view") {
   CHECK(scene->metadata.frames == 6);
 }
 
-TEST_CASE("two ranks recover a held-out view as one does, with as many views") {
+TEST_CASE("two ranks recover a held-out view as well as one rank over the same number of views") {
   const SyntheticCapture synthetic;
   const Result<Scene> alone = run(synthetic, short_run(1200));
   REQUIRE(alone.ok());
@@ -62,66 +59,7 @@ TEST_CASE("two ranks recover a held-out view as one does, with as many views") {
   CHECK(two > one - 0.5);
 }
 
-TEST_CASE("a run that was interrupted and resumed ends with the same bits") {
-  const SyntheticCapture synthetic;
-  const std::string checkpoint = synthetic.capture.folder + "/train.ckpt";
-  TrainSettings settings = short_run(120);
-  const Result<Scene> whole = run(synthetic, settings);
-  REQUIRE(whole.ok());
-
-  // 35 of 120: growth, the border of the stages and replacement are still to come. 70: replacement.
-  settings.checkpoint_interval = GENERATE(35, 70);
-  settings.checkpoint = checkpoint;
-  const Result<Scene> stopped = run(synthetic, settings, [&](const Progress& progress) {
-    return progress.stage != "train" || !std::filesystem::exists(checkpoint);
-  });
-  REQUIRE_FALSE(stopped.ok());
-  CHECK(stopped.status().code() == StatusCode::kRuntime);
-  const std::string expected =
-      fmt::format("stopped at iteration {};", settings.checkpoint_interval);
-  REQUIRE(stopped.status().message().find(expected) == 0);
-  settings.resume = checkpoint;
-  const Result<Scene> resumed = run(synthetic, settings);
-  REQUIRE(resumed.ok());
-  CHECK(same(whole->gaussians, resumed->gaussians));
-}
-
-TEST_CASE(
-    "weighing the primitives after the last step is told, can be stopped, and is made up for") {
-  const SyntheticCapture synthetic;
-  TrainSettings settings = short_run(30);
-  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
-  TrainReport report;
-  int told = 0;
-  const auto count = [&](const Progress& progress) {
-    told += progress.stage == "importance" ? 1 : 0;
-    return true;
-  };
-  const Result<Scene> whole = train(synthetic.capture, settings, count, nullptr, &report);
-  REQUIRE(whole.ok());
-  CHECK(told > 10);
-  CHECK(report.importance_seconds > 0);
-  REQUIRE(whole->importance.size() == whole->gaussians.size());
-  const Result<Scene> stopped = run(synthetic, settings, [](const Progress& progress) {
-    return progress.stage != "importance" || progress.done < 0.5;
-  });
-  REQUIRE_FALSE(stopped.ok());
-  CHECK(stopped.status().code() == StatusCode::kRuntime);
-  CHECK(stopped.status().message().find(
-            "stopped at iteration 30, before the importances were complete") == 0);
-  settings.resume = std::exchange(settings.checkpoint, "");
-  const Result<Scene> again = run(
-      synthetic, settings, [](const Progress& progress) { return progress.stage != "importance"; });
-  REQUIRE_FALSE(again.ok());
-  CHECK(again.status().message().find("resume with --resume " + settings.resume) !=
-        std::string::npos);
-  const Result<Scene> resumed = run(synthetic, settings);
-  REQUIRE(resumed.ok());
-  CHECK(same(whole->gaussians, resumed->gaussians));
-  CHECK(whole->importance == resumed->importance);
-}
-
-TEST_CASE("measuring held-out views changes nothing and says what it sees") {
+TEST_CASE("evaluating held-out views does not change the training and is logged") {
   const SyntheticCapture synthetic;
   const std::string path = synthetic.capture.folder + "/log.jsonl";
   TrainSettings settings = short_run(60);
@@ -140,19 +78,19 @@ TEST_CASE("measuring held-out views changes nothing and says what it sees") {
   std::vector<std::uint64_t> iterations;
   for (const LoggedEvaluation& m : log->evaluations) iterations.push_back(m.iteration);
   CHECK(iterations == std::vector<std::uint64_t>{9, 18, 26, 35, 43, 52, 60});
-  REQUIRE(log->steps.size() == 3);  // the first, the 50th, the last
+  REQUIRE(log->steps.size() == 3);  // iterations 1, 50 and 60
   CHECK(log->steps.back().iteration == 60);
-  // Six frames, one test camera: the sample is all that there is, and the last measure the end.
+  // The sample is complete (six frames, one test camera), so the last evaluation is the score.
   REQUIRE(report.held_out);
   CHECK(report.held_out->images == 6);
   CHECK(report.held_out->psnr == log->evaluations.back().score.psnr);
   CHECK(report.held_out->psnr ==
-        Approx(held_out_psnr(synthetic, *with)).margin(0.05));  // of 8-bit truth
+        Approx(held_out_psnr(synthetic, *with)).margin(0.05));  // the ground truth is 8-bit
   CHECK(report.held_out->psnr_cc >= report.held_out->psnr);
   CHECK(report.held_out->psnr > log->evaluations.front().score.psnr);
 }
 
-TEST_CASE("held-out views that cannot be read are told of and do not stop the training") {
+TEST_CASE("unreadable held-out views are reported and do not stop the training") {
   const SyntheticCapture synthetic;
   std::filesystem::remove(synthetic.capture.frame_path(synthetic.capture.cameras[0], 2));
   REQUIRE(synthetic.capture.cameras[0].test);
@@ -166,42 +104,17 @@ TEST_CASE("held-out views that cannot be read are told of and do not stop the tr
   CHECK_FALSE(report.held_out);
 }
 
-TEST_CASE("a resumed log holds each line once, as if nothing had happened") {
-  const SyntheticCapture synthetic;
-  const std::string path = synthetic.capture.folder + "/log.jsonl";
-  TrainSettings settings = short_run(120);
-  settings.log_path = path;
-  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
-  settings.checkpoint_interval = 70;
-  // Goes on for a while after the checkpoint, then is lost: lines of 72 and 96 are left behind.
-  const Result<Scene> stopped = run(synthetic, settings, [&](const Progress& progress) {
-    if (progress.stage == "train" && progress.done > 0.8) throw std::runtime_error("killed");
-    return true;
-  });
-  REQUIRE_FALSE(stopped.ok());
-  std::ofstream(path, std::ios::app) << "{\"iteration\":98,\"sec";
-  settings.resume = settings.checkpoint;
-  REQUIRE(run(synthetic, settings).ok());
-  const Result<TrainingLog> log = read_training_log(path);
-  REQUIRE(log.ok());
-  std::vector<std::uint64_t> steps, measures;
-  for (const LoggedStep& s : log->steps) steps.push_back(s.iteration);
-  for (const LoggedEvaluation& m : log->evaluations) measures.push_back(m.iteration);
-  CHECK(steps == std::vector<std::uint64_t>{1, 50, 100, 120});
-  CHECK(measures == std::vector<std::uint64_t>{24, 48, 72, 96, 120});
-}
-
-TEST_CASE("the sample of views is spread over cameras and time") {
+TEST_CASE("sampled views are spread over cameras and time") {
   PreparedCapture capture;
   capture.frames = 40;
   capture.cameras.resize(12);
   for (std::size_t i = 0; i < 12; i += 3) capture.cameras[i].test = true;
-  const std::vector<SampledView> few = sample_views(capture, true, 8);
-  REQUIRE(few.size() == 8);
+  const std::vector<SampledView> sampled = sample_views(capture, true, 8);
+  REQUIRE(sampled.size() == 8);
   std::vector<int> frames;
-  for (const SampledView& view : few) {
+  for (const SampledView& view : sampled) {
     CHECK(capture.cameras[view.camera].test);
-    CHECK(view.camera == few[frames.size() % 4].camera);
+    CHECK(view.camera == sampled[frames.size() % 4].camera);
     frames.push_back(view.frame);
   }
   CHECK(frames == std::vector<int>{2, 7, 12, 17, 22, 27, 32, 37});
@@ -211,7 +124,7 @@ TEST_CASE("the sample of views is spread over cameras and time") {
   CHECK(sample_views(capture, true, 8).size() == 4);
 }
 
-TEST_CASE("L_n is on from its share of the run, is logged, and resumes to the same bits") {
+TEST_CASE("the normal loss starts at its share of the run and is resumed to the same bits") {
   const SyntheticCapture synthetic;
   const std::string path = synthetic.capture.folder + "/log.jsonl";
   TrainSettings settings = short_run(200);
@@ -220,8 +133,8 @@ TEST_CASE("L_n is on from its share of the run, is logged, and resumes to the sa
   settings.log_path = path;
   settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
   settings.checkpoint_interval = 120;
-  const Result<Scene> whole = run(synthetic, settings);
-  REQUIRE(whole.ok());
+  const Result<Scene> uninterrupted = run(synthetic, settings);
+  REQUIRE(uninterrupted.ok());
   const Result<TrainingLog> log = read_training_log(path);
   REQUIRE(log.ok());
   REQUIRE(log->steps.size() == 5);  // 1, 50, 100, 150, 200
@@ -230,123 +143,16 @@ TEST_CASE("L_n is on from its share of the run, is logged, and resumes to the sa
   settings.resume = settings.checkpoint;
   const Result<Scene> resumed = run(synthetic, settings);
   REQUIRE(resumed.ok());
-  CHECK(same(whole->gaussians, resumed->gaussians));
+  CHECK(same(uninterrupted->gaussians, resumed->gaussians));
 
   settings.resume.clear();
   settings.ablate = "representation";
-  const Status refused = run(synthetic, settings).status();
-  CHECK(refused.code() == StatusCode::kUsage);
-  CHECK(refused.message().find("weight_normal=0.02 has no effect") != std::string::npos);
+  const Status rejected = run(synthetic, settings).status();
+  CHECK(rejected.code() == StatusCode::kUsage);
+  CHECK(rejected.message().find("weight_normal=0.02 has no effect") != std::string::npos);
 }
 
-TEST_CASE("the coupled representation trains, and resumes to the same bits") {
-  const SyntheticCapture synthetic;
-  TrainSettings settings = short_run(400);
-  settings.ablate = "representation";
-  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
-  settings.checkpoint_interval = 150;
-  TrainReport report;
-  const Result<Scene> whole = train(synthetic.capture, settings, nullptr, nullptr, &report);
-  REQUIRE(whole.ok());
-  CHECK(held_out_psnr(synthetic, *whole) > 22.0);
-  std::filesystem::remove(settings.checkpoint);
-  REQUIRE_FALSE(run(synthetic, settings, [&](const Progress& progress) {
-                  return progress.stage != "train" || !std::filesystem::exists(settings.checkpoint);
-                }).ok());
-  settings.resume = settings.checkpoint;
-  const Result<Scene> resumed = run(synthetic, settings);
-  REQUIRE(resumed.ok());
-  CHECK(same(whole->gaussians, resumed->gaussians));
-}
-
-TEST_CASE("a checkpoint is only for the settings and the capture that it was made with") {
-  SyntheticCapture synthetic;
-  TrainSettings settings = short_run(10);
-  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
-  REQUIRE(run(synthetic, settings).ok());
-  settings.resume = settings.checkpoint;
-  REQUIRE(run(synthetic, settings).ok());
-  settings.seed = 2;
-  const Status other = run(synthetic, settings).status();
-  CHECK(other.code() == StatusCode::kUsage);
-  CHECK(other.message().find("Differences (checkpoint, now):\n  seed: 1, now 2") !=
-        std::string::npos);
-  settings.seed = 1;
-  settings.max_seconds = 100;
-  CHECK(run(synthetic, settings).status().code() == StatusCode::kUsage);
-  settings.max_seconds = 0;
-  synthetic.capture.cameras[1].translation[0] += 0.01;
-  const Status moved = run(synthetic, settings).status();
-  CHECK(moved.code() == StatusCode::kUsage);
-  CHECK(moved.message().find("\n  camera cam01: number 1, 96x64, calibration ") !=
-        std::string::npos);
-}
-
-TEST_CASE("a checkpoint of another backend is resumed with a warning") {
-  const SyntheticCapture synthetic;
-  TrainSettings settings = short_run(40);
-  settings.backend = "cpu";
-  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
-  settings.checkpoint_interval = 20;
-  REQUIRE_FALSE(run(synthetic, settings, [&](const Progress& progress) {
-                  return progress.stage != "train" || !std::filesystem::exists(settings.checkpoint);
-                }).ok());
-  Result<Checkpoint> checkpoint = read_checkpoint(settings.checkpoint);
-  REQUIRE(checkpoint.ok());
-  for (auto& [name, value] : checkpoint->fingerprint) {
-    if (name == kBackendEntry) value = "abacus";
-  }
-  REQUIRE(write_checkpoint(settings.checkpoint, checkpoint->state, checkpoint->fingerprint).ok());
-  settings.resume = settings.checkpoint;
-  std::string warning;
-  const auto log = [&](int level, const std::string& line) {
-    if (level == 1) warning = line;
-  };
-  REQUIRE(train(synthetic.capture, settings, nullptr, log, nullptr).ok());
-  CHECK(warning.find("written with the backend abacus and resumed with cpu") != std::string::npos);
-}
-
-TEST_CASE("a run that had ended is resumed with its held-out score") {
-  const SyntheticCapture synthetic;
-  TrainSettings settings = short_run(30);
-  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
-  TrainReport first, again;
-  REQUIRE(train(synthetic.capture, settings, nullptr, nullptr, &first).ok());
-  settings.resume = settings.checkpoint;
-  REQUIRE(train(synthetic.capture, settings, nullptr, nullptr, &again).ok());
-  REQUIRE(first.held_out);
-  REQUIRE(again.held_out);
-  CHECK(again.iterations == 30);
-  CHECK(again.held_out->psnr == first.held_out->psnr);
-  CHECK(again.held_out->images == first.held_out->images);
-}
-
-TEST_CASE("what training would refuse is found without the capture") {
-  const SyntheticCapture synthetic;
-  TrainSettings settings = short_run(10);
-  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
-  CHECK(check_training(settings, nullptr).ok());
-  CHECK(check_training(settings, &synthetic.capture).ok());
-  settings.resume = settings.checkpoint;
-  CHECK(check_training(settings, nullptr).code() == StatusCode::kIo);
-  settings.resume = "";
-  REQUIRE(run(synthetic, settings).ok());
-  settings.resume = settings.checkpoint;
-  CHECK(check_training(settings, nullptr).ok());
-  settings.overrides.emplace_back("lr_time", "1");
-  CHECK(check_training(settings, nullptr).message().find("lr_time: 0.01, now 1") !=
-        std::string::npos);
-  settings.overrides.emplace_back("lr_time", "soon");
-  CHECK(check_training(settings, nullptr).code() == StatusCode::kUsage);
-  settings = short_run(10);
-  settings.ablate = "magic";
-  CHECK(check_training(settings, nullptr).code() == StatusCode::kUsage);
-  settings.ablate = "";
-  settings.backend = "vulkan";
-  CHECK(check_training(settings, nullptr).code() == StatusCode::kNotBuilt);
-}
-
-TEST_CASE("'auto' says what it trains on, and why not on CUDA where it does not") {
+TEST_CASE("backend 'auto' logs its choice, and the reason if it is not CUDA") {
   const SyntheticCapture synthetic;
   TrainSettings settings = short_run(1);
   std::string lines;
@@ -364,18 +170,18 @@ TEST_CASE("'auto' says what it trains on, and why not on CUDA where it does not"
   CHECK(lines.find("no CUDA") == std::string::npos);
 }
 
-TEST_CASE("the number of threads does not change a bit of the result") {
+TEST_CASE("the number of threads does not change the result") {
   const SyntheticCapture synthetic;
   const TrainSettings settings = short_run(60);
-  const Result<Scene> many = run(synthetic, settings);
+  const Result<Scene> multi_threaded = run(synthetic, settings);
   const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
-  const Result<Scene> single = run(synthetic, settings);
-  REQUIRE(many.ok());
-  REQUIRE(single.ok());
-  CHECK(same(many->gaussians, single->gaussians));
+  const Result<Scene> single_threaded = run(synthetic, settings);
+  REQUIRE(multi_threaded.ok());
+  REQUIRE(single_threaded.ok());
+  CHECK(same(multi_threaded->gaussians, single_threaded->gaussians));
 }
 
-TEST_CASE("every ablation takes away what its name says") {
+TEST_CASE("every ablation disables its component") {
   const SyntheticCapture synthetic;
   TrainSettings settings = short_run(40);
   settings.ablate = "lifespan";
@@ -386,14 +192,16 @@ TEST_CASE("every ablation takes away what its name says") {
   settings.ablate = "initialisation";
   const Result<Scene> initialisation = run(synthetic, settings);
   REQUIRE(initialisation.ok());
-  for (float s : initialisation->gaussians.sigma) CHECK(s > 6.0f);  // nothing starts short-lived
+  // No primitive starts short-lived.
+  for (float s : initialisation->gaussians.sigma) CHECK(s > 6.0f);
 
-  const SyntheticCapture still;
-  REQUIRE(encoder::write_points(still.capture.folder + "/points_dynamic.ply", {}).ok());
-  const Result<Scene> idle = run(still, settings);
-  REQUIRE_FALSE(idle.ok());
-  CHECK(idle.status().code() == StatusCode::kUsage);
-  CHECK(idle.status().message().find("has no dynamic points") != std::string::npos);
+  const SyntheticCapture static_capture;
+  REQUIRE(encoder::write_points(static_capture.capture.folder + "/points_dynamic.ply", {}).ok());
+  const Result<Scene> without_dynamic_points = run(static_capture, settings);
+  REQUIRE_FALSE(without_dynamic_points.ok());
+  CHECK(without_dynamic_points.status().code() == StatusCode::kUsage);
+  CHECK(without_dynamic_points.status().message().find("has no dynamic points") !=
+        std::string::npos);
 
   settings.ablate = "initialisation,lifespan";
   const Result<Scene> both = run(synthetic, settings);
@@ -425,7 +233,7 @@ TEST_CASE("every ablation takes away what its name says") {
   CHECK(run(synthetic, settings).status().code() == StatusCode::kUsage);
 }
 
-TEST_CASE("wrong settings and wrong captures are refused with their reason") {
+TEST_CASE("invalid settings and captures are rejected with a reason") {
   SyntheticCapture synthetic(4, 2);
   TrainSettings settings = short_run(10);
   settings.overrides = {{"lr_positron", "1"}};

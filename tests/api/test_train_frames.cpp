@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// Loading of training frames: resident or streamed from disk, cancellation, and read errors.
 #include <filesystem>
 
 #include "catch.h"
@@ -23,7 +24,7 @@ TEST_CASE("frames from disk give the same scene as frames in memory") {
   CHECK(report.frames.resident);
   CHECK(report.frames.decoded == 18);  // three cameras, six frames
   CHECK(report.frames.waits == 0);
-  // Three full-size pictures, and less than one.
+  // A budget of three full-size images, and of less than one.
   for (const std::uint64_t budget : {3 * 3 * 96 * 64, 1000}) {
     settings.frame_memory = budget;
     const Result<Scene> streamed = train(synthetic.capture, settings, nullptr, nullptr, &report);
@@ -31,14 +32,14 @@ TEST_CASE("frames from disk give the same scene as frames in memory") {
     CHECK(same(resident->gaussians, streamed->gaussians));
     CHECK_FALSE(report.frames.resident);
     CHECK(report.frames.budget == budget);
-    // Beyond it the step's own picture, and those that are being decoded with their half sizes.
+    // In excess of the budget: the step's image, and images being decoded with their half sizes.
     const auto others = static_cast<std::uint64_t>(2 * concurrency() + 2);
     CHECK(report.frames.peak <= budget + others * 3 * 96 * 64);
     CHECK(report.frames.decoded > 18);
   }
 }
 
-TEST_CASE("a training is stopped while its frames are loaded") {
+TEST_CASE("training can be cancelled while its frames are loaded") {
   const SyntheticCapture synthetic;
   TrainSettings settings = short_run(20);
   for (const std::uint64_t memory : {0, 3 * 3 * 96 * 64}) {
@@ -53,17 +54,16 @@ TEST_CASE("a training is stopped while its frames are loaded") {
   }
 }
 
-TEST_CASE(
-    "a frame that breaks in the middle of a training is named, and what was trained is kept") {
+TEST_CASE("a frame that becomes unreadable during training is named, and a checkpoint is written") {
   const SyntheticCapture synthetic;
   TrainSettings settings = short_run(90);
-  const Result<Scene> whole = run(synthetic, settings);
+  const Result<Scene> uninterrupted = run(synthetic, settings);
   settings.frame_memory = 2 * 3 * 96 * 64;
   settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
   const std::string frame = synthetic.capture.frame_path(synthetic.capture.cameras[2], 4);
-  const std::string aside = synthetic.capture.folder + "/aside.png";
+  const std::string moved_frame = synthetic.capture.folder + "/aside.png";
   const Result<Scene> broken = run(synthetic, settings, [&](const Progress& progress) {
-    if (progress.stage == "load") std::filesystem::rename(frame, aside);
+    if (progress.stage == "load") std::filesystem::rename(frame, moved_frame);
     return true;
   });
   REQUIRE_FALSE(broken.ok());
@@ -71,9 +71,9 @@ TEST_CASE(
   CHECK(broken.status().message().find(frame) != std::string::npos);
   CHECK(broken.status().message().find("--resume " + settings.checkpoint) != std::string::npos);
   REQUIRE(std::filesystem::exists(settings.checkpoint));
-  std::filesystem::rename(aside, frame);
+  std::filesystem::rename(moved_frame, frame);
   settings.resume = settings.checkpoint;
   const Result<Scene> resumed = run(synthetic, settings);
   REQUIRE(resumed.ok());
-  CHECK(same(whole->gaussians, resumed->gaussians));
+  CHECK(same(uninterrupted->gaussians, resumed->gaussians));
 }

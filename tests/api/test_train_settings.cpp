@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// That --set of a hyper-parameter changes the scene or is refused, for all of them.
+// Every hyper-parameter has an effect on training, or setting it is rejected.
 #include <algorithm>
 #include <map>
 
@@ -16,7 +16,7 @@ namespace {
 
 using Values = std::map<std::string, std::string>;
 
-// A run in which, though it is short, all parts of the method have their turn.
+// A short run that exercises every component of the method.
 const Values kBase = {
     {"iterations", "14"},       {"max_primitives", "80"},   {"sh_degree", "1"},
     {"densify_interval", "1"},  {"stage1_until", "0.4"},    {"opacity_resets", "1"},
@@ -25,7 +25,7 @@ const Values kBase = {
     {"drop_share", "0.1"},      {"weight_normal", "0.2"},   {"sigma_dynamic", "0.2"},
     {"still_least", "0.5"},     {"sigma_static", "0.145"},  {"lr_sigma", "0.05"}};
 
-// Where another value than 1.7 times the base's is needed: a count, a share, or one that shows.
+// Parameters for which 1.7 times the base value is invalid or has no visible effect.
 const Values kOther = {
     {"iterations", "15"},       {"max_primitives", "70"}, {"sh_degree", "2"},
     {"densify_interval", "2"},  {"opacity_resets", "4"},  {"seen_background", "0"},
@@ -47,7 +47,7 @@ TrainSettings settings_of(const std::string& ablate, const Values& values) {
   return settings;
 }
 
-bool refused(const TrainSettings& settings) {
+bool is_rejected(const TrainSettings& settings) {
   const Status status = choose_training(settings).status();
   if (status.ok()) return false;
   CAPTURE(status.message());
@@ -55,20 +55,20 @@ bool refused(const TrainSettings& settings) {
   return true;
 }
 
-// The base, without what the ablation does not use.
+// The base without the parameters that the ablation does not use.
 Values base_of(const std::string& ablate) {
   Values base = kBase;
-  if (ablate == "initialisation") {  // few points, all of the largest size that a start gives
+  if (ablate == "initialisation") {  // few points, all of the largest initial size
     base["split_scale"] = "0.1875";
     base["clone_gradient"] = "3e-6";
   }
-  std::erase_if(base, [&](const auto& value) { return refused(settings_of(ablate, {value})); });
+  std::erase_if(base, [&](const auto& value) { return is_rejected(settings_of(ablate, {value})); });
   return base;
 }
 
 std::string other_value(const std::string& name, const std::string& value) {
-  const auto own = kOther.find(name);
-  return own != kOther.end() ? own->second : fmt::format("{}", 1.7 * std::stod(value));
+  const auto entry = kOther.find(name);
+  return entry != kOther.end() ? entry->second : fmt::format("{}", 1.7 * std::stod(value));
 }
 
 bool same_scene(const Scene& a, const Scene& b) {
@@ -78,7 +78,7 @@ bool same_scene(const Scene& a, const Scene& b) {
 
 }  // namespace
 
-TEST_CASE("every hyper-parameter changes the scene or is refused, with and without ablations") {
+TEST_CASE("every hyper-parameter changes the scene or is rejected, with and without ablations") {
   const SyntheticCapture synthetic(3, 4);
   std::vector<std::string> parts = ablation_names();
   parts.insert(parts.begin(), "");
@@ -90,10 +90,10 @@ TEST_CASE("every hyper-parameter changes the scene or is refused, with and witho
     REQUIRE(before.ok());
     for (const auto& [name, value] : hyper_parameters("fast")) {
       Values changed = base;
-      const auto own = base.find(name);
-      changed[name] = other_value(name, own == base.end() ? value : own->second);
+      const auto entry = base.find(name);
+      changed[name] = other_value(name, entry == base.end() ? value : entry->second);
       const TrainSettings settings = settings_of(ablate, changed);
-      if (refused(settings)) {
+      if (is_rejected(settings)) {
         left_out[ablate].push_back(name);
         continue;
       }
@@ -103,14 +103,14 @@ TEST_CASE("every hyper-parameter changes the scene or is refused, with and witho
       CHECK_FALSE(same_scene(*before, *after));
     }
   }
-  // Not by refusing everything.
+  // Only these are rejected.
   CHECK(left_out[""] == std::vector<std::string>{"weight_perceptual", "batch_rate", "batch_memory",
                                                  "plain_until", "plain_prune", "plain_reset",
                                                  "perceptual_from", "perceptual_patch"});
   CHECK(left_out["modulation"].size() == left_out[""].size() + 1);
 }
 
-TEST_CASE("of many primitives faint ones are kept, unless told which") {
+TEST_CASE("large scenes retain fainter primitives, unless prune_opacity is set") {
   const auto pruned = [](const char* preset, int primitives, const Values& values) {
     TrainSettings settings = settings_of("", values);
     settings.preset = preset;
@@ -126,7 +126,7 @@ TEST_CASE("of many primitives faint ones are kept, unless told which") {
   CHECK(pruned("best", 400000, {}) == 0.005);
 }
 
-TEST_CASE("the best preset grows on half-size pictures alone") {
+TEST_CASE("the best preset densifies on half-size images only") {
   TrainSettings settings;
   settings.preset = "best";
   const Result<TrainingChoice> choice = choose_training(settings);
@@ -134,7 +134,7 @@ TEST_CASE("the best preset grows on half-size pictures alone") {
   CHECK(choice->parameters.coarse_until > choice->parameters.stage1_until);
 }
 
-TEST_CASE("short runs densify as often as one of 600 iterations, unless told how often") {
+TEST_CASE("short runs densify as often as one of 600 iterations, unless the interval is set") {
   const auto interval = [](int iterations, const Values& values) {
     TrainSettings settings = settings_of("", values);
     settings.iterations = iterations;
@@ -156,46 +156,46 @@ TEST_CASE("short runs densify as often as one of 600 iterations, unless told how
   settings.max_primitives = 600;
   const Result<Scene> grown = test::run(synthetic, settings);
   REQUIRE(grown.ok());
-  CHECK(grown->gaussians.size() > 220 + 2 * 12);  // the capture's points
+  CHECK(grown->gaussians.size() > 220 + 2 * 12);  // more than the initial points
 }
 
-TEST_CASE("a run with a time limit densifies by its time where its steps are slow") {
+TEST_CASE("a run with a time limit and slow steps densifies by elapsed time") {
   const SyntheticCapture synthetic(4, 2);
   TrainSettings settings = settings_of("", {{"densify_interval", "1000000"}});
   settings.iterations = 1000000;
   settings.max_seconds = 1;
-  int moments = 0;
+  int densifications = 0;
   const auto log = [&](int, const std::string& line) {
-    if (line.find(" cloned, ") != std::string::npos) ++moments;
+    if (line.find(" cloned, ") != std::string::npos) ++densifications;
   };
   REQUIRE(train(synthetic.capture, settings, nullptr, log, nullptr).ok());
-  CHECK(moments >= 1);
-  CHECK(moments <= 5);
+  CHECK(densifications >= 1);
+  CHECK(densifications <= 5);
 }
 
-TEST_CASE("what needs weights, another process or another setting is refused without it alone") {
-  const auto is_refused = [](const Values& values, const char* weights, Ranks* ranks) {
+TEST_CASE("a parameter is rejected only if its weights, ranks or enabling parameter are missing") {
+  const auto rejects = [](const Values& values, const char* weights, Ranks* ranks) {
     TrainSettings settings = settings_of("", values);
     settings.perceptual_weights = weights;
     settings.ranks = ranks;
-    return refused(settings);
+    return is_rejected(settings);
   };
-  CHECK(is_refused({{"perceptual_patch", "32"}}, "", nullptr));
-  CHECK_FALSE(is_refused({{"perceptual_patch", "32"}}, "vgg.safetensors", nullptr));
-  CHECK(is_refused({{"perceptual_patch", "32"}, {"weight_perceptual", "0"}}, "vgg.safetensors",
-                   nullptr));
-  CHECK(is_refused({{"weight_perceptual", "0"}}, "vgg.safetensors", nullptr));
-  CHECK(is_refused({{"score_error", "3"}, {"replace_limit", "0"}}, "", nullptr));
-  CHECK(is_refused({{"normal_from", "0.1"}}, "", nullptr));
+  CHECK(rejects({{"perceptual_patch", "32"}}, "", nullptr));
+  CHECK_FALSE(rejects({{"perceptual_patch", "32"}}, "vgg.safetensors", nullptr));
+  CHECK(rejects({{"perceptual_patch", "32"}, {"weight_perceptual", "0"}}, "vgg.safetensors",
+                nullptr));
+  CHECK(rejects({{"weight_perceptual", "0"}}, "vgg.safetensors", nullptr));
+  CHECK(rejects({{"score_error", "3"}, {"replace_limit", "0"}}, "", nullptr));
+  CHECK(rejects({{"normal_from", "0.1"}}, "", nullptr));
   for (const char* name :
        {"lr_velocity_final", "still_from", "velocity_share", "velocity_shrink"}) {
-    CHECK(is_refused({{name, "0.2"}, {"lr_velocity", "0"}}, "", nullptr));
-    CHECK_FALSE(is_refused({{name, "0.2"}, {"lr_velocity", "0.1"}}, "", nullptr));
+    CHECK(rejects({{name, "0.2"}, {"lr_velocity", "0"}}, "", nullptr));
+    CHECK_FALSE(rejects({{name, "0.2"}, {"lr_velocity", "0.1"}}, "", nullptr));
   }
-  CHECK(is_refused({{"lr_position_final", "0.2"}, {"lr_position", "0"}}, "", nullptr));
-  CHECK(is_refused({{"sh_step", "0.2"}, {"sh_degree", "0"}}, "", nullptr));
+  CHECK(rejects({{"lr_position_final", "0.2"}, {"lr_position", "0"}}, "", nullptr));
+  CHECK(rejects({{"sh_step", "0.2"}, {"sh_degree", "0"}}, "", nullptr));
   stgs::testing::Table table(2);
   stgs::testing::ThreadRanks two(table, 0);
-  CHECK_FALSE(is_refused({{"batch_rate", "0.2"}}, "", &two));
-  CHECK(is_refused({{"batch_rate", "0.2"}}, "", nullptr));
+  CHECK_FALSE(rejects({{"batch_rate", "0.2"}}, "", &two));
+  CHECK(rejects({{"batch_rate", "0.2"}}, "", nullptr));
 }

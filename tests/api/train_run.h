@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Short trainings of the synthetic capture, and whether two gave the same scene.
+// Short training runs on the synthetic capture, and comparison of their results.
 #pragma once
 
 #include "stgs/encoder/train.h"
@@ -16,6 +16,7 @@ inline encoder::TrainSettings short_run(int iterations) {
   return settings;
 }
 
+// Whether two sets are equal to the bit, in the same order.
 inline bool same(const Gaussians4D& a, const Gaussians4D& b) {
   return a.position == b.position && a.log_scale == b.log_scale && a.rotation == b.rotation &&
          a.opacity_logit == b.opacity_logit && a.sh == b.sh && a.time == b.time &&

@@ -242,9 +242,9 @@ TEST_CASE("Unity textures receive the library's renders", "[unity]") {
   REQUIRE(colour.updates == 1);
   REQUIRE(depth.updates == 1);
   // Products of float matrices differ by rounding.
-  CHECK(count_differences(colour, draw_rgba8(renderer.get(), scene.get(), 0.4, view), 2) < 20);
+  CHECK(count_differences(colour, render_rgba8(renderer.get(), scene.get(), 0.4, view), 2) < 20);
   std::vector<float> expected(std::size_t{view.width} * view.height), actual(expected.size());
-  stgs_image image = empty_picture();
+  stgs_image image = empty_image();
   image.depth = {expected.data(), 0, expected.size() * sizeof(float)};
   REQUIRE(stgs_render(renderer.get(), scene.get(), 0.4, &view, &image, 1) == STGS_OK);
   std::memcpy(actual.data(), depth.pixels.data(), depth.pixels.size());

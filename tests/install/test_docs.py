@@ -96,6 +96,22 @@ class Docs(unittest.TestCase):
                 self.assertEqual(result.returncode, 1, result.stdout + result.stderr)
         self.assertGreaterEqual(built, 7)
 
+    def test_the_program_of_the_readme_renders_an_image(self):
+        text = read(os.path.join(ARGUMENTS.source, "README.md"))
+        blocks = [code for kind, code in BLOCK.findall(text) if kind == "c"]
+        self.assertEqual(len(blocks), 1)
+        self.assertLessEqual(len(blocks[0].splitlines()), 20)
+        self.pages["readme"] = text
+        program = self.build("readme")
+        del self.pages["readme"]
+        image = subprocess.run([program, self.at("tiny.stgs")], capture_output=True, timeout=60,
+                               check=True).stdout
+        head, pixels = image.split(b"ENDHDR\n", 1)
+        fields = dict(line.split(b" ") for line in head.splitlines()[1:])
+        self.assertEqual(len(pixels), 4 * int(fields[b"WIDTH"]) * int(fields[b"HEIGHT"]))
+        self.assertGreater(len(set(pixels)), 20)
+        self.assertEqual(subprocess.run([program, self.at("no such file")], check=False).returncode, 1)
+
     def test_build_scripts_in_the_pages_work(self):
         built = 0
         for page in self.pages:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What of a damaged recording is kept, and what is told of the rest.
+// Damaged recordings: preserved content, and the report of the damage.
 #include "container/container.h"
 #include "recording_fixture.h"
 
@@ -8,18 +8,18 @@ using namespace stgs::testing;
 using Bytes = std::vector<std::uint8_t>;
 namespace fs = std::filesystem;
 
-TEST_CASE("finalize leaves a stretch out that no sound record is left of") {
+TEST_CASE("finalize drops a fragment without any intact record") {
   const TemporaryFolder folder;
   const std::string path = folder / "torn.stgs", out = folder / "out.stgs";
   record(path, 4, false, Profile::kQuantised);
   Bytes bytes = bytes_of(path);
-  // What they hold, but neither their headers nor their fragment, as a power cut can leave them.
-  const auto reader = opened(path);
-  std::uint64_t lost_bytes = 0, segments = 0;
+  // Zero the payloads, but not the record headers and the fragment, as after a power cut.
+  const auto reader = open_scene(path);
+  std::uint64_t damaged_bytes = 0, segments = 0;
   for (const SegmentInfo& segment : reader->segments()) {
     if (segment.part != 3) continue;
     ++segments;
-    lost_bytes += segment.bytes + segment.sh_bytes;
+    damaged_bytes += segment.bytes + segment.sh_bytes;
     for (const auto& [at, size] : {std::pair(segment.offset, segment.bytes),
                                    std::pair(segment.sh_offset, segment.sh_bytes)}) {
       if (size == 0) continue;
@@ -27,93 +27,94 @@ TEST_CASE("finalize leaves a stretch out that no sound record is left of") {
                   size - kRecordHeaderBytes, std::uint8_t{0});
     }
   }
-  DamageReport losses;
-  REQUIRE(finalize_scene(memory_source(bytes, "torn.stgs"), out, losses).ok());
-  CHECK(opened(out)->parts().size() == 3);
-  CHECK(opened(out)->metadata().frames == 30);
+  DamageReport report;
+  REQUIRE(finalize_scene(memory_source(bytes, "torn.stgs"), out, report).ok());
+  CHECK(open_scene(out)->parts().size() == 3);
+  CHECK(open_scene(out)->metadata().frames == 30);
   CHECK(issues_of(bytes_of(out)).empty());
-  CHECK(losses.segments == segments);
-  CHECK(losses.primitives == 60);
-  CHECK(losses.bytes == lost_bytes);
-  REQUIRE(losses.ranges.size() == 1);
-  CHECK(losses.ranges[0].begin >= 30);
-  CHECK(losses.ranges[0].end <= 40);
-  const auto lines = describe_damage(losses, recording_metadata().time_base);
+  CHECK(report.segments == segments);
+  CHECK(report.primitives == 60);
+  CHECK(report.bytes == damaged_bytes);
+  REQUIRE(report.ranges.size() == 1);
+  CHECK(report.ranges[0].begin >= 30);
+  CHECK(report.ranges[0].end <= 40);
+  const auto lines = describe_damage(report, recording_metadata().time_base);
   REQUIRE(lines.size() == 1);
   CHECK(lines[0].find("(60 primitives)") != std::string::npos);
-  CHECK(lines[0].find(fmt::format(": {} bytes, shown", lost_bytes)) != std::string::npos);
+  CHECK(lines[0].find(fmt::format(": {} bytes, shown", damaged_bytes)) != std::string::npos);
 }
 
-TEST_CASE("finalize keeps what is sound beside a damaged record, and the damage") {
+TEST_CASE("finalize preserves intact records, and the damaged one, of a fragment") {
   const TemporaryFolder folder;
   const std::string path = folder / "damaged.stgs", out = folder / "out.stgs";
   record(path, 4, false, Profile::kQuantised);
-  const auto recorded = opened(path);
-  for (const std::size_t stretch_hit : {1u, 2u}) {
+  const auto recorded = open_scene(path);
+  for (const std::size_t damaged_part : {1u, 2u}) {
     const auto segment =
         std::find_if(recorded->segments().begin(), recorded->segments().end(),
-                     [&](const SegmentInfo& one) { return one.part == stretch_hit; });
+                     [&](const SegmentInfo& info) { return info.part == damaged_part; });
     Bytes bytes = bytes_of(path);
     bytes[segment->offset + 100] ^= 0x20;
-    DamageReport losses;
-    REQUIRE(finalize_scene(memory_source(bytes, "damaged.stgs"), out, losses).ok());
-    CHECK(losses.segments == 1);
-    CHECK(losses.total_segments == recorded->segments().size());
-    CHECK(losses.primitives == segment->primitives);
-    CHECK(losses.bytes == segment->bytes + segment->sh_bytes);
-    CHECK(losses.ranges == std::vector<TickRange>{{segment->begin_ticks, segment->end_ticks}});
-    CHECK(losses.reason.code() == StatusCode::kInvalidFile);
-    const auto finished = opened(out);
+    DamageReport report;
+    REQUIRE(finalize_scene(memory_source(bytes, "damaged.stgs"), out, report).ok());
+    CHECK(report.segments == 1);
+    CHECK(report.total_segments == recorded->segments().size());
+    CHECK(report.primitives == segment->primitives);
+    CHECK(report.bytes == segment->bytes + segment->sh_bytes);
+    CHECK(report.ranges == std::vector<TickRange>{{segment->begin_ticks, segment->end_ticks}});
+    CHECK(report.reason.code() == StatusCode::kInvalidFile);
+    const auto finished = open_scene(out);
     CHECK(finished->parts() == recorded->parts());
     CHECK(issues_of(bytes_of(out)).count(112) == 1);
     for (std::uint32_t s = 0; s < finished->segments().size(); ++s) {
-      const bool hit = &recorded->segments()[s] == &*segment;
-      CHECK(finished->decode(s).ok() == !hit);
-      if (!hit) CHECK(fingerprints(*finished->decode(s)) == fingerprints(*recorded->decode(s)));
+      const bool is_damaged = &recorded->segments()[s] == &*segment;
+      CHECK(finished->decode(s).ok() == !is_damaged);
+      if (!is_damaged)
+        CHECK(fingerprints(*finished->decode(s)) == fingerprints(*recorded->decode(s)));
     }
-    // Converting or packing it goes on with the rest, and strict reading does not.
-    DamageReport again;
-    const auto sound = recover_scene(out, again);
-    REQUIRE(sound.ok());
-    CHECK(sound->gaussians.size() == recorded->primitives() - segment->primitives);
-    CHECK(sound->parts[stretch_hit].primitives == 60 - segment->primitives);
-    CHECK(again.primitives == segment->primitives);
-    CHECK(again.bytes == losses.bytes);
-    CHECK(again.ranges == losses.ranges);
+    // Recovery continues with the rest; strict reading fails.
+    DamageReport recovery;
+    const auto recovered = recover_scene(out, recovery);
+    REQUIRE(recovered.ok());
+    CHECK(recovered->gaussians.size() == recorded->primitives() - segment->primitives);
+    CHECK(recovered->parts[damaged_part].primitives == 60 - segment->primitives);
+    CHECK(recovery.primitives == segment->primitives);
+    CHECK(recovery.bytes == report.bytes);
+    CHECK(recovery.ranges == report.ranges);
     CHECK(read_scene(out).status().code() == StatusCode::kInvalidFile);
   }
 }
 
-TEST_CASE("finalize makes no file of a recording of which nothing can be read") {
+TEST_CASE("finalize writes no file if no primitive can be read") {
   const TemporaryFolder folder;
   const std::string path = folder / "dead.stgs", out = folder / "out.stgs";
   record(path, 2, true);
   Bytes bytes = bytes_of(path);
-  const auto reader = opened(path);
+  const auto reader = open_scene(path);
   for (const SegmentInfo& segment : reader->segments()) bytes[segment.offset + 60] ^= 1;
-  DamageReport losses;
-  CHECK(finalize_scene(memory_source(bytes, "dead.stgs"), out, losses).code() ==
+  DamageReport report;
+  CHECK(finalize_scene(memory_source(bytes, "dead.stgs"), out, report).code() ==
         StatusCode::kInvalidFile);
   CHECK_FALSE(fs::exists(out));
-  CHECK(recover_scene(memory_source(bytes, "dead.stgs"), losses).status().code() ==
+  CHECK(recover_scene(memory_source(bytes, "dead.stgs"), report).status().code() ==
         StatusCode::kInvalidFile);
 }
 
-TEST_CASE("what a damaged fragment of the index alone lists is told with its moments") {
+TEST_CASE("segments listed only by a damaged fragment are reported with their time range") {
   const std::string path =
       std::string(STGS_TEST_DATA) + "/../conformance/vectors/fragment_damaged.stgs";
-  const auto reader = opened(path);
+  const auto reader = open_scene(path);
   REQUIRE(reader->lost_fragments().size() == 1);
   const LostFragment& lost = reader->lost_fragments()[0];
   CHECK(lost.range == TickRange{90, 100});
   CHECK(lost.bytes > 435);
   CHECK(reader->complete_ticks() == 90);
   const TemporaryFolder folder;
-  DamageReport losses;
-  REQUIRE(finalize_scene(std::move(*open_file(path)), folder / "out.stgs", losses).ok());
-  CHECK(losses.lost_fragments == reader->lost_fragments());
-  REQUIRE(losses.damage.size() >= 1);
-  CHECK(losses.damage[0].number == 313);
+  DamageReport report;
+  REQUIRE(finalize_scene(std::move(*open_file(path)), folder / "out.stgs", report).ok());
+  CHECK(report.lost_fragments == reader->lost_fragments());
+  REQUIRE(report.damage.size() >= 1);
+  CHECK(report.damage[0].number == 313);
   DamageReport read;
   REQUIRE(recover_scene(path, read).ok());
   const auto lines = describe_damage(read, reader->metadata().time_base);
@@ -122,7 +123,7 @@ TEST_CASE("what a damaged fragment of the index alone lists is told with its mom
   CHECK(lines[1].find("content first shown 3.000 to 3.333 s is lost") != std::string::npos);
 }
 
-TEST_CASE("a fragment that a damaged one hides is told") {
+TEST_CASE("a fragment hidden by a damaged one is reported") {
   const TemporaryFolder folder;
   const std::string path = folder / "hidden.stgs";
   record(path, 3, true);
@@ -142,5 +143,5 @@ TEST_CASE("a fragment that a damaged one hides is told") {
            issue.message.find("with 30 frames that cannot be used") != std::string::npos &&
            issue.message.find("after frame 20 is not shown") != std::string::npos;
   }));
-  CHECK(opened(path)->unreached_frames() == 0);
+  CHECK(open_scene(path)->unreached_frames() == 0);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The format's text and its program say the same.
+// The specification and the program agree.
 #include <fstream>
 #include <regex>
 #include <set>
@@ -21,7 +21,7 @@ std::string source_text(const std::string& path) {
   return text.str();
 }
 
-// spec 9
+// The scene of spec 9.
 Scene example_scene() {
   Scene scene;
   scene.metadata.time_base = {1, 2};
@@ -55,7 +55,7 @@ std::string hexdump(const std::vector<std::uint8_t>& bytes) {
 
 }  // namespace
 
-TEST_CASE("the example of the format's text is what the writer writes") {
+TEST_CASE("the example in the specification is the writer's output") {
   const auto encoded = encode_scene(example_scene(), {});
   INFO(encoded.status().message());
   REQUIRE(encoded.ok());
@@ -66,8 +66,8 @@ TEST_CASE("the example of the format's text is what the writer writes") {
   const std::string printed = text.substr(first, text.find(end) - first);
   CHECK(printed == "\n" + hexdump(bytes) + "\n");
   const auto record_at = [&bytes](const char* tag) {
-    const std::string whole(bytes.begin(), bytes.end());
-    return whole.find(tag);
+    const std::string content(bytes.begin(), bytes.end());
+    return content.find(tag);
   };
   CHECK(text.find(fmt::format("META begins at {}, LAYT at {}, INDX at {}, SEGM at {}.",
                               record_at("META"), record_at("LAYT"), record_at("INDX"),
@@ -77,7 +77,7 @@ TEST_CASE("the example of the format's text is what the writer writes") {
   CHECK(issues->empty());
 }
 
-TEST_CASE("every issue number is in the text and the other way round") {
+TEST_CASE("the program and the specification list the same issue numbers") {
   const auto numbers = [](const std::string& text, const char* pattern) {
     std::set<int> out;
     const std::regex expression(pattern);
@@ -92,7 +92,7 @@ TEST_CASE("every issue number is in the text and the other way round") {
   CHECK(code == numbers(source_text("spec/conformance.md"), "\\| ([1-5][0-9][0-9]) \\|"));
 }
 
-TEST_CASE("the text's version is the program's") {
+TEST_CASE("the specification and the program have the same format version") {
   CHECK(source_text("spec/stgs-format.md")
             .find(fmt::format("Format version {}.{}.", kFormatMajor, kFormatMinor)) !=
         std::string::npos);
