@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the formats of other programs that hold several frames or several files."""
+"""`stgs convert` from formats with several frames or several files."""
 import json
 import os
 import shutil
@@ -8,9 +8,9 @@ import unittest
 from harness import CliTest, built_in
 
 
-class ConvertingFrames(CliTest):
+class ConvertingPlyFrames(CliTest):
     def make_frames(self):
-        """Six PLY frames of the fixture's scene; returns how many splats they have in all."""
+        """Writes six PLY frames of the fixture's scene; returns their total number of splats."""
         os.mkdir(self.path("frames"))
         count = 0
         for i in range(6):
@@ -18,7 +18,7 @@ class ConvertingFrames(CliTest):
                                   "--time", f"{i / 30:.6f}")["primitives"]
         return count
 
-    def test_a_folder_of_frames_becomes_a_clip_that_shows_them(self):
+    def test_a_folder_of_frames_becomes_a_matching_clip(self):
         splats = self.make_frames()
         result = self.json_of("convert", "frames", "clip.stgs")
         self.assertEqual(result["input_format"], "PLY frames")
@@ -39,10 +39,10 @@ class ConvertingFrames(CliTest):
         for i in (0, 3, 5):
             for scene in (self.fixture("tiny.stgs"), "clip.stgs"):
                 self.succeeds("render", scene, "--time", f"{i / 30:.6f}", "--camera", "start.json",
-                              "-o", "then.png" if scene == "clip.stgs" else "clip.png")
-            self.succeeds("compare", "then.png", "clip.png", "--min-psnr", "50")
+                              "-o", "clip.png" if scene == "clip.stgs" else "expected.png")
+            self.succeeds("compare", "clip.png", "expected.png", "--min-psnr", "50")
 
-    def test_frame_rate_and_tolerance(self):
+    def test_frame_rate_and_tolerance_apply_to_frames(self):
         self.make_frames()
         result = self.json_of("convert", "frames", "slow.stgs", "--fps", "29.97", "--tolerance", "0")
         self.assertEqual(set(result["sequence"]["errors"].values()), {0})
@@ -52,10 +52,10 @@ class ConvertingFrames(CliTest):
         self.assertLess(loose["primitives"], result["primitives"])
         text = self.succeeds("convert", "frames", "a.stgs").stdout.decode()
         self.assertRegex(text, r"6 frames, \d+ splats merged into \d+ primitives")
-        moment = self.json_of("convert", "frames", "moment.ply", "--time", "0.1")
-        self.assertEqual(moment["output_format"], "PLY")
+        single = self.json_of("convert", "frames", "single.ply", "--time", "0.1")
+        self.assertEqual(single["output_format"], "PLY")
 
-    def test_refusals(self):
+    def test_convert_rejects_incomplete_frames_and_unrelated_options(self):
         self.make_frames()
         os.remove(self.path("frames", "00002.ply"))
         self.fails(1, "frames missing after", "convert", "frames", "a.stgs")
@@ -69,7 +69,7 @@ class ConvertingFrames(CliTest):
 
 
 class ConvertingSplatv(CliTest):
-    def test_what_bends_is_told(self):
+    def test_curved_paths_are_reported(self):
         result = self.json_of("convert", self.fixture("clip.splatv"), "a.stgs", "--frames", "60",
                               "--fps", "20")
         self.assertEqual(result["input_format"], "splatv")
@@ -83,7 +83,7 @@ class ConvertingSplatv(CliTest):
         self.fails(1, "--tolerance applies to", "convert", self.fixture("clip.splatv"), "b.stgs",
                    "--tolerance", "1")
 
-    def test_damaged(self):
+    def test_a_truncated_file_is_rejected(self):
         with open(self.fixture("clip.splatv"), "rb") as file:
             data = file.read()
         self.fails(3, "cut.splatv", "convert", self.write("cut.splatv", data[:-1]), "a.stgs")
@@ -91,7 +91,7 @@ class ConvertingSplatv(CliTest):
 
 class ConvertingSog(CliTest):
     @unittest.skipUnless(built_in("sog"), "needs libwebp and libzip")
-    def test_a_bundle_and_a_folder_of_folders(self):
+    def test_a_bundle_and_a_folder_of_chunks_convert(self):
         result = self.json_of("convert", self.fixture("model.sog"), "a.stgs")
         self.assertEqual((result["input_format"], result["primitives"], result["sh_degree"]),
                          ("SOG", 30, 1))
@@ -104,14 +104,14 @@ class ConvertingSog(CliTest):
         self.succeeds("validate", "a.stgs", "b.stgs")
 
     @unittest.skipUnless(built_in("sog"), "needs libwebp and libzip")
-    def test_damaged(self):
+    def test_damaged_models_are_rejected(self):
         shutil.copytree(self.fixture("chunks"), self.path("chunks"))
         os.remove(self.path("chunks", "0_1", "sh0.webp"))
         self.fails(2, "sh0.webp: cannot open", "convert", "chunks", "a.stgs")
         self.write("broken.sog", b"PK\x03\x04 and nothing else")
         self.fails(3, "broken.sog: cannot read as a zip archive", "convert", "broken.sog", "a.stgs")
 
-    @unittest.skipIf(built_in("sog"), "libwebp and libzip are there")
-    def test_not_built(self):
+    @unittest.skipIf(built_in("sog"), "libwebp and libzip are built in")
+    def test_a_build_without_sog_reports_it(self):
         self.write("a.sog", b"PK\x03\x04")
         self.fails(6, "lacks libwebp or libzip", "convert", "a.sog", "a.stgs")
