@@ -10,10 +10,10 @@
 #include <set>
 #include <thread>
 
-#include "alive.h"
+#include "active_primitives.h"
 #include "catch.h"
+#include "fragment_fixture.h"
 #include "stgs/player/player.h"
-#include "stretch_fixture.h"
 #include "temporary_folder.h"
 
 namespace stgs::player::live {
@@ -21,7 +21,7 @@ namespace stgs::player::live {
 using Kind = PlayerEvent::Kind;
 using Bytes = std::vector<std::uint8_t>;
 
-inline constexpr double kFrame = 1.0 / 30, kStretch = testing::kStretchFrames * kFrame;
+inline constexpr double kFrame = 1.0 / 30, kStretch = testing::kFragmentFrames * kFrame;
 inline constexpr std::uint32_t kStretches = 18;  // 6 s
 
 inline Bytes read_file(const std::string& path) {
@@ -44,8 +44,8 @@ inline Recording record(unsigned first, std::size_t primitives = 200) {
   Recording out;
   out.ends.push_back((*recorder)->bytes());
   for (std::uint32_t i = 0; i < kStretches; ++i) {
-    const Gaussians4D stretch = testing::stretch(first + i, primitives);
-    REQUIRE((*recorder)->append(stretch, (i + 1) * testing::kStretchFrames).ok());
+    const Gaussians4D stretch = testing::make_fragment(first + i, primitives);
+    REQUIRE((*recorder)->append(stretch, (i + 1) * testing::kFragmentFrames).ok());
     out.ends.push_back((*recorder)->bytes());
   }
   REQUIRE((*recorder)->close().ok());
@@ -182,7 +182,7 @@ struct Viewer {
   }
   // The time of a stretch passes, the file has so many, and all is fetched that play needs of them.
   void next_stretch(std::uint32_t stretches, const std::function<void()>& at_each = {}) {
-    frames(testing::kStretchFrames, at_each);
+    frames(testing::kFragmentFrames, at_each);
     file->grow(recording().ends[stretches]);
     REQUIRE(at_edge_of(stretches));
     wait_for(stretches * kStretch);
@@ -218,7 +218,7 @@ struct Viewer {
 inline std::multiset<std::string> alive_in(const Recording& recording, double seconds) {
   auto reader = SceneReader::open(memory_source(recording.bytes));
   REQUIRE(reader.ok());
-  return alive(*Timeline::from_reader(std::move(*reader)), seconds);
+  return active_fingerprints(*Timeline::from_reader(std::move(*reader)), seconds);
 }
 
 inline std::multiset<std::string> alive_in_file(double seconds) {

@@ -7,7 +7,7 @@
 #include <set>
 
 #include "catch.h"
-#include "stretch_fixture.h"
+#include "fragment_fixture.h"
 #include "temporary_folder.h"
 
 namespace stgs::testing {
@@ -26,10 +26,11 @@ inline std::vector<std::uint64_t> record(const std::string& path, std::uint32_t 
   REQUIRE(recorder.ok());
   std::vector<std::uint64_t> sizes = {(*recorder)->bytes()};
   for (std::uint32_t i = 0; i < count; ++i) {
-    const Status status = (*recorder)->append(stretch(i, primitives), (i + 1) * kStretchFrames);
+    const Status status =
+        (*recorder)->append(make_fragment(i, primitives), (i + 1) * kFragmentFrames);
     INFO(status.message());
     REQUIRE(status.ok());
-    CHECK((*recorder)->frames() == (i + 1) * kStretchFrames);
+    CHECK((*recorder)->frames() == (i + 1) * kFragmentFrames);
     sizes.push_back((*recorder)->bytes());
     CHECK(std::filesystem::file_size(path) == sizes.back());
   }

@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "alive.h"
+#include "active_primitives.h"
 #include "catch.h"
 #include "scene_fixture.h"
 #include "stgs/player/player.h"
@@ -185,7 +185,7 @@ struct Playing {
 inline std::multiset<std::string> alive_in_file(double seconds) {
   auto reader = SceneReader::open(memory_source(clip().bytes));
   REQUIRE(reader.ok());
-  return alive(*Timeline::from_reader(std::move(*reader)), seconds);
+  return active_fingerprints(*Timeline::from_reader(std::move(*reader)), seconds);
 }
 
 }  // namespace stgs::player

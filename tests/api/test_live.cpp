@@ -33,7 +33,7 @@ TEST_CASE("a viewer joins in the middle, follows the edge, sees all and comes to
     CHECK(live.latency_seconds == Approx(live.target_latency_seconds).margin(0.1));
     const double moment = viewer.player->seconds();
     REQUIRE(viewer.until([&] { return viewer.player->is_complete(); }));
-    CHECK(alive(viewer.player->timeline(), moment) == alive_in_file(moment));
+    CHECK(active_fingerprints(viewer.player->timeline(), moment) == alive_in_file(moment));
   }
   for (int i = static_cast<int>(joined / kStretch); i < static_cast<int>(kStretches) - 1; ++i) {
     CHECK(seen.count(i) == 1);
@@ -81,9 +81,10 @@ TEST_CASE("what has been recorded can be paused in and sought, and the edge foun
   CHECK(viewer.player->seconds() == paused);
   CHECK(viewer.player->live().growing);
   REQUIRE(viewer.player->seek_frame(7).ok());
-  CHECK(viewer.player->seek_frame(12 * testing::kStretchFrames).code() == StatusCode::kUsage);
+  CHECK(viewer.player->seek_frame(12 * testing::kFragmentFrames).code() == StatusCode::kUsage);
   REQUIRE(viewer.until([&] { return viewer.player->is_complete(); }));
-  CHECK(alive(viewer.player->timeline(), viewer.player->seconds()) == alive_in_file(7 * kFrame));
+  CHECK(active_fingerprints(viewer.player->timeline(), viewer.player->seconds()) ==
+        alive_in_file(7 * kFrame));
   viewer.play();
   REQUIRE(viewer.until([&] { return viewer.has(7 * kFrame, 18 * kFrame); }));
   viewer.frames(10);
@@ -162,7 +163,7 @@ TEST_CASE("what opening a reader has read of the index is not read again, and do
     const auto reader =
         open_snapshot(source, cache, ReadLimits{}, std::pmr::get_default_resource());
     REQUIRE(reader.ok());
-    CHECK((*reader)->metadata().frames == i * testing::kStretchFrames);
+    CHECK((*reader)->metadata().frames == i * testing::kFragmentFrames);
     const auto reads = file->reads();
     for (std::size_t k = before; k < reads.size() && i > 1; ++k) {
       CHECK(reads[k].offset >= recording().ends[i - 1]);
@@ -183,7 +184,7 @@ TEST_CASE("memory stays within its budget however long a recording is followed")
   for (std::uint32_t i = 4; i <= kStretches; ++i) {
     viewer.file->grow(recording().ends[i]);
     REQUIRE(viewer.at_edge_of(i));
-    viewer.frames(testing::kStretchFrames, [&] {
+    viewer.frames(testing::kFragmentFrames, [&] {
       const double at = viewer.player->seconds();
       const double next = std::min(at + 2 * kFrame, i * kStretch - 1e-6);
       REQUIRE(viewer.until(
@@ -237,7 +238,7 @@ TEST_CASE("a recording is joined before its first stretch") {
     viewer.file->grow(recording().ends[i]);
     REQUIRE(viewer.at_edge_of(i));
     viewer.wait_for(i * kStretch);
-    viewer.frames(testing::kStretchFrames);
+    viewer.frames(testing::kFragmentFrames);
   }
   CHECK(viewer.player->seconds() > kStretch);
   CHECK(viewer.player->live().following);

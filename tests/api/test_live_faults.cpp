@@ -56,7 +56,7 @@ TEST_CASE("a recording that has ended is a file like others: when it is overwrit
   CHECK(viewer.count(Kind::kDamaged) == 0);
   write(bytes, bytes.size());
   REQUIRE(viewer.until([&] { return viewer.player->layers() == viewer.player->layer_count(); }));
-  CHECK(alive(viewer.player->timeline(), 1.0) == alive_in(large, 1.0));
+  CHECK(active_fingerprints(viewer.player->timeline(), 1.0) == alive_in(large, 1.0));
   CHECK(viewer.count(Kind::kReplaced) == 1);
 }
 
@@ -71,7 +71,7 @@ TEST_CASE("another recording that its source takes for the same is followed as w
   viewer.player->go_live();
   REQUIRE(viewer.until([&] { return viewer.player->is_complete(); }));
   const double moment = viewer.player->seconds();
-  CHECK(alive(viewer.player->timeline(), moment) == alive_in(other, moment));
+  CHECK(active_fingerprints(viewer.player->timeline(), moment) == alive_in(other, moment));
 }
 
 TEST_CASE("a link that goes down is told once, and made up for") {
@@ -117,13 +117,13 @@ TEST_CASE("what a damaged fragment hides is shown once a later one lists it agai
   REQUIRE(viewer.player->seek(5.5 * kStretch).ok());
   REQUIRE(viewer.until([&] { return viewer.player->is_complete(); }));
   const double moment = viewer.player->seconds();
-  CHECK(alive(viewer.player->timeline(), moment) == alive_in_file(moment));
+  CHECK(active_fingerprints(viewer.player->timeline(), moment) == alive_in_file(moment));
   CHECK(identity != viewer.player->timeline().identity());
   CHECK(viewer.player->timeline().damage().empty());
 }
 
 pid_t spawn_recorder(const std::string& path, int stretches, int milliseconds) {
-  std::string program = STGS_RECORD_STRETCHES, file = path, count = std::to_string(stretches),
+  std::string program = STGS_RECORD_FRAGMENTS, file = path, count = std::to_string(stretches),
               wait = std::to_string(milliseconds);
   char* arguments[] = {program.data(), file.data(), count.data(), wait.data(), nullptr};
   pid_t pid = 0;
@@ -169,7 +169,7 @@ TEST_CASE("a recorder that is killed is waited for, and followed when it goes on
   REQUIRE(again.ok());
   for (int i = 0; i < 3; ++i) {
     const std::uint32_t frames = (*again)->frames();
-    REQUIRE((*again)->append(testing::stretch(77), frames + testing::kStretchFrames).ok());
+    REQUIRE((*again)->append(testing::make_fragment(77), frames + testing::kFragmentFrames).ok());
   }
   REQUIRE(viewer.until([&] { return viewer.player->live().edge_seconds > edge + 2.9 * kStretch; }));
   REQUIRE(viewer.until([&] { return viewer.player->state() == PlayerState::kPlaying; }));

@@ -23,18 +23,18 @@ TEST_CASE("a recording is readable after each fragment, and finalize gives the w
   Scene scene;
   scene.metadata = recording_metadata();
   for (std::uint32_t i = 0; i < 7; ++i) {
-    const Gaussians4D set = stretch(i);
-    REQUIRE((*recorder)->append(set, (i + 1) * kStretchFrames).ok());
+    const Gaussians4D set = make_fragment(i);
+    REQUIRE((*recorder)->append(set, (i + 1) * kFragmentFrames).ok());
     scene.gaussians.sh_degree = set.sh_degree;
     for (std::size_t k = 0; k < set.size(); ++k) scene.gaussians.append(set, k);
     scene.parts.push_back({10.0 * i, 10.0 * (i + 1), set.size()});
     const auto reader = open_scene(path);
     CHECK(reader->form() == SceneForm::kGrowing);
     CHECK(reader->incomplete_bytes() == 0);
-    CHECK(reader->metadata().frames == (i + 1) * kStretchFrames);
+    CHECK(reader->metadata().frames == (i + 1) * kFragmentFrames);
     REQUIRE(reader->parts() == scene.parts);
     for (std::uint32_t p = 0; p <= i; ++p)
-      CHECK(fingerprints_of(*reader, p) == fingerprints_of(stretch(p)));
+      CHECK(fingerprints_of(*reader, p) == fingerprints_of(make_fragment(p)));
     CHECK(issues_of(bytes_of(path)).empty());
   }
   REQUIRE((*recorder)->close().ok());
@@ -62,18 +62,18 @@ TEST_CASE("a fragment that stays visible is recorded once and lasts as long as s
   const std::string path = folder / "live.stgs";
   auto recorder = SceneRecorder::create(path, recording_metadata(), 1, recording_settings());
   REQUIRE(recorder.ok());
-  Gaussians4D lasting = stretch(0);
+  Gaussians4D lasting = make_fragment(0);
   std::fill(lasting.time.begin(), lasting.time.end(), 15.0f);
   std::fill(lasting.radius.begin(), lasting.radius.end(), 20.0f);  // visible in frames 0 to 35
   REQUIRE((*recorder)->append(lasting, 10, {}, 35).ok());
   CHECK((*recorder)->frames() == 10);
-  REQUIRE((*recorder)->append(stretch(1), 20).ok());
+  REQUIRE((*recorder)->append(make_fragment(1), 20).ok());
   recorder->reset();
   recorder = SceneRecorder::resume(path, recording_settings());
   REQUIRE(recorder.ok());
-  CHECK((*recorder)->append(stretch(2), 20, {}, 100).code() == StatusCode::kUsage);
+  CHECK((*recorder)->append(make_fragment(2), 20, {}, 100).code() == StatusCode::kUsage);
   for (std::uint32_t i = 2; i < 5; ++i) {
-    REQUIRE((*recorder)->append(stretch(i), 10 * (i + 1), {}, 1).ok());
+    REQUIRE((*recorder)->append(make_fragment(i), 10 * (i + 1), {}, 1).ok());
   }
   REQUIRE((*recorder)->close().ok());
 
@@ -143,8 +143,8 @@ TEST_CASE("resuming preserves the copy of the head, and finalize writes a new on
   {
     auto recorder = SceneRecorder::resume(path, recording_settings());
     REQUIRE(recorder.ok());
-    REQUIRE((*recorder)->append(stretch(0), kStretchFrames).ok());
-    REQUIRE((*recorder)->append(stretch(1), 2 * kStretchFrames).ok());
+    REQUIRE((*recorder)->append(make_fragment(0), kFragmentFrames).ok());
+    REQUIRE((*recorder)->append(make_fragment(1), 2 * kFragmentFrames).ok());
     REQUIRE((*recorder)->close().ok());
   }
   Bytes bytes = bytes_of(path);
@@ -186,19 +186,20 @@ TEST_CASE("a recorder rejects invalid calls") {
   CHECK(SceneRecorder::create(folder / "c", metadata, 1, settings).status().code() ==
         StatusCode::kUsage);
   CHECK_FALSE(fs::exists(folder / "c"));
-  CHECK((*recorder)->append(stretch(0), 0).code() == StatusCode::kUsage);
-  CHECK((*recorder)->append(stretch(0, 5, 0), 10).code() == StatusCode::kUsage);
-  Gaussians4D broken = stretch(0);
+  CHECK((*recorder)->append(make_fragment(0), 0).code() == StatusCode::kUsage);
+  CHECK((*recorder)->append(make_fragment(0, 5, 0), 10).code() == StatusCode::kUsage);
+  Gaussians4D broken = make_fragment(0);
   broken.sigma[3] = NAN;
   CHECK((*recorder)->append(broken, 10).code() == StatusCode::kUsage);
-  CHECK((*recorder)->append(stretch(0), 10, std::vector<float>(3)).code() == StatusCode::kUsage);
-  CHECK((*recorder)->append(stretch(0), 10).ok());
-  CHECK((*recorder)->append(stretch(0), 10).code() == StatusCode::kUsage);
-  CHECK((*recorder)->append(stretch(0, 0), 20).ok());  // a fragment without primitives
+  CHECK((*recorder)->append(make_fragment(0), 10, std::vector<float>(3)).code() ==
+        StatusCode::kUsage);
+  CHECK((*recorder)->append(make_fragment(0), 10).ok());
+  CHECK((*recorder)->append(make_fragment(0), 10).code() == StatusCode::kUsage);
+  CHECK((*recorder)->append(make_fragment(0, 0), 20).ok());  // a fragment without primitives
   CHECK(open_scene(path)->metadata().frames == 20);
   CHECK((*recorder)->close().ok());
   CHECK((*recorder)->close().code() == StatusCode::kUsage);
-  CHECK((*recorder)->append(stretch(1), 30).code() == StatusCode::kUsage);
+  CHECK((*recorder)->append(make_fragment(1), 30).code() == StatusCode::kUsage);
   CHECK(issues_of(bytes_of(path)).empty());
   Bytes more = bytes_of(path);
   more.push_back(0);

@@ -52,7 +52,7 @@ std::unique_ptr<SceneRecorder> create_recorder(const std::string& path) {
 }
 
 void append(SceneRecorder& recorder, std::uint32_t i) {
-  REQUIRE(recorder.append(stretch(i), (i + 1) * kStretchFrames).ok());
+  REQUIRE(recorder.append(make_fragment(i), (i + 1) * kFragmentFrames).ok());
 }
 
 }  // namespace
@@ -70,13 +70,13 @@ TEST_CASE("fragments that another recorder appends before the lock is taken are 
     first.reset();
   };
   auto second = SceneRecorder::resume(path, recording_settings());
-  CHECK(open_scene(path)->metadata().frames == 3 * kStretchFrames);
+  CHECK(open_scene(path)->metadata().frames == 3 * kFragmentFrames);
   if (closes) {
     CHECK(second.status().code() == StatusCode::kUsage);
     return;
   }
   REQUIRE(second.ok());
-  CHECK((*second)->frames() == 3 * kStretchFrames);
+  CHECK((*second)->frames() == 3 * kFragmentFrames);
   append(**second, 3);
   REQUIRE((*second)->close().ok());
   CHECK(issues_of(bytes_of(path)).empty());
@@ -128,15 +128,15 @@ TEST_CASE("a full disk ends a recording, which can be resumed") {
   {
     const FullDisk disk(before.size() + 50);
     const Status status =
-        closing ? recorder->close() : recorder->append(stretch(1), 2 * kStretchFrames);
+        closing ? recorder->close() : recorder->append(make_fragment(1), 2 * kFragmentFrames);
     CHECK(status.code() == StatusCode::kIo);
   }
   CHECK(bytes_of(path) == before);
   CHECK_FALSE(recorder->is_open());
-  CHECK(recorder->frames() == kStretchFrames);
+  CHECK(recorder->frames() == kFragmentFrames);
   CHECK(recorder->primitives() == 60);
   CHECK(recorder->bytes() == before.size());
-  CHECK(recorder->append(stretch(1), 2 * kStretchFrames).code() == StatusCode::kUsage);
+  CHECK(recorder->append(make_fragment(1), 2 * kFragmentFrames).code() == StatusCode::kUsage);
   CHECK(recorder->close().code() == StatusCode::kUsage);
   // While the recorder that has ended still exists.
   auto next = SceneRecorder::resume(path, recording_settings());
@@ -153,12 +153,12 @@ TEST_CASE("a recorder counts primitives that are never visible as dropped") {
       SceneRecorder::create(path, recording_metadata(), 1, recording_settings(Profile::kQuantised));
   REQUIRE(recorder.ok());
   append(**recorder, 0);
-  Gaussians4D late = stretch(1);
+  Gaussians4D late = make_fragment(1);
   for (float& t : late.time) t += 10000;
   late.sigma.assign(60, 1);
   late.radius.assign(60, 1);
   late.time[7] = 5;
-  REQUIRE((*recorder)->append(late, 2 * kStretchFrames).ok());
+  REQUIRE((*recorder)->append(late, 2 * kFragmentFrames).ok());
   CHECK((*recorder)->primitives() == 61);
   CHECK((*recorder)->dropped() == 59);
   recorder->reset();
@@ -175,7 +175,7 @@ TEST_CASE("always visible primitives stay so in the longest possible fragment") 
     auto recorder = SceneRecorder::create(path, recording_metadata(), 1,
                                           recording_settings(Profile::kQuantised));
     REQUIRE(recorder.ok());
-    Gaussians4D set = stretch(0, 3);
+    Gaussians4D set = make_fragment(0, 3);
     set.time.assign(3, 0);
     set.sigma.assign(3, 1);
     set.radius.assign(3, 2.0f * static_cast<float>(frames));

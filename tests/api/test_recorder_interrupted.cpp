@@ -24,7 +24,7 @@ namespace fs = std::filesystem;
 namespace {
 
 pid_t spawn(const std::string& path, int count, int milliseconds) {
-  std::string words[4] = {STGS_RECORD_STRETCHES, path, std::to_string(count),
+  std::string words[4] = {STGS_RECORD_FRAGMENTS, path, std::to_string(count),
                           std::to_string(milliseconds)};
   char* arguments[5] = {words[0].data(), words[1].data(), words[2].data(), words[3].data(),
                         nullptr};
@@ -57,7 +57,7 @@ TEST_CASE("resume does not truncate a recording whose last fragment is unreachab
                static_cast<std::streamsize>(bytes.size()));
   }
   CHECK(open_scene(path)->primitives() == 0);
-  CHECK(open_scene(path)->unreached_frames() == kStretchFrames);
+  CHECK(open_scene(path)->unreached_frames() == kFragmentFrames);
   const auto recorder = SceneRecorder::resume(path, recording_settings());
   CHECK(recorder.status().code() == StatusCode::kInvalidFile);
   CHECK(bytes_of(path) == bytes);
@@ -136,12 +136,12 @@ TEST_CASE("a truncated recording is resumed to the same bytes") {
         REQUIRE(recorder.ok());
         std::size_t complete = 0;
         while (complete + 1 < sizes.size() - 1 && sizes[complete + 1] <= size) ++complete;
-        REQUIRE((*recorder)->frames() == complete * kStretchFrames);
+        REQUIRE((*recorder)->frames() == complete * kFragmentFrames);
         CHECK((*recorder)->bytes() == sizes[complete]);
         CHECK(SceneRecorder::resume(cut, recording_settings(profile)).status().code() ==
               StatusCode::kUsage);  // one recorder at a time
         for (auto i = static_cast<std::uint32_t>(complete); i < 9; ++i) {
-          REQUIRE((*recorder)->append(stretch(i, 6), (i + 1) * kStretchFrames).ok());
+          REQUIRE((*recorder)->append(make_fragment(i, 6), (i + 1) * kFragmentFrames).ok());
         }
         REQUIRE((*recorder)->close().ok());
       }
@@ -166,8 +166,8 @@ TEST_CASE("a recording is resumed after a kill and after a power cut") {
   REQUIRE(recorder.ok());
   const std::uint32_t frames = (*recorder)->frames();
   REQUIRE(frames > 0);
-  const std::uint32_t next = frames / kStretchFrames;
-  REQUIRE((*recorder)->append(stretch(next), frames + kStretchFrames).ok());
+  const std::uint32_t next = frames / kFragmentFrames;
+  REQUIRE((*recorder)->append(make_fragment(next), frames + kFragmentFrames).ok());
   recorder->reset();
   CHECK(fingerprints_of(*open_scene(path), next).size() == 60);
   CHECK(issues_of(bytes_of(path)).empty());

@@ -4,14 +4,14 @@
 #include <fstream>
 #include <thread>
 
+#include "fragment_fixture.h"
 #include "sdk_player_fixture.h"
-#include "stretch_fixture.h"
 #include "temporary_folder.h"
 
 namespace stgs::testing {
 namespace {
 
-constexpr double kFrame = 1.0 / 30, kFragmentSeconds = kStretchFrames * kFrame;
+constexpr double kFrame = 1.0 / 30, kFragmentSeconds = kFragmentFrames * kFrame;
 constexpr std::uint32_t kFragments = 9;
 
 struct Recording {
@@ -29,7 +29,7 @@ const Recording& recording() {
     Recording out;
     out.ends.push_back((*recorder)->bytes());
     for (std::uint32_t i = 0; i < kFragments; ++i) {
-      REQUIRE((*recorder)->append(stretch(i), (i + 1) * kStretchFrames).ok());
+      REQUIRE((*recorder)->append(make_fragment(i), (i + 1) * kFragmentFrames).ok());
       out.ends.push_back((*recorder)->bytes());
     }
     REQUIRE((*recorder)->close().ok());

@@ -5,8 +5,8 @@
 #include <fstream>
 
 #include "../fuzz/heap.h"
+#include "fragment_fixture.h"
 #include "sdk_player_fixture.h"
-#include "stretch_fixture.h"
 #include "temporary_folder.h"
 
 namespace stgs::testing {
@@ -157,7 +157,7 @@ TEST_CASE("following a recording survives failing allocations", "[sdk]") {
                                           recording_settings(Profile::kQuantised));
     REQUIRE(recorder.ok());
     for (std::uint32_t i = 0; i < 4; ++i) {
-      REQUIRE((*recorder)->append(stretch(i), (i + 1) * kStretchFrames).ok());
+      REQUIRE((*recorder)->append(make_fragment(i), (i + 1) * kFragmentFrames).ok());
       ends.push_back((*recorder)->bytes());
     }
     REQUIRE((*recorder)->close().ok());

@@ -77,7 +77,7 @@ TEST_CASE("a sought frame has, once it has come, exactly what is alive in the fi
     CHECK(p.player->advance(p.now) == frame / 30.0);
     REQUIRE(p.complete());
     CHECK(p.player->ready());
-    CHECK(alive(p.player->timeline(), frame / 30.0) == alive_in_file(frame / 30.0));
+    CHECK(active_fingerprints(p.player->timeline(), frame / 30.0) == alive_in_file(frame / 30.0));
   }
   CHECK_FALSE(p.player->seek_frame(kFrames).ok());
   CHECK_FALSE(p.player->seek(std::numeric_limits<double>::quiet_NaN()).ok());
@@ -122,7 +122,7 @@ TEST_CASE("play waits for what has not come, goes on when it has, and says so") 
   for (int k = 0; k < 5; ++k) p.player->advance(p.now += 1);
   CHECK(p.player->state() == PlayerState::kBuffering);
   CHECK(p.player->seconds() == 0);
-  CHECK(alive(p.player->timeline(), 0).empty());
+  CHECK(active_fingerprints(p.player->timeline(), 0).empty());
   CHECK(p.player->buffered().empty());
   p.link->set(Link::Answer::kBytes);
   REQUIRE(p.until([&] { return p.player->state() == PlayerState::kPlaying; }));
@@ -173,7 +173,8 @@ TEST_CASE("a link that goes down degrades the picture and is made up for") {
   p.link->set(Link::Answer::kBytes);
   p.player->pause();
   REQUIRE(p.complete());
-  CHECK(alive(p.player->timeline(), p.player->seconds()) == alive_in_file(p.player->seconds()));
+  CHECK(active_fingerprints(p.player->timeline(), p.player->seconds()) ==
+        alive_in_file(p.player->seconds()));
 }
 
 TEST_CASE("damage costs its piece alone") {

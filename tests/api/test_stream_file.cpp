@@ -47,7 +47,7 @@ TEST_CASE("a file that is cut while it plays is told as often as it is, and made
     CHECK_FALSE(p.player->ready());
     file.make_whole();
     REQUIRE(p.complete());
-    CHECK(alive(p.player->timeline(), moment) == alive_in_file(moment));
+    CHECK(active_fingerprints(p.player->timeline(), moment) == alive_in_file(moment));
   }
   CHECK(p.said(Kind::kReadFailed, "the file was truncated while open"));
   CHECK(p.said(Kind::kReplaced, "the file was overwritten or truncated"));
@@ -87,7 +87,7 @@ TEST_CASE("a file that is overwritten by another, of any size, is told once, and
     for (const double moment : {2.5, 1.5}) {
       REQUIRE(p.player->seek(moment).ok());
       REQUIRE(p.complete());
-      CHECK(alive(p.player->timeline(), moment) == alive_in_file(moment));
+      CHECK(active_fingerprints(p.player->timeline(), moment) == alive_in_file(moment));
     }
     CHECK(p.count(Kind::kReplaced) == 1);
     CHECK(p.count(Kind::kDamaged) == 0);

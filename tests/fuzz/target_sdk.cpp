@@ -9,7 +9,7 @@
 #include <limits>
 #include <string>
 
-#include "../api/stretch_fixture.h"
+#include "../api/fragment_fixture.h"
 #include "../api/temporary_folder.h"
 #include "sdk_calls.h"
 #include "stgs_file.h"
@@ -66,8 +66,8 @@ const Recording& recording() {
     require(recorder.ok(), "a recording can be created");
     out.ends.push_back((*recorder)->bytes());
     for (std::uint32_t i = 0; i < kFragments; ++i) {
-      const auto frames = (i + 1) * testing::kStretchFrames;
-      require((*recorder)->append(testing::stretch(i, 12), frames).ok(),
+      const auto frames = (i + 1) * testing::kFragmentFrames;
+      require((*recorder)->append(testing::make_fragment(i, 12), frames).ok(),
               "a recording can be continued");
       out.ends.push_back((*recorder)->bytes());
     }

@@ -18,7 +18,7 @@ std::vector<Bytes> seeds() {
   testing::SplatvRecord translating, rotating;
   translating.position = {1, 2, 3};
   translating.motion = {0.5f, 0, 0, 0, 0.25f, 0, 0, 0, 0.125f};
-  rotating.turning = {0, 1, 0, 0};
+  rotating.rotation_motion = {0, 1, 0, 0};
   rotating.centre = 0.25f;
   const std::string one = testing::splatv_file({translating}),
                     three = testing::splatv_file({translating, rotating, {}});

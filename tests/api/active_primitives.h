@@ -6,13 +6,13 @@
 #include <string>
 
 #include "catch.h"
+#include "fragment_fixture.h"
 #include "stgs/player/timeline.h"
-#include "stretch_fixture.h"
 
 namespace stgs::player {
 
 // Fingerprints of the primitives that are active at `seconds`.
-inline std::multiset<std::string> alive(Timeline& timeline, double seconds) {
+inline std::multiset<std::string> active_fingerprints(Timeline& timeline, double seconds) {
   const auto active = timeline.at(seconds);
   REQUIRE(active.ok());
   std::multiset<std::string> out;

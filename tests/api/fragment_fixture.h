@@ -7,12 +7,12 @@
 
 namespace stgs::testing {
 
-inline constexpr std::uint32_t kStretchFrames = 10;
+inline constexpr std::uint32_t kFragmentFrames = 10;
 
 // The primitives of fragment i, which covers frames [10 i, 10 i + 10); times count from
 // its first frame.
-inline Gaussians4D stretch(std::uint32_t i, std::size_t primitives = 60, int sh_degree = 1) {
-  Gaussians4D set = random_scene(primitives, sh_degree, kStretchFrames, 100 + i).gaussians;
+inline Gaussians4D make_fragment(std::uint32_t i, std::size_t primitives = 60, int sh_degree = 1) {
+  Gaussians4D set = random_scene(primitives, sh_degree, kFragmentFrames, 100 + i).gaussians;
   for (float& o : set.opacity_logit) o = std::abs(o);  // all are visible
   return set;
 }

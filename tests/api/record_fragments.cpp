@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// usage: record_stretches FILE COUNT MILLISECONDS
+// usage: record_fragments FILE COUNT MILLISECONDS
 // Records COUNT fragments, waits MILLISECONDS after each, and closes the file.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <thread>
 
-#include "stretch_fixture.h"
+#include "fragment_fixture.h"
 
 using namespace stgs;
 
@@ -17,7 +17,7 @@ Status record(const std::string& path, std::uint32_t count, int wait) {
               SceneRecorder::create(path, testing::recording_metadata(), 1,
                                     testing::recording_settings(Profile::kQuantised)));
   for (std::uint32_t i = 0; i < count; ++i) {
-    STGS_TRY(recorder->append(testing::stretch(i), (i + 1) * testing::kStretchFrames));
+    STGS_TRY(recorder->append(testing::make_fragment(i), (i + 1) * testing::kFragmentFrames));
     std::this_thread::sleep_for(std::chrono::milliseconds(wait));
   }
   return recorder->close();
