@@ -13,7 +13,7 @@
 #include <nlohmann/json.hpp>
 #include <string_view>
 
-#include "../api/scene_fixture.h"
+#include "../fixtures/scene_fixture.h"
 #include "coder_table.h"
 #include "stgs/format/raster.h"
 

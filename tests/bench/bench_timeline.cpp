@@ -16,7 +16,7 @@
 #include <nlohmann/json.hpp>
 #include <string_view>
 
-#include "../api/scene_fixture.h"
+#include "../fixtures/scene_fixture.h"
 #include "stgs/format/decoder_model.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"

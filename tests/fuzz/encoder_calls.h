@@ -10,8 +10,8 @@
 #include <string>
 #include <thread>
 
-#include "../api/synthetic_capture.h"
-#include "../api/temporary_folder.h"
+#include "../fixtures/synthetic_capture.h"
+#include "../fixtures/temporary_folder.h"
 #include "choices.h"
 #include "fuzz_target.h"
 #include "stgs/stgs_encoder.h"

@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "../api/scene_fixture.h"
+#include "../fixtures/scene_fixture.h"
 #include "fuzz_target.h"
 #include "stgs/format/interchange.h"
 

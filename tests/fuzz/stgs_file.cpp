@@ -8,7 +8,7 @@
 #include <cstring>
 #include <string_view>
 
-#include "../api/scene_fixture.h"
+#include "../fixtures/scene_fixture.h"
 #include "codec/draco_points.h"
 #include "codec/layout.h"
 #include "core/bytes.h"

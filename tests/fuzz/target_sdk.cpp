@@ -9,8 +9,8 @@
 #include <limits>
 #include <string>
 
-#include "../api/fragment_fixture.h"
-#include "../api/temporary_folder.h"
+#include "../fixtures/fragment_fixture.h"
+#include "../fixtures/temporary_folder.h"
 #include "sdk_calls.h"
 #include "stgs_file.h"
 

@@ -7,7 +7,7 @@
 #include <random>
 #include <string>
 
-#include "../api/temporary_folder.h"
+#include "../fixtures/temporary_folder.h"
 #include "choices.h"
 #include "stgs/stgs_encoder.h"
 

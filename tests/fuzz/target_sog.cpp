@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // SOG bundles: a zip archive of JSON and lossless WebP images, read from a path.
-#include "../api/sog_fixture.h"
-#include "../api/temporary_folder.h"
+#include "../fixtures/sog_fixture.h"
+#include "../fixtures/temporary_folder.h"
 
 #include <zlib.h>
 

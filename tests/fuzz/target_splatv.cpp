@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // .splatv: magic, JSON, records of 64 bytes.
-#include "../api/splatv_fixture.h"
+#include "../fixtures/splatv_fixture.h"
 
 #include <cstring>
 

@@ -7,9 +7,9 @@
 
 #include "backend/cuda/cuda_backend.h"
 #include "catch.h"
+#include "fixtures/synthetic_capture.h"
+#include "fixtures/train_run.h"
 #include "stgs/encoder/train.h"
-#include "synthetic_capture.h"
-#include "train_run.h"
 
 namespace stgs::testing {
 

@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "catch.h"
+#include "fixtures/scene_fixture.h"
 #include "frame_difference.h"
 #include "renderer_under_test.h"
-#include "scene_fixture.h"
 #include "stgs/player/renderer.h"
 
 namespace stgs::testing {

@@ -7,8 +7,8 @@
 #include <fstream>
 #include <iterator>
 
-#include "../api/temporary_folder.h"
 #include "catch.h"
+#include "fixtures/temporary_folder.h"
 #include "random_train_state.h"
 #include "train/fingerprint.h"
 

@@ -7,9 +7,9 @@
 #include <filesystem>
 #include <random>
 
-#include "../api/temporary_folder.h"
 #include "backend/backend.h"
 #include "catch.h"
+#include "fixtures/temporary_folder.h"
 #include "raster_scene.h"
 #include "stgs/format/raster.h"
 #include "train/checkpoint.h"

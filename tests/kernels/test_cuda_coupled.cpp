@@ -7,8 +7,8 @@
 #include <span>
 
 #include "cuda_backend_check.h"
+#include "fixtures/synthetic_capture.h"
 #include "stgs/encoder/train.h"
-#include "synthetic_capture.h"
 #include "train/coupled_state.h"
 #include "train_scene.h"
 

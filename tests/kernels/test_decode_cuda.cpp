@@ -6,7 +6,7 @@
 
 #include "catch.h"
 #include "device_gaussians.h"
-#include "scene_fixture.h"
+#include "fixtures/scene_fixture.h"
 #include "stgs/format/scene_file.h"
 
 using namespace stgs;

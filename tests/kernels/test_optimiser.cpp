@@ -4,9 +4,9 @@
 #include <filesystem>
 #include <fstream>
 
-#include "../api/temporary_folder.h"
 #include "backend/cpu/regularisers.h"
 #include "catch.h"
+#include "fixtures/temporary_folder.h"
 #include "random_train_state.h"
 #include "stgs/format/math/blend.h"
 #include "train/adam.h"

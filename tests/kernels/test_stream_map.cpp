@@ -4,8 +4,8 @@
 
 #include <span>
 
-#include "../api/scene_fixture.h"
 #include "catch.h"
+#include "fixtures/scene_fixture.h"
 #include "vector_targets.h"
 
 using namespace stgs;

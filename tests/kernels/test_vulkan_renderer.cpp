@@ -12,8 +12,8 @@
 
 #include "catch.h"
 #include "catch_runner.h"
+#include "fixtures/scene_fixture.h"
 #include "renderer_under_test.h"
-#include "scene_fixture.h"
 #include "vulkan/vulkan_renderer.h"
 #include "vulkan_compute.h"
 

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "catch.h"
-#include "scene_fixture.h"
+#include "fixtures/scene_fixture.h"
 #include "vulkan/vulkan_renderer.h"
 #include "vulkan_host.h"
 
