@@ -194,8 +194,8 @@ TEST_CASE("a parameter is rejected only if its weights, ranks or enabling parame
   }
   CHECK(rejects({{"lr_position_final", "0.2"}, {"lr_position", "0"}}, "", nullptr));
   CHECK(rejects({{"sh_step", "0.2"}, {"sh_degree", "0"}}, "", nullptr));
-  stgs::testing::Table table(2);
-  stgs::testing::ThreadRanks two(table, 0);
+  stgs::testing::SharedState shared(2);
+  stgs::testing::ThreadRanks two(shared, 0);
   CHECK_FALSE(rejects({{"batch_rate", "0.2"}}, "", &two));
   CHECK(rejects({{"batch_rate", "0.2"}}, "", nullptr));
 }
