@@ -14,8 +14,8 @@
 #include <queue>
 #include <thread>
 
-#include "../api/sdk_fixture.h"
-#include "../api/temporary_folder.h"
+#include "../fixtures/temporary_folder.h"
+#include "../sdk/sdk_fixture.h"
 #include "stgs_unity.h"
 
 namespace stgs::testing {

@@ -8,12 +8,12 @@
 #include <filesystem>
 #include <functional>
 
-#include "../api/copy_fixture.h"
-#include "../api/scene_fixture.h"
+#include "../fixtures/copy_fixture.h"
+#include "../fixtures/scene_fixture.h"
 #ifdef STGS_HAS_SOG
-#include "../api/sog_fixture.h"
+#include "../fixtures/sog_fixture.h"
 #endif
-#include "../api/splatv_fixture.h"
+#include "../fixtures/splatv_fixture.h"
 #include "container/container.h"
 #include "core/bytes.h"
 #include "image_io.h"

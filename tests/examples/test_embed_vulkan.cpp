@@ -16,7 +16,7 @@
 #define STBI_ONLY_PNG
 #include <stb_image.h>
 
-#include "../api/temporary_folder.h"
+#include "../fixtures/temporary_folder.h"
 #include "catch.h"
 #include "catch_runner.h"
 #include "stgs/format/scene_file.h"

@@ -20,7 +20,7 @@
 #include <set>
 #include <thread>
 
-#include "../api/scene_fixture.h"
+#include "../fixtures/scene_fixture.h"
 #include "stgs/player/player.h"
 #include "stgs/player/renderer.h"
 

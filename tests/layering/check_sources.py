@@ -40,7 +40,7 @@ CODE = (".h", ".hpp", ".c", ".cpp", ".cu", ".cuh", ".comp", ".glsl")
 SCRIPTS = (".py", ".sh", ".cmake")
 MAX_LINES = 400
 MAX_TEST_LINES = 600
-TEMPORARY = "tests/api/temporary_folder.h"  # the only test source that may use temp_directory_path
+TEMPORARY = "tests/fixtures/temporary_folder.h"  # the only test source that may use temp_directory_path
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*(["<])([^">]+)[">]')
 NAMESPACE = re.compile(r"(?:inline )?namespace ?([\w:]*) ?\{$")

@@ -34,7 +34,7 @@ class CheckSources(unittest.TestCase):
             "tools/stgs/e.cpp": LICENCE + '#include "stgs/player/p.h"\n#include "stgs/encoder/e.h"\n',
             "sdk/src/f.cpp": LICENCE + '#include "stgs/stgs.h"\n',
             "sdk/src/encoder/g.cpp": LICENCE + '#include "stgs/stgs.h"\n#include "stgs/encoder/e.h"\n',
-            "tests/api/g.py": "#!/usr/bin/env python3\n# SPDX-License-Identifier: Apache-2.0\n",
+            "tests/format/g.py": "#!/usr/bin/env python3\n# SPDX-License-Identifier: Apache-2.0\n",
         }), [])
 
     def test_forbidden_includes_are_reported(self):
@@ -76,8 +76,8 @@ class CheckSources(unittest.TestCase):
 
     def test_temporary_files_outside_their_helper_are_reported(self):
         call = "auto p = std::filesystem::temp_directory_path();\n"
-        self.assert_violation("tests/api/a.cpp", call, "temporary files of tests")
-        self.assertEqual(self.problems({"tests/api/temporary_folder.h": LICENCE + call,
+        self.assert_violation("tests/format/a.cpp", call, "temporary files of tests")
+        self.assertEqual(self.problems({"tests/fixtures/temporary_folder.h": LICENCE + call,
                                         "encoder/src/a.cpp": LICENCE + call}), [])
 
     def test_misplaced_public_headers_are_reported(self):

@@ -4,7 +4,7 @@
 // usage: make_play_scene FILE.stgs
 #include <cstdio>
 
-#include "../api/scene_fixture.h"
+#include "../fixtures/scene_fixture.h"
 
 int main(int argc, char** argv) {
   using namespace stgs;
