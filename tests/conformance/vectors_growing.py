@@ -28,25 +28,24 @@ def valid_growing():
            growing(recorded_parts(2), [Fragment(), Fragment(flags=0x10000)]))
     vector("growing_closed", "5.12", "a closed recording",
            growing(recorded_parts(3), closed=Fragment(flags=1)))
-    complete, less = growing(recorded_parts(3)), growing(recorded_parts(2))
-    for name, size in (("growing_cut_in_a_record", len(less) + 100),
-                       ("growing_cut_in_a_header", len(less) + 7),
+    complete, shorter = growing(recorded_parts(3)), growing(recorded_parts(2))
+    for name, size in (("growing_cut_in_a_record", len(shorter) + 100),
+                       ("growing_cut_in_a_header", len(shorter) + 7),
                        ("growing_cut_in_a_fragment", len(complete) - 1)):
         vector(name, "5.12", "truncated: read up to the last complete fragment", complete[:size])
 
-
     # A record whose payload contains a FRAG record that is valid except for its location.
-    less, part = growing(recorded_parts(2)), recorded_parts(3)[2]
+    shorter, part = growing(recorded_parts(2)), recorded_parts(3)[2]
     third = complete[complete.rindex(b"FRAG"):]
-    at = len(less) + 32 + 8
+    at = len(shorter) + 32 + 8
     for name, about, fields in (
             ("forged_fragment", "a FRAG record within an unknown record is not used", {}),
             ("forged_fragment_of_segments", "as before, with segments listed before it",
-             {"skip": len(less) - less.rindex(b"FRAG")})):
-        forged = forged_fragment(less, at, part, **fields)
-        vector(name, "5.12", about, less + record(b"NOTE", b"8 bytes." + forged, 0))
+             {"skip": len(shorter) - shorter.rindex(b"FRAG")})):
+        forged = forged_fragment(shorter, at, part, **fields)
+        vector(name, "5.12", about, shorter + record(b"NOTE", b"8 bytes." + forged, 0))
     vector("foreign_fragment", "5.12", "another file's FRAG record within an unknown record",
-           less + record(b"NOTE", third, 0))
+           shorter + record(b"NOTE", third, 0))
     noted = recorded_parts(3)
     for i, part in enumerate(noted):
         part.before = record(b"POSE", bytes([i] * 9), 0)
@@ -65,14 +64,14 @@ def valid_growing():
            growing(noted)[:len(growing(noted[:2])) + 41 + 5])
 
 
-def forged_fragment(less, at, part, skip=None):
-    """Returns a FRAG record for byte `at` after the recording `less`. It lists no records, after
+def forged_fragment(shorter, at, part, skip=None):
+    """Returns a FRAG record for byte `at` after the recording `shorter`. It lists no records, after
     `skip` bytes."""
-    before = less.rindex(b"FRAG")
-    head_bytes = struct.unpack_from("<Q", less, 24)[0]
+    before = shorter.rindex(b"FRAG")
+    head_bytes = struct.unpack_from("<Q", shorter, 24)[0]
     empty = Part([], part.begin, part.end)
     return fragment([empty], part.end, Fragment(), [at - before if skip is None else skip], at,
-                    checksum(less[:head_bytes]), before, before)
+                    checksum(shorter[:head_bytes]), before, before)
 
 
 def broken_growing():
