@@ -319,9 +319,10 @@ Result<std::unique_ptr<SceneRecorder>> SceneRecorder::create(const std::string& 
     Findings findings;
     check_metadata_values(head, 0, findings);
     if (!findings.ok()) return usage_error("{}: {}", path, findings.take().front().message);
-    auto state = std::make_unique<State>(settings);
-    STGS_TRY(state->create(path, head));
-    return std::unique_ptr<SceneRecorder>(new SceneRecorder(std::move(state)));
+    // Allocated before the file is created, so that a failure leaves no file.
+    std::unique_ptr<SceneRecorder> recorder(new SceneRecorder(std::make_unique<State>(settings)));
+    STGS_TRY(recorder->state_->create(path, head));
+    return recorder;
   } catch (const std::exception& e) {
     return Status(code_of(e), fmt::format("{}: {}", path, e.what()));
   }
@@ -330,9 +331,9 @@ Result<std::unique_ptr<SceneRecorder>> SceneRecorder::create(const std::string& 
 Result<std::unique_ptr<SceneRecorder>> SceneRecorder::resume(const std::string& path,
                                                              const RecordSettings& settings) {
   try {
-    auto state = std::make_unique<State>(settings);
-    STGS_TRY(state->resume(path));
-    return std::unique_ptr<SceneRecorder>(new SceneRecorder(std::move(state)));
+    std::unique_ptr<SceneRecorder> recorder(new SceneRecorder(std::make_unique<State>(settings)));
+    STGS_TRY(recorder->state_->resume(path));
+    return recorder;
   } catch (const std::exception& e) {
     return Status(code_of(e), fmt::format("{}: {}", path, e.what()));
   }
