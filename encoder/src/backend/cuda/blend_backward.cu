@@ -121,9 +121,9 @@ struct ColumnSums {
 
 // A splat over a column of pixels.
 struct Column {
-  float dx, slope_x;  // 2 half_xx dx
-  float cross_x;      // cross dx
-  float base;         // log2_opacity + half_xx dx^2
+  float dx, slope_x;  // 2 falloff.xx dx
+  float cross_x;      // falloff.xy dx
+  float base;         // peak + falloff.xx dx^2
 };
 
 // Accumulates splat k's gradients at the pixel and removes the splat from it. Returns whether the
@@ -131,14 +131,14 @@ struct Column {
 template <bool kPlanes>
 __device__ bool add_pixel(const ScreenSplat& s, const float4& plane, const Column& c, int k,
                           Pixel& p, ColumnSums& v) {
-  const float dy = p.y - s.y;
-  const float log2 = fminf(s.log2_opacity, fmaf(dy, fmaf(s.half_yy, dy, c.cross_x), c.base));
+  const float dy = p.y - s.mean.y;
+  const float log2 = fminf(s.peak, fmaf(dy, fmaf(s.falloff.yy, dy, c.cross_x), c.base));
   if (k >= p.last || log2 < kLog2Threshold) return false;
   const float falloff = exp2_fast(log2);
   const float alpha = fminf(kAlphaMax, falloff);
   p.transmittance *= reciprocal_fast(1.0f - alpha);
   const float weight = alpha * p.transmittance;
-  float own = fmaf(p.red, s.red, fmaf(p.green, s.green, p.blue * s.blue));
+  float own = fmaf(p.red, s.colour.x, fmaf(p.green, s.colour.y, p.blue * s.colour.z));
   if constexpr (kPlanes) {
     own += dot4(p.d_surface, plane);
     v.plane.x = fmaf(weight, p.d_surface.x, v.plane.x);
@@ -159,8 +159,8 @@ __device__ bool add_pixel(const ScreenSplat& s, const float4& plane, const Colum
   v.gy += gy;
   v.gyy = fmaf(gy, dy, v.gyy);
   // The gradient of the mean in units of 1/log2(e), which the update removes.
-  v.abs_x = fmaf(fabsf(g), fabsf(fmaf(s.cross, dy, c.slope_x)), v.abs_x);
-  v.abs_y = fmaf(fabsf(g), fabsf(fmaf(2.0f * s.half_yy, dy, c.cross_x)), v.abs_y);
+  v.abs_x = fmaf(fabsf(g), fabsf(fmaf(s.falloff.xy, dy, c.slope_x)), v.abs_x);
+  v.abs_y = fmaf(fabsf(g), fabsf(fmaf(2.0f * s.falloff.yy, dy, c.cross_x)), v.abs_y);
   return true;
 }
 
@@ -236,8 +236,8 @@ __global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, co
       const int k = 31 - __clz(hits);
       hits ^= 1u << k;
       const ScreenSplat& s = splats[k];
-      const float dx = x - s.x, half_x = s.half_xx * dx;
-      const Column column{dx, 2.0f * half_x, s.cross * dx, fmaf(half_x, dx, s.log2_opacity)};
+      const float dx = x - s.mean.x, half_x = s.falloff.xx * dx;
+      const Column column{dx, 2.0f * half_x, s.falloff.xy * dx, fmaf(half_x, dx, s.peak)};
       ColumnSums c{};
       bool any = false;
 #pragma unroll

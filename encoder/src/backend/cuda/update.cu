@@ -92,9 +92,9 @@ __device__ SplatGradient splat_gradient(const Sums& s, Sym2 conic, float opacity
 __device__ Vec3 colour_backward(const float* sh, int coefficients, Vec3 from_camera,
                                 const ScreenSplat& splat, Vec3 grad, float* stage) {
   // A channel that the forward pass clamps at 0 has no gradient.
-  if (!(splat.red > 0.0f)) grad.x = 0.0f;
-  if (!(splat.green > 0.0f)) grad.y = 0.0f;
-  if (!(splat.blue > 0.0f)) grad.z = 0.0f;
+  if (!(splat.colour.x > 0.0f)) grad.x = 0.0f;
+  if (!(splat.colour.y > 0.0f)) grad.y = 0.0f;
+  if (!(splat.colour.z > 0.0f)) grad.z = 0.0f;
   const float inverse_length = 1.0f / sqrtf(dot3(from_camera, from_camera));
   const Vec3 direction = vec3_scale(from_camera, inverse_length);
   const ShBasis basis = sh_basis(direction);
@@ -146,9 +146,8 @@ __device__ float primitive_gradients(const Primitives& p, std::uint32_t i,
                                      const UpdateSettings& settings, const ScreenSplat& splat,
                                      const Sums& sums, const Plane& by_plane, float inverse_count,
                                      float* stage, Statistics& statistics) {
-  const Sym2 conic{splat.half_xx * (-2.0f / kLog2E), splat.cross * (-1.0f / kLog2E),
-                   splat.half_yy * (-2.0f / kLog2E)};
-  const float opacity_t = exp2f(splat.log2_opacity);  // O_t
+  const Sym2 conic = conic_of(splat.falloff);
+  const float opacity_t = exp2f(splat.peak);  // O_t
   const SplatGradient grad = splat_gradient(sums, conic, opacity_t);
 
   const float dt = view.ticks - own.time;
