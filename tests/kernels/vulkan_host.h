@@ -3,21 +3,20 @@
 // the renderer.
 #pragma once
 
-#include <volk.h>
+#include "vulkan_host/host_device.h"
 
+// After volk, which wants to be the first of Vulkan's headers.
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <string>
 #include <vector>
 
-#include "stgs/player/vulkan_renderer.h"
-
 namespace stgs::testing {
 
-// An image of one level and layer count, device local. The host outlives it.
+// An image of the host, which outlives it.
 struct HostImage {
   VkImage image = VK_NULL_HANDLE;
-  VkDeviceMemory memory = VK_NULL_HANDLE;
   VkFormat format = VK_FORMAT_UNDEFINED;
   std::uint32_t width = 0, height = 0;
 };
@@ -32,8 +31,8 @@ class VulkanHost {
   VulkanHost(const VulkanHost&) = delete;
   VulkanHost& operator=(const VulkanHost&) = delete;
 
-  const player::VulkanDevice& device() const { return device_; }
-  bool controls_subgroup_sizes() const { return !device_.extensions.empty(); }
+  const player::VulkanDevice& device() const { return host_.device(); }
+  bool controls_subgroup_sizes() const { return !device().extensions.empty(); }
   // What the validation layer has said of all hosts.
   static std::vector<std::string>& messages();
 
@@ -49,16 +48,9 @@ class VulkanHost {
 
  private:
   VulkanHost() = default;
-  bool make_instance();
-  bool make_device(bool features);
-  VkDeviceMemory allocate(const VkMemoryRequirements& needs, VkMemoryPropertyFlags properties);
 
-  player::VulkanDevice device_;
-  VkPhysicalDeviceSubgroupSizeControlFeatures sizes_{};
-  VkPhysicalDeviceTimelineSemaphoreFeatures timeline_{};
-  VkPhysicalDeviceFeatures2 features_{};
-  VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;
-  std::vector<HostImage> images_;
+  tools::HostDevice host_;
+  std::deque<tools::DeviceImage> images_;
   std::vector<VkSemaphore> semaphores_;
 };
 
