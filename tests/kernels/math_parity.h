@@ -4,9 +4,9 @@
 #ifndef STGS_TESTS_MATH_PARITY_H
 #define STGS_TESTS_MATH_PARITY_H
 
-#include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/project.h"
+#include "stgs/format/math/screen_splat.h"
 #include "stgs/format/math/sh.h"
 #include "stgs/format/math/surface.h"
 
@@ -36,6 +36,9 @@ struct ParityResult {
   Sym3 covariance;
   Projection projection;
   Vec2 extent;
+  SplatBox box;     // for an opacity of at least kAlphaThreshold, as the following
+  Falloff falloff;  // of the ScreenSplat, as is peak
+  float peak;
   float basis[16];
   Vec3 colour;
   float power;
@@ -60,6 +63,11 @@ STGS_FN ParityResult evaluate_parity(ParityInput g) {
   r.projection = project_gaussian(g.camera, r.position, r.covariance);
   float opacity_t = r.opacity * r.visibility;
   r.extent = splat_extent(r.projection.covariance, opacity_t, kAlphaThreshold);
+  float shown = larger(opacity_t, kAlphaThreshold);
+  r.box = splat_box(g.camera, r.projection, shown);
+  ScreenSplat splat = screen_splat(r.projection, r.box.extent, shown, vec3_of(0.0f, 0.0f, 0.0f));
+  r.falloff = splat.falloff;
+  r.peak = splat.peak;
   Vec3 centre = camera_centre(g.camera);
   Vec3 d = vec3_of(r.position.x - centre.x, r.position.y - centre.y, r.position.z - centre.z);
   float n = 1.0f / sqrt(dot3(d, d));

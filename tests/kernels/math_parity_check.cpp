@@ -102,6 +102,29 @@ void compare_lifespan(const ParityInput& g, const ParityResult& e, const ParityR
            64 * kEpsilon * (1.0 + g.radius / g.sigma) * (1.0 + std::abs(g.opacity_logit)));
 }
 
+// Compares the box and the exponent of the splat. `conic_tolerance` and `mean_tolerance` are
+// absolute.
+void compare_splat(const ParityInput& g, const ParityResult& e, const ParityResult& a,
+                   std::size_t i, double conic_tolerance, double mean_tolerance, Comparison* out) {
+  const auto form = [](Falloff f) { return Sym2{f.xx, f.xy, f.yy}; };
+  out->add("falloff, 1/px^2", i, form(e.falloff), form(a.falloff), 1.5 * conic_tolerance);
+  out->add("peak", i, e.peak, a.peak, 1.5e-4);
+  const Projection& p = e.projection;
+  const Vec2 extent = e.box.extent;
+  // By how far the box meets the image; the other value of `visible` is right too at its edge.
+  const double overlap =
+      std::min({p.mean.x + extent.x, p.mean.y + extent.y, g.camera.width - (p.mean.x - extent.x),
+                g.camera.height - (p.mean.y - extent.y)});
+  const double edge = mean_tolerance + 1e-2 * (extent.x + extent.y);
+  if (std::abs(overlap) > edge) out->add("box visible", i, e.box.visible, a.box.visible, 0.5);
+  if (!e.box.visible || !a.box.visible) return;
+  const double elongation = elongation_of(p);
+  const double tolerance = 1e-4 + 8 * kEpsilon * elongation;
+  out->add("box", i, exponent_of(extent.x, std::sqrt(2.0 * p.covariance.xx)),
+           exponent_of(a.box.extent.x, std::sqrt(2.0 * a.projection.covariance.xx)),
+           tolerance * kReachMax);
+}
+
 void compare_projection(const ParityInput& g, const ParityResult& e, const ParityResult& a,
                         std::size_t i, Comparison* out) {
   const Projection& p = e.projection;
@@ -127,6 +150,7 @@ void compare_projection(const ParityInput& g, const ParityResult& e, const Parit
 
   out->add("extent ln(O_t/o_th)", i, exponent_of(e.extent.x, std::sqrt(2.0 * p.covariance.xx)),
            exponent_of(a.extent.x, std::sqrt(2.0 * a.projection.covariance.xx)), 1e-4);
+  compare_splat(g, e, a, i, conic_tolerance * conic_trace, 8 * eta * focal * slope, out);
   const double dx = g.offset.x * std::max(e.extent.x, 0.0f);
   const double dy = g.offset.y * std::max(e.extent.y, 0.0f);
   const double power_tolerance = 1e-5 + conic_tolerance * conic_trace * (dx * dx + dy * dy);

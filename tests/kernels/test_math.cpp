@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cmath>
+#include <random>
 
 #include "catch.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/project.h"
+#include "stgs/format/math/screen_splat.h"
 #include "stgs/format/math/sh.h"
 
 using namespace stgs::math;
@@ -73,4 +75,111 @@ TEST_CASE("a Gaussian on the axis projects to the principal point with its size 
   const Vec2 extent = splat_extent(p.covariance, 0.5f, kAlphaThreshold);
   CHECK(splat_alpha(0.5f, splat_power(p.conic, extent.x * 0.999f, 0.0f)) > 0.0f);
   CHECK(splat_alpha(0.5f, splat_power(p.conic, extent.x * 1.001f, 0.0f)) == 0.0f);
+}
+
+namespace {
+
+// A projection with the given standard deviations along axes turned by `angle`, computed in double
+// precision.
+struct DoubleSplat {
+  Projection projection{};
+  double xx = 0, xy = 0, yy = 0;  // the conic
+};
+
+DoubleSplat splat_of(double major, double minor, double angle) {
+  const double c = std::cos(angle), s = std::sin(angle), a = major * major, b = minor * minor;
+  DoubleSplat out;
+  const double xx = c * c * a + s * s * b, xy = c * s * (a - b), yy = s * s * a + c * c * b;
+  out.xx = yy / (a * b);
+  out.xy = -xy / (a * b);
+  out.yy = xx / (a * b);
+  const auto sym2 = [](double x, double y, double z) {
+    return Sym2{static_cast<float>(x), static_cast<float>(y), static_cast<float>(z)};
+  };
+  out.projection.covariance = sym2(xx, xy, yy);
+  out.projection.conic = sym2(out.xx, out.xy, out.yy);
+  out.projection.mean = {100.25f, 50.5f};
+  out.projection.depth = 3.0f;
+  out.projection.visible = 1;
+  return out;
+}
+
+PinholeCamera camera_of_size(float width, float height) {
+  PinholeCamera camera{};
+  camera.width = width;
+  camera.height = height;
+  return camera;
+}
+
+}  // namespace
+
+TEST_CASE("the constants of the screen splat are those of the alpha law, to base 2") {
+  CHECK(kLog2E == static_cast<float>(1.0 / std::log(2.0)));
+  CHECK(kLog2Threshold == static_cast<float>(std::log2(1.0 / 255.0)));
+  CHECK(kLog2AlphaMax > std::log2(0.99));
+  CHECK(std::exp2(kLog2AlphaMax) - 0.99 < 1e-6);
+  CHECK(kReachMax > std::log(255.0));
+}
+
+TEST_CASE("a screen splat agrees with the alpha law in double precision") {
+  std::mt19937 bits(3);
+  const auto random = [&bits](double low, double high) {
+    return low + (high - low) * (static_cast<double>(bits()) / 4294967296.0);
+  };
+  for (int round = 0; round < 2000; ++round) {
+    const DoubleSplat given =
+        splat_of(std::exp(random(-0.6, 5)), std::exp(random(-0.6, 2)), random(0, 3.2));
+    const auto opacity = static_cast<float>(std::exp(random(-5.5, 0)));
+    const SplatBox box = splat_box(camera_of_size(200, 100), given.projection, opacity);
+    REQUIRE(box.visible == 1);
+    const Vec3 colour{0.25f, 0.5f, 0.75f};
+    const ScreenSplat s = screen_splat(given.projection, box.extent, opacity, colour);
+    CHECK(s.peak == Approx(std::log2(static_cast<double>(opacity))).margin(1e-6));
+    CHECK(s.mean.x == given.projection.mean.x);
+    CHECK(s.colour.y == colour.y);
+    CHECK(s.depth == given.projection.depth);
+    const Sym2 conic = conic_of(s.falloff);
+    CHECK(conic.xx == Approx(given.xx).epsilon(1e-6));
+    CHECK(conic.xy == Approx(given.xy).epsilon(1e-6));
+    CHECK(conic.yy == Approx(given.yy).epsilon(1e-6));
+
+    const double dx = random(-1, 1) * box.extent.x, dy = random(-1, 1) * box.extent.y;
+    const double power = 0.5 * (given.xx * dx * dx + given.yy * dy * dy) + given.xy * dx * dy;
+    const double log2_falloff =
+        dx * (s.falloff.xx * dx + s.falloff.xy * dy) + s.falloff.yy * dy * dy;
+    const double terms = given.xx * dx * dx + given.yy * dy * dy + std::abs(given.xy * dx * dy);
+    CHECK(log2_falloff == Approx(-power / std::log(2.0)).epsilon(0).margin(1e-6 * terms));
+
+    // The box touches the ellipse on which alpha is the threshold, from outside.
+    const double reach = 2.0 * std::log(255.0 * static_cast<double>(opacity));
+    const double determinant = given.xx * given.yy - given.xy * given.xy;
+    const double half_width = std::sqrt(reach * given.yy / determinant);
+    const double half_height = std::sqrt(reach * given.xx / determinant);
+    CHECK(box.extent.x >= half_width * (1.0 - 1e-6));
+    CHECK(box.extent.y >= half_height * (1.0 - 1e-6));
+    const double slack = 1.0 + 4e-6 * (1.0 + given.xx * given.projection.covariance.xx) + 1e-5;
+    CHECK(box.extent.x <= half_width * slack);
+    CHECK(box.extent.y <= half_height * slack);
+  }
+}
+
+TEST_CASE("a splat outside the image or with a value that is not finite has no visible box") {
+  const DoubleSplat given = splat_of(10.0, 4.0, 0.5);
+  const PinholeCamera camera = camera_of_size(200, 100);
+  REQUIRE(splat_box(camera, given.projection, 0.5f).visible == 1);
+  const auto visible = [&](auto change) {
+    Projection p = given.projection;
+    change(p);
+    return splat_box(camera, p, 0.5f).visible;
+  };
+  CHECK(visible([](Projection& p) { p.visible = 0; }) == 0);
+  CHECK(visible([](Projection& p) { p.depth = INFINITY; }) == 0);
+  CHECK(visible([](Projection& p) { p.mean.x = NAN; }) == 0);
+  CHECK(visible([](Projection& p) { p.conic.xy = -INFINITY; }) == 0);
+  CHECK(visible([](Projection& p) { p.covariance.xx = INFINITY; }) == 0);
+  const float reach = splat_box(camera, given.projection, 0.5f).extent.x;
+  CHECK(visible([&](Projection& p) { p.mean.x = -reach - 0.01f; }) == 0);
+  CHECK(visible([&](Projection& p) { p.mean.x = -reach + 0.01f; }) == 1);
+  CHECK(visible([&](Projection& p) { p.mean.x = 200.0f + reach + 0.01f; }) == 0);
+  CHECK(visible([](Projection& p) { p.mean.y = 1000.0f; }) == 0);
 }

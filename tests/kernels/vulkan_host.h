@@ -1,46 +1,44 @@
 // SPDX-License-Identifier: Apache-2.0
-// An application with its own Vulkan device, images and semaphores, which lends the device to the
-// renderer.
+// A program that has a Vulkan device of its own, with images and semaphores, as whoever lends it to
+// the renderer.
 #pragma once
 
-#include <volk.h>
+#include "vulkan_host/host_device.h"
 
+// After volk, which wants to be the first of Vulkan's headers.
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <string>
 #include <vector>
 
-#include "stgs/player/vulkan_renderer.h"
-
 namespace stgs::testing {
 
-// A device-local image, owned by the host that made it.
+// An image of the host, which outlives it.
 struct HostImage {
   VkImage image = VK_NULL_HANDLE;
-  VkDeviceMemory memory = VK_NULL_HANDLE;
   VkFormat format = VK_FORMAT_UNDEFINED;
   std::uint32_t width = 0, height = 0;
 };
 
-// Exits with a message if a Vulkan call fails.
+// Ends the program with a message where Vulkan fails.
 class VulkanHost {
  public:
-  // Returns null without a loader or a device. `features`: enables the features that the renderer
-  // uses and the device supports.
+  // Null where there is no loader or no device. `features`: made with those that the renderer can
+  // use and the device has.
   static std::unique_ptr<VulkanHost> make(bool features);
   ~VulkanHost();
   VulkanHost(const VulkanHost&) = delete;
   VulkanHost& operator=(const VulkanHost&) = delete;
 
-  const player::VulkanDevice& device() const { return device_; }
-  bool controls_subgroup_sizes() const { return !device_.extensions.empty(); }
-  // The messages of the validation layer, of all hosts.
+  const player::VulkanDevice& device() const { return host_.device(); }
+  bool controls_subgroup_sizes() const { return !device().extensions.empty(); }
+  // What the validation layer has said of all hosts.
   static std::vector<std::string>& messages();
 
   HostImage make_image(VkFormat format, std::uint32_t width, std::uint32_t height,
                        std::uint32_t levels = 1, std::uint32_t layers = 1);
-  // Waits for the queue and returns the bytes of one level and layer, row by row. The image is in
-  // `layout`.
+  // The bytes of a level of a layer, row by row, of an image in `layout`; waits for the queue.
   std::vector<std::uint8_t> read(const HostImage& image, VkImageLayout layout,
                                  std::uint32_t pixel_bytes, std::uint32_t level = 0,
                                  std::uint32_t layer = 0);
@@ -50,16 +48,9 @@ class VulkanHost {
 
  private:
   VulkanHost() = default;
-  bool make_instance();
-  bool make_device(bool features);
-  VkDeviceMemory allocate(const VkMemoryRequirements& needs, VkMemoryPropertyFlags properties);
 
-  player::VulkanDevice device_;
-  VkPhysicalDeviceSubgroupSizeControlFeatures sizes_{};
-  VkPhysicalDeviceTimelineSemaphoreFeatures timeline_{};
-  VkPhysicalDeviceFeatures2 features_{};
-  VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;
-  std::vector<HostImage> images_;
+  tools::HostDevice host_;
+  std::deque<tools::DeviceImage> images_;
   std::vector<VkSemaphore> semaphores_;
 };
 

@@ -50,40 +50,53 @@ int needed_agreement(std::size_t views) {
   return views >= 5 ? 2 : 1;
 }
 
+struct SweepPlan {
+  Focus focus;
+  DepthRange range;
+  int max_side = 0;                     // longer side of the images, pixels
+  int low_planes = 0, high_planes = 0;  // see plane_count()
+};
+
+// The depth maps of several views, with the images that they were computed from.
+struct Sweeps {
+  std::vector<SweepImage> images;
+  std::vector<DepthMap> maps;
+  std::vector<double> steps;  // of inverse depth, from plane to plane
+};
+
 // Computes the depth maps of all inputs, each against its neighbours.
-Status sweep_all(const std::vector<StaticImage>& inputs, const cv::Vec3d& focus, DepthRange range,
-                 int max_side, int low_planes, int high_planes, Work& work,
-                 std::vector<SweepImage>* images, std::vector<DepthMap>* maps,
-                 std::vector<double>* steps) {
+Status sweep_all(const std::vector<StaticImage>& inputs, const SweepPlan& plan, Work& work,
+                 Sweeps* out) {
   for (const StaticImage& input : inputs) {
-    images->push_back(
-        make_sweep_image(make_view(*input.view.camera, max_side), input.rgb, input.usable));
+    out->images.push_back(
+        make_sweep_image(make_view(*input.view.camera, plan.max_side), input.rgb, input.usable));
   }
   std::vector<View> views;
-  for (const SweepImage& image : *images) views.push_back(image.view);
-  maps->resize(inputs.size());
-  steps->resize(inputs.size());
+  for (const SweepImage& image : out->images) views.push_back(image.view);
+  out->maps.resize(inputs.size());
+  out->steps.resize(inputs.size());
   return work.for_each(int(inputs.size()), [&](int i) -> Status {
-    const std::vector<int> near = neighbours(views, i, focus, kNeighbours);
+    const std::vector<int> near = neighbours(views, i, plan.focus.point, kNeighbours);
     std::vector<const SweepImage*> others;
-    for (const int j : near) others.push_back(&(*images)[j]);
+    for (const int j : near) others.push_back(&out->images[j]);
     SweepSettings settings;
-    settings.nearest = range.nearest;
-    settings.farthest = range.farthest;
-    settings.planes =
-        plane_count(views[i], views, near, range.nearest, range.farthest, low_planes, high_planes);
+    settings.nearest = plan.range.nearest;
+    settings.farthest = plan.range.farthest;
+    settings.planes = plane_count(views[i], views, near, settings.nearest, settings.farthest,
+                                  plan.low_planes, plan.high_planes);
     settings.window = 5;
-    (*steps)[i] = plane_step(settings);
-    (*maps)[i] = others.empty() ? DepthMap{cv::Mat(views[i].size(), CV_32F, cv::Scalar(0)),
-                                           cv::Mat(views[i].size(), CV_32F, cv::Scalar(1))}
-                                : sweep((*images)[i], others, settings);
+    out->steps[i] = plane_step(settings);
+    out->maps[i] = others.empty() ? DepthMap{cv::Mat(views[i].size(), CV_32F, cv::Scalar(0)),
+                                             cv::Mat(views[i].size(), CV_32F, cv::Scalar(1))}
+                                  : sweep(out->images[i], others, settings);
     return {};
   });
 }
 
 // Returns a weight that is above 0 where enough other views agree with the depth.
-cv::Mat check_across(const std::vector<SweepImage>& images, const std::vector<DepthMap>& maps,
-                     int i, const cv::Vec3d& focus, double step) {
+cv::Mat check_across(const Sweeps& sweeps, int i, const cv::Vec3d& focus) {
+  const std::vector<SweepImage>& images = sweeps.images;
+  const std::vector<DepthMap>& maps = sweeps.maps;
   std::vector<View> views;
   for (const SweepImage& image : images) views.push_back(image.view);
   std::vector<std::pair<const View*, const DepthMap*>> others;
@@ -96,7 +109,7 @@ cv::Mat check_across(const std::vector<SweepImage>& images, const std::vector<De
     for (int x = 0; x < weight.cols; ++x) {
       const float cost = maps[i].cost.at<float>(y, x);
       if (cost > kMaxCost || !images[i].usable.at<std::uint8_t>(y, x)) continue;
-      const int agree = agreement(views[i], maps[i], x, y, others, kAgreeSteps * step);
+      const int agree = agreement(views[i], maps[i], x, y, others, kAgreeSteps * sweeps.steps[i]);
       if (agree >= needed) weight.at<float>(y, x) = 1.05f - cost + 0.1f * float(agree - needed);
     }
   }
@@ -191,16 +204,14 @@ Status find_depth_range(const std::vector<std::vector<StaticImage>>& inputs, Wor
   if (views.size() < 2) return {};
   std::vector<float> inverse;
   for (const std::vector<StaticImage>& group : inputs) {
-    std::vector<SweepImage> images;
-    std::vector<DepthMap> maps;
-    std::vector<double> steps;
-    STGS_TRY(sweep_all(group, scene->focus.point, wide, kCoarseMaxSide, kCoarsePlanes,
-                       kCoarsePlanes, work, &images, &maps, &steps));
+    Sweeps sweeps;
+    STGS_TRY(sweep_all(group, {scene->focus, wide, kCoarseMaxSide, kCoarsePlanes, kCoarsePlanes},
+                       work, &sweeps));
     for (std::size_t i = 0; i < group.size(); ++i) {
-      const cv::Mat weight = check_across(images, maps, int(i), scene->focus.point, steps[i]);
+      const cv::Mat weight = check_across(sweeps, int(i), scene->focus.point);
       for (int y = 0; y < weight.rows; ++y) {
         for (int x = 0; x < weight.cols; ++x) {
-          const float depth = maps[i].depth.at<float>(y, x);
+          const float depth = sweeps.maps[i].depth.at<float>(y, x);
           if (weight.at<float>(y, x) > 0.7f) inverse.push_back(1 / depth);
         }
       }
@@ -216,25 +227,23 @@ Status find_depth_range(const std::vector<std::vector<StaticImage>>& inputs, Wor
 }
 
 Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, StaticScene* scene) {
-  std::vector<SweepImage> images;
-  std::vector<DepthMap> maps;
-  std::vector<double> steps;
   int max_side = 0;
   for (const StaticImage& input : inputs) {
     max_side = std::max({max_side, input.view.width, input.view.height});
   }
-  STGS_TRY(sweep_all(inputs, scene->focus.point, scene->range, std::min(320, max_side), 32, 96,
-                     work, &images, &maps, &steps));
+  Sweeps sweeps;
+  STGS_TRY(sweep_all(inputs, {scene->focus, scene->range, std::min(320, max_side), 32, 96}, work,
+                     &sweeps));
   scene->surfaces.resize(inputs.size());
   scene->usable.resize(inputs.size());
   return work.for_each(int(inputs.size()), [&](int i) -> Status {
     Surface& surface = scene->surfaces[i];
-    surface.view = images[i].view;
-    surface.rgb = images[i].rgb;
-    scene->usable[i] = images[i].usable;
-    surface.weight = check_across(images, maps, i, scene->focus.point, steps[i]);
-    drop_islands(maps[i], scene->range.nearest, steps[i], &surface.weight);
-    surface.depth = fill_depth(maps[i].depth, surface.weight, 0.7 * scene->range.farthest);
+    surface.view = sweeps.images[i].view;
+    surface.rgb = sweeps.images[i].rgb;
+    scene->usable[i] = sweeps.images[i].usable;
+    surface.weight = check_across(sweeps, i, scene->focus.point);
+    drop_islands(sweeps.maps[i], scene->range.nearest, sweeps.steps[i], &surface.weight);
+    surface.depth = fill_depth(sweeps.maps[i].depth, surface.weight, 0.7 * scene->range.farthest);
     return {};
   });
 }

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
+#include "stgs/format/math/screen_splat.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/raster_view.h"
 
@@ -18,9 +18,6 @@ using raster::View;
 
 // Primitives per block, the unit of parallel work. Results are concatenated in block order.
 constexpr std::size_t kBlock = 1024;
-// ln(1/threshold), rounded up: bounds the visible range in time; twice it bounds the range in
-// space.
-constexpr float kReachMax = 5.55f;
 
 // Evaluates the SH. Returns false if the distance or a sum is not finite (representation 4.6).
 bool colour_of(const float* sh, int coefficients, Vec3 from_camera, Vec3& colour) {
@@ -71,24 +68,19 @@ bool make_splat(const Gaussians4D& set, std::size_t i, const View& view, Splat& 
       covariance_of({r[0], r[1], r[2], r[3]},
                     {std::exp(log_scale[0]), std::exp(log_scale[1]), std::exp(log_scale[2])});
   const Projection p = project_gaussian(view.camera, position, covariance);
-  if (!p.visible) return false;
-  const float elongation = elongation_of(p);
-  if (!std::isfinite(elongation) || !std::isfinite(p.conic.xy)) return false;
-  const Vec2 extent = splat_extent(p.covariance, opacity, kAlphaThreshold);
-  const float slack = extent_slack(elongation);
-  out.extent = {extent.x * slack, extent.y * slack};
-  if (outside_image(view.camera, p.mean, out.extent)) return false;
+  const SplatBox box = splat_box(view.camera, p, opacity);
+  if (!box.visible) return false;
 
   out.mean = p.mean;
   out.conic = p.conic;
+  out.extent = box.extent;
   out.opacity = opacity;
   out.depth = p.depth;
   out.reach = std::log(opacity / kAlphaThreshold);
-  return std::isfinite(p.depth) &&
-         colour_of(
-             &set.sh[i * view.stride], view.coefficients,
-             {position.x - view.centre.x, position.y - view.centre.y, position.z - view.centre.z},
-             out.colour);
+  return colour_of(
+      &set.sh[i * view.stride], view.coefficients,
+      {position.x - view.centre.x, position.y - view.centre.y, position.z - view.centre.z},
+      out.colour);
 }
 
 // Slices the `count` primitives index(0) < index(1) < ... and appends the visible ones in order.

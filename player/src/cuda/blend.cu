@@ -6,31 +6,22 @@
 #include "cuda/footprint.cuh"
 #include "cuda/launch.cuh"
 #include "cuda/look_back.cuh"
-#include "stgs/format/math/blend.h"
+#include "stgs/format/math/cuda.cuh"
 #include "stgs/format/math/fovea.h"
 
 namespace stgs::player::cuda {
 namespace {
 
+using math::exp2_fast;
+using math::kLog2AlphaMax;
+using math::kLog2Threshold;
 using math::kTransmittanceMin;
+using math::SplatVectors;
 
 constexpr int kWarps = 4;
 constexpr int kSide = kQuarterPixels;      // width and height of a warp's pixels
 constexpr int kEach = kSide * kSide / 32;  // pixels per lane, in a column
 constexpr int kStep = kSide / kEach;       // rows between them
-// Slightly above log2(kAlphaMax): regardless of the rounding of ex2, two such splats end a pixel,
-// as two of kAlphaMax do.
-constexpr float kLog2AlphaMax = -0.014499f;
-
-__device__ float exp2_fast(float x) {
-#ifdef __CUDA_ARCH__
-  float y;
-  asm("ex2.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(x));
-  return y;
-#else
-  return exp2f(x);
-#endif
-}
 
 // The input of the blend.
 struct BlendLists {
@@ -62,7 +53,7 @@ __device__ void add(Pixel& pixel, float weight, const float4& colour) {
 }
 
 // Blends a splat. Returns the number of pixels to which it contributes.
-__device__ unsigned blend_splat(const Quad& s, float px, Pixel (&pixels)[kEach]) {
+__device__ unsigned blend_splat(const SplatVectors& s, float px, Pixel (&pixels)[kEach]) {
   unsigned contributions = 0;
   const float dx = px - s.a.x;
   const float along = s.b.y + s.a.z * dx * dx, cross = s.a.w * dx;
@@ -100,15 +91,12 @@ __device__ Patch patch_of(const ViewInput& view, std::uint32_t tile, int quarter
 }
 
 // Converts a splat to the image of half the size.
-__device__ Quad halved(const Quad& s) {
-  constexpr float kPerLog2 = -2.0f / 1.44269504f;
-  const math::HalvedSplat shape =
-      math::halved_splat({s.a.z * kPerLog2, 0.5f * s.a.w * kPerLog2, s.b.x * kPerLog2});
-  constexpr float kLog2 = 1.0f / kPerLog2;
-  Quad out = s;
-  out.a = make_float4(0.5f * s.a.x, 0.5f * s.a.y, shape.conic.xx * kLog2,
-                      2.0f * shape.conic.xy * kLog2);
-  out.b.x = shape.conic.yy * kLog2;
+__device__ SplatVectors halved(const SplatVectors& s) {
+  const math::HalvedSplat shape = math::halved_splat(math::conic_of({s.a.z, s.a.w, s.b.x}));
+  const math::Falloff falloff = math::falloff_of(shape.conic);
+  SplatVectors out = s;
+  out.a = make_float4(0.5f * s.a.x, 0.5f * s.a.y, falloff.xx, falloff.xy);
+  out.b.x = falloff.yy;
   out.b.y = s.b.y + __log2f(shape.scale);
   return out;
 }
@@ -134,7 +122,7 @@ __device__ void write_square(const Pixel& pixel, int x, int y, const ViewInput& 
 }
 
 // Shared memory of a warp.
-using Stage = Quad[32];
+using Stage = SplatVectors[32];
 
 // Counts of a lane, if enabled.
 struct BlendCounts {
@@ -150,14 +138,15 @@ __device__ void blend_list(const uint2& range, unsigned quarter, const std::uint
   const unsigned quarter_bit = 1u << (kSplatBits + quarter);
   const auto listed = [&](std::uint32_t at) { return at < range.y ? list[at] : 0; };
   const auto load = [&](std::uint32_t number) {
-    Quad s = load_quad(splats, number & (static_cast<std::uint32_t>(kMaxSplats) - 1));
+    SplatVectors s =
+        math::load_vectors(splats, number & (static_cast<std::uint32_t>(kMaxSplats) - 1));
     if (kHalved) s = halved(s);
     s.b.z = s.b.y > kLog2AlphaMax ? kLog2AlphaMax : s.b.y;  // replaces an unused extent; keeps NaN
     return s;
   };
   // Splats are loaded one batch ahead, list entries two.
   std::uint32_t number = listed(range.x + lane), next_number = listed(range.x + 32 + lane);
-  Quad next{};
+  SplatVectors next{};
   if ((number & quarter_bit) != 0) next = load(number);
   for (std::uint32_t at = range.x; at < range.y; at += 32) {
     bool finished = true;

@@ -11,9 +11,11 @@
 #include <cstdint>
 
 #include "cuda/render_layout.h"
-#include "stgs/format/math/project.h"
+#include "stgs/format/math/screen_splat.h"
 
 namespace stgs::player::cuda {
+
+using math::ScreenSplat;
 
 inline constexpr int kTilePixels = 16;             // width and height, as kTileSize of raster.h
 inline constexpr int kQuarterPixels = 8;           // width and height of a quarter of a tile
@@ -65,17 +67,6 @@ struct alignas(16) FrameInput {
 // A primitive that may be visible at the rendered time.
 struct Candidate {
   std::uint32_t part, primitive;
-};
-
-// A splat that is visible in a view. At pixel offset (dx, dy), log2 of its alpha is min(peak, peak
-// + dx (half_xx dx + cross dy) + half_yy dy^2).
-struct alignas(16) ScreenSplat {
-  float x, y;                // pixels
-  float half_xx, cross;      // -log2(e) conic.xx / 2, -log2(e) conic.xy
-  float half_yy, peak;       // -log2(e) conic.yy / 2, log2(O_t)
-  float extent_x, extent_y;  // half size of the bounding box, pixels
-  float red, green, blue;
-  float depth;  // camera z
 };
 
 // Counts of a frame, over all views.

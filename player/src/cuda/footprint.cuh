@@ -9,24 +9,6 @@
 
 namespace stgs::player::cuda {
 
-inline constexpr float kLog2Threshold = -7.99435344f;  // log2(kAlphaThreshold)
-// Added to the limit of half the squared distance. raster_bin.cpp adds 1e-4 to its double.
-inline constexpr float kLimitSlack = 0.75e-4f;
-
-// A ScreenSplat as vectors.
-struct Quad {
-  float4 a, b, c;
-};
-
-__device__ inline ScreenSplat splat_of(const Quad& q) {
-  return {q.a.x, q.a.y, q.a.z, q.a.w, q.b.x, q.b.y, q.b.z, q.b.w, q.c.x, q.c.y, q.c.z, q.c.w};
-}
-
-__device__ inline Quad load_quad(const ScreenSplat* splats, std::uint32_t i) {
-  const float4* const at = reinterpret_cast<const float4*>(splats + i);
-  return {__ldg(at), __ldg(at + 1), __ldg(at + 2)};
-}
-
 // The ellipse parameterised by row. With v the offset from the centre in half heights, its points
 // at v are x + slope v +- width sqrt(1 - v^2). The rightmost point is at v = top, the leftmost at
 // -top.
@@ -44,23 +26,23 @@ template <int kRowPixels>
 __device__ inline Footprint footprint_of(const ScreenSplat& s, int number, const ViewInput& view) {
   Footprint f;
   f.view = number;
-  f.x = s.x;
-  f.y = s.y;
-  f.per_height = 1.0f / fmaxf(s.extent_y, 1e-4f);
-  // The blend's rounding error grows with the elongation, half_xx extent_x^2 over the limit.
-  const float limit = fmaxf(s.peak - kLog2Threshold, 0.0f) + kLimitSlack -
-                      4e-6f * s.half_xx * s.extent_x * s.extent_x;
-  f.width = sqrtf(limit / -s.half_xx);
-  f.slope = -0.5f * s.cross / s.half_xx * fmaxf(s.extent_y, 1e-4f);
+  f.x = s.mean.x;
+  f.y = s.mean.y;
+  f.per_height = 1.0f / fmaxf(s.extent.y, 1e-4f);
+  // The blend's rounding error grows with the elongation, falloff.xx extent.x^2 over the limit.
+  const float limit = fmaxf(s.peak - math::kLog2Threshold, 0.0f) + math::kLimitSlack -
+                      4e-6f * s.falloff.xx * s.extent.x * s.extent.x;
+  f.width = sqrtf(limit / -s.falloff.xx);
+  f.slope = -0.5f * s.falloff.xy / s.falloff.xx * fmaxf(s.extent.y, 1e-4f);
   const float ratio = f.slope / f.width;
   f.top = ratio * rsqrtf(1.0f + ratio * ratio);
   if (!(fabsf(f.top) <= 1.0f)) f.top = copysignf(1.0f, ratio);  // the square overflowed
-  const float slack = 1e-3f + 2e-6f * (s.extent_y + fabsf(s.y));
-  f.slack = slack + 2e-6f * (fabsf(f.slope) + f.width + fabsf(s.x));
+  const float slack = 1e-3f + 2e-6f * (s.extent.y + fabsf(s.mean.y));
+  f.slack = slack + 2e-6f * (fabsf(f.slope) + f.width + fabsf(s.mean.x));
   constexpr float kSide = kRowPixels;
   const auto count = static_cast<float>((view.height + kRowPixels - 1) / kRowPixels);
-  const float first = ceilf((s.y - s.extent_y - slack - (kSide - 0.5f)) / kSide);
-  const float last = floorf((s.y + s.extent_y + slack - 0.5f) / kSide);
+  const float first = ceilf((s.mean.y - s.extent.y - slack - (kSide - 0.5f)) / kSide);
+  const float last = floorf((s.mean.y + s.extent.y + slack - 0.5f) / kSide);
   f.row = static_cast<int>(clamped(first, 0.0f, count));
   f.rows = static_cast<int>(clamped(last, -1.0f, count - 1.0f)) - f.row + 1;
   if (f.rows < 0) f.rows = 0;

@@ -152,7 +152,7 @@ __device__ std::uint32_t load_chunk(ListShared& s, const Workspace& w, std::uint
     const std::uint32_t splat = ordered & (kMaxSplats - 1);
     const auto view = static_cast<int>(ordered >> kSplatBits);
     s.splats[threadIdx.x] = splat;
-    own = footprint_of<kRowPixels>(splat_of(load_quad(w.splats, splat)), view, s.frame.views[view]);
+    own = footprint_of<kRowPixels>(load_splat(w.splats, splat), view, s.frame.views[view]);
     s.footprints[threadIdx.x] = own;
   }
   std::uint32_t rows;

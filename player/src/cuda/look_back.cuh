@@ -4,13 +4,13 @@
 // in ascending order by tickets, so that every tile that is waited for is running.
 #pragma once
 
-#include <cuda_runtime.h>
-
-#include <cstdint>
+#include "stgs/format/math/cuda.cuh"
 
 namespace stgs::player::cuda {
 
-inline constexpr unsigned kAllLanes = 0xFFFFFFFFu;
+using math::kAllLanes;
+using math::load_splat;
+using math::warp_sum;
 
 // The published value of a tile, with its kind in the upper two bits; 0: not yet published.
 // Accessed as a single word, so that no fence is needed.
@@ -24,12 +24,6 @@ __device__ inline TileStatus load(const TileStatus* at) {
 }
 __device__ inline void publish(TileStatus* at, TileStatus value) {
   *static_cast<volatile TileStatus*>(at) = value;
-}
-
-template <typename T>
-__device__ inline T warp_sum(T x) {
-  for (int step = 16; step > 0; step >>= 1) x += __shfl_xor_sync(kAllLanes, x, step);
-  return x;
 }
 
 // Publishes `own`, the aggregate of `tile`, and returns the sum of the tiles before it. The whole

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Slices the candidates at a time: one candidate per thread, cheapest tests first, as make_splat()
-// in raster_slice.cpp. View-independent work is done once. A thread block takes a chunk of
+// in raster/slice.cpp. View-independent work is done once. A thread block takes a chunk of
 // candidates. Its splats follow those of the chunks before, so that splats are in id order
 // regardless of scheduling.
 #include <cuda_fp16.h>
@@ -9,8 +9,8 @@
 #include "cuda/grid.cuh"
 #include "cuda/launch.cuh"
 #include "cuda/look_back.cuh"
-#include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
+#include "stgs/format/math/screen_splat.h"
 #include "stgs/format/math/sh.h"
 
 namespace stgs::player::cuda {
@@ -19,7 +19,6 @@ namespace {
 using namespace math;
 
 constexpr int kWarps = kChunk / 32;
-constexpr float kLog2E = 1.44269504f;
 
 __device__ float half_of(std::uint32_t bits) {
   return __half2float(__ushort_as_half(static_cast<unsigned short>(bits)));
@@ -27,8 +26,7 @@ __device__ float half_of(std::uint32_t bits) {
 
 // Returns false if the distance or a sum of the SH coefficients is not finite (representation 4.6).
 template <int kDegree>
-__device__ bool colour_of(const uint2* sh, std::uint32_t stride, Vec3 from_camera,
-                          ScreenSplat& out) {
+__device__ bool colour_of(const uint2* sh, std::uint32_t stride, Vec3 from_camera, Vec3& colour) {
   const float square = dot3(from_camera, from_camera);
   const float n = 1.0f / sqrtf(square);
   const ShBasis basis = sh_basis({from_camera.x * n, from_camera.y * n, from_camera.z * n});
@@ -45,9 +43,7 @@ __device__ bool colour_of(const uint2* sh, std::uint32_t stride, Vec3 from_camer
       sums[number % 3] += basis.v[number / 3] * half_of(k % 2 == 0 ? pair & 0xFFFFu : pair >> 16);
     }
   }
-  out.red = sh_colour(sums[0]);
-  out.green = sh_colour(sums[1]);
-  out.blue = sh_colour(sums[2]);
+  colour = {sh_colour(sums[0]), sh_colour(sums[1]), sh_colour(sums[2])};
   return isfinite(square) && isfinite(sums[0]) && isfinite(sums[1]) && isfinite(sums[2]);
 }
 
@@ -84,33 +80,22 @@ __device__ bool make_splat(const Active& active, const ViewInput& view, ScreenSp
   const float2 rest = __ldg(active.at.covariance_rest + active.i);
   const Projection p =
       project_gaussian(view.camera, position, {c.x, c.y, c.z, c.w, rest.x, rest.y});
-  if (!p.visible) return false;
-  const float elongation = elongation_of(p);
-  if (!isfinite(elongation) || !isfinite(p.conic.xy)) return false;
-  const Vec2 extent = splat_extent(p.covariance, opacity, kAlphaThreshold);
-  const float slack = extent_slack(elongation);
-  out.extent_x = extent.x * slack;
-  out.extent_y = extent.y * slack;
-  if (outside_image(view.camera, p.mean, {out.extent_x, out.extent_y})) return false;
-
-  out.x = p.mean.x;
-  out.y = p.mean.y;
-  out.half_xx = -0.5f * kLog2E * p.conic.xx;
-  out.cross = -kLog2E * p.conic.xy;
-  out.half_yy = -0.5f * kLog2E * p.conic.yy;
-  out.peak = log2f(opacity);
-  out.depth = p.depth;
+  const SplatBox box = splat_box(view.camera, p, opacity);
+  if (!box.visible) return false;
   const Vec3 from_camera{position.x - view.centre.x, position.y - view.centre.y,
                          position.z - view.centre.z};
-  return isfinite(p.depth) &&
-         colour_of<kDegree>(active.at.sh + active.i, active.stride, from_camera, out);
+  Vec3 colour;
+  if (!colour_of<kDegree>(active.at.sh + active.i, active.stride, from_camera, colour))
+    return false;
+  out = screen_splat(p, box.extent, opacity, colour);
+  return true;
 }
 
 __device__ void store_splat(const ScreenSplat& s, ScreenSplat* to) {
   float4* const four = reinterpret_cast<float4*>(to);
-  four[0] = make_float4(s.x, s.y, s.half_xx, s.cross);
-  four[1] = make_float4(s.half_yy, s.peak, s.extent_x, s.extent_y);
-  four[2] = make_float4(s.red, s.green, s.blue, s.depth);
+  four[0] = make_float4(s.mean.x, s.mean.y, s.falloff.xx, s.falloff.xy);
+  four[1] = make_float4(s.falloff.yy, s.peak, s.extent.x, s.extent.y);
+  four[2] = make_float4(s.colour.x, s.colour.y, s.colour.z, s.depth);
 }
 
 // A thread computes the splats of one candidate in all views.

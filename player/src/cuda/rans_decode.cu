@@ -6,10 +6,13 @@
 
 #include <cuda_pipeline_primitives.h>
 
+#include "stgs/format/math/cuda.cuh"
+
 namespace stgs::player::cuda {
 namespace {
 
-constexpr unsigned kAllLanes = 0xFFFFFFFFu;
+using math::kAllLanes;
+
 constexpr unsigned kThreads = 32 * kRansWarps;
 constexpr std::uint32_t kLanes = kRansLanes, kBlock = kRansBlock;
 

@@ -11,7 +11,6 @@
 // Requires frame.glsl.
 #include "footprint.glsl"
 #include "fovea.glsl"
-#include "stgs/format/math/blend.h"
 #include "write_pixel.glsl"
 
 layout(local_size_x = 256) in;

@@ -11,7 +11,6 @@
 
 // Require frame.glsl.
 #include "fovea.glsl"
-#include "stgs/format/math/blend.h"
 #include "write_pixel.glsl"
 
 layout(constant_id = 0) const uint kLanes = 32u;  // per subgroup: 16 or 32

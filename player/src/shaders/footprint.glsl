@@ -4,9 +4,6 @@
 
 #include "stgs/format/math/fovea.h"
 
-// Added to the limit of half the squared distance. raster_bin.cpp adds 1e-4 to its double.
-const float kLimitSlack = 0.75e-4f;
-
 // The ellipse parameterised by row. With v the offset from the centre in half heights, its points
 // at v are x + slope v +- width sqrt(1 - v^2). The rightmost point is at v = top, the leftmost at
 // -top.
@@ -30,7 +27,7 @@ Footprint footprint_of(uint splat) {
   f.x = a.x;
   f.y = a.y;
   f.per_height = 1.0f / max(extent.y, 1e-4f);
-  // The blend's rounding error grows with the elongation, half_xx extent_x^2 over the limit.
+  // The blend's rounding error grows with the elongation, falloff.xx extent.x^2 over the limit.
   precise float limit =
       max(b.y - kLog2Threshold, 0.0f) + kLimitSlack - 4e-6f * a.z * extent.x * extent.x;
   f.width = sqrt(limit / -a.z);
@@ -76,7 +73,7 @@ ivec2 span_of(Footprint f, int row, int pixels) {
 }
 
 // Returns the minimum of -log2 of the falloff on the segment with one offset fixed and the other in
-// [low, high], minus the rounding error of the blend (raster_bin.cpp).
+// [low, high], minus the rounding error of the blend (raster/bin.cpp).
 float edge_minimum(float across, float cross_, float along, float fixed_offset, float low,
                    float high) {
   float free = clamp(-0.5f * cross_ * fixed_offset / along, low, high);

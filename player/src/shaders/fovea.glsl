@@ -41,13 +41,13 @@ const uint kHalvedPatch = 1u << 31u;
 
 // Converts the first two parts of a splat to the image of half the size.
 void halve_splat(inout vec4 a, inout vec4 b) {
-  const float kPerLog2 = -2.0f / 1.44269504f;
-  Sym2 conic;
-  conic.xx = a.z * kPerLog2;
-  conic.xy = 0.5f * a.w * kPerLog2;
-  conic.yy = b.x * kPerLog2;
-  HalvedSplat halved = halved_splat(conic);
-  a = vec4(0.5f * a.xy, halved.conic.xx / kPerLog2, 2.0f * halved.conic.xy / kPerLog2);
-  b.x = halved.conic.yy / kPerLog2;
+  Falloff falloff;
+  falloff.xx = a.z;
+  falloff.xy = a.w;
+  falloff.yy = b.x;
+  HalvedSplat halved = halved_splat(conic_of(falloff));
+  falloff = falloff_of(halved.conic);
+  a = vec4(0.5f * a.xy, falloff.xx, falloff.xy);
+  b.x = falloff.yy;
   b.y += log2(halved.scale);
 }

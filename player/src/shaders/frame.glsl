@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The buffers of a frame, and definitions that every shader needs.
 #include "frame_layout.h"
+#include "stgs/format/math/screen_splat.h"
 
 layout(constant_id = 2) const bool kFovea = false;  // for listing and blending: a view has a fovea
 
@@ -17,16 +18,15 @@ layout(std430, set = 0, binding = 1) buffer CountBuffer {
   uint ended[kEnded];
   uint patch_counts[kPatchKinds * kMaxFrameViews];  // per view and kind: find_patches.comp
 };
-// A visible splat. At pixel offset (dx, dy), log2 of its alpha is
-// min(peak, peak + dx (half_xx dx + cross dy) + half_yy dy^2).
+// The visible splats: ScreenSplat of screen_splat.h as three vectors.
 layout(std430, set = 0, binding = 2) buffer SplatABuffer {
-  vec4 splat_a[];  // x, y; -log2(e) conic.xx / 2, -log2(e) conic.xy
+  vec4 splat_a[];  // mean; falloff.xx, falloff.xy
 };
 layout(std430, set = 0, binding = 3) buffer SplatBBuffer {
-  vec4 splat_b[];  // -log2(e) conic.yy / 2, log2(O_t); half size of the box, pixels
+  vec4 splat_b[];  // falloff.yy, peak; extent
 };
 layout(std430, set = 0, binding = 4) buffer SplatCBuffer {
-  vec4 splat_c[];  // red, green, blue; camera z
+  vec4 splat_c[];  // colour; depth
 };
 // The offset of a chunk is the sum of two parts: within kScanTile chunks, and of the scan tiles
 // before.
@@ -71,17 +71,7 @@ layout(push_constant) uniform PushBlock {
   Push push;
 };
 
-const float kLog2Threshold = -7.99435344f;  // log2(kAlphaThreshold)
-// Slightly above log2(kAlphaMax): regardless of the rounding of exp2, two such splats end a pixel,
-// as two of kAlphaMax do.
-const float kLog2AlphaMax = -0.014499f;
-
 // Returns the index of the workgroup in a dispatch that may extend along y.
 uint group_number() {
   return gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
-}
-
-// Tests the bits, which compilers cannot optimise away.
-bool finite(float x) {
-  return (floatBitsToUint(x) & 0x7F800000u) != 0x7F800000u;
 }

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Slices the primitives at a time: one invocation per primitive, cheapest tests first, as
-// make_splat() in raster_slice.cpp. View-independent work is done once. In each view, the splats of
+// make_splat() in raster/slice.cpp. View-independent work is done once. In each view, the splats of
 // a chunk are stored contiguously from the beginning of the chunk, in id order.
 #version 450
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_GOOGLE_include_directive : require
 #include "frame.glsl"
-#include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/sh.h"
 
@@ -23,9 +22,8 @@ layout(std430, set = 1, binding = 1) readonly buffer PairBuffer {
   uvec2 pairs[];
 };
 
-const float kLog2E = 1.44269504f;
-
-struct Splat {
+// A ScreenSplat as it is stored.
+struct SplatVectors {
   vec4 a, b, c;
 };
 
@@ -49,7 +47,7 @@ float since(Part part, float time) {
 }
 
 // Returns false if the distance or a sum of the SH coefficients is not finite (representation 4.6).
-bool colour_of(Arrays at, uint i, Vec3 from_camera, inout Splat splat) {
+bool colour_of(Arrays at, uint i, Vec3 from_camera, out Vec3 colour) {
   float square = dot3(from_camera, from_camera);
   float n = 1.0f / sqrt(square);
   ShBasis basis = sh_basis(vec3_of(from_camera.x * n, from_camera.y * n, from_camera.z * n));
@@ -63,8 +61,8 @@ bool colour_of(Arrays at, uint i, Vec3 from_camera, inout Splat splat) {
       if (number < floats) sums[number % 3] += basis.v[number / 3] * four[k];
     }
   }
-  splat.c.xyz = vec3(sh_colour(sums[0]), sh_colour(sums[1]), sh_colour(sums[2]));
-  return finite(square) && finite(sums[0]) && finite(sums[1]) && finite(sums[2]);
+  colour = vec3_of(sh_colour(sums[0]), sh_colour(sums[1]), sh_colour(sums[2]));
+  return is_finite(square) && is_finite(sums[0]) && is_finite(sums[1]) && is_finite(sums[2]);
 }
 
 // A primitive at the rendered time.
@@ -87,7 +85,7 @@ bool move(Part part, Arrays at, uint i, out Moved one) {
 }
 
 // Computes the splat of primitive i in a view. Returns false if it is not visible.
-bool make_splat(uint v, Moved one, Arrays at, uint i, out Splat splat) {
+bool make_splat(uint v, Moved one, Arrays at, uint i, out SplatVectors splat) {
   PinholeCamera camera = frame.view[v].camera;
   Vec3 position = one.position;
   if (!(to_camera(camera, position).z >= camera.near_plane)) return false;
@@ -101,20 +99,16 @@ bool make_splat(uint v, Moved one, Arrays at, uint i, out Splat splat) {
   covariance.yz = rest.x;
   covariance.zz = rest.y;
   Projection p = project_gaussian(camera, position, covariance);
-  if (p.visible == 0) return false;
-  float elongation = elongation_of(p);
-  if (!finite(elongation) || !finite(p.conic.xy)) return false;
-  Vec2 extent = splat_extent(p.covariance, one.opacity, kAlphaThreshold);
-  float slack = extent_slack(elongation);
-  extent = vec2_of(extent.x * slack, extent.y * slack);
-  if (outside_image(camera, p.mean, extent)) return false;
-
-  splat.a = vec4(p.mean.x, p.mean.y, -0.5f * kLog2E * p.conic.xx, -kLog2E * p.conic.xy);
-  splat.b = vec4(-0.5f * kLog2E * p.conic.yy, log2(one.opacity), extent.x, extent.y);
-  splat.c.w = p.depth;
-  Vec3 centre = frame.view[v].centre;
+  SplatBox box = splat_box(camera, p, one.opacity);
+  if (box.visible == 0) return false;
+  Vec3 centre = frame.view[v].centre, colour;
   Vec3 from_camera = vec3_of(position.x - centre.x, position.y - centre.y, position.z - centre.z);
-  return finite(p.depth) && colour_of(at, i, from_camera, splat);
+  if (!colour_of(at, i, from_camera, colour)) return false;
+  ScreenSplat s = screen_splat(p, box.extent, one.opacity, colour);
+  splat.a = vec4(s.mean.x, s.mean.y, s.falloff.xx, s.falloff.xy);
+  splat.b = vec4(s.falloff.yy, s.peak, s.extent.x, s.extent.y);
+  splat.c = vec4(s.colour.x, s.colour.y, s.colour.z, s.depth);
+  return true;
 }
 
 // Returns the part that contains the group: the last one that begins at or before it.
@@ -136,7 +130,7 @@ shared uint visible_bits[kMaxFrameViews * kWords];  // per view, one bit per inv
 shared uint active_in_group;
 
 // Stores the splats of a chunk in a view contiguously. All invocations must call it.
-void store(uint v, uint chunk, uint thread, bool is_visible, Splat splat) {
+void store(uint v, uint chunk, uint thread, bool is_visible, SplatVectors splat) {
   if (is_visible) atomicOr(visible_bits[v * kWords + thread / 32u], 1u << (thread % 32u));
   barrier();
   uint before = 0u, total = 0u;
@@ -175,7 +169,7 @@ void main() {
   bool is_candidate = is_active && move(part, at, i, one);
   uint views = kSeveral ? frame.views : 1u;
   for (uint v = 0u; v < views; ++v) {
-    Splat splat;
+    SplatVectors splat;
     bool is_visible = is_candidate && make_splat(v, one, at, i, splat);
     store(v, chunk, thread, is_visible, splat);
   }

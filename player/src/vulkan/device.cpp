@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "frame_layout.h"
-#include "stgs/player/vulkan_instance.h"
 #include "vulkan/pipelines.h"
 
 namespace stgs::player::vulkan {

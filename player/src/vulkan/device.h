@@ -9,6 +9,7 @@
 #include <string>
 
 #include "stgs/format/status.h"
+#include "stgs/player/vulkan_instance.h"
 #include "stgs/player/vulkan_renderer.h"
 #include "vulkan/features.h"
 #include "vulkan/vulkan_renderer.h"
@@ -18,14 +19,6 @@ namespace stgs::player::vulkan {
 // Converts a VkResult. `action` completes "Vulkan failed while ...". Errors: kNoMemory,
 // kDeviceLost, else kRuntime.
 Status vk_status(VkResult result, const char* action);
-
-// Returns a zeroed Vulkan structure with its sType.
-template <typename T>
-T structure(VkStructureType type) {
-  T out{};
-  out.sType = type;
-  return out;
-}
 
 // Instance functions that are called after the device is created.
 struct InstanceFunctions {

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <volk.h>
+
 #include <algorithm>
 #include <cstring>
 
 #include "stgs/player/vulkan_instance.h"
-#include "vulkan/device.h"
 
 namespace stgs::player {
 namespace {
-
-using vulkan::structure;
 
 constexpr const char* kLayer = "VK_LAYER_KHRONOS_validation";
 

@@ -5,7 +5,7 @@
 
 #include <array>
 
-#include "play/vulkan_objects.h"
+#include "vulkan_host/objects.h"
 
 struct ImDrawData;
 
@@ -23,30 +23,24 @@ class OverlayPainter {
   // Uploads the glyphs of the current ImGui context through the queue. `pass` has one colour
   // attachment and must be compatible with every pass given to draw(). The device must outlive
   // this.
-  Status create(VkPhysicalDevice physical, VkDevice device, std::uint32_t family, VkQueue queue,
-                VkRenderPass pass);
+  Status create(const player::VulkanDevice& device, VkRenderPass pass);
   // Records the list into a pass that has begun. Uses the buffers of frame `number` modulo kFrames,
   // whose previous use must be complete.
   Status draw(const ImDrawData& list, std::size_t number, VkCommandBuffer commands);
 
  private:
-  Status make_glyphs(std::uint32_t family, VkQueue queue);
-  Status upload_glyphs(const std::uint8_t* glyphs, std::uint32_t width, std::uint32_t height,
-                       std::uint32_t family, VkQueue queue);
+  Status make_glyphs();
+  Status upload_glyphs(const std::uint8_t* glyphs, std::uint32_t width, std::uint32_t height);
   Status make_set();
   Status make_pipeline(VkRenderPass pass);
   Status upload_lists(const ImDrawData& list, std::size_t frame);
   void bind(const ImDrawData& list, std::size_t frame, VkCommandBuffer commands) const;
 
-  VkPhysicalDevice physical_ = VK_NULL_HANDLE;
-  VkDevice device_ = VK_NULL_HANDLE;
-  VkImage glyphs_ = VK_NULL_HANDLE;
-  VkDeviceMemory glyph_memory_ = VK_NULL_HANDLE;
+  const player::VulkanDevice* device_ = nullptr;
+  DeviceImage glyphs_;
   VkImageView glyph_view_ = VK_NULL_HANDLE;
   VkSampler sampler_ = VK_NULL_HANDLE;
-  VkDescriptorSetLayout set_layout_ = VK_NULL_HANDLE;
-  VkDescriptorPool pool_ = VK_NULL_HANDLE;
-  VkDescriptorSet set_ = VK_NULL_HANDLE;
+  DescriptorSet set_;
   VkPipelineLayout layout_ = VK_NULL_HANDLE;
   VkPipeline pipeline_ = VK_NULL_HANDLE;
   std::array<MappedBuffer, kFrames> vertices_, indices_;

@@ -33,9 +33,7 @@ Status Screen::create(Size size) {
   STGS_TRY(make_passes());
   STGS_TRY(make_frames());
   STGS_TRY(make_swapchain(size));
-  const player::VulkanDevice& device = device_.device();
-  return painter_.create(device.physical_device, device.device, device.queue_family, device.queue,
-                         passes_[0]);
+  return painter_.create(device_.device(), passes_[0]);
 }
 
 // Chooses an 8-bit UNORM format: the colours of the scene are sRGB-encoded already.
@@ -98,16 +96,7 @@ Status Screen::make_passes() {
 
 Status Screen::make_frames() {
   for (Frame& frame : frames_) {
-    auto pool = structure<VkCommandPoolCreateInfo>(VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO);
-    pool.queueFamilyIndex = device_.device().queue_family;
-    STGS_TRY(vk_status(vkCreateCommandPool(handle(), &pool, nullptr, &frame.pool),
-                       "creating a command pool"));
-    auto info =
-        structure<VkCommandBufferAllocateInfo>(VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO);
-    info.commandPool = frame.pool;
-    info.commandBufferCount = 1;
-    STGS_TRY(vk_status(vkAllocateCommandBuffers(handle(), &info, &frame.commands),
-                       "creating a command buffer"));
+    STGS_TRY(make_commands(device_.device(), &frame.pool, &frame.commands));
     auto fence = structure<VkFenceCreateInfo>(VK_STRUCTURE_TYPE_FENCE_CREATE_INFO);
     fence.flags = VK_FENCE_CREATE_SIGNALED_BIT;
     STGS_TRY(
@@ -186,13 +175,7 @@ Status Screen::make_targets() {
   for (std::uint32_t i = 0; i < count; ++i) {
     Target& target = targets_[i];
     target.image = images[i];
-    auto view = structure<VkImageViewCreateInfo>(VK_STRUCTURE_TYPE_IMAGE_VIEW_CREATE_INFO);
-    view.image = target.image;
-    view.viewType = VK_IMAGE_VIEW_TYPE_2D;
-    view.format = format_.format;
-    view.subresourceRange = {VK_IMAGE_ASPECT_COLOR_BIT, 0, 1, 0, 1};
-    STGS_TRY(vk_status(vkCreateImageView(handle(), &view, nullptr, &target.view),
-                       "creating an image view"));
+    STGS_TRY(make_view(handle(), target.image, format_.format, &target.view));
     auto info = structure<VkFramebufferCreateInfo>(VK_STRUCTURE_TYPE_FRAMEBUFFER_CREATE_INFO);
     info.renderPass = passes_[0];
     info.attachmentCount = 1;
@@ -254,9 +237,7 @@ Result<std::optional<Screen::Acquired>> Screen::begin(Size size) {
 Status Screen::record(const ImDrawData& list, bool has_scene, bool copied) {
   const Frame& frame = frames_[number_ % frames_.size()];
   STGS_TRY(vk_status(vkResetCommandPool(handle(), frame.pool, 0), "resetting a command pool"));
-  auto begin = structure<VkCommandBufferBeginInfo>(VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO);
-  begin.flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT;
-  STGS_TRY(vk_status(vkBeginCommandBuffer(frame.commands, &begin), "beginning a command buffer"));
+  STGS_TRY(begin_commands(frame.commands));
   const VkClearValue black{{{0, 0, 0, 1}}};
   auto pass = structure<VkRenderPassBeginInfo>(VK_STRUCTURE_TYPE_RENDER_PASS_BEGIN_INFO);
   pass.renderPass = passes_[has_scene ? 1 : 0];
@@ -267,14 +248,10 @@ Status Screen::record(const ImDrawData& list, bool has_scene, bool copied) {
   vkCmdBeginRenderPass(frame.commands, &pass, VK_SUBPASS_CONTENTS_INLINE);
   STGS_TRY(painter_.draw(list, number_, frame.commands));
   vkCmdEndRenderPass(frame.commands);
-  auto change = structure<VkImageMemoryBarrier>(VK_STRUCTURE_TYPE_IMAGE_MEMORY_BARRIER);
+  VkImageMemoryBarrier change = image_barrier(targets_[current_].image);
   change.srcAccessMask = VK_ACCESS_COLOR_ATTACHMENT_WRITE_BIT;
   change.oldLayout = kRendered;
   change.newLayout = VK_IMAGE_LAYOUT_PRESENT_SRC_KHR;
-  change.srcQueueFamilyIndex = VK_QUEUE_FAMILY_IGNORED;
-  change.dstQueueFamilyIndex = VK_QUEUE_FAMILY_IGNORED;
-  change.image = targets_[current_].image;
-  change.subresourceRange = {VK_IMAGE_ASPECT_COLOR_BIT, 0, 1, 0, 1};
   VkPipelineStageFlags before = VK_PIPELINE_STAGE_COLOR_ATTACHMENT_OUTPUT_BIT;
   if (copied) {
     change.dstAccessMask = VK_ACCESS_TRANSFER_READ_BIT;
@@ -294,9 +271,7 @@ Status Screen::record(const ImDrawData& list, bool has_scene, bool copied) {
 }
 
 void Screen::record_copy(VkCommandBuffer commands) const {
-  VkBufferImageCopy region{};
-  region.imageSubresource = {VK_IMAGE_ASPECT_COLOR_BIT, 0, 0, 1};
-  region.imageExtent = {extent_.width, extent_.height, 1};
+  const VkBufferImageCopy region = whole_image(extent_.width, extent_.height);
   vkCmdCopyImageToBuffer(commands, targets_[current_].image, VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL,
                          copy_.handle(), 1, &region);
   auto done = structure<VkMemoryBarrier>(VK_STRUCTURE_TYPE_MEMORY_BARRIER);
@@ -326,7 +301,7 @@ Status Screen::end(const ImDrawData& list, bool has_scene, encoder::Image8* copy
   const player::VulkanDevice& device = device_.device();
   if (copy != nullptr) {
     if (!can_copy_) return unsupported("the images of this window cannot be copied from");
-    STGS_TRY(copy_.ensure(device.physical_device, device.device, VK_BUFFER_USAGE_TRANSFER_DST_BIT,
+    STGS_TRY(copy_.ensure(device, VK_BUFFER_USAGE_TRANSFER_DST_BIT,
                           std::uint64_t{4} * extent_.width * extent_.height));
   }
   STGS_TRY(record(list, has_scene, copy != nullptr));

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "session.h"
-#include "stgs/player/vulkan_instance.h"
 
 namespace stgs::tools {
 namespace {
@@ -32,20 +31,13 @@ int family_of(VkPhysicalDevice device, VkSurfaceKHR surface) {
   VkPhysicalDeviceProperties properties{};
   vkGetPhysicalDeviceProperties(device, &properties);
   if (properties.apiVersion < VK_API_VERSION_1_1 || !has_swapchains(device)) return -1;
-  std::uint32_t count = 0;
-  vkGetPhysicalDeviceQueueFamilyProperties(device, &count, nullptr);
-  std::vector<VkQueueFamilyProperties> families(count);
-  vkGetPhysicalDeviceQueueFamilyProperties(device, &count, families.data());
-  for (std::uint32_t i = 0; i < count; ++i) {
-    constexpr VkQueueFlags kBoth = VK_QUEUE_GRAPHICS_BIT | VK_QUEUE_COMPUTE_BIT;
-    if ((families[i].queueFlags & kBoth) != kBoth) continue;
-    VkBool32 presents = VK_FALSE;
-    if (vkGetPhysicalDeviceSurfaceSupportKHR(device, i, surface, &presents) == VK_SUCCESS &&
-        presents == VK_TRUE) {
-      return static_cast<int>(i);
-    }
-  }
-  return -1;
+  return find_queue_family(
+      device, VK_QUEUE_GRAPHICS_BIT | VK_QUEUE_COMPUTE_BIT, [&](std::uint32_t family) {
+        VkBool32 presents = VK_FALSE;
+        return vkGetPhysicalDeviceSurfaceSupportKHR(device, family, surface, &presents) ==
+                   VK_SUCCESS &&
+               presents == VK_TRUE;
+      });
 }
 
 }  // namespace
@@ -56,24 +48,17 @@ Result<std::unique_ptr<WindowDevice>> WindowDevice::make(
   made->on_message_ = std::move(on_message);
   STGS_TRY(made->make_instance());
   STGS_TRY(
-      vk_status(glfwCreateWindowSurface(made->device_.instance, window, nullptr, &made->surface_),
+      vk_status(glfwCreateWindowSurface(made->device().instance, window, nullptr, &made->surface_),
                 "creating a window surface"));
-  STGS_TRY(made->choose());
   STGS_TRY(made->open());
   return made;
 }
 
 WindowDevice::~WindowDevice() {
-  if (device_.device != VK_NULL_HANDLE) {
-    vkDeviceWaitIdle(device_.device);
-    vkDestroyDevice(device_.device, nullptr);
+  host_.close();
+  if (device().instance != VK_NULL_HANDLE) {
+    vkDestroySurfaceKHR(device().instance, surface_, nullptr);
   }
-  if (device_.instance == VK_NULL_HANDLE) return;
-  vkDestroySurfaceKHR(device_.instance, surface_, nullptr);
-  if (messenger_ != VK_NULL_HANDLE) {
-    vkDestroyDebugUtilsMessengerEXT(device_.instance, messenger_, nullptr);
-  }
-  vkDestroyInstance(device_.instance, nullptr);
 }
 
 Status WindowDevice::make_instance() {
@@ -89,27 +74,18 @@ Status WindowDevice::make_instance() {
   }
   player::VulkanInstanceSettings settings;
   settings.application = "stgs play";
-  settings.api_version = device_.api_version = VK_API_VERSION_1_1;
   settings.extensions.assign(needed, needed + count);
   if (on_message_ != nullptr) settings.on_message = &on_message_;
-  player::VulkanInstance made;
-  const VkResult result = make_vulkan_instance(settings, made);
+  const VkResult result = host_.make_instance(settings);
   if (result != VK_SUCCESS) {
     return unsupported("cannot create a Vulkan instance (VkResult {})", static_cast<int>(result));
   }
-  device_.instance = made.instance;
-  messenger_ = made.messenger;
-  volkLoadInstance(device_.instance);
   return {};
 }
 
-Status WindowDevice::choose() {
-  std::uint32_t count = 0;
-  STGS_TRY(vk_status(vkEnumeratePhysicalDevices(device_.instance, &count, nullptr),
-                     "counting the devices"));
-  std::vector<VkPhysicalDevice> devices(count);
-  STGS_TRY(vk_status(vkEnumeratePhysicalDevices(device_.instance, &count, devices.data()),
-                     "listing the devices"));
+Status WindowDevice::open() {
+  STGS_ASSIGN(const std::vector<VkPhysicalDevice> devices, physical_devices(device().instance));
+  HostDevice::Request request;
   int best = 0;
   for (const VkPhysicalDevice candidate : devices) {
     const int family = family_of(candidate, surface_);
@@ -117,51 +93,22 @@ Status WindowDevice::choose() {
     vkGetPhysicalDeviceProperties(candidate, &properties);
     const int rank = player::vulkan_device_rank(properties.deviceType);
     if (family < 0 || rank <= best) continue;
-    STGS_ASSIGN(const player::VulkanSupport offered,
-                player::vulkan_support(nullptr, device_.instance, device_.api_version, candidate));
+    STGS_ASSIGN(
+        const player::VulkanSupport offered,
+        player::vulkan_support(nullptr, device().instance, device().api_version, candidate));
     if (!offered.missing_features.empty()) continue;
     best = rank;
-    device_.physical_device = candidate;
-    device_.queue_family = static_cast<std::uint32_t>(family);
+    request.physical_device = candidate;
+    request.queue_family = static_cast<std::uint32_t>(family);
     name_ = properties.deviceName;
   }
-  if (best > 0) return {};
-  return unsupported("no Vulkan device can render to this window ({} found); use 'stgs render'",
-                     plural(std::ssize(devices), "device"));
-}
-
-Status WindowDevice::open() {
-  const float priority = 1;
-  auto queue = structure<VkDeviceQueueCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO);
-  queue.queueFamilyIndex = device_.queue_family;
-  queue.queueCount = 1;
-  queue.pQueuePriorities = &priority;
-  std::vector<const char*> extensions = {VK_KHR_SWAPCHAIN_EXTENSION_NAME};
-  STGS_ASSIGN(const player::VulkanSupport offered,
-              player::vulkan_support(nullptr, device_.instance, device_.api_version,
-                                     device_.physical_device));
-  features_ = structure<VkPhysicalDeviceFeatures2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2);
-  if (offered.subgroup_size_control) {
-    sizes_ = structure<VkPhysicalDeviceSubgroupSizeControlFeatures>(
-        VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_SIZE_CONTROL_FEATURES);
-    sizes_.subgroupSizeControl = sizes_.computeFullSubgroups = VK_TRUE;
-    features_.pNext = &sizes_;
-    extensions.push_back(VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME);
+  if (best == 0) {
+    return unsupported("no Vulkan device can render to this window ({} found); use 'stgs render'",
+                       plural(std::ssize(devices), "device"));
   }
-  auto info = structure<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO);
-  info.pNext = &features_;
-  info.queueCreateInfoCount = 1;
-  info.pQueueCreateInfos = &queue;
-  info.enabledExtensionCount = static_cast<std::uint32_t>(extensions.size());
-  info.ppEnabledExtensionNames = extensions.data();
-  const VkResult result = vkCreateDevice(device_.physical_device, &info, nullptr, &device_.device);
-  if (result != VK_SUCCESS) device_.device = VK_NULL_HANDLE;
-  STGS_TRY(vk_status(result, "creating a device"));
-  device_.features = &features_;
-  device_.extensions.assign(extensions.begin(), extensions.end());
-  volkLoadDevice(device_.device);
-  vkGetDeviceQueue(device_.device, device_.queue_family, 0, &device_.queue);
-  return {};
+  request.extensions = {VK_KHR_SWAPCHAIN_EXTENSION_NAME};
+  request.subgroup_size_control = true;
+  return host_.open(request);
 }
 
 }  // namespace stgs::tools

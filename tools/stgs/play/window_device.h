@@ -6,8 +6,7 @@
 #include <memory>
 #include <string>
 
-#include "play/vulkan_objects.h"
-#include "stgs/player/vulkan_renderer.h"
+#include "vulkan_host/host_device.h"
 
 struct GLFWwindow;
 
@@ -26,22 +25,18 @@ class WindowDevice {
   WindowDevice& operator=(const WindowDevice&) = delete;
 
   // For the renderer. Only its thread may use the queue.
-  const player::VulkanDevice& device() const { return device_; }
+  const player::VulkanDevice& device() const { return host_.device(); }
   VkSurfaceKHR surface() const { return surface_; }
   const std::string& name() const { return name_; }  // of the GPU
 
  private:
   WindowDevice() = default;
   Status make_instance();
-  Status choose();
   Status open();
 
   std::function<void(const std::string&)> on_message_;
-  VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;
+  HostDevice host_;
   VkSurfaceKHR surface_ = VK_NULL_HANDLE;
-  player::VulkanDevice device_;
-  VkPhysicalDeviceSubgroupSizeControlFeatures sizes_{};  // chained to features_ if supported
-  VkPhysicalDeviceFeatures2 features_{};
   std::string name_;
 };
 

@@ -25,10 +25,10 @@ struct TileBox {
 // Returns the tiles of the pixels whose centres lie in the bounding box of a splat.
 __device__ TileBox tile_box(const ScreenSplat& s, const View& view) {
   const float w = view.camera.width, h = view.camera.height;
-  const int x0 = static_cast<int>(ceilf(fminf(fmaxf(s.x - s.extent_x - 0.5f, 0.0f), w)));
-  const int y0 = static_cast<int>(ceilf(fminf(fmaxf(s.y - s.extent_y - 0.5f, 0.0f), h)));
-  const int x1 = static_cast<int>(fminf(fmaxf(s.x + s.extent_x + 0.5f, 0.0f), w));
-  const int y1 = static_cast<int>(fminf(fmaxf(s.y + s.extent_y + 0.5f, 0.0f), h));
+  const int x0 = static_cast<int>(ceilf(fminf(fmaxf(s.mean.x - s.extent.x - 0.5f, 0.0f), w)));
+  const int y0 = static_cast<int>(ceilf(fminf(fmaxf(s.mean.y - s.extent.y - 0.5f, 0.0f), h)));
+  const int x1 = static_cast<int>(fminf(fmaxf(s.mean.x + s.extent.x + 0.5f, 0.0f), w));
+  const int y1 = static_cast<int>(fminf(fmaxf(s.mean.y + s.extent.y + 0.5f, 0.0f), h));
   if (x0 >= x1 || y0 >= y1) return {0, 0, 1, 0};
   const int tx0 = x0 / kTile, ty0 = y0 / kTile;
   const int columns = (x1 - 1) / kTile - tx0 + 1, rows = (y1 - 1) / kTile - ty0 + 1;
@@ -62,12 +62,12 @@ __device__ void for_small(const TileBox& box, Visit visit) {
 
 __device__ ScreenSplat shuffle_splat(const ScreenSplat& s, int lane) {
   ScreenSplat out = s;
-  out.x = __shfl_sync(kAllLanes, s.x, lane);
-  out.y = __shfl_sync(kAllLanes, s.y, lane);
-  out.half_xx = __shfl_sync(kAllLanes, s.half_xx, lane);
-  out.cross = __shfl_sync(kAllLanes, s.cross, lane);
-  out.half_yy = __shfl_sync(kAllLanes, s.half_yy, lane);
-  out.log2_opacity = __shfl_sync(kAllLanes, s.log2_opacity, lane);
+  out.mean.x = __shfl_sync(kAllLanes, s.mean.x, lane);
+  out.mean.y = __shfl_sync(kAllLanes, s.mean.y, lane);
+  out.falloff.xx = __shfl_sync(kAllLanes, s.falloff.xx, lane);
+  out.falloff.xy = __shfl_sync(kAllLanes, s.falloff.xy, lane);
+  out.falloff.yy = __shfl_sync(kAllLanes, s.falloff.yy, lane);
+  out.peak = __shfl_sync(kAllLanes, s.peak, lane);
   return out;
 }
 

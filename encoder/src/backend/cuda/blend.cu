@@ -72,7 +72,7 @@ __global__ void __launch_bounds__(kWarps * 32) blend(const View view, const Work
       const int k = __ffs(hits) - 1;
       hits &= hits - 1;
       const ScreenSplat& s = stage[warp][k];
-      const float log2 = log2_alpha(s, px - s.x, py - s.y);
+      const float log2 = log2_alpha(s, px - s.mean.x, py - s.mean.y);
       if (done || log2 < kLog2Threshold) continue;
       const float alpha = fminf(kAlphaMax, exp2_fast(log2));
       const float after = transmittance * (1.0f - alpha);
@@ -81,9 +81,9 @@ __global__ void __launch_bounds__(kWarps * 32) blend(const View view, const Work
         continue;
       }
       const float weight = alpha * transmittance;
-      red = fmaf(weight, s.red, red);
-      green = fmaf(weight, s.green, green);
-      blue = fmaf(weight, s.blue, blue);
+      red = fmaf(weight, s.colour.x, red);
+      green = fmaf(weight, s.colour.y, green);
+      blue = fmaf(weight, s.colour.z, blue);
       if constexpr (kPlanes) {
         const float4& plane = plane_stage[warp][k];
         surface.x = fmaf(weight, plane.x, surface.x);

@@ -3,8 +3,7 @@
 // list is distributed over many blocks; it starts from the image that the forward pass stored in
 // front of the next segment behind. For each batch of 32 splats:
 // 1. Each warp processes the splats that intersect its pixels, sums a splat's gradients over its
-// lanes
-//    and stores them in shared memory.
+//    lanes and stores them in shared memory.
 // 2. The block sums over its warps, in order, and writes one entry per instance.
 // There are no atomics: the order of summation is fixed, so a step is bit-reproducible.
 //
@@ -121,9 +120,9 @@ struct ColumnSums {
 
 // A splat over a column of pixels.
 struct Column {
-  float dx, slope_x;  // 2 half_xx dx
-  float cross_x;      // cross dx
-  float base;         // log2_opacity + half_xx dx^2
+  float dx, slope_x;  // 2 falloff.xx dx
+  float cross_x;      // falloff.xy dx
+  float base;         // peak + falloff.xx dx^2
 };
 
 // Accumulates splat k's gradients at the pixel and removes the splat from it. Returns whether the
@@ -131,14 +130,14 @@ struct Column {
 template <bool kPlanes>
 __device__ bool add_pixel(const ScreenSplat& s, const float4& plane, const Column& c, int k,
                           Pixel& p, ColumnSums& v) {
-  const float dy = p.y - s.y;
-  const float log2 = fminf(s.log2_opacity, fmaf(dy, fmaf(s.half_yy, dy, c.cross_x), c.base));
+  const float dy = p.y - s.mean.y;
+  const float log2 = fminf(s.peak, fmaf(dy, fmaf(s.falloff.yy, dy, c.cross_x), c.base));
   if (k >= p.last || log2 < kLog2Threshold) return false;
   const float falloff = exp2_fast(log2);
   const float alpha = fminf(kAlphaMax, falloff);
   p.transmittance *= reciprocal_fast(1.0f - alpha);
   const float weight = alpha * p.transmittance;
-  float own = fmaf(p.red, s.red, fmaf(p.green, s.green, p.blue * s.blue));
+  float own = fmaf(p.red, s.colour.x, fmaf(p.green, s.colour.y, p.blue * s.colour.z));
   if constexpr (kPlanes) {
     own += dot4(p.d_surface, plane);
     v.plane.x = fmaf(weight, p.d_surface.x, v.plane.x);
@@ -159,122 +158,178 @@ __device__ bool add_pixel(const ScreenSplat& s, const float4& plane, const Colum
   v.gy += gy;
   v.gyy = fmaf(gy, dy, v.gyy);
   // The gradient of the mean in units of 1/log2(e), which the update removes.
-  v.abs_x = fmaf(fabsf(g), fabsf(fmaf(s.cross, dy, c.slope_x)), v.abs_x);
-  v.abs_y = fmaf(fabsf(g), fabsf(fmaf(2.0f * s.half_yy, dy, c.cross_x)), v.abs_y);
+  v.abs_x = fmaf(fabsf(g), fabsf(fmaf(s.falloff.xy, dy, c.slope_x)), v.abs_x);
+  v.abs_y = fmaf(fabsf(g), fabsf(fmaf(2.0f * s.falloff.yy, dy, c.cross_x)), v.abs_y);
   return true;
+}
+
+// Shared memory of a block.
+template <int kWarps, bool kPlanes>
+struct Shared {
+  float4 stage[kBatch * 3];  // the splats of the batch
+  float sums[kWarps][kBatch * kSums];
+  float4 plane_stage[kPlanes ? kBatch : 1];
+  float plane_sums[kPlanes ? kWarps : 1][kPlanes ? kBatch * kPlaneSums : 1];
+  unsigned touched[kWarps];  // per warp, one bit per splat that contributes
+  std::uint32_t instances[kBatch];
+  int warp_last[kWarps];
+};
+
+// The segment of a block, and the pixels of a warp: pixel centres from (left, top) to (right,
+// bottom).
+struct Segment {
+  std::uint32_t first;     // entry of the tile's list
+  int begin, end;          // of the segment, counted from `first`
+  std::size_t checkpoint;  // at `end`
+  int x0, y0;
+  float left, top, right, bottom;
+};
+
+template <int kPer>
+__device__ Segment segment_of(uint2 number, int warp, const View& view, const Workspace& w) {
+  constexpr int kRows = 4 * kPer;
+  Segment s;
+  s.x0 = static_cast<int>(number.x) % view.tiles_x * kTile + warp % 2 * 8;
+  s.y0 = static_cast<int>(number.x) / view.tiles_x * kTile + warp / 2 * kRows;
+  s.left = static_cast<float>(s.x0) + 0.5f;
+  s.top = static_cast<float>(s.y0) + 0.5f;
+  s.right = static_cast<float>(min(s.x0 + 8, view.width)) - 0.5f;
+  s.bottom = static_cast<float>(min(s.y0 + kRows, view.height)) - 0.5f;
+  s.first = w.tile_begin[number.x];
+  const int count = static_cast<int>(w.tile_begin[number.x + 1] - s.first);
+  s.begin = static_cast<int>(number.y) * kSegment;
+  s.end = min(s.begin + kSegment, count);
+  s.checkpoint = std::size_t{kTile * kTile} * (blockIdx.x + 1);
+  return s;
+}
+
+// Clears the sums of the entries from `last` on: those behind the last rendered one have no
+// gradient.
+template <int kThreads, bool kPlanes>
+__device__ void clear_sums(const Segment& s, int last, const Workspace& w) {
+  for (int q = last * kSums + static_cast<int>(threadIdx.x); q < s.end * kSums; q += kThreads)
+    w.partials[static_cast<std::size_t>(w.instances_sorted[s.first + q / kSums]) * kSums +
+               q % kSums] = 0.0f;
+  if constexpr (kPlanes) {
+    for (int q = last + static_cast<int>(threadIdx.x); q < s.end; q += kThreads)
+      w.plane_partials[w.instances_sorted[s.first + q]] = float4{};
+  }
+}
+
+// Loads the n splats of a batch; `first`: its first entry.
+template <int kWarps, bool kPlanes>
+__device__ void load_batch(Shared<kWarps, kPlanes>& shared, std::uint32_t first, int n,
+                           const Workspace& w) {
+  if (threadIdx.x < 3 * n)
+    shared.stage[threadIdx.x] = reinterpret_cast<const float4*>(
+        w.splats + w.list[first + threadIdx.x / 3])[threadIdx.x % 3];
+  if (threadIdx.x < n) shared.instances[threadIdx.x] = w.instances_sorted[first + threadIdx.x];
+  if constexpr (kPlanes) {
+    if (threadIdx.x < n) shared.plane_stage[threadIdx.x] = w.planes[w.list[first + threadIdx.x]];
+  }
+}
+
+// Adds the gradients of splat k of the batch at the lane's pixels; `entry`: in the tile's list.
+// Writes the sums over the warp, each by the lane whose `own_sum` it is. Returns whether the splat
+// contributes to the warp's pixels. The whole warp calls it.
+template <int kPer, int kWarps, bool kPlanes>
+__device__ bool add_splat(Shared<kWarps, kPlanes>& shared, int k, int entry, float x,
+                          Pixel (&pixels)[kPer], float* own_sum) {
+  const int warp = threadIdx.x / 32, lane = threadIdx.x & 31;
+  const ScreenSplat& s = reinterpret_cast<const ScreenSplat*>(shared.stage)[k];
+  const float dx = x - s.mean.x, half_x = s.falloff.xx * dx;
+  const Column column{dx, 2.0f * half_x, s.falloff.xy * dx, fmaf(half_x, dx, s.peak)};
+  ColumnSums c{};
+  bool any = false;
+#pragma unroll
+  for (int q = 0; q < kPer; ++q)
+    any |= add_pixel<kPlanes>(s, shared.plane_stage[kPlanes ? k : 0], column, entry, pixels[q], c);
+  if (!__any_sync(kAllLanes, any)) return false;
+  const float gx = c.g * dx;
+  float v[kSums] = {c.red, c.green, c.blue,    c.error, c.g,     gx,
+                    c.gy,  gx * dx, c.gy * dx, c.gyy,   c.abs_x, c.abs_y};
+  const float sum = sum_lanes(v, lane);
+  if (sum_index(lane) >= 0) own_sum[k * kSums] = sum;
+  if constexpr (kPlanes) {
+    const float plane_sum = sum_plane_lanes(c.plane, lane);
+    const int entry_of_lane = plane_index(lane);
+    if (entry_of_lane >= 0) shared.plane_sums[warp][k * kPlaneSums + entry_of_lane] = plane_sum;
+  }
+  return true;
+}
+
+// Writes the sums of the n splats of a batch over the warps, in their order.
+template <int kWarps, bool kPlanes>
+__device__ void write_batch(const Shared<kWarps, kPlanes>& shared, int n, const Workspace& w) {
+  constexpr int kThreads = 32 * kWarps;
+  for (int q = static_cast<int>(threadIdx.x); q < n * kSums; q += kThreads) {
+    float sum = 0.0f;
+#pragma unroll
+    for (int v = 0; v < kWarps; ++v)
+      if (shared.touched[v] >> (q / kSums) & 1u) sum += shared.sums[v][q];
+    w.partials[static_cast<std::size_t>(shared.instances[q / kSums]) * kSums + q % kSums] = sum;
+  }
+  if constexpr (kPlanes) {
+    for (int q = static_cast<int>(threadIdx.x); q < n * kPlaneSums; q += kThreads) {
+      float sum = 0.0f;
+#pragma unroll
+      for (int v = 0; v < kWarps; ++v)
+        if (shared.touched[v] >> (q / kPlaneSums) & 1u) sum += shared.plane_sums[v][q];
+      reinterpret_cast<float*>(w.plane_partials +
+                               shared.instances[q / kPlaneSums])[q % kPlaneSums] = sum;
+    }
+  }
 }
 
 // Each lane has kPer pixels, each warp 8 x 4 kPer.
 template <int kPer, bool kPlanes>
 __global__ void __launch_bounds__(256 / kPer) blend_backward(const View view, const Workspace w) {
-  constexpr int kWarps = 8 / kPer, kRows = 4 * kPer, kThreads = 32 * kWarps;
-  __shared__ float4 stage[kBatch * 3];
-  __shared__ float sums[kWarps][kBatch * kSums];
-  __shared__ float4 plane_stage[kPlanes ? kBatch : 1];
-  __shared__ float plane_sums[kPlanes ? kWarps : 1][kPlanes ? kBatch * kPlaneSums : 1];
-  __shared__ unsigned touched[kWarps];
-  __shared__ std::uint32_t instances[kBatch];
-  __shared__ int warp_last[kWarps];
+  constexpr int kWarps = 8 / kPer, kThreads = 32 * kWarps;
+  __shared__ Shared<kWarps, kPlanes> shared;
   const int tiles = view.tiles_x * view.tiles_y;
   if (blockIdx.x >= first_segment(w.tile_begin[tiles], tiles)) return;
-  const uint2 segment = w.segments[blockIdx.x];
-  if (segment.x >= tiles) return;
+  const uint2 number = w.segments[blockIdx.x];
+  if (number.x >= tiles) return;
   const int warp = threadIdx.x / 32, lane = threadIdx.x & 31;
-  const int x0 = static_cast<int>(segment.x) % view.tiles_x * kTile + warp % 2 * 8;
-  const int y0 = static_cast<int>(segment.x) / view.tiles_x * kTile + warp / 2 * kRows;
-  const float left = static_cast<float>(x0) + 0.5f, top = static_cast<float>(y0) + 0.5f;
-  const float right = static_cast<float>(min(x0 + 8, view.width)) - 0.5f;
-  const float bottom = static_cast<float>(min(y0 + kRows, view.height)) - 0.5f;
-  const std::uint32_t first = w.tile_begin[segment.x];
-  const int count = static_cast<int>(w.tile_begin[segment.x + 1] - first);
-  const int begin = static_cast<int>(segment.y) * kSegment, end = min(begin + kSegment, count);
-  const std::size_t checkpoint = std::size_t{kTile * kTile} * (blockIdx.x + 1);
-
-  const float x = left + static_cast<float>(lane % 8);
+  const Segment segment = segment_of<kPer>(number, warp, view, w);
+  const float x = segment.left + static_cast<float>(lane % 8);
   Pixel pixels[kPer];
   int own_last = 0;
 #pragma unroll
   for (int q = 0; q < kPer; ++q) {
-    pixels[q] = load_pixel<kPlanes>(x0 + lane % 8, y0 + lane / 8 + 4 * q, end, checkpoint, view, w);
+    pixels[q] = load_pixel<kPlanes>(segment.x0 + lane % 8, segment.y0 + lane / 8 + 4 * q,
+                                    segment.end, segment.checkpoint, view, w);
     own_last = max(own_last, pixels[q].last);
   }
   own_last = __reduce_max_sync(kAllLanes, own_last);
-  if (lane == 0) warp_last[warp] = own_last;
+  if (lane == 0) shared.warp_last[warp] = own_last;
   __syncthreads();
+  const int begin = segment.begin;
   int block_last = begin;
 #pragma unroll
-  for (int q = 0; q < kWarps; ++q) block_last = max(block_last, warp_last[q]);
+  for (int q = 0; q < kWarps; ++q) block_last = max(block_last, shared.warp_last[q]);
+  clear_sums<kThreads, kPlanes>(segment, block_last, w);
 
-  // Entries behind the last rendered one have no gradient.
-  for (int q = block_last * kSums + static_cast<int>(threadIdx.x); q < end * kSums; q += kThreads)
-    w.partials[static_cast<std::size_t>(w.instances_sorted[first + q / kSums]) * kSums +
-               q % kSums] = 0.0f;
-  if constexpr (kPlanes) {
-    for (int q = block_last + static_cast<int>(threadIdx.x); q < end; q += kThreads)
-      w.plane_partials[w.instances_sorted[first + q]] = float4{};
-  }
-
-  const int index = sum_index(lane);
-  float* own_sum = sums[warp] + index;
+  float* own_sum = shared.sums[warp] + sum_index(lane);
   asm("" : "+l"(own_sum));  // keeps it in a register instead of recomputing it per splat
   for (int base = begin + (block_last - begin - 1) / kBatch * kBatch;
        base >= begin && block_last > begin; base -= kBatch) {
     const int n = min(kBatch, block_last - base);
-    if (threadIdx.x < 3 * n)
-      stage[threadIdx.x] = reinterpret_cast<const float4*>(
-          w.splats + w.list[first + base + threadIdx.x / 3])[threadIdx.x % 3];
-    if (threadIdx.x < n) instances[threadIdx.x] = w.instances_sorted[first + base + threadIdx.x];
-    if constexpr (kPlanes) {
-      if (threadIdx.x < n) plane_stage[threadIdx.x] = w.planes[w.list[first + base + threadIdx.x]];
-    }
+    load_batch(shared, segment.first + base, n, w);
     __syncthreads();
-    const ScreenSplat* splats = reinterpret_cast<const ScreenSplat*>(stage);
+    const ScreenSplat* splats = reinterpret_cast<const ScreenSplat*>(shared.stage);
     const bool hit =
-        lane < n && base + lane < own_last && ellipse_meets(splats[lane], left, right, top, bottom);
+        lane < n && base + lane < own_last &&
+        ellipse_meets(splats[lane], segment.left, segment.right, segment.top, segment.bottom);
     unsigned hits = __ballot_sync(kAllLanes, hit), contributing = 0;
     while (hits != 0) {
       const int k = 31 - __clz(hits);
       hits ^= 1u << k;
-      const ScreenSplat& s = splats[k];
-      const float dx = x - s.x, half_x = s.half_xx * dx;
-      const Column column{dx, 2.0f * half_x, s.cross * dx, fmaf(half_x, dx, s.log2_opacity)};
-      ColumnSums c{};
-      bool any = false;
-#pragma unroll
-      for (int q = 0; q < kPer; ++q)
-        any |= add_pixel<kPlanes>(s, plane_stage[kPlanes ? k : 0], column, base + k, pixels[q], c);
-      if (!__any_sync(kAllLanes, any)) continue;
-      contributing |= 1u << k;
-      const float gx = c.g * dx;
-      float v[kSums] = {c.red, c.green, c.blue,    c.error, c.g,     gx,
-                        c.gy,  gx * dx, c.gy * dx, c.gyy,   c.abs_x, c.abs_y};
-      const float sum = sum_lanes(v, lane);
-      if (index >= 0) own_sum[k * kSums] = sum;
-      if constexpr (kPlanes) {
-        const float plane_sum = sum_plane_lanes(c.plane, lane);
-        const int entry = plane_index(lane);
-        if (entry >= 0) plane_sums[warp][k * kPlaneSums + entry] = plane_sum;
-      }
+      if (add_splat<kPer>(shared, k, base + k, x, pixels, own_sum)) contributing |= 1u << k;
     }
-    if (lane == 0) touched[warp] = contributing;
+    if (lane == 0) shared.touched[warp] = contributing;
     __syncthreads();
-    for (int q = static_cast<int>(threadIdx.x); q < n * kSums; q += kThreads) {
-      float sum = 0.0f;
-#pragma unroll
-      for (int v = 0; v < kWarps; ++v)
-        if (touched[v] >> (q / kSums) & 1u) sum += sums[v][q];
-      w.partials[static_cast<std::size_t>(instances[q / kSums]) * kSums + q % kSums] = sum;
-    }
-    if constexpr (kPlanes) {
-      for (int q = static_cast<int>(threadIdx.x); q < n * kPlaneSums; q += kThreads) {
-        float sum = 0.0f;
-#pragma unroll
-        for (int v = 0; v < kWarps; ++v)
-          if (touched[v] >> (q / kPlaneSums) & 1u) sum += plane_sums[v][q];
-        reinterpret_cast<float*>(w.plane_partials + instances[q / kPlaneSums])[q % kPlaneSums] =
-            sum;
-      }
-    }
+    write_batch(shared, n, w);
     __syncthreads();
   }
 }

@@ -1,33 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
-// Device functions shared by several kernels: splat loading, alpha, ellipse test, warp sums, Adam.
+// Device functions shared by several kernels: alpha, ellipse test, block sums, Adam.
 #pragma once
 
 #include "backend/cuda/kernels.h"
-#include "stgs/format/math/blend.h"
+#include "stgs/format/math/cuda.cuh"
 #include "train/adam.h"
 
 namespace stgs::encoder::cuda {
 
-constexpr float kLog2E = 1.44269504f;
-constexpr float kLog2Threshold = -7.99435344f;  // log2(kAlphaThreshold)
-constexpr unsigned kAllLanes = 0xFFFFFFFFu;
-
-__device__ inline ScreenSplat load_splat(const ScreenSplat* splats, std::uint32_t i) {
-  const float4* p = reinterpret_cast<const float4*>(splats + i);
-  const float4 a = __ldg(p), b = __ldg(p + 1), c = __ldg(p + 2);
-  return {a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, c.y, c.z, c.w};
-}
+using math::exp2_fast;
+using math::kAllLanes;
+using math::kLog2E;
+using math::kLog2Threshold;
+using math::load_splat;
+using math::warp_sum;
 
 // Returns log2 of the splat's alpha at an offset from its mean, before clamping at kAlphaMax.
 __device__ inline float log2_alpha(const ScreenSplat& s, float dx, float dy) {
-  const float along = fmaf(s.half_xx, dx, s.cross * dy);
-  return fminf(s.log2_opacity, fmaf(dx, along, fmaf(s.half_yy * dy, dy, s.log2_opacity)));
-}
-
-__device__ inline float exp2_fast(float x) {
-  float y;
-  asm("ex2.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(x));
-  return y;
+  const float along = fmaf(s.falloff.xx, dx, s.falloff.xy * dy);
+  return fminf(s.peak, fmaf(dx, along, fmaf(s.falloff.yy * dy, dy, s.peak)));
 }
 
 // Returns 1 / x within 1 ulp, for x that is neither tiny nor huge.
@@ -38,7 +29,7 @@ __device__ inline float reciprocal_fast(float x) {
 }
 
 // Returns the minimum of -log2(falloff) on the line segment with one offset `fixed` and the other
-// in [low, high], minus the rounding error that the blend may make there (raster_bin.cpp).
+// in [low, high], minus the rounding error that the blend may make there (raster/bin.cpp).
 __device__ inline float edge_minimum(float across, float cross, float along, float fixed, float low,
                                      float high) {
   const float best = __fdividef(-0.5f * cross * fixed, along);
@@ -49,23 +40,17 @@ __device__ inline float edge_minimum(float across, float cross, float along, flo
 
 // Returns whether the splat's ellipse intersects the rectangle [x0,x1] x [y0,y1] of pixel centres.
 __device__ inline bool ellipse_meets(const ScreenSplat& s, float x0, float x1, float y0, float y1) {
-  x0 -= s.x;
-  x1 -= s.x;
-  y0 -= s.y;
-  y1 -= s.y;
+  x0 -= s.mean.x;
+  x1 -= s.mean.x;
+  y0 -= s.mean.y;
+  y1 -= s.mean.y;
   const bool in_x = x0 <= 0.0f && x1 >= 0.0f, in_y = y0 <= 0.0f && y1 >= 0.0f;
   if (in_x && in_y) return true;
-  const float limit = s.log2_opacity - kLog2Threshold + 0.5e-4f * kLog2E;
-  const float xx = -s.half_xx, xy = -s.cross, yy = -s.half_yy;
+  const float limit = s.peak - kLog2Threshold + 0.5e-4f * kLog2E;
+  const float xx = -s.falloff.xx, xy = -s.falloff.xy, yy = -s.falloff.yy;
   // A convex form has its minimum on an edge that faces its centre.
   if (!in_x && edge_minimum(xx, xy, yy, x0 > 0.0f ? x0 : x1, y0, y1) <= limit) return true;
   return !in_y && edge_minimum(yy, xy, xx, y0 > 0.0f ? y0 : y1, x0, x1) <= limit;
-}
-
-template <typename T>
-__device__ inline T warp_sum(T x) {
-  for (int step = 16; step > 0; step >>= 1) x += __shfl_xor_sync(kAllLanes, x, step);
-  return x;
 }
 
 // Returns the sum over a block of kThreads; valid in thread 0.

@@ -43,7 +43,7 @@ __global__ void __launch_bounds__(kWarps * 32)
     float own_sum = 0.0f;
     for (; hits != 0; hits &= hits - 1) {
       const int k = __ffs(hits) - 1;
-      const float log2 = log2_alpha(stage[k], px - stage[k].x, py - stage[k].y);
+      const float log2 = log2_alpha(stage[k], px - stage[k].mean.x, py - stage[k].mean.y);
       const bool contributes = transmittance > kTransmittanceMin && log2 >= kLog2Threshold;
       const float alpha = contributes ? fminf(kAlphaMax, exp2_fast(log2)) : 0.0f;
       const float weight = alpha * transmittance;

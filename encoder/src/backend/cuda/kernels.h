@@ -9,11 +9,13 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "stgs/format/math/project.h"
+#include "stgs/format/math/screen_splat.h"
 #include "train/random.h"
 #include "train/train_state.h"
 
 namespace stgs::encoder::cuda {
+
+using math::ScreenSplat;
 
 inline constexpr int kTile = 16;      // pixels, width and height; raster.h's kTileSize
 inline constexpr int kSums = 12;      // floats per splat and tile that the backward blend sums
@@ -55,17 +57,6 @@ struct ColourMaps {
   std::uint32_t cameras = 0;
   float *map = nullptr, *first = nullptr, *second = nullptr;  // cameras x 12
   std::uint32_t* updates = nullptr;
-};
-
-// A visible primitive in screen space. At pixel offset (dx, dy), log2 of its alpha is
-// log2_opacity + min(0, dx (half_xx dx + cross dy) + half_yy dy^2).
-struct alignas(16) ScreenSplat {
-  float x, y;                   // pixels
-  float half_xx, cross;         // -log2(e) conic.xx / 2, -log2(e) conic.xy
-  float half_yy, log2_opacity;  // -log2(e) conic.yy / 2, log2(O_t)
-  float red, green, blue;
-  float extent_x, extent_y;  // half size of its bounding box, pixels
-  float depth;               // camera z
 };
 
 struct View {

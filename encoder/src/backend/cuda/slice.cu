@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Slices the set at t, one thread per primitive: make_splat of raster_slice.cpp.
+// Slices the set at t, one thread per primitive: make_splat() of format/src/raster/slice.cpp.
 #include "backend/cuda/device.cuh"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/sh.h"
@@ -11,15 +11,13 @@ namespace {
 using namespace math;
 
 constexpr int kBlock = 256;
-// ln(1/threshold), rounded up: the maximum temporal distance at which anything is visible.
-constexpr float kReachMax = 5.55f;
 
 __device__ Vec3 read3(const float* array, std::uint32_t i) {
   return {array[3 * i], array[3 * i + 1], array[3 * i + 2]};
 }
 
 // Returns false if the distance or an SH sum is not finite.
-__device__ bool colour_of(const float* sh, int coefficients, Vec3 from_camera, ScreenSplat& out) {
+__device__ bool colour_of(const float* sh, int coefficients, Vec3 from_camera, Vec3& colour) {
   const float square = dot3(from_camera, from_camera);
   const float n = 1.0f / sqrtf(square);
   const ShBasis basis = sh_basis({from_camera.x * n, from_camera.y * n, from_camera.z * n});
@@ -31,9 +29,7 @@ __device__ bool colour_of(const float* sh, int coefficients, Vec3 from_camera, S
     sum.y += basis.v[k] * sh[3 * k + 1];
     sum.z += basis.v[k] * sh[3 * k + 2];
   }
-  out.red = sh_colour(sum.x);
-  out.green = sh_colour(sum.y);
-  out.blue = sh_colour(sum.z);
+  colour = {sh_colour(sum.x), sh_colour(sum.y), sh_colour(sum.z)};
   return isfinite(square) && isfinite(sum.x) && isfinite(sum.y) && isfinite(sum.z);
 }
 
@@ -54,29 +50,16 @@ __device__ bool make_splat(const Primitives& p, std::uint32_t i, const View& vie
   const Sym3 covariance = covariance_of({r.x, r.y, r.z, r.w},
                                         {expf(log_scale.x), expf(log_scale.y), expf(log_scale.z)});
   const Projection q = project_gaussian(view.camera, position, covariance);
-  if (!q.visible) return false;
-  const float elongation = q.covariance.xx * q.conic.xx;
-  if (!isfinite(elongation) || !isfinite(q.conic.xy)) return false;
-  const Vec2 extent = splat_extent(q.covariance, opacity, kAlphaThreshold);
-  const float slack = 1.0f + 1e-6f * (1.0f + elongation);
-  out.extent_x = extent.x * slack;
-  out.extent_y = extent.y * slack;
-  if (!(q.mean.x + out.extent_x >= 0.0f && q.mean.y + out.extent_y >= 0.0f &&
-        q.mean.x - out.extent_x <= view.camera.width &&
-        q.mean.y - out.extent_y <= view.camera.height))
-    return false;
-
-  out.x = q.mean.x;
-  out.y = q.mean.y;
-  out.half_xx = -0.5f * kLog2E * q.conic.xx;
-  out.cross = -kLog2E * q.conic.xy;
-  out.half_yy = -0.5f * kLog2E * q.conic.yy;
-  out.log2_opacity = log2f(opacity);
-  out.depth = q.depth;
+  const SplatBox box = splat_box(view.camera, q, opacity);
+  if (!box.visible) return false;
   const Vec3 from_camera{position.x - view.centre.x, position.y - view.centre.y,
                          position.z - view.centre.z};
-  return isfinite(q.depth) && colour_of(p.values[kSh] + std::size_t{3} * p.sh_coefficients * i,
-                                        view.coefficients, from_camera, out);
+  Vec3 colour;
+  if (!colour_of(p.values[kSh] + std::size_t{3} * p.sh_coefficients * i, view.coefficients,
+                 from_camera, colour))
+    return false;
+  out = screen_splat(q, box.extent, opacity, colour);
+  return true;
 }
 
 __device__ float4 plane_of(const Primitives& p, std::uint32_t i, const View& view) {

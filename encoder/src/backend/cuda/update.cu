@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Updates each visible primitive, one thread each: sums over owner_stage instances, gradients of
-// owner_stage parameters (math/grad.h), regularisers, densification statistics, Adam. The SH
-// coefficients, most of the numbers, are updated by the complete warp for coalesced access.
+// Updates each visible primitive, one thread each: sums over its instances, gradients of its
+// parameters (math/grad.h), regularisers, densification statistics, Adam. The SH coefficients, most
+// of the numbers, are updated by the complete warp for coalesced access.
 #include "backend/cuda/coupled.cuh"
 #include "backend/cuda/rank_blocks.h"
 #include "backend/cuda/update_rows.cuh"
@@ -13,7 +13,7 @@ namespace {
 using namespace math;
 
 constexpr int kWarps = kUpdateBlock / 32;
-// Maximum instances of a splat that owner_stage thread sums alone; the warp shares more.
+// Maximum instances of a splat that its thread sums alone; the warp shares more.
 constexpr std::uint32_t kMaxInstancesPerThread = 6;
 // sqrt(-2 ln o_th): the factor of sigma in L_t, as in the paper.
 constexpr float kSpanFactor = 3.32904297f;
@@ -39,8 +39,7 @@ __device__ void add_instance(const float4* partials, std::uint32_t instance,
   }
 }
 
-// Returns each lane's sum over owner_stage instances, in an order that depends only on the instance
-// counts.
+// Returns each lane's sum over its instances, in an order that depends only on the instance counts.
 template <int kFloats>
 __device__ FloatSums<kFloats> sum_instances(uint2 range, const float4* partials) {
   const int lane = threadIdx.x & 31;
@@ -65,7 +64,7 @@ __device__ FloatSums<kFloats> sum_instances(uint2 range, const float4* partials)
   return own;
 }
 
-// Gradients of a splat, from the sums over owner_stage pixels.
+// Gradients of a splat, from the sums over its pixels.
 struct SplatGradient {
   Vec2 mean;
   Sym2 conic;
@@ -92,9 +91,9 @@ __device__ SplatGradient splat_gradient(const Sums& s, Sym2 conic, float opacity
 __device__ Vec3 colour_backward(const float* sh, int coefficients, Vec3 from_camera,
                                 const ScreenSplat& splat, Vec3 grad, float* stage) {
   // A channel that the forward pass clamps at 0 has no gradient.
-  if (!(splat.red > 0.0f)) grad.x = 0.0f;
-  if (!(splat.green > 0.0f)) grad.y = 0.0f;
-  if (!(splat.blue > 0.0f)) grad.z = 0.0f;
+  if (!(splat.colour.x > 0.0f)) grad.x = 0.0f;
+  if (!(splat.colour.y > 0.0f)) grad.y = 0.0f;
+  if (!(splat.colour.z > 0.0f)) grad.z = 0.0f;
   const float inverse_length = 1.0f / sqrtf(dot3(from_camera, from_camera));
   const Vec3 direction = vec3_scale(from_camera, inverse_length);
   const ShBasis basis = sh_basis(direction);
@@ -137,63 +136,83 @@ __device__ PrimitiveValues load_values(const Primitives& p, std::uint32_t i) {
   return own;
 }
 
-// Fills the stage of a visible primitive except Adam's factors, and the statistics if they are
-// gathered. Returns owner_stage weighted regularisers, not yet divided by the count. `by_plane`:
-// gradient of owner_stage plane.
-template <bool kPlanes, bool kCoupled>
-__device__ float primitive_gradients(const Primitives& p, std::uint32_t i,
-                                     const PrimitiveValues& own, const View& view,
-                                     const UpdateSettings& settings, const ScreenSplat& splat,
-                                     const Sums& sums, const Plane& by_plane, float inverse_count,
-                                     float* stage, Statistics& statistics) {
-  const Sym2 conic{splat.half_xx * (-2.0f / kLog2E), splat.cross * (-1.0f / kLog2E),
-                   splat.half_yy * (-2.0f / kLog2E)};
-  const float opacity_t = exp2f(splat.log2_opacity);  // O_t
-  const SplatGradient grad = splat_gradient(sums, conic, opacity_t);
+// A visible primitive: its values, its splat, and the sums of the backward blend.
+struct VisiblePrimitive {
+  PrimitiveValues values;
+  ScreenSplat splat;
+  Sums sums;
+  Plane by_plane;  // gradient of its plane
+};
 
+// A primitive at the time of the view.
+struct Pose {
+  float dt;
+  Vec3 position, scale;
+  Quat rotation;
+};
+
+__device__ Pose pose_of(const PrimitiveValues& own, const View& view) {
   const float dt = view.ticks - own.time;
-  const float sigma = own.sigma, radius = own.radius;
-  const Vec3 u = own.u;
-  const Vec3 position = position_at(own.position, u, dt);
-  const Vec3 log_scale = own.log_scale;
-  const Vec3 scale{expf(log_scale.x), expf(log_scale.y), expf(log_scale.z)};
-  const Quat rotation{own.rotation.x, own.rotation.y, own.rotation.z, own.rotation.w};
-  const ProjectionGrad by_projection = project_gaussian_grad(
-      view.camera, position, covariance_of(rotation, scale), conic, grad.mean, grad.conic);
-  CovarianceGrad by_covariance = covariance_grad(rotation, scale, by_projection.covariance);
-  const Vec3 from_camera{position.x - view.centre.x, position.y - view.centre.y,
-                         position.z - view.centre.z};
-  const Vec3 by_colour = colour_backward(p.values[kSh] + std::size_t{3} * p.sh_coefficients * i,
-                                         view.coefficients, from_camera, splat, grad.colour, stage);
-  Vec3 by_position = vec3_add(by_projection.position, by_colour);
-  if constexpr (kPlanes) {
-    const PrimitivePlaneGrad by =
-        primitive_plane_grad(view.camera, position, rotation, log_scale, by_plane);
-    by_position = vec3_add(by_position, by.position);
-    by_covariance.rotation = {
-        by_covariance.rotation.w + by.rotation.w, by_covariance.rotation.x + by.rotation.x,
-        by_covariance.rotation.y + by.rotation.y, by_covariance.rotation.z + by.rotation.z};
-  }
-  const MotionGrad by_motion = position_at_grad(u, dt, by_position);
-  const float opacity = opacity_of(own.logit);
-  const VisibilityGrad by_visibility = visibility_grad(dt, sigma, radius, grad.opacity * opacity);
-  Vec3 by_velocity = by_motion.u;
-  if (settings.modulated) by_velocity = effective_velocity_grad(sigma, radius, by_velocity);
+  return {dt,
+          position_at(own.position, own.u, dt),
+          {expf(own.log_scale.x), expf(own.log_scale.y), expf(own.log_scale.z)},
+          {own.rotation.x, own.rotation.y, own.rotation.z, own.rotation.w}};
+}
 
-  // L_t, L_opacity and L_scale (regularisers.cpp); l(t) of L_opacity is held constant.
-  const float span = kSpanFactor * sigma + radius;
-  const float d_span = -settings.weight_lifespan * inverse_count / (span * span);
+// Gradients of a pose. `covariance` is the one in world space, of which `factors` are the gradients
+// of the scales and the rotation.
+struct PoseGradient {
+  Vec3 position;
+  Sym3 covariance;
+  CovarianceGrad factors;
+};
+
+// `by_colour`: the gradient of the position through the colour.
+template <bool kPlanes>
+__device__ PoseGradient pose_gradient(const View& view, const VisiblePrimitive& own,
+                                      const Pose& pose, const SplatGradient& grad, Vec3 by_colour) {
+  const ProjectionGrad by_projection =
+      project_gaussian_grad(view.camera, pose.position, covariance_of(pose.rotation, pose.scale),
+                            conic_of(own.splat.falloff), grad.mean, grad.conic);
+  PoseGradient out{vec3_add(by_projection.position, by_colour), by_projection.covariance,
+                   covariance_grad(pose.rotation, pose.scale, by_projection.covariance)};
+  if constexpr (kPlanes) {
+    const PrimitivePlaneGrad by = primitive_plane_grad(view.camera, pose.position, pose.rotation,
+                                                       own.values.log_scale, own.by_plane);
+    Quat& rotation = out.factors.rotation;
+    out.position = vec3_add(out.position, by.position);
+    rotation = {rotation.w + by.rotation.w, rotation.x + by.rotation.x, rotation.y + by.rotation.y,
+                rotation.z + by.rotation.z};
+  }
+  return out;
+}
+
+// L_t, L_opacity and L_scale of a primitive (regularisers.cpp); l(t) of L_opacity is held constant.
+struct Regularisers {
+  float sum;              // weighted, not yet divided by the count
+  float d_span, d_logit;  // gradients
+  float d_shortest;       // of the logarithm of the shortest scale
+};
+
+// `visible`: l(t).
+__device__ Regularisers regularisers_of(const UpdateSettings& settings, const PrimitiveValues& own,
+                                        Vec3 scale, float opacity, float visible,
+                                        float inverse_count) {
+  const float span = kSpanFactor * own.sigma + own.radius;
   const float opacity_weight = settings.second_stage ? settings.weight_opacity : 0.0f;
-  const float visible = visibility(dt, sigma, radius);
-  float d_logit = grad.opacity * (opacity_t / opacity) * opacity_grad(opacity) +
-                  opacity_weight * inverse_count * visible * opacity * (1.0f - opacity);
-  Vec3 d_scale{by_covariance.scale.x * scale.x, by_covariance.scale.y * scale.y,
-               by_covariance.scale.z * scale.z};
-  // The covariance's gradient includes the scales already; only the regulariser is added here.
-  if constexpr (kCoupled) d_scale = {0.0f, 0.0f, 0.0f};
-  const bool first_is_shortest = log_scale.x <= log_scale.y && log_scale.x <= log_scale.z;
   const float shortest = smaller(scale.x, smaller(scale.y, scale.z));
-  const float d_shortest = settings.weight_scale * inverse_count * shortest;
+  Regularisers out;
+  out.sum = settings.weight_lifespan / span + opacity_weight * opacity * visible +
+            settings.weight_scale * shortest;
+  out.d_span = -settings.weight_lifespan * inverse_count / (span * span);
+  out.d_logit = opacity_weight * inverse_count * visible * opacity * (1.0f - opacity);
+  out.d_shortest = settings.weight_scale * inverse_count * shortest;
+  return out;
+}
+
+// Returns `d_scale` with the gradient of the shortest scale added.
+__device__ Vec3 add_to_shortest(Vec3 d_scale, Vec3 log_scale, float d_shortest) {
+  const bool first_is_shortest = log_scale.x <= log_scale.y && log_scale.x <= log_scale.z;
   if (first_is_shortest) {
     d_scale.x += d_shortest;
   } else if (log_scale.y <= log_scale.z) {
@@ -201,33 +220,66 @@ __device__ float primitive_gradients(const Primitives& p, std::uint32_t i,
   } else {
     d_scale.z += d_shortest;
   }
-  const float d_sigma = by_visibility.sigma + kSpanFactor * d_span;
-  const float d_radius = by_visibility.radius + d_span;
-  const float regularisers = settings.weight_lifespan / span + opacity_weight * opacity * visible +
-                             settings.weight_scale * shortest;
+  return d_scale;
+}
+
+// What primitive_gradients() finds besides the gradients.
+struct PrimitiveTerms {
+  float regularisers;     // weighted, not yet divided by the count
+  Statistics statistics;  // if they are gathered
+};
+
+// Fills the stage of visible primitive i except Adam's factors. `inverse_count`: of the visible
+// primitives.
+template <bool kPlanes, bool kCoupled>
+__device__ PrimitiveTerms primitive_gradients(const Primitives& p, std::uint32_t i,
+                                              const VisiblePrimitive& own, const View& view,
+                                              const UpdateSettings& settings, float inverse_count,
+                                              float* stage) {
+  const float opacity_t = exp2f(own.splat.peak);  // O_t
+  const SplatGradient grad = splat_gradient(own.sums, conic_of(own.splat.falloff), opacity_t);
+  const float sigma = own.values.sigma, radius = own.values.radius;
+  const Vec3 log_scale = own.values.log_scale;
+  const Pose pose = pose_of(own.values, view);
+  const Vec3 from_camera{pose.position.x - view.centre.x, pose.position.y - view.centre.y,
+                         pose.position.z - view.centre.z};
+  const Vec3 by_colour =
+      colour_backward(p.values[kSh] + std::size_t{3} * p.sh_coefficients * i, view.coefficients,
+                      from_camera, own.splat, grad.colour, stage);
+  const PoseGradient by_pose = pose_gradient<kPlanes>(view, own, pose, grad, by_colour);
+  const MotionGrad by_motion = position_at_grad(own.values.u, pose.dt, by_pose.position);
+  const float opacity = opacity_of(own.values.logit);
+  const VisibilityGrad by_visibility =
+      visibility_grad(pose.dt, sigma, radius, grad.opacity * opacity);
+  Vec3 by_velocity = by_motion.u;
+  if (settings.modulated) by_velocity = effective_velocity_grad(sigma, radius, by_velocity);
+  const Regularisers terms = regularisers_of(settings, own.values, pose.scale, opacity,
+                                             visibility(pose.dt, sigma, radius), inverse_count);
+  const Vec3 by_scale = by_pose.factors.scale, scale = pose.scale;
+  Vec3 d_scale{by_scale.x * scale.x, by_scale.y * scale.y, by_scale.z * scale.z};
+  // The covariance's gradient includes the scales already; only the regulariser is added here.
+  if constexpr (kCoupled) d_scale = {0.0f, 0.0f, 0.0f};
+  d_scale = add_to_shortest(d_scale, log_scale, terms.d_shortest);
+  const float d_sigma = by_visibility.sigma + kSpanFactor * terms.d_span;
 
   write3(stage + kByPosition, by_motion.position);
   write3(stage + kByLogScale, d_scale);
-  stage[kByRotation] = by_covariance.rotation.w;
-  stage[kByRotation + 1] = by_covariance.rotation.x;
-  stage[kByRotation + 2] = by_covariance.rotation.y;
-  stage[kByRotation + 3] = by_covariance.rotation.z;
-  stage[kByOpacity] = d_logit;
+  write4(stage + kByRotation, by_pose.factors.rotation);
+  stage[kByOpacity] = grad.opacity * (opacity_t / opacity) * opacity_grad(opacity) + terms.d_logit;
   stage[kByTime] = -(by_motion.dt + by_visibility.dt);
   if constexpr (kCoupled) {
-    write_coupled(
-        stage, coupled_primitive_grad(load_coupled(p, i), p.tick, log_scale, rotation,
-                                      {by_projection.covariance, d_scale, by_motion.u, d_sigma}));
+    write_coupled(stage,
+                  coupled_primitive_grad(load_coupled(p, i), p.tick, log_scale, pose.rotation,
+                                         {by_pose.covariance, d_scale, by_motion.u, d_sigma}));
   } else {
     write3(stage + kByVelocity, by_velocity);
     stage[kByLogSigma] = d_sigma * sigma;
-    stage[kByRadius] = settings.learn_radius ? d_radius : radius;
+    stage[kByRadius] = settings.learn_radius ? by_visibility.radius + terms.d_span : radius;
   }
-  if (settings.gather_statistics) statistics = statistics_of(view, grad);
-  return regularisers;
+  return {terms.sum, settings.gather_statistics ? statistics_of(view, grad) : Statistics{}};
 }
 
-// Writes this view's contribution to primitive i, from owner_stage stage.
+// Writes this view's contribution to primitive i, from its stage.
 __device__ void write_contribution(const RankBlocks& blocks, std::uint32_t i, const float* stage,
                                    const Statistics& statistics) {
   float* row = rank_rows(blocks, blocks.own) + i;
@@ -258,30 +310,28 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
   double regularisers = 0.0;
   if (visible != 0) {
     const float inverse_count = 1.0f / static_cast<float>(w.counters->visible);
-    PrimitiveValues values{};
-    ScreenSplat splat{};
+    VisiblePrimitive primitive{};
     if (own) {
-      values = load_values(p, i);
-      splat = load_splat(w.splats, i);
+      primitive.values = load_values(p, i);
+      primitive.splat = load_splat(w.splats, i);
     }
     const uint2 range = own ? w.ranges[i] : make_uint2(0, 0);
-    const Sums found = sum_instances<kSums>(range, reinterpret_cast<const float4*>(w.partials));
-    Plane by_plane{};
+    primitive.sums = sum_instances<kSums>(range, reinterpret_cast<const float4*>(w.partials));
     if constexpr (kPlanes) {
       const FloatSums<kPlaneSums> sum = sum_instances<kPlaneSums>(range, w.plane_partials);
-      by_plane = {{sum.v[0], sum.v[1], sum.v[2]}, sum.v[3]};
+      primitive.by_plane = {{sum.v[0], sum.v[1], sum.v[2]}, sum.v[3]};
     }
     if (own) {
-      Statistics statistics{};
-      regularisers = primitive_gradients<kPlanes, kCoupled>(
-          p, i, values, view, settings, splat, found, by_plane, inverse_count, stage, statistics);
+      const PrimitiveTerms terms = primitive_gradients<kPlanes, kCoupled>(
+          p, i, primitive, view, settings, inverse_count, stage);
+      regularisers = terms.regularisers;
       if constexpr (kShared) {
-        write_contribution(blocks, i, stage, statistics);
+        write_contribution(blocks, i, stage, terms.statistics);
       } else {
         const AdamFactors factors = adam_factors(++p.updates[i]);
         stage[kFirstFactor] = factors.first;
         stage[kSecondRoot] = factors.second_root;
-        if (settings.gather_statistics) gather_statistics(p, i, statistics);
+        if (settings.gather_statistics) gather_statistics(p, i, terms.statistics);
       }
     }
     if constexpr (!kShared) {
@@ -295,7 +345,8 @@ __global__ void __launch_bounds__(kUpdateBlock, kCoupled ? 4 : 6)
       update_parameters<kCoupled>(p, i - lane, visible, settings, warp_stage);
       __syncwarp();
       if (!kCoupled && own)
-        derive(p, i, settings, lifespan_modulation(values.sigma, values.radius), stage);
+        derive(p, i, settings, lifespan_modulation(primitive.values.sigma, primitive.values.radius),
+               stage);
     }
   }
   regularisers = warp_sum(regularisers);

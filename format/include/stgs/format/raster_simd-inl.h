@@ -11,7 +11,7 @@
 #include <hwy/cache_control.h>
 #include <hwy/highway.h>
 
-#include "stgs/format/math/blend.h"
+#include "stgs/format/math/screen_splat.h"
 #include "stgs/format/raster_tiles.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -23,8 +23,6 @@ using Row = hn::CappedTag<float, kTileSize>;
 using RowVec = hn::Vec<Row>;
 using RowMask = hn::Mask<Row>;
 
-constexpr float kLog2E = 1.44269504f;
-constexpr float kLog2Threshold = -7.99435344f;  // log2(kAlphaThreshold)
 // Near-minimax polynomial of 2^f for |f| <= 1/2.
 constexpr float kExp2[6] = {1.00000008f,   0.693147188f,   0.240221075f,
                             0.0555035711f, 0.00967603192f, 0.00133908634f};
@@ -50,16 +48,18 @@ struct RowSplat {
   RowVec dx, base, cross, half_yy, mean_y, peak;
 };
 
-// Prepares a splat for a row. `x` is the first pixel of the row's vector.
+// Prepares a splat for a row. `x` is the first pixel of the row's vector. math::ScreenSplat is not
+// used: Splat holds the conic, which the scalar reference evaluates.
 HWY_INLINE RowSplat row_splat(const Splat& s, int x) {
   const Row d;
-  const float peak = kLog2E * s.reach + kLog2Threshold;
+  const float peak = math::kLog2E * s.reach + math::kLog2Threshold;
+  const math::Falloff falloff = math::falloff_of(s.conic);
   RowSplat r;
   r.dx = hn::Add(hn::Iota(d, 0.0f), hn::Set(d, static_cast<float>(x) + 0.5f - s.mean.x));
   r.peak = hn::Set(d, peak);
-  r.base = hn::MulAdd(hn::Mul(hn::Set(d, -0.5f * kLog2E * s.conic.xx), r.dx), r.dx, r.peak);
-  r.cross = hn::Mul(hn::Set(d, -kLog2E * s.conic.xy), r.dx);
-  r.half_yy = hn::Set(d, -0.5f * kLog2E * s.conic.yy);
+  r.base = hn::MulAdd(hn::Mul(hn::Set(d, falloff.xx), r.dx), r.dx, r.peak);
+  r.cross = hn::Mul(hn::Set(d, falloff.xy), r.dx);
+  r.half_yy = hn::Set(d, falloff.yy);
   r.mean_y = hn::Set(d, s.mean.y);
   return r;
 }
@@ -76,7 +76,7 @@ HWY_INLINE RowVec row_log2(const RowSplat& r, RowVec dy) {
 
 // Returns the pixels whose alpha reaches kAlphaThreshold.
 HWY_INLINE RowMask row_seen(RowVec log2) {
-  return hn::Ge(log2, hn::Set(Row(), kLog2Threshold));
+  return hn::Ge(log2, hn::Set(Row(), math::kLog2Threshold));
 }
 
 // Prefetches the splat of list entry k. Lists refer to splats in no particular order.

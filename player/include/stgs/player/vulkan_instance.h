@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Creates Vulkan instances for the renderer and for this project's programs. Only in builds with
-// Vulkan (STGS_WITH_VULKAN).
+// Creates Vulkan instances and structures for the renderer and for this project's programs. Only in
+// builds with Vulkan (STGS_WITH_VULKAN).
 #pragma once
 
 #include <vulkan/vulkan_core.h>
@@ -11,6 +11,14 @@
 #include <vector>
 
 namespace stgs::player {
+
+// Returns a zeroed Vulkan structure with its sType.
+template <typename T>
+T structure(VkStructureType type) {
+  T out{};
+  out.sType = type;
+  return out;
+}
 
 // Settings of make_vulkan_instance().
 struct VulkanInstanceSettings {

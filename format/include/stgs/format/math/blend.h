@@ -10,6 +10,9 @@ STGS_MATH_BEGIN
 // o_th of the paper: less opaque contributions, in time or on screen, are not rendered.
 const float kAlphaThreshold = 1.0f / 255.0f;
 const float kAlphaMax = 0.99f;
+// ln(1 / kAlphaThreshold), rounded up: bounds the visible range in time; twice it bounds the range
+// in space.
+const float kReachMax = 5.55f;
 // A pixel is finished before the splat that would reduce its transmittance below this.
 const float kTransmittanceMin = 1e-4f;
 

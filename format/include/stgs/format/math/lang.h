@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The language subset shared by C++, CUDA and GLSL: free functions over float, int and plain
-// structs, all by value; no references, overloads or templates. Only the three macros below differ.
+// structs, all by value; no references, overloads or templates. Only the macros below and
+// is_finite() differ.
 #ifndef STGS_FORMAT_MATH_LANG_H
 #define STGS_FORMAT_MATH_LANG_H
 
@@ -8,6 +9,7 @@
 #define STGS_MATH_BEGIN
 #define STGS_MATH_END
 #define STGS_FN
+#define STGS_ALIGNED(bytes)
 #else
 #include <cmath>
 #define STGS_MATH_BEGIN  \
@@ -15,8 +17,10 @@
   using std::abs;        \
   using std::exp;        \
   using std::log;        \
+  using std::log2;       \
   using std::sqrt;
 #define STGS_MATH_END }
+#define STGS_ALIGNED(bytes) alignas(bytes)
 #if defined(__CUDACC__)
 #define STGS_FN __host__ __device__ inline
 #else
@@ -63,6 +67,17 @@ STGS_FN Vec3 vec3_of(float x, float y, float z) {
   v.z = z;
   return v;
 }
+
+// Whether x is neither infinite nor NaN. GLSL tests the bits, which compilers cannot optimise away.
+#if defined(GL_core_profile)
+STGS_FN bool is_finite(float x) {
+  return (floatBitsToUint(x) & 0x7F800000u) != 0x7F800000u;
+}
+#else
+STGS_FN bool is_finite(float x) {
+  return std::isfinite(x);
+}
+#endif
 
 STGS_FN float larger(float a, float b) {
   return a > b ? a : b;
