@@ -120,6 +120,11 @@ bool SegmentStore::does_not_fit(const SegmentLayer& layer) const {
   return state_of(layer).state == LoadState::kMissing && deadline_of(layer) >= full_from_;
 }
 
+ClipExtent SegmentStore::extent() const {
+  const std::lock_guard lock(mutex_);
+  return extent_of(*reader_);
+}
+
 bool SegmentStore::ready(double ticks) const {
   const std::lock_guard lock(mutex_);
   const std::vector<std::uint32_t> active = reader_->segments_between(ticks, ticks);
@@ -200,6 +205,11 @@ std::vector<SegmentDamage> SegmentStore::segment_damage() const {
 void SegmentStore::push_event(PlayerEvent event) noexcept {
   const std::lock_guard lock(mutex_);
   append_event(std::move(event));
+}
+
+void SegmentStore::push_stamped_event(PlayerEvent event) noexcept {
+  const std::lock_guard lock(mutex_);
+  events_.add(std::move(event));
 }
 
 void SegmentStore::append_event(PlayerEvent event) noexcept {

@@ -17,6 +17,7 @@
 #include "resident_segment.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/player/player.h"
+#include "stream/availability.h"
 #include "stream/event_queue.h"
 #include "stream/need.h"
 #include "stream/range_source.h"
@@ -25,14 +26,14 @@
 namespace stgs::player {
 
 // Thread-safe. Only the destructor waits for transfers, namely for those in flight.
-class SegmentStore {
+class SegmentStore final : public Availability {
  public:
   // `source` is the one that `reader` reads. `on_replaced` is called by threads of the store when a
   // file that is not live turns out to be replaced (true), or to be the right one again (false); it
   // must not throw.
   SegmentStore(std::shared_ptr<const SceneReader> reader, std::shared_ptr<RangeSource> source,
                const PlayerSettings& settings, std::function<void(bool)> on_replaced);
-  ~SegmentStore();
+  ~SegmentStore() override;
   // Begins no further work. Work in flight ends by itself or when the source is interrupted.
   void stop();
   SegmentStore(const SegmentStore&) = delete;
@@ -58,10 +59,9 @@ class SegmentStore {
   // Returns a segment of the given generation if it is resident, else null.
   std::shared_ptr<const ResidentSegment> resident(std::uint32_t segment,
                                                   std::uint64_t generation) const;
-  // Returns whether layer 0 is final at `ticks`: nothing more of it will arrive.
-  bool ready(double ticks) const;
-  // Returns the disjoint ranges in which layer 0 is final, ascending.
-  std::vector<TickRange> ready_ranges() const;
+  ClipExtent extent() const override;
+  bool ready(double ticks) const override;
+  std::vector<TickRange> ready_ranges() const override;
   // Returns the number of layers, counting from layer 0, that are complete at `ticks`.
   int layers(double ticks) const;
   // Returns whether nothing more will arrive for `ticks` while the position stays there.
@@ -73,6 +73,8 @@ class SegmentStore {
   std::vector<PlayerEvent> take_events();
   // Queues an event, stamped with the playback position.
   void push_event(PlayerEvent event) noexcept;
+  // Queues an event that has its position.
+  void push_stamped_event(PlayerEvent event) noexcept;
 
  private:
   enum class LoadState {
