@@ -9,33 +9,61 @@
 namespace stgs::player {
 namespace {
 
+// Divisor of the budget: the share that may be decoded at once.
+constexpr std::uint64_t kDecodeShare = 16;
+
 std::string replaced_message(const std::string& name) {
   return fmt::format("{}: the file was overwritten or truncated; open it again", name);
 }
 
-bool is_followed(const SceneReader& reader, const RangeSource& source,
-                 const PlayerSettings& settings) {
-  return settings.live.follow && source.may_grow() && reader.form() == SceneForm::kGrowing;
+bool is_followed(const OpenedFile& file, const PlayerSettings& settings) {
+  return settings.live.follow && file.source->may_grow() &&
+         file.reader->form() == SceneForm::kGrowing;
 }
 
 }  // namespace
 
-StreamPlayer::StreamPlayer(const std::shared_ptr<const SceneReader>& reader,
-                           const std::shared_ptr<RangeSource>& source, IndexCache cache,
-                           const PlayerSettings& settings, std::function<void()> interrupt,
-                           std::shared_ptr<TransferEvents> transfers)
-    : interrupt_(std::move(interrupt)),
-      transfers_(std::move(transfers)),
-      time_base_(reader->metadata().time_base),
-      playback_(settings, time_base_, extent_of(*reader), is_followed(*reader, *source, settings)),
-      store_(reader, source, settings,
-             [transfers = transfers_, message = replaced_message(source->name())](bool replaced) {
-               transfers->set_replaced(replaced, message);
-             }),
-      timeline_(make_stream_timeline(store_, source->name())) {
+std::shared_ptr<Budget> make_budget(const PlayerSettings& settings) {
+  auto budget = std::make_shared<Budget>();
+  budget->set_limit(Budget::Pool::kSegments, settings.memory_budget);
+  budget->set_limit(Budget::Pool::kDecodeScratch, settings.memory_budget / kDecodeShare);
+  return budget;
+}
+
+StreamPlayer::StreamPlayer(OpenedFile& file, const PlayerSettings& settings,
+                           std::shared_ptr<Budget> budget,
+                           std::unique_ptr<AsyncByteSource> transport,
+                           std::unique_ptr<DecodeExecutor> executor, bool live)
+    : interrupt_(std::move(file.interrupt)),
+      transfers_(std::move(file.transfers)),
+      time_base_(file.reader->metadata().time_base),
+      playback_(settings, time_base_, extent_of(*file.reader), live),
+      store_(file.reader, file.source, settings, std::move(budget), std::move(transport),
+             std::move(executor),
+             [transfers = transfers_, message = replaced_message(file.source->name())](
+                 bool replaced) { transfers->set_replaced(replaced, message); }),
+      timeline_(make_stream_timeline(store_, file.source->name())) {}
+
+StreamPlayer::StreamPlayer(OpenedFile file, const PlayerSettings& settings,
+                           std::shared_ptr<Budget> budget,
+                           std::unique_ptr<AsyncByteSource> transport,
+                           std::unique_ptr<DecodeExecutor> executor)
+    : StreamPlayer(file, settings, std::move(budget), std::move(transport), std::move(executor),
+                   false) {
+  apply_effects();
+}
+
+StreamPlayer::StreamPlayer(OpenedFile file, const PlayerSettings& settings,
+                           std::shared_ptr<Budget> budget)
+    : StreamPlayer(file, settings, std::move(budget),
+                   std::make_unique<BlockingAdapter>(file.source, settings.max_reads_in_flight),
+                   std::make_unique<CpuExecutor>(
+                       SegmentDecoder(file.source->name(), settings.memory), settings.task_runner),
+                   is_followed(file, settings)) {
+  pump_thread_ = std::make_unique<PumpThread>(store_);
   if (playback_.live().growing) {
     follower_ = std::make_unique<Follower>(
-        store_, source, std::move(cache), settings,
+        store_, file.source, std::move(file.cache), settings,
         [transfers = transfers_](bool replaced, const std::string& message) {
           transfers->set_replaced(replaced, message);
         });

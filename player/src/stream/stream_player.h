@@ -7,26 +7,46 @@
 #include <string>
 #include <vector>
 
+#include "stgs/format/budget.h"
 #include "stgs/player/player.h"
+#include "stream/async_byte_source.h"
+#include "stream/decode_executor.h"
 #include "stream/follower.h"
 #include "stream/playback.h"
+#include "stream/pump_thread.h"
 #include "stream/segment_store.h"
 #include "stream/transfer_events.h"
 
 namespace stgs::player {
 
+// The file that a player plays.
+struct OpenedFile {
+  std::shared_ptr<const SceneReader> reader;
+  std::shared_ptr<RangeSource> source;   // of `reader`
+  IndexCache cache;                      // with which `reader` was opened
+  std::function<void()> interrupt = {};  // makes pending reads of `source` fail; may be empty
+  std::shared_ptr<TransferEvents> transfers = std::make_shared<TransferEvents>();
+};
+
+// Creates the budget of a player.
+std::shared_ptr<Budget> make_budget(const PlayerSettings& settings);
+
 // Connects Playback, which decides, to SegmentStore, which provides the data. Player documents the
 // public functions.
 class StreamPlayer {
  public:
-  // `cache` is the one with which `reader` was opened. `interrupt` may be empty.
-  StreamPlayer(const std::shared_ptr<const SceneReader>& reader,
-               const std::shared_ptr<RangeSource>& source, IndexCache cache,
-               const PlayerSettings& settings, std::function<void()> interrupt,
-               std::shared_ptr<TransferEvents> transfers);
+  // Reads, decodes and follows on threads.
+  StreamPlayer(OpenedFile file, const PlayerSettings& settings, std::shared_ptr<Budget> budget);
+  // Has no threads of its own: pump() makes the progress. Does not follow a growing recording.
+  StreamPlayer(OpenedFile file, const PlayerSettings& settings, std::shared_ptr<Budget> budget,
+               std::unique_ptr<AsyncByteSource> transport,
+               std::unique_ptr<DecodeExecutor> executor);
   ~StreamPlayer();
   StreamPlayer(const StreamPlayer&) = delete;
   StreamPlayer& operator=(const StreamPlayer&) = delete;
+
+  // SegmentStore::pump(), for a player without threads.
+  PumpResult pump(double now, double budget) noexcept { return store_.pump(now, budget); }
 
   Timeline& timeline() { return *timeline_; }
   void play();
@@ -49,6 +69,10 @@ class StreamPlayer {
   std::vector<PlayerEvent> take_events();
 
  private:
+  // Takes parts of `file`.
+  StreamPlayer(OpenedFile& file, const PlayerSettings& settings, std::shared_ptr<Budget> budget,
+               std::unique_ptr<AsyncByteSource> transport, std::unique_ptr<DecodeExecutor> executor,
+               bool live);
   // Forwards the effects of the last calls of `playback_`.
   void apply_effects() noexcept;
   void report_layers();
@@ -60,6 +84,7 @@ class StreamPlayer {
   int layers_ = -1;  // as reported
   SegmentStore store_;
   std::unique_ptr<Timeline> timeline_;
+  std::unique_ptr<PumpThread> pump_thread_;
   std::unique_ptr<Follower> follower_;
 };
 
