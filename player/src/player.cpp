@@ -36,20 +36,22 @@ Result<std::unique_ptr<Player>> make_player(std::unique_ptr<ByteSource> source,
                                             std::shared_ptr<TransferEvents> transfers) {
   std::pmr::memory_resource* const memory =
       settings.memory != nullptr ? settings.memory.get() : std::pmr::get_default_resource();
-  const auto ranges = std::make_shared<RangeSource>(std::move(source), memory);
+  const std::shared_ptr<Budget> budget = make_budget(settings);
+  const auto ranges = std::make_shared<RangeSource>(std::move(source), memory, budget);
   try {
     if (ranges->size() > settings.max_file_bytes) {
       return Status(StatusCode::kLimit,
                     fmt::format("{}: the file is too large ({} bytes, the limit is {})",
                                 ranges->name(), ranges->size(), settings.max_file_bytes));
     }
-    IndexCache cache;
+    IndexCache cache(budget);
     STGS_ASSIGN(const auto reader, open_snapshot(ranges, cache, settings.limits, memory));
     // A truncated file may still be being written.
     const bool is_final = reader->form() != SceneForm::kGrowing && reader->damage().empty();
     if (is_final) ranges->set_finished();
-    return std::make_unique<Player>(std::make_unique<StreamPlayer>(
-        reader, ranges, std::move(cache), settings, std::move(interrupt), std::move(transfers)));
+    OpenedFile file{reader, ranges, std::move(cache), std::move(interrupt), std::move(transfers)};
+    return std::make_unique<Player>(
+        std::make_unique<StreamPlayer>(std::move(file), settings, budget));
   } catch (const std::exception& e) {
     return Status(code_of(e), fmt::format("{}: cannot play: {}", ranges->name(), e.what()));
   }

@@ -31,6 +31,9 @@ struct ResidentSegment {
   FloatArray begin, end;  // allocated like those of `set`
 };
 
+// The result of decoding a segment, in host memory.
+using DecodedSegment = std::shared_ptr<const ResidentSegment>;
+
 // Returns the bytes of a decoded segment of n primitives, including a list of candidates.
 std::uint64_t decoded_segment_bytes(std::uint64_t n, int sh_degree);
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A program that has a Vulkan device of its own, with images and semaphores, as whoever lends it to
-// the renderer.
+// A program that lends its own Vulkan device, images and semaphores to the renderer.
 #pragma once
 
 #include "vulkan_host/host_device.h"
@@ -33,7 +32,7 @@ class VulkanHost {
 
   const player::VulkanDevice& device() const { return host_.device(); }
   bool controls_subgroup_sizes() const { return !device().extensions.empty(); }
-  // What the validation layer has said of all hosts.
+  // Messages of the validation layer about all hosts.
   static std::vector<std::string>& messages();
 
   HostImage make_image(VkFormat format, std::uint32_t width, std::uint32_t height,

@@ -34,7 +34,7 @@ Status RangeSource::fetch(const std::function<bool()>& should_continue, std::uin
                           std::span<std::uint8_t> out, bool& read) const {
   {
     const std::lock_guard lock(mutex_);
-    for (const auto& [begin, bytes] : recent_) {
+    for (const auto& [begin, bytes, charge] : recent_) {
       if (offset < begin || offset - begin > bytes.size() ||
           out.size() > bytes.size() - (offset - begin)) {
         continue;
@@ -50,8 +50,10 @@ Status RangeSource::fetch(const std::function<bool()>& should_continue, std::uin
 }
 
 void RangeSource::add_recent(std::uint64_t offset, std::span<const std::uint8_t> bytes) {
+  Recent recent{offset, {bytes.begin(), bytes.end()}, {}};
+  if (budget_ != nullptr) recent.charge = budget_->charge(Budget::Pool::kTransfers, bytes.size());
   const std::lock_guard lock(mutex_);
-  recent_.emplace_back(offset, std::vector<std::uint8_t>(bytes.begin(), bytes.end()));
+  recent_.push_back(std::move(recent));
   if (recent_.size() > kMaxRecent) recent_.pop_front();
 }
 

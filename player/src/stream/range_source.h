@@ -11,6 +11,7 @@
 #include <span>
 #include <vector>
 
+#include "stgs/format/budget.h"
 #include "stgs/format/byte_source.h"
 
 namespace stgs::player {
@@ -19,9 +20,11 @@ namespace stgs::player {
 // Thread-safe.
 class RangeSource final : public ByteSource {
  public:
-  // `memory` allocates the prefetched ranges.
-  RangeSource(std::unique_ptr<ByteSource> under, std::pmr::memory_resource* memory)
-      : under_(std::move(under)), memory_(memory) {}
+  // `memory` allocates the prefetched ranges. `budget`, if given, is charged for the recent bytes;
+  // the user charges the prefetched ones.
+  RangeSource(std::unique_ptr<ByteSource> under, std::pmr::memory_resource* memory,
+              std::shared_ptr<Budget> budget = nullptr)
+      : under_(std::move(under)), memory_(memory), budget_(std::move(budget)) {}
 
   std::uint64_t size() const override { return under_->size(); }
   const std::string& name() const override { return under_->name(); }
@@ -50,12 +53,18 @@ class RangeSource final : public ByteSource {
 
  private:
   using Bytes = std::shared_ptr<const std::pmr::vector<std::uint8_t>>;
+  struct Recent {
+    std::uint64_t offset = 0;
+    std::vector<std::uint8_t> bytes;
+    Lease charge;
+  };
 
   std::unique_ptr<ByteSource> under_;
   std::pmr::memory_resource* memory_;
+  const std::shared_ptr<Budget> budget_;
   mutable std::mutex mutex_;               // guards the following members
   std::map<std::uint64_t, Bytes> ranges_;  // by offset
-  std::deque<std::pair<std::uint64_t, std::vector<std::uint8_t>>> recent_;
+  std::deque<Recent> recent_;
 };
 
 }  // namespace stgs::player

@@ -1,16 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// SegmentStore: the segments of the file, and their layers in file order.
+#include "stream/segment_index.h"
+
 #include <algorithm>
-#include <limits>
+#include <cmath>
 #include <utility>
 
+#include "resident_segment.h"
 #include "stream/no_memory.h"
-#include "stream/segment_store.h"
 
 namespace stgs::player {
 namespace {
-
-constexpr double kNever = std::numeric_limits<double>::infinity();
 
 std::uint64_t offset_of(const SegmentInfo& segment, bool sh) {
   return sh ? segment.sh_offset : segment.offset;
@@ -38,18 +37,24 @@ std::vector<SegmentLayer> layers_from(const std::vector<SegmentInfo>& segments, 
 
 }  // namespace
 
-std::uint64_t SegmentStore::stored_bytes(const SegmentLayer& layer) const {
-  return bytes_of(reader_->segments()[layer.segment], layer.sh);
+std::uint64_t SegmentIndex::stored_bytes(const SegmentLayer& layer) const {
+  return bytes_of(segment(layer.segment), layer.sh);
 }
 
-std::uint64_t SegmentStore::file_offset(const SegmentLayer& layer) const {
-  return offset_of(reader_->segments()[layer.segment], layer.sh);
+std::uint64_t SegmentIndex::file_offset(const SegmentLayer& layer) const {
+  return offset_of(segment(layer.segment), layer.sh);
+}
+
+std::uint64_t SegmentIndex::memory_bytes(const SegmentLayer& layer) const {
+  const std::uint64_t decoded =
+      layer.sh ? 0 : decoded_segment_bytes(segment(layer.segment).primitives, reader().sh_degree());
+  return stored_bytes(layer) + decoded;
 }
 
 // Returns whether the segments of `reader` begin with the known ones, followed by others that lie
 // behind them in the file.
-bool SegmentStore::is_continuation(const SceneReader& reader) const {
-  const std::vector<SegmentInfo>&before = reader_->segments(), &now = reader.segments();
+bool SegmentIndex::is_continuation(const SceneReader& next) const {
+  const std::vector<SegmentInfo>&before = reader().segments(), &now = next.segments();
   const auto same = [](const SegmentInfo& a, const SegmentInfo& b) {
     return a.offset == b.offset && a.bytes == b.bytes && a.primitives == b.primitives &&
            a.sh_offset == b.sh_offset && a.sh_bytes == b.sh_bytes;
@@ -57,67 +62,62 @@ bool SegmentStore::is_continuation(const SceneReader& reader) const {
   return now.size() >= before.size() &&
          std::equal(before.begin(), before.end(), now.begin(), same) &&
          std::all_of(now.begin() + static_cast<std::ptrdiff_t>(before.size()), now.end(),
-                     [&](const SegmentInfo& s) { return s.offset >= reader_->file_bytes(); });
+                     [&](const SegmentInfo& s) { return s.offset >= reader().file_bytes(); });
 }
 
-// Adds the new segments of `reader`, which follow the known ones in the file. Everything that can
-// throw comes before any change.
-void SegmentStore::adopt_reader(std::shared_ptr<const SceneReader> reader) {
+SegmentIndex::Update SegmentIndex::prepare(std::shared_ptr<const SceneReader> reader) {
   const std::vector<SegmentInfo>& segments = reader->segments();
+  Update update;
   // A damaged index fragment omits segments that a later one may list again.
-  const bool renumbered = !is_continuation(*reader);
-  const std::vector<SegmentLayer> added = layers_from(segments, renumbered ? 0 : entries_.size());
-  reserve_for(entries_, segments.size());
-  reserve_for(file_order_, (renumbered ? 0 : file_order_.size()) + added.size());
+  update.renumbered = now_.reader != nullptr && !is_continuation(*reader);
+  update.added = layers_from(segments, update.renumbered ? 0 : size());
+  reserve_for(file_order_, (update.renumbered ? 0 : file_order_.size()) + update.added.size());
   reserve_for(file_index_, 2 * segments.size());
-  if (renumbered) forget_segments();
-  reader_ = std::move(reader);
-  const std::size_t first = entries_.size();
-  entries_.resize(segments.size());
-  for (std::size_t s = first; s < segments.size(); ++s) {
-    tiers_ = std::max(tiers_, segments[s].tier + 1);
-    if (!segments[s].available) entries_[s].base = {LoadState::kFailed, kNever};
-    if (!segments[s].sh_available) entries_[s].sh = {LoadState::kFailed, kNever};
-    if (segments[s].sh_bytes == 0) entries_[s].sh.state = LoadState::kResident;
+  update.reader = std::move(reader);
+  return update;
+}
+
+void SegmentIndex::adopt(Update update) noexcept {
+  const std::size_t first = update.renumbered ? 0 : size();
+  if (update.renumbered) {
+    file_order_.clear();
+    file_index_.clear();
+    ++now_.generation;
   }
-  file_index_.resize(2 * segments.size());
-  for (const SegmentLayer& layer : added) {
+  now_.reader = std::move(update.reader);
+  for (std::size_t s = first; s < size(); ++s)
+    tiers_ = std::max(tiers_, reader().segments()[s].tier + 1);
+  file_index_.resize(2 * size());
+  for (const SegmentLayer& layer : update.added) {
     file_index_[2 * std::size_t{layer.segment} + (layer.sh ? 1 : 0)] = file_order_.size();
     file_order_.push_back(layer);
   }
 }
 
-// Requests in flight are discarded when they end.
-void SegmentStore::forget_segments() {
-  for (const SegmentLayer& layer : file_order_) {
-    if (state_of(layer).state == LoadState::kResident) source_->erase(file_offset(layer));
+std::vector<std::size_t> SegmentIndex::upcoming_layers(const Playhead& playhead,
+                                                       double seconds) const {
+  constexpr double kAround = 1;  // ticks; callers check each layer exactly
+  const double speed = std::abs(playhead.ticks_per_second);
+  const double ahead = seconds * speed, at = playhead.ticks, end = playhead.duration;
+  const bool back = playhead.ticks_per_second < 0;
+  std::vector<std::uint32_t> near =
+      back ? reader().segments_between(at - ahead - kAround, at + kAround)
+           : reader().segments_between(at - kAround, at + ahead + kAround);
+  if (const double wrapped = back ? end + at - ahead : at + ahead - end; playhead.loop) {
+    const auto more = back ? reader().segments_between(std::max(wrapped, at) - kAround, end)
+                           : reader().segments_between(0, std::min(wrapped, at) + kAround);
+    near.insert(near.end(), more.begin(), more.end());
   }
-  source_->forget_recent();
-  entries_.clear();
-  file_order_.clear();
-  file_index_.clear();
-  damage_.clear();
-  memory_ = stored_primitives_ = 0;
-  full_from_ = kNever;
-  ++generation_;
-}
-
-void SegmentStore::grow(std::shared_ptr<const SceneReader> reader) {
-  {
-    const std::lock_guard lock(mutex_);
-    adopt_reader(std::move(reader));
+  std::vector<std::size_t> out;
+  for (const std::uint32_t segment : near) {
+    for (const bool sh : {false, true}) {
+      if (stored_bytes({segment, sh}) > 0) out.push_back(file_index({segment, sh}));
+    }
   }
-  to_fetch_.notify_all();
-}
-
-SegmentStore::Snapshot SegmentStore::snapshot() const {
-  const std::lock_guard lock(mutex_);
-  return {reader_, generation_};
-}
-
-int SegmentStore::tiers() const {
-  const std::lock_guard lock(mutex_);
-  return tiers_;
+  // In file order, so that ties go to the first. Removes those that are near in both directions.
+  std::sort(out.begin(), out.end());
+  out.erase(std::unique(out.begin(), out.end()), out.end());
+  return out;
 }
 
 }  // namespace stgs::player

@@ -58,6 +58,7 @@ Status IndexCache::read(const ByteSource& under, std::uint64_t size, std::uint64
     if (at_end) tail_at_ = begin;
     if (this->bytes() + bytes.size() > kMaxCachedBytes) ranges_.clear();
     range = &(ranges_[begin] = {std::move(bytes), true});
+    charge_.resize(this->bytes());
   } else {
     begin = std::prev(ranges_.upper_bound(offset))->first;
   }
@@ -81,6 +82,12 @@ void IndexCache::discard_incomplete() {
     const std::uint64_t valid = std::min<std::uint64_t>(range.bytes.size(), complete_ - begin);
     range.bytes.resize(static_cast<std::size_t>(valid));
   }
+  charge_.resize(bytes());
+}
+
+void IndexCache::clear() {
+  ranges_.clear();
+  charge_.resize(0);
 }
 
 std::pair<std::uint64_t, std::span<const std::uint8_t>> IndexCache::tail(

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "stgs/format/budget.h"
 #include "stgs/format/scene_file.h"
 #include "stream/range_source.h"
 
@@ -21,6 +22,11 @@ namespace stgs::player {
 // only new data. One thread at a time.
 class IndexCache {
  public:
+  // `budget`, if given, is charged for the cached bytes.
+  explicit IndexCache(std::shared_ptr<Budget> budget = nullptr) : budget_(std::move(budget)) {
+    if (budget_ != nullptr) charge_ = budget_->charge(Budget::Pool::kIndex, 0);
+  }
+  IndexCache(IndexCache&&) = default;
   // Reads from the cache, else from `under`, which is `size` bytes long at present. A read near the
   // end reads everything from there to the end at once, since an index lies there.
   Status read(const ByteSource& under, std::uint64_t size, std::uint64_t offset,
@@ -30,7 +36,7 @@ class IndexCache {
   void retain(std::uint64_t complete);
   // Discards bytes from the last `complete` on. Call it if a reader could not be opened.
   void discard_incomplete();
-  void clear() { ranges_.clear(); }
+  void clear();
   std::uint64_t bytes() const;
   // Returns the offset and bytes of the last read at the end of the file since retain(), up to
   // `complete`; empty if there was none.
@@ -43,6 +49,8 @@ class IndexCache {
   };
   Range* find(std::uint64_t offset, std::size_t bytes);
 
+  std::shared_ptr<Budget> budget_;  // outlives `charge_`
+  Lease charge_;
   std::map<std::uint64_t, Range> ranges_;  // by offset; may overlap
   std::uint64_t complete_ = 0;
   std::optional<std::uint64_t> tail_at_;  // offset of the last read at the end of the file

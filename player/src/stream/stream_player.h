@@ -7,26 +7,46 @@
 #include <string>
 #include <vector>
 
+#include "stgs/format/budget.h"
 #include "stgs/player/player.h"
+#include "stream/async_byte_source.h"
+#include "stream/decode_executor.h"
 #include "stream/follower.h"
-#include "stream/live_edge.h"
-#include "stream/playback_clock.h"
+#include "stream/playback.h"
+#include "stream/pump_thread.h"
 #include "stream/segment_store.h"
 #include "stream/transfer_events.h"
 
 namespace stgs::player {
 
-// Player documents the public functions.
+// The file that a player plays.
+struct OpenedFile {
+  std::shared_ptr<const SceneReader> reader;
+  std::shared_ptr<RangeSource> source;   // of `reader`
+  IndexCache cache;                      // with which `reader` was opened
+  std::function<void()> interrupt = {};  // makes pending reads of `source` fail; may be empty
+  std::shared_ptr<TransferEvents> transfers = std::make_shared<TransferEvents>();
+};
+
+// Creates the budget of a player.
+std::shared_ptr<Budget> make_budget(const PlayerSettings& settings);
+
+// Connects Playback, which decides, to SegmentStore, which provides the data. Player documents the
+// public functions.
 class StreamPlayer {
  public:
-  // `cache` is the one with which `reader` was opened. `interrupt` may be empty.
-  StreamPlayer(const std::shared_ptr<const SceneReader>& reader,
-               const std::shared_ptr<RangeSource>& source, IndexCache cache,
-               const PlayerSettings& settings, std::function<void()> interrupt,
-               std::shared_ptr<TransferEvents> transfers);
+  // Reads, decodes and follows on threads.
+  StreamPlayer(OpenedFile file, const PlayerSettings& settings, std::shared_ptr<Budget> budget);
+  // Has no threads of its own: pump() makes the progress. Does not follow a growing recording.
+  StreamPlayer(OpenedFile file, const PlayerSettings& settings, std::shared_ptr<Budget> budget,
+               std::unique_ptr<AsyncByteSource> transport,
+               std::unique_ptr<DecodeExecutor> executor);
   ~StreamPlayer();
   StreamPlayer(const StreamPlayer&) = delete;
   StreamPlayer& operator=(const StreamPlayer&) = delete;
+
+  // SegmentStore::pump(), for a player without threads.
+  PumpResult pump(double now, double budget) noexcept { return store_.pump(now, budget); }
 
   Timeline& timeline() { return *timeline_; }
   void play();
@@ -36,61 +56,35 @@ class StreamPlayer {
   Status set_rate(double rate);
   void set_loop(bool loop);
   void go_live();
-  LiveState live() const;
+  LiveState live() const { return playback_.live(); }
   double advance(double now);
-  PlayerState state() const { return state_; }
-  double seconds() const { return time_base_.seconds(clock_.ticks()); }
+  PlayerState state() const { return playback_.state(); }
+  double seconds() const { return playback_.seconds(); }
   bool ready() const { return layers() > 0; }
-  int layers() const { return store_.layers(clock_.ticks()); }
+  int layers() const { return store_.layers(playback_.ticks()); }
   int layer_count() const { return 2 * store_.tiers(); }
-  bool is_complete() const { return store_.is_complete(clock_.ticks()); }
+  bool is_complete() const { return store_.is_complete(playback_.ticks()); }
   std::vector<TimeRange> buffered() const;
   StreamStatistics statistics() const { return store_.statistics(); }
   std::vector<PlayerEvent> take_events();
 
  private:
-  void push_event(PlayerEvent::Kind kind);
-  // Reports a stall once, until playback resumes.
-  void report_stall();
-  void go_to(double ticks);
-  void update_playhead(bool jumped);
-  // Returns whether the next PlayerSettings::resume_seconds are available.
-  bool can_resume() const;
-  // Returns the beginning of the last frame known at present.
-  double last_tick() const { return frames_ > 0 ? frames_ - 1.0 : 0.0; }
-  bool is_growing() const { return reader_->form() == SceneForm::kGrowing; }
-  // Returns the time from the beginning of the last part to the edge.
-  static double last_fragment_seconds(const SceneReader& reader);
-  void begin_live(const std::shared_ptr<RangeSource>& source, IndexCache cache);
-  void follow();
-  // Updates the live edge. While playback follows it, a new edge counts once it is playable, or
-  // after the duration of a fragment; otherwise it counts at once. `passed`: seconds since the last
-  // call.
-  void update_live_edge(double passed);
-  // Returns the factor of the rate for following the edge. Jumps if catching up would take too
-  // long.
-  double live_rate_factor();
-  // Returns whether the base layer at `ticks` is available or will not arrive.
-  bool can_display(double ticks) const;
-  void step(double passed);
+  // Takes parts of `file`.
+  StreamPlayer(OpenedFile& file, const PlayerSettings& settings, std::shared_ptr<Budget> budget,
+               std::unique_ptr<AsyncByteSource> transport, std::unique_ptr<DecodeExecutor> executor,
+               bool live);
+  // Forwards the effects of the last calls of `playback_`.
+  void apply_effects() noexcept;
+  void report_layers();
 
-  const PlayerSettings settings_;
-  std::function<void()> interrupt_;
+  const std::function<void()> interrupt_;
   const std::shared_ptr<TransferEvents> transfers_;
   const TimeBase time_base_;
-  std::shared_ptr<const SceneReader> reader_;
-  std::uint32_t frames_;
-  PlaybackClock clock_;
-  // Live playback of a growing recording.
-  bool growing_ = false, following_ = false, seek_to_edge_ = false, loop_ = false;
-  double last_growth_ = 0;  // on the caller's clock
-  LiveEdge edge_;
-  PlayerState state_ = PlayerState::kPaused;
-  bool playing_ = false, started_ = false, stall_reported_ = false;
-  double now_ = 0;
-  int layers_ = -1;
+  Playback playback_;
+  int layers_ = -1;  // as reported
   SegmentStore store_;
   std::unique_ptr<Timeline> timeline_;
+  std::unique_ptr<PumpThread> pump_thread_;
   std::unique_ptr<Follower> follower_;
 };
 

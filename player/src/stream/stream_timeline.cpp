@@ -122,7 +122,7 @@ class StreamTimeline final : public Timeline {
 
   // Adopts the current snapshot of the file.
   void update() {
-    SegmentStore::Snapshot now = store_.snapshot();
+    FileSnapshot now = store_.snapshot();
     if (now.reader == snapshot_.reader) return;
     const bool renumbered = now.generation != snapshot_.generation;
     const std::vector<SegmentInfo>& segments = now.reader->segments();
@@ -159,7 +159,7 @@ class StreamTimeline final : public Timeline {
 
   SegmentStore& store_;
   std::string name_;
-  SegmentStore::Snapshot snapshot_;  // as of the last update()
+  FileSnapshot snapshot_;  // as of the last update()
   std::shared_ptr<const void> identity_ = std::make_shared<char>();
   std::vector<std::uint32_t> id_base_;
   std::vector<ActiveSegment> active_;  // of the last at()
