@@ -81,15 +81,25 @@ def convert_line(line, path, used):
 
 
 @functools.cache
+def headers():
+    """The text of the C headers."""
+    texts = []
+    for path in sorted(glob.glob(f"{ROOT}/sdk/include/stgs/*.h")):
+        with open(path, encoding="utf-8") as file:
+            texts.append(file.read())
+    return "\n".join(texts)
+
+
+@functools.cache
+def declared_functions():
+    return set(re.findall(r"^STGS_API[^;]*?\b(stgs_\w+)\(", headers(), re.MULTILINE))
+
+
+@functools.cache
 def declared():
     """The functions, structs and types of the C headers."""
-    names = set()
-    for header in glob.glob(f"{ROOT}/sdk/include/stgs/*.h"):
-        with open(header, encoding="utf-8") as file:
-            text = file.read()
-        names |= set(re.findall(r"^STGS_API[^;]*?\b(stgs_\w+)\(", text, re.MULTILINE))
-        names |= set(re.findall(r"^(?:typedef [\w ]+|\}) (stgs_\w+);", text, re.MULTILINE))
-    return names
+    types = re.findall(r"^(?:typedef [\w ]+|\}) (stgs_\w+);", headers(), re.MULTILINE)
+    return declared_functions() | set(types)
 
 
 def convert_code(code, path):
