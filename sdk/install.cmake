@@ -32,8 +32,6 @@ file(RELATIVE_PATH STGS_PC_PREFIX /p/${CMAKE_INSTALL_LIBDIR}/pkgconfig /p)
 configure_file(packaging/stgs.pc.in stgs.pc @ONLY)
 install(FILES ${CMAKE_CURRENT_BINARY_DIR}/stgs.pc
         DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT dev)
-install(DIRECTORY docs/ DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/libstgs-dev/guides COMPONENT dev
-        FILES_MATCHING PATTERN "*.md")
 
 if(NOT STGS_HAS_ENCODER)
   return()

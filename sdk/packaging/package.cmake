@@ -13,11 +13,15 @@ if(STGS_BUILD_PROGRAM)
 endif()
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_NAME libstgs0)  # 0: the SOVERSION
 set(CPACK_DEBIAN_DEV_PACKAGE_NAME libstgs-dev)
+set(CPACK_DEBIAN_DOC_PACKAGE_NAME libstgs-doc)
 set(CPACK_DEBIAN_ENCODER_PACKAGE_NAME libstgs-encoder0)
 set(CPACK_DEBIAN_ENCODER_DEV_PACKAGE_NAME libstgs-encoder-dev)
 set(CPACK_DEBIAN_TOOLS_PACKAGE_NAME stgs)
 set(CPACK_DEBIAN_MPI_PACKAGE_NAME stgs-mpi)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-stgs)
+if(TARGET docs)
+  list(APPEND packages doc)
+endif()
 if(STGS_HAS_MPI)
   list(APPEND packages mpi)
 endif()
@@ -32,8 +36,11 @@ Opens .stgs scenes from files, URLs, memory or application callbacks and renders
 them at any time from any viewpoint, on the CPU, with Vulkan or, if built in,
 with CUDA.")
 set(CPACK_COMPONENT_DEV_DESCRIPTION "player of streaming 4D Gaussian video - development files
-C99 headers, static library, CMake and pkg-config files, guides and examples for
+C99 headers, static library, CMake and pkg-config files, and examples for
 applications that render .stgs scenes.")
+set(CPACK_COMPONENT_DOC_DESCRIPTION "streaming 4D Gaussian video - documentation
+Guide of the program stgs, guide and reference of the libraries libstgs and
+libstgs-encoder, and the specification of the .stgs format, as HTML.")
 set(CPACK_COMPONENT_ENCODER_DESCRIPTION "encoder of streaming 4D Gaussian video - library
 Turns synchronised multi-view video into .stgs scenes of 4D Gaussians: prepares
 captures, trains, and packs.")
@@ -50,6 +57,8 @@ Opens .stgs scenes, renders them into NumPy arrays and returns their primitives.
 
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_SECTION libs)
 set(CPACK_DEBIAN_DEV_PACKAGE_SECTION libdevel)
+set(CPACK_DEBIAN_DOC_PACKAGE_SECTION doc)
+set(CPACK_DEBIAN_DOC_PACKAGE_ARCHITECTURE all)
 set(CPACK_DEBIAN_ENCODER_PACKAGE_SECTION libs)
 set(CPACK_DEBIAN_ENCODER_DEV_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_TOOLS_PACKAGE_SECTION video)
@@ -70,7 +79,7 @@ endif()
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_SUGGESTS "libvulkan1, mesa-vulkan-drivers | vulkan-icd")
 set(CPACK_DEBIAN_TOOLS_PACKAGE_RECOMMENDS "libvulkan1, mesa-vulkan-drivers | vulkan-icd")
 set(CPACK_DEBIAN_ENCODER_PACKAGE_SUGGESTS "colmap")
-set(CPACK_DEBIAN_TOOLS_PACKAGE_SUGGESTS "colmap, ffmpeg, stgs-mpi")
+set(CPACK_DEBIAN_TOOLS_PACKAGE_SUGGESTS "colmap, ffmpeg, libstgs-doc, stgs-mpi")
 # Dependencies that dpkg-shlibdeps gives to programs that link the library: before 1.0 exactly the
 # version that they were built with.
 set(documents ${PROJECT_BINARY_DIR}/packaging)
@@ -93,7 +102,10 @@ if(STGS_HAS_PREPARE)
       "libopencv-core-dev, libopencv-imgproc-dev, libopencv-imgcodecs-dev, libopencv-videoio-dev, \
 libopencv-video-dev, libopencv-calib3d-dev, libopencv-features2d-dev, libopencv-flann-dev")
 endif()
-set(CPACK_DEBIAN_DEV_PACKAGE_SUGGESTS "stgs, cmake, pkg-config, libstb-dev, libvulkan-dev")
+if(STGS_HAS_CALIBRATION)
+  string(APPEND CPACK_DEBIAN_ENCODER_DEV_PACKAGE_RECOMMENDS ", libtomlplusplus-dev, libpugixml-dev")
+endif()
+set(CPACK_DEBIAN_DEV_PACKAGE_SUGGESTS "libstgs-doc, stgs, cmake, pkg-config, libstb-dev, libvulkan-dev")
 
 set(CPACK_PACKAGE_NAME stgs)
 set(CPACK_PACKAGE_VENDOR STGS)

@@ -30,6 +30,11 @@ CONTENTS = {
                     LIBRARIES + "cmake/stgs/stgs-static.cmake", LIBRARIES + "pkgconfig/stgs.pc",
                     "usr/share/doc/libstgs-dev/examples/CMakeLists.txt",
                     "usr/share/doc/libstgs-dev/examples/minimal.c"],
+    "libstgs-doc": ["usr/share/doc/libstgs-doc/html/index.html",
+                    "usr/share/doc/libstgs-doc/html/guide_captures.html",
+                    "usr/share/doc/libstgs-doc/html/group__api__scenes.html",
+                    "usr/share/doc/libstgs-doc/html/format_stgs_format.html",
+                    "usr/share/doc/libstgs-doc/html/site.css"],
     "libstgs-encoder0": [LIBRARIES + "libstgs_encoder.so.0", LIBRARIES + "libstgs_encoder.so.0.*"],
     "libstgs-encoder-dev": ["usr/include/stgs/stgs_encoder.h", LIBRARIES + "libstgs_encoder.so",
                             LIBRARIES + "libstgs_encoder.a",
@@ -78,7 +83,8 @@ class Packages(unittest.TestCase):
         return glob.glob(os.path.join(self.at(root), pattern), recursive=True)
 
     def test_the_expected_packages_are_created(self):
-        needs = {"stgs-mpi": "bin/stgs_mpi.so", "python3-stgs": "python/stgs.*.so"}
+        needs = {"stgs-mpi": "bin/stgs_mpi.so", "python3-stgs": "python/stgs.*.so",
+                 "libstgs-doc": "sdk/docs/Doxyfile"}
         not_built = {name for name, file in needs.items()
                      if not glob.glob(os.path.join(ARGUMENTS.build, file))}
         self.assertEqual(set(self.packages), set(CONTENTS) - not_built)
@@ -154,7 +160,7 @@ class Packages(unittest.TestCase):
     def test_binaries_are_stripped_and_have_no_rpath(self):
         binaries = [path for path in self.find("usr/bin/*") + self.find("usr/lib/**/*.so*")
                     if not os.path.islink(path)]
-        self.assertEqual(len(binaries), len([name for name in self.packages if "-dev" not in name]))
+        self.assertEqual(len(binaries), len([name for name in self.packages if not name.endswith(("-dev", "-doc"))]))
         for path in binaries:
             self.assertNotIn("debug_info", run("readelf", "-S", path))
             self.assertNotRegex(run("readelf", "-d", path), "RPATH|RUNPATH")

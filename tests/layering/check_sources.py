@@ -26,6 +26,7 @@ CONFINED = [
     (re.compile(r"opencv2/"), "OpenCV", CAPTURE_SIDE),
     (re.compile(r"(OpenEXR/)?(Imf|Imath|Iex)\w*\.h$"), "OpenEXR", CAPTURE_SIDE),
     (re.compile(r"colmap/"), "COLMAP", CAPTURE_SIDE),
+    (re.compile(r"(toml\+\+/|pugixml)"), "toml++ and pugixml", CAPTURE_SIDE),
     (re.compile(r"lib(av\w+|swscale|swresample)/"), "FFmpeg", CAPTURE_SIDE),
 ]
 TOP_LEVEL = {

@@ -11,9 +11,11 @@ class Prepare final : public Command {
  public:
   Help help() const override {
     return {"prepare", "Prepare a capture for training, from videos or images",
-            "Reads cameras and frames of a common dataset layout, or calibrates with COLMAP;\n"
-            "undistorts, detects motion and computes initial points. The result is a folder that\n"
-            "'train' and 'evaluate' read. Inspect its report/index.html before training.",
+            "Reads cameras and frames of a common dataset layout; undistorts, detects motion and\n"
+            "computes initial points. Videos (layout 'videos') are calibrated by a file next to\n"
+            "them: cameras.json, or the calibration of Pose2Sim, Anipose, Qualisys or OpenCV;\n"
+            "without one, by COLMAP. The result is a folder that 'train' and 'evaluate' read.\n"
+            "Inspect its report/index.html before training.",
             "  stgs prepare capture/ -o prepared/\n"
             "  stgs prepare capture/ -o prepared/ --frames 0:60 --scale 0.5 --test-cameras cam00"};
   }

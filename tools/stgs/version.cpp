@@ -20,6 +20,9 @@ std::vector<std::string> features() {
 #ifdef STGS_HAS_PREPARE
   for (const char* name : {"prepare", "encode", "mp4"}) names.push_back(name);
 #endif
+#ifdef STGS_HAS_CALIBRATION
+  names.push_back("calibration");
+#endif
 #ifdef STGS_HAS_EXR
   names.push_back("exr");
 #endif

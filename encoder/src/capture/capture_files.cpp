@@ -13,6 +13,7 @@
 #include "plural.h"
 #include "stgs/encoder/json_error.h"
 #include "stgs/format/byte_source.h"
+#include "stgs/format/camera.h"
 
 namespace stgs::encoder {
 namespace {
@@ -89,6 +90,10 @@ std::vector<std::string> list_folders(const std::string& folder) {
   return list(folder, [](const fs::directory_entry& entry) { return entry.is_directory(); });
 }
 
+std::vector<std::string> list_files(const std::string& folder) {
+  return list(folder, [](const fs::directory_entry& entry) { return entry.is_regular_file(); });
+}
+
 std::string stem_of(const std::string& path) {
   return fs::path(path).stem().string();
 }
@@ -116,8 +121,8 @@ std::vector<SourceCamera> find_cameras(const std::string& folder) {
     for (const std::string& path : list_folders(folder + below)) {
       SourceCamera camera;
       camera.name = fs::path(path).filename().string();
-      const bool reserved =
-          camera.name == "masks" || camera.name == "flow" || camera.name == "images";
+      const bool reserved = camera.name == "masks" || camera.name == "flow" ||
+                            camera.name == "images" || camera.name == "calibration";
       if (!reserved && find_frames(folder + below, camera.name, camera)) cameras.push_back(camera);
     }
     if (!cameras.empty()) return cameras;
@@ -250,6 +255,16 @@ Status set_pose_from_camera_to_world(const std::vector<double>& c2w, const std::
       camera.translation[row] -= c2w[4 * column + row] * c2w[4 * column + 3];
     }
   }
+  return {};
+}
+
+Status set_size(double width, double height, const std::string& where, SourceCamera& camera) {
+  if (!(width >= 1 && height >= 1 && width <= kMaxImageSide && height <= kMaxImageSide)) {
+    return invalid_file("{}: invalid image size {}x{} (expected 1 to {} pixels)", where, width,
+                        height, kMaxImageSide);
+  }
+  camera.width = static_cast<int>(width);
+  camera.height = static_cast<int>(height);
   return {};
 }
 

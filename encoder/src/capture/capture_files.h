@@ -21,6 +21,7 @@ bool is_image(const std::string& path);
 std::vector<std::string> list_videos(const std::string& folder);
 std::vector<std::string> list_images(const std::string& folder);
 std::vector<std::string> list_folders(const std::string& folder);
+std::vector<std::string> list_files(const std::string& folder);
 
 // Returns the file name without folder and extension.
 std::string stem_of(const std::string& path);
@@ -60,6 +61,9 @@ Status set_pose(const std::vector<double>& w2c, const std::string& where, Source
 // Sets the pose from a row-major 3x4 or 4x4 camera-to-world matrix with OpenCV axes.
 Status set_pose_from_camera_to_world(const std::vector<double>& c2w, const std::string& where,
                                      SourceCamera& camera);
+// Sets the size that the intrinsics are for. kInvalidFile unless both sides are 1 to kMaxImageSide
+// pixels.
+Status set_size(double width, double height, const std::string& where, SourceCamera& camera);
 // Sets the lens model from OpenCV coefficients: kPinhole if all are zero. kInvalidFile for a number
 // of coefficients that the model does not have.
 Status set_distortion(std::vector<double> coefficients, bool fisheye, const std::string& where,

@@ -5,10 +5,10 @@
 //   extri.yml: T_XX; Rot_XX, or R_XX as a rotation vector; world to camera.
 //   Frames are in images/XX/ or videos/XX.*, masks in masks/XX/ or mask/XX/.
 #include <filesystem>
-#include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 
 #include "capture_files.h"
+#include "opencv_storage.h"
 
 namespace stgs::encoder {
 namespace {
@@ -21,52 +21,24 @@ struct Yaml {
 };
 
 Result<Yaml> open_yaml(const std::string& path) {
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
-  try {
-    cv::FileStorage file(std::string(bytes.begin(), bytes.end()),
-                         cv::FileStorage::READ | cv::FileStorage::MEMORY);
-    if (file.isOpened()) return Yaml{path, file};
-  } catch (const cv::Exception& error) {
-    return invalid_file("{}: not YAML that OpenCV can read: {}", path, error.err);
-  }
-  return invalid_file("{}: not YAML that OpenCV can read", path);
+  STGS_ASSIGN(const cv::FileStorage file, open_storage(path));
+  return Yaml{path, file};
 }
 
-// Returns the numbers of the first key that exists, or an empty list.
 Result<std::vector<double>> numbers(const Yaml& yaml, const std::vector<std::string>& keys) {
-  for (const std::string& key : keys) {
-    const cv::FileNode node = yaml.file[key];
-    if (node.empty()) continue;
-    if (node.isReal() || node.isInt()) return std::vector<double>{node.real()};
-    try {
-      cv::Mat matrix;
-      node >> matrix;
-      matrix.convertTo(matrix, CV_64F);
-      return std::vector<double>(matrix.begin<double>(), matrix.end<double>());
-    } catch (const cv::Exception& error) {
-      return invalid_file("{}: {} is not a matrix of numbers: {}", yaml.path, key, error.err);
-    }
-  }
-  return std::vector<double>();
+  return storage_numbers(yaml.file, keys, yaml.path);
 }
 
 Status set_extrinsics(const Yaml& extri, const std::string& where, SourceCamera& camera) {
-  STGS_ASSIGN(std::vector<double> rotation,
+  STGS_ASSIGN(const std::vector<double> rotation,
               numbers(extri, {"Rot_" + camera.name, "R_" + camera.name}));
-  if (rotation.size() == 3) {
-    cv::Matx33d matrix;
-    cv::Rodrigues(cv::Vec3d(rotation.data()), matrix);
-    rotation.assign(matrix.val, matrix.val + 9);
-  }
   STGS_ASSIGN(const std::vector<double> t, numbers(extri, {"T_" + camera.name}));
-  if (rotation.size() != 9 || t.size() != 3) {
+  if ((rotation.size() != 9 && rotation.size() != 3) || t.size() != 3) {
     return invalid_file(
         "{}: incomplete pose (expected Rot_{} with 9 numbers or R_{} with 3, and T_{} with 3)",
         where, camera.name, camera.name, camera.name);
   }
-  std::copy(rotation.begin(), rotation.end(), camera.rotation);
-  std::copy(t.begin(), t.end(), camera.translation);
-  return {};
+  return set_opencv_pose(rotation, t, where, camera);
 }
 
 Result<SourceCamera> read_camera(const std::string& folder, const std::string& name,

@@ -11,6 +11,7 @@
 //   colmap        0.5                    COLMAP convention
 //   nerfstudio    0.5                    written from COLMAP models and read that way
 //   videos        0.5 or 0               "pixel_centre" in cameras.json; see videos.cpp
+//                 0                      calibrations of other tools; see calibration.h
 #pragma once
 
 #include <string>

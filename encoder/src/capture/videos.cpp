@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Layout "videos": one video or image folder per camera, in videos/, images/ or the folder itself.
-// The calibration is in cameras.json next to them. Without it, COLMAP calibrates from one frame of
-// each camera.
+// The calibration is in cameras.json next to them, or in a file of another tool (calibration.h).
+// Without either, COLMAP calibrates from one frame of each camera.
 //
 // cameras.json contains a list of cameras, or an object from names to cameras. Either may also be
 // the value of "cameras" in an object with "pixel_centre", "fps" and "metric" for all cameras.
@@ -13,12 +13,12 @@
 //   "fisheye"          optional, true: "dist" is of OpenCV's fisheye model
 //   "width", "height"  optional, the image size that K is for; default: the size of the frames
 //   "pixel_centre"     optional, coordinate of the first pixel's centre in K: 0.5 (default), or 0
-//   as
-//                      in OpenCV calibrations
+//                      as in OpenCV calibrations
 //   "test"             optional, true: held out
 #include <algorithm>
 #include <filesystem>
 
+#include "calibration.h"
 #include "capture_files.h"
 #include "stgs/encoder/json_error.h"
 
@@ -114,6 +114,14 @@ Status attach_frames(const std::string& folder, const std::vector<SourceCamera>&
   return {};
 }
 
+// Adds the calibration files that were not read to the message of a failed calibration.
+Status with_ignored_files(const Status& status, const std::vector<std::string>& ignored) {
+  if (status.ok() || ignored.empty()) return status;
+  return {status.code(), fmt::format("{}; these files were ignored because they are no calibration "
+                                     "with poses in a known format: {}",
+                                     status.message(), fmt::join(ignored, ", "))};
+}
+
 }  // namespace
 
 Result<SourceCapture> load_videos(const std::string& folder, int first_frame,
@@ -130,8 +138,14 @@ Result<SourceCapture> load_videos(const std::string& folder, int first_frame,
       return io_error(
           "{}: no videos or image folders found in videos/, images/ and the folder itself", folder);
     }
+    STGS_ASSIGN(CalibrationSearch search, find_calibration(folder, found, log));
+    if (!search.path.empty()) {
+      capture.cameras = std::move(search.calibration.cameras);
+      capture.metric = search.calibration.metric;
+      return capture;
+    }
     capture.cameras = std::move(found);
-    STGS_TRY(calibrate(first_frame, capture, progress, log));
+    STGS_TRY(with_ignored_files(calibrate(first_frame, capture, progress, log), search.ignored));
   }
   return capture;
 }

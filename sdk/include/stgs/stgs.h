@@ -52,16 +52,24 @@
 extern "C" {
 #endif
 
-/* --- Version --- */
+/** @defgroup api_version Version
+ *
+ *  The version of the headers and of the library in use.
+ *  @{ */
 
-#define STGS_VERSION_MAJOR 0
-#define STGS_VERSION_MINOR 1
-#define STGS_VERSION_PATCH 0
+#define STGS_VERSION_MAJOR 0 /* major version of the headers */
+#define STGS_VERSION_MINOR 1 /* minor version of the headers */
+#define STGS_VERSION_PATCH 0 /* patch version of the headers */
 
 /* Returns the version of the library in use: major * 1000000 + minor * 1000 + patch. */
 STGS_API uint32_t stgs_version(void);
 
-/* --- Errors --- */
+/** @} */
+
+/** @defgroup api_errors Errors
+ *
+ *  Results of functions and the messages that objects keep.
+ *  @{ */
 
 /* Result of a function. The tens digit is the category, to which later versions may add values. */
 typedef int32_t stgs_result;
@@ -98,7 +106,12 @@ typedef struct stgs_error {
   const char* message; /* never NULL; valid until the next call on the object */
 } stgs_error;
 
-/* --- Scenes --- */
+/** @} */
+
+/** @defgroup api_scenes Scenes
+ *
+ *  Opens .stgs files from paths, URLs, memory and sources of the application.
+ *  @{ */
 
 /* An open .stgs file and the parts of it that are decoded. */
 typedef struct stgs_scene stgs_scene;
@@ -153,7 +166,12 @@ STGS_API stgs_result stgs_scene_open_io(stgs_scene* scene, const stgs_io* io);
 /* Returns the outcome of the last call on the scene, other than calls of this function. */
 STGS_API stgs_result stgs_scene_error(const stgs_scene* scene, stgs_error* error);
 
-/* --- Views --- */
+/** @} */
+
+/** @defgroup api_views Views
+ *
+ *  Cameras: position, lens and size of an image. The helpers need no object.
+ *  @{ */
 
 #define STGS_MAX_VIEWS 4    /* views per call */
 #define STGS_MAX_SIDE 32768 /* width and height of a view, pixels */
@@ -161,17 +179,21 @@ STGS_API stgs_result stgs_scene_error(const stgs_scene* scene, stgs_error* error
 /* A pinhole camera and its image size: p_camera = rotation * p_world + translation. */
 typedef struct stgs_view {
   size_t struct_size;
-  float rotation[9];      /* orthonormal, determinant 1, row-major */
-  float translation[3];   /* scene units */
-  float fx, fy;           /* focal lengths, pixels, > 0 */
-  float cx, cy;           /* principal point, pixels; may lie outside the image */
-  uint32_t width, height; /* pixels, 1 to STGS_MAX_SIDE */
-  float near_plane;       /* scene units, > 0; nothing nearer is rendered */
-  float background[3];    /* red, green, blue, sRGB-encoded */
-  float fovea_x, fovea_y; /* gaze point, pixels; may lie outside the image */
-  float fovea_radius;     /* pixels, >= 0: blocks of 32 x 32 pixels that lie entirely farther from
-                           * the gaze point are rendered at half resolution; 0 (default): full
-                           * resolution everywhere */
+  float rotation[9];    /* orthonormal, determinant 1, row-major */
+  float translation[3]; /* scene units */
+  float fx;             /* horizontal focal length, pixels, > 0 */
+  float fy;             /* vertical focal length, pixels, > 0 */
+  float cx;             /* x of the principal point, pixels; may lie outside the image */
+  float cy;             /* y of the principal point, pixels; may lie outside the image */
+  uint32_t width;       /* of the image, pixels, 1 to STGS_MAX_SIDE */
+  uint32_t height;      /* of the image, pixels, 1 to STGS_MAX_SIDE */
+  float near_plane;     /* scene units, > 0; nothing nearer is rendered */
+  float background[3];  /* red, green, blue, sRGB-encoded */
+  float fovea_x;        /* x of the gaze point, pixels; may lie outside the image */
+  float fovea_y;        /* y of the gaze point, pixels; may lie outside the image */
+  float fovea_radius;   /* pixels, >= 0: blocks of 32 x 32 pixels that lie entirely farther from
+                         * the gaze point are rendered at half resolution; 0 (default): full
+                         * resolution everywhere */
 } stgs_view;
 
 /* Fills a view with the defaults: at the world origin, looking along z, 90 degrees wide, 1280 x 720
@@ -187,7 +209,12 @@ STGS_API stgs_result stgs_view_defaults(stgs_view* view, size_t struct_size);
  * the view is unchanged. */
 STGS_API stgs_result stgs_view_resize(stgs_view* view, uint32_t width, uint32_t height);
 
-/* --- Images --- */
+/** @} */
+
+/** @defgroup api_images Images
+ *
+ *  Memory of the application that receives pixels.
+ *  @{ */
 
 /* Rows of pixels in memory of the caller, from the top. */
 typedef struct stgs_buffer {
@@ -208,7 +235,12 @@ typedef struct stgs_image {
 /* Fills an image with the defaults: no buffer is requested. `struct_size` is sizeof(*image). */
 STGS_API stgs_result stgs_image_defaults(stgs_image* image, size_t struct_size);
 
-/* --- Rendering --- */
+/** @} */
+
+/** @defgroup api_rendering Rendering
+ *
+ *  Renders views of a scene on the CPU or a GPU into memory of the host.
+ *  @{ */
 
 /* A backend with its buffers. It renders any number of scenes. */
 typedef struct stgs_renderer stgs_renderer;
@@ -268,6 +300,8 @@ STGS_API stgs_result stgs_renderer_get_backend(stgs_renderer* renderer, stgs_bac
  * thousands of pixels. */
 STGS_API stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
                                  const stgs_view* views, const stgs_image* images, uint32_t count);
+
+/** @} */
 
 #ifdef __cplusplus
 }

@@ -10,6 +10,11 @@
 extern "C" {
 #endif
 
+/** @defgroup api_cuda CUDA
+ *
+ *  Renders into CUDA memory, ordered by a stream of the application.
+ *  @{ */
+
 struct CUstream_st; /* cudaStream_t and CUstream are pointers to it */
 
 /* Renders into device memory, otherwise like stgs_render.
@@ -28,6 +33,8 @@ struct CUstream_st; /* cudaStream_t and CUstream are pointers to it */
 STGS_API stgs_result stgs_cuda_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
                                       const stgs_view* views, const stgs_image* images,
                                       uint32_t count, struct CUstream_st* stream);
+
+/** @} */
 
 #ifdef __cplusplus
 }

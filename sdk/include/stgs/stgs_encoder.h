@@ -28,7 +28,15 @@
 extern "C" {
 #endif
 
-/* --- Encoders --- */
+/** @defgroup api_encoding Encoding
+ *
+ *  Makes scenes from captures. Needs libstgs_encoder.
+ *  @{ */
+
+/** @defgroup api_encoders Encoders
+ *
+ *  Creation, progress and cancellation.
+ *  @{ */
 
 /* Runs one encoding step at a time. */
 typedef struct stgs_encoder stgs_encoder;
@@ -89,7 +97,12 @@ STGS_API stgs_result stgs_encoder_error(const stgs_encoder* encoder, stgs_error*
  * nothing. */
 STGS_API void stgs_encoder_cancel(stgs_encoder* encoder);
 
-/* --- Preparing --- */
+/** @} */
+
+/** @defgroup api_preparing Preparing
+ *
+ *  From a capture folder to a prepared capture.
+ *  @{ */
 
 /* Layout of a capture folder. */
 typedef int32_t stgs_layout;
@@ -100,18 +113,19 @@ enum {
   STGS_LAYOUT_EASYVOLCAP = 3, /* EasyVolcap */
   STGS_LAYOUT_COLMAP = 4,     /* a COLMAP model and images */
   STGS_LAYOUT_NERFSTUDIO = 5, /* Nerfstudio (transforms.json) */
-  STGS_LAYOUT_VIDEOS = 6      /* one video per camera, optionally cameras.json */
+  STGS_LAYOUT_VIDEOS = 6      /* one video per camera, optionally with a calibration */
 };
 
 /* Settings of stgs_encoder_prepare. */
 typedef struct stgs_prepare_settings {
   size_t struct_size;
-  stgs_layout layout;              /* default STGS_LAYOUT_AUTO */
-  int32_t first_frame, end_frame;  /* range [first, end) of the source; default 0, -1: to the end */
-  double scale;                    /* of the images, 0.01 to 1; default 1 */
-  int32_t default_test_cameras;    /* 1 (default): hold out the test cameras of the layout; 0: hold
-                                    * out exactly test_cameras */
-  uint32_t test_camera_count;      /* may be 0 (default) */
+  stgs_layout layout;           /* default STGS_LAYOUT_AUTO */
+  int32_t first_frame;          /* first frame of the source to use; default 0 */
+  int32_t end_frame;            /* end of the range [first, end); default -1: to the last frame */
+  double scale;                 /* of the images, 0.01 to 1; default 1 */
+  int32_t default_test_cameras; /* 1 (default): hold out the test cameras of the layout; 0: hold
+                                 * out exactly test_cameras */
+  uint32_t test_camera_count;   /* may be 0 (default) */
   const char* const* test_cameras; /* names */
   double fps;                      /* of image folders, 0.001 to 100000; 0 (default): from the
                                     * layout, otherwise 30 */
@@ -130,10 +144,10 @@ STGS_API stgs_result stgs_prepare_settings_defaults(stgs_prepare_settings* setti
 /* Result of stgs_encoder_prepare. */
 typedef struct stgs_prepare_report {
   size_t struct_size;
-  uint32_t cameras;      /* including test cameras */
-  uint32_t test_cameras; /* held out of training */
-  uint32_t frames;
-  double frames_per_second;
+  uint32_t cameras;         /* including test cameras */
+  uint32_t test_cameras;    /* held out of training */
+  uint32_t frames;          /* of each camera */
+  double frames_per_second; /* of the capture */
 } stgs_prepare_report;
 
 /* Converts a capture folder into a prepared capture: undistorted images, cameras and initial
@@ -149,7 +163,12 @@ STGS_API stgs_result stgs_encoder_prepare(stgs_encoder* encoder, const char* cap
                                           const stgs_prepare_settings* settings,
                                           stgs_prepare_report* report);
 
-/* --- Training --- */
+/** @} */
+
+/** @defgroup api_training Training
+ *
+ *  From a prepared capture to a lossless scene.
+ *  @{ */
 
 /* Trade-off between quality and training time. */
 typedef int32_t stgs_preset;
@@ -226,7 +245,12 @@ STGS_API stgs_result stgs_encoder_train(stgs_encoder* encoder, const char* prepa
 STGS_API stgs_result stgs_encoder_check_training(stgs_encoder* encoder,
                                                  const stgs_train_settings* settings);
 
-/* --- Packing --- */
+/** @} */
+
+/** @defgroup api_packing Packing
+ *
+ *  From lossless scenes to a compressed one.
+ *  @{ */
 
 /* Coding of a packed file. */
 typedef int32_t stgs_profile;
@@ -269,14 +293,15 @@ typedef struct stgs_pack_report {
   uint64_t damaged_segments; /* omitted: unreadable in damaged inputs */
   uint64_t
       damaged_sh_segments; /* written without view-dependent colour, unreadable in the inputs */
-  uint64_t bytes_in, bytes_out; /* size of the inputs and the output */
-  double quality;               /* quality used */
-  double kbps;                  /* mean bit rate, kbit/s */
-  double position_max;          /* largest position error, scene units, at its worst time */
-  double position_rms;          /* root mean square of the same */
-  double colour_rms;            /* error of the degree-0 colour, sRGB-encoded, 0 to 1 */
-  double opacity_max;           /* largest opacity error, 0 to 1 */
-  double visibility_max;        /* largest error of opacity times lifespan at a frame, 0 to 1 */
+  uint64_t bytes_in;       /* size of the inputs */
+  uint64_t bytes_out;      /* size of the output */
+  double quality;          /* quality used */
+  double kbps;             /* mean bit rate, kbit/s */
+  double position_max;     /* largest position error, scene units, at its worst time */
+  double position_rms;     /* root mean square of the same */
+  double colour_rms;       /* error of the degree-0 colour, sRGB-encoded, 0 to 1 */
+  double opacity_max;      /* largest opacity error, 0 to 1 */
+  double visibility_max;   /* largest error of opacity times lifespan at a frame, 0 to 1 */
   /* Largest errors of the lifespans, for primitives that are not visible throughout: */
   double time_max;        /* centre, frames */
   double radius_max;      /* half-width of the flat top, frames */
@@ -296,6 +321,9 @@ STGS_API stgs_result stgs_encoder_pack(stgs_encoder* encoder, const char* const*
                                        uint32_t count, const char* output,
                                        const stgs_pack_settings* settings,
                                        stgs_pack_report* report);
+
+/** @} */
+/** @} */
 
 #ifdef __cplusplus
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// C++17 wrapper of stgs_encoder.h: encoders and recorders that release themselves, errors as
-// exceptions. Header-only. The rules of the C headers on threads, ownership and ranges apply.
+/// @file
+/// C++17 wrapper of stgs_encoder.h: encoders and recorders that release themselves, errors as
+/// exceptions. Header-only. The rules of the C headers on threads, ownership and ranges apply.
 #ifndef STGS_STGS_ENCODER_HPP
 #define STGS_STGS_ENCODER_HPP
 
@@ -17,7 +18,10 @@
 namespace stgs {
 inline namespace hpp {
 
-// Throws Error with the encoder's message unless the result of a call on it is STGS_OK.
+/// @addtogroup api_cpp
+/// @{
+
+/// Throws Error with the encoder's message unless the result of a call on it is STGS_OK.
 inline void check(stgs_result result, const stgs_encoder* encoder) {
   if (result == STGS_OK) return;
   auto error = detail::sized<stgs_error>();
@@ -25,29 +29,30 @@ inline void check(stgs_result result, const stgs_encoder* encoder) {
   throw Error(result, error.message, error.offset, error.issue);
 }
 
-// Returns the default settings of an encoder.
+/// Returns the default settings of an encoder.
 inline stgs_encoder_settings encoder_settings() {
   return detail::with_defaults<stgs_encoder_settings>(stgs_encoder_settings_defaults);
 }
-// Returns the default settings of Encoder::prepare.
+/// Returns the default settings of Encoder::prepare.
 inline stgs_prepare_settings prepare_settings() {
   return detail::with_defaults<stgs_prepare_settings>(stgs_prepare_settings_defaults);
 }
-// Returns the default settings of Encoder::train.
+/// Returns the default settings of Encoder::train.
 inline stgs_train_settings train_settings() {
   return detail::with_defaults<stgs_train_settings>(stgs_train_settings_defaults);
 }
-// Returns the default settings of Encoder::pack.
+/// Returns the default settings of Encoder::pack.
 inline stgs_pack_settings pack_settings() {
   return detail::with_defaults<stgs_pack_settings>(stgs_pack_settings_defaults);
 }
 
-// Makes scenes: prepare, train, pack.
+/// Makes scenes: prepare, train, pack.
 class Encoder {
  public:
-  // Receives progress like stgs_encoder_progress_fn, but returns true to continue. Must not throw.
+  /// Receives progress like stgs_encoder_progress_fn, but returns true to continue. Must not throw.
   using Progress = std::function<bool(const stgs_encoder_progress&)>;
 
+  /// Creates an encoder. `progress` replaces the callback of the settings if it is not empty.
   explicit Encoder(Progress progress = {}, stgs_encoder_settings settings = encoder_settings())
       : progress_(std::make_unique<Progress>(std::move(progress))) {
     if (*progress_) {
@@ -61,7 +66,7 @@ class Encoder {
     encoder_.reset(encoder);
   }
 
-  // Converts a capture folder into a prepared capture.
+  /// Converts a capture folder into a prepared capture.
   stgs_prepare_report prepare(const std::string& capture, const std::string& prepared,
                               const stgs_prepare_settings& settings = prepare_settings()) {
     auto report = detail::sized<stgs_prepare_report>();
@@ -69,18 +74,18 @@ class Encoder {
           get());
     return report;
   }
-  // Trains a scene from a prepared capture and writes it, lossless.
+  /// Trains a scene from a prepared capture and writes it, lossless.
   stgs_train_report train(const std::string& prepared, const std::string& scene,
                           const stgs_train_settings& settings = train_settings()) {
     auto report = detail::sized<stgs_train_report>();
     check(stgs_encoder_train(get(), prepared.c_str(), scene.c_str(), &settings, &report), get());
     return report;
   }
-  // Checks training settings without a capture.
+  /// Checks training settings without a capture.
   void check_training(const stgs_train_settings& settings = train_settings()) {
     check(stgs_encoder_check_training(get(), &settings), get());
   }
-  // Packs a scene, or the windows of a capture, and measures the loss.
+  /// Packs a scene, or the windows of a capture, and measures the loss.
   stgs_pack_report pack(const std::vector<std::string>& scenes, const std::string& output,
                         const stgs_pack_settings& settings = pack_settings()) {
     std::vector<const char*> paths;
@@ -91,10 +96,10 @@ class Encoder {
           get());
     return report;
   }
-  // Cancels the running call and all later ones. May be called on any thread.
+  /// Cancels the running call and all later ones. May be called on any thread.
   void cancel() { stgs_encoder_cancel(get()); }
 
-  // Returns the C object, which this object owns.
+  /// Returns the C object, which this object owns.
   stgs_encoder* get() const { return encoder_.get(); }
 
  private:
@@ -105,7 +110,7 @@ class Encoder {
   std::unique_ptr<stgs_encoder, Destroy> encoder_;
 };
 
-// Throws Error with the recorder's message unless the result of a call on it is STGS_OK.
+/// Throws Error with the recorder's message unless the result of a call on it is STGS_OK.
 inline void check(stgs_result result, const stgs_recorder* recorder) {
   if (result == STGS_OK) return;
   auto error = detail::sized<stgs_error>();
@@ -113,46 +118,47 @@ inline void check(stgs_result result, const stgs_recorder* recorder) {
   throw Error(result, error.message, error.offset, error.issue);
 }
 
-// Returns the default settings of a recording.
+/// Returns the default settings of a recording.
 inline stgs_record_settings record_settings() {
   return detail::with_defaults<stgs_record_settings>(stgs_record_settings_defaults);
 }
-// Returns a fragment of one frame without primitives.
+/// Returns a fragment of one frame without primitives.
 inline stgs_fragment empty_fragment() {
   return detail::with_defaults<stgs_fragment>(stgs_fragment_defaults);
 }
 
-// Records a scene live.
+/// Records a scene live.
 class Recorder {
  public:
+  /// Creates a recorder without a file.
   Recorder() {
     stgs_recorder* recorder = nullptr;
     check(stgs_recorder_create(&recorder));
     recorder_.reset(recorder);
   }
 
-  // Creates the file of a new recording.
+  /// Creates the file of a new recording.
   void begin(const std::string& path, const stgs_record_settings& settings = record_settings()) {
     check(stgs_recorder_begin(get(), path.c_str(), &settings), get());
   }
-  // Continues a recording that was not closed.
+  /// Continues a recording that was not closed.
   void resume(const std::string& path, const stgs_record_settings& settings = record_settings()) {
     check(stgs_recorder_resume(get(), path.c_str(), &settings), get());
   }
-  // Encodes a fragment and appends it.
+  /// Encodes a fragment and appends it.
   void append(const stgs_fragment& fragment) {
     check(stgs_recorder_append(get(), &fragment), get());
   }
-  // Marks the recording as finished.
+  /// Marks the recording as finished.
   void close() { check(stgs_recorder_close(get()), get()); }
-  // Returns the status of the recording.
+  /// Returns the status of the recording.
   stgs_recorder_status status() const {
     auto status = detail::sized<stgs_recorder_status>();
     check(stgs_recorder_get_status(get(), &status), get());
     return status;
   }
 
-  // Returns the C object, which this object owns.
+  /// Returns the C object, which this object owns.
   stgs_recorder* get() const { return recorder_.get(); }
 
  private:
@@ -161,6 +167,8 @@ class Recorder {
   };
   std::unique_ptr<stgs_recorder, Destroy> recorder_;
 };
+
+/// @}
 
 }  // namespace hpp
 }  // namespace stgs

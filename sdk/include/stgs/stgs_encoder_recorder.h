@@ -19,6 +19,12 @@
 extern "C" {
 #endif
 
+/** @defgroup api_recording Recording
+ *  @ingroup api_encoding
+ *
+ *  Records scenes live. Needs libstgs_encoder.
+ *  @{ */
+
 /* Writes a recording. */
 typedef struct stgs_recorder stgs_recorder;
 
@@ -140,20 +146,22 @@ STGS_API stgs_result stgs_recorder_close(stgs_recorder* recorder);
 /* Status of a recording. */
 typedef struct stgs_recorder_status {
   size_t struct_size;
-  uint64_t bytes;               /* size of the file */
-  uint32_t frames;              /* recorded, including those before a resume */
-  uint32_t time_base_numerator; /* a frame lasts numerator / denominator seconds */
-  uint32_t time_base_denominator;
-  int32_t sh_degree;   /* of the file, 0 to 3 */
-  uint64_t primitives; /* in the file */
-  uint64_t dropped;    /* since the recording was begun or resumed: never visible within
-                        * their fragments. A high number suggests that `time` is on
-                        * another clock */
+  uint64_t bytes;                 /* size of the file */
+  uint32_t frames;                /* recorded, including those before a resume */
+  uint32_t time_base_numerator;   /* a frame lasts numerator / denominator seconds */
+  uint32_t time_base_denominator; /* see time_base_numerator */
+  int32_t sh_degree;              /* of the file, 0 to 3 */
+  uint64_t primitives;            /* in the file */
+  uint64_t dropped;               /* since the recording was begun or resumed: never visible within
+                                   * their fragments. A high number suggests that `time` is on
+                                   * another clock */
 } stgs_recorder_status;
 
 /* Returns the status of the recording. STGS_ERROR_STATE: no recording was begun. */
 STGS_API stgs_result stgs_recorder_get_status(stgs_recorder* recorder,
                                               stgs_recorder_status* status);
+
+/** @} */
 
 #ifdef __cplusplus
 }

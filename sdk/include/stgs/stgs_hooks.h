@@ -12,7 +12,15 @@
 extern "C" {
 #endif
 
-/* --- Logging --- */
+/** @defgroup api_hooks Hooks
+ *
+ *  Callbacks with which an application logs, schedules, allocates and reads for the library.
+ *  @{ */
+
+/** @defgroup api_logging Logging
+ *
+ *  Messages of the library.
+ *  @{ */
 
 /* Severity of a log message. */
 typedef int32_t stgs_log_level;
@@ -28,7 +36,12 @@ enum {
  * on the same object. */
 typedef void (*stgs_log_fn)(void* user, stgs_log_level level, const char* message);
 
-/* --- Threads --- */
+/** @} */
+
+/** @defgroup api_threads Threads
+ *
+ *  Threads of the application for the CPU work of the library.
+ *  @{ */
 
 /* Runs the CPU work of the library on threads of the application. */
 typedef struct stgs_task_runner {
@@ -46,7 +59,12 @@ typedef struct stgs_task_runner {
   uint32_t threads; /* threads to divide work between, 1 to 1024; `count` never exceeds it */
 } stgs_task_runner;
 
-/* --- Memory --- */
+/** @} */
+
+/** @defgroup api_memory Memory
+ *
+ *  Memory of the application for the data of scenes.
+ *  @{ */
 
 /* Allocates the memory that a scene or a player retains: fetched and copied bytes, decoded
  * primitives, and their visibility over time.
@@ -67,7 +85,12 @@ typedef struct stgs_allocator {
   void (*free)(void* user, void* memory, size_t bytes, size_t alignment);
 } stgs_allocator;
 
-/* --- Data sources --- */
+/** @} */
+
+/** @defgroup api_sources Data sources
+ *
+ *  Files that the application reads itself.
+ *  @{ */
 
 /* A data source whose reads block until the bytes are available. */
 typedef struct stgs_io {
@@ -115,6 +138,9 @@ typedef struct stgs_async_io {
   /* As in stgs_io. Must not block. NULL: the size stays `size`. */
   uint64_t (*current_size)(void* user);
 } stgs_async_io;
+
+/** @} */
+/** @} */
 
 #ifdef __cplusplus
 }

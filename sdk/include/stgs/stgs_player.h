@@ -25,7 +25,15 @@
 extern "C" {
 #endif
 
-/* --- Players --- */
+/** @defgroup api_playing Playing
+ *
+ *  Plays scenes while their data is still arriving, from files, URLs and live recordings.
+ *  @{ */
+
+/** @defgroup api_players Players
+ *
+ *  Settings, creation and destruction of players.
+ *  @{ */
 
 /* Plays one file: fetches and decodes ahead of the current time. */
 typedef struct stgs_player stgs_player;
@@ -89,12 +97,15 @@ STGS_API void stgs_player_destroy(stgs_player* player);
 /* Returns the outcome of the last call on the player, other than calls of this function. */
 STGS_API stgs_result stgs_player_error(const stgs_player* player, stgs_error* error);
 
-/* --- Opening ---
+/** @} */
+
+/** @defgroup api_opening Opening
  *
  * These functions start to read the head of the file on a thread of the player and return. Opening
  * ends with STGS_EVENT_OPENED or STGS_EVENT_FAILED. A player opens one file (STGS_ERROR_STATE);
  * after STGS_EVENT_FAILED opening may be retried. Memory and sources follow the stgs_scene_open
- * functions, where the end of a failed opening takes the place of the failing call. */
+ * functions, where the end of a failed opening takes the place of the failing call.
+ *  @{ */
 
 /* Opens a path, or an http or https URL if the build has libcurl; otherwise opening fails with
  * STGS_ERROR_NOT_BUILT. */
@@ -135,7 +146,12 @@ STGS_API stgs_result stgs_player_wait_open(stgs_player* player);
  * more. The player owns the scene. */
 STGS_API stgs_scene* stgs_player_scene(stgs_player* player);
 
-/* --- Status --- */
+/** @} */
+
+/** @defgroup api_status Status
+ *
+ *  What to render and how much of it is available.
+ *  @{ */
 
 /* State of a player. */
 typedef int32_t stgs_player_state;
@@ -151,19 +167,22 @@ enum {
 /* Status of a player. */
 typedef struct stgs_player_status {
   size_t struct_size;
-  stgs_player_state state;
-  double seconds;      /* time to render */
-  int32_t layers;      /* layers available at this time, counted from the base layer */
-  int32_t layer_count; /* layers in the file; 0 before it is open */
-  int32_t ready;       /* 1: the base layer is available, which covers the whole scene; 0: it is
-                        * missing or could not be read, and the image has holes */
-  int32_t is_complete; /* 1: no more data of this time is in flight for now */
+  stgs_player_state state; /* as of this update */
+  double seconds;          /* time to render */
+  int32_t layers;          /* layers available at this time, counted from the base layer */
+  int32_t layer_count;     /* layers in the file; 0 before it is open */
+  int32_t ready;           /* 1: the base layer is available, which covers the whole scene; 0: it is
+                            * missing or could not be read, and the image has holes */
+  int32_t is_complete;     /* 1: no more data of this time is in flight for now */
 } stgs_player_status;
 
-/* --- Playback ---
+/** @} */
+
+/** @defgroup api_playback Playback
  *
  * Before the file is open, these functions set the initial state; seeking fails with
- * STGS_ERROR_STATE. */
+ * STGS_ERROR_STATE.
+ *  @{ */
 
 /* Plays from the current time, or from the start if the end is reached. Does nothing while the
  * player is playing or buffering. */
@@ -197,7 +216,9 @@ STGS_API stgs_result stgs_player_set_rate(stgs_player* player, double rate);
 /* Sets whether playback continues at the other end of the clip (1) or ends there (0, initially). */
 STGS_API stgs_result stgs_player_set_loop(stgs_player* player, int32_t loop);
 
-/* --- Live ---
+/** @} */
+
+/** @defgroup api_live Live recordings
  *
  * A file that is still being recorded opens near its edge, the end of the recorded data, and the
  * player follows it. Paths, URLs and sources with current_size can be followed.
@@ -206,7 +227,8 @@ STGS_API stgs_result stgs_player_set_loop(stgs_player* player, int32_t loop);
  *    is more than live_skip_seconds off (STGS_EVENT_SKIPPED). At the edge it buffers.
  *  - Pausing, seeking to an earlier time, and a rate other than 1 end following. Everything
  *    recorded can be played; playback that reaches the edge follows it again.
- *  - When the recording is closed (STGS_EVENT_FINISHED), it becomes an ordinary clip. */
+ *  - When the recording is closed (STGS_EVENT_FINISHED), it becomes an ordinary clip.
+ *  @{ */
 
 /* Position of playback in a recording. */
 typedef struct stgs_player_live {
@@ -226,7 +248,12 @@ STGS_API stgs_result stgs_player_get_live(stgs_player* player, stgs_player_live*
  * the file is not growing. STGS_ERROR_STATE: the file is not open. */
 STGS_API stgs_result stgs_player_go_live(stgs_player* player);
 
-/* --- Updates --- */
+/** @} */
+
+/** @defgroup api_updates Updates
+ *
+ *  The call of every frame.
+ *  @{ */
 
 /* Advances the player to `now` and returns its status. Call it every frame, also while paused.
  *
@@ -236,7 +263,12 @@ STGS_API stgs_result stgs_player_go_live(stgs_player* player);
 STGS_API stgs_result stgs_player_update(stgs_player* player, double now,
                                         stgs_player_status* status);
 
-/* --- Events --- */
+/** @} */
+
+/** @defgroup api_events Events
+ *
+ *  Changes since the last update.
+ *  @{ */
 
 /* Kind of an event. Ignore unknown kinds; later versions may add some. */
 typedef int32_t stgs_event_kind;
@@ -270,12 +302,12 @@ enum {
  * _DAMAGED, _REPLACED and _STALLED. */
 typedef struct stgs_player_event {
   size_t struct_size;
-  stgs_event_kind kind;
-  stgs_result result;  /* otherwise STGS_OK */
-  double seconds;      /* playback time */
-  uint64_t offset;     /* position in the file, bytes; STGS_NO_OFFSET: not known */
-  int32_t layers;      /* available layers, for _LAYERS */
-  const char* message; /* otherwise empty; valid until the next call of stgs_player_next_event */
+  stgs_event_kind kind; /* STGS_EVENT_NONE: no event */
+  stgs_result result;   /* otherwise STGS_OK */
+  double seconds;       /* playback time */
+  uint64_t offset;      /* position in the file, bytes; STGS_NO_OFFSET: not known */
+  int32_t layers;       /* available layers, for _LAYERS */
+  const char* message;  /* otherwise empty; valid until the next call of stgs_player_next_event */
 } stgs_player_event;
 
 #define STGS_MAX_EVENTS 1024       /* events that a player queues; the oldest are dropped */
@@ -284,7 +316,12 @@ typedef struct stgs_player_event {
 /* Removes the oldest event from the queue and returns it. STGS_EVENT_NONE: the queue is empty. */
 STGS_API stgs_result stgs_player_next_event(stgs_player* player, stgs_player_event* event);
 
-/* --- Statistics --- */
+/** @} */
+
+/** @defgroup api_statistics Statistics
+ *
+ *  Transfer, memory and buffered ranges.
+ *  @{ */
 
 /* Transfer and memory statistics of a player. */
 typedef struct stgs_player_statistics {
@@ -301,7 +338,8 @@ STGS_API stgs_result stgs_player_get_statistics(stgs_player* player,
 
 /* A range of clip time, seconds. */
 typedef struct stgs_time_range {
-  double begin, end;
+  double begin; /* included */
+  double end;   /* excluded */
 } stgs_time_range;
 
 /* Returns the ranges, ascending, in which playback does not stall: the base layer is available or
@@ -311,6 +349,9 @@ typedef struct stgs_time_range {
  * that is 0. No ranges before the file is open. */
 STGS_API stgs_result stgs_player_get_buffered(stgs_player* player, stgs_time_range* ranges,
                                               uint32_t capacity, uint32_t* count);
+
+/** @} */
+/** @} */
 
 #ifdef __cplusplus
 }

@@ -11,27 +11,35 @@
 extern "C" {
 #endif
 
-/* --- Metadata --- */
+/** @addtogroup api_scenes
+ *  @{ */
+
+/** @defgroup api_metadata Metadata
+ *
+ *  Duration, size, axes, texts and defects of an open scene.
+ *  @{ */
 
 /* Metadata of a scene. */
 typedef struct stgs_scene_info {
   size_t struct_size;
-  uint16_t format_major, format_minor;
-  uint32_t frames;              /* length of the clip */
-  uint32_t time_base_numerator; /* a frame lasts numerator / denominator seconds */
-  uint32_t time_base_denominator;
-  double duration_seconds;            /* the clip is [0, duration) */
-  double complete_seconds;            /* no data is missing before this time */
-  uint64_t primitives;                /* in the file */
-  uint64_t file_bytes;                /* size of the file */
-  uint64_t memory_bytes;              /* decoded data retained at present */
-  int32_t sh_degree;                  /* of the spherical harmonics, 0 to 3 */
-  int32_t has_start_camera;           /* 1: stgs_scene_start_view succeeds */
-  float bounds_min[3], bounds_max[3]; /* of the positions of all primitives, scene units */
-  float metres_per_unit;              /* 0: not known */
-  float up[3];                        /* unit vector; 0, 0, 0: not known */
-  float floor[3];  /* a point on the floor, scene units; valid if `up` is known */
-  uint32_t issues; /* number of issues, see stgs_scene_get_issue */
+  uint16_t format_major;          /* major version of the file format */
+  uint16_t format_minor;          /* minor version of the file format */
+  uint32_t frames;                /* length of the clip */
+  uint32_t time_base_numerator;   /* a frame lasts numerator / denominator seconds */
+  uint32_t time_base_denominator; /* see time_base_numerator */
+  double duration_seconds;        /* the clip is [0, duration) */
+  double complete_seconds;        /* no data is missing before this time */
+  uint64_t primitives;            /* in the file */
+  uint64_t file_bytes;            /* size of the file */
+  uint64_t memory_bytes;          /* decoded data retained at present */
+  int32_t sh_degree;              /* of the spherical harmonics, 0 to 3 */
+  int32_t has_start_camera;       /* 1: stgs_scene_start_view succeeds */
+  float bounds_min[3];            /* lower corner of the positions of all primitives, scene units */
+  float bounds_max[3];            /* upper corner of the same */
+  float metres_per_unit;          /* 0: not known */
+  float up[3];                    /* unit vector; 0, 0, 0: not known */
+  float floor[3];                 /* a point on the floor, scene units; valid if `up` is known */
+  uint32_t issues;                /* number of issues, see stgs_scene_get_issue */
 } stgs_scene_info;
 
 /* Returns the metadata of the scene. */
@@ -61,7 +69,12 @@ typedef struct stgs_issue {
 /* Returns an issue of the file. `index` is 0 to stgs_scene_info.issues - 1. */
 STGS_API stgs_result stgs_scene_get_issue(stgs_scene* scene, uint32_t index, stgs_issue* issue);
 
-/* --- Cameras --- */
+/** @} */
+
+/** @defgroup api_cameras Cameras
+ *
+ *  The start camera of a scene, and a view of its bounds.
+ *  @{ */
 
 /* Returns the start camera of the file, with its near plane and background.
  *
@@ -79,7 +92,12 @@ STGS_API stgs_result stgs_scene_start_view(stgs_scene* scene, stgs_view* view);
  * 2^60 units away. */
 STGS_API stgs_result stgs_scene_frame_view(stgs_scene* scene, stgs_view* view);
 
-/* --- Primitives --- */
+/** @} */
+
+/** @defgroup api_primitives Primitives
+ *
+ *  The Gaussians of a scene as arrays.
+ *  @{ */
 
 /* Arrays of the caller that receive primitives at one time. They must not overlap. NULL: not
  * requested. */
@@ -108,6 +126,9 @@ STGS_API stgs_result stgs_primitives_defaults(stgs_primitives* primitives, size_
  * undefined. STGS_ERROR_LIMIT: as for stgs_render. */
 STGS_API stgs_result stgs_scene_get_primitives(stgs_scene* scene, double seconds,
                                                const stgs_primitives* primitives, uint64_t* count);
+
+/** @} */
+/** @} */
 
 #ifdef __cplusplus
 }

@@ -12,6 +12,9 @@
 extern "C" {
 #endif
 
+/** @addtogroup api_views
+ *  @{ */
+
 /* Changes the image size of a view and keeps its horizontal and vertical view angles.
  *
  * Scales each axis on its own, so that another aspect ratio stretches the image: pixels are no
@@ -38,6 +41,8 @@ STGS_API stgs_result stgs_view_look_at(stgs_view* view, const float eye[3], cons
  * the camera is at `centre`, or the view is invalid. */
 STGS_API stgs_result stgs_view_orbit(stgs_view* view, const float centre[3], const float up[3],
                                      double azimuth, double elevation);
+
+/** @} */
 
 #ifdef __cplusplus
 }

@@ -25,22 +25,31 @@
 extern "C" {
 #endif
 
-/* --- Device --- */
+/** @defgroup api_vulkan Vulkan
+ *
+ *  Renders into images of the application on its Vulkan device.
+ *  @{ */
+
+/** @defgroup api_vulkan_device Devices
+ *
+ *  The device of the application and its renderer.
+ *  @{ */
 
 /* The device of the application. It owns all handles; they must outlive the renderer. */
 typedef struct stgs_vulkan_device {
   size_t struct_size;
   PFN_vkGetInstanceProcAddr get_instance_proc_addr; /* NULL: from libvulkan.so.1 */
-  VkInstance instance;
-  uint32_t api_version; /* VkApplicationInfo::apiVersion, at least VK_API_VERSION_1_1 */
-  VkPhysicalDevice physical_device;
-  VkDevice device;
-  VkQueue queue;
+  VkInstance instance;                              /* that the device belongs to */
+  uint32_t api_version;             /* VkApplicationInfo::apiVersion, at least VK_API_VERSION_1_1 */
+  VkPhysicalDevice physical_device; /* that the device is created on */
+  VkDevice device;             /* renders; with the features stated at the top of this header */
+  VkQueue queue;               /* receives all submissions */
   uint32_t queue_family;       /* family index of `queue` */
   int32_t timeline_semaphores; /* 1: timelineSemaphore is enabled on the device */
-  /* Called around each use of the queue; set both or neither (NULL). They must not fail or use the
-   * renderer. */
+  /* Called before each use of the queue. Set both this and unlock_queue, or neither (NULL). They
+   * must not fail or use the renderer. */
   void (*lock_queue)(void* user);
+  /* Called after each use of the queue, see lock_queue. */
   void (*unlock_queue)(void* user);
   void* queue_user;              /* argument of lock_queue and unlock_queue */
   int32_t subgroup_size_control; /* 1: subgroupSizeControl and computeFullSubgroups are enabled */
@@ -79,7 +88,12 @@ STGS_API stgs_result stgs_vulkan_renderer_create(const stgs_vulkan_device* devic
                                                  const stgs_renderer_settings* settings,
                                                  stgs_renderer** out);
 
-/* --- Frames --- */
+/** @} */
+
+/** @defgroup api_vulkan_frames Frames
+ *
+ *  Rendering into images of the application.
+ *  @{ */
 
 /* A mip level and layer of an image of the application, which must outlive the frame. The view
  * fills it. Requires: 2D, one sample, optimal tiling, VK_IMAGE_USAGE_TRANSFER_DST_BIT, and either
@@ -87,8 +101,10 @@ STGS_API stgs_result stgs_vulkan_renderer_create(const stgs_vulkan_device* devic
 typedef struct stgs_vulkan_image {
   VkImage image;                /* VK_NULL_HANDLE: not requested */
   VkFormat format;              /* see stgs_vulkan_target */
-  uint32_t width, height;       /* of the level, pixels; those of the view */
-  uint32_t level, layer;        /* mip level; array layer */
+  uint32_t width;               /* of the level, pixels; that of the view */
+  uint32_t height;              /* of the level, pixels; that of the view */
+  uint32_t level;               /* mip level */
+  uint32_t layer;               /* array layer */
   VkImageLayout initial_layout; /* on entry; UNDEFINED discards the content */
   VkImageLayout final_layout;   /* after the frame; not UNDEFINED */
 } stgs_vulkan_image;
@@ -104,8 +120,8 @@ typedef struct stgs_vulkan_image {
  * Depth, optional: R32_SFLOAT, mean camera z, scene units; 0 where alpha is 0. */
 typedef struct stgs_vulkan_target {
   size_t struct_size;
-  stgs_vulkan_image colour;
-  stgs_vulkan_image depth;
+  stgs_vulkan_image colour; /* receives colour and alpha */
+  stgs_vulkan_image depth;  /* receives depth; default: not requested */
 } stgs_vulkan_target;
 
 /* Fills a target with the defaults: no image is requested, initial layout UNDEFINED, final layout
@@ -114,8 +130,8 @@ STGS_API stgs_result stgs_vulkan_target_defaults(stgs_vulkan_target* target, siz
 
 /* A semaphore of the application, which must outlive the frame. */
 typedef struct stgs_vulkan_semaphore {
-  VkSemaphore semaphore;
-  uint64_t value; /* > 0: value of a timeline semaphore; 0: a binary semaphore */
+  VkSemaphore semaphore; /* binary or timeline */
+  uint64_t value;        /* > 0: value of a timeline semaphore; 0: a binary semaphore */
 } stgs_vulkan_semaphore;
 
 /* The views of one time, their targets, and the semaphores around them.
@@ -125,13 +141,13 @@ typedef struct stgs_vulkan_semaphore {
  * ones see the finished images. */
 typedef struct stgs_vulkan_frame {
   size_t struct_size;
-  const stgs_view* views;            /* `count` views */
-  const stgs_vulkan_target* targets; /* `count` targets, one per view */
-  uint32_t count;                    /* 1 to STGS_MAX_VIEWS */
-  uint32_t wait_count;
+  const stgs_view* views;              /* `count` views */
+  const stgs_vulkan_target* targets;   /* `count` targets, one per view */
+  uint32_t count;                      /* 1 to STGS_MAX_VIEWS */
+  uint32_t wait_count;                 /* semaphores to wait for */
   const stgs_vulkan_semaphore* wait;   /* `wait_count` semaphores; NULL if that is 0 */
   const stgs_vulkan_semaphore* signal; /* `signal_count` semaphores; NULL if that is 0 */
-  uint32_t signal_count;
+  uint32_t signal_count;               /* semaphores to signal */
 } stgs_vulkan_frame;
 
 /* Fills a frame with the defaults: no views, no semaphores. `struct_size` is sizeof(*frame). */
@@ -179,6 +195,9 @@ typedef struct stgs_vulkan_progress {
 /* Returns the last frame that completed, without waiting. */
 STGS_API stgs_result stgs_vulkan_get_progress(stgs_renderer* renderer,
                                               stgs_vulkan_progress* progress);
+
+/** @} */
+/** @} */
 
 #ifdef __cplusplus
 }

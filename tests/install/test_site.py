@@ -1,0 +1,134 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The links of all pages resolve, in the source tree and in the documentation site, which is built
+without a warning and reaches every page and every declaration of the public headers.
+
+usage: test_site.py SOURCE DOXYGEN DOXYFILE    DOXYGEN is empty if it is not installed
+"""
+import glob
+import html.parser
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+import urllib.parse
+
+SOURCE, DOXYGEN, DOXYFILE = sys.argv[1:4]
+sys.path.append(os.path.join(SOURCE, "sdk/docs/site"))
+import page as site_page  # noqa: E402
+
+BLOCK = re.compile(r"^```.*?^```$|^    .*?$", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+# Pages of the repository, other than those below.
+FOLDERS = "", "spec", "spec/*", "sdk/docs", "sdk/docs/*", "tests/*", "tests/data/*", ".github", ".github/*"
+
+
+def read(*parts):
+    with open(os.path.join(*parts), encoding="utf-8") as file:
+        return file.read()
+
+
+def anchors_of(text):
+    headings = re.findall(r"^#{1,6} (.*?)\s*$", BLOCK.sub("", text), re.MULTILINE)
+    return {site_page.slug(title) for title in headings}
+
+
+class Source(unittest.TestCase):
+    def test_links_of_pages_resolve(self):
+        pages = [path for folder in FOLDERS
+                 for path in glob.glob(os.path.join(SOURCE, folder, "*.md"))]
+        self.assertGreater(len(pages), 30)
+        checked = 0
+        for path in pages:
+            prose = re.sub(r"`[^`\n]+`", "", BLOCK.sub("", read(path)))
+            for target in LINK.findall(prose):
+                if re.match(r"[a-z]+:", target):
+                    continue
+                checked += 1
+                file, _, anchor = target.partition("#")
+                linked = os.path.normpath(os.path.join(os.path.dirname(path), file)) if file else path
+                self.assertTrue(os.path.exists(linked), f"{path} links to {target}")
+                if anchor:
+                    self.assertIn(anchor, anchors_of(read(linked)), f"{path} links to {target}")
+        self.assertGreater(checked, 50)
+
+
+class Page(html.parser.HTMLParser):
+    """The links and the anchors of a page."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.links, self.anchors = [], set()
+        # Without Doxygen's line of links to the sections, which the site does not show.
+        self.feed(re.sub(r'<div class="summary">.*?</div>', "", text, flags=re.DOTALL))
+
+    def handle_starttag(self, tag, attrs):
+        for name, value in attrs:
+            if name in ("href", "src") and value:
+                self.links.append(value)
+            if name in ("id", "name") and value:
+                self.anchors.add(value)
+
+
+@unittest.skipUnless(DOXYGEN, "needs Doxygen")
+class Site(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        output = tempfile.mkdtemp()
+        cls.addClassCleanup(shutil.rmtree, output)
+        cls.folder = os.path.join(output, "html")
+        settings = read(DOXYFILE) + f"OUTPUT_DIRECTORY = {output}\n"
+        cls.built = subprocess.run([DOXYGEN, "-"], input=settings, capture_output=True, text=True,
+                                   check=False)
+        cls.pages = {os.path.basename(path): read(path)
+                     for path in glob.glob(os.path.join(cls.folder, "*.html"))}
+        cls.parsed = {name: Page(text) for name, text in cls.pages.items()}
+
+    def test_it_is_built_without_a_warning(self):
+        self.assertEqual((self.built.returncode, self.built.stderr), (0, ""))
+
+    def test_links_resolve(self):
+        self.assertGreater(len(self.pages), 80)
+        for name, parsed in self.parsed.items():
+            for link in parsed.links:
+                url = urllib.parse.urlparse(link)
+                if url.scheme:
+                    continue
+                target = urllib.parse.unquote(url.path) or name
+                self.assertTrue(os.path.exists(os.path.join(self.folder, target)),
+                                f"{name} links to {link}")
+                if url.fragment and target.endswith(".html"):
+                    self.assertIn(urllib.parse.unquote(url.fragment), self.parsed[target].anchors,
+                                  f"{name} links to {link}")
+
+    def test_the_contents_list_every_page(self):
+        listed = set(Page(read(SOURCE, "sdk/docs/site/header.html")).links)
+        pages = [os.path.relpath(path, SOURCE) for path in
+                 glob.glob(os.path.join(SOURCE, "**/*.md"), recursive=True)]
+        labels = {site_page.label_of(path) for path in pages if site_page.is_page(path)}
+        self.assertGreater(len(labels), 25)
+        for label in labels:
+            self.assertIn(label + ".html", self.pages)
+            self.assertIn(f"$relpath^{label}.html", listed)
+
+    def test_every_declaration_is_described(self):
+        shown = {name: re.sub(r"<[^>]+>", " ", text) for name, text in self.pages.items()
+                 if name.startswith(("group__", "struct", "class"))}
+        every = "\n".join(shown.values())
+        names = set()
+        for path in glob.glob(os.path.join(SOURCE, "sdk/include/stgs/*.h")):
+            names |= set(re.findall(r"\b(stgs_\w+)\(", read(path)))
+            names |= set(re.findall(r"^(?:#define |  )(STGS_[A-Z0-9_]+) ", read(path), re.MULTILINE))
+        names -= {"STGS_API"}
+        self.assertGreater(len(names), 150)
+        self.assertEqual([name for name in sorted(names) if not re.search(rf"\b{name}\b", every)], [])
+        for name in "Scene", "Renderer", "Player", "Encoder", "Recorder", "Error":
+            self.assertIn(f"classstgs_1_1hpp_1_1{name}.html", shown)
+        self.assertIn("start_view", shown["classstgs_1_1hpp_1_1Scene.html"])
+
+
+if __name__ == "__main__":
+    unittest.main(argv=["test_site.py", *sys.argv[4:]])
