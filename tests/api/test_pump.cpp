@@ -136,7 +136,7 @@ TEST_CASE("a clip and a closed recording play to their end on one thread") {
     check_complete_playback(clip().bytes, 3);
   }
   SECTION("recording") {
-    check_complete_playback(live::recording().bytes, live::kStretches * live::kStretch);
+    check_complete_playback(live::recording().bytes, live::kFragments * live::kFragmentSeconds);
   }
 }
 
