@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Recordings that grow as a test tells them to, and viewers of them.
+// Recordings that grow on request, and viewers of them.
 #pragma once
 
 #include <algorithm>
@@ -21,8 +21,9 @@ namespace stgs::player::live {
 using Kind = PlayerEvent::Kind;
 using Bytes = std::vector<std::uint8_t>;
 
-inline constexpr double kFrame = 1.0 / 30, kStretch = testing::kFragmentFrames * kFrame;
-inline constexpr std::uint32_t kStretches = 18;  // 6 s
+inline constexpr double kFrameSeconds = 1.0 / 30,
+                        kFragmentSeconds = testing::kFragmentFrames * kFrameSeconds;
+inline constexpr std::uint32_t kFragments = 18;  // 6 s
 
 inline Bytes read_file(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
@@ -31,7 +32,7 @@ inline Bytes read_file(const std::string& path) {
 
 struct Recording {
   Bytes bytes;
-  std::vector<std::size_t> ends;  // [i]: when i stretches were complete
+  std::vector<std::size_t> ends;  // [i]: file size with i complete fragments
   std::size_t closed() const { return bytes.size(); }
 };
 
@@ -43,9 +44,9 @@ inline Recording record(unsigned first, std::size_t primitives = 200) {
   REQUIRE(recorder.ok());
   Recording out;
   out.ends.push_back((*recorder)->bytes());
-  for (std::uint32_t i = 0; i < kStretches; ++i) {
-    const Gaussians4D stretch = testing::make_fragment(first + i, primitives);
-    REQUIRE((*recorder)->append(stretch, (i + 1) * testing::kFragmentFrames).ok());
+  for (std::uint32_t i = 0; i < kFragments; ++i) {
+    const Gaussians4D fragment = testing::make_fragment(first + i, primitives);
+    REQUIRE((*recorder)->append(fragment, (i + 1) * testing::kFragmentFrames).ok());
     out.ends.push_back((*recorder)->bytes());
   }
   REQUIRE((*recorder)->close().ok());
@@ -58,7 +59,7 @@ inline const Recording& recording() {
   return recording;
 }
 
-// A file that grows as it is told, and the reads of it.
+// A file that grows on request, and the reads of it. Thread-safe.
 class Growth {
  public:
   struct Read {
@@ -136,12 +137,12 @@ inline PlayerSettings quick() {
   return settings;
 }
 
-// A viewer with a clock of his own; the file's reader has the machine's.
+// A viewer with a simulated clock; the player polls the file in real time.
 struct Viewer {
-  explicit Viewer(std::uint32_t stretches, const PlayerSettings& settings = quick(),
+  explicit Viewer(std::uint32_t fragments, const PlayerSettings& settings = quick(),
                   const Bytes& bytes = recording().bytes)
       : file(std::make_shared<Growth>(bytes)) {
-    file->grow(recording().ends[stretches]);
+    file->grow(recording().ends[fragments]);
     auto opened = Player::from_source(std::make_unique<GrowingSource>(file), settings);
     REQUIRE(opened.ok());
     player = std::move(*opened);
@@ -157,8 +158,8 @@ struct Viewer {
     player->advance(now);
     for (PlayerEvent& event : player->take_events()) events.push_back(std::move(event));
   }
-  // Waits, by a clock that stands still.
-  bool until(const std::function<bool()>& holds) {
+  // Advances at a constant time until holds() is true. Returns false after 8 s.
+  bool wait_until(const std::function<bool()>& holds) {
     for (int k = 0; k < 4000; ++k) {
       tick();
       if (holds()) return true;
@@ -166,30 +167,30 @@ struct Viewer {
     }
     return false;
   }
-  // So many frames pass; what is next is there or not coming.
-  void frames(int count, const std::function<void()>& at_each = {}) {
+  // Advances by `count` frames without waiting.
+  void frames(int count, const std::function<void()>& at_each_frame = {}) {
     for (int k = 0; k < count; ++k) {
-      now += kFrame;
+      now += kFrameSeconds;
       tick();
-      if (at_each) at_each();
+      if (at_each_frame) at_each_frame();
     }
   }
-  bool at_edge_of(std::uint32_t stretches) {
-    return until([&] {
+  bool wait_for_edge(std::uint32_t fragments) {
+    return wait_until([&] {
       return !player->live().growing ||
-             player->live().edge_seconds == Approx(stretches * kStretch).margin(1e-6);
+             player->live().edge_seconds == Approx(fragments * kFragmentSeconds).margin(1e-6);
     });
   }
-  // The time of a stretch passes, the file has so many, and all is fetched that play needs of them.
-  void next_stretch(std::uint32_t stretches, const std::function<void()>& at_each = {}) {
-    frames(testing::kFragmentFrames, at_each);
-    file->grow(recording().ends[stretches]);
-    REQUIRE(at_edge_of(stretches));
-    wait_for(stretches * kStretch);
+  // Advances by one fragment, grows the file to `fragments`, and waits until these are playable.
+  void next_fragment(std::uint32_t fragments, const std::function<void()>& at_each_frame = {}) {
+    frames(testing::kFragmentFrames, at_each_frame);
+    file->grow(recording().ends[fragments]);
+    REQUIRE(wait_for_edge(fragments));
+    wait_for(fragments * kFragmentSeconds);
   }
-  // Until all up to there is fetched, and the player has looked since.
+  // Waits until everything up to `end` is fetched, then advances once.
   void wait_for(double end) {
-    REQUIRE(until([&] { return has(player->seconds(), end - 1e-6); }));
+    REQUIRE(wait_until([&] { return has(player->seconds(), end - 1e-6); }));
     tick();
   }
   bool has(double begin, double end) const {
@@ -200,7 +201,7 @@ struct Viewer {
   }
   void play() {
     player->play();
-    REQUIRE(until([&] { return player->state() == PlayerState::kPlaying; }));
+    REQUIRE(wait_until([&] { return player->state() == PlayerState::kPlaying; }));
     if (!player->live().growing) return;
     wait_for(player->live().edge_seconds);
   }
@@ -215,14 +216,14 @@ struct Viewer {
   double now = 100;
 };
 
-inline std::multiset<std::string> alive_in(const Recording& recording, double seconds) {
+inline std::multiset<std::string> active_in(const Recording& recording, double seconds) {
   auto reader = SceneReader::open(memory_source(recording.bytes));
   REQUIRE(reader.ok());
   return active_fingerprints(*Timeline::from_reader(std::move(*reader)), seconds);
 }
 
-inline std::multiset<std::string> alive_in_file(double seconds) {
-  return alive_in(recording(), seconds);
+inline std::multiset<std::string> active_in_file(double seconds) {
+  return active_in(recording(), seconds);
 }
 
 }  // namespace stgs::player::live

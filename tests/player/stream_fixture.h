@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A clip behind a link that is slow, stands still or fails, and a player of it.
+// A clip behind a link that is slow, stalls or fails, and a player of it.
 #pragma once
 
 #include <algorithm>
@@ -25,23 +25,23 @@ inline constexpr std::uint32_t kFrames = 90;  // 3 s
 using Kind = PlayerEvent::Kind;
 using Clock = std::chrono::steady_clock;
 
-// What a source does with reads that begin at an offset or behind it.
+// Decides what happens to each read, by its offset. Thread-safe.
 class Link {
  public:
   enum class Answer { kBytes, kWait, kFail };
 
   Answer answer(std::uint64_t offset, std::size_t bytes) {
     std::unique_lock lock(mutex_);
-    if (bytes_a_second_ > 0 && offset >= slow_from_) {
+    if (bytes_per_second_ > 0 && offset >= slow_from_) {
       free_ = std::max(free_, Clock::now()) +
               std::chrono::microseconds(
-                  static_cast<std::int64_t>(1e6 * static_cast<double>(bytes) / bytes_a_second_));
-      const Clock::time_point over = free_;
+                  static_cast<std::int64_t>(1e6 * static_cast<double>(bytes) / bytes_per_second_));
+      const Clock::time_point end = free_;
       lock.unlock();
-      std::this_thread::sleep_until(over);
+      std::this_thread::sleep_until(end);
       lock.lock();
     }
-    asked_.push_back(offset);
+    reads_.push_back(offset);
     changed_.notify_all();
     while (!interrupted_ && of(offset) == Answer::kWait) changed_.wait(lock);
     return interrupted_ ? Answer::kFail : of(offset);
@@ -51,10 +51,10 @@ class Link {
     answers_.push_back({begin, end, answer});
     changed_.notify_all();
   }
-  // All reads from `begin` on share so many bytes a second; 0: any number.
-  void limit(double bytes_a_second, std::uint64_t begin) {
+  // Limits the rate that all reads from the offset `begin` on share; 0: no limit.
+  void limit(double bytes_per_second, std::uint64_t begin) {
     const std::lock_guard lock(mutex_);
-    bytes_a_second_ = bytes_a_second;
+    bytes_per_second_ = bytes_per_second;
     slow_from_ = begin;
   }
   void interrupt() {
@@ -62,9 +62,9 @@ class Link {
     interrupted_ = true;
     changed_.notify_all();
   }
-  std::vector<std::uint64_t> asked() {
+  std::vector<std::uint64_t> reads() {
     const std::lock_guard lock(mutex_);
-    return asked_;
+    return reads_;
   }
 
  private:
@@ -82,11 +82,11 @@ class Link {
   std::mutex mutex_;
   std::condition_variable changed_;
   bool interrupted_ = false;
-  double bytes_a_second_ = 0;
+  double bytes_per_second_ = 0;
   std::uint64_t slow_from_ = 0;
   Clock::time_point free_;
   std::vector<Rule> answers_;
-  std::vector<std::uint64_t> asked_;
+  std::vector<std::uint64_t> reads_;
 };
 
 class LinkSource final : public ByteSource {
@@ -106,7 +106,7 @@ class LinkSource final : public ByteSource {
   std::shared_ptr<Link> link_;
 };
 
-// Three tiers with their harmonics apart, segments of 0.2 s and longer.
+// Three tiers with separate spherical harmonics, and segments of 0.2 s or more.
 struct Clip {
   Clip() {
     Scene scene = testing::random_scene(4000, 2, kFrames, 3);
@@ -118,13 +118,13 @@ struct Clip {
     bytes = std::move(*encoded);
     reader = std::move(*SceneReader::open(memory_source(bytes)));
     for (const SegmentInfo& segment : reader->segments()) {
-      pieces_at = std::min(pieces_at, segment.offset);
+      segments_begin = std::min(segments_begin, segment.offset);
     }
   }
 
   std::vector<std::uint8_t> bytes;
   std::unique_ptr<SceneReader> reader;
-  std::uint64_t pieces_at = ~std::uint64_t{0};  // all before it is read when the file is opened
+  std::uint64_t segments_begin = ~std::uint64_t{0};  // opening reads everything before
 };
 
 inline const Clip& clip() {
@@ -132,9 +132,9 @@ inline const Clip& clip() {
   return clip;
 }
 
-struct Playing {
-  explicit Playing(PlayerSettings settings = {}, std::vector<std::uint8_t> bytes = clip().bytes,
-                   const std::function<void(Link&)>& prepare = {}) {
+struct TestPlayer {
+  explicit TestPlayer(PlayerSettings settings = {}, std::vector<std::uint8_t> bytes = clip().bytes,
+                      const std::function<void(Link&)>& prepare = {}) {
     if (prepare) prepare(*link);
     auto opened = Player::from_source(std::make_unique<LinkSource>(std::move(bytes), link),
                                       settings, [link = link] { link->interrupt(); });
@@ -142,10 +142,10 @@ struct Playing {
     player = std::move(*opened);
   }
 
-  explicit Playing(std::unique_ptr<Player> opened) : player(std::move(opened)) {}
+  explicit TestPlayer(std::unique_ptr<Player> opened) : player(std::move(opened)) {}
 
-  // Advances without time passing until something holds; false after long waiting.
-  bool until(const std::function<bool()>& holds) {
+  // Advances at a constant time until holds() is true. Returns false after 20 s.
+  bool wait_until(const std::function<bool()>& holds) {
     for (int k = 0; k < 4000; ++k) {
       player->advance(now);
       for (PlayerEvent& event : player->take_events()) events.push_back(std::move(event));
@@ -154,14 +154,14 @@ struct Playing {
     }
     return false;
   }
-  bool complete() {
-    return until([&] { return player->layers() == player->layer_count(); });
+  bool wait_complete() {
+    return wait_until([&] { return player->layers() == player->layer_count(); });
   }
-  // Plays on until it has ended, 1/30 s at a time; waits where it has to.
-  void to_the_end(const std::function<void()>& at_each = {}) {
-    REQUIRE(until([&] {
+  // Plays to the end in steps of 1/30 s, and waits where data is missing.
+  void play_to_end(const std::function<void()>& at_each_step = {}) {
+    REQUIRE(wait_until([&] {
       now += player->state() == PlayerState::kPlaying ? 1.0 / 30 : 0.0;
-      if (at_each) at_each();
+      if (at_each_step) at_each_step();
       return player->state() == PlayerState::kEnded;
     }));
   }
@@ -170,7 +170,7 @@ struct Playing {
                                           [&](const PlayerEvent& e) { return e.kind == kind; }));
   }
 
-  bool said(Kind kind, const std::string& words) const {
+  bool has_event(Kind kind, const std::string& words) const {
     return std::any_of(events.begin(), events.end(), [&](const PlayerEvent& e) {
       return e.kind == kind && e.message.find(words) != std::string::npos;
     });
@@ -182,7 +182,7 @@ struct Playing {
   double now = 100;
 };
 
-inline std::multiset<std::string> alive_in_file(double seconds) {
+inline std::multiset<std::string> active_in_file(double seconds) {
   auto reader = SceneReader::open(memory_source(clip().bytes));
   REQUIRE(reader.ok());
   return active_fingerprints(*Timeline::from_reader(std::move(*reader)), seconds);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a backend's device is asked to hold, with a device that only counts.
+// Which segments a backend uploads and evicts, with a device that only counts.
 #include <algorithm>
 #include <chrono>
 #include <map>
@@ -12,7 +12,7 @@
 namespace stgs::player {
 namespace {
 
-constexpr std::uint64_t kEach = 100;  // bytes of a primitive on the device
+constexpr std::uint64_t kPrimitiveBytes = 100;  // on the device
 
 std::unique_ptr<Timeline> make_timeline(std::uint64_t budget = kDefaultMemoryBudget,
                                         WriteSettings settings = {}) {
@@ -24,38 +24,40 @@ std::unique_ptr<Timeline> make_timeline(std::uint64_t budget = kDefaultMemoryBud
   return Timeline::from_reader(std::move(*reader), "the scene", budget);
 }
 
-class OverTimeline : public Timeline {
+class WrappedTimeline : public Timeline {
  public:
-  explicit OverTimeline(std::unique_ptr<Timeline> under) : under_(std::move(under)) {}
-  const std::string& name() const override { return under_->name(); }
-  const SceneMetadata& metadata() const override { return under_->metadata(); }
-  double duration_seconds() const override { return under_->duration_seconds(); }
-  const std::vector<Issue>& damage() const override { return under_->damage(); }
-  double complete_seconds() const override { return under_->complete_seconds(); }
+  explicit WrappedTimeline(std::unique_ptr<Timeline> wrapped) : wrapped_(std::move(wrapped)) {}
+  const std::string& name() const override { return wrapped_->name(); }
+  const SceneMetadata& metadata() const override { return wrapped_->metadata(); }
+  double duration_seconds() const override { return wrapped_->duration_seconds(); }
+  const std::vector<Issue>& damage() const override { return wrapped_->damage(); }
+  double complete_seconds() const override { return wrapped_->complete_seconds(); }
   const std::vector<SegmentDamage>& segment_damage() const override {
-    return under_->segment_damage();
+    return wrapped_->segment_damage();
   }
-  Result<Active> at(double seconds) override { return under_->at(seconds); }
+  Result<Active> at(double seconds) override { return wrapped_->at(seconds); }
   Result<std::vector<SegmentRef>> visible_segments(double seconds) override {
-    return under_->visible_segments(seconds);
+    return wrapped_->visible_segments(seconds);
   }
-  const SceneReader& reader() const override { return under_->reader(); }
-  Result<std::optional<Gaussians4D>> decode(std::uint32_t s) override { return under_->decode(s); }
-  std::uint64_t memory_budget() const override { return under_->memory_budget(); }
-  const std::shared_ptr<const void>& identity() const override { return under_->identity(); }
-  std::uint64_t memory_bytes() const override { return under_->memory_bytes(); }
-  std::uint64_t stored_primitives() const override { return under_->stored_primitives(); }
+  const SceneReader& reader() const override { return wrapped_->reader(); }
+  Result<std::optional<Gaussians4D>> decode(std::uint32_t s) override {
+    return wrapped_->decode(s);
+  }
+  std::uint64_t memory_budget() const override { return wrapped_->memory_budget(); }
+  const std::shared_ptr<const void>& identity() const override { return wrapped_->identity(); }
+  std::uint64_t memory_bytes() const override { return wrapped_->memory_bytes(); }
+  std::uint64_t stored_primitives() const override { return wrapped_->stored_primitives(); }
 
  private:
-  std::unique_ptr<Timeline> under_;
+  std::unique_ptr<Timeline> wrapped_;
 };
 
-// A stream of which more comes between two questions: the first call lacks the last segment.
-class Coming final : public OverTimeline {
+// A stream whose last segment arrives after the first call.
+class ArrivingTimeline final : public WrappedTimeline {
  public:
-  Coming() : OverTimeline(make_timeline()) {}
+  ArrivingTimeline() : WrappedTimeline(make_timeline()) {}
   Result<std::vector<SegmentRef>> visible_segments(double seconds) override {
-    STGS_ASSIGN(std::vector<SegmentRef> needed, OverTimeline::visible_segments(seconds));
+    STGS_ASSIGN(std::vector<SegmentRef> needed, WrappedTimeline::visible_segments(seconds));
     if (calls_++ == 0) needed.pop_back();
     return needed;
   }
@@ -64,18 +66,18 @@ class Coming final : public OverTimeline {
   int calls_ = 0;
 };
 
-// A player's: what it needs is decoded, and each segment a few pieces long.
-class Decoded final : public OverTimeline {
+// A player's timeline: all segments are decoded, and take several uploads each.
+class DecodedTimeline final : public WrappedTimeline {
  public:
-  explicit Decoded(std::uint64_t budget = kDefaultMemoryBudget)
-      : OverTimeline(make_timeline(budget, in_tiers())) {
+  explicit DecodedTimeline(std::uint64_t budget = kDefaultMemoryBudget)
+      : WrappedTimeline(make_timeline(budget, in_tiers())) {
     large_->resize(4 * 65536 + 100);
     small_->resize(10);
   }
   Result<std::vector<SegmentRef>> visible_segments(double seconds) override {
-    STGS_ASSIGN(std::vector<SegmentRef> needed, OverTimeline::visible_segments(seconds));
+    STGS_ASSIGN(std::vector<SegmentRef> needed, WrappedTimeline::visible_segments(seconds));
     for (SegmentRef& one : needed) {
-      one.set = better.contains(one.segment) ? better.at(one.segment) : of_tier(one.segment);
+      one.set = refined.contains(one.segment) ? refined.at(one.segment) : of_tier(one.segment);
     }
     return needed;
   }
@@ -93,7 +95,7 @@ class Decoded final : public OverTimeline {
   }
 
   bool playing = true, as_in_file = false;
-  std::map<std::uint32_t, std::shared_ptr<const Gaussians4D>> better;
+  std::map<std::uint32_t, std::shared_ptr<const Gaussians4D>> refined;
   std::vector<SegmentRef> soon;
 
  private:
@@ -113,16 +115,18 @@ class CountingDevice final : public DeviceSegments {
   ~CountingDevice() override { clear(); }
 
   static constexpr std::size_t kMaxUploadPrimitives = DeviceSegments::kMaxUploadPrimitives;
-  std::set<std::uint32_t> there;
-  std::map<std::uint32_t, std::size_t> arriving;  // what comes next of each
-  int sent = 0, pieces = 0;
+  std::set<std::uint32_t> resident;
+  std::map<std::uint32_t, std::size_t> arriving;  // next primitive of each upload in progress
+  int uploaded = 0, uploads = 0;
   std::uint64_t reserved = 0;
-  std::chrono::milliseconds piece_takes{0};
+  std::chrono::milliseconds upload_takes{0};
 
  private:
   Status begin(const SceneReader& /*reader*/) override { return {}; }
   void reserve(std::uint64_t bytes) override { reserved = bytes; }
-  std::uint64_t bytes_of(std::uint64_t primitives) const override { return kEach * primitives; }
+  std::uint64_t bytes_of(std::uint64_t primitives) const override {
+    return kPrimitiveBytes * primitives;
+  }
   Status decode(Timeline& timeline, std::span<const std::uint32_t> segments) override {
     for (const std::uint32_t s : segments) STGS_TRY(decode_on_cpu(timeline, s));
     return {};
@@ -130,45 +134,45 @@ class CountingDevice final : public DeviceSegments {
   Status upload(std::uint32_t segment, const Gaussians4D& set, std::size_t first) override {
     if (first == 0) arriving.erase(segment);
     CHECK(arriving[segment] == first);
-    time_ += piece_takes;
-    ++pieces;
+    time_ += upload_takes;
+    ++uploads;
     arriving[segment] += kMaxUploadPrimitives;
     if (arriving[segment] < set.size()) return {};
     arriving.erase(segment);
-    there.insert(segment);
-    ++sent;
-    insert(segment, set.size(), kEach * set.size());
+    resident.insert(segment);
+    ++uploaded;
+    insert(segment, set.size(), kPrimitiveBytes * set.size());
     return {};
   }
   void cancel_upload(std::uint32_t segment) override { CHECK(arriving.erase(segment) == 1); }
-  void release(std::uint32_t segment) override { CHECK(there.erase(segment) == 1); }
+  void release(std::uint32_t segment) override { CHECK(resident.erase(segment) == 1); }
   Clock::time_point now() const override { return time_; }
 
-  Clock::time_point time_{std::chrono::hours(1)};  // nothing but pieces takes any
+  Clock::time_point time_{std::chrono::hours(1)};  // advances by uploads only
 };
 
-TEST_CASE("a device holds what a moment needs, and is sent it once") {
+TEST_CASE("the segments of a time are uploaded once") {
   const auto timeline = make_timeline();
   CountingDevice device;
   const auto needed = device.make_resident(*timeline, 1.0);
   REQUIRE(needed.ok());
   CHECK(needed->size() == timeline->visible_segments(1.0)->size());
-  const int sent = device.sent;
-  CHECK(sent == static_cast<int>(needed->size()));
+  const int uploaded = device.uploaded;
+  CHECK(uploaded == static_cast<int>(needed->size()));
   REQUIRE(device.make_resident(*timeline, 1.0).ok());
-  CHECK(device.sent == sent);
+  CHECK(device.uploaded == uploaded);
   const auto other = make_timeline();
   REQUIRE(device.make_resident(*other, 1.0).ok());
-  CHECK(device.sent == 2 * sent);
-  CHECK(device.there.size() == needed->size());
+  CHECK(device.uploaded == 2 * uploaded);
+  CHECK(device.resident.size() == needed->size());
 }
 
-TEST_CASE("what comes while a moment is brought is for the next picture") {
-  Coming timeline;
+TEST_CASE("a segment that arrives during an upload belongs to the next frame") {
+  ArrivingTimeline timeline;
   CountingDevice device;
   const auto first = device.make_resident(timeline, 1.0);
   REQUIRE(first.ok());
-  for (const auto& one : *first) CHECK(device.there.contains(one.segment));
+  for (const auto& one : *first) CHECK(device.resident.contains(one.segment));
   const auto second = device.make_resident(timeline, 1.0);
   REQUIRE(second.ok());
   CHECK(second->size() == first->size() + 1);
@@ -180,14 +184,14 @@ std::size_t all_of(Timeline& timeline, double seconds) {
   return needed->size();
 }
 
-TEST_CASE("while it plays, what makes a picture better comes with several pictures") {
-  Decoded timeline;
+TEST_CASE("during playback, refinements are uploaded over several frames") {
+  DecodedTimeline timeline;
   CountingDevice device;
-  device.piece_takes = std::chrono::milliseconds(8);
+  device.upload_takes = std::chrono::milliseconds(8);
   const std::size_t all = all_of(timeline, 1.0);
-  auto drawn = device.make_resident(timeline, 1.0);
-  REQUIRE(drawn.ok());
-  CHECK(drawn->size() < all);
+  auto rendered = device.make_resident(timeline, 1.0);
+  REQUIRE(rendered.ok());
+  CHECK(rendered->size() < all);
   const auto count_first = [&](const std::vector<Timeline::SegmentRef>& some) {
     return std::count_if(some.begin(), some.end(),
                          [&](const auto& one) { return timeline.is_first(one.segment); });
@@ -195,174 +199,175 @@ TEST_CASE("while it plays, what makes a picture better comes with several pictur
   const auto needed = timeline.visible_segments(1.0);
   REQUIRE(needed.ok());
   REQUIRE(count_first(*needed) > 0);
-  CHECK(count_first(*drawn) == count_first(*needed));
-  while (drawn->size() < all) {
-    const int before = device.pieces;
-    drawn = device.make_resident(timeline, 1.0);
-    REQUIRE(drawn.ok());
-    REQUIRE(device.pieces > before);
-    REQUIRE(device.pieces <= before + 4);
+  CHECK(count_first(*rendered) == count_first(*needed));
+  while (rendered->size() < all) {
+    const int before = device.uploads;
+    rendered = device.make_resident(timeline, 1.0);
+    REQUIRE(rendered.ok());
+    REQUIRE(device.uploads > before);
+    REQUIRE(device.uploads <= before + 4);
   }
-  CHECK(device.sent == static_cast<int>(all));
+  CHECK(device.uploaded == static_cast<int>(all));
   CHECK(device.arriving.empty());
 
-  SECTION("and what there was of a segment is drawn until a better one is there") {
-    const std::uint32_t changed = drawn->front().segment;
+  SECTION("a segment is rendered until its refinement is uploaded") {
+    const std::uint32_t changed = rendered->front().segment;
     REQUIRE(timeline.is_first(changed));
-    const auto better = std::make_shared<Gaussians4D>();
-    better->resize(5 * CountingDevice::kMaxUploadPrimitives);
-    timeline.better[changed] = better;
-    int pictures = 0;
-    for (; device.sent == static_cast<int>(all); ++pictures) {
-      drawn = device.make_resident(timeline, 1.0);
-      REQUIRE(drawn.ok());
-      REQUIRE(drawn->size() == all);
-      REQUIRE(device.there.contains(changed));
+    const auto refined = std::make_shared<Gaussians4D>();
+    refined->resize(5 * CountingDevice::kMaxUploadPrimitives);
+    timeline.refined[changed] = refined;
+    int frames = 0;
+    for (; device.uploaded == static_cast<int>(all); ++frames) {
+      rendered = device.make_resident(timeline, 1.0);
+      REQUIRE(rendered.ok());
+      REQUIRE(rendered->size() == all);
+      REQUIRE(device.resident.contains(changed));
     }
-    CHECK(pictures > 1);
-    const int pieces = device.pieces;
+    CHECK(frames > 1);
+    const int uploads = device.uploads;
     REQUIRE(device.make_resident(timeline, 1.0).ok());
-    CHECK(device.pieces == pieces);
+    CHECK(device.uploads == uploads);
   }
 }
 
-// What is needed at another moment and not at `seconds`.
-std::vector<Timeline::SegmentRef> only_at(Decoded& timeline, double other, double seconds) {
-  auto there = timeline.visible_segments(other);
+// Returns the segments of another time that are not needed at `seconds`.
+std::vector<Timeline::SegmentRef> only_at(DecodedTimeline& timeline, double other, double seconds) {
+  auto others = timeline.visible_segments(other);
   const auto here = timeline.visible_segments(seconds);
-  REQUIRE(there.ok());
+  REQUIRE(others.ok());
   REQUIRE(here.ok());
-  std::erase_if(*there, [&](const auto& one) {
+  std::erase_if(*others, [&](const auto& one) {
     return std::any_of(here->begin(), here->end(),
                        [&](const auto& now) { return now.segment == one.segment; });
   });
-  REQUIRE_FALSE(there->empty());
-  return std::move(*there);
+  REQUIRE_FALSE(others->empty());
+  return std::move(*others);
 }
 
-TEST_CASE("while it plays, what is needed soon is brought ahead and not drawn") {
-  Decoded timeline;
+TEST_CASE("during playback, segments needed soon are uploaded in advance and not rendered") {
+  DecodedTimeline timeline;
   CountingDevice device;
   timeline.soon = only_at(timeline, 2.0, 1.0);
   const std::size_t all = all_of(timeline, 1.0);
-  const auto is_there = [&](const auto& one) { return device.there.contains(one.segment); };
+  const auto is_resident = [&](const auto& one) { return device.resident.contains(one.segment); };
   for (int k = 0; k < 1000; ++k) {
-    const auto drawn = device.make_resident(timeline, 1.0);
-    REQUIRE(drawn.ok());
-    REQUIRE(drawn->size() <= all);
-    if (std::all_of(timeline.soon.begin(), timeline.soon.end(), is_there)) break;
+    const auto rendered = device.make_resident(timeline, 1.0);
+    REQUIRE(rendered.ok());
+    REQUIRE(rendered->size() <= all);
+    if (std::all_of(timeline.soon.begin(), timeline.soon.end(), is_resident)) break;
   }
-  CHECK(std::all_of(timeline.soon.begin(), timeline.soon.end(), is_there));
-  const int sent = device.sent;
+  CHECK(std::all_of(timeline.soon.begin(), timeline.soon.end(), is_resident));
+  const int uploaded = device.uploaded;
   timeline.soon.clear();
   REQUIRE(device.make_resident(timeline, 2.0).ok());
-  CHECK(device.sent == sent);
+  CHECK(device.uploaded == uploaded);
 }
 
-std::uint64_t bytes_at(Decoded& timeline, double seconds) {
+std::uint64_t bytes_at(DecodedTimeline& timeline, double seconds) {
   const auto needed = timeline.visible_segments(seconds);
   REQUIRE(needed.ok());
   std::uint64_t bytes = 0;
   for (const auto& one : *needed) {
-    bytes += kEach * timeline.reader().segments()[one.segment].primitives;
+    bytes += kPrimitiveBytes * timeline.reader().segments()[one.segment].primitives;
   }
   return bytes;
 }
 
-TEST_CASE("with little memory what is not needed goes before what is drawn or comes next") {
-  Decoded whole;
-  const double fuller = bytes_at(whole, 1.0) > bytes_at(whole, 2.0) ? 1.0 : 2.0;
+TEST_CASE("with little memory, segments that are not needed are evicted before those that are") {
+  DecodedTimeline unlimited;
+  const double fuller = bytes_at(unlimited, 1.0) > bytes_at(unlimited, 2.0) ? 1.0 : 2.0;
   const double other = 3.0 - fuller;
-  const auto drawn = whole.visible_segments(fuller);
-  REQUIRE(drawn.ok());
-  REQUIRE(drawn->size() > 2);
-  const std::uint32_t changed[] = {drawn->front().segment, drawn->back().segment};
+  const auto rendered = unlimited.visible_segments(fuller);
+  REQUIRE(rendered.ok());
+  REQUIRE(rendered->size() > 2);
+  const std::uint32_t changed[] = {rendered->front().segment, rendered->back().segment};
   std::uint64_t more = 0;
-  for (const std::uint32_t s : changed) more += kEach * whole.reader().segments()[s].primitives;
-  // What is drawn, and the two that change.
-  Decoded timeline(bytes_at(whole, fuller) + more);
+  for (const std::uint32_t s : changed)
+    more += kPrimitiveBytes * unlimited.reader().segments()[s].primitives;
+  // The rendered segments, and the two that change.
+  DecodedTimeline timeline(bytes_at(unlimited, fuller) + more);
   timeline.as_in_file = true;
   timeline.playing = false;
   CountingDevice device;
   REQUIRE(device.make_resident(timeline, other).ok());
   REQUIRE(device.make_resident(timeline, fuller).ok());
-  REQUIRE(device.there.size() > drawn->size());
+  REQUIRE(device.resident.size() > rendered->size());
   timeline.playing = true;
-  const auto check_drawn = [&] {
-    for (const auto& one : *drawn) CHECK(device.there.contains(one.segment));
-    CHECK(kEach * device.stored_primitives() <= timeline.memory_budget());
+  const auto check_rendered = [&] {
+    for (const auto& one : *rendered) CHECK(device.resident.contains(one.segment));
+    CHECK(kPrimitiveBytes * device.stored_primitives() <= timeline.memory_budget());
   };
 
-  SECTION("what has changed stays until a better one is there") {
+  SECTION("a changed segment stays until its refinement is uploaded") {
     if (GENERATE(false, true)) timeline.soon = only_at(timeline, other, fuller);
-    device.piece_takes = std::chrono::milliseconds(26);
+    device.upload_takes = std::chrono::milliseconds(26);
     for (const std::uint32_t s : changed) {
-      timeline.better[s] = std::make_shared<Gaussians4D>(*timeline.of_tier(s));
+      timeline.refined[s] = std::make_shared<Gaussians4D>(*timeline.of_tier(s));
     }
-    const int sent = device.sent;
+    const int uploaded = device.uploaded;
     for (int k = 1; k <= 2; ++k) {
       REQUIRE(device.make_resident(timeline, fuller).ok());
-      CHECK(device.sent == sent + k);
-      check_drawn();
+      CHECK(device.uploaded == uploaded + k);
+      check_rendered();
     }
   }
-  SECTION("what comes next does not displace it") {
+  SECTION("segments needed soon do not displace rendered ones") {
     timeline.soon = only_at(timeline, other, fuller);
     for (int k = 0; k < 20; ++k) {
       REQUIRE(device.make_resident(timeline, fuller).ok());
-      check_drawn();
+      check_rendered();
     }
   }
 }
 
-TEST_CASE("what stands still is all there at once") {
-  Decoded timeline;
+TEST_CASE("while paused, all segments are uploaded at once") {
+  DecodedTimeline timeline;
   timeline.playing = false;
   CountingDevice device;
-  device.piece_takes = std::chrono::milliseconds(3);
-  const auto drawn = device.make_resident(timeline, 1.0);
-  REQUIRE(drawn.ok());
-  CHECK(drawn->size() == all_of(timeline, 1.0));
+  device.upload_takes = std::chrono::milliseconds(3);
+  const auto rendered = device.make_resident(timeline, 1.0);
+  REQUIRE(rendered.ok());
+  CHECK(rendered->size() == all_of(timeline, 1.0));
 }
 
-TEST_CASE("what has not come in time is given up") {
-  Decoded timeline;
+TEST_CASE("an upload that is too slow is cancelled") {
+  DecodedTimeline timeline;
   CountingDevice device;
-  device.piece_takes = std::chrono::milliseconds(26);  // more than a picture waits
+  device.upload_takes = std::chrono::milliseconds(26);  // more than a frame waits
   REQUIRE(device.make_resident(timeline, 1.0).ok());
   REQUIRE(device.arriving.size() == 1);
   const std::uint32_t late = device.arriving.begin()->first;
-  timeline.better[late] = std::make_shared<Gaussians4D>(*timeline.of_tier(late));
+  timeline.refined[late] = std::make_shared<Gaussians4D>(*timeline.of_tier(late));
   timeline.playing = false;
   REQUIRE(device.make_resident(timeline, 1.0).ok());
   CHECK(device.arriving.empty());
-  CHECK(device.there.contains(late));
+  CHECK(device.resident.contains(late));
 }
 
-TEST_CASE("a device keeps to the budget, and drops what was needed least recently") {
-  const auto whole = make_timeline();
-  std::uint64_t most = 0;
+TEST_CASE("a device stays within the budget and evicts the least recently needed segments") {
+  const auto unlimited = make_timeline();
+  std::uint64_t peak = 0;
   for (double t = 0; t < 3; t += 0.1) {
     std::uint64_t bytes = 0;
-    const auto needed = whole->visible_segments(t);
+    const auto needed = unlimited->visible_segments(t);
     REQUIRE(needed.ok());
     for (const auto& one : *needed) {
-      bytes += kEach * whole->reader().segments()[one.segment].primitives;
+      bytes += kPrimitiveBytes * unlimited->reader().segments()[one.segment].primitives;
     }
-    most = std::max(most, bytes);
+    peak = std::max(peak, bytes);
   }
-  const auto timeline = make_timeline(most);
+  const auto timeline = make_timeline(peak);
   CountingDevice device;
   for (double t = 0; t < 3; t += 0.1) {
     REQUIRE(device.make_resident(*timeline, t).ok());
-    CHECK(kEach * device.stored_primitives() <= most);
+    CHECK(kPrimitiveBytes * device.stored_primitives() <= peak);
   }
-  CHECK(device.reserved == most);
-  CHECK(kEach * device.peak().primitives == most);
-  const auto little = make_timeline(most / 4);
+  CHECK(device.reserved == peak);
+  CHECK(kPrimitiveBytes * device.peak().primitives == peak);
+  const auto little = make_timeline(peak / 4);
   const auto refused = device.make_resident(*little, 1.5);
   REQUIRE_FALSE(refused.ok());
-  // In the unit of --memory, rounded to what is enough.
+  // In the unit of --memory, rounded up.
   CHECK(refused.status().message().find("MB (10^6 bytes) decoded, more than the budget") !=
         std::string::npos);
 }

@@ -25,18 +25,19 @@ struct SchedulerUnits : StoreUnits {
   void receive(FetchRequest& request, double seconds = 0) {
     for (;;) {
       now += seconds;
-      const Progress progress = fetches.end_read(request, true, true, now);
+      busy += seconds;
+      const Progress progress = fetches.end_read(request, true, busy);
       if (progress == Progress::kMore) {
         fetches.begin_read(request, now);
         continue;
       }
       REQUIRE(progress == Progress::kComplete);
-      fetches.finish(request, true, now);
+      fetches.finish(request, true);
       return;
     }
   }
 
-  double now = 1000;
+  double now = 1000, busy = 0;
   FetchScheduler fetches{index, deadlines, residency, {10, 0.3}};
   FetchScheduler::Next next;
 };
@@ -123,8 +124,8 @@ TEST_CASE("after a seek, a read that nobody waits for is interrupted after half 
   REQUIRE(units.fetches.next_cancelled(units.now + 0.5, wake_at) == request);
   CHECK(units.fetches.next_cancelled(units.now + 0.5, wake_at) == nullptr);  // only once
   const SegmentLayer layer = request->layers[0].layer;
-  CHECK(units.fetches.end_read(*request, false, true, units.now) == Progress::kGivenUp);
-  units.fetches.finish(*request, false, units.now);
+  CHECK(units.fetches.end_read(*request, false, units.busy) == Progress::kGivenUp);
+  units.fetches.finish(*request, false);
   CHECK(units.residency.state(layer) == LoadState::kMissing);
   CHECK(units.used() == [&] {
     std::uint64_t sum = 0;
@@ -139,9 +140,9 @@ TEST_CASE("a read that fails without a seek fails its layers") {
   FetchRequest* request = units.begin();
   REQUIRE(request != nullptr);
   CHECK(units.fetches.in_flight() == 1);
-  CHECK(units.fetches.end_read(*request, false, true, units.now) == Progress::kFailed);
+  CHECK(units.fetches.end_read(*request, false, units.busy) == Progress::kFailed);
   CHECK(units.fetches.bytes_per_second() == 0);
-  const std::list<FetchRequest> own = units.fetches.finish(*request, false, units.now);
+  const std::list<FetchRequest> own = units.fetches.finish(*request, false);
   REQUIRE(own.size() == 1);
   CHECK(units.fetches.in_flight() == 0);
   for (const LocatedLayer& one : own.front().layers) {
@@ -187,8 +188,8 @@ TEST_CASE("the results of an earlier generation change nothing") {
   CHECK(units.used() == 0);
   double wake_at = kNever;
   CHECK(units.fetches.next_cancelled(units.now + 1, wake_at) == request);
-  (void)units.fetches.end_read(*request, true, true, units.now);
-  units.fetches.finish(*request, true, units.now);
+  (void)units.fetches.end_read(*request, true, units.busy);
+  units.fetches.finish(*request, true);
   CHECK(units.used() == 0);
   for (const SegmentLayer& one : units.index.file_order())
     CHECK(units.residency.state(one) == LoadState::kMissing);

@@ -21,8 +21,8 @@ struct Transition {
 };
 
 // A player whose link delivers nothing but the segments that the situation needs.
-struct Situation : Playing {
-  explicit Situation(From from) : Playing(settings(), clip().bytes, block) {
+struct Situation : TestPlayer {
+  explicit Situation(From from) : TestPlayer(settings(), clip().bytes, block) {
     if (from == From::kPaused) return;
     if (from == From::kPlaying || from == From::kEnded) {
       REQUIRE(player->seek_frame(from == From::kEnded ? 87 : 10).ok());
@@ -32,7 +32,7 @@ struct Situation : Playing {
     player->play();
     if (from != From::kStarting) advance();
     if (from == From::kPausedInStall) player->pause();
-    if (from == From::kEnded) to_the_end();
+    if (from == From::kEnded) play_to_end();
     events.clear();
   }
 
@@ -42,7 +42,7 @@ struct Situation : Playing {
     settings.resume_seconds = 0.15;  // more than an advance() moves
     return settings;
   }
-  static void block(Link& link) { link.set(Link::Answer::kWait, clip().pieces_at); }
+  static void block(Link& link) { link.set(Link::Answer::kWait, clip().segments_begin); }
 
   // Waits until the data at the position has arrived, without advancing.
   void fetch() {
@@ -193,11 +193,11 @@ TEST_CASE("playback that starts while it follows a recording starts at the edge"
   viewer.tick();
   viewer.player->pause();
   viewer.file->grow(live::recording().ends[12]);
-  REQUIRE(viewer.at_edge_of(12));
+  REQUIRE(viewer.wait_for_edge(12));
   const double before = viewer.player->seconds();
   viewer.player->play();
   viewer.tick();
-  CHECK(viewer.player->seconds() > before + live::kStretch);
+  CHECK(viewer.player->seconds() > before + live::kFragmentSeconds);
 }
 
 }  // namespace

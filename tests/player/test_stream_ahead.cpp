@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a player's timeline says comes next.
+// Segments that a player's timeline reports for prefetching.
 #include <algorithm>
 #include <cmath>
 #include <vector>
@@ -10,11 +10,10 @@
 namespace stgs::player {
 namespace {
 
-TEST_CASE(
-    "what follows within half a second is known, the soonest first, whichever way play goes") {
+TEST_CASE("segments of the next half second are reported, soonest first, in both directions") {
   for (const double rate : {1.0, 2.0, -1.0}) {
     CAPTURE(rate);
-    Playing p;
+    TestPlayer p;
     Timeline& timeline = p.player->timeline();
     const double at = 1.51, ticks = timeline.metadata().time_base.ticks(at);
     REQUIRE(p.player->set_rate(rate).ok());
@@ -22,7 +21,7 @@ TEST_CASE(
     CHECK(timeline.prefetch_segments(at).empty());
     CHECK_FALSE(timeline.is_playing());
     p.player->play();
-    REQUIRE(p.until([&] { return p.player->state() == PlayerState::kPlaying; }));
+    REQUIRE(p.wait_until([&] { return p.player->state() == PlayerState::kPlaying; }));
     CHECK(timeline.is_playing());
 
     const auto in = [&](const SegmentInfo& info) {  // seconds
@@ -35,7 +34,7 @@ TEST_CASE(
     });
     REQUIRE(expected > 2);
     std::vector<Timeline::SegmentRef> soon;
-    REQUIRE(p.until([&] {
+    REQUIRE(p.wait_until([&] {
       soon = timeline.prefetch_segments(at);
       return soon.size() == static_cast<std::size_t>(expected);
     }));
@@ -51,10 +50,10 @@ TEST_CASE(
   }
 }
 
-TEST_CASE("where play goes round, the other end of the clip comes soon") {
+TEST_CASE("playback that loops prefetches the other end of the clip") {
   for (const double rate : {1.0, -1.0}) {
     CAPTURE(rate);
-    Playing p;
+    TestPlayer p;
     Timeline& timeline = p.player->timeline();
     const double at = rate > 0 ? 2.9 : 0.05;
     REQUIRE(p.player->set_rate(rate).ok());
@@ -69,10 +68,10 @@ TEST_CASE("where play goes round, the other end of the clip comes soon") {
       return std::any_of(soon.begin(), soon.end(), other_end);
     };
     p.player->play();
-    REQUIRE(p.until([&] { return p.player->state() == PlayerState::kPlaying; }));
+    REQUIRE(p.wait_until([&] { return p.player->state() == PlayerState::kPlaying; }));
     CHECK_FALSE(comes_soon());
     p.player->set_loop(true);
-    CHECK(p.until(comes_soon));
+    CHECK(p.wait_until(comes_soon));
   }
 }
 

@@ -5,6 +5,7 @@
 #include <exception>
 #include <utility>
 
+#include "stream/clock_seconds.h"
 #include "stream/no_memory.h"
 
 namespace stgs::player {
@@ -59,14 +60,27 @@ void BlockingAdapter::run() {
     changed_.wait(lock, [&] { return (own = find_waiting()) != nullptr || stopping_; });
     if (own == nullptr) return;
     own->running = true;
+    begin_busy();
     lock.unlock();
     Done done = read(*own);
     lock.lock();
+    done.busy_seconds = end_busy();
     *own = {};  // before the completion, which may begin another read
     lock.unlock();
     completion_(std::move(done));
     lock.lock();
   }
+}
+
+void BlockingAdapter::begin_busy() {
+  if (running_++ == 0) busy_since_ = clock_seconds();
+}
+
+// Returns the busy time so far.
+double BlockingAdapter::end_busy() {
+  const double busy = busy_seconds_ + (clock_seconds() - busy_since_);
+  if (--running_ == 0) busy_seconds_ = busy;
+  return busy;
 }
 
 // Of a read that runs, only `cancelled` changes.

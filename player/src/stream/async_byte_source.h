@@ -24,6 +24,8 @@ class AsyncByteSource {
     std::uint64_t id = 0;
     Status status;
     bool from_link = true;  // false: the bytes were in memory
+    // Time so far during which at least one read was running, without waiting for a thread.
+    double busy_seconds = 0;
   };
   // Receives the end of each read, on any thread, also within begin_read(). Must not throw.
   using Completion = std::function<void(Done)>;
@@ -65,6 +67,8 @@ class BlockingAdapter final : public AsyncByteSource {
   void run();
   Done read(const Read& read) noexcept;
   Read* find_waiting();
+  void begin_busy();
+  double end_busy();
 
   const std::shared_ptr<RangeSource> source_;
   const std::size_t max_reads_;
@@ -72,6 +76,9 @@ class BlockingAdapter final : public AsyncByteSource {
   std::mutex mutex_;  // guards the following members
   std::condition_variable changed_;
   std::vector<Read> reads_;  // max_reads_; those with an id of 0 are free
+  int running_ = 0;
+  double busy_since_ = 0;    // if any is running, clock seconds
+  double busy_seconds_ = 0;  // before that
   bool stopping_ = false;
   std::vector<std::thread> threads_;
 };

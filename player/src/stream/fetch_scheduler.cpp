@@ -116,7 +116,6 @@ FetchScheduler::Next FetchScheduler::next(double now) {
     throw;
   }
   ++last_id_;
-  throughput_.begin(now);
   requests_.splice(requests_.begin(), own);
   out.request = &requests_.front();
   return out;
@@ -163,15 +162,15 @@ void FetchScheduler::begin_read(FetchRequest& request, double now) {
   request.read_cancelled = false;
 }
 
-FetchScheduler::Progress FetchScheduler::end_read(FetchRequest& request, bool ok, bool from_link,
-                                                  double now) {
+FetchScheduler::Progress FetchScheduler::end_read(FetchRequest& request, bool ok,
+                                                  std::optional<double> busy_seconds) {
   const std::uint64_t read = std::exchange(request.read_bytes, 0);
   if (!ok) {
     // The link may have stalled. The throughput before a failure does not predict the later one.
     throughput_.reset();
     return request.read_cancelled ? Progress::kGivenUp : Progress::kFailed;
   }
-  if (from_link) throughput_.add_bytes(read, now);
+  if (busy_seconds) throughput_.add_bytes(read, *busy_seconds);
   fetched_bytes_ += read;
   request.done += read;
   if (request.done == request.bytes) return Progress::kComplete;
@@ -215,9 +214,7 @@ FetchRequest& FetchScheduler::find(std::uint64_t id) {
                        [id](const FetchRequest& request) { return request.id == id; });
 }
 
-std::list<FetchRequest> FetchScheduler::finish(FetchRequest& request, bool complete,
-                                               double now) noexcept {
-  throughput_.end(now);
+std::list<FetchRequest> FetchScheduler::finish(FetchRequest& request, bool complete) noexcept {
   std::list<FetchRequest> out;
   const auto at = std::find_if(requests_.begin(), requests_.end(),
                                [&](const FetchRequest& one) { return &one == &request; });

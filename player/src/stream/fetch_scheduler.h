@@ -42,7 +42,9 @@ class FetchScheduler {
   // Everything given by reference outlives this object.
   FetchScheduler(const SegmentIndex& index, const Deadlines& deadlines, Residency& residency,
                  const Settings& settings)
-      : index_(index), deadlines_(deadlines), residency_(residency), settings_(settings) {}
+      : index_(index), deadlines_(deadlines), residency_(residency), settings_(settings) {
+    throughput_.begin(0);
+  }
 
   // The result of next().
   struct Next {
@@ -63,14 +65,15 @@ class FetchScheduler {
     kGivenUp,   // after a seek, other layers are more urgent
     kFailed
   };
-  // Ends the read in flight. `from_link`: its bytes were not in memory before.
-  Progress end_read(FetchRequest& request, bool ok, bool from_link, double now);
+  // Ends the read in flight. `busy_seconds` is AsyncByteSource::Done::busy_seconds; empty: the
+  // bytes were in memory.
+  Progress end_read(FetchRequest& request, bool ok, std::optional<double> busy_seconds);
   // Returns a request whose read a seek interrupts, and marks it so; null: there is none. Reduces
   // `wake_at` to the time at which there will be one.
   FetchRequest* next_cancelled(double now, double& wake_at);
   // Removes a request from those in flight. Its layers become resident if it is `complete`, else
   // missing.
-  std::list<FetchRequest> finish(FetchRequest& request, bool complete, double now) noexcept;
+  std::list<FetchRequest> finish(FetchRequest& request, bool complete) noexcept;
 
   // Returns the request with an id, which is in flight.
   FetchRequest& find(std::uint64_t id);
@@ -95,7 +98,7 @@ class FetchScheduler {
   const Settings settings_;
   std::list<FetchRequest> requests_;  // in flight
   std::uint64_t last_id_ = 0;
-  Throughput throughput_;
+  Throughput throughput_;  // its time is the busy time of the link
   std::uint64_t fetched_bytes_ = 0;
 };
 

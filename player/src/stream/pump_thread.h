@@ -1,67 +1,46 @@
 // SPDX-License-Identifier: Apache-2.0
-// A thread that drives a segment store.
+// Drives a segment store on threads.
 #pragma once
 
-#include <chrono>
-#include <cmath>
 #include <condition_variable>
 #include <limits>
 #include <mutex>
 #include <thread>
 
-#include "stream/clock_seconds.h"
 #include "stream/segment_store.h"
 
 namespace stgs::player {
 
-// Calls SegmentStore::pump() whenever there is something to do. The destructor ends the thread.
+// Calls SegmentStore::pump() whenever there is something to do, on a thread of its own. Two other
+// threads do so as well, to save a switch of threads: one whose read or decoder has just ended, and
+// one that seeks, which makes a single step. Thread-safe.
 class PumpThread {
  public:
-  explicit PumpThread(SegmentStore& store) : store_(store), thread_([this] { run(); }) {
-    store_.set_wake([this] { wake(); });
-    wake();  // for what happened before
-  }
-  ~PumpThread() {
-    store_.set_wake({});
-    {
-      const std::lock_guard lock(mutex_);
-      stopping_ = true;
-    }
-    changed_.notify_all();
-    thread_.join();
-  }
+  // `store` is not used after stop().
+  explicit PumpThread(SegmentStore& store) : store_(store), thread_([this] { run(); }) {}
+  ~PumpThread() { stop(); }
   PumpThread(const PumpThread&) = delete;
   PumpThread& operator=(const PumpThread&) = delete;
 
+  // Calls pump() on this thread, unless another one is doing so, which then repeats it; or makes
+  // the thread call it soon.
+  void wake(WakeReason reason) noexcept;
+  // Ends the thread and waits for calls of pump(). Later calls of the other functions do nothing.
+  void stop() noexcept;
+
  private:
-  void wake() {
-    {
-      const std::lock_guard lock(mutex_);
-      woken_ = true;
-    }
-    changed_.notify_one();
-  }
-  void run() {
-    std::unique_lock lock(mutex_);
-    while (!stopping_) {
-      woken_ = false;
-      lock.unlock();
-      const double wake_at =
-          store_.pump(clock_seconds(), std::numeric_limits<double>::infinity()).wake_at;
-      lock.lock();
-      const auto is_due = [this] { return woken_ || stopping_; };
-      if (std::isinf(wake_at)) {
-        changed_.wait(lock, is_due);
-      } else {
-        changed_.wait_for(lock, std::chrono::duration<double>(wake_at - clock_seconds()), is_due);
-      }
-    }
-  }
+  static constexpr double kNever = std::numeric_limits<double>::infinity();
+
+  void run();
+  void pump(std::unique_lock<std::mutex>& lock, double budget) noexcept;
+  void sleep(std::unique_lock<std::mutex>& lock);
 
   SegmentStore& store_;
   std::mutex mutex_;  // guards the following members
   std::condition_variable changed_;
-  bool woken_ = false, stopping_ = false;
+  bool woken_ = false, pumping_ = false, stopping_ = false;
+  double wake_at_ = kNever;         // as of the last pump(), clock seconds
+  double sleeping_until_ = kNever;  // of the thread
   std::thread thread_;
 };
 

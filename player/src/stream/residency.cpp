@@ -153,17 +153,16 @@ bool Residency::does_not_fit(const SegmentLayer& layer) const {
 
 bool Residency::ready(double ticks) const {
   const std::vector<std::uint32_t> active = index_.reader().segments_between(ticks, ticks);
-  return std::all_of(active.begin(), active.end(), [this](std::uint32_t s) {
-    return index_.segment(s).tier > 0 || is_base_final(s);
+  return std::all_of(active.begin(), active.end(), [this](std::uint32_t one) {
+    return index_.segment(one).tier > 0 || is_base_final(one);
   });
 }
 
 std::vector<TickRange> Residency::ready_ranges() const {
   std::vector<TickRange> gaps;
   for (std::uint32_t s = 0; s < entries_.size(); ++s) {
-    const SegmentInfo& segment = index_.segment(s);
-    if (segment.tier == 0 && !is_base_final(s))
-      gaps.push_back({segment.begin_ticks, segment.end_ticks});
+    const SegmentInfo& info = index_.reader().segments()[s];
+    if (info.tier == 0 && !is_base_final(s)) gaps.push_back({info.begin_ticks, info.end_ticks});
   }
   std::sort(gaps.begin(), gaps.end(),
             [](const TickRange& a, const TickRange& b) { return a.begin < b.begin; });

@@ -32,19 +32,23 @@ SegmentStore::SegmentStore(std::shared_ptr<const SceneReader> reader,
   adopt(std::move(reader));
   deadlines_.set_duration(index_.duration());
   executor_->start([this](DecodeJob job, DecodeResult result) {
-    const std::lock_guard lock(done_mutex_);
-    decodes_done_.push_back({std::move(job), std::move(result)});
-    if (wake_) wake_();
+    {
+      const std::lock_guard lock(done_mutex_);
+      decodes_done_.push_back({std::move(job), std::move(result)});
+    }
+    wake(WakeReason::kEnded);
   });
+  // So that completions do not allocate.
   const auto jobs = static_cast<std::size_t>(executor_->max_jobs());
   const auto reads = static_cast<std::size_t>(settings_.max_reads_in_flight);
-  // So that completions do not allocate.
   for (auto* list : {&decodes_done_, &finished_}) list->reserve(jobs);
   for (auto* list : {&reads_done_, &arrived_}) list->reserve(reads);
   transport_->start([this](AsyncByteSource::Done done) {
-    const std::lock_guard lock(done_mutex_);
-    reads_done_.push_back(std::move(done));
-    if (wake_) wake_();
+    {
+      const std::lock_guard lock(done_mutex_);
+      reads_done_.push_back(std::move(done));
+    }
+    wake(WakeReason::kEnded);
   });
 }
 
@@ -59,16 +63,6 @@ void SegmentStore::stop() noexcept {
   }
   transport_->stop();
   executor_->stop();
-}
-
-void SegmentStore::set_wake(std::function<void()> wake) {
-  const std::lock_guard lock(done_mutex_);
-  wake_ = std::move(wake);
-}
-
-void SegmentStore::wake() const noexcept {
-  const std::lock_guard lock(done_mutex_);
-  if (wake_) wake_();
 }
 
 // Everything that can throw comes before any change.
@@ -88,7 +82,7 @@ void SegmentStore::grow(std::shared_ptr<const SceneReader> reader) {
     const std::lock_guard lock(mutex_);
     adopt(std::move(reader));
   }
-  wake();
+  wake(WakeReason::kChanged);
 }
 
 FileSnapshot SegmentStore::snapshot() const {
@@ -107,7 +101,7 @@ void SegmentStore::set_playhead(const Playhead& playhead, bool jumped) {
     deadlines_.set_playhead(playhead, jumped);
     if (jumped) residency_.forget_full();
   }
-  wake();
+  wake(jumped ? WakeReason::kJump : WakeReason::kChanged);
 }
 
 Playhead SegmentStore::playhead() const {

@@ -33,6 +33,13 @@ struct PumpResult {
   double wake_at = std::numeric_limits<double>::infinity();
 };
 
+// Why pump() has something to do.
+enum class WakeReason {
+  kJump,    // the calling thread has set the position
+  kEnded,   // a read or a decoder has ended on the calling thread
+  kChanged  // anything else
+};
+
 // Coordinates the index, the residency, the schedulers and the event queue, which have neither
 // threads nor locks. pump() makes the progress; one thread at a time calls it. All other functions
 // are thread-safe and never wait for a read or a decoder.
@@ -51,8 +58,8 @@ class SegmentStore final : public Availability {
   SegmentStore& operator=(const SegmentStore&) = delete;
 
   // Sets a function that is called, from any thread, when pump() has something to do. It must not
-  // throw, nor call this object.
-  void set_wake(std::function<void()> wake);
+  // throw, and may call pump(). Call this before set_playhead().
+  void set_wake(std::function<void(WakeReason)> wake) { wake_ = std::move(wake); }
   // Collects the reads and segments that have arrived, and begins further ones. Repeats that until
   // nothing is left to do, or until `budget` seconds have passed; once at least. Never blocks;
   // decodes on the calling thread only if the executor does. `now`: seconds of a monotonic clock.
@@ -97,7 +104,9 @@ class SegmentStore final : public Availability {
   };
 
   void adopt(std::shared_ptr<const SceneReader> reader);
-  void wake() const noexcept;
+  void wake(WakeReason reason) const noexcept {
+    if (wake_) wake_(reason);
+  }
 
   // The steps of pump(), in store_pump.cpp. They return whether they made progress.
   bool step(double now, double& wake_at) noexcept;
@@ -146,10 +155,10 @@ class SegmentStore final : public Availability {
   std::vector<AsyncByteSource::Done> arrived_;
   std::vector<Decoded> finished_;
 
-  mutable std::mutex done_mutex_;  // guards the following members; never locked for long
+  std::function<void(WakeReason)> wake_;
+  std::mutex done_mutex_;  // guards the following members; never locked for long
   std::vector<AsyncByteSource::Done> reads_done_;
   std::vector<Decoded> decodes_done_;
-  std::function<void()> wake_;
 
   // The last ones, since their threads use the others.
   std::unique_ptr<AsyncByteSource> transport_;

@@ -131,7 +131,8 @@ void SegmentStore::end_read(AsyncByteSource::Done done, double now) noexcept {
   {
     const std::lock_guard lock(mutex_);
     request = &fetches_.find(done.id);
-    progress = fetches_.end_read(*request, done.status.ok(), done.from_link, now);
+    progress = fetches_.end_read(*request, done.status.ok(),
+                                 done.from_link ? std::optional(done.busy_seconds) : std::nullopt);
     if (progress == Progress::kMore && stopping_) progress = Progress::kGivenUp;
   }
   if (progress == Progress::kMore) return begin_read(*request, now);
@@ -166,7 +167,7 @@ void SegmentStore::finish(FetchRequest& request, bool complete, const Status& st
   std::list<FetchRequest> own;  // freed after the mutex is unlocked
   const std::lock_guard lock(mutex_);
   const bool is_current = request.generation == index_.generation();
-  own = fetches_.finish(request, complete, now);
+  own = fetches_.finish(request, complete);
   for (const LocatedLayer& one : request.layers) {
     if (!is_current) {
       source_->erase(one.offset);

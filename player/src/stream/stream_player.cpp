@@ -61,6 +61,7 @@ StreamPlayer::StreamPlayer(OpenedFile file, const PlayerSettings& settings,
                        SegmentDecoder(file.source->name(), settings.memory), settings.task_runner),
                    is_followed(file, settings)) {
   pump_thread_ = std::make_unique<PumpThread>(store_);
+  store_.set_wake([pump = pump_thread_.get()](WakeReason reason) { pump->wake(reason); });
   if (playback_.live().growing) {
     follower_ = std::make_unique<Follower>(
         store_, file.source, std::move(file.cache), settings,
@@ -76,6 +77,7 @@ StreamPlayer::~StreamPlayer() {
   store_.stop();
   if (follower_ != nullptr) follower_->stop();
   if (interrupt_) interrupt_();
+  if (pump_thread_ != nullptr) pump_thread_->stop();
 }
 
 void StreamPlayer::play() {

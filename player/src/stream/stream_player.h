@@ -81,10 +81,10 @@ class StreamPlayer {
   const std::shared_ptr<TransferEvents> transfers_;
   const TimeBase time_base_;
   Playback playback_;
-  int layers_ = -1;  // as reported
+  int layers_ = -1;                          // as reported
+  std::unique_ptr<PumpThread> pump_thread_;  // before `store_`, whose threads call it
   SegmentStore store_;
   std::unique_ptr<Timeline> timeline_;
-  std::unique_ptr<PumpThread> pump_thread_;
   std::unique_ptr<Follower> follower_;
 };
 
