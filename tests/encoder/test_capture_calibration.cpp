@@ -284,7 +284,7 @@ TEST_CASE("OpenCV's XML is not taken for a Qualisys calibration") {
   check_cameras(load(folder.path), 1e-9, {-0.1, 0.01, 0, 0, 0});
 }
 
-TEST_CASE("two calibrations of one camera, and a size that is none, are refused") {
+TEST_CASE("two calibrations of one camera, and an invalid size, are refused") {
   const TemporaryFolder folder;
   write_videos(folder);
   for (int i = 0; i < kCameras; ++i) {
