@@ -60,7 +60,7 @@ class Sbom(unittest.TestCase):
             self.assertRegex(package["licenseDeclared"],
                              r"^(NOASSERTION|[A-Za-z0-9.-]+( (OR|AND|WITH) [A-Za-z0-9.-]+)*)$")
             self.assertRegex(package["supplier"], r"^(Organization: .+|NOASSERTION)$")
-            # The packages have no analysed files, which must be stated.
+            # Required of a package without analysed files.
             self.assertIs(package["filesAnalyzed"], False)
         unknown = [package["name"] for package in self.packages.values()
                    if package["licenseDeclared"] == "NOASSERTION"]
@@ -75,7 +75,7 @@ class Sbom(unittest.TestCase):
         related = {link["relatedSpdxElement"] for link in self.sbom["relationships"]}
         self.assertEqual(related, set(self.packages), "every package is related to something")
 
-    def test_it_names_what_is_linked(self):
+    def test_linked_libraries_are_listed(self):
         shown = subprocess.run(["readelf", "-d", os.path.join(BUILD, BINARY)], capture_output=True, text=True,
                                check=True).stdout
         needed = re.findall(r"NEEDED.*\[lib(fmt|zstd|tbb|xxhash|hwy|draco|curl)\.so", shown)
@@ -90,7 +90,7 @@ class Sbom(unittest.TestCase):
     def test_the_same_build_gives_the_same_document(self):
         self.assertEqual(write({"SOURCE_DATE_EPOCH": "1700000000"}), self.sbom)
 
-    def test_a_missing_program_is_refused(self):
+    def test_a_missing_binary_is_an_error(self):
         self.assertIn("no such program", write({}, "no such program"))
 
 
