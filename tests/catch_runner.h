@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Catch2 for tests whose main() is their own, compiled once: it takes a quarter of a minute.
+// Catch2 for tests with their own main(), compiled once because it takes 15 s.
 #pragma once
 
 namespace stgs::testing {
 
-// Runs the program's cases as its arguments say; the exit code.
+// Runs the test cases that the arguments select; returns the exit code.
 int run_cases(int argc, char** argv);
 
 }  // namespace stgs::testing

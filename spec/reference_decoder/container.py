@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clauses 2, 3 and 5: header, records, heads, files that grow, IMPO."""
+"""Clauses 2, 3 and 5: header, records, heads, growing files, IMPO."""
 import math
 from dataclasses import dataclass, field, replace
 from operator import le
 
 import layouts
-from copies import HEADER, MAGIC, mended
+from copies import HEADER, MAGIC, repaired_head
 from fields import RECORD, Fields, Refused, checksum, need, record_at
 from index import read_index
 from metadata import read_meta, read_private_names, read_window
@@ -30,17 +30,17 @@ class File:
     tiers: list = field(default_factory=list)
     entries: int = 0         # of the index: parts, tiers, further records
     limits: Limits = None
-    body_at: int = 0         # behind the last record that the index tells
-    end: int = 0             # of what is complete
+    body_at: int = 0         # end of the last record that the index lists
+    end: int = 0             # end of the complete content
     growing: bool = False
     minor: int = 0
     chunk: float = None
-    damage: list = field(default_factory=list)  # Refused: what is read past
+    damage: list = field(default_factory=list)  # Refused: errors after which reading continues
 
 
 def read_header(data):
     need(len(data) >= HEADER, "2.2", "too short for a header")
-    need(data[:8] == MAGIC, "2.1", "other first bytes")
+    need(data[:8] == MAGIC, "2.1", "wrong magic bytes")
     fields = Fields(data[8:HEADER], "2.2")
     major, minor, flags = fields.u16(), fields.u16(), fields.u32()
     file_bytes, head_bytes = fields.u64(), fields.u64()
@@ -56,7 +56,8 @@ def read_header(data):
 
 
 def known(tag, flags, tags):
-    """Whether a record is one of these critical ones; refuses what may not be skipped (3.2, 3.4)."""
+    """Returns whether a record is one of these critical ones; refuses records that must not be
+    skipped (3.2, 3.4)."""
     if tag in tags and flags == 1:
         return True
     need(flags & 1 == 0, "3.4", f"critical record {tag}, flags {flags}", unsupported=True)
@@ -65,7 +66,7 @@ def known(tag, flags, tags):
 
 
 def read_aside(file, tag, payload, payload_sum, have):
-    """WNDW or PRIV: what is wrong with it is told, and it is ignored (3.4)."""
+    """Reads WNDW or PRIV; reports its errors and ignores it then (3.4)."""
     try:
         need(checksum(payload) == payload_sum, "3.1", f"the checksum of {tag}")
         need(tag not in have, "2.3", f"a second {tag}")
@@ -104,9 +105,9 @@ def read_head(file, limits):
     if file.growing:
         read_fragments(file)
     if b"WNDW" in have:
-        first, whole = read_window(have[b"WNDW"])
-        if first + file.frames > whole:
-            file.damage.append(Refused("4.5", "the window does not lie in its capture"))
+        first, capture_frames = read_window(have[b"WNDW"])
+        if first + file.frames > capture_frames:
+            file.damage.append(Refused("4.5", "the training window is not within its capture"))
     if not file.growing:
         if len(file.data) != file.end:
             file.damage.append(Refused("2.6", f"{len(file.data)} bytes, not {file.end}"))
@@ -115,12 +116,12 @@ def read_head(file, limits):
 
 
 class Fragment:
-    """The FRAG record at `at`, if its bytes are right; it must end at `end` or before (5.12)."""
+    """The FRAG record at `at`, if it is valid; it must end at or before `end` (5.12)."""
 
     def __init__(self, file, at, end):
         need(at >= file.head_bytes, "5.12", f"a fragment at byte {at}")
         tag, flags, payload, payload_sum = record_at(file.data, at, end)
-        need((tag, flags) == (b"FRAG", 1) and len(payload) >= 72, "5.12", f"no fragment at byte {at}")
+        need((tag, flags) == (b"FRAG", 1) and len(payload) >= 72, "5.12", f"no FRAG record at byte {at}")
         need(checksum(payload) == payload_sum, "5.12", f"the checksum of the fragment at byte {at}")
         self.at, self.end = at, at + RECORD + len(payload)
         self.index = Fields(payload[:-8], "5.12")
@@ -129,18 +130,18 @@ class Fragment:
         own, head = self.index.u64(), self.index.u64()
         self.previous, self.before = self.index.u64(), self.index.u64()
         need(own == at and head == checksum(file.data[:file.head_bytes]), "5.12",
-             f"the fragment at byte {at} is another place's or file's")
+             f"the fragment at byte {at} belongs to another offset or file")
 
 
-def sound_fragment(file, at, end):
-    """The fragment at `at`, or None where none stands that the one before it leads to."""
+def reachable_fragment(file, at, end):
+    """Returns the FRAG record at `at` if it is reachable (5.12), otherwise None."""
     try:
         found = Fragment(file, at, end)
         at = file.head_bytes
         if found.before != 0:
-            need(found.before >= file.head_bytes, "5.12", "a fragment in the head")
+            need(found.before >= file.head_bytes, "5.12", "a FRAG record in the head")
             tag, flags, payload, _ = record_at(file.data, found.before, found.at)
-            need((tag, flags) == (b"FRAG", 1) and len(payload) >= 72, "5.12", "not a fragment")
+            need((tag, flags) == (b"FRAG", 1) and len(payload) >= 72, "5.12", "not a FRAG record")
             at = found.before + RECORD + len(payload)
         first = at
         while at != found.at:
@@ -157,7 +158,8 @@ def sound_fragment(file, at, end):
 
 
 def lists_a_record(file, found, first):
-    """Whether one of the records of primitives that a fragment lists stands where it says, from `first` on."""
+    """Returns whether one of the records of content 0 that a FRAG record lists, at or after `first`,
+    has a valid header."""
     listed = replace(file, tiers=[], chunk=None)
     read_index(listed, Fields(found.index.data[found.index.at:], "5.12"), found.previous or file.head_bytes, found.at)
     for tier in listed.tiers:
@@ -171,13 +173,14 @@ def lists_a_record(file, found, first):
 
 
 def last_before(file, end):
-    """The sound fragment that begins last of those that end at `end` or before, or None."""
+    """Returns the reachable FRAG record that begins last of those that end at or before `end`, or
+    None."""
     at = end
     while (at := file.data.rfind(b"FRAG", file.head_bytes, at)) >= 0:
-        found = sound_fragment(file, at, end)
+        found = reachable_fragment(file, at, end)
         if found:
             return found
-        at += 3  # rfind's end: what begins before this one
+        at += 3  # finds tags that begin before this one
     return None
 
 
@@ -185,7 +188,7 @@ def last_fragment(file):
     data = file.data
     if len(data) >= file.head_bytes + RECORD + 8:
         at = len(data) - RECORD - int.from_bytes(data[-8:], "little")
-        found = sound_fragment(file, at, len(data)) if at >= file.head_bytes else None
+        found = reachable_fragment(file, at, len(data)) if at >= file.head_bytes else None
         if found:
             return found
     return last_before(file, len(data))
@@ -216,8 +219,8 @@ def read_fragments(file):  # 5.12
             if found is None:
                 break
         chain.insert(0, found)
-    held = sum(len(found.index.data) + 8 for found in chain)
-    need(held <= file.limits.max_memory, "conformance 1.5", f"{held} bytes of index", unsupported=True)
+    size = sum(len(found.index.data) + 8 for found in chain)
+    need(size <= file.limits.max_memory, "conformance 1.5", f"{size} bytes of index", unsupported=True)
     for found in chain:
         need(found.flags & 0xFFFE == 0, "5.12", f"a fragment's flags {found.flags}", unsupported=True)
         need(found.flags & 1 == 0 or found is last, "5.12", "a fragment follows a closed one")
@@ -239,11 +242,11 @@ def floats_bytes(file, tier):
 
 
 def present(file, at, size):  # 2.6
-    need(min(at + size, file.end) <= len(file.data), "2.6", "bytes that a truncated file lacks")
+    need(min(at + size, file.end) <= len(file.data), "2.6", "bytes missing from a truncated file")
 
 
 def read_importance(file):
-    """Of each primitive, or None: the first IMPO record behind the last SEGM record (5.11)."""
+    """Returns the payload of the first IMPO record after the last SEGM record, or None (5.11)."""
     at = file.body_at
     while at < file.end:
         present(file, at, RECORD)
@@ -264,7 +267,7 @@ def read_importance(file):
 
 
 def open_file(data, limits):
-    head = mended(data, limits)
+    head = repaired_head(data, limits)
     file = File(data if head is None else head + data[len(head):], limits=limits)
     if head is not None:
         file.damage.append(Refused("3.6", "the head is damaged and was read from its copy"))

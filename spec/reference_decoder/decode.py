@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Decodes .stgs files, slowly and plainly, as stgs-format.md says.
+"""Decodes .stgs files as stgs-format.md defines, favouring clarity over speed.
 
 usage: decode.py [--max-primitives N] [--max-memory BYTES] [--integers] FILE...
 
-For each file: a line for each attribute of each segment's tier, with the XXH3-64 of its floats (f32,
-one primitive after the other); with --integers of its integers too (i64, one component after the
-other). What must be refused is told with its clause: a segment alone, or the file. Exit code 3 where
-there was something to refuse.
+Prints for each file a line for each attribute of each tier of a segment, with the XXH3-64 of its
+floats (f32, one primitive after the other); with --integers also that of its integers (i64, one
+component after the other). Refused tiers, records or files are printed with the clause that refuses
+them. Exit code 3: something was refused.
 """
 import sys
 
@@ -20,12 +20,12 @@ from segment import decode_tier
 
 
 def describe(data, limits, integers=False):
-    """The lines for a file, and the clauses that were refused."""
+    """Returns the lines for a file, and the clauses that refuse it or parts of it."""
     lines, refused = [], []
 
-    def refuse(what, error):
+    def refuse(part, error):
         refused.append(error.clause)
-        lines.append(f"{what}refused: {error}")
+        lines.append(f"{part}refused: {error}")
 
     try:
         file = open_file(data, limits)
@@ -36,14 +36,14 @@ def describe(data, limits, integers=False):
         refuse("damage ", error)
     for i, tier in enumerate(file.tiers):
         try:
-            streams, lost = decode_tier(file, tier)
+            streams, sh_error = decode_tier(file, tier)
             for attribute, (q, floats) in sorted(streams.items()):
                 line = f"segment {i} {NAMES[attribute]} {checksum(floats.astype('<f4').tobytes()):016x}"
                 if integers:
                     line += f" {checksum(np.array(q, dtype='<i8').tobytes()):016x}"
                 lines.append(line)
-            if lost:  # the harmonics are 0 (5.7)
-                refuse(f"segment {i} harmonics ", lost)
+            if sh_error:  # SH above degree 0 is 0 (5.7)
+                refuse(f"segment {i} sh ", sh_error)
         except Refused as error:
             refuse(f"segment {i} ", error)
     try:

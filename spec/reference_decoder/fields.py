@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all clauses use: fields in bytes, checksums, and refusing a file."""
+"""Shared by all clauses: reading fields, checksums, and refusing a file."""
 import struct
 
 import xxhash
@@ -8,8 +8,8 @@ RECORD = 32  # bytes of a record header (3.1)
 
 
 class Refused(Exception):
-    """A "must" of the text that does not hold. `unsupported`: the file may be sound, but asks for
-    what this version does not know, or more than the limits."""
+    """A "must" of the text that the file does not satisfy. `unsupported`: the file may be valid, but
+    uses features that this version does not know, or exceeds the limits."""
 
     def __init__(self, clause, reason, unsupported=False):
         super().__init__(f"clause {clause}: {reason}")
@@ -26,7 +26,7 @@ def checksum(data):  # 1.5
 
 
 class Fields:
-    """Takes one field after the other (1.3); `clause` is refused where the bytes end too soon."""
+    """Reads one field after the other (1.3); refuses with `clause` if the bytes end too soon."""
 
     def __init__(self, data, clause):
         self.data, self.at, self.clause = data, 0, clause
@@ -85,12 +85,12 @@ class Fields:
 
 
 def record_at(data, at, end):
-    """Tag, flags, payload and its stated checksum of the record at `at` of an area (3.1, 3.3)."""
-    need(end - at >= RECORD, "3.3", f"a record header is cut off at {at}")
+    """Returns tag, flags, payload and stated payload checksum of the record at `at` (3.1, 3.3)."""
+    need(end - at >= RECORD, "3.3", f"a record header is truncated at {at}")
     head = data[at:at + RECORD]
     fields = Fields(head, "3.1")
     tag, flags, length = fields.bytes(4), fields.u32(), fields.u64()
     payload_sum = fields.u64()
     need(fields.u64() == checksum(head[:24]), "3.1", f"the checksum of the record header at {at}")
-    need(length <= end - at - RECORD, "3.3", f"record {tag} runs past the end of its area")
+    need(length <= end - at - RECORD, "3.3", f"record {tag} extends past the end of its area")
     return tag, flags, data[at + RECORD:at + RECORD + length], payload_sum

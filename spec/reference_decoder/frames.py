@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clause 7.2, coder 0: bytes as they are, or one Zstandard frame of them."""
+"""Clause 7.2, coder 0: plain bytes, or one Zstandard frame of them."""
 import zstandard
 
 from fields import need
 
 
 def check_stored(data, size):
-    """Whether `data` may be stored for `size` bytes; takes no memory for these (7.2.2)."""
+    """Refuses `data` that cannot decode to `size` bytes; allocates no memory for these (7.2.2)."""
     if len(data) == size:
         return
     need(data[:4] == b"\x28\xb5\x2f\xfd", "7.2.2", "neither the bytes nor a frame")
@@ -14,11 +14,11 @@ def check_stored(data, size):
     try:
         frame = zstandard.get_frame_parameters(data)
     except zstandard.ZstdError:
-        need(False, "7.2.2", "a frame that is cut off")
+        need(False, "7.2.2", "a truncated frame")
     need(frame.content_size == size and frame.dict_id == 0, "7.2.2",
          "a frame of another size, or with a dictionary")
     need(frame.window_size <= max(8 << 20, frame.content_size), "7.2.2", "too large a window")
-    need(frame.content_size <= 32768 * len(data), "7.2.2", "a frame cannot hold that much")
+    need(frame.content_size <= 32768 * len(data), "7.2.2", "more content than a frame can contain")
 
 
 def unpack(data, size):

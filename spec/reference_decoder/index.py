@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clauses 5.2 to 5.6: the payload of INDX, and of FRAG."""
+"""Clauses 5.2 to 5.6: the index in the payloads of INDX and FRAG."""
 import math
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from fields import RECORD, need
 
 
 @dataclass
-class Record:  # of the index: where its SEGM record lies
+class Record:  # location of a SEGM record
     offset: int
     size: int
 
@@ -20,9 +20,9 @@ class Tier:
     number: int
     n: int
     base: Record
-    harmonics: Record = None
-    part: tuple = None       # its part's begin and end
-    start: float = 0.0       # where its interval begins (5.4), from its part's beginning on
+    sh: Record = None        # the record of content 1
+    part: tuple = None       # begin and end of its part
+    start: float = 0.0       # beginning of its interval (5.4), from the beginning of its part
 
 
 def read_index(file, fields, at, end=None):  # 5.2
@@ -49,7 +49,7 @@ def need_chunk(chunk, clause):
 
 
 def count_of(fields, clause):
-    """A count of things of which each takes a byte at least."""
+    """Reads a count of items of at least one byte each."""
     count = fields.number()
     need(count <= fields.left(), clause, f"{count} do not fit")
     return count
@@ -62,11 +62,11 @@ def read_part(file, fields, chunk, at, body_end):  # 5.3
     if other:
         chunk = fields.f64()
         need_chunk(chunk, "5.3")
-    for moment in (begin, end, first, last):
-        need(abs(moment) <= 2.0 ** 32 and math.fmod(moment, 2.0 ** -20) == 0, "5.3", f"moment {moment}")
+    for time in (begin, end, first, last):
+        need(abs(time) <= 2.0 ** 32 and math.fmod(time, 2.0 ** -20) == 0, "5.3", f"time {time}")
     need(begin < end, "5.3", f"a part of [{begin}, {end})")
     need(end - begin <= 2.0 ** 32, "5.3", f"a part of {end - begin} ticks")
-    need(not cut or max(begin, 0) <= first < last <= end, "5.3", f"[{first}, {last}) is shown")
+    need(not cut or max(begin, 0) <= first < last <= end, "5.3", f"[{first}, {last}) is displayed")
     at += skip
     need(at <= body_end, "5.3", "a skip beyond the body")
     file.entries += 1
@@ -104,10 +104,10 @@ def read_part(file, fields, chunk, at, body_end):  # 5.3
             records.append(Record(at, RECORD + size))
             at += RECORD + size
         for i, n in enumerate(counts):
-            harmonics = records[tiers + i] if apart else None
-            for r in [records[i]] + [harmonics] * apart:
+            sh = records[tiers + i] if apart else None
+            for r in [records[i]] + [sh] * apart:
                 need(n <= 16 * r.size, "5.5", f"{n} primitives in {r.size} bytes")
-            file.tiers.append(Tier(level, slot, i, n, records[i], harmonics, (begin, end), start))
+            file.tiers.append(Tier(level, slot, i, n, records[i], sh, (begin, end), start))
     return at
 
 

@@ -10,7 +10,7 @@ BLOCK = 2048     # A.1
 
 
 class _Bits:
-    """Bits of bytes, in each the lowest first (A.2)."""
+    """Reads bits, in each byte the lowest first (A.2)."""
 
     def __init__(self, fields):
         self.fields, self.byte, self.count = fields, 0, 0
@@ -34,7 +34,7 @@ class _Bits:
 
 
 class Table:
-    def __init__(self, fields):  # A.2, as the text has it
+    def __init__(self, fields):  # A.2
         z = fields.u8()
         f = [0] * 256
         bits = _Bits(fields)
@@ -56,7 +56,7 @@ class Table:
 
 
 def decode_group(data, n, tables):
-    """The planes of n primitives, one for each table (A.1, A.3 to A.6)."""
+    """Returns the planes of n primitives, one for each table (A.1, A.3 to A.6)."""
     blocks = [min(BLOCK, n - first) for first in range(0, n, BLOCK)]
     need(len(data) >= 4 * len(blocks), "A.6", "a group without the sizes of its blocks")
     words = struct.unpack_from(f"<{len(blocks)}I", data)
@@ -78,7 +78,7 @@ def decode_group(data, n, tables):
                 s = table.symbol[q]
                 x[lane] = table.f[s] * (x[lane] // TOTAL) + q - table.start[s]
                 if x[lane] < LOW:
-                    need(next_word < w, "A.5", "a block wants more words than it has")
+                    need(next_word < w, "A.5", "a block needs more words than it has")
                     x[lane] = LOW * x[lane] + stored[next_word]
                     next_word += 1
                 plane.append(s)

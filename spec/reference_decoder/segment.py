@@ -15,25 +15,25 @@ F32 = np.float32
 
 
 def decode_tier(file, tier):
-    """{attribute: (integers, floats)}, and why there are none of its harmonics, or None (5.7). integers
-    has a row a component, floats one a primitive."""
+    """Returns {attribute: (integers, floats)}, and the error that refuses its SH, or None (5.7).
+    integers has one row per component, floats one per primitive."""
     memory = file.limits.max_memory - floats_bytes(file, tier)  # conformance.md 1.5
     base = open_record(file, tier, tier.base, 0, memory)
-    need(file.degree > 0 or tier.harmonics is None, "5.7", "harmonics apart where there are none")
+    need(file.degree > 0 or tier.sh is None, "5.7", "a separate record of SH at degree 0")
     if file.degree > 0:  # 5.7
-        need(base[2] == (tier.harmonics is not None), "5.7", "harmonics stored twice or nowhere")
+        need(base[2] == (tier.sh is not None), "5.7", "SH stored twice or not at all")
     out = decoded(file, tier, base)
-    if tier.harmonics is None:
+    if tier.sh is None:
         return out, None
     try:
-        rest = open_record(file, tier, tier.harmonics, 1, base[-1])
+        rest = open_record(file, tier, tier.sh, 1, base[-1])
         return {**out, **decoded(file, tier, rest)}, None
     except Refused as error:
         return out, error
 
 
 def decoded(file, tier, record):
-    check_sizes(record, tier.n)  # of all streams, before memory is taken for the primitives
+    check_sizes(record, tier.n)  # of all streams, before memory is allocated for the primitives
     out = {}
     decode_record(file, tier, record, out)
     for attribute, (_, floats) in out.items():
@@ -42,43 +42,44 @@ def decoded(file, tier, record):
 
 
 def take(memory, count):  # conformance.md 1.5
-    need(count <= memory, "conformance 1.5", "a segment of more memory", unsupported=True)
+    need(count <= memory, "conformance 1.5", "a segment that exceeds the memory limit", unsupported=True)
     return memory - count
 
 
-def open_record(file, tier, place, content, memory):  # 6.1
-    present(file, place.offset, place.size)
-    memory = take(memory, place.size)
-    tag, flags, payload, payload_sum = record_at(file.data, place.offset, place.offset + place.size)
-    need(tag == b"SEGM" and len(payload) + 32 == place.size, "5.3", f"record {tag} of another size")
+def open_record(file, tier, location, content, memory):  # 6.1
+    present(file, location.offset, location.size)
+    memory = take(memory, location.size)
+    tag, flags, payload, payload_sum = record_at(file.data, location.offset,
+                                                 location.offset + location.size)
+    need(tag == b"SEGM" and len(payload) + 32 == location.size, "5.3", f"record {tag} of another size")
     need(flags & 1 == 1, "3.2", "a segment that is not marked critical")
     known(tag, flags, (b"SEGM",))
     need(checksum(payload) == payload_sum, "3.1", "the checksum of SEGM")
     fields = Fields(payload, "6.1")
     stated = (fields.i16(), fields.u16(), fields.u32(), fields.u32())
     need(stated == (tier.level, 256 * content + tier.number, tier.slot, tier.n), "6.1",
-         f"the record says {stated}")
+         f"the record states {stated}")
     number, planes_sum = fields.u16(), fields.u64()
     layouts = file.layouts
     if number == 65535:
         layouts, number = read_layouts(fields, memory, 256), 0
         memory = take(memory, 16384 * len(layouts.tables))
         need(len(layouts.layouts) == 1, "6.1", f"{len(layouts.layouts)} layouts of its own")
-    need(number < len(layouts.layouts), "6.1", f"layout {number} is not there")
+    need(number < len(layouts.layouts), "6.1", f"layout {number} does not exist")
     layout = layouts.layouts[number]
     if isinstance(layout, Refused):
         raise layout
     if layouts is not file.layouts:
         named = {t for s in layout for t in s.tables}
-        need(len(named) == len(layouts.tables), "6.1", "a table that no plane has")
+        need(len(named) == len(layouts.tables), "6.1", "a table that no plane uses")
     partial = check_attributes(layout, content, file.degree)
     for s in layout:  # 8.1
         if not s.optional():
             need(s.mapping == 0 or file.profile != 0, "8.1", "a mapping in a lossless file")
             need(s.coder != DRACO or file.profile not in (0, 1), "8.1", "Draco in another profile")
     for s in layout:
-        some = [t for t in s.tables if layouts.tables[t].only is None]
-        memory = take(memory, tier.n * (len(some) if s.coder == RANS else s.planes()))
+        coded = [t for t in s.tables if layouts.tables[t].only is None]
+        memory = take(memory, tier.n * (len(coded) if s.coder == RANS else s.planes()))
     first_key = 0
     if any(s.prediction == MORTON and not s.optional() for s in layout):
         first_key = fields.u64()
@@ -92,7 +93,7 @@ def open_record(file, tier, place, content, memory):  # 6.1
 def check_sizes(record, n):  # 7.2
     _, layout, _, _, stored, group, _, _ = record
     for s, data in zip(layout, stored):
-        need(s.optional() or s.coder != DRACO, "7.2.1", "positions that need Draco to be decoded",
+        need(s.optional() or s.coder != DRACO, "7.2.1", "positions that only Draco decodes",
              unsupported=True)
         if not s.optional() and s.coder != RANS:
             check_stored(data, n * s.planes())
@@ -170,9 +171,9 @@ def predicted(s, rows, first_key):  # 7.4
     return rows
 
 
-def in_range(q, m, most, clause):
+def in_range(q, m, limit, clause):
     for row in q:
-        need(all(abs(m * v) < most for v in row), clause, "an integer that is too great")
+        need(all(abs(m * v) < limit for v in row), clause, "an integer out of range")
 
 
 def power(k):  # 2^k
@@ -200,7 +201,7 @@ def mapped(file, tier, s, q, out):  # 7.5
             return rotation(s, q, out)
         if s.mapping == 5:
             return colour(s, q)
-        return moment(tier, s, q[0], origin)
+        return segment_time(tier, s, q[0], origin)
 
 
 def truncated(s, q, origin):  # 7.5.3
@@ -231,7 +232,7 @@ def rotation(s, q, out):  # 7.5.5, 7.5.7
             e += 3 - sum(bool(a >= F32(v)) for v in (0.125, 0.5, 1.25, 2.375, 3.75, 5))
             e = max(-14, min(-1, e))
         r = (1 << -2 * e) - x * x - y * y - z * z
-        need(r > 0, "7.5.5", "a rotation without a w")
+        need(r > 0, "7.5.5", "R is not above 0")
         rows.append([power(e) * np.sqrt(F32(r))] + [power(e) * F32(v) for v in (x, y, z)])
     return np.array(rows, dtype=F32)
 
@@ -244,7 +245,7 @@ def colour(s, q):  # 7.5.6
     return np.array(rows).T
 
 
-def moment(tier, s, q, origin):  # 7.5.8
+def segment_time(tier, s, q, origin):  # 7.5.8
     quotient = tier.start / math.ldexp(s.m, s.e)
     first = math.floor(max(-2.0 ** 25, min(2.0 ** 25, quotient)))
     sums = [v + first for v in q]

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Prints the work that blending a view needs on any renderer, as JSON: visible splats, evaluations
+// Prints the work that blending a view takes on any renderer, as JSON: visible splats, evaluations
 // of a splat at a pixel, and contributions to pixels. Blocks of 8 x 8 pixels skip splats that miss
-// them and end when all their pixels are covered. For tile lists of 16, 32 and 64 pixels: their
+// them and end when all their pixels are opaque. For tile lists of 16, 32 and 64 pixels: their
 // length, and the batches of 32 entries that the blocks read.
 //
 // usage: bench_blend_work SCENE.stgs WIDTHxHEIGHT SECONDS CAMERA.json...
@@ -24,7 +24,7 @@ namespace {
 
 constexpr int kBlock = 8, kBatch = 32;
 constexpr std::array<int, 3> kSides = {16, 32, 64};
-constexpr int kLargest = 64;
+constexpr int kMaxSide = 64;
 
 struct Work {
   double hits = 0, evaluations = 0, contributions = 0;  // hits: pairs of splat and block
@@ -44,13 +44,13 @@ struct Work {
 
 using List = std::vector<std::uint32_t>;  // splats, nearest first
 
-// Blends a block; returns the number of splats until all its pixels are covered.
+// Blends a block; returns the number of splats read until all its pixels are opaque.
 std::size_t blend_block(const SplatFrame& frame, const List& list, const raster::PixelBox& block,
                         Work& work) {
-  std::array<float, kBlock * kBlock> left{};  // transmittance; 0: covered
+  std::array<float, kBlock * kBlock> transmittance{};  // 0: opaque
   const int width = block.x1 - block.x0;
   int open = width * (block.y1 - block.y0);
-  std::fill_n(left.begin(), open, 1.0f);
+  std::fill_n(transmittance.begin(), open, 1.0f);
   for (std::size_t k = 0; k < list.size(); ++k) {
     const Splat& s = frame.splats[list[k]];
     const raster::PixelBox box = raster::covered_pixels(s, block);
@@ -62,7 +62,7 @@ std::size_t blend_block(const SplatFrame& frame, const List& list, const raster:
         const float alpha = math::splat_alpha(s.opacity, power);
         if (alpha == 0.0f) continue;
         hit = true;
-        float& t = left[static_cast<std::size_t>((y - block.y0) * width + x - block.x0)];
+        float& t = transmittance[static_cast<std::size_t>((y - block.y0) * width + x - block.x0)];
         if (t == 0.0f) continue;
         t *= 1.0f - alpha;
         if (t >= math::kTransmittanceMin) {
@@ -83,8 +83,8 @@ std::size_t blend_block(const SplatFrame& frame, const List& list, const raster:
 }
 
 // Merges the lists of a square of tiles.
-List join(const SplatFrame& frame, const std::vector<std::uint32_t>& rank, int x0, int y0,
-          int tiles) {
+List merge_lists(const SplatFrame& frame, const std::vector<std::uint32_t>& rank, int x0, int y0,
+                 int tiles) {
   List list;
   for (int y = y0; y < std::min(y0 + tiles, frame.tiles_y); ++y) {
     for (int x = x0; x < std::min(x0 + tiles, frame.tiles_x); ++x) {
@@ -103,15 +103,15 @@ List join(const SplatFrame& frame, const std::vector<std::uint32_t>& rank, int x
 void count_square(const SplatFrame& frame, const std::vector<std::uint32_t>& rank, std::size_t k,
                   int x0, int y0, Work& work) {
   const int side = kSides[k];
-  const List list = join(frame, rank, x0 / kTileSize, y0 / kTileSize, side / kTileSize);
+  const List list = merge_lists(frame, rank, x0 / kTileSize, y0 / kTileSize, side / kTileSize);
   work.entries[k] += static_cast<double>(list.size());
   work.longest[k] = std::max(work.longest[k], static_cast<double>(list.size()));
-  Work again;
+  Work discarded;
   for (int y = y0; y < std::min(y0 + side, frame.height); y += kBlock) {
     for (int x = x0; x < std::min(x0 + side, frame.width); x += kBlock) {
       const raster::PixelBox block{x, y, std::min(x + kBlock, frame.width),
                                    std::min(y + kBlock, frame.height)};
-      const std::size_t taken = blend_block(frame, list, block, k == 0 ? work : again);
+      const std::size_t taken = blend_block(frame, list, block, k == 0 ? work : discarded);
       work.batches[k] += static_cast<double>((taken + kBatch - 1) / kBatch);
     }
   }
@@ -124,15 +124,15 @@ Work count(const SplatFrame& frame) {
     return frame.splats[a].depth < frame.splats[b].depth;
   });
   for (std::uint32_t i = 0; i < order.size(); ++i) rank[order[i]] = i;
-  const int columns = (frame.width + kLargest - 1) / kLargest;
-  const int rows = (frame.height + kLargest - 1) / kLargest;
+  const int columns = (frame.width + kMaxSide - 1) / kMaxSide;
+  const int rows = (frame.height + kMaxSide - 1) / kMaxSide;
   std::vector<Work> parts(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows));
   parallel_for(std::size_t{0}, parts.size(), [&](std::size_t i) {
-    const int x0 = static_cast<int>(i) % columns * kLargest;
-    const int y0 = static_cast<int>(i) / columns * kLargest;
+    const int x0 = static_cast<int>(i) % columns * kMaxSide;
+    const int y0 = static_cast<int>(i) / columns * kMaxSide;
     for (std::size_t k = 0; k < kSides.size(); ++k) {
-      for (int y = y0; y < std::min(y0 + kLargest, frame.height); y += kSides[k]) {
-        for (int x = x0; x < std::min(x0 + kLargest, frame.width); x += kSides[k]) {
+      for (int y = y0; y < std::min(y0 + kMaxSide, frame.height); y += kSides[k]) {
+        for (int x = x0; x < std::min(x0 + kMaxSide, frame.width); x += kSides[k]) {
           count_square(frame, rank, k, x, y, parts[i]);
         }
       }

@@ -13,7 +13,7 @@
 #include <nlohmann/json.hpp>
 #include <string_view>
 
-#include "../api/scene_fixture.h"
+#include "../fixtures/scene_fixture.h"
 #include "coder_table.h"
 #include "stgs/format/raster.h"
 
@@ -21,13 +21,13 @@ using namespace stgs;
 
 namespace {
 
-// The minimum of several runs. Other programs hardly disturb the CPU time of all threads.
+// The minimum of several runs. The CPU time of all threads hardly depends on other programs.
 struct Time {
   double elapsed = 1e30, cpu = 1e30;  // seconds
 };
 
 template <typename Work>
-Time time_of(Work work, int runs = 3) {
+Time min_time(Work work, int runs = 3) {
   Time best;
   for (int run = 0; run < runs; ++run) {
     const auto start = std::chrono::steady_clock::now();
@@ -60,8 +60,8 @@ double psnr(const Scene& a, const Scene& b) {
   RasterOutput left, right;
   double squared = 0.0;
   std::size_t samples = 0;
-  for (float part : {0.1f, 0.5f, 0.83f}) {
-    const float t = part * static_cast<float>(a.metadata.frames);
+  for (float progress : {0.1f, 0.5f, 0.83f}) {
+    const float t = progress * static_cast<float>(a.metadata.frames);
     render(a.gaussians, t, camera_of(a.metadata), {}, splats, left);
     render(b.gaussians, t, camera_of(a.metadata), {}, splats, right);
     for (std::size_t i = 0; i < left.colour.data.size(); ++i) {
@@ -75,22 +75,22 @@ double psnr(const Scene& a, const Scene& b) {
 
 nlohmann::json measure(const Scene& scene, const WriteSettings& settings) {
   std::vector<std::uint8_t> bytes;
-  const Time encode = time_of([&] {
+  const Time encode = min_time([&] {
     auto result = encode_scene(scene, settings);
     if (result.ok()) bytes = std::move(*result);
   });
   std::optional<Scene> decoded;
-  const Time decode = time_of([&] {
+  const Time decode = min_time([&] {
     auto result = read_scene(memory_source(bytes));
     if (result.ok()) decoded = std::move(*result);
   });
   const auto reader = SceneReader::open(memory_source(bytes));
   if (!reader.ok() || !decoded) return {{"error", reader.status().message()}};
   const auto n = static_cast<double>((*reader)->primitives());
-  // As a player decodes: each segment to arrays of its own, ready to be rendered.
+  // Decodes like a player: each segment into its own arrays, ready to be rendered.
   bool complete = true;
   const auto segments = static_cast<std::uint32_t>((*reader)->segments().size());
-  const Time by_segment = time_of(
+  const Time by_segment = min_time(
       [&] {
         for (std::uint32_t s = 0; s < segments; ++s)
           complete = (*reader)->decode(s).ok() && complete;
@@ -116,14 +116,14 @@ nlohmann::json measure(const Scene& scene, const WriteSettings& settings) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const std::string_view what = argc > 1 ? argv[1] : "200000";
+  const std::string_view input = argc > 1 ? argv[1] : "200000";
   std::size_t n = 0;
   Scene scene;
-  if (std::from_chars(what.data(), what.data() + what.size(), n).ec == std::errc{}) {
+  if (std::from_chars(input.data(), input.data() + input.size(), n).ec == std::errc{}) {
     const int degree = argc > 2 ? std::clamp(std::atoi(argv[2]), 0, 3) : 3;
     scene = testing::random_scene(n, degree, 60, 11);
   } else {
-    auto read = read_scene(std::string(what));
+    auto read = read_scene(std::string(input));
     if (!read.ok()) {
       std::fprintf(stderr, "%s\n", read.status().message().c_str());
       return static_cast<int>(read.status().code());

@@ -103,28 +103,30 @@ def is_number(text):
 
 
 def result_problems(rows, machines):
-    """What is wrong with rows of results.csv, a line each; nothing if they are well-formed."""
+    """Yields one line per problem of rows of results.csv."""
     seen = set()
     for number, row in enumerate(rows, 2):
-        place = f"results.csv, row {number}"
+        location = f"results.csv, row {number}"
         if not DATE.fullmatch(row.date):
-            yield f"{place}: date '{row.date}' (expected YYYY-MM-DD)"
+            yield f"{location}: date '{row.date}' (expected YYYY-MM-DD)"
         if not COMMIT.fullmatch(row.commit):
-            yield f"{place}: commit '{row.commit}' (expected 7 or more hexadecimal digits, or none)"
+            yield (f"{location}: commit '{row.commit}' "
+                   "(expected 7 or more hexadecimal digits, or none)")
         if row.machine not in machines:
-            yield f"{place}: machine '{row.machine}' is not in machines.csv"
+            yield f"{location}: machine '{row.machine}' is not in machines.csv"
         for name in (row.benchmark, row.case, row.metric):
             if not NAME.fullmatch(name):
-                yield f"{place}: name '{name}' (expected snake_case)"
+                yield f"{location}: name '{name}' (expected snake_case)"
         if not is_number(row.value):
-            yield f"{place}: value '{row.value}' (expected a finite number)"
+            yield f"{location}: value '{row.value}' (expected a finite number)"
         if row.unit not in UNITS or row.unit != unit_of(row.metric):
-            yield f"{place}: unit '{row.unit}' of {row.metric} (expected '{unit_of(row.metric)}')"
+            yield (f"{location}: unit '{row.unit}' of {row.metric} "
+                   f"(expected '{unit_of(row.metric)}')")
         if not row.command.split(COMMENT)[0].strip():
-            yield f"{place}: no command"
+            yield f"{location}: no command"
         key = tuple(getattr(row, column) for column in KEY_COLUMNS)
         if key in seen:
-            yield f"{place}: repeats {row.benchmark}/{row.case}/{row.metric} of the same command"
+            yield f"{location}: repeats {row.benchmark}/{row.case}/{row.metric} of the same command"
         seen.add(key)
     if [row.date for row in rows] != sorted(row.date for row in rows):
         yield "results.csv: rows are not in the order of their dates"
@@ -133,21 +135,21 @@ def result_problems(rows, machines):
 def target_problems(targets):
     seen = set()
     for number, row in enumerate(targets, 2):
-        place = f"targets.csv, row {number}"
+        location = f"targets.csv, row {number}"
         if row.direction not in ("higher", "lower"):
-            yield f"{place}: direction '{row.direction}' (expected higher or lower)"
+            yield f"{location}: direction '{row.direction}' (expected higher or lower)"
         for name in (row.benchmark, row.case, row.metric):
             if not NAME.fullmatch(name):
-                yield f"{place}: name '{name}' (expected snake_case)"
+                yield f"{location}: name '{name}' (expected snake_case)"
         if bool(row.peer) != bool(row.peer_value) or bool(row.peer) == bool(row.target):
-            yield f"{place}: expected a target, or a peer and its value"
+            yield f"{location}: expected a target, or a peer and its value"
         elif not is_number(row.target or row.peer_value):
-            yield f"{place}: '{row.target or row.peer_value}' (expected a finite number)"
+            yield f"{location}: '{row.target or row.peer_value}' (expected a finite number)"
         if not row.source:
-            yield f"{place}: no source"
+            yield f"{location}: no source"
         key = row[:5] + (row.peer,)
         if key in seen:
-            yield f"{place}: repeats a row above"
+            yield f"{location}: repeats a row above"
         seen.add(key)
 
 

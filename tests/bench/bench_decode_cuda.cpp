@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Prints the speed of the GPU decoder, from bytes that a reader has checked to arrays of floats, as
-// JSON lines.
+// Prints the speed of the CUDA segment decoder, from bytes that a reader has verified to arrays of
+// floats, as JSON lines.
 //
 // usage: bench_decode_cuda FILE COPIES...
-// Each COPIES is a number of copies of all segments that are decoded at once; one line each.
+// Each COPIES is a number of copies of all segments that are decoded at once, and gives one line.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -36,8 +36,8 @@ void measure(const SceneReader& reader, int copies) {
     check(segment.status());
     coded.push_back(std::move(*segment));
   }
-  const double reading = milliseconds_since(begin);
-  std::vector<OnDeviceGaussians> sets;
+  const double read_ms = milliseconds_since(begin);
+  std::vector<DeviceGaussianArrays> sets;
   std::vector<const CodedSegment*> segments;
   std::vector<player::cuda::DeviceGaussians> views;
   std::size_t primitives = 0;
@@ -61,10 +61,10 @@ void measure(const SceneReader& reader, int copies) {
     check_cuda(cudaEventRecord(first, nullptr));
     check(decoder.launch(nullptr));
     check_cuda(cudaEventRecord(last, nullptr));
-    const Result<std::vector<bool>> sound = decoder.finish();
-    check(sound.status());
+    const Result<std::vector<bool>> intact = decoder.finish();
+    check(intact.status());
     best = std::min(best, milliseconds_since(start));
-    if (std::find(sound->begin(), sound->end(), false) != sound->end()) {
+    if (std::find(intact->begin(), intact->end(), false) != intact->end()) {
       throw std::runtime_error("a segment cannot be decoded");
     }
     float device = 0;
@@ -75,7 +75,7 @@ void measure(const SceneReader& reader, int copies) {
   std::printf(
       "{\"segments\": %zu, \"primitives\": %zu, \"read_ms\": %.2f, \"ms\": %.3f, "
       "\"mprimitives_per_s\": %.0f, \"device_ms\": %.3f, \"device_mprimitives_per_s\": %.0f}\n",
-      segments.size(), primitives, reading, best, speed(best), best_device, speed(best_device));
+      segments.size(), primitives, read_ms, best, speed(best), best_device, speed(best_device));
 }
 
 }  // namespace

@@ -3,7 +3,7 @@
 // (Kerbl et al. 2023). Its licence forbids redistribution, so the user provides it: configure with
 // -DSTGS_PEER_3DGS=FOLDER of graphdeco-inria/diff-gaussian-rasterization.
 //
-// usage: bench_peer_3dgs SCENE.stgs SECONDS CAMERA.json...     JSON; one view for each camera
+// usage: bench_peer_3dgs SCENE.stgs SECONDS CAMERA.json...     prints JSON; one view per camera
 #include <cuda_rasterizer/rasterizer.h>
 #include <cuda_runtime.h>
 
@@ -42,11 +42,11 @@ class DeviceMemory {
     return data_;
   }
   const float* upload(std::span<const float> values) {
-    char* const to = allocate(values.size() * sizeof(float));
-    if (to != nullptr) {
-      cudaMemcpy(to, values.data(), values.size() * sizeof(float), cudaMemcpyHostToDevice);
+    char* const device = allocate(values.size() * sizeof(float));
+    if (device != nullptr) {
+      cudaMemcpy(device, values.data(), values.size() * sizeof(float), cudaMemcpyHostToDevice);
     }
-    return reinterpret_cast<const float*>(to);
+    return reinterpret_cast<const float*>(device);
   }
 
  private:
@@ -119,18 +119,18 @@ class Peer {
     image.reshape(static_cast<int>(camera.width), static_cast<int>(camera.height), 3);
     auto* const colour =
         reinterpret_cast<float*>(colour_.allocate(image.data.size() * sizeof(float)));
-    const auto in = [](DeviceMemory& memory) {
+    const auto allocator = [](DeviceMemory& memory) {
       return [&memory](std::size_t bytes) { return memory.allocate(bytes); };
     };
     std::vector<double> times;
     for (int k = 0; k < kRepeats; ++k) {
       cudaDeviceSynchronize();
       const double start = now_seconds();
-      CudaRasterizer::Rasterizer::forward(in(buffers_[0]), in(buffers_[1]), in(buffers_[2]), n_,
-                                          degree_, coefficients_, on_device[3], image.width,
-                                          image.height, position_, sh_, nullptr, opacity_, scale_,
-                                          1.0f, rotation_, nullptr, on_device[0], on_device[1],
-                                          on_device[2], tan_x, tan_y, false, colour);
+      CudaRasterizer::Rasterizer::forward(
+          allocator(buffers_[0]), allocator(buffers_[1]), allocator(buffers_[2]), n_, degree_,
+          coefficients_, on_device[3], image.width, image.height, position_, sh_, nullptr, opacity_,
+          scale_, 1.0f, rotation_, nullptr, on_device[0], on_device[1], on_device[2], tan_x, tan_y,
+          false, colour);
       cudaDeviceSynchronize();
       times.push_back(1000 * (now_seconds() - start));
     }
@@ -163,7 +163,8 @@ Status compare(const std::string& path, double seconds, int cameras, char** name
     const float* const b = metadata.background;
     const player::View view{camera.pinhole(metadata.near_plane), {b[0], b[1], b[2]}};
     if (camera.cx != 0.5 * camera.width || camera.cy != 0.5 * camera.height) {
-      return usage_error("{}: the peer knows no principal point but the centre", names[k]);
+      return usage_error("{}: the principal point is not the image centre, which the peer requires",
+                         names[k]);
     }
     std::vector<player::Frame> frames;
     STGS_TRY(renderer->render(*timeline, seconds, {view}, frames, nullptr));

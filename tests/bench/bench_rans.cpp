@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Prints the speed of the rANS coder on one thread, by size and entropy, as JSON: millions of
 // symbols per second of a group of 8 planes, encoded, and decoded with each instruction set of the
-// machine.
+// CPU.
 #include <tbb/global_control.h>
 
 #include <algorithm>
@@ -22,7 +22,7 @@ namespace {
 constexpr std::size_t kPlanes = 8;
 
 // Symbols of a two-sided geometric distribution, folded to 0, 1 ..., of about this entropy.
-std::vector<std::uint8_t> symbols_of(std::size_t n, double entropy) {
+std::vector<std::uint8_t> random_symbols(std::size_t n, double entropy) {
   std::mt19937 random(7);
   std::vector<std::uint8_t> out(n);
   if (entropy < 1.0) {
@@ -30,7 +30,7 @@ std::vector<std::uint8_t> symbols_of(std::size_t n, double entropy) {
     for (auto& s : out) s = one(random);
     return out;
   }
-  // The entropy of such a distribution is near log2(2 e scale).
+  // The entropy of this distribution is near log2(2 e scale).
   const double scale = std::exp2(entropy) / 5.43;
   std::exponential_distribution<double> size(1.0 / scale);
   for (auto& s : out) {
@@ -51,7 +51,7 @@ double decode_speed(std::span<const std::uint8_t> bytes, std::size_t n, const Ra
 }
 
 nlohmann::json measure(std::size_t n, double entropy) {
-  const std::vector<std::uint8_t> symbols = symbols_of(n, entropy);
+  const std::vector<std::uint8_t> symbols = random_symbols(n, entropy);
   std::array<std::uint32_t, 256> counts{};
   for (const std::uint8_t s : symbols) ++counts[s];
   const RansTable table = rans_table(counts);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Prints the speed of the GPU rANS decoder by the size of its groups, as JSON lines: billions of
-// symbols and primitives per second, of two million primitives of 40 planes at once. Decoding
-// alone, from device memory to device memory.
+// Prints the speed of the CUDA rANS decoder by group size, as JSON lines: billions of symbols and
+// primitives per second, for two million primitives of 40 planes in one launch. Measures decoding
+// only, from device memory to device memory.
 #include <algorithm>
 #include <chrono>
 #include <cmath>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Prints the times of the CPU rasteriser's stages, forward and backward, on random but realistic
-// scenes, as JSON. Each stage is [elapsed ms, CPU ms of all threads], the minimum of the
-// repetitions; other programs hardly disturb the CPU time.
+// Prints the times of the stages of the CPU rasteriser, forward and backward, on random but
+// realistic scenes, as JSON. Each stage is [elapsed ms, CPU ms of all threads], the minimum of the
+// repetitions. The CPU time hardly depends on other programs.
 //
 // usage: bench_raster [REPETITIONS [THREADS]]
 #include <tbb/global_control.h>
@@ -51,7 +51,7 @@ struct Row {
 
 void measure(const Row& row, int repetitions, bool first) {
   const auto camera = testing::scene_camera(row.width, row.height);
-  // About five pixels of standard deviation at 640 wide, as in trained scenes of this many.
+  // Standard deviations of about five pixels at a width of 640, as in trained scenes of this size.
   testing::SceneShape shape;
   shape.log_scale_mean = -4.2f;
   const Gaussians4D set = testing::random_scene(row.primitives, camera, 1, shape);
@@ -69,11 +69,11 @@ void measure(const Row& row, int repetitions, bool first) {
   cpu::BlendBackwardScratch scratch;
   std::vector<cpu::SplatGradients> splats;
   cpu::PrimitiveGradients gradients;
-  Image8 truth{row.width, row.height, 3, {}};
-  truth.data.resize(output.colour.data.size(), 128);
+  Image8 ground_truth{row.width, row.height, 3, {}};
+  ground_truth.data.resize(output.colour.data.size(), 128);
   ImageLoss loss;
-  const Time loss_time =
-      measure_stage(repetitions, [&] { loss.evaluate(output.colour, truth, {}, d_colour, error); });
+  const Time loss_time = measure_stage(
+      repetitions, [&] { loss.evaluate(output.colour, ground_truth, {}, d_colour, error); });
   const Time blend_backward_time = measure_stage(repetitions, [&] {
     cpu::blend_backward(frame, settings, output, d_colour, &error, scratch, splats);
   });

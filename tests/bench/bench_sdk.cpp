@@ -16,19 +16,19 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-double since(Clock::time_point begin) {
+double seconds_since(Clock::time_point begin) {
   return std::chrono::duration<double>(Clock::now() - begin).count();
 }
 
 // Nanoseconds per call: the median of batches.
 template <typename Call>
-double cost(const Call& call) {
+double call_ns(const Call& call) {
   constexpr int kBatches = 51, kCalls = 2000;
   std::vector<double> batches;
   for (int b = 0; b < kBatches; ++b) {
     const auto begin = Clock::now();
     for (int k = 0; k < kCalls; ++k) call();
-    batches.push_back(1e9 * since(begin) / kCalls);
+    batches.push_back(1e9 * seconds_since(begin) / kCalls);
   }
   std::nth_element(batches.begin(), batches.begin() + kBatches / 2, batches.end());
   return batches[kBatches / 2];
@@ -46,10 +46,10 @@ void reset_peak() {
   std::ofstream("/proc/self/clear_refs") << "5";
 }
 
-template <typename Status>
-bool wait_for(stgs::Player& player, double now, const Status& holds) {
-  while (!holds(player.update(now))) std::this_thread::sleep_for(std::chrono::microseconds(200));
-  return true;
+template <typename Condition>
+void wait_for(stgs::Player& player, double now, const Condition& condition) {
+  while (!condition(player.update(now)))
+    std::this_thread::sleep_for(std::chrono::microseconds(200));
 }
 
 nlohmann::json first_frame(const char* path, stgs::Renderer& renderer) {
@@ -57,18 +57,18 @@ nlohmann::json first_frame(const char* path, stgs::Renderer& renderer) {
   stgs::Player player;
   player.open(path);
   player.wait_open();
-  const double opened = since(begin);
+  const double opened = seconds_since(begin);
   const stgs_view view =
       stgs::resized(player.scene().start_view().value_or(stgs::default_view()), 1280, 720);
   wait_for(player, 0, [](const stgs_player_status& s) { return s.ready != 0; });
-  const double ready = since(begin);
+  const double ready = seconds_since(begin);
   (void)renderer.render_rgba8(player.scene(), 0, view);
-  const double rendered = since(begin);
+  const double rendered = seconds_since(begin);
   wait_for(player, 0, [](const stgs_player_status& s) { return s.is_complete != 0; });
   return {{"opened_ms", 1e3 * opened},
           {"base_ready_ms", 1e3 * ready},
           {"base_rendered_1280x720_ms", 1e3 * rendered},
-          {"all_layers_ms", 1e3 * since(begin)}};
+          {"all_layers_ms", 1e3 * seconds_since(begin)}};
 }
 
 nlohmann::json calls(const char* path) {
@@ -77,11 +77,11 @@ nlohmann::json calls(const char* path) {
   player.wait_open();
   wait_for(player, 0, [](const stgs_player_status& s) { return s.is_complete != 0; });
   std::this_thread::sleep_for(std::chrono::seconds(2));  // until prefetching has ended
-  return {{"player_update_paused_ns", cost([&] { player.update(1); })},
-          {"player_next_event_none_ns", cost([&] { player.next_event(); })},
-          {"player_get_statistics_ns", cost([&] { player.statistics(); })},
-          {"scene_get_info_ns", cost([&] { player.scene().info(); })},
-          {"version_ns", cost([] { stgs_version(); })}};
+  return {{"player_update_paused_ns", call_ns([&] { player.update(1); })},
+          {"player_next_event_none_ns", call_ns([&] { player.next_event(); })},
+          {"player_get_statistics_ns", call_ns([&] { player.statistics(); })},
+          {"scene_get_info_ns", call_ns([&] { player.scene().info(); })},
+          {"version_ns", call_ns([] { stgs_version(); })}};
 }
 
 // Plays the complete file as fast as it loads.
@@ -94,25 +94,25 @@ nlohmann::json playing(const char* path, std::uint64_t budget) {
   player.open(path);
   player.wait_open();
   player.play();
-  std::uint64_t most = 0, failed_reads = 0;
-  int fewest = 1 << 30;
+  std::uint64_t max_memory = 0, failed_reads = 0;
+  int min_layers = 1 << 30;
   double now = 0;
   for (bool ended = false; !ended;) {
     const stgs_player_status status = player.update(now);
     ended = status.state == STGS_PLAYER_ENDED;
     if (status.state == STGS_PLAYER_PLAYING) {
       now += 1.0 / 30;
-      fewest = std::min(fewest, status.layers);
+      min_layers = std::min(min_layers, status.layers);
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
-    most = std::max(most, player.statistics().memory_bytes);
+    max_memory = std::max(max_memory, player.statistics().memory_bytes);
     while (const auto event = player.next_event())
       failed_reads += event->kind == STGS_EVENT_READ_FAILED ? 1 : 0;
   }
   return {{"budget_mib", static_cast<double>(budget) / (1 << 20)},
-          {"max_resident_mib", static_cast<double>(most) / (1 << 20)},
+          {"max_resident_mib", static_cast<double>(max_memory) / (1 << 20)},
           {"max_process_growth_mib", resident_peak() - before},
-          {"min_layers", fewest},
+          {"min_layers", min_layers},
           {"layer_count", player.update(now).layer_count},
           {"failed_reads", failed_reads}};
 }

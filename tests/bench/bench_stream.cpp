@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Prints how long a player takes to open and to seek, as a JSON line, from a path, a URL, or a path
-// over a simulated link of limited bandwidth and latency (bandwidth 0: no link).
+// Prints the time that a player takes to open and to seek, as a JSON line, for a path, a URL, or a
+// path behind a simulated link of limited bandwidth and latency (bandwidth 0: no link).
 //
 // - A seek ends when the base layer of its frame is decoded; `complete`: all layers.
 // - With memory for little more than the active primitives, each seek fetches and decodes all but
-//   the persistent content again; with more memory later seeks find segments resident.
-// - With a backend the frame is rendered too, at 1920x1080 into the backend's memory: `rendered`.
+//   the persistent content again. With more memory, later seeks find segments resident.
+// - With a backend the frame is rendered too, at 1920x1080 into memory of the backend: `rendered`.
 //
 // usage: bench_stream LOCATION [MBIT_PER_SECOND LATENCY_MS [SEEKS [MEMORY_MIB [BACKEND]]]]
 #include <algorithm>
@@ -38,10 +38,10 @@ void sleep_until(double when) {
   std::this_thread::sleep_for(std::chrono::duration<double>(std::max(when - seconds(), 0.0)));
 }
 
-// All reads share one link: each waits for the latency, then for its share of the bandwidth.
-class LinkedSource final : public ByteSource {
+// All reads share one link: each waits for the latency, then for its part of the bandwidth.
+class SimulatedLink final : public ByteSource {
  public:
-  LinkedSource(std::unique_ptr<ByteSource> file, double bytes_per_second, double latency)
+  SimulatedLink(std::unique_ptr<ByteSource> file, double bytes_per_second, double latency)
       : file_(std::move(file)), speed_(bytes_per_second), latency_(latency) {}
   std::uint64_t size() const override { return file_->size(); }
   const std::string& name() const override { return file_->name(); }
@@ -53,7 +53,7 @@ class LinkedSource final : public ByteSource {
       {
         const std::lock_guard lock(mutex_);
         const auto bytes = static_cast<double>(std::min(kPacket, out.size() - done));
-        free_ = end = std::max(free_, seconds()) + bytes / speed_;
+        next_free_ = end = std::max(next_free_, seconds()) + bytes / speed_;
       }
       sleep_until(end);
     }
@@ -64,7 +64,7 @@ class LinkedSource final : public ByteSource {
   std::unique_ptr<ByteSource> file_;
   double speed_, latency_;
   mutable std::mutex mutex_;
-  mutable double free_ = 0;
+  mutable double next_free_ = 0;
 };
 
 void check(const Status& status) {
@@ -117,16 +117,17 @@ void wait(Player& player, Renderer* renderer, double begin, Times& times) {
                       statistics.fetched_bytes, statistics.memory_bytes));
 }
 
-double share(std::vector<double> values, double of) {
+double percentile(std::vector<double> values, double fraction) {
   std::sort(values.begin(), values.end());
-  const auto rank = static_cast<std::size_t>(std::ceil(of * static_cast<double>(values.size())));
+  const auto rank =
+      static_cast<std::size_t>(std::ceil(fraction * static_cast<double>(values.size())));
   return values[std::max<std::size_t>(rank, 1) - 1];
 }
 
 // Median and 95th percentile; null if there are no values.
-nlohmann::json spread(const std::vector<double>& values) {
+nlohmann::json percentiles(const std::vector<double>& values) {
   if (values.empty()) return nullptr;
-  return {{"p50", share(values, 0.5)}, {"p95", share(values, 0.95)}};
+  return {{"p50", percentile(values, 0.5)}, {"p95", percentile(values, 0.95)}};
 }
 
 nlohmann::json first_of(const std::vector<double>& values) {
@@ -155,35 +156,36 @@ int main(int argc, char** argv) {
   std::unique_ptr<ByteSource> source = std::move(*opened_source);
   if (argc > 3 && std::atof(argv[2]) > 0) {
     const double speed = std::atof(argv[2]) * 1e6 / 8, latency = std::atof(argv[3]) * 1e-3;
-    source = std::make_unique<LinkedSource>(std::move(source), speed, latency);
+    source = std::make_unique<SimulatedLink>(std::move(source), speed, latency);
   }
   PlayerSettings settings;
   if (argc > 5) settings.memory_budget = std::strtoull(argv[5], nullptr, 10) << 20;
   auto player = Player::from_source(std::move(source), settings);
   check(player.status());
   const double opened = seconds();
-  Times first, sought;
-  wait(**player, renderer.get(), begin, first);
+  Times open_times, seek_times;
+  wait(**player, renderer.get(), begin, open_times);
   std::mt19937 random(1);
   const std::uint32_t frames = (*player)->timeline().metadata().frames;
   for (int k = 0; k < seeks; ++k) {
     const double start = seconds();
     check((*player)->seek_frame(static_cast<std::uint32_t>(random() % frames)));
-    wait(**player, renderer.get(), start, sought);
+    wait(**player, renderer.get(), start, seek_times);
   }
   const StreamStatistics statistics = (*player)->statistics();
-  const nlohmann::json out = {{"open_ms", 1e3 * (opened - begin)},
-                              {"base_ms", first_of(first.ready)},
-                              {"base_rendered_ms", first_of(first.rendered_base)},
-                              {"complete_ms", first_of(first.complete)},
-                              {"complete_rendered_ms", first_of(first.rendered_complete)},
-                              {"seeks", seeks},
-                              {"seek_ms", spread(sought.ready)},
-                              {"seek_rendered_ms", spread(sought.rendered_base)},
-                              {"seek_complete_ms", spread(sought.complete)},
-                              {"seek_complete_rendered_ms", spread(sought.rendered_complete)},
-                              {"fetched_bytes", statistics.fetched_bytes},
-                              {"memory_bytes", statistics.memory_bytes}};
+  const nlohmann::json out = {
+      {"open_ms", 1e3 * (opened - begin)},
+      {"base_ms", first_of(open_times.ready)},
+      {"base_rendered_ms", first_of(open_times.rendered_base)},
+      {"complete_ms", first_of(open_times.complete)},
+      {"complete_rendered_ms", first_of(open_times.rendered_complete)},
+      {"seeks", seeks},
+      {"seek_ms", percentiles(seek_times.ready)},
+      {"seek_rendered_ms", percentiles(seek_times.rendered_base)},
+      {"seek_complete_ms", percentiles(seek_times.complete)},
+      {"seek_complete_rendered_ms", percentiles(seek_times.rendered_complete)},
+      {"fetched_bytes", statistics.fetched_bytes},
+      {"memory_bytes", statistics.memory_bytes}};
   std::printf("%s\n", out.dump().c_str());
   return 0;
 }

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Prints the bytes that a player must read of a long timeline, as JSON: its first read, and a seek
-// to each frame.
+// Prints the bytes that a player reads of a long timeline, as JSON: its first read, and a seek to
+// each frame.
 //   bench_timeline [--primitives N] [--frames F] [--degree D] [--chunk SECONDS]
 //                  [--own-layouts 0|1] [--fragments K] [-o FILE.stgs]
 // A tenth of the primitives are active throughout. The lifespans of the others begin at any time
 // and last 0.1 to 20 seconds, uniform in octaves. With --fragments the file is recorded in K
-// fragments, each a timeline of its own, in the memory of one.
+// fragments, each its own timeline, with memory for one fragment.
 #include <sys/resource.h>
 
 #include <algorithm>
@@ -16,7 +16,7 @@
 #include <nlohmann/json.hpp>
 #include <string_view>
 
-#include "../api/scene_fixture.h"
+#include "../fixtures/scene_fixture.h"
 #include "stgs/format/decoder_model.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
@@ -42,7 +42,7 @@ constexpr double kMinLifespan = 0.1 * kFps, kMaxLifespan = 20.0 * kFps;  // fram
 // Ranges with a smaller gap are fetched as one.
 constexpr std::uint64_t kGap = 16 * 1024;
 
-Scene timeline(std::size_t primitives, int degree, std::uint32_t frames, unsigned seed) {
+Scene random_timeline(std::size_t primitives, int degree, std::uint32_t frames, unsigned seed) {
   Scene scene = testing::random_scene(primitives, degree, frames, 17 + seed);
   std::mt19937 random(23 + seed);
   std::uniform_real_distribution<float> uniform(0.0f, 1.0f);
@@ -57,17 +57,17 @@ Scene timeline(std::size_t primitives, int degree, std::uint32_t frames, unsigne
       continue;
     }
     const auto octaves = static_cast<float>(std::log2(kMaxLifespan / kMinLifespan));
-    const float half =
+    const float half_lifespan =
         0.5f * static_cast<float>(kMinLifespan) * std::exp2(octaves * uniform(random));
     const float edge = std::sqrt(std::log(255.0f * math::opacity_of(set.opacity_logit[i])));
-    set.radius[i] = half * 0.6f * uniform(random);
-    set.sigma[i] = (half - set.radius[i]) / edge;
+    set.radius[i] = half_lifespan * 0.6f * uniform(random);
+    set.sigma[i] = (half_lifespan - set.radius[i]) / edge;
     set.time[i] = clip * uniform(random);
   }
   return scene;
 }
 
-// Bytes of a segment's records.
+// Bytes of the records of a segment.
 std::uint64_t bytes_of(const SegmentInfo& segment) {
   return segment.bytes + segment.sh_bytes;
 }
@@ -79,7 +79,7 @@ Result<std::vector<double>> active_bytes(const SceneReader& reader) {
   std::vector<double> change(frames + 1, 0.0);
   for (std::uint32_t s = 0; s < reader.segments().size(); ++s) {
     STGS_ASSIGN(const Gaussians4D set, reader.decode(s, false));
-    const double share =
+    const double per_primitive =
         static_cast<double>(bytes_of(reader.segments()[s])) / static_cast<double>(set.size());
     for (std::size_t i = 0; i < set.size(); ++i) {
       const double half =
@@ -88,8 +88,8 @@ Result<std::vector<double>> active_bytes(const SceneReader& reader) {
       const double first = std::max(0.0, std::ceil(set.time[i] - half));
       const double last = std::min<double>(frames - 1, std::floor(set.time[i] + half));
       if (half < 0.0 || first > last) continue;
-      change[static_cast<std::size_t>(first)] += share;
-      change[static_cast<std::size_t>(last) + 1] -= share;
+      change[static_cast<std::size_t>(first)] += per_primitive;
+      change[static_cast<std::size_t>(last) + 1] -= per_primitive;
     }
   }
   for (std::size_t f = 1; f < frames; ++f) change[f] += change[f - 1];
@@ -135,19 +135,19 @@ Seek seek_to(const SceneReader& reader, double t) {
 
 // Mean and maximum of a value over the frames.
 struct Spread {
-  double sum = 0.0, most = 0.0;
+  double sum = 0.0, max = 0.0;
   std::size_t count = 0;
   void add(double v) {
     sum += v;
-    most = std::max(most, v);
+    max = std::max(max, v);
     ++count;
   }
   nlohmann::json json() const {
-    return {{"mean", sum / static_cast<double>(std::max<std::size_t>(1, count))}, {"max", most}};
+    return {{"mean", sum / static_cast<double>(std::max<std::size_t>(1, count))}, {"max", max}};
   }
 };
 
-std::uint64_t resident_bytes() {
+std::uint64_t peak_memory() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
@@ -160,14 +160,14 @@ Result<nlohmann::json> measure(const SceneReader& reader) {
     return bytes;
   }();
   STGS_ASSIGN(const std::vector<double> active, active_bytes(reader));
-  Spread ratio, passing, ranges, exact, segments, read, memory;
+  Spread ratio, without_persistent, ranges, exact, segments, read, memory;
   const auto coefficients =
       static_cast<double>((reader.sh_degree() + 1) * (reader.sh_degree() + 1));
   for (std::size_t f = 0; f < active.size(); ++f) {
     const Seek seek = seek_to(reader, static_cast<double>(f));
     ratio.add(static_cast<double>(seek.read) / active[f]);
-    passing.add((static_cast<double>(seek.needed) - static_cast<double>(persistent)) /
-                (active[f] - static_cast<double>(persistent)));
+    without_persistent.add((static_cast<double>(seek.needed) - static_cast<double>(persistent)) /
+                           (active[f] - static_cast<double>(persistent)));
     ranges.add(static_cast<double>(seek.ranges));
     exact.add(static_cast<double>(seek.exact_ranges));
     segments.add(static_cast<double>(seek.segments));
@@ -175,7 +175,7 @@ Result<nlohmann::json> measure(const SceneReader& reader) {
     memory.add(static_cast<double>(seek.primitives) * 4.0 * (17.0 + 3.0 * coefficients));
   }
   return nlohmann::json{{"read_over_active", ratio.json()},
-                        {"read_over_active_without_persistent", passing.json()},
+                        {"read_over_active_without_persistent", without_persistent.json()},
                         {"bytes", read.json()},
                         {"ranges", ranges.json()},
                         {"ranges_without_gaps", exact.json()},
@@ -183,10 +183,10 @@ Result<nlohmann::json> measure(const SceneReader& reader) {
                         {"decoded_bytes", memory.json()}};
 }
 
-// Writes the timeline at once, to memory and, with -o, to the file.
+// Writes the timeline at once into memory and, with -o, also to the file.
 Result<std::unique_ptr<ByteSource>> write(const Options& options, const WriteSettings& settings,
                                           double& encode_s) {
-  const Scene scene = timeline(options.primitives, options.degree, options.frames, 0);
+  const Scene scene = random_timeline(options.primitives, options.degree, options.frames, 0);
   const auto start = std::chrono::steady_clock::now();
   STGS_ASSIGN(std::vector<std::uint8_t> bytes, encode_scene(scene, settings));
   encode_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -201,7 +201,8 @@ Result<std::unique_ptr<ByteSource>> record(const Options& options, const WriteSe
   std::filesystem::remove(options.output);
   std::unique_ptr<SceneRecorder> recorder;
   for (std::uint32_t k = 0; k < options.fragments; ++k) {
-    const Scene scene = timeline(options.primitives / options.fragments, options.degree, frames, k);
+    const Scene scene =
+        random_timeline(options.primitives / options.fragments, options.degree, frames, k);
     const auto start = std::chrono::steady_clock::now();
     if (recorder == nullptr) {
       STGS_ASSIGN(recorder, SceneRecorder::create(options.output, scene.metadata, options.degree,
@@ -244,7 +245,7 @@ Status run(const Options& options) {
       {"bits_per_second", needs.bits_per_second},
       {"open_s", open_s.count()},
       {"seek", std::move(seeks)},
-      {"peak_memory_bytes", resident_bytes()}};
+      {"peak_memory_bytes", peak_memory()}};
   std::printf("%s\n", out.dump(2).c_str());
   return {};
 }

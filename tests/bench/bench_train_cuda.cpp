@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Prints the time of a step of the CUDA training backend, in total and per stage, by primitives and
-// image size, as one JSON line for each case.
+// image size, as one JSON line per case.
 // usage: bench_train_cuda [steps=60] [sh_degree=2] [primitives=200000 size=640x360]
 //                         [weight_normal=0] [perceptual=PATCH]
 // PATCH: side in pixels, 0: complete images; VGG16 has random weights.
-// Scenes are random and opaque like a trained one: primitives get smaller as their number grows and
+// Scenes are random and opaque like trained ones: primitives get smaller as their number grows, and
 // larger in pixels with the image.
 #include <algorithm>
 #include <chrono>
@@ -30,12 +30,12 @@ struct Case {
 struct Settings {
   int steps = 60, sh_degree = 2;
   float weight_normal = 0;
-  int patch = -1;  // side of the perceptual loss's patch, pixels; -1: off
+  int patch = -1;  // side of the perceptual patch, pixels; -1: off
 };
 
 using Clock = std::chrono::steady_clock;
 
-// Milliseconds between the events that the pipeline's observer has recorded.
+// Milliseconds between the events that the observer of the pipeline records.
 class StageTimes {
  public:
   explicit StageTimes(cudaStream_t stream) : stream_(stream) {}
@@ -55,10 +55,10 @@ class StageTimes {
       if (std::strcmp(marks_[k].first, "begin") == 0) continue;
       float ms = 0;
       cudaEventElapsedTime(&ms, marks_[k - 1].second, marks_[k].second);
-      auto at = std::find_if(sums.begin(), sums.end(),
-                             [&](const auto& sum) { return sum.first == marks_[k].first; });
-      if (at == sums.end()) at = sums.insert(sums.end(), {marks_[k].first, 0.0});
-      at->second += static_cast<double>(ms) / steps;
+      auto entry = std::find_if(sums.begin(), sums.end(),
+                                [&](const auto& sum) { return sum.first == marks_[k].first; });
+      if (entry == sums.end()) entry = sums.insert(sums.end(), {marks_[k].first, 0.0});
+      entry->second += static_cast<double>(ms) / steps;
     }
     return sums;
   }
@@ -82,7 +82,7 @@ Status run_steps(cuda::CudaBackend& backend, const Case& c, const Settings& sett
                                  8.0f + static_cast<float>(s % 5), settings.sh_degree);
     input.colour_index = static_cast<std::size_t>(s) % 3;
     input.weight_normal = settings.weight_normal;
-    // Keep the scene unchanged.
+    // Rates of 0 keep the scene unchanged.
     input.rates = {};
     input.rate_sh0 = input.rate_colour = 0.0f;
     if (settings.patch >= 0) {
@@ -100,12 +100,13 @@ Status run_steps(cuda::CudaBackend& backend, const Case& c, const Settings& sett
 Status measure(const Case& c, const Settings& settings) {
   SceneShape shape;
   shape.sh_degree = settings.sh_degree;
-  // 200,000 primitives cover 640 pixels' width at the shape's own size.
+  // At the scale of the shape, 200,000 primitives cover a width of 640 pixels.
   shape.log_scale_mean = -4.4f - 0.5f * std::log(static_cast<float>(c.primitives) / 200000.0f);
   TrainState state =
       train_state(random_scene(c.primitives, scene_camera(c.width, c.height), 5, shape), 3);
   std::vector<Image8> ground_truths;
-  for (unsigned k = 0; k < 4; ++k) ground_truths.push_back(random_truth(c.width, c.height, k));
+  for (unsigned k = 0; k < 4; ++k)
+    ground_truths.push_back(random_ground_truth(c.width, c.height, k));
   std::size_t free_before = 0, free_after = 0, total = 0;
   cudaMemGetInfo(&free_before, &total);
   cuda::CudaBackend backend;
@@ -127,7 +128,7 @@ Status measure(const Case& c, const Settings& settings) {
   start = Clock::now();
   STGS_TRY(run_steps(backend, c, settings, settings.steps, ground_truths, last));
   const double seconds = std::chrono::duration<double>(Clock::now() - start).count();
-  // The steps have gathered statistics; thresholds out of reach keep the scene unchanged.
+  // The steps have gathered statistics; unreachable thresholds keep the scene unchanged.
   HyperParameters parameters;
   parameters.max_primitives = static_cast<int>(c.primitives);
   parameters.clone_gradient = parameters.split_gradient = 1e9;
@@ -144,12 +145,12 @@ Status measure(const Case& c, const Settings& settings) {
   cudaMemGetInfo(&free_after, &total);
   std::printf(
       "{\"primitives\": %zu, \"width\": %d, \"height\": %d, \"sh_degree\": %d, "
-      "\"visible\": %zu, \"instances\": %zu, \"ms_a_step\": %.4f, ",
+      "\"visible\": %zu, \"instances\": %zu, \"step_ms\": %.4f, ",
       c.primitives, c.width, c.height, settings.sh_degree, last.visible,
       backend.max_recent_instances(), 1e3 * seconds / settings.steps);
   for (const auto& [name, ms] : times.means(20)) std::printf("\"%s\": %.4f, ", name.c_str(), ms);
   std::printf(
-      "\"grow_and_replace_ms\": %.2f, \"copy_there_and_back_ms\": %.2f, "
+      "\"grow_and_replace_ms\": %.2f, \"copy_both_ways_ms\": %.2f, "
       "\"gpu_memory_mib\": %.0f}\n",
       densify, copies, static_cast<double>(free_before - free_after) / (1 << 20));
   std::fflush(stdout);
@@ -160,17 +161,17 @@ Status measure(const Case& c, const Settings& settings) {
 
 int main(int argc, char** argv) {
   Settings settings;
-  Case only{0, 640, 360};
+  Case chosen{0, 640, 360};
   for (int i = 1; i < argc; ++i) {
     unsigned long long n = 0;
     if (std::sscanf(argv[i], "steps=%d", &settings.steps) == 1 ||
         std::sscanf(argv[i], "sh_degree=%d", &settings.sh_degree) == 1 ||
         std::sscanf(argv[i], "weight_normal=%f", &settings.weight_normal) == 1 ||
         std::sscanf(argv[i], "perceptual=%d", &settings.patch) == 1 ||
-        std::sscanf(argv[i], "size=%dx%d", &only.width, &only.height) == 2)
+        std::sscanf(argv[i], "size=%dx%d", &chosen.width, &chosen.height) == 2)
       continue;
     if (std::sscanf(argv[i], "primitives=%llu", &n) == 1) {
-      only.primitives = n;
+      chosen.primitives = n;
       continue;
     }
     std::fprintf(stderr, "bench_train_cuda: unknown option '%s'\n", argv[i]);
@@ -178,8 +179,8 @@ int main(int argc, char** argv) {
   }
   // Initialises the device.
   if (failed(cuda::CudaBackend().create())) return 5;
-  std::vector<Case> cases = {only};
-  if (only.primitives == 0) {
+  std::vector<Case> cases = {chosen};
+  if (chosen.primitives == 0) {
     cases.clear();
     for (const std::size_t n : {100000, 200000, 300000, 1000000}) {
       cases.push_back({n, 640, 360});

@@ -22,7 +22,7 @@ nlohmann::json row_of(std::size_t bytes, std::size_t n, double encode, double de
           {"decode_mprimitives_per_s", decode}};
 }
 
-std::vector<std::uint8_t> planes_of(const Integers& integers, Coder coder, StreamPlan& plan) {
+std::vector<std::uint8_t> make_planes(const Integers& integers, Coder coder, StreamPlan& plan) {
   const Integers* const records[] = {&integers};
   plan = plan_stream(records, coder);
   std::vector<std::uint8_t> planes;
@@ -32,22 +32,23 @@ std::vector<std::uint8_t> planes_of(const Integers& integers, Coder coder, Strea
 
 nlohmann::json measure_bytes(const Integers& integers, std::size_t n, nlohmann::json& stored) {
   StreamPlan plan;
-  const std::vector<std::uint8_t> planes = planes_of(integers, Coder::kBytes, plan);
-  std::vector<std::uint8_t> to(planes.size());
+  const std::vector<std::uint8_t> planes = make_planes(integers, Coder::kBytes, plan);
+  std::vector<std::uint8_t> decoded(planes.size());
   const double copy =
-      millions_per_second(n, [&] { std::copy(planes.begin(), planes.end(), to.begin()); });
+      millions_per_second(n, [&] { std::copy(planes.begin(), planes.end(), decoded.begin()); });
   stored = row_of(planes.size(), n, copy, copy);
   constexpr int kLevel = 9;
   const std::vector<std::uint8_t> frame = compress_planes(planes, n, kLevel);
-  return row_of(
-      frame.size(), n, millions_per_second(n, [&] { (void)compress_planes(planes, n, kLevel); }),
-      millions_per_second(
-          n, [&] { (void)ZSTD_decompress(to.data(), to.size(), frame.data(), frame.size()); }));
+  return row_of(frame.size(), n,
+                millions_per_second(n, [&] { (void)compress_planes(planes, n, kLevel); }),
+                millions_per_second(n, [&] {
+                  (void)ZSTD_decompress(decoded.data(), decoded.size(), frame.data(), frame.size());
+                }));
 }
 
 nlohmann::json measure_rans(const Integers& integers, std::size_t n) {
   StreamPlan plan;
-  const std::vector<std::uint8_t> planes = planes_of(integers, Coder::kRans, plan);
+  const std::vector<std::uint8_t> planes = make_planes(integers, Coder::kRans, plan);
   const std::size_t count = plan.row.planes();
   const auto plane = [&](std::size_t p) { return std::span(planes).subspan(p * n, n); };
   TablePlan tables;
@@ -70,12 +71,13 @@ nlohmann::json measure_rans(const Integers& integers, std::size_t n) {
   for (const RansTable& table : tables.tables) write_rans_table(table, stored);
   std::vector<RansLookup> lookups(tables.tables.size());
   for (std::size_t t = 0; t < lookups.size(); ++t) rans_lookup(tables.tables[t], lookups[t]);
-  std::vector<std::uint8_t> to(n);
+  std::vector<std::uint8_t> decoded(n);
   const double decode_speed = millions_per_second(n, [&] {
     auto decoder = RansGroupDecoder::open(group, n);
     for (std::size_t p = 0; p < count; ++p) {
       const std::uint16_t table = tables.table_of[p];
-      if (only_symbol(tables.tables[table]) < 0) decoder->next_plane(lookups[table], to.data());
+      if (only_symbol(tables.tables[table]) < 0)
+        decoder->next_plane(lookups[table], decoded.data());
     }
     if (!decoder->finish()) std::abort();
   });
@@ -88,9 +90,9 @@ nlohmann::json measure_draco(const Integers& positions, std::size_t n, int speed
   std::vector<std::uint8_t> planes, stored;
   append_planes(positions, plan, planes);
   const double encode = millions_per_second(n, [&] { stored = draco_encode(planes, n, speed); });
-  std::vector<std::uint8_t> to(planes.size());
+  std::vector<std::uint8_t> decoded(planes.size());
   const double decode = millions_per_second(n, [&] {
-    if (!draco_fits(stored, n) || draco_decode(stored, n, to) != nullptr) std::abort();
+    if (!draco_fits(stored, n) || draco_decode(stored, n, decoded) != nullptr) std::abort();
   });
   return row_of(stored.size(), n, encode, decode);
 }
@@ -102,9 +104,9 @@ nlohmann::json coder_table(const Scene& scene) {
   const std::vector<float> importance =
       scene.importance.empty() ? importance_by_size(scene.gaussians, frames) : scene.importance;
   const Quantiser quantiser(scene.gaussians, importance, scene.importance.empty(), frames, 85, 0);
-  const PartRange all{
+  const PartRange full_range{
       0, static_cast<std::uint32_t>(scene.gaussians.size()), {0.0, static_cast<double>(frames)}};
-  const Gaussians4D snapped = quantiser.snap_lifespans(scene.gaussians, {&all, 1});
+  const Gaussians4D snapped = quantiser.snap_lifespans(scene.gaussians, {&full_range, 1});
   std::vector<std::uint32_t> members(snapped.size()), order;
   double mean = 0.0;
   for (std::uint32_t i = 0; i < members.size(); ++i) {

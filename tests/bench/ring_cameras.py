@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The eight cameras of the rendering benchmarks, also those of the other renderers' figures."""
+"""The eight cameras of the rendering benchmarks and of the figures of other renderers."""
 import json
 import math
 

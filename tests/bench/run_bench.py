@@ -29,12 +29,12 @@ import ring_cameras
 CASES = bench_data.FOLDER / "cases.json"
 SOURCE = bench_data.FOLDER.parents[1]
 PLACEHOLDER = re.compile(r"\{([\w.]+)\}")
-NOISES = 3  # a metric moved if it differs by more than so many standard deviations
-LEAST_MOVE = 0.02  # of times and rates; a difference below this share is never a move
+NOISE_DEVIATIONS = 3  # a metric moved if it differs by more standard deviations than this
+MIN_CHANGE = 0.02  # relative; smaller differences of times and rates never count as a move
 
 
 def expand(case):
-    """The cases that the choices of "for" make of one, with names and settings filled in."""
+    """Yields a case per combination of the choices of "for", with names and settings filled in."""
     choices = {key: values if isinstance(values, dict) else dict(zip(values, values))
                for key, values in case.get("for", {}).items()}
     for names in itertools.product(*choices.values()):
@@ -59,7 +59,7 @@ def select(book, patterns):
 
 
 class Files:
-    """The files that commands name: those of --file, and others that it makes once in --work."""
+    """The files of the commands: those of --file, and others that are made once in --work."""
 
     def __init__(self, book, args):
         self.recipes, self.work = book["files"], args.work
@@ -72,13 +72,13 @@ class Files:
                        "source": SOURCE, "work": args.work, "bench": bench_data.FOLDER,
                        "cameras": " ".join(f"--camera={args.work}/c{i}.json"
                                            for i in range(ring_cameras.COUNT))}
-        self.shown = {"stgs": "stgs", "build": "build/release", "source": ".", "work": ".",
+        self.recorded = {"stgs": "stgs", "build": "build/release", "source": ".", "work": ".",
                       "bench": "tests/bench",
                       "cameras": f"--camera=c{{0..{ring_cameras.COUNT - 1}}}.json",
                       **{name: name for name in self.recipes}}
 
     def command(self, text):
-        """The command with paths in it; makes the files that it names first."""
+        """Returns the command with its paths, after making the files that it names."""
         for name in PLACEHOLDER.findall(text):
             if name in self.recipes and name not in self.values:
                 self.values[name] = self.paths.get(name) or self.make(name)
@@ -93,9 +93,9 @@ class Files:
             output(self.command(self.recipes[name]))
         return path
 
-    def show(self, text):
-        """The command as results.csv records it: without paths of this machine."""
-        return " ".join(fill(text, self.shown).split())
+    def recorded_command(self, text):
+        """Returns the command for results.csv, without paths of this machine."""
+        return " ".join(fill(text, self.recorded).split())
 
 
 def output(command):
@@ -106,29 +106,29 @@ def output(command):
     return done.stdout
 
 
-def at(found, path):
-    """The number at a path such as warm.frame_ms.p50; None if the path ends in ? and is missing."""
+def value_at(report, path):
+    """Returns the value at a path like warm.frame_ms.p50; None if it is missing and ends in ?."""
     for key in path.rstrip("?").split("."):
-        if key not in found and path.endswith("?"):
+        if key not in report and path.endswith("?"):
             return None
-        found = found[key]
-    return found
+        report = report[key]
+    return report
 
 
-def measure(spec, found):
+def measure(spec, report):
     if isinstance(spec, str):
-        return at(found, spec)
-    value = at(found, spec["value"]) * spec.get("scale", 1)
+        return value_at(report, spec)
+    value = value_at(report, spec["value"]) * spec.get("scale", 1)
     for path in spec.get("over", []):
-        value /= at(found, path)
-    return value - at(found, spec["minus"]) if "minus" in spec else value
+        value /= value_at(report, path)
+    return value - value_at(report, spec["minus"]) if "minus" in spec else value
 
 
-def metrics_of(case, found):
-    values = {name: measure(spec, found) for name, spec in case["metrics"].items()}
+def metrics_of(case, report):
+    values = {name: measure(spec, report) for name, spec in case["metrics"].items()}
     if "table" in case:
         table = case["table"]
-        for row in at(found, table["rows"]):
+        for row in value_at(report, table["rows"]):
             name = re.sub(r"\W+", "_", row[table["name"]])
             values.update({fill(key, {"name": name}): row[column]
                            for key, column in table["metrics"].items()})
@@ -136,18 +136,18 @@ def metrics_of(case, found):
 
 
 def verdict(metric, values, before):
-    """better, worse, same or new; the reference as text; the noise."""
-    middle = bench_data.statistics.median(values)
+    """Returns better, worse, same or new; the reference as text; the noise."""
+    median = bench_data.statistics.median(values)
     if not before:
-        return "new", "", NOISES * bench_data.deviation(values)
+        return "new", "", NOISE_DEVIATIONS * bench_data.deviation(values)
     past = [float(row.value) for row in before]
     reference = bench_data.median(before)
-    noise = NOISES * math.hypot(bench_data.deviation(values), bench_data.deviation(past))
+    noise = NOISE_DEVIATIONS * math.hypot(bench_data.deviation(values), bench_data.deviation(past))
     if bench_data.unit_of(metric) not in bench_data.EXACT_UNITS:
-        noise = max(noise, LEAST_MOVE * abs(reference))
-    change = middle - reference
-    share = f" ({100 * change / reference:+.1f} %)" if reference else ""
-    text = f"{reference:.6g} on {before[-1].date} at {before[-1].commit}{share}"
+        noise = max(noise, MIN_CHANGE * abs(reference))
+    change = median - reference
+    percent = f" ({100 * change / reference:+.1f} %)" if reference else ""
+    text = f"{reference:.6g} on {before[-1].date} at {before[-1].commit}{percent}"
     if abs(change) <= noise:
         return "same", text, noise
     improved = (change > 0) == bench_data.higher_is_better(metric)
@@ -155,24 +155,24 @@ def verdict(metric, values, before):
 
 
 def commit_of_tree():
-    """The commit of the source tree; empty if files differ from it."""
+    """Returns the commit of the source tree; empty if files differ from it."""
     git = ["git", "-C", str(SOURCE)]
     changed = output([*git, "status", "--porcelain", "--untracked-files=no", "--", ".",
                       ":!tests/bench/results.csv", ":!tests/bench/SUMMARY.md"])
     return "" if changed else output([*git, "rev-parse", "--short=7", "HEAD"]).strip()
 
 
-def new_rows(case, measured, machine, commit, shown, rows):
-    """Rows of results.csv; runs are numbered on from those of the same day and commit."""
+def new_rows(case, measured, machine, commit, command, rows):
+    """Yields rows of results.csv; run numbers continue those of the same day and commit."""
     date = datetime.date.today().isoformat()
     names = (date, commit, machine, case["benchmark"], case["case"])
     for metric in measured[0]:
         same = [row for row in rows if row[:6] == (*names, metric)
-                and row.command.startswith(shown + bench_data.COMMENT)]
+                and row.command.startswith(command + bench_data.COMMENT)]
         for number, values in enumerate(measured, len(same) + 1):
             yield bench_data.Result(*names, metric, f"{values[metric]:.7g}",
                                     bench_data.unit_of(metric),
-                                    f"{shown}{bench_data.COMMENT}run {number}")
+                                    f"{command}{bench_data.COMMENT}run {number}")
 
 
 def run_case(case, files, rows, args):
@@ -180,7 +180,7 @@ def run_case(case, files, rows, args):
     measured = [metrics_of(case, json.loads(output(command)))
                 for _ in range(args.repetitions or case["repetitions"])]
     for metric in measured[0]:
-        values = [found[metric] for found in measured]
+        values = [run[metric] for run in measured]
         earlier = bench_data.series(rows, args.machine, case["benchmark"], case["case"], metric)
         state, reference, noise = verdict(metric, values,
                                           bench_data.latest(earlier) if earlier else [])
@@ -199,11 +199,11 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("cases", nargs="*", default=["quick"], metavar="CASES")
     parser.add_argument("--build", default="build/release", help="build folder")
-    parser.add_argument("--stgs", help="the program; else bin/stgs of the build folder")
-    parser.add_argument("--machine", default="", help="name in machines.csv; without it nothing is "
-                        "compared or appended")
+    parser.add_argument("--stgs", help="the program (default: bin/stgs in the build folder)")
+    parser.add_argument("--machine", default="", help="name in machines.csv, needed to compare and "
+                        "append")
     parser.add_argument("--file", action="append", default=[], metavar="NAME=PATH")
-    parser.add_argument("--repetitions", type=int, help="else as cases.json says")
+    parser.add_argument("--repetitions", type=int, help="runs per case (default: from cases.json)")
     parser.add_argument("--work", type=pathlib.Path, default=pathlib.Path("build/bench"))
     parser.add_argument("--results", type=pathlib.Path, default=bench_data.RESULTS)
     parser.add_argument("--append", action="store_true")
@@ -231,7 +231,7 @@ def main():
             continue
         if args.append:
             append(args.results, new_rows(case, measured, args.machine, commit,
-                                          files.show(case["command"]), rows))
+                                          files.recorded_command(case["command"]), rows))
     return 1 if failed else 0
 
 

@@ -25,26 +25,26 @@ import time
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "fetch"))
 from nginx import Nginx  # noqa: E402
 
-PIECE = 16384
-QUEUED = 256  # pieces in flight at most, per direction of a connection
+CHUNK_BYTES = 16384
+MAX_CHUNKS = 256  # in flight per direction of a connection
 
 
 class Bandwidth:
-    """The time at which a piece that is sent now has passed the link, after all earlier ones."""
+    """A link: computes when a chunk that is sent now has passed it, after all earlier ones."""
 
     def __init__(self, bytes_per_second):
-        self.speed, self.free = bytes_per_second, 0.0
+        self.bytes_per_second, self.free_at = bytes_per_second, 0.0
         self.lock = threading.Lock()
 
-    def passed(self, size):
+    def transfer_end(self, size):
         with self.lock:
-            self.free = max(self.free, time.monotonic()) + size / self.speed
-            return self.free
+            self.free_at = max(self.free_at, time.monotonic()) + size / self.bytes_per_second
+            return self.free_at
 
 
-def carry(source, sink, latency, bandwidth):
-    """Copies one socket to another after the latency, then its end of stream."""
-    in_flight = queue.Queue(QUEUED)
+def forward(source, sink, latency, bandwidth):
+    """Forwards one socket to another after the latency, including the end of the stream."""
+    in_flight = queue.Queue(MAX_CHUNKS)
 
     def deliver():
         while True:
@@ -56,7 +56,7 @@ def carry(source, sink, latency, bandwidth):
                     return
                 sink.sendall(data)
             except OSError:
-                source.close()  # drop the remaining pieces
+                source.close()  # drop the remaining chunks
                 while in_flight.get()[1]:
                     pass
                 return
@@ -64,11 +64,11 @@ def carry(source, sink, latency, bandwidth):
     threading.Thread(target=deliver, daemon=True).start()
     while True:
         try:
-            data = source.recv(PIECE)
+            data = source.recv(CHUNK_BYTES)
         except OSError:
             data = b""
-        passed = bandwidth.passed(len(data)) if bandwidth else time.monotonic()
-        in_flight.put((passed + latency, data))
+        arrival = bandwidth.transfer_end(len(data)) if bandwidth else time.monotonic()
+        in_flight.put((arrival + latency, data))
         if not data:
             return
 
@@ -80,13 +80,13 @@ def serve(listener, port, latency, bandwidth):
         for end in (client, server):
             end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
-        def join(client=client, server=server):
+        def connect(client=client, server=server):
             time.sleep(latency)  # the handshake
-            threading.Thread(target=carry, args=(server, client, latency / 2, bandwidth),
+            threading.Thread(target=forward, args=(server, client, latency / 2, bandwidth),
                              daemon=True).start()
-            carry(client, server, latency / 2, None)
+            forward(client, server, latency / 2, None)
 
-        threading.Thread(target=join, daemon=True).start()
+        threading.Thread(target=connect, daemon=True).start()
 
 
 def main():

@@ -25,9 +25,9 @@ HEADLINES = {
          "psnr_moving_db"),
         ("workshop, best: static drift", "h200", "train", "workshop_best_test",
          "static_drift_px_mean"),
-        ("GPU against CPU renders, least", "h200", "parity", "conformance_gpu_vs_cpu",
+        ("GPU against CPU renders, minimum", "h200", "parity", "conformance_gpu_vs_cpu",
          "psnr_db_min"),
-        ("against the 3DGS rasteriser, least", "h200", "peer_3dgs", "taebak_2160p_static",
+        ("against the 3DGS rasteriser, minimum", "h200", "peer_3dgs", "taebak_2160p_static",
          "psnr_db_min"),
     ),
     "Size": (
@@ -55,7 +55,7 @@ HEADLINES = {
         ("two GPUs against one, 1920x1440", "h200x2", "train_gpus", "workshop_1920x1440_2_gpu",
          "speedup_ratio"),
         ("demo: PSNR", "xeon2", "demo", "demo", "psnr_db"),
-        ("demo: in all", "xeon2", "demo", "demo", "total_s"),
+        ("demo: total time", "xeon2", "demo", "demo", "total_s"),
     ),
     "Rendering (1.7 million primitives, SH3)": (
         ("CUDA, 4K, dynamic", "h200", "render", "cuda_taebak_2160p_dynamic", "frame_ms_p50"),
@@ -64,7 +64,7 @@ HEADLINES = {
         ("Vulkan, 4K, dynamic", "h200", "render", "vulkan_taebak_2160p_dynamic", "frame_ms_p50"),
         ("Vulkan, 4K, static: speed against CUDA", "h200", "render",
          "vulkan_taebak_2160p_static", "speed_vs_cuda_ratio"),
-        ("CUDA, two eyes to one, dynamic", "h200", "render",
+        ("CUDA, two eyes over one, dynamic", "h200", "render",
          "cuda_taebak_2064x2208_dynamic_stereo", "ratio_to_one_eye"),
         ("the same, foveae of 300 pixels", "h200", "render",
          "cuda_taebak_2064x2208_dynamic_stereo_fovea300", "ratio_to_one_eye"),
@@ -121,7 +121,7 @@ misses is marked *. Names, machines and inputs: [README.md](README.md).
 """
 
 
-def shown(value, unit):
+def format_value(value, unit):
     for size, prefix in ((1e6, "M"), (1e3, "k")):
         if unit == "B" and abs(value) >= size:
             return f"{value / size:.4g} {prefix}B"
@@ -139,8 +139,8 @@ def target_text(targets, value, higher, unit):
         return ""
     missed = value < bounds[0] if higher else value > bounds[0]
     sign = ">=" if higher else "<="
-    goal = f", goal {shown(bounds[-1], unit)}" if len(bounds) > 1 else ""
-    return f"{sign} {shown(bounds[0], unit)}{'*' if missed else ''}{goal}"
+    goal = f", goal {format_value(bounds[-1], unit)}" if len(bounds) > 1 else ""
+    return f"{sign} {format_value(bounds[0], unit)}{'*' if missed else ''}{goal}"
 
 
 def peer_text(targets, higher, unit):
@@ -148,7 +148,7 @@ def peer_text(targets, higher, unit):
     if not peers:
         return ""
     value, name = best(peers, higher)
-    return f"{name} {shown(value, unit)}"
+    return f"{name} {format_value(value, unit)}"
 
 
 def line_of(headline, rows, targets):
@@ -156,14 +156,15 @@ def line_of(headline, rows, targets):
     found = bench_data.series(rows, machine, *names)
     if not found:
         raise ValueError(f"results.csv: no row of {'/'.join(names)} on {machine}")
-    about = [row for row in targets if row[:3] == tuple(names)]
+    own_targets = [row for row in targets if row[:3] == tuple(names)]
     metric, unit = names[2], found[0].unit
-    higher = (about[0].direction == "higher" if about else bench_data.higher_is_better(metric))
+    higher = (own_targets[0].direction == "higher" if own_targets
+              else bench_data.higher_is_better(metric))
     last = bench_data.latest(found)
     value = bench_data.median(last)
-    cells = (label, machine, f"{shown(value, unit)} ({last[-1].date[5:]})",
-             shown(best([float(row.value) for row in found], higher), unit),
-             target_text(about, value, higher, unit), peer_text(about, higher, unit))
+    cells = (label, machine, f"{format_value(value, unit)} ({last[-1].date[5:]})",
+             format_value(best([float(row.value) for row in found], higher), unit),
+             target_text(own_targets, value, higher, unit), peer_text(own_targets, higher, unit))
     return f"| {' | '.join(cells)} |\n"
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests run_bench.py with a stand-in for stgs, and cases.json against the options of the program.
+"""Tests run_bench.py with a fake stgs, and cases.json against the options of the program.
 
 usage: test_run_bench.py STGS
 """
@@ -62,7 +62,7 @@ def in_schema(schema, node, path):
 
 
 class Cases(unittest.TestCase):
-    def test_names_are_unique_and_rows_of_them_well_formed(self):
+    def test_names_are_unique_and_well_formed(self):
         cases = expanded()
         self.assertEqual(len({case["name"] for case in cases}), len(cases))
         for case in cases:
@@ -71,7 +71,7 @@ class Cases(unittest.TestCase):
                 for metric in case["metrics"]:
                     self.assertRegex(metric, bench_data.NAME)
 
-    def test_metrics_are_in_the_schema_of_the_verb(self):
+    def test_metrics_are_in_the_schema_of_the_command(self):
         for case in expanded():
             program, verb = case["command"].split()[:2]
             if program != "{stgs}":
@@ -124,25 +124,25 @@ class Runs(unittest.TestCase):
         return ("2026-01-01", "0123abc", "xeon2", "render", "cpu_sample_half_fast_i300_640x360",
                 "frame_ms_p50", value, "ms", f"stgs bench  # run {run}")
 
-    def how(self, *options, **how):
-        done = self.bench("render_cpu_sample_640x360", "--machine", "xeon2", *options, **how)
+    def verdicts(self, *options, **settings):
+        done = self.bench("render_cpu_sample_640x360", "--machine", "xeon2", *options, **settings)
         self.assertEqual(done.returncode, 0, done.stderr)
         return {line.split(" | ")[1]: line.split(" | ")[4] for line in done.stdout.splitlines()}
 
-    def test_metrics_move_beyond_their_noise_alone(self):
-        self.assertEqual(self.how()["frame_ms_p50"], "new")
+    def test_metrics_move_only_beyond_their_noise(self):
+        self.assertEqual(self.verdicts()["frame_ms_p50"], "new")
         self.write([self.row(10.15)])
-        self.assertEqual(self.how(times=(10,) * 5)["frame_ms_p50"], "same")  # less than 2 %
+        self.assertEqual(self.verdicts(times=(10,) * 5)["frame_ms_p50"], "same")  # less than 2 %
         self.write([self.row(13)])
-        self.assertEqual(self.how(times=(10, 11, 9, 11, 9))["frame_ms_p50"], "same")  # MAD 1
-        self.assertEqual(self.how(times=(10,) * 5)["frame_ms_p50"], "better")
-        self.assertEqual(self.how(times=(14,) * 5)["frame_ms_p50"], "worse")
+        self.assertEqual(self.verdicts(times=(10, 11, 9, 11, 9))["frame_ms_p50"], "same")  # MAD 1
+        self.assertEqual(self.verdicts(times=(10,) * 5)["frame_ms_p50"], "better")
+        self.assertEqual(self.verdicts(times=(14,) * 5)["frame_ms_p50"], "worse")
         self.write([self.row(value, run) for run, value in enumerate((12, 13, 14), 1)])
-        self.assertEqual(self.how(times=(10,) * 5)["frame_ms_p50"], "same")  # noise of the past
+        self.assertEqual(self.verdicts(times=(10,) * 5)["frame_ms_p50"], "same")  # earlier noise
 
     def test_rows_are_appended_and_read_again(self):
         for _ in range(2):
-            self.how("--append", "--repetitions", "2")
+            self.verdicts("--append", "--repetitions", "2")
         rows = bench_data.read_results(self.results)
         machines = bench_data.read_machines()
         self.assertEqual(list(bench_data.result_problems(rows, machines)), [])
@@ -151,7 +151,7 @@ class Runs(unittest.TestCase):
         self.assertTrue(rows[0].command.startswith("stgs bench packed.stgs --backend cpu"))
         self.assertNotIn(str(self.folder), self.results.read_text(encoding="utf-8"))
 
-    def test_errors_name_what_is_wrong(self):
+    def test_errors_name_the_problem(self):
         self.assertIn("no case 'walk'", self.bench("walk").stderr)
         self.assertIn("add it to machines.csv", self.bench("--machine", "mine").stderr)
         self.assertIn("--append needs --machine", self.bench("--append").stderr)

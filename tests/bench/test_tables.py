@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""results.csv, targets.csv and machines.csv are well-formed, and SUMMARY.md is made from them."""
+"""Tests that the tables are well-formed and that SUMMARY.md is generated from them."""
 import unittest
 
 import bench_data

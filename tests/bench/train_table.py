@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Trains and evaluates a list of variants, several at a time, and prints a line for each.
+"""Trains and evaluates a list of variants, several at a time, and prints one line per variant.
 
 usage: train_table.py LIST --capture NAME=PREPARED... [--stgs PROGRAM] [--backend cuda]
                       [--only PREFIX] [--at-once 4] [--work FOLDER] [--keep]
 
-LIST has a line for each variant: `name | capture | every | options of stgs train`. Lines that begin
+LIST has one line per variant: `name | capture | every | options of stgs train`. Lines that begin
 with # are comments. A capture is NAME, evaluated on its test cameras, or NAME:3,14,25: a fold, in
 which these training cameras are held out and the test cameras are dropped. Settings are chosen on
 folds. `every` is the option of stgs evaluate. --only selects the variants whose names begin with
@@ -31,7 +31,8 @@ def fold(prepared, held_out, folder):
         camera["test"] = camera["name"] in held_out
     found = [camera["name"] for camera in capture["cameras"] if camera["test"]]
     if sorted(found) != sorted(held_out):
-        raise SystemExit(f"{prepared}: of {held_out} only {found} are training cameras")
+        raise SystemExit(f"{prepared}: not all held-out cameras are training cameras "
+                         f"(expected {', '.join(held_out)}, found {', '.join(found)})")
     folder.mkdir(parents=True, exist_ok=True)
     for name in LINKED:
         source, link = (prepared / name).resolve(), folder / name
@@ -83,7 +84,7 @@ def main():
     parser.add_argument("--only", default="", metavar="PREFIX")
     parser.add_argument("--at-once", type=int, default=4)
     parser.add_argument("--work", type=pathlib.Path, default=pathlib.Path("build/train_table"))
-    parser.add_argument("--keep", action="store_true", help="keep the scenes, in --work")
+    parser.add_argument("--keep", action="store_true", help="keep the trained scenes in --work")
     args = parser.parse_args()
     args.work.mkdir(parents=True, exist_ok=True)
     folders = {name: pathlib.Path(path) for name, path in
@@ -93,12 +94,12 @@ def main():
     if not lines:
         raise SystemExit(f"{args.list}: no variant's name begins with '{args.only}'")
     captures = {}
-    for wanted in {line.split("|")[1].strip() for line in lines}:
-        name, _, held_out = wanted.partition(":")
+    for capture in {line.split("|")[1].strip() for line in lines}:
+        name, _, held_out = capture.partition(":")
         if name not in folders:
-            raise SystemExit(f"{args.list}: no --capture {name}=PREPARED is given")
-        place = args.work / wanted.replace(":", "-without-").replace(",", "-")
-        captures[wanted] = (fold(folders[name], held_out.split(","), place) if held_out
+            raise SystemExit(f"{args.list}: no --capture {name}=PREPARED given")
+        folder = args.work / capture.replace(":", "-without-").replace(",", "-")
+        captures[capture] = (fold(folders[name], held_out.split(","), folder) if held_out
                             else folders[name])
     failed = 0
     with concurrent.futures.ThreadPoolExecutor(args.at_once) as pool:

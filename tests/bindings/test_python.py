@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The Python module: scenes, players, pictures in numpy's memory, primitives, errors, threads.
+"""The Python module: scenes, players, images in NumPy arrays, primitives, errors, threads.
 
 usage: test_python.py FIXTURE_PROGRAM STGS [unittest arguments], with the module on PYTHONPATH
 """
@@ -41,7 +41,7 @@ class Scenes(unittest.TestCase):
         self.assertEqual(caught.exception.name, name)
         return caught.exception
 
-    def test_what_a_file_says(self):
+    def test_scenes_describe_their_file(self):
         scene = stgs.Scene(path("tiny.stgs"))
         info = scene.info
         self.assertEqual(scene.title, "fixture")
@@ -53,19 +53,19 @@ class Scenes(unittest.TestCase):
         self.assertEqual(scene.issues, [])
         self.assertTrue(info.has_start_camera)
 
-    def test_bytes_are_borrowed(self):
+    def test_buffers_are_borrowed(self):
         expected = stgs.Scene(path("tiny.stgs")).primitives(0.1).position
         file = content("tiny.stgs")
         for source in file, bytearray(file), memoryview(file), np.frombuffer(file, np.uint8):
             scene = stgs.Scene(source)
             np.testing.assert_array_equal(scene.primitives(0.1).position, expected)
-        held = bytearray(file)
-        scene = stgs.Scene(held)
+        borrowed = bytearray(file)
+        scene = stgs.Scene(borrowed)
         with self.assertRaises(BufferError):
-            held.clear()  # while the scene has it
+            borrowed.clear()
         del scene
         gc.collect()
-        held.clear()
+        borrowed.clear()
         with self.assertRaises(BufferError):
             stgs.Scene(memoryview(file)[::2])
 
@@ -86,7 +86,7 @@ class Scenes(unittest.TestCase):
         with self.assertRaises(TypeError):
             stgs.Scene(5)
 
-    def test_a_view_of_all_of_a_scene(self):
+    def test_framed_views_contain_the_complete_scene(self):
         scene = stgs.Scene(path("no_camera.stgs"))
         view = scene.first_view().resized(80, 45)
         alpha = stgs.Renderer("cpu").render(scene, 0.1, view, ["alpha"]).alpha
@@ -102,97 +102,97 @@ class Scenes(unittest.TestCase):
         tiny = stgs.Scene(path("tiny.stgs"))
         np.testing.assert_array_equal(tiny.first_view().translation, tiny.start_view().translation)
 
-    def test_the_log_is_pythons(self):
-        with self.assertLogs("stgs", logging.INFO) as told:
+    def test_messages_go_to_the_python_log(self):
+        with self.assertLogs("stgs", logging.INFO) as log:
             stgs.Renderer("cpu")
-        self.assertIn("cpu", told.output[0])
+        self.assertIn("cpu", log.output[0])
 
-    def test_primitives_are_those_of_the_moment(self):
+    def test_primitives_are_evaluated_at_a_time(self):
         scene = stgs.Scene(path("tiny.stgs"))
-        seen = scene.primitives(0.1)
-        count = len(seen)
+        primitives = scene.primitives(0.1)
+        count = len(primitives)
         self.assertTrue(10 < count <= 400)
         shapes = {"id": (count,), "position": (count, 3), "velocity": (count, 3),
                   "scale": (count, 3), "rotation": (count, 4), "opacity": (count,),
                   "sh": (count, 4, 3)}
         for name, shape in shapes.items():
-            self.assertEqual(getattr(seen, name).shape, shape, name)
-            self.assertTrue(np.isfinite(getattr(seen, name)).all(), name)
-        np.testing.assert_allclose(np.linalg.norm(seen.rotation, axis=1), 1, atol=1e-5)
-        self.assertTrue((seen.opacity >= 1 / 255 - 1e-6).all() and (seen.opacity <= 1).all())
-        self.assertTrue((seen.scale > 0).all())
-        # The same as another program is given.
-        subprocess.run([STGS, "convert", path("tiny.stgs"), path("moment.ply"), "--time", "0.1"],
+            self.assertEqual(getattr(primitives, name).shape, shape, name)
+            self.assertTrue(np.isfinite(getattr(primitives, name)).all(), name)
+        np.testing.assert_allclose(np.linalg.norm(primitives.rotation, axis=1), 1, atol=1e-5)
+        self.assertTrue((primitives.opacity >= 1 / 255 - 1e-6).all() and (primitives.opacity <= 1).all())
+        self.assertTrue((primitives.scale > 0).all())
+        # They equal those that `stgs convert` writes.
+        subprocess.run([STGS, "convert", path("tiny.stgs"), path("time.ply"), "--time", "0.1"],
                        check=True, capture_output=True)
-        head, body = content("moment.ply").split(b"end_header\n", 1)
+        head, body = content("time.ply").split(b"end_header\n", 1)
         names = [line.split()[2].decode() for line in head.splitlines()
                  if line.startswith(b"property float")]
         table = np.frombuffer(body, "<f4").reshape(-1, len(names))
         self.assertEqual(len(table), count)
         columns = [names.index(name) for name in "xyz"]
-        np.testing.assert_allclose(seen.position, table[:, columns], atol=1e-5)
-        # Later, those that are still there have moved as fast as they said.
+        np.testing.assert_allclose(primitives.position, table[:, columns], atol=1e-5)
+        # Primitives that are active at both times have moved by their velocity.
         later = scene.primitives(0.1 + 0.01)
-        both, here, there = np.intersect1d(seen.id, later.id, return_indices=True)
-        self.assertGreater(len(both), 10)
-        np.testing.assert_allclose(later.position[there],
-                                   seen.position[here] + 0.01 * seen.velocity[here], atol=1e-4)
+        common, i, j = np.intersect1d(primitives.id, later.id, return_indices=True)
+        self.assertGreater(len(common), 10)
+        np.testing.assert_allclose(later.position[j],
+                                   primitives.position[i] + 0.01 * primitives.velocity[i], atol=1e-4)
 
 
-class Pictures(unittest.TestCase):
+class Images(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.scene = stgs.Scene(path("tiny.stgs"))
         cls.renderer = stgs.Renderer("cpu")
         cls.view = cls.scene.start_view()
 
-    def test_a_picture(self):
+    def test_an_image_has_the_requested_planes(self):
         self.assertEqual(self.renderer.backend, "cpu")
-        picture = self.renderer.render(self.scene, 0.1, self.view,
+        image = self.renderer.render(self.scene, 0.1, self.view,
                                        ["rgba8", "rgb", "alpha", "depth"])
-        self.assertEqual(picture.rgba8.shape, (48, 64, 4))
-        self.assertEqual(picture.rgb.shape, (3, 48, 64))
-        self.assertGreater(len(np.unique(picture.rgba8)), 50)
-        rounded = np.clip(np.moveaxis(picture.rgb, 0, 2), 0, 1) * 255
-        self.assertLess(np.abs(rounded - picture.rgba8[..., :3]).max(), 0.51)
-        self.assertTrue((picture.depth[picture.alpha > 0.5] > self.view.near_plane).all())
-        self.assertTrue((picture.depth[picture.alpha == 0] == 0).all())
+        self.assertEqual(image.rgba8.shape, (48, 64, 4))
+        self.assertEqual(image.rgb.shape, (3, 48, 64))
+        self.assertGreater(len(np.unique(image.rgba8)), 50)
+        rounded = np.clip(np.moveaxis(image.rgb, 0, 2), 0, 1) * 255
+        self.assertLess(np.abs(rounded - image.rgba8[..., :3]).max(), 0.51)
+        self.assertTrue((image.depth[image.alpha > 0.5] > self.view.near_plane).all())
+        self.assertTrue((image.depth[image.alpha == 0] == 0).all())
         alone = self.renderer.render(self.scene, 0.1, self.view)
-        np.testing.assert_array_equal(alone.rgba8, picture.rgba8)
+        np.testing.assert_array_equal(alone.rgba8, image.rgba8)
         self.assertIsNone(alone.depth)
 
-    def test_a_view_is_its_own_memory(self):
+    def test_views_own_their_arrays(self):
         view = copy.copy(self.view)
         view.background[:] = (0, 1, 0)
-        view.translation[2] = -1e6  # nothing is seen
-        picture = self.renderer.render(self.scene, 0.1, view, ["rgba8"])
-        self.assertTrue((picture.rgba8[..., :3] == (0, 255, 0)).all())
+        view.translation[2] = -1e6  # nothing is visible
+        image = self.renderer.render(self.scene, 0.1, view, ["rgba8"])
+        self.assertTrue((image.rgba8[..., :3] == (0, 255, 0)).all())
         self.assertEqual(self.view.background.tolist(), [0, 0, 0])
         small = self.view.resized(32, 24)
         self.assertEqual((small.width, small.height, small.fx), (32, 24, self.view.fx / 2))
         fovea = self.view.resized(256, 192)
-        whole = self.renderer.render(self.scene, 0.1, fovea).rgba8
+        uniform = self.renderer.render(self.scene, 0.1, fovea).rgba8
         fovea.fovea_x, fovea.fovea_y, fovea.fovea_radius = 60, 50, 40
-        drawn = self.renderer.render(self.scene, 0.1, fovea).rgba8
-        np.testing.assert_array_equal(drawn[22:78, 32:88], whole[22:78, 32:88])
-        self.assertTrue((drawn[128:192:2] == drawn[129:192:2]).all())
-        rotation = stgs.View().rotation  # keeps the view, which has no other name
+        foveated = self.renderer.render(self.scene, 0.1, fovea).rgba8
+        np.testing.assert_array_equal(foveated[22:78, 32:88], uniform[22:78, 32:88])
+        self.assertTrue((foveated[128:192:2] == foveated[129:192:2]).all())
+        rotation = stgs.View().rotation  # the array keeps its view alive
         gc.collect()
         np.testing.assert_array_equal(rotation, np.eye(3))
 
-    def test_arrays_of_the_callers(self):
+    def test_images_are_rendered_into_arrays_of_the_caller(self):
         expected = self.renderer.render(self.scene, 0.1, self.view, ["rgba8", "depth"])
-        both = np.zeros((48, 130, 4), np.uint8)  # two pictures beside each other, and a seam
+        both = np.zeros((48, 130, 4), np.uint8)  # two images side by side with a gap
         depth = np.full((48, 64), -1, np.float32)
         out = [stgs.Image(rgba8=both[:, :64], depth=depth), stgs.Image(rgba8=both[:, 66:])]
-        got = self.renderer.render(self.scene, 0.1, [self.view, self.view], out=out)
-        self.assertIs(got[0].depth, depth)
+        images = self.renderer.render(self.scene, 0.1, [self.view, self.view], out=out)
+        self.assertIs(images[0].depth, depth)
         np.testing.assert_array_equal(both[:, :64], expected.rgba8)
         np.testing.assert_array_equal(both[:, 66:], expected.rgba8)
         self.assertTrue((both[:, 64:66] == 0).all())
         np.testing.assert_array_equal(depth, expected.depth)
 
-    def test_arrays_that_do_not_fit(self):
+    def test_unsuitable_arrays_are_rejected(self):
         frozen = np.zeros((48, 64, 4), np.uint8)
         frozen.flags.writeable = False
         wrong = [np.zeros((48, 64, 3), np.uint8), np.zeros((47, 64, 4), np.uint8), frozen,
@@ -206,7 +206,7 @@ class Pictures(unittest.TestCase):
         with self.assertRaises(ValueError):
             self.renderer.render(self.scene, 0.1, self.view, ["colour"])
 
-    def test_calls_that_make_no_sense(self):
+    def test_invalid_views_are_rejected(self):
         mirrored = copy.copy(self.view)
         mirrored.rotation[0] *= -1
         huge = copy.copy(self.view)
@@ -216,65 +216,65 @@ class Pictures(unittest.TestCase):
                 self.renderer.render(self.scene, 0.1, view)
             self.assertEqual(caught.exception.name, "STGS_ERROR_ARGUMENT")
 
-    def test_other_threads_run_meanwhile(self):
+    def test_rendering_releases_the_interpreter_lock(self):
         view = self.view.resized(1280, 960)
-        turns, begun, done = [0], threading.Event(), threading.Event()
+        turns, started, done = [0], threading.Event(), threading.Event()
 
         def count():
-            begun.set()
+            started.set()
             while not done.is_set():
                 turns[0] += 1
                 time.sleep(0)
 
         counter = threading.Thread(target=count)
         counter.start()
-        begun.wait()
+        started.wait()
         before = turns[0]
         self.renderer.render(self.scene, 0.1, view)
         meanwhile = turns[0] - before
         done.set()
         counter.join()
-        # With the interpreter's lock held it would be a turn or two at the call's ends.
+        # With the interpreter's lock held, there would be one or two turns.
         self.assertGreater(meanwhile, 5)
 
     def test_objects_may_be_shared_by_threads(self):
         expected = self.renderer.render(self.scene, 0.1, self.view).rgba8
-        pictures = []
+        images = []
 
-        def draw():
+        def render():
             for _ in range(5):
-                pictures.append(self.renderer.render(self.scene, 0.1, self.view).rgba8)
+                images.append(self.renderer.render(self.scene, 0.1, self.view).rgba8)
                 len(self.scene.primitives(0.1))
 
-        threads = [threading.Thread(target=draw) for _ in range(4)]
+        threads = [threading.Thread(target=render) for _ in range(4)]
         for thread in threads:
             thread.start()
         for thread in threads:
             thread.join()
-        self.assertEqual(len(pictures), 20)
-        for picture in pictures:
-            np.testing.assert_array_equal(picture, expected)
+        self.assertEqual(len(images), 20)
+        for image in images:
+            np.testing.assert_array_equal(image, expected)
 
 
 class Players(unittest.TestCase):
-    def until(self, player, holds, seconds=60):
-        """Updates in real time until a status is as it should be."""
+    def until(self, player, condition, seconds=60):
+        """Updates the player in real time until its status meets a condition."""
         end = time.monotonic() + seconds
-        while not holds(status := player.update()):
+        while not condition(status := player.update()):
             self.assertLess(time.monotonic(), end)
             time.sleep(0.001)
         return status
 
-    def test_a_clip_is_played_to_its_end_and_round(self):
+    def test_a_clip_plays_to_its_end_and_loops(self):
         for source in path("tiny.stgs"), content("tiny.stgs"):
             player = stgs.Player(source, prefetch_seconds=5, max_reads_in_flight=2)
             player.wait_open()
             self.assertEqual([e.kind for e in player.events()], ["opened"])
             player.play()
-            moments = []
+            times = []
             while (status := player.update()).state != "ended":
-                moments.append(status.seconds)
-            self.assertEqual(moments, sorted(moments))
+                times.append(status.seconds)
+            self.assertEqual(times, sorted(times))
             info = player.scene.info
             self.assertAlmostEqual(status.seconds, info.duration_seconds - 1 / info.fps)
             self.assertIn("ended", [e.kind for e in player.events()])
@@ -288,7 +288,7 @@ class Players(unittest.TestCase):
             self.assertEqual((player.rate, player.loop), (4, True))
             self.assertEqual((looped[0].code, looped[0].offset, looped[0].message), (0, None, ""))
 
-    def test_a_settled_moment_is_the_scenes_picture(self):
+    def test_a_complete_frame_equals_the_render_of_the_scene(self):
         scene, renderer = stgs.Scene(path("tiny.stgs")), stgs.Renderer("cpu")
         player = stgs.Player(path("tiny.stgs"))
         player.wait_open()
@@ -297,17 +297,17 @@ class Players(unittest.TestCase):
         self.assertEqual((status.state, status.ready), ("paused", True))
         self.assertEqual(status.layers, status.layer_count)
         view = player.scene.start_view()
-        drawn = renderer.render(player.scene, status.seconds, view)
-        np.testing.assert_array_equal(drawn.rgba8, renderer.render(scene, status.seconds, view).rgba8)
+        frame = renderer.render(player.scene, status.seconds, view)
+        np.testing.assert_array_equal(frame.rgba8, renderer.render(scene, status.seconds, view).rgba8)
         begin, end = player.buffered[0]
         self.assertTrue(begin <= status.seconds <= end)
         self.assertEqual(player.statistics.stored_primitives, scene.info.primitives)
-        of_player = player.scene  # keeps the player, which has no other name
+        player_scene = player.scene  # the scene keeps its player alive
         del player
         gc.collect()
-        self.assertEqual(len(of_player.primitives(0.1)), len(scene.primitives(0.1)))
+        self.assertEqual(len(player_scene.primitives(0.1)), len(scene.primitives(0.1)))
 
-    def test_what_cannot_be_is_told(self):
+    def test_errors_are_raised_and_reported_as_events(self):
         player = stgs.Player(path("no such file"))
         with self.assertRaises(stgs.Error) as caught:
             player.wait_open()
@@ -324,33 +324,33 @@ class Players(unittest.TestCase):
             with self.assertRaises(stgs.Error):
                 stgs.Player(path("tiny.stgs"), **settings)
         with self.assertRaises(TypeError):
-            stgs.Player(path("tiny.stgs"), patience=1)
+            stgs.Player(path("tiny.stgs"), no_such_setting=1)
         with self.assertRaises(stgs.Error):
             player.rate = 0
         self.assertEqual(player.rate, 1)
 
-    def test_one_thread_updates_while_another_draws(self):
+    def test_one_thread_updates_while_another_renders(self):
         player, renderer = stgs.Player(content("tiny.stgs")), stgs.Renderer("cpu")
         player.loop = True
         player.play()
         self.until(player, lambda s: s.ready)
         view = player.scene.start_view()
-        drawn, done = [], threading.Event()
+        frames, done = [], threading.Event()
 
-        def draw():
+        def render():
             while not done.is_set():
-                drawn.append(renderer.render(player.scene, 0.1, view).rgba8)
+                frames.append(renderer.render(player.scene, 0.1, view).rgba8)
 
-        drawing = threading.Thread(target=draw)
-        drawing.start()
+        rendering = threading.Thread(target=render)
+        rendering.start()
         now = time.monotonic()
-        while len(drawn) < 20:
+        while len(frames) < 20:
             player.update(now := now + 0.01)
         done.set()
-        drawing.join()
-        self.assertGreater(drawn[-1].max(), 0)
+        rendering.join()
+        self.assertGreater(frames[-1].max(), 0)
 
-    def test_players_end_at_any_moment(self):
+    def test_players_can_be_destroyed_at_any_time(self):
         for i in range(50):
             player = stgs.Player(content("tiny.stgs"))
             player.play()

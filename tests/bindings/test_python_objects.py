@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The Python module's objects: context managers, text for people, type errors, views, waiting.
+"""Objects of the Python module: context managers, repr(), type errors, views, waiting.
 
 usage: test_python_objects.py FIXTURE_PROGRAM [unittest arguments], with the module on PYTHONPATH
 """
@@ -38,31 +38,31 @@ class Closing(unittest.TestCase):
         self.assertEqual(caught.exception.name, "STGS_ERROR_STATE")
         self.assertEqual(str(caught.exception), message)
 
-    def test_a_scene_is_closed_at_the_end_of_its_block(self):
-        held = bytearray(content("tiny.stgs"))
-        with stgs.Scene(held) as scene:
+    def test_a_with_block_closes_its_scene(self):
+        borrowed = bytearray(content("tiny.stgs"))
+        with stgs.Scene(borrowed) as scene:
             self.assertFalse(scene.closed)
             self.assertGreater(scene.info.primitives, 0)
         self.assertTrue(scene.closed)
-        held.clear()  # not borrowed any more
+        borrowed.clear()  # not borrowed any more
         renderer = stgs.Renderer("cpu")
         for call in (lambda: scene.info, lambda: scene.title, lambda: scene.primitives(0),
                      lambda: renderer.render(scene, 0, stgs.View())):
             self.fails("the scene is closed", call)
-        scene.close()  # again: nothing happens
+        scene.close()  # closing again has no effect
 
-    def test_a_block_closes_after_an_error_and_does_not_hide_it(self):
+    def test_a_with_block_propagates_errors(self):
         with self.assertRaises(ZeroDivisionError):
             with stgs.Scene(path("tiny.stgs")) as scene, stgs.Renderer("cpu") as renderer:
                 1 / 0
         self.assertTrue(scene.closed and renderer.closed)
         self.fails("the renderer is closed", lambda: renderer.backend)
 
-    def test_a_player_is_closed_with_its_scene(self):
+    def test_closing_a_player_closes_its_scene(self):
         with stgs.Player(path("tiny.stgs")) as player:
             player.wait_open()
             scene = player.scene
-            scene.close()  # is the player's: nothing happens
+            scene.close()  # no effect: the player owns it
             self.assertGreater(scene.info.primitives, 0)
             with player.scene:
                 pass
@@ -74,30 +74,30 @@ class Closing(unittest.TestCase):
         gc.collect()
         self.assertTrue(scene.closed)
 
-    def test_closing_waits_for_calls_of_other_threads(self):
+    def test_closing_waits_for_calls_in_other_threads(self):
         for _ in range(10):
             scene, renderer = stgs.Scene(path("tiny.stgs")), stgs.Renderer("cpu")
             view = scene.start_view()
-            begun, results = threading.Event(), []
+            started, results = threading.Event(), []
 
-            def draw():
+            def render():
                 try:
                     while True:
                         results.append(renderer.render(scene, 0.1, view))
-                        begun.set()
+                        started.set()
                 except stgs.Error as error:
                     results.append(error)
 
-            thread = threading.Thread(target=draw)
+            thread = threading.Thread(target=render)
             thread.start()
-            begun.wait()
+            started.wait()
             scene.close()
             thread.join()
             self.assertEqual(str(results[-1]), "the scene is closed")
 
 
-class Texts(unittest.TestCase):
-    def test_objects_show_what_they_are(self):
+class Representations(unittest.TestCase):
+    def test_repr_describes_objects(self):
         file = content("tiny.stgs")
         scene, renderer = stgs.Scene(path("tiny.stgs")), stgs.Renderer("cpu")
         info = scene.info
@@ -112,14 +112,14 @@ class Texts(unittest.TestCase):
         image = renderer.render(scene, 0.1, view, ["rgba8", "depth"])
         self.assertEqual(repr(image), "<stgs.Image rgba8 (48, 64, 4), depth (48, 64)>")
         self.assertEqual(repr(stgs.Image()), "<stgs.Image>")
-        seen = scene.primitives(0.1)
-        self.assertEqual(repr(seen), f"<stgs.Primitives, {len(seen)} primitives>")
+        primitives = scene.primitives(0.1)
+        self.assertEqual(repr(primitives), f"<stgs.Primitives, {len(primitives)} primitives>")
         scene.close()
         renderer.close()
         self.assertEqual(repr(scene), f"<stgs.Scene '{path('tiny.stgs')}', closed>")
         self.assertEqual(repr(renderer), "<stgs.Renderer, closed>")
 
-    def test_players_show_where_they_are(self):
+    def test_repr_describes_the_state_of_players(self):
         player = stgs.Player(path("tiny.stgs"))
         self.assertEqual(repr(player), f"<stgs.Player '{path('tiny.stgs')}', opening at 0.000 s>")
         player.wait_open()
@@ -140,31 +140,31 @@ class Arguments(unittest.TestCase):
         self.scene, self.renderer = stgs.Scene(path("tiny.stgs")), stgs.Renderer("cpu")
         self.view = self.scene.start_view()
 
-    def refused(self, message, call):
+    def assert_type_error(self, message, call):
         with self.assertRaises(TypeError) as caught:
             call()
         self.assertIn(message, str(caught.exception))
 
-    def test_what_is_no_view_is_named(self):
+    def test_type_errors_name_the_wrong_type(self):
         expected = "views must be a stgs.View or a sequence of them, not "
         render = lambda views: self.renderer.render(self.scene, 0.1, views)
-        self.refused(expected + "a tuple that contains int", lambda: render((1, 2, 3)))
-        self.refused(expected + "a list that contains NoneType", lambda: render([self.view, None]))
-        self.refused(expected + "int", lambda: render(5))
-        self.refused(expected + "a str that contains str", lambda: render("front"))
-        self.refused("out must be a stgs.Image or a sequence of them, not a list that contains ndarray",
-                     lambda: self.renderer.render(self.scene, 0.1, [self.view],
-                                                  out=[np.zeros((48, 64, 4), np.uint8)]))
-        self.refused("view: stgs.View", lambda: self.scene.framed((1, 2)))
-        self.refused("unknown setting 'patience'",
-                     lambda: stgs.Player(path("tiny.stgs"), patience=1))
+        self.assert_type_error(expected + "a tuple that contains int", lambda: render((1, 2, 3)))
+        self.assert_type_error(expected + "a list that contains NoneType", lambda: render([self.view, None]))
+        self.assert_type_error(expected + "int", lambda: render(5))
+        self.assert_type_error(expected + "a str that contains str", lambda: render("front"))
+        self.assert_type_error("out must be a stgs.Image or a sequence of them, not a list that contains ndarray",
+                               lambda: self.renderer.render(self.scene, 0.1, [self.view],
+                                                            out=[np.zeros((48, 64, 4), np.uint8)]))
+        self.assert_type_error("view: stgs.View", lambda: self.scene.framed((1, 2)))
+        self.assert_type_error("unknown setting 'no_such_setting'",
+                               lambda: stgs.Player(path("tiny.stgs"), no_such_setting=1))
 
-    def test_a_tuple_of_views_is_a_sequence_of_them(self):
+    def test_a_tuple_of_views_is_accepted(self):
         images = self.renderer.render(self.scene, 0.1, (self.view, self.view))
         self.assertEqual(len(images), 2)
         np.testing.assert_array_equal(images[0].rgba8, images[1].rgba8)
 
-    def test_times_outside_of_the_clip_are_errors(self):
+    def test_times_outside_the_clip_are_errors(self):
         for call in (lambda: self.renderer.render(self.scene, 99, self.view),
                      lambda: self.scene.primitives(-1)):
             with self.assertRaises(stgs.Error) as caught:
@@ -174,7 +174,7 @@ class Arguments(unittest.TestCase):
 
 
 class Views(unittest.TestCase):
-    def test_sizes(self):
+    def test_resizing_keeps_pixels_square(self):
         view = stgs.View()  # 1280x720
         square = view.resized(720, 720)
         self.assertEqual(square.fx, square.fy)
@@ -187,7 +187,7 @@ class Views(unittest.TestCase):
                 with self.assertRaises(stgs.Error):
                     call(*size)
 
-    def test_a_turntable(self):
+    def test_views_orbit_their_target(self):
         eye, target, up = np.array([0.0, -1, -4]), np.array([0.5, 0, 1]), (0, -1, 0)
         view = stgs.View().looking_at(eye, target, up)
         position = lambda v: -v.rotation.T @ v.translation
@@ -209,7 +209,7 @@ class Views(unittest.TestCase):
 
 
 class Waiting(unittest.TestCase):
-    def test_a_time_is_waited_for(self):
+    def test_seek_and_wait_loads_a_complete_time(self):
         player = stgs.Player(path("tiny.stgs"))
         with self.assertRaises(stgs.Error):
             player.seek_and_wait(0.1, timeout=-1)

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The type stubs of the Python module against the module: classes, members, parameters, defaults.
+"""The type stubs of the Python module match the module: classes, members, parameters, defaults.
 
 usage: test_python_stubs.py STUBS, with the module on PYTHONPATH
 """
@@ -12,7 +12,7 @@ import unittest
 import stgs
 
 STUBS = sys.argv[1]
-SPECIAL = {"__len__", "__enter__", "__exit__", "__copy__"}  # beside those that every class has
+SPECIAL = {"__len__", "__enter__", "__exit__", "__copy__"}  # not defined by every class
 
 
 def is_public(name):
@@ -35,7 +35,7 @@ def is_property(function):
 
 
 def attributes_of(node):
-    """Names that can be set: annotated attributes."""
+    """Returns the names of settable members: annotated attributes."""
     return {item.target.id for item in node.body if isinstance(item, ast.AnnAssign)}
 
 
@@ -44,7 +44,7 @@ def properties_of(node):
 
 
 def parameters_of_stub(function):
-    """Pairs of a name and a default's text, or None."""
+    """Returns pairs of a name and the text of its default, or None."""
     args = function.args
     names = args.posonlyargs + args.args
     defaults = [None] * (len(names) - len(args.defaults)) + args.defaults
@@ -54,7 +54,7 @@ def parameters_of_stub(function):
 
 
 def parameters_of_module(method):
-    """The same from pybind11's signature, the first line of the docstring."""
+    """Returns the same pairs from pybind11's signature, the first line of the docstring."""
     first = method.__doc__.splitlines()[0]
     inside = re.match(r"\w+\((.*)\) -> ", first).group(1)
     parts, depth, part = [], 0, ""
@@ -83,20 +83,20 @@ class Stubs(unittest.TestCase):
         cls.classes = {name: value for name, value in vars(stgs).items()
                        if isinstance(value, type) and not name.startswith("_")}
 
-    def test_classes_are_those_of_the_module(self):
+    def test_classes_match_the_module(self):
         self.assertEqual(set(self.stubs), set(self.classes))
         self.assertGreater(len(self.stubs), 10)
 
-    def test_members_are_those_of_the_module(self):
+    def test_members_match_the_module(self):
         for name, stub in self.stubs.items():
             if name == "Error":
-                continue  # its attributes are of each error, see test_errors()
+                continue  # attributes belong to instances; see test_errors_have_their_attributes()
             with self.subTest(name):
                 found = {member for member in vars(self.classes[name]) if is_public(member)}
                 declared = {f.name for f in functions_of(stub)} - {"__init__"}
                 self.assertEqual(declared | attributes_of(stub), found)
 
-    def test_properties_can_be_set_where_the_stubs_say_so(self):
+    def test_settable_properties_match_the_module(self):
         for name, stub in self.stubs.items():
             for member, value in vars(self.classes[name]).items():
                 if not isinstance(value, property):
@@ -105,7 +105,7 @@ class Stubs(unittest.TestCase):
                     self.assertEqual(member in attributes_of(stub), value.fset is not None)
                     self.assertEqual(member in properties_of(stub), value.fset is None)
 
-    def test_parameters_are_those_of_the_module(self):
+    def test_parameters_match_the_module(self):
         compared = 0
         for name, stub in self.stubs.items():
             for function in functions_of(stub):
@@ -120,7 +120,7 @@ class Stubs(unittest.TestCase):
     def check_parameters(self, name, function, method):
         declared, found = parameters_of_stub(function), parameters_of_module(method)
         if name == "Player" and function.name == "__init__":
-            # Its settings are **kwargs; each is known.
+            # Settings are passed as **kwargs; each must be known.
             self.assertEqual(found, declared[:1])
             for setting, _ in declared[1:]:
                 with self.assertRaises(TypeError) as caught:
@@ -130,13 +130,13 @@ class Stubs(unittest.TestCase):
             return
         self.assertEqual(declared, found)
 
-    def test_signatures_name_no_types_of_cpp(self):
+    def test_signatures_contain_no_cpp_types(self):
         for name, value in self.classes.items():
             for member, method in vars(value).items():
                 if callable(method) and method.__doc__:
                     self.assertNotIn("::", method.__doc__, f"{name}.{member}")
 
-    def test_errors(self):
+    def test_errors_have_their_attributes(self):
         with self.assertRaises(stgs.Error) as caught:
             stgs.Scene("no such file")
         for attribute in attributes_of(self.stubs["Error"]):

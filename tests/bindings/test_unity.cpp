@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Unity plugin with a host that plays Unity's part: it loads the plugin by name, sends render
-// events and texture updates through a queue to a thread of their own, and copies what it is given
-// into textures whose first row is at the bottom.
+// The Unity plugin in a host that imitates Unity: it loads the plugin by name, queues render events
+// and texture updates for a render thread, and copies the pixels into textures whose first row is
+// at the bottom.
 #include <dlfcn.h>
 
 #include <cmath>
@@ -14,14 +14,14 @@
 #include <queue>
 #include <thread>
 
-#include "../api/sdk_fixture.h"
-#include "../api/temporary_folder.h"
+#include "../fixtures/temporary_folder.h"
+#include "../sdk/sdk_fixture.h"
 #include "stgs_unity.h"
 
 namespace stgs::testing {
 namespace {
 
-// The plugin's functions, as DllImport finds them.
+// The plugin's functions, found by name as DllImport does.
 struct Plugin {
   void* library = ::dlopen(STGS_UNITY_PLUGIN, RTLD_NOW | RTLD_LOCAL);
   template <typename Function>
@@ -50,7 +50,7 @@ struct Texture {
   int updates = 0;
 };
 
-// The render thread, with its queue of commands.
+// Owns the render thread and its command queue.
 class Host {
  public:
   ~Host() {
@@ -61,18 +61,18 @@ class Host {
   void render(std::int32_t handle) {
     push([this, handle] { plugin.render(handle); });
   }
-  // `between` is run while the plugin's pixels are held.
-  void update(Texture& texture, std::uint32_t user, std::function<void()> between = nullptr) {
-    push([this, &texture, user, between] {
+  // Copies the plugin's pixels into a texture. Runs `before_copy` while the pixels are in use.
+  void update(Texture& texture, std::uint32_t user, std::function<void()> before_copy = nullptr) {
+    push([this, &texture, user, before_copy] {
       unity_texture_update update{};
-      update.pixels = &update;  // rubbish, which the plugin must overwrite
+      update.pixels = &update;  // invalid: the plugin must overwrite it
       update.user = user;
       update.format = texture.format;
       update.width = texture.width;
       update.height = texture.height;
       update.bytes_per_pixel = 4;
       plugin.update(UNITY_UPDATE_TEXTURE_BEGIN, &update);
-      if (between) between();
+      if (before_copy) before_copy();
       if (update.pixels != nullptr) {
         std::memcpy(texture.pixels.data(), update.pixels, texture.pixels.size());
         ++texture.updates;
@@ -80,7 +80,7 @@ class Host {
       plugin.update(UNITY_UPDATE_TEXTURE_END, &update);
     });
   }
-  // Waits for all that was sent.
+  // Blocks until all queued commands have run.
   void finish() {
     std::mutex lock;
     std::condition_variable changed;
@@ -93,7 +93,7 @@ class Host {
     std::unique_lock locked(lock);
     changed.wait(locked, [&] { return done; });
   }
-  // Frames until the file is open; its state.
+  // Waits until the file is open, updates a frame, and returns the player's state.
   std::int32_t wait_open(std::int32_t handle, const stgs_unity_camera& camera) {
     REQUIRE(stgs_player_wait_open(plugin.player(handle)) == STGS_OK);
     return plugin.frame(handle, 0, &camera, 1);
@@ -125,7 +125,7 @@ class Host {
   std::thread thread_{[this] { run(); }};
 };
 
-// 4x4, row by row.
+// 4x4, row-major.
 using Matrix = std::array<double, 16>;
 
 Matrix product(const Matrix& a, const Matrix& b) {
@@ -138,23 +138,24 @@ Matrix product(const Matrix& a, const Matrix& b) {
   return out;
 }
 
-void put(const Matrix& from, float (&column_by_column)[16]) {
+void to_column_major(const Matrix& from, float (&out)[16]) {
   for (int r = 0; r < 4; ++r) {
-    for (int c = 0; c < 4; ++c) column_by_column[4 * c + r] = static_cast<float>(from[4 * r + c]);
+    for (int c = 0; c < 4; ++c) out[4 * c + r] = static_cast<float>(from[4 * r + c]);
   }
 }
 
-// The Unity camera that sees what the view does, where the scene is an object of that scale, turned
-// about Unity's y axis, and moved.
+// Returns the Unity camera that matches a view of the scene, if the scene is an object with a
+// scale, a rotation about Unity's y axis, and a position.
 stgs_unity_camera unity_camera(const stgs_view& view, double scale, double angle,
-                               std::array<double, 3> place) {
+                               std::array<double, 3> position) {
   const double c = std::cos(angle), s = std::sin(angle);
-  const Matrix object = {scale * c,  0, scale * s, place[0], 0, scale, 0, place[1],
-                         -scale * s, 0, scale * c, place[2], 0, 0,     0, 1};
-  const Matrix inverse = {c / scale, 0,         -s / scale, -(c * place[0] - s * place[2]) / scale,
-                          0,         1 / scale, 0,          -place[1] / scale,
-                          s / scale, 0,         c / scale,  -(s * place[0] + c * place[2]) / scale,
-                          0,         0,         0,          1};
+  const Matrix object = {scale * c,  0, scale * s, position[0], 0, scale, 0, position[1],
+                         -scale * s, 0, scale * c, position[2], 0, 0,     0, 1};
+  const Matrix inverse = {
+      c / scale, 0,         -s / scale, -(c * position[0] - s * position[2]) / scale,
+      0,         1 / scale, 0,          -position[1] / scale,
+      s / scale, 0,         c / scale,  -(s * position[0] + c * position[2]) / scale,
+      0,         0,         0,          1};
   Matrix pose{};
   for (int r = 0; r < 3; ++r) {
     for (int k = 0; k < 3; ++k) pose[4 * r + k] = scale * view.rotation[3 * r + k];
@@ -164,10 +165,12 @@ stgs_unity_camera unity_camera(const stgs_view& view, double scale, double angle
   const Matrix camera_flip = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1};
   const Matrix scene_flip = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
   stgs_unity_camera out{};
-  put(object, out.local_to_world);
-  put(product(product(camera_flip, pose), product(scene_flip, inverse)), out.world_to_camera);
+  to_column_major(object, out.local_to_world);
+  to_column_major(product(product(camera_flip, pose), product(scene_flip, inverse)),
+                  out.world_to_camera);
   const double n = scale * view.near_plane, f = 1000 * n, w = view.width, h = view.height;
-  put({2 * view.fx / w, 0, 1 - 2 * view.cx / w, 0, 0, 2 * view.fy / h, 2 * view.cy / h - 1, 0, 0, 0,
+  to_column_major(
+      {2 * view.fx / w, 0, 1 - 2 * view.cx / w, 0, 0, 2 * view.fy / h, 2 * view.cy / h - 1, 0, 0, 0,
        -(f + n) / (f - n), -2 * f * n / (f - n), 0, 0, -1, 0},
       out.projection);
   out.width = view.width;
@@ -175,7 +178,7 @@ stgs_unity_camera unity_camera(const stgs_view& view, double scale, double angle
   return out;
 }
 
-// A scene's file that goes with the object.
+// A temporary scene file.
 struct File {
   std::vector<std::uint8_t> bytes = sdk_file();
   TemporaryFolder folder;
@@ -187,15 +190,16 @@ struct File {
   }
 };
 
-// How many bytes of a texture differ from the library's own picture by more than `least`.
-std::size_t differing(const Texture& texture, const std::vector<std::uint8_t>& picture, int least) {
+// Returns the number of bytes of a texture that differ from an image by more than `tolerance`.
+std::size_t count_differences(const Texture& texture, const std::vector<std::uint8_t>& image,
+                              int tolerance) {
   std::size_t count = 0;
   const std::size_t row = std::size_t{4} * texture.width;
   for (std::size_t y = 0; y < texture.height; ++y) {
     for (std::size_t x = 0; x < row; ++x) {
       const int difference =
-          int{texture.pixels[y * row + x]} - int{picture[(texture.height - 1 - y) * row + x]};
-      count += std::abs(difference) > least ? 1 : 0;
+          int{texture.pixels[y * row + x]} - int{image[(texture.height - 1 - y) * row + x]};
+      count += std::abs(difference) > tolerance ? 1 : 0;
     }
   }
   return count;
@@ -203,7 +207,7 @@ std::size_t differing(const Texture& texture, const std::vector<std::uint8_t>& p
 
 }  // namespace
 
-TEST_CASE("Unity's textures get what the library draws", "[unity]") {
+TEST_CASE("Unity textures receive the library's renders", "[unity]") {
   const File file;
   const ScenePtr scene = open_scene(file.bytes);
   const RendererPtr renderer = cpu_renderer();
@@ -211,7 +215,7 @@ TEST_CASE("Unity's textures get what the library draws", "[unity]") {
   Host host;
   const std::int32_t handle = host.plugin.open(file.path.c_str(), 0, STGS_BACKEND_CPU);
   REQUIRE(handle > 0);
-  // An object as it is, and one of another size, turned and moved.
+  // An object without a transform, and a scaled, rotated and moved one.
   const auto [scale, angle] = GENERATE(std::pair{1.0, 0.0}, std::pair{2.5, 0.7});
   stgs_unity_camera camera = unity_camera(view, scale, angle, {3 * angle, -2 * angle, angle});
   view.fovea_x = camera.fovea_x = 20;
@@ -237,24 +241,24 @@ TEST_CASE("Unity's textures get what the library draws", "[unity]") {
   CHECK(host.plugin.error(handle, message, sizeof message) == STGS_OK);
   REQUIRE(colour.updates == 1);
   REQUIRE(depth.updates == 1);
-  // Matrices of floats, multiplied: a rounding here and there.
-  CHECK(differing(colour, draw_rgba8(renderer.get(), scene.get(), 0.4, view), 2) < 20);
-  std::vector<float> expected(std::size_t{view.width} * view.height), got(expected.size());
-  stgs_image picture = empty_picture();
-  picture.depth = {expected.data(), 0, expected.size() * sizeof(float)};
-  REQUIRE(stgs_render(renderer.get(), scene.get(), 0.4, &view, &picture, 1) == STGS_OK);
-  std::memcpy(got.data(), depth.pixels.data(), depth.pixels.size());
-  std::size_t far = 0, seen = 0;
-  for (std::size_t i = 0; i < got.size(); ++i) {
+  // Products of float matrices differ by rounding.
+  CHECK(count_differences(colour, render_rgba8(renderer.get(), scene.get(), 0.4, view), 2) < 20);
+  std::vector<float> expected(std::size_t{view.width} * view.height), actual(expected.size());
+  stgs_image image = empty_image();
+  image.depth = {expected.data(), 0, expected.size() * sizeof(float)};
+  REQUIRE(stgs_render(renderer.get(), scene.get(), 0.4, &view, &image, 1) == STGS_OK);
+  std::memcpy(actual.data(), depth.pixels.data(), depth.pixels.size());
+  std::size_t wrong = 0, covered = 0;
+  for (std::size_t i = 0; i < actual.size(); ++i) {
     const std::size_t flipped = (view.height - 1 - i / view.width) * view.width + i % view.width;
-    far += std::abs(got[i] - scale * expected[flipped]) > 0.01 * scale ? 1 : 0;
-    seen += got[i] > 0 ? 1 : 0;
+    wrong += std::abs(actual[i] - scale * expected[flipped]) > 0.01 * scale ? 1 : 0;
+    covered += actual[i] > 0 ? 1 : 0;
   }
-  CHECK(far < 20);
-  CHECK(seen > 500);
+  CHECK(wrong < 20);
+  CHECK(covered > 500);
 }
 
-TEST_CASE("textures that do not fit stay as they are", "[unity]") {
+TEST_CASE("unsuitable textures are not updated", "[unity]") {
   const File file;
   const ScenePtr scene = open_scene(file.bytes);
   const stgs_view view = start_view(scene.get());
@@ -262,7 +266,7 @@ TEST_CASE("textures that do not fit stay as they are", "[unity]") {
   Host host;
   const std::int32_t handle = host.plugin.open(file.path.c_str(), 0, STGS_BACKEND_CPU);
   Texture early{view.width, view.height, UNITY_R8G8B8A8_UNORM};
-  host.render(handle);  // nothing has been asked for
+  host.render(handle);  // no frame has been requested
   host.update(early, host.plugin.texture(handle, 0, 0));
   host.finish();
   REQUIRE(host.wait_open(handle, camera) == STGS_PLAYER_PAUSED);
@@ -270,39 +274,39 @@ TEST_CASE("textures that do not fit stay as they are", "[unity]") {
   Texture good{view.width, view.height, UNITY_R8G8B8A8_UNORM};
   Texture small{view.width, view.height - 1, UNITY_R8G8B8A8_UNORM};
   Texture other{view.width, view.height, UNITY_R32_SFLOAT};
-  Texture unseen{view.width, view.height, UNITY_R8G8B8A8_UNORM}, unknown = unseen;
+  Texture not_rendered{view.width, view.height, UNITY_R8G8B8A8_UNORM}, unknown = not_rendered;
   host.update(good, host.plugin.texture(handle, 0, 0));
   host.update(small, host.plugin.texture(handle, 0, 0));
   host.update(other, host.plugin.texture(handle, 0, 0));
-  host.update(unseen, host.plugin.texture(handle, 1, 0));
+  host.update(not_rendered, host.plugin.texture(handle, 1, 0));
   host.update(unknown, host.plugin.texture(handle + 1, 0, 0));
   host.render(handle + 1);
   host.finish();
   CHECK(good.updates == 1);
-  for (const Texture* texture : {&early, &small, &other, &unseen, &unknown}) {
+  for (const Texture* texture : {&early, &small, &other, &not_rendered, &unknown}) {
     CHECK(texture->updates == 0);
   }
 }
 
-TEST_CASE("cameras that are none are refused", "[unity]") {
+TEST_CASE("invalid cameras are rejected", "[unity]") {
   const File file;
   const stgs_view view = start_view(open_scene(file.bytes).get());
   Host host;
   const std::int32_t handle = host.plugin.open(file.path.c_str(), 0, STGS_BACKEND_CPU);
   const stgs_unity_camera good = unity_camera(view, 1, 0, {0, 0, 0});
   REQUIRE(host.plugin.frame(handle, 0, &good, 1) >= STGS_PLAYER_OPENING);
-  const auto refused = [&](const std::function<void(stgs_unity_camera&)>& change) {
+  const auto rejected = [&](const std::function<void(stgs_unity_camera&)>& change) {
     stgs_unity_camera camera = good;
     change(camera);
     return host.plugin.frame(handle, 0, &camera, 1) == -STGS_ERROR_ARGUMENT;
   };
-  CHECK(refused([](auto& c) { c.local_to_world[0] = 2; }));   // scales differ
-  CHECK(refused([](auto& c) { c.local_to_world[0] = -1; }));  // mirrored
-  CHECK(refused([](auto& c) { c.fovea_radius = -1; }));
-  CHECK(refused([](auto& c) { c.fovea_y = NAN; }));
-  CHECK(refused([](auto& c) { c.world_to_camera[3] = 1; }));  // not affine
-  CHECK(refused([](auto& c) { c.world_to_camera[0] = NAN; }));
-  CHECK(refused([](auto& c) { c.projection[11] = 0, c.projection[15] = 1; }));  // orthographic
+  CHECK(rejected([](auto& c) { c.local_to_world[0] = 2; }));   // scales differ
+  CHECK(rejected([](auto& c) { c.local_to_world[0] = -1; }));  // mirrored
+  CHECK(rejected([](auto& c) { c.fovea_radius = -1; }));
+  CHECK(rejected([](auto& c) { c.fovea_y = NAN; }));
+  CHECK(rejected([](auto& c) { c.world_to_camera[3] = 1; }));  // not affine
+  CHECK(rejected([](auto& c) { c.world_to_camera[0] = NAN; }));
+  CHECK(rejected([](auto& c) { c.projection[11] = 0, c.projection[15] = 1; }));  // orthographic
   CHECK(host.plugin.frame(handle, 0, &good, 5) == -STGS_ERROR_ARGUMENT);
   CHECK(host.plugin.frame(handle, 0, nullptr, 1) == -STGS_ERROR_ARGUMENT);
   CHECK(host.plugin.frame(handle, NAN, &good, 1) == -STGS_ERROR_ARGUMENT);
@@ -310,7 +314,7 @@ TEST_CASE("cameras that are none are refused", "[unity]") {
   CHECK(host.plugin.frame(-7, 0, &good, 1) == -STGS_ERROR_ARGUMENT);
 }
 
-TEST_CASE("handles end while the render thread is at work", "[unity]") {
+TEST_CASE("handles may be closed while the render thread works", "[unity]") {
   const File file;
   const stgs_view view = start_view(open_scene(file.bytes).get());
   const stgs_unity_camera camera = unity_camera(view, 1, 0, {0, 0, 0});
@@ -325,7 +329,8 @@ TEST_CASE("handles end while the render thread is at work", "[unity]") {
     if (i % 2 == 0) (void)host.wait_open(handle, camera);
     host.render(handle);
     const std::uint32_t user = host.plugin.texture(handle, 0, 0);
-    // Closed while Unity reads its picture: the pixels last until the end of the update.
+    // Every fourth handle is closed while Unity reads its image: the pixels stay valid until the
+    // end of the update.
     host.update(texture, user,
                 i % 4 == 0 ? std::function<void()>([&host, handle] { host.plugin.close(handle); })
                            : nullptr);
@@ -335,11 +340,11 @@ TEST_CASE("handles end while the render thread is at work", "[unity]") {
   host.finish();
   CHECK(texture.updates >= 25);
   CHECK(host.plugin.player(before) == nullptr);
-  host.plugin.close(before);                                         // again
-  CHECK(host.plugin.open("no such file", 0, STGS_BACKEND_CPU) > 0);  // told by the player
+  host.plugin.close(before);                                         // no effect
+  CHECK(host.plugin.open("no such file", 0, STGS_BACKEND_CPU) > 0);  // the player reports it
   CHECK(host.plugin.open(nullptr, 0, STGS_BACKEND_CPU) == -STGS_ERROR_ARGUMENT);
   CHECK(host.plugin.open("x", 0, 77) == -STGS_ERROR_ARGUMENT);
-  int opened = 1;  // of STGS_UNITY_MAX_HANDLES
+  int opened = 1;
   while (host.plugin.open("no such file", 0, STGS_BACKEND_CPU) > 0) ++opened;
   CHECK(opened == STGS_UNITY_MAX_HANDLES);
 }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the command-line tests share: the program, a folder of fixtures, and checks on a run."""
+"""Shared by the command-line tests: the program, the fixtures, and checks of a run."""
 import json
 import os
 import re
@@ -9,29 +9,29 @@ import tempfile
 import unittest
 
 STGS = ""  # the program, set by run.py
-FIXTURE = ""  # folder that make_fixture filled, never changed by a test
+FIXTURE = ""  # folder written by make_fixture; tests never modify it
 SOURCE = ""  # the project's root
 
 
 def sample():
-    """The capture that the project ships."""
+    """Returns the path of the sample capture in the source tree."""
     return os.path.join(SOURCE, "tests", "data", "workshop")
 
 
 def built_in(part):
-    """Whether `stgs --version` lists a part."""
+    """Returns whether `stgs --version` lists an optional part."""
     text = subprocess.run([STGS, "--version"], capture_output=True, text=True, check=True).stdout
     return part in re.search(r"built in:(.*)", text).group(1).split()
 
 
-def draws_with(backend):
-    """Whether `stgs --version` lists a backend that renders."""
+def renders_with(backend):
+    """Returns whether `stgs --version` lists a rendering backend."""
     text = subprocess.run([STGS, "--version"], capture_output=True, text=True, check=True).stdout
     return backend in re.search(r"renders with:(.*)", text).group(1).split()
 
 
 class CliTest(unittest.TestCase):
-    """A test in a folder of its own, self.work, which is the working directory of its runs."""
+    """A test whose runs have a working directory of their own, self.work."""
 
     def setUp(self):
         self.work = tempfile.mkdtemp(prefix="stgs-cli-")
@@ -44,7 +44,7 @@ class CliTest(unittest.TestCase):
         return os.path.join(FIXTURE, name)
 
     def copy_capture(self, name):
-        """A copy of the prepared capture that the test may damage."""
+        """Copies the prepared capture into self.work and returns its path."""
         shutil.copytree(self.fixture("prepared"), self.path(name))
         return self.path(name)
 
@@ -63,7 +63,7 @@ class CliTest(unittest.TestCase):
                               timeout=300, check=False, **options)
 
     def fails(self, code, message, *args, **options):
-        """The run ends with `code` and one error line that `message`, a pattern, matches."""
+        """Checks that the run exits with `code` and one error line that matches `message`."""
         result = self.stgs(*args, **options)
         error = result.stderr.decode(errors="replace")
         self.assertEqual(result.returncode, code, f"{args}: {error}")
@@ -73,18 +73,18 @@ class CliTest(unittest.TestCase):
             self.check_schema("error", json.loads(lines[0]))
             self.assertEqual(json.loads(lines[0])["error"]["exit_code"], code)
         self.assertRegex(lines[0], message)
-        self.no_leftovers()
+        self.assert_no_leftovers()
         return result
 
     def succeeds(self, *args, **options):
         result = self.stgs(*args, **options)
         error = result.stderr.decode(errors="replace")
         self.assertEqual(result.returncode, 0, f"{args}: {error}")
-        self.no_leftovers()
+        self.assert_no_leftovers()
         return result
 
     def json_of(self, *args):
-        """The verb's JSON, checked against its schema."""
+        """Runs a verb and returns its JSON result, checked against the verb's schema."""
         result = self.succeeds(*args, "--format", "json")
         value = json.loads(result.stdout)
         self.check_schema(args[0], value)
@@ -97,7 +97,7 @@ class CliTest(unittest.TestCase):
         jsonschema.Draft202012Validator.check_schema(schema)
         jsonschema.Draft202012Validator(schema).validate(value)
 
-    def no_leftovers(self):
+    def assert_no_leftovers(self):
         for folder, folders, files in os.walk(self.work):
             for name in files + folders:
-                self.assertNotIn(".tmp", name, f"a temporary is left in {folder}")
+                self.assertNotIn(".tmp", name, f"temporary file left in {folder}")

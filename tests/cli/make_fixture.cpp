@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes what the command-line tests work on into a folder: small scenes, files that lie about
-// their counts with good checksums, and a prepared capture rendered from the scene.
+// Writes the inputs of the command-line tests into a folder: small scenes, files with valid
+// checksums and wrong counts, and a prepared capture rendered from the scene.
 //
 // usage: make_fixture FOLDER
 #include <cmath>
@@ -8,12 +8,12 @@
 #include <filesystem>
 #include <functional>
 
-#include "../api/copy_fixture.h"
-#include "../api/scene_fixture.h"
+#include "../fixtures/copy_fixture.h"
+#include "../fixtures/scene_fixture.h"
 #ifdef STGS_HAS_SOG
-#include "../api/sog_fixture.h"
+#include "../fixtures/sog_fixture.h"
 #endif
-#include "../api/splatv_fixture.h"
+#include "../fixtures/splatv_fixture.h"
 #include "container/container.h"
 #include "core/bytes.h"
 #include "image_io.h"
@@ -37,7 +37,7 @@ Scene fixture_scene() {
   start.width = kWidth;
   start.height = kHeight;
   scene.metadata.start_camera = start;
-  // Large enough to be seen in a small picture.
+  // Makes the splats visible at a low resolution.
   for (float& s : scene.gaussians.log_scale) s += 1.5f;
   return scene;
 }
@@ -81,7 +81,7 @@ Status write_capture(const Scene& scene, const std::string& folder) {
   return encoder::write_prepared_capture(capture);
 }
 
-// Rewrites the head of a file after `change`, with checksums that fit, and without a copy.
+// Rewrites the head of a file after `change`, with valid checksums and without the head's copy.
 Status write_changed_head(const std::vector<std::uint8_t>& copied, const std::string& path,
                           const std::function<void(FileHead&)>& change) {
   const std::vector<std::uint8_t> bytes = testing::without_copy(copied);
@@ -107,7 +107,7 @@ Status write_changed_head(const std::vector<std::uint8_t>& copied, const std::st
   return write_file_atomically(path, out);
 }
 
-// A recording of the scene's clip in two stretches, and the same cut off in the second.
+// Records the clip in two fragments (recorded.stgs), and a copy truncated in the second (cut.stgs).
 Status write_recordings(const Scene& scene, const std::string& folder) {
   const std::string path = folder + "/recorded.stgs";
   RecordSettings settings;
@@ -116,18 +116,18 @@ Status write_recordings(const Scene& scene, const std::string& folder) {
               SceneRecorder::create(path, scene.metadata, scene.gaussians.sh_degree, settings));
   STGS_TRY(recorder->append(scene.gaussians, kFrames / 2));
   const std::uint64_t first = recorder->bytes();
-  Gaussians4D rest = scene.gaussians;
-  for (float& t : rest.time) t -= kFrames / 2;
-  STGS_TRY(recorder->append(rest, kFrames));
+  Gaussians4D second_half = scene.gaussians;
+  for (float& t : second_half.time) t -= kFrames / 2;
+  STGS_TRY(recorder->append(second_half, kFrames));
   STGS_TRY(recorder->close());
   std::filesystem::copy_file(path, folder + "/cut.stgs");
   std::filesystem::resize_file(folder + "/cut.stgs", first + 1000);
   return {};
 }
 
-// A packed scene whose primitives all live as long as the clip, so that a file of one segment has
-// its harmonics behind all else; and the same without them, and as a recording that
-// was not closed.
+// Writes a packed scene whose primitives are active for the complete clip (steady.stgs), so that
+// the SH records come last in the file; the same scene without SH (steady_plain.stgs), and as an
+// unclosed recording (live.stgs).
 Status write_steady(const std::string& folder) {
   Scene scene = testing::random_scene(3000, 3, kFrames, 8);
   scene.metadata.start_camera = fixture_scene().metadata.start_camera;
@@ -154,8 +154,8 @@ Status write_steady(const std::string& folder) {
   return recorder->append(scene.gaussians, kFrames);
 }
 
-// A picture with a NaN in green at (3, 2); nothing in a build without OpenEXR.
-Status write_pixel_that_is_none(const std::string& path) {
+// Writes an EXR image with a NaN in green at (3, 2); writes nothing in a build without OpenEXR.
+Status write_nan_image(const std::string& path) {
   player::Frame frame;
   frame.colour.reshape(16, 12, 3);
   frame.alpha.reshape(16, 12, 1);
@@ -165,7 +165,7 @@ Status write_pixel_that_is_none(const std::string& path) {
   return status.code() == StatusCode::kNotBuilt ? Status() : status;
 }
 
-// Models of other programs.
+// Writes models in the formats of other programs.
 Status write_models(const std::string& folder) {
 #ifdef STGS_HAS_SOG
   testing::random_sog(30, 1, 1).write_bundle(folder + "/model.sog");
@@ -175,7 +175,7 @@ Status write_models(const std::string& folder) {
   std::vector<testing::SplatvRecord> records(12);
   for (std::size_t i = 0; i < records.size(); ++i) {
     records[i].position[0] = static_cast<float>(i);
-    records[i].motion[3] = i % 2 == 0 ? 0.0f : 4.0f;  // of dt^2
+    records[i].motion[3] = i % 2 == 0 ? 0.0f : 4.0f;  // coefficient of dt^2
   }
   const std::string clip = testing::splatv_file(records);
   const auto* bytes = reinterpret_cast<const std::uint8_t*>(clip.data());
@@ -214,7 +214,7 @@ Status write_all(const std::string& folder) {
   STGS_TRY(write_changed_head(bytes, folder + "/skew_start.stgs", [](FileHead& head) {
     head.metadata.scene.start_camera->rotation[0] = 2;
   }));
-  STGS_TRY(write_pixel_that_is_none(folder + "/nan.exr"));
+  STGS_TRY(write_nan_image(folder + "/nan.exr"));
   settings.profile = Profile::kQuantised;
   STGS_TRY(write_scene(folder + "/packed.stgs", scene, settings));
   STGS_TRY(write_steady(folder));

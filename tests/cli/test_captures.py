@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Prepared captures that are not whole, or not those that a scene was trained on."""
+"""Prepared captures that are incomplete, or that differ from the one a scene was trained on."""
 import json
 import os
 import unittest
@@ -9,8 +9,8 @@ from harness import CliTest
 IO = 2
 
 
-class PartOfACapture(CliTest):
-    def test_a_folder_without_its_points_is_not_trained_on(self):
+class IncompleteCapture(CliTest):
+    def test_train_rejects_a_capture_without_points(self):
         for name in ("points_static.ply", "points_dynamic.ply"):
             with self.subTest(name=name):
                 folder = self.copy_capture(name[:-4])
@@ -21,8 +21,8 @@ class PartOfACapture(CliTest):
 
 
 class OtherCapture(CliTest):
-    def moved(self, name, change):
-        """The fixture's capture with the cameras that `change` makes of its own."""
+    def changed(self, name, change):
+        """Copies the fixture's capture with `change` applied to each camera."""
         folder = self.copy_capture(name)
         path = self.path(name, "capture.json")
         with open(path, encoding="utf-8") as file:
@@ -33,17 +33,17 @@ class OtherCapture(CliTest):
             json.dump(capture, file)
         return folder
 
-    def test_a_scene_that_is_measured_against_another_capture_is_warned_of(self):
-        def along(camera):
+    def test_measuring_against_another_capture_warns(self):
+        def shift(camera):
             camera["translation"][0] += 0.01
 
-        def smaller(camera):
-            camera["fx"] *= 0.99  # as at another scale: they stand where they stood
+        def rescale(camera):
+            camera["fx"] *= 0.99  # like another --scale: the poses stay the same
         self.succeeds("train", self.fixture("prepared"), "--preset", "fast", "--iterations", "20",
                       "-o", "scene.stgs")
         warning = b"stgs: warning: scene.stgs: no camera of other has the pose of"
-        self.moved("other", along)
-        self.moved("same", smaller)
+        self.changed("other", shift)
+        self.changed("same", rescale)
         for args in (["evaluate", "scene.stgs"], ["pack", "scene.stgs", "-o", "packed.stgs"]):
             with self.subTest(verb=args[0]):
                 self.assertIn(warning, self.succeeds(*args, "--against", "other").stderr)

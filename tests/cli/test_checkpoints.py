@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checkpoints: what becomes of a training whose own cannot be written, and where one goes on."""
+"""Checkpoints that cannot be written, and encodes that resume from one."""
 import os
 import resource
 import signal
@@ -13,29 +13,30 @@ USAGE, IO, RUNTIME = 1, 2, 4
 
 
 class FullDisk(CliTest):
-    """A limit on the size of files acts as a full disk does, for any user."""
+    """A file size limit has the effect of a full disk, for any user."""
 
     def limited(self, *more):
         def limit():
-            # The scene of the fixture fits, and its checkpoint, four times as large, does not.
+            # The fixture's scene fits; its checkpoint is four times as large and does not.
             resource.setrlimit(resource.RLIMIT_FSIZE, (65536, 65536))
         args = ["train", self.fixture("prepared"), "--preset", "fast", "--max-primitives", "300",
                 "--iterations", "40", "--log-level", "warning", *more]
         return self.stgs(*args, preexec_fn=limit)
 
-    def test_a_checkpoint_that_cannot_be_written_costs_no_scene(self):
+    def test_training_completes_without_a_writable_checkpoint(self):
         result = self.limited("-o", "a.stgs", "--checkpoint", "run.ckpt", "--checkpoint-interval", "10")
         self.assertEqual(result.returncode, 0, result.stderr)
         warnings = [line for line in result.stderr.decode().splitlines() if "warning" in line]
-        self.assertEqual(len(warnings), 2, warnings)  # the first, and that of the end
-        for line, begin in zip(warnings, ("10: the checkpoint could not be written", "40: the checkpoint could not be written")):
-            self.assertRegex(line, f"iteration {begin} \(run.ckpt: cannot write")
-        self.no_leftovers()
+        self.assertEqual(len(warnings), 2, warnings)  # the first and the last
+        for line, iteration in zip(warnings, (10, 40)):
+            self.assertRegex(line, rf"iteration {iteration}: the checkpoint could not be written "
+                                   r"\(run.ckpt: cannot write")
+        self.assert_no_leftovers()
         self.succeeds("train", self.fixture("prepared"), "--preset", "fast", "--max-primitives",
                       "300", "--iterations", "40", "-o", "b.stgs")
         self.assertEqual(self.read("a.stgs"), self.read("b.stgs"))
 
-    def test_nor_of_a_window(self):
+    def test_a_window_completes_without_a_writable_checkpoint(self):
         result = self.limited("-o", "parts", "--window", "6")
         self.assertEqual(result.returncode, 0, result.stderr)
         self.assertIn(b"000000-000006.stgs.ckpt: cannot write", result.stderr)
@@ -44,7 +45,7 @@ class FullDisk(CliTest):
 
 @unittest.skipUnless(built_in("encode"), "encode is not built in")
 class Encoding(CliTest):
-    """What is prepared twice need not be the same, so a checkpoint goes on with what is kept."""
+    """An encode resumes with the prepared capture in --keep-work: preparing it again may differ."""
 
     TRAIN = ["--preset", "fast", "--iterations", "400"]
 
@@ -52,8 +53,8 @@ class Encoding(CliTest):
         return ["encode", os.path.join(harness.SOURCE, "tests", "data", "workshop"), "-o",
                 "out.stgs", "--scale", "0.25", "--frames", "0:2", *self.TRAIN, *more]
 
-    def stopped(self, *more):
-        """What an encode that is interrupted while it trains says last."""
+    def interrupted(self, *more):
+        """Interrupts an encode while it trains, and returns the last line that it printed."""
         args = [harness.STGS, *self.encode(*more), "--progress", "json"]
         with subprocess.Popen(args, cwd=self.work, stderr=subprocess.PIPE) as process:
             for line in process.stderr:
@@ -64,28 +65,28 @@ class Encoding(CliTest):
         self.assertEqual(process.returncode, RUNTIME, error)
         return error.splitlines()[-1]
 
-    def test_a_stopped_encode_goes_on_as_it_says(self):
-        kept = ["--keep-work", "work", "--checkpoint", "work/run.ckpt"]
-        self.assertRegex(self.stopped(*kept, "--overwrite"), "run the same command with "
+    def test_an_interrupted_encode_resumes_as_its_hint_states(self):
+        work = ["--keep-work", "work", "--checkpoint", "work/run.ckpt"]
+        self.assertRegex(self.interrupted(*work, "--overwrite"), "run the same command with "
                          "--resume work/run.ckpt instead of --overwrite$")
         self.assertFalse(os.path.exists(self.path("out.stgs")))
         self.assertEqual(sorted(os.listdir(self.path("work"))), ["prepared", "run.ckpt"])
-        told = self.succeeds(*self.encode(*kept, "--resume", "work/run.ckpt")).stderr.decode()
-        self.assertRegex(told, "work/prepared: resuming from it; .* is not prepared again")
-        self.assertRegex(told, r"resumed at iteration \d+ from work/run.ckpt")
+        log = self.succeeds(*self.encode(*work, "--resume", "work/run.ckpt")).stderr.decode()
+        self.assertRegex(log, "work/prepared: resuming from it; .* is not prepared again")
+        self.assertRegex(log, r"resumed at iteration \d+ from work/run.ckpt")
         self.json_of("validate", "out.stgs")
-        self.succeeds("train", "work/prepared", "-o", "straight.stgs", *self.TRAIN)
-        self.assertEqual(self.read("work/trained.stgs"), self.read("straight.stgs"))
+        self.succeeds("train", "work/prepared", "-o", "uninterrupted.stgs", *self.TRAIN)
+        self.assertEqual(self.read("work/trained.stgs"), self.read("uninterrupted.stgs"))
 
-        # A folder that is not the run's, and what would replace it.
+        # Another run's folder, and an option that would replace the prepared capture.
         self.fails(IO, "other/prepared: not found; --resume needs the --keep-work folder",
                    *self.encode("--keep-work", "other", "--resume", "work/run.ckpt"))
         self.assertFalse(os.path.exists(self.path("other")))
         self.fails(USAGE, "--overwrite replaces it; use one of them",
-                   *self.encode(*kept, "--resume", "work/run.ckpt", "--overwrite"))
+                   *self.encode(*work, "--resume", "work/run.ckpt", "--overwrite"))
         self.assertTrue(os.path.exists(self.path("work/prepared/capture.json")))
 
-    def test_a_checkpoint_needs_the_capture_that_it_goes_on_from(self):
+    def test_checkpoints_require_a_kept_capture(self):
         for option in ("--checkpoint", "--resume"):
             self.fails(USAGE, f"{option} requires --keep-work FOLDER",
                        *self.encode(option, "run.ckpt"))

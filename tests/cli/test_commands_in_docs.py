@@ -22,7 +22,7 @@ sys.path.append(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "
 from display import Display  # noqa: E402
 
 BLOCK = re.compile(r"(<!-- not run: .+? -->\n+)?```sh\n(.*?)```", re.DOTALL)
-# Enough to see that a command works, not to judge its result.
+# Enough to check that a command works, not to judge its result.
 SHORTENED = {
     "prepare": ["--scale", "0.25", "--frames", "0:6"],
     "train": ["--iterations", "20"],
@@ -32,7 +32,7 @@ SHORTENED = {
 
 
 def commands(block):
-    """The commands of a block, with continuation lines joined and comments removed."""
+    """Yields the commands of a block, with continuation lines joined and comments removed."""
     for line in block.replace("\\\n", " ").splitlines():
         words = shlex.split(line, comments=True)
         if words:
@@ -41,13 +41,13 @@ def commands(block):
 
 def options_of(stgs, verb, known={}):
     if verb not in known:
-        shown = subprocess.run([stgs, verb, "--help"], capture_output=True, text=True, check=False)
-        known[verb] = set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", shown.stdout)) \
-            if shown.returncode == 0 else None
+        help_run = subprocess.run([stgs, verb, "--help"], capture_output=True, text=True, check=False)
+        known[verb] = set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", help_run.stdout)) \
+            if help_run.returncode == 0 else None
     return known[verb]
 
 
-def check_words(stgs, words):
+def check_command(stgs, words):
     known = options_of(stgs, words[1])
     if known is None:
         return [f"no verb '{words[1]}'"]
@@ -55,7 +55,7 @@ def check_words(stgs, words):
     return [f"'{words[1]}' has no option {option}" for option in given if option not in known]
 
 
-def can_show(stgs):
+def can_play(stgs):
     version = subprocess.run([stgs, "--version"], capture_output=True, text=True, check=True).stdout
     return " play" in version and shutil.which("Xvfb") is not None
 
@@ -65,14 +65,14 @@ def run_command(command, folder, environment=None):
                           check=False)
 
 
-def run_words(stgs, words, folder):
+def run_stgs(stgs, words, folder):
     verb = words[1]
-    # As the shell does it.
+    # Expand patterns as the shell does.
     matches = [sorted(glob.glob(word, root_dir=folder)) if "*" in word else [word]
                for word in words[1:]]
     command = [stgs, *(word for found in matches for word in found)]
-    cut = SHORTENED.get(verb, [])
-    for option, value in zip(cut[::2], cut[1::2]):
+    shorter = SHORTENED.get(verb, [])
+    for option, value in zip(shorter[::2], shorter[1::2]):
         if option not in command:
             command += [option, value]
     if verb == "play":
@@ -96,14 +96,14 @@ def main():
             expected |= not match.group(1)
             for words in commands(match.group(2)):
                 is_stgs = words[0] == "stgs" and len(words) > 1
-                found = check_words(stgs, words) if is_stgs else []
-                if match.group(1) or (words[1:2] == ["play"] and not can_show(stgs)):
+                found = check_command(stgs, words) if is_stgs else []
+                if match.group(1) or (words[1:2] == ["play"] and not can_play(stgs)):
                     checked += 1
                 elif not is_stgs:
                     found = ["not an stgs command: mark its block as not run, with the reason"]
                 elif not found:
                     ran += 1
-                    found = run_words(stgs, words, folder)
+                    found = run_stgs(stgs, words, folder)
                 problems += [f"{shlex.join(words)}\n    {problem}" for problem in found]
     print("\n".join(problems))
     print(f"{ran} commands run, {checked} checked, {len(problems)} problems")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the shells offer behind `stgs` is what the program's help says."""
+"""Shell completion offers the verbs, options and values that the program's help lists."""
 import os
 import pty
 import select
@@ -21,7 +21,7 @@ def script(name):
 
 
 def environment(**more):
-    """With the program as `stgs`, and nobody's settings."""
+    """Returns an environment with the program on PATH and without user settings."""
     home = tempfile.mkdtemp(prefix="stgs-home-")
     unittest.addModuleCleanup(shutil.rmtree, home, True)
     path = os.path.dirname(harness.STGS) + os.pathsep + os.environ["PATH"]
@@ -29,41 +29,41 @@ def environment(**more):
                 XDG_DATA_HOME=home, XDG_CACHE_HOME=home, **more)
 
 
-class Offers:
-    """What each shell must offer; complete(line) gives the names that it does."""
-    files = {"picture.png"}  # of the working directory, where files are offered
+class Completion:
+    """The cases of every shell; complete(line) returns the names that a shell offers."""
+    files = {"image.png"}  # offered from the working directory
 
     def setUp(self):
         super().setUp()
-        self.write("picture.png", "")
+        self.write("image.png", "")
 
-    def test_verbs(self):
+    def test_verbs_are_completed(self):
         self.assertEqual(self.complete("stgs "), set(verbs()))
         self.assertEqual(self.complete("stgs en"), {"encode"})
         self.assertEqual(self.complete("stgs --"), {"--help", "--version"})
 
-    def test_options_of_a_verb(self):
+    def test_options_of_a_verb_are_completed(self):
         for verb in verbs():
             long = {name for name in options(help_of(verb)) if name.startswith("--")}
             self.assertEqual(self.complete(f"stgs {verb} --"), long)
         self.assertEqual(self.complete("stgs render scene.stgs --ba"), {"--background", "--backend"})
 
-    def test_values_of_an_option(self):
+    def test_values_of_an_option_are_completed(self):
         backends = {"auto", "cpu", "cuda", "vulkan"}
         self.assertEqual(self.complete("stgs render --backend "), backends)
         self.assertEqual(self.complete("stgs render --backend c"), {"cpu", "cuda"})
         self.assertEqual(self.complete("stgs render --backend="), backends)
         self.assertEqual(self.complete("stgs render --backend=v"), {"vulkan"})
 
-    def test_all_else_is_left_to_files(self):
+    def test_other_arguments_are_completed_as_files(self):
         for line in "stgs render ", "stgs render -o p", "stgs render --size ":
             self.assertEqual(self.complete(line), self.files, line)
         self.assertEqual(self.complete("stgs no --"), set())
 
 
 @unittest.skipUnless(shutil.which("bash"), "needs bash")
-class Bash(Offers, CliTest):
-    # bash adds them where the function offers nothing, as the last test says.
+class Bash(Completion, CliTest):
+    # bash adds files itself where the function offers nothing; see the last test.
     files = set()
     PROGRAM = """
 source "$1"
@@ -77,33 +77,33 @@ printf '%s\\n' "${COMPREPLY[@]}"
         words = line.replace("=", " = ").split(" ")
         if line.endswith("="):
             words.pop()
-        shown = subprocess.run(["bash", "--norc", "-c", self.PROGRAM, "bash", script("stgs.bash"),
-                                harness.STGS, *words[1:]],
-                               capture_output=True, text=True, check=True, cwd=self.work)
-        self.assertEqual(shown.stderr, "")
-        return set(shown.stdout.split())
+        run = subprocess.run(["bash", "--norc", "-c", self.PROGRAM, "bash", script("stgs.bash"),
+                              harness.STGS, *words[1:]],
+                             capture_output=True, text=True, check=True, cwd=self.work)
+        self.assertEqual(run.stderr, "")
+        return set(run.stdout.split())
 
-    def test_files_are_bashs_own(self):
+    def test_bash_completes_files_itself(self):
         with open(script("stgs.bash"), encoding="utf-8") as file:
             self.assertRegex(file.read(), r"complete .*-o default .*-F _stgs stgs")
 
 
 @unittest.skipUnless(shutil.which("fish"), "needs fish")
-class Fish(Offers, CliTest):
+class Fish(Completion, CliTest):
     def complete(self, line):
-        shown = subprocess.run(["fish", "--no-config", "-c",
-                                f"source {script('stgs.fish')}; complete -C $LINE"],
-                               capture_output=True, text=True, check=True, cwd=self.work,
-                               env=environment(LINE=line))
-        self.assertEqual(shown.stderr, "")
-        offered = [entry.split("\t") for entry in shown.stdout.splitlines()]
-        self.assertTrue(all(said[1:] for said in offered if said[0].startswith("--h")), offered)
-        return {said[0].split("=")[-1] for said in offered}
+        run = subprocess.run(["fish", "--no-config", "-c",
+                              f"source {script('stgs.fish')}; complete -C $LINE"],
+                             capture_output=True, text=True, check=True, cwd=self.work,
+                             env=environment(LINE=line))
+        self.assertEqual(run.stderr, "")
+        offered = [entry.split("\t") for entry in run.stdout.splitlines()]
+        self.assertTrue(all(entry[1:] for entry in offered if entry[0].startswith("--h")), offered)
+        return {entry[0].split("=")[-1] for entry in offered}
 
 
 @unittest.skipUnless(shutil.which("zsh"), "needs zsh")
-class Zsh(Offers, CliTest):
-    # Tab completes, and tells what was offered. What only sorts matches offers none.
+class Zsh(Completion, CliTest):
+    # Tab completes and logs the names offered. Calls of compadd that only sort matches offer none.
     SETUP = """
 fpath=($FOLDER $fpath)
 autoload -Uz compinit
@@ -113,11 +113,11 @@ compadd() {
   local -a hits
   if [[ -z ${@[(r)-[OAD]]} ]]; then
     builtin compadd -A hits "$@"
-    print -rl -- "${hits[@]}" >>$TOLD
+    print -rl -- "${hits[@]}" >>$OFFERED
   fi
   builtin compadd "$@"
 }
-ask() { zle complete-word; print -r -- done >>$TOLD }
+ask() { zle complete-word; print -r -- done >>$OFFERED }
 zle -N ask
 bindkey '^I' ask
 PS1='ready> '
@@ -125,23 +125,23 @@ PS1='ready> '
 
     def setUp(self):
         super().setUp()
-        self.told = tempfile.mkdtemp(prefix="stgs-zsh-")
-        self.addCleanup(shutil.rmtree, self.told, True)
-        shutil.copy(script("stgs.zsh"), os.path.join(self.told, "_stgs"))
-        with open(os.path.join(self.told, "setup"), "w", encoding="utf-8") as file:
+        self.folder = tempfile.mkdtemp(prefix="stgs-zsh-")
+        self.addCleanup(shutil.rmtree, self.folder, True)
+        shutil.copy(script("stgs.zsh"), os.path.join(self.folder, "_stgs"))
+        with open(os.path.join(self.folder, "setup"), "w", encoding="utf-8") as file:
             file.write(self.SETUP)
         self.terminal, side = pty.openpty()
         self.shell = subprocess.Popen(
             ["zsh", "-f", "-i"], stdin=side, stdout=side, stderr=side, cwd=self.work, close_fds=True,
             start_new_session=True,
-            env=environment(FOLDER=self.told, TOLD=os.path.join(self.told, "told")))
+            env=environment(FOLDER=self.folder, OFFERED=os.path.join(self.folder, "offered")))
         os.close(side)
-        self.addCleanup(self.end)
-        self.said = b""
-        self.send(f"source {self.told}/setup\n")
-        self.wait(lambda: b"\nready> " in self.said or b"\rready> " in self.said)
+        self.addCleanup(self.stop)
+        self.output = b""
+        self.send(f"source {self.folder}/setup\n")
+        self.wait(lambda: b"\nready> " in self.output or b"\rready> " in self.output)
 
-    def end(self):
+    def stop(self):
         self.shell.kill()
         self.shell.wait()
         os.close(self.terminal)
@@ -149,22 +149,22 @@ PS1='ready> '
     def send(self, keys):
         os.write(self.terminal, keys.encode())
 
-    def wait(self, holds):
-        end = time.monotonic() + 60
-        while not holds():
-            self.assertLess(time.monotonic(), end, self.said)
+    def wait(self, condition):
+        deadline = time.monotonic() + 60
+        while not condition():
+            self.assertLess(time.monotonic(), deadline, self.output)
             if select.select([self.terminal], [], [], 0.02)[0]:
-                self.said += os.read(self.terminal, 1 << 16)
+                self.output += os.read(self.terminal, 1 << 16)
 
     def complete(self, line):
-        told = os.path.join(self.told, "told")
-        with open(told, "w", encoding="utf-8"):
+        offered = os.path.join(self.folder, "offered")
+        with open(offered, "w", encoding="utf-8"):
             pass
 
         def lines():
-            with open(told, encoding="utf-8") as file:
+            with open(offered, encoding="utf-8") as file:
                 return file.read().split("\n")
 
-        self.send("\x15" + line + "\t")  # over what the line was
+        self.send("\x15" + line + "\t")  # Ctrl-U clears the line first
         self.wait(lambda: "done" in lines())
         return set(lines()) - {"", "done"}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From and to the formats of other programs."""
+"""`stgs convert` from and to the formats of other programs."""
 import json
 import os
 import struct
@@ -8,7 +8,7 @@ from harness import CliTest
 
 
 def vertices(ply):
-    """The properties of a binary PLY's vertices, by name, and how many vertices there are."""
+    """Returns the vertex properties of a binary PLY by name, and the number of vertices."""
     header, body = ply.split(b"end_header\n", 1)
     names = [line.split()[-1].decode() for line in header.splitlines()
              if line.startswith(b"property float")]
@@ -18,7 +18,7 @@ def vertices(ply):
 
 
 class Converting(CliTest):
-    def test_a_moment_as_ply(self):
+    def test_one_time_converts_to_ply(self):
         tiny = self.fixture("tiny.stgs")
         result = self.json_of("convert", tiny, "a.ply", "--time", "0.1")
         self.assertEqual(result["input_format"], "STGS")
@@ -35,21 +35,21 @@ class Converting(CliTest):
         self.assertEqual(len(values), 17 + 9)
         self.assertGreater(min(values["opacity"]), -5.6)  # logit of 1/255: -5.54
 
-    def test_a_moment_looks_as_the_scene_does_then(self):
+    def test_a_converted_time_renders_like_the_scene(self):
         tiny = self.fixture("tiny.stgs")
         start = self.json_of("info", tiny)["start_camera"]
         self.write("start.json", json.dumps(start))
-        self.succeeds("render", tiny, "--time", "0.1", "--camera", "start.json", "-o", "then.png")
-        least = {"ply": 60, "spz": 38, "stgs": 60}
-        for ending, psnr in least.items():
-            moment = f"moment.{ending}"
-            self.succeeds("convert", tiny, moment, "--time", "0.1")
-            self.succeeds("convert", moment, f"{ending}.stgs")
-            self.succeeds("render", f"{ending}.stgs", "--time", "0", "--camera", "start.json",
-                          "-o", "back.png")
-            self.succeeds("compare", "then.png", "back.png", "--min-psnr", str(psnr))
+        self.succeeds("render", tiny, "--time", "0.1", "--camera", "start.json", "-o", "expected.png")
+        min_psnr = {"ply": 60, "spz": 38, "stgs": 60}
+        for suffix, psnr in min_psnr.items():
+            converted = f"converted.{suffix}"
+            self.succeeds("convert", tiny, converted, "--time", "0.1")
+            self.succeeds("convert", converted, f"{suffix}.stgs")
+            self.succeeds("render", f"{suffix}.stgs", "--time", "0", "--camera", "start.json",
+                          "-o", "actual.png")
+            self.succeeds("compare", "expected.png", "actual.png", "--min-psnr", str(psnr))
 
-    def test_what_the_target_cannot_hold_is_told(self):
+    def test_properties_that_the_target_cannot_hold_are_reported(self):
         result = self.succeeds("convert", self.fixture("tiny.stgs"), "a.spz", "--time", "0.1")
         error = result.stderr.decode()
         for part in ("stgs: warning: ", "without motion and lifespans", "not visible at that time",
@@ -60,7 +60,7 @@ class Converting(CliTest):
         quiet = self.succeeds("convert", "a.spz", "b.ply")
         self.assertEqual(quiet.stderr, b"")
 
-    def test_round_trips_keep_every_primitive(self):
+    def test_round_trips_preserve_every_primitive(self):
         self.succeeds("convert", self.fixture("tiny.stgs"), "a.ply", "--time", "0")
         first = self.json_of("convert", "a.ply", "b.stgs")
         self.assertEqual(first["notes"], [])
@@ -77,13 +77,13 @@ class Converting(CliTest):
         unpacked = self.json_of("convert", "d.stgs", "e.stgs")
         self.assertEqual(unpacked["notes"], ["the input was packed before: its quantisation errors remain"])
 
-    def test_a_whole_scene_stays_whole(self):
+    def test_a_scene_converts_to_a_complete_scene(self):
         result = self.json_of("convert", self.fixture("tiny.stgs"), "copy.stgs")
         self.assertEqual(result["frames"], 6)
         self.assertEqual(result["notes"], [])
         self.succeeds("compare", self.fixture("tiny.stgs"), "copy.stgs", "--min-psnr", "100")
 
-    def test_glb(self):
+    def test_one_time_converts_to_glb(self):
         result = self.json_of("convert", self.fixture("tiny.stgs"), "a.glb", "--time", "0.1")
         self.assertIsNone(result["errors"])
         data = self.read("a.glb")
@@ -93,7 +93,7 @@ class Converting(CliTest):
         self.assertEqual(text["accessors"][0]["count"], result["primitives"])
         self.fails(5, "cannot read glTF, only write it", "convert", "a.glb", "b.ply")
 
-    def test_refusals(self):
+    def test_convert_rejects_unsuitable_arguments(self):
         tiny = self.fixture("tiny.stgs")
         self.fails(1, r"lasts 0\.2 s, but PLY holds a single time; select one with --time", "convert",
                    tiny, "a.ply")
@@ -111,10 +111,10 @@ class Converting(CliTest):
         self.fails(1, "a.ply: used by both IN and OUT", "convert", "a.ply", "./a.ply")
         self.assertEqual(sorted(os.listdir(self.work)), ["a.ply", "x.ply"])
 
-    def test_threads_change_nothing(self):
+    def test_outputs_do_not_depend_on_threads(self):
         for threads in ("1", "2"):
-            for ending in ("ply", "spz", "glb"):
-                self.succeeds("convert", self.fixture("tiny.stgs"), f"{threads}.{ending}", "--time",
+            for suffix in ("ply", "spz", "glb"):
+                self.succeeds("convert", self.fixture("tiny.stgs"), f"{threads}.{suffix}", "--time",
                               "0.1", "--threads", threads)
-        for ending in ("ply", "spz", "glb"):
-            self.assertEqual(self.read(f"1.{ending}"), self.read(f"2.{ending}"))
+        for suffix in ("ply", "spz", "glb"):
+            self.assertEqual(self.read(f"1.{suffix}"), self.read(f"2.{suffix}"))

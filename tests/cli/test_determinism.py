@@ -15,13 +15,13 @@ class Determinism(CliTest):
         self.succeeds("pack", self.fixture("steady.stgs"), "-o", output, *more)
         return self.read(output)
 
-    def test_training_repeats_to_the_byte(self):
+    def test_training_is_byte_identical(self):
         first = self.train("a.stgs", "--threads", "1")
         self.assertEqual(self.train("b.stgs", "--threads", "1"), first)
         self.assertEqual(self.train("c.stgs", "--threads", "2"), first)
         self.assertNotEqual(self.train("d.stgs", "--seed", "2"), first)
 
-    def test_packing_repeats_to_the_byte(self):
+    def test_packing_is_byte_identical(self):
         first = self.pack("a.stgs", "--threads", "1")
         self.assertEqual(self.pack("b.stgs", "--threads", "1"), first)
         self.assertEqual(self.pack("c.stgs", "--threads", "2"), first)

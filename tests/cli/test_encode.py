@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Training and encoding: what they refuse, what they leave, and what an interruption does."""
+"""`stgs train` and `stgs encode`: arguments they reject, files they write, and interruptions."""
 import json
 import os
 import re
@@ -15,9 +15,10 @@ from harness import CliTest
 USAGE, IO, INVALID, RUNTIME = 1, 2, 3, 4
 
 
-class Paging(CliTest):
+class ReportTest(CliTest):
     def page(self, folder):
-        """index.html, which must stand alone: no script, nothing from elsewhere, no lost file."""
+        """Reads index.html after checking that it is self-contained: no scripts, no links, and
+        every image present."""
         text = self.read(os.path.join(folder, "index.html")).decode()
         self.assertNotRegex(text, r"<script|https?:|<link|@import")
         for name in re.findall(r'src="([^"]+)"', text):
@@ -27,11 +28,11 @@ class Paging(CliTest):
         return text
 
 
-class Training(Paging):
+class Training(ReportTest):
     def train(self, *more):
         return ["train", self.fixture("prepared"), "-o", "out.stgs", "--preset", "fast", *more]
 
-    def test_train_makes_a_lossless_scene(self):
+    def test_train_writes_a_lossless_scene(self):
         report = self.json_of(*self.train("--iterations", "20", "--max-primitives", "300"))
         self.assertEqual(report["iterations"], 20)
         self.assertRegex(report["backend"], r"^(cpu|cuda) \(.+\)$")
@@ -43,13 +44,13 @@ class Training(Paging):
         first = self.read("out.stgs")
         self.succeeds(*self.train("--iterations", "20", "--max-primitives", "300", "--threads",
                                   "1"))
-        self.assertEqual(self.read("out.stgs"), first, "the same seed, another scene")
+        self.assertEqual(self.read("out.stgs"), first, "threads changed the scene")
 
     def test_parameters_are_listed(self):
         report = self.json_of("train", "--list-parameters", "--preset", "fast")
         self.assertGreater(len(report["parameters"]), 5)
 
-    def test_what_train_refuses(self):
+    def test_train_rejects_bad_arguments(self):
         os.mkdir(self.path("empty"))
         self.write("rubbish", b"rubbish" * 100)
         prepared = self.fixture("prepared")
@@ -83,13 +84,13 @@ class Training(Paging):
                 self.fails(code, message, *args)
         self.assertEqual(sorted(os.listdir(self.work)), ["empty", "rubbish"])
 
-    def test_outputs_that_are_one_file_are_refused(self):
+    def test_outputs_must_be_different_files(self):
         self.write("scene.stgs", b"old")
         os.mkdir(self.path("sub"))
         os.symlink(self.work, self.path("sub/up"))
         os.symlink("scene.stgs", self.path("link.ckpt"))
         train = ["train", self.fixture("prepared"), "-o", "scene.stgs", "--preset", "fast"]
-        for one, other, args in [
+        for first, second, args in [
                 ("--output", "--checkpoint", [*train, "--checkpoint", "scene.stgs"]),
                 ("--output", "--checkpoint", [*train, "--checkpoint", "link.ckpt"]),
                 ("--output", "--checkpoint", [*train, "--checkpoint", "sub/up/scene.stgs"]),
@@ -106,21 +107,21 @@ class Training(Paging):
             with self.subTest(args=args):
                 if "w" in args:
                     os.mkdir(self.path("w"))
-                self.fails(USAGE, f"used by both {one} and {other}", *args)
+                self.fails(USAGE, f"used by both {first} and {second}", *args)
         self.assertEqual(self.read("scene.stgs"), b"old")
         self.assertEqual(sorted(os.listdir(self.work)), ["link.ckpt", "scene.stgs", "sub", "w"])
 
-    def test_a_killed_train_goes_on_to_the_same_bytes(self):
-        """SIGKILL anywhere, twice; the log and the scene end as those of an unbroken run."""
+    def test_a_killed_train_resumes_to_the_same_bytes(self):
+        """After two SIGKILLs, the log and the scene equal those of an uninterrupted run."""
         options = ["--iterations", "2000", "--max-primitives", "300", "--set",
                    "densify_interval=20"]
-        self.succeeds(*self.train(*options, "--log", "whole.jsonl"))
-        os.rename(self.path("out.stgs"), self.path("whole.stgs"))
+        self.succeeds(*self.train(*options, "--log", "uninterrupted.jsonl"))
+        os.rename(self.path("out.stgs"), self.path("uninterrupted.stgs"))
         options += ["--log", "log.jsonl", "--checkpoint", "run.ckpt", "--checkpoint-interval",
                     "50"]
-        at = 0
+        iteration = 0
         for share in (0.3, 0.6):
-            resume = ["--resume", "run.ckpt"] if at else []
+            resume = ["--resume", "run.ckpt"] if iteration else []
             args = [harness.STGS, *self.train(*options, *resume, "--progress", "json")]
             with subprocess.Popen(args, cwd=self.work, stderr=subprocess.PIPE) as process:
                 for line in process.stderr:
@@ -130,48 +131,48 @@ class Training(Paging):
                 process.kill()
             self.assertEqual(process.returncode, -signal.SIGKILL)
             self.assertFalse(os.path.exists(self.path("out.stgs")))
-            before, at = at, int.from_bytes(self.iteration("run.ckpt"), "little")
-            self.assertGreater(at, before)
-            self.assertLess(at, 2000)
-        # What a kill leaves of a checkpoint that is being written goes with the next run.
+            before, iteration = iteration, int.from_bytes(self.iteration("run.ckpt"), "little")
+            self.assertGreater(iteration, before)
+            self.assertLess(iteration, 2000)
+        # The next run removes a partial checkpoint that a killed process left.
         self.write(f".run.{process.pid}.tmp.ckpt", b"half a checkpoint")
         self.succeeds(*self.train(*options, "--resume", "run.ckpt"))
-        self.assertEqual(self.read("out.stgs"), self.read("whole.stgs"))
-        self.assertEqual(self.log("log.jsonl"), self.log("whole.jsonl"))
+        self.assertEqual(self.read("out.stgs"), self.read("uninterrupted.stgs"))
+        self.assertEqual(self.log("log.jsonl"), self.log("uninterrupted.jsonl"))
 
     def iteration(self, checkpoint):
-        """Its 8 bytes: after the magic and the fingerprint."""
+        """Returns the 8 bytes of the iteration, which follow the magic and the fingerprint."""
         data = self.read(checkpoint)
-        at = 16 + int.from_bytes(data[8:16], "little")
-        return data[at:at + 8]
+        offset = 16 + int.from_bytes(data[8:16], "little")
+        return data[offset:offset + 8]
 
     def log(self, name):
-        """The lines of a log, each by its schema, without what the clock gave."""
+        """Returns the lines of a log, checked against the schema, without their wall-clock times."""
         lines = [json.loads(line) for line in self.read(name).splitlines()]
         for line in lines:
             self.check_schema("training_log", line)
             del line["seconds"]
         return lines
 
-    def test_held_out_views_are_measured_and_change_nothing(self):
+    def test_evaluating_held_out_views_does_not_change_the_scene(self):
         args = self.train("--iterations", "20", "--max-primitives", "300")
-        with_them = self.json_of(*args, "--log", "log.jsonl", "--num-evals", "2")
+        evaluated = self.json_of(*args, "--log", "log.jsonl", "--num-evals", "2")
         scene = self.read("out.stgs")
-        measures = [line for line in self.log("log.jsonl") if "held_out" in line]
-        self.assertEqual([line["iteration"] for line in measures], [10, 20])
-        self.assertEqual(measures[-1]["held_out"], with_them["held_out"])
-        # The sample is the one test camera's six frames: what evaluate measures.
+        evaluations = [line for line in self.log("log.jsonl") if "held_out" in line]
+        self.assertEqual([line["iteration"] for line in evaluations], [10, 20])
+        self.assertEqual(evaluations[-1]["held_out"], evaluated["held_out"])
+        # Training samples the six frames of the only test camera, which evaluate also measures.
         report = self.json_of("evaluate", "out.stgs", "--against", self.fixture("prepared"))
-        self.assertAlmostEqual(report["psnr"], with_them["held_out"]["psnr"], 3)
-        self.assertAlmostEqual(report["psnr_cc"], with_them["held_out"]["psnr_cc"], 3)
-        shown = self.succeeds(*args, "--num-evals", "2", "--progress", "json").stderr.decode()
-        last = [line for line in shown.splitlines() if '"stage":"train"' in line][-1]
+        self.assertAlmostEqual(report["psnr"], evaluated["held_out"]["psnr"], 3)
+        self.assertAlmostEqual(report["psnr_cc"], evaluated["held_out"]["psnr_cc"], 3)
+        progress = self.succeeds(*args, "--num-evals", "2", "--progress", "json").stderr.decode()
+        last = [line for line in progress.splitlines() if '"stage":"train"' in line][-1]
         self.assertRegex(last, r"held-out psnr \d+\.\d\d dB")
         without = self.json_of(*args, "--num-evals", "0")
         self.assertIsNone(without["held_out"])
         self.assertEqual(self.read("out.stgs"), scene)
 
-    def test_normals_are_trained_and_logged_where_asked_for(self):
+    def test_weight_normal_trains_and_logs_normals(self):
         args = self.train("--iterations", "60", "--max-primitives", "300", "--log", "log.jsonl")
         self.succeeds(*args)
         self.assertEqual(self.normals(), [0, 0, 0])
@@ -181,14 +182,14 @@ class Training(Paging):
         self.assertEqual(first, 0)
         self.assertTrue(later and all(value > 0 for value in later))
         self.assertNotEqual(self.read("out.stgs"), without)
-        # The coupled form has no axes of its own.
+        # The coupled representation has no axes of its own.
         self.fails(USAGE, "weight_normal=0.01 has no effect with --ablate representation",
                    *args, "--set", "weight_normal=0.01", "--ablate", "representation")
 
     def normals(self):
         return [line["normal"] for line in self.log("log.jsonl") if "normal" in line]
 
-    def test_frames_from_disk_give_the_same_scene(self):
+    def test_streaming_frames_from_disk_gives_the_same_scene(self):
         args = self.train("--iterations", "20", "--max-primitives", "300")
         frames = self.json_of(*args)["frames"]
         self.assertTrue(frames["resident"])
@@ -202,7 +203,7 @@ class Training(Paging):
         for size in ("0", "much", "-1G", "8Q", "G"):
             self.fails(USAGE, "expected for example 512M or 8G", *args, f"--frame-memory={size}")
 
-    def test_the_report_shows_the_run_and_the_final_scene(self):
+    def test_the_report_contains_the_run_and_the_final_scene(self):
         args = self.train("--iterations", "120", "--max-primitives", "300", "--seed", "3", "--set",
                           "prune_opacity=0.004", "--threads", "1", "--report", "a <b>/page")
         os.mkdir(self.path("a <b>"))
@@ -220,13 +221,14 @@ class Training(Paging):
         self.assertIn("whole clip", text)
         self.assertEqual(len(self.log("a <b>/page/training.jsonl")), 4 + 5)
         for frame in range(6):
-            truth = self.fixture(f"prepared/frames/c/{frame:06}.png")
-            same = self.json_of("compare", f"a <b>/page/ground_truth_c_{frame:06}.png", truth)
-            self.assertEqual(same["max_difference"], 0)
+            ground_truth = self.fixture(f"prepared/frames/c/{frame:06}.png")
+            difference = self.json_of("compare", f"a <b>/page/ground_truth_c_{frame:06}.png",
+                                      ground_truth)
+            self.assertEqual(difference["max_difference"], 0)
             self.succeeds("render", "out.stgs", "--frames", f"{frame}:{frame + 1}", "--cameras",
-                          self.fixture("prepared"), "--which", "c", "-o", "end.png")
+                          self.fixture("prepared"), "--which", "c", "-o", "final.png")
             self.assertEqual(self.read(f"a <b>/page/render_c_{frame:06}.png"),
-                             self.read("end.png"))
+                             self.read("final.png"))
 
     def test_a_report_without_held_out_cameras_shows_training_cameras(self):
         folder = self.copy_capture("all")
@@ -247,7 +249,7 @@ class Training(Paging):
         scenes = []
         for names in ("lifespan", "densification,lifespan", "lifespan,densification",
                       "lifespan,modulation,densification"):
-            # The fixture stands still: brought to rest, it is the same with f and without.
+            # The fixture is static: with damping, scenes with and without modulation would be equal.
             self.succeeds(*args, "--ablate", names, "--set", "densify_interval=2",
                           "--set", "velocity_shrink=0")
             scenes.append(self.read("out.stgs"))
@@ -259,7 +261,7 @@ class Training(Paging):
         self.fails(USAGE, "--ablate: 'magic' is not one of", *args, "--ablate", "lifespan,magic")
         self.fails(USAGE, "has no dynamic points", *args, "--ablate", "lifespan,initialisation")
 
-    def test_an_interrupted_train_writes_its_checkpoint_and_no_scene(self):
+    def test_an_interrupted_train_writes_only_its_checkpoint(self):
         args = [harness.STGS, *self.train("--iterations", "100000", "--checkpoint", "run.ckpt",
                                           "--progress", "json")]
         with subprocess.Popen(args, cwd=self.work, stderr=subprocess.PIPE) as process:
@@ -273,15 +275,15 @@ class Training(Paging):
         self.assertEqual(os.listdir(self.work), ["run.ckpt"])
 
 
-class Encoding(Paging):
+class Encoding(ReportTest):
     def setUp(self):
         super().setUp()
         if not harness.built_in("encode"):
             self.skipTest("encode is not built in")
 
-    def stopped(self, number, stage):
-        """An encode to out.stgs that gets the signal at the first line of `stage`: its exit code
-        and what it printed."""
+    def signalled(self, number, stage):
+        """Sends a signal to an encode at its first progress line of `stage`; returns the exit code
+        and standard error."""
         args = [harness.STGS, "encode", harness.sample(), "-o", "out.stgs", "--progress", "json",
                 "--scale", "0.25", "--frames", "0:6", "--iterations", "10"]
         lines = []
@@ -294,30 +296,30 @@ class Encoding(Paging):
             lines.append(process.stderr.read())
         return process.returncode, b"".join(lines).decode()
 
-    def test_stopped_encodes_leave_the_old_file(self):
-        """Killed in prepare, interrupted in train and in pack."""
+    def test_an_aborted_encode_leaves_the_old_file(self):
+        """The encode is killed in prepare, and interrupted in train and in pack."""
         self.write("out.stgs", b"old")
-        code, error = self.stopped(signal.SIGKILL, "")
+        code, error = self.signalled(signal.SIGKILL, "")
         self.assertEqual(code, -signal.SIGKILL, error)
         self.assertEqual(self.read("out.stgs"), b"old")
         left = [name for name in os.listdir(self.work) if name != "out.stgs"]
         self.assertEqual(len(left), 1)
         self.assertRegex(left[0], r"^\.out\.stgs\.\d+\.tmp\.work$")
-        # What looks alike and is not: of a process that lives, of another output, of no process.
-        kept = [f".out.stgs.{os.getpid()}.tmp.work", left[0].replace("out", "in"),
-                ".out.stgs.x1.tmp.work"]
-        for name in kept:
+        # Similar names that stay: of a live process, of another output, without a process id.
+        unrelated = [f".out.stgs.{os.getpid()}.tmp.work", left[0].replace("out", "in"),
+                     ".out.stgs.x1.tmp.work"]
+        for name in unrelated:
             os.mkdir(self.path(name))
         for stage in ("train", "pack"):
             with self.subTest(stage=stage):
-                code, error = self.stopped(signal.SIGINT, stage)
+                code, error = self.signalled(signal.SIGINT, stage)
                 self.assertEqual(code, RUNTIME, error)
                 self.assertRegex(error, r"(?m)^stgs: error: interrupted by SIG(INT|TERM): ")
                 self.assertEqual(f"{left[0]}: removed" in error, stage == "train", error)
                 self.assertEqual(self.read("out.stgs"), b"old")
-                self.assertEqual(sorted(os.listdir(self.work)), sorted(["out.stgs", *kept]))
+                self.assertEqual(sorted(os.listdir(self.work)), sorted(["out.stgs", *unrelated]))
 
-    def test_an_encode_leaves_its_file_and_its_report(self):
+    def test_encode_writes_only_its_output_and_its_report(self):
         report = self.json_of("encode", harness.sample(), "-o", "out.stgs", "--scale", "0.25",
                               "--frames", "0:2", "--preset", "fast", "--iterations", "10",
                               "--report", "page")
@@ -326,7 +328,7 @@ class Encoding(Paging):
         self.assertIn("Test cameras: render and ground truth", self.page("page"))
         self.assertEqual(sorted(os.listdir(self.work)), ["out.stgs", "page"])
 
-    def test_what_encode_refuses(self):
+    def test_encode_rejects_bad_arguments_before_preparing(self):
         self.fails(IO, "cannot create", "encode", harness.sample(), "-o", "/proc/out.stgs")
         self.write("rubbish", b"rubbish" * 100)
         encode = ["encode", harness.sample(), "-o", "o.stgs", "--progress", "json"]
@@ -339,10 +341,10 @@ class Encoding(Paging):
                  ["--keep-work", "w", "--resume", "rubbish"])]:
             with self.subTest(more=more):
                 result = self.fails(code, message, *encode, *more)
-                self.assertNotIn(b'"stage"', result.stderr, "prepare had begun")
+                self.assertNotIn(b'"stage"', result.stderr, "preparing had started")
         self.assertEqual(os.listdir(self.work), ["rubbish"])
 
-    def test_the_initialisation_is_ablated_as_by_the_verbs_one_by_one(self):
+    def test_encode_ablates_the_initialisation_as_prepare_and_train_do(self):
         prepare = ["--scale", "0.25", "--frames", "0:2"]
         train = ["--preset", "fast", "--iterations", "10", "--ablate", "initialisation"]
         self.succeeds("encode", harness.sample(), "-o", "out.stgs", *prepare, *train,

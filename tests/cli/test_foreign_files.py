@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A file of another format is named: what it is, and the verb that reads it."""
+"""Errors for files of another format name the format and the verb that reads it."""
 import json
 import os
 import struct
@@ -30,14 +30,14 @@ class ForeignFiles(CliTest):
         "zeros": (bytes(5000), "it begins with zeros"),
     }
 
-    def test_info_names_the_kind(self):
+    def test_info_names_the_format(self):
         for name, (data, text) in self.KINDS.items():
             with self.subTest(name=name):
                 self.write(name, data)
                 self.fails(INVALID, rf"error: {name}: not an .stgs file; {text}.*\(byte 0, issue "
                                     r"102\)$", "info", name)
 
-    def test_every_verb_that_reads_scenes_does(self):
+    def test_every_verb_that_reads_scenes_names_the_format(self):
         for name in ("a.png", "a.json"):
             data, text = self.KINDS[name]
             self.write(name, data)
@@ -52,11 +52,11 @@ class ForeignFiles(CliTest):
         self.assertFalse(os.path.exists(self.path("x.stgs")))
 
     @unittest.skipIf(not built_in("play"), "play is not built in")
-    def test_play_says_so_before_it_opens_a_window(self):
+    def test_play_names_the_format_before_it_opens_a_window(self):
         self.write("a.ply", PLY)
         self.fails(INVALID, "this is a PLY file; convert models with 'stgs convert'", "play", "a.ply")
 
-    def test_validate_lists_the_issue_as_well(self):
+    def test_validate_lists_the_issue(self):
         self.write("a.png", self.KINDS["a.png"][0])
         result = self.stgs("validate", "a.png", "--format", "json")
         self.assertEqual(result.returncode, INVALID)
@@ -64,7 +64,7 @@ class ForeignFiles(CliTest):
         self.check_schema("validate", report)
         self.assertEqual([i["number"] for i in report["files"][0]["issues"]], [102])
 
-    def test_damaged_scenes_are_not_taken_for_others(self):
+    def test_damaged_scenes_are_not_mistaken_for_other_formats(self):
         with open(self.fixture("tiny.stgs"), "rb") as file:
             good = file.read()
         self.write("cut.stgs", good[:100])

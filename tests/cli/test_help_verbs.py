@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verbs help and version, standard input, titles, and options from a file."""
+"""The verbs help and version, standard input, titles, and options from a --config file."""
 import json
 import os
 import pty
@@ -14,14 +14,14 @@ USAGE, INVALID = 1, 3
 
 
 class HelpAndVersion(CliTest):
-    def test_help_is_the_option_help(self):
+    def test_help_prints_the_same_as_the_option(self):
         self.assertEqual(self.succeeds("help").stdout.decode(), help_of())
         for verb in verbs():
             self.assertEqual(self.succeeds("help", verb).stdout.decode(), help_of(verb), verb)
         self.assertEqual(self.json_of("help", "render"), {"verb": "render", "text": help_of("render")})
         self.fails(USAGE, "unknown verb 'rendr'; did you mean 'render'", "help", "rendr")
 
-    def test_version_is_the_option_version(self):
+    def test_version_prints_the_same_as_the_option(self):
         text = self.succeeds("--version").stdout.decode()
         self.assertEqual(self.succeeds("version").stdout.decode(), text)
         version = self.json_of("version")
@@ -37,7 +37,7 @@ class StandardInput(CliTest):
         self.assertEqual(result.returncode, code, result.stderr)
         return result
 
-    def test_scenes(self):
+    def test_scenes_are_read_from_standard_input(self):
         info = json.loads(self.piped("tiny.stgs", "info", "-", "--format", "json").stdout)
         self.assertEqual(info["file"], "standard input")
         self.assertEqual(info["primitives"], 400)
@@ -46,10 +46,10 @@ class StandardInput(CliTest):
         self.succeeds("render", self.fixture("tiny.stgs"), "--time", "0.05", "-o", "b.png")
         self.assertEqual(self.read("a.png"), self.read("b.png"))
         self.piped("tiny.stgs", "compare", "-", self.fixture("tiny.stgs"), "--min-psnr", "100")
-        # Reads the scene twice: to render it, and for its drift.
+        # evaluate reads the scene twice: to render it and to measure its drift.
         self.piped("tiny.stgs", "evaluate", "-", "--against", self.fixture("prepared"), "--every", "5")
 
-    def test_camera_files(self):
+    def test_camera_files_are_read_from_standard_input(self):
         tiny = self.fixture("tiny.stgs")
         camera = self.succeeds("info", tiny, "--format", "json").stdout
         self.write("camera.json", camera)
@@ -59,7 +59,7 @@ class StandardInput(CliTest):
         self.succeeds("render", tiny, "--time", "0", "-o", "b.png")
         self.assertEqual(self.read("a.png"), self.read("b.png"))
 
-    def test_what_cannot_be_read_from_it(self):
+    def test_unsuitable_standard_input_is_rejected(self):
         for verb in (["pack", "-", "-o", "x.stgs"], ["finalize", "-", "-o", "x.stgs"],
                      ["convert", "-", "x.stgs"]):
             self.fails(USAGE, "cannot read standard input", *verb, stdin=subprocess.DEVNULL)
@@ -72,7 +72,7 @@ class StandardInput(CliTest):
         self.fails(USAGE, "standard input is a terminal", "info", "-", stdin=terminal)
 
     @unittest.skipIf(not built_in("play"), "play is not built in")
-    def test_play_cannot(self):
+    def test_play_rejects_standard_input(self):
         self.fails(USAGE, "play cannot read standard input", "play", "-", stdin=subprocess.DEVNULL)
 
 
@@ -80,7 +80,7 @@ class Titles(CliTest):
     def title(self, name):
         return self.json_of("info", name)["title"]
 
-    def test_convert_sets_and_keeps_a_title(self):
+    def test_convert_sets_and_preserves_a_title(self):
         self.succeeds("convert", self.fixture("tiny.stgs"), "a.stgs", "--title", "Dancer, take 2")
         self.assertEqual(self.title("a.stgs"), "Dancer, take 2")
         self.succeeds("convert", "a.stgs", "b.stgs")
@@ -101,7 +101,7 @@ class ConfigFiles(CliTest):
     def render(self, *args):
         return json.loads(self.succeeds("render", self.fixture("tiny.stgs"), *args).stdout)
 
-    def test_options_of_the_verb(self):
+    def test_options_come_from_the_section_of_the_verb(self):
         self.write("a.toml", '# defaults\n[render]\nsize = "32x24"\nformat = "json"\ntime = 0.1\n'
                              'output = "null"\n[train]\niterations = 100\n')
         self.assertEqual(self.render("--config", "a.toml")["cameras"][0]["width"], 32)
@@ -109,7 +109,7 @@ class ConfigFiles(CliTest):
         before = self.stgs("--config", "a.toml", "render", self.fixture("tiny.stgs"))
         self.assertEqual(json.loads(before.stdout)["cameras"][0]["width"], 32)
 
-    def test_lists_and_flags(self):
+    def test_lists_and_flags_are_supported(self):
         self.write("b.toml", '[bench]\nanimate = true\ncamera = ["c.json", "c.json"]\n'
                              'num-frames = 2\n')
         self.write("c.json", json.dumps(self.json_of("info", self.fixture("tiny.stgs"))))
@@ -117,7 +117,7 @@ class ConfigFiles(CliTest):
         self.assertTrue(bench["animated"])
         self.assertEqual((len(bench["cameras"]), bench["num_frames"]), (2, 2))
 
-    def test_errors(self):
+    def test_errors_name_the_file_or_the_option(self):
         tiny = self.fixture("tiny.stgs")
         self.write("bad.toml", "[render]\nsise = 3\n")
         self.fails(USAGE, r"--config bad.toml: unknown option 'render.sise'; write the options",
@@ -142,12 +142,12 @@ printf '%s\\n' "${COMPREPLY[@]}"
     def complete(self, line):
         words = line.replace("=", " = ").split(" ")
         script = os.path.join(harness.SOURCE, "tools", "completion", "stgs.bash")
-        shown = subprocess.run(["bash", "--norc", "-c", self.PROGRAM, "bash", script, harness.STGS,
-                                *words[1:]], capture_output=True, text=True, check=True, cwd=self.work)
-        self.assertEqual(shown.stderr, "")
-        return set(shown.stdout.split())
+        run = subprocess.run(["bash", "--norc", "-c", self.PROGRAM, "bash", script, harness.STGS,
+                              *words[1:]], capture_output=True, text=True, check=True, cwd=self.work)
+        self.assertEqual(run.stderr, "")
+        return set(run.stdout.split())
 
-    def test_bash(self):
+    def test_bash_completes_layouts_parameters_and_verbs(self):
         self.assertEqual(self.complete("stgs prepare x --layout n"), {"n3dv", "nerfstudio"})
         parameters = self.json_of("train", "--list-parameters")["parameters"]
         for line in ("stgs train x --set ", "stgs encode x --set "):

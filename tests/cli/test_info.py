@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`stgs info`: five lines for every file, tables on request, several files."""
+"""`stgs info`: five lines per file, tables on request, several files."""
 import json
 import os
 import unittest
@@ -26,14 +26,14 @@ class Info(CliTest):
         self.assertLess(len(lines), 8)
         self.assertNotIn("stream", "\n".join(lines))
 
-    def test_optional_fields(self):
+    def test_missing_fields_are_shown_as_none(self):
         lines = self.lines(self.fixture("no_camera.stgs"))
         self.assertRegex(lines[4], "^  start camera +none, positions ")
-        self.succeeds("convert", self.fixture("tiny.stgs"), "still.stgs", "--time", "0")
-        self.assertRegex(self.lines("still.stgs")[1], r"^  duration +\S+ s, 1 frame at 30 fps$")
-        self.assertIsNone(self.json_of("info", "still.stgs")["kbps"])
+        self.succeeds("convert", self.fixture("tiny.stgs"), "static.stgs", "--time", "0")
+        self.assertRegex(self.lines("static.stgs")[1], r"^  duration +\S+ s, 1 frame at 30 fps$")
+        self.assertIsNone(self.json_of("info", "static.stgs")["kbps"])
 
-    def test_tables_on_request(self):
+    def test_tables_are_printed_on_request(self):
         tiny = self.fixture("tiny.stgs")
         text = "\n".join(self.lines(tiny, "--segments"))
         self.assertEqual(self.lines(tiny, "--segments")[:5], self.lines(tiny)[:5])
@@ -41,14 +41,14 @@ class Info(CliTest):
         for head in (r"\n  segment  level +tier", r"\n  layer +tier", r"\n  stream +bytes +share"):
             self.assertRegex(text, head)
 
-    def test_several_files(self):
+    def test_several_files_are_listed_in_order(self):
         tiny, packed = self.fixture("tiny.stgs"), self.fixture("packed.stgs")
         blocks = self.succeeds("info", tiny, packed).stdout.decode().split("\n\n")
         self.assertEqual([block.split(":")[0] for block in blocks], [tiny, packed])
         both = self.json_of("info", tiny, packed)["files"]
         self.assertEqual(both, [self.json_of("info", tiny), self.json_of("info", packed)])
 
-    def test_a_file_that_cannot_be_read_among_others(self):
+    def test_an_unreadable_file_does_not_hide_the_others(self):
         tiny = self.fixture("tiny.stgs")
         result = self.fails(IO, "none.stgs: cannot open", "info", "none.stgs", tiny)
         self.assertIn(b"400, SH degree", result.stdout)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""With --format json an error is an object on standard error; progress lines have percentages."""
+"""With --format json, errors are JSON objects on standard error; progress lines have percentages."""
 import json
 import os
 import unittest
@@ -20,7 +20,7 @@ class JsonErrors(CliTest):
         self.assertEqual(value["error"]["exit_code"], code)
         return value["error"]
 
-    def test_a_file_that_is_no_scene(self):
+    def test_a_foreign_file_has_its_issue_and_offset(self):
         self.write("a.png", b"\x89PNG\r\n\x1a\n" + bytes(100))
         error = self.error(INVALID, "info", "a.png")
         self.assertEqual({key: error[key] for key in ("code", "path", "issue", "offset")},
@@ -33,14 +33,14 @@ class JsonErrors(CliTest):
         self.assertGreater(error["issue"], 100)
         self.assertIsInstance(error["offset"], int)
 
-    def test_paths(self):
+    def test_errors_state_the_path(self):
         self.assertEqual(self.error(IO, "info", "none.stgs")["path"], "none.stgs")
         os.mkdir(self.path("empty"))
         error = self.error(IO, "evaluate", self.fixture("tiny.stgs"), "--against", "empty")
         self.assertEqual(error["code"], "io")
         self.assertTrue(error["path"].startswith("empty"), error)
 
-    def test_command_lines(self):
+    def test_usage_errors_have_no_path(self):
         error = self.error(USAGE, "render", self.fixture("tiny.stgs"), "--tme", "0")
         self.assertEqual((error["code"], error["path"], error["issue"]), ("usage", None, None))
         self.assertIn("did you mean '--time'", error["message"])
@@ -48,20 +48,20 @@ class JsonErrors(CliTest):
         result = self.stgs("info", "--format=json")
         self.assertIn("FILE is required", json.loads(result.stderr)["error"]["message"])
 
-    def test_results_are_printed_as_well(self):
+    def test_results_are_printed_despite_an_error(self):
         result = self.stgs("compare", self.fixture("tiny.stgs"), self.fixture("packed.stgs"),
                            "--min-psnr", "99", "--format", "json")
         self.assertEqual(result.returncode, DIFFERS)
         self.check_schema("compare", json.loads(result.stdout))
         self.assertEqual(json.loads(result.stderr)["error"]["code"], "differs")
 
-    def test_each_file_of_info(self):
+    def test_each_unreadable_file_has_its_error(self):
         result = self.stgs("info", "a.stgs", "b.stgs", self.fixture("tiny.stgs"), "--format", "json")
         self.assertEqual(result.returncode, IO)
         paths = [json.loads(line)["error"]["path"] for line in result.stderr.splitlines()]
         self.assertEqual(sorted(paths), ["a.stgs", "b.stgs"])
 
-    def test_text_stays_text(self):
+    def test_errors_are_text_without_the_option(self):
         result = self.stgs("info", "none.stgs")
         self.assertTrue(result.stderr.startswith(b"stgs: error: none.stgs: "))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The manual pages say what the program's help says."""
+"""The manual pages contain the program's help."""
 import functools
 import gzip
 import os
@@ -26,13 +26,13 @@ def verbs():
 
 
 def options(text):
-    """The options that a help declares, not those that it speaks of."""
+    """Returns the options that a help text declares, without those that it only mentions."""
     heads = re.findall(r"^  (-\S+)", text, re.MULTILINE)
     return {name for head in heads for name in head.split(",")}
 
 
 def plain(text):
-    """A page without its requests and escapes."""
+    """Returns the text of a page without its roff requests and escapes."""
     text = re.sub(r"\\f[A-Z]|\\&", "", text).replace("\\-", "-").replace("\\e", "\\")
     return re.sub(r"^\.[A-Z]+ ?", "", text, flags=re.MULTILINE)
 
@@ -56,31 +56,32 @@ class Manual(CliTest):
         listed = re.search(r"^\.SH VERBS\n(.*?)^\.SH", self.page(), re.DOTALL | re.MULTILINE).group(1)
         self.assertEqual(re.findall(r"^\.BR stgs\\-([a-z]+) \(1\)$", listed, re.MULTILINE), verbs())
 
-    def test_a_page_has_the_options_of_its_verb(self):
+    def test_each_page_lists_the_options_of_its_verb(self):
         for verb in [[], *([verb] for verb in verbs())]:
             with self.subTest(verb=verb):
                 heads = re.findall(r"^\\fB(\\-.*?)\\fR", self.page(*verb), re.MULTILINE)
                 paged = {plain(name) for head in heads for name in head.split(", ")}
                 self.assertEqual(paged, options(help_of(*verb)))
 
-    def test_a_page_says_all_that_the_help_says(self):
+    def test_each_page_contains_the_help_of_its_verb(self):
         for verb in [[], *([verb] for verb in verbs())]:
             page = " ".join(plain(self.page(*verb)).split())
             for line in help_of(*verb).splitlines():
-                # Of an option's line what it is, of others all; headings and the usage are set anew.
-                said = re.split(r"\s{2,}", line.strip())[-1] if line.startswith("  ") else line
+                # Compare the description of an option's line and all of other lines; headings and
+                # usage have another layout on the page.
+                text = re.split(r"\s{2,}", line.strip())[-1] if line.startswith("  ") else line
                 if line.startswith("  -") and len(re.split(r"\s{2,}", line.strip())) == 1:
                     continue
                 if re.match(r"Usage: |Exit codes: |[A-Z][a-z ]+:$|STGS |\s+\d ", line):
                     continue
                 with self.subTest(verb=verb, line=line):
-                    self.assertIn(" ".join(said.rstrip(".").split()), page)
+                    self.assertIn(" ".join(text.rstrip(".").split()), page)
 
     @unittest.skipUnless(shutil.which("man"), "needs man-db")
-    def test_a_page_is_well_formed(self):
+    def test_pages_are_well_formed(self):
         for name in os.listdir(self.folder):
-            shown = subprocess.run(["man", "--warnings", "-l", os.path.join(self.folder, name)],
-                                   text=True, capture_output=True, check=True,
-                                   env=dict(os.environ, LC_ALL="C"))
-            self.assertEqual(shown.stderr, "")
-            self.assertIn("EXIT STATUS", shown.stdout)
+            run = subprocess.run(["man", "--warnings", "-l", os.path.join(self.folder, name)],
+                                 text=True, capture_output=True, check=True,
+                                 env=dict(os.environ, LC_ALL="C"))
+            self.assertEqual(run.stderr, "")
+            self.assertIn("EXIT STATUS", run.stdout)

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""In a build without the encoder its verbs answer with exit code 6, whatever their arguments.
+"""In a build without the encoder, its verbs exit with code 6 for any arguments.
 
 usage: test_no_encoder.py STGS
 """
@@ -15,7 +15,7 @@ class NoEncoder(unittest.TestCase):
     def run_verb(self, *arguments):
         return subprocess.run([PROGRAM, *arguments], capture_output=True, text=True, check=False)
 
-    def test_the_verbs_are_not_built(self):
+    def test_encoder_verbs_exit_with_code_6(self):
         for verb in "prepare", "train", "pack", "encode":
             for arguments in [], ["capture", "-o", "scene.stgs", "--preset", "fast"]:
                 with self.subTest(verb=verb, arguments=arguments):
@@ -24,7 +24,7 @@ class NoEncoder(unittest.TestCase):
                     self.assertIn(f"'{verb}' is not part of this build", done.stderr)
                     self.assertIn("STGS_WITH_ENCODER", done.stderr)
 
-    def test_the_list_of_verbs_names_them(self):
+    def test_help_marks_encoder_verbs_as_not_built(self):
         self.assertIn("not in this build", self.run_verb("--help").stdout)
 
 

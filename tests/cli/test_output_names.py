@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An output whose name ends as another format does is refused, before any work."""
+"""Verbs reject an output name with the suffix of another format before they start work."""
 import os
 import unittest
 
@@ -9,7 +9,7 @@ USAGE = 1
 
 
 class OutputNames(CliTest):
-    def test_verbs_that_write_a_scene(self):
+    def test_verbs_that_write_a_scene_reject_other_suffixes(self):
         tiny, prepared = self.fixture("tiny.stgs"), self.fixture("prepared")
         for verb in (["pack", tiny], ["finalize", tiny], ["train", prepared], ["encode", prepared]):
             for name in ("x.mp4", "x.PNG", "x.ply", "x.json", "./a.b/x.webm"):
@@ -20,7 +20,7 @@ class OutputNames(CliTest):
         self.fails(USAGE, r"\.stgs \('stgs convert' writes other", "pack", tiny, "-o", "x.ply")
         self.assertEqual(os.listdir(self.work), [])
 
-    def test_verbs_that_write_a_folder(self):
+    def test_verbs_that_write_a_folder_reject_file_names(self):
         prepared = self.fixture("prepared")
         self.fails(USAGE, r"x.stgs: prepare writes a folder, not a \.stgs file; use another name",
                    "prepare", prepared, "-o", "x.stgs")
@@ -30,7 +30,7 @@ class OutputNames(CliTest):
                    "x.stgs", "--window", "3")
         self.assertEqual(os.listdir(self.work), [])
 
-    def test_other_names_pass(self):
+    def test_unknown_suffixes_are_accepted(self):
         for name in ("x.stgs", "x", "x.v2", "x.STGS"):
             self.succeeds("pack", self.fixture("tiny.stgs"), "-o", name)
             self.assertTrue(os.path.exists(self.path(name)))

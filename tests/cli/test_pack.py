@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Packing: rates, errors, profiles, and what pack refuses."""
+"""`stgs pack`: rates, errors, profiles, and arguments that it rejects."""
 import json
 import os
 import unittest
@@ -11,7 +11,7 @@ USAGE, IO, INVALID, NOT_BUILT = 1, 2, 3, 6
 
 
 class Packing(CliTest):
-    def test_pack(self):
+    def test_pack_reduces_the_size(self):
         report = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "out.stgs")
         self.assertEqual(report["bytes_out"], os.path.getsize(self.path("out.stgs")))
         self.assertLess(report["bytes_out"], report["bytes_in"])
@@ -21,27 +21,27 @@ class Packing(CliTest):
         self.json_of("validate", "out.stgs")
         self.succeeds("compare", self.fixture("tiny.stgs"), "out.stgs", "--min-psnr", "30")
 
-    def test_quality_orders_size_and_error(self):
+    def test_higher_quality_is_larger_and_more_accurate(self):
         low = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "low.stgs", "--quality", "20")
         high = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "high.stgs", "--quality", "95")
         self.assertLess(low["bytes_out"], high["bytes_out"])
         self.assertGreater(low["errors"]["colour_rms"], high["errors"]["colour_rms"])
 
-    def test_pack_says_what_the_space_is(self):
+    def test_pack_sets_units_orientation_and_audio(self):
         tiny = self.fixture("tiny.stgs")
         self.assertIsNone(self.json_of("info", tiny)["metres_per_unit"])
         self.succeeds("pack", tiny, "-o", "out.stgs", "--metres-per-unit", "0.25", "--up", "0,-3,4",
                       "--floor", "0,1.5,0")
         info = self.json_of("info", "out.stgs")
         self.assertEqual(info["metres_per_unit"], 0.25)
-        for value, wanted in zip(info["up"] + info["floor"], (0, -0.6, 0.8, 0, 1.5, 0)):
-            self.assertAlmostEqual(value, wanted, 6)
+        for value, expected in zip(info["up"] + info["floor"], (0, -0.6, 0.8, 0, 1.5, 0)):
+            self.assertAlmostEqual(value, expected, 6)
         self.assertRegex(self.succeeds("info", "out.stgs").stdout.decode(), r"unit +0.25 m\n +up ")
-        self.succeeds("pack", "out.stgs", "-o", "again.stgs")  # it is kept
+        self.succeeds("pack", "out.stgs", "-o", "again.stgs")  # preserves the metadata
         self.assertEqual(self.json_of("info", "again.stgs")["floor"], info["floor"])
         self.assertIsNone(info["audio"])
-        self.succeeds("pack", "out.stgs", "-o", "loud.stgs", "--audio", "../a.opus", "--audio-offset", "-0.5")
-        self.succeeds("pack", "loud.stgs", "-o", "again.stgs")
+        self.succeeds("pack", "out.stgs", "-o", "audio.stgs", "--audio", "../a.opus", "--audio-offset", "-0.5")
+        self.succeeds("pack", "audio.stgs", "-o", "again.stgs")
         self.assertEqual(self.json_of("info", "again.stgs")["audio"], {"location": "../a.opus", "begin_s": -0.5})
         self.assertRegex(self.succeeds("info", "again.stgs").stdout.decode(), r"audio +../a.opus, from -0.500 s")
         self.assertRegex(self.succeeds("convert", "again.stgs", "x.ply", "--time", "0").stderr.decode(),
@@ -50,7 +50,7 @@ class Packing(CliTest):
         self.fails(1, "has no direction", "pack", tiny, "-o", "x.stgs", "--up", "0,0,0")
         self.fails(1, "requires an up vector", "pack", tiny, "-o", "x.stgs", "--floor", "0,0,0")
 
-    def test_pack_to_a_rate_and_an_error(self):
+    def test_pack_meets_a_target_rate_and_error(self):
         tiny = self.fixture("tiny.stgs")
         free = self.json_of("pack", tiny, "-o", "free.stgs")
         self.assertEqual(free["quality"], 87)
@@ -66,7 +66,7 @@ class Packing(CliTest):
         self.fails(USAGE, "excludes", "pack", tiny, "-o", "none.stgs", "--target-kbps", "10",
                    "--quality", "10")
 
-    def test_pack_measures_on_the_capture_of_the_scene_alone(self):
+    def test_pack_measures_against_a_matching_capture_only(self):
         prepared = self.fixture("prepared")
         report = self.json_of("pack", self.fixture("tiny.stgs"), "-o", "o.stgs", "--against",
                               prepared)
@@ -80,7 +80,7 @@ class Packing(CliTest):
                        against)
             self.assertFalse(os.path.exists(self.path("none.stgs")))
 
-    def test_packing_what_is_packed_is_warned_of(self):
+    def test_packing_a_packed_scene_warns(self):
         first = self.stgs("pack", self.fixture("tiny.stgs"), "-o", "one.stgs")
         self.assertNotIn(b"warning", first.stderr)
         again = self.stgs("pack", "one.stgs", "-o", "two.stgs", "--format", "json")
@@ -89,21 +89,21 @@ class Packing(CliTest):
         self.assertEqual(json.loads(again.stdout)["input_profile"], "quantised")
 
     @unittest.skipUnless(built_in("draco"), "needs libdraco")
-    def test_the_profile_draco_is_the_same_scene(self):
+    def test_the_draco_profile_contains_the_same_scene(self):
         tiny = self.fixture("tiny.stgs")
-        ours = self.json_of("pack", tiny, "-o", "ours.stgs")
+        quantised = self.json_of("pack", tiny, "-o", "quantised.stgs")
         report = self.json_of("pack", tiny, "-o", "draco.stgs", "--profile", "draco")
-        self.assertEqual(report["errors"], ours["errors"])
+        self.assertEqual(report["errors"], quantised["errors"])
         self.assertEqual(report["bytes_out"], os.path.getsize(self.path("draco.stgs")))
         self.assertEqual(self.json_of("info", "draco.stgs")["profile"], "draco")
-        self.assertEqual(self.json_of("info", "ours.stgs")["profile"], "quantised")
+        self.assertEqual(self.json_of("info", "quantised.stgs")["profile"], "quantised")
         self.json_of("validate", "draco.stgs")
-        for name in ("ours", "draco"):
+        for name in ("quantised", "draco"):
             self.succeeds("convert", name + ".stgs", name + ".ply", "--time", "0.1")
-        self.assertEqual(self.read("ours.ply"), self.read("draco.ply"))
+        self.assertEqual(self.read("quantised.ply"), self.read("draco.ply"))
 
-    @unittest.skipIf(built_in("draco"), "libdraco is there")
-    def test_the_profile_draco_is_not_built(self):
+    @unittest.skipIf(built_in("draco"), "libdraco is built in")
+    def test_a_build_without_draco_reports_it(self):
         scene = os.path.join(harness.SOURCE, "tests", "data", "draco", "draco.stgs")
         self.assertEqual(self.json_of("info", scene)["profile"], "draco")
         self.fails(NOT_BUILT, "lacks libdraco", "validate", scene)
@@ -114,7 +114,7 @@ class Packing(CliTest):
                    "--profile", "draco")
         self.assertEqual(os.listdir(self.work), [])
 
-    def test_what_pack_refuses(self):
+    def test_pack_rejects_bad_arguments(self):
         tiny = self.fixture("tiny.stgs")
         self.fails(USAGE, "--quality: 101 is out of range", "pack", tiny, "-o", "o.stgs",
                    "--quality", "101")

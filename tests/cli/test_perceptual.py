@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Training with a perceptual loss: the file of weights, what the run says of it, how it resumes."""
+"""Training with a perceptual loss: the weights file, log messages and resuming."""
 import json
 import math
 import random
@@ -15,7 +15,7 @@ TAPS = [64, 128, 256, 512, 512]
 
 
 def weights(linear, seed=1):
-    """A safetensors file of a random VGG16, 16 bits a weight."""
+    """Returns a safetensors file of a random VGG16 with 16 bits per weight."""
     source = random.Random(seed)
     header, data = {}, []
     size = 0
@@ -23,8 +23,8 @@ def weights(linear, seed=1):
     def add(name, shape, low, high):
         nonlocal size
         count = math.prod(shape)
-        few = b"".join(struct.pack("<e", source.uniform(low, high)) for _ in range(997))
-        data.append((few * (count // 997 + 1))[:2 * count])
+        pattern = b"".join(struct.pack("<e", source.uniform(low, high)) for _ in range(997))
+        data.append((pattern * (count // 997 + 1))[:2 * count])
         header[name] = {"dtype": "F16", "shape": shape, "data_offsets": [size, size + 2 * count]}
         size += 2 * count
 
@@ -40,13 +40,13 @@ def weights(linear, seed=1):
 
 class Perceptual(CliTest):
     def train(self, *more):
-        on = "--perceptual-weights" in more and "weight_perceptual=0" not in more
+        enabled = "--perceptual-weights" in more and "weight_perceptual=0" not in more
         return ["train", self.fixture("prepared"), "-o", "out.stgs", "--preset", "fast",
                 "--backend", "cpu", "--max-primitives", "100", "--iterations", "6", "--set",
-                "coarse_until=0", *(["--set", "perceptual_patch=16"] if on else []),
+                "coarse_until=0", *(["--set", "perceptual_patch=16"] if enabled else []),
                 "--num-evals", "0", *more]
 
-    def test_without_a_file_it_is_off(self):
+    def test_the_loss_is_disabled_without_weights(self):
         result = self.succeeds(*self.train("--log", "log.jsonl", "--log-level", "debug"))
         self.assertIn(b"perceptual loss disabled (no --perceptual-weights)",
                       result.stderr)
@@ -56,7 +56,7 @@ class Perceptual(CliTest):
                    *self.train("--perceptual-weights", "w.safetensors"),
                    "--set", "weight_perceptual=0")
 
-    def test_with_a_file_it_is_on(self):
+    def test_the_loss_is_enabled_with_weights(self):
         self.succeeds(*self.train())
         scene = self.read("out.stgs")
         for linear, text in ((True, b"enabled: LPIPS (vgg), weights from w.safetensors"),
@@ -80,7 +80,7 @@ class Perceptual(CliTest):
                                                         "patch": 16})
                 self.assertEqual(self.read("out.stgs"), trained, "threads changed the scene")
 
-    def test_it_starts_where_it_is_told_to(self):
+    def test_the_loss_starts_at_perceptual_from(self):
         self.write("w.safetensors", weights(False))
         self.succeeds(*self.train("--perceptual-weights", "w.safetensors", "--set",
                                   "perceptual_from=0.5", "--log", "log.jsonl"))
@@ -89,42 +89,42 @@ class Perceptual(CliTest):
         self.assertEqual(steps[0]["perceptual"], 0)
         self.assertGreater(steps[1]["perceptual"], 0)
 
-    def test_it_resumes_to_the_same_scene_and_with_these_weights_only(self):
+    def test_a_run_resumes_only_with_the_same_weights(self):
         self.write("w.safetensors", weights(True))
         self.write("other.safetensors", weights(True, seed=2))
         args = self.train("--perceptual-weights", "w.safetensors", "--checkpoint-interval", "4")
         self.succeeds(*args, "--checkpoint", "run.ckpt")
-        whole = self.read("out.stgs")
-        # The checkpoint of the end goes on to no other scene; with other weights it is refused.
+        uninterrupted = self.read("out.stgs")
+        # Resuming at the end gives the same scene; other weights are rejected.
         self.succeeds(*args, "--checkpoint", "run.ckpt", "--resume", "run.ckpt")
-        self.assertEqual(self.read("out.stgs"), whole)
+        self.assertEqual(self.read("out.stgs"), uninterrupted)
         for file in ([], ["--perceptual-weights", "other.safetensors"]):
             result = self.fails(USAGE, "run.ckpt: checkpoint of another run",
                                 *self.train(*file, "--resume", "run.ckpt"))
             self.assertRegex(result.stderr, rb"\n  perceptual weights: [0-9a-f]{16}, now ")
 
-    def test_a_window_is_kept_where_its_weights_were_these(self):
+    def test_a_finished_window_is_reused_only_with_the_same_weights(self):
         for name, seed in (("w", 1), ("copy", 1), ("other", 2)):
             self.write(f"{name}.safetensors", weights(True, seed))
         args = self.train("--window", "6", "--perceptual-weights")
         args[args.index("out.stgs")] = "parts"
         self.succeeds(*args, "w.safetensors")
-        kept = self.succeeds(*args, "copy.safetensors").stdout.decode()
-        self.assertIn("000000-000006.stgs: already trained", kept)
+        output = self.succeeds(*args, "copy.safetensors").stdout.decode()
+        self.assertIn("000000-000006.stgs: already trained", output)
         self.fails(USAGE, "was trained with other settings", *args, "other.safetensors")
 
-    def test_what_is_refused(self):
+    def test_bad_weights_are_rejected(self):
         good = weights(True)
         self.write("cut.safetensors", good[:1000000])
         self.write("text.safetensors", b"these are no weights")
-        self.write("less.safetensors", good.replace(b"features.28.bias", b"features.28.tail"))
+        self.write("incomplete.safetensors", good.replace(b"features.28.bias", b"features.28.tail"))
         self.write("w.safetensors", good)
         cases = [
             (IO, "none.safetensors: cannot open", "none.safetensors", []),
             (INVALID, "cut.safetensors: tensor 'features.* is truncated", "cut.safetensors", []),
             (INVALID, "text.safetensors: not a safetensors file", "text.safetensors", []),
-            (INVALID, "less.safetensors: tensor 'features.28.bias' is missing", "less.safetensors",
-             []),
+            (INVALID, "incomplete.safetensors: tensor 'features.28.bias' is missing",
+             "incomplete.safetensors", []),
             (USAGE, r"perceptual_patch is out of range \(expected 0, the complete image, or at least 16 pixels, got 15",
              "w.safetensors", ["--set", "perceptual_patch=15"]),
         ]
@@ -132,6 +132,6 @@ class Perceptual(CliTest):
             with self.subTest(file=file):
                 train = self.train("--perceptual-weights", file)
                 if more:
-                    at = train.index("perceptual_patch=16") - 1
-                    train[at:at + 2] = more
+                    patch = train.index("perceptual_patch=16") - 1
+                    train[patch:patch + 2] = more
                 self.fails(code, message, *train)

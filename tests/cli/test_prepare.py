@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Preparing captures: what prepare refuses, and what an interruption leaves."""
+"""`stgs prepare`: captures and arguments that it rejects, and interruptions."""
 import os
 import shutil
 import signal
@@ -21,7 +21,7 @@ class Preparing(CliTest):
                        "-o", "out")
             self.skipTest("prepare is not built in")
 
-    def test_what_prepare_refuses(self):
+    def test_prepare_rejects_bad_arguments(self):
         os.mkdir(self.path("empty"))
         os.mkdir(self.path("text"))
         self.write("text/notes.txt", "no video")
@@ -41,29 +41,29 @@ class Preparing(CliTest):
             with self.subTest(args=args):
                 self.fails(code, message, "prepare", *args, "-o", "out")
                 self.assertFalse(os.path.exists(self.path("out")))
-                self.no_leftovers()
+                self.assert_no_leftovers()
         for output in ("/proc/out", "file/out"):
             self.fails(IO, f"^stgs: error: {output}: cannot create: ", "prepare",
                        harness.sample(), "-o", output)
 
-    def test_a_video_that_is_none(self):
+    def test_undecodable_videos_are_rejected(self):
         shutil.copytree(harness.sample(), self.path("capture"))
         self.write("capture/cam03.mp4", b"no video at all" * 100)
         args = ["prepare", "capture", "-o", "out"]
         result = self.fails(INVALID, "cam03.mp4: cannot open the video of camera 'cam03'", *args)
         self.assertEqual(self.foreign_lines(result), [])
         self.assertFalse(os.path.exists(self.path("out")))
-        # Its index is whole, its pictures are not.
+        # The index is complete, but the frames are not.
         self.write("capture/cam03.mp4", self.read("capture/cam04.mp4")[:30000])
         result = self.fails(INVALID, "cam03.mp4: cannot decode frame 0 of camera 'cam03'", *args)
         self.assertEqual(self.foreign_lines(result), [])
 
     def foreign_lines(self, result):
-        """What libraries wrote to standard error past us."""
+        """Returns the lines that libraries wrote to standard error directly."""
         lines = result.stderr.decode().splitlines()
         return [line for line in lines if not line.startswith("stgs: ")]
 
-    def test_a_killed_prepare_takes_colmap_with_it(self):
+    def test_killing_prepare_ends_colmap(self):
         os.mkdir(self.path("bin"))
         self.write("bin/colmap", "#!/bin/sh\necho $$ > \"$PID_FILE\"\nexec sleep 300\n")
         os.chmod(self.path("bin/colmap"), 0o755)
@@ -77,10 +77,10 @@ class Preparing(CliTest):
             self.wait_until(lambda: os.path.exists(self.path("pid")) and self.read("pid"))
             child = int(self.read("pid"))
             process.kill()
-        self.wait_until(lambda: not self.lives(child))
+        self.wait_until(lambda: not self.is_running(child))
 
-    def lives(self, pid):
-        """Whether a process runs; one that has ended and waits for its parent does not."""
+    def is_running(self, pid):
+        """Returns whether a process runs; a zombie does not."""
         try:
             with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
                 return file.read().rsplit(")", 1)[1].split()[0] != "Z"
@@ -92,9 +92,9 @@ class Preparing(CliTest):
             if condition():
                 return
             time.sleep(0.05)
-        self.fail("did not come about within a minute")
+        self.fail("the condition was not met within a minute")
 
-    def test_an_existing_folder_is_not_overwritten_unasked(self):
+    def test_an_unrelated_folder_is_not_overwritten(self):
         os.mkdir(self.path("out"))
         self.write("out/notes.txt", "mine")
         self.fails(USAGE, "out: exists and is not a prepared capture", "prepare",
@@ -102,17 +102,17 @@ class Preparing(CliTest):
         self.assertEqual(os.listdir(self.path("out")), ["notes.txt"])
 
     def interrupt(self, process, signal_number):
-        """Sends the signal once the work has begun, and returns what it printed."""
+        """Sends the signal after the first progress line, and returns the rest of standard error."""
         process.stderr.readline()
-        for _ in range(2):  # as a terminal and timeout(1) do: to the process and to its group
+        for _ in range(2):  # a terminal and timeout(1) signal the process and its group
             process.send_signal(signal_number)
         error = process.stderr.read().decode()
         process.wait()
         return error
 
-    def test_what_a_killed_prepare_left_is_removed(self):
-        left = "out.partial-999999999"  # no process has such an id
-        os.makedirs(self.path(left, "frames"))
+    def test_the_folder_of_a_killed_prepare_is_removed(self):
+        stale = "out.partial-999999999"  # no process has this id
+        os.makedirs(self.path(stale, "frames"))
         os.makedirs(self.path("out.partial-notes"))
         self.fails(USAGE, "frames", "prepare", harness.sample(), "-o", "out", "--frames", "0:999")
         self.assertEqual(os.listdir(self.work), ["out.partial-notes"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Training with two processes, started by mpirun."""
+"""Training with two processes that mpirun starts."""
 import json
 import os
 import re
@@ -24,43 +24,43 @@ class Ranks(CliTest):
         if not harness.built_in("mpi"):
             self.skipTest("MPI is not built in: install libopenmpi-dev and configure again")
         if shutil.which("mpirun") is None:
-            self.skipTest("there is no mpirun: install openmpi-bin")
-        # Open MPI leaves memory behind.
+            self.skipTest("mpirun not found: install openmpi-bin")
+        # Open MPI leaks memory.
         self.environment = dict(os.environ, ASAN_OPTIONS="detect_leaks=0")
 
     def train(self, *more, capture=None):
         return ["train", capture or self.fixture("prepared"), "-o", "out.stgs", *OPTIONS, *more]
 
-    def both(self, *commands):
-        """mpirun of one process a command; a single command is for two. What it printed."""
-        line = list(MPIRUN)
+    def mpirun(self, *commands):
+        """Runs one process per command, or two processes of a single command."""
+        args = list(MPIRUN)
         for command in commands:
-            line += [":"] if len(line) > len(MPIRUN) else []
-            line += ["-np", str(3 - len(commands)), harness.STGS, *map(str, command)]
-        return subprocess.run(line, cwd=self.work, env=self.environment, capture_output=True,
+            args += [":"] if len(args) > len(MPIRUN) else []
+            args += ["-np", str(3 - len(commands)), harness.STGS, *map(str, command)]
+        return subprocess.run(args, cwd=self.work, env=self.environment, capture_output=True,
                               text=True, timeout=120, check=False)
 
     def both_succeed(self, *commands):
-        result = self.both(*commands)
+        result = self.mpirun(*commands)
         self.assertEqual(result.returncode, 0, result.stderr)
-        self.no_leftovers()
+        self.assert_no_leftovers()
         return result
 
     def both_fail(self, code, message, *commands):
-        """One of the processes tells the error, and mpirun has its exit code."""
-        result = self.both(*commands)
+        """Checks that one process prints the error and that mpirun has its exit code."""
+        result = self.mpirun(*commands)
         self.assertEqual(result.returncode, code, result.stderr)
         errors = re.findall(r"(?m)^stgs: error: .*$", result.stderr)
         self.assertEqual(len(errors), 1, result.stderr)
         self.assertRegex(errors[0], message)
         self.assertFalse(os.path.exists(self.path("out.stgs")))
-        self.no_leftovers()
+        self.assert_no_leftovers()
 
-    def test_two_train_one_scene(self):
+    def test_two_processes_train_one_scene(self):
         args = self.train("--iterations", "600", "--log", "log.jsonl", "--format", "json")
         self.succeeds(*args)
         os.rename(self.path("out.stgs"), self.path("alone.stgs"))
-        # The first alone prints; that all hold the same state is checked at the end of the run.
+        # Only the first process prints. The run itself checks at its end that all states are equal.
         result = self.both_succeed(args)
         report = json.loads(result.stdout)
         self.check_schema("train", report)
@@ -73,7 +73,7 @@ class Ranks(CliTest):
         self.assertEqual(steps, [2, *range(50, 601, 50)])
         self.assertNotEqual(self.read("out.stgs"), self.read("alone.stgs"))
 
-    def test_the_same_run_gives_the_same_scene(self):
+    def test_repeated_runs_give_the_same_scene(self):
         scenes = []
         for _ in range(2):
             self.both_succeed(self.train("--iterations", "300"))
@@ -81,7 +81,8 @@ class Ranks(CliTest):
         self.assertEqual(scenes[0], scenes[1])
 
     def stopped_at(self, share, stop, *args):
-        """mpirun of two that is stopped at a share of its run: its process, and what it printed."""
+        """Calls stop(process) when two processes have done a share of their run; returns the rest
+        of standard error."""
         command = [*MPIRUN, "-np", "2", harness.STGS, *map(str, args), "--progress", "json"]
         with subprocess.Popen(command, cwd=self.work, env=self.environment,
                               stderr=subprocess.PIPE, text=True) as process:
@@ -96,47 +97,47 @@ class Ranks(CliTest):
         self.assertFalse(os.path.exists(self.path("out.stgs")))
         return error
 
-    def test_a_checkpoint_goes_on_with_the_same_number_and_with_another(self):
-        """To the same bytes with as many processes; with fewer it says so."""
+    def test_a_run_resumes_with_any_number_of_processes(self):
+        """The same number gives the same bytes; another number is reported."""
         args = self.train("--iterations", "10000", "--checkpoint", "run.ckpt")
         self.both_succeed(args)
-        os.rename(self.path("out.stgs"), self.path("whole.stgs"))
+        os.rename(self.path("out.stgs"), self.path("uninterrupted.stgs"))
         os.remove(self.path("run.ckpt"))
         error = self.stopped_at(0.05, lambda process: process.send_signal(signal.SIGTERM), *args)
         self.assertRegex(error, r"stgs: error: interrupted by SIGTERM: .*stopped at iteration \d*[02468]; "
                                 r"resume with --resume run.ckpt")
         self.assertEqual(error.count("stgs: error"), 1)
-        self.no_leftovers()
+        self.assert_no_leftovers()
         shutil.copy(self.path("run.ckpt"), self.path("stopped.ckpt"))
         self.both_succeed([*args, "--resume", "run.ckpt"])
-        self.assertEqual(self.read("out.stgs"), self.read("whole.stgs"))
+        self.assertEqual(self.read("out.stgs"), self.read("uninterrupted.stgs"))
         result = self.succeeds(*args, "--resume", "stopped.ckpt")
         self.assertIn("stopped.ckpt: number of processes was 2 and is now 1",
                       result.stderr.decode())
-        self.assertNotEqual(self.read("out.stgs"), self.read("whole.stgs"))
+        self.assertNotEqual(self.read("out.stgs"), self.read("uninterrupted.stgs"))
 
-    def test_an_error_of_one_ends_both(self):
+    def test_an_error_of_one_process_ends_both(self):
         bad = self.copy_capture("bad")
         os.remove(os.path.join(bad, "frames", "b", "000002.png"))
         good = self.train("--iterations", "50")
-        lacking = self.train("--iterations", "50", capture=bad)
+        incomplete = self.train("--iterations", "50", capture=bad)
         self.both_fail(IO, "process 2 of 2, on .*/bad/frames/b/000002.png: cannot open", good,
-                       lacking)
-        self.both_fail(IO, "process 1 of 2, on .*/bad/frames/b/000002.png: cannot open", lacking,
+                       incomplete)
+        self.both_fail(IO, "process 1 of 2, on .*/bad/frames/b/000002.png: cannot open", incomplete,
                        good)
 
-    def test_what_both_see_is_told_once(self):
+    def test_an_error_of_both_processes_is_printed_once(self):
         self.both_fail(IO, "error: none: no such file or folder", self.train(capture="none"))
         self.both_fail(IO, "error: none.ckpt", self.train("--resume", "none.ckpt"))
 
-    def test_both_must_be_started_alike(self):
+    def test_both_processes_need_the_same_settings(self):
         first = self.train("--iterations", "50")
         self.both_fail(USAGE, "process 2 of 2: different capture or other settings than process 1",
                        first, self.train("--iterations", "60"))
         self.both_fail(USAGE, "process 2 of 2: different checkpoint, log or evaluation settings", first,
                        self.train("--iterations", "50", "--num-evals", "3"))
 
-    def test_a_killed_process_takes_the_other_along(self):
+    def test_killing_one_process_ends_the_other(self):
         ranks = []
 
         def kill_the_second(process):
@@ -146,17 +147,17 @@ class Ranks(CliTest):
 
         self.stopped_at(0, kill_the_second, *self.train("--iterations", "1000000"))
         self.assertEqual(len(ranks), 2)
-        until = time.monotonic() + 20
+        deadline = time.monotonic() + 20
 
-        def living():
+        def running():
             return [rank for rank in ranks if self.stat(rank)[:1] not in ([], ["Z"], ["X"])]
 
-        while living() and time.monotonic() < until:
+        while running() and time.monotonic() < deadline:
             time.sleep(0.1)
-        self.assertEqual(living(), [])
+        self.assertEqual(running(), [])
 
     def stat(self, pid):
-        """State, parent and more of a process, as proc(5) has them; empty where it has gone."""
+        """Returns the state, parent and further fields of a process (proc(5)), or []."""
         try:
             with open(f"/proc/{pid}/stat", encoding="utf-8", errors="replace") as file:
                 return file.read().rsplit(")", 1)[1].split()
@@ -164,27 +165,27 @@ class Ranks(CliTest):
             return []
 
 
-class StartedAsSeveral(CliTest):
-    """What the environment alone says, without an mpirun."""
+class LauncherEnvironment(CliTest):
+    """Runs without mpirun, but with the variables that a launcher sets."""
 
     def run_in(self, code, message, args, **environment):
         self.fails(code, message, *args, env={**os.environ, **environment})
 
-    def test_encode_runs_as_one(self):
+    def test_encode_rejects_several_processes(self):
         for environment in ({"OMPI_COMM_WORLD_SIZE": "2"},
                             {"SLURM_STEP_ID": "0", "SLURM_NTASKS": "4"}):
             self.run_in(USAGE, "encode runs as one process",
                         ["encode", "capture", "-o", "out.stgs"], **environment)
 
-    def test_a_build_without_mpi_does_not_train_the_same_twice(self):
+    def test_a_build_without_mpi_rejects_several_processes(self):
         if harness.built_in("mpi"):
             self.skipTest("MPI is built in")
         self.run_in(NOT_BUILT, "mpirun started 2 processes, but this build has no MPI",
                     ["train", self.fixture("prepared"), "-o", "out.stgs"],
                     OMPI_COMM_WORLD_SIZE="2")
 
-    def test_an_allocation_is_not_a_step(self):
-        """A plain start within sbatch or salloc is one process, whatever was asked for."""
+    def test_an_allocation_without_a_step_is_one_process(self):
+        """A program started directly within sbatch or salloc is a single process."""
         args = ["train", self.fixture("prepared"), "-o", "out.stgs", "--iterations", "2", *OPTIONS]
         for environment in ({"SLURM_NTASKS": "4"},
                             {"SLURM_STEP_ID": "0", "SLURM_STEP_NUM_TASKS": "1",

@@ -22,7 +22,7 @@ class RenderSize(CliTest):
         return self.write("camera.json", json.dumps({**self.start, **changes}))
 
     def test_another_aspect_ratio_shows_more(self):
-        """Twice as wide: the same focal lengths, and the principal point in the middle as before."""
+        """At twice the width, focal lengths stay and the principal point stays in the middle."""
         width, height = self.start["width"], self.start["height"]
         camera = self.camera(width=2 * width, cx=2 * self.start["cx"])
         wide = self.render("wide.png", "--size", f"{2 * width}x{height}")
@@ -37,12 +37,12 @@ class RenderSize(CliTest):
         stretched = self.render("stretched.png", "--size", f"{2 * width}x{height}", "--stretch")
         self.assertEqual(stretched, self.render("expected.png", "--camera", camera))
 
-    def test_the_same_aspect_ratio_is_the_same_either_way(self):
+    def test_stretch_has_no_effect_at_the_same_aspect_ratio(self):
         size = f"{3 * self.start['width'] // 2}x{3 * self.start['height'] // 2}"
         self.assertEqual(self.render("a.png", "--size", size),
                          self.render("b.png", "--size", size, "--stretch"))
 
-    def test_stretch_needs_a_size(self):
+    def test_stretch_requires_a_size(self):
         self.fails(USAGE, "--stretch requires --size", "render", self.tiny, "--time", "0", "-o",
                    "null", "--stretch")
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `stgs train` and its like refuse before they touch a file."""
+"""Arguments that `stgs train`, `encode`, `evaluate` and `bench` reject before they write a file."""
 import json
 import os
 import signal
@@ -14,9 +14,9 @@ USAGE, RUNTIME = 1, 4
 
 
 class Capture(CliTest):
-    """The capture that is trained on stays as it is."""
+    """Training never modifies its capture."""
 
-    def test_nothing_is_written_over_it(self):
+    def test_outputs_may_not_replace_the_capture(self):
         folder = self.copy_capture("capture")
         before = self.contents(folder)
         for option, name in [("--log", "points_static.ply"), ("--checkpoint", "capture.json"),
@@ -32,49 +32,53 @@ class Capture(CliTest):
         self.assertEqual(os.listdir(self.work), ["capture"])
 
     def contents(self, folder):
-        found = {}
-        for at, _, names in os.walk(folder):
+        files = {}
+        for parent, _, names in os.walk(folder):
             for name in names:
-                with open(os.path.join(at, name), "rb") as file:
-                    found[os.path.join(at, name)] = file.read()
-        return found
+                with open(os.path.join(parent, name), "rb") as file:
+                    files[os.path.join(parent, name)] = file.read()
+        return files
 
-    def test_a_camera_counts_once(self):
+    def test_a_camera_may_be_named_only_once(self):
         self.fails(USAGE, "camera 'a' is named twice", "evaluate", self.fixture("tiny.stgs"),
                    "--against", self.fixture("prepared"), "--cameras", "a,a")
 
 
 class Parameters(CliTest):
-    def test_values_that_are_none(self):
-        for told, sets in [("--set sh_degree=1.5: invalid value \(expected an integer", ["sh_degree=1.5"]),
-                           ("--set drop_share=nan: invalid value \(expected a number", ["drop_share=nan"]),
-                           ("hyper-parameter seen_background is out of range \(expected 0 to 1, got 7\)", ["seen_background=7"]),
-                           ("sh_degree is set twice", ["sh_degree=1", "sh_degree=2"])]:
-            with self.subTest(sets=sets):
-                options = [part for one in sets for part in ("--set", one)]
-                self.fails(USAGE, told, "train", self.fixture("prepared"), "-o", "a.stgs", *options)
+    def test_invalid_values_are_rejected(self):
+        cases = [
+            (r"--set sh_degree=1.5: invalid value \(expected an integer", ["sh_degree=1.5"]),
+            (r"--set drop_share=nan: invalid value \(expected a number", ["drop_share=nan"]),
+            (r"hyper-parameter seen_background is out of range \(expected 0 to 1, got 7\)",
+             ["seen_background=7"]),
+            ("sh_degree is set twice", ["sh_degree=1", "sh_degree=2"]),
+        ]
+        for message, values in cases:
+            with self.subTest(values=values):
+                options = [word for value in values for word in ("--set", value)]
+                self.fails(USAGE, message, "train", self.fixture("prepared"), "-o", "a.stgs", *options)
 
-    def test_what_leaves_nothing_is_no_scene(self):
-        sets = ["prune_opacity=0.999", "initial_opacity=0.01", "initial_opacity_dynamic=0.01",
-                "densify_interval=5"]
+    def test_training_that_prunes_everything_writes_no_scene(self):
+        values = ["prune_opacity=0.999", "initial_opacity=0.01", "initial_opacity_dynamic=0.01",
+                  "densify_interval=5"]
         self.fails(RUNTIME, "training left no primitives: all were pruned as too faint",
                    "train", self.fixture("prepared"), "-o", "a.stgs", "--backend", "cpu",
-                   "--iterations", "60", *[part for one in sets for part in ("--set", one)])
+                   "--iterations", "60", *[word for value in values for word in ("--set", value)])
         self.assertFalse(os.path.exists(self.path("a.stgs")))
 
     @unittest.skipUnless(built_in("encode"), "encode is not built in")
-    def test_a_space_that_is_none_is_told_before_the_long_work(self):
+    def test_encode_rejects_an_invalid_orientation_before_preparing(self):
         sample = os.path.join(harness.SOURCE, "tests", "data", "workshop")
-        for told, options in [("has no direction", ["--up", "0,0,0"]),
-                              ("requires an up vector", ["--floor", "0,0,0"])]:
+        for message, options in [("has no direction", ["--up", "0,0,0"]),
+                                 ("requires an up vector", ["--floor", "0,0,0"])]:
             with self.subTest(options=options):
-                self.fails(USAGE, told, "encode", sample, "-o", "a.stgs", *options, "--keep-work",
+                self.fails(USAGE, message, "encode", sample, "-o", "a.stgs", *options, "--keep-work",
                            "work")
                 self.assertEqual(os.listdir(self.work), [])
 
 
-class Model(CliTest):
-    """What `stgs bench` makes of a scene of 200,001 primitives."""
+class SyntheticScene(CliTest):
+    """`stgs bench` synthesises a dynamic scene from a model of 200,001 primitives."""
 
     def setUp(self):
         super().setUp()
@@ -91,17 +95,17 @@ class Model(CliTest):
         self.succeeds("convert", "model.ply", "model.stgs")
         self.bench = ["bench", "model.stgs", "--camera", "camera.json", "--backend", "cpu"]
 
-    def test_more_than_a_file_can_have_is_refused(self):
+    def test_too_many_primitives_are_rejected(self):
         self.fails(USAGE, "makes 200001000 primitives of 200001; a file holds at most",
                    *self.bench, "--stored-ratio", "1000")
 
-    def test_what_finds_no_room_in_memory_is_told(self):
+    def test_frames_that_exceed_the_memory_budget_are_reported(self):
         play = [*self.bench, "--stored-ratio", "1", "--quality", "80", "--play", "player", "--frames", "3"]
-        told = b"frames are incomplete because --memory is too small"
-        self.assertNotIn(told, self.succeeds(*play).stderr)
-        self.assertIn(told, self.succeeds(*play, "--memory", "6").stderr)
+        warning = b"frames are incomplete because --memory is too small"
+        self.assertNotIn(warning, self.succeeds(*play).stderr)
+        self.assertIn(warning, self.succeeds(*play, "--memory", "6").stderr)
 
-    def test_it_can_be_stopped_while_the_model_is_made(self):
+    def test_bench_is_interruptible_while_it_synthesises(self):
         args = [harness.STGS, *self.bench, "--stored-ratio", "200"]
         with subprocess.Popen(args, cwd=self.work, stderr=subprocess.PIPE) as process:
             try:

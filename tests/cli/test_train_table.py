@@ -19,7 +19,7 @@ class TrainTable(CliTest):
              *options],
             cwd=self.work, capture_output=True, text=True, timeout=300, check=False)
 
-    def test_a_fold_holds_training_cameras_out_and_leaves_the_test_cameras_out(self):
+    def test_a_fold_holds_out_training_cameras_and_omits_test_cameras(self):
         with open(os.path.join(self.fixture("prepared"), "capture.json"), encoding="utf-8") as file:
             cameras = json.load(file)["cameras"]
         training = [camera["name"] for camera in cameras if not camera["test"]]
@@ -37,7 +37,7 @@ class TrainTable(CliTest):
         self.assertEqual([camera["name"] for camera in fold if camera["test"]], training[:1])
         self.assertEqual(os.listdir(self.path("work")), [f"c-without-{training[0]}"])
 
-    def test_a_variant_that_fails_is_told_and_the_others_go_on(self):
+    def test_a_failed_variant_does_not_stop_the_others(self):
         done = self.table("bad | c | 3 | --preset none\n"
                           "good | c | 3 | --preset fast --iterations 20 --max-primitives 300\n")
         self.assertEqual(done.returncode, 1)

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is typed wrong, and what --help and --version say."""
+"""Wrong command lines, --help and --version."""
 import os
 import re
 import shlex
 import unittest
 
 import harness
-from harness import CliTest, built_in, draws_with
+from harness import CliTest, built_in, renders_with
 
 USAGE = 1
 
 
 class Usage(CliTest):
-    def test_wrong_command_lines(self):
+    def test_wrong_command_lines_are_rejected(self):
         tiny, prepared = self.fixture("tiny.stgs"), self.fixture("prepared")
         render = ["render", tiny, "-o", "out.png"]
         cases = [
@@ -58,7 +58,7 @@ class Usage(CliTest):
             ("'2,0,0' is not a colour", [*render, "--time", "0", "--background", "2,0,0"]),
             ("--side-by-side requires --cameras", [*render, "--time", "0", "--side-by-side"]),
             ("--which requires --cameras", [*render, "--time", "0", "--which", "all"]),
-            ("--camera(s)? excludes --camera(s)?",
+            ("--cameras? excludes --cameras?",
              [*render, "--time", "0", "--camera", "x.json", "--cameras", prepared]),
             ("unknown output format; use a name that ends in .png", ["render", tiny, "--time", "0", "-o",
                                                             "out.gif"]),
@@ -75,7 +75,7 @@ class Usage(CliTest):
                                             "0"]),
             ("do not match", ["evaluate", self.fixture("longer.stgs"), "--against",
                                         prepared]),
-            ("cannot compare an image with a .stgs file", ["compare", tiny, "picture.png"]),
+            ("cannot compare an image with a .stgs file", ["compare", tiny, "image.png"]),
             ("--min-psnr: 'high' is not a number", ["compare", tiny, tiny, "--min-psnr", "high"]),
         ]
         for message, args in cases:
@@ -89,20 +89,20 @@ class Usage(CliTest):
         self.assertIn(b"evaluate", result.stderr)
 
     @unittest.skipIf(built_in("play"), "play is built in")
-    def test_a_window_that_is_not_built_says_so(self):
+    def test_a_build_without_play_reports_it(self):
         self.fails(6, "'play' is not part of this build", "play", self.fixture("tiny.stgs"))
 
     @unittest.skipIf(not built_in("play"), "play is not built in")
-    def test_a_wrong_path_is_told_where_no_window_can_be(self):
+    def test_play_checks_the_location_before_it_needs_a_display(self):
         self.fails(2, "nothere.stgs", "play", "nothere.stgs")
         self.fails(USAGE, "unsupported URL scheme", "play", "ftp://here/a.stgs")
 
-    @unittest.skipIf(draws_with("vulkan"), "Vulkan is built in")
-    def test_what_is_not_built_in_says_so(self):
+    @unittest.skipIf(renders_with("vulkan"), "Vulkan is built in")
+    def test_a_build_without_vulkan_reports_it(self):
         self.fails(6, "'vulkan' is not part of this build; use backend 'cpu'", "render",
                    self.fixture("tiny.stgs"), "--time", "0", "-o", "null", "--backend", "vulkan")
 
-    def test_a_backend_that_does_not_train_says_so(self):
+    def test_train_rejects_unsuitable_backends(self):
         for verb in ("train", "encode"):
             args = [verb, self.fixture("prepared"), "-o", "out.stgs", "--backend"]
             with self.subTest(verb=verb):
@@ -120,7 +120,7 @@ class Help(CliTest):
         text = self.succeeds("--help").stdout.decode()
         return re.findall(r"^  (\w+)  ", text.split("Subcommands:")[1], re.M)
 
-    def test_each_verb_teaches(self):
+    def test_each_verb_has_an_example_and_exit_codes(self):
         self.assertGreaterEqual(len(self.verbs()), 5)
         for verb in self.verbs():
             with self.subTest(verb=verb):
@@ -129,14 +129,14 @@ class Help(CliTest):
                 self.assertIn("Exit codes: 0 ok, 1 usage", text)
                 self.assertIn("--format", text)
 
-    def test_shared_options_are_where_they_do_something(self):
-        drawing = {"render", "bench", "evaluate", "compare"}
+    def test_shared_options_are_listed_only_where_they_apply(self):
+        rendering = {"render", "bench", "evaluate", "compare"}
         training = {"train", "encode"}
         expected = {
-            "--progress": drawing | training | {"prepare", "pack"},
+            "--progress": rendering | training | {"prepare", "pack"},
             "--log-level": training | {"prepare", "render", "pack", "convert", "finalize", "play"},
-            "--backend": drawing | training,
-            "--threads": drawing | training | {"prepare", "pack", "validate", "convert", "play"},
+            "--backend": rendering | training,
+            "--threads": rendering | training | {"prepare", "pack", "validate", "convert", "play"},
             "--seed": training | {"prepare", "bench"},
         }
         for verb in self.verbs():
@@ -145,7 +145,7 @@ class Help(CliTest):
                 self.assertEqual(bool(re.search(rf"{option}\b", text)), verb in verbs,
                                  f"{verb} {option}")
 
-    def test_options_of_the_design_are_there(self):
+    def test_verbs_list_their_options(self):
         expected = {
             "prepare": "--layout --frames --scale --test-cameras --fps --output",
             "train": "--preset --iterations --max-primitives --max-seconds --resume --checkpoint "
@@ -165,20 +165,20 @@ class Help(CliTest):
             for option in expected.get(verb, "").split():
                 self.assertRegex(text, rf"{option}\b", verb)
 
-    def test_verbs_of_files_say_so_of_a_url(self):
+    def test_verbs_for_local_files_reject_urls(self):
         for verb in ("pack", "finalize", "convert"):
             output = [] if verb == "convert" else ["-o"]
             self.fails(USAGE, "http://here/a.stgs: this verb reads local files only", verb,
                        "http://me:secret@here/a.stgs", *output, "out.stgs")
 
-    def test_version(self):
+    def test_version_lists_the_build(self):
         text = self.succeeds("--version").stdout.decode()
         self.assertRegex(text, r"^stgs \d+\.\d+\.\d+\nformat: \d+\.\d+\nvector target: \w+\n"
                                r"trains with: cpu( cuda)?\nrenders with: (cuda )?cpu( vulkan)?\n"
                                r"built in:")
 
-    def test_commands_of_the_readme_parse(self):
-        """Every `stgs VERB ...` line in the README uses verbs and options that exist."""
+    def test_readme_commands_use_existing_options(self):
+        """Each `stgs VERB ...` line in the README uses existing verbs and options."""
         path = os.path.join(harness.SOURCE, "README.md")
         if not os.path.exists(path):
             self.skipTest("no README.md")

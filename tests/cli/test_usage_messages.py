@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages for wrong command lines name the argument and the values that fit."""
+"""Messages for wrong command lines name the argument and the accepted values."""
 import json
 import unittest
 
@@ -34,12 +34,12 @@ class UsageMessages(CliTest):
         self.fails(USAGE, "--format: 'jsn' is not one of text, json; did you mean 'json'", "info",
                    self.fixture("tiny.stgs"), "--format", "jsn")
 
-    def test_integers(self):
+    def test_numbers_that_are_not_integers_are_explained(self):
         train = ["train", self.fixture("prepared"), "-o", "x.stgs", "--iterations"]
         self.fails(USAGE, "--iterations: '1e3' is not an integer; write 1000", *train, "1e3")
         self.fails(USAGE, r"--iterations: '2\.5' is not an integer \(", *train, "2.5")
 
-    def test_empty_values(self):
+    def test_empty_values_are_rejected(self):
         self.fails(USAGE, "FILE is empty", "info", "")
         self.fails(USAGE, "--output is empty", "pack", self.fixture("tiny.stgs"), "-o", "")
 
@@ -59,7 +59,7 @@ class OtherMessages(CliTest):
                             r"0\.4 s", "compare", self.fixture("tiny.stgs"),
                    self.fixture("longer.stgs"))
 
-    def test_camera_files(self):
+    def test_camera_file_errors_name_the_field(self):
         render = ["render", self.fixture("tiny.stgs"), "--time", "0", "-o", "null", "--camera"]
         self.fails(INVALID, "a.json: .*line 1, column 2", *render, self.write("a.json", "{"))
         self.fails(INVALID, "b.json: .*width", *render, self.write("b.json", json.dumps({"fx": 1})))

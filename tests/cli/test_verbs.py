@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the verbs that read a scene do when all is well."""
+"""The verbs that read a scene, with valid input."""
 import json
 import os
 import shutil
@@ -14,25 +14,25 @@ USAGE = 1
 
 
 class Backends(CliTest):
-    @unittest.skipIf(os.environ.get("STGS_SANITIZE"), "drivers leave memory behind")
-    def test_vulkan_draws_what_the_processor_draws(self):
-        if not harness.draws_with("vulkan"):
+    @unittest.skipIf(os.environ.get("STGS_SANITIZE"), "drivers leak memory")
+    def test_vulkan_and_cpu_render_the_same_image(self):
+        if not harness.renders_with("vulkan"):
             self.skipTest("Vulkan is not built in")
         tiny = self.fixture("tiny.stgs")
-        draw = ["render", tiny, "--time", "0.05", "--backend"]
-        result = self.stgs(*draw, "vulkan", "-o", "vulkan.png")
+        render = ["render", tiny, "--time", "0.05", "--backend"]
+        result = self.stgs(*render, "vulkan", "-o", "vulkan.png")
         if result.returncode == 5:
             self.assertIn(b"use backend 'cpu'", result.stderr)
-            self.skipTest("there is no Vulkan device")
+            self.skipTest("no Vulkan device found")
         self.assertEqual(result.returncode, 0, result.stderr)
-        self.succeeds(*draw, "cpu", "-o", "cpu.png")
+        self.succeeds(*render, "cpu", "-o", "cpu.png")
         self.succeeds("compare", "cpu.png", "vulkan.png", "--min-psnr", "50")
-        drawn = self.json_of("bench", tiny, "--num-frames", "2", "--backend", "vulkan")
-        self.assertEqual(drawn["backend"], "vulkan")
+        bench = self.json_of("bench", tiny, "--num-frames", "2", "--backend", "vulkan")
+        self.assertEqual(bench["backend"], "vulkan")
 
 
 class Reading(CliTest):
-    def test_info(self):
+    def test_info_describes_a_scene(self):
         info = self.json_of("info", self.fixture("tiny.stgs"))
         self.assertEqual(info["primitives"], 400)
         self.assertEqual(info["bytes"], os.path.getsize(self.fixture("tiny.stgs")))
@@ -48,17 +48,17 @@ class Reading(CliTest):
         self.assertIn("400", text)
         self.assertIn("position", text)
 
-    def test_info_tells_lifespans_when_asked(self):
+    def test_info_lists_lifespans_on_request(self):
         info = self.json_of("info", self.fixture("tiny.stgs"), "--lifespans")
         motion = info["motion"]
-        seen = info["primitives"] - motion["never_visible"]
+        visible = info["primitives"] - motion["never_visible"]
         lifespans = motion["lifespans"]
         self.assertEqual(sum(b["primitives"] for b in lifespans["bins_s"]) +
-                         lifespans["whole_clip"], seen)
-        self.assertEqual(sum(b["primitives"] for b in motion["speeds"]["bins"]), seen)
-        # About 60 % of the fixture live over the clip; they drift by some 1e-5 over it.
+                         lifespans["whole_clip"], visible)
+        self.assertEqual(sum(b["primitives"] for b in motion["speeds"]["bins"]), visible)
+        # About 60 % of the fixture is active for the complete clip and drifts by about 1e-5.
         share = motion["static"]["share"]
-        self.assertAlmostEqual(share * seen, motion["static"]["primitives"])
+        self.assertAlmostEqual(share * visible, motion["static"]["primitives"])
         self.assertGreater(share, 0.4)
         self.assertLess(share, 0.75)
         self.assertAlmostEqual(motion["static"]["bound"],
@@ -68,8 +68,8 @@ class Reading(CliTest):
         self.assertRegex(text, rf"static +{motion['static']['primitives']} ")
         self.fails(3, "huge_count.stgs", "info", self.fixture("huge_count.stgs"), "--lifespans")
 
-    def test_recordings(self):
-        """What was recorded live is read as it is, cut off or not, and finalize puts it in order."""
+    def test_recordings_are_read_and_finalized(self):
+        """Recordings are readable, truncated or not; finalize writes a finished file."""
         recorded, cut = self.fixture("recorded.stgs"), self.fixture("cut.stgs")
         info = self.json_of("info", recorded)
         self.assertEqual((info["form"], info["incomplete_bytes"]), ("recorded", 0))
@@ -100,51 +100,51 @@ class Reading(CliTest):
         self.fails(1, "is the recording itself", "finalize", recorded, "-o", recorded)
         self.assertFalse(os.path.exists(self.path("x.stgs")))
 
-    def test_a_name_that_is_not_utf8(self):
+    def test_a_file_name_that_is_not_utf8_is_accepted(self):
         shutil.copy(self.fixture("tiny.stgs"), self.path("x\udcff.stgs"))  # the byte 0xff
         self.assertEqual(self.json_of("info", "x\udcff.stgs")["file"], "x\ufffd.stgs")
         report = self.json_of("validate", "x\udcff.stgs")
         self.assertEqual(report["files"][0]["file"], "x\ufffd.stgs")
 
-    def test_evaluate(self):
+    def test_evaluate_measures_against_a_capture(self):
         report = self.json_of("evaluate", self.fixture("tiny.stgs"), "--against",
                               self.fixture("prepared"), "--cameras", "all")
         self.assertEqual(report["images"], 18)
         self.assertEqual([v["camera"] for v in report["views"]], ["a", "b", "c"])
-        # The truth is this scene's own rendering in 8 bits: what is left is rounding, 1/12 LSB^2.
+        # The ground truth is a render of this scene in 8 bits: only rounding remains, 1/12 LSB^2.
         self.assertGreater(report["psnr"], 58)
         self.assertGreaterEqual(report["psnr_cc"], report["psnr"])
         self.assertGreater(report["ssim"], 0.99)
-        some = self.json_of("evaluate", self.fixture("packed.stgs"), "--against",
-                            self.fixture("prepared"), "--every", "4")
-        self.assertEqual(some["images"], 2)
-        self.assertGreater(some["psnr"], 25)
-        self.assertLess(some["psnr"], report["psnr"])
-        # Most of what covers the clip has a speed of 1e-6 a frame, which is nothing; the rest moves.
-        for drift in (report["static_drift"], some["static_drift"]):
+        sampled = self.json_of("evaluate", self.fixture("packed.stgs"), "--against",
+                               self.fixture("prepared"), "--every", "4")
+        self.assertEqual(sampled["images"], 2)
+        self.assertGreater(sampled["psnr"], 25)
+        self.assertLess(sampled["psnr"], report["psnr"])
+        # Most primitives that span the clip move by a negligible 1e-6 per frame; the rest moves.
+        for drift in (report["static_drift"], sampled["static_drift"]):
             self.assertGreater(drift["primitives"], 100)
             self.assertLess(drift["median_px"], drift["bound_px"])
             self.assertGreater(drift["mean_px"], drift["bound_px"])
             self.assertGreater(drift["within_bound"], 0.5 * drift["primitives"])
             self.assertLess(drift["within_bound"], drift["primitives"])
-        # Six frames have a median, two have none.
+        # The median needs more than two frames.
         self.assertGreater(report["moving_share"], 0)
         self.assertLess(report["moving_share"], 0.9)
         self.assertGreater(report["psnr_moving"], 58)
-        self.assertIsNone(some["moving_share"])
-        self.assertIsNone(some["psnr_moving"])
+        self.assertIsNone(sampled["moving_share"])
+        self.assertIsNone(sampled["psnr_moving"])
 
-    def test_what_moves_is_measured_apart(self):
-        against = ["--against", self.copy_capture("still")]
+    def test_moving_pixels_are_measured_separately(self):
+        against = ["--against", self.copy_capture("static")]
         for frame in range(1, 6):
-            shutil.copy(self.path("still/frames/c/000000.png"),
-                        self.path(f"still/frames/c/00000{frame}.png"))
-        still = self.json_of("evaluate", self.fixture("tiny.stgs"), *against)
-        self.assertEqual(still["moving_share"], 0)
-        self.assertIsNone(still["psnr_moving"])
-        # One frame of another picture moves; in it alone the render is wrong.
-        shutil.copy(self.path("still/frames/a/000003.png"),
-                    self.path("still/frames/c/000003.png"))
+            shutil.copy(self.path("static/frames/c/000000.png"),
+                        self.path(f"static/frames/c/00000{frame}.png"))
+        static = self.json_of("evaluate", self.fixture("tiny.stgs"), *against)
+        self.assertEqual(static["moving_share"], 0)
+        self.assertIsNone(static["psnr_moving"])
+        # One frame from another camera moves, and the render differs only there.
+        shutil.copy(self.path("static/frames/a/000003.png"),
+                    self.path("static/frames/c/000003.png"))
         moved = self.json_of("evaluate", self.fixture("tiny.stgs"), *against)
         self.assertGreater(moved["moving_share"], 0)
         self.assertLess(moved["moving_share"], 1 / 6)
@@ -159,7 +159,7 @@ class Reading(CliTest):
             del report["peak_memory"]
         self.assertEqual(one, two)
 
-    def test_bench(self):
+    def test_bench_measures_frames(self):
         scene = self.fixture("tiny.stgs")
         result = self.json_of("bench", scene, "--num-frames", "7", "--size", "32x24")
         for name in ("cold", "warm"):
@@ -187,7 +187,7 @@ class Reading(CliTest):
         self.assertRegex(text, r"cold +mean ms +p50 +p95 +p99\n +frame ")
         self.fails(USAGE, "--num-frames: .*0", "bench", scene, "--num-frames", "0")
 
-    def test_bench_draws_two_eyes(self):
+    def test_bench_renders_two_eyes(self):
         args = ["bench", self.fixture("tiny.stgs"), "--num-frames", "3", "--size", "32x24",
                 "--backend", "cpu"]
         one, two = self.json_of(*args), self.json_of(*args, "--stereo", "0.06")
@@ -203,39 +203,39 @@ class Reading(CliTest):
         times = near["warm"]["frame_ms"]["p50"] / near["stereo"]["one_eye_foveated"]["frame_ms"]["p50"]
         self.assertAlmostEqual(near["stereo"]["ratio_to_one_eye_foveated"], times)
 
-    def test_bench_tells_steps_where_the_backend_does(self):
-        # At once, not after the many pictures of the first pass.
+    def test_bench_rejects_steps_where_the_backend_lacks_them(self):
+        # It fails at once, not after a million frames.
         self.fails(5, "'cpu' cannot profile its steps", "bench", self.fixture("tiny.stgs"),
                    "--steps", "--backend", "cpu", "--num-frames", "1000000")
 
-    def test_bench_stores_more_than_is_alive(self):
+    def test_bench_stores_more_primitives_than_are_active(self):
         args = ["bench", self.fixture("tiny.stgs"), "--num-frames", "5", "--size", "32x24"]
         one, many = (self.json_of(*args, "--stored-ratio", n) for n in ("1", "20"))
         self.assertEqual(many["primitives"], 20 * one["primitives"])
-        # Some opacities are below what is drawn; some lives are met at their borders.
+        # Some opacities are too low to render; some lifespans only touch the sampled times.
         self.assertLessEqual(one["active"], one["primitives"])
         self.assertAlmostEqual(many["active"], one["active"], delta=0.02 * one["active"])
         self.fails(USAGE, "--animate excludes --stored-ratio", *args, "--stored-ratio", "2", "--animate")
 
-    def test_bench_plays_in_order(self):
+    def test_bench_plays_through_the_timeline_and_the_player(self):
         scene = self.fixture("tiny.stgs")
         for through in ("timeline", "player"):
             with self.subTest(through=through):
                 play = self.json_of("bench", scene, "--play", through, "--frames", "9", "--refresh",
                                     "50", "--rate", "2", "--size", "32x24",
                                     "--backend", "cpu")["play"]
-                # Nine frames of 1/30 s at twice their rate.
+                # Nine frames of 1/30 s at rate 2.
                 self.assertEqual(play["refreshes"], 8)
                 self.assertLessEqual(play["rendering"]["frame_ms"]["p99"], play["max_ms"])
                 self.assertLessEqual(play["fetch_share"], 1)
                 self.assertEqual(play["failed_reads"], 0)
                 if through == "timeline":
                     self.assertEqual(play["incomplete"], 0)
-        # No picture of this size is drawn in a ten thousandth of a second by a processor.
+        # A CPU cannot render a frame of this size in 0.1 ms.
         late = self.json_of("bench", scene, "--play", "timeline", "--frames", "1", "--refresh",
                             "10000", "--size", "640x480", "--backend", "cpu")["play"]
         self.assertEqual(late["missed"], late["refreshes"])
-        # Pictures that are far apart are of the same moments through both.
+        # At a low refresh rate, both render the same times.
         slow = [self.json_of("bench", self.fixture("longer.stgs"), "--play", through, "--frames",
                              "60", "--refresh", "2.2", "--size", "32x24", "--backend", "cpu",
                              "--stereo", "0.06") for through in ("timeline", "player")]
@@ -252,14 +252,14 @@ class Reading(CliTest):
         self.fails(USAGE, "uses one camera, not 2", "bench", scene, "--play", "player",
                    "--camera", camera, "--camera", camera)
 
-    def test_compare(self):
+    def test_compare_measures_scenes_and_images(self):
         tiny, packed = self.fixture("tiny.stgs"), self.fixture("packed.stgs")
         same = self.json_of("compare", tiny, tiny, "--min-psnr", "100")
         self.assertEqual(same["psnr"], 100)
         self.assertEqual(same["max_difference"], 0)
         near = self.json_of("compare", tiny, packed)
         self.assertEqual(near["primitives"][0], 400)
-        self.assertGreater(near["primitives"][1], 390)  # packing drops what is never visible
+        self.assertGreater(near["primitives"][1], 390)  # packing omits primitives that are never visible
         self.assertLess(near["psnr"], 100)
         self.fails(7, "is below 99", "compare", tiny, packed, "--min-psnr", "99")
         self.fails(7, "lasts", "compare", tiny, self.fixture("longer.stgs"))
@@ -272,12 +272,12 @@ class Reading(CliTest):
             self.succeeds("render", tiny, "--time", "0", "-o", "a.exr")
             self.fails(3, r"nan.exr: channel G of pixel \(3, 2\) is -?nan", "compare",
                        self.fixture("nan.exr"), self.fixture("nan.exr"), "--min-psnr", "40")
-            # Half floats and linear light cost less than rounding to 8 bits.
+            # Half floats and linear light lose less than rounding to 8 bits.
             self.assertGreater(self.json_of("compare", "a.png", "a.exr")["psnr"], 55)
 
 
 class Rendering(CliTest):
-    def test_pictures_agree_whatever_names_the_camera(self):
+    def test_renders_do_not_depend_on_the_source_of_the_camera(self):
         tiny = self.fixture("tiny.stgs")
         info = self.json_of("info", tiny)
         self.write("info.json", json.dumps(info))
@@ -292,7 +292,7 @@ class Rendering(CliTest):
         with open(os.path.join(self.fixture("prepared"), "frames/b/000000.png"), "rb") as file:
             self.assertEqual(file.read(), self.read("default.png"))
 
-    def test_a_folder_of_cameras(self):
+    def test_several_cameras_render_to_folders(self):
         report = self.json_of("render", self.fixture("tiny.stgs"), "--frames", "0:", "--cameras",
                               self.fixture("prepared"), "--which", "all", "-o", "out/")
         self.assertEqual(report["images"], 18)
@@ -300,7 +300,7 @@ class Rendering(CliTest):
         self.assertEqual(len(os.listdir(self.path("out", "c"))), 6)
         self.assertGreater(report["peak_memory"], 1 << 20)
 
-    def test_y4m_holds_the_frames_it_says(self):
+    def test_y4m_contains_the_selected_frames(self):
         result = self.succeeds("render", self.fixture("tiny.stgs"), "--frames", "1:4", "-o", "-")
         header, rest = result.stdout.split(b"\n", 1)
         self.assertEqual(header, b"YUV4MPEG2 W64 H48 F30:1 Ip A1:1 C444 XCOLORRANGE=LIMITED")
@@ -319,13 +319,13 @@ class Rendering(CliTest):
         self.assertEqual(set(frame[:256]), {235})
         self.assertEqual(set(frame[256:]), {128})
 
-    def test_beside_doubles_the_width(self):
+    def test_side_by_side_doubles_the_width(self):
         self.succeeds("render", self.fixture("tiny.stgs"), "--frames", "2:3", "--cameras",
                       self.fixture("prepared"), "--side-by-side", "-o", "both.png")
         width, height = (int.from_bytes(self.read("both.png")[i:i + 4], "big") for i in (16, 20))
         self.assertEqual((width, height), (128, 48))
 
-    def test_mp4_has_its_frames(self):
+    def test_mp4_is_written_with_even_sizes(self):
         if not harness.built_in("mp4"):
             self.fails(6, "has no mp4", "render", self.fixture("tiny.stgs"), "--frames", "0:2",
                        "-o", "out.mp4")
@@ -335,7 +335,7 @@ class Rendering(CliTest):
         self.fails(1, "mp4 needs an even width and height, not 33x24", "render", self.fixture("tiny.stgs"),
                    "--frames", "0:2", "--size", "33x24", "-o", "odd.mp4")
 
-    def test_exr_is_an_exr(self):
+    def test_exr_contains_colour_alpha_and_depth(self):
         if not harness.built_in("exr"):
             self.fails(6, "has no EXR", "render", self.fixture("tiny.stgs"), "--time", "0", "-o",
                        "out.exr")
@@ -354,7 +354,7 @@ class Rendering(CliTest):
             self.check_schema("progress", line)
         self.assertEqual(lines[-1]["done"], 1)
 
-    def test_an_interrupted_video_leaves_nothing(self):
+    def test_an_interrupted_video_preserves_the_old_file(self):
         self.write("out.y4m", b"old")
         args = [harness.STGS, "render", self.fixture("tiny.stgs"), "--frames", "0:6", "--size",
                 "3840x2160", "-o", "out.y4m", "--progress", "json"]
@@ -365,7 +365,7 @@ class Rendering(CliTest):
         self.assertEqual(process.returncode, 4, error)
         self.assertIn("interrupted", error)
         self.assertEqual(self.read("out.y4m"), b"old")
-        self.no_leftovers()
+        self.assert_no_leftovers()
 
 
 if __name__ == "__main__":

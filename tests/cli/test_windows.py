@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Long captures: 'train' on windows of time, 'pack' that merges them."""
+"""Long captures: `stgs train` on training windows and `stgs pack` merging them."""
 import os
 import signal
 import subprocess
@@ -17,7 +17,7 @@ class Windows(CliTest):
         return ["train", self.fixture("prepared"), "--preset", "fast", "--iterations", "20",
                 "--max-primitives", "300", *more]
 
-    def test_all_windows_one_after_the_other_are_jobs_of_their_own(self):
+    def test_windows_are_trained_as_independent_jobs(self):
         windows = ["--window", "3", "--overlap", "1"]
         report = self.json_of(*self.train("-o", "parts", *windows, "--report", "pages"))
         names = ["000000-000003", "000002-000005", "000003-000006"]
@@ -33,13 +33,13 @@ class Windows(CliTest):
         info = self.json_of("info", "parts/000002-000005.stgs")
         self.assertEqual(info["window"], {"first_frame": 2, "capture_frames": 6})
         self.assertEqual(info["frames"], 3)
-        # The same as a job of an array, and as frames by hand.
+        # An array job and an explicit frame range give the same bytes.
         self.json_of(*self.train("-o", "array", *windows, "--window-index", "1"))
         self.assertEqual(os.listdir(self.path("array")), ["000002-000005.stgs"])
-        self.succeeds(*self.train("-o", "hand.stgs", "--frames", "2:5"))
-        for other in ("array/000002-000005.stgs", "hand.stgs"):
+        self.succeeds(*self.train("-o", "explicit.stgs", "--frames", "2:5"))
+        for other in ("array/000002-000005.stgs", "explicit.stgs"):
             self.assertEqual(self.read(other), self.read("parts/000002-000005.stgs"))
-        # Finished windows are kept; one that is gone comes back the same.
+        # Finished windows are not trained again; a missing one is trained to the same bytes.
         before = self.read("parts/000003-000006.stgs")
         os.remove(self.path("parts/000003-000006.stgs"))
         again = self.json_of(*self.train("-o", "parts", *windows))
@@ -48,32 +48,32 @@ class Windows(CliTest):
         self.assertEqual(self.read("parts/000003-000006.stgs"), before)
         self.fails(USAGE, "000000-000003.stgs: belongs to another capture or was trained with other",
                    *self.train("-o", "parts", *windows, "--set", "lr_time=0.02"))
-        # What was trained counts, not how it was asked for.
+        # Equivalent settings match, however they are written.
         for same in (["--set", "lr_time=.010"], ["--seed", "9"]):
             again = self.json_of(*self.train("-o", "parts", *windows, *same))
             self.assertEqual([row["training"] for row in again["windows"]], [None] * 3)
 
-    def test_a_folder_keeps_the_windows_of_one_plan(self):
+    def test_a_folder_contains_the_windows_of_one_plan(self):
         self.succeeds(*self.train("-o", "parts", "--window", "3"))
         os.remove(self.path("parts/000000-000003.stgs"))
         self.fails(USAGE, r"parts/000003-000006.stgs: is a window \(frames 3:6\) of another plan than "
                    "--window 4 --overlap 2; remove it or use another folder",
                    *self.train("-o", "parts", "--window", "4", "--overlap", "2"))
         self.assertEqual(os.listdir(self.path("parts")), ["000003-000006.stgs"])
-        # However a window came to be there; and a part of the plan does not make it another.
+        # This applies to windows trained by --frames as well, and to a single --window-index.
         self.succeeds(*self.train("-o", "parts/first.stgs", "--frames", "0:4"))
-        for part in ([], ["--window-index", "1"]):
+        for index in ([], ["--window-index", "1"]):
             self.fails(USAGE, r"first.stgs: is a window \(frames 0:4\) of another plan",
-                       *self.train("-o", "parts", "--window", "3", *part))
+                       *self.train("-o", "parts", "--window", "3", *index))
         os.remove(self.path("parts/first.stgs"))
-        # Before anything is trained, whichever window it is.
+        # Other settings are rejected before any window is trained.
         self.fails(USAGE, "000003-000006.stgs: belongs to another capture or was trained with other",
                    *self.train("-o", "parts", "--window", "3", "--set", "lr_time=0.02"))
         self.assertEqual(os.listdir(self.path("parts")), ["000003-000006.stgs"])
         self.succeeds(*self.train("-o", "parts", "--window", "3", "--window-index", "0"))
         self.assertEqual(len(os.listdir(self.path("parts"))), 2)
 
-    def test_reports_in_the_folder_of_the_windows(self):
+    def test_reports_may_be_in_the_folder_of_the_windows(self):
         windows = ["--window", "3"]
         report = self.json_of(*self.train("-o", "new/", *windows, "--report", "./new/pages"))
         self.assertEqual(report["windows"][0]["output"], "new/000000-000003.stgs")
@@ -84,7 +84,7 @@ class Windows(CliTest):
                    *self.train("-o", "none", *windows, "--report", "none/deep/pages"))
         self.assertFalse(os.path.exists(self.path("none")))
 
-    def test_a_window_is_measured_and_drawn_at_its_own_frames(self):
+    def test_a_window_is_evaluated_and_rendered_at_its_own_frames(self):
         self.succeeds(*self.train("-o", "part.stgs", "--frames", "4:6"))
         prepared = self.fixture("prepared")
         report = self.json_of("evaluate", "part.stgs", "--against", prepared)
@@ -115,9 +115,9 @@ class Windows(CliTest):
         halves = [self.json_of("evaluate", part, "--against", prepared) for part in (first, second)]
         self.assertGreater(scores["psnr"], min(half["psnr"] for half in halves) - 0.5)
 
-    def test_windows_of_other_seeds_are_merged(self):
+    def test_windows_with_different_seeds_are_merged(self):
         for name, frames, seed in (("a.stgs", "0:3", "1"), ("b.stgs", "3:6", "2")):
-            # So few primitives that each seed chooses others of the capture's points.
+            # With so few primitives, each seed selects different points of the capture.
             self.succeeds("train", self.fixture("prepared"), "--preset", "fast", "--iterations",
                           "20", "--max-primitives", "100", "--frames", frames, "--seed", seed,
                           "-o", name)
@@ -125,7 +125,7 @@ class Windows(CliTest):
         self.assertEqual(*backgrounds)
         self.assertEqual(len(self.json_of("pack", "a.stgs", "b.stgs", "-o", "x.stgs")["parts"]), 2)
 
-    def test_what_is_refused(self):
+    def test_unsuitable_windows_are_rejected(self):
         self.json_of(*self.train("-o", "parts", "--window", "2"))
         parts = [f"parts/{name}.stgs" for name in ("000000-000002", "000002-000004",
                                                    "000004-000006")]
@@ -157,11 +157,11 @@ class Windows(CliTest):
         self.write("folder/000000-000002.stgs", b"rubbish" * 100)
         self.fails(INVALID, "not an .stgs file", *self.train("-o", "folder", "--window", "2"))
 
-    def test_a_stopped_window_goes_on_from_its_checkpoint(self):
+    def test_a_stopped_window_resumes_from_its_checkpoint(self):
         command = ["train", self.fixture("prepared"), "--preset", "fast", "--max-primitives", "300",
                    "--iterations", "1500", "--window", "3"]
         names = ("000000-000003.stgs", "000003-000006.stgs")
-        self.succeeds(*command, "-o", "straight")
+        self.succeeds(*command, "-o", "uninterrupted")
         for number in (signal.SIGINT, signal.SIGKILL):
             with self.subTest(signal=number):
                 folder = f"stopped{number}"
@@ -184,11 +184,11 @@ class Windows(CliTest):
                     self.assertEqual(process.returncode, -number, error)
                 self.assertEqual(sorted(os.listdir(self.path(folder))),
                                  [names[0], f"{names[1]}.ckpt"])
-                told = self.succeeds(*command, "-o", folder).stderr.decode()
-                self.assertRegex(told, r"resumed at iteration \d+ from .*000003-000006")
+                log = self.succeeds(*command, "-o", folder).stderr.decode()
+                self.assertRegex(log, r"resumed at iteration \d+ from .*000003-000006")
                 for name in names:
-                    self.assertEqual(self.read(f"{folder}/{name}"), self.read(f"straight/{name}"))
-                # A kill after the file was written leaves the checkpoint.
+                    self.assertEqual(self.read(f"{folder}/{name}"), self.read(f"uninterrupted/{name}"))
+                # A checkpoint remains if the process is killed after it wrote the scene.
                 self.write(f"{folder}/{names[1]}.ckpt", b"")
                 self.succeeds(*command, "-o", folder)
                 self.assertEqual(sorted(os.listdir(self.path(folder))), list(names))

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Holds the project's decoder against the reference decoder on changed conformance vectors, whose
-checksums are mostly repaired so that the changes are looked at: both must decode the same of each,
-and refuse the same.
+"""Compares the project's decoder with the reference decoder on mutated conformance vectors, most of
+them with recalculated checksums, so that the mutations reach the decoders: both must decode and
+refuse the same parts.
 
 usage: check_mutations.py PROGRAM [COUNT [SEED]]      PROGRAM is describe_vectors
 """
@@ -22,7 +22,7 @@ WIDE = (0, 1, -1, 1 << 31, 1 << 24, (1 << 63) - 1, 65535, 1 << 20)
 
 
 def records(data):
-    """Offset and payload size of each record."""
+    """Returns the offset and the payload size of each record."""
     at, out = 40, []
     while at + 32 <= len(data):
         size = struct.unpack_from("<Q", data, at + 8)[0]
@@ -33,7 +33,7 @@ def records(data):
     return out
 
 
-def sealed(data):
+def with_checksums(data):
     data = bytearray(data)
     for at, size in records(data):
         struct.pack_into("<Q", data, at + 16, checksum(data[at + 32:at + 32 + size]))
@@ -43,30 +43,29 @@ def sealed(data):
 
 
 def mutated(data, rng):
-    """One or two bytes or numbers changed, mostly near the beginning of a record."""
+    """Changes one or two bytes or numbers, mostly near the beginning of a record."""
     data = bytearray(data)
     for _ in range(rng.choice((1, 1, 1, 2))):
         at, size = rng.choice(records(data) or [(0, 8)])
         if size == 0 or rng.random() < 0.1:
-            place = at + rng.randrange(16)
+            position = at + rng.randrange(16)
         else:
-            place = at + 32 + rng.randrange(rng.choice((size, min(size, 160))))
+            position = at + 32 + rng.randrange(rng.choice((size, min(size, 160))))
         kind = rng.randrange(4)
         if kind == 0:
-            data[place] ^= 1 << rng.randrange(8)
+            data[position] ^= 1 << rng.randrange(8)
         elif kind == 1:
-            data[place] = rng.choice(NUMBERS)
+            data[position] = rng.choice(NUMBERS)
         elif kind == 2:
-            data[place] = (data[place] + rng.choice((-2, -1, 1, 2))) % 256
+            data[position] = (data[position] + rng.choice((-2, -1, 1, 2))) % 256
         else:
-            width = min(rng.choice((2, 4, 8)), len(data) - place)
-            data[place:place + width] = rng.choice(WIDE).to_bytes(8, "little", signed=True)[:width]
-    return sealed(data) if rng.random() < 0.8 else bytes(data)
+            width = min(rng.choice((2, 4, 8)), len(data) - position)
+            data[position:position + width] = rng.choice(WIDE).to_bytes(8, "little", signed=True)[:width]
+    return with_checksums(data) if rng.random() < 0.8 else bytes(data)
 
 
 def without_importance(lines):
-    # Where records that this version ignores are damaged, a reader may look for importances behind
-    # them or not.
+    # If ignored records are damaged, a reader may look for IMPO after them or not.
     return split([line for line in lines if not line.startswith("importance")])
 
 
@@ -78,31 +77,31 @@ def main():
     with open(MANIFEST, encoding="utf-8") as file:
         names = [entry["name"] for entry in json.load(file)["vectors"]
                  if "refused" not in entry and "reported" not in entry and entry["bytes"] < 4000]
-    sound = []
+    valid = []
     for name in names:
         with open(os.path.join(HERE, "vectors", name + ".stgs"), "rb") as file:
-            sound.append(file.read())
-    differ, refused = 0, 0
+            valid.append(file.read())
+    differing, refused = 0, 0
     with tempfile.TemporaryDirectory() as folder:
         inputs = {}
         for i in range(count):
-            number = rng.randrange(len(sound))
+            number = rng.randrange(len(valid))
             path = os.path.join(folder, f"{i}_{names[number]}.stgs")
-            inputs[path] = mutated(sound[number], rng)
+            inputs[path] = mutated(valid[number], rng)
             with open(path, "wb") as file:
                 file.write(inputs[path])
-        answers = program_blocks(sys.argv[1], list(inputs), LIMITS)
+        results = program_blocks(sys.argv[1], list(inputs), LIMITS)
         for path, data in inputs.items():
-            decoded, places = without_importance(describe(data, Limits(**LIMITS))[0])
-            other, other_places = without_importance(answers[path][:-1])
-            refused += bool(places)
-            if decoded == other and [p for p, _ in places] == [p for p, _ in other_places]:
+            decoded, parts = without_importance(describe(data, Limits(**LIMITS))[0])
+            other, other_parts = without_importance(results[path][:-1])
+            refused += bool(parts)
+            if decoded == other and [p for p, _ in parts] == [p for p, _ in other_parts]:
                 continue
-            differ += 1
-            print(f"{os.path.basename(path)}: the reference refuses {places}, the decoder "
-                  f"{other_places}:\n{data.hex()}")
-    print(f"{count} changed vectors, {refused} refused, {differ} decoded differently")
-    sys.exit(1 if differ else 0)
+            differing += 1
+            print(f"{os.path.basename(path)}: the reference refuses {parts}, the decoder "
+                  f"{other_parts}:\n{data.hex()}")
+    print(f"{count} mutated vectors, {refused} refused, {differing} decoded differently")
+    sys.exit(1 if differing else 0)
 
 
 if __name__ == "__main__":

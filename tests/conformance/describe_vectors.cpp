@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Prints what the decoder makes of .stgs files, as spec/reference_decoder/decode.py does: a line
-// for each attribute of each segment with the XXH3-64 of its floats, or why it is refused. Every
-// vector target of the machine must print the same.
+// Describes .stgs files as spec/reference_decoder/decode.py does (spec/conformance.md 3.2): a line
+// for each attribute of each tier with the XXH3-64 of its floats, or the reason for refusing it.
+// Every SIMD target of the machine must give the same result.
 //
 // usage: describe_vectors [--max-primitives N] [--max-memory BYTES] FILE...
 #include <cstring>
@@ -15,8 +15,8 @@ using namespace stgs;
 
 namespace {
 
-std::string refusal(const std::string& what, const Status& status) {
-  return fmt::format("  {}refused: {}: {}\n", what,
+std::string refusal(const std::string& part, const Status& status) {
+  return fmt::format("  {}refused: {}: {}\n", part,
                      status.code() == StatusCode::kUnsupported ? "unsupported" : "invalid",
                      status.message());
 }
@@ -36,21 +36,21 @@ std::string describe(const std::string& path, const ReadLimits& limits) {
   const auto reader = SceneReader::open(path, limits);
   if (!reader.ok()) return out + refusal("", reader.status());
   for (const Issue& issue : (*reader)->damage()) {
-    if (!issue.error) continue;  // what is only told
+    if (!issue.error) continue;
     out += refusal("damage ", invalid_file("{} (issue {})", issue.message, issue.number));
   }
   for (std::uint32_t s = 0; s < (*reader)->segments().size(); ++s) {
-    Status lost;
-    const auto set = (*reader)->decode_intact(s, lost);
+    Status sh_status;
+    const auto set = (*reader)->decode_intact(s, sh_status);
     if (!set.ok()) {
       out += refusal(fmt::format("segment {} ", s), set.status());
       continue;
     }
-    for (const Attribute attribute : attributes_of(lost.ok() ? (*reader)->sh_degree() : 0)) {
+    for (const Attribute attribute : attributes_of(sh_status.ok() ? (*reader)->sh_degree() : 0)) {
       out +=
           fmt::format("  segment {} {} {:016x}\n", s, name_of(attribute), hash_of(*set, attribute));
     }
-    if (!lost.ok()) out += refusal(fmt::format("segment {} harmonics ", s), lost);
+    if (!sh_status.ok()) out += refusal(fmt::format("segment {} sh ", s), sh_status);
   }
   const auto importance = (*reader)->importance();
   if (!importance.ok()) {
@@ -62,7 +62,7 @@ std::string describe(const std::string& path, const ReadLimits& limits) {
   return out;
 }
 
-// Issue numbers of the errors that the validator finds.
+// Returns the issue numbers of the validator's errors.
 std::string validation(const std::string& path, const ReadLimits& limits) {
   const auto source = open_file(path);
   if (!source.ok()) return refusal("validate ", source.status());

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the conformance vectors: small files, sound or broken in one way, the same on every machine.
+"""Generates the conformance vectors: small files, valid or invalid in one way, the same on every
+machine.
 
 usage: make_vectors.py DIR            writes DIR/NAME.stgs for each vector
-       make_vectors.py --update       writes those of this folder, and manifest.json: what each is
-                                      about, and what the reference decoder answers
+       make_vectors.py --update       writes the vectors of this folder and manifest.json: the
+                                      subject of each and the results of the reference decoder
 """
 import json
 import os
@@ -13,19 +14,18 @@ import sys
 from vector_file import VERSION, checksum
 from vector_list import VECTORS
 from vectors_broken_container import broken_header, broken_head, broken_index, broken_rules
-from vectors_broken_records import (broken_harmonics, broken_rans, broken_segment,
-                                    broken_streams)
-from vectors_container import sound_container
-from vectors_copies import broken_copies, damaged_heads, sound_copies
-from vectors_growing import broken_growing, sound_growing
-from vectors_records import sound_coded, sound_lossless
+from vectors_broken_records import broken_rans, broken_segment, broken_sh, broken_streams
+from vectors_container import valid_container
+from vectors_copies import broken_copies, damaged_heads, valid_copies
+from vectors_growing import broken_growing, valid_growing
+from vectors_records import valid_coded, valid_lossless
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 
 
-for make in (sound_lossless, sound_coded, sound_container, sound_growing, broken_growing, broken_rules,
-             broken_header, broken_head, broken_index, sound_copies, damaged_heads, broken_copies,
-             broken_segment, broken_harmonics, broken_streams, broken_rans):
+for make in (valid_lossless, valid_coded, valid_container, valid_growing, broken_growing, broken_rules,
+             broken_header, broken_head, broken_index, valid_copies, damaged_heads, broken_copies,
+             broken_segment, broken_sh, broken_streams, broken_rans):
     make()
 
 
@@ -68,7 +68,7 @@ def main():
     with open(os.path.join(HERE, "manifest.json"), "w", encoding="utf-8") as file:
         json.dump({"format": "1.1", "vectors": entries}, file, indent=1)
         file.write("\n")
-    print(f"{len(entries)} vectors, {sum(v.fails for v in VECTORS)} must fail, "
+    print(f"{len(entries)} vectors, {sum(v.fails for v in VECTORS)} invalid, "
           f"{sum(len(v.data) for v in VECTORS)} bytes")
 
 

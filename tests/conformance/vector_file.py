@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes .stgs files field by field, sound or broken as asked, for make_vectors.py. It shares nothing
-with the reference decoder. Clauses are those of spec/stgs-format.md."""
+"""Writes .stgs files field by field, valid or invalid, for make_vectors.py. It shares nothing with the
+reference decoder. Clauses are those of spec/stgs-format.md."""
 import struct
 from dataclasses import dataclass, field
 
@@ -44,8 +44,8 @@ class Meta:  # 4.2
     conventions: tuple = (0, 0, 0, 0)
     profile: int = 1
     degree: int = 0
-    least: tuple = (-100.0, -100.0, -100.0)
-    greatest: tuple = (100.0, 100.0, 100.0)
+    minimum: tuple = (-100.0, -100.0, -100.0)
+    maximum: tuple = (100.0, 100.0, 100.0)
     near: float = 0.125
     size: tuple = (0, 0)
     rotation: tuple = (1, 0, 0, 0, 1, 0, 0, 0, 1)
@@ -54,17 +54,17 @@ class Meta:  # 4.2
     metres: float = 0.0
     up: tuple = (0.0, 0.0, 0.0)
     floor: tuple = (0.0, 0.0, 0.0)
-    sound: object = ""
+    audio: object = ""
     audio_begin: float = 0.0
     extra: bytes = b""
 
     def payload(self):
         return (struct.pack("<3I4B2H", *self.time_base, self.frames, *self.conventions, self.profile,
                             self.degree) +
-                struct.pack("<3f3f3ff", 0, 0, 0, *self.least, *self.greatest, self.near) +
+                struct.pack("<3f3f3ff", 0, 0, 0, *self.minimum, *self.maximum, self.near) +
                 struct.pack("<2I9f3f4f", *self.size, *self.rotation, 0, 0, 0, *self.lens) +
                 text(self.generator) + text("") +
-                struct.pack("<7f", self.metres, *self.up, *self.floor) + text(self.sound) +
+                struct.pack("<7f", self.metres, *self.up, *self.floor) + text(self.audio) +
                 struct.pack("<d", self.audio_begin) + self.extra)
 
 
@@ -96,15 +96,15 @@ def table_bytes(f):  # A.2; f: {symbol: frequency}
 
 
 def table_for(planes):
-    """Frequencies for the symbols of some planes, by share and rounding alone."""
+    """Returns the frequencies of the symbols of some planes, by proportion and rounding."""
     count = {}
     for plane in planes:
         for symbol in plane:
             count[symbol] = count.get(symbol, 0) + 1
     total = sum(count.values())
     f = {s: max(1, c * 4096 // total) for s, c in count.items()}
-    most = max(sorted(f), key=lambda s: f[s])
-    f[most] += 4096 - sum(f.values())
+    top = max(sorted(f), key=lambda s: f[s])
+    f[top] += 4096 - sum(f.values())
     return f
 
 
@@ -130,7 +130,7 @@ def group(planes, tables, n):  # A.3, A.8
 
 
 def zstd_frame(planes, repeat=False, size=None):
-    """One block, raw or of one repeated byte: the same bytes whatever the library's version."""
+    """Returns a frame of one block, raw or of a repeated byte, independent of any zstd version."""
     size = len(planes) if size is None else size
     block = len(planes) << 3 | (2 if repeat else 0) | 1
     return (struct.pack("<IBI", 0xFD2FB528, 0xA0, size) + struct.pack("<I", block)[:3] +
@@ -144,19 +144,19 @@ class Stream:
     attribute: int
     mapping: int
     e: int
-    v: list                      # rows of values (7.4), a row a component of the planes
+    v: list                      # values (7.4), one row per component of the planes
     prediction: int = 0
     coder: int = STORED
     bits: tuple = (8, 8, 8, 8)
     origin: tuple = ()
     zstd: str = ""               # "raw", "repeat"
-    stored: bytes = None         # instead of what the planes give
+    stored: bytes = None         # replaces the stored planes
     components: int = None
-    tables: list = None          # of the layout, one a plane
-    digits: list = None          # instead of the digits of v: planes
+    tables: list = None          # table numbers of the layout, one per plane
+    digits: list = None          # planes that replace the digits of v
     m: int = 1
-    later: bytes = b""           # behind the fields of the row
-    length: int = None           # of the row, if it is to be cut or to state more
+    later: bytes = b""           # additional bytes after the fields of the row
+    length: int = None           # overrides the length of the row
 
     def planes(self):
         if self.digits is not None:
@@ -191,7 +191,7 @@ def layouts_payload(tables, layouts):  # 6.2
 
 @dataclass
 class Body:
-    """The payload of a SEGM record, but for who it is (6.1)."""
+    """The payload of a SEGM record (6.1), without level, layer and slot."""
     streams: list
     n: int
     layout: int = 65535
@@ -214,13 +214,13 @@ class Body:
                         tables.append(self.tables[t])
                         summed += plane
                 continue
-            whole = b"".join(planes)
+            joined = b"".join(planes)
             if s.attribute < 0x8000:
-                summed += whole
+                summed += joined
             if s.stored is not None:
                 stored.append(s.stored)
             else:
-                stored.append(zstd_frame(whole, s.zstd == "repeat") if s.zstd else whole)
+                stored.append(zstd_frame(joined, s.zstd == "repeat") if s.zstd else joined)
         out += struct.pack("<Q", checksum(summed) if self.planes_sum is None else self.planes_sum)
         if self.layout == 65535:
             out += layouts_payload(self.tables, [self.streams] * self.own_layouts)
@@ -248,17 +248,17 @@ class Segment:  # 5.3
     level: int
     slot: int
     tiers: list                                      # Body each
-    harmonics: list = field(default_factory=list)    # Body each; empty: not apart
+    sh: list = field(default_factory=list)           # Body each; empty: no separate records
     further: list = field(default_factory=list)      # (layer, payload)
-    counts: list = None                              # what the index says instead
-    says: tuple = None                               # level, slot that the records say instead
+    counts: list = None                              # overrides the counts in the index
+    stated: tuple = None                             # overrides level and slot in the records
     flags: int = 1
     raw_place: int = None
 
     def payloads(self):
-        level, slot = self.says or (self.level, self.slot)
+        level, slot = self.stated or (self.level, self.slot)
         out = [b.payload(level, i, slot) for i, b in enumerate(self.tiers)]
-        out += [b.payload(level, 256 + i, slot) for i, b in enumerate(self.harmonics)]
+        out += [b.payload(level, 256 + i, slot) for i, b in enumerate(self.sh)]
         return out + [payload for _, payload in self.further]
 
     def row(self, last_slots):
@@ -267,16 +267,16 @@ class Segment:  # 5.3
         place = 32 * delta + self.level + 1 if self.raw_place is None else self.raw_place
         sizes = [len(p) for p in self.payloads()]
         out = number(place)
-        out += number(4 * len(self.tiers) + 2 * bool(self.further) + bool(self.harmonics))
+        out += number(4 * len(self.tiers) + 2 * bool(self.further) + bool(self.sh))
         counts = self.counts or [b.n for b in self.tiers]
         for n, size in zip(counts, sizes):
             out += number(n) + number(size)
         at = len(self.tiers)
-        for size in sizes[at:at + len(self.harmonics)]:
+        for size in sizes[at:at + len(self.sh)]:
             out += number(size)
         if self.further:
             out += number(len(self.further))
-            for (layer, _), size in zip(self.further, sizes[at + len(self.harmonics):]):
+            for (layer, _), size in zip(self.further, sizes[at + len(self.sh):]):
                 out += number(layer) + number(size)
         return out
 
@@ -286,11 +286,11 @@ class Part:
     segments: list
     begin: float = 0.0
     end: float = 30.0
-    before: bytes = b""     # records between the part before and this one
-    after: bytes = b""      # records behind this part's
-    skip: int = None        # what the index says instead of their size
-    cut: tuple = None       # what of it is shown
-    chunk: float = None     # another than the file's
+    before: bytes = b""     # records between the previous part and this one
+    after: bytes = b""      # records after those of this part
+    skip: int = None        # overrides the skip in the index
+    cut: tuple = None       # the displayed interval
+    chunk: float = None     # overrides the file's chunk
 
 
 @dataclass
@@ -305,13 +305,13 @@ class File:
     major: int = VERSION[0]
     minor: int = VERSION[1]
     flags: int = 0
-    head_first: bytes = b""           # records of the head, before META and after INDX
-    head_last: bytes = b""
-    tail: bytes = b""                 # records behind the last segment
+    first_records: bytes = b""        # records of the head before META
+    last_records: bytes = b""         # records of the head after INDX
+    tail: bytes = b""                 # records after the last segment
     record_flags: dict = field(default_factory=dict)
     order: tuple = (b"META", b"LAYT", b"INDX")
     index: bytes = None
-    file_bytes: int = 0               # added to what the header says
+    file_bytes: int = 0               # added to the stated sizes
     head_bytes: int = 0
 
     def index_payload(self):  # 5.2
@@ -339,11 +339,11 @@ class File:
     def bytes(self):
         payloads = {b"META": self.meta.payload(), b"LAYT": self.layouts,
                     b"INDX": self.index_payload() if self.index is None else self.index}
-        head = self.head_first
+        head = self.first_records
         for tag in self.order:
             if payloads[tag] is not None:
                 head += record(tag, payloads[tag], self.record_flags.get(tag, 1))
-        head += self.head_last
+        head += self.last_records
         body = self.body()
         out = b"\x89STG\r\n\x1a\n" + struct.pack(
             "<HHIQQ", self.major, self.minor, self.flags, 40 + len(head) + len(body) + self.file_bytes,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that grow (5.12), for the vectors."""
+"""Writes growing files (5.12) for the vectors."""
 import struct
 from dataclasses import dataclass, replace
 
@@ -8,7 +8,7 @@ from vector_file import VERSION, File, Meta, checksum, record
 
 @dataclass
 class Fragment:
-    """What a FRAG record says, where it is not what a writer would say."""
+    """Fields of a FRAG record; None: the value that a writer would write."""
     frames: int = None
     flags: int = 0
     previous: int = None
@@ -16,16 +16,16 @@ class Fragment:
     offset: int = None
     head: int = None
     bounds: tuple = (-10.0, -10.0, -10.0, 10.0, 10.0, 10.0)
-    length: int = 0          # added to the payload's length at its end
+    length: int = 0          # added to the length at the end of the payload
     chunk: float = 5.0
 
 
-def growing(parts, fragments=None, closed=None, tail=b"", file_bytes=0, head_last=b"", flags=1,
+def growing(parts, fragments=None, closed=None, tail=b"", file_bytes=0, last_records=b"", flags=1,
             keep_skips=False, meta=None, copy=None):
-    """A recording of these parts, a FRAG record behind each; the last one of all where closed. `copy`:
-    makes the COPY record of a head."""
+    """Returns a recording of these parts with a FRAG record after each, and a closing one with the
+    fields of `closed`. `copy` makes the COPY record of a head."""
     meta = meta or Meta(profile=0, frames=1)
-    head = record(b"META", meta.payload()) + head_last
+    head = record(b"META", meta.payload()) + last_records
     version = (VERSION[0], 1) if copy else VERSION
     out = b"\x89STG\r\n\x1a\n" + struct.pack("<HHIQQ", *version, flags, file_bytes, 40 + len(head))
     out += struct.pack("<Q", checksum(out)) + head
@@ -34,10 +34,10 @@ def growing(parts, fragments=None, closed=None, tail=b"", file_bytes=0, head_las
     out += copied
     for i, part in enumerate(parts, 1):
         out += File([part]).body()
-        first = i & (i - 1)  # lists as many as the greatest power of two in i
-        said = fragments[i - 1] if fragments else Fragment()
+        first = i & (i - 1)  # lists as many parts as the greatest power of two that divides i
+        fields = fragments[i - 1] if fragments else Fragment()
         offsets.append(len(out))
-        out += fragment(parts[first:i], part.end, said,
+        out += fragment(parts[first:i], part.end, fields,
                         (sizes[first - 1:] if first else [len(copied)] + sizes),
                         len(out), head_sum, offsets[first - 1] if first else 0, ([0] + offsets)[-2],
                         keep_skips)
@@ -47,12 +47,12 @@ def growing(parts, fragments=None, closed=None, tail=b"", file_bytes=0, head_las
     return out + tail
 
 
-def fragment(parts, end, said, skips, offset, head_sum, previous, before, keep_skips=False):
+def fragment(parts, end, fields, skips, offset, head_sum, previous, before, keep_skips=False):
     listed = parts if keep_skips else [replace(part, skip=skip + len(part.before)) for part, skip in zip(parts, skips)]
-    payload = struct.pack("<II6f", int(end) if said.frames is None else said.frames, said.flags,
-                          *said.bounds)
-    for own, value in ((said.offset, offset), (said.head, head_sum), (said.previous, previous),
-                       (said.before, before)):
+    payload = struct.pack("<II6f", int(end) if fields.frames is None else fields.frames, fields.flags,
+                          *fields.bounds)
+    for own, value in ((fields.offset, offset), (fields.head, head_sum), (fields.previous, previous),
+                       (fields.before, before)):
         payload += struct.pack("<Q", value if own is None else own)
-    payload += File(listed, chunk=said.chunk).index_payload()
-    return record(b"FRAG", payload + struct.pack("<Q", len(payload) + 8 + said.length))
+    payload += File(listed, chunk=fields.chunk).index_payload()
+    return record(b"FRAG", payload + struct.pack("<Q", len(payload) + 8 + fields.length))

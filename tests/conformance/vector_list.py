@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The list of vectors, and the files that many of them are made from by one change."""
+"""The list of vectors, and the files from which many of them are derived by one change."""
 import struct
 from dataclasses import dataclass
 
@@ -12,13 +12,13 @@ VECTORS = []
 @dataclass
 class Vector:
     name: str
-    clause: str     # that it is about; of what must fail, the one that refuses it
+    clause: str     # tested clause; for an invalid vector the one that refuses it
     about: str
     data: bytes
-    limits: dict    # of the reader, where they are not the default ones
+    limits: dict    # of the reader, if not the default ones
     fails: bool
-    reported: list  # issues of a validator, where readers do not see what is wrong
-    may: bool       # a reader may decode what a validator must refuse
+    reported: list  # issues that only a validator reports
+    may: bool       # readers may decode the vector, validators must refuse it
 
 
 def vector(name, clause, about, file, limits=None, fails=False, reported=(),
@@ -33,7 +33,7 @@ def must_fail(name, clause, about, file, limits=None, may=False):
 
 
 def plain(n=3, degree=0, seed=1, **more):
-    """One persistent segment of floats."""
+    """Returns a file with one persistent segment of floats."""
     body = more.pop("body", None) or Body(float_streams(n, degree, seed), n)
     floats = all(s.mapping == 0 for s in body.streams if s.attribute < 0x8000)
     meta = more.pop("meta", None) or Meta(profile=int(not floats), degree=degree)
@@ -46,7 +46,7 @@ def coded(n=5, degree=0, seed=2, level=-1, slot=0, **streams):
 
 
 def changed(attribute, n=3, degree=0, **fields):
-    """plain() with one stream's fields changed."""
+    """Returns plain() with changed fields of one stream."""
     streams = float_streams(n, degree, 1)
     for s in streams:
         if s.attribute == attribute:
@@ -60,15 +60,15 @@ def replaced(stream, n=3, meta=None, **body):
     return plain(body=own_body(streams, n, **body), meta=meta)
 
 
-def apart(n=3, seed=1, rest=None, **more):
-    """A persistent segment of degree 1 whose harmonics, of the streams `rest`, are a record apart."""
+def separate_sh(n=3, seed=1, rest=None, **more):
+    """Returns a persistent segment of degree 1 with the SH streams `rest` in a separate record."""
     bodies = [Body(float_streams(n, 1, seed, which="base", **more), n)]
     rest = float_streams(n, 1, seed, which="rest") if rest is None else rest
     return Segment(-1, 0, bodies, [Body(rest, n)])
 
 
-def place(layer, level=-1, slot=0):
-    """What the payload of a further record begins with (5.13)."""
+def further_header(layer, level=-1, slot=0):
+    """Returns the beginning of the payload of a further record (5.13)."""
     return struct.pack("<hHI", level, layer, slot)
 
 
@@ -80,7 +80,7 @@ def private(*names):  # 3.5
 
 
 def framed(planes, window=None, size=True, dictionary=0, reserved=0):
-    """A zstd frame of a raw block, with another header than zstd_frame's."""
+    """Returns a zstd frame of a raw block, with another header than that of zstd_frame()."""
     head = 0x80 * bool(size) | 0x20 * (window is None) | reserved | bool(dictionary)
     out = struct.pack("<IB", 0xFD2FB528, head)
     out += b"" if window is None else bytes([window])
@@ -89,5 +89,5 @@ def framed(planes, window=None, size=True, dictionary=0, reserved=0):
     return out + struct.pack("<I", len(planes) << 3 | 1)[:3] + planes
 
 
-def with_byte(data, at, flip=1):
+def flipped(data, at, flip=1):
     return data[:at] + bytes([data[at] ^ flip]) + data[at + 1:]

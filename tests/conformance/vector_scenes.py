@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small sets of primitives for make_vectors.py, as the streams of a record."""
+"""Small sets of primitives for make_vectors.py, as streams of a record."""
 from vector_file import RANS, Body, COMPONENTS, Stream, bits_of, table_for
 
 
 class Lcg:
-    """The same numbers everywhere (Knuth's MMIX constants)."""
+    """Random numbers that are the same on every machine (Knuth's MMIX constants)."""
 
     def __init__(self, seed):
         self.state = seed
@@ -27,7 +27,8 @@ def deltas(row):
 
 
 def float_streams(n, degree, seed, start=0.0, span=30.0, which="all"):
-    """Mapping 0. Each primitive is seen for 3 ticks around the middle of [start, start + span)."""
+    """Streams of mapping 0. Each primitive is visible for 3 ticks around the middle of
+    [start, start + span)."""
     random = Lcg(seed)
 
     def rows(components, values):
@@ -45,19 +46,19 @@ def float_streams(n, degree, seed, start=0.0, span=30.0, which="all"):
     return [Stream(a, 0, 0, rows(COMPONENTS[a], make.get(a, small))) for a in attributes]
 
 
-def coded_streams(n, degree, seed, which="all", shaped=False, moment=True):
-    """Every mapping but 0 and every prediction, rANS."""
+def coded_streams(n, degree, seed, which="all", shaped=False, segment_time=True):
+    """rANS streams with every mapping except 0 and every prediction."""
     random = Lcg(seed)
 
-    def spread(most, components, low=0):
-        return [[low + random.below(most) for _ in range(n)] for _ in range(components)]
+    def spread(count, components, low=0):
+        return [[low + random.below(count) for _ in range(n)] for _ in range(components)]
 
     def coded(attribute, mapping, e, v, bits, prediction=0, origin=()):
         return Stream(attribute, mapping, e, v, prediction, RANS, bits, origin)
 
     out = [
         coded(1, 1, -6, spread(3000, 1), (8, 4), 3, (-1.0, -2.0, 0.5)),
-        coded(2, 7, -3, [zigzags(r) for r in spread(9, 1, 16)], (6,), 1, (0.0,)) if moment else
+        coded(2, 7, -3, [zigzags(r) for r in spread(9, 1, 16)], (6,), 1, (0.0,)) if segment_time else
         coded(2, 1, -3, spread(9, 1), (4,), 0, (14.5,)),
         coded(3, 2, 20, spread(8, 1), (3,), 0, (0.25, 0.0)),
         coded(4, 2, 20, spread(12, 1), (4,), 0, (0.5, 0.5)),
@@ -73,7 +74,7 @@ def coded_streams(n, degree, seed, which="all", shaped=False, moment=True):
 
 
 def give_tables(records, tables):
-    """A table for each rANS plane of records that share a layout, into `tables`."""
+    """Adds a table for each rANS plane of records that share a layout to `tables`."""
     for streams in zip(*records):
         if streams[0].coder != RANS:
             continue
@@ -89,7 +90,7 @@ def give_tables(records, tables):
 
 
 def own_body(streams, n, more_tables=0, **more):
-    """A record with its own layout and tables, and some that no plane has."""
+    """Returns a record with its own layout and tables, and `more_tables` unused tables."""
     tables = []
     give_tables([streams], tables)
     tables += [{0: 1 + i, 1: 4095 - i} for i in range(more_tables)]

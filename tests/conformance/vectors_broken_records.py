@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What breaks a rule of records and their streams (6, 7, annex A)."""
+"""Violations of the rules of records and their streams (6, 7, annex A)."""
 import struct
 
 from vector_file import (RANS, Body, File, Meta, Part, Patched, Segment, Stream, bits_of, group,
                          record, table_bytes, zstd_frame)
-from vector_list import apart, changed, framed, must_fail, plain, replaced, vector, with_byte
+from vector_list import separate_sh, changed, framed, must_fail, plain, replaced, vector, flipped
 from vector_scenes import float_streams, own_body
 
 
@@ -15,20 +15,20 @@ def broken_segment():
 
     good = three().bytes()
     second = good.index(b"SEGM", good.index(b"SEGM") + 4)
-    must_fail("damage_to_one_segment", "3.1", "a flipped bit in the second of three; the others play",
-           with_byte(good, second + 100))
+    must_fail("damage_to_one_segment", "3.1", "a flipped bit in the second of three segments; the others are decoded",
+           flipped(good, second + 100))
     for name, clause, flags in (("segment_not_critical", "3.2", 0), ("segment_flags", "3.4", 3)):
         file = plain()
         file.parts[0].segments[0].flags = flags
         must_fail(name, clause, f"SEGM with flags {flags}", file)
     file = plain()
-    file.parts[0].segments[0].says = (0, 3)
-    must_fail("another_segment", "6.1", "the record says another place than the index", file)
+    file.parts[0].segments[0].stated = (0, 3)
+    must_fail("another_segment", "6.1", "the record states another level and slot than the index", file)
     streams = float_streams(3, 0, 1)
-    must_fail("layout_not_there", "6.1", "layout 0, no LAYT", plain(body=Body(streams, 3, layout=0)))
+    must_fail("layout_not_there", "6.1", "layout 0 without LAYT", plain(body=Body(streams, 3, layout=0)))
     must_fail("two_own_layouts", "6.1", "two layouts in a record",
            plain(body=Body(streams, 3, own_layouts=2)))
-    must_fail("bytes_after_the_streams", "6.1", "one byte more",
+    must_fail("bytes_after_the_streams", "6.1", "one additional byte",
            plain(body=Body(streams, 3, after=b"\0")))
     must_fail("planes_checksum", "6.1", "a wrong checksum of the planes",
               plain(body=Body(streams, 3, planes_sum=0)), may=True)
@@ -36,13 +36,13 @@ def broken_segment():
     layt = struct.pack("<HH", 0, 2) + b"\1" + bad.row() + b"\x09" + b"".join(s.row() for s in good)
     bodies = [Body(float_streams(3, 0, 1, 5 * i, 5), 3, layout=i) for i in (0, 1)]
     both = [Segment(0, 2 * i, [body]) for i, body in enumerate(bodies)]
-    must_fail("bad_layout", "7.5.1", "a row with m = 2 in one of two layouts: of two records one is decoded",
+    must_fail("bad_layout", "7.5.1", "a row with m = 2 in one of two layouts: one of two records is decoded",
               File([Part(both)], Meta(profile=0), layouts=layt))
-    vector("bad_layout_unused", "7.5.1", "a row with m = 2 in a layout that no record has",
+    vector("bad_layout_unused", "7.5.1", "a row with m = 2 in a layout that no record uses",
            File([Part(both[1:])], Meta(profile=0), layouts=layt), reported=[404])
     coded = float_streams(3, 0, 1)
     coded[7] = Stream(8, 1, 0, [[0, 1, 2]], 0, RANS, (2,))
-    must_fail("own_table_unnamed", "6.1", "a table of a record that no plane has",
+    must_fail("own_table_unnamed", "6.1", "a table of a record that no plane uses",
               plain(body=own_body(coded, 3, more_tables=1)))
     must_fail("own_tables_257", "6.1", "257 tables in a record",
               plain(body=own_body(coded, 3, more_tables=256)))
@@ -52,38 +52,38 @@ def broken_segment():
            plain(body=Body([streams[1], streams[0]] + streams[2:], 3)))
     must_fail("unknown_attribute", "6.3", "attribute 13",
            plain(body=Body(streams + [Stream(13, 0, 0, [[0, 0, 0]])], 3)))
-    must_fail("harmonics_nowhere", "5.7", "left out and not apart",
+    must_fail("harmonics_nowhere", "5.7", "neither in the record nor in a separate one",
            plain(body=Body(float_streams(3, 1, 1, which="base"), 3), degree=1))
     both = Segment(-1, 0, [Body(float_streams(3, 1, 1), 3)],
                    [Body(float_streams(3, 1, 1, which="rest"), 3)])
     must_fail("harmonics_twice", "5.7", "in both records", File([Part([both])], Meta(degree=1)))
 
 
-def broken_harmonics():
-    """Where they alone are lost, the rest of their tier is decoded (5.7)."""
+def broken_sh():
+    """If only SH is refused, the other attributes of the tier are decoded (5.7)."""
     def both():
-        first = apart()
-        second = apart(2, 2)
+        first = separate_sh()
+        second = separate_sh(2, 2)
         first.tiers += second.tiers
-        first.harmonics += second.harmonics
+        first.sh += second.sh
         return File([Part([first])], Meta(profile=0, degree=1)).bytes()
 
-    whole = both()
-    records = [i for i in range(len(whole)) if whole.startswith(b"SEGM", i)]
-    must_fail("harmonics_damaged", "3.1", "a flipped bit in the harmonics of the first of two tiers",
-              with_byte(whole, records[2] + 100))
-    must_fail("harmonics_cut_off", "2.6", "the file is truncated in the harmonics of the first of two tiers",
-              whole[:records[2] + 100])
+    complete = both()
+    records = [i for i in range(len(complete)) if complete.startswith(b"SEGM", i)]
+    must_fail("harmonics_damaged", "3.1", "a flipped bit in the SH of the first of two tiers",
+              flipped(complete, records[2] + 100))
+    must_fail("harmonics_cut_off", "2.6", "the file is truncated within the SH of the first of two tiers",
+              complete[:records[2] + 100])
     must_fail("primitives_damaged", "3.1", "a flipped bit in the first of two tiers",
-              with_byte(whole, records[0] + 300))
+              flipped(complete, records[0] + 300))
     later = float_streams(3, 1, 1, which="rest")
     later[0].mapping = 8
-    must_fail("harmonics_unknown", "6.3", "their mapping is of a later version",
-              File([Part([apart(rest=later)])], Meta(profile=1, degree=1)))
+    must_fail("harmonics_unknown", "6.3", "SH with a mapping of a later version",
+              File([Part([separate_sh(rest=later)])], Meta(profile=1, degree=1)))
     broken = float_streams(3, 1, 1, which="rest")
     broken[0].v[0][1] = bits_of(float("nan"))
-    must_fail("harmonics_not_numbers", "6.4", "a coefficient that is no number",
-              File([Part([apart(rest=broken)])], Meta(profile=0, degree=1)))
+    must_fail("harmonics_not_numbers", "6.4", "a coefficient that is not a number",
+              File([Part([separate_sh(rest=broken)])], Meta(profile=0, degree=1)))
 
 
 def broken_streams():
@@ -91,9 +91,9 @@ def broken_streams():
             ("unknown_mapping", "6.3", "mapping 8", dict(mapping=8)),
             ("unknown_prediction", "6.3", "prediction 4", dict(prediction=4)),
             ("unknown_coder", "6.3", "coder 3", dict(coder=3)),
-            ("row_too_short", "6.3", "a row that ends in its fields", dict(length=12)),
+            ("row_too_short", "6.3", "a row that ends within its fields", dict(length=12)),
             ("row_without_a_kind", "6.3", "a row of five bytes", dict(length=5)),
-            ("row_beyond_the_layout", "6.1", "a row longer than what is left", dict(length=65535)),
+            ("row_beyond_the_layout", "6.1", "a row longer than the remaining bytes", dict(length=65535)),
             ("multiplier_of_floats", "7.5.1", "mapping 0 with m = 3", dict(m=3)),
             ("multiplier_0", "7.5", "m = 0", dict(mapping=1, m=0)),
             ("multiplier_2", "7.5", "m = 2", dict(mapping=1, m=2)),
@@ -101,9 +101,9 @@ def broken_streams():
             ("step_too_great", "7.5", "e = 101", dict(mapping=1, e=101)),
             ("origin_too_small", "7.5", "an origin of 2^-101", dict(mapping=1, origin=(2.0 ** -101,))),
             ("origin_too_great", "7.5", "an origin of 2^101", dict(mapping=1, origin=(-2.0 ** 101,))),
-            ("origin_not_a_number", "7.5", "an origin that is no number",
+            ("origin_not_a_number", "7.5", "an origin that is not a number",
              dict(mapping=1, origin=(0.0, float("nan")))),
-            ("draco_elsewhere", "7.2.1", "an opacity that is coded as only positions may be",
+            ("draco_elsewhere", "7.2.1", "an opacity with the coder for positions",
              dict(coder=2, mapping=1, bits=(8, 8, 8))),
             ("float_with_prediction", "7.5.1", "mapping 0, prediction 1", dict(prediction=1)),
             ("mapping_of_another", "7.5", "an opacity with mapping 4", dict(mapping=4)),
@@ -115,7 +115,7 @@ def broken_streams():
             ("stored_digits_of_4_bits", "7.2", "coder 0, 4 bits", dict(bits=(4, 4), v=[[0, 0, 0]])),
             ("planes_beyond_floats", "7.3", "81 planes for 80 bytes of floats",
              dict(bits=(8, 8, 8, 4, 4), coder=RANS, v=[[0, 0, 0]])),
-            ("truncated_opacity", "7.5", "mapping 2 of an opacity", dict(mapping=2))):
+            ("truncated_opacity", "7.5", "an opacity with mapping 2", dict(mapping=2))):
         if fields.get("coder") == RANS:
             streams = float_streams(3, 0, 1)
             for field, value in fields.items():
@@ -133,13 +133,13 @@ def broken_streams():
             ("zstd_window_of_9_mib", "7.2.2", "a window of 9 MiB", framed(b"123456789012", window=0x69)),
             ("zstd_skippable", "7.2.2", "a skippable frame before the frame",
              struct.pack("<II", 0x184D2A50, 0) + zstd_frame(b"123456789012")),
-            ("zstd_skippable_behind", "7.2", "a skippable frame behind the frame",
+            ("zstd_skippable_behind", "7.2", "a skippable frame after the frame",
              zstd_frame(b"123456789012") + struct.pack("<II", 0x184D2A50, 0)),
             ("zstd_legacy", "7.2.2", "a frame of format 0.7",
              b"\x27" + zstd_frame(b"123456789012")[1:]),
             ("zstd_without_size", "7.2.2", "a frame that does not state its content's size",
              framed(b"123456789012", window=0x50, size=None)),
-            ("zstd_dictionary", "7.2.2", "a frame that needs dictionary 1",
+            ("zstd_dictionary", "7.2.2", "a frame that requires dictionary 1",
              framed(b"123456789012", dictionary=1)),
             ("zstd_reserved_bit", "7.2.2", "a reserved bit in a frame's header",
              framed(b"123456789012", reserved=8)),
@@ -148,7 +148,7 @@ def broken_streams():
         must_fail(name, clause, about, changed(8, stored=stored))
     must_fail("zstd_size", "7.2.2", "a frame that states another size", changed(
         8, stored=zstd_frame(b"1234567", size=13)))
-    must_fail("zstd_two_frames", "7.2", "a frame behind the frame", changed(
+    must_fail("zstd_two_frames", "7.2", "a second frame after the frame", changed(
         8, stored=zstd_frame(b"123456789012") + zstd_frame(b"")))
     must_fail("zstd_damaged", "7.2", "a block of a reserved kind", changed(
         8, stored=zstd_frame(b"123456789012").replace(b"\x61\0\0", b"\x67\0\0")))
@@ -165,9 +165,9 @@ def broken_streams():
               replaced(Stream(8, 1, -20, [[10, 0xFFFFFFFF, 0xFFFFFFFF]], 2)))
     must_fail("truncated_below_0", "7.5.3", "q = -1",
            replaced(Stream(3, 2, 18, [[1, 1, 0xFFFFFFFF]], origin=(1.0,))))
-    must_fail("truncated_infinite", "7.5.3", "the bits of infinity",
+    must_fail("truncated_infinite", "7.5.3", "the bits of an infinity",
            replaced(Stream(3, 2, 23, [[0, 0, 128]], origin=(1.0,))))
-    must_fail("truncated_above_2_to_100", "7.5.3", "the least float above 2^100",
+    must_fail("truncated_above_2_to_100", "7.5.3", "the lowest float above 2^100",
               replaced(Stream(3, 2, 0, [[0, 0, 1]], origin=(2.0 ** 100,))))
     must_fail("truncated_integer_of_25_bits", "7.5", "2^24 units in the last place of 1",
               replaced(Stream(3, 2, 0, [[0, 1 << 24, 0]], origin=(1.0,))))
@@ -203,27 +203,27 @@ def broken_rans():
 
     good = opacity()
     table = table_bytes(good.tables[0])
-    sound = group([bytes([0, 1, 2])], [good.tables[0]], 3)
-    words, state = struct.unpack_from("<II", sound)
-    must_fail("group_cut", "A.6", "the last word is missing", plain(body=opacity(sound[:-2])))
-    must_fail("group_without_sizes", "A.6", "three bytes", plain(body=opacity(sound[:3])))
+    valid = group([bytes([0, 1, 2])], [good.tables[0]], 3)
+    words, state = struct.unpack_from("<II", valid)
+    must_fail("group_cut", "A.6", "the last word is missing", plain(body=opacity(valid[:-2])))
+    must_fail("group_without_sizes", "A.6", "three bytes", plain(body=opacity(valid[:3])))
     must_fail("state_too_low", "A.4", "a state of 65535",
-           plain(body=opacity(struct.pack("<II", words, 65535) + sound[8:])))
-    must_fail("word_left", "A.5", "a word more than is read",
-           plain(body=opacity(struct.pack("<II", words + 1, state) + sound[8:] + b"\0\0")))
-    alike = Stream(8, 1, -2, [[5, 5, 5]], 0, RANS)
-    for name, about, size, first in (("no_planes_state", "a state of 65537 where no planes are", 0, 65537),
-                                     ("no_planes_word", "a word where no planes are", 1, 65536)):
-        must_fail(name, "A.5", about, replaced(alike, group=struct.pack("<2I", size, first) + bytes(2 * size)))
-    must_fail("last_state", "A.5", "a block that ends elsewhere",
-           plain(body=opacity(struct.pack("<II", words, state + 4096) + sound[8:])))
-    must_fail("table_sum", "A.2", "frequencies beyond 4096",
+           plain(body=opacity(struct.pack("<II", words, 65535) + valid[8:])))
+    must_fail("word_left", "A.5", "one word more than is read",
+           plain(body=opacity(struct.pack("<II", words + 1, state) + valid[8:] + b"\0\0")))
+    constant = Stream(8, 1, -2, [[5, 5, 5]], 0, RANS)
+    for name, about, size, first in (("no_planes_state", "a state of 65537 in a group of no planes", 0, 65537),
+                                     ("no_planes_word", "a word in a group of no planes", 1, 65536)):
+        must_fail(name, "A.5", about, replaced(constant, group=struct.pack("<2I", size, first) + bytes(2 * size)))
+    must_fail("last_state", "A.5", "a block that ends with another state",
+           plain(body=opacity(struct.pack("<II", words, state + 4096) + valid[8:])))
+    must_fail("table_sum", "A.2", "frequencies that add up to more than 4096",
            plain(body=Patched(good, table, bytes([2]) + b"\xff" * 6)))
-    must_fail("table_padding", "A.2", "a bit behind a table", plain(
-        body=Patched(good, table, with_byte(table, len(table) - 1, 128))))
+    must_fail("table_padding", "A.2", "a nonzero bit after a table", plain(
+        body=Patched(good, table, flipped(table, len(table) - 1, 128))))
     streams = float_streams(3, 0, 1)
     streams.append(Stream(0x8001, 0, 0, [[0, 0, 0]], 0, RANS, (8,)))
-    must_fail("optional_rans", "6.5", "an optional stream that is rANS",
+    must_fail("optional_rans", "6.5", "an optional stream with coder rANS",
            plain(body=own_body(streams, 3)))
     row = good.streams[7].row()
     must_fail("table_not_there", "6.3", "table 1 of 1",

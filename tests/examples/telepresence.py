@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The examples telepresence_recorder and telepresence_viewer, with nginx between them."""
+"""Runs the examples telepresence_recorder and telepresence_viewer, with nginx between them.
+
+usage: telepresence.py RECORDER VIEWER SECONDS JOINS     prints latencies as JSON
+"""
 import json
 import os
 import subprocess
@@ -10,29 +13,28 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "../
 from nginx import Nginx  # noqa: E402
 
 
-def run(recorder, viewer, seconds, join_after, stretch=0.5):
-    """Records so many seconds in real time, and joins when `join_after` seconds are there. What the
-    viewer prints, with `stretches`: what the recorder does."""
+def run(recorder, viewer, seconds, join_after, fragment=0.5):
+    """Records `seconds` in real time, and starts the viewer after `join_after` recorded seconds.
+    Returns the viewer's JSON, with the recorder's lines as `fragments`."""
     with tempfile.TemporaryDirectory() as folder, Nginx(folder) as server:
-        with subprocess.Popen([recorder, folder + "/scene.stgs", str(seconds), str(stretch)],
+        with subprocess.Popen([recorder, folder + "/scene.stgs", str(seconds), str(fragment)],
                               stdout=subprocess.PIPE, text=True) as recording:
             try:
                 lines = []
                 while not lines or json.loads(lines[-1])["end"] < join_after:
                     lines.append(recording.stdout.readline())
-                watched = subprocess.run([viewer, server.url, str(seconds + 20)], check=True,
+                viewing = subprocess.run([viewer, server.url, str(seconds + 20)], check=True,
                                          stdout=subprocess.PIPE, text=True, timeout=seconds + 60)
                 lines += recording.stdout.readlines()
             finally:
                 recording.kill()
-    out = json.loads(watched.stdout)
-    out["stretches"] = [json.loads(line) for line in lines]
+    out = json.loads(viewing.stdout)
+    out["fragments"] = [json.loads(line) for line in lines]
     return out
 
 
 def run_replaced(recorder, viewer, seconds):
-    """Joins a recording, in whose place another is put once it is seen to be followed. What the
-    viewer prints."""
+    """Replaces a recording by another one while a viewer follows it. Returns the viewer's JSON."""
     def record(path):
         return subprocess.Popen([recorder, path, str(seconds)], stdout=subprocess.PIPE, text=True)
     with tempfile.TemporaryDirectory() as folder:
@@ -47,13 +49,13 @@ def run_replaced(recorder, viewer, seconds):
                     first.kill()
                     os.replace(other, path)
                     second.wait(seconds + 30)
-                    told = viewing.communicate(timeout=60)[0]
+                    output = viewing.communicate(timeout=60)[0]
                 finally:
                     for process in first, second, viewing:
                         process.kill()
         if viewing.returncode != 0:
-            raise RuntimeError(f"the viewer ended with {viewing.returncode}")
-        return json.loads(told)
+            raise RuntimeError(f"the viewer exited with {viewing.returncode}")
+        return json.loads(output)
 
 
 def percentile(values, share):
@@ -61,29 +63,29 @@ def percentile(values, share):
 
 
 def latencies(out):
-    """Of the stretches that were appended after joining: from when a stretch was over, and from when
-    it was in the file, until a picture of it was drawn; and by how much pictures were late."""
+    """Returns latencies in seconds of the fragments appended after joining: from the end of capture
+    to the first frame shown, from the append to the first frame shown, and that of each frame."""
     joined = out["shown"][0][1]
     visible, after_append, late = [], [], []
-    for stretch in out["stretches"]:
-        shown = [at for moment, at in out["shown"] if stretch["begin"] <= moment < stretch["end"]]
-        if stretch["captured"] < joined or not shown:
+    for fragment in out["fragments"]:
+        shown = [at for time, at in out["shown"] if fragment["begin"] <= time < fragment["end"]]
+        if fragment["captured"] < joined or not shown:
             continue
-        visible.append(shown[0] - stretch["captured"])
-        after_append.append(shown[0] - stretch["appended"])
-        start = stretch["captured"] - stretch["end"]  # when moment 0 was
-        late += [at - start - moment for moment, at in out["shown"]
-                 if stretch["begin"] <= moment < stretch["end"]]
+        visible.append(shown[0] - fragment["captured"])
+        after_append.append(shown[0] - fragment["appended"])
+        start = fragment["captured"] - fragment["end"]  # clock at time 0 of the recording
+        late += [at - start - time for time, at in out["shown"]
+                 if fragment["begin"] <= time < fragment["end"]]
     return visible, after_append, late
 
 
 def measure(recorder, viewer, seconds, joins):
-    """Figures of one long recording, and of joining several."""
+    """Returns percentiles of the latencies of one long recording and of joining several."""
     out = run(recorder, viewer, seconds, join_after=seconds / 4)
     figures = {name: {"p50": percentile(values, 0.5), "p95": percentile(values, 0.95)}
-               for name, values in zip(("over_to_visible_s", "append_to_visible_s", "late_s"),
+               for name, values in zip(("fragment_end_to_visible_s", "append_to_visible_s", "latency_s"),
                                        latencies(out))}
-    figures["stretches"] = len(latencies(out)[0])
+    figures["fragments"] = len(latencies(out)[0])
     figures["events"] = out["events"]
     joined = [out["joined"]] + [run(recorder, viewer, 5, join_after=2)["joined"]
                                 for _ in range(joins - 1)]

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The example embed_vulkan: its cube and the scene's splats hide each other as their depths say,
-// and the validation layer, where it is installed, has nothing to say. Exit code 77: there is no
-// device.
+// The example embed_vulkan: its cube and the scene's splats occlude each other by depth, and the
+// validation layer, if installed, reports nothing. Exit code 77: no Vulkan device.
 #include <stdlib.h>
 #include <sys/wait.h>
 
@@ -17,7 +16,7 @@
 #define STBI_ONLY_PNG
 #include <stb_image.h>
 
-#include "../api/temporary_folder.h"
+#include "../fixtures/temporary_folder.h"
 #include "catch.h"
 #include "catch_runner.h"
 #include "stgs/format/scene_file.h"
@@ -30,12 +29,12 @@ constexpr int kUnsupported = 5;
 
 using Colour = std::array<int, 3>;
 
-// An opaque splat that stands still, of those standard deviations.
-void add(Gaussians4D& set, std::size_t i, std::array<float, 3> position, float wide, float thick,
-         std::array<float, 3> colour) {
+// Sets an opaque static splat with standard deviations `width` (x, y) and `depth` (z).
+void set_splat(Gaussians4D& set, std::size_t i, std::array<float, 3> position, float width,
+               float depth, std::array<float, 3> colour) {
   for (std::size_t c = 0; c < 3; ++c) {
     set.position[3 * i + c] = position[c];
-    set.log_scale[3 * i + c] = std::log(c < 2 ? wide : thick);
+    set.log_scale[3 * i + c] = std::log(c < 2 ? width : depth);
     set.sh[3 * i + c] = (colour[c] - 0.5f) / 0.28209479f;
   }
   set.rotation[4 * i] = 1;
@@ -44,13 +43,13 @@ void add(Gaussians4D& set, std::size_t i, std::array<float, 3> position, float w
   set.sigma[i] = set.radius[i] = 1000;
 }
 
-// A blue wall at z = 8, a green ball before it at z = 3, left of the middle.
+// A blue wall at z = 8, and a green ball in front of it at z = 3, left of the centre.
 std::string write_scene_to(const TemporaryFolder& folder, bool with_camera = true) {
   Scene scene;
   scene.metadata.time_base = {1, 30};
   scene.metadata.frames = 30;
   scene.metadata.near_plane = 0.1f;
-  scene.metadata.background[0] = 1;  // which the application does not take
+  scene.metadata.background[0] = 1;  // ignored by the application
   StartCamera start;
   start.fx = start.fy = 120;
   start.cx = kWidth / 2.0f;
@@ -60,40 +59,40 @@ std::string write_scene_to(const TemporaryFolder& folder, bool with_camera = tru
   if (with_camera) scene.metadata.start_camera = start;
   scene.gaussians.sh_degree = 0;
   scene.gaussians.resize(2);
-  add(scene.gaussians, 0, {0, 0, 8}, 60, 0.01f, {0, 0, 1});
-  add(scene.gaussians, 1, {-0.25f, 0, 3}, 0.1f, 0.1f, {0, 1, 0});
+  set_splat(scene.gaussians, 0, {0, 0, 8}, 60, 0.01f, {0, 0, 1});
+  set_splat(scene.gaussians, 1, {-0.25f, 0, 3}, 0.1f, 0.1f, {0, 1, 0});
   const std::string path = folder / "wall.stgs";
   REQUIRE(write_scene(path, scene, {}).ok());
   return path;
 }
 
-// Runs the example; what it says.
+// Runs the example; returns its output and sets its exit code.
 std::string run(const std::string& arguments, int& code) {
   const std::string command = std::string(STGS_EXAMPLE) + " " + arguments + " 2>&1";
   FILE* pipe = popen(command.c_str(), "r");
-  std::string said;
-  if (pipe == nullptr) return said;
-  for (int c = std::fgetc(pipe); c != EOF; c = std::fgetc(pipe)) said += static_cast<char>(c);
+  std::string output;
+  if (pipe == nullptr) return output;
+  for (int c = std::fgetc(pipe); c != EOF; c = std::fgetc(pipe)) output += static_cast<char>(c);
   code = WEXITSTATUS(pclose(pipe));
-  return said;
+  return output;
 }
 
-class Picture {
+class Image {
  public:
-  // With the cube there.
-  Picture(const TemporaryFolder& folder, const std::string& scene, const char* cube,
-          int wide = kWidth, int high = kHeight)
-      : width_(wide) {
-    const std::string path = folder / "picture.png";
+  // `cube`: the example's arguments for the cube's position and size.
+  Image(const TemporaryFolder& folder, const std::string& scene, const char* cube,
+        int width = kWidth, int height = kHeight)
+      : width_(width) {
+    const std::string path = folder / "image.png";
     int code = -1;
-    const std::string said = run(scene + " 0.5 " + path + " " + cube, code);
-    INFO(said);
+    const std::string output = run(scene + " 0.5 " + path + " " + cube, code);
+    INFO(output);
     REQUIRE(code == 0);
-    CHECK(said.empty());
-    int width = 0, height = 0, channels = 0;
-    pixels_.reset(stbi_load(path.c_str(), &width, &height, &channels, 3));
-    REQUIRE(width == wide);
-    REQUIRE(height == high);
+    CHECK(output.empty());
+    int loaded_width = 0, loaded_height = 0, channels = 0;
+    pixels_.reset(stbi_load(path.c_str(), &loaded_width, &loaded_height, &channels, 3));
+    REQUIRE(loaded_width == width);
+    REQUIRE(loaded_height == height);
   }
   Colour at(int x, int y) const {
     const std::uint8_t* p = pixels_.get() + 3 * (y * width_ + x);
@@ -117,56 +116,55 @@ bool is_orange(Colour c) {
 
 }  // namespace
 
-TEST_CASE("splats before the cube cover it, and it hides those behind it") {
+TEST_CASE("the cube is occluded by splats in front of it and occludes splats behind it") {
   const TemporaryFolder folder;
-  const Picture picture(folder, write_scene_to(folder), "0 0 5 0.8");
-  CHECK(is_green(picture.at(70, 60)));
-  CHECK(is_orange(picture.at(90, 60)));
-  CHECK(is_blue(picture.at(20, 20)));
-  // The plate's near edge is before the wall, and hides it too.
-  const Colour plate = picture.at(100, 92);
+  const Image image(folder, write_scene_to(folder), "0 0 5 0.8");
+  CHECK(is_green(image.at(70, 60)));
+  CHECK(is_orange(image.at(90, 60)));
+  CHECK(is_blue(image.at(20, 20)));
+  // The plate's near edge is in front of the wall and occludes it.
+  const Colour plate = image.at(100, 92);
   CHECK(std::abs(plate[0] - plate[2]) < 10);
 }
 
-TEST_CASE("a cube behind all splats is hidden, and one before all of them hides them") {
+TEST_CASE("a cube behind all splats is hidden, and one in front of them hides them") {
   const TemporaryFolder folder;
   const std::string scene = write_scene_to(folder);
-  const Picture behind(folder, scene, "0 0 12 0.8");
-  const Picture before(folder, scene, "-0.15 0 2 0.3");
+  const Image behind(folder, scene, "0 0 12 0.8");
+  const Image front(folder, scene, "-0.15 0 2 0.3");
   for (const int x : {80, 84, 88}) {
     CHECK(is_blue(behind.at(x, 60)));
-    CHECK(is_orange(before.at(x, 60)));
+    CHECK(is_orange(front.at(x, 60)));
   }
   CHECK(is_green(behind.at(70, 60)));
-  CHECK(is_orange(before.at(70, 60)));
+  CHECK(is_orange(front.at(70, 60)));
 }
 
-TEST_CASE("a scene without a start camera is seen from before its bounds") {
+TEST_CASE("a scene without a start camera is rendered from in front of its bounds") {
   const TemporaryFolder folder;
-  const Picture picture(folder, write_scene_to(folder, false), "", 1280, 720);
-  CHECK(is_blue(picture.at(20, 20)));
-  CHECK(is_green(picture.at(512, 360)));  // 0.625 from the camera, 0.125 left of it
+  const Image image(folder, write_scene_to(folder, false), "", 1280, 720);
+  CHECK(is_blue(image.at(20, 20)));
+  CHECK(is_green(image.at(512, 360)));  // 0.625 from the camera, 0.125 left of it
 }
 
-TEST_CASE("a file that is none is told of") {
+TEST_CASE("a missing file is reported") {
   const TemporaryFolder folder;
   int code = 0;
-  const std::string said = run(folder / "none.stgs" + " 0 " + folder / "a.png", code);
+  const std::string output = run(folder / "none.stgs" + " 0 " + folder / "a.png", code);
   CHECK(code == 4);
-  CHECK(said.find("none.stgs") != std::string::npos);
+  CHECK(output.find("none.stgs") != std::string::npos);
 }
 
 }  // namespace stgs::testing
 
 int main(int argc, char** argv) {
   using namespace stgs::testing;
-  // Validation as the loader and the layer take it from the environment: messages on standard
-  // output.
+  // The loader and the layer read these variables; the layer prints to standard output.
   setenv("VK_INSTANCE_LAYERS", "VK_LAYER_KHRONOS_validation", 1);
   setenv("VK_LAYER_ENABLES", "VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT", 1);
   int code = 0;
-  if (const std::string said = run("none.stgs 0 none.png", code); code == kUnsupported) {
-    std::printf("skipped: %s\n", said.c_str());
+  if (const std::string output = run("none.stgs 0 none.png", code); code == kUnsupported) {
+    std::printf("skipped: %s\n", output.c_str());
     return 77;
   }
   return stgs::testing::run_cases(argc, argv);

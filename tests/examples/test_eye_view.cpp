@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The example hello_openxr: an eye of OpenXR's sees a point of the scene where OpenXR says.
+// The example hello_openxr: an OpenXR eye projects points of the scene as OpenXR defines it.
 #include "xr/eye_view.h"
 
 #include <array>
@@ -13,9 +13,9 @@ using Vector = std::array<double, 3>;
 
 constexpr std::uint32_t kWidth = 320, kHeight = 200;
 
-// OpenXR's own text: a point in the eye's axes (x right, y up, z back), then on the picture between
-// the frustum's angles, row 0 at the top.
-Vector turned_back(const XrQuaternionf& q, const Vector& v) {
+// OpenXR's definition: rotate a point into the eye's axes (x right, y up, z back), then project it
+// onto the image between the frustum's angles, row 0 at the top.
+Vector rotate_inverse(const XrQuaternionf& q, const Vector& v) {
   const double x = -q.x, y = -q.y, z = -q.z, w = q.w;
   const Vector t = {2 * (y * v[2] - z * v[1]), 2 * (z * v[0] - x * v[2]),
                     2 * (x * v[1] - y * v[0])};
@@ -25,14 +25,14 @@ Vector turned_back(const XrQuaternionf& q, const Vector& v) {
 std::array<double, 2> pixel_of(const XrView& eye, const Vector& point) {
   const XrVector3f& p = eye.pose.position;
   const Vector v =
-      turned_back(eye.pose.orientation, {point[0] - p.x, point[1] - p.y, point[2] - p.z});
+      rotate_inverse(eye.pose.orientation, {point[0] - p.x, point[1] - p.y, point[2] - p.z});
   const double left = std::tan(eye.fov.angleLeft), right = std::tan(eye.fov.angleRight);
   const double up = std::tan(eye.fov.angleUp), down = std::tan(eye.fov.angleDown);
   return {kWidth * (v[0] / -v[2] - left) / (right - left),
           kHeight * (up - v[1] / -v[2]) / (up - down)};
 }
 
-// A point of the viewer's space in the scene.
+// Maps a point of the viewer's space into the scene.
 Vector in_scene(const xr::Anchor& anchor, const Vector& point) {
   const double flipped[] = {point[0], -point[1], -point[2]};
   Vector out = {anchor.position[0], anchor.position[1], anchor.position[2]};
@@ -53,7 +53,7 @@ Vector in_camera(const stgs_view& view, const Vector& point) {
   return out;
 }
 
-// Turned and pitched, away from the origin.
+// A view with yaw and pitch, away from the origin.
 stgs_view start_view() {
   stgs_view view;
   REQUIRE(stgs_view_defaults(&view, sizeof view) == STGS_OK);
@@ -100,11 +100,11 @@ void check_points(const stgs_scene_info& info) {
 
 }  // namespace
 
-TEST_CASE("an eye whose frustum is askew sees points where they are") {
+TEST_CASE("an eye with an asymmetric frustum projects points like OpenXR") {
   check_points(scene_info());
 }
 
-TEST_CASE("a metre is a metre of the scene's, and up is its up") {
+TEST_CASE("the anchor uses the scene's metres and up direction") {
   stgs_scene_info info = scene_info();
   info.metres_per_unit = 0.5f;
   info.up[0] = 0.6f;
@@ -117,7 +117,7 @@ TEST_CASE("a metre is a metre of the scene's, and up is its up") {
   for (std::size_t i = 0; i < 3; ++i) {
     CHECK(above[i] - origin[i] == Approx(2 * info.up[i]).margin(1e-6));
   }
-  // The origin is the start camera's, and its view goes that way.
+  // The origin is the start camera's position, and forward is its viewing direction.
   const Vector camera = in_camera(start, origin);
   for (const double c : camera) CHECK(c == Approx(0).margin(1e-6));
   const Vector ahead = in_camera(start, in_scene(anchor, {0, 0, -1}));

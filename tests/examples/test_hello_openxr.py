@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""hello_openxr in the headset of the OpenXR runtime that is configured; exit code 77: there is none.
+"""hello_openxr in the headset of the configured OpenXR runtime; exit code 77: no runtime found.
 
 usage: test_hello_openxr.py HELLO_OPENXR MAKE_SCENE
 """
@@ -26,14 +26,14 @@ def main():
         if result.returncode == UNSUPPORTED:
             sys.exit(77)
         assert result.returncode == 0
-        assert "30 frames drawn" in result.stdout and "was focused" in result.stdout
+        assert "30 frames rendered" in result.stdout and "was focused" in result.stdout
         assert "Validation" not in result.stdout + result.stderr
-        pictures = []
+        images = []
         for side in "left", "right":
             with open(f"{eye}-{side}.png", "rb") as file:
-                pictures.append(file.read())
-        # Not one colour, and not the same from both places.
-        assert min(map(len, pictures)) > 2000 and pictures[0] != pictures[1]
+                images.append(file.read())
+        # The images are not uniform, and the eyes differ.
+        assert min(map(len, images)) > 2000 and images[0] != images[1]
 
 
 if __name__ == "__main__":

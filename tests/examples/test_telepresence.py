@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""A viewer joins a recording in the middle, follows it, sees every stretch, and ends with it.
+"""A viewer joins a recording, follows it, shows every fragment, and ends when the recording does.
 
 usage: test_telepresence.py RECORDER VIEWER
 """
@@ -16,24 +16,25 @@ SECONDS = 4
 
 
 class Telepresence(unittest.TestCase):
-    def test_a_viewer_joins_in_the_middle_and_sees_all_from_there(self):
+    def test_a_viewer_shows_every_fragment_after_joining(self):
         out = run(RECORDER, VIEWER, SECONDS, join_after=1.5)
-        moments = [moment for moment, _ in out["shown"]]
-        self.assertGreater(moments[0], 0.5, out["events"])
-        self.assertEqual(moments, sorted(moments))
-        for stretch in out["stretches"]:
-            if stretch["begin"] >= moments[0]:
-                self.assertTrue(any(stretch["begin"] <= m < stretch["end"] for m in moments), stretch)
-        # Live: what is recorded after joining has been shown before the end of the recording.
-        shown_by = {at for moment, at in out["shown"] if moment >= out["stretches"][4]["begin"]}
-        self.assertLess(min(shown_by), out["stretches"][-1]["captured"])
-        self.assertGreaterEqual(moments[-1], out["stretches"][-1]["end"] - 0.1)
+        times = [time for time, _ in out["shown"]]
+        self.assertGreater(times[0], 0.5, out["events"])
+        self.assertEqual(times, sorted(times))
+        for fragment in out["fragments"]:
+            if fragment["begin"] >= times[0]:
+                self.assertTrue(any(fragment["begin"] <= t < fragment["end"] for t in times),
+                                fragment)
+        # Playback is live: fragments recorded after joining are shown before the recording ends.
+        shown_by = {at for time, at in out["shown"] if time >= out["fragments"][4]["begin"]}
+        self.assertLess(min(shown_by), out["fragments"][-1]["captured"])
+        self.assertGreaterEqual(times[-1], out["fragments"][-1]["end"] - 0.1)
         events = out["events"]
         self.assertEqual((events.get("finished"), events.get("ended")), (1, 1), events)
-        for trouble in "lost", "damaged", "replaced", "stalled":
-            self.assertNotIn(trouble, events)
+        for failure in "read_failed", "damaged", "replaced", "stalled":
+            self.assertNotIn(failure, events)
 
-    def test_a_viewer_goes_on_with_the_recording_that_takes_the_place_of_its_own(self):
+    def test_a_viewer_follows_the_replacement_of_its_recording(self):
         out = run_replaced(RECORDER, VIEWER, SECONDS)
         events = out["events"]
         self.assertEqual((events.get("replaced"), events.get("finished"), events.get("ended")),

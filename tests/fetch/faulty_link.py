@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A TCP link to a server of this machine that misbehaves as it is told, connection by connection."""
+"""A TCP proxy to a local server that injects faults, connection by connection."""
 import select
 import socket
 import struct
@@ -8,13 +8,16 @@ import time
 
 
 class FaultyLink:
-    """Carries connections to `port`. `faults`: for each connection in turn a dict, then none.
+    """Forwards connections to `port`. Each connection takes the next dict of `faults`; later ones
+    have no faults.
 
-    delay: seconds by which each piece of an answer comes later; cut: bytes of the answers after
-    which the connection is reset; stall: the same, and silence.
+    delay: seconds added before each chunk of a response
+    cut:   bytes of the responses after which the connection is reset
+    stall: as cut, but the reset comes after silence until the test ends
+    do:    a function that is called after these bytes
     """
 
-    PIECE = 16384
+    CHUNK = 16384
 
     def __init__(self, port, faults=()):
         self.port = port
@@ -40,17 +43,18 @@ class FaultyLink:
                 return  # closed
             self.connections += 1
             fault = self.faults.pop(0) if self.faults else {}
-            threading.Thread(target=self._carry, args=(client, fault), daemon=True).start()
+            threading.Thread(target=self._forward, args=(client, fault), daemon=True).start()
 
-    def _carry(self, client, fault):
-        """One thread both ways: a socket that another one waits for is not reset when it is closed."""
+    def _forward(self, client, fault):
+        """Forwards both directions in one thread: closing a socket does not reset it while another
+        thread waits for it."""
         left = fault.get("cut", fault.get("stall", float("inf")))
         try:
             with socket.create_connection(("127.0.0.1", self.port)) as server:
                 while left > 0:
                     for ready in select.select([client, server], [], [])[0]:
-                        most = self.PIECE if ready is client else int(min(self.PIECE, left))
-                        data = ready.recv(most)
+                        size = self.CHUNK if ready is client else int(min(self.CHUNK, left))
+                        data = ready.recv(size)
                         if not data:
                             return
                         if ready is client:
@@ -67,6 +71,6 @@ class FaultyLink:
                 self.ended.wait()
             client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         except OSError:
-            pass  # either has gone
+            pass  # a peer closed its connection
         finally:
             client.close()

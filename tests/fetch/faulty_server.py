@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An HTTP server of one file that misbehaves as it is told, request by request."""
+"""An HTTP server of one file that injects faults, request by request."""
 import http.server
 import re
 import socket
@@ -9,14 +9,24 @@ import time
 
 
 class FaultyServer:
-    """Serves `data` at any path. `faults`: for each request in turn a dict, or what gives one for the
-    server, then none.
+    """Serves `data` at any path. Each request takes the next item of `faults`, a dict or a function
+    of the server that returns one; later requests have no faults.
 
-    status: answer with this and no file (retry_after: with that header; slowly: five bytes so many
-    seconds apart); cut: bytes of the body after which the connection is reset; stall: the same, and
-    silence; delay: seconds before the answer; drip: a byte each so many seconds; whole: ignore the
-    range; shift: answer another range; encode: say that it is gzip; long: bytes too many;
-    anonymous: no ETag and no time; redirect: another place; no_total.
+    status:      respond with this status and no file
+    retry_after: with `status`: send this header
+    slowly:      with `status`: seconds between the five bytes of the body
+    cut:         bytes of the body after which the connection is reset
+    stall:       as cut, but the reset comes after 20 s of silence
+    delay:       seconds before the response
+    drip:        seconds between the bytes of the body
+    complete:    ignore the range
+    shift:       bytes by which the range in the response begins later
+    encode:      state the content encoding gzip
+    long:        number of additional bytes
+    anonymous:   send no ETag
+    redirect:    redirect to this URL
+    no_total:    omit the total size
+    do:          call this function with the server before responding
     """
 
     def __init__(self, data, faults=()):
@@ -41,7 +51,7 @@ class FaultyServer:
             daemon_threads = True
 
             def handle_error(self, *_):
-                pass  # clients go away
+                pass  # clients close connections
 
         self.server = Server(("127.0.0.1", 0), Handler)
         self.url = f"http://127.0.0.1:{self.server.server_address[1]}/scene.stgs"
@@ -74,7 +84,7 @@ class FaultyServer:
             self.file(request, fault, data, etag)
 
     @staticmethod
-    def plain(request, status, headers, between=0):
+    def plain(request, status, headers, pause=0):
         request.send_response(status)
         for name, value in headers.items():
             request.send_header(name, str(value))
@@ -83,7 +93,7 @@ class FaultyServer:
         for k in range(5):
             request.wfile.write(b"sorry"[k:k + 1])
             request.wfile.flush()
-            time.sleep(between)
+            time.sleep(pause)
 
     @staticmethod
     def file(request, fault, data, etag):
@@ -101,14 +111,14 @@ class FaultyServer:
             request.send_header("ETag", etag)
             request.end_headers()
             return
-        if fault.get("whole"):
+        if fault.get("complete"):
             request.send_response(200)
             body = data
         else:
             request.send_response(206)
-            shown = first + fault.get("shift", 0)
+            begin = first + fault.get("shift", 0)
             total = "*" if fault.get("no_total") else len(data)
-            request.send_header("Content-Range", f"bytes {shown}-{shown + len(body) - 1}/{total}")
+            request.send_header("Content-Range", f"bytes {begin}-{begin + len(body) - 1}/{total}")
         if not fault.get("anonymous"):
             request.send_header("ETag", etag)
         if fault.get("encode"):
@@ -122,15 +132,15 @@ class FaultyServer:
                 request.wfile.flush()
                 time.sleep(fault["drip"])
             return
-        part = fault.get("cut", fault.get("stall"))
-        if part is None:
+        sent = fault.get("cut", fault.get("stall"))
+        if sent is None:
             request.wfile.write(body)
             return
-        request.wfile.write(body[:part])
+        request.wfile.write(body[:sent])
         request.wfile.flush()
         if "stall" in fault:
             time.sleep(20)
-        # A reset, and not the end that a peer may take for the body's.
+        # A reset, because a client may take a normal close for the end of the body.
         request.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER,
                                       struct.pack("ii", 1, 0))
         request.connection.close()

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads ranges of a URL as test_fetch.py asks for, and prints what came of it as JSON.
+// Reads ranges of a URL for test_fetch.py and prints the results as JSON.
 //
 // usage: fetch_probe URL SETTINGS OP...
 //   SETTINGS  comma-separated name=value of HttpSettings, e.g. max_attempts=3,stall_seconds=1, or -
-//   OP        OFFSET:BYTES  reads;  refresh;  stop:SECONDS:OFFSET:BYTES  reads, stopped after
-//             SECONDS;  all:COUNT  reads the whole file COUNT times at once
+//   OP        OFFSET:BYTES               reads a range
+//             refresh                    checks whether the file has changed
+//             stop:SECONDS:OFFSET:BYTES  reads a range, stopped after SECONDS
+//             all:COUNT                  reads the complete file COUNT times in parallel
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>

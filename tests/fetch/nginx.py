@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""nginx on a free port of this machine, serving a folder."""
+"""nginx on a free local port, serving a folder."""
 import os
 import socket
 import subprocess
@@ -7,9 +7,9 @@ import time
 
 
 class Nginx:
-    """`limit`: bytes a second of a connection, as nginx writes them."""
+    """`limit`: bytes per second of each connection, as in nginx's limit_rate; 0: unlimited."""
 
-    PATIENCE = 60  # seconds that a busy machine has until it serves
+    START_TIMEOUT = 60  # seconds; a busy machine starts slowly
 
     def __init__(self, folder, limit="0"):
         self.folder, self.limit = folder, limit
@@ -17,12 +17,12 @@ class Nginx:
         self.pid, self.log = folder + "/pid", folder + "/error.log"
 
     def __enter__(self):
-        end = time.monotonic() + self.PATIENCE
+        end = time.monotonic() + self.START_TIMEOUT
         while time.monotonic() < end:
             self._start()
-            # It names itself when it has its port, and ends where another was there first.
+            # nginx writes its pid file once it has the port, and exits if the port is taken.
             while self.server.poll() is None and time.monotonic() < end:
-                if self._is_named():
+                if self._is_serving():
                     return self
                 time.sleep(0.02)
         self.__exit__()
@@ -47,7 +47,7 @@ class Nginx:
         self.server = subprocess.Popen(["nginx", "-e", self.log, "-c", self.config],
                                        stderr=subprocess.DEVNULL)
 
-    def _is_named(self):
+    def _is_serving(self):
         try:
             with open(self.pid, encoding="ascii") as file:
                 return file.read().strip() == str(self.server.pid)

@@ -1,17 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Plays a scene as test_play.py asks for, and prints what came of it as JSON.
+// Plays a scene for test_play.py and prints the results as JSON.
 //
 // usage: play_probe make FILE
-//        play_probe play PLACE LOCAL SECONDS [SEEK...]
-//   Plays PLACE for SECONDS of the clock at 30 pictures a second (round and round), seeks to each
-//   moment SEEK 0.3 s apart meanwhile, then pauses, waits until all has come that can come (5 s at
-//   most), and compares what is alive, and a picture of it, with LOCAL, the same file on a disk.
-//        play_probe seek PLACE MOMENT...
-//   Shows the first moment; when all of it has come, and half a second has passed, seeks to each
-//   moment a second after the one before, and waits until the last is ready, 8 s at most. One read
-//   at a time.
-//        play_probe follow PLACE SECONDS
-//   Follows a recording until it has ended, for SECONDS at most.
+//        play_probe play LOCATION LOCAL SECONDS [SEEK...]
+//   Plays LOCATION in a loop at 30 fps for SECONDS of wall-clock time and seeks to each time SEEK,
+//   0.3 s apart. Then pauses, waits up to 5 s for all layers, and compares the active primitives
+//   and a rendered frame with LOCAL, the same file on a disk.
+//        play_probe seek LOCATION TIME...
+//   Shows the first frame. Half a second after it is complete, seeks to each TIME, a second apart,
+//   and waits up to 8 s until the last is ready. Has one read in flight at a time.
+//        play_probe follow LOCATION SECONDS
+//   Follows a recording until it ends, for at most SECONDS.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -21,7 +20,7 @@
 #include <set>
 #include <thread>
 
-#include "../api/scene_fixture.h"
+#include "../fixtures/scene_fixture.h"
 #include "stgs/player/player.h"
 #include "stgs/player/renderer.h"
 
@@ -32,7 +31,7 @@ using Clock = std::chrono::steady_clock;
 
 namespace {
 
-constexpr double kTick = 1.0 / 30, kBetweenSeeks = 0.3, kLongestWait = 5;
+constexpr double kTick = 1.0 / 30, kBetweenSeeks = 0.3, kMaxWait = 5;
 
 double seconds() {
   return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
@@ -52,15 +51,15 @@ void make(const std::string& path) {
 }
 
 const char* name_of(PlayerEvent::Kind kind) {
-  constexpr const char* kNames[] = {"buffering", "resumed", "looped",  "ended",
-                                    "layers",    "retry",   "lost",    "damaged",
-                                    "replaced",  "stalled", "skipped", "finished"};
+  constexpr const char* kNames[] = {"buffering", "resumed", "looped",      "ended",
+                                    "layers",    "retry",   "read_failed", "damaged",
+                                    "replaced",  "stalled", "skipped",     "finished"};
   return kNames[static_cast<int>(kind)];
 }
 
-// The candidates at a moment, as the numbers that the file gives them.
-std::vector<std::uint32_t> alive(Timeline& timeline, double moment) {
-  const auto active = timeline.at(moment);
+// The ids of the candidates at a time.
+std::vector<std::uint32_t> candidates_at(Timeline& timeline, double time) {
+  const auto active = timeline.at(time);
   if (!active.ok()) fail(active.status());
   std::vector<std::uint32_t> ids;
   for (const auto& part : active->segments) {
@@ -69,8 +68,8 @@ std::vector<std::uint32_t> alive(Timeline& timeline, double moment) {
   return ids;
 }
 
-// A small picture of the whole scene.
-Frame picture_of(Renderer& renderer, Timeline& timeline, double moment) {
+// Renders a small frame of the scene.
+Frame render_frame(Renderer& renderer, Timeline& timeline, double time) {
   View view{};
   view.camera.rotation = math::rotation_of({1, 0, 0, 0});
   view.camera.width = 64;
@@ -80,16 +79,16 @@ Frame picture_of(Renderer& renderer, Timeline& timeline, double moment) {
   view.camera.cy = 24;
   view.camera.near_plane = 0.2f;
   std::vector<Frame> frames;
-  if (const Status status = renderer.render(timeline, moment, {view}, frames, nullptr);
+  if (const Status status = renderer.render(timeline, time, {view}, frames, nullptr);
       !status.ok()) {
     fail(status);
   }
   return frames[0];
 }
 
-class Show {
+class Session {
  public:
-  Show(Player& player, double begin)
+  Session(Player& player, double begin)
       : player_(player), begin_(begin), renderer_(std::move(*make_renderer("cpu"))) {}
 
   void play(double duration, const std::vector<double>& seeks) {
@@ -103,66 +102,66 @@ class Show {
       tick(now);
     }
   }
-  // What became of a recording: where it was joined, the thirds of a second that were shown.
+  // Follows a recording; reports the joining time and which thirds of a second were shown.
   Json follow(double duration) {
     Json out{{"growing", player_.live().growing}, {"edge", player_.live().edge_seconds}};
     player_.play();
-    std::set<int> seen;
-    double worst = 0;
+    std::set<int> shown;
+    double max_latency = 0;
     for (double now = seconds(); now < begin_ + duration; now = seconds()) {
       tick(now);
       if (!player_.ready()) continue;
-      if (seen.empty()) out["joined"] = player_.seconds();
-      seen.insert(static_cast<int>(3 * player_.seconds() + 1e-6));
+      if (shown.empty()) out["joined"] = player_.seconds();
+      shown.insert(static_cast<int>(3 * player_.seconds() + 1e-6));
       const LiveState live = player_.live();
-      if (live.growing) worst = std::max(worst, live.latency_seconds);
+      if (live.growing) max_latency = std::max(max_latency, live.latency_seconds);
       if (player_.state() == PlayerState::kEnded) break;
     }
-    out["seen"] = seen;
-    out["most_behind"] = worst;
+    out["shown"] = shown;
+    out["max_latency"] = max_latency;
     out["ended"] = player_.state() == PlayerState::kEnded;
-    out["moment"] = player_.seconds();
+    out["time"] = player_.seconds();
     out["longest_call"] = longest_call_;
     out["counts"] = counts_;
     out["messages"] = messages_;
     return out;
   }
-  void complete() {
+  void load_all() {
     player_.pause();
-    const double end = seconds() + kLongestWait;
+    const double end = seconds() + kMaxWait;
     while (seconds() < end && player_.layers() < player_.layer_count()) tick(seconds());
   }
   Json report(Timeline& local) {
     const StreamStatistics statistics = player_.statistics();
-    return {
-        {"first_ready", first_ready_},
-        {"longest_call", longest_call_},
-        {"pictures", pictures_},
-        {"pictures_ready", ready_},
-        {"layers", player_.layers()},
-        {"layer_count", player_.layer_count()},
-        {"fewest_layers", fewest_},
-        {"same", alive(player_.timeline(), player_.seconds()) == alive(local, player_.seconds())},
-        {"same_picture",
-         picture_of(*renderer_, player_.timeline(), player_.seconds()).colour.data ==
-             picture_of(*renderer_, local, player_.seconds()).colour.data},
-        {"bytes_per_second", statistics.bytes_per_second},
-        {"fetched_bytes", statistics.fetched_bytes},
-        {"counts", counts_},
-        {"messages", messages_}};
+    return {{"first_ready", first_ready_},
+            {"longest_call", longest_call_},
+            {"frames", frames_},
+            {"frames_ready", ready_},
+            {"layers", player_.layers()},
+            {"layer_count", player_.layer_count()},
+            {"min_layers", min_layers_},
+            {"same", candidates_at(player_.timeline(), player_.seconds()) ==
+                         candidates_at(local, player_.seconds())},
+            {"same_frame",
+             render_frame(*renderer_, player_.timeline(), player_.seconds()).colour.data ==
+                 render_frame(*renderer_, local, player_.seconds()).colour.data},
+            {"bytes_per_second", statistics.bytes_per_second},
+            {"fetched_bytes", statistics.fetched_bytes},
+            {"counts", counts_},
+            {"messages", messages_}};
   }
 
  private:
   void tick(double now) {
-    const double moment = player_.advance(now);
-    alive(player_.timeline(), moment);
+    const double time = player_.advance(now);
+    candidates_at(player_.timeline(), time);
     const bool ready = player_.ready();
     longest_call_ = std::max(longest_call_, seconds() - now);
-    (void)picture_of(*renderer_, player_.timeline(), moment);  // whatever of it is there
+    (void)render_frame(*renderer_, player_.timeline(), time);  // with the available layers
     if (ready && first_ready_ < 0) first_ready_ = now - begin_;
-    ++pictures_;
+    ++frames_;
     ready_ += ready ? 1 : 0;
-    if (ready) fewest_ = std::min(fewest_, player_.layers());
+    if (ready) min_layers_ = std::min(min_layers_, player_.layers());
     for (const PlayerEvent& event : player_.take_events()) {
       counts_[name_of(event.kind)] = counts_.value(name_of(event.kind), 0) + 1;
       if (!event.message.empty()) messages_.push_back(event.message);
@@ -173,11 +172,11 @@ class Show {
   Player& player_;
   double begin_, first_ready_ = -1, longest_call_ = 0;
   std::unique_ptr<Renderer> renderer_;
-  int pictures_ = 0, ready_ = 0, fewest_ = 1000;
+  int frames_ = 0, ready_ = 0, min_layers_ = 1000;
   Json counts_ = Json::object(), messages_ = Json::array();
 };
 
-PlayerSettings impatient() {
+PlayerSettings quick_retries() {
   PlayerSettings settings;
   settings.retry_seconds = 0.1;
   settings.http.max_attempts = 2;
@@ -213,18 +212,18 @@ void seek(int argc, char** argv) {
 }
 
 void follow(char** argv) {
-  PlayerSettings settings = impatient();
+  PlayerSettings settings = quick_retries();
   settings.live.latency_seconds = 0;
   settings.live.stall_seconds = 1;
   const double begin = seconds();
   auto player = Player::open(argv[2], settings);
   if (!player.ok()) fail(player.status());
-  Show show(**player, begin);
-  std::printf("%s\n", show.follow(std::atof(argv[3])).dump().c_str());
+  Session session(**player, begin);
+  std::printf("%s\n", session.follow(std::atof(argv[3])).dump().c_str());
 }
 
 void play(int argc, char** argv) {
-  const PlayerSettings settings = impatient();
+  const PlayerSettings settings = quick_retries();
   const double begin = seconds();
   auto player = Player::open(argv[2], settings);
   if (!player.ok()) fail(player.status());
@@ -232,10 +231,10 @@ void play(int argc, char** argv) {
   if (!local.ok()) fail(local.status());
   std::vector<double> seeks;
   for (int k = 5; k < argc; ++k) seeks.push_back(std::atof(argv[k]));
-  Show show(**player, begin);
-  show.play(std::atof(argv[4]), seeks);
-  show.complete();
-  Json report = show.report(**local);
+  Session session(**player, begin);
+  session.play(std::atof(argv[4]), seeks);
+  session.load_all();
+  Json report = session.report(**local);
   const double closing = seconds();
   player->reset();
   report["closed_in"] = seconds() - closing;
@@ -256,8 +255,8 @@ int main(int argc, char** argv) {
     follow(argv);
   } else {
     std::fprintf(stderr,
-                 "usage: play_probe make FILE | play PLACE LOCAL SECONDS [SEEK...] | seek PLACE "
-                 "MOMENT... | follow PLACE SECONDS\n");
+                 "usage: play_probe make FILE | play LOCATION LOCAL SECONDS [SEEK...] | seek "
+                 "LOCATION TIME... | follow LOCATION SECONDS\n");
     return 1;
   }
   return 0;

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes behind HTTP: what is read is the file, whatever the network and the server do.
+"""Reading over HTTP: despite network and server faults, reads return the bytes of the file.
 
 usage: test_fetch.py FETCH_PROBE STGS VECTOR [unittest arguments]
 """
@@ -31,40 +31,40 @@ def probe(url, *ops, settings=QUICK):
 
 
 class Ranges(unittest.TestCase):
-    def reads(self, out, op, offset, size):
+    def assert_read(self, out, op, offset, size):
         result = out["ops"][op]["result"]
         self.assertEqual(result["code"], 0, result["message"])
         self.assertEqual(result["hex"], DATA[offset:offset + size].hex())
 
-    def fails(self, out, op, code, message):
+    def assert_failed(self, out, op, code, message):
         result = out["ops"][op]["result"]
         self.assertEqual(result["code"], code, result["message"])
         self.assertRegex(result["message"], message)
 
-    def test_the_head_comes_once_and_the_rest_by_range(self):
+    def test_the_head_is_fetched_once_and_the_rest_by_range(self):
         with FaultyServer(DATA) as server:
             out = probe(server.url, "0:1000", "10:20", "999:2", "299999:1", "300000:0", "299999:2")
             self.assertEqual(out["size"], len(DATA))
             for op, (offset, size) in enumerate([(0, 1000), (10, 20), (999, 2), (299999, 1)]):
-                self.reads(out, op, offset, size)
-            self.fails(out, 5, 3, r"the file is truncated \(needs bytes 299999 to 300001, has 300000 bytes\)")
+                self.assert_read(out, op, offset, size)
+            self.assert_failed(out, 5, 3, r"the file is truncated \(needs bytes 299999 to 300001, has 300000 bytes\)")
             self.assertEqual(server.ranges,
                              ["bytes=0-999", "bytes=999-1000", "bytes=299999-299999"])
             self.assertEqual(len(server.connections), 1, "the connection is kept alive")
             self.assertEqual(out["statistics"], {"requests": 3, "bytes": 1003, "retries": 0})
             self.assertEqual(out["events"], [])
 
-    def test_a_file_shorter_than_the_head(self):
+    def test_a_file_may_be_shorter_than_the_head(self):
         with FaultyServer(DATA[:700]) as server:
             out = probe(server.url.replace("http:", "HTTP:"), "0:700")
             self.assertEqual(out["size"], 700)
-            self.reads(out, 0, 0, 700)
+            self.assert_read(out, 0, 0, 700)
             self.assertEqual(len(server.ranges), 1)
 
-    def test_what_has_come_before_a_reset_is_kept(self):
+    def test_a_read_resumes_after_a_reset(self):
         with FaultyServer(DATA, [{}, {"cut": 70_000}, {"cut": 0}, {"cut": 9}]) as server:
             out = probe(server.url, "1000:200000")
-            self.reads(out, 0, 1000, 200000)
+            self.assert_read(out, 0, 1000, 200000)
             self.assertEqual(server.ranges[1], "bytes=1000-200999")
             begins = [int(r.split("=")[1].split("-")[0]) for r in server.ranges[1:]]
             self.assertEqual(begins, sorted(begins))
@@ -73,64 +73,64 @@ class Ranges(unittest.TestCase):
             self.assertEqual(out["statistics"]["bytes"], 1000 + 200000)
             self.assertEqual([e["kind"] for e in out["events"]], ["retry"] * 3)
 
-    def test_a_server_that_falls_silent_is_asked_again(self):
+    def test_a_silent_server_is_retried(self):
         with FaultyServer(DATA, [{}, {"stall": 5000}]) as server:
             out = probe(server.url, "1000:20000")
-            self.reads(out, 0, 1000, 20000)
+            self.assert_read(out, 0, 1000, 20000)
             self.assertTrue(1 <= out["ops"][0]["seconds"] < 6, out["ops"])
             self.assertIn("received no data for 1 s", out["events"][0]["message"])
             self.assertEqual(server.ranges[2].split("-")[1], "20999")
 
-    def test_a_server_that_drips_counts_as_silent(self):
-        """20 bytes a second, which would take an hour."""
+    def test_a_very_slow_server_counts_as_silent(self):
+        """At 20 bytes per second, the read would take an hour."""
         with FaultyServer(DATA, [{}, {"drip": 0.05}]) as server:
             out = probe(server.url, "1000:80000")
-            self.reads(out, 0, 1000, 80000)
+            self.assert_read(out, 0, 1000, 80000)
             self.assertTrue(1 <= out["ops"][0]["seconds"] < 6, out["ops"])
             self.assertIn("received almost no data for 1 s", out["events"][0]["message"])
             self.assertGreater(int(server.ranges[2].split("=")[1].split("-")[0]), 1000)
 
-    def test_a_page_that_tells_of_an_error_may_take_long(self):
+    def test_the_body_of_an_error_response_may_be_slow(self):
         with FaultyServer(DATA, [{}, {"status": 404, "slowly": 0.6}]) as server:
             out = probe(server.url, "1000:10")
-            self.fails(out, 0, 2, "responded with status 404: the file does not exist")
+            self.assert_failed(out, 0, 2, "responded with status 404: the file does not exist")
             self.assertEqual(len(server.ranges), 2)
 
-    def test_a_link_that_is_cut_soon_but_brings_something_goes_on(self):
-        """However long silence may be: what ends otherwise is not too slow."""
+    def test_attempts_with_progress_do_not_count(self):
+        """Resets that follow some data are retried without a limit, even with a long stall timeout."""
         with FaultyServer(DATA, [{}] + [{"cut": 5000}] * 7) as server:
             settings = QUICK.replace("stall_seconds=1", "stall_seconds=100") + ",max_attempts=3"
             out = probe(server.url, "1000:40000", settings=settings)
-            self.reads(out, 0, 1000, 40000)
+            self.assert_read(out, 0, 1000, 40000)
 
-    def test_errors_of_the_moment_are_waited_out(self):
+    def test_temporary_errors_are_retried_with_backoff(self):
         faults = [{}, {"status": 503}, {"status": 500}, {"status": 429, "retry_after": 1}]
         with FaultyServer(DATA, faults) as server:
             out = probe(server.url, "1000:10")
-            self.reads(out, 0, 1000, 10)
+            self.assert_read(out, 0, 1000, 10)
             waits = [e["wait"] for e in out["events"]]
             self.assertTrue(0.007 <= waits[0] <= 0.01 and 0.015 <= waits[1] <= 0.02, waits)
             self.assertGreaterEqual(waits[2], 1, "as long as the server asks for")
 
-    def test_tries_have_an_end(self):
+    def test_attempts_are_limited(self):
         with FaultyServer(DATA, [{}] + [{"status": 503}] * 9) as server:
             out = probe(server.url, "1000:10", settings=QUICK + ",max_attempts=3")
-            self.fails(out, 0, 2, "responded with status 503 .gave up after 3 attempts. .byte 1000")
+            self.assert_failed(out, 0, 2, "responded with status 503 .gave up after 3 attempts. .byte 1000")
             self.assertEqual(len(server.ranges), 4)
             self.assertEqual([e["kind"] for e in out["events"]], ["retry", "retry", "failed"])
 
-    def test_what_would_fail_again_is_not_tried_again(self):
+    def test_permanent_errors_are_not_retried(self):
         cases = [({"status": 404}, 2, "responded with status 404: the file does not exist"),
                  ({"status": 403}, 2, "responded with status 403: access denied"),
-                 ({"whole": True}, 5, "does not support byte ranges"),
+                 ({"complete": True}, 5, "does not support byte ranges"),
                  ({"encode": True}, 5, "applies the content encoding .gzip"),
                  ({"shift": 1}, 2, "a different byte range than requested"),
                  ({"long": 7}, 2, "more data than requested")]
         for fault, code, message in cases:
             with self.subTest(fault), FaultyServer(DATA, [{}, fault]) as server:
                 out = probe(server.url, "1000:10", "1000:10")
-                self.fails(out, 0, code, message)
-                self.reads(out, 1, 1000, 10)
+                self.assert_failed(out, 0, code, message)
+                self.assert_read(out, 1, 1000, 10)
                 self.assertEqual(len(server.ranges), 3)
             with self.subTest(open=fault), FaultyServer(DATA, [fault]) as server:
                 out = probe(server.url)
@@ -141,7 +141,7 @@ class Ranges(unittest.TestCase):
             self.assertEqual(out["open"]["code"], 5)
             self.assertRegex(out["open"]["message"], "does not state the size")
 
-    def test_nobody_answers(self):
+    def test_a_refused_connection_is_an_error(self):
         with socket.socket() as closed:
             closed.bind(("127.0.0.1", 0))
             url = f"http://127.0.0.1:{closed.getsockname()[1]}/x.stgs"
@@ -149,22 +149,22 @@ class Ranges(unittest.TestCase):
             self.assertEqual(out["open"]["code"], 2)
             self.assertRegex(out["open"]["message"], "gave up after 2 attempts. .byte 0")
 
-    def test_connecting_is_not_silence_after_a_redirection_either(self):
-        with socket.create_server(("127.0.0.1", 0)) as mute:  # takes connections, and says nothing
-            place = f"https://127.0.0.1:{mute.getsockname()[1]}/scene.stgs"
-            with FaultyServer(DATA, [{"redirect": place}]) as server:
+    def test_connecting_after_a_redirect_has_its_own_timeout(self):
+        with socket.create_server(("127.0.0.1", 0)) as mute:  # accepts connections without answering
+            url = f"https://127.0.0.1:{mute.getsockname()[1]}/scene.stgs"
+            with FaultyServer(DATA, [{"redirect": url}]) as server:
                 out = probe(server.url, settings="max_attempts=1,stall_seconds=0.3,connect_seconds=2")
         self.assertEqual(out["open"]["code"], 2)
         self.assertIn("connection timeout", out["open"]["message"])
 
-    def test_a_redirection_is_followed_and_other_protocols_are_not(self):
+    def test_only_redirects_to_http_are_followed(self):
         with FaultyServer(DATA) as target:
             with FaultyServer(DATA, [{"redirect": target.url}]) as server:
                 self.assertEqual(probe(server.url)["size"], len(DATA))
             with FaultyServer(DATA, [{"redirect": "file:///etc/hostname"}]) as server:
                 self.assertEqual(probe(server.url)["open"]["code"], 2)
 
-    def test_a_file_that_is_replaced_is_told(self):
+    def test_a_replaced_file_is_an_error(self):
         def other(server):
             server.data, server.etag = bytes(len(DATA)), '"2"'
 
@@ -174,33 +174,33 @@ class Ranges(unittest.TestCase):
         for change in (other, shorter):
             with self.subTest(change.__name__):
                 with FaultyServer(DATA, [{}, {"do": change}]) as server:
-                    self.fails(probe(server.url, "1000:10"), 0, 2, "was replaced")
+                    self.assert_failed(probe(server.url, "1000:10"), 0, 2, "was replaced")
                 with FaultyServer(DATA, [{}, {"cut": 9}, {"do": change}]) as server:
-                    self.fails(probe(server.url, "1000:9000"), 0, 2, "was replaced")
+                    self.assert_failed(probe(server.url, "1000:9000"), 0, 2, "was replaced")
 
-    def test_a_file_that_grows_stays_the_same(self):
+    def test_a_growing_file_is_not_a_replaced_file(self):
         def grow(server):
             server.data, server.etag = DATA + b"more", '"2"'
 
-        def grow_anew(server):
+        def replace(server):
             server.data, server.etag = bytes(len(DATA) + 4), '"3"'
 
-        with FaultyServer(DATA, [{}, {"do": grow}, {}, {}, {"do": grow_anew}]) as server:
+        with FaultyServer(DATA, [{}, {"do": grow}, {}, {}, {"do": replace}]) as server:
             out = probe(server.url, "1000:10", "refresh", "300000:4", "refresh")
-            self.reads(out, 0, 1000, 10)
+            self.assert_read(out, 0, 1000, 10)
             self.assertEqual(out["ops"][1]["result"]["change"], "resized")
             self.assertEqual(out["ops"][1]["result"]["size"], len(DATA) + 4)
             self.assertEqual(out["ops"][2]["result"]["hex"], b"more".hex())
             self.assertEqual(out["ops"][3]["result"]["change"], "replaced")
 
-    def test_a_stop_ends_a_read_at_once(self):
+    def test_a_stop_request_ends_a_read_at_once(self):
         for fault in ({"delay": 30}, {"status": 503, "retry_after": 25}, {"stall": 10}):
             with self.subTest(fault), FaultyServer(DATA, [{}, fault]) as server:
                 out = probe(server.url, "stop:0.3:1000:100", "2000:10",
                             settings="stall_seconds=60,head_bytes=1000")
-                self.fails(out, 0, 4, "reading was stopped")
+                self.assert_failed(out, 0, 4, "reading was stopped")
                 self.assertLess(out["ops"][0]["seconds"], 3)
-                self.fails(out, 1, 4, "reading was stopped")
+                self.assert_failed(out, 1, 4, "reading was stopped")
 
     def test_many_readers_share_the_connections(self):
         with FaultyServer(DATA, [{}] + [{"cut": 1000}, {}] * 4) as server:
@@ -208,7 +208,7 @@ class Ranges(unittest.TestCase):
             for result in out["ops"][0]["result"]:
                 self.assertEqual(result["hex"], DATA.hex())
 
-    def test_messages_tell_neither_keys_nor_passwords(self):
+    def test_names_contain_neither_keys_nor_passwords(self):
         with FaultyServer(DATA) as server:
             url = server.url.replace("//", "//me:secret@") + "?key=hidden"
             self.assertEqual(probe(url)["name"], server.url)
@@ -219,8 +219,8 @@ class Verbs(unittest.TestCase):
         return subprocess.run([STGS, *args], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                               timeout=120, check=False, **options)
 
-    def same(self, url):
-        """The verbs say the same of the file behind the URL as of the file."""
+    def assert_same_output(self, url):
+        """Checks that verbs print the same for the URL as for the local file."""
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
         camera = folder.name + "/camera.json"
@@ -229,33 +229,33 @@ class Verbs(unittest.TestCase):
                        "rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "translation": [0, 0, 3]}, file)
         for args in (["info", "{}", "--format", "json"], ["validate", "{}"],
                      ["render", "{}", "--time", "0", "--camera", camera, "-o", "-"]):
-            here = self.stgs(*[a.format(VECTOR) for a in args])
-            there = self.stgs(*[a.format(url) for a in args])
-            self.assertEqual(there.returncode, 0, there.stderr)
-            self.assertEqual(there.stdout.replace(url.encode(), b"X"),
-                             here.stdout.replace(VECTOR.encode(), b"X"), args[0])
+            local = self.stgs(*[a.format(VECTOR) for a in args])
+            remote = self.stgs(*[a.format(url) for a in args])
+            self.assertEqual(remote.returncode, 0, remote.stderr)
+            self.assertEqual(remote.stdout.replace(url.encode(), b"X"),
+                             local.stdout.replace(VECTOR.encode(), b"X"), args[0])
 
-    def test_a_url_is_as_good_as_a_path(self):
+    def test_verbs_accept_a_url_like_a_path(self):
         with open(VECTOR, "rb") as file:
             with FaultyServer(file.read()) as server:
-                self.same(server.url)
+                self.assert_same_output(server.url)
 
     def test_retries_are_warnings_and_failures_errors(self):
         with open(VECTOR, "rb") as file:
             data = file.read()
         with FaultyServer(data, [{"status": 503}]) as server:
-            place = server.url.replace("//", "//who:secret@") + "?key=secret"
-            run = self.stgs("info", place)
+            url = server.url.replace("//", "//user:secret@") + "?key=secret"
+            run = self.stgs("info", url)
             self.assertEqual(run.returncode, 0)
-            told = rb"warning: at byte 0: http://127.\S+: .* 503; retrying in 0."
-            self.assertRegex(run.stderr, told)
+            warning = rb"warning: at byte 0: http://127.\S+: .* 503; retrying in 0."
+            self.assertRegex(run.stderr, warning)
             self.assertNotIn(b"secret", run.stderr)
         with FaultyServer(data, [{"status": 404}]) as server:
             run = self.stgs("info", server.url)
             self.assertEqual(run.returncode, 2)
             self.assertRegex(run.stderr, rb"error: http://\S+: the server responded with status 404")
 
-    def test_what_is_told_has_neither_keys_nor_passwords(self):
+    def test_output_contains_neither_keys_nor_passwords(self):
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
         with open(VECTOR, "rb") as file:
@@ -263,23 +263,23 @@ class Verbs(unittest.TestCase):
         damaged = bytes(data[:-40]) + bytes(40)
         for content in (bytes(data), damaged):
             with FaultyServer(content) as server:
-                place = server.url.replace("//", "//who:secret@") + "?key=secret"
-                for args in (["info", place], ["validate", place], ["compare", place, place],
-                             ["render", place, "--time", "99", "-o", folder.name + "/a.png"],
-                             ["bench", place, "--num-frames", "1", "--backend", "cpu"],
-                             ["bench", place, "--play", "player", "--frames", "1"]):
-                    for how in ("text", "json"):
-                        run = self.stgs(*args, "--format", how)
-                        told = run.stdout + run.stderr
-                        self.assertIn(server.url.encode(), told, args)
-                        self.assertNotIn(b"secret", told, args)
+                url = server.url.replace("//", "//user:secret@") + "?key=secret"
+                for args in (["info", url], ["validate", url], ["compare", url, url],
+                             ["render", url, "--time", "99", "-o", folder.name + "/a.png"],
+                             ["bench", url, "--num-frames", "1", "--backend", "cpu"],
+                             ["bench", url, "--play", "player", "--frames", "1"]):
+                    for output_format in ("text", "json"):
+                        run = self.stgs(*args, "--format", output_format)
+                        output = run.stdout + run.stderr
+                        self.assertIn(server.url.encode(), output, args)
+                        self.assertNotIn(b"secret", output, args)
 
-    def test_other_urls_are_refused(self):
+    def test_other_url_schemes_are_rejected(self):
         run = self.stgs("info", "ftp://127.0.0.1/scene.stgs")
         self.assertEqual(run.returncode, 1)
         self.assertRegex(run.stderr, b"ftp://127.0.0.1/scene.stgs: unsupported URL scheme")
 
-    def test_an_interrupt_ends_waiting(self):
+    def test_an_interrupt_ends_a_pending_request(self):
         with FaultyServer(b"", [{"delay": 60}]) as server:
             run = subprocess.Popen([STGS, "info", server.url], stderr=subprocess.PIPE)
             while not server.ranges:
@@ -292,11 +292,11 @@ class Verbs(unittest.TestCase):
             self.assertLess(time.monotonic() - begin, 10)
 
     @unittest.skipUnless(shutil.which("nginx"), "needs nginx")
-    def test_nginx(self):
+    def test_verbs_read_from_nginx(self):
         with tempfile.TemporaryDirectory() as folder:
             shutil.copy(VECTOR, folder + "/scene.stgs")
             with Nginx(folder, limit="2m") as server:
-                self.same(server.url)
+                self.assert_same_output(server.url)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A server whose name is not told.
+// Opening a URL whose server name is not resolved.
 #include <netdb.h>
 
 #include <atomic>
@@ -11,32 +11,32 @@
 
 namespace {
 
-std::atomic<bool> asked{false}, told{false};
+std::atomic<bool> requested{false}, released{false};
 
 }  // namespace
 
-// In place of the C library's, for libcurl.
+// Replaces the C library's function for libcurl, and blocks until released.
 extern "C" int getaddrinfo(const char*, const char*, const addrinfo*, addrinfo**) {
-  asked = true;
-  asked.notify_all();
-  told.wait(false);
+  requested = true;
+  requested.notify_all();
+  released.wait(false);
   return EAI_AGAIN;
 }
 
 namespace stgs::player {
 
-TEST_CASE("opening is broken off while the name of the server is looked for") {
+TEST_CASE("a stop request ends opening while the server's name is looked up") {
   std::stop_source stop;
   HttpSettings settings;
   settings.stop = stop.get_token();
   auto opening = std::async(std::launch::async, [settings] {
     return open_location("http://slow.example/scene.stgs", settings).ok();
   });
-  asked.wait(false);
+  requested.wait(false);
   stop.request_stop();
   CHECK(opening.wait_for(std::chrono::seconds(20)) == std::future_status::ready);
-  told = true;
-  told.notify_all();
+  released = true;
+  released.notify_all();
   CHECK_FALSE(opening.get());
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// An input as the choices of a program that calls an interface.
+// Interprets an input as the choices of a program that calls an interface.
 #pragma once
 
 #include <algorithm>
@@ -11,17 +11,17 @@
 
 namespace stgs::fuzz {
 
-// The input, byte by byte; zeros behind its end.
+// Returns the input byte by byte, and zeros after its end.
 class Choices {
  public:
   explicit Choices(View bytes) : bytes_(bytes) {}
-  bool any_left() const { return at_ < bytes_.size(); }
-  std::uint8_t next() { return at_ < bytes_.size() ? bytes_[at_++] : std::uint8_t{0}; }
+  bool has_more() const { return position_ < bytes_.size(); }
+  std::uint8_t next() { return position_ < bytes_.size() ? bytes_[position_++] : std::uint8_t{0}; }
   template <typename T, std::size_t kCount>
-  const T& of(const T (&values)[kCount]) {
+  const T& pick(const T (&values)[kCount]) {
     return values[next() % kCount];
   }
-  // One of the numbers that programs get wrong.
+  // Numbers that interfaces mishandle.
   double number() {
     constexpr double kNumbers[] = {0,
                                    1,
@@ -39,24 +39,25 @@ class Choices {
                                    0.3,
                                    -1e9,
                                    87};
-    return of(kNumbers);
+    return pick(kNumbers);
   }
   std::uint32_t count() {
     constexpr std::uint32_t kCounts[] = {0, 1, 2, 300, 1024, 100'000'001, UINT32_MAX};
-    return of(kCounts);
+    return pick(kCounts);
   }
-  std::int32_t small() { return static_cast<std::int8_t>(next()) / 8; }
+  std::int32_t small_int() { return static_cast<std::int8_t>(next()) / 8; }
 
  private:
   View bytes_;
-  std::size_t at_ = 0;
+  std::size_t position_ = 0;
 };
 
-// A struct that ends with its memory, as a program with a shorter or longer one has it.
+// A copy of a struct with another struct_size, in memory of exactly that size, as a program built
+// against another version of the header passes it.
 template <typename T>
-class OtherSize {
+class ResizedStruct {
  public:
-  OtherSize(const T& value, std::uint8_t size) : words_(2 + size % (sizeof(T) / 8 + 4)) {
+  ResizedStruct(const T& value, std::uint8_t size) : words_(2 + size % (sizeof(T) / 8 + 4)) {
     std::memcpy(words_.data(), &value, std::min(8 * words_.size(), sizeof value));
     words_[0] = 8 * words_.size();
   }

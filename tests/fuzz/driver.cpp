@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The plain driver of a fuzz target: runs its seeds, its committed corpus, and a fixed number of
-// mutations of both, each within its bound of memory. Links to any compiler, needs no fuzzer.
+// mutations of both, each within its memory limit. Needs no fuzzer and builds with any compiler.
 //
 // usage: fuzz_NAME [--corpus DIR]... [--mutations N] [--seed S] [--first I] [--seconds T]
 //                  [--write-seeds DIR] [FILE...]
-// With files it runs those alone. A failing input is left in fuzz_NAME.failing.
+// With files it runs only those. A failing input is written to fuzz_NAME.failing.
 #include <fcntl.h>
 #include <sys/resource.h>
 #include <unistd.h>
@@ -26,10 +26,11 @@ using namespace stgs::fuzz;
 
 namespace {
 
-constexpr std::size_t kMostBytes = 1 << 16;  // of a mutated input
-// For libraries in C, whose memory operator new does not see. A sanitizer needs terabytes.
+constexpr std::size_t kMaxInputBytes = 1 << 16;  // of a mutated input
+// For C libraries, whose allocations bypass operator new. A sanitizer needs terabytes of address
+// space.
 constexpr rlim_t kAddressSpace = rlim_t{2} << 30;
-// g++ and clang tell of them in ways of their own.
+// g++ and clang define different macros for their sanitizers.
 #if defined(__has_feature)
 #define STGS_HAS_FEATURE(name) __has_feature(name)
 #else
@@ -37,9 +38,9 @@ constexpr rlim_t kAddressSpace = rlim_t{2} << 30;
 #endif
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || \
     STGS_HAS_FEATURE(address_sanitizer) || STGS_HAS_FEATURE(thread_sanitizer)
-constexpr bool kLimitsAddressSpace = false;
+constexpr bool kLimitAddressSpace = false;
 #else
-constexpr bool kLimitsAddressSpace = true;
+constexpr bool kLimitAddressSpace = true;
 #endif
 
 struct Options {
@@ -49,19 +50,19 @@ struct Options {
   std::vector<std::string> corpora, files;
 };
 
-// What the signal handler may touch.
+// Read by the signal handler.
 const std::uint8_t* current_data = nullptr;
 std::size_t current_size = 0;
 char failing_path[256];
 
-extern "C" void keep_failing_input(int signal_number) {
+extern "C" void save_failing_input(int signal_number) {
   const int file = ::open(failing_path, O_WRONLY | O_CREAT | O_TRUNC, 0644);
   if (file >= 0) {
     std::size_t done = 0;
     while (done < current_size) {
-      const ssize_t wrote = ::write(file, current_data + done, current_size - done);
-      if (wrote <= 0) break;
-      done += static_cast<std::size_t>(wrote);
+      const ssize_t written = ::write(file, current_data + done, current_size - done);
+      if (written <= 0) break;
+      done += static_cast<std::size_t>(written);
     }
     ::close(file);
   }
@@ -69,18 +70,18 @@ extern "C" void keep_failing_input(int signal_number) {
   std::raise(signal_number);
 }
 
-std::uint64_t heap_peak_of_all = 0;
+std::uint64_t max_heap_peak = 0;
 
 void run_one(const Bytes& input) {
   current_data = input.data();
   current_size = input.size();
-  limit_heap(kTarget.most_memory(input));
+  limit_heap(kTarget.max_memory(input));
   LLVMFuzzerTestOneInput(input.data(), input.size());
-  heap_peak_of_all = std::max(heap_peak_of_all, heap_peak());
+  max_heap_peak = std::max(max_heap_peak, heap_peak());
   unlimit_heap();
 }
 
-Bytes read_whole(const std::string& path) {
+Bytes read_file(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   if (!file) {
     std::fprintf(stderr, "%s: cannot open\n", path.c_str());
@@ -96,7 +97,7 @@ std::vector<Bytes> read_folder(const std::string& folder) {
   }
   std::sort(paths.begin(), paths.end());
   std::vector<Bytes> out;
-  for (const std::string& path : paths) out.push_back(read_whole(path));
+  for (const std::string& path : paths) out.push_back(read_file(path));
   return out;
 }
 
@@ -128,7 +129,7 @@ bool parse(int argc, char** argv, Options& options) {
   return true;
 }
 
-// Each mutation depends on its number and the seed alone, so that one can be run again.
+// A mutation depends only on its number and the seed, so that it can be repeated alone.
 std::uint64_t run_mutations(const std::vector<Bytes>& inputs, const Options& options) {
   using Clock = std::chrono::steady_clock;
   const auto begin = Clock::now();
@@ -142,7 +143,7 @@ std::uint64_t run_mutations(const std::vector<Bytes>& inputs, const Options& opt
     Random random(options.seed * 0x100000001B3 + i);
     const Bytes& base = inputs[random.below(inputs.size())];
     const Bytes& other = inputs[random.below(inputs.size())];
-    run_one(mutate(kTarget, base, other, kMostBytes, random));
+    run_one(mutate(kTarget, base, other, kMaxInputBytes, random));
   }
   return done;
 }
@@ -158,7 +159,7 @@ void write_seeds(const std::string& folder, const std::vector<Bytes>& seeds) {
 
 }  // namespace
 
-// A sanitizer's report must reach the handler above.
+// Sanitizer reports raise SIGABRT, which the handler above catches.
 extern "C" const char* __asan_default_options() {
   return "abort_on_error=1:handle_abort=0:allocator_may_return_null=1";
 }
@@ -180,15 +181,15 @@ int main(int argc, char** argv) {
     write_seeds(options.write_seeds, seeds);
     return 0;
   }
-  // Threads take address space each; two are enough to find what they do to each other.
+  // Each thread takes address space; two are enough to provoke races.
   const tbb::global_control threads(tbb::global_control::max_allowed_parallelism, 2);
-  if (kLimitsAddressSpace) {
+  if (kLimitAddressSpace) {
     const rlimit limit{kAddressSpace, kAddressSpace};
     setrlimit(RLIMIT_AS, &limit);
   }
   std::snprintf(failing_path, sizeof failing_path, "fuzz_%s.failing", kTarget.name);
-  std::signal(SIGABRT, keep_failing_input);
-  std::signal(SIGSEGV, keep_failing_input);
+  std::signal(SIGABRT, save_failing_input);
+  std::signal(SIGSEGV, save_failing_input);
   std::vector<Bytes> inputs;
   if (options.files.empty()) {
     inputs = seeds;
@@ -196,11 +197,11 @@ int main(int argc, char** argv) {
       for (Bytes& bytes : read_folder(folder)) inputs.push_back(std::move(bytes));
     }
   }
-  for (const std::string& path : options.files) inputs.push_back(read_whole(path));
+  for (const std::string& path : options.files) inputs.push_back(read_file(path));
   for (const Bytes& input : inputs) run_one(input);
   const std::uint64_t mutations = options.files.empty() ? run_mutations(inputs, options) : 0;
   std::printf("%s: %zu inputs, %llu mutations, at most %llu KiB of heap\n", kTarget.name,
               inputs.size(), static_cast<unsigned long long>(mutations),
-              static_cast<unsigned long long>(heap_peak_of_all >> 10));
+              static_cast<unsigned long long>(max_heap_peak >> 10));
   return 0;
 }

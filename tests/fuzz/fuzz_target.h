@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a fuzz target is: one interface that reads bytes from outside, and how to change those bytes
-// so that the changes get past checksums and compression. README.md says how to run them.
+// A fuzz target: one interface that reads untrusted bytes, and the knowledge of their structure
+// that lets mutations get past checksums and compression. README.md describes how to run targets.
 #pragma once
 
 #include <cstddef>
@@ -15,38 +15,38 @@ namespace stgs::fuzz {
 using Bytes = std::vector<std::uint8_t>;
 using View = std::span<const std::uint8_t>;
 
-// Bytes [begin, end) of an input that make sense together: a record, an array, a table.
+// Bytes [begin, end) of an input that form a unit: a record, an array, a table.
 struct Unit {
   std::size_t begin = 0, end = 0;
 };
 
-// How much the mutator repairs after a change.
+// What the mutator repairs after a change.
 enum class Repair {
   kNothing,
-  kChecksums,  // so that what was changed is looked at
-  kSizes,      // and sizes and places too, so that a unit may grow, go or come twice
+  kChecksums,  // so that readers reach the changed bytes
+  kSizes,      // checksums, sizes and offsets, so that units may grow, vanish or repeat
 };
 
-// One per program.
+// Each program defines one.
 struct Target {
-  const char* name;  // of its folder in corpus/
-  // Sound inputs, small, made by this version's writers where there are any.
+  const char* name;  // also the name of its folder in corpus/
+  // Small valid inputs, written by this version where it has a writer.
   std::vector<Bytes> (*seeds)();
-  // To a form in which a changed byte changes one thing (unpacked), and back to what is read. Both
-  // take any bytes. Null: the bytes as they are.
-  Bytes (*open)(View input) = nullptr;
-  Bytes (*close)(Bytes form, Repair repair) = nullptr;
-  // Units of an opened input; null: it has none.
+  // `unpack` returns a form in which changing a byte changes one thing; `repack` returns the bytes
+  // that are read. Both accept any bytes. Null: the input is mutated as it is.
+  Bytes (*unpack)(View input) = nullptr;
+  Bytes (*repack)(Bytes form, Repair repair) = nullptr;
+  // Returns the units of an unpacked input. Null: the input has none.
   std::vector<Unit> (*units)(View form) = nullptr;
-  // The most heap that reading an input of this size may take, bytes.
-  std::uint64_t (*most_memory)(View input) = nullptr;
+  // Returns the heap limit for reading an input, in bytes.
+  std::uint64_t (*max_memory)(View input) = nullptr;
 };
 extern const Target kTarget;
 
-// Ends the process where a property of the code under test does not hold.
-inline void require(bool holds, const char* what) {
+// Aborts if a property of the code under test does not hold. `property` states the property.
+inline void require(bool holds, const char* property) {
   if (holds) return;
-  std::fprintf(stderr, "fuzz: broken property: %s\n", what);
+  std::fprintf(stderr, "fuzz: violated property: %s\n", property);
   std::abort();
 }
 

@@ -13,35 +13,36 @@ namespace {
 
 constexpr std::int64_t kNoLimit = std::numeric_limits<std::int64_t>::max();
 std::atomic<std::int64_t> used{0}, start{0}, peak{0}, limit{kNoLimit};
-thread_local int until_failure = 0;  // requests, the failing one among them; 0: none fails
-std::atomic<int> requests{0}, first_failure{0}, last_failure{0};  // of all threads; 0: none fails
+thread_local int until_failure = 0;  // requests up to the failing one; 0: none fails
+std::atomic<int> requests{0}, first_failure{0}, last_failure{0};  // over all threads; 0: none fails
 
-bool is_to_fail() {
+bool must_fail() {
   if (until_failure > 0 && --until_failure == 0) return true;
   if (last_failure == 0) return false;
   const int request = ++requests;
   return request >= first_failure && request <= last_failure;
 }
 
-void* take(std::size_t size) {
-  if (is_to_fail()) throw std::bad_alloc();
-  // Before it is asked for: a limit that is found to be passed afterwards is none.
-  const auto asked = static_cast<std::int64_t>(size);
-  if (asked < 0 || used + asked > limit) {
-    std::fprintf(stderr, "fuzz: %zu bytes more than the %lld in use pass the limit of %lld\n", size,
-                 static_cast<long long>(used - start), static_cast<long long>(limit - start));
+void* allocate(std::size_t size) {
+  if (must_fail()) throw std::bad_alloc();
+  // Checks the limit before allocating, because afterwards the memory is already taken.
+  const auto requested = static_cast<std::int64_t>(size);
+  if (requested < 0 || used + requested > limit) {
+    std::fprintf(stderr,
+                 "fuzz: allocating %zu bytes with %lld in use exceeds the limit of %lld bytes\n",
+                 size, static_cast<long long>(used - start), static_cast<long long>(limit - start));
     std::abort();
   }
   void* const memory = std::malloc(size == 0 ? 1 : size);
   if (memory == nullptr) throw std::bad_alloc();
   const std::int64_t now = used += static_cast<std::int64_t>(malloc_usable_size(memory));
-  std::int64_t most = peak;
-  while (now > most && !peak.compare_exchange_weak(most, now)) {
+  std::int64_t highest = peak;
+  while (now > highest && !peak.compare_exchange_weak(highest, now)) {
   }
   return memory;
 }
 
-void give(void* memory) {
+void release(void* memory) {
   if (memory == nullptr) return;
   used -= static_cast<std::int64_t>(malloc_usable_size(memory));
   std::free(memory);
@@ -49,16 +50,16 @@ void give(void* memory) {
 
 }  // namespace
 
-// All but those for aligned types, which nothing here allocates much with.
+// Except the overloads for over-aligned types, which allocate little here.
 void* operator new(std::size_t size) {
-  return take(size);
+  return allocate(size);
 }
 void* operator new[](std::size_t size) {
-  return take(size);
+  return allocate(size);
 }
 void* operator new(std::size_t size, const std::nothrow_t&) noexcept {
   try {
-    return take(size);
+    return allocate(size);
   } catch (const std::bad_alloc&) {
     return nullptr;
   }
@@ -67,22 +68,22 @@ void* operator new[](std::size_t size, const std::nothrow_t& tag) noexcept {
   return operator new(size, tag);
 }
 void operator delete(void* memory) noexcept {
-  give(memory);
+  release(memory);
 }
 void operator delete[](void* memory) noexcept {
-  give(memory);
+  release(memory);
 }
 void operator delete(void* memory, std::size_t) noexcept {
-  give(memory);
+  release(memory);
 }
 void operator delete[](void* memory, std::size_t) noexcept {
-  give(memory);
+  release(memory);
 }
 void operator delete(void* memory, const std::nothrow_t&) noexcept {
-  give(memory);
+  release(memory);
 }
 void operator delete[](void* memory, const std::nothrow_t&) noexcept {
-  give(memory);
+  release(memory);
 }
 
 namespace stgs::fuzz {

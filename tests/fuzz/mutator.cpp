@@ -7,7 +7,7 @@
 namespace stgs::fuzz {
 namespace {
 
-// Where counts and sizes go wrong: at 0, at signs, at what overflows when multiplied or added to.
+// Values at which counts and sizes fail: 0, sign changes, and overflow of sums and products.
 constexpr std::array<std::uint64_t, 22> kNumbers = {0,
                                                     1,
                                                     2,
@@ -40,7 +40,7 @@ class Mutation {
   Mutation(Bytes& bytes, View other, const std::vector<Unit>& units, Random& random)
       : bytes_(bytes), other_(other), units_(units), random_(random) {}
 
-  // Whether sizes have changed.
+  // Returns whether the size changed.
   bool apply() {
     const std::size_t size = bytes_.size();
     switch (random_.below(12)) {
@@ -49,7 +49,7 @@ class Mutation {
         flip_bit();
         break;
       case 2:
-        if (size > 0) bytes_[place()] = static_cast<std::uint8_t>(random_.next());
+        if (size > 0) bytes_[random_offset()] = static_cast<std::uint8_t>(random_.next());
         break;
       case 3:
       case 4:
@@ -78,17 +78,18 @@ class Mutation {
   }
 
  private:
-  // Mostly near the beginning of a unit, where the claims are.
-  std::size_t place() {
-    if (units_.empty() || random_.chance(3)) return random_.below(bytes_.size());
+  // A random offset, mostly near the beginning of a unit, which holds its counts and sizes.
+  std::size_t random_offset() {
+    if (units_.empty() || random_.one_in(3)) return random_.below(bytes_.size());
     const Unit unit = units_[random_.below(units_.size())];
     const std::size_t length = unit.end - unit.begin;
-    const std::size_t reach = random_.chance(2) ? std::min<std::size_t>(length, 48) : length;
+    const std::size_t reach = random_.one_in(2) ? std::min<std::size_t>(length, 48) : length;
     return std::min(unit.begin + random_.below(reach), bytes_.size() - 1);
   }
 
   void flip_bit() {
-    if (!bytes_.empty()) bytes_[place()] ^= static_cast<std::uint8_t>(1u << random_.below(8));
+    if (!bytes_.empty())
+      bytes_[random_offset()] ^= static_cast<std::uint8_t>(1u << random_.below(8));
   }
 
   void put(std::size_t offset, std::uint64_t value, std::size_t width) {
@@ -101,13 +102,13 @@ class Mutation {
     if (bytes_.empty()) return;
     const std::size_t width = std::size_t{1} << random_.below(4);
     std::uint64_t value = kNumbers[random_.below(kNumbers.size())];
-    if (random_.chance(4)) value = bytes_.size() + random_.below(5) - 2;
-    put(place(), value, width);
+    if (random_.one_in(4)) value = bytes_.size() + random_.below(5) - 2;
+    put(random_offset(), value, width);
   }
 
   void add_number() {
     if (bytes_.empty()) return;
-    const std::size_t offset = place(), width = std::size_t{1} << random_.below(4);
+    const std::size_t offset = random_offset(), width = std::size_t{1} << random_.below(4);
     std::uint64_t value = 0;
     for (std::size_t i = 0; i < width && offset + i < bytes_.size(); ++i) {
       value |= std::uint64_t{bytes_[offset + i]} << (8 * i);
@@ -117,32 +118,33 @@ class Mutation {
 
   void erase() {
     if (bytes_.empty()) return;
-    const std::size_t begin = place();
+    const std::size_t begin = random_offset();
     const std::size_t count = 1 + random_.below(std::min<std::size_t>(64, bytes_.size() - begin));
     bytes_.erase(bytes_.begin() + at(begin), bytes_.begin() + at(begin + count));
   }
 
   void insert() {
     Bytes extra(1 + random_.below(32));
-    const bool noise = random_.chance(2);
+    const bool noise = random_.one_in(2);
     for (std::uint8_t& byte : extra) byte = noise ? static_cast<std::uint8_t>(random_.next()) : 0;
     bytes_.insert(bytes_.begin() + at(random_.below(bytes_.size() + 1)), extra.begin(),
                   extra.end());
   }
 
-  // Bytes of the other input over this one's, or between them.
+  // Inserts bytes of the other input, or overwrites with them.
   void splice() {
     if (other_.empty()) return;
     const std::size_t from = random_.below(other_.size());
-    const View piece =
+    const View bytes =
         other_.subspan(from, 1 + random_.below(std::min<std::size_t>(256, other_.size() - from)));
     const std::size_t to = random_.below(bytes_.size() + 1);
-    const std::size_t over = random_.chance(2) ? 0 : std::min(piece.size(), bytes_.size() - to);
-    bytes_.erase(bytes_.begin() + at(to), bytes_.begin() + at(to + over));
-    bytes_.insert(bytes_.begin() + at(to), piece.begin(), piece.end());
+    const std::size_t overwritten =
+        random_.one_in(2) ? 0 : std::min(bytes.size(), bytes_.size() - to);
+    bytes_.erase(bytes_.begin() + at(to), bytes_.begin() + at(to + overwritten));
+    bytes_.insert(bytes_.begin() + at(to), bytes.begin(), bytes.end());
   }
 
-  // A unit is left out, comes twice, or two change places. Units are those of the unchanged bytes.
+  // Removes a unit, repeats it, or swaps two. The units are those of the unchanged bytes.
   void move_units() {
     if (units_.empty()) return;
     const Unit a = units_[random_.below(units_.size())], b = units_[random_.below(units_.size())];
@@ -157,7 +159,7 @@ class Mutation {
         break;
       default:
         const Unit first = a.begin < b.begin ? a : b, second = a.begin < b.begin ? b : a;
-        if (second.begin < first.end) return;  // the same, or one within the other
+        if (second.begin < first.end) return;  // identical or nested
         std::rotate(bytes_.begin() + at(first.begin), bytes_.begin() + at(first.end),
                     bytes_.begin() + at(second.end));
     }
@@ -178,30 +180,32 @@ std::uint64_t Random::next() {
   return z ^ (z >> 31);
 }
 
-Bytes mutate(const Target& target, View base, View other, std::size_t most_bytes, Random& random) {
-  // Damage to the bytes as they lie on a disk, now and then.
-  const bool raw = random.chance(8);
-  const auto opened = [&](View input) {
-    return raw || target.open == nullptr ? Bytes(input.begin(), input.end()) : target.open(input);
+Bytes mutate(const Target& target, View base, View other, std::size_t max_bytes, Random& random) {
+  // One in eight inputs is damaged in its stored form.
+  const bool raw = random.one_in(8);
+  const auto unpacked = [&](View input) {
+    return raw || target.unpack == nullptr ? Bytes(input.begin(), input.end())
+                                           : target.unpack(input);
   };
-  Bytes bytes = opened(base);
-  const Bytes from = opened(other);
+  Bytes bytes = unpacked(base);
+  const Bytes source = unpacked(other);
   const std::vector<Unit> units =
       raw || target.units == nullptr ? std::vector<Unit>{} : target.units(bytes);
   bool resized = false;
   const std::size_t changes = 1 + random.below(4);
   for (std::size_t i = 0; i < changes; ++i) {
-    resized = Mutation(bytes, from, units, random).apply() || resized;
+    resized = Mutation(bytes, source, units, random).apply() || resized;
   }
-  if (!raw && target.close != nullptr) {
-    // What has changed its size is mostly repaired whole: else the first check of a size ends it.
+  if (!raw && target.repack != nullptr) {
+    // Resized inputs are mostly repaired completely, since otherwise the first size check rejects
+    // them.
     const std::size_t choice = random.below(8);
     const Repair repair = choice == 0                              ? Repair::kNothing
                           : choice == 1 || (choice > 4 && resized) ? Repair::kSizes
                                                                    : Repair::kChecksums;
-    bytes = target.close(std::move(bytes), repair);
+    bytes = target.repack(std::move(bytes), repair);
   }
-  if (bytes.size() > most_bytes) bytes.resize(most_bytes);
+  if (bytes.size() > max_bytes) bytes.resize(max_bytes);
   return bytes;
 }
 

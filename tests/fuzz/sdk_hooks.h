@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an application lends to the C interface: memory, threads and a log that end the process
-// where they are called otherwise than the header says.
+// Callbacks that an application passes to the C interface (memory, threads, log). They abort if the
+// library calls them otherwise than the header specifies.
 #pragma once
 
 #include <map>
@@ -13,30 +13,30 @@
 
 namespace stgs::fuzz {
 
-// Memory that must come back as it went. Thread-safe.
-class LentMemory {
+// An allocator that checks each block when it is freed. Thread-safe.
+class TestAllocator {
  public:
-  // From now on; 0: there is always some.
-  void fail_each(unsigned nth) {
+  // Makes every `nth` allocation from now on fail; 0: none.
+  void fail_every(unsigned nth) {
     const std::lock_guard lock(mutex_);
-    each_ = nth;
+    failure_interval_ = nth;
     requests_ = 0;
   }
-  bool all_is_back() {
+  bool all_freed() {
     const std::lock_guard lock(mutex_);
-    return given_.empty();
+    return blocks_.empty();
   }
-  stgs_allocator hook() {
-    stgs_allocator hook{};
-    hook.struct_size = sizeof hook;
-    hook.user = this;
-    hook.allocate = [](void* user, std::size_t bytes, std::size_t alignment) {
-      return static_cast<LentMemory*>(user)->allocate(bytes, alignment);
+  stgs_allocator callbacks() {
+    stgs_allocator callbacks{};
+    callbacks.struct_size = sizeof callbacks;
+    callbacks.user = this;
+    callbacks.allocate = [](void* user, std::size_t bytes, std::size_t alignment) {
+      return static_cast<TestAllocator*>(user)->allocate(bytes, alignment);
     };
-    hook.free = [](void* user, void* memory, std::size_t bytes, std::size_t alignment) {
-      static_cast<LentMemory*>(user)->free(memory, {bytes, alignment});
+    callbacks.free = [](void* user, void* memory, std::size_t bytes, std::size_t alignment) {
+      static_cast<TestAllocator*>(user)->free(memory, {bytes, alignment});
     };
-    return hook;
+    return callbacks;
   }
 
  private:
@@ -47,50 +47,53 @@ class LentMemory {
 
   void* allocate(std::size_t bytes, std::size_t alignment) {
     require(bytes > 0 && alignment > 0 && (alignment & (alignment - 1)) == 0,
-            "some bytes are asked for, at a multiple of a power of 2");
+            "an allocation has a size and an alignment that is a power of 2");
     const std::lock_guard lock(mutex_);
-    if (each_ != 0 && ++requests_ % each_ == 0) return nullptr;
+    if (failure_interval_ != 0 && ++requests_ % failure_interval_ == 0) return nullptr;
     void* const memory = ::operator new(bytes, std::align_val_t(alignment));
-    given_[memory] = {bytes, alignment};
+    blocks_[memory] = {bytes, alignment};
     return memory;
   }
   void free(void* memory, const Block& block) {
     const std::lock_guard lock(mutex_);
-    const auto found = given_.find(memory);
-    require(found != given_.end() && found->second == block, "what is given back was lent so");
-    given_.erase(found);
+    const auto found = blocks_.find(memory);
+    require(found != blocks_.end() && found->second == block,
+            "a freed block has its original size and alignment");
+    blocks_.erase(found);
     ::operator delete(memory, std::align_val_t(block.alignment));
   }
 
   std::mutex mutex_;
-  unsigned each_ = 0, requests_ = 0;
-  std::map<void*, Block> given_;
+  unsigned failure_interval_ = 0, requests_ = 0;
+  std::map<void*, Block> blocks_;
 };
 
-enum class Runner { kOnce, kAllInTurn, kTwoThreads };
+enum class RunnerKind { kOneThread, kSequential, kTwoThreads };
 
-inline stgs_task_runner lent_threads(Runner how) {
+inline stgs_task_runner make_task_runner(RunnerKind kind) {
   using Task = void (*)(void*);
   constexpr Task kNone = nullptr;
   stgs_task_runner runner{};
   runner.struct_size = sizeof runner;
-  runner.threads = how == Runner::kOnce ? 1 : 3;
-  switch (how) {
-    case Runner::kOnce:
+  runner.threads = kind == RunnerKind::kOneThread ? 1 : 3;
+  switch (kind) {
+    case RunnerKind::kOneThread:
       runner.run = [](void*, Task task, void* argument, std::uint32_t count) {
-        require(task != kNone && count == 1, "no more calls than there are threads");
+        require(task != kNone && count == 1, "a task runs on at most the stated number of threads");
         task(argument);
       };
       break;
-    case Runner::kAllInTurn:
+    case RunnerKind::kSequential:
       runner.run = [](void*, Task task, void* argument, std::uint32_t count) {
-        require(task != kNone && count >= 1 && count <= 3, "no more calls than there are threads");
+        require(task != kNone && count >= 1 && count <= 3,
+                "a task runs on at most the stated number of threads");
         for (std::uint32_t i = 0; i < count; ++i) task(argument);
       };
       break;
-    case Runner::kTwoThreads:
+    case RunnerKind::kTwoThreads:
       runner.run = [](void*, Task task, void* argument, std::uint32_t count) {
-        require(task != kNone && count >= 1 && count <= 3, "no more calls than there are threads");
+        require(task != kNone && count >= 1 && count <= 3,
+                "a task runs on at most the stated number of threads");
         std::thread other;
         if (count > 1) other = std::thread(task, argument);
         task(argument);
@@ -102,8 +105,8 @@ inline stgs_task_runner lent_threads(Runner how) {
 }
 
 inline void check_log_line(void*, stgs_log_level level, const char* message) {
-  require(level >= STGS_LOG_ERROR && level <= STGS_LOG_INFO, "a line has a level");
-  require(message != nullptr && *message != '\0', "a line says something");
+  require(level >= STGS_LOG_ERROR && level <= STGS_LOG_INFO, "a log line has a level");
+  require(message != nullptr && *message != '\0', "a log line is not empty");
 }
 
 }  // namespace stgs::fuzz

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files of an application's for the C interface, which fail, grow, change and answer later, and end
-// the process where they are called otherwise than the header says.
+// Sources that an application passes to the C interface. They fail, grow, change and complete late,
+// and abort if the library calls them otherwise than the header specifies.
 #pragma once
 
 #include <algorithm>
@@ -13,65 +13,65 @@
 
 namespace stgs::fuzz {
 
-// Thread-safe. Lives until it is closed and its reads are answered.
-class LentFile {
+// Thread-safe. Outlives its close() and its pending reads.
+class TestSource {
  public:
-  struct Habits {
-    unsigned fails_each = 0;  // reads; 0: none
-    bool grows = false;       // it has current_size
-    bool late = false;        // as an stgs_async_io: answers when it is told to
+  struct Behaviour {
+    unsigned fail_every = 0;  // every n-th read fails; 0: none
+    bool grows = false;       // provides current_size
+    bool deferred = false;    // as stgs_async_io: reads complete in complete_reads()
   };
-  LentFile(Bytes bytes, std::uint64_t size, const Habits& habits)
-      : bytes_(std::move(bytes)), habits_(habits), size_(size), most_(size) {}
-  LentFile(const LentFile&) = delete;
-  LentFile& operator=(const LentFile&) = delete;
+  TestSource(Bytes bytes, std::uint64_t size, const Behaviour& behaviour)
+      : bytes_(std::move(bytes)), behaviour_(behaviour), size_(size), max_size_(size) {}
+  TestSource(const TestSource&) = delete;
+  TestSource& operator=(const TestSource&) = delete;
 
   stgs_io io() {
-    stgs_io io = common<stgs_io>();
+    stgs_io io = make_io<stgs_io>();
     io.read = [](void* user, std::uint64_t offset, void* out, std::size_t bytes) {
-      auto* const file = static_cast<LentFile*>(user);
-      file->begin_read(offset, bytes);
-      return file->end_read(offset, out, bytes);
+      auto* const source = static_cast<TestSource*>(user);
+      source->begin_read(offset, bytes);
+      return source->end_read(offset, out, bytes);
     };
     return io;
   }
   stgs_async_io async_io() {
-    stgs_async_io io = common<stgs_async_io>();
+    stgs_async_io io = make_io<stgs_async_io>();
     io.begin = [](void* user, stgs_read* read, std::uint64_t offset, void* out, std::size_t bytes) {
-      auto* const file = static_cast<LentFile*>(user);
-      file->begin_read(offset, bytes);
-      if (file->habits_.late) return file->keep({read, offset, out, bytes});
-      stgs_read_complete(read, file->end_read(offset, out, bytes));
+      auto* const source = static_cast<TestSource*>(user);
+      source->begin_read(offset, bytes);
+      if (source->behaviour_.deferred) return source->defer({read, offset, out, bytes});
+      stgs_read_complete(read, source->end_read(offset, out, bytes));
     };
     return io;
   }
 
-  // How large it says that it is from now on; there may be fewer bytes.
+  // Sets the reported size; there may be fewer bytes.
   void resize(std::uint64_t size) {
     const std::lock_guard lock(mutex_);
     size_ = size;
-    most_ = std::max(most_, size);
+    max_size_ = std::max(max_size_, size);
   }
-  void become(Bytes bytes) {
+  void replace_bytes(Bytes bytes) {
     const std::lock_guard lock(mutex_);
     bytes_ = std::move(bytes);
   }
-  // The reads that wait, on the thread that calls, `failing` or with what there is.
-  void answer(bool failing) {
-    std::vector<Waiting> waiting;
+  // Completes the pending reads on the calling thread; all fail if `failing`.
+  void complete_reads(bool failing) {
+    std::vector<PendingRead> pending;
     {
       const std::lock_guard lock(mutex_);
-      waiting.swap(waiting_);
+      pending.swap(pending_);
     }
-    for (const Waiting& one : waiting) {
+    for (const PendingRead& one : pending) {
       const int error = end_read(one.offset, one.out, one.bytes);
       stgs_read_complete(one.read, failing ? 1 : error);
     }
   }
-  bool is_late() const { return habits_.late; }
-  bool is_waited_for() {
+  bool is_deferred() const { return behaviour_.deferred; }
+  bool has_pending_reads() {
     const std::lock_guard lock(mutex_);
-    return !waiting_.empty();
+    return !pending_.empty();
   }
   bool is_closed() {
     const std::lock_guard lock(mutex_);
@@ -79,7 +79,7 @@ class LentFile {
   }
 
  private:
-  struct Waiting {
+  struct PendingRead {
     stgs_read* read;
     std::uint64_t offset;
     void* out;
@@ -87,60 +87,61 @@ class LentFile {
   };
 
   template <typename Io>
-  Io common() {
+  Io make_io() {
     Io io{};
     io.struct_size = sizeof io;
     io.user = this;
     io.size = size_;
-    io.close = [](void* user) { static_cast<LentFile*>(user)->close(); };
-    io.interrupt = [](void* user) { static_cast<LentFile*>(user)->interrupt(); };
-    if (habits_.grows) {
-      io.current_size = [](void* user) { return static_cast<LentFile*>(user)->current_size(); };
+    io.close = [](void* user) { static_cast<TestSource*>(user)->close(); };
+    io.interrupt = [](void* user) { static_cast<TestSource*>(user)->interrupt(); };
+    if (behaviour_.grows) {
+      io.current_size = [](void* user) { return static_cast<TestSource*>(user)->current_size(); };
     }
     return io;
   }
 
   void begin_read(std::uint64_t offset, std::size_t bytes) {
     const std::lock_guard lock(mutex_);
-    require(!closed_, "what is closed is not read");
-    require(bytes <= most_ && offset <= most_ - bytes, "reads lie within the size that was told");
+    require(!closed_, "a closed source is not read");
+    require(bytes <= max_size_ && offset <= max_size_ - bytes,
+            "reads lie within the reported size");
     ++in_flight_;
   }
   int end_read(std::uint64_t offset, void* out, std::size_t bytes) {
     const std::lock_guard lock(mutex_);
     --in_flight_;
-    if (habits_.fails_each != 0 && ++reads_ % habits_.fails_each == 0) return 5;
+    if (behaviour_.fail_every != 0 && ++reads_ % behaviour_.fail_every == 0) return 5;
     if (bytes > bytes_.size() || offset > bytes_.size() - bytes) return 6;
     std::memcpy(out, bytes_.data() + offset, bytes);
     return 0;
   }
-  void keep(const Waiting& read) {
+  void defer(const PendingRead& read) {
     const std::lock_guard lock(mutex_);
-    waiting_.push_back(read);
+    pending_.push_back(read);
   }
   void close() {
     const std::lock_guard lock(mutex_);
-    require(!closed_ && in_flight_ == 0, "a source is closed once, when nothing is read any more");
+    require(!closed_ && in_flight_ == 0, "a source is closed once, after all reads have completed");
     closed_ = true;
   }
   void interrupt() {
     const std::lock_guard lock(mutex_);
-    require(!closed_ && !interrupted_, "a source is interrupted once at most, and before its end");
+    require(!closed_ && !interrupted_, "a source is interrupted at most once, before it is closed");
     interrupted_ = true;
   }
   std::uint64_t current_size() {
     const std::lock_guard lock(mutex_);
-    require(!closed_, "what is closed is not asked");
+    require(!closed_, "the size of a closed source is not queried");
     return size_;
   }
 
   std::mutex mutex_;
   Bytes bytes_;
-  const Habits habits_;
-  std::uint64_t size_, most_;
+  const Behaviour behaviour_;
+  std::uint64_t size_, max_size_;
   unsigned reads_ = 0, in_flight_ = 0;
   bool closed_ = false, interrupted_ = false;
-  std::vector<Waiting> waiting_;
+  std::vector<PendingRead> pending_;
 };
 
 }  // namespace stgs::fuzz

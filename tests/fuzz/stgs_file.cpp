@@ -8,7 +8,7 @@
 #include <cstring>
 #include <string_view>
 
-#include "../api/scene_fixture.h"
+#include "../fixtures/scene_fixture.h"
 #include "codec/draco_points.h"
 #include "codec/layout.h"
 #include "core/bytes.h"
@@ -17,7 +17,7 @@ namespace stgs::fuzz {
 namespace {
 
 constexpr std::size_t kHeader = 40, kRecord = 32;  // spec 2.2, 3.1
-constexpr std::size_t kMostPlanes = 1 << 20;       // bytes; what is larger stays as it is
+constexpr std::size_t kMaxPlaneBytes = 1 << 20;    // larger segments keep their checksum
 constexpr std::uint64_t kTablesMemory = kMaxTables * kTableMemory;
 
 template <typename Value>
@@ -35,7 +35,7 @@ std::uint64_t hash(View bytes) {
   return XXH3_64bits(bytes.data(), bytes.size());
 }
 
-// Whether a record header stands here whose checksum is right.
+// Returns whether there is a record header with a valid checksum at the offset.
 bool is_record(View file, std::size_t at) {
   return at <= file.size() && kRecord <= file.size() - at &&
          get<std::uint64_t>(file, at + 24) == hash(file.subspan(at, 24));
@@ -49,7 +49,7 @@ struct Record {
   View payload(View file) const { return file.subspan(begin + kRecord, end - begin - kRecord); }
 };
 
-// By their lengths; the last one ends with the file at the latest.
+// Finds records by their lengths; clips the last one to the file.
 std::vector<Record> records_by_length(View file) {
   std::vector<Record> out;
   for (std::size_t at = kHeader; at < file.size() && kRecord <= file.size() - at;) {
@@ -62,7 +62,7 @@ std::vector<Record> records_by_length(View file) {
   return out;
 }
 
-// By the headers that are found: a record that has grown ends where the next begins.
+// Finds records by their headers: a record that has grown ends where the next one begins.
 std::vector<Record> records_by_header(View file) {
   std::vector<Record> out;
   for (std::size_t at = kHeader; at < file.size(); ++at) {
@@ -74,10 +74,10 @@ std::vector<Record> records_by_header(View file) {
   return out;
 }
 
-// The payload of a SEGM record taken apart (spec 6.1), as far as its bytes go.
-class SegmentForm {
+// Parses the payload of a SEGM record (spec 6.1) up to the end of its bytes.
+class ParsedSegment {
  public:
-  SegmentForm(View payload, const LayoutSet& of_file) : in_(payload) {
+  ParsedSegment(View payload, const LayoutSet& file_layouts) : in_(payload) {
     in_.bytes(8);
     n_ = in_.u32();
     std::uint16_t number = in_.u16();
@@ -88,7 +88,7 @@ class SegmentForm {
       number = 0;
       set_ = &own_;
     } else {
-      set_ = &of_file;
+      set_ = &file_layouts;
     }
     if (!in_.ok() || number >= set_->layouts.size()) return;
     if (set_->layouts[number].problem != 0) return;
@@ -98,9 +98,9 @@ class SegmentForm {
     for (const StreamRow& row : layout_->streams) sizes_.push_back(is_coded(row) ? 0 : in_.u64());
   }
 
-  // Where the size of the last stream that has one is stated, and what it would have to be for the
-  // payload to be full; nothing where a group takes what is left.
-  bool last_size(std::size_t& at, std::uint64_t& size) const {
+  // Returns the offset of the last stated stream size and the size that fills the payload; false if
+  // a group takes the remaining bytes.
+  bool fill_last_stream(std::size_t& at, std::uint64_t& size) const {
     if (layout_ == nullptr || !in_.ok() || sizes_.empty() || layout_->has_group()) return false;
     std::uint64_t others = 0;
     for (std::size_t i = 0; i + 1 < sizes_.size(); ++i) others += sizes_[i];
@@ -109,7 +109,8 @@ class SegmentForm {
     return others <= in_.left();
   }
 
-  // The decoded planes that the record's checksum is of; false where they cannot be decoded.
+  // Decodes the planes that the checksum of the record covers; returns false if they cannot be
+  // decoded.
   bool planes(Bytes& out) {
     if (layout_ == nullptr || !in_.ok()) return false;
     std::vector<View> streams;
@@ -123,7 +124,7 @@ class SegmentForm {
     for (std::size_t i = 0; i < streams.size() && in_.ok(); ++i) {
       const StreamRow& row = layout_->streams[i];
       if (row.attribute >= kOptionalAttributes) continue;
-      if (out.size() + n_ * row.planes() > kMostPlanes) return false;
+      if (out.size() + n_ * row.planes() > kMaxPlaneBytes) return false;
       if (!is_coded(row)) {
         append_bytes(streams[i], n_, row, out);
         continue;
@@ -141,7 +142,7 @@ class SegmentForm {
   static bool is_coded(const StreamRow& row) {
     return static_cast<Coder>(row.coder) == Coder::kRans;
   }
-  // What cannot be unpacked counts as zeros: its checksum is not what stops a reader.
+  // Streams that do not unpack count as zeros; readers reject them before the checksum.
   static void append_bytes(View stored, std::size_t n, const StreamRow& row, Bytes& out) {
     const std::size_t begin = out.size(), size = n * row.planes();
     out.resize(begin + size);
@@ -163,7 +164,7 @@ class SegmentForm {
   std::vector<std::uint64_t> sizes_;
 };
 
-LayoutSet layouts_of(View file, const std::vector<Record>& records) {
+LayoutSet read_layouts(View file, const std::vector<Record>& records) {
   LayoutSet set;
   for (const Record& record : records) {
     if (record.tag(file) != "LAYT") continue;
@@ -175,23 +176,24 @@ LayoutSet layouts_of(View file, const std::vector<Record>& records) {
   return set;
 }
 
-// The checksum of the planes of a segment, and the size of its last stream.
-void seal_segment(Bytes& file, const Record& record, const LayoutSet& layouts, Repair repair) {
+// Repairs the checksum of the planes of a segment and the size of its last stream.
+void repair_segment(Bytes& file, const Record& record, const LayoutSet& layouts, Repair repair) {
   const std::size_t payload = record.begin + kRecord;
   std::size_t at = 0;
   std::uint64_t size = 0;
-  if (repair == Repair::kSizes && SegmentForm(record.payload(file), layouts).last_size(at, size)) {
+  if (repair == Repair::kSizes &&
+      ParsedSegment(record.payload(file), layouts).fill_last_stream(at, size)) {
     put(file, payload + at, size);
   }
   Bytes planes;
-  if (SegmentForm(record.payload(file), layouts).planes(planes)) {
+  if (ParsedSegment(record.payload(file), layouts).planes(planes)) {
     put(file, payload + 14, hash(planes));
   }
 }
 
-// The index with the sizes and counts of the segments that are there, in their order (spec 5.2,
-// 5.3); what it was where it cannot be understood.
-Bytes placed_index(View index, const std::vector<View>& segments) {
+// Returns the index with the sizes and counts of the present segments, in their order (spec 5.2,
+// 5.3), or unchanged if it cannot be parsed.
+Bytes repair_index(View index, const std::vector<View>& segments) {
   ByteReader in(index);
   ByteWriter parts;
   std::size_t next = 0;
@@ -234,16 +236,16 @@ Bytes placed_index(View index, const std::vector<View>& segments) {
     }
   }
   if (!in.ok()) return {index.begin(), index.end()};
-  const View rest = in.bytes(in.left());
+  const View remainder = in.bytes(in.left());
   ByteWriter out;
   out.f64(chunk);
   out.varint(total);
   out.bytes(parts.view());
-  out.bytes(rest);
+  out.bytes(remainder);
   return out.take();
 }
 
-Bytes with_placed_segments(Bytes file) {
+Bytes with_repaired_index(Bytes file) {
   std::vector<View> segments;
   const Record* index = nullptr;
   const std::vector<Record> records = records_by_header(file);
@@ -252,14 +254,14 @@ Bytes with_placed_segments(Bytes file) {
     if (record.tag(file) == "SEGM") segments.push_back(record.payload(file));
   }
   if (index == nullptr) return file;
-  const Bytes placed = placed_index(index->payload(file), segments);
+  const Bytes repaired = repair_index(index->payload(file), segments);
   const auto payload = file.begin() + static_cast<std::ptrdiff_t>(index->begin + kRecord);
   const auto end = file.begin() + static_cast<std::ptrdiff_t>(index->end);
-  file.insert(file.erase(payload, end), placed.begin(), placed.end());
+  file.insert(file.erase(payload, end), repaired.begin(), repaired.end());
   return file;
 }
 
-void seal_header(Bytes& file, const std::vector<Record>& records, Repair repair) {
+void repair_header(Bytes& file, const std::vector<Record>& records, Repair repair) {
   if (repair == Repair::kSizes) {
     put<std::uint64_t>(file, 16, file.size());
     for (const Record& record : records) {
@@ -269,9 +271,9 @@ void seal_header(Bytes& file, const std::vector<Record>& records, Repair repair)
   put(file, 32, hash(View(file).first(32)));
 }
 
-Bytes encoded(const Scene& scene, const WriteSettings& settings) {
+Bytes encode(const Scene& scene, const WriteSettings& settings) {
   auto bytes = encode_scene(scene, settings);
-  require(bytes.ok(), "a seed can be written");
+  require(bytes.ok(), "seeds can be written");
   return std::move(*bytes);
 }
 
@@ -281,10 +283,10 @@ std::vector<Bytes> stgs_seeds() {
   WriteSettings lossless, quantised;
   quantised.profile = Profile::kQuantised;
   lossless.chunk_seconds = quantised.chunk_seconds = 0.2;
-  std::vector<Bytes> out = {encoded(testing::random_scene(1, 0, 30, 21), lossless),
-                            encoded(testing::random_scene(12, 1, 30, 21), lossless),
-                            encoded(testing::random_scene(12, 1, 30, 21), quantised),
-                            encoded(testing::random_scene(60, 3, 30, 22), quantised)};
+  std::vector<Bytes> out = {encode(testing::random_scene(1, 0, 30, 21), lossless),
+                            encode(testing::random_scene(12, 1, 30, 21), lossless),
+                            encode(testing::random_scene(12, 1, 30, 21), quantised),
+                            encode(testing::random_scene(60, 3, 30, 22), quantised)};
   Scene parts = testing::random_scene(20, 0, 40, 23);
   parts.parts = {{-2, 19.5, 11, TickRange{0, 19}}, {19.5, 50, 9}};
   parts.importance.assign(20, 0.5f);
@@ -293,13 +295,13 @@ std::vector<Bytes> stgs_seeds() {
   parts.metadata.start_camera->width = 64;
   parts.metadata.start_camera->height = 48;
   parts.metadata.start_camera->fx = parts.metadata.start_camera->fy = 60;
-  out.push_back(encoded(parts, lossless));
+  out.push_back(encode(parts, lossless));
   quantised.tiers = 1;
-  out.push_back(encoded(parts, quantised));
+  out.push_back(encode(parts, quantised));
   if (check_profile(Profile::kDraco).ok()) {
     quantised.profile = Profile::kDraco;
-    out.push_back(encoded(parts, quantised));
-    out.push_back(encoded(testing::random_scene(60, 1, 30, 22), quantised));
+    out.push_back(encode(parts, quantised));
+    out.push_back(encode(testing::random_scene(60, 1, 30, 22), quantised));
   }
   return out;
 }
@@ -317,23 +319,23 @@ std::vector<Unit> stgs_units(View file) {
 Bytes repair_stgs(Bytes file, Repair repair) {
   if (repair == Repair::kNothing || file.size() < kHeader) return file;
   const bool sizes = repair == Repair::kSizes;
-  if (sizes) file = with_placed_segments(std::move(file));
+  if (sizes) file = with_repaired_index(std::move(file));
   const std::vector<Record> records = sizes ? records_by_header(file) : records_by_length(file);
   for (const Record& record : records) {
     if (sizes) put<std::uint64_t>(file, record.begin + 8, record.payload(file).size());
   }
-  const LayoutSet layouts = layouts_of(file, records);
+  const LayoutSet layouts = read_layouts(file, records);
   for (const Record& record : records) {
-    if (record.tag(file) == "SEGM") seal_segment(file, record, layouts, repair);
+    if (record.tag(file) == "SEGM") repair_segment(file, record, layouts, repair);
     put(file, record.begin + 16, hash(record.payload(file)));
     put(file, record.begin + 24, hash(View(file).subspan(record.begin, 24)));
   }
-  seal_header(file, records, repair);
+  repair_header(file, records, repair);
   return file;
 }
 
 std::uint64_t stgs_memory(View input) {
-  // The head's tables, the whole scene, and two segments at a time.
+  // The tables of the head, the complete scene, and two segments at a time.
   return 4 * kStgsLimits.max_memory + 32 * input.size() + (256 << 10);
 }
 

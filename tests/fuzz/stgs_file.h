@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// .stgs files as inputs: small ones of every kind, their records, their checksums.
+// .stgs files as inputs: small seeds of every kind, their units, and repairs.
 #pragma once
 
 #include "fuzz_target.h"
@@ -7,15 +7,15 @@
 
 namespace stgs::fuzz {
 
-// Small enough that a claim which is not checked against the bytes passes them.
+// Small, so that a count that is not checked against the file exceeds them.
 inline constexpr ReadLimits kStgsLimits{20'000, 256 << 10};
 
 std::vector<Bytes> stgs_seeds();
-// The header, the records, and their payloads.
+// Returns the header, the records, and their payloads as units.
 std::vector<Unit> stgs_units(View file);
-// Repairs what a reader checks before it looks at the rest.
+// Repairs the fields that a reader checks first.
 Bytes repair_stgs(Bytes file, Repair repair);
-// Two segments at a time are decoded beside the whole scene, each with its bytes and its planes.
+// The heap limit: the complete scene, and two segments at a time with their bytes and planes.
 std::uint64_t stgs_memory(View input);
 
 }  // namespace stgs::fuzz

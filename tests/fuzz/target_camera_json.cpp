@@ -13,12 +13,13 @@ using namespace stgs::fuzz;
 namespace {
 
 std::vector<Bytes> seeds() {
-  constexpr std::string_view kWhole =
+  constexpr std::string_view kComplete =
       R"({"name":"a","width":640,"height":480,"fx":500,"fy":510.5,"cx":320,"cy":2.4e2,)"
       R"("rotation":[1,0,0,0,1,0,0,0,1],"translation":[0,-1,2.5],"test":true})";
-  constexpr std::string_view kLeast = R"({"width":1,"height":32768,"fx":1e-3,"fy":1,"cx":0,"cy":0,)"
-                                      R"("rotation":[0,0,1,0,1,0,-1,0,0],"translation":[0,0,0]})";
-  return {Bytes(kWhole.begin(), kWhole.end()), Bytes(kLeast.begin(), kLeast.end())};
+  constexpr std::string_view kMinimal =
+      R"({"width":1,"height":32768,"fx":1e-3,"fy":1,"cx":0,"cy":0,)"
+      R"("rotation":[0,0,1,0,1,0,-1,0,0],"translation":[0,0,0]})";
+  return {Bytes(kComplete.begin(), kComplete.end()), Bytes(kMinimal.begin(), kMinimal.end())};
 }
 
 std::uint64_t memory(View input) {
@@ -34,9 +35,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (json.is_discarded()) return 0;
   const auto camera = encoder::camera_from_json(json, "input");
   if (!camera.ok()) return 0;
-  require(encoder::check_camera(*camera, "input").ok(), "what is read is a camera");
+  require(encoder::check_camera(*camera, "input").ok(), "a camera that is read is valid");
   const auto again = encoder::camera_from_json(encoder::camera_to_json(*camera), "again");
   require(again.ok() && again->width == camera->width && again->fx == camera->fx,
-          "a camera is written as it was read");
+          "a camera round-trips");
   return 0;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opening a file, all that is answered from its head, and validating it.
+// Opens a file, checks the answers of its head, and validates it.
 #include "stgs_file.h"
 
 using namespace stgs;
@@ -10,26 +10,27 @@ const Target stgs::fuzz::kTarget{"container", stgs_seeds, nullptr,
 
 namespace {
 
-void look_at(const SceneReader& reader) {
+void check_head(const SceneReader& reader) {
   const double frames = reader.metadata().frames;
   std::uint64_t primitives = 0;
-  std::size_t shown = 0;
+  std::size_t shown_segments = 0;
   for (const SegmentInfo& segment : reader.segments()) {
     primitives += segment.primitives;
-    shown += segment.is_shown() && segment.begin_ticks <= frames ? 1 : 0;
-    require(segment.begin_ticks >= 0 && segment.end_ticks <= 0x1p32, "a segment is of moments");
-    require(segment.offset + segment.bytes <= reader.file_bytes(), "a segment lies in the file");
-    require(segment.part < reader.parts().size(), "a segment is of a part that there is");
+    shown_segments += segment.is_shown() && segment.begin_ticks <= frames ? 1 : 0;
+    require(segment.begin_ticks >= 0 && segment.end_ticks <= 0x1p32,
+            "the times of a segment are in range");
+    require(segment.offset + segment.bytes <= reader.file_bytes(), "segments lie within the file");
+    require(segment.part < reader.parts().size(), "the part of a segment exists");
   }
-  require(primitives == reader.primitives(), "the segments have all the primitives");
-  require(primitives <= kStgsLimits.max_primitives, "the limit of primitives holds");
-  require(reader.segments_between(0, frames).size() == shown,
-          "what is shown lies between the ends");
+  require(primitives == reader.primitives(), "the counts of the segments add up to the total");
+  require(primitives <= kStgsLimits.max_primitives, "the limit on primitives holds");
+  require(reader.segments_between(0, frames).size() == shown_segments,
+          "segments_between returns every visible segment of the clip");
   (void)reader.segments_between(frames / 2, frames / 2);
   (void)reader.streams();
   const auto importance = reader.importance();
   require(!importance.ok() || importance->empty() || importance->size() == primitives,
-          "an importance for each primitive, or none");
+          "there is one importance per primitive, or none");
 }
 
 }  // namespace
@@ -37,9 +38,9 @@ void look_at(const SceneReader& reader) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const Bytes input(data, data + size);
   const auto reader = SceneReader::open(memory_source(input, "input"), kStgsLimits);
-  if (reader.ok()) look_at(**reader);
+  if (reader.ok()) check_head(**reader);
   const auto issues = validate_scene(*memory_source(input, "input"), kStgsLimits);
-  require(issues.ok(), "every file in memory can be validated");
-  require(reader.ok() || !issues->empty(), "what cannot be opened has an issue");
+  require(issues.ok(), "validation runs on every file");
+  require(reader.ok() || !issues->empty(), "a file that does not open has an issue");
   return 0;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decoding all of a file, segment by segment and at once.
+// Decodes a file segment by segment and at once.
 #include <cstring>
 
 #include "stgs_file.h"
@@ -16,17 +16,18 @@ bool same_bits(const FloatArray& a, const FloatArray& b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(float)) == 0;
 }
 
-bool decodes_everywhere(const SceneReader& reader) {
+bool all_segments_decode(const SceneReader& reader) {
   bool all = true;
   for (std::uint32_t i = 0; i < reader.segments().size(); ++i) {
-    const auto whole = reader.decode(i), base = reader.decode(i, false);
-    require(!whole.ok() || base.ok(), "what decodes whole decodes without its harmonics");
-    all = all && whole.ok();
-    if (!whole.ok()) continue;
-    require(whole->size() == reader.segments()[i].primitives, "a segment has its primitives");
-    require(same_bits(whole->position, base->position) &&
-                same_bits(whole->rotation, base->rotation) && same_bits(whole->time, base->time),
-            "harmonics change nothing else");
+    const auto full = reader.decode(i), base = reader.decode(i, false);
+    require(!full.ok() || base.ok(), "a segment that decodes also decodes without SH");
+    all = all && full.ok();
+    if (!full.ok()) continue;
+    require(full->size() == reader.segments()[i].primitives,
+            "a segment has the stated number of primitives");
+    require(same_bits(full->position, base->position) &&
+                same_bits(full->rotation, base->rotation) && same_bits(full->time, base->time),
+            "SH does not affect other attributes");
   }
   return all;
 }
@@ -44,11 +45,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const Bytes input(data, data + size);
   const auto reader = SceneReader::open(memory_source(input, "input"), kStgsLimits);
   if (!reader.ok()) return 0;
-  const bool all = decodes_everywhere(**reader);
+  const bool all = all_segments_decode(**reader);
   const auto scene = read_scene(memory_source(input, "input"), kStgsLimits);
-  require(!scene.ok() || all, "a scene is whole only if its segments are");
+  require(!scene.ok() || all, "a scene can be read only if all segments decode");
   if (!scene.ok() && all && (*reader)->importance().ok()) {
-    require(scene.status().code() == StatusCode::kUnsupported, "only the limit of memory is left");
+    require(scene.status().code() == StatusCode::kUnsupported,
+            "if all segments decode, only the memory limit rejects the scene");
   }
   const auto issues = validate_scene(*memory_source(input, "input"), kStgsLimits);
   if (issues.ok() && !has_error(*issues)) {

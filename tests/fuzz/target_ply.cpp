@@ -10,12 +10,12 @@ using namespace stgs::fuzz;
 
 namespace {
 
-Bytes bytes_of(std::string_view text) {
+Bytes to_bytes(std::string_view text) {
   return {text.begin(), text.end()};
 }
 
-// Two chunks' worth of header, and harmonics of degree 1.
-Bytes packed(std::size_t vertices) {
+// A packed PLY with as many chunks as needed and SH of degree 1.
+Bytes packed_ply(std::size_t vertices) {
   const std::size_t chunks = (vertices + 255) / 256;
   std::string text =
       "ply\nformat binary_little_endian 1.0\nelement chunk " + std::to_string(chunks) + "\n";
@@ -31,20 +31,20 @@ Bytes packed(std::size_t vertices) {
   text += "element sh " + std::to_string(vertices) + "\n";
   for (int k = 0; k < 9; ++k) text += "property uchar f_rest_" + std::to_string(k) + "\n";
   text += "end_header\n";
-  Bytes out = bytes_of(text);
+  Bytes out = to_bytes(text);
   const std::size_t body = chunks * 72 + vertices * (16 + 9);
   for (std::size_t i = 0; i < body; ++i) out.push_back(static_cast<std::uint8_t>(i * 37 % 127));
   return out;
 }
 
 std::vector<Bytes> seeds() {
-  std::vector<Bytes> out = {packed(3), packed(257)};
+  std::vector<Bytes> out = {packed_ply(3), packed_ply(257)};
   for (const int degree : {0, 3}) {
     auto bytes = write_ply(testing::random_scene(3, degree, 1, 5).gaussians);
-    require(bytes.ok(), "a seed can be written");
+    require(bytes.ok(), "seeds can be written");
     out.push_back(std::move(*bytes));
   }
-  out.push_back(bytes_of(
+  out.push_back(to_bytes(
       "ply\r\nformat ascii 1.0\r\ncomment by hand\r\nelement camera 1\r\nproperty int id\r\n"
       "element vertex 2\r\nproperty float x\r\nproperty float y\r\nproperty double z\r\n"
       "property float scale_0\r\nproperty float scale_1\r\nproperty float scale_2\r\n"
@@ -61,7 +61,7 @@ std::size_t header_end(View form) {
   return end == std::string_view::npos ? form.size() : end;
 }
 
-// The header's lines.
+// The lines of the header.
 std::vector<Unit> units(View form) {
   std::vector<Unit> out;
   std::size_t begin = 0;
@@ -74,7 +74,7 @@ std::vector<Unit> units(View form) {
 }
 
 std::uint64_t memory(View input) {
-  // Names of up to 4096 properties in a header of up to 256 KiB.
+  // Includes the names of up to 4096 properties in a header of up to 256 KiB.
   return import_memory(input) + (1 << 20);
 }
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A group of rANS planes (spec annex A.3 to A.6). The scalar and the vector decoder must give the
-// same symbols for damaged bytes too.
+// A group of rANS planes (spec annex A.3 to A.6). The scalar and the vector decoder give the same
+// symbols, also for damaged bytes.
 //
-// Input: u16 primitives, u8 planes, for each a table (A.2), then the group to the end.
+// Input: u16 primitives, u8 planes, a table per plane (A.2), then the group up to the end.
 #include <algorithm>
 
 #include "codec/rans.h"
@@ -14,8 +14,8 @@ using namespace stgs::fuzz;
 
 namespace {
 
-Bytes seed(std::size_t n, std::size_t planes, std::uint64_t number) {
-  Random random(number);
+Bytes make_seed(std::size_t n, std::size_t planes, std::uint64_t random_seed) {
+  Random random(random_seed);
   std::vector<Bytes> symbols(planes, Bytes(n));
   std::vector<RansTable> tables;
   std::vector<RansPlane> coded;
@@ -30,7 +30,7 @@ Bytes seed(std::size_t n, std::size_t planes, std::uint64_t number) {
   }
   for (std::size_t p = 0; p < planes; ++p) coded.push_back({symbols[p], &tables[p]});
   const auto group = rans_encode(coded, n);
-  require(group.ok(), "a seed can be coded");
+  require(group.ok(), "seeds can be encoded");
   ByteWriter out;
   out.u16(static_cast<std::uint16_t>(n));
   out.u8(static_cast<std::uint8_t>(planes));
@@ -40,10 +40,11 @@ Bytes seed(std::size_t n, std::size_t planes, std::uint64_t number) {
 }
 
 std::vector<Bytes> seeds() {
-  return {seed(1, 1, 1), seed(65, 2, 2), seed(300, 3, 3), seed(2048, 2, 4), seed(4100, 4, 5)};
+  return {make_seed(1, 1, 1), make_seed(65, 2, 2), make_seed(300, 3, 3), make_seed(2048, 2, 4),
+          make_seed(4100, 4, 5)};
 }
 
-// Places, states and symbols of at most 64 planes of 65,535 primitives.
+// Offsets, states and symbols of at most 64 planes of 65,535 primitives.
 std::uint64_t memory(View input) {
   return 8 * input.size() + (std::uint64_t{3} << 20);
 }
@@ -62,11 +63,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (!table.ok()) return 0;
     tables.push_back(*table);
   }
-  // Of a size of its own, so that a read past its end is seen.
-  const View rest = in.bytes(in.left());
-  const Bytes group(rest.begin(), rest.end());
+  // A separate copy, so that sanitizers catch reads past its end.
+  const View remainder = in.bytes(in.left());
+  const Bytes group(remainder.begin(), remainder.end());
   auto scalar = RansGroupDecoder::open(group, n, true), vector = RansGroupDecoder::open(group, n);
-  require(scalar.ok() == vector.ok(), "both decoders open the same groups");
+  require(scalar.ok() == vector.ok(), "both decoders accept the same groups");
   if (!scalar.ok()) return 0;
   Bytes a(n), b(n);
   RansLookup lookup;
@@ -76,6 +77,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     vector->next_plane(lookup, b.data());
     require(a == b, "both decoders give the same symbols");
   }
-  require(scalar->finish() == vector->finish(), "both decoders end alike");
+  require(scalar->finish() == vector->finish(),
+          "both decoders agree on whether the group is intact");
   return 0;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A table of the rANS coder as bytes (spec annex A.2), which have one form only.
+// A table of the rANS coder as bytes (spec annex A.2). Each table has exactly one encoding.
 #include <numeric>
 
 #include "codec/rans.h"
@@ -43,7 +43,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   ByteWriter out;
   write_rans_table(*table, out);
   require(out.size() == in.position() && std::equal(data, data + out.size(), out.view().begin()),
-          "a table is written as it was read");
+          "a table round-trips");
   RansLookup lookup;
   rans_lookup(*table, lookup);
   return 0;

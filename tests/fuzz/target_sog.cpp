@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// SOG bundles: a zip archive of JSON and lossless WebP pictures, read from a path.
-#include "../api/sog_fixture.h"
-#include "../api/temporary_folder.h"
+// SOG bundles: a zip archive of JSON and lossless WebP images, read from a path.
+#include "../fixtures/sog_fixture.h"
+#include "../fixtures/temporary_folder.h"
 
 #include <zlib.h>
 
@@ -16,19 +16,19 @@ namespace {
 
 constexpr std::uint32_t kLocal = 0x04034B50, kCentral = 0x02014B50;  // signatures of zip
 
-// One for the process; libzip reads from files alone.
+// One file per process, because libzip reads only from files.
 const std::string& input_path() {
   static const testing::TemporaryFolder folder;
   static const std::string path = folder / "input.sog";
   return path;
 }
 
-std::string read_back() {
+std::string read_input() {
   std::ifstream file(input_path(), std::ios::binary);
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
-// Members stored, not packed, so that a changed byte is one byte of a picture.
+// Stores the members uncompressed, so that a changed byte changes one byte of an image.
 Bytes bundle(const testing::SogModel& model) {
   const std::map<std::string, std::string> members = model.all_files();
   std::filesystem::remove(input_path());
@@ -40,53 +40,53 @@ Bytes bundle(const testing::SogModel& model) {
     zip_file_set_mtime(archive, index, 0, 0);
   }
   zip_close(archive);
-  const std::string bytes = read_back();
+  const std::string bytes = read_input();
   return {bytes.begin(), bytes.end()};
 }
 
 std::vector<Bytes> seeds() {
   testing::SogModel small = testing::random_sog(3, 0, 1, 2);
-  const testing::SogModel harmonics = testing::random_sog(9, 1, 2, 3);
-  return {bundle(small), bundle(harmonics)};
+  const testing::SogModel with_sh = testing::random_sog(9, 1, 2, 3);
+  return {bundle(small), bundle(with_sh)};
 }
 
-std::uint32_t word(View bytes, std::size_t at) {
+std::uint32_t get_u32(View bytes, std::size_t at) {
   std::uint32_t v = 0;
   if (at + sizeof v <= bytes.size()) std::memcpy(&v, &bytes[at], sizeof v);
   return v;
 }
-std::uint16_t half(View bytes, std::size_t at) {
+std::uint16_t get_u16(View bytes, std::size_t at) {
   std::uint16_t v = 0;
   if (at + sizeof v <= bytes.size()) std::memcpy(&v, &bytes[at], sizeof v);
   return v;
 }
 
-// Where the content of the member whose local header is at `at` begins.
-std::size_t content_at(View zip, std::size_t at) {
-  return at + 30 + half(zip, at + 26) + half(zip, at + 28);
+// Returns the offset of the content of the member whose local header is at `at`.
+std::size_t content_offset(View zip, std::size_t at) {
+  return at + 30 + get_u16(zip, at + 26) + get_u16(zip, at + 28);
 }
 
-// Local headers, and what they hold.
+// Member headers, and the beginning of the content.
 std::vector<Unit> units(View zip) {
   std::vector<Unit> out;
   for (std::size_t at = 0; at + 30 <= zip.size(); ++at) {
-    if (word(zip, at) != kLocal && word(zip, at) != kCentral) continue;
+    if (get_u32(zip, at) != kLocal && get_u32(zip, at) != kCentral) continue;
     out.push_back({at, std::min(at + 46, zip.size())});
-    const std::size_t content = content_at(zip, at);
-    if (word(zip, at) == kLocal && content < zip.size())
+    const std::size_t content = content_offset(zip, at);
+    if (get_u32(zip, at) == kLocal && content < zip.size())
       out.push_back({content, std::min(zip.size(), content + 200)});
   }
   return out;
 }
 
-// The CRCs of stored members, in both of their headers.
+// Repairs the CRCs of stored members in both headers.
 Bytes repair(Bytes zip, Repair repair) {
   if (repair == Repair::kNothing) return zip;
   for (std::size_t at = 0; at + 46 <= zip.size(); ++at) {
-    if (word(zip, at) != kCentral) continue;
-    const std::size_t local = word(zip, at + 42), size = word(zip, at + 20);
-    if (word(zip, local) != kLocal) continue;
-    const std::size_t content = content_at(zip, local);
+    if (get_u32(zip, at) != kCentral) continue;
+    const std::size_t local = get_u32(zip, at + 42), size = get_u32(zip, at + 20);
+    if (get_u32(zip, local) != kLocal) continue;
+    const std::size_t content = content_offset(zip, local);
     if (content > zip.size() || size > zip.size() - content) continue;
     const auto crc =
         static_cast<std::uint32_t>(crc32(0, zip.data() + content, static_cast<uInt>(size)));
@@ -96,7 +96,7 @@ Bytes repair(Bytes zip, Repair repair) {
   return zip;
 }
 
-// Beside the set: the pictures of a model, two at a time, and the JSON.
+// Besides the set: the images of a model, two at a time, and the JSON.
 std::uint64_t memory(View input) {
   return import_memory(input) + 2 * kImportLimits.max_memory + 64 * input.size();
 }

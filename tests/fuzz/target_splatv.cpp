@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // .splatv: magic, JSON, records of 64 bytes.
-#include "../api/splatv_fixture.h"
+#include "../fixtures/splatv_fixture.h"
 
 #include <cstring>
 
@@ -15,13 +15,13 @@ namespace {
 constexpr std::size_t kHead = 8;
 
 std::vector<Bytes> seeds() {
-  testing::SplatvRecord moving, turning;
-  moving.position = {1, 2, 3};
-  moving.motion = {0.5f, 0, 0, 0, 0.25f, 0, 0, 0, 0.125f};
-  turning.turning = {0, 1, 0, 0};
-  turning.centre = 0.25f;
-  const std::string one = testing::splatv_file({moving}),
-                    three = testing::splatv_file({moving, turning, {}});
+  testing::SplatvRecord translating, rotating;
+  translating.position = {1, 2, 3};
+  translating.motion = {0.5f, 0, 0, 0, 0.25f, 0, 0, 0, 0.125f};
+  rotating.rotation_motion = {0, 1, 0, 0};
+  rotating.centre = 0.25f;
+  const std::string one = testing::splatv_file({translating}),
+                    three = testing::splatv_file({translating, rotating, {}});
   return {Bytes(one.begin(), one.end()), Bytes(three.begin(), three.end())};
 }
 
@@ -41,7 +41,7 @@ std::vector<Unit> units(View form) {
   return out;
 }
 
-// The JSON ends at its last bracket.
+// Sets the size of the JSON so that it ends at the last bracket.
 Bytes repair(Bytes form, Repair repair) {
   if (repair != Repair::kSizes || form.size() < kHead) return form;
   for (std::size_t i = form.size(); i-- > kHead;) {
@@ -53,7 +53,7 @@ Bytes repair(Bytes form, Repair repair) {
   return form;
 }
 
-// A value of JSON takes 16 bytes and the list that holds it more, for as little as two bytes.
+// A JSON value takes 16 bytes plus its list entry, for as little as two bytes of text.
 std::uint64_t memory(View input) {
   return import_memory(input) + 64 * input.size();
 }
@@ -69,9 +69,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
                                  kImportLimits, &report, &notes);
   check_import(scene);
   if (scene.ok()) {
-    require(report.primitives == scene->gaussians.size(), "the report counts what there is");
+    require(report.primitives == scene->gaussians.size(), "the report counts the primitives");
     require(std::isfinite(report.path_max) && std::isfinite(report.path_rms),
-            "the report holds numbers");
+            "the report is finite");
   }
   return 0;
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// SPZ: versions 2 and 3 in gzip, version 4 with a zstd frame for each array.
+// SPZ: versions 2 and 3 in gzip, version 4 with one zstd frame per array.
 //
-// Opened, a version 4 is its header, its table of contents and the arrays unpacked; the table then
-// holds the unpacked sizes twice.
+// Unpacked, a version 4 file is its header, its table of contents and the unpacked arrays; both
+// size fields of a table entry then hold the unpacked size.
 #include <zlib.h>
 #include <zstd.h>
 
@@ -15,7 +15,7 @@ using namespace stgs::fuzz;
 
 namespace {
 
-constexpr std::size_t kHeader = 32, kTocEntry = 16, kMostBytes = 1 << 20;
+constexpr std::size_t kHeader = 32, kTocEntry = 16, kMaxBytes = 1 << 20;
 
 template <typename Value>
 Value get(View bytes, std::size_t at) {
@@ -45,7 +45,7 @@ Bytes gzip(View bytes) {
 Bytes gunzip(View bytes) {
   z_stream stream{};
   inflateInit2(&stream, 16 + MAX_WBITS);
-  Bytes out(kMostBytes);
+  Bytes out(kMaxBytes);
   stream.next_in = const_cast<Bytef*>(bytes.data());
   stream.avail_in = static_cast<uInt>(bytes.size());
   stream.next_out = out.data();
@@ -56,7 +56,7 @@ Bytes gunzip(View bytes) {
   return out;
 }
 
-// The table of contents of a version 4 with all its entries in the file; 0 entries where not.
+// The table of contents of a version 4 file; no entries if it does not fit into the file.
 struct Toc {
   std::size_t at = 0, entries = 0;
 };
@@ -69,9 +69,9 @@ Toc toc_of(View file) {
   return toc;
 }
 
-// Each array replaced by what `change` makes of it, and its entry of the table.
+// Replaces each array by change(array) and updates its table entry.
 template <typename Change>
-Bytes rebuilt(View file, std::size_t size_field, const Change& change) {
+Bytes replace_arrays(View file, std::size_t size_field, const Change& change) {
   const Toc toc = toc_of(file);
   const std::size_t body = toc.at + toc.entries * kTocEntry;
   if (toc.entries == 0) return {file.begin(), file.end()};
@@ -91,22 +91,24 @@ Bytes rebuilt(View file, std::size_t size_field, const Change& change) {
   return out;
 }
 
-Bytes open(View input) {
+Bytes unpack(View input) {
   if (is_gzip(input)) return gunzip(input);
-  return rebuilt(input, 0, [](View frame) {
+  return replace_arrays(input, 0, [](View frame) {
     const unsigned long long size = ZSTD_getFrameContentSize(frame.data(), frame.size());
-    Bytes array(size > kMostBytes ? 0 : static_cast<std::size_t>(size));
-    const std::size_t got = ZSTD_decompress(array.data(), array.size(), frame.data(), frame.size());
-    array.resize(ZSTD_isError(got) ? 0 : got);
+    Bytes array(size > kMaxBytes ? 0 : static_cast<std::size_t>(size));
+    const std::size_t size_or_error =
+        ZSTD_decompress(array.data(), array.size(), frame.data(), frame.size());
+    array.resize(ZSTD_isError(size_or_error) ? 0 : size_or_error);
     return array;
   });
 }
 
-Bytes close(Bytes form, Repair repair) {
+Bytes repack(Bytes form, Repair repair) {
   if (get<std::uint32_t>(form, 4) < 4) return gzip(form);
   if (repair == Repair::kNothing) return form;
-  // By the unpacked size: what was changed there alone is a lie that the reader must see.
-  return rebuilt(form, repair == Repair::kSizes ? 8 : 0, [](View array) {
+  // With kSizes, the arrays have the sizes of the unpacked size fields. With kChecksums, a mutated
+  // size field stays wrong, and the reader must detect it.
+  return replace_arrays(form, repair == Repair::kSizes ? 8 : 0, [](View array) {
     Bytes frame(ZSTD_compressBound(array.size()));
     frame.resize(ZSTD_compress(frame.data(), frame.size(), array.data(), array.size(), 1));
     return frame;
@@ -121,10 +123,10 @@ std::vector<Unit> units(View form) {
   return out;
 }
 
-// One array after the other, as versions 2 and 3 have them.
+// Versions 2 and 3: one array after another.
 Bytes old_version(std::uint32_t version, std::uint32_t primitives, std::uint8_t degree) {
-  const std::size_t rest = 3 * ((degree + 1u) * (degree + 1u) - 1u);
-  Bytes form(16 + primitives * (9 + 1 + 3 + 3 + (version == 3 ? 4 : 3) + rest));
+  const std::size_t sh_bytes = 3 * ((degree + 1u) * (degree + 1u) - 1u);
+  Bytes form(16 + primitives * (9 + 1 + 3 + 3 + (version == 3 ? 4 : 3) + sh_bytes));
   for (std::size_t i = 16; i < form.size(); ++i) form[i] = static_cast<std::uint8_t>(i * 31);
   std::memcpy(form.data(), "NGSP", 4);
   std::memcpy(&form[4], &version, 4);
@@ -138,20 +140,20 @@ std::vector<Bytes> seeds() {
   std::vector<Bytes> out = {old_version(2, 3, 1), old_version(3, 5, 3), old_version(3, 1, 4)};
   for (const int degree : {0, 3}) {
     auto bytes = write_spz(testing::random_scene(7, degree, 1, 5).gaussians);
-    require(bytes.ok(), "a seed can be written");
+    require(bytes.ok(), "seeds can be written");
     out.push_back(std::move(*bytes));
   }
   return out;
 }
 
-// Extensions of versions 2 and 3 are of a size that is known when they are unpacked.
+// Extensions of versions 2 and 3 have a known size once they are unpacked.
 std::uint64_t memory(View input) {
   return import_memory(input) + (1 << 20);
 }
 
 }  // namespace
 
-const Target stgs::fuzz::kTarget{"spz", seeds, open, close, units, memory};
+const Target stgs::fuzz::kTarget{"spz", seeds, unpack, repack, units, memory};
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   ConversionNotes notes;

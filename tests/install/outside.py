@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests of installed things share: running programs, pictures, and which header is which
-library's."""
+"""Shared by the installation tests: running programs, reading images, and the headers of each
+library."""
 import glob
 import io
 import os
@@ -17,26 +17,26 @@ LIBRARIES = ("stgs", "stgs_encoder")
 
 
 def headers_of(library, folder):
-    """The paths of the C headers that declare a library's functions, in a folder of them all."""
+    """Returns the paths of the C headers in `folder` that declare a library's functions."""
     paths = sorted(glob.glob(os.path.join(folder, "*.h")))
     return [path for path in paths
             if os.path.basename(path).startswith("stgs_encoder") == (library == "stgs_encoder")]
 
 
 def read_ppm(path):
-    """Width, height, and the bytes of the pixels."""
+    """Returns the width, the height and the bytes of the pixels."""
     with open(path, "rb") as file:
-        return pixels_of(file)
+        return read_pixels(file)
 
 
 def read_png(path):
-    """The same of a PNG, by FFmpeg."""
+    """Returns the same as read_ppm() for a PNG, using FFmpeg."""
     ppm = subprocess.run(["ffmpeg", "-v", "error", "-i", path, "-pix_fmt", "rgb24",
                           "-f", "image2pipe", "-c:v", "ppm", "-"], capture_output=True, check=True)
-    return pixels_of(io.BytesIO(ppm.stdout))
+    return read_pixels(io.BytesIO(ppm.stdout))
 
 
-def pixels_of(file):
+def read_pixels(file):
     assert file.readline() == b"P6\n"
     width, height = map(int, file.readline().split())
     assert file.readline() == b"255\n"

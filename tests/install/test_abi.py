@@ -1,15 +1,14 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Holds the binary interfaces of the C headers against the committed ones, sdk/stgs.abi and
-sdk/stgs_encoder.abi.
+"""Compares the ABIs of the C headers with the baselines sdk/stgs.abi and sdk/stgs_encoder.abi.
 
 usage: test_abi.py SDK CC ABIDW ABIDIFF [--update]
 
-What is compared is a library of empty functions that is compiled from the headers: the compiler
-holds the real one to the same declarations, test_exports.py to the same symbols, and types that the
-headers leave opaque stay so. Functions and constants may be added. All else fails, and where it is
-meant, `--update` (the build's target stgs_abi_baseline) writes the new baseline. A struct that grows
-at its end is such a case: see that the library takes the old size too.
+The comparison uses a library of empty functions compiled from the headers, so that opaque types stay
+opaque. The compiler checks the real library against the same declarations, and test_exports.py
+against the same symbols. Functions and constants may be added. Any other change fails; if it is
+intended, `--update` (the build target stgs_abi_baseline) writes a new baseline. This includes a
+struct that grows at its end: make sure that the library accepts the old size as well.
 """
 import argparse
 import os
@@ -35,22 +34,23 @@ def write(text, *parts):
 
 
 def headers():
-    """What is declared: text by library and name, without comments."""
+    """Returns the text of each header without comments, by library and file name."""
     folder = os.path.join(ARGUMENTS.sdk, "include/stgs")
     return {library: {os.path.basename(path): re.sub(r" */\*.*?\*/", "", read(path), flags=re.DOTALL)
                       for path in headers_of(library, folder)} for library in LIBRARIES}
 
 
 def constants(text):
-    """Names of enumerators and of macros that are numbers; a version is meant to change."""
+    """Returns the names of enumerators and numeric macros, except versions, which may change."""
     names = re.findall(r"\b(STGS_[A-Z0-9_]+) *=", text)
     names += re.findall(r"^#define (STGS_[A-Z0-9_]+) +(?:U?INT64_MAX|\d+)$", text, re.MULTILINE)
     return [name for name in names if not name.startswith("STGS_VERSION_")]
 
 
 def build(name, folder, texts, symbol_map):
-    """Compiles a library of its headers' functions, and of one more for each constant: abidiff takes
-    an enumerator for unchanged if any of its enum has the value, so each has an enum of its own."""
+    """Compiles a library with the functions of the headers and one function per constant. Each
+    constant has an enum of its own, because abidiff treats an enumerator as unchanged if any
+    enumerator of its enum has the value."""
     os.makedirs(os.path.join(folder, "stgs"))
     for of_library in texts.values():
         for file, text in of_library.items():
@@ -65,7 +65,7 @@ def build(name, folder, texts, symbol_map):
     write(source, folder, "interface.c")
     write(symbol_map.replace("global:", "global: constant_*;", 1), folder, "interface.map")
     built = os.path.join(folder, f"lib{name}.so")
-    # From within the folder, whose name the baseline would tell else.
+    # Compile within the folder, so that the baseline does not contain its name.
     subprocess.run([ARGUMENTS.cc, "-g", "-O0", "-fPIC", "-shared", "-w", "-I.", "interface.c",
                     "-Wl,--version-script=interface.map", f"-Wl,-soname,lib{name}.so.0", "-o", built],
                    check=True, cwd=folder)
@@ -73,13 +73,13 @@ def build(name, folder, texts, symbol_map):
 
 
 def compare(name, texts, symbol_map):
-    """Whether programs that were built with the baseline still run; and what abidiff says."""
+    """Returns whether the ABI is compatible with the baseline, and abidiff's output."""
     with tempfile.TemporaryDirectory() as folder:
-        told = subprocess.run([ARGUMENTS.abidiff, "--no-added-syms", "--no-architecture",
-                               os.path.join(ARGUMENTS.sdk, f"{name}.abi"),
-                               build(name, folder, texts, symbol_map)],
-                              capture_output=True, text=True, check=False)
-        return told.returncode == 0, told.stdout + told.stderr
+        result = subprocess.run([ARGUMENTS.abidiff, "--no-added-syms", "--no-architecture",
+                                 os.path.join(ARGUMENTS.sdk, f"{name}.abi"),
+                                 build(name, folder, texts, symbol_map)],
+                                capture_output=True, text=True, check=False)
+        return result.returncode == 0, result.stdout + result.stderr
 
 
 def map_of(name):
@@ -105,46 +105,46 @@ class Abi(unittest.TestCase):
         self.assertEqual(texts["stgs.h"].count(old), 1, old)
         texts["stgs.h"] = texts["stgs.h"].replace(old, new)
 
-    def test_the_headers_keep_to_the_baseline(self):
+    def test_the_headers_match_the_baseline(self):
         for name in LIBRARIES:
             with self.subTest(name):
-                kept, told = compare(name, self.texts, map_of(name))
-                self.assertTrue(kept, f"{told}\nwhere this is meant: build the target "
+                compatible, output = compare(name, self.texts, map_of(name))
+                self.assertTrue(compatible, f"{output}\nif this is intended, build the target "
                                 "stgs_abi_baseline")
 
-    def test_what_breaks_programs_that_encode_is_found(self):
+    def test_incompatible_changes_of_the_encoder_are_detected(self):
         texts = self.texts["stgs_encoder"]
         texts["stgs_encoder.h"] = texts["stgs_encoder.h"].replace("double quality;",
                                                                   "float quality;", 1)
-        kept, told = compare("stgs_encoder", self.texts, map_of("stgs_encoder"))
-        self.assertFalse(kept, told)
+        compatible, output = compare("stgs_encoder", self.texts, map_of("stgs_encoder"))
+        self.assertFalse(compatible, output)
 
     def test_functions_and_constants_may_be_added(self):
         self.change("STGS_API uint32_t stgs_version(void);",
                     "STGS_API uint32_t stgs_version(void);\nSTGS_API uint32_t stgs_added(int x);")
         self.change("STGS_BACKEND_VULKAN = 3", "STGS_BACKEND_VULKAN = 3, STGS_BACKEND_ADDED = 4")
         self.map = self.map.replace("stgs_version;", "stgs_version; stgs_added;")
-        kept, told = compare("stgs", self.texts, self.map)
-        self.assertTrue(kept, told)
+        compatible, output = compare("stgs", self.texts, self.map)
+        self.assertTrue(compatible, output)
 
-    def test_what_breaks_programs_is_found(self):
+    def test_incompatible_changes_are_detected(self):
         breaks = {
-            "a function is gone": ("STGS_API uint32_t stgs_version(void);", ""),
-            "a parameter is of another type": ("stgs_view* view, uint32_t width",
-                                               "stgs_view* view, uint64_t width"),
-            "a field is of another type": ("float near_plane;", "double near_plane;"),
-            "fields have changed places": ("uint64_t max_file_bytes;\n  uint64_t max_primitives;",
-                                           "uint64_t max_primitives;\n  uint64_t max_file_bytes;"),
+            "a function is removed": ("STGS_API uint32_t stgs_version(void);", ""),
+            "a parameter has another type": ("stgs_view* view, uint32_t width",
+                                             "stgs_view* view, uint64_t width"),
+            "a field has another type": ("float near_plane;", "double near_plane;"),
+            "fields are swapped": ("uint64_t max_file_bytes;\n  uint64_t max_primitives;",
+                                   "uint64_t max_primitives;\n  uint64_t max_file_bytes;"),
             "a constant has another value": ("STGS_BACKEND_VULKAN = 3", "STGS_BACKEND_VULKAN = 2"),
             "a limit has another value": ("STGS_MAX_VIEWS 4", "STGS_MAX_VIEWS 2"),
         }
-        for what, (old, new) in breaks.items():
-            with self.subTest(what):
+        for change, (old, new) in breaks.items():
+            with self.subTest(change):
                 self.setUp()
                 self.change(old, new)
                 symbols = self.map if new else self.map.replace("stgs_version;", "")
-                kept, told = compare("stgs", self.texts, symbols)
-                self.assertFalse(kept, told)
+                compatible, output = compare("stgs", self.texts, symbols)
+                self.assertFalse(compatible, output)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The samples of sdk/docs compile and run, against what is installed.
+"""The samples of sdk/docs compile and run against an installation.
 
-The ```c or ```cpp blocks of a page, one after another, are one program, which gets a scene, or in
-encoding.md a capture and a scene to make; it must succeed, and fail on a file that is none. So are the ```python blocks, beside a scene.stgs, where the
-module is built. A ```cmake block builds the page's program (as main.c). Links lead to
-pages that are there, and functions, constants and structs that are named are declared.
+The ```c or ```cpp blocks of a page together form one program. Its argument is a scene, or for
+encoding.md a capture and an output; it must succeed, and fail for a missing file. The ```python
+blocks form one program in a folder with scene.stgs, which runs if the module is built. A ```cmake
+block builds the page's program (as main.c). Links lead to existing pages, and the functions,
+constants and structs that the pages name are declared.
 """
 import argparse
 import glob
@@ -23,7 +24,7 @@ BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 parser = argparse.ArgumentParser()
 for argument in ("build", "source", "fixture", "cmake", "cc", "cxx"):
     parser.add_argument(f"--{argument}", required=True)
-parser.add_argument("--python", help="for which the module is built; else it is not")
+parser.add_argument("--python", help="interpreter of the Python module, if it is built")
 ARGUMENTS = parser.parse_args()
 
 
@@ -62,7 +63,7 @@ class Docs(unittest.TestCase):
         return [text for kind, text in BLOCK.findall(self.pages[page]) if kind == language]
 
     def build(self, page):
-        """The page's program; None where it has none."""
+        """Builds the page's program and returns its path; None if the page has none."""
         compilers = {"c": (ARGUMENTS.cc, "-std=c99", "-D_POSIX_C_SOURCE=200809L"),
                      "cpp": (ARGUMENTS.cxx, "-std=c++17")}
         kind = "cpp" if self.blocks(page, "cpp") else "c"
@@ -78,7 +79,7 @@ class Docs(unittest.TestCase):
             f"-Wl,-rpath,{self.library}", "-o", program)
         return program
 
-    def test_programs_of_the_pages(self):
+    def test_programs_in_the_pages_compile_and_run(self):
         built = 0
         for page in self.pages:
             with self.subTest(page):
@@ -88,14 +89,30 @@ class Docs(unittest.TestCase):
                 built += 1
                 if self.can_run(page):
                     run(program, *self.arguments(page))
-                if page == "playing.md":  # of a file without a start camera it draws frames too
+                if page == "playing.md":  # a scene without a start camera plays too
                     self.assertIn("layers", run(program, self.at("no_camera.stgs")))
-                told = subprocess.run([program, self.at("no such file"), *self.arguments(page)[1:]],
-                                      capture_output=True, text=True, timeout=60, check=False)
-                self.assertEqual(told.returncode, 1, told.stdout + told.stderr)
+                result = subprocess.run([program, self.at("no such file"), *self.arguments(page)[1:]],
+                                        capture_output=True, text=True, timeout=60, check=False)
+                self.assertEqual(result.returncode, 1, result.stdout + result.stderr)
         self.assertGreaterEqual(built, 7)
 
-    def test_build_scripts_of_the_pages(self):
+    def test_the_program_of_the_readme_renders_an_image(self):
+        text = read(os.path.join(ARGUMENTS.source, "README.md"))
+        blocks = [code for kind, code in BLOCK.findall(text) if kind == "c"]
+        self.assertEqual(len(blocks), 1)
+        self.assertLessEqual(len(blocks[0].splitlines()), 20)
+        self.pages["readme"] = text
+        program = self.build("readme")
+        del self.pages["readme"]
+        image = subprocess.run([program, self.at("tiny.stgs")], capture_output=True, timeout=60,
+                               check=True).stdout
+        head, pixels = image.split(b"ENDHDR\n", 1)
+        fields = dict(line.split(b" ") for line in head.splitlines()[1:])
+        self.assertEqual(len(pixels), 4 * int(fields[b"WIDTH"]) * int(fields[b"HEIGHT"]))
+        self.assertGreater(len(set(pixels)), 20)
+        self.assertEqual(subprocess.run([program, self.at("no such file")], check=False).returncode, 1)
+
+    def test_build_scripts_in_the_pages_work(self):
         built = 0
         for page in self.pages:
             for script in self.blocks(page, "cmake"):
@@ -112,25 +129,25 @@ class Docs(unittest.TestCase):
         self.assertGreaterEqual(built, 2)
 
     @unittest.skipUnless(ARGUMENTS.python, "the Python module is not built")
-    def test_python_of_the_pages(self):
+    def test_python_samples_run(self):
         shutil.copy(self.at("tiny.stgs"), self.at("scene.stgs"))
         module = glob.glob(self.at("prefix/**/stgs.*.so"), recursive=True)[0]
         environment = dict(os.environ, PYTHONPATH=os.path.dirname(module),
                            LD_LIBRARY_PATH=self.library, PYTHONDONTWRITEBYTECODE="1")
         program = "\n".join(self.blocks("python.md", "python"))
-        told = run(ARGUMENTS.python, "-c", program, cwd=self.folder, env=environment)
-        self.assertIn("fixture", told)
-        self.assertIn("STGS_ERROR_IO", told)
+        output = run(ARGUMENTS.python, "-c", program, cwd=self.folder, env=environment)
+        self.assertIn("fixture", output)
+        self.assertIn("STGS_ERROR_IO", output)
 
-    def test_every_block_is_of_a_kind_that_is_tried(self):
+    def test_every_block_is_of_a_tested_kind(self):
         for page, text in self.pages.items():
             kinds = {kind for kind, _ in BLOCK.findall(text)}
             self.assertEqual(text.count("\n```"), 2 * len(BLOCK.findall(text)), page)
-            # sh: test_packages.py runs those of README.md, test_install.py that of embedding.md.
+            # test_packages.py runs the sh blocks of README.md, test_install.py that of embedding.md.
             also = {"README.md": {"sh"}, "embedding.md": {"sh"}, "python.md": {"python"}}.get(page, set())
             self.assertLessEqual(kinds, {"c", "cpp", "cmake"} | also)
 
-    def test_links_and_names(self):
+    def test_links_and_named_declarations_exist(self):
         headers = "".join(read(path) for path in glob.glob(self.at("prefix/include/stgs/*.h")))
         declared = set(re.findall(r"\bstgs_\w+|\bSTGS_\w+", headers))
         options = read(os.path.join(ARGUMENTS.source, "cmake/options.cmake"))
@@ -140,13 +157,13 @@ class Docs(unittest.TestCase):
         for page, text in self.pages.items():
             for target in re.findall(r"\]\(([^)#:]+)\)", text):
                 self.assertIn(target, self.pages, f"{page} links to {target}")
-            # Without blocks, which a compiler has seen, and names of the plugin for Unity.
+            # Excludes blocks, which are compiled, and names of the Unity plugin.
             prose = BLOCK.sub("", text)
             for name in re.findall(r"`(stgs_(?!unity)\w+|STGS_\w+)\b", prose):
                 self.assertTrue(name in declared or os.path.exists(
                     self.at(f"prefix/include/stgs/{name}.h")), f"{page} names {name}")
 
-    def test_structs_without_a_size_are_named(self):
+    def test_structs_without_a_size_are_listed(self):
         headers = "".join(read(path) for path in glob.glob(self.at("prefix/include/stgs/*.h")))
         bodies = re.findall(r"^typedef struct (\w+) \{(.*?)^\} \1;", headers, re.DOTALL | re.MULTILINE)
         self.assertGreater(len(bodies), 20)

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The shared library exports the functions of its headers, and nothing else; the static one has no
-name of the Vulkan loader's or of volk's, which its user may link too.
+"""The shared library exports exactly the functions of its headers; the static library has no symbol
+of the Vulkan loader or of volk, which an application may link as well.
 
 usage: test_exports.py NM SHARED STATIC SDK_FOLDER stgs|stgs_encoder
 """
@@ -13,10 +13,10 @@ from outside import headers_of
 
 
 def symbols_of(nm, which, library):
-    """Pairs of a kind and a name."""
-    shown = subprocess.run([nm, which, "--defined-only", library], capture_output=True, text=True,
-                           check=True).stdout
-    lines = [line.split() for line in shown.splitlines()]
+    """Returns pairs of a kind and a name."""
+    output = subprocess.run([nm, which, "--defined-only", library], capture_output=True, text=True,
+                            check=True).stdout
+    lines = [line.split() for line in output.splitlines()]
     return [words[-2:] for words in lines if len(words) == 3]
 
 
@@ -30,9 +30,9 @@ def main():
         mapped = set(re.findall(r"^\s+(\w+);$", file.read(), re.MULTILINE))
     exported = {name.split("@")[0] for kind, name in symbols_of(nm, "-D", library) if kind != "A"}
     foreign = [name for _, name in symbols_of(nm, "-g", archive) if re.match("(vk|volk)[A-Z]", name)]
-    print(f"archive: has {len(foreign)} names of Vulkan's {foreign[:3]}")
+    print(f"archive: {len(foreign)} Vulkan symbols {foreign[:3]}")
     for name, found in ("map", mapped), ("library", exported):
-        print(f"{name}: lacks {sorted(header - found)}, has too {sorted(found - header)}")
+        print(f"{name}: missing {sorted(header - found)}, unexpected {sorted(found - header)}")
     sys.exit(0 if header and header == mapped == exported and not foreign else 1)
 
 

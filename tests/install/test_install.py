@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""What is installed serves programs outside the tree, and the example draws what `stgs render` does.
+"""Programs outside the source tree build against an installation and render like `stgs render`.
 
-Installs into an empty folder, moves it, builds the example there by find_package (shared and static)
-and by pkg-config (both), and runs each.
+Installs into an empty folder, moves the folder, builds the example with find_package and pkg-config
+(each shared and static), and runs each program.
 """
 import argparse
 import glob
@@ -28,62 +28,62 @@ class Install(unittest.TestCase):
         run(ARGUMENTS.cmake, "--install", ARGUMENTS.build, "--prefix", cls.at("first"))
         os.rename(cls.at("first"), cls.at("prefix"))
         cls.library = os.path.dirname(glob.glob(cls.at("prefix/**/libstgs.so"), recursive=True)[0])
-        cls.picture(ARGUMENTS.minimal, "example.png")
+        cls.render(ARGUMENTS.minimal, "example.png")
 
     @classmethod
     def at(cls, name):
         return os.path.join(cls.folder, name)
 
     @classmethod
-    def picture(cls, program, name, scene="tiny.stgs", environment=None):
+    def render(cls, program, name, scene="tiny.stgs", environment=None):
         run(program, cls.at(scene), "0.1", cls.at(name), env=environment)
         return read_png(cls.at(name)) if name.endswith(".png") else read_ppm(cls.at(name))
 
-    def test_the_example_draws_what_the_program_draws(self):
+    def test_the_example_renders_the_same_image_as_the_program(self):
         run(ARGUMENTS.stgs, "render", self.at("tiny.stgs"), "--time", "0.1", "-o", self.at("tiny.png"))
         self.assertGreater(len(set(read_png(self.at("example.png"))[2])), 50)
-        # A byte that differs by 1 would be 87.7 dB.
+        # A single byte that differs by 1 gives 87.7 dB.
         run(ARGUMENTS.stgs, "compare", self.at("example.png"), self.at("tiny.png"), "--min-psnr", "90")
 
-    def test_the_example_looks_at_a_scene_without_a_start_camera(self):
+    def test_the_example_frames_a_scene_without_a_start_camera(self):
         run(ARGUMENTS.minimal, self.at("no_camera.stgs"), "0.1", self.at("no_camera.png"))
         width, height, pixels = read_png(self.at("no_camera.png"))
         middle = [pixels[3 * (width * y + x):][:3] for y in range(height // 4, 3 * height // 4)
                   for x in range(width // 4, 3 * width // 4)]
         edges = [pixels[3 * (width * y + x):][:3] for y in (0, height - 1) for x in range(width)]
         self.assertGreater(len(set(middle)), 50)
-        # All of it is in the picture, but for the rims of some splats.
+        # The complete scene is in the image, except the rims of some splats.
         self.assertGreater(edges.count(edges[0]), 0.8 * len(edges))
 
-    def test_the_installed_examples_are_built_by_their_own_script(self):
+    def test_the_installed_examples_build_with_their_own_script(self):
         built = {}
         for package in "libstgs-dev", "libstgs-encoder-dev":
             built |= self.build_examples(package)
         self.assertGreaterEqual(set(built), {"minimal", "player", "telepresence_viewer", "encode",
                                              "telepresence_recorder"})
-        self.picture(built["minimal"], "built.png")
+        self.render(built["minimal"], "built.png")
         self.assertEqual(read_png(self.at("built.png")), read_png(self.at("example.png")))
         run(built["telepresence_recorder"], self.at("telepresence.stgs"), "0.2", "0.1")
         run(ARGUMENTS.stgs, "validate", self.at("telepresence.stgs"))
 
     def build_examples(self, package):
-        """The paths of the programs that the installed examples of a package make, by name."""
+        """Builds the installed examples of a package; returns their paths by name."""
         folder = os.path.join(self.at("prefix"), f"share/doc/{package}/examples")
         build = self.at(f"build_{package}")
-        told = run(ARGUMENTS.cmake, "-S", folder, "-B", build,
-                   f"-DCMAKE_PREFIX_PATH={self.at('prefix')}",
-                   f"-DCMAKE_C_COMPILER={ARGUMENTS.cc}", f"-DCMAKE_CXX_COMPILER={ARGUMENTS.cxx}")
+        output = run(ARGUMENTS.cmake, "-S", folder, "-B", build,
+                     f"-DCMAKE_PREFIX_PATH={self.at('prefix')}",
+                     f"-DCMAKE_C_COMPILER={ARGUMENTS.cc}", f"-DCMAKE_CXX_COMPILER={ARGUMENTS.cxx}")
         run(ARGUMENTS.cmake, "--build", build)
         programs = {os.path.splitext(os.path.basename(path))[0]
                     for path in glob.glob(os.path.join(folder, "*.c*"))}
-        left_out = re.findall(r": ([\w, ]+) (?:is|are) left out", told)
-        built = programs - set(re.findall(r"\w+", " ".join(left_out)))
+        omitted = re.findall(r": ([\w, ]+) (?:is|are) left out", output)
+        built = programs - set(re.findall(r"\w+", " ".join(omitted)))
         for program in built:
             self.assertTrue(os.path.exists(os.path.join(build, program)), program)
         return {program: os.path.join(build, program) for program in built}
 
     def by_find_package(self, name, example, language, components=""):
-        """The program that somebody else's project makes of an example."""
+        """Builds an example in a separate project; returns the path of its program."""
         build = self.at(f"build_{name}_{language}")
         run(ARGUMENTS.cmake, "-S", os.path.join(ARGUMENTS.source, "tests/install/consumer"),
             "-B", build, f"-DCMAKE_PREFIX_PATH={self.at('prefix')}",
@@ -93,70 +93,71 @@ class Install(unittest.TestCase):
         run(ARGUMENTS.cmake, "--build", build)
         return os.path.join(build, "consumer")
 
-    def test_find_package(self):
+    def test_find_package_builds_and_renders(self):
         for name in ("stgs", "static"):
             for example, language, kind in ("minimal.c", "C", "png"), ("player.cpp", "CXX", "ppm"):
                 with self.subTest(library=name, example=example):
                     program = self.by_find_package(name, example, language)
-                    self.assertEqual(self.picture(program, f"{name}.{kind}"),
+                    self.assertEqual(self.render(program, f"{name}.{kind}"),
                                      read_png(self.at("example.png")))
-                    if name == "stgs":  # of a scene without a start camera too
-                        self.assertEqual(self.picture(program, f"far.{kind}", "no_camera.stgs"),
-                                         self.picture(ARGUMENTS.minimal, "m.png", "no_camera.stgs"))
+                    if name == "stgs":  # a scene without a start camera too
+                        self.assertEqual(self.render(program, f"far.{kind}", "no_camera.stgs"),
+                                         self.render(ARGUMENTS.minimal, "m.png", "no_camera.stgs"))
 
     def by_pkg_config(self, packages, example, words):
-        """The program of an example, and the environment that it runs in."""
+        """Builds an example; returns the path of its program and the environment to run it in."""
         environment = dict(os.environ, PKG_CONFIG_PATH=os.path.join(self.library, "pkgconfig"))
         flags = run("pkg-config", "--cflags", "--libs", *words, *packages,
                     env=environment).split()
-        used = dict(os.environ)
-        if words:  # the archives, where the linker would take the shared libraries
+        run_environment = dict(os.environ)
+        if words:  # name the archives, because the linker prefers shared libraries
             flags = [flag.replace("-lstgs", "-l:libstgs") + ".a" if flag.startswith("-lstgs")
                      else flag for flag in flags]
         else:
-            used["LD_LIBRARY_PATH"] = self.library
+            run_environment["LD_LIBRARY_PATH"] = self.library
         program = self.at("_".join(["by_pkg_config", *packages, *words]))
         run(ARGUMENTS.cc, os.path.join(ARGUMENTS.source, "sdk/examples", example), *flags,
             "-o", program)
-        return program, used
+        return program, run_environment
 
-    def test_pkg_config(self):
+    def test_pkg_config_builds_and_renders(self):
         for name, words in ("shared", []), ("static", ["--static"]):
             with self.subTest(library=name):
-                program, used = self.by_pkg_config(["stgs", "stb"], "minimal.c", words)
-                self.assertEqual(self.picture(program, f"pc_{name}.png", environment=used),
+                program, environment = self.by_pkg_config(["stgs", "stb"], "minimal.c", words)
+                self.assertEqual(self.render(program, f"pc_{name}.png", environment=environment),
                                  read_png(self.at("example.png")))
 
-    def test_the_commands_of_the_embedding_page(self):
+    def test_the_commands_in_the_embedding_page_work(self):
         with open(os.path.join(ARGUMENTS.source, "sdk/docs/embedding.md"), encoding="utf-8") as file:
             block = re.search(r"<!-- not run: installs; [^\n]*\n```sh\n(.*?)```", file.read(), re.S)
         script = block.group(1)
-        for there, here in (("/opt/stgs", self.at("by_readme")), ("cmake ", f"{ARGUMENTS.cmake} "),
-                            ("build/release", ARGUMENTS.build), ("packed.stgs", "tiny.stgs"),
-                            ("sdk/examples", os.path.join(ARGUMENTS.source, "sdk/examples"))):
-            self.assertIn(there, script)
-            script = script.replace(there, here)
+        for documented, actual in (
+                ("/opt/stgs", self.at("by_page")), ("cmake ", f"{ARGUMENTS.cmake} "),
+                ("build/release", ARGUMENTS.build), ("packed.stgs", "tiny.stgs"),
+                ("sdk/examples", os.path.join(ARGUMENTS.source, "sdk/examples"))):
+            self.assertIn(documented, script)
+            script = script.replace(documented, actual)
         subprocess.run(["sh", "-e", "-c", script], cwd=self.folder, check=True,
                        stdout=subprocess.DEVNULL)
         self.assertEqual(read_png(self.at("image.png")), read_png(self.at("example.png")))
 
-    def test_the_encoder_each_way(self):
+    def test_the_encoder_links_and_encodes(self):
         programs = [(self.by_find_package(name, "encode.c", "C", name), None)
                     for name in ("encoder", "encoder_static")]
         programs += [self.by_pkg_config(["stgs_encoder"], "encode.c", words)
                      for words in ([], ["--static"])]
         prepares = " prepare" in run(ARGUMENTS.stgs, "--version")
-        for program, used in programs:
+        for program, environment in programs:
             with self.subTest(program=program):
-                told = subprocess.run([program, self.at("none"), self.at("none.stgs")], env=used,
-                                      capture_output=True, text=True, check=False)
-                self.assertEqual(told.returncode, 1, told.stderr)
-                self.assertIn("STGS_ERROR_IO" if prepares else "STGS_ERROR_NOT_BUILT", told.stderr)
+                result = subprocess.run([program, self.at("none"), self.at("none.stgs")],
+                                        env=environment, capture_output=True, text=True, check=False)
+                self.assertEqual(result.returncode, 1, result.stderr)
+                self.assertIn("STGS_ERROR_IO" if prepares else "STGS_ERROR_NOT_BUILT", result.stderr)
         if not prepares:
             self.skipTest("needs a build with OpenCV")
         capture = os.path.join(ARGUMENTS.source, "tests/data/workshop")
-        told = run(programs[0][0], capture, self.at("draft.stgs"), "draft")
-        self.assertRegex(told, r"^\d+ primitives, \d+ bytes, PSNR \d+\.\d dB against")
+        output = run(programs[0][0], capture, self.at("draft.stgs"), "draft")
+        self.assertRegex(output, r"^\d+ primitives, \d+ bytes, PSNR \d+\.\d dB against")
         run(ARGUMENTS.minimal, self.at("draft.stgs"), "0", self.at("draft.png"))
         self.assertGreater(len(set(read_png(self.at("draft.png"))[2])), 50)
 

@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The Debian packages hold what they should, depend on what they need, and serve an application.
+"""The Debian packages have the expected contents and dependencies, and applications build with them.
 
-Makes them with cpack, looks into them with dpkg-deb, unpacks them into an empty folder, and builds
-and runs the example against that alone. Exit code 77: the machine has no dpkg-deb or dpkg-shlibdeps.
+Creates the packages with cpack, inspects them with dpkg-deb, unpacks them into an empty folder, and
+builds and runs the example against that folder alone. Exit code 77: dpkg-deb or dpkg-shlibdeps is
+missing.
 """
 import argparse
 import glob
@@ -20,7 +21,7 @@ from outside import read_png, run
 ARGUMENTS = None
 SKIPPED = 77
 LIBRARIES = "usr/lib/**/"
-# What must be in a package, as patterns of paths, and in no other.
+# Patterns of the paths that must be in each package and in no other.
 CONTENTS = {
     "libstgs0": [LIBRARIES + "libstgs.so.0", LIBRARIES + "libstgs.so.0.*"],
     "libstgs-dev": ["usr/include/stgs/stgs.h", LIBRARIES + "libstgs.so", LIBRARIES + "libstgs.a",
@@ -54,7 +55,7 @@ def field(package, name):
 
 
 def depends(package):
-    """The names of the packages that it needs."""
+    """Returns the names of the packages that a package depends on."""
     return {word.split()[0] for word in field(package, "Depends").split(", ") if word}
 
 
@@ -76,11 +77,11 @@ class Packages(unittest.TestCase):
     def find(self, pattern, root="root"):
         return glob.glob(os.path.join(self.at(root), pattern), recursive=True)
 
-    def test_there_is_a_package_for_each_use(self):
+    def test_the_expected_packages_are_created(self):
         needs = {"stgs-mpi": "bin/stgs_mpi.so", "python3-stgs": "python/stgs.*.so"}
-        left_out = {name for name, file in needs.items()
-                    if not glob.glob(os.path.join(ARGUMENTS.build, file))}
-        self.assertEqual(set(self.packages), set(CONTENTS) - left_out)
+        not_built = {name for name, file in needs.items()
+                     if not glob.glob(os.path.join(ARGUMENTS.build, file))}
+        self.assertEqual(set(self.packages), set(CONTENTS) - not_built)
         for name, path in self.packages.items():
             version, architecture = field(path, "Version"), field(path, "Architecture")
             self.assertEqual(version, ARGUMENTS.version + "-1")
@@ -89,41 +90,41 @@ class Packages(unittest.TestCase):
             synopsis = field(path, "Description").splitlines()[0]
             self.assertTrue(10 < len(synopsis) < 80, synopsis)
 
-    def test_what_is_in_them(self):
-        held = {}
+    def test_packages_have_the_expected_contents(self):
+        contents = {}
         for name, path in self.packages.items():
             run("dpkg", "-x", path, self.at(name))
-            held[name] = {os.path.relpath(file, self.at(name))
-                          for file in self.find("**", name)
-                          if not os.path.isdir(file) or os.path.islink(file)}
+            contents[name] = {os.path.relpath(file, self.at(name))
+                              for file in self.find("**", name)
+                              if not os.path.isdir(file) or os.path.islink(file)}
             for pattern in CONTENTS[name]:
                 self.assertTrue(self.find(pattern, name), f"{name} lacks {pattern}")
             document = os.path.join("usr/share/doc", name)
             for file in "copyright", "changelog.gz", "changelog.Debian.gz":
-                self.assertIn(os.path.join(document, file), held[name])
+                self.assertIn(os.path.join(document, file), contents[name])
             with open(os.path.join(self.at(name), document, "copyright"), encoding="utf-8") as text:
                 self.assertIn("License: Apache-2.0", text.read())
-            # Only what was looked for, documents, manual pages and headers.
+            # Everything else must be a document, a manual page, a header or a CMake script.
             known = {file for pattern in CONTENTS[name] for file in self.find(pattern, name)}
-            for file in held[name]:
+            for file in contents[name]:
                 if not re.match(r"usr/(share/(doc|man)|include/stgs|lib/.*cmake/stgs)/", file):
                     self.assertIn(os.path.join(self.at(name), file), known)
-            for file in held[name]:  # what an example includes of ours is in a package too
+            for file in contents[name]:  # headers that an example includes are packaged
                 if "/examples/" in file and file.endswith((".c", ".cpp", ".h")):
                     with open(os.path.join(self.at(name), file), encoding="utf-8") as text:
                         included = re.findall(r'#include ["<](stgs/[^">]+)', text.read())
                     for header in included:
                         self.assertTrue(self.find(f"usr/include/{header}"), f"{file}: {header}")
-        every = [file for files in held.values() for file in files]
-        self.assertEqual(len(every), len(set(every)), "a file is in two packages")
+        all_files = [file for files in contents.values() for file in files]
+        self.assertEqual(len(all_files), len(set(all_files)), "a file is in two packages")
 
-    def test_what_they_depend_on(self):
+    def test_packages_have_the_expected_dependencies(self):
         needs = {name: depends(path) for name, path in self.packages.items()}
         self.assertIn("libc6", needs["libstgs0"])
         self.assertIn("libzstd1", needs["libstgs0"])
         encoder_only = {word for word in needs["libstgs0"]
                         if re.match(r"libopencv|libglfw|libopenexr|libopenmpi|libpython", word)}
-        self.assertEqual(encoder_only, set(), "an application drags in the encoder's libraries")
+        self.assertEqual(encoder_only, set(), "libstgs0 depends on libraries of the encoder")
         version = f"(= {field(self.packages['libstgs0'], 'Version')})"
         exactly = f"libstgs0 {version}"
         self.assertEqual(field(self.packages["libstgs-dev"], "Depends"), exactly)
@@ -132,7 +133,7 @@ class Packages(unittest.TestCase):
         self.assertFalse({word for word in needs["libstgs-encoder0"]
                           if re.match(r"libstgs|libglfw|libopenexr|libopenmpi|libcurl", word)})
         self.assertNotIn("libstgs0", needs["stgs"])
-        self.assertFalse({word for word in needs["stgs"] if "mpi" in word}, "stgs needs an MPI")
+        self.assertFalse({word for word in needs["stgs"] if "mpi" in word}, "stgs depends on MPI")
         if "stgs-mpi" in needs:
             self.assertTrue({word for word in needs["stgs-mpi"] if "libopenmpi" in word
                              or "libmpich" in word}, needs["stgs-mpi"])
@@ -145,12 +146,12 @@ class Packages(unittest.TestCase):
                 self.assertEqual(file.read(), f"{library} 0 {package} {version}\n")
 
     @unittest.skipUnless(shutil.which("apt-get"), "needs apt-get")
-    def test_apt_would_install_them(self):
-        told = run("apt-get", "--simulate", "--no-install-recommends", "install",
-                   *self.packages.values())
-        self.assertEqual(set(re.findall(r"^Inst (\S+)", told, re.MULTILINE)), set(self.packages))
+    def test_apt_can_install_the_packages(self):
+        output = run("apt-get", "--simulate", "--no-install-recommends", "install",
+                     *self.packages.values())
+        self.assertEqual(set(re.findall(r"^Inst (\S+)", output, re.MULTILINE)), set(self.packages))
 
-    def test_programs_and_libraries_are_stripped_and_have_no_paths(self):
+    def test_binaries_are_stripped_and_have_no_rpath(self):
         binaries = [path for path in self.find("usr/bin/*") + self.find("usr/lib/**/*.so*")
                     if not os.path.islink(path)]
         self.assertEqual(len(binaries), len([name for name in self.packages if "-dev" not in name]))
@@ -171,37 +172,37 @@ class Packages(unittest.TestCase):
         built = run(ARGUMENTS.cmake, "--build", build)
         return os.path.join(build, "consumer"), built
 
-    def test_the_example_is_built_from_them_and_draws(self):
+    def test_the_example_builds_against_the_packages_and_renders(self):
         program, built = self.build_consumer(self.at("root/usr"), "shared;tools")
         self.assertIsNotNone(program, built)
-        self.assertIn(f"stgs {ARGUMENTS.version}\n", built)  # of the packages' own program
-        run(program, self.at("tiny.stgs"), "0.1", self.at("own.png"))
+        self.assertIn(f"stgs {ARGUMENTS.version}\n", built)  # printed by the packaged program
+        run(program, self.at("tiny.stgs"), "0.1", self.at("packaged.png"))
         run(ARGUMENTS.minimal, self.at("tiny.stgs"), "0.1", self.at("example.png"))
-        self.assertEqual(read_png(self.at("own.png")), read_png(self.at("example.png")))
+        self.assertEqual(read_png(self.at("packaged.png")), read_png(self.at("example.png")))
 
-    def test_a_component_that_is_not_there_is_told(self):
+    def test_a_missing_component_is_reported(self):
         for name in "libstgs0", "libstgs-dev":
             run("dpkg", "-x", self.packages[name], self.at("library"))
         prefix = self.at("library/usr")
-        program, told = self.build_consumer(prefix, "shared")
-        self.assertIsNotNone(program, told)
+        program, output = self.build_consumer(prefix, "shared")
+        self.assertIsNotNone(program, output)
         for component in "tools", "encoder":
-            program, told = self.build_consumer(prefix, component)
+            program, output = self.build_consumer(prefix, component)
             self.assertIsNone(program)
-            self.assertIn(f"'{component}'", told)
+            self.assertIn(f"'{component}'", output)
 
-    def test_the_program_finds_its_module(self):
+    def test_the_program_loads_its_mpi_module(self):
         if "stgs-mpi" not in self.packages or shutil.which("mpirun") is None:
             self.skipTest("needs MPI and mpirun")
-        told = subprocess.run(
+        error = subprocess.run(
             ["mpirun", "--allow-run-as-root", "--oversubscribe", "-np", "2",
              self.at("root/usr/bin/stgs"), "train", self.at("none"), "-o", self.at("t.stgs")],
             capture_output=True, text=True, check=False).stderr
-        self.assertIn("none", told)
-        self.assertNotIn("cannot be loaded", told)
+        self.assertIn("none", error)
+        self.assertNotIn("cannot be loaded", error)
 
-    def test_a_new_users_way_to_a_picture(self):
-        """The commands of the guides' first page, with the packages of its first unpacked."""
+    def test_the_quick_start_produces_an_image(self):
+        """Runs the commands in sdk/docs/README.md; unpacking the packages replaces the first one."""
         with open(os.path.join(ARGUMENTS.source, "sdk/docs/README.md"), encoding="utf-8") as file:
             text = file.read()
         commands = re.search(r"```sh\n(.*?)```", text, re.DOTALL).group(1).splitlines()
@@ -209,9 +210,9 @@ class Packages(unittest.TestCase):
         self.assertIn("in four commands", text)
         installs = commands[0].split()
         self.assertEqual(installs[:3], ["sudo", "apt", "install"])
-        root = self.at("own")
+        root = self.at("quick_start")
         for pattern in installs[3:]:
-            if not pattern.startswith("./"):  # of the distribution, which is there
+            if not pattern.startswith("./"):  # a package of the distribution
                 run("dpkg", "-s", pattern)
                 continue
             found = glob.glob(os.path.join(self.at("debs"), pattern))
@@ -227,12 +228,12 @@ class Packages(unittest.TestCase):
         if " prepare" not in run(f"{root}/usr/bin/stgs", "--version"):
             self.skipTest("needs a build with OpenCV")
         for command in commands[1:]:
-            if command.startswith("stgs encode"):  # enough to see that it works
+            if command.startswith("stgs encode"):  # shortened: only checks that it works
                 command += (" --scale 0.25 --frames 0:4 --iterations 5 --num-evals 0"
                             " --max-static-points 1000 --max-dynamic-points 100")
             run("sh", "-c", command.replace("/usr/share", f"{root}/usr/share"), cwd=work,
                 env=environment)
-        width, height, pixels = read_png(f"{work}/picture.png")
+        width, height, pixels = read_png(f"{work}/image.png")
         self.assertGreater(min(width, height), 50)
         self.assertGreater(len(set(pixels)), 20)
 

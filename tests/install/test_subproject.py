@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""STGS inside the build of an application, by add_subdirectory and by FetchContent.
+"""STGS in the build of an application, with add_subdirectory and FetchContent.
 
-With --fixture and --minimal the application is built and its images are compared; else it is only
-configured.
+With --fixture and --minimal, the application is built and its images are compared; without them, it
+is only configured.
 """
 import argparse
 import os
@@ -33,7 +33,7 @@ class Subproject(unittest.TestCase):
                    f"-DCMAKE_C_COMPILER={ARGUMENTS.cc}", f"-DCMAKE_CXX_COMPILER={ARGUMENTS.cxx}",
                    *options)
 
-    def test_it_looks_up_only_what_the_player_needs(self):
+    def test_only_dependencies_of_the_player_are_looked_up(self):
         for method in "add_subdirectory", "FetchContent":
             with self.subTest(method=method):
                 self.configure(method)
@@ -47,11 +47,11 @@ class Subproject(unittest.TestCase):
         self.configure("add_subdirectory")
         ninja = os.path.join(self.at("add_subdirectory"), "build.ninja")
         with open(ninja, encoding="utf-8") as file:
-            every = next(line for line in file if line.startswith("build all: phony"))
-        self.assertIn("with_stgs", every)
-        self.assertNotIn("stgs/sdk", every)
+            default = next(line for line in file if line.startswith("build all: phony"))
+        self.assertIn("with_stgs", default)
+        self.assertNotIn("stgs/sdk", default)
 
-    def test_it_builds_and_renders(self):
+    def test_the_application_builds_and_renders(self):
         if ARGUMENTS.minimal is None:
             self.skipTest("only configured")
         self.configure("FetchContent", "-DCMAKE_BUILD_TYPE=Release",

@@ -22,11 +22,12 @@ except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(77)
 
-# Of the loss; of the gradient's length, median over the pairs of pictures; the same, largest. The
-# gradient jumps where a feature crosses zero or two of a pooling are equal, so rounding may turn a
-# few features' gradients: in TF32 (cuda), which keeps 10 bits of what is multiplied, several.
+# Bounds of the relative errors: of the loss; of the gradient (norm of the difference), median over
+# the image pairs; of the gradient, largest. The gradient is discontinuous where a feature crosses
+# zero or two inputs of a pooling are equal, so rounding can flip the gradient of a few features.
+# TF32 (cuda) keeps 10 bits of each factor and flips several.
 BOUNDS = {"cpu": (1e-5, 1e-3, 1e-2), "cuda-float": (1e-5, 1e-3, 1e-2), "cuda": (1e-3, 8e-2, 0.15)}
-TAPS = {3: 64, 8: 128, 15: 256, 22: 512, 29: 512}  # torchvision's number of each ReLU, channels
+TAPS = {3: 64, 8: 128, 15: 256, 22: 512, 29: 512}  # torchvision's index of each ReLU: channels
 MEAN = torch.tensor([0.485, 0.456, 0.406], dtype=torch.double).view(3, 1, 1)
 DEVIATION = torch.tensor([0.229, 0.224, 0.225], dtype=torch.double).view(3, 1, 1)
 
@@ -46,10 +47,10 @@ def make_weights(linear):
     return network.double(), channel_weights, tensors
 
 
-def loss_of(network, channel_weights, rendered, truth):
-    """LPIPS as its authors define it: the taps' features, each pixel's scaled to length 1."""
+def lpips(network, channel_weights, rendered, ground_truth):
+    """LPIPS as published: features of the taps, scaled to unit length at each pixel."""
     loss = 0
-    a, b = ((picture - MEAN.to(picture)) / DEVIATION.to(picture) for picture in (rendered, truth))
+    a, b = ((image - MEAN.to(image)) / DEVIATION.to(image) for image in (rendered, ground_truth))
     a, b = a[None], b[None]
     taps = iter(channel_weights)
     for number, layer in enumerate(network[:30]):
@@ -62,22 +63,22 @@ def loss_of(network, channel_weights, rendered, truth):
     return loss
 
 
-def gradient_of(network, channel_weights, rendered, truth, kind):
-    """The loss, and its gradient by the rendered picture, as `network` computes them."""
+def pytorch_loss(network, channel_weights, rendered, ground_truth, dtype):
+    """Returns PyTorch's loss and its gradient with respect to the rendered image."""
     device = next(network.parameters()).device
-    x = rendered.to(device, kind).requires_grad_()
-    y = truth.permute(2, 0, 1).to(device, kind) / 255
-    loss = loss_of(network, channel_weights, x, y)
+    x = rendered.to(device, dtype).requires_grad_()
+    y = ground_truth.permute(2, 0, 1).to(device, dtype) / 255
+    loss = lpips(network, channel_weights, x, y)
     loss.backward()
     return loss.item(), x.grad.double().cpu()
 
 
-def probed(probe, backend, weights, rendered, truth, folder):
-    """The same by STGS."""
-    files = [os.path.join(folder, name) for name in ("rendered", "truth", "gradient")]
+def stgs_loss(probe, backend, weights, rendered, ground_truth, folder):
+    """Returns the loss and the gradient that STGS computes."""
+    files = [os.path.join(folder, name) for name in ("rendered", "ground_truth", "gradient")]
     rendered.numpy().tofile(files[0])
-    truth.numpy().tofile(files[1])
-    height, width = truth.shape[:2]
+    ground_truth.numpy().tofile(files[1])
+    height, width = ground_truth.shape[:2]
     printed = subprocess.run([probe, weights, str(width), str(height), *files, backend],
                              stdout=subprocess.PIPE, check=True).stdout
     with open(files[2], "rb") as file:
@@ -104,29 +105,29 @@ def main():
             weights = os.path.join(folder, "vgg16.safetensors")
             save_file(tensors, weights)
             for width, height, noise in ((96, 64, 0.3), (131, 77, 0.1), (256, 256, 0.03)) * 2:
-                truth = (torch.rand(height, width, 3) * 255).to(torch.uint8)
-                exact = (truth.permute(2, 0, 1).float() / 255).contiguous()
+                ground_truth = (torch.rand(height, width, 3) * 255).to(torch.uint8)
+                exact = (ground_truth.permute(2, 0, 1).float() / 255).contiguous()
                 rendered = exact + noise * torch.randn(3, height, width)
-                loss, gradient = gradient_of(network, channel_weights, rendered, truth,
-                                             torch.double)
-                for name, (of_loss, of_gradient) in errors.items():
+                loss, gradient = pytorch_loss(network, channel_weights, rendered, ground_truth,
+                                              torch.double)
+                for name, (loss_errors, gradient_errors) in errors.items():
                     if name == "pytorch-tf32":
-                        found = gradient_of(copy.deepcopy(network).float(), channel_weights,
-                                            rendered, truth, torch.float)
+                        found = pytorch_loss(copy.deepcopy(network).float(), channel_weights,
+                                             rendered, ground_truth, torch.float)
                     else:
-                        found = probed(probe, name, weights, rendered, truth, folder)
-                    of_loss.append(abs(found[0] / loss - 1))
-                    of_gradient.append(((found[1] - gradient).norm() / gradient.norm()).item())
+                        found = stgs_loss(probe, name, weights, rendered, ground_truth, folder)
+                    loss_errors.append(abs(found[0] / loss - 1))
+                    gradient_errors.append(((found[1] - gradient).norm() / gradient.norm()).item())
                 print(f"{width}x{height}, noise {noise:.2f}, {'linear' if linear else 'uniform'}, "
                       f"loss {loss:.6f}: " + ", ".join(f"{name} {e[0][-1]:.1e} {e[1][-1]:.1e}"
                                                        for name, e in errors.items()), flush=True)
     failed = False
-    for name, (of_loss, of_gradient) in errors.items():
-        found = (max(of_loss), statistics.median(of_gradient), max(of_gradient))
-        good = name not in BOUNDS or all(e <= bound for e, bound in zip(found, BOUNDS[name]))
-        failed |= not good
-        print("{}: relative error of the loss at most {:.1e}; of the gradient {:.1e}, median, and "
-              "{:.1e} at most{}".format(name, *found, "" if good else ": TOO LARGE"))
+    for name, (loss_errors, gradient_errors) in errors.items():
+        found = (max(loss_errors), statistics.median(gradient_errors), max(gradient_errors))
+        within = name not in BOUNDS or all(e <= bound for e, bound in zip(found, BOUNDS[name]))
+        failed |= not within
+        print("{}: relative error of the loss {:.1e}, largest; of the gradient {:.1e}, median, and "
+              "{:.1e}, largest{}".format(name, *found, "" if within else ": TOO LARGE"))
     sys.exit(failed)
 
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the tests of the CUDA training backend share.
+// Checks shared by the tests of the CUDA training backend.
 #pragma once
 
 #include <cmath>
@@ -7,9 +7,9 @@
 
 #include "backend/cuda/cuda_backend.h"
 #include "catch.h"
+#include "fixtures/synthetic_capture.h"
+#include "fixtures/train_run.h"
 #include "stgs/encoder/train.h"
-#include "synthetic_capture.h"
-#include "train_run.h"
 
 namespace stgs::testing {
 
@@ -17,7 +17,7 @@ inline constexpr const char* kAttributeNames[encoder::kAttributes] = {
     "position", "log_scale", "rotation",  "opacity", "sh",
     "time",     "velocity",  "log_sigma", "radius"};
 
-// |a - b| / |a|, in double; infinite where a number is not finite.
+// |a - b| / |a| in double precision (|a - b| if a is 0); infinite if it is not finite.
 template <typename Array>
 double difference(const Array& a, const Array& b) {
   if (a.size() != b.size()) return INFINITY;
@@ -27,11 +27,11 @@ double difference(const Array& a, const Array& b) {
     square += d * d;
     length += static_cast<double>(a[i]) * a[i];
   }
-  const double share = length > 0 ? std::sqrt(square / length) : std::sqrt(square);
-  return std::isfinite(share) ? share : INFINITY;
+  const double relative = length > 0 ? std::sqrt(square / length) : std::sqrt(square);
+  return std::isfinite(relative) ? relative : INFINITY;
 }
 
-// One for all test cases, which then also follow each other on it.
+// The backend of all test cases, so that each also runs after the others.
 inline encoder::cuda::CudaBackend& cuda_backend() {
   static encoder::cuda::CudaBackend backend;
   static const Status status = backend.create();
@@ -44,10 +44,10 @@ inline void check(const Status& status) {
   REQUIRE(status.ok());
 }
 
-// Densifies two equal states, one on the CPU and one on the GPU, which must decide alike; what they
-// did.
-inline encoder::DensifyCounts densify_alike(encoder::TrainState& cpu, encoder::TrainState& gpu,
-                                            const encoder::DensifyInput& input) {
+// Densifies two equal states, one on the CPU and one on the GPU, checks that the decisions are
+// identical and returns their counts.
+inline encoder::DensifyCounts densify_both(encoder::TrainState& cpu, encoder::TrainState& gpu,
+                                           const encoder::DensifyInput& input) {
   const auto reference = encoder::make_cpu_backend();
   check(reference->begin(cpu));
   const Result<encoder::DensifyCounts> expected = reference->densify(input);
@@ -70,21 +70,21 @@ inline encoder::DensifyCounts densify_alike(encoder::TrainState& cpu, encoder::T
   return *expected;
 }
 
-// Trains to a held-out PSNR above `least`, dB, then again with a stop at iteration 235, from where
-// it goes on to the same bits.
+// Trains to a held-out PSNR above `min_psnr` (dB). Then trains again, stops at iteration 235 and
+// resumes; the result has the same bits.
 inline void check_resumes(const test::SyntheticCapture& synthetic, encoder::TrainSettings settings,
-                          double least) {
-  const Result<Scene> whole =
+                          double min_psnr) {
+  const Result<Scene> uninterrupted =
       encoder::train(synthetic.capture, settings, nullptr, nullptr, nullptr);
-  check(whole.status());
-  CHECK(test::held_out_psnr(synthetic, *whole) > least);
+  check(uninterrupted.status());
+  CHECK(test::held_out_psnr(synthetic, *uninterrupted) > min_psnr);
   settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
   settings.checkpoint_interval = 235;
   int stops = 0;
   const auto stop = [&](const encoder::Progress& progress) {
-    const bool here = progress.stage == "train" && progress.detail.find("iteration 235,") == 0;
-    stops += here;
-    return !here;
+    const bool at_stop = progress.stage == "train" && progress.detail.find("iteration 235,") == 0;
+    stops += at_stop;
+    return !at_stop;
   };
   CHECK_FALSE(encoder::train(synthetic.capture, settings, stop, nullptr, nullptr).ok());
   CHECK(stops == 1);
@@ -92,7 +92,7 @@ inline void check_resumes(const test::SyntheticCapture& synthetic, encoder::Trai
   const Result<Scene> resumed =
       encoder::train(synthetic.capture, settings, nullptr, nullptr, nullptr);
   check(resumed.status());
-  CHECK(test::same(resumed->gaussians, whole->gaussians));
+  CHECK(test::same(resumed->gaussians, uninterrupted->gaussians));
 }
 
 }  // namespace stgs::testing

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The entry of tests that need a CUDA device. Exit code 77: there is none.
+// main() of the tests that need a CUDA device. Exit code 77: no device found.
 #include <cuda_runtime_api.h>
 
 #include <cstdio>

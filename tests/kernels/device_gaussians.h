@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Arrays of primitives on an NVIDIA GPU, for the test and the benchmark of its decoder.
+// Primitives in GPU memory, for the test and the benchmark of the CUDA segment decoder.
 #pragma once
 
 #include "cuda/segment_decode.h"
@@ -8,10 +8,10 @@
 
 namespace stgs::testing {
 
-class OnDeviceGaussians {
+class DeviceGaussianArrays {
  public:
-  // With something in them that is no result.
-  OnDeviceGaussians(std::size_t n, int sh_degree) {
+  // Filled with -7, a value that no test decodes.
+  DeviceGaussianArrays(std::size_t n, int sh_degree) {
     set_.sh_degree = sh_degree;
     set_.resize(n);
     for (FloatArray* array : arrays(set_)) {
@@ -25,10 +25,10 @@ class OnDeviceGaussians {
   }
   Gaussians4D read() const {
     Gaussians4D out = set_;
-    const auto to = arrays(out);
-    for (std::size_t k = 0; k < to.size(); ++k) {
-      const std::vector<float> read = arrays_[k].read();
-      to[k]->assign(read.begin(), read.end());
+    const auto out_arrays = arrays(out);
+    for (std::size_t k = 0; k < out_arrays.size(); ++k) {
+      const std::vector<float> values = arrays_[k].read();
+      out_arrays[k]->assign(values.begin(), values.end());
     }
     return out;
   }
@@ -39,7 +39,7 @@ class OnDeviceGaussians {
 
  private:
   Gaussians4D set_;
-  std::vector<OnDevice<float>> arrays_;
+  std::vector<DeviceValues<float>> arrays_;
 };
 
 }  // namespace stgs::testing

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gradients against central differences of a loss.
+// Compares gradients with central differences of a loss.
 #pragma once
 
 #include <algorithm>
@@ -10,8 +10,9 @@
 
 namespace stgs::testing {
 
-// Checks gradient[k] against the differences of problem.loss() by values[k], which are part of the
-// problem: within `tolerance` of itself, or of the attribute's root mean square.
+// Checks gradient[k] against the central difference of problem.loss() over values[k], which the
+// loss reads. `tolerance` is relative to the larger of the value and the root mean square of the
+// gradient.
 template <typename Problem>
 void check_gradient(Problem& problem, const char* name, std::span<float> values,
                     std::span<const float> gradient, float step, double tolerance) {
@@ -21,12 +22,12 @@ void check_gradient(Problem& problem, const char* name, std::span<float> values,
   const double rms = std::sqrt(square / static_cast<double>(gradient.size()));
   REQUIRE(rms > 0);
   for (std::size_t k = 0; k < values.size(); ++k) {
-    const float kept = values[k];
-    values[k] = kept + step;
+    const float original = values[k];
+    values[k] = original + step;
     const double high = values[k], above = problem.loss();
-    values[k] = kept - step;
+    values[k] = original - step;
     const double low = values[k], below = problem.loss();
-    values[k] = kept;
+    values[k] = original;
     const double numeric = (above - below) / (high - low);
     INFO(name << "[" << k << "]: analytic " << gradient[k] << ", numeric " << numeric << ", rms "
               << rms);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Views of a random scene, for the tests of weighing its primitives.
+// Views of a random scene, for the tests of importances.
 #pragma once
 
 #include <vector>
@@ -9,7 +9,7 @@
 
 namespace stgs::testing {
 
-// Five moments around t = 10, each from another place.
+// Five times around t = 10, each from another camera position.
 inline std::vector<encoder::ImportanceView> importance_scene_views(int width, int height) {
   std::vector<encoder::ImportanceView> views;
   for (int v = 0; v < 5; ++v) {

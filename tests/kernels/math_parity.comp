@@ -5,14 +5,14 @@
 #include "math_parity.h"
 
 layout(local_size_x = 64) in;
-layout(std430, binding = 0) readonly buffer Given {
-  ParityGiven given[];
+layout(std430, binding = 0) readonly buffer Inputs {
+  ParityInput inputs[];
 };
-layout(std430, binding = 1) writeonly buffer Found {
-  ParityFound found[];
+layout(std430, binding = 1) writeonly buffer Results {
+  ParityResult results[];
 };
 
 void main() {
   uint i = gl_GlobalInvocationID.x;
-  if (i < given.length()) found[i] = parity_of(given[i]);
+  if (i < inputs.length()) results[i] = evaluate_parity(inputs[i]);
 }

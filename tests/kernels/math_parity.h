@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One primitive through every function of format/math, in the subset that C++, CUDA and GLSL
-// share, so that the three compute the same thing from the same text.
+// Evaluates every function of format/math on one primitive, in the subset of C++, CUDA and GLSL
+// that all three compile, so that they run the same source.
 #ifndef STGS_TESTS_MATH_PARITY_H
 #define STGS_TESTS_MATH_PARITY_H
 
@@ -12,8 +12,8 @@
 
 STGS_MATH_BEGIN
 
-// Members are scalars only, so std430 lays both structs out as C++ does.
-struct ParityGiven {
+// All members are scalars, so std430 and C++ lay the structs out identically.
+struct ParityInput {
   Vec3 position;  // X, scene units
   Vec3 velocity;  // v, before the division by f
   Quat rotation;
@@ -22,12 +22,12 @@ struct ParityGiven {
   float dt;  // t - T, ticks
   float sigma;
   float radius;
-  Vec2 offset;   // pixel offset from the mean, as a share of the extent
+  Vec2 offset;   // pixel offset from the mean, relative to the extent
   float sh[48];  // 16 coefficients of red, then green, then blue
   PinholeCamera camera;
 };
 
-struct ParityFound {
+struct ParityResult {
   float modulation;
   Vec3 position;  // X_t
   float visibility;
@@ -41,13 +41,13 @@ struct ParityFound {
   float power;
   float alpha;
   Plane plane;
-  float plane_depth;    // of the primitive alone, at the pixel of its centre
-  Vec3 surface_normal;  // the plane's own, from two differences within it
+  float plane_depth;    // of this primitive alone, at the pixel of its centre
+  Vec3 surface_normal;  // from two difference vectors in the plane
   float flatness;
 };
 
-STGS_FN ParityFound parity_of(ParityGiven g) {
-  ParityFound r;
+STGS_FN ParityResult evaluate_parity(ParityInput g) {
+  ParityResult r;
   r.modulation = lifespan_modulation(g.sigma, g.radius);
   Vec3 u = vec3_of(g.velocity.x / r.modulation, g.velocity.y / r.modulation,
                    g.velocity.z / r.modulation);

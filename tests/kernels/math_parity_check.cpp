@@ -18,8 +18,8 @@ class Random {
  public:
   explicit Random(std::uint32_t seed) : bits_(seed) {}
   float operator()(double low, double high) {
-    const double share = static_cast<double>(bits_()) / 4294967296.0;
-    return static_cast<float>(low + (high - low) * share);
+    const double fraction = static_cast<double>(bits_()) / 4294967296.0;
+    return static_cast<float>(low + (high - low) * fraction);
   }
 
  private:
@@ -50,23 +50,22 @@ double norm(Vec3 v) {
   return std::sqrt(static_cast<double>(dot3(v, v)));
 }
 
-// Collects the rows in the order of their first appearance.
+// Collects one row per quantity, in the order of their first appearance.
 class Comparison {
  public:
-  // `tolerance` is the largest allowed |expected - actual|. A NaN anywhere counts as infinitely
-  // far off.
+  // `tolerance` is the largest allowed |expected - actual|. A NaN counts as an infinite difference.
   void add(const char* quantity, std::size_t index, double expected, double actual,
            double tolerance) {
     auto row = std::find_if(rows.begin(), rows.end(),
                             [&](const ParityRow& r) { return r.quantity == quantity; });
     if (row == rows.end()) row = rows.insert(rows.end(), ParityRow{quantity});
     const double difference = expected == actual ? 0.0 : std::abs(expected - actual);
-    double share = difference / tolerance;
-    if (!(share < INFINITY)) share = INFINITY;
+    double relative = difference / tolerance;
+    if (!(relative < INFINITY)) relative = INFINITY;
     ++row->compared;
     if (difference > row->worst_difference) row->worst_difference = difference;
-    if (share > row->worst) {
-      row->worst = share;
+    if (relative > row->worst) {
+      row->worst = relative;
       row->worst_index = index;
     }
   }
@@ -84,28 +83,29 @@ class Comparison {
   std::vector<ParityRow> rows;
 };
 
-// ln(O / o_th) as a half width implies it; 0 where the half width says that nothing is drawn.
+// ln(O / o_th) that the half width implies; 0 for a negative half width, which marks an invisible
+// primitive.
 double exponent_of(double half_width, double unit) {
   return half_width < 0.0 ? 0.0 : half_width * half_width / (unit * unit);
 }
 
-void compare_in_time(const ParityGiven& g, const ParityFound& e, const ParityFound& a,
-                     std::size_t i, Comparison* out) {
+void compare_lifespan(const ParityInput& g, const ParityResult& e, const ParityResult& a,
+                      std::size_t i, Comparison* out) {
   out->add("modulation f", i, e.modulation, a.modulation, 4 * kEpsilon * e.modulation);
   const double path = norm(g.velocity) / e.modulation * std::abs(g.dt);
   out->add("position X_t", i, e.position, a.position, 4 * kEpsilon * (norm(g.position) + path));
   out->add("visibility l(t)", i, e.visibility, a.visibility, 8 * kEpsilon);
   out->add("opacity O", i, e.opacity, a.opacity, 8 * kEpsilon);
-  // By the exponent, because a half width near 0 magnifies the smallest error.
+  // Compares exponents, because a half width near 0 magnifies the smallest error.
   out->add("support ln(O/o_th)", i, exponent_of(e.support - g.radius, g.sigma),
            exponent_of(a.support - g.radius, g.sigma),
            64 * kEpsilon * (1.0 + g.radius / g.sigma) * (1.0 + std::abs(g.opacity_logit)));
 }
 
-void compare_on_screen(const ParityGiven& g, const ParityFound& e, const ParityFound& a,
-                       std::size_t i, Comparison* out) {
+void compare_projection(const ParityInput& g, const ParityResult& e, const ParityResult& a,
+                        std::size_t i, Comparison* out) {
   const Projection& p = e.projection;
-  // Cancellation in p_camera = R p + t; how much of it a depth carries.
+  // p_camera = R p + t loses digits by cancellation; `reach` bounds the magnitudes in a depth.
   const double reach = norm(e.position) + norm(g.camera.translation);
   out->add("depth", i, p.depth, a.projection.depth, 8 * kEpsilon * reach);
   const bool at_near_plane = std::abs(p.depth - g.camera.near_plane) <= 8 * kEpsilon * reach;
@@ -131,16 +131,16 @@ void compare_on_screen(const ParityGiven& g, const ParityFound& e, const ParityF
   const double dy = g.offset.y * std::max(e.extent.y, 0.0f);
   const double power_tolerance = 1e-5 + conic_tolerance * conic_trace * (dx * dx + dy * dy);
   out->add("power", i, e.power, a.power, power_tolerance);
-  // The law cuts alpha to 0 at the threshold, so there either side is right.
+  // Alpha is cut to 0 at the threshold, so either side of it is correct.
   const double alpha_tolerance = 8 * kEpsilon + e.opacity * e.visibility * power_tolerance;
-  const double one = e.alpha, other = a.alpha;
-  const bool cut = (one == 0.0) != (other == 0.0);
-  out->add("alpha", i, cut ? kAlphaThreshold : one, cut ? std::max(one, other) : other,
-           alpha_tolerance);
+  const double expected_alpha = e.alpha, actual_alpha = a.alpha;
+  const bool cut = (expected_alpha == 0.0) != (actual_alpha == 0.0);
+  out->add("alpha", i, cut ? kAlphaThreshold : expected_alpha,
+           cut ? std::max(expected_alpha, actual_alpha) : actual_alpha, alpha_tolerance);
 }
 
-void compare_colour(const ParityGiven& g, const ParityFound& e, const ParityFound& a, std::size_t i,
-                    Comparison* out) {
+void compare_colour(const ParityInput& g, const ParityResult& e, const ParityResult& a,
+                    std::size_t i, Comparison* out) {
   const Vec3 centre = camera_centre(g.camera);
   const Vec3 d = {e.position.x - centre.x, e.position.y - centre.y, e.position.z - centre.z};
   const double direction =
@@ -151,12 +151,12 @@ void compare_colour(const ParityGiven& g, const ParityFound& e, const ParityFoun
   out->add("colour", i, e.colour, a.colour, 16 * direction * weight);
 }
 
-void compare_surface(const ParityGiven& g, const ParityFound& e, const ParityFound& a,
+void compare_surface(const ParityInput& g, const ParityResult& e, const ParityResult& a,
                      std::size_t i, Comparison* out) {
   out->add("flatness", i, e.flatness, a.flatness, 8 * kEpsilon);
   const double reach = norm(e.position) + norm(g.camera.translation);
   const double distance = std::abs(e.plane.distance);
-  // Nearly edge-on either side is right.
+  // For a nearly edge-on plane either side is correct.
   if (!e.projection.visible || !a.projection.visible || distance <= 1e-3 * reach) return;
   out->add("plane normal", i, e.plane.normal, a.plane.normal, 32 * kEpsilon);
   out->add("plane distance", i, e.plane.distance, a.plane.distance, 32 * kEpsilon * reach);
@@ -173,10 +173,10 @@ void compare_surface(const ParityGiven& g, const ParityFound& e, const ParityFou
 
 }  // namespace
 
-std::vector<ParityGiven> parity_primitives(std::size_t count, std::uint32_t seed) {
+std::vector<ParityInput> random_parity_inputs(std::size_t count, std::uint32_t seed) {
   Random random(seed);
-  std::vector<ParityGiven> given(count);
-  for (ParityGiven& g : given) {
+  std::vector<ParityInput> inputs(count);
+  for (ParityInput& g : inputs) {
     g.camera = random_camera(random);
     g.rotation = random_quat(random);
     g.log_scale = {random(-6, -0.5), random(-6, -0.5), random(-6, -0.5)};
@@ -187,35 +187,35 @@ std::vector<ParityGiven> parity_primitives(std::size_t count, std::uint32_t seed
     g.velocity = {random(-10, 10), random(-10, 10), random(-10, 10)};
     g.offset = {random(-1.2, 1.2), random(-1.2, 1.2)};
     for (float& c : g.sh) c = random(-0.4, 0.4);
-    // Where it is to be seen at t, in the camera's frame; X follows from it.
+    // The position in the camera frame at time t, from which X follows.
     const float z = random(0, 1) < 0.05f ? random(-5, 0.3) : std::exp(random(-1.5, 3));
-    const Vec3 seen = {random(-1, 1) * z, random(-1, 1) * z, z};
-    const Vec3 from_centre = mat3_transpose_mul(g.camera.rotation, seen);
+    const Vec3 in_camera = {random(-1, 1) * z, random(-1, 1) * z, z};
+    const Vec3 from_centre = mat3_transpose_mul(g.camera.rotation, in_camera);
     const Vec3 centre = camera_centre(g.camera);
     const float s = g.dt / lifespan_modulation(g.sigma, g.radius);
     g.position = {centre.x + from_centre.x - g.velocity.x * s,
                   centre.y + from_centre.y - g.velocity.y * s,
                   centre.z + from_centre.z - g.velocity.z * s};
   }
-  return given;
+  return inputs;
 }
 
-std::vector<ParityRow> compare_parity(const std::vector<ParityGiven>& given,
-                                      const std::vector<ParityFound>& found) {
+std::vector<ParityRow> compare_parity(const std::vector<ParityInput>& inputs,
+                                      const std::vector<ParityResult>& results) {
   Comparison comparison;
-  for (std::size_t i = 0; i < given.size(); ++i) {
-    const ParityGiven& g = given[i];
-    const ParityFound expected = parity_of(g);
-    compare_in_time(g, expected, found[i], i, &comparison);
+  for (std::size_t i = 0; i < inputs.size(); ++i) {
+    const ParityInput& g = inputs[i];
+    const ParityResult expected = evaluate_parity(g);
+    compare_lifespan(g, expected, results[i], i, &comparison);
     const Sym3 e = expected.covariance;
-    const Sym3 a = found[i].covariance;
+    const Sym3 a = results[i].covariance;
     const double trace = static_cast<double>(e.xx) + e.yy + e.zz;
     const double tolerance = 32 * kEpsilon * trace;
     comparison.add("covariance", i, Vec3{e.xx, e.yy, e.zz}, Vec3{a.xx, a.yy, a.zz}, tolerance);
     comparison.add("covariance", i, Vec3{e.xy, e.xz, e.yz}, Vec3{a.xy, a.xz, a.yz}, tolerance);
-    compare_on_screen(g, expected, found[i], i, &comparison);
-    compare_colour(g, expected, found[i], i, &comparison);
-    compare_surface(g, expected, found[i], i, &comparison);
+    compare_projection(g, expected, results[i], i, &comparison);
+    compare_colour(g, expected, results[i], i, &comparison);
+    compare_surface(g, expected, results[i], i, &comparison);
   }
   return comparison.rows;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The random primitives of the parity tests, and the tolerances of spec/representation.md, 7.
+// Random primitives for the parity tests, and the tolerances of spec/representation.md, 7.
 #ifndef STGS_TESTS_MATH_PARITY_CHECK_H
 #define STGS_TESTS_MATH_PARITY_CHECK_H
 
@@ -11,23 +11,23 @@
 
 namespace stgs::test {
 
-// `count` primitives seen by as many cameras, about one in twenty of them behind its camera.
-std::vector<math::ParityGiven> parity_primitives(std::size_t count, std::uint32_t seed);
+// Returns `count` primitives, each with its own camera; about one in twenty is behind its camera.
+std::vector<math::ParityInput> random_parity_inputs(std::size_t count, std::uint32_t seed);
 
-// How far one quantity is off over all primitives.
+// The differences of one quantity over all primitives.
 struct ParityRow {
   std::string quantity;
   std::size_t compared = 0;
-  double worst = 0.0;             // largest difference as a share of the tolerance; 1 passes
-  double worst_difference = 0.0;  // largest difference, in the quantity's own unit
-  std::size_t worst_index = 0;    // the primitive with the largest share
+  double worst = 0.0;             // largest difference relative to the tolerance; up to 1 passes
+  double worst_difference = 0.0;  // largest difference in the unit of the quantity
+  std::size_t worst_index = 0;    // the primitive with the largest relative difference
 };
 
-// Compares with the C++ evaluation of the same primitives, a row a quantity.
-std::vector<ParityRow> compare_parity(const std::vector<math::ParityGiven>& given,
-                                      const std::vector<math::ParityFound>& found);
+// Compares with the C++ evaluation of the same primitives; one row per quantity.
+std::vector<ParityRow> compare_parity(const std::vector<math::ParityInput>& inputs,
+                                      const std::vector<math::ParityResult>& results);
 
-// The rows as a table, for the test's output.
+// Formats the rows as a table for the output of the test.
 std::string parity_table(const std::vector<ParityRow>& rows);
 
 }  // namespace stgs::test

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// format/math on a CUDA device.
+// Evaluates format/math on a CUDA device.
 #ifndef STGS_TESTS_MATH_PARITY_CUDA_H
 #define STGS_TESTS_MATH_PARITY_CUDA_H
 
@@ -10,12 +10,12 @@
 
 namespace stgs::test {
 
-// Why there is nothing to run on; empty where there is a device.
-std::string cuda_missing();
+// Returns why no CUDA device can be used; empty if one can.
+std::string cuda_unavailable_reason();
 
 // Evaluates every primitive on the current device. Returns an error message or "".
-std::string parity_on_cuda(const std::vector<math::ParityGiven>& given,
-                           std::vector<math::ParityFound>* found);
+std::string evaluate_on_cuda(const std::vector<math::ParityInput>& inputs,
+                             std::vector<math::ParityResult>* results);
 
 }  // namespace stgs::test
 

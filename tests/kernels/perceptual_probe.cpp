@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The perceptual loss of two pictures and its gradient, for compare_vgg16.py.
-// Usage: perceptual_probe WEIGHTS WIDTH HEIGHT RENDERED TRUTH GRADIENT [cuda | cuda-float]
-// RENDERED: 3 planes of 32-bit floats; TRUTH: RGB, 8 bits; GRADIENT, written: as RENDERED. Works on
-// the CPU, or on CUDA with the tensor cores or with floats. Prints the loss.
+// The perceptual loss of two images and its gradient, for compare_vgg16.py.
+// Usage: perceptual_probe WEIGHTS WIDTH HEIGHT RENDERED GROUND_TRUTH GRADIENT [cpu|cuda|cuda-float]
+// RENDERED: 3 planes of 32-bit floats; GROUND_TRUTH: RGB, 8 bits; GRADIENT, written: as RENDERED.
+// Runs on the CPU, or on CUDA with tensor cores (cuda) or floats (cuda-float). Prints the loss.
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
@@ -29,46 +29,48 @@ Status read(const char* path, std::vector<T>& values) {
 }
 
 #if STGS_HAS_CUDA
-Result<double> on_cuda(std::shared_ptr<const Vgg16> vgg, const Image& rendered, const Image8& truth,
-                       cuda::VggPrecision precision, Image& gradient) {
+Result<double> evaluate_on_cuda(std::shared_ptr<const Vgg16> vgg, const Image& rendered,
+                                const Image8& ground_truth, cuda::VggPrecision precision,
+                                Image& gradient) {
   const std::size_t pixels = rendered.data.size() / 3;
-  cuda::PinnedArray<float4> picture, d_picture;
-  cuda::PinnedArray<std::uint8_t> true_picture;
+  cuda::PinnedArray<float4> image, d_image;
+  cuda::PinnedArray<std::uint8_t> gpu_ground_truth;
   cuda::PinnedArray<float> map, map_sums;
-  STGS_TRY(picture.ensure(pixels));
-  STGS_TRY(d_picture.ensure(pixels));
-  STGS_TRY(true_picture.ensure(truth.data.size()));
+  STGS_TRY(image.ensure(pixels));
+  STGS_TRY(d_image.ensure(pixels));
+  STGS_TRY(gpu_ground_truth.ensure(ground_truth.data.size()));
   STGS_TRY(map.ensure(12));
   STGS_TRY(map_sums.ensure(12));
   for (std::size_t i = 0; i < pixels; ++i) {
-    picture.data()[i] = {rendered.plane(0)[i], rendered.plane(1)[i], rendered.plane(2)[i], 0};
-    d_picture.data()[i] = {};
+    image.data()[i] = {rendered.plane(0)[i], rendered.plane(1)[i], rendered.plane(2)[i], 0};
+    d_image.data()[i] = {};
   }
-  std::copy(truth.data.begin(), truth.data.end(), true_picture.data());
+  std::copy(ground_truth.data.begin(), ground_truth.data.end(), gpu_ground_truth.data());
   std::copy(kIdentityColour.begin(), kIdentityColour.end(), map.data());
   STGS_ASSIGN(const auto network, cuda::make_perceptual_network(std::move(vgg), precision));
   STGS_TRY(network->reserve(rendered.width, rendered.height));
   cuda::Stream stream;
   STGS_TRY(stream.create());
   cuda::PerceptualStep step;
-  step.image = picture.on_device();
-  step.ground_truth = true_picture.on_device();
+  step.image = image.on_device();
+  step.ground_truth = gpu_ground_truth.on_device();
   step.colour_map = map.on_device();
   step.width = rendered.width;
   step.patch = {0, 0, rendered.width, rendered.height};
   step.weight = 1.0f;
-  step.d_image = d_picture.on_device();
+  step.d_image = d_image.on_device();
   step.map_sums = map_sums.on_device();
   STGS_TRY(network->enqueue(step, stream));
   STGS_TRY(stream.wait());
   for (std::size_t i = 0; i < pixels; ++i) {
-    gradient.plane(0)[i] = d_picture.data()[i].x;
-    gradient.plane(1)[i] = d_picture.data()[i].y;
-    gradient.plane(2)[i] = d_picture.data()[i].z;
+    gradient.plane(0)[i] = d_image.data()[i].x;
+    gradient.plane(1)[i] = d_image.data()[i].y;
+    gradient.plane(2)[i] = d_image.data()[i].z;
   }
   double value = 0;
-  STGS_TRY(cuda::cuda_status(
-      cudaMemcpy(&value, network->value(), sizeof(value), cudaMemcpyDeviceToHost), "reading L"));
+  STGS_TRY(
+      cuda::cuda_status(cudaMemcpy(&value, network->value(), sizeof(value), cudaMemcpyDeviceToHost),
+                        "reading the loss"));
   return value;
 }
 #endif
@@ -76,7 +78,8 @@ Result<double> on_cuda(std::shared_ptr<const Vgg16> vgg, const Image& rendered, 
 Status run(int argc, char** argv) {
   if (argc < 7) return usage_error("needs six arguments");
   const int width = std::atoi(argv[2]), height = std::atoi(argv[3]);
-  if (width < kVggMinSize || height < kVggMinSize) return usage_error("too small a picture");
+  if (width < kVggMinSize || height < kVggMinSize)
+    return usage_error("the image is smaller than {} pixels per side", kVggMinSize);
   const std::string backend = argc > 7 ? argv[7] : "cpu";
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(argv[1]));
   STGS_ASSIGN(const std::shared_ptr<const Vgg16> vgg, read_vgg16(std::move(source)));
@@ -84,18 +87,19 @@ Status run(int argc, char** argv) {
   rendered.reshape(width, height, 3);
   gradient.reshape(width, height, 3);
   std::fill(gradient.data.begin(), gradient.data.end(), 0.0f);
-  Image8 truth{width, height, 3, std::vector<std::uint8_t>(rendered.data.size())};
+  Image8 ground_truth{width, height, 3, std::vector<std::uint8_t>(rendered.data.size())};
   STGS_TRY(read(argv[4], rendered.data));
-  STGS_TRY(read(argv[5], truth.data));
+  STGS_TRY(read(argv[5], ground_truth.data));
   double value = 0;
   if (backend == "cpu") {
-    value = PerceptualLoss(*vgg).evaluate(rendered, truth, {0, 0, width, height}, 1.0f, gradient);
+    value = PerceptualLoss(*vgg).evaluate(rendered, ground_truth, {0, 0, width, height}, 1.0f,
+                                          gradient);
   } else {
 #if STGS_HAS_CUDA
-    STGS_ASSIGN(value, on_cuda(vgg, rendered, truth,
-                               backend == "cuda-float" ? cuda::VggPrecision::kFloat
-                                                       : cuda::VggPrecision::kTensorCores,
-                               gradient));
+    STGS_ASSIGN(value, evaluate_on_cuda(vgg, rendered, ground_truth,
+                                        backend == "cuda-float" ? cuda::VggPrecision::kFloat
+                                                                : cuda::VggPrecision::kTensorCores,
+                                        gradient));
 #else
     return not_built("this build has no CUDA");
 #endif

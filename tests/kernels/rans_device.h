@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Groups on an NVIDIA GPU, for the test and the benchmark of its rANS decoder.
+// rANS groups in GPU memory, for the test and the benchmark of the CUDA decoder.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -18,23 +18,23 @@ inline void check_cuda(cudaError_t error) {
   if (error != cudaSuccess) throw std::runtime_error(cudaGetErrorString(error));
 }
 
-// Device memory that holds what it was made with.
+// A device array, initialised from host values.
 template <typename T>
-class OnDevice {
+class DeviceValues {
  public:
-  OnDevice() = default;
-  explicit OnDevice(std::span<const T> values) : size_(values.size()) {
+  DeviceValues() = default;
+  explicit DeviceValues(std::span<const T> values) : size_(values.size()) {
     check_cuda(cudaMalloc(&data_, std::max<std::size_t>(1, values.size_bytes())));
     check_cuda(cudaMemcpy(data_, values.data(), values.size_bytes(), cudaMemcpyHostToDevice));
   }
-  OnDevice(OnDevice&& other) noexcept
+  DeviceValues(DeviceValues&& other) noexcept
       : data_(std::exchange(other.data_, nullptr)), size_(other.size_) {}
-  OnDevice& operator=(OnDevice&& other) noexcept {
+  DeviceValues& operator=(DeviceValues&& other) noexcept {
     std::swap(data_, other.data_);
     std::swap(size_, other.size_);
     return *this;
   }
-  ~OnDevice() { cudaFree(data_); }
+  ~DeviceValues() { cudaFree(data_); }
 
   T* data() const { return static_cast<T*>(data_); }
   std::vector<T> read() const {
@@ -48,22 +48,22 @@ class OnDevice {
   std::size_t size_ = 0;
 };
 
-// A group that rans_layout accepts, with room for its symbols.
+// A group that rans_layout accepts, and memory for its symbols.
 struct DeviceGroup {
   DeviceGroup(std::span<const std::uint8_t> stored, std::size_t n,
               const std::vector<RansTable>& tables) {
-    const auto places = rans_layout(stored, n);
-    if (!places.ok()) throw std::runtime_error(places.status().message());
-    std::vector<RansLookup> tables_filled(tables.size());
-    for (std::size_t p = 0; p < tables.size(); ++p) rans_lookup(tables[p], tables_filled[p]);
-    bytes = OnDevice<std::uint8_t>(stored);
-    blocks = OnDevice<RansBlockLocation>(*places);
-    lookups = OnDevice<RansLookup>(tables_filled);
+    const auto locations = rans_layout(stored, n);
+    if (!locations.ok()) throw std::runtime_error(locations.status().message());
+    std::vector<RansLookup> filled_tables(tables.size());
+    for (std::size_t p = 0; p < tables.size(); ++p) rans_lookup(tables[p], filled_tables[p]);
+    bytes = DeviceValues<std::uint8_t>(stored);
+    blocks = DeviceValues<RansBlockLocation>(*locations);
+    lookups = DeviceValues<RansLookup>(filled_tables);
     std::vector<std::uint16_t> numbers(tables.size());
     std::iota(numbers.begin(), numbers.end(), std::uint16_t{0});
-    table_numbers = OnDevice<std::uint16_t>(numbers);
-    symbols = OnDevice<std::uint8_t>(std::vector<std::uint8_t>(n * tables.size()));
-    damaged = OnDevice<std::uint32_t>(std::vector<std::uint32_t>(1));
+    table_numbers = DeviceValues<std::uint16_t>(numbers);
+    symbols = DeviceValues<std::uint8_t>(std::vector<std::uint8_t>(n * tables.size()));
+    damaged = DeviceValues<std::uint32_t>(std::vector<std::uint32_t>(1));
     group.bytes = bytes.data();
     group.blocks = blocks.data();
     group.lookups = reinterpret_cast<const std::uint32_t*>(lookups.data());
@@ -74,15 +74,15 @@ struct DeviceGroup {
     group.planes = static_cast<std::uint32_t>(tables.size());
   }
 
-  OnDevice<std::uint8_t> bytes, symbols;
-  OnDevice<RansBlockLocation> blocks;
-  OnDevice<RansLookup> lookups;
-  OnDevice<std::uint16_t> table_numbers;
-  OnDevice<std::uint32_t> damaged;
+  DeviceValues<std::uint8_t> bytes, symbols;
+  DeviceValues<RansBlockLocation> blocks;
+  DeviceValues<RansLookup> lookups;
+  DeviceValues<std::uint16_t> table_numbers;
+  DeviceValues<std::uint32_t> damaged;
   player::cuda::RansGroup group;
 };
 
-// Groups with their work, ready to be decoded at once.
+// Decodes several groups in one launch.
 class DeviceDecoder {
  public:
   explicit DeviceDecoder(const std::vector<DeviceGroup>& groups) {
@@ -93,11 +93,11 @@ class DeviceDecoder {
       sizes.push_back(g.group.primitives);
     }
     const auto work = player::cuda::rans_work(sizes);
-    groups_ = OnDevice<player::cuda::RansGroup>(all);
-    work_ = OnDevice<player::cuda::RansWork>(work);
+    groups_ = DeviceValues<player::cuda::RansGroup>(all);
+    work_ = DeviceValues<player::cuda::RansWork>(work);
     count_ = static_cast<std::uint32_t>(work.size());
   }
-  // Waits for its end.
+  // Decodes and waits.
   void decode() {
     player::cuda::decode_rans(groups_.data(), work_.data(), count_, nullptr);
     check_cuda(cudaGetLastError());
@@ -105,8 +105,8 @@ class DeviceDecoder {
   }
 
  private:
-  OnDevice<player::cuda::RansGroup> groups_;
-  OnDevice<player::cuda::RansWork> work_;
+  DeviceValues<player::cuda::RansGroup> groups_;
+  DeviceValues<player::cuda::RansWork> work_;
   std::uint32_t count_ = 0;
 };
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Groups of planes of all kinds for tests of the rANS coder, and the scalar decoder's view of them.
+// Groups of planes of every kind for tests of the rANS coder, and a decoder that records its
+// results.
 #pragma once
 
 #include <algorithm>
@@ -29,14 +30,14 @@ struct Planes {
   }
 };
 
-inline Counts counts_of(const Symbols& symbols) {
+inline Counts count_symbols(const Symbols& symbols) {
   Counts counts{};
   for (const std::uint8_t s : symbols) ++counts[s];
   return counts;
 }
 
-// A plane of each kind in turn: skewed, uniform, one symbol, two symbols, most of it one symbol.
-inline Symbols plane_of(std::size_t n, std::size_t kind, std::mt19937& random) {
+// The kinds in order: skewed, uniform, one symbol, two symbols, almost all one symbol.
+inline Symbols random_plane(std::size_t n, std::size_t kind, std::mt19937& random) {
   Symbols symbols(n);
   std::geometric_distribution<int> skewed(0.2);
   for (auto& s : symbols) {
@@ -60,13 +61,13 @@ inline Symbols plane_of(std::size_t n, std::size_t kind, std::mt19937& random) {
   return symbols;
 }
 
-inline Planes planes_of(std::size_t n, std::size_t count, unsigned seed) {
+inline Planes random_planes(std::size_t n, std::size_t count, unsigned seed) {
   std::mt19937 random(seed);
   Planes planes;
   planes.n = n;
   for (std::size_t p = 0; p < count; ++p) {
-    planes.symbols.push_back(plane_of(n, p + seed, random));
-    planes.tables.push_back(rans_table(counts_of(planes.symbols.back())));
+    planes.symbols.push_back(random_plane(n, p + seed, random));
+    planes.tables.push_back(rans_table(count_symbols(planes.symbols.back())));
   }
   return planes;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Random scenes in front of a camera, for the kernels' tests and benchmarks.
+// Random scenes in front of a camera, for the tests and benchmarks of the kernels.
 #pragma once
 
 #include <cmath>
@@ -16,7 +16,7 @@ struct SceneShape {
   float log_scale_spread = 0.6f;
 };
 
-// A camera off the origin with a tilted axis, so that no entry of its rotation is trivial.
+// A camera off the origin, rotated about a tilted axis so that no entry of its rotation is 0 or 1.
 inline math::PinholeCamera scene_camera(int width, int height) {
   math::PinholeCamera camera{};
   camera.rotation = math::rotation_of({0.98f, 0.1f, -0.15f, 0.05f});

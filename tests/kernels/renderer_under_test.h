@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The renderer that renderer_cases.cpp compares with the CPU's; each device's test makes its own.
+// The renderer that the renderer_*_cases.cpp compare with the CPU renderer; the test program of
+// each device provides it.
 #pragma once
 
 #include <cstdint>
@@ -10,8 +11,8 @@
 namespace stgs::testing {
 
 struct UnderTest {
-  bool variant = false;         // the backend's other way to the same bits
-  std::uint64_t instances = 0;  // room for splats, and in tiles, at first; 0: the backend's choice
+  bool variant = false;         // another code path of the backend, with the same bits
+  std::uint64_t instances = 0;  // initial capacity for splats and tile instances; 0: default
 };
 
 Result<std::unique_ptr<player::Renderer>> make_renderer_under_test(const UnderTest& settings);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The files of the conformance suite, also the damaged ones that can be read past, as a device's
-// renderer and the CPU renderer draw them.
+// Renders the files of the conformance suite, including the damaged ones that remain readable, and
+// compares the device with the CPU renderer.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -20,11 +20,11 @@ using namespace stgs::testing;
 
 namespace {
 
-// Where what is alive is at the moment: the box around all of it, or of [-1, 1].
+// The bounding box of the primitives that are active at a time, or [-1, 1]^3 if there is none.
 struct Box {
   math::Vec3 low{-1, -1, -1}, high{1, 1, 1};
 };
-Box box_at(Timeline& timeline, double seconds) {
+Box active_bounds(Timeline& timeline, double seconds) {
   const auto active = timeline.at(seconds);
   if (!active.ok()) return {};
   constexpr float kFar = 1e30f;
@@ -43,7 +43,7 @@ Box box_at(Timeline& timeline, double seconds) {
   return box.low.x <= box.high.x ? box : Box{};
 }
 
-// Looks along z at all of what is alive.
+// A view along z of the complete box.
 View view_of(const Box& box) {
   const math::Vec3 size{box.high.x - box.low.x, box.high.y - box.low.y, box.high.z - box.low.z};
   const float radius = std::max(0.5f, std::sqrt(math::dot3(size, size)) / 2);
@@ -61,63 +61,65 @@ View view_of(const Box& box) {
   return view;
 }
 
-struct Drawn {
-  int files = 0, pictures = 0, refused = 0;
-  int with_splats = 0;  // pictures that are not the background alone
-  double least_psnr = 200;
+struct SuiteCounts {
+  int files = 0, frames = 0, rejected = 0;
+  int with_splats = 0;  // frames that show more than the background
+  double min_psnr = 200;
 };
 
-// Draws a moment with both, each of a timeline of its own, as what is passed over is told once.
-void draw_alike(Timeline& here, Timeline& there, double seconds, Renderer& cpu, Renderer& device,
-                Drawn& drawn) {
-  const std::vector<View> views{view_of(box_at(here, seconds))};
+// Renders one time on both, each from its own timeline, because a timeline reports damage once.
+void compare_frames(Timeline& on_cpu, Timeline& on_device, double seconds, Renderer& cpu,
+                    Renderer& device, SuiteCounts& counts) {
+  const std::vector<View> views{view_of(active_bounds(on_cpu, seconds))};
   std::vector<Frame> expected, found;
-  const Status a = cpu.render(here, seconds, views, expected, nullptr);
-  const Status b = device.render(there, seconds, views, found, nullptr);
+  const Status a = cpu.render(on_cpu, seconds, views, expected, nullptr);
+  const Status b = device.render(on_device, seconds, views, found, nullptr);
   INFO(seconds << " s: " << a.message() << " / " << b.message());
   CHECK(a.code() == b.code());
   if (!a.ok() || !b.ok()) {
-    ++drawn.refused;
+    ++counts.rejected;
     return;
   }
   const FrameDifference d = difference(expected[0], found[0]);
   INFO(d.text());
   CHECK(d.agrees());
-  drawn.least_psnr = std::min(drawn.least_psnr, d.psnr);
-  ++drawn.pictures;
+  counts.min_psnr = std::min(counts.min_psnr, d.psnr);
+  ++counts.frames;
   const auto& alpha = found[0].alpha.data;
-  drawn.with_splats += *std::max_element(alpha.begin(), alpha.end()) > 0.05f;
+  counts.with_splats += *std::max_element(alpha.begin(), alpha.end()) > 0.05f;
 }
 
 }  // namespace
 
-TEST_CASE("the files of the conformance suite look like the CPU's, or are refused as by it") {
-  const char* const given = std::getenv("STGS_VECTORS");
-  const std::filesystem::path folder = given != nullptr ? given : "tests/conformance/vectors";
+TEST_CASE(
+    "on every conformance file the device renderer matches the CPU renderer or returns the same "
+    "error") {
+  const char* const path = std::getenv("STGS_VECTORS");
+  const std::filesystem::path folder = path != nullptr ? path : "tests/conformance/vectors";
   REQUIRE(std::filesystem::is_directory(folder));
   const auto cpu = std::move(*make_renderer("cpu"));
   auto device = make_renderer_under_test({});
   REQUIRE(device.ok());
-  Drawn drawn;
+  SuiteCounts counts;
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
-    // A reader may show it or not (spec 6.1), and a GPU that decodes it does.
+    // Spec 6.1 leaves it to the reader whether to render this file; the GPU decoder does.
     if (entry.path().stem() == "planes_checksum") continue;
     const auto open = [&] {
       return Timeline::open(entry.path().string(), kDefaultMemoryBudget, DamagePolicy::kSkip);
     };
-    auto here = open(), there = open();
-    if (!here.ok()) continue;
+    auto on_cpu = open(), on_device = open();
+    if (!on_cpu.ok()) continue;
     INFO(entry.path().filename().string());
-    REQUIRE(there.ok());
-    ++drawn.files;
-    const double duration = (*here)->duration_seconds();
-    for (const double share : {0.0, 0.5, 0.9}) {
-      draw_alike(**here, **there, share * duration, *cpu, **device, drawn);
+    REQUIRE(on_device.ok());
+    ++counts.files;
+    const double duration = (*on_cpu)->duration_seconds();
+    for (const double fraction : {0.0, 0.5, 0.9}) {
+      compare_frames(**on_cpu, **on_device, fraction * duration, *cpu, **device, counts);
     }
-    CHECK((*here)->segment_damage().size() == (*there)->segment_damage().size());
+    CHECK((*on_cpu)->segment_damage().size() == (*on_device)->segment_damage().size());
   }
-  std::printf("  %d files, %d pictures, %d of splats, %d moments refused, %.1f dB at least\n",
-              drawn.files, drawn.pictures, drawn.with_splats, drawn.refused, drawn.least_psnr);
-  CHECK(drawn.files > 60);
-  CHECK(drawn.with_splats > 100);
+  std::printf("  %d files, %d frames, %d with splats, %d rejected, at least %.1f dB\n",
+              counts.files, counts.frames, counts.with_splats, counts.rejected, counts.min_psnr);
+  CHECK(counts.files > 60);
+  CHECK(counts.with_splats > 100);
 }

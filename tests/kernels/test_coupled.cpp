@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// The coupled 4D Gaussian: against conditioning as the textbook has it, its gradients against
-// finite differences, and the gradients that a training step takes from it.
+// The coupled 4D Gaussian: conditioning against the textbook formula, gradients against finite
+// differences, and the gradients of a training step.
 #include <Eigen/Dense>
 #include <array>
 #include <cmath>
 #include <filesystem>
 #include <random>
 
-#include "../api/temporary_folder.h"
 #include "backend/backend.h"
 #include "catch.h"
+#include "fixtures/temporary_folder.h"
 #include "raster_scene.h"
 #include "stgs/format/raster.h"
 #include "train/checkpoint.h"
@@ -33,7 +33,7 @@ math::Coupled random_coupled(std::mt19937& random) {
            std::exp(0.4f * normal(random))}};
 }
 
-// The covariance over (t, x, y, z), in double.
+// The covariance over (t, x, y, z), in double precision.
 Eigen::Matrix4d covariance_of(const math::Coupled& g) {
   const math::CoupledAxes a = math::coupled_axes(g);
   Eigen::Matrix4d m;
@@ -42,8 +42,8 @@ Eigen::Matrix4d covariance_of(const math::Coupled& g) {
   return m * m.transpose();
 }
 
-// Conditioning on a time, by the rows of the axes: the reference of the gradients and of
-// coupled_primitive.
+// Conditioning on a time by the rows of the axes: the reference for coupled_primitive and for the
+// gradients.
 math::Conditional conditional(const math::Coupled& g) {
   using namespace math;
   const CoupledRows r = coupled_rows(coupled_axes(g));
@@ -60,7 +60,7 @@ math::Conditional conditional(const math::Coupled& g) {
   return c;
 }
 
-// The float at index k of a struct of floats.
+// Returns the k-th float of a struct of floats.
 template <typename T>
 float& entry(T& value, std::size_t k) {
   return reinterpret_cast<float*>(&value)[k];
@@ -69,7 +69,7 @@ float& entry(T& value, std::size_t k) {
 constexpr std::size_t kParameters = sizeof(math::Coupled) / sizeof(float);
 constexpr std::size_t kOutputs = sizeof(math::Conditional) / sizeof(float);
 
-// A state in the coupled form, seen around t = 10.
+// A state in the coupled form, visible around t = 10.
 TrainState coupled_state(const math::PinholeCamera& camera, std::size_t n) {
   TrainState state;
   state.set = testing::random_scene(n, camera, 3, {.sh_degree = 1, .log_scale_mean = -1.6f});
@@ -93,7 +93,7 @@ TrainState coupled_state(const math::PinholeCamera& camera, std::size_t n) {
 
 }  // namespace
 
-TEST_CASE("the coupled form's axes are a rotation of scaled axes, and it conditions as it should") {
+TEST_CASE("the coupled axes are a scaled rotation, and conditioning matches the textbook formula") {
   std::mt19937 random(1);
   for (int run = 0; run < 50; ++run) {
     const math::Coupled g = random_coupled(random);
@@ -102,18 +102,18 @@ TEST_CASE("the coupled form's axes are a rotation of scaled axes, and it conditi
     CHECK(v.determinant() == Approx(product * product).epsilon(1e-4));
     const math::Conditional c = conditional(g);
     const Eigen::Vector3d cross = v.block<3, 1>(1, 0);
-    const Eigen::Matrix3d rest = v.block<3, 3>(1, 1) - cross * cross.transpose() / v(0, 0);
+    const Eigen::Matrix3d conditioned = v.block<3, 3>(1, 1) - cross * cross.transpose() / v(0, 0);
     CHECK(c.sigma == Approx(std::sqrt(2 * v(0, 0))).epsilon(1e-5));
     CHECK(c.u.x == Approx(cross[0] / v(0, 0)).epsilon(1e-4).margin(1e-5));
     CHECK(c.u.z == Approx(cross[2] / v(0, 0)).epsilon(1e-4).margin(1e-5));
-    CHECK(c.covariance.xx == Approx(rest(0, 0)).epsilon(1e-4));
-    CHECK(c.covariance.xy == Approx(rest(0, 1)).epsilon(1e-4).margin(1e-5));
-    CHECK(c.covariance.yz == Approx(rest(1, 2)).epsilon(1e-4).margin(1e-5));
-    CHECK(c.covariance.zz == Approx(rest(2, 2)).epsilon(1e-4));
+    CHECK(c.covariance.xx == Approx(conditioned(0, 0)).epsilon(1e-4));
+    CHECK(c.covariance.xy == Approx(conditioned(0, 1)).epsilon(1e-4).margin(1e-5));
+    CHECK(c.covariance.yz == Approx(conditioned(1, 2)).epsilon(1e-4).margin(1e-5));
+    CHECK(c.covariance.zz == Approx(conditioned(2, 2)).epsilon(1e-4));
   }
 }
 
-TEST_CASE("the coupled form's gradients match finite differences in every parameter") {
+TEST_CASE("gradients of the coupled form match finite differences in every parameter") {
   std::mt19937 random(2);
   std::normal_distribution<float> normal(0.0f, 1.0f);
   for (int run = 0; run < 20; ++run) {
@@ -141,37 +141,38 @@ TEST_CASE("the coupled form's gradients match finite differences in every parame
   }
 }
 
-TEST_CASE("what is drawn of a coupled Gaussian has the conditional's covariance") {
+TEST_CASE("coupled_primitive has the covariance of the conditional") {
   std::mt19937 random(4);
   constexpr float kTick = 1.0f / 30.0f;
   for (int run = 0; run < 200; ++run) {
     math::Coupled g = random_coupled(random);
-    // Flat ones and needles too.
+    // Includes flat primitives and needles.
     if (run % 2 == 1) g.scale.x *= 1e-3f;
     if (run % 3 == 1) g.scale.y *= 1e-2f;
     const math::Conditional c = conditional(g);
-    const math::CoupledPrimitive drawn = math::coupled_primitive(g, kTick);
+    const math::CoupledPrimitive primitive = math::coupled_primitive(g, kTick);
     CAPTURE(run);
-    CHECK(drawn.sigma * kTick == Approx(c.sigma).epsilon(1e-5));
-    CHECK(drawn.u.y == Approx(c.u.y * kTick).epsilon(1e-5).margin(1e-7));
-    const math::Vec3 scale = {std::exp(drawn.log_scale.x), std::exp(drawn.log_scale.y),
-                              std::exp(drawn.log_scale.z)};
-    math::Sym3 found = math::covariance_of(drawn.rotation, scale), expected = c.covariance;
+    CHECK(primitive.sigma * kTick == Approx(c.sigma).epsilon(1e-5));
+    CHECK(primitive.u.y == Approx(c.u.y * kTick).epsilon(1e-5).margin(1e-7));
+    const math::Vec3 scale = {std::exp(primitive.log_scale.x), std::exp(primitive.log_scale.y),
+                              std::exp(primitive.log_scale.z)};
+    math::Sym3 found = math::covariance_of(primitive.rotation, scale), expected = c.covariance;
     const float trace = expected.xx + expected.yy + expected.zz;
     for (std::size_t k = 0; k < 6; ++k) {
       CHECK(entry(found, k) == Approx(entry(expected, k)).margin(4e-6f * trace));
     }
-    // The shortest axis, of which the covariance in single precision knows little.
+    // The shortest axis, for which the single-precision covariance is too inexact.
     const Eigen::Matrix4d v = covariance_of(g);
     const Eigen::Vector3d cross = v.block<3, 1>(1, 0);
-    const Eigen::Matrix3d rest = v.block<3, 3>(1, 1) - cross * cross.transpose() / v(0, 0);
-    const double least = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(rest).eigenvalues()[0];
-    const float shortest = std::min({scale.x, scale.y, scale.z});
-    CHECK(shortest == Approx(std::sqrt(least)).epsilon(1e-2));
+    const Eigen::Matrix3d conditioned = v.block<3, 3>(1, 1) - cross * cross.transpose() / v(0, 0);
+    const double min_eigenvalue =
+        Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(conditioned).eigenvalues()[0];
+    const float min_scale = std::min({scale.x, scale.y, scale.z});
+    CHECK(min_scale == Approx(std::sqrt(min_eigenvalue)).epsilon(1e-2));
   }
 }
 
-TEST_CASE("a round primitive looks the same in the coupled form") {
+TEST_CASE("an isotropic primitive keeps its shape in the coupled form") {
   const math::PinholeCamera camera = testing::scene_camera(64, 48);
   Gaussians4D before =
       testing::random_scene(60, camera, 3, {.sh_degree = 1, .log_scale_mean = -1.6f});
@@ -188,29 +189,31 @@ TEST_CASE("a round primitive looks the same in the coupled form") {
   }
 }
 
-// With rates of 0 a step changes nothing, and the moments hold a tenth of the gradient.
-TEST_CASE("a training step's gradients by the coupled form match finite differences of its loss") {
+// Learning rates of 0 leave the state unchanged, and the first moments hold a tenth of the
+// gradient.
+TEST_CASE(
+    "the gradients of a training step in the coupled form match finite differences of its loss") {
   const math::PinholeCamera camera = testing::scene_camera(40, 32);
   TrainState state = coupled_state(camera, 12);
   std::mt19937 random(5);
   std::normal_distribution<float> normal(0.0f, 1.0f);
-  // Away from round and from the start: what an hour of training would leave.
+  // Perturbed away from isotropic, as after some training.
   for (int a : {kLogScale, kRotation, kVelocity}) {
     for (float& v : state.values(a)) v += 0.05f * normal(random);
   }
   for (float& v : state.coupled.log_scale) v += 0.3f * normal(random);
   for (float& v : state.set.opacity_logit) v = 1.0f + 0.1f * normal(random);
   state.derive_all(false);
-  Image8 truth;
-  truth.width = 40;
-  truth.height = 32;
-  truth.channels = 3;
-  truth.data.resize(40 * 32 * 3);
-  for (auto& v : truth.data) v = static_cast<std::uint8_t>(random() % 256);
+  Image8 ground_truth;
+  ground_truth.width = 40;
+  ground_truth.height = 32;
+  ground_truth.channels = 3;
+  ground_truth.data.resize(40 * 32 * 3);
+  for (auto& v : ground_truth.data) v = static_cast<std::uint8_t>(random() % 256);
   StepInput input;
   input.camera = camera;
   input.ticks = 10.3f;
-  input.ground_truth = borrowed_image(truth, 0);
+  input.ground_truth = borrowed_image(ground_truth, 0);
   input.sh_degree = 1;
   input.modulated = false;
   input.learn_radius = false;
@@ -230,14 +233,14 @@ TEST_CASE("a training step's gradients by the coupled form match finite differen
     double dot = 0, own = 0, other = 0;
     for (std::size_t k = 0; k < tenth.size(); ++k) {
       float& value = state.values(a)[k];
-      const float kept = value, step = 1e-2f;  // above the noise of the sums
-      value = kept + step;
+      const float original = value, step = 1e-2f;  // above the noise of the sums
+      value = original + step;
       state.derive_all(false);
       const double high = loss();
-      value = kept - step;
+      value = original - step;
       state.derive_all(false);
       const double low = loss();
-      value = kept;
+      value = original;
       state.derive_all(false);
       const double expected = (high - low) / (2 * step);
       dot += 10 * tenth[k] * expected;
@@ -251,18 +254,18 @@ TEST_CASE("a training step's gradients by the coupled form match finite differen
   }
 }
 
-TEST_CASE("a checkpoint of the coupled form brings back what is drawn, bit for bit") {
+TEST_CASE("a checkpoint of the coupled form restores the rendered primitives bit for bit") {
   const TrainState state = coupled_state(testing::scene_camera(64, 48), 20);
   const testing::TemporaryFolder folder;
   const std::string path = folder / "coupled.ckpt";
   REQUIRE(write_checkpoint(path, state, {}).ok());
   const Result<Checkpoint> checkpoint = read_checkpoint(path);
   REQUIRE(checkpoint.ok());
-  const TrainState* read = &checkpoint->state;
-  CHECK(read->coupled.tick == state.coupled.tick);
-  CHECK(read->coupled.right == state.coupled.right);
-  CHECK(read->set.log_scale == state.set.log_scale);
-  CHECK(read->set.rotation == state.set.rotation);
-  CHECK(read->set.velocity == state.set.velocity);
-  CHECK(read->set.sigma == state.set.sigma);
+  const TrainState* restored = &checkpoint->state;
+  CHECK(restored->coupled.tick == state.coupled.tick);
+  CHECK(restored->coupled.right == state.coupled.right);
+  CHECK(restored->set.log_scale == state.set.log_scale);
+  CHECK(restored->set.rotation == state.set.rotation);
+  CHECK(restored->set.velocity == state.set.velocity);
+  CHECK(restored->set.sigma == state.set.sigma);
 }

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The ablation's coupled representation on the CUDA backend against the CPU's; compared as in
-// test_cuda_backend.cpp.
+// Compares the coupled representation of the ablation on the CUDA and CPU backends, by the measures
+// of test_cuda_backend.cpp.
 #include <algorithm>
 #include <cstdio>
 #include <random>
 #include <span>
 
 #include "cuda_backend_check.h"
+#include "fixtures/synthetic_capture.h"
 #include "stgs/encoder/train.h"
-#include "synthetic_capture.h"
 #include "train/coupled_state.h"
 #include "train_scene.h"
 
@@ -25,8 +25,8 @@ TrainState coupled_state(std::size_t n) {
   return testing::coupled_state(std::move(set), 1, 1.0f / 30.0f);
 }
 
-StepInput coupled_step(const Image8& truth) {
-  StepInput input = train_step(scene_camera(kWidth, kHeight), truth, 8.0f, 2);
+StepInput coupled_step(const Image8& ground_truth) {
+  StepInput input = train_step(scene_camera(kWidth, kHeight), ground_truth, 8.0f, 2);
   input.modulated = input.learn_radius = false;
   return input;
 }
@@ -41,11 +41,11 @@ void reserve(TrainBackend& backend, const TrainState& state) {
   check(backend.reserve(plan));
 }
 
-void steps(TrainBackend& backend, TrainState& state, int count) {
-  const Image8 truth = random_truth(kWidth, kHeight, 100);
+void run_steps(TrainBackend& backend, TrainState& state, int count) {
+  const Image8 ground_truth = random_ground_truth(kWidth, kHeight, 100);
   reserve(backend, state);
   check(backend.begin(state));
-  for (int s = 0; s < count; ++s) check(backend.step(coupled_step(truth)));
+  for (int s = 0; s < count; ++s) check(backend.step(coupled_step(ground_truth)));
   check(backend.read().status());
   check(backend.synchronise());
 }
@@ -58,29 +58,29 @@ void compare(const char* name, std::span<const float> a, std::span<const float> 
   CHECK(d <= tolerance);
 }
 
-void compare_drawn(const TrainState& cpu, const TrainState& gpu, double tolerance) {
-  compare("drawn scales", cpu.set.log_scale, gpu.set.log_scale, tolerance);
-  compare("drawn rotation", cpu.set.rotation, gpu.set.rotation, 30 * tolerance);
-  compare("drawn u", cpu.set.velocity, gpu.set.velocity, tolerance);
-  compare("drawn sigma", cpu.set.sigma, gpu.set.sigma, tolerance);
+void compare_rendered(const TrainState& cpu, const TrainState& gpu, double tolerance) {
+  compare("rendered scales", cpu.set.log_scale, gpu.set.log_scale, tolerance);
+  compare("rendered rotation", cpu.set.rotation, gpu.set.rotation, 30 * tolerance);
+  compare("rendered u", cpu.set.velocity, gpu.set.velocity, tolerance);
+  compare("rendered sigma", cpu.set.sigma, gpu.set.sigma, tolerance);
   CHECK(gpu.velocity == gpu.set.velocity);
 }
 
 }  // namespace
 
-TEST_CASE("a step of the coupled form has the CPU's gradients, and draws what it draws") {
+TEST_CASE("a CUDA step in the coupled form has the gradients and primitives of the CPU") {
   TrainState cpu = coupled_state(3000), gpu = cpu;
   const auto reference = make_cpu_backend();
-  steps(*reference, cpu, 1);
-  steps(cuda_backend(), gpu, 1);
+  run_steps(*reference, cpu, 1);
+  run_steps(cuda_backend(), gpu, 1);
   for (int a = 0; a < kAttributes; ++a) {
     compare(kAttributeNames[a], cpu.moments[a].first, gpu.moments[a].first, 5e-3);
   }
   CHECK(gpu.set.radius == cpu.set.radius);
-  compare_drawn(cpu, gpu, 1e-4);
+  compare_rendered(cpu, gpu, 1e-4);
 }
 
-TEST_CASE("densification of the coupled form makes the CPU's decisions") {
+TEST_CASE("densification in the coupled form makes the same decisions as on the CPU") {
   HyperParameters parameters = *preset_hyper_parameters("fast");
   parameters.max_primitives = 8000;
   for (const bool refining : {false, true}) {
@@ -99,18 +99,19 @@ TEST_CASE("densification of the coupled form makes the CPU's decisions") {
     TrainState gpu = cpu;
     const DensifyInput input{&parameters, {2.0f, false, false, 11}, refining, false};
     INFO((refining ? "replace" : "grow"));
-    densify_alike(cpu, gpu, input);
-    // replace() leaves what is broken where there is nothing to put in its place.
+    densify_both(cpu, gpu, input);
+    // replace() leaves non-finite primitives that it has no replacement for.
     if (refining) continue;
     for (int a : {kLogScale, kRotation, kOpacity, kVelocity, kLogSigma}) {
       compare(kAttributeNames[a], cpu.values(a), gpu.values(a), 1e-5);
     }
     compare("position", cpu.set.position, gpu.set.position, 1e-3);
-    compare_drawn(cpu, gpu, 1e-4);
+    compare_rendered(cpu, gpu, 1e-4);
   }
 }
 
-TEST_CASE("the coupled form trains on CUDA, and resumes to the same bits") {
+TEST_CASE(
+    "training in the coupled form on CUDA recovers a held-out view and resumes to the same bits") {
   const test::SyntheticCapture synthetic;
   TrainSettings settings;
   settings.backend = "cuda";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Weighing primitives on the CUDA backend against the CPU's (train/importance.h); compared as in
+// Compares importances on the CUDA and CPU backends (train/importance.h), by the measures of
 // test_cuda_backend.cpp.
 #include <cstdio>
 
@@ -13,22 +13,22 @@ using namespace stgs::testing;
 
 namespace {
 
-bool always(double) {
+bool keep_going(double) {
   return true;
 }
 
-std::vector<float> weigh(cuda::CudaBackend& backend, TrainState& state,
-                         const std::vector<ImportanceView>& views) {
+std::vector<float> importance_of(cuda::CudaBackend& backend, TrainState& state,
+                                 const std::vector<ImportanceView>& views) {
   check(backend.begin(state));
-  Result<std::optional<std::vector<float>>> found = backend.importance(views, always);
+  Result<std::optional<std::vector<float>>> found = backend.importance(views, keep_going);
   check(found.status());
   REQUIRE(found->has_value());
   return **found;
 }
 
-// On a backend of its own, which knows nothing of how many tiles such views take.
-// Returns how many it has seen.
-std::size_t check_alike(TrainState state, int width, int height) {
+// Uses a new backend, which has no estimate of the tile instances of the views.
+// Returns the number of tile instances that it encountered.
+std::size_t check_matches_cpu(TrainState state, int width, int height) {
   INFO(state.size() << " primitives, " << width << "x" << height);
   cuda::CudaBackend backend;
   check(backend.create());
@@ -40,49 +40,49 @@ std::size_t check_alike(TrainState state, int width, int height) {
   plan.coupled = state.is_coupled();
   check(backend.reserve(plan));
   const std::vector<ImportanceView> views = importance_scene_views(width, height);
-  const auto expected = view_importance(state.set, views, always);
-  const std::vector<float> found = weigh(backend, state, views);
-  const double wrong = difference(*expected, found);
-  std::printf("importance of %zu primitives, %dx%d: %.2e\n", state.size(), width, height, wrong);
-  CHECK(wrong <= 2e-5);
-  CHECK(weigh(backend, state, views) == found);
+  const auto expected = view_importance(state.set, views, keep_going);
+  const std::vector<float> found = importance_of(backend, state, views);
+  const double error = difference(*expected, found);
+  std::printf("importance of %zu primitives, %dx%d: %.2e\n", state.size(), width, height, error);
+  CHECK(error <= 2e-5);
+  CHECK(importance_of(backend, state, views) == found);
   return backend.max_recent_instances();
 }
 
 }  // namespace
 
-TEST_CASE("primitives weigh what they do on the CPU, to the same bits when repeated") {
+TEST_CASE("importances on CUDA match the CPU, with the same bits when repeated") {
   struct Case {
     std::size_t primitives;
     int width, height;
     SceneShape shape;
   };
-  std::size_t most = 0;
-  // The last: more tile instances than there is room for at first.
+  std::size_t instances = 0;
+  // The last case has more tile instances than the initial capacity.
   for (const Case& c :
        {Case{3000, 160, 96, {}}, Case{500, 101, 67, {3, -2.5f, 0.8f}}, Case{2000, 17, 33, {}},
         Case{20000, 640, 360, {}}, Case{3000, 640, 360, {3, -0.5f, 0.5f}}}) {
     const math::PinholeCamera camera = scene_camera(c.width, c.height);
     TrainState state = train_state(random_scene(c.primitives, camera, 5, c.shape), 1);
-    most = check_alike(std::move(state), c.width, c.height);
+    instances = check_matches_cpu(std::move(state), c.width, c.height);
   }
-  CHECK(most > std::size_t{1} << 16);
+  CHECK(instances > std::size_t{1} << 16);
   Gaussians4D set = random_scene(2000, scene_camera(160, 96), 5, {.sh_degree = 2});
-  check_alike(testing::coupled_state(std::move(set), 1, 1.0f / 30.0f), 160, 96);
+  check_matches_cpu(testing::coupled_state(std::move(set), 1, 1.0f / 30.0f), 160, 96);
 }
 
-TEST_CASE("weighing between steps changes nothing, nor does stopping it") {
+TEST_CASE("computing importances between steps changes no state, whether it completes or stops") {
   const int width = 160, height = 96;
-  const Image8 truth = random_truth(width, height, 100);
+  const Image8 ground_truth = random_ground_truth(width, height, 100);
   const std::vector<ImportanceView> views = importance_scene_views(width, height);
-  const auto run = [&](bool weighs) {
+  const auto run = [&](bool with_importance) {
     TrainState state = train_state(random_scene(3000, scene_camera(width, height), 5, {}), 1);
     cuda::CudaBackend& backend = cuda_backend();
     check(backend.reserve({state.size(), state.set.sh_coefficients(), width, height}));
     check(backend.begin(state));
     for (int s = 0; s < 6; ++s) {
-      check(backend.step(train_step(scene_camera(width, height), truth, 8.0f, 2)));
-      if (!weighs) continue;
+      check(backend.step(train_step(scene_camera(width, height), ground_truth, 8.0f, 2)));
+      if (!with_importance) continue;
       int left = s;
       const auto found = backend.importance(views, [&left](double) { return left-- > 0; });
       check(found.status());

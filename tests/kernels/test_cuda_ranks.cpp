@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A step of several ranks on CUDA against the CPU's. The ranks are threads that share the device
-// and give each other their blocks through the host.
+// Compares a step of several ranks on CUDA with the CPU. The ranks are threads that share the
+// device and exchange their blocks through host memory.
 #include <algorithm>
 #include <memory>
 #include <random>
@@ -45,10 +45,10 @@ struct Case {
   std::size_t primitives;
   int width, height, sh_degree, ranks, steps;
   bool coupled = false;
-  bool crowded = false;  // the second rank's view has more tile instances than there is room for
+  bool crowded = false;  // the second rank's view has more tile instances than its allocation
 };
 
-TrainState start_of(const Case& c) {
+TrainState initial_state(const Case& c) {
   SceneShape shape;
   if (c.crowded) shape = {3, -0.5f, 0.5f};
   shape.sh_degree = 3;
@@ -56,35 +56,37 @@ TrainState start_of(const Case& c) {
   return c.coupled ? coupled_state(std::move(set), 3, 0.1f) : train_state(std::move(set), 3);
 }
 
-StepInput input_of(const Case& c, const std::vector<Image8>& truths, int rank, int step) {
+StepInput make_input(const Case& c, const std::vector<Image8>& ground_truths, int rank, int step) {
   StepInput input;
   std::vector<BatchView> batch;
   for (int r = 0; r < c.ranks; ++r) {
     math::PinholeCamera camera = scene_camera(c.width, c.height);
     camera.translation.x += 0.5f * static_cast<float>(r) + 0.05f * static_cast<float>(step % 3);
-    // Where it is crowded, the first rank looks away from most.
+    // In a crowded case the first rank sees few primitives.
     if (c.crowded && r == 0) camera.translation.x += 40.0f;
-    StepInput its = train_step(camera, truths[r], 5.0f + 4.0f * static_cast<float>(r), c.sh_degree);
-    its.modulated = its.learn_radius = !c.coupled;
-    its.colour_index = static_cast<std::size_t>((r + step) % 2);
-    its.betas = {0.81f, 0.998f};
-    batch.push_back({math::camera_centre(camera), its.ticks, its.colour_index});
-    if (r == rank) input = its;
+    StepInput own =
+        train_step(camera, ground_truths[r], 5.0f + 4.0f * static_cast<float>(r), c.sh_degree);
+    own.modulated = own.learn_radius = !c.coupled;
+    own.colour_index = static_cast<std::size_t>((r + step) % 2);
+    own.betas = {0.81f, 0.998f};
+    batch.push_back({math::camera_centre(camera), own.ticks, own.colour_index});
+    if (r == rank) input = own;
   }
   input.batch = batch;
   return input;
 }
 
-// The states of all ranks after the steps; what a rank's steps gave, and were done again.
+// Per rank: the state after the steps, their outputs, the number of retried steps, and the status.
 struct Outcome {
   std::vector<TrainState> states;
   std::vector<std::vector<StepOutput>> outputs;
-  std::vector<std::size_t> redone;
+  std::vector<std::size_t> retried;
   std::vector<Status> statuses;
 };
 
-Status take_steps(TrainBackend& backend, TrainState& state, const Case& c,
-                  const std::vector<Image8>& truths, int rank, std::vector<StepOutput>& outputs) {
+Status run_steps(TrainBackend& backend, TrainState& state, const Case& c,
+                 const std::vector<Image8>& ground_truths, int rank,
+                 std::vector<StepOutput>& outputs) {
   TrainPlan plan;
   plan.primitives = state.size();
   plan.sh_coefficients = state.set.sh_coefficients();
@@ -93,24 +95,26 @@ Status take_steps(TrainBackend& backend, TrainState& state, const Case& c,
   plan.coupled = c.coupled;
   STGS_TRY(backend.reserve(plan));
   STGS_TRY(backend.begin(state));
-  for (int s = 0; s < c.steps; ++s) STGS_TRY(backend.step(input_of(c, truths, rank, s)));
+  for (int s = 0; s < c.steps; ++s) STGS_TRY(backend.step(make_input(c, ground_truths, rank, s)));
   STGS_ASSIGN(outputs, backend.read());
   return backend.synchronise();
 }
 
 Outcome run(const Case& c, bool on_cuda) {
-  std::vector<Image8> truths;
-  for (int r = 0; r < c.ranks; ++r) truths.push_back(random_truth(c.width, c.height, 60 + r));
+  std::vector<Image8> ground_truths;
+  for (int r = 0; r < c.ranks; ++r)
+    ground_truths.push_back(random_ground_truth(c.width, c.height, 60 + r));
   const auto count = static_cast<std::size_t>(c.ranks);
   Outcome outcome;
-  outcome.states.assign(count, start_of(c));
+  outcome.states.assign(count, initial_state(c));
   outcome.outputs.resize(count);
-  outcome.redone.resize(count);
+  outcome.retried.resize(count);
   outcome.statuses.resize(count);
   on_ranks(c.ranks, [&](Ranks& ranks) {
     const auto r = static_cast<std::size_t>(ranks.rank());
     const auto steps = [&](TrainBackend& backend) {
-      return take_steps(backend, outcome.states[r], c, truths, ranks.rank(), outcome.outputs[r]);
+      return run_steps(backend, outcome.states[r], c, ground_truths, ranks.rank(),
+                       outcome.outputs[r]);
     };
     Status& status = outcome.statuses[r];
     if (on_cuda) {
@@ -118,7 +122,7 @@ Outcome run(const Case& c, bool on_cuda) {
       status = backend.create();
       if (status.ok()) status = backend.join(ranks, std::make_unique<HostExchange>(ranks));
       if (status.ok()) status = steps(backend);
-      outcome.redone[r] = backend.retried_steps();
+      outcome.retried[r] = backend.retried_steps();
     } else {
       const auto backend = make_cpu_backend();
       status = backend->join(ranks);
@@ -131,7 +135,7 @@ Outcome run(const Case& c, bool on_cuda) {
 
 }  // namespace
 
-TEST_CASE("a step of several ranks has the CPU's gradients, losses and statistics") {
+TEST_CASE("a CUDA step of several ranks has the gradients, losses and statistics of the CPU") {
   for (const Case& c : {Case{3000, 160, 96, 3, 2, 1}, Case{1111, 101, 67, 1, 3, 1},
                         Case{900, 120, 80, 0, 2, 1, true}}) {
     const Outcome expected = run(c, false), found = run(c, true);
@@ -159,15 +163,15 @@ TEST_CASE("a step of several ranks has the CPU's gradients, losses and statistic
   }
 }
 
-TEST_CASE("many steps of several ranks keep their states alike, also where one ran out of room") {
+TEST_CASE("ranks keep identical states over many steps, even if one outgrows its allocation") {
   for (const Case& c :
        {Case{3000, 160, 96, 2, 2, 40}, Case{3000, 640, 360, 0, 2, 40, false, true}}) {
     const Outcome first = run(c, true), second = run(c, true);
     INFO((c.crowded ? "crowded" : "plain"));
     CHECK(same_bits(first.states[0], first.states[1]));
     CHECK(same_bits(first.states[0], second.states[0]));
-    CHECK((first.redone[0] > 0) == c.crowded);
-    CHECK(first.redone[0] == first.redone[1]);
+    CHECK((first.retried[0] > 0) == c.crowded);
+    CHECK(first.retried[0] == first.retried[1]);
     REQUIRE(first.outputs[0].size() == 80);
     for (int s : {0, 1, 40, 79}) CHECK(first.outputs[0][s].loss == second.outputs[1][s].loss);
   }

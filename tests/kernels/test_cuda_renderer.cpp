@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CUDA renderer through renderer_cases.cpp; its variant starts kernels one by one.
+// The CUDA renderer in the renderer_*_cases.cpp. Its variant launches kernels one by one instead of
+// by a graph.
 #include "cuda/cuda_renderer.h"
 #include "renderer_under_test.h"
 

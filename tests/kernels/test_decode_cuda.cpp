@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The GPU's decoder of segments against the processor's, to the bit.
+// Compares the CUDA segment decoder with the CPU decoder, bit for bit.
 #include <cstdio>
 #include <filesystem>
 #include <memory>
 
 #include "catch.h"
 #include "device_gaussians.h"
-#include "scene_fixture.h"
+#include "fixtures/scene_fixture.h"
 #include "stgs/format/scene_file.h"
 
 using namespace stgs;
@@ -22,7 +22,7 @@ void check(const Status& status) {
 }
 
 bool same_bits(Gaussians4D a, Gaussians4D b) {
-  const auto of_a = OnDeviceGaussians::arrays(a), of_b = OnDeviceGaussians::arrays(b);
+  const auto of_a = DeviceGaussianArrays::arrays(a), of_b = DeviceGaussianArrays::arrays(b);
   for (std::size_t k = 0; k < of_a.size(); ++k) {
     if (of_a[k]->size() != of_b[k]->size()) return false;
     if (std::memcmp(of_a[k]->data(), of_b[k]->data(), sizeof(float) * of_a[k]->size()) != 0) {
@@ -32,26 +32,26 @@ bool same_bits(Gaussians4D a, Gaussians4D b) {
   return true;
 }
 
-struct Decoded {
-  int sound = 0, unread = 0;  // segments
+struct SegmentCounts {
+  int intact = 0, unreadable = 0;
 };
 
-// All segments of a file in one go, against the processor's.
-void decode_alike(const SceneReader& reader, bool with_harmonics, Decoded& seen) {
+// Decodes all segments of a file in one launch and compares them with the CPU.
+void check_decode(const SceneReader& reader, bool with_sh, SegmentCounts& counts) {
   std::vector<CodedSegment> coded;
   std::vector<Result<Gaussians4D>> expected;
   for (std::uint32_t s = 0; s < reader.segments().size(); ++s) {
-    Result<CodedSegment> segment = reader.read(s, with_harmonics);
-    Result<Gaussians4D> set = reader.decode(s, with_harmonics);
+    Result<CodedSegment> segment = reader.read(s, with_sh);
+    Result<Gaussians4D> set = reader.decode(s, with_sh);
     if (!segment.ok()) {
       CHECK_FALSE(set.ok());
-      ++seen.unread;
+      ++counts.unreadable;
       continue;
     }
     coded.push_back(std::move(*segment));
     expected.push_back(std::move(set));
   }
-  std::vector<OnDeviceGaussians> sets;
+  std::vector<DeviceGaussianArrays> sets;
   std::vector<const CodedSegment*> segments;
   std::vector<DeviceGaussians> views;
   for (const CodedSegment& segment : coded) {
@@ -63,76 +63,80 @@ void decode_alike(const SceneReader& reader, bool with_harmonics, Decoded& seen)
   check(decoder.set_tables(reader.tables()));
   check(decoder.prepare(segments, views));
   check(decoder.launch(nullptr));
-  const Result<std::vector<bool>> sound = decoder.finish();
-  check(sound.status());
+  const Result<std::vector<bool>> intact = decoder.finish();
+  check(intact.status());
   for (std::size_t k = 0; k < coded.size(); ++k) {
-    INFO("segment " << k << " of those read, " << coded[k].primitives << " primitives");
+    INFO("readable segment " << k << ", " << coded[k].primitives << " primitives");
     if (expected[k].ok()) {
-      CHECK((*sound)[k]);
+      CHECK((*intact)[k]);
       CHECK(same_bits(sets[k].read(), *expected[k]));
-      ++seen.sound;
+      ++counts.intact;
     } else {
       INFO(expected[k].status().message());
-      // That sum is of planes, which stay on the device.
-      const bool sums = expected[k].status().message().find(
-                            "decoded planes do not match their checksum") != std::string::npos;
-      CHECK((sums || !(*sound)[k]));
+      // The GPU does not verify the checksum of the planes, which stay in GPU memory.
+      const bool plane_checksum =
+          expected[k].status().message().find("decoded planes do not match their checksum") !=
+          std::string::npos;
+      CHECK((plane_checksum || !(*intact)[k]));
     }
   }
 }
 
-void pack_alike(const Scene& scene, const WriteSettings& settings, Decoded& seen) {
+void check_packed(const Scene& scene, const WriteSettings& settings, SegmentCounts& counts) {
   const auto bytes = encode_scene(scene, settings);
   check(bytes.status());
   const auto reader = SceneReader::open(memory_source(*bytes));
   check(reader.status());
-  decode_alike(**reader, true, seen);
-  decode_alike(**reader, false, seen);
+  check_decode(**reader, true, counts);
+  check_decode(**reader, false, counts);
 }
 
 }  // namespace
 
-TEST_CASE("every conformance vector has the processor's bits, or is refused as by it") {
-  const char* const given = std::getenv("STGS_VECTORS");
-  const std::filesystem::path folder = given != nullptr ? given : "tests/conformance/vectors";
+TEST_CASE(
+    "on every conformance file the CUDA decoder matches the CPU bit for bit or rejects the same "
+    "segments") {
+  const char* const path = std::getenv("STGS_VECTORS");
+  const std::filesystem::path folder = path != nullptr ? path : "tests/conformance/vectors";
   REQUIRE(std::filesystem::is_directory(folder));
   int files = 0;
-  Decoded seen;
+  SegmentCounts counts;
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
     const auto reader = SceneReader::open(entry.path().string());
     if (!reader.ok()) continue;
     INFO(entry.path().filename().string());
     ++files;
-    decode_alike(**reader, true, seen);
+    check_decode(**reader, true, counts);
   }
-  std::printf("  %d files that open, %d segments sound, %d refused when read\n", files, seen.sound,
-              seen.unread);
+  std::printf("  %d files, %d intact segments, %d unreadable segments\n", files, counts.intact,
+              counts.unreadable);
   CHECK(files > 60);
-  CHECK(seen.sound > 60);
+  CHECK(counts.intact > 60);
 }
 
-TEST_CASE("packed scenes of every degree, coder and size have the processor's bits") {
-  Decoded seen;
+TEST_CASE(
+    "the CUDA decoder matches the CPU bit for bit on scenes of every SH degree, coder and size") {
+  SegmentCounts counts;
   for (int degree = 0; degree <= 3; ++degree) {
     const Scene scene = random_scene(20000 + 777 * static_cast<std::size_t>(degree), degree, 60, 7);
     WriteSettings settings;
-    pack_alike(scene, settings, seen);
+    check_packed(scene, settings, counts);
     settings.profile = Profile::kQuantised;
     for (const double quality : {40.0, 85.0, 100.0}) {
       settings.quality = quality;
-      pack_alike(scene, settings, seen);
+      check_packed(scene, settings, counts);
     }
     settings.own_layouts = true;
-    pack_alike(scene, settings, seen);
+    check_packed(scene, settings, counts);
     settings.own_layouts = false;
     settings.coder = SceneCoder::kZstd;
-    pack_alike(scene, settings, seen);
+    check_packed(scene, settings, counts);
   }
   const Scene large = random_scene(300000, 0, 60, 8);
   WriteSettings settings;
   settings.profile = Profile::kQuantised;
   settings.tiers = 1;
   settings.chunk_seconds = 1000;
-  pack_alike(large, settings, seen);
-  std::printf("  %d segments of packed scenes\n", seen.sound);
+  check_packed(large, settings, counts);
+  std::printf("  %d segments of packed scenes\n", counts.intact);
 }

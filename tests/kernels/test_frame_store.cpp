@@ -16,14 +16,14 @@ namespace {
 constexpr int kWidth = 20, kHeight = 18;
 constexpr std::uint64_t kFull = 3 * kWidth * kHeight, kHalf = kFull / 4;
 
-Image8 picture_of(std::size_t view) {
+Image8 image_of(std::size_t view) {
   Image8 image{kWidth, kHeight, 3, {}};
   std::mt19937 random(static_cast<unsigned>(view));
   for (std::uint64_t i = 0; i < kFull; ++i) image.data.push_back(random() & 0xFF);
   return image;
 }
 
-// Views that count how often they are decoded.
+// A source of views that counts how often each is decoded.
 struct Views {
   explicit Views(std::size_t count) : decoded(count) {}
 
@@ -34,7 +34,7 @@ struct Views {
       if (slow) std::this_thread::sleep_for(std::chrono::milliseconds(1));
       ++decoded[view];
       if (view == broken) return invalid_file("frames/{}.png: is damaged", view);
-      return picture_of(view);
+      return image_of(view);
     };
     return source;
   }
@@ -58,20 +58,22 @@ std::vector<std::uint64_t> order_of(std::size_t views, int epochs, int level) {
   return ids;
 }
 
-void check_picture(const Result<TrainingImage>& picture, std::uint64_t id) {
-  REQUIRE(picture.ok());
-  CHECK(picture->id == id);
-  const Image8 full = picture_of(id / 2);
-  CHECK(picture->pixels->data == (id % 2 == 1 ? half_size(full) : full).data);
+void check_image(const Result<TrainingImage>& image, std::uint64_t id) {
+  REQUIRE(image.ok());
+  CHECK(image->id == id);
+  const Image8 full = image_of(id / 2);
+  CHECK(image->pixels->data == (id % 2 == 1 ? half_size(full) : full).data);
 }
 
-// Misses of Belady's rule on a cache of `room` pictures that need not keep what it reads.
-int fewest_misses(const std::vector<std::uint64_t>& ids, std::size_t room) {
+// Misses of Belady's algorithm with a cache of `capacity` images that need not retain the image it
+// reads.
+int min_misses(const std::vector<std::uint64_t>& ids, std::size_t capacity) {
   std::vector<std::size_t> cached;  // positions of the next use
   int misses = 0;
   const auto next_use = [&](std::size_t i) {
-    const auto at = std::find(ids.begin() + static_cast<std::ptrdiff_t>(i) + 1, ids.end(), ids[i]);
-    return static_cast<std::size_t>(at - ids.begin());
+    const auto next =
+        std::find(ids.begin() + static_cast<std::ptrdiff_t>(i) + 1, ids.end(), ids[i]);
+    return static_cast<std::size_t>(next - ids.begin());
   };
   for (std::size_t i = 0; i < ids.size(); ++i) {
     const auto hit = std::find(cached.begin(), cached.end(), i);
@@ -81,14 +83,14 @@ int fewest_misses(const std::vector<std::uint64_t>& ids, std::size_t room) {
       ++misses;
     }
     cached.push_back(next_use(i));
-    if (cached.size() > room) cached.erase(std::max_element(cached.begin(), cached.end()));
+    if (cached.size() > capacity) cached.erase(std::max_element(cached.begin(), cached.end()));
   }
   return misses;
 }
 
 }  // namespace
 
-TEST_CASE("each step has its picture, whatever the budget") {
+TEST_CASE("acquire() returns the image of each step, whatever the budget") {
   constexpr std::size_t kViews = 40;
   for (const std::uint64_t budget :
        {std::uint64_t{1}, kHalf, kFull, 3 * kFull, 20 * kFull, 49 * kFull, 50 * kFull}) {
@@ -97,17 +99,18 @@ TEST_CASE("each step has its picture, whatever the budget") {
     REQUIRE(store.start().ok());
     std::vector<std::uint64_t> ids = order_of(kViews, 3, 1);
     const std::vector<std::uint64_t> fine = order_of(kViews, 3, 0);
-    // The sizes change within an epoch.
+    // The resolution changes within an epoch.
     std::copy(fine.begin() + 60, fine.end(), ids.begin() + 60);
     store.announce(ids);
     for (std::size_t i = 0; i < ids.size(); ++i) {
       REQUIRE(store.announced() == ids.size() - i);
       CHECK(store.next() == ids[i]);
-      check_picture(store.acquire(ids[i]), ids[i]);
+      check_image(store.acquire(ids[i]), ids[i]);
     }
     const FrameStatistics statistics = store.statistics();
     CHECK(statistics.budget == budget);
-    // Beyond it the caller's picture, and those that four threads are making.
+    // The peak may exceed the budget by the image of the caller and those that four threads are
+    // decoding.
     CHECK(statistics.peak <= budget + 9 * kFull);
     CHECK(statistics.resident == (budget == 50 * kFull));
     if (statistics.resident) CHECK(views.total() == kViews);
@@ -115,49 +118,50 @@ TEST_CASE("each step has its picture, whatever the budget") {
   }
 }
 
-TEST_CASE("what is needed last goes first") {
+TEST_CASE("the image that is needed last is evicted first") {
   constexpr std::size_t kViews = 60;
-  for (const std::size_t room : {10, 30, 45}) {
+  for (const std::size_t capacity : {10, 30, 45}) {
     Views views(kViews);
-    FrameStore store(views.source(), room * kFull, 2);
+    FrameStore store(views.source(), capacity * kFull, 2);
     REQUIRE(store.start().ok());
     const std::vector<std::uint64_t> ids = order_of(kViews, 8, 0);
     store.announce(ids);
-    for (const std::uint64_t id : ids) check_picture(store.acquire(id), id);
-    // Looking ahead takes room from what is kept, and so costs some hits.
-    const int fewest = fewest_misses(ids, room);
-    INFO(room << ": " << views.total() << " of " << ids.size() << ", at least " << fewest);
-    CHECK(views.total() >= fewest);
-    CHECK(views.total() <= 1.25 * fewest);
+    for (const std::uint64_t id : ids) check_image(store.acquire(id), id);
+    // Prefetching takes capacity from the cache and so costs some hits.
+    const int fewest_possible = min_misses(ids, capacity);
+    INFO(capacity << ": " << views.total() << " of " << ids.size() << ", at least "
+                  << fewest_possible);
+    CHECK(views.total() >= fewest_possible);
+    CHECK(views.total() <= 1.25 * fewest_possible);
     CHECK(views.total() < static_cast<int>(ids.size()));
   }
 }
 
-TEST_CASE("a picture outlives its place in the store") {
+TEST_CASE("an acquired image outlives its eviction from the store") {
   Views views(8);
   FrameStore store(views.source(), 2 * kFull, 1);
   REQUIRE(store.start().ok());
   const std::vector<std::uint64_t> ids = order_of(8, 3, 0);
   store.announce(ids);
-  std::vector<Result<TrainingImage>> held;
-  for (const std::uint64_t id : ids) held.push_back(store.acquire(id));
-  for (std::size_t i = 0; i < ids.size(); ++i) check_picture(held[i], ids[i]);
-  CHECK(store.statistics().peak >= 8 * kFull);  // each of the views was held, whatever the budget
+  std::vector<Result<TrainingImage>> acquired;
+  for (const std::uint64_t id : ids) acquired.push_back(store.acquire(id));
+  for (std::size_t i = 0; i < ids.size(); ++i) check_image(acquired[i], ids[i]);
+  CHECK(store.statistics().peak >= 8 * kFull);  // all eight images at once, whatever the budget
 }
 
-TEST_CASE("pictures that were not announced come too") {
+TEST_CASE("images that were not announced can be acquired too") {
   Views views(6);
   FrameStore store(views.source(), 3 * kFull, 2);
   REQUIRE(store.start().ok());
-  check_picture(store.acquire(4), 4);
+  check_image(store.acquire(4), 4);
   CHECK(store.next() == kNeverUsed);
   store.announce({0, 2, 4, 6});
-  check_picture(store.acquire(11), 11);
+  check_image(store.acquire(11), 11);
   CHECK(store.next() == 0);
-  for (const std::uint64_t id : {0, 2, 4, 6}) check_picture(store.acquire(id), id);
+  for (const std::uint64_t id : {0, 2, 4, 6}) check_image(store.acquire(id), id);
 }
 
-TEST_CASE("a frame that cannot be read is told of when its step comes") {
+TEST_CASE("a frame that cannot be read fails the step that needs it") {
   for (const std::uint64_t budget : {2 * kFull, 1000 * kFull}) {
     Views views(10);
     views.broken = 7;
@@ -169,31 +173,31 @@ TEST_CASE("a frame that cannot be read is told of when its step comes") {
     }
     REQUIRE(started.ok());
     store.announce({0, 2, 4, 14, 6});
-    for (const std::uint64_t id : {0, 2, 4}) check_picture(store.acquire(id), id);
+    for (const std::uint64_t id : {0, 2, 4}) check_image(store.acquire(id), id);
     const Result<TrainingImage> broken = store.acquire(14);
     CHECK(broken.status().code() == StatusCode::kInvalidFile);
     CHECK(broken.status().message() == "frames/7.png: is damaged");
-    check_picture(store.acquire(6), 6);
+    check_image(store.acquire(6), 6);
   }
 }
 
-TEST_CASE("loading all frames tells how far it is and can be stopped") {
+TEST_CASE("loading all frames reports its progress and can be stopped") {
   constexpr std::size_t kViews = 100;
   Views views(kViews);
   FrameStore store(views.source(), 1000 * kFull, 3);
-  const std::thread::id here = std::this_thread::get_id();
-  std::vector<std::size_t> told;
+  const std::thread::id caller = std::this_thread::get_id();
+  std::vector<std::size_t> progress;
   REQUIRE(store
               .start([&](std::size_t loaded) {
-                CHECK(std::this_thread::get_id() == here);
+                CHECK(std::this_thread::get_id() == caller);
                 CHECK(views.total() == static_cast<int>(loaded));
-                told.push_back(loaded);
+                progress.push_back(loaded);
                 return true;
               })
               .ok());
-  CHECK(told.size() > 5);
-  CHECK(std::is_sorted(told.begin(), told.end()));
-  CHECK(told.back() == kViews);
+  CHECK(progress.size() > 5);
+  CHECK(std::is_sorted(progress.begin(), progress.end()));
+  CHECK(progress.back() == kViews);
 
   Views others(kViews);
   FrameStore stopped(others.source(), 1000 * kFull, 3);
@@ -203,7 +207,7 @@ TEST_CASE("loading all frames tells how far it is and can be stopped") {
   CHECK(others.total() < 40);
 }
 
-TEST_CASE("a store can be left in the middle of its work") {
+TEST_CASE("a store can be destroyed while it is decoding") {
   for (int i = 0; i < 20; ++i) {
     Views views(30);
     views.slow = true;
@@ -211,7 +215,7 @@ TEST_CASE("a store can be left in the middle of its work") {
     REQUIRE(store.start().ok());
     const std::vector<std::uint64_t> ids = order_of(30, 1, 0);
     store.announce(ids);
-    for (int k = 0; k < i; ++k) check_picture(store.acquire(ids[k]), ids[k]);
+    for (int k = 0; k < i; ++k) check_image(store.acquire(ids[k]), ids[k]);
     if (i % 3 == 0) store.announce(order_of(30, 2, 1));
   }
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every parameter's gradient against central differences through the reference forward.
+// Compares the gradient of every parameter with central differences through the reference renderer.
 #include <tbb/global_control.h>
 
 #include <algorithm>
@@ -22,8 +22,8 @@ using namespace stgs::encoder::cpu;
 
 namespace {
 
-// What a trainer learns: the set, with v in place of u = v / f, where f is that of the lifespans at
-// the start, since a trainer carries the motion along.
+// The parameters that a trainer optimises: the set, with v in place of u = v / f. f stays that of
+// the initial lifespans, since the trainer preserves the motion when lifespans change.
 struct Model {
   Gaussians4D set;
   std::vector<float> v, f;
@@ -38,7 +38,7 @@ struct Problem {
   RasterSettings settings;
   float t = 10.0f;
   Model model;
-  Image weights;  // the loss is their product with the picture, summed
+  Image weights;  // the loss is the sum of their products with the colours
   SplatFrame frame;
   RasterOutput output;
 
@@ -52,8 +52,8 @@ struct Problem {
   }
 };
 
-// Puts primitive i at a point of the camera's space.
-void place(Problem& p, std::size_t i, math::Vec3 c) {
+// Moves primitive i to a point in camera space.
+void move_to(Problem& p, std::size_t i, math::Vec3 c) {
   const math::Vec3 x = math::mat3_transpose_mul(
       p.camera.rotation,
       {c.x - p.camera.translation.x, c.y - p.camera.translation.y, c.z - p.camera.translation.z});
@@ -62,8 +62,8 @@ void place(Problem& p, std::size_t i, math::Vec3 c) {
   p.model.set.position[3 * i + 2] = x.z;
 }
 
-// Few splats, each larger than the picture, so that no pixel crosses the alpha threshold under a
-// small step; the threshold is a jump that no gradient describes.
+// Few splats, each larger than the image, so that a small step moves no pixel across the alpha
+// threshold, where the loss is discontinuous.
 Problem make_problem(unsigned seed) {
   Problem p;
   p.settings.scalar = true;
@@ -80,27 +80,28 @@ Problem make_problem(unsigned seed) {
       set.sh[48 * i + k] = 0.8f + 0.8f * uniform(random);
       p.model.v.push_back(0.1f * normal(random));
     }
-    // Quaternions of any length, but long against the step.
+    // Quaternions of different lengths, all long compared with the step.
     float* q = &set.rotation[4 * i];
     const float length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-    const float wanted = 1.0f + uniform(random);
-    for (int k = 0; k < 4; ++k) q[k] *= wanted / length;
-    // One channel below 0, where the clamp stops the gradient.
+    const float target = 1.0f + uniform(random);
+    for (int k = 0; k < 4; ++k) q[k] *= target / length;
+    // One channel is below 0, where the clamp makes the gradient 0.
     if (i == 2) set.sh[48 * i + 1] = -4.0f;
-    // Half of them on the flat top at t, half in the fall; none near the kink between them.
+    // At t, half of them are on the flat top of their lifespan and half on its slope; none is near
+    // the kink.
     set.sigma[i] = 1.0f + uniform(random);
     set.radius[i] = 1.0f + uniform(random);
-    const float away = i % 2 ? 0.7f * set.radius[i] : set.radius[i] + 0.6f * set.sigma[i];
-    set.time[i] = p.t + (i % 4 < 2 ? away : -away);
+    const float offset = i % 2 ? 0.7f * set.radius[i] : set.radius[i] + 0.6f * set.sigma[i];
+    set.time[i] = p.t + (i % 4 < 2 ? offset : -offset);
   }
-  // The same size on screen at every distance, and distances that no step brings out of order. The
-  // first lies outside the frustum's margin, where the projection's slope is clamped.
+  // Equal screen sizes at all distances, and distances that no step reorders. The first primitive
+  // lies outside the frustum margin, where the slope of the projection is clamped.
   for (std::size_t i = 0; i < n; ++i) {
     math::Vec3 c = math::to_camera(
         p.camera, {set.position[3 * i], set.position[3 * i + 1], set.position[3 * i + 2]});
     const float z = 1.7f + 0.5f * static_cast<float>(i);
     c = i == 0 ? math::Vec3{-0.85f * z, 0.1f * z, z} : math::Vec3{c.x / c.z * z, c.y / c.z * z, z};
-    place(p, i, c);
+    move_to(p, i, c);
     for (int k = 0; k < 3; ++k) set.log_scale[3 * i + k] += std::log(z);
   }
   for (std::size_t i = 0; i < n; ++i)
@@ -119,7 +120,7 @@ void check(Problem& p, const char* name, std::span<float> values, std::span<cons
 
 }  // namespace
 
-TEST_CASE("gradients of every parameter agree with finite differences") {
+TEST_CASE("gradients of every parameter match finite differences") {
   for (bool scalar : {true, false}) {
     for (unsigned seed : {1u, 2u, 3u}) {
       Problem p = make_problem(seed);
@@ -147,7 +148,8 @@ TEST_CASE("gradients of every parameter agree with finite differences") {
   }
 }
 
-TEST_CASE("harmonics above the degree in use have no gradient, and those below are unchanged") {
+TEST_CASE(
+    "SH coefficients above the degree in use have no gradient, and those below are unaffected") {
   Problem p = make_problem(4);
   for (int degree = 0; degree <= 3; ++degree) {
     p.settings.max_sh_degree = degree;
@@ -211,11 +213,11 @@ void compare_with_reference() {
 
 }  // namespace
 
-TEST_CASE("every vector unit's backward pass gives the reference's gradients") {
+TEST_CASE("the backward pass of every vector target matches the scalar reference") {
   testing::for_each_vector_target(compare_with_reference);
 }
 
-TEST_CASE("one thread and two give the same gradients to the bit") {
+TEST_CASE("one thread and two give bit-identical gradients") {
   const auto camera = testing::scene_camera(320, 180);
   const auto set = testing::random_scene(20000, camera, 41);
   for (bool scalar : {true, false}) {

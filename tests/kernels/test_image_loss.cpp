@@ -16,32 +16,32 @@ namespace {
 
 struct Pair {
   Image rendered;
-  Image8 truth;
+  Image8 ground_truth;
 };
 
-// A smooth truth with noise, and a rendering that is off by some more.
+// A smooth, noisy ground truth, and a rendering with more noise.
 Pair make_pair(int width, int height, unsigned seed) {
   std::mt19937 random(seed);
   std::normal_distribution<float> normal(0.0f, 1.0f);
   Pair pair;
   pair.rendered.reshape(width, height, 3);
-  pair.truth = {width, height, 3, std::vector<std::uint8_t>(3ul * width * height)};
+  pair.ground_truth = {width, height, 3, std::vector<std::uint8_t>(3ul * width * height)};
   for (int c = 0; c < 3; ++c) {
     for (int y = 0; y < height; ++y) {
       for (int x = 0; x < width; ++x) {
         const std::size_t p = static_cast<std::size_t>(y) * width + x;
         const float smooth = 0.5f + 0.3f * std::sin(0.2f * static_cast<float>(x + c * y));
-        const float truth = std::clamp(smooth + 0.05f * normal(random), 0.0f, 1.0f);
-        pair.truth.data[3 * p + c] = static_cast<std::uint8_t>(std::lround(255.0f * truth));
-        pair.rendered.plane(c)[p] = truth + 0.1f * normal(random);
+        const float value = std::clamp(smooth + 0.05f * normal(random), 0.0f, 1.0f);
+        pair.ground_truth.data[3 * p + c] = static_cast<std::uint8_t>(std::lround(255.0f * value));
+        pair.rendered.plane(c)[p] = value + 0.1f * normal(random);
       }
     }
   }
   return pair;
 }
 
-// The definition, window by window, in double.
-double plain_ssim(const Pair& pair, int c, int px, int py) {
+// SSIM by its definition, window by window, in double precision.
+double reference_ssim(const Pair& pair, int c, int px, int py) {
   const int w = pair.rendered.width, h = pair.rendered.height;
   double total = 0, mx = 0, my = 0, xx = 0, yy = 0, xy = 0;
   for (int j = -5; j <= 5; ++j) {
@@ -50,7 +50,7 @@ double plain_ssim(const Pair& pair, int c, int px, int py) {
       total += weight;
       if (px + i < 0 || px + i >= w || py + j < 0 || py + j >= h) continue;
       const std::size_t p = static_cast<std::size_t>(py + j) * w + px + i;
-      const double x = pair.rendered.plane(c)[p], y = pair.truth.data[3 * p + c] / 255.0;
+      const double x = pair.rendered.plane(c)[p], y = pair.ground_truth.data[3 * p + c] / 255.0;
       mx += weight * x;
       my += weight * y;
       xx += weight * x * x;
@@ -64,30 +64,31 @@ double plain_ssim(const Pair& pair, int c, int px, int py) {
          ((mx * mx + my * my + c1) * (xx - mx * mx + yy - my * my + c2));
 }
 
-struct Plain {
+struct ReferenceLoss {
   double loss = 0, l1 = 0, ssim = 0;
   std::vector<double> error;
 };
 
-Plain plain_loss(const Pair& pair, const ImageLossWeights& weights) {
+ReferenceLoss reference_loss(const Pair& pair, const ImageLossWeights& weights) {
   const int w = pair.rendered.width, h = pair.rendered.height;
-  Plain plain;
+  ReferenceLoss reference;
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {
       const std::size_t p = static_cast<std::size_t>(y) * w + x;
       double mean = 0;
       for (int c = 0; c < 3; ++c) {
-        plain.l1 += std::abs(pair.rendered.plane(c)[p] - pair.truth.data[3 * p + c] / 255.0);
-        mean += plain_ssim(pair, c, x, y) / 3;
+        reference.l1 +=
+            std::abs(pair.rendered.plane(c)[p] - pair.ground_truth.data[3 * p + c] / 255.0);
+        mean += reference_ssim(pair, c, x, y) / 3;
       }
-      plain.ssim += mean;
-      plain.error.push_back(std::clamp(1.0 - mean, 0.0, 1.0));
+      reference.ssim += mean;
+      reference.error.push_back(std::clamp(1.0 - mean, 0.0, 1.0));
     }
   }
-  plain.l1 /= 3.0 * w * h;
-  plain.ssim /= 1.0 * w * h;
-  plain.loss = weights.l1 * plain.l1 + weights.ssim * (1.0 - plain.ssim);
-  return plain;
+  reference.l1 /= 3.0 * w * h;
+  reference.ssim /= 1.0 * w * h;
+  reference.loss = weights.l1 * reference.l1 + weights.ssim * (1.0 - reference.ssim);
+  return reference;
 }
 
 }  // namespace
@@ -101,66 +102,68 @@ void compare_with_definition() {
                            std::array{61, 37}, std::array{33, 20}}) {
     const Pair pair = make_pair(size[0], size[1], 1);
     const ImageLossWeights weights{0.8f, 0.2f};
-    const Plain plain = plain_loss(pair, weights);
-    const ImageLossValue value = loss.evaluate(pair.rendered, pair.truth, weights, gradient, error);
+    const ReferenceLoss reference = reference_loss(pair, weights);
+    const ImageLossValue value =
+        loss.evaluate(pair.rendered, pair.ground_truth, weights, gradient, error);
     INFO(size[0] << " x " << size[1]);
-    CHECK(value.loss == Approx(plain.loss).epsilon(1e-4));
-    CHECK(value.l1 == Approx(plain.l1).epsilon(1e-5));
-    CHECK(value.ssim == Approx(plain.ssim).epsilon(1e-4));
+    CHECK(value.loss == Approx(reference.loss).epsilon(1e-4));
+    CHECK(value.l1 == Approx(reference.l1).epsilon(1e-5));
+    CHECK(value.ssim == Approx(reference.ssim).epsilon(1e-4));
     float worst = 0;
-    for (std::size_t p = 0; p < plain.error.size(); ++p)
-      worst = std::max(worst, std::abs(error.data[p] - static_cast<float>(plain.error[p])));
+    for (std::size_t p = 0; p < reference.error.size(); ++p)
+      worst = std::max(worst, std::abs(error.data[p] - static_cast<float>(reference.error[p])));
     CHECK(worst < 1e-3f);
   }
 }
 
 }  // namespace
 
-TEST_CASE("the image loss is what its definition says, at every size and on every vector unit") {
+TEST_CASE("the image loss matches its definition at every size and on every vector target") {
   testing::for_each_vector_target(compare_with_definition);
 }
 
-TEST_CASE("the image loss's gradient agrees with finite differences") {
+TEST_CASE("the gradient of the image loss matches finite differences") {
   ImageLoss loss;
   Image gradient, error;
   for (const ImageLossWeights weights :
        {ImageLossWeights{0.8f, 0.2f}, ImageLossWeights{0.0f, 1.0f}}) {
     Pair pair = make_pair(19, 14, 2);
-    loss.evaluate(pair.rendered, pair.truth, weights, gradient, error);
+    loss.evaluate(pair.rendered, pair.ground_truth, weights, gradient, error);
     double largest = 0;
     for (float g : gradient.data) largest = std::max(largest, std::abs(static_cast<double>(g)));
     for (std::size_t k = 0; k < pair.rendered.data.size(); k += 7) {
-      const float kept = pair.rendered.data[k], step = 2e-4f;
-      pair.rendered.data[k] = kept + step;
-      const double high = pair.rendered.data[k], above = plain_loss(pair, weights).loss;
-      pair.rendered.data[k] = kept - step;
-      const double low = pair.rendered.data[k], below = plain_loss(pair, weights).loss;
-      pair.rendered.data[k] = kept;
+      const float original = pair.rendered.data[k], step = 2e-4f;
+      pair.rendered.data[k] = original + step;
+      const double high = pair.rendered.data[k], above = reference_loss(pair, weights).loss;
+      pair.rendered.data[k] = original - step;
+      const double low = pair.rendered.data[k], below = reference_loss(pair, weights).loss;
+      pair.rendered.data[k] = original;
       INFO("value " << k);
       CHECK(gradient.data[k] == Approx((above - below) / (high - low)).margin(2e-3 * largest));
     }
   }
 }
 
-TEST_CASE("equal pictures have no loss, and threads change no bit of it") {
+TEST_CASE("equal images have no loss, and the number of threads changes no bit of it") {
   Pair pair = make_pair(130, 75, 3);
   ImageLoss loss;
   Image gradient[2], error[2];
   ImageLossValue value[2];
   for (std::size_t threads : {1, 2}) {
     tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-    value[threads - 1] =
-        loss.evaluate(pair.rendered, pair.truth, {}, gradient[threads - 1], error[threads - 1]);
+    value[threads - 1] = loss.evaluate(pair.rendered, pair.ground_truth, {}, gradient[threads - 1],
+                                       error[threads - 1]);
   }
   CHECK(value[0].loss == value[1].loss);
   CHECK(gradient[0].data == gradient[1].data);
   CHECK(error[0].data == error[1].data);
 
   for (int c = 0; c < 3; ++c) {
-    for (std::size_t p = 0; p < pair.truth.data.size() / 3; ++p)
-      pair.rendered.plane(c)[p] = static_cast<float>(pair.truth.data[3 * p + c]) / 255.0f;
+    for (std::size_t p = 0; p < pair.ground_truth.data.size() / 3; ++p)
+      pair.rendered.plane(c)[p] = static_cast<float>(pair.ground_truth.data[3 * p + c]) / 255.0f;
   }
-  const ImageLossValue none = loss.evaluate(pair.rendered, pair.truth, {}, gradient[0], error[0]);
+  const ImageLossValue none =
+      loss.evaluate(pair.rendered, pair.ground_truth, {}, gradient[0], error[0]);
   CHECK(none.loss == Approx(0.0).margin(1e-5));
   CHECK(none.ssim == Approx(1.0).epsilon(1e-5));
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which digits and tables the writer chooses.
+// The digits and tables that the writer chooses.
 #include <algorithm>
 #include <cmath>
 #include <random>
@@ -28,7 +28,7 @@ double stored_bits(const RansTable& table) {
   return 8.0 * static_cast<double>(out.size());
 }
 
-// Of the planes' symbols and of the tables.
+// Bits of the symbols of the planes and of the tables.
 double bits_of(const std::vector<SymbolCounts>& planes, const TablePlan& plan) {
   double bits = 0.0;
   for (const RansTable& table : plan.tables) bits += stored_bits(table);
@@ -48,7 +48,8 @@ Integers integers_of(std::vector<std::uint32_t> values) {
   return out;
 }
 
-// The values that a reader makes of the planes of one component, before prediction is undone.
+// The values that a reader decodes from the planes of one component, before it undoes the
+// prediction.
 std::vector<std::uint32_t> values_of(const StreamRow& row, const std::vector<std::uint8_t>& planes,
                                      std::size_t n) {
   std::vector<std::uint32_t> out(n, 0);
@@ -61,7 +62,7 @@ std::vector<std::uint32_t> values_of(const StreamRow& row, const std::vector<std
 
 }  // namespace
 
-TEST_CASE("steps are odd multiples of powers of two, and as near as an octave has them") {
+TEST_CASE("steps are odd multiples of powers of two, within the resolution of an octave") {
   for (double octaves = -90.0; octaves < 90.0; octaves += 0.0137) {
     for (const int in_octave : {kCoarseSteps, kFineSteps}) {
       const Step near = step_near(octaves, in_octave), below = step_below(octaves, in_octave);
@@ -76,7 +77,7 @@ TEST_CASE("steps are odd multiples of powers of two, and as near as an octave ha
   CHECK(step_near(std::log2(5.0), kCoarseSteps) == Step{0, 5});
 }
 
-TEST_CASE("floats in units of the last place count from 1, which they hold") {
+TEST_CASE("floats in units of the last place round-trip 1 and bracket other values") {
   for (const Step step : {Step{21, 1}, Step{18, 13}, Step{0, 255}}) {
     CHECK(from_truncated(truncated_steps(1.0f, step), step) == 1.0f);
     for (const float x : {1e-3f, 0.37f, 0.999f, 1.7f, 1000.0f}) {
@@ -87,7 +88,7 @@ TEST_CASE("floats in units of the last place count from 1, which they hold") {
   }
 }
 
-TEST_CASE("planes share tables where that is cheaper than one each") {
+TEST_CASE("planes share tables where that is cheaper than separate tables") {
   std::mt19937 random(5);
   std::vector<SymbolCounts> planes;
   for (int p = 0; p < 60; ++p) planes.push_back(counts_of(random, p % 3 == 0 ? 2.0 : 30.0, 1500));
@@ -101,14 +102,14 @@ TEST_CASE("planes share tables where that is cheaper than one each") {
   CHECK(bits_of(planes, plan) < 0.95 * bits_of(planes, alone));
 }
 
-TEST_CASE("a plane of one symbol has a table of that symbol alone") {
+TEST_CASE("a plane of one symbol gets a table of that symbol alone") {
   std::mt19937 random(6);
   std::vector<SymbolCounts> planes(20);
   for (std::size_t p = 0; p < planes.size(); ++p) {
     if (p % 2 == 0) {
       planes[p][p % 4] = 5000;
     } else {
-      planes[p][p % 4 - 1] = 100000;  // all but one like its neighbour's
+      planes[p][p % 4 - 1] = 100000;  // like its neighbour, except for one symbol
       planes[p][9] = 1;
     }
   }
@@ -119,10 +120,10 @@ TEST_CASE("a plane of one symbol has a table of that symbol alone") {
   }
 }
 
-TEST_CASE("there are never more tables than a file may have, and each has its planes' symbols") {
+TEST_CASE("a plan never exceeds the maximum number of tables, and each table codes its planes") {
   std::mt19937 random(7);
   std::vector<SymbolCounts> planes;
-  for (int p = 0; p < 1300; ++p) {  // each needs one of its own
+  for (int p = 0; p < 1300; ++p) {  // each needs its own table
     SymbolCounts counts{};
     for (int k = 0; k < 12; ++k) counts[random() % 256] += 100000;
     planes.push_back(counts);
@@ -137,9 +138,9 @@ TEST_CASE("there are never more tables than a file may have, and each has its pl
   CHECK(std::isfinite(bits_of(planes, plan)));
 }
 
-TEST_CASE("digits hold every value, and follow its distribution") {
+TEST_CASE("digits represent every value, and cost close to the entropy of the values") {
   std::mt19937 random(8);
-  // Up to 20 bits, of which most are the lowest 12.
+  // Values of up to 20 bits, most of them within the lowest 12.
   std::vector<std::uint32_t> values(20000);
   std::exponential_distribution<double> size(1.0 / 4000.0);
   for (std::uint32_t& v : values) v = static_cast<std::uint32_t>(size(random));
@@ -153,11 +154,11 @@ TEST_CASE("digits hold every value, and follow its distribution") {
     std::vector<std::uint8_t> planes;
     append_planes(integers, plan, planes);
     REQUIRE(planes.size() == plan.row.planes() * values.size());
-    const std::uint32_t least = *std::min_element(values.begin(), values.end());
+    const std::uint32_t minimum = *std::min_element(values.begin(), values.end());
     std::vector<std::uint32_t> expected = values;
-    for (std::uint32_t& v : expected) v -= least;
+    for (std::uint32_t& v : expected) v -= minimum;
     CHECK(values_of(plan.row, planes, values.size()) == expected);
-    CHECK(plan.row.origin[0] == std::ldexp(static_cast<float>(least), -2));
+    CHECK(plan.row.origin[0] == std::ldexp(static_cast<float>(minimum), -2));
     if (coder == Coder::kBytes) continue;
     // Within a tenth of a bit of the distribution's entropy, log2(e 4000).
     double bits = 0.0;
@@ -170,7 +171,7 @@ TEST_CASE("digits hold every value, and follow its distribution") {
   }
 }
 
-TEST_CASE("values that follow each other are stored as differences") {
+TEST_CASE("slowly changing values are stored as differences") {
   std::vector<std::uint32_t> values(5000);
   std::mt19937 random(9);
   std::uint32_t v = 100000;

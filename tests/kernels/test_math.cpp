@@ -16,10 +16,10 @@ TEST_CASE("visibility is 1 within the radius and falls as a Gaussian beyond it")
   CHECK(visibility(-9.0f, 2.0f, 5.0f) == Approx(std::exp(-4.0f)));
 }
 
-TEST_CASE("the support ends where the opacity falls to the threshold") {
+TEST_CASE("the support ends where the opacity reaches the threshold") {
   const float opacity = 0.7f, sigma = 3.0f, radius = 1.5f;
-  const float half = support_half_width(opacity, sigma, radius, kAlphaThreshold);
-  CHECK(opacity * visibility(half, sigma, radius) == Approx(kAlphaThreshold).epsilon(1e-4));
+  const float half_width = support_half_width(opacity, sigma, radius, kAlphaThreshold);
+  CHECK(opacity * visibility(half_width, sigma, radius) == Approx(kAlphaThreshold).epsilon(1e-4));
   CHECK(support_half_width(0.001f, sigma, radius, kAlphaThreshold) < 0.0f);
 }
 

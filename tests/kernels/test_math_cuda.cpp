@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// format/math on a CUDA device against C++. Exit code 77: there is no device.
+// Compares format/math on a CUDA device with C++. Exit code 77: no device found.
 #include <cstdio>
 
 #include "catch.h"
@@ -9,12 +9,12 @@
 
 using namespace stgs::test;
 
-TEST_CASE("CUDA computes what C++ computes") {
-  const auto given = parity_primitives(10000, 1);
-  std::vector<stgs::math::ParityFound> found;
-  REQUIRE(parity_on_cuda(given, &found) == "");
-  const std::vector<ParityRow> rows = compare_parity(given, found);
-  std::printf("CUDA against C++, %zu primitives\n%s", given.size(), parity_table(rows).c_str());
+TEST_CASE("format/math on CUDA matches C++ within the specified tolerances") {
+  const auto inputs = random_parity_inputs(10000, 1);
+  std::vector<stgs::math::ParityResult> results;
+  REQUIRE(evaluate_on_cuda(inputs, &results) == "");
+  const std::vector<ParityRow> rows = compare_parity(inputs, results);
+  std::printf("CUDA against C++, %zu primitives\n%s", inputs.size(), parity_table(rows).c_str());
   for (const ParityRow& row : rows) {
     INFO(row.quantity << ", primitive " << row.worst_index);
     CHECK(row.worst <= 1.0);
@@ -22,9 +22,9 @@ TEST_CASE("CUDA computes what C++ computes") {
 }
 
 int main(int argc, char** argv) {
-  const std::string missing = cuda_missing();
-  if (!missing.empty()) {
-    std::printf("skipped: %s\n", missing.c_str());
+  const std::string reason = cuda_unavailable_reason();
+  if (!reason.empty()) {
+    std::printf("skipped: %s\n", reason.c_str());
     return 77;
   }
   return stgs::testing::run_cases(argc, argv);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// format/math through GLSL on every Vulkan device against C++. Exit code 77: there is no device.
+// Compares format/math in GLSL, on every Vulkan device, with C++. Exit code 77: no device found.
 #include <cstdio>
 
 #include "catch.h"
@@ -8,8 +8,8 @@
 #include "vulkan_compute.h"
 
 using namespace stgs::test;
-using stgs::math::ParityFound;
-using stgs::math::ParityGiven;
+using stgs::math::ParityInput;
+using stgs::math::ParityResult;
 
 namespace {
 
@@ -24,15 +24,17 @@ VulkanCompute* vulkan = nullptr;
 
 }  // namespace
 
-TEST_CASE("GLSL computes what C++ computes, and the validation layers have nothing to say") {
-  const std::vector<ParityGiven> given = parity_primitives(kPrimitives, 1);
+TEST_CASE(
+    "format/math in GLSL matches C++ within the specified tolerances, without validation "
+    "messages") {
+  const std::vector<ParityInput> inputs = random_parity_inputs(kPrimitives, 1);
   for (std::size_t device = 0; device < vulkan->devices().size(); ++device) {
     INFO("device: " << vulkan->devices()[device]);
-    std::vector<ParityFound> found(given.size());
-    REQUIRE(vulkan->run(device, kSpirv, std::as_bytes(std::span(given)),
-                        std::as_writable_bytes(std::span(found)),
+    std::vector<ParityResult> results(inputs.size());
+    REQUIRE(vulkan->run(device, kSpirv, std::as_bytes(std::span(inputs)),
+                        std::as_writable_bytes(std::span(results)),
                         (kPrimitives + kGroupSize - 1) / kGroupSize) == "");
-    const std::vector<ParityRow> rows = compare_parity(given, found);
+    const std::vector<ParityRow> rows = compare_parity(inputs, results);
     std::printf("GLSL on %s against C++, %zu primitives\n%s", vulkan->devices()[device].c_str(),
                 kPrimitives, parity_table(rows).c_str());
     for (const ParityRow& row : rows) {
@@ -40,20 +42,21 @@ TEST_CASE("GLSL computes what C++ computes, and the validation layers have nothi
       CHECK(row.worst <= 1.0);
     }
   }
-  if (!vulkan->validated()) std::printf("validation layers not found: run without them\n");
+  if (!vulkan->validated())
+    std::printf("Vulkan validation layers not found; running without them\n");
   for (const std::string& message : vulkan->messages()) FAIL_CHECK(message);
 }
 
-TEST_CASE("the comparison fails where a value is off") {
-  const std::vector<ParityGiven> given = parity_primitives(200, 2);
-  std::vector<ParityFound> found;
-  for (const ParityGiven& g : given) found.push_back(parity_of(g));
-  for (const ParityRow& row : compare_parity(given, found)) CHECK(row.worst == 0.0);
-  found[7].modulation *= 1.00001f;
-  found[8].colour.y += 0.5f;
-  found[9].visibility = NAN;
+TEST_CASE("the parity comparison names every quantity that differs") {
+  const std::vector<ParityInput> inputs = random_parity_inputs(200, 2);
+  std::vector<ParityResult> results;
+  for (const ParityInput& g : inputs) results.push_back(evaluate_parity(g));
+  for (const ParityRow& row : compare_parity(inputs, results)) CHECK(row.worst == 0.0);
+  results[7].modulation *= 1.00001f;
+  results[8].colour.y += 0.5f;
+  results[9].visibility = NAN;
   std::string off;
-  for (const ParityRow& row : compare_parity(given, found))
+  for (const ParityRow& row : compare_parity(inputs, results))
     off += row.worst > 1.0 ? row.quantity + "; " : "";
   CHECK(off == "modulation f; visibility l(t); colour; ");
 }

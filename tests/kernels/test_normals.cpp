@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// L_n: what it is 0 for, and its gradients by every parameter against central differences through
-// the reference forward.
+// L_n: where it is 0, and its gradients against central differences through the reference renderer.
 #include <tbb/global_control.h>
 
 #include <algorithm>
@@ -32,24 +31,24 @@ struct Problem {
   float t = 10.0f;
   float weight = 0.7f;
   Gaussians4D set;
-  Image8 truth;
+  Image8 ground_truth;
 
   SplatFrame frame;
   RasterOutput output, surface;
   std::vector<math::Plane> planes;
   Image d_surface;
   NormalLoss normal_loss;
-  Image held_alpha;  // L_n's, where there is one: it is held constant in the gradients
+  Image fixed_alpha;  // if set, the alpha of L_n, which its gradients treat as constant
 
   double loss() {
     render(set, t, camera, settings, frame, output);
     cpu::find_planes(set, t, camera, frame, planes);
     cpu::blend_planes(settings, frame, planes, surface);
-    for (std::size_t k = 0; k < held_alpha.data.size(); ++k) {
-      surface.depth.data[k] *= surface.alpha.data[k] / held_alpha.data[k];
-      surface.alpha.data[k] = held_alpha.data[k];
+    for (std::size_t k = 0; k < fixed_alpha.data.size(); ++k) {
+      surface.depth.data[k] *= surface.alpha.data[k] / fixed_alpha.data[k];
+      surface.alpha.data[k] = fixed_alpha.data[k];
     }
-    return weight * normal_loss.evaluate(surface, truth, camera, weight, d_surface);
+    return weight * normal_loss.evaluate(surface, ground_truth, camera, weight, d_surface);
   }
 
   cpu::PrimitiveGradients gradients() {
@@ -72,40 +71,40 @@ Vec3 unit(Vec3 v) {
   return math::vec3_scale(v, 1.0f / std::sqrt(math::dot3(v, v)));
 }
 
-// A rotation that takes axis k to a direction of the camera's space.
-math::Quat turned(const math::PinholeCamera& camera, int k, Vec3 to) {
+// A rotation that turns axis k to a direction in camera space.
+math::Quat rotation_to(const math::PinholeCamera& camera, int k, Vec3 to) {
   const Vec3 world = math::mat3_transpose_mul(camera.rotation, unit(to));
   const Vec3 axis = {k == 0 ? 1.0f : 0.0f, k == 1 ? 1.0f : 0.0f, k == 2 ? 1.0f : 0.0f};
   const Vec3 c = math::cross3(axis, world);
   return {1.0f + math::dot3(axis, world), c.x, c.y, c.z};
 }
 
-void place(Problem& p, std::size_t i, Vec3 c) {
+void move_to(Problem& p, std::size_t i, Vec3 c) {
   const Vec3 x = math::mat3_transpose_mul(
       p.camera.rotation,
       {c.x - p.camera.translation.x, c.y - p.camera.translation.y, c.z - p.camera.translation.z});
   std::copy_n(&x.x, 3, &p.set.position[3 * i]);
 }
 
-// Few flat primitives, each larger than the picture, one behind the other and slanted each its own
-// way but none edge-on: no pixel comes near a threshold, of alpha or of what shows a surface, and
-// no primitive near a change of its shortest axis or of the side that it turns to the camera.
+// Few flat primitives, each larger than the image, one behind another, with different slants but
+// none edge-on. No pixel is near the thresholds of alpha or of a surface, and no primitive is near
+// a change of its shortest axis or of the side that faces the camera.
 Problem make_problem(unsigned seed) {
   Problem p;
   p.settings.scalar = true;
   const std::size_t n = 7;
   p.set = testing::random_scene(n, p.camera, seed, {0, std::log(1.2f), 0.1f});
-  p.truth = testing::random_truth(kWidth, kHeight, seed);
+  p.ground_truth = testing::random_ground_truth(kWidth, kHeight, seed);
   std::mt19937 random(seed);
   std::uniform_real_distribution<float> uniform(0.0f, 1.0f);
   for (std::size_t i = 0; i < n; ++i) {
     const float z = 2.0f + 0.6f * static_cast<float>(i);
-    place(p, i, {z * 0.4f * (uniform(random) - 0.5f), z * 0.3f * (uniform(random) - 0.5f), z});
+    move_to(p, i, {z * 0.4f * (uniform(random) - 0.5f), z * 0.3f * (uniform(random) - 0.5f), z});
     const int axis = static_cast<int>(i % 3);
     for (int k = 0; k < 3; ++k) p.set.log_scale[3 * i + k] += std::log(z);
     p.set.log_scale[3 * i + axis] -= 1.5f;
     const float side = i % 2 ? 1.0f : -1.0f;
-    const math::Quat q = turned(
+    const math::Quat q = rotation_to(
         p.camera, axis, {1.2f * (uniform(random) - 0.5f), 1.2f * (uniform(random) - 0.5f), side});
     const float length = 0.7f + uniform(random);
     std::copy_n(&q.w, 4, &p.set.rotation[4 * i]);
@@ -113,8 +112,8 @@ Problem make_problem(unsigned seed) {
     p.set.opacity_logit[i] = -0.5f + uniform(random);
     p.set.sigma[i] = 1.0f + uniform(random);
     p.set.radius[i] = 1.0f + uniform(random);
-    const float away = i % 2 ? 0.7f * p.set.radius[i] : p.set.radius[i] + 0.3f * p.set.sigma[i];
-    p.set.time[i] = p.t + (i % 4 < 2 ? away : -away);
+    const float offset = i % 2 ? 0.7f * p.set.radius[i] : p.set.radius[i] + 0.3f * p.set.sigma[i];
+    p.set.time[i] = p.t + (i % 4 < 2 ? offset : -offset);
     for (int k = 0; k < 3; ++k) p.set.velocity[3 * i + k] = 0.05f * (uniform(random) - 0.5f);
   }
   return p;
@@ -127,7 +126,7 @@ void check(Problem& p, const char* name, std::span<float> values, std::span<cons
 
 }  // namespace
 
-TEST_CASE("L_n's gradients by every parameter agree with finite differences") {
+TEST_CASE("gradients of L_n match finite differences in every parameter") {
   for (unsigned seed : {1u, 2u, 3u}) {
     Problem p = make_problem(seed);
     const double loss = p.loss();
@@ -139,7 +138,7 @@ TEST_CASE("L_n's gradients by every parameter agree with finite differences") {
       p.settings.scalar = scalar;
       const cpu::PrimitiveGradients g = p.gradients();
       p.settings = settings;
-      p.held_alpha = p.surface.alpha;
+      p.fixed_alpha = p.surface.alpha;
       check(p, "position", p.set.position, g.position, 2e-3f);
       check(p, "log_scale", p.set.log_scale, g.log_scale, 8e-3f);
       check(p, "rotation", p.set.rotation, g.rotation, 5e-3f);
@@ -152,16 +151,16 @@ TEST_CASE("L_n's gradients by every parameter agree with finite differences") {
   }
 }
 
-TEST_CASE("a plane shows its own normal and depth, whichever way its axis points") {
+TEST_CASE("a plane renders its own normal and depth, whichever way its axis points") {
   for (const float side : {1.0f, -1.0f}) {
     Problem p;
     p.set = testing::random_scene(1, p.camera, 3, {0, 0.0f, 0.0f});
-    p.truth = testing::random_truth(kWidth, kHeight, 1);
-    place(p, 0, {0.1f, -0.05f, 3.0f});
+    p.ground_truth = testing::random_ground_truth(kWidth, kHeight, 1);
+    move_to(p, 0, {0.1f, -0.05f, 3.0f});
     const float scales[3] = {2.0f, 2.0f, -3.0f};
     std::copy_n(scales, 3, p.set.log_scale.begin());
     const Vec3 normal = unit({0.5f, -0.3f, -1.0f});
-    const math::Quat q = turned(p.camera, 2, math::vec3_scale(normal, side));
+    const math::Quat q = rotation_to(p.camera, 2, math::vec3_scale(normal, side));
     std::copy_n(&q.w, 4, p.set.rotation.begin());
     p.set.opacity_logit[0] = 6.0f;
     p.set.time[0] = p.t;
@@ -170,7 +169,7 @@ TEST_CASE("a plane shows its own normal and depth, whichever way its axis points
     CHECK(p.planes[0].normal.z == Approx(normal.z));
     const float centre_distance = math::dot3(normal, {0.1f, -0.05f, 3.0f});
     CHECK(p.planes[0].distance == Approx(centre_distance));
-    // A corner of the picture, far from the centre's depth.
+    // A corner of the image, whose depth differs much from that of the centre.
     const Vec3 ray = math::pixel_ray(p.camera, 2.5f, 3.5f);
     CHECK(math::plane_depth(p.planes[0], 1.0f, ray) ==
           Approx(centre_distance / math::dot3(normal, ray)));
@@ -178,30 +177,32 @@ TEST_CASE("a plane shows its own normal and depth, whichever way its axis points
   }
 }
 
-TEST_CASE("pixels at the border, without a surface and on the truth's edges count nothing") {
+TEST_CASE(
+    "pixels at the border, without a surface or on an edge of the ground truth do not contribute") {
   Problem p = make_problem(5);
   const double all = p.loss();
   for (float g : {p.d_surface.plane(0)[0], p.d_surface.plane(3)[0]}) CHECK(g == 0.0f);
-  // Half of the truth black: the edge's two columns have the largest gradient, all else the least.
-  std::fill(p.truth.data.begin(), p.truth.data.end(), std::uint8_t{0});
+  // A black ground truth, then one whose right part is red. The two columns at the edge have the
+  // largest gradient, all others the smallest.
+  std::fill(p.ground_truth.data.begin(), p.ground_truth.data.end(), std::uint8_t{0});
   const double flat = p.loss();
   CHECK(flat > all);
   for (int y = 0; y < kHeight; ++y) {
-    for (int x = 20; x < kWidth; ++x) p.truth.data[3 * (y * kWidth + x)] = 255;
+    for (int x = 20; x < kWidth; ++x) p.ground_truth.data[3 * (y * kWidth + x)] = 255;
   }
   const double with_edge = p.loss();
   CHECK(with_edge < flat);
   CHECK(with_edge > 0.9 * flat);
   CHECK(p.d_surface.plane(0)[14 * kWidth + 1] != 0.0f);
-  // All but transparent: alpha is below the threshold everywhere.
+  // Almost transparent: alpha is below the threshold everywhere.
   for (float& logit : p.set.opacity_logit) logit = -3.5f;
   CHECK(p.loss() == 0.0);
   for (float g : p.d_surface.data) CHECK(g == 0.0f);
-  // Pictures with no pixel inside the border.
+  // Images without a pixel inside the border.
   for (const auto& [w, h] : {std::pair{2, 9}, {9, 2}, {1, 1}}) {
     Problem tiny = make_problem(6);
     tiny.camera = testing::scene_camera(w, h);
-    tiny.truth = testing::random_truth(w, h, 1);
+    tiny.ground_truth = testing::random_ground_truth(w, h, 1);
     CHECK(tiny.loss() == 0.0);
   }
 }
@@ -216,11 +217,11 @@ void compare_planes_with_reference() {
   for (bool scalar : {true, false}) {
     Problem& p = problems[scalar];
     p.camera = camera;
-    p.truth = testing::random_truth(107, 61, 3);
+    p.ground_truth = testing::random_ground_truth(107, 61, 3);
     p.set = testing::random_scene(800, camera, 9, {1, -1.5f, 0.5f});
     p.settings.scalar = scalar;
     losses[scalar] = p.loss();
-    // The same picture for both, as neighbours' depths are differences of large numbers.
+    // Both use the same image, since depths of neighbours are differences of large numbers.
     if (!scalar) p.surface = problems[1].surface;
     gradients[scalar] = p.gradients();
   }
@@ -241,18 +242,18 @@ void compare_planes_with_reference() {
 
 }  // namespace
 
-TEST_CASE("every vector unit's backward pass of planes gives the reference's gradients") {
+TEST_CASE("the backward pass of planes on every vector target matches the scalar reference") {
   testing::for_each_vector_target(compare_planes_with_reference);
 }
 
-TEST_CASE("one thread and two give the same L_n and gradients to the bit") {
+TEST_CASE("one thread and two give bit-identical values and gradients of L_n") {
   cpu::PrimitiveGradients gradients[2];
   double losses[2];
   for (std::size_t threads : {1, 2}) {
     tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
     Problem p;
     p.camera = testing::scene_camera(320, 180);
-    p.truth = testing::random_truth(320, 180, 3);
+    p.ground_truth = testing::random_ground_truth(320, 180, 3);
     p.set = testing::random_scene(5000, p.camera, 41, {1, -2.5f, 0.5f});
     losses[threads - 1] = p.loss();
     gradients[threads - 1] = p.gradients();
@@ -264,10 +265,10 @@ TEST_CASE("one thread and two give the same L_n and gradients to the bit") {
   CHECK(gradients[0].sigma == gradients[1].sigma);
 }
 
-TEST_CASE("steps with L_n bring normals and depth together") {
+TEST_CASE("training steps with L_n bring normals and depth together") {
   Problem p = make_problem(8);
   TrainState state = testing::train_state(p.set, 1);
-  StepInput input = testing::train_step(p.camera, p.truth, p.t, 0);
+  StepInput input = testing::train_step(p.camera, p.ground_truth, p.t, 0);
   input.weight_l1 = input.weight_ssim = 0.0f;
   input.weight_lifespan = input.weight_opacity = input.weight_scale = 0.0f;
   input.weight_normal = 0.1f;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The perceptual loss on CUDA against the CPU's. Exit code 77: there is no device or no cuDNN.
+// Compares the perceptual loss on CUDA with the CPU. Exit code 77: no device or no cuDNN found.
 //
-// The loss has a slope that jumps: where a feature is near zero, or two of a pooling are nearly
-// equal, rounding decides which way the gradient goes. A few such features make errors far above
-// those of the arithmetic, so gradients are held to a bound of their median over cases and to a
-// wide one of the worst.
+// The gradient is discontinuous: where a feature is near zero, or two inputs of a pooling are
+// nearly equal, rounding decides its direction. A few of these features cause errors far above
+// those of the arithmetic, so the tests bound the median gradient error over all cases tightly and
+// the largest loosely.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -33,40 +33,41 @@ void check(const Status& status) {
   REQUIRE(status.ok());
 }
 
-struct Outcome {
+struct LossResult {
   double value = 0;
-  std::vector<float> gradient;  // by the rendered colours, planar
-  std::vector<float> by_map;    // 12
+  std::vector<float> gradient;      // with respect to the rendered colours, planar
+  std::vector<float> map_gradient;  // 12 values
 };
 
-struct Pictures {
+struct ImagePair {
   Image rendered;
-  Image8 truth;
+  Image8 ground_truth;
 };
 
-// A rendering that is off by `noise` from a smooth truth.
-Pictures pictures(int width, int height, float noise) {
-  Pictures made;
-  made.truth = random_truth(width, height, 3);
-  made.rendered.reshape(width, height, 3);
+// A smooth ground truth, and a rendering with normal noise of deviation `noise`.
+ImagePair make_images(int width, int height, float noise) {
+  ImagePair images;
+  images.ground_truth = random_ground_truth(width, height, 3);
+  images.rendered.reshape(width, height, 3);
   std::mt19937 random(11);
   std::normal_distribution<float> normal(0.0f, noise);
-  for (std::size_t i = 0; i < made.truth.data.size(); ++i)
-    made.rendered.plane(static_cast<int>(i % 3))[i / 3] =
-        static_cast<float>(made.truth.data[i]) / 255.0f + normal(random);
-  return made;
+  for (std::size_t i = 0; i < images.ground_truth.data.size(); ++i)
+    images.rendered.plane(static_cast<int>(i % 3))[i / 3] =
+        static_cast<float>(images.ground_truth.data[i]) / 255.0f + normal(random);
+  return images;
 }
 
-Outcome on_cpu(const Vgg16& network, const Pictures& p, const Patch& patch) {
-  Image shown, d_shown;
-  apply_colour(kMap, p.rendered, shown);
-  d_shown.reshape(shown.width, shown.height, 3);
-  std::fill(d_shown.data.begin(), d_shown.data.end(), 0.0f);
-  Outcome result;
-  result.value = PerceptualLoss(network).evaluate(shown, p.truth, patch, kWeight, d_shown);
-  const ColourMap by_map = colour_backward(kMap, p.rendered, d_shown);
-  result.by_map.assign(by_map.begin(), by_map.end());
-  result.gradient = d_shown.data;
+LossResult evaluate_on_cpu(const Vgg16& network, const ImagePair& p, const Patch& patch) {
+  Image corrected, d_corrected;
+  apply_colour(kMap, p.rendered, corrected);
+  d_corrected.reshape(corrected.width, corrected.height, 3);
+  std::fill(d_corrected.data.begin(), d_corrected.data.end(), 0.0f);
+  LossResult result;
+  result.value =
+      PerceptualLoss(network).evaluate(corrected, p.ground_truth, patch, kWeight, d_corrected);
+  const ColourMap map_gradient = colour_backward(kMap, p.rendered, d_corrected);
+  result.map_gradient.assign(map_gradient.begin(), map_gradient.end());
+  result.gradient = d_corrected.data;
   return result;
 }
 
@@ -85,41 +86,41 @@ std::vector<T> download(const T* data, std::size_t n) {
   return values;
 }
 
-// Onto gradients that are `before` everywhere.
-Outcome on_gpu(cuda::PerceptualNetwork& network, const Pictures& p, const Patch& patch,
-               float before = 0.0f) {
+// Adds to gradients that are `before` everywhere.
+LossResult evaluate_on_gpu(cuda::PerceptualNetwork& network, const ImagePair& p, const Patch& patch,
+                           float before = 0.0f) {
   const std::size_t pixels = p.rendered.data.size() / 3;
-  std::vector<float> picture(4 * pixels);
+  std::vector<float> image(4 * pixels);
   for (std::size_t i = 0; i < pixels; ++i) {
-    for (int c = 0; c < 3; ++c) picture[4 * i + c] = p.rendered.plane(c)[i];
+    for (int c = 0; c < 3; ++c) image[4 * i + c] = p.rendered.plane(c)[i];
   }
-  cuda::DeviceArray<float4> device_picture, d_picture;
-  cuda::DeviceArray<std::uint8_t> truth;
+  cuda::DeviceArray<float4> device_image, d_image;
+  cuda::DeviceArray<std::uint8_t> ground_truth;
   cuda::DeviceArray<float> map, map_sums;
-  upload(device_picture, picture);
-  upload(d_picture, std::vector<float>(4 * pixels, before));
-  upload(truth, p.truth.data);
+  upload(device_image, image);
+  upload(d_image, std::vector<float>(4 * pixels, before));
+  upload(ground_truth, p.ground_truth.data);
   upload(map, std::vector<float>(kMap.begin(), kMap.end()));
   upload(map_sums, std::vector<float>(24, before));
   cuda::Stream stream;
   check(stream.create());
   cuda::PerceptualStep step;
-  step.image = device_picture.data();
-  step.ground_truth = truth.data();
+  step.image = device_image.data();
+  step.ground_truth = ground_truth.data();
   step.colour_map = map.data();
   step.width = p.rendered.width;
   step.patch = patch;
   step.weight = kWeight;
-  step.d_image = d_picture.data();
+  step.d_image = d_image.data();
   step.map_sums = map_sums.data();
   step.map_stride = 2;
   check(network.enqueue(step, stream));
   check(stream.wait());
-  Outcome result;
+  LossResult result;
   result.value = download(network.value(), 1)[0];
   const std::vector<float> sums = download(map_sums.data(), 24);
-  for (int k = 0; k < 12; ++k) result.by_map.push_back(sums[2 * k] - before);
-  const auto* gradient = reinterpret_cast<const float*>(d_picture.data());
+  for (int k = 0; k < 12; ++k) result.map_gradient.push_back(sums[2 * k] - before);
+  const auto* gradient = reinterpret_cast<const float*>(d_image.data());
   const std::vector<float> d = download(gradient, 4 * pixels);
   result.gradient.resize(3 * pixels);
   for (std::size_t i = 0; i < pixels; ++i) {
@@ -136,8 +137,8 @@ double difference(const std::vector<float>& a, const std::vector<float>& b) {
     square += std::pow(double{a[i]} - b[i], 2);
     length += std::pow(double{a[i]}, 2);
   }
-  const double share = std::sqrt(square / length);
-  return std::isfinite(share) ? share : INFINITY;
+  const double relative = std::sqrt(square / length);
+  return std::isfinite(relative) ? relative : INFINITY;
 }
 
 struct Case {
@@ -145,7 +146,7 @@ struct Case {
   Patch patch;
 };
 
-// Whole pictures of even and odd sizes, the least size, patches at a corner and inside.
+// Complete images of even and odd sizes and of the minimum size; patches at a corner and inside.
 const Case kCases[] = {
     {96, 64, {0, 0, 96, 64}},    {101, 67, {0, 0, 101, 67}}, {16, 16, {0, 0, 16, 16}},
     {120, 90, {56, 42, 64, 48}}, {120, 90, {7, 3, 35, 18}},
@@ -169,21 +170,23 @@ std::unique_ptr<cuda::PerceptualNetwork> network_of(
 
 }  // namespace
 
-TEST_CASE("the perceptual loss and its gradients are the CPU's") {
-  std::vector<double> exact_errors, quick_errors;
+TEST_CASE("the perceptual loss and its gradients on CUDA match the CPU") {
+  std::vector<double> float_errors, tensor_core_errors;
   for (const bool linear : {false, true}) {
     const auto vgg = shared_vgg16(2, linear);
-    const auto exact = network_of(vgg, cuda::VggPrecision::kFloat), quick = network_of(vgg);
+    const auto float_network = network_of(vgg, cuda::VggPrecision::kFloat),
+               tensor_core_network = network_of(vgg);
     for (const Case& c : kCases) {
       for (const float noise : {0.3f, 0.03f}) {
-        const Pictures p = pictures(c.width, c.height, noise);
-        const Outcome expected = on_cpu(*vgg, p, c.patch);
-        const Outcome found = on_gpu(*exact, p, c.patch), rough = on_gpu(*quick, p, c.patch);
+        const ImagePair p = make_images(c.width, c.height, noise);
+        const LossResult expected = evaluate_on_cpu(*vgg, p, c.patch);
+        const LossResult found = evaluate_on_gpu(*float_network, p, c.patch),
+                         found_tensor_core = evaluate_on_gpu(*tensor_core_network, p, c.patch);
         for (const auto& [outcome, errors, name] :
-             {std::tuple(&found, &exact_errors, "floats"),
-              std::tuple(&rough, &quick_errors, "tensor cores")}) {
+             {std::tuple(&found, &float_errors, "floats"),
+              std::tuple(&found_tensor_core, &tensor_core_errors, "tensor cores")}) {
           errors->push_back(difference(expected.gradient, outcome->gradient));
-          errors->push_back(difference(expected.by_map, outcome->by_map));
+          errors->push_back(difference(expected.map_gradient, outcome->map_gradient));
           std::printf(
               "%dx%d, patch %dx%d, noise %.2f, %s: loss %.7f off by %.1e, gradient %.1e, "
               "colour map %.1e\n",
@@ -191,48 +194,50 @@ TEST_CASE("the perceptual loss and its gradients are the CPU's") {
               std::abs(outcome->value / expected.value - 1), *(errors->end() - 2), errors->back());
         }
         CHECK(found.value == Approx(expected.value).epsilon(1e-5));
-        CHECK(rough.value == Approx(expected.value).epsilon(1e-3));
+        CHECK(found_tensor_core.value == Approx(expected.value).epsilon(1e-3));
       }
     }
   }
-  for (auto* errors : {&exact_errors, &quick_errors}) std::sort(errors->begin(), errors->end());
-  CHECK(exact_errors[exact_errors.size() / 2] <= 1e-3);
-  CHECK(exact_errors.back() <= 5e-2);
-  CHECK(quick_errors[quick_errors.size() / 2] <= 8e-2);
-  CHECK(quick_errors.back() <= 0.25);
+  for (auto* errors : {&float_errors, &tensor_core_errors})
+    std::sort(errors->begin(), errors->end());
+  CHECK(float_errors[float_errors.size() / 2] <= 1e-3);
+  CHECK(float_errors.back() <= 5e-2);
+  CHECK(tensor_core_errors[tensor_core_errors.size() / 2] <= 8e-2);
+  CHECK(tensor_core_errors.back() <= 0.25);
 }
 
-TEST_CASE("the gradient is added to what is there, and repeats to the bit") {
+TEST_CASE("the gradient is added to the existing one and repeats to the bit") {
   const auto vgg = shared_vgg16(3, true);
   const auto network = network_of(vgg), other = network_of(vgg);
   const Case& c = kCases[3];
-  const Pictures p = pictures(c.width, c.height, 0.1f);
-  const Outcome once = on_gpu(*network, p, c.patch);
-  // Other sizes in between.
-  on_gpu(*network, p, kCases[4].patch);
-  on_gpu(*network, p, {0, 0, 120, 90});
-  const Outcome again = on_gpu(*network, p, c.patch), fresh = on_gpu(*other, p, c.patch);
-  for (const Outcome* r : {&again, &fresh}) {
+  const ImagePair p = make_images(c.width, c.height, 0.1f);
+  const LossResult once = evaluate_on_gpu(*network, p, c.patch);
+  // Other sizes in between must not matter.
+  evaluate_on_gpu(*network, p, kCases[4].patch);
+  evaluate_on_gpu(*network, p, {0, 0, 120, 90});
+  const LossResult again = evaluate_on_gpu(*network, p, c.patch),
+                   fresh = evaluate_on_gpu(*other, p, c.patch);
+  for (const LossResult* r : {&again, &fresh}) {
     CHECK(r->value == once.value);
     CHECK(r->gradient == once.gradient);
-    CHECK(r->by_map == once.by_map);
+    CHECK(r->map_gradient == once.map_gradient);
   }
-  const Outcome added = on_gpu(*network, p, c.patch, 1.0f);
+  const LossResult added = evaluate_on_gpu(*network, p, c.patch, 1.0f);
   float worst = 0;
   for (std::size_t i = 0; i < once.gradient.size(); ++i)
     worst = std::max(worst, std::abs(added.gradient[i] - once.gradient[i]));
   CHECK(worst <= 2e-7f);
 }
 
-TEST_CASE("a step with a perceptual loss has the CPU's losses and gradients") {
+TEST_CASE("a CUDA step with a perceptual loss has the losses and gradients of the CPU") {
   const auto vgg = shared_vgg16(5, true);
   const int width = 160, height = 96;
-  const Image8 truth = random_truth(width, height, 1);
+  const Image8 ground_truth = random_ground_truth(width, height, 1);
   SceneShape shape;
   TrainState cpu = train_state(random_scene(3000, scene_camera(width, height), 5, shape), 3);
   TrainState gpu = cpu, again = cpu;
-  StepInput input = train_step(scene_camera(width, height), truth, 9.0f, 2);
-  input.weight_l1 = input.weight_ssim = 0.0f;  // so that nothing hides it
+  StepInput input = train_step(scene_camera(width, height), ground_truth, 9.0f, 2);
+  input.weight_l1 = input.weight_ssim = 0.0f;  // the perceptual term alone
   input.weight_lifespan = input.weight_opacity = input.weight_scale = 0.0f;
   input.weight_perceptual = 1.0f;
   input.patch = {31, 17, 100, 64};
@@ -252,8 +257,8 @@ TEST_CASE("a step with a perceptual loss has the CPU's losses and gradients") {
     plan.perceptual_patch = 100;
     check(b.reserve(plan));
     if (state == &gpu || state == &again) {
-      auto exact = network_of(vgg, cuda::VggPrecision::kFloat);
-      backend.pipeline().set_perceptual(std::move(exact));
+      auto float_network = network_of(vgg, cuda::VggPrecision::kFloat);
+      backend.pipeline().set_perceptual(std::move(float_network));
     }
     check(b.begin(*state));
     check(b.step(input));
@@ -283,7 +288,7 @@ TEST_CASE("a step with a perceptual loss has the CPU's losses and gradients") {
   CHECK(difference(maps[0], maps[1]) <= 1e-2);
 }
 
-TEST_CASE("the perceptual loss counts in what a plan needs") {
+TEST_CASE("the memory of the perceptual loss counts towards the plan") {
   cuda::CudaBackend backend;
   check(backend.create());
   TrainPlan plan;
@@ -291,15 +296,15 @@ TEST_CASE("the perceptual loss counts in what a plan needs") {
   plan.sh_coefficients = 16;
   plan.width = plan.height = 4000;
   plan.perceptual = shared_vgg16(6, false);
-  const auto refused = [&](const std::string& text) {
+  const auto check_rejected = [&](const std::string& text) {
     const Status status = backend.reserve(plan);
     INFO(status.message());
     CHECK(status.code() == StatusCode::kUnsupported);
     CHECK(status.message().find(text) != std::string::npos);
   };
-  refused("a smaller perceptual_patch (which takes 4");  // GiB of it
+  check_rejected("a smaller perceptual_patch (which takes 4");  // GiB
   plan.width = plan.height = 5000;
-  refused("5000x5000 pixels are too large for cuDNN; use a smaller perceptual_patch");
+  check_rejected("5000x5000 pixels are too large for cuDNN; use a smaller perceptual_patch");
   plan.primitives = 1000;
   plan.perceptual_patch = 256;
   check(backend.reserve(plan));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A step of several ranks against the steps of one, from which the mean gradient is summed up
-// plainly. Gradients are read from Adam's first moments after one step from zero, which are 0.1
-// times the gradient.
+// Compares a step of several ranks with the plain mean of the gradients of single-rank steps.
+// Gradients are read from Adam's first moments after one step from zero, which are 0.1 times the
+// gradient.
 #include <algorithm>
 
 #include "catch.h"
@@ -23,7 +23,7 @@ struct Setting {
   bool coupled, learn_radius;
 };
 
-TrainState start_of(const Setting& setting) {
+TrainState initial_state(const Setting& setting) {
   SceneShape shape;
   shape.sh_degree = 3;
   Gaussians4D set = random_scene(700, scene_camera(kWidth, kHeight), 5, shape);
@@ -39,15 +39,16 @@ TrainState start_of(const Setting& setting) {
   return state;
 }
 
-// The step that each rank takes: views that see different primitives, at different moments.
-std::vector<StepInput> inputs_of(const Setting& setting, const std::vector<Image8>& truths) {
+// The step of each rank: views of different primitives at different times.
+std::vector<StepInput> make_inputs(const Setting& setting,
+                                   const std::vector<Image8>& ground_truths) {
   std::vector<StepInput> inputs;
   std::vector<BatchView> batch;
   for (int r = 0; r < setting.ranks; ++r) {
     math::PinholeCamera camera = scene_camera(kWidth, kHeight);
     camera.translation.x += 0.6f * static_cast<float>(r) - 0.4f;
-    StepInput input =
-        train_step(camera, truths[r], 4.0f + 5.0f * static_cast<float>(r), setting.sh_degree);
+    StepInput input = train_step(camera, ground_truths[r], 4.0f + 5.0f * static_cast<float>(r),
+                                 setting.sh_degree);
     input.learn_radius = setting.learn_radius;
     input.modulated = !setting.coupled;
     // Two of three ranks share a camera.
@@ -59,13 +60,14 @@ std::vector<StepInput> inputs_of(const Setting& setting, const std::vector<Image
   return inputs;
 }
 
-std::vector<Image8> truths_of(int ranks) {
-  std::vector<Image8> truths;
-  for (int r = 0; r < ranks; ++r) truths.push_back(random_truth(kWidth, kHeight, 40 + r));
-  return truths;
+std::vector<Image8> make_ground_truths(int ranks) {
+  std::vector<Image8> ground_truths;
+  for (int r = 0; r < ranks; ++r)
+    ground_truths.push_back(random_ground_truth(kWidth, kHeight, 40 + r));
+  return ground_truths;
 }
 
-void take(TrainBackend& backend, TrainState& state, const StepInput& input, int steps) {
+void run_steps(TrainBackend& backend, TrainState& state, const StepInput& input, int steps) {
   if (!backend.reserve({}).ok() || !backend.begin(state).ok()) return;
   for (int s = 0; s < steps && backend.step(input).ok(); ++s) {
   }
@@ -73,40 +75,40 @@ void take(TrainBackend& backend, TrainState& state, const StepInput& input, int 
 
 }  // namespace
 
-TEST_CASE("a step of several ranks has the plain mean of their gradients") {
+TEST_CASE("a step of several ranks has the mean of their gradients") {
   const Setting setting =
       GENERATE(Setting{2, 3, false, true}, Setting{3, 1, false, false}, Setting{2, 0, true, true});
   CAPTURE(setting.ranks, setting.coupled);
-  const TrainState start = start_of(setting);
-  const std::vector<Image8> truths = truths_of(setting.ranks);
-  const std::vector<StepInput> inputs = inputs_of(setting, truths);
-  std::vector<TrainState> alone(inputs.size(), start), together(inputs.size(), start);
-  std::vector<StepOutput> alone_gave, together_gave;
+  const TrainState start = initial_state(setting);
+  const std::vector<Image8> ground_truths = make_ground_truths(setting.ranks);
+  const std::vector<StepInput> inputs = make_inputs(setting, ground_truths);
+  std::vector<TrainState> single(inputs.size(), start), joint(inputs.size(), start);
+  std::vector<StepOutput> single_outputs, joint_outputs;
   for (std::size_t r = 0; r < inputs.size(); ++r) {
     const auto backend = make_cpu_backend();
-    take(*backend, alone[r], inputs[r], 1);
-    alone_gave.push_back(backend->read()->front());
+    run_steps(*backend, single[r], inputs[r], 1);
+    single_outputs.push_back(backend->read()->front());
   }
   on_ranks(setting.ranks, [&](Ranks& ranks) {
     const auto r = static_cast<std::size_t>(ranks.rank());
     const auto backend = make_cpu_backend();
     if (!backend->join(ranks).ok()) return;
-    take(*backend, together[r], inputs[r], 1);
-    if (r == 0) together_gave = *backend->read();
+    run_steps(*backend, joint[r], inputs[r], 1);
+    if (r == 0) joint_outputs = *backend->read();
   });
-  REQUIRE(together_gave.size() == inputs.size());
+  REQUIRE(joint_outputs.size() == inputs.size());
   for (std::size_t r = 0; r < inputs.size(); ++r) {
-    CHECK(same_bits(together[0], together[r]));
-    CHECK(together_gave[r].loss == alone_gave[r].loss);
-    CHECK(together_gave[r].visible == alone_gave[r].visible);
+    CHECK(same_bits(joint[0], joint[r]));
+    CHECK(joint_outputs[r].loss == single_outputs[r].loss);
+    CHECK(joint_outputs[r].visible == single_outputs[r].visible);
   }
-  const TrainState& found = together[0];
+  const TrainState& found = joint[0];
   const auto views = static_cast<float>(inputs.size());
   for (int a = 0; a < kAttributes; ++a) {
     double square = 0, length = 0;
     for (std::size_t k = 0; k < found.moments[a].first.size(); ++k) {
       double expected = 0;
-      for (const TrainState& state : alone) expected += state.moments[a].first[k] / views;
+      for (const TrainState& state : single) expected += state.moments[a].first[k] / views;
       square += std::pow(found.moments[a].first[k] - expected, 2);
       length += expected * expected;
     }
@@ -114,40 +116,40 @@ TEST_CASE("a step of several ranks has the plain mean of their gradients") {
     CHECK((length > 0) == (a != kRadius || setting.learn_radius));
     CHECK(std::sqrt(square) <= 2e-6 * std::sqrt(length));
   }
-  std::size_t seen_by_some = 0;
+  std::size_t visible_to_some = 0;
   for (std::size_t i = 0; i < start.size(); ++i) {
-    std::uint32_t updates = 0, seen = 0;
+    std::uint32_t updates = 0, views_of_primitive = 0;
     float gradient = 0, error = 0;
-    for (const TrainState& state : alone) {
+    for (const TrainState& state : single) {
       updates = std::max(updates, state.updates[i]);
-      seen += state.statistics.views[i];
+      views_of_primitive += state.statistics.views[i];
       gradient += state.statistics.gradient_sum[i];
       error = std::max(error, state.statistics.error_max[i]);
     }
-    if (seen > 0 && seen < inputs.size()) ++seen_by_some;
+    if (views_of_primitive > 0 && views_of_primitive < inputs.size()) ++visible_to_some;
     REQUIRE(found.updates[i] == updates);
-    REQUIRE(found.statistics.views[i] == seen);
+    REQUIRE(found.statistics.views[i] == views_of_primitive);
     REQUIRE(found.statistics.gradient_sum[i] == Approx(gradient).epsilon(1e-6));
     REQUIRE(found.statistics.error_max[i] == error);
   }
-  CHECK(seen_by_some > 20);
-  // Colour maps have a step a view, in the order of the ranks.
+  CHECK(visible_to_some > 20);
+  // Colour maps take one step per view, in the order of the ranks.
   CHECK(found.colour_updates[0] == (inputs.size() + 1) / 2);
   CHECK(found.colour_updates[1] == inputs.size() / 2);
 }
 
-TEST_CASE("ranks keep the same state over many steps, and repeat it") {
+TEST_CASE("ranks keep identical states over many steps, and repeated runs have the same bits") {
   const Setting setting{2, 2, false, true};
-  const std::vector<Image8> truths = truths_of(setting.ranks);
-  const std::vector<StepInput> inputs = inputs_of(setting, truths);
-  const TrainState start = start_of(setting);
+  const std::vector<Image8> ground_truths = make_ground_truths(setting.ranks);
+  const std::vector<StepInput> inputs = make_inputs(setting, ground_truths);
+  const TrainState start = initial_state(setting);
   std::vector<TrainState> states(4, start);
   for (const std::size_t first : {0, 2}) {
     on_ranks(2, [&](Ranks& ranks) {
       const auto r = static_cast<std::size_t>(ranks.rank());
       const auto backend = make_cpu_backend();
       if (!backend->join(ranks).ok()) return;
-      take(*backend, states[first + r], inputs[r], 12);
+      run_steps(*backend, states[first + r], inputs[r], 12);
     });
   }
   for (const TrainState& state : states) CHECK(same_bits(states[0], state));

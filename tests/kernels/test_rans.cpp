@@ -17,9 +17,9 @@ std::uint32_t sum_of(const RansTable& table) {
   return sum;
 }
 
-// What the scalar decoder gives, after comparing it with every vector target.
-Decoded decode_everywhere(std::span<const std::uint8_t> bytes, std::size_t n,
-                          const std::vector<RansTable>& tables) {
+// Decodes with the scalar decoder and checks that every vector target agrees.
+Decoded decode_on_all_targets(std::span<const std::uint8_t> bytes, std::size_t n,
+                              const std::vector<RansTable>& tables) {
   const Decoded scalar = decode(bytes, n, tables, true);
   for_each_vector_target([&] {
     INFO(rans_vector_target());
@@ -30,23 +30,23 @@ Decoded decode_everywhere(std::span<const std::uint8_t> bytes, std::size_t n,
 
 void check_round_trip(const Planes& planes) {
   const auto bytes = planes.encode();
-  const Decoded decoded = decode_everywhere(bytes, planes.n, planes.tables);
+  const Decoded decoded = decode_on_all_targets(bytes, planes.n, planes.tables);
   CHECK(decoded.opened);
   CHECK(decoded.finished);
   CHECK(decoded.symbols == planes.symbols);
 }
 
-// A flaw is found, or makes the bytes those of other symbols, which a checksum must tell apart.
+// Damage is either detected or yields other valid symbols, which a checksum must catch.
 void check_damage(const Planes& planes, std::span<const std::uint8_t> bytes) {
-  const Decoded decoded = decode_everywhere(bytes, planes.n, planes.tables);
+  const Decoded decoded = decode_on_all_targets(bytes, planes.n, planes.tables);
   if (!decoded.opened || !decoded.finished) return;
   Planes others = planes;
   others.symbols = decoded.symbols;
-  if (others.encode() != Symbols(bytes.begin(), bytes.end())) FAIL("damage that was not found");
+  if (others.encode() != Symbols(bytes.begin(), bytes.end())) FAIL("undetected damage");
 }
 
-// Two planes of 65 primitives, which have two lanes (the example of spec A.7).
-Planes example() {
+// Two planes of 65 primitives, in two lanes: the example of spec A.7.
+Planes spec_example() {
   Planes planes;
   planes.n = 65;
   planes.symbols.assign(2, Symbols(65));
@@ -64,7 +64,7 @@ std::uint32_t random_below(std::mt19937& random, std::uint32_t limit) {
   return static_cast<std::uint32_t>(random()) % limit;
 }
 
-// Counts of up to 256 symbols, as often small as large, up to 2^bits.
+// Counts of up to 256 symbols, log-uniform up to 2^bits.
 Counts random_counts(std::mt19937& random, std::uint32_t bits) {
   Counts counts{};
   for (std::uint32_t left = 1 + random_below(random, 256); left > 0; --left) {
@@ -82,44 +82,44 @@ Symbols bytes_of(const RansTable& table) {
 
 }  // namespace
 
-TEST_CASE("planes of every size come back, from every vector target") {
+TEST_CASE("planes of every size round-trip on every vector target") {
   const auto n = GENERATE(0u, 1u, 2u, 31u, 32u, 33u, 64u, 65u, 511u, 513u, 1000u, 1983u, 1984u,
                           1985u, 2047u, 2048u, 2049u, 5000u);
   const auto count = GENERATE(1u, 2u, 5u, 16u);
-  check_round_trip(planes_of(n, count, n % 5));
+  check_round_trip(random_planes(n, count, n % 5));
 }
 
-TEST_CASE("a large group of planes comes back") {
-  check_round_trip(planes_of(100000, 10, 0));
-  check_round_trip(planes_of(2500, 64, 3));
+TEST_CASE("large groups of planes round-trip") {
+  check_round_trip(random_planes(100000, 10, 0));
+  check_round_trip(random_planes(2500, 64, 3));
 }
 
-TEST_CASE("a group of no planes has states alone, and ends well") {
-  const Planes planes = planes_of(3000, 0, 0);
+TEST_CASE("a group without planes contains only states and decodes completely") {
+  const Planes planes = random_planes(3000, 0, 0);
   CHECK(planes.encode().size() == 4 * (2 + 32 + 15));
   check_round_trip(planes);
 }
 
-TEST_CASE("planes that need no words after planes that do are decoded to the end") {
+TEST_CASE("planes without words after planes with words decode completely") {
   std::mt19937 random(4);
-  Planes planes = planes_of(2048, 1, 1);
+  Planes planes = random_planes(2048, 1, 1);
   for (int p = 0; p < 3; ++p) {
-    planes.symbols.push_back(plane_of(2048, 2, random));
-    planes.tables.push_back(rans_table(counts_of(planes.symbols.back())));
+    planes.symbols.push_back(random_plane(2048, 2, random));
+    planes.tables.push_back(rans_table(count_symbols(planes.symbols.back())));
   }
   check_round_trip(planes);
 }
 
-TEST_CASE("size is the table's code length within half a per cent, and the states") {
+TEST_CASE("the size is within 0.5 % of the code length of the tables, plus the states") {
   for (std::size_t kind = 0; kind < 5; ++kind) {
     std::mt19937 random(9);
     Planes planes;
     planes.n = 100000;
     double bits = 0;
     for (int p = 0; p < 16; ++p) {
-      planes.symbols.push_back(plane_of(planes.n, kind, random));
-      planes.tables.push_back(rans_table(counts_of(planes.symbols.back())));
-      bits += rans_cost(planes.tables.back(), counts_of(planes.symbols.back()));
+      planes.symbols.push_back(random_plane(planes.n, kind, random));
+      planes.tables.push_back(rans_table(count_symbols(planes.symbols.back())));
+      bits += rans_cost(planes.tables.back(), count_symbols(planes.symbols.back()));
     }
     const std::size_t blocks = rans_blocks(planes.n);
     const double states = 4.0 * static_cast<double>(blocks + planes.n / kRansLaneSymbols + 1);
@@ -127,16 +127,16 @@ TEST_CASE("size is the table's code length within half a per cent, and the state
   }
 }
 
-TEST_CASE("a short block has a lane for each 64 primitives") {
+TEST_CASE("a short block has one lane per 64 primitives") {
   for (const std::size_t n : {1u, 64u, 65u, 2048u, 2049u, 2113u}) {
-    Planes planes = planes_of(n, 1, 2);  // one symbol: no words
+    Planes planes = random_planes(n, 1, 2);  // one symbol: no words
     const std::size_t states = (n + 63) / 64;
     CHECK(planes.encode().size() == 4 * (rans_blocks(n) + states));
   }
 }
 
-TEST_CASE("the specification's example has its bytes") {
-  const Planes planes = example();
+TEST_CASE("the example of the specification has the specified bytes") {
+  const Planes planes = spec_example();
   const Symbols bytes = planes.encode();
   CHECK(bytes == Symbols{0x09, 0x00, 0x00, 0x00, 0xB1, 0xE1, 0x36, 0x00, 0xD9, 0xE3,
                          0x1C, 0x04, 0x85, 0xB2, 0x98, 0x73, 0x75, 0xE2, 0xCF, 0x03,
@@ -146,9 +146,9 @@ TEST_CASE("the specification's example has its bytes") {
   check_round_trip(planes);
 }
 
-TEST_CASE("what cannot be encoded is refused") {
+TEST_CASE("rans_encode rejects symbols without a table entry, wrong sizes and too many planes") {
   const Symbols symbols{1, 2, 3};
-  const RansTable table = rans_table(counts_of({1, 2}));
+  const RansTable table = rans_table(count_symbols({1, 2}));
   const RansTable empty;
   const auto code = [&](std::size_t n, const RansTable& t) {
     const RansPlane plane{symbols, &t};
@@ -156,48 +156,48 @@ TEST_CASE("what cannot be encoded is refused") {
   };
   CHECK(code(3, table) == StatusCode::kUsage);
   CHECK(code(3, empty) == StatusCode::kUsage);
-  CHECK(code(4, rans_table(counts_of(symbols))) == StatusCode::kUsage);
-  CHECK(code(3, rans_table(counts_of(symbols))) == StatusCode::kOk);
+  CHECK(code(4, rans_table(count_symbols(symbols))) == StatusCode::kUsage);
+  CHECK(code(3, rans_table(count_symbols(symbols))) == StatusCode::kOk);
   CHECK(rans_encode(std::vector<RansPlane>(65, {symbols, &table}), 3).status().code() ==
         StatusCode::kUsage);
 }
 
-TEST_CASE("a cut or longer group is refused") {
+TEST_CASE("a truncated or extended group is rejected") {
   for (const std::size_t n : {1u, 70u, 2100u}) {
-    const Planes planes = planes_of(n, 3, 0);
-    const Symbols whole = planes.encode();
-    for (std::size_t size = 0; size < whole.size(); ++size) {
-      const Symbols cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+    const Planes planes = random_planes(n, 3, 0);
+    const Symbols complete = planes.encode();
+    for (std::size_t size = 0; size < complete.size(); ++size) {
+      const Symbols cut(complete.begin(), complete.begin() + static_cast<std::ptrdiff_t>(size));
       if (RansGroupDecoder::open(cut, n).ok()) FAIL("cut at " << size);
     }
-    Symbols longer = whole;
+    Symbols longer = complete;
     longer.push_back(0);
     CHECK_FALSE(RansGroupDecoder::open(longer, n).ok());
-    CHECK_FALSE(RansGroupDecoder::open(whole, n + kRansBlock).ok());
-    CHECK_FALSE(RansGroupDecoder::open(whole, static_cast<std::size_t>(-1)).ok());
+    CHECK_FALSE(RansGroupDecoder::open(complete, n + kRansBlock).ok());
+    CHECK_FALSE(RansGroupDecoder::open(complete, static_cast<std::size_t>(-1)).ok());
   }
 }
 
-TEST_CASE("a changed byte is found or gives other symbols, the same from every target") {
+TEST_CASE("a changed byte is detected or decodes to the same other symbols on every target") {
   for (const std::size_t n : {70u, 1000u, 2100u}) {
-    const Planes planes = planes_of(n, n < 100 ? 6 : 3, 0);
-    const Symbols whole = planes.encode();
+    const Planes planes = random_planes(n, n < 100 ? 6 : 3, 0);
+    const Symbols complete = planes.encode();
     std::mt19937 random(1);
-    for (std::size_t at = 0; at < whole.size(); at += n < 100 ? 1 : 17) {
-      Symbols damaged = whole;
+    for (std::size_t at = 0; at < complete.size(); at += n < 100 ? 1 : 17) {
+      Symbols damaged = complete;
       damaged[at] = static_cast<std::uint8_t>(damaged[at] ^ (1 + random() % 255));
       check_damage(planes, damaged);
     }
   }
 }
 
-TEST_CASE("bytes of any kind are decoded without reading past them") {
+TEST_CASE("arbitrary bytes decode without reads out of bounds") {
   std::mt19937 random(6);
-  const Planes planes = planes_of(2300, 4, 0);
+  const Planes planes = random_planes(2300, 4, 0);
   for (int run = 0; run < 200; ++run) {
     const std::uint32_t words[2] = {random_below(random, 90), random_below(random, 90)};
     Symbols bytes(4 * (2 + 32 + 4) + 2 * (words[0] + words[1]));
-    // Odd, so that all states are possible.
+    // Odd bytes, so that every state is valid.
     for (auto& b : bytes) b = static_cast<std::uint8_t>(random() | 1);
     for (std::size_t i = 0; i < 8; ++i)
       bytes[i] = static_cast<std::uint8_t>(words[i / 4] >> (i % 4 * 8));
@@ -205,32 +205,32 @@ TEST_CASE("bytes of any kind are decoded without reading past them") {
   }
 }
 
-TEST_CASE("a state below 65536 is refused") {
-  const Planes planes = planes_of(70, 2, 0);
+TEST_CASE("a state below 65536 is rejected") {
+  const Planes planes = random_planes(70, 2, 0);
   Symbols bytes = planes.encode();
   bytes[6] = bytes[7] = 0;
   CHECK_FALSE(RansGroupDecoder::open(bytes, 70).ok());
 }
 
-TEST_CASE("no slot of a table is better given to another symbol") {
+TEST_CASE("moving a slot of a table to another symbol never shortens the code") {
   std::mt19937 random(2);
   for (int run = 0; run < 40; ++run) {
     const Counts counts = random_counts(random, 22);
     const RansTable table = rans_table(counts);
     REQUIRE(sum_of(table) == kRansTotal);
-    double best_gain = 0, least_loss = 1e300;
+    double max_gain = 0, min_loss = 1e300;
     for (std::size_t s = 0; s < 256; ++s) {
       REQUIRE((table.frequency[s] > 0) == (counts[s] > 0));
       const double c = counts[s], f = table.frequency[s];
       if (c == 0) continue;
-      best_gain = std::max(best_gain, c * std::log2((f + 1) / f));
-      if (f > 1) least_loss = std::min(least_loss, c * std::log2(f / (f - 1)));
+      max_gain = std::max(max_gain, c * std::log2((f + 1) / f));
+      if (f > 1) min_loss = std::min(min_loss, c * std::log2(f / (f - 1)));
     }
-    CHECK(best_gain <= least_loss * 1.0001);
+    CHECK(max_gain <= min_loss * 1.0001);
   }
 }
 
-TEST_CASE("a table of no counts, of one and of the largest is sound") {
+TEST_CASE("tables of no counts, one count and the largest counts are valid") {
   CHECK(rans_table(Counts{}).frequency[0] == kRansTotal);
   Counts counts{};
   counts[255] = 1;
@@ -239,7 +239,7 @@ TEST_CASE("a table of no counts, of one and of the largest is sound") {
   for (const std::uint32_t f : rans_table(counts).frequency) CHECK(f == 16);
 }
 
-TEST_CASE("a table's cost is the code length, and infinite for a symbol that it lacks") {
+TEST_CASE("rans_cost is the code length, and infinite if a symbol is missing from the table") {
   Counts counts{};
   counts[3] = 1000;
   counts[4] = 24;
@@ -252,7 +252,7 @@ TEST_CASE("a table's cost is the code length, and infinite for a symbol that it 
   CHECK(std::isinf(rans_cost(table, counts)));
 }
 
-TEST_CASE("tables come back from their bytes, and small ones are small") {
+TEST_CASE("tables round-trip, and small tables take few bytes") {
   std::mt19937 random(3);
   for (int run = 0; run < 300; ++run) {
     const RansTable table = rans_table(random_counts(random, 12));
@@ -276,16 +276,17 @@ TEST_CASE("tables come back from their bytes, and small ones are small") {
   std::geometric_distribution<int> skewed(0.15);
   Symbols symbols(30000);
   for (auto& s : symbols) s = static_cast<std::uint8_t>(std::min(255, skewed(random)));
-  CHECK(bytes_of(rans_table(counts_of(symbols))).size() <= 60);
+  CHECK(bytes_of(rans_table(count_symbols(symbols))).size() <= 60);
 }
 
-TEST_CASE("bytes of no table are refused, and no two stand for one table") {
+TEST_CASE("invalid table bytes are rejected, and no two encodings represent one table") {
   const auto check = [](const Symbols& bytes) {
     ByteReader in(bytes);
     const auto table = read_rans_table(in);
     if (!table.ok()) return;
     const Symbols taken(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(in.position()));
-    if (sum_of(*table) != kRansTotal || bytes_of(*table) != taken) FAIL("not a table's bytes");
+    if (sum_of(*table) != kRansTotal || bytes_of(*table) != taken)
+      FAIL("accepted bytes that encode no table");
   };
   check({});
   for (unsigned value = 0; value < 65536; ++value)
@@ -293,13 +294,13 @@ TEST_CASE("bytes of no table are refused, and no two stand for one table") {
   std::mt19937 random(5);
   for (int run = 0; run < 50000; ++run) {
     Symbols bytes(random() % 40);
-    const bool dense = random() % 2;  // denser or sparser bits: longer or shorter codes
+    const bool dense = random() % 2;  // the density of bits controls the length of codes
     for (auto& b : bytes) b = static_cast<std::uint8_t>(dense ? random() : random() & random());
     check(bytes);
   }
-  const Symbols whole = bytes_of(example().tables[0]);
-  for (std::size_t size = 0; size < whole.size(); ++size) {
-    ByteReader in(std::span<const std::uint8_t>(whole).first(size));
+  const Symbols complete = bytes_of(spec_example().tables[0]);
+  for (std::size_t size = 0; size < complete.size(); ++size) {
+    ByteReader in(std::span<const std::uint8_t>(complete).first(size));
     CHECK_FALSE(read_rans_table(in).ok());
   }
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rANS decoder of the GPU against the scalar one.
+// Compares the CUDA rANS decoder with the scalar decoder.
 #include <cstdio>
 
 #include "catch.h"
@@ -16,7 +16,7 @@ struct Case {
   Symbols bytes;
 };
 
-// Decodes all groups at once and compares each with the scalar decoder.
+// Decodes all groups in one launch and compares each with the scalar decoder.
 void check_groups(const std::vector<Case>& cases) {
   std::vector<DeviceGroup> groups;
   for (const Case& c : cases) groups.emplace_back(c.bytes, c.planes.n, c.planes.tables);
@@ -34,24 +34,24 @@ void check_groups(const std::vector<Case>& cases) {
 
 }  // namespace
 
-TEST_CASE("groups of every size and kind, decoded at once, have the scalar decoder's symbols") {
+TEST_CASE("groups of every size and kind, decoded in one launch, match the scalar decoder") {
   std::vector<Case> cases;
   unsigned kind = 0;
   for (const std::size_t n : {0u, 1u, 31u, 32u, 33u, 65u, 2047u, 2048u, 2049u, 16384u, 100000u}) {
-    const Planes planes = planes_of(n, 1 + n % 7, kind++);
+    const Planes planes = random_planes(n, 1 + n % 7, kind++);
     cases.push_back({planes, planes.encode()});
   }
-  const Planes many = planes_of(5000, 64, 0);
+  const Planes many = random_planes(5000, 64, 0);
   cases.push_back({many, many.encode()});
   check_groups(cases);
 }
 
-TEST_CASE("damaged groups have the scalar decoder's symbols, and are told") {
+TEST_CASE("damaged groups match the scalar decoder and are reported as damaged") {
   std::vector<Case> cases;
   std::mt19937 random(8);
   for (unsigned run = 0; run < 100; ++run) {
     const std::size_t n = run % 2 ? 700 : 5000;
-    const Planes planes = planes_of(n, 3, run);
+    const Planes planes = random_planes(n, 3, run);
     Symbols bytes = planes.encode();
     for (int change = 0; change < 3; ++change) {
       const std::size_t at = random() % bytes.size();

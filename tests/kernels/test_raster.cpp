@@ -29,8 +29,8 @@ RasterSettings settings_of(bool scalar) {
   return settings;
 }
 
-// Every pixel against every splat of the frame, without tiles, boxes or ellipse tests.
-Image blend_everything(const SplatFrame& frame, const RasterSettings& settings) {
+// Blends every splat of the frame at every pixel, without tiles, boxes or ellipse tests.
+Image blend_without_tiles(const SplatFrame& frame, const RasterSettings& settings) {
   std::vector<std::uint32_t> order(frame.splats.size());
   std::iota(order.begin(), order.end(), 0u);
   std::stable_sort(order.begin(), order.end(),
@@ -63,7 +63,7 @@ Image blend_everything(const SplatFrame& frame, const RasterSettings& settings) 
 
 }  // namespace
 
-TEST_CASE("tiles change no pixel against blending every splat everywhere") {
+TEST_CASE("tiles change no pixel compared with blending every splat everywhere") {
   for (float spread : {0.3f, 1.2f}) {
     const auto camera = testing::scene_camera(107, 61);
     const auto set = testing::random_scene(1500, camera, 3, {1, -2.8f, spread});
@@ -71,12 +71,12 @@ TEST_CASE("tiles change no pixel against blending every splat everywhere") {
     RasterOutput output;
     render(set, 10.0f, camera, settings_of(true), frame, output);
     REQUIRE(frame.splats.size() > 500);
-    const Image truth = blend_everything(frame, settings_of(true));
-    CHECK(output.colour.data == truth.data);
+    const Image expected = blend_without_tiles(frame, settings_of(true));
+    CHECK(output.colour.data == expected.data);
   }
 }
 
-TEST_CASE("tile lists are in depth order, and ids ascend among splats") {
+TEST_CASE("tile lists are in depth order, and splats are in order of their ids") {
   const auto camera = testing::scene_camera(200, 120);
   const auto set = testing::random_scene(3000, camera, 5);
   SplatFrame frame;
@@ -96,7 +96,7 @@ TEST_CASE("tile lists are in depth order, and ids ascend among splats") {
   }
 }
 
-TEST_CASE("a slice of candidates is the slice of the set where the rest is not visible") {
+TEST_CASE("slicing the visible candidates gives the same splats as slicing the set") {
   const auto camera = testing::scene_camera(200, 120);
   const auto set = testing::random_scene(3000, camera, 6);
   SplatFrame all, some;
@@ -108,12 +108,13 @@ TEST_CASE("a slice of candidates is the slice of the set where the rest is not v
   slice(set, candidates, 4.0f, camera, settings_of(true), 0, some);
   REQUIRE(some.splats.size() == all.splats.size());
   bool same = true;
-  for (std::size_t i = 0; i < all.splats.size(); ++i)  // up to the id, the last member
+  for (std::size_t i = 0; i < all.splats.size();
+       ++i)  // compares the members up to and including id
     same &= std::memcmp(&some.splats[i], &all.splats[i], offsetof(Splat, id) + 4) == 0;
   CHECK(same);
 }
 
-TEST_CASE("values that are not numbers, huge or empty draw nothing and harm nothing") {
+TEST_CASE("non-finite, huge and empty values render nothing and leave the frame finite") {
   const auto camera = testing::scene_camera(64, 48);
   auto set = testing::random_scene(8, camera, 9);
   const float nan = std::nanf(""), inf = INFINITY;
@@ -136,7 +137,7 @@ TEST_CASE("values that are not numbers, huge or empty draw nothing and harm noth
   CHECK(output.depth.data[0] == 0.0f);
 }
 
-TEST_CASE("a splat whose depth, distance or colour is not finite is not drawn") {
+TEST_CASE("a splat with a non-finite depth, distance or colour is not rendered") {
   const auto camera = testing::scene_camera(64, 48);
   Gaussians4D one;
   one.resize(1);
@@ -145,42 +146,42 @@ TEST_CASE("a splat whose depth, distance or colour is not finite is not drawn") 
   one.rotation = {1.0f, 0.0f, 0.0f, 0.0f};
   one.opacity_logit = {3.0f};
   one.sigma = {10.0f};
-  math::PinholeCamera ahead = camera;
-  ahead.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-  ahead.translation = {0, 0, 0};
-  const auto drawn = [&] {
+  math::PinholeCamera forward = camera;
+  forward.rotation = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  forward.translation = {0, 0, 0};
+  const auto count_splats = [&] {
     SplatFrame frame;
-    begin_frame(ahead, frame);
-    slice(one, 0.0f, ahead, settings_of(true), 0, frame);
+    begin_frame(forward, frame);
+    slice(one, 0.0f, forward, settings_of(true), 0, frame);
     return frame.splats.size();
   };
-  CHECK(drawn() == 1);
+  CHECK(count_splats() == 1);
   one.sh[1] = 3e38f;
   one.sh[2] = -3e38f;
-  CHECK(drawn() == 1);  // huge, but a number
+  CHECK(count_splats() == 1);  // huge but finite
   one.sh_degree = 1;
   one.sh.assign(12, 0.0f);
   one.sh[0] = one.sh[6] = 3e38f;
   one.sh[3] = one.sh[9] = 3e38f;
   one.position = {2.0f, -2.0f, 5.0f};
-  ahead.fx = ahead.fy = 10.0f;
-  CHECK(drawn() == 1);
+  forward.fx = forward.fy = 10.0f;
+  CHECK(count_splats() == 1);
   for (float& v : one.sh) v = 0.0f;
   one.sh[6] = std::nanf("");
-  CHECK(drawn() == 0);
+  CHECK(count_splats() == 0);
   one.sh[6] = INFINITY;
-  CHECK(drawn() == 0);
+  CHECK(count_splats() == 0);
   one.sh[6] = 0.0f;
-  CHECK(drawn() == 1);
+  CHECK(count_splats() == 1);
   one.position = {0.0f, 0.0f, 3e38f};  // its squared distance overflows
-  CHECK(drawn() == 0);
+  CHECK(count_splats() == 0);
   const float half = std::sqrt(0.5f);
-  ahead.rotation = {half, 0, -half, 0, 1, 0, half, 0, half};
+  forward.rotation = {half, 0, -half, 0, 1, 0, half, 0, half};
   one.position = {3e38f, 0.0f, 3e38f};  // its depth overflows
-  CHECK(drawn() == 0);
+  CHECK(count_splats() == 0);
 }
 
-TEST_CASE("a frame that lists more than 2^26 tiles of splats is refused within 1 GiB") {
+TEST_CASE("bin() rejects a frame with more than 2^26 tile instances while using less than 1 GiB") {
   math::PinholeCamera camera = testing::scene_camera(8192, 8192);
   SplatFrame frame;
   begin_frame(camera, frame);
@@ -197,10 +198,10 @@ TEST_CASE("a frame that lists more than 2^26 tiles of splats is refused within 1
   const long before = usage.ru_maxrss;
   CHECK_THROWS_AS(bin(frame), std::length_error);
   getrusage(RUSAGE_SELF, &usage);
-#ifndef __SANITIZE_THREAD__                   // which keeps notes of several times the size
+#ifndef __SANITIZE_THREAD__                   // its shadow memory is several times as large
   CHECK(usage.ru_maxrss - before < 1 << 20);  // KiB
 #endif
-  CHECK(frame.scratch.bin_chunks.empty());  // what was too much is not kept
+  CHECK(frame.scratch.bin_chunks.empty());  // the oversized scratch memory is released
   frame.splats.resize(3);
   bin(frame);
   CHECK(frame.instances.size() == 3 * 512 * 512);
@@ -236,7 +237,8 @@ void compare_with_reference() {
       INFO(size[0] << " x " << size[1] << " on " << vector_target() << ": " << psnr << " dB, worst "
                    << worst);
       CHECK(psnr >= 70.0);
-      // A splat at the threshold may be drawn by one and not by the other, seldom two.
+      // A splat at the threshold may be rendered by one and not by the other; two at one pixel are
+      // rare.
       CHECK(worst <= 4.0f / 255.0f);
       CHECK(worst_alpha <= 2.0f / 255.0f);
       CHECK(worst_left <= 2.0f / 255.0f);
@@ -246,7 +248,7 @@ void compare_with_reference() {
 
 }  // namespace
 
-TEST_CASE("every vector unit draws what the reference draws") {
+TEST_CASE("every vector target renders the reference image") {
   std::set<std::string> targets;
   testing::for_each_vector_target([&] {
     targets.insert(vector_target());
@@ -255,51 +257,51 @@ TEST_CASE("every vector unit draws what the reference draws") {
   CHECK(targets.size() == hwy::SupportedAndGeneratedTargets().size());
 }
 
-TEST_CASE("beyond the fovea a pixel stands for a square of 2 x 2 and is near their mean") {
+TEST_CASE("beyond the fovea, 2 x 2 pixels share one colour, which is close to their mean") {
   const auto camera = testing::scene_camera(203, 121);
   const auto set = testing::random_scene(3000, camera, 9, {1, -2.8f, 0.6f});
   for (const bool scalar : {true, false}) {
     SplatFrame frame;
-    RasterOutput whole, halved;
+    RasterOutput full, halved;
     RasterSettings settings = settings_of(scalar);
-    render(set, 10.0f, camera, settings, frame, whole);
+    render(set, 10.0f, camera, settings, frame, full);
     settings.fovea = Fovea{{90.0f, 60.0f}, 30.0f};
     blend(frame, settings, halved);
     double squares = 0;
-    int kept = 0, compared = 0;
+    int full_resolution = 0, compared = 0;
     for (int y = 0; y + 1 < frame.height; y += 2) {
       for (int x = 0; x + 1 < frame.width; x += 2) {
         const auto beyond =
             math::beyond_fovea(settings.fovea->centre, settings.fovea->radius,
                                static_cast<float>(x / 32 * 32), static_cast<float>(y / 32 * 32));
-        const int at[] = {y * frame.width + x, y * frame.width + x + 1, (y + 1) * frame.width + x,
-                          (y + 1) * frame.width + x + 1};
+        const int square[] = {y * frame.width + x, y * frame.width + x + 1,
+                              (y + 1) * frame.width + x, (y + 1) * frame.width + x + 1};
         for (int c = 0; c < 3; ++c) {
-          const float *full = whole.colour.plane(c), *half = halved.colour.plane(c);
+          const float *exact = full.colour.plane(c), *half = halved.colour.plane(c);
           float mean = 0;
-          for (const int p : at) {
-            mean += 0.25f * full[p];
+          for (const int p : square) {
+            mean += 0.25f * exact[p];
             if (beyond) {
-              REQUIRE(half[p] == half[at[0]]);
+              REQUIRE(half[p] == half[square[0]]);
             } else {
-              REQUIRE(half[p] == full[p]);
+              REQUIRE(half[p] == exact[p]);
             }
           }
           if (!beyond) continue;
-          squares += (mean - half[at[0]]) * (mean - half[at[0]]);
+          squares += (mean - half[square[0]]) * (mean - half[square[0]]);
           ++compared;
         }
-        kept += !beyond;
+        full_resolution += !beyond;
       }
     }
-    CHECK(kept > 500);
+    CHECK(full_resolution > 500);
     CHECK(compared > 9000);
     INFO("scalar: " << scalar << ", " << -10 * std::log10(squares / compared) << " dB");
     CHECK(-10 * std::log10(squares / compared) > 38);
   }
 }
 
-TEST_CASE("one thread and two draw the same bits") {
+TEST_CASE("one thread and two render the same bits") {
   const auto camera = testing::scene_camera(320, 180);
   const auto set = testing::random_scene(20000, camera, 11);
   for (bool scalar : {true, false}) {

@@ -21,9 +21,9 @@ Result<Safetensors> open(const std::string& header, std::size_t data) {
   return open(safetensors_file(header, Bytes(data)));
 }
 
-// Refused as a broken file, with a message that names the file and holds `text`.
+// Checks for an invalid-file error whose message names the file and contains `text`.
 template <typename T>
-void refused(const Result<T>& result, const std::string& text) {
+void check_rejected(const Result<T>& result, const std::string& text) {
   INFO(text);
   REQUIRE_FALSE(result.ok());
   const Status& status = result.status();
@@ -39,14 +39,14 @@ std::string tensor(const std::string& name, const std::string& type, const std::
                      offsets);
 }
 
-// A header of such entries.
+// A header of these entries.
 std::string object(const std::vector<std::string>& entries) {
   return fmt::format("{{{}}}", fmt::join(entries, ","));
 }
 
 }  // namespace
 
-TEST_CASE("arrays come back as 32-bit floats from every type that is read") {
+TEST_CASE("every supported type is read as 32-bit floats") {
   const Bytes data = {0x00, 0x00, 0x80, 0x3f, 0x00, 0x00, 0x20, 0xc1,  // F32: 1, -10
                       0x00, 0x3c, 0x01, 0x00, 0xff, 0xfb, 0x00, 0x80,  // F16: 1, 2^-24, -65504, -0
                       0x80, 0x3f, 0x49, 0xc0};                         // BF16: 1, -3.140625
@@ -64,15 +64,16 @@ TEST_CASE("arrays come back as 32-bit floats from every type that is read") {
   CHECK(file->floats("none", Shape{3, 0})->empty());
 }
 
-TEST_CASE("broken headers are refused before anything is read by them") {
-  refused(open(Bytes(5)), "shorter than 8 bytes");
-  refused(open(Bytes(8)), "not a JSON object");
-  refused(open(Bytes{100, 0, 0, 0, 0, 0, 0, 0, '{', '}'}), "header of 100 bytes, 2 available");
-  refused(open(Bytes(16, 0xff)), "header of 18446744073709551615 bytes, 8 available");
-  refused(open(std::string(kMaxSafetensorsHeader + 1, ' '), 0), "header too large");
+TEST_CASE("broken headers are rejected before their sizes are used") {
+  check_rejected(open(Bytes(5)), "shorter than 8 bytes");
+  check_rejected(open(Bytes(8)), "not a JSON object");
+  check_rejected(open(Bytes{100, 0, 0, 0, 0, 0, 0, 0, '{', '}'}),
+                 "header of 100 bytes, 2 available");
+  check_rejected(open(Bytes(16, 0xff)), "header of 18446744073709551615 bytes, 8 available");
+  check_rejected(open(std::string(kMaxSafetensorsHeader + 1, ' '), 0), "header too large");
   for (const char* header : {"[]", "{", "{\"a\":}", "\"text\"", "{\"\xff\":1}"})
-    refused(open(header, 0), "not a JSON object");
-  refused(open(std::string(100000, '['), 0), "not a JSON object");
+    check_rejected(open(header, 0), "not a JSON object");
+  check_rejected(open(std::string(100000, '['), 0), "not a JSON object");
   const struct {
     const char *entry, *message;
   } entries[] = {
@@ -102,53 +103,58 @@ TEST_CASE("broken headers are refused before anything is read by them") {
        "4 bytes do not match"},
   };
   for (const auto& [entry, message] : entries) {
-    refused(open(fmt::format(R"({{"a":{}}})", entry), 4), std::string("tensor 'a': ") + message);
+    check_rejected(open(fmt::format(R"({{"a":{}}})", entry), 4),
+                   std::string("tensor 'a': ") + message);
   }
 }
 
-TEST_CASE("arrays that share bytes, leave some out or have one name are refused") {
+TEST_CASE("arrays that overlap, leave gaps or share a name are rejected") {
   const auto pair = [](const std::string& name, const char* shape, const char* offsets) {
     return object({tensor("a", "F32", "[2]", "[0,8]"), tensor(name, "F32", shape, offsets)});
   };
   CHECK(open(pair("b", "[1]", "[8,12]"), 12).ok());
-  refused(open(pair("b", "[1]", "[4,8]"), 8), "tensor 'b': its data overlaps");
-  refused(open(pair("b", "[2]", "[0,8]"), 8), "tensor 'b': its data overlaps");
-  refused(open(pair("b", "[1]", "[12,16]"), 16), "tensor 'b': its data leaves a gap");
-  refused(open(pair("b", "[1]", "[8,12]"), 16), "4 bytes at the end");
-  refused(open(pair("a", "[1]", "[8,12]"), 12), "tensor 'a' occurs twice");
+  check_rejected(open(pair("b", "[1]", "[4,8]"), 8), "tensor 'b': its data overlaps");
+  check_rejected(open(pair("b", "[2]", "[0,8]"), 8), "tensor 'b': its data overlaps");
+  check_rejected(open(pair("b", "[1]", "[12,16]"), 16), "tensor 'b': its data leaves a gap");
+  check_rejected(open(pair("b", "[1]", "[8,12]"), 16), "4 bytes at the end");
+  check_rejected(open(pair("a", "[1]", "[8,12]"), 12), "tensor 'a' occurs twice");
 }
 
-TEST_CASE("an array is refused that is not what was asked for") {
+TEST_CASE("floats() rejects arrays that are missing, of another shape or type, or not finite") {
   const Bytes data = {0x00, 0x00, 0x80, 0x7f, 0, 0, 0, 0, 0, 0, 0, 0, 0x00, 0x7e, 1};
   const std::string header =
       object({tensor("inf", "F32", "[1]", "[0,4]"), tensor("long", "I64", "[1]", "[4,12]"),
               tensor("nan", "F16", "[1]", "[12,14]"), tensor("new", "X9", "[7]", "[14,15]")});
   const Result<Safetensors> file = open(safetensors_file(header, data));
   REQUIRE(file.ok());
-  refused(file->floats("none", Shape{1}), "tensor 'none' is missing");
-  refused(file->floats("inf", Shape{2}), "tensor 'inf': wrong shape (expected [2], got [1])");
-  refused(file->floats("inf", Shape{1, 1}), "tensor 'inf': wrong shape (expected [1, 1], got [1])");
-  refused(file->floats("inf", Shape{1}), "tensor 'inf': contains a non-finite value");
-  refused(file->floats("nan", Shape{1}), "tensor 'nan': contains a non-finite value");
-  refused(file->floats("long", Shape{1}), "tensor 'long': unsupported type I64");
-  refused(file->floats("new", Shape{7}), "tensor 'new': unsupported type X9");
+  check_rejected(file->floats("none", Shape{1}), "tensor 'none' is missing");
+  check_rejected(file->floats("inf", Shape{2}),
+                 "tensor 'inf': wrong shape (expected [2], got [1])");
+  check_rejected(file->floats("inf", Shape{1, 1}),
+                 "tensor 'inf': wrong shape (expected [1, 1], got [1])");
+  check_rejected(file->floats("inf", Shape{1}), "tensor 'inf': contains a non-finite value");
+  check_rejected(file->floats("nan", Shape{1}), "tensor 'nan': contains a non-finite value");
+  check_rejected(file->floats("long", Shape{1}), "tensor 'long': unsupported type I64");
+  check_rejected(file->floats("new", Shape{7}), "tensor 'new': unsupported type X9");
 }
 
-TEST_CASE("every cut of a file is refused") {
+TEST_CASE("a truncated file is rejected at every length") {
   SafetensorsWriter writer;
   writer.add("a", "[3]", {1, 2, 3});
   writer.add("b", "[1,2]", {4, 5});
-  const Bytes whole = writer.take();
-  CHECK(open(whole).ok());
-  for (std::size_t n = 0; n < whole.size(); ++n) {
+  const Bytes complete = writer.take();
+  CHECK(open(complete).ok());
+  for (std::size_t n = 0; n < complete.size(); ++n) {
     INFO(n << " bytes");
-    const Result<Safetensors> cut = open(Bytes(whole.begin(), whole.begin() + n));
-    CHECK_FALSE(cut.ok());
-    CHECK(cut.status().code() == StatusCode::kInvalidFile);
+    const Result<Safetensors> truncated = open(Bytes(complete.begin(), complete.begin() + n));
+    CHECK_FALSE(truncated.ok());
+    CHECK(truncated.status().code() == StatusCode::kInvalidFile);
   }
 }
 
-TEST_CASE("VGG16 is read by torchvision's names, with LPIPS's linear layers or without") {
+TEST_CASE(
+    "VGG16 is read with the tensor names of torchvision, with or without the linear layers of "
+    "LPIPS") {
   for (const bool linear : {false, true}) {
     const Vgg16 made = random_vgg16(1, linear);
     const auto read = read_vgg16(memory_source(vgg16_file(made), "w.safetensors"));
@@ -167,13 +173,13 @@ TEST_CASE("VGG16 is read by torchvision's names, with LPIPS's linear layers or w
   Vgg16 network = random_vgg16(1, true);
   const std::uint64_t hash = (*read(network, ""))->hash;
   for (const char* name : {"features.0.weight", "features.28.bias", "lin3.model.1.weight"})
-    refused(read(network, name), fmt::format("tensor '{}' is missing", name));
+    check_rejected(read(network, name), fmt::format("tensor '{}' is missing", name));
   network.convolutions[12].bias[511] += 1.0f;
   CHECK((*read(network, ""))->hash != hash);
   network.convolutions[5].weight.resize(9 * 256);
-  refused(read(network, ""),
-          "tensor 'features.12.weight': 9216 bytes do not match shape [256, 256, 3, 3]");
+  check_rejected(read(network, ""),
+                 "tensor 'features.12.weight': 9216 bytes do not match shape [256, 256, 3, 3]");
   network = random_vgg16(1, true);
   network.channel_weights[2][7] = -0.5f;
-  refused(read(network, ""), "tensor 'lin2.model.1.weight': negative channel weight");
+  check_rejected(read(network, ""), "tensor 'lin2.model.1.weight': negative channel weight");
 }

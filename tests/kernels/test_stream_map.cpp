@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The floats of a file are the same from every vector unit, and from any number of threads.
+// Decoded floats do not depend on the vector target or the number of threads.
 #include <tbb/global_control.h>
 
 #include <span>
 
-#include "../api/scene_fixture.h"
 #include "catch.h"
+#include "fixtures/scene_fixture.h"
 #include "vector_targets.h"
 
 using namespace stgs;
@@ -22,7 +22,7 @@ std::vector<std::string> decoded(const std::vector<std::uint8_t>& bytes) {
 
 }  // namespace
 
-TEST_CASE("every vector target maps to the same floats") {
+TEST_CASE("every vector target decodes the same floats") {
   const Scene scene = random_scene(1700, 3, 60, 9);
   for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {
     WriteSettings settings;
@@ -31,15 +31,15 @@ TEST_CASE("every vector target maps to the same floats") {
     REQUIRE(bytes.ok());
     const auto expected = decoded(*bytes);
     for_each_vector_target([&] {
-      if (decoded(*bytes) != expected) FAIL("differs");
+      if (decoded(*bytes) != expected) FAIL("the floats differ");
     });
   }
 }
 
-TEST_CASE("a segment of several threads' chunks is what was written") {
+TEST_CASE("a segment that several threads decode in chunks round-trips") {
   Scene scene = random_scene(50000, 1, 60, 10);
   Gaussians4D& set = scene.gaussians;
-  for (std::size_t i = 0; i < set.size(); ++i) {  // all in one segment, and in Morton order
+  for (std::size_t i = 0; i < set.size(); ++i) {  // all in one segment, in Morton order
     set.time[i] = 30.0f;
     set.sigma[i] = 200.0f;
     set.opacity_logit[i] = 2.0f;
@@ -58,17 +58,17 @@ TEST_CASE("a segment of several threads' chunks is what was written") {
   double position = 0, colour = 0, speed = 0;
   for (std::size_t i = 0; i < got.size(); ++i) {
     for (std::size_t c = 0; c < 3; ++c) {
-      const auto apart = [&](std::span<const float> a, std::span<const float> b,
-                             std::size_t stride) {
+      const auto error_of = [&](std::span<const float> a, std::span<const float> b,
+                                std::size_t stride) {
         return std::abs(double{a[i * stride + c]} - b[order[i] * stride + c]);
       };
-      // Where it is when its life was in the middle: packing may move T, and the position with it.
-      const float since = set.time[order[i]] - got.time[i];
-      const double there =
-          double{got.position[3 * i + c]} + double{since} * got.velocity[3 * i + c];
-      position = std::max(position, std::abs(there - set.position[3 * order[i] + c]));
-      colour = std::max(colour, apart(got.sh, set.sh, 12));
-      speed = std::max(speed, 60.0 * apart(got.velocity, set.velocity, 3));
+      // The position at the middle of the original lifespan, because packing may move T and the
+      // position with it.
+      const float dt = set.time[order[i]] - got.time[i];
+      const double moved = double{got.position[3 * i + c]} + double{dt} * got.velocity[3 * i + c];
+      position = std::max(position, std::abs(moved - set.position[3 * order[i] + c]));
+      colour = std::max(colour, error_of(got.sh, set.sh, 12));
+      speed = std::max(speed, 60.0 * error_of(got.velocity, set.velocity, 3));
     }
   }
   CHECK(position < 0.01);

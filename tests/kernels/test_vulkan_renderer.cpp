@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Vulkan renderer through renderer_cases.cpp, with the validation layer where it is installed;
-// its variant keeps to shared memory and to small blocks of segments. Exit code 77: there is no
-// device, no layer where STGS_VALIDATED is set, or Mesa's of the CPU has not the subgroups of
-// STGS_CPU_SUBGROUP lanes that it was asked for.
+// The Vulkan renderer in the renderer_*_cases.cpp, with the validation layer if it is installed.
+// Its variant uses shared memory instead of ballots, and small blocks of segments. Exit code 77: no
+// device found, no validation layer although STGS_VALIDATED is set, or Mesa's CPU device lacks the
+// subgroups of STGS_CPU_SUBGROUP lanes.
 #define CATCH_CONFIG_EXTERNAL_INTERFACES
 #include <algorithm>
 #include <cstdio>
@@ -12,15 +12,15 @@
 
 #include "catch.h"
 #include "catch_runner.h"
+#include "fixtures/scene_fixture.h"
 #include "renderer_under_test.h"
-#include "scene_fixture.h"
 #include "vulkan/vulkan_renderer.h"
 #include "vulkan_compute.h"
 
 namespace stgs::testing {
 namespace {
 
-// Of the layer, from all renderers.
+// Messages of the validation layer from all renderers.
 std::vector<std::string>& messages() {
   static std::vector<std::string> all;
   return all;
@@ -41,7 +41,7 @@ Result<std::unique_ptr<player::Renderer>> make_renderer_under_test(const UnderTe
   return player::make_vulkan_renderer(settings_of(settings));
 }
 
-TEST_CASE("after a frame for which there is no room others are drawn as before") {
+TEST_CASE("after a frame that does not fit into memory, others render as before") {
   player::VulkanSettings settings = settings_of({});
   settings.range_bytes = 500'000;
   auto renderer = player::make_vulkan_renderer(settings);
@@ -60,15 +60,15 @@ TEST_CASE("after a frame for which there is no room others are drawn as before")
   REQUIRE((*renderer)->render(*timeline, 1.0, {view}, before, nullptr).ok());
   const std::vector<player::View> many(player::kMaxViews, view);
   for (int k = 0; k < 2; ++k) {
-    const Status refused = (*renderer)->draw(*timeline, 1.0, many, nullptr);
-    INFO(refused.message());
-    CHECK(refused.code() == StatusCode::kUnsupported);
+    const Status rejected = (*renderer)->draw(*timeline, 1.0, many, nullptr);
+    INFO(rejected.message());
+    CHECK(rejected.code() == StatusCode::kUnsupported);
   }
   REQUIRE((*renderer)->render(*timeline, 1.0, {view}, after, nullptr).ok());
   CHECK(before[0].colour.data == after[0].colour.data);
 }
 
-// Fails each case whose commands the layer has something to say about.
+// Prints the messages of the validation layer at the end of the run; any message fails the program.
 class Listener : public Catch::TestEventListenerBase {
  public:
   using TestEventListenerBase::TestEventListenerBase;
@@ -78,8 +78,8 @@ class Listener : public Catch::TestEventListenerBase {
 };
 CATCH_REGISTER_LISTENER(Listener)
 
-// Says what is tested; why it is not what was asked for, or nothing.
-std::string lacking() {
+// Prints the device under test. Returns why it is not the requested one, or an empty string.
+std::string skip_reason() {
   const test::VulkanCompute vulkan;
   if (!vulkan.missing().empty()) return vulkan.missing();
   const std::uint32_t lanes = vulkan.subgroup_size(0);
@@ -88,18 +88,18 @@ std::string lacking() {
   if (std::getenv("STGS_VALIDATED") != nullptr && !vulkan.validated()) {
     return "the validation layer is not installed";
   }
-  const char* const wanted = std::getenv("STGS_CPU_SUBGROUP");
-  const bool asked = wanted != nullptr && vulkan.devices()[0].starts_with("llvmpipe");
-  if (!asked || std::to_string(lanes) == wanted) return {};
-  return std::string("subgroups are not of ") + wanted;
+  const char* const target = std::getenv("STGS_CPU_SUBGROUP");
+  const bool checked = target != nullptr && vulkan.devices()[0].starts_with("llvmpipe");
+  if (!checked || std::to_string(lanes) == target) return {};
+  return std::string("the subgroups do not have ") + target + " lanes";
 }
 
 }  // namespace stgs::testing
 
 int main(int argc, char** argv) {
   using namespace stgs;
-  if (const std::string why = testing::lacking(); !why.empty()) {
-    std::printf("skipped: %s\n", why.c_str());
+  if (const std::string reason = testing::skip_reason(); !reason.empty()) {
+    std::printf("skipped: %s\n", reason.c_str());
     return 77;
   }
   const auto renderer = testing::make_renderer_under_test({});

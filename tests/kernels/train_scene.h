@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// States and steps of a random scene, for the training backends' tests and benchmarks.
+// Training states and steps of a random scene, for the tests and benchmarks of the training
+// backends.
 #pragma once
 
 #include <algorithm>
@@ -15,7 +16,7 @@
 
 namespace stgs::testing {
 
-// A state around the set, with `cameras` colour maps that differ a little from the identity.
+// A state of the set, with `cameras` colour maps that differ slightly from the identity.
 inline encoder::TrainState train_state(Gaussians4D set, std::size_t cameras) {
   encoder::TrainState state;
   state.set = std::move(set);
@@ -41,8 +42,8 @@ inline encoder::TrainState train_state(Gaussians4D set, std::size_t cameras) {
   return state;
 }
 
-// A smooth picture with some noise.
-inline encoder::Image8 random_truth(int width, int height, unsigned seed) {
+// A smooth image with some noise.
+inline encoder::Image8 random_ground_truth(int width, int height, unsigned seed) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<float> uniform(0.0f, 1.0f);
   encoder::Image8 image{width, height, 3, {}};
@@ -61,14 +62,16 @@ inline encoder::Image8 random_truth(int width, int height, unsigned seed) {
   return image;
 }
 
-// A step with every term on and rates as in the middle of a run. The truth outlives it, and its
-// address names the picture.
+// A step with every loss term on and the rates of the middle of a run. `ground_truth` outlives the
+// step, and its address is the id of the image.
 inline encoder::StepInput train_step(const math::PinholeCamera& camera,
-                                     const encoder::Image8& truth, float ticks, int sh_degree) {
+                                     const encoder::Image8& ground_truth, float ticks,
+                                     int sh_degree) {
   encoder::StepInput input;
   input.camera = camera;
   input.ticks = ticks;
-  input.ground_truth = encoder::borrowed_image(truth, reinterpret_cast<std::uintptr_t>(&truth));
+  input.ground_truth =
+      encoder::borrowed_image(ground_truth, reinterpret_cast<std::uintptr_t>(&ground_truth));
   input.background = {0.3f, 0.1f, 0.6f};
   input.drop_share = 0.1f;
   input.drop_random = encoder::Random(3, 7, encoder::RandomPurpose::kDrop);
@@ -87,7 +90,7 @@ inline encoder::StepInput train_step(const math::PinholeCamera& camera,
   return input;
 }
 
-// Whether two states are the same to the bit, in all that a step changes.
+// Whether two states have the same bits in everything that a step changes.
 inline bool same_bits(const encoder::TrainState& a, const encoder::TrainState& b) {
   bool same = a.updates == b.updates && a.colour == b.colour && a.set.velocity == b.set.velocity &&
               a.set.sigma == b.set.sigma && a.statistics.error_max == b.statistics.error_max &&
@@ -99,8 +102,8 @@ inline bool same_bits(const encoder::TrainState& a, const encoder::TrainState& b
   return same;
 }
 
-// The set in the coupled form, away from round, whose axes are anybody's, and from the start: what
-// some training would leave. `tick`: units of time a frame.
+// The set in the coupled form, perturbed away from isotropic, whose axes are arbitrary, as after
+// some training. `tick`: time units per frame.
 inline encoder::TrainState coupled_state(Gaussians4D set, std::size_t cameras, float tick) {
   for (std::size_t i = 0; i < set.size(); ++i) {
     std::fill_n(&set.log_scale[3 * i], 3, set.log_scale[3 * i]);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs a check on every vector target that the build has and the machine can run.
+// Runs a check on every vector target that the build contains and the CPU supports.
 #pragma once
 
 #include <hwy/targets.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// VGG16s of random weights, and safetensors files, for the perceptual loss's tests.
+// VGG16 networks with random weights, and safetensors files, for the tests of the perceptual loss.
 #pragma once
 
 #include <bit>
@@ -14,7 +14,7 @@
 
 namespace stgs::testing {
 
-// Weights that keep the size of what goes through (He et al., ICCV 2015).
+// Weights that preserve the magnitude of activations (He et al., ICCV 2015).
 inline encoder::Vgg16 random_vgg16(unsigned seed, bool linear) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<float> uniform(-1.0f, 1.0f);
@@ -37,7 +37,7 @@ inline encoder::Vgg16 random_vgg16(unsigned seed, bool linear) {
   return network;
 }
 
-// A safetensors file: the header's length, the header, the data.
+// A safetensors file: length of the header, header, data.
 inline std::vector<std::uint8_t> safetensors_file(const std::string& header,
                                                   const std::vector<std::uint8_t>& data) {
   std::vector<std::uint8_t> bytes;
@@ -48,7 +48,7 @@ inline std::vector<std::uint8_t> safetensors_file(const std::string& header,
   return bytes;
 }
 
-// Arrays of 32-bit floats as such a file, in the order in which they are added.
+// Writes arrays of 32-bit floats as a safetensors file, in the order of add().
 class SafetensorsWriter {
  public:
   void add(const std::string& name, const std::string& shape, const std::vector<float>& values) {
@@ -67,7 +67,7 @@ class SafetensorsWriter {
   std::vector<std::uint8_t> data_;
 };
 
-// The network under the names that read_vgg16 looks for, without the tensor called `left_out`.
+// The network under the tensor names that read_vgg16 expects, except the tensor `left_out`.
 inline std::vector<std::uint8_t> vgg16_file(const encoder::Vgg16& network,
                                             const std::string& left_out = "") {
   SafetensorsWriter writer;

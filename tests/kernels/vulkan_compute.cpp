@@ -11,12 +11,12 @@
 namespace stgs::test {
 namespace {
 
-// A zeroed Vulkan structure that says what it is.
+// Returns a zeroed Vulkan structure with its sType set.
 template <class T>
 T structure(VkStructureType type) {
-  T made{};
-  made.sType = type;
-  return made;
+  T info{};
+  info.sType = type;
+  return info;
 }
 
 int compute_family(VkPhysicalDevice device) {
@@ -36,7 +36,7 @@ struct Buffer {
   void* mapped = nullptr;
 };
 
-// Everything of one run; what was made is destroyed with it.
+// The Vulkan objects of one run; the destructor destroys them.
 struct Run {
   VkPhysicalDevice physical = VK_NULL_HANDLE;
   std::uint32_t family = 0;
@@ -52,7 +52,7 @@ struct Run {
   VkCommandPool commands = VK_NULL_HANDLE;
   std::string error;
 
-  // Notes the first failure; true where the call succeeded.
+  // Records the first failure; returns whether the call succeeded.
   bool ok(VkResult result, const char* call) {
     if (result != VK_SUCCESS && error.empty())
       error = fmt::format("{} failed with VkResult {}", call, static_cast<int>(result));
@@ -105,14 +105,14 @@ bool Run::make_buffer(Buffer* out, VkDeviceSize size) {
   vkGetBufferMemoryRequirements(device, out->buffer, &needs);
   VkPhysicalDeviceMemoryProperties memory{};
   vkGetPhysicalDeviceMemoryProperties(physical, &memory);
-  const VkMemoryPropertyFlags wanted =
+  const VkMemoryPropertyFlags required =
       VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
   auto allocate = structure<VkMemoryAllocateInfo>(VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO);
   allocate.allocationSize = needs.size;
   // The specification guarantees a host-visible, coherent type for every buffer.
   for (std::uint32_t i = 0; i < memory.memoryTypeCount; ++i) {
     if ((needs.memoryTypeBits >> i & 1u) &&
-        (memory.memoryTypes[i].propertyFlags & wanted) == wanted) {
+        (memory.memoryTypes[i].propertyFlags & required) == required) {
       allocate.memoryTypeIndex = i;
       break;
     }
@@ -224,8 +224,8 @@ bool Run::submit(std::uint32_t groups) {
 
 struct VulkanCompute::State {
   std::string missing;
-  player::VulkanInstance made;
-  std::function<void(const std::string&)> tell;
+  player::VulkanInstance instance;
+  std::function<void(const std::string&)> on_message;
   std::vector<std::string> messages;
   std::vector<std::string> names;
   std::vector<VkPhysicalDevice> devices;
@@ -240,23 +240,23 @@ bool VulkanCompute::State::make_instance() {
     missing = "no Vulkan loader (libvulkan.so.1)";
     return false;
   }
-  tell = [this](const std::string& message) { messages.push_back(message); };
+  on_message = [this](const std::string& message) { messages.push_back(message); };
   player::VulkanInstanceSettings settings;
-  settings.on_message = &tell;
-  const VkResult result = make_vulkan_instance(settings, made);
+  settings.on_message = &on_message;
+  const VkResult result = make_vulkan_instance(settings, instance);
   if (result != VK_SUCCESS) {
     missing = fmt::format("vkCreateInstance failed with VkResult {}", static_cast<int>(result));
     return false;
   }
-  volkLoadInstance(made.instance);
+  volkLoadInstance(instance.instance);
   return true;
 }
 
 void VulkanCompute::State::list_devices() {
   std::uint32_t count = 0;
-  vkEnumeratePhysicalDevices(made.instance, &count, nullptr);
+  vkEnumeratePhysicalDevices(instance.instance, &count, nullptr);
   std::vector<VkPhysicalDevice> all(count);
-  vkEnumeratePhysicalDevices(made.instance, &count, all.data());
+  vkEnumeratePhysicalDevices(instance.instance, &count, all.data());
   for (VkPhysicalDevice device : all) {
     const int family = compute_family(device);
     if (family < 0) continue;
@@ -274,10 +274,11 @@ VulkanCompute::VulkanCompute() : state_(std::make_unique<State>()) {
 }
 
 VulkanCompute::~VulkanCompute() {
-  const player::VulkanInstance& made = state_->made;
-  if (!made.instance) return;
-  if (made.messenger) vkDestroyDebugUtilsMessengerEXT(made.instance, made.messenger, nullptr);
-  vkDestroyInstance(made.instance, nullptr);
+  const player::VulkanInstance& instance = state_->instance;
+  if (!instance.instance) return;
+  if (instance.messenger)
+    vkDestroyDebugUtilsMessengerEXT(instance.instance, instance.messenger, nullptr);
+  vkDestroyInstance(instance.instance, nullptr);
 }
 
 const std::string& VulkanCompute::missing() const {
@@ -296,7 +297,7 @@ std::uint32_t VulkanCompute::subgroup_size(std::size_t index) const {
   return subgroups.subgroupSize;
 }
 bool VulkanCompute::validated() const {
-  return state_->made.messenger != VK_NULL_HANDLE;
+  return state_->instance.messenger != VK_NULL_HANDLE;
 }
 const std::vector<std::string>& VulkanCompute::messages() const {
   return state_->messages;

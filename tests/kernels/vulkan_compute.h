@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The least Vulkan that runs one compute shader over two storage buffers, headless.
+// A minimal headless Vulkan host that runs one compute shader over two storage buffers.
 #ifndef STGS_TESTS_VULKAN_COMPUTE_H
 #define STGS_TESTS_VULKAN_COMPUTE_H
 
@@ -18,15 +18,15 @@ class VulkanCompute {
   VulkanCompute(const VulkanCompute&) = delete;
   VulkanCompute& operator=(const VulkanCompute&) = delete;
 
-  // Why nothing can be run: no loader, no instance, no device. Empty where it can.
+  // Returns why nothing can run (no loader, no instance, no device); empty if a device is usable.
   const std::string& missing() const;
-  // Names of the devices with a compute queue.
+  // Returns the names of the devices with a compute queue.
   const std::vector<std::string>& devices() const;
-  // Lanes of a subgroup of one of them.
+  // Returns the subgroup size of a device, in lanes.
   std::uint32_t subgroup_size(std::size_t index) const;
-  // Whether the Khronos validation layer, synchronisation validation included, is on.
+  // Returns whether the Khronos validation layer is active, including synchronisation validation.
   bool validated() const;
-  // What the layer said so far: warnings and errors.
+  // Returns the warnings and errors that the validation layer has reported.
   const std::vector<std::string>& messages() const;
 
   // Runs `spirv` (entry point main, storage buffers at bindings 0 and 1 of set 0) once on

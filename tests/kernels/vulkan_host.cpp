@@ -10,9 +10,9 @@
 namespace stgs::testing {
 namespace {
 
-void must(VkResult result, const char* what) {
+void check_vulkan(VkResult result, const char* action) {
   if (result == VK_SUCCESS) return;
-  std::fprintf(stderr, "%s: VkResult %d\n", what, static_cast<int>(result));
+  std::fprintf(stderr, "%s: VkResult %d\n", action, static_cast<int>(result));
   std::exit(1);
 }
 
@@ -48,12 +48,12 @@ VulkanHost::~VulkanHost() {
 
 bool VulkanHost::make_instance() {
   if (volkInitialize() != VK_SUCCESS) return false;
-  static const std::function<void(const std::string&)> tell = [](const std::string& message) {
+  static const std::function<void(const std::string&)> on_message = [](const std::string& message) {
     messages().push_back(message);
   };
   player::VulkanInstanceSettings settings;
   settings.api_version = device_.api_version = VK_API_VERSION_1_2;
-  settings.on_message = &tell;
+  settings.on_message = &on_message;
   player::VulkanInstance made;
   if (make_vulkan_instance(settings, made) != VK_SUCCESS) return false;
   device_.instance = made.instance;
@@ -124,7 +124,7 @@ VkDeviceMemory VulkanHost::allocate(const VkMemoryRequirements& needs,
     ++info.memoryTypeIndex;
   }
   VkDeviceMemory memory = VK_NULL_HANDLE;
-  must(vkAllocateMemory(device_.device, &info, nullptr, &memory), "allocating memory");
+  check_vulkan(vkAllocateMemory(device_.device, &info, nullptr, &memory), "allocating memory");
   return memory;
 }
 
@@ -140,11 +140,11 @@ HostImage VulkanHost::make_image(VkFormat format, std::uint32_t width, std::uint
   info.arrayLayers = layers;
   info.samples = VK_SAMPLE_COUNT_1_BIT;
   info.usage = VK_IMAGE_USAGE_TRANSFER_DST_BIT | VK_IMAGE_USAGE_TRANSFER_SRC_BIT;
-  must(vkCreateImage(device_.device, &info, nullptr, &made.image), "creating an image");
+  check_vulkan(vkCreateImage(device_.device, &info, nullptr, &made.image), "creating an image");
   VkMemoryRequirements needs{};
   vkGetImageMemoryRequirements(device_.device, made.image, &needs);
   made.memory = allocate(needs, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
-  must(vkBindImageMemory(device_.device, made.image, made.memory, 0), "binding memory");
+  check_vulkan(vkBindImageMemory(device_.device, made.image, made.memory, 0), "binding memory");
   images_.push_back(made);
   return made;
 }
@@ -159,27 +159,27 @@ std::vector<std::uint8_t> VulkanHost::read(const HostImage& image, VkImageLayout
   buffer_info.size = bytes;
   buffer_info.usage = VK_BUFFER_USAGE_TRANSFER_DST_BIT;
   VkBuffer buffer = VK_NULL_HANDLE;
-  must(vkCreateBuffer(device_.device, &buffer_info, nullptr, &buffer), "creating a buffer");
+  check_vulkan(vkCreateBuffer(device_.device, &buffer_info, nullptr, &buffer), "creating a buffer");
   VkMemoryRequirements needs{};
   vkGetBufferMemoryRequirements(device_.device, buffer, &needs);
   const VkDeviceMemory memory =
       allocate(needs, VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT);
-  must(vkBindBufferMemory(device_.device, buffer, memory, 0), "binding memory");
+  check_vulkan(vkBindBufferMemory(device_.device, buffer, memory, 0), "binding memory");
   VkCommandPoolCreateInfo pool_info{};
   pool_info.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO;
   pool_info.queueFamilyIndex = device_.queue_family;
   VkCommandPool pool = VK_NULL_HANDLE;
-  must(vkCreateCommandPool(device_.device, &pool_info, nullptr, &pool), "creating a pool");
+  check_vulkan(vkCreateCommandPool(device_.device, &pool_info, nullptr, &pool), "creating a pool");
   VkCommandBufferAllocateInfo info{};
   info.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO;
   info.commandPool = pool;
   info.commandBufferCount = 1;
   VkCommandBuffer commands = VK_NULL_HANDLE;
-  must(vkAllocateCommandBuffers(device_.device, &info, &commands), "creating commands");
+  check_vulkan(vkAllocateCommandBuffers(device_.device, &info, &commands), "creating commands");
   VkCommandBufferBeginInfo begin{};
   begin.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO;
-  must(vkBeginCommandBuffer(commands, &begin), "beginning commands");
-  // In the layout as it is said to be: the validation layer knows whether it is.
+  check_vulkan(vkBeginCommandBuffer(commands, &begin), "beginning commands");
+  // Passes the stated layout, so that the validation layer checks it.
   VkImageMemoryBarrier change{};
   change.sType = VK_STRUCTURE_TYPE_IMAGE_MEMORY_BARRIER;
   change.srcAccessMask = VK_ACCESS_MEMORY_WRITE_BIT;
@@ -194,15 +194,15 @@ std::vector<std::uint8_t> VulkanHost::read(const HostImage& image, VkImageLayout
   region.imageSubresource = {VK_IMAGE_ASPECT_COLOR_BIT, level, layer, 1};
   region.imageExtent = extent;
   vkCmdCopyImageToBuffer(commands, image.image, layout, buffer, 1, &region);
-  must(vkEndCommandBuffer(commands), "ending commands");
+  check_vulkan(vkEndCommandBuffer(commands), "ending commands");
   VkSubmitInfo submit{};
   submit.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO;
   submit.commandBufferCount = 1;
   submit.pCommandBuffers = &commands;
-  must(vkQueueSubmit(device_.queue, 1, &submit, VK_NULL_HANDLE), "starting commands");
-  must(vkQueueWaitIdle(device_.queue), "waiting");
+  check_vulkan(vkQueueSubmit(device_.queue, 1, &submit, VK_NULL_HANDLE), "starting commands");
+  check_vulkan(vkQueueWaitIdle(device_.queue), "waiting");
   void* mapped = nullptr;
-  must(vkMapMemory(device_.device, memory, 0, VK_WHOLE_SIZE, 0, &mapped), "mapping memory");
+  check_vulkan(vkMapMemory(device_.device, memory, 0, VK_WHOLE_SIZE, 0, &mapped), "mapping memory");
   const auto* from = static_cast<const std::uint8_t*>(mapped);
   std::vector<std::uint8_t> out(from, from + bytes);
   vkDestroyCommandPool(device_.device, pool, nullptr);
@@ -220,7 +220,8 @@ VkSemaphore VulkanHost::make_timeline(std::uint64_t value) {
   info.sType = VK_STRUCTURE_TYPE_SEMAPHORE_CREATE_INFO;
   info.pNext = &type;
   VkSemaphore semaphore = VK_NULL_HANDLE;
-  must(vkCreateSemaphore(device_.device, &info, nullptr, &semaphore), "creating a semaphore");
+  check_vulkan(vkCreateSemaphore(device_.device, &info, nullptr, &semaphore),
+               "creating a semaphore");
   semaphores_.push_back(semaphore);
   return semaphore;
 }
@@ -230,12 +231,13 @@ void VulkanHost::signal(VkSemaphore semaphore, std::uint64_t value) {
   info.sType = VK_STRUCTURE_TYPE_SEMAPHORE_SIGNAL_INFO;
   info.semaphore = semaphore;
   info.value = value;
-  must(vkSignalSemaphore(device_.device, &info), "signalling");
+  check_vulkan(vkSignalSemaphore(device_.device, &info), "signalling");
 }
 
 std::uint64_t VulkanHost::value_of(VkSemaphore semaphore) {
   std::uint64_t value = 0;
-  must(vkGetSemaphoreCounterValue(device_.device, semaphore, &value), "reading a semaphore");
+  check_vulkan(vkGetSemaphoreCounterValue(device_.device, semaphore, &value),
+               "reading a semaphore");
   return value;
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A program that has a Vulkan device of its own, with images and semaphores, as whoever lends it to
-// the renderer.
+// An application with its own Vulkan device, images and semaphores, which lends the device to the
+// renderer.
 #pragma once
 
 #include <volk.h>
@@ -14,7 +14,7 @@
 
 namespace stgs::testing {
 
-// An image of one level and layer count, device local. The host outlives it.
+// A device-local image, owned by the host that made it.
 struct HostImage {
   VkImage image = VK_NULL_HANDLE;
   VkDeviceMemory memory = VK_NULL_HANDLE;
@@ -22,11 +22,11 @@ struct HostImage {
   std::uint32_t width = 0, height = 0;
 };
 
-// Ends the program with a message where Vulkan fails.
+// Exits with a message if a Vulkan call fails.
 class VulkanHost {
  public:
-  // Null where there is no loader or no device. `features`: made with those that the renderer can
-  // use and the device has.
+  // Returns null without a loader or a device. `features`: enables the features that the renderer
+  // uses and the device supports.
   static std::unique_ptr<VulkanHost> make(bool features);
   ~VulkanHost();
   VulkanHost(const VulkanHost&) = delete;
@@ -34,12 +34,13 @@ class VulkanHost {
 
   const player::VulkanDevice& device() const { return device_; }
   bool controls_subgroup_sizes() const { return !device_.extensions.empty(); }
-  // What the validation layer has said of all hosts.
+  // The messages of the validation layer, of all hosts.
   static std::vector<std::string>& messages();
 
   HostImage make_image(VkFormat format, std::uint32_t width, std::uint32_t height,
                        std::uint32_t levels = 1, std::uint32_t layers = 1);
-  // The bytes of a level of a layer, row by row, of an image in `layout`; waits for the queue.
+  // Waits for the queue and returns the bytes of one level and layer, row by row. The image is in
+  // `layout`.
   std::vector<std::uint8_t> read(const HostImage& image, VkImageLayout layout,
                                  std::uint32_t pixel_bytes, std::uint32_t level = 0,
                                  std::uint32_t layer = 0);

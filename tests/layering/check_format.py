@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Fails where clang-format would change a source file.
+"""Reports source files that clang-format would change.
 
-usage: check_format.py ROOT CLANG_FORMAT     `clang-format -i FILE` mends what is named
+usage: check_format.py ROOT CLANG_FORMAT     exit code 0: clean; 1: unformatted files; 77: skipped
 """
 import re
 import subprocess
@@ -10,7 +10,7 @@ import sys
 
 import check_sources
 
-VERSION = 14  # Debian 12's; other versions lay out a few constructs differently
+VERSION = 14  # as in Debian 12; other versions format a few constructs differently
 SKIPPED = 77
 
 
@@ -26,10 +26,10 @@ def main():
                             capture_output=True, text=True, check=False)
     wrong = sorted({line.split(":")[0] for line in result.stderr.splitlines() if ": error:" in line})
     for path in wrong:
-        print(f"{path}: not as clang-format lays it out; run: clang-format -i {path}")
+        print(f"{path}: not formatted; run: clang-format -i {path}")
     if result.returncode != 0 and not wrong:
         print(result.stderr)
-    print(f"{len(files)} files, {len(wrong)} to mend")
+    print(f"{len(files)} files, {len(wrong)} not formatted")
     sys.exit(1 if result.returncode != 0 else 0)
 
 

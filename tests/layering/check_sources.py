@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Checks the source tree: which module may include which, one definition per type name, file lengths,
+"""Checks the source tree: includes between modules, one definition per type name, file lengths,
 licence lines, and temporary files of tests in one folder.
 
-usage: check_sources.py ROOT     exit code 0: clean; 1: problems, one a line on stdout
+usage: check_sources.py ROOT     exit code 0: clean; 1: problems, one per line on stdout
 """
 import os
 import re
 import sys
 
-# A module, and the modules whose headers it may include.
+# The modules whose headers each module may include.
 MAY_INCLUDE = {
     "format": {"format"},
     "player": {"format", "player"},
@@ -21,7 +21,7 @@ MAY_INCLUDE = {
 }
 PARTS = {"sdk/src/encoder/": "sdk/encoder"}  # folders of a module with a rule of their own
 CAPTURE_SIDE = ("encoder/src/capture/", "encoder/src/init/", "tools/", "tests/")
-# Libraries that the trainer and the player must not use: header pattern, name, allowed folders.
+# Libraries that only some folders may use: header pattern, name, allowed folders.
 CONFINED = [
     (re.compile(r"opencv2/"), "OpenCV", CAPTURE_SIDE),
     (re.compile(r"(OpenEXR/)?(Imf|Imath|Iex)\w*\.h$"), "OpenEXR", CAPTURE_SIDE),
@@ -35,12 +35,12 @@ TOP_LEVEL = {
     ".clang-format", ".clang-tidy", ".dockerignore", ".editorconfig", ".gitignore",
     ".pre-commit-config.yaml",
 }
-NOT_SOURCE = {".git", "build"}  # and whatever .gitignore lists by folder at the top
+NOT_SOURCE = {".git", "build"}  # besides the top-level entries that .gitignore lists
 CODE = (".h", ".hpp", ".c", ".cpp", ".cu", ".cuh", ".comp", ".glsl")
 SCRIPTS = (".py", ".sh", ".cmake")
 MAX_LINES = 400
 MAX_TEST_LINES = 600
-TEMPORARY = "tests/api/temporary_folder.h"  # the only test source that may use temp_directory_path
+TEMPORARY = "tests/fixtures/temporary_folder.h"  # the only test source that may use temp_directory_path
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*(["<])([^">]+)[">]')
 NAMESPACE = re.compile(r"(?:inline )?namespace ?([\w:]*) ?\{$")
@@ -58,7 +58,8 @@ def ignored_top_level(root):
 
 
 def source_files(root, endings):
-    """Paths below root, with forward slashes, of the files that end so or are build scripts."""
+    """Returns the paths below root, with forward slashes, of files with these endings. ".cmake"
+    includes CMakeLists.txt and Makefile."""
     found = []
     ignored = ignored_top_level(root)
     for folder, folders, names in os.walk(root):
@@ -73,14 +74,14 @@ def source_files(root, endings):
 
 
 def included_module(root, path, quote, header):
-    """The module that an include leads to, or None where it is not one of ours."""
+    """Returns the module of an included header, or None if the header is not part of STGS."""
     if header.startswith("stgs/"):
         name = header.split("/")[1]
-        return name if name in MAY_INCLUDE else "sdk"  # stgs/stgs.h and its like are the SDK's
+        return name if name in MAY_INCLUDE else "sdk"  # such as stgs/stgs.h
     if quote == '"':
-        beside = os.path.normpath(os.path.join(root, os.path.dirname(path), header))
-        if os.path.exists(beside):
-            return os.path.relpath(beside, root).split(os.sep)[0]
+        sibling = os.path.normpath(os.path.join(root, os.path.dirname(path), header))
+        if os.path.exists(sibling):
+            return os.path.relpath(sibling, root).split(os.sep)[0]
     return None
 
 
@@ -104,7 +105,8 @@ def check_includes(root, path, lines):
 
 
 def check_include_root(path):
-    """A module's public headers lie in MODULE/include/stgs/MODULE, the SDK's in sdk/include/stgs."""
+    """Checks that public headers are in MODULE/include/stgs/MODULE, those of the SDK in
+    sdk/include/stgs."""
     parts = path.split("/")
     if "include" not in parts[:-1]:
         return
@@ -115,8 +117,8 @@ def check_include_root(path):
 
 
 def check_temporary(path, lines):
-    """Cases of one program are separate tests that run in parallel: a fixed name in the temporary
-    folder would be shared by all of them."""
+    """Checks that only TEMPORARY uses the system's temporary folder: the cases of a program run in
+    parallel and would share a file with a fixed name."""
     if not path.startswith("tests/") or path == TEMPORARY:
         return
     for number, line in enumerate(lines, 1):
@@ -125,7 +127,7 @@ def check_temporary(path, lines):
 
 
 def named_types(lines):
-    """(line number, full name) of the types that a file defines for the linker to see."""
+    """Yields (line number, full name) of each type that a file defines outside unnamed namespaces."""
     spaces = []
     for number, line in enumerate(lines, 1):
         opened, found = NAMESPACE.match(line), TYPE.match(line)
@@ -139,14 +141,14 @@ def named_types(lines):
 
 def check(root):
     problems = []
-    types = {}  # full name -> the file that defines it
+    types = {}  # full name -> path of its definition
     for name in sorted(os.listdir(root)):
         if name not in TOP_LEVEL and name not in ignored_top_level(root):
             problems.append(f"{name}: not one of the folders and files allowed at the top level")
     for path in source_files(root, CODE + SCRIPTS):
         with open(os.path.join(root, path), encoding="utf-8") as file:
             lines = file.read().splitlines()
-        # A script's first line is its interpreter's.
+        # The first line of a script may name its interpreter.
         if not any(LICENCE in line for line in lines[:2]):
             problems.append(f"{path}:1: no line '{LICENCE}'")
         limit = MAX_TEST_LINES if path.startswith("tests/") else MAX_LINES
@@ -156,7 +158,7 @@ def check(root):
             problems += check_includes(root, path, lines)
             problems += check_include_root(path)
             problems += check_temporary(path, lines)
-        if path.endswith(CODE) and not path.startswith("tests/"):  # each of which is a program
+        if path.endswith(CODE) and not path.startswith("tests/"):  # each test is a program of its own
             for number, name in named_types(lines):
                 if types.setdefault(name, path) != path:
                     problems.append(f"{path}:{number}: {name} is defined in {types[name]} too")

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Fails on names and phrases that the project has replaced by the field's standard terms.
+"""Reports names and phrases that the project has replaced by the standard terms of the field.
 
 usage: check_vocabulary.py ROOT     exit code 0: clean; 1: findings, one per line on stdout
 
-vocabulary.csv lists them: a regular expression (Python, matched line by line), the paths it applies
-to (a regular expression on the path below ROOT), what to write instead, and the reason. A line that
-must keep such a word, because another library or format defines it, is matched by exempt.csv.
+vocabulary.csv lists them: a regular expression (Python, matched line by line), the paths that it
+applies to (a regular expression on the path below ROOT), the replacement, and the reason. exempt.csv
+lists the uses that another library or format defines.
 """
 import csv
 import os
@@ -18,7 +18,7 @@ from check_sources import CODE, SCRIPTS, source_files
 TEXT = CODE + SCRIPTS + (".md", ".json", ".csv", ".in", ".bash", ".fish", ".zsh", ".frag", ".vert",
                          ".map", ".pyi", ".yml", ".yaml", ".cs", ".txt")
 HERE = os.path.dirname(os.path.abspath(__file__))
-# The list itself, the names of others, and records of what was run under earlier names.
+# The lists themselves, generated data, and records of runs under earlier names.
 NOT_CHECKED = re.compile(
     r"^(tests/layering/(vocabulary|exempt)\.csv|tests/layering/.*vocabulary\.py"
     r"|tests/bench/results\.csv|tests/conformance/vectors/|tests/fuzz/corpus/|LICENSE$)")
@@ -30,7 +30,7 @@ def read_rules(path):
 
 
 def load_rules(folder=HERE):
-    """(pattern, scope, replacement, reason) and (pattern, scope) of the exemptions, compiled."""
+    """Returns the rules (pattern, scope, replacement, reason) and exemptions (pattern, scope)."""
     rules = [(re.compile(row["pattern"]), re.compile(row["scope"]), row["instead"], row["reason"])
              for row in read_rules(os.path.join(folder, "vocabulary.csv"))]
     exempt = [(re.compile(row["pattern"]), re.compile(row["scope"]))
@@ -43,10 +43,11 @@ def check_line(path, number, line, rules, exempt):
         if not scope.search(path):
             continue
         for match in pattern.finditer(line):
-            # An exemption covers the span that it matches, not the rest of its line.
-            covered = any(where.search(path) and any(
-                e.start() <= match.start() and match.end() <= e.end() for e in what.finditer(line))
-                for what, where in exempt)
+            # An exemption covers the span that it matches, not the rest of the line.
+            covered = any(exempt_scope.search(path) and any(
+                e.start() <= match.start() and match.end() <= e.end()
+                for e in exempt_pattern.finditer(line))
+                for exempt_pattern, exempt_scope in exempt)
             if not covered:
                 yield f"{path}:{number}: '{match.group()}': write {instead} ({reason})"
 

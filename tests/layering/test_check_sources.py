@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""check_sources.py finds each kind of breach in a made-up tree, and passes a clean one."""
+"""check_sources.py reports each kind of violation in a synthetic tree and accepts a clean one."""
 import os
 import tempfile
 import unittest
@@ -20,10 +20,10 @@ class CheckSources(unittest.TestCase):
                     file.write(text)
             return check_sources.check(root)
 
-    def assert_breach(self, path, text, words):
+    def assert_violation(self, path, text, message):
         found = self.problems({path: LICENCE + text})
         self.assertEqual(len(found), 1, found)
-        self.assertIn(words, found[0])
+        self.assertIn(message, found[0])
 
     def test_a_clean_tree_passes(self):
         self.assertEqual(self.problems({
@@ -34,22 +34,22 @@ class CheckSources(unittest.TestCase):
             "tools/stgs/e.cpp": LICENCE + '#include "stgs/player/p.h"\n#include "stgs/encoder/e.h"\n',
             "sdk/src/f.cpp": LICENCE + '#include "stgs/stgs.h"\n',
             "sdk/src/encoder/g.cpp": LICENCE + '#include "stgs/stgs.h"\n#include "stgs/encoder/e.h"\n',
-            "tests/api/g.py": "#!/usr/bin/env python3\n# SPDX-License-Identifier: Apache-2.0\n",
+            "tests/format/g.py": "#!/usr/bin/env python3\n# SPDX-License-Identifier: Apache-2.0\n",
         }), [])
 
-    def test_includes_against_the_arrows(self):
+    def test_forbidden_includes_are_reported(self):
         for module, target in [("format", "player"), ("format", "encoder"), ("player", "encoder"),
                                ("player", "sdk"), ("encoder", "player"), ("sdk", "encoder"),
                                ("encoder", "tools"), ("player", "tests")]:
             with self.subTest(module=module, target=target):
-                self.assert_breach(f"{module}/src/a.cpp", f'#include "stgs/{target}/x.h"\n',
+                self.assert_violation(f"{module}/src/a.cpp", f'#include "stgs/{target}/x.h"\n',
                                    f"{module} must not include {target}")
-        self.assert_breach("sdk/src/encoder/a.cpp", '#include "stgs/player/x.h"\n',
+        self.assert_violation("sdk/src/encoder/a.cpp", '#include "stgs/player/x.h"\n',
                            "sdk/encoder must not include player")
-        self.assert_breach("format/src/a.cpp", "  #  include <stgs/stgs.h>\n",
+        self.assert_violation("format/src/a.cpp", "  #  include <stgs/stgs.h>\n",
                            "format must not include sdk")
 
-    def test_a_relative_path_does_not_get_round_the_arrows(self):
+    def test_forbidden_relative_includes_are_reported(self):
         found = self.problems({
             "player/src/secret.h": LICENCE,
             "encoder/src/a.cpp": LICENCE + '#include "../../player/src/secret.h"\n',
@@ -57,34 +57,34 @@ class CheckSources(unittest.TestCase):
         self.assertEqual(len(found), 1, found)
         self.assertIn("encoder must not include player", found[0])
 
-    def test_confined_libraries(self):
+    def test_confined_libraries_are_reported(self):
         for header, library in [("opencv2/core.hpp", "OpenCV"), ("ImfOutputFile.h", "OpenEXR"),
                                 ("OpenEXR/ImfRgba.h", "OpenEXR"), ("colmap/base/x.h", "COLMAP"),
                                 ("libavcodec/avcodec.h", "FFmpeg")]:
             for folder in ("format/src", "player/src", "encoder/src", "encoder/src/train"):
                 with self.subTest(header=header, folder=folder):
-                    self.assert_breach(f"{folder}/a.cpp", f"#include <{header}>\n",
+                    self.assert_violation(f"{folder}/a.cpp", f"#include <{header}>\n",
                                        f"{library} is only for")
 
-    def test_licence_line(self):
+    def test_missing_licence_lines_are_reported(self):
         self.assertIn("no line", self.problems({"format/src/a.cpp": "int x;\n"})[0])
         self.assertIn("no line", self.problems({"tools/CMakeLists.txt": "project(x)\n"})[0])
 
-    def test_long_file(self):
+    def test_long_files_are_reported(self):
         self.assertEqual(self.problems({"format/src/a.cpp": LICENCE + "\n" * 399}), [])
-        self.assert_breach("format/src/a.cpp", "\n" * 400, "401 lines")
+        self.assert_violation("format/src/a.cpp", "\n" * 400, "401 lines")
 
-    def test_temporary_files_of_tests_have_one_home(self):
+    def test_temporary_files_outside_their_helper_are_reported(self):
         call = "auto p = std::filesystem::temp_directory_path();\n"
-        self.assert_breach("tests/api/a.cpp", call, "temporary files of tests")
-        self.assertEqual(self.problems({"tests/api/temporary_folder.h": LICENCE + call,
+        self.assert_violation("tests/format/a.cpp", call, "temporary files of tests")
+        self.assertEqual(self.problems({"tests/fixtures/temporary_folder.h": LICENCE + call,
                                         "encoder/src/a.cpp": LICENCE + call}), [])
 
-    def test_public_headers_have_one_root(self):
-        self.assert_breach("format/include/stgs/other/a.h", "", "belongs in")
-        self.assert_breach("player/src/include/a.h", "", "belongs in")
+    def test_misplaced_public_headers_are_reported(self):
+        self.assert_violation("format/include/stgs/other/a.h", "", "belongs in")
+        self.assert_violation("player/src/include/a.h", "", "belongs in")
 
-    def test_one_type_a_name(self):
+    def test_types_with_two_definitions_are_reported(self):
         inside = "namespace stgs {{\n{}\n}}  // namespace stgs\n"
         hidden = "namespace {{\n{}\n}}  // namespace\n"
         for other, count in [("class A final : public B {", 1), ("struct A {", 1), ("class A;", 0),
@@ -100,10 +100,10 @@ class CheckSources(unittest.TestCase):
             path: LICENCE + inside.format("enum class A {\n};")
             for path in ("tools/a.h", "tools/b.cpp")})[0])
 
-    def test_the_top_level_is_closed(self):
+    def test_unknown_top_level_entries_are_reported(self):
         self.assertIn("vendored: not one of", self.problems({"vendored/a.txt": ""})[0])
 
-    def test_ignored_folders_are_not_looked_at(self):
+    def test_ignored_folders_are_skipped(self):
         self.assertEqual(self.problems({".gitignore": "/out/\n", "out/a.cpp": ""}), [])
 
 

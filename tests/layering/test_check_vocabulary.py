@@ -19,7 +19,10 @@ class CheckVocabulary(unittest.TestCase):
         for line, instead in [("stgs_picture p;", "stgs_image"), ("kMostFrames", "kMax"),
                               ("// drawn at a moment", "time"), ("stgs bench --full-harmonics", "--full-sh"),
                               ("// the misfit of a splat", "residual"), ('"2 error(s)"', "plural"),
-                              ("// milliseconds a frame", "per")]:
+                              ("// milliseconds a frame", "per"),
+                              ("def test_what_is_refused(self):", "claim"),
+                              ("assert_is_told(run)", "reports"), ("show_picture();", "image"),
+                              ("// a file that is none", "invalid"), ("// mended by finalize", "repair")]:
             with self.subTest(line=line):
                 found = self.findings("player/src/a.cpp", line)
                 self.assertTrue(any(instead in finding for finding in found), found)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A display without a screen, for programs that show windows."""
+"""A virtual X display for programs that open windows."""
 import os
 import subprocess
 import tempfile
@@ -8,12 +8,12 @@ CPU_DRIVER = "/usr/share/vulkan/icd.d/lvp_icd.x86_64.json"
 
 
 class Display:
-    """Xvfb on a number that is free; `environment` is for the programs that it shows."""
+    """Runs Xvfb on a free display number; programs on it need `environment`."""
 
     def __enter__(self):
         self.folder = tempfile.TemporaryDirectory(prefix="stgs-display-")
         read, write = os.pipe()
-        # Without a reset when the last program leaves: it would meet the next one that comes.
+        # -noreset: a reset after the last program ends could disconnect the next one.
         self.server = subprocess.Popen(
             ["Xvfb", "-displayfd", str(write), "-screen", "0", "1600x1000x24", "-nolisten", "tcp",
              "-noreset"],
@@ -25,7 +25,7 @@ class Display:
             raise RuntimeError("Xvfb does not start")
         self.environment = dict(os.environ, DISPLAY=":" + display, XDG_RUNTIME_DIR=self.folder.name)
         self.environment.pop("WAYLAND_DISPLAY", None)
-        # A GPU cannot show in such a window.
+        # A GPU cannot present to windows of Xvfb.
         if os.path.exists(CPU_DRIVER):
             self.environment["VK_ICD_FILENAMES"] = CPU_DRIVER
         return self

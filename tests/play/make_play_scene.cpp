@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes the scene that test_window.py plays: usage: make_play_scene FILE.stgs
+// Writes the scene for test_window.py and test_hello_openxr.py.
+//
+// usage: make_play_scene FILE.stgs
 #include <cstdio>
 
-#include "../api/scene_fixture.h"
+#include "../fixtures/scene_fixture.h"
 
 int main(int argc, char** argv) {
   using namespace stgs;

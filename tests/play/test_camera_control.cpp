@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The viewer's camera: it stays a camera, upright, and turns around what it looks at.
+// The viewer's camera: rotations stay valid and upright, and orbits keep their target.
 #include <cmath>
 
 #include "catch.h"
@@ -22,8 +22,8 @@ SceneMetadata scene_with(math::Vec3 up) {
   return scene;
 }
 
-// Five units before the middle of the scene.
-encoder::Camera before() {
+// A camera five units in front of the centre of the scene.
+encoder::Camera front_camera() {
   encoder::Camera camera;
   camera.width = 320;
   camera.height = 240;
@@ -37,11 +37,11 @@ encoder::Camera before() {
 
 constexpr Size kSize{320, 240};
 
-math::Vec3 seen(const CameraControl& control, math::Vec3 point) {
+math::Vec3 in_camera(const CameraControl& control, math::Vec3 point) {
   return math::to_camera(control.camera(kSize).pinhole(0), point);
 }
 
-math::Vec3 place(const CameraControl& control) {
+math::Vec3 position(const CameraControl& control) {
   return math::camera_centre(control.camera(kSize).pinhole(0));
 }
 
@@ -51,7 +51,7 @@ void check_near(math::Vec3 a, math::Vec3 b) {
   CHECK(a.z == Approx(b.z).margin(1e-4));
 }
 
-// Rows of length 1, at right angles, right-handed.
+// The rows are orthonormal and right-handed.
 void check_rotation(const CameraControl& control) {
   const encoder::Camera camera = control.camera(kSize);
   const double* r = camera.rotation;
@@ -67,10 +67,10 @@ void check_rotation(const CameraControl& control) {
 
 }  // namespace
 
-TEST_CASE("what a viewer has not moved is the start camera, and reset goes back to it") {
-  CameraControl control(before(), scene_with({0, -1, 0}));
+TEST_CASE("the initial camera is the start camera, and reset restores it") {
+  CameraControl control(front_camera(), scene_with({0, -1, 0}));
   const auto same = [&] {
-    const encoder::Camera now = control.camera(kSize), start = before();
+    const encoder::Camera now = control.camera(kSize), start = front_camera();
     CHECK(now.fx == start.fx);
     CHECK(now.fy == start.fy);
     CHECK(now.cx == start.cx);
@@ -88,63 +88,63 @@ TEST_CASE("what a viewer has not moved is the start camera, and reset goes back 
   CHECK(control.distance() == Approx(5));
 }
 
-TEST_CASE("turning around the scene keeps it in the middle and at its distance") {
-  CameraControl control(before(), scene_with({0, -1, 0}));
+TEST_CASE("orbiting keeps the scene in the centre and at its distance") {
+  CameraControl control(front_camera(), scene_with({0, -1, 0}));
   control.orbit(0.5, 0);
-  CHECK(place(control).x == Approx(5 * std::sin(0.5)));  // to the right
-  check_near(seen(control, {0, 0, 0}), {0, 0, 5});
+  CHECK(position(control).x == Approx(5 * std::sin(0.5)));  // to the right
+  check_near(in_camera(control, {0, 0, 0}), {0, 0, 5});
   control.orbit(0, 0.4);
-  CHECK(place(control).y == Approx(-5 * std::sin(0.4)));  // up is -y
-  check_near(seen(control, {0, 0, 0}), {0, 0, 5});
+  CHECK(position(control).y == Approx(-5 * std::sin(0.4)));  // up is -y
+  check_near(in_camera(control, {0, 0, 0}), {0, 0, 5});
   for (int k = 0; k < 5000; ++k) control.orbit(0.03, 0.01 * std::sin(k));
-  check_near(seen(control, {0, 0, 0}), {0, 0, 5});
+  check_near(in_camera(control, {0, 0, 0}), {0, 0, 5});
   check_rotation(control);
 }
 
-TEST_CASE("no turn goes over the top, whatever is up") {
+TEST_CASE("orbiting never passes over the top, for any up direction") {
   for (const math::Vec3 up : {math::Vec3{0, -1, 0}, math::Vec3{0, -0.8f, -0.6f}}) {
-    CameraControl control(before(), scene_with(up));
+    CameraControl control(front_camera(), scene_with(up));
     for (int k = 0; k < 100; ++k) {
       control.orbit(0.1, 0.2);
       const encoder::Camera camera = control.camera(kSize);
-      // Down stays on the lower side.
+      // The camera's y axis keeps pointing down.
       CHECK(camera.rotation[3] * up.x + camera.rotation[4] * up.y + camera.rotation[5] * up.z < 0);
     }
-    check_near(seen(control, {0, 0, 0}), {0, 0, 5});
+    check_near(in_camera(control, {0, 0, 0}), {0, 0, 5});
     check_rotation(control);
   }
 }
 
-TEST_CASE("looking around stays on the spot") {
-  CameraControl control(before(), scene_with({0, -1, 0}));
-  const math::Vec3 spot = place(control);
+TEST_CASE("looking around does not move the camera") {
+  CameraControl control(front_camera(), scene_with({0, -1, 0}));
+  const math::Vec3 start = position(control);
   control.look(0.3, 0);
-  check_near(place(control), spot);
-  CHECK(seen(control, {0, 0, 0}).x < -1);  // what was ahead is on the left
+  check_near(position(control), start);
+  CHECK(in_camera(control, {0, 0, 0}).x < -1);  // the scene is on the left
   control.look(-0.3, 0.3);
-  CHECK(seen(control, {0, 0, 0}).y > 1);  // and now below
+  CHECK(in_camera(control, {0, 0, 0}).y > 1);  // and now below
   CHECK(control.distance() == Approx(5));
 }
 
-TEST_CASE("moving goes along the camera's axes, and nearer never through") {
-  CameraControl control(before(), scene_with({0, -1, 0}));
-  control.look(3.14159265 / 2, 0);  // to +x
+TEST_CASE("moving follows the camera's axes, and approaching never passes the target") {
+  CameraControl control(front_camera(), scene_with({0, -1, 0}));
+  control.look(3.14159265 / 2, 0);  // towards +x
   control.move(1, 2, 3);
-  check_near(place(control), {3, -2, -5 - 1});
+  check_near(position(control), {3, -2, -5 - 1});
   control.reset();
   control.approach(0.5);
-  check_near(place(control), {0, 0, -2.5f});
+  check_near(position(control), {0, 0, -2.5f});
   for (int k = 0; k < 200; ++k) control.approach(0.5);
   CHECK(control.distance() > 0);
-  CHECK(seen(control, {0, 0, 0}).z > 0);
+  CHECK(in_camera(control, {0, 0, 0}).z > 0);
 }
 
-TEST_CASE("other sizes show all that the start camera sees, and stretch nothing") {
-  const CameraControl control(before(), scene_with({0, 0, 0}));
+TEST_CASE("other sizes contain the start camera's view without stretching it") {
+  const CameraControl control(front_camera(), scene_with({0, 0, 0}));
   for (const Size size : {Size{640, 480}, Size{1000, 240}, Size{100, 900}}) {
     const encoder::Camera camera = control.camera(size);
     CHECK(camera.fx / camera.fy == Approx(300.0 / 310));
-    // The corners of the start camera's picture lie within.
+    // The corners of the start camera's image are inside.
     const double scale = camera.fx / 300;
     CHECK(camera.cx - 170 * scale >= -1e-9);
     CHECK(camera.cy - 115 * scale >= -1e-9);
@@ -153,7 +153,7 @@ TEST_CASE("other sizes show all that the start camera sees, and stretch nothing"
   }
 }
 
-TEST_CASE("a scene without a start camera is seen as a whole") {
+TEST_CASE("the overview camera contains the complete scene") {
   for (const math::Vec3 up :
        {math::Vec3{0, 0, 0}, math::Vec3{0, 0, 1}, math::Vec3{0.6f, 0.8f, 0}}) {
     const SceneMetadata scene = scene_with(up);

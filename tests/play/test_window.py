@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""`stgs play` in windows of a display without a screen: what it shows is what `stgs render` draws,
-from files and from nginx, and it stays awake where the bytes do not come.
+"""`stgs play` in windows on a virtual display: it shows the same frames as `stgs render`, from files
+and from nginx, and it stays responsive if a server does not answer.
 
-usage: test_window.py STGS MAKE_PLAY_SCENE     exit code 77: what it needs is missing
+usage: test_window.py STGS MAKE_PLAY_SCENE     exit code 77: a required program is missing
 """
 import json
 import math
@@ -24,8 +24,8 @@ from display import Display  # noqa: E402
 from nginx import Nginx  # noqa: E402
 
 WIDTH, HEIGHT = 640, 480
-SCENE_PART = "620:240:10:160"  # of the window, below the statistics and above the controls
-CONTROLS = "640:60:0:420"
+SCENE_AREA = "620:240:10:160"  # below the statistics and above the controls
+CONTROLS_AREA = "640:60:0:420"
 STGS = MAKE = DISPLAY = ""
 
 
@@ -42,9 +42,10 @@ class WindowTest(unittest.TestCase):
         return subprocess.run([STGS, *map(str, args)], cwd=self.work, timeout=200, check=False,
                               env=environment or DISPLAY.environment, capture_output=True, text=True)
 
-    def play(self, *args, place=None):
-        """What play tells, and nothing said by it or by Vulkan's validation layer."""
-        result = self.run_stgs("play", place or "scene.stgs", "--size", f"{WIDTH}x{HEIGHT}",
+    def play(self, *args, location=None):
+        """Returns play's report, after checking that neither play nor Vulkan's validation layer
+        printed a message."""
+        result = self.run_stgs("play", location or "scene.stgs", "--size", f"{WIDTH}x{HEIGHT}",
                                "--format", "json", "--log-level", "debug", *args)
         self.assertEqual((result.returncode, result.stderr), (0, ""))
         report = json.loads(result.stdout)
@@ -55,30 +56,30 @@ class WindowTest(unittest.TestCase):
         return report
 
     def render(self, report, name):
-        """What render draws of the moment and from the camera of a report."""
+        """Renders the time and camera of a report with `stgs render`."""
         with open(self.path("camera.json"), "w", encoding="ascii") as file:
             json.dump(report["camera"], file)
         result = self.run_stgs("render", "scene.stgs", "--time", report["seconds"], "--camera",
                                "camera.json", "--backend", "cpu", "-o", name)
         self.assertEqual(result.returncode, 0, result.stderr)
 
-    def cut(self, name, part):
-        out = f"part-{name}"
+    def crop(self, name, area):
+        out = f"crop-{name}"
         subprocess.run(["ffmpeg", "-loglevel", "error", "-y", "-i", self.path(name), "-vf",
-                        f"format=rgb24,crop={part}", self.path(out)], check=True)
+                        f"format=rgb24,crop={area}", self.path(out)], check=True)
         return out
 
-    def differs(self, a, b, least=50):
-        result = self.run_stgs("compare", a, b, "--min-psnr", least)
+    def differs(self, a, b, min_psnr=50):
+        result = self.run_stgs("compare", a, b, "--min-psnr", min_psnr)
         self.assertIn(result.returncode, (0, 7), result.stderr)
         return result.returncode == 7
 
-    def shows_what_render_draws(self, report):
+    def assert_shown_as_rendered(self, report):
         self.render(report, "expected.png")
-        same = [self.cut(name, SCENE_PART) for name in ("window.png", "expected.png")]
-        self.assertFalse(self.differs(*same))
+        crops = [self.crop(name, SCENE_AREA) for name in ("window.png", "expected.png")]
+        self.assertFalse(self.differs(*crops))
 
-    def test_a_paused_scene_is_the_picture_of_its_moment(self):
+    def test_a_paused_scene_shows_the_frame_of_its_time(self):
         report = self.play("--time", 1.3, "--paused", "--no-overlay", "--screenshot", "window.png")
         self.assertEqual(report["seconds"], 1.3)
         result = self.run_stgs("render", "scene.stgs", "--time", 1.3, "--size",
@@ -86,33 +87,33 @@ class WindowTest(unittest.TestCase):
         self.assertEqual(result.returncode, 0, result.stderr)
         self.assertFalse(self.differs("window.png", "expected.png"))
 
-    def test_controls_lie_over_a_scene_that_plays(self):
+    def test_controls_cover_a_playing_scene(self):
         report = self.play("--loop", "--after", 40, "--screenshot", "window.png")
         self.assertGreaterEqual(report["frames_shown"], 40)
         self.assertGreater(report["seconds"], 0)
-        self.shows_what_render_draws(report)
-        controls = [self.cut(name, CONTROLS) for name in ("window.png", "expected.png")]
-        self.assertTrue(self.differs(*controls, least=30))
+        self.assert_shown_as_rendered(report)
+        controls = [self.crop(name, CONTROLS_AREA) for name in ("window.png", "expected.png")]
+        self.assertTrue(self.differs(*controls, min_psnr=30))
 
-    def test_the_last_frame_is_shown_where_it_is_asked_for(self):
+    def test_the_last_frame_is_shown(self):
         report = self.play("--time", 2.98, "--after", 5, "--no-overlay", "--screenshot",
                            "window.png")
         self.assertAlmostEqual(report["seconds"], 89 / 30)
         self.render(report, "expected.png")
         self.assertFalse(self.differs("window.png", "expected.png"))
 
-    def bright(self, name, part):
-        """How many bytes of a part of a picture are nearly 255."""
+    def count_bright(self, name, area):
+        """Returns the number of nearly white pixels in an area of an image."""
         done = subprocess.run(["ffmpeg", "-loglevel", "error", "-i", self.path(name), "-vf",
-                               f"format=gray,crop={part}", "-f", "rawvideo", "-"],
+                               f"format=gray,crop={area}", "-f", "rawvideo", "-"],
                               capture_output=True, check=True)
         return sum(value > 230 for value in done.stdout)
 
-    def test_the_first_screenshot_has_the_statistics(self):
+    def test_the_first_screenshot_contains_the_statistics(self):
         self.play("--time", 1.3, "--paused", "--screenshot", "window.png")
         self.play("--time", 1.3, "--paused", "--no-overlay", "--screenshot", "bare.png")
-        text = [self.bright(name, "300:110:8:8") for name in ("window.png", "bare.png")]
-        self.assertGreater(text[0], text[1] + 1000)
+        bright = [self.count_bright(name, "300:110:8:8") for name in ("window.png", "bare.png")]
+        self.assertGreater(bright[0], bright[1] + 1000)
 
     def test_a_scene_plays_backwards_from_another_camera(self):
         camera = {"width": WIDTH, "height": HEIGHT, "fx": 500, "fy": 510, "cx": 320, "cy": 240,
@@ -124,20 +125,20 @@ class WindowTest(unittest.TestCase):
         self.assertLess(report["seconds"], 2.5)
         for key in ("fx", "fy", "cx", "cy", "rotation"):
             self.assertEqual(report["camera"][key], camera[key])
-        self.shows_what_render_draws(report)
+        self.assert_shown_as_rendered(report)
 
-    def test_a_scene_behind_a_server_plays(self):
+    def test_a_scene_on_a_server_plays(self):
         with Nginx(self.work) as server:
             report = self.play("--loop", "--after", 30, "--screenshot", "window.png",
-                               place=server.url)
+                               location=server.url)
         self.assertGreater(report["seconds"], 0)
-        self.shows_what_render_draws(report)
+        self.assert_shown_as_rendered(report)
 
-    def test_a_damaged_scene_is_shown_as_far_as_it_is_sound(self):
+    def test_intact_segments_of_a_damaged_scene_are_shown(self):
         with open(self.path("scene.stgs"), "rb") as file:
             data = bytearray(file.read())
-        for at in range(len(data) // 2, len(data) // 2 + 200):
-            data[at] ^= 0xff
+        for offset in range(len(data) // 2, len(data) // 2 + 200):
+            data[offset] ^= 0xff
         with open(self.path("scene.stgs"), "wb") as file:
             file.write(data)
         result = self.run_stgs("play", "scene.stgs", "--time", 1.3, "--paused", "--no-overlay",
@@ -163,8 +164,8 @@ class WindowTest(unittest.TestCase):
                               capture_output=True, text=True)
 
     def window_of(self, name):
-        """Its number, once it is there, with the mouse in it: without a window manager the keys go
-        where the mouse is."""
+        """Waits for a window, moves the mouse into it, and returns its id. Without a window
+        manager, keys go to the window under the mouse."""
         for _ in range(1000):
             found = self.xdotool("search", "--name", name).stdout.split()
             if found:
@@ -174,13 +175,13 @@ class WindowTest(unittest.TestCase):
         self.fail(f"no window '{name}'; exit code {self.process.poll()}, windows "
                   + self.xdotool("search", "--name", ".").stdout)
 
-    def test_keys_and_the_mouse_do_what_the_help_says(self):
+    def test_keys_and_mouse_step_drag_and_take_screenshots(self):
         process = self.start("scene.stgs", "--size", f"{WIDTH}x{HEIGHT}", "--paused")
         self.window_of("random scene")
         for _ in range(3):
             self.xdotool("key", "Right")
         self.xdotool("key", "p")
-        self.wait_for("stgs-001.png")  # it shows the scene: there is something to drag
+        self.wait_for("stgs-001.png")  # the scene is shown and can be dragged
         self.xdotool("mousedown", 1)
         for _ in range(5):
             self.xdotool("mousemove_relative", 20, 4)
@@ -191,7 +192,7 @@ class WindowTest(unittest.TestCase):
         self.assertEqual(process.returncode, 0, error)
         report = json.loads(out)
         self.assertAlmostEqual(report["seconds"], 3 / 30)
-        # All 100 pixels count, however few pictures were drawn meanwhile.
+        # All 100 pixels count, even if few frames were rendered meanwhile.
         angle = 2 * math.pi * 100 / HEIGHT
         self.assertAlmostEqual(abs(report["camera"]["rotation"][2]), math.sin(angle), places=3)
         self.render(report, "expected.png")
@@ -205,13 +206,13 @@ class WindowTest(unittest.TestCase):
         self.fail(f"no {name}")
 
     def after(self, *steps, time_of=1.5):
-        """What is told of a scene that began paused, after calls of xdotool and pauses of so many
-        seconds."""
+        """Returns play's report of a scene that starts paused, after `steps`: xdotool commands, and
+        delays in seconds."""
         process = self.start("scene.stgs", "--size", f"{WIDTH}x{HEIGHT}", "--paused", "--time",
                              str(time_of))
         self.window_of("random scene")
         self.xdotool("key", "p")
-        self.wait_for("stgs-001.png")  # the scene is there
+        self.wait_for("stgs-001.png")  # the scene is shown
         for step in steps:
             if isinstance(step, float):
                 time.sleep(step)
@@ -230,9 +231,9 @@ class WindowTest(unittest.TestCase):
         self.assertEqual(self.after("key Home")["seconds"], 0)
         self.assertAlmostEqual(self.after("key End")["seconds"], 3, delta=frame)
 
-    def test_keys_pause_and_set_the_speed_up_to_an_end_of_the_scene(self):
+    def test_keys_pause_and_set_the_rate(self):
         self.assertGreater(self.after("key space", 1.5)["seconds"], 1.5)
-        slow = ["key Down"] * 2 + ["key space", 1.0]  # a quarter: not at the end before 6 s
+        slow = ["key Down"] * 2 + ["key space", 1.0]  # a quarter of the speed: the end is 6 s away
         self.assertTrue(1.5 < self.after(*slow)["seconds"] < 3)
         faster = ["key Down"] * 8 + ["key Up"] * 12 + ["key space", 2.5]  # forwards again
         self.assertAlmostEqual(self.after(*faster)["seconds"], 3, delta=1 / 30)
@@ -241,11 +242,11 @@ class WindowTest(unittest.TestCase):
         self.assertLess(self.after("key l", "key space", 1.5, time_of=2.9)["seconds"], 2.9)
 
     def test_the_mouse_seeks_in_the_timeline(self):
-        begin = f"mousemove {round(0.75 * WIDTH)} {HEIGHT - 41}"  # windows are at 0, 0
+        begin = f"mousemove {round(0.75 * WIDTH)} {HEIGHT - 41}"  # the window is at 0, 0
         seconds = self.after(begin, 0.5, "mousedown 1", 1.0, "mouseup 1", 0.5)["seconds"]
         self.assertAlmostEqual(seconds, 0.75 * 3, delta=0.1)
 
-    def test_keys_and_the_wheel_move_the_camera_and_one_brings_it_back(self):
+    def test_keys_and_wheel_move_the_camera_and_r_resets_it(self):
         start = self.after()["camera"]
         for moves in (["keydown w", 1.0, "keyup w"], ["click 4", 0.5], ["keydown d", 1.0, "keyup d"]):
             camera = self.after(*moves)["camera"]
@@ -253,7 +254,7 @@ class WindowTest(unittest.TestCase):
             self.assertNotEqual(camera["translation"], start["translation"], moves)
             self.assertEqual(self.after(*moves, 0.5, "key r", 0.5)["camera"], start, moves)
 
-    def test_a_window_takes_other_sizes(self):
+    def test_a_window_can_be_resized(self):
         process = self.start("scene.stgs", "--paused", "--no-overlay", "--log-level", "debug")
         window = self.window_of("random scene")
         for i, (width, height) in enumerate([(500, 300), (1, 1), (301, 477)], 1):
@@ -261,7 +262,7 @@ class WindowTest(unittest.TestCase):
             time.sleep(0.3)
             self.xdotool("key", "--window", window, "p")
             self.wait_for(f"stgs-{i:03}.png")
-        time.sleep(0.3)  # it is written whole
+        time.sleep(0.3)  # until the file is complete
         self.xdotool("key", "--window", window, "Escape")
         out, error = process.communicate(timeout=60)
         self.assertEqual(process.returncode, 0, error)
@@ -271,7 +272,7 @@ class WindowTest(unittest.TestCase):
         self.render(report, "expected.png")
         self.assertFalse(self.differs("stgs-003.png", "expected.png"))
 
-    def test_a_key_that_is_held_acts_once_but_an_arrow(self):
+    def test_only_arrow_keys_repeat(self):
         process = self.start("scene.stgs", "--size", f"{WIDTH}x{HEIGHT}", "--paused")
         self.window_of("random scene")
         for key in ("p", "Right"):
@@ -285,7 +286,7 @@ class WindowTest(unittest.TestCase):
         self.assertGreater(json.loads(out)["seconds"], 2 / 30)  # the display repeats keys
         self.assertFalse(os.path.exists(self.path("stgs-002.png")))
 
-    def test_a_window_whose_server_never_answers_is_awake(self):
+    def test_a_window_responds_while_its_server_does_not(self):
         with socket.socket() as server:
             server.bind(("127.0.0.1", 0))
             server.listen()
@@ -296,17 +297,17 @@ class WindowTest(unittest.TestCase):
             self.xdotool("key", "Escape")
             _, error = process.communicate(timeout=60)
             self.assertEqual(process.returncode, 0, error)
-            self.assertLess(time.monotonic() - begin, 8)  # connections give up after 10
+            self.assertLess(time.monotonic() - begin, 8)  # connections time out after 10 s
 
-    def test_a_server_that_is_not_there_is_tried_again_and_told(self):
-        with socket.socket() as nobody:
-            nobody.bind(("127.0.0.1", 0))  # and does not listen
-            process = self.start(f"http://127.0.0.1:{nobody.getsockname()[1]}/scene.stgs")
+    def test_a_missing_server_is_retried_and_reported(self):
+        with socket.socket() as closed:
+            closed.bind(("127.0.0.1", 0))  # reserves the port without listening
+            process = self.start(f"http://127.0.0.1:{closed.getsockname()[1]}/scene.stgs")
             _, error = process.communicate(timeout=60)
         self.assertEqual(process.returncode, 2, error)
         self.assertIn("retrying", error.split("stgs: error:")[0])
 
-    def test_a_window_that_is_closed_before_its_screenshot_says_so(self):
+    def test_closing_before_the_screenshot_is_an_error(self):
         process = self.start("scene.stgs", "--loop", "--after", "100000", "--screenshot",
                              "window.png")
         self.window_of("random scene")
@@ -314,11 +315,12 @@ class WindowTest(unittest.TestCase):
         out, error = process.communicate(timeout=60)
         self.assertEqual((process.returncode, out), (4, ""))
         self.assertEqual(json.loads(error)["error"],
-                         {"code": "runtime", "exit_code": 4, "path": None, "issue": None, "offset": None,
+                         {"code": "runtime", "exit_code": 4, "path": "window.png", "issue": None,
+                          "offset": None,
                           "message": "window.png: the window was closed before it was written"})
         self.assertFalse(os.path.exists(self.path("window.png")))
 
-    def test_an_interrupt_ends_it(self):
+    def test_an_interrupt_ends_play(self):
         process = self.start("scene.stgs", "--loop")
         self.window_of("random scene")
         process.send_signal(signal.SIGINT)
@@ -326,11 +328,11 @@ class WindowTest(unittest.TestCase):
         self.assertEqual(process.returncode, 4, error)
         self.assertIn("interrupted", error)
 
-    def fails(self, code, word, *args, **changes):
+    def fails(self, code, message, *args, **changes):
         environment = dict(DISPLAY.environment, **changes)
         result = self.run_stgs("play", *args, environment=environment)
         self.assertEqual(result.returncode, code, result.stderr)
-        self.assertRegex(result.stderr, f"^stgs: error: .*{word}")
+        self.assertRegex(result.stderr, f"^stgs: error: .*{message}")
 
     def test_errors_have_their_exit_codes(self):
         self.fails(5, "window", "scene.stgs", DISPLAY="")
@@ -352,7 +354,7 @@ def main():
         sys.exit(__doc__)
     missing = [name for name in ("Xvfb", "xdotool", "ffmpeg", "nginx") if shutil.which(name) is None]
     if missing:
-        print("skipped: there is no", " and no ".join(missing))
+        print("skipped: needs", ", ".join(missing))
         sys.exit(77)
     STGS, MAKE = map(os.path.abspath, sys.argv[1:3])
     with Display() as DISPLAY:

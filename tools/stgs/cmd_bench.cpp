@@ -108,11 +108,6 @@ class Bench final : public Command {
   }
 
   Status run(Session& session) override {
-    return explain_invalid(session, measure_file(session), file_);
-  }
-
- private:
-  Status measure_file(Session& session) {
     STGS_ASSIGN(auto source, open(session));
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     const auto budget = static_cast<std::uint64_t>(memory_mb_ * 1e6);
@@ -130,6 +125,7 @@ class Bench final : public Command {
     return run_passes(session, *timeline, *renderer);
   }
 
+ private:
   std::string shown_file() const { return display_name(file_); }
 
   Result<std::unique_ptr<ByteSource>> open(Session& session) const {

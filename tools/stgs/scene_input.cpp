@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "scene_input.h"
 
-#include <algorithm>
-#include <string_view>
-
-#include "content_kind.h"
 #include "damage.h"
 #include "standard_input.h"
 #include "stgs/player/source.h"
@@ -33,34 +29,16 @@ Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::str
 
 Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& location) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_source(session, location));
-  Result<std::unique_ptr<SceneReader>> reader = SceneReader::open(std::move(source));
-  if (!reader.ok()) return explain_invalid(session, reader.status(), location);
-  return reader;
+  return SceneReader::open(std::move(source));
 }
 
 Result<Scene> load_scene(Session& session, const std::string& location) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_source(session, location));
   DamageReport damage;
   Result<Scene> scene = recover_scene(std::move(source), damage);
-  if (!scene.ok()) return explain_invalid(session, scene.status(), location);
+  if (!scene.ok()) return scene.status();
   warn_of_damage(session, display_name(location), damage, scene->metadata.time_base);
   return scene;
-}
-
-Status explain_invalid(Session& session, const Status& status, const std::string& location) {
-  // The format library names what it knows: "not an .stgs file; this is a PNG image (byte 0, ...)".
-  constexpr std::string_view kUnknown = "not an .stgs file (byte ";
-  const std::size_t at = status.message().find(kUnknown);
-  if (status.code() != StatusCode::kInvalidFile || at == std::string::npos) return status;
-  const auto source = open_source(session, location);
-  if (!source.ok()) return status;
-  std::vector<std::uint8_t> head(std::min<std::uint64_t>((*source)->size(), kContentBytes));
-  if (!(*source)->read(0, head).ok()) return status;
-  const std::string content = describe_content(head);
-  if (content.empty()) return status;
-  std::string message = status.message();
-  message.insert(at + kUnknown.find(" (byte "), "; " + content);
-  return {status.code(), message};
 }
 
 Status check_is_scene(Session& session, const std::string& location) {

@@ -45,110 +45,77 @@ double complete_ticks_of(const FileHead& head, const std::vector<SegmentInfo>& s
   return ticks;
 }
 
-class Reader final : public SceneReader {
- public:
-  Reader(std::unique_ptr<ByteSource> source, FileHead head, std::vector<Issue> damage,
-         const ReadLimits& limits, std::pmr::memory_resource* memory)
-      : source_(std::move(source)),
-        limits_(limits),
-        memory_(memory),
-        head_(std::move(head)),
-        damage_(std::move(damage)) {
-    list_segments();
+}  // namespace
+
+struct SceneReader::State {
+  // Derives segments, parts and times from the head.
+  void list_segments() {
+    segments = segments_from(head);
+    times = {segments, static_cast<double>(head.metadata.scene.frames)};
+    parts = parts_from(head);
+    complete_ticks = complete_ticks_of(head, segments);
   }
 
-  const SceneMetadata& metadata() const override { return head_.metadata.scene; }
-  Profile profile() const override { return head_.metadata.profile; }
-  std::uint16_t version_major() const override { return head_.header.major; }
-  std::uint16_t version_minor() const override { return head_.header.minor; }
-  int sh_degree() const override { return head_.metadata.sh_degree; }
-  std::uint64_t primitives() const override { return head_.index.primitives; }
-  std::uint64_t file_bytes() const override { return head_.header.file_bytes; }
-  std::uint64_t head_bytes() const override { return head_.index_bytes; }
-  SceneForm form() const override {
-    if (!head_.growing()) return SceneForm::kFinished;
-    return head_.closed ? SceneForm::kRecorded : SceneForm::kGrowing;
-  }
-  std::uint64_t incomplete_bytes() const override {
-    return head_.growing() ? source_->size() - head_.header.file_bytes : 0;
-  }
-
-  std::uint32_t unreached_frames() const override { return head_.unreached_frames; }
-  const std::vector<Issue>& damage() const override { return damage_; }
-  std::uint64_t missing_bytes() const override {
-    return head_.header.file_bytes - std::min(head_.available_bytes, head_.header.file_bytes);
-  }
-  const std::vector<LostFragment>& lost_fragments() const override { return head_.lost_fragments; }
-  double complete_ticks() const override { return complete_ticks_; }
-
-  Result<bool> refresh() override {
-    if (head_.closed) return false;
+  Result<bool> refresh() {
+    if (head.closed) return false;
     try {
-      const std::uint64_t complete = head_.header.file_bytes;
-      STGS_ASSIGN(const ByteSource::Change change, source_->refresh(complete));
+      const std::uint64_t complete = head.header.file_bytes;
+      STGS_ASSIGN(const ByteSource::Change change, source->refresh(complete));
       if (change == ByteSource::Change::kReplaced) {
         return invalid_file("{}: replaced or truncated below its {} complete bytes; open it again",
-                            source_->name(), complete);
+                            source->name(), complete);
       }
       Findings findings;
-      FileHead head;
-      read_head(*source_, limits_, head, findings);
-      if (!findings.ok()) return findings.status(source_->name());
-      if (head.header.file_bytes < head_.header.file_bytes) {
+      FileHead found;
+      read_head(*source, limits, found, findings);
+      if (!findings.ok()) return findings.status(source->name());
+      if (found.header.file_bytes < head.header.file_bytes) {
         return invalid_file("{}: shrank from {} to {} complete bytes; open it again",
-                            source_->name(), head_.header.file_bytes, head.header.file_bytes);
+                            source->name(), head.header.file_bytes, found.header.file_bytes);
       }
-      const bool grown = head.header.file_bytes > head_.header.file_bytes;
-      head_ = std::move(head);
-      damage_ = findings.take();
+      const bool grown = found.header.file_bytes > head.header.file_bytes;
+      head = std::move(found);
+      damage = findings.take();
       list_segments();
       return grown;
     } catch (const std::exception& e) {
-      return Status(code_of(e), fmt::format("{}: {}", source_->name(), e.what()));
+      return Status(code_of(e), fmt::format("{}: {}", source->name(), e.what()));
     }
   }
 
-  double chunk_ticks() const override { return head_.index.chunk_ticks; }
-  bool has_layouts() const override { return !head_.layouts.layouts.empty(); }
-  const std::vector<SegmentInfo>& segments() const override { return segments_; }
-  const std::vector<ScenePart>& parts() const override { return parts_; }
-
-  std::vector<StreamInfo> streams() const override {
-    std::vector<StreamInfo> out;
-    for (Attribute attribute : attributes_of(sh_degree())) {
-      StreamInfo info{name_of(attribute), 0,
-                      primitives() * 4 * static_cast<std::uint64_t>(components_of(attribute))};
-      for (const AttributeBytes& row : head_.index.attributes) {
-        if (row.attribute == static_cast<std::uint16_t>(attribute)) info.bytes += row.bytes;
+  // Reads the records of a segment and converts them with `make`, into `out`.
+  template <typename T, typename Make>
+  Result<T> with_records(std::uint32_t segment, bool with_sh, const Make& make, T out) const {
+    if (segment >= segments.size()) {
+      return usage_error("{}: invalid segment index {} (the file has {} segments)", source->name(),
+                         segment, segments.size());
+    }
+    try {
+      Findings findings;
+      SegmentRecords records;
+      if (read_segment(*source, head, segment, with_sh, records, findings) && findings.ok()) {
+        make(records, head, segment, out, findings);
       }
-      out.push_back(std::move(info));
+      if (!findings.ok()) return findings.status(source->name());
+      return out;
+    } catch (const std::exception& e) {
+      return Status(code_of(e),
+                    fmt::format("{}: segment {}: {}", source->name(), segment, e.what()));
     }
-    return out;
   }
-
-  std::vector<std::uint32_t> segments_between(double t0, double t1) const override {
-    return times_.between(t0, t1);
-  }
-
-  Result<Gaussians4D> decode(std::uint32_t segment, bool with_sh) const override {
-    return with_records(segment, with_sh, decode_segment, Gaussians4D(memory_));
-  }
-  Result<CodedSegment> read(std::uint32_t segment, bool with_sh) const override {
-    return with_records(segment, with_sh, code_segment, CodedSegment());
-  }
-  std::span<const RansLookup> tables() const override { return head_.layouts.lookups; }
 
   // IMPO of a lossless scene follows the last segment (spec 5.11).
-  Result<std::vector<float>> importance() const override {
-    std::uint64_t at = head_.header.head_bytes;
-    for (const SegmentEntry& segment : head_.index.segments) {
+
+  Result<std::vector<float>> importance() const {
+    std::uint64_t at = head.header.head_bytes;
+    for (const SegmentEntry& segment : head.index.segments) {
       for (const IndexEntry* entry : {&segment.base, &segment.sh}) {
         at = std::max(at, entry->offset + entry->bytes);
       }
     }
     Findings findings;
     std::vector<float> values;
-    while (at < head_.header.file_bytes && findings.ok()) {
+    while (at < head.header.file_bytes && findings.ok()) {
       const std::optional<RecordHeader> record = read_header(at, findings);
       if (!record) break;
       if (record->tag == kImportanceTag && record->flags == 0) {
@@ -157,88 +124,175 @@ class Reader final : public SceneReader {
       }
       at += kRecordHeaderBytes + record->length;
     }
-    if (!findings.ok()) return findings.status(source_->name());
+    if (!findings.ok()) return findings.status(source->name());
     return values;
-  }
-
- private:
-  // Derives segments, parts and times from the head.
-  void list_segments() {
-    segments_ = segments_from(head_);
-    times_ = {segments_, static_cast<double>(head_.metadata.scene.frames)};
-    parts_ = parts_from(head_);
-    complete_ticks_ = complete_ticks_of(head_, segments_);
-  }
-
-  // Reads the records of a segment and converts them with `make`, into `out`.
-  template <typename T, typename Make>
-  Result<T> with_records(std::uint32_t segment, bool with_sh, const Make& make, T out) const {
-    if (segment >= segments_.size()) {
-      return usage_error("{}: invalid segment index {} (the file has {} segments)", source_->name(),
-                         segment, segments_.size());
-    }
-    try {
-      Findings findings;
-      SegmentRecords records;
-      if (read_segment(*source_, head_, segment, with_sh, records, findings) && findings.ok()) {
-        make(records, head_, segment, out, findings);
-      }
-      if (!findings.ok()) return findings.status(source_->name());
-      return out;
-    } catch (const std::exception& e) {
-      return Status(code_of(e),
-                    fmt::format("{}: segment {}: {}", source_->name(), segment, e.what()));
-    }
   }
 
   // Returns whether bytes before the stated end of the file are available.
   bool is_available(std::uint64_t at, std::uint64_t bytes, Findings& findings) const {
-    const std::uint64_t needed = std::min(bytes, head_.header.file_bytes - at);
-    if (at <= head_.available_bytes && needed <= head_.available_bytes - at) return true;
+    const std::uint64_t needed = std::min(bytes, head.header.file_bytes - at);
+    if (at <= head.available_bytes && needed <= head.available_bytes - at) return true;
     findings.error(N::kFileSize, at, "the file is truncated after its segments");
     return false;
   }
 
   std::optional<RecordHeader> read_header(std::uint64_t at, Findings& findings) const {
     if (!is_available(at, kRecordHeaderBytes, findings)) return {};
-    std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, head_.header.file_bytes - at));
-    if (Status status = source_->read(at, bytes); !status.ok()) {
+    std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, head.header.file_bytes - at));
+    if (Status status = source->read(at, bytes); !status.ok()) {
       findings.failed_read(at, status);
       return {};
     }
     RecordHeader record;
-    if (!parse_record_header(bytes, at, head_.header.file_bytes, record, findings)) return {};
+    if (!parse_record_header(bytes, at, head.header.file_bytes, record, findings)) return {};
     return record;
   }
 
   void read_values(std::uint64_t at, const RecordHeader& record, std::vector<float>& values,
                    Findings& findings) const {
     if (!is_available(at + kRecordHeaderBytes, record.length, findings)) return;
-    if (record.length > limits_.max_memory) {
+    if (record.length > limits.max_memory) {
       return findings.unsupported(N::kMemoryLimit, at,
                                   "importances of {} bytes exceed the memory limit of {} bytes",
-                                  record.length, limits_.max_memory);
+                                  record.length, limits.max_memory);
     }
     std::vector<std::uint8_t> bytes(record.length);
-    if (Status status = source_->read(at + kRecordHeaderBytes, bytes); !status.ok()) {
+    if (Status status = source->read(at + kRecordHeaderBytes, bytes); !status.ok()) {
       return findings.failed_read(at, status);
     }
     if (!check_payload(record, bytes, at + kRecordHeaderBytes, findings)) return;
-    values = parse_importance(bytes, primitives(), at, findings);
+    values = parse_importance(bytes, head.index.primitives, at, findings);
   }
 
-  std::unique_ptr<ByteSource> source_;
-  ReadLimits limits_;
-  std::pmr::memory_resource* memory_;  // of decoded sets
-  FileHead head_;
-  std::vector<Issue> damage_;
-  std::vector<SegmentInfo> segments_;
-  SegmentTimes times_;
-  double complete_ticks_ = 0;
-  std::vector<ScenePart> parts_;
+  std::unique_ptr<ByteSource> source;
+  ReadLimits limits;
+  std::pmr::memory_resource* memory;  // of decoded sets
+  FileHead head;
+  std::vector<Issue> damage;
+  // Derived from the head by list_segments().
+  std::vector<SegmentInfo> segments = {};
+  SegmentTimes times = {};
+  double complete_ticks = 0;
+  std::vector<ScenePart> parts = {};
 };
 
-}  // namespace
+SceneReader::SceneReader(std::unique_ptr<State> state) : state_(std::move(state)) {}
+SceneReader::~SceneReader() = default;
+
+const SceneMetadata& SceneReader::metadata() const {
+  return state_->head.metadata.scene;
+}
+
+Profile SceneReader::profile() const {
+  return state_->head.metadata.profile;
+}
+
+std::uint16_t SceneReader::version_major() const {
+  return state_->head.header.major;
+}
+
+std::uint16_t SceneReader::version_minor() const {
+  return state_->head.header.minor;
+}
+
+int SceneReader::sh_degree() const {
+  return state_->head.metadata.sh_degree;
+}
+
+std::uint64_t SceneReader::primitives() const {
+  return state_->head.index.primitives;
+}
+
+std::uint64_t SceneReader::file_bytes() const {
+  return state_->head.header.file_bytes;
+}
+
+std::uint64_t SceneReader::head_bytes() const {
+  return state_->head.index_bytes;
+}
+
+SceneForm SceneReader::form() const {
+  if (!state_->head.growing()) return SceneForm::kFinished;
+  return state_->head.closed ? SceneForm::kRecorded : SceneForm::kGrowing;
+}
+
+std::uint64_t SceneReader::incomplete_bytes() const {
+  return state_->head.growing() ? state_->source->size() - state_->head.header.file_bytes : 0;
+}
+
+std::uint32_t SceneReader::unreached_frames() const {
+  return state_->head.unreached_frames;
+}
+
+const std::vector<Issue>& SceneReader::damage() const {
+  return state_->damage;
+}
+
+std::uint64_t SceneReader::missing_bytes() const {
+  return state_->head.header.file_bytes -
+         std::min(state_->head.available_bytes, state_->head.header.file_bytes);
+}
+
+const std::vector<LostFragment>& SceneReader::lost_fragments() const {
+  return state_->head.lost_fragments;
+}
+
+double SceneReader::complete_ticks() const {
+  return state_->complete_ticks;
+}
+
+Result<bool> SceneReader::refresh() {
+  return state_->refresh();
+}
+
+double SceneReader::chunk_ticks() const {
+  return state_->head.index.chunk_ticks;
+}
+
+bool SceneReader::has_layouts() const {
+  return !state_->head.layouts.layouts.empty();
+}
+
+const std::vector<SegmentInfo>& SceneReader::segments() const {
+  return state_->segments;
+}
+
+const std::vector<ScenePart>& SceneReader::parts() const {
+  return state_->parts;
+}
+
+std::vector<StreamInfo> SceneReader::streams() const {
+  std::vector<StreamInfo> out;
+  for (Attribute attribute : attributes_of(sh_degree())) {
+    StreamInfo info{name_of(attribute), 0,
+                    primitives() * 4 * static_cast<std::uint64_t>(components_of(attribute))};
+    for (const AttributeBytes& row : state_->head.index.attributes) {
+      if (row.attribute == static_cast<std::uint16_t>(attribute)) info.bytes += row.bytes;
+    }
+    out.push_back(std::move(info));
+  }
+  return out;
+}
+
+std::vector<std::uint32_t> SceneReader::segments_between(double t0, double t1) const {
+  return state_->times.between(t0, t1);
+}
+
+Result<Gaussians4D> SceneReader::decode(std::uint32_t segment, bool with_sh) const {
+  return state_->with_records(segment, with_sh, decode_segment, Gaussians4D(state_->memory));
+}
+
+Result<CodedSegment> SceneReader::read(std::uint32_t segment, bool with_sh) const {
+  return state_->with_records(segment, with_sh, code_segment, CodedSegment());
+}
+
+std::span<const RansLookup> SceneReader::tables() const {
+  return state_->head.layouts.lookups;
+}
+
+Result<std::vector<float>> SceneReader::importance() const {
+  return state_->importance();
+}
 
 math::PinholeCamera pinhole_of(const StartCamera& camera, float near_plane) {
   const float *r = camera.rotation, *t = camera.translation;
@@ -293,8 +347,10 @@ Result<std::unique_ptr<SceneReader>> SceneReader::open(std::unique_ptr<ByteSourc
     FileHead head;
     read_head(*source, limits, head, findings);
     if (!findings.ok()) return findings.status(source->name());
-    return std::unique_ptr<SceneReader>(std::make_unique<Reader>(std::move(source), std::move(head),
-                                                                 findings.take(), limits, memory));
+    auto state = std::make_unique<State>(
+        State{std::move(source), limits, memory, std::move(head), findings.take()});
+    state->list_segments();
+    return std::unique_ptr<SceneReader>(new SceneReader(std::move(state)));
   } catch (const std::exception& e) {
     return Status(code_of(e), fmt::format("cannot open the file: {}", e.what()));
   }

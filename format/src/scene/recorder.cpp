@@ -56,9 +56,11 @@ struct Recorded {
   }
 };
 
-class Recorder final : public SceneRecorder {
+}  // namespace
+
+class SceneRecorder::State {
  public:
-  explicit Recorder(const RecordSettings& settings) : settings_(settings) {
+  explicit State(const RecordSettings& settings) : settings_(settings) {
     settings_.write.own_layouts = true;
   }
 
@@ -105,7 +107,7 @@ class Recorder final : public SceneRecorder {
   }
 
   Status append(const Gaussians4D& fragment, std::uint32_t end_frame,
-                std::span<const float> importance, std::uint32_t last_frame) override {
+                std::span<const float> importance, std::uint32_t last_frame) {
     STGS_TRY(check_open());
     const std::uint32_t frames = recorded_.frames;
     if (end_frame <= frames) {
@@ -135,7 +137,7 @@ class Recorder final : public SceneRecorder {
     }
   }
 
-  Status close() override {
+  Status close() {
     STGS_TRY(check_open());
     try {
       return close_checked();
@@ -144,13 +146,13 @@ class Recorder final : public SceneRecorder {
     }
   }
 
-  bool is_open() const override { return open_; }
-  std::uint32_t frames() const override { return recorded_.frames; }
-  std::uint64_t primitives() const override { return recorded_.primitives; }
-  std::uint64_t dropped() const override { return dropped_; }
-  std::uint64_t bytes() const override { return file_.bytes(); }
-  const SceneMetadata& metadata() const override { return metadata_.scene; }
-  int sh_degree() const override { return metadata_.sh_degree; }
+  bool is_open() const { return open_; }
+  std::uint32_t frames() const { return recorded_.frames; }
+  std::uint64_t primitives() const { return recorded_.primitives; }
+  std::uint64_t dropped() const { return dropped_; }
+  std::uint64_t bytes() const { return file_.bytes(); }
+  const SceneMetadata& metadata() const { return metadata_.scene; }
+  int sh_degree() const { return metadata_.sh_degree; }
 
  private:
   Status check_open() const {
@@ -260,7 +262,45 @@ class Recorder final : public SceneRecorder {
   bool open_ = false;
 };
 
-}  // namespace
+SceneRecorder::SceneRecorder(std::unique_ptr<State> state) : state_(std::move(state)) {}
+SceneRecorder::~SceneRecorder() = default;
+
+Status SceneRecorder::append(const Gaussians4D& fragment, std::uint32_t end_frame,
+                             std::span<const float> importance, std::uint32_t last_frame) {
+  return state_->append(fragment, end_frame, importance, last_frame);
+}
+
+Status SceneRecorder::close() {
+  return state_->close();
+}
+
+bool SceneRecorder::is_open() const {
+  return state_->is_open();
+}
+
+std::uint32_t SceneRecorder::frames() const {
+  return state_->frames();
+}
+
+std::uint64_t SceneRecorder::primitives() const {
+  return state_->primitives();
+}
+
+std::uint64_t SceneRecorder::dropped() const {
+  return state_->dropped();
+}
+
+std::uint64_t SceneRecorder::bytes() const {
+  return state_->bytes();
+}
+
+const SceneMetadata& SceneRecorder::metadata() const {
+  return state_->metadata();
+}
+
+int SceneRecorder::sh_degree() const {
+  return state_->sh_degree();
+}
 
 Result<std::unique_ptr<SceneRecorder>> SceneRecorder::create(const std::string& path,
                                                              const SceneMetadata& metadata,
@@ -279,9 +319,10 @@ Result<std::unique_ptr<SceneRecorder>> SceneRecorder::create(const std::string& 
     Findings findings;
     check_metadata_values(head, 0, findings);
     if (!findings.ok()) return usage_error("{}: {}", path, findings.take().front().message);
-    auto recorder = std::make_unique<Recorder>(settings);
-    STGS_TRY(recorder->create(path, head));
-    return std::unique_ptr<SceneRecorder>(std::move(recorder));
+    // Allocated before the file is created, so that a failure leaves no file.
+    std::unique_ptr<SceneRecorder> recorder(new SceneRecorder(std::make_unique<State>(settings)));
+    STGS_TRY(recorder->state_->create(path, head));
+    return recorder;
   } catch (const std::exception& e) {
     return Status(code_of(e), fmt::format("{}: {}", path, e.what()));
   }
@@ -290,9 +331,9 @@ Result<std::unique_ptr<SceneRecorder>> SceneRecorder::create(const std::string& 
 Result<std::unique_ptr<SceneRecorder>> SceneRecorder::resume(const std::string& path,
                                                              const RecordSettings& settings) {
   try {
-    auto recorder = std::make_unique<Recorder>(settings);
-    STGS_TRY(recorder->resume(path));
-    return std::unique_ptr<SceneRecorder>(std::move(recorder));
+    std::unique_ptr<SceneRecorder> recorder(new SceneRecorder(std::make_unique<State>(settings)));
+    STGS_TRY(recorder->state_->resume(path));
+    return recorder;
   } catch (const std::exception& e) {
     return Status(code_of(e), fmt::format("{}: {}", path, e.what()));
   }

@@ -186,64 +186,66 @@ class SceneReader {
   // Opens the file at a path. Decoded sets use the default memory resource.
   static Result<std::unique_ptr<SceneReader>> open(const std::string& path,
                                                    const ReadLimits& limits = {});
-  virtual ~SceneReader() = default;
+  ~SceneReader();
+  SceneReader(const SceneReader&) = delete;
+  SceneReader& operator=(const SceneReader&) = delete;
 
   // Returns the metadata. Valid until refresh().
-  virtual const SceneMetadata& metadata() const = 0;
+  const SceneMetadata& metadata() const;
   // Returns the profile.
-  virtual Profile profile() const = 0;
+  Profile profile() const;
   // Returns the major format version.
-  virtual std::uint16_t version_major() const = 0;
+  std::uint16_t version_major() const;
   // Returns the minor format version.
-  virtual std::uint16_t version_minor() const = 0;
+  std::uint16_t version_minor() const;
   // Returns the SH degree, 0..3.
-  virtual int sh_degree() const = 0;
+  int sh_degree() const;
   // Returns the number of primitives in the index.
-  virtual std::uint64_t primitives() const = 0;
+  std::uint64_t primitives() const;
   // Returns the length up to the end of the complete content, bytes.
-  virtual std::uint64_t file_bytes() const = 0;
+  std::uint64_t file_bytes() const;
   // Returns the number of bytes that open() read, which is all that is needed to locate segments.
-  virtual std::uint64_t head_bytes() const = 0;
+  std::uint64_t head_bytes() const;
   // Returns the layout of the file.
-  virtual SceneForm form() const = 0;
+  SceneForm form() const;
   // Returns the number of bytes of a growing file after its last complete fragment: they are being
   // written, or were cut off.
-  virtual std::uint64_t incomplete_bytes() const = 0;
+  std::uint64_t incomplete_bytes() const;
   // Returns the frame count stated by a fragment among those bytes that cannot be used because a
   // record before it is damaged (spec 5.12); 0: there is none.
-  virtual std::uint32_t unreached_frames() const = 0;
+  std::uint32_t unreached_frames() const;
   // Returns problems that open() found but could read past, such as truncation. Available segments
   // can still be decoded.
-  virtual const std::vector<Issue>& damage() const = 0;
+  const std::vector<Issue>& damage() const;
   // Returns the number of bytes missing at the end of a finished file.
-  virtual std::uint64_t missing_bytes() const = 0;
+  std::uint64_t missing_bytes() const;
   // Returns the lost fragments of a recording, ascending. damage() has an issue for each.
-  virtual const std::vector<LostFragment>& lost_fragments() const = 0;
+  const std::vector<LostFragment>& lost_fragments() const;
   // Returns the time up to which the scene is complete, ticks: the earliest time of a segment that
   // is missing, lacks its SH, or is in a lost fragment; the duration if there is none.
-  virtual double complete_ticks() const = 0;
+  double complete_ticks() const;
   // Checks whether a growing file has grown. Returns true if there are new segments, which follow
   // the existing ones, and a larger metadata().frames. References returned by metadata(),
   // segments() and parts() become invalid; segment indices stay valid. No other thread may use the
   // reader meanwhile. After an error the reader is unchanged.
-  virtual Result<bool> refresh() = 0;
+  Result<bool> refresh();
   // Returns the duration of the shortest segments on the timeline, ticks.
-  virtual double chunk_ticks() const = 0;
+  double chunk_ticks() const;
   // Returns whether the head has layouts for all records (spec 6.2); otherwise each record has its
   // own.
-  virtual bool has_layouts() const = 0;
+  bool has_layouts() const;
   // Returns the segments, part after part. Valid until refresh().
-  virtual const std::vector<SegmentInfo>& segments() const = 0;
+  const std::vector<SegmentInfo>& segments() const;
   // Returns the parts; empty if the file has neither primitives nor parts. Valid until refresh().
-  virtual const std::vector<ScenePart>& parts() const = 0;
+  const std::vector<ScenePart>& parts() const;
   // Returns the bytes of each attribute, in file order.
-  virtual std::vector<StreamInfo> streams() const = 0;
+  std::vector<StreamInfo> streams() const;
   // Returns the indices of the segments that contain all primitives active at some time in
   // [t0, t1], ticks; ascending in file offset. Uses the index alone.
-  virtual std::vector<std::uint32_t> segments_between(double t0, double t1) const = 0;
+  std::vector<std::uint32_t> segments_between(double t0, double t1) const;
   // Decodes one segment. Times count from the beginning of its part. With `with_sh` false, SH above
   // degree 0 that are stored separately are not read and become 0.
-  virtual Result<Gaussians4D> decode(std::uint32_t segment, bool with_sh) const = 0;
+  Result<Gaussians4D> decode(std::uint32_t segment, bool with_sh) const;
   // Decodes one segment with its SH.
   Result<Gaussians4D> decode(std::uint32_t segment) const { return decode(segment, true); }
   // Decodes the intact records of a segment (spec 5.7). If only its SH record is damaged, missing
@@ -252,11 +254,17 @@ class SceneReader {
   Result<Gaussians4D> decode_intact(std::uint32_t segment, Status& sh_status) const;
   // Reads one segment without decoding it, for a decoder on another device. Verifies the checksums
   // of its records, but not those of the planes, which are not decoded here.
-  virtual Result<CodedSegment> read(std::uint32_t segment, bool with_sh) const = 0;
+  Result<CodedSegment> read(std::uint32_t segment, bool with_sh) const;
   // Returns the tables of the file, which its records refer to by number. Valid until refresh().
-  virtual std::span<const RansLookup> tables() const = 0;
+  std::span<const RansLookup> tables() const;
   // Reads Scene::importance, segment after segment; empty if the file has none.
-  virtual Result<std::vector<float>> importance() const = 0;
+  Result<std::vector<float>> importance() const;
+
+ private:
+  struct State;
+  explicit SceneReader(std::unique_ptr<State> state);
+
+  std::unique_ptr<State> state_;
 };
 
 // The coder of planes in all profiles except kLossless, which always uses zstd.

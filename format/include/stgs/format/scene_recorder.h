@@ -41,7 +41,9 @@ class SceneRecorder {
   // - kUnsupported: another program laid it out
   static Result<std::unique_ptr<SceneRecorder>> resume(const std::string& path,
                                                        const RecordSettings& settings = {});
-  virtual ~SceneRecorder() = default;
+  ~SceneRecorder();
+  SceneRecorder(const SceneRecorder&) = delete;
+  SceneRecorder& operator=(const SceneRecorder&) = delete;
 
   // Extends the file to `end_frame` frames, more than frames(), with these primitives. Their times
   // count from frames(), the beginning of the fragment. They are rendered up to end_frame or, if it
@@ -52,25 +54,31 @@ class SceneRecorder {
   // An error before the first byte is written (kUsage, kUnsupported, kNoMemory and others) changes
   // nothing. A write error (kIo) ends the recording and closes the file, which can be resumed; the
   // file is truncated to its previous length as far as the system allows.
-  virtual Status append(const Gaussians4D& fragment, std::uint32_t end_frame,
-                        std::span<const float> importance = {}, std::uint32_t last_frame = 0) = 0;
+  Status append(const Gaussians4D& fragment, std::uint32_t end_frame,
+                std::span<const float> importance = {}, std::uint32_t last_frame = 0);
   // Marks the file as complete and writes the whole index in one place. Errors: as append().
-  virtual Status close() = 0;
+  Status close();
 
   // Returns whether the recording is neither closed nor ended by an error.
-  virtual bool is_open() const = 0;
+  bool is_open() const;
   // Returns the number of frames appended so far.
-  virtual std::uint32_t frames() const = 0;
+  std::uint32_t frames() const;
   // Returns the number of primitives in the file.
-  virtual std::uint64_t primitives() const = 0;
+  std::uint64_t primitives() const;
   // Returns the number of primitives dropped since the recorder was created or resumed.
-  virtual std::uint64_t dropped() const = 0;
+  std::uint64_t dropped() const;
   // Returns the length of the file, bytes.
-  virtual std::uint64_t bytes() const = 0;
+  std::uint64_t bytes() const;
   // Returns the metadata of the file; frames and bounds are meaningless.
-  virtual const SceneMetadata& metadata() const = 0;
+  const SceneMetadata& metadata() const;
   // Returns the SH degree of the file.
-  virtual int sh_degree() const = 0;
+  int sh_degree() const;
+
+ private:
+  class State;
+  explicit SceneRecorder(std::unique_ptr<State> state);
+
+  std::unique_ptr<State> state_;
 };
 
 // Converts a recording, complete or truncated, to a file with its index in the head.

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`stgs convert` from formats with several frames or several files."""
+import json
+import os
+import shutil
+import unittest
+
+from harness import CliTest, built_in
+
+
+class ConvertingPlyFrames(CliTest):
+    def make_frames(self):
+        """Writes six PLY frames of the fixture's scene; returns their total number of splats."""
+        os.mkdir(self.path("frames"))
+        count = 0
+        for i in range(6):
+            count += self.json_of("convert", self.fixture("tiny.stgs"), f"frames/{i:05}.ply",
+                                  "--time", f"{i / 30:.6f}")["primitives"]
+        return count
+
+    def test_a_folder_of_frames_becomes_a_matching_clip(self):
+        splats = self.make_frames()
+        result = self.json_of("convert", "frames", "clip.stgs")
+        self.assertEqual(result["input_format"], "PLY frames")
+        self.assertEqual(result["frames"], 6)
+        sequence = result["sequence"]
+        self.assertEqual(sequence["splats"], splats)
+        self.assertEqual(sequence["primitives"], result["primitives"])
+        self.assertLess(result["primitives"], splats)
+        self.assertGreater(sequence["matched"], 0.1)
+        self.assertLessEqual(sequence["errors"]["position"], 0.0201)
+        self.assertIsNone(result["splatv"])
+        self.assertEqual(result["bytes_in"],
+                         sum(os.path.getsize(self.path("frames", name))
+                             for name in os.listdir(self.path("frames"))))
+        self.succeeds("validate", "clip.stgs")
+        start = self.json_of("info", self.fixture("tiny.stgs"))["start_camera"]
+        self.write("start.json", json.dumps(start))
+        for i in (0, 3, 5):
+            for scene in (self.fixture("tiny.stgs"), "clip.stgs"):
+                self.succeeds("render", scene, "--time", f"{i / 30:.6f}", "--camera", "start.json",
+                              "-o", "clip.png" if scene == "clip.stgs" else "expected.png")
+            self.succeeds("compare", "clip.png", "expected.png", "--min-psnr", "50")
+
+    def test_frame_rate_and_tolerance_apply_to_frames(self):
+        self.make_frames()
+        result = self.json_of("convert", "frames", "slow.stgs", "--fps", "29.97", "--tolerance", "0")
+        self.assertEqual(set(result["sequence"]["errors"].values()), {0})
+        info = self.json_of("info", "slow.stgs")
+        self.assertAlmostEqual(info["fps"], 30000 / 1001)
+        loose = self.json_of("convert", "frames", "loose.stgs", "--tolerance", "20")
+        self.assertLess(loose["primitives"], result["primitives"])
+        text = self.succeeds("convert", "frames", "a.stgs").stdout.decode()
+        self.assertRegex(text, r"6 frames, \d+ splats merged into \d+ primitives")
+        single = self.json_of("convert", "frames", "single.ply", "--time", "0.1")
+        self.assertEqual(single["output_format"], "PLY")
+
+    def test_convert_rejects_incomplete_frames_and_unrelated_options(self):
+        self.make_frames()
+        os.remove(self.path("frames", "00002.ply"))
+        self.fails(1, "frames missing after", "convert", "frames", "a.stgs")
+        os.mkdir(self.path("empty"))
+        self.fails(2, "empty: this folder has neither PLY frames", "convert", "empty", "a.stgs")
+        for option, value in (("--fps", "30"), ("--frames", "5"), ("--tolerance", "2")):
+            self.fails(1, f"{option} applies to", "convert", self.fixture("tiny.stgs"), "a.stgs",
+                       option, value)
+        self.fails(1, "out of range", "convert", "frames", "a.stgs", "--fps", "0")
+        self.assertFalse(os.path.exists(self.path("a.stgs")))
+
+
+class ConvertingSplatv(CliTest):
+    def test_curved_paths_are_reported(self):
+        result = self.json_of("convert", self.fixture("clip.splatv"), "a.stgs", "--frames", "60",
+                              "--fps", "20")
+        self.assertEqual(result["input_format"], "splatv")
+        self.assertEqual(result["frames"], 60)
+        self.assertEqual(result["primitives"], 12)
+        self.assertEqual(result["splatv"]["bent"], 6)
+        self.assertGreater(result["splatv"]["path_max"], 0.1)
+        self.assertRegex(result["notes"][0], "approximated paths by lines: .* 6 of 12")
+        self.assertIsNone(result["sequence"])
+        self.assertAlmostEqual(self.json_of("info", "a.stgs")["duration_s"], 3)
+        self.fails(1, "--tolerance applies to", "convert", self.fixture("clip.splatv"), "b.stgs",
+                   "--tolerance", "1")
+
+    def test_a_truncated_file_is_rejected(self):
+        with open(self.fixture("clip.splatv"), "rb") as file:
+            data = file.read()
+        self.fails(3, "cut.splatv", "convert", self.write("cut.splatv", data[:-1]), "a.stgs")
+
+
+class ConvertingSog(CliTest):
+    @unittest.skipUnless(built_in("sog"), "needs libwebp and libzip")
+    def test_a_bundle_and_a_folder_of_chunks_convert(self):
+        result = self.json_of("convert", self.fixture("model.sog"), "a.stgs")
+        self.assertEqual((result["input_format"], result["primitives"], result["sh_degree"]),
+                         ("SOG", 30, 1))
+        chunks = self.json_of("convert", self.fixture("chunks"), "b.stgs")
+        self.assertEqual(chunks["primitives"], 45)
+        self.assertGreater(chunks["bytes_in"], 0)
+        one = self.json_of("convert", os.path.join(self.fixture("chunks"), "0_1", "meta.json"),
+                           "c.ply")
+        self.assertEqual(one["primitives"], 25)
+        self.succeeds("validate", "a.stgs", "b.stgs")
+
+    @unittest.skipUnless(built_in("sog"), "needs libwebp and libzip")
+    def test_damaged_models_are_rejected(self):
+        shutil.copytree(self.fixture("chunks"), self.path("chunks"))
+        os.remove(self.path("chunks", "0_1", "sh0.webp"))
+        self.fails(2, "sh0.webp: cannot open", "convert", "chunks", "a.stgs")
+        self.write("broken.sog", b"PK\x03\x04 and nothing else")
+        self.fails(3, "broken.sog: cannot read as a zip archive", "convert", "broken.sog", "a.stgs")
+
+    @unittest.skipIf(built_in("sog"), "libwebp and libzip are built in")
+    def test_a_build_without_sog_reports_it(self):
+        self.write("a.sog", b"PK\x03\x04")
+        self.fails(6, "lacks libwebp or libzip", "convert", "a.sog", "a.stgs")

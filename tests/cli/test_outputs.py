@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Outputs that cannot be written, that exist already, or that are the input."""
+import os
+import resource
+import shutil
+import unittest
+
+import harness
+from harness import CliTest
+
+USAGE, IO = 1, 2
+
+
+class Outputs(CliTest):
+    def test_pack_rejects_its_input_as_output(self):
+        shutil.copy(self.fixture("tiny.stgs"), self.path("scene.stgs"))
+        size = os.path.getsize(self.path("scene.stgs"))
+        os.link(self.path("scene.stgs"), self.path("same.stgs"))
+        for output in ("scene.stgs", "./scene.stgs", "same.stgs"):
+            self.fails(USAGE, "is the input scene itself", "pack", "scene.stgs", "-o", output)
+        self.assertEqual(os.path.getsize(self.path("scene.stgs")), size)
+
+    def render(self, output, *more):
+        return ["render", self.fixture("tiny.stgs"), "--frames", "0:1", "-o", output, *more]
+
+    def test_unwritable_paths_are_rejected(self):
+        self.write("file", b"")
+        os.symlink("/dev/full", self.path("full.png"))
+        cases = [
+            ("folder 'nowhere' does not exist", "nowhere/out.png"),
+            ("'file' is not a folder", "file/out.png"),
+            ("'.*prepared' is not a folder|does not exist", "file/more/out.png"),
+            ("cannot create", "/proc/out.png"),
+            ("exists and is not a regular file", "full.png"),
+            ("cannot create|does not exist", "/proc/folder/"),
+        ]
+        for message, output in cases:
+            with self.subTest(output=output):
+                self.fails(IO, message, *self.render(output))
+        for name in ("out.y4m", "out.mp4", "out.exr"):
+            with self.subTest(name=name):
+                self.fails(IO, "cannot create", *self.render("/proc/" + name))
+
+    def test_a_full_disk_preserves_the_old_output(self):
+        """A file size limit has the effect of a full disk, for any user."""
+        def limit():
+            resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+        size = ["--size", "640x480", "--log-level", "error"]
+        for name in ("out.png", "out.y4m", "out.exr", "out.mp4"):
+            feature = {"out.exr": "exr", "out.mp4": "mp4"}.get(name)
+            if feature and not harness.built_in(feature):
+                continue
+            with self.subTest(name=name):
+                self.write(name, b"old")
+                result = self.stgs(*self.render(name, *size), preexec_fn=limit)
+                self.assertEqual(result.returncode, IO, result.stderr)
+                self.assertIn(f"{name}: cannot write".encode(), result.stderr)
+                self.assertEqual(self.read(name), b"old")
+                self.assert_no_leftovers()
+        result = self.stgs(*self.render("frames/", *size), preexec_fn=limit)
+        self.assertEqual(result.returncode, IO, result.stderr)
+        self.assertFalse(os.path.exists(self.path("frames")))
+        self.assert_no_leftovers()
+
+    def test_full_standard_output_is_an_error(self):
+        with open("/dev/full", "wb") as full:
+            self.fails(IO, "standard output: cannot write: No space left", "info",
+                       self.fixture("tiny.stgs"), stdout=full)
+            self.fails(IO, "standard output: cannot write: No space left",
+                       *self.render("-", "--size", "320x240"), stdout=full)
+
+    def test_a_closed_pipe_is_an_error(self):
+        read, write = os.pipe()
+        os.close(read)
+        with os.fdopen(write, "wb") as pipe:
+            self.fails(IO, "standard output: cannot write: Broken pipe",
+                       *self.render("-", "--size", "320x240"), stdout=pipe)
+
+    def test_existing_outputs_are_replaced(self):
+        self.write("out.png", b"old")
+        self.succeeds(*self.render("out.png"))
+        self.assertTrue(self.read("out.png").startswith(b"\x89PNG"))
+        self.succeeds(*self.render("frames/"))
+        self.write("frames/000000.png", b"old")
+        self.write("frames/notes.txt", b"mine")
+        self.succeeds(*self.render("frames/"))
+        self.assertTrue(self.read("frames/000000.png").startswith(b"\x89PNG"))
+        self.assertEqual(self.read("frames/notes.txt"), b"mine")
+
+
+if __name__ == "__main__":
+    unittest.main()

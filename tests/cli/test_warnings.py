@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Warnings about damage, about values that the target clips, and about content not converted."""
+import os
+import struct
+
+import harness
+from harness import CliTest
+
+INVALID = 3
+
+
+def flipped(data, offset):
+    return data[:offset] + bytes([data[offset] ^ 0x10]) + data[offset + 1:]
+
+
+def ply(rows, names):
+    header = "".join(f"property float {name}\n" for name in names)
+    body = b"".join(struct.pack(f"<{len(names)}f", *row) for row in rows)
+    return (f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n{header}"
+            "end_header\n").encode() + body
+
+
+class WarningTest(CliTest):
+    def vector(self, name):
+        """Returns the path of a conformance vector."""
+        return os.path.join(harness.SOURCE, "tests", "conformance", "vectors", name + ".stgs")
+
+    def warnings(self, *args):
+        return [line for line in self.succeeds(*args).stderr.decode().splitlines()
+                if line.startswith("stgs: warning: ")]
+
+    def rewrite_warnings(self, scene):
+        """Returns the warnings of each verb that rewrites a scene, by verb."""
+        return {"finalize": self.warnings("finalize", scene, "-o", "f.stgs"),
+                "convert": self.warnings("convert", scene, "c.stgs"),
+                "pack": self.warnings("pack", scene, "-o", "p.stgs")}
+
+
+class DamagedHeads(WarningTest):
+    def test_a_damaged_head_is_read_from_its_copy(self):
+        """No data is lost, each verb warns, and finalize restores the original bytes."""
+        with open(self.fixture("tiny.stgs"), "rb") as file:
+            intact = file.read()
+        self.succeeds("convert", self.fixture("tiny.stgs"), "intact.ply", "--time", "0.05")
+        for offset in (2, 28, 80):
+            self.write("damaged.stgs", flipped(intact, offset))
+            for verb, lines in self.rewrite_warnings("damaged.stgs").items():
+                self.assertEqual(len(lines), 1, (verb, lines))
+                self.assertIn("head is damaged and was read from its copy", lines[0], verb)
+            self.assertEqual(self.read("f.stgs"), intact)
+            self.succeeds("convert", "damaged.stgs", "repaired.ply", "--time", "0.05")
+            self.assertEqual(self.read("repaired.ply"), self.read("intact.ply"))
+            self.assertIn(b"error 118", self.stgs("validate", "damaged.stgs").stdout)
+
+
+class DamagedRecordings(WarningTest):
+    def test_a_damaged_index_fragment_loses_its_segments(self):
+        """A damaged index fragment costs the segments that only it lists."""
+        scene = self.vector("fragment_damaged")
+        for verb, lines in self.rewrite_warnings(scene).items():
+            text = "\n".join(lines)
+            self.assertIn("index fragment is damaged", text, verb)
+            self.assertRegex(text, r"first shown 3\.000 to 3\.333 s is lost .*\d+ bytes", verb)
+        info = self.json_of("info", scene)
+        self.assertEqual([(s["begin_s"], round(s["end_s"], 3)) for s in info["lost_fragments"]], [(3, 3.333)])
+        self.assertEqual(info["complete_s"], 3)
+        self.assertRegex(self.succeeds("info", scene).stdout.decode(), r"lost +from 3\.000 s to 3\.333 s")
+        self.write("camera.json", '{"width": 16, "height": 16, "fx": 16, "fy": 16, "cx": 8, "cy": 8,'
+                                  '"rotation": [1,0,0,0,1,0,0,0,1], "translation": [0,0,9]}')
+        output = "--camera", "camera.json", "-o", "out.png"
+        self.fails(INVALID, "no data for 3.1 s can be read", "render", scene,
+                   "--time", "3.1", *output)
+        self.assertFalse(os.path.exists(self.path("out.png")))
+        for time in ("2.9", "3.4"):
+            self.assertIn("complete up to 3.000 s",
+                          self.warnings("render", scene, "--time", time, *output)[0])
+
+    def test_a_damaged_segment_loses_only_itself(self):
+        """A flipped bit costs one record; warnings state its times and bytes."""
+        with open(self.fixture("recorded.stgs"), "rb") as file:
+            recording = file.read()
+        segments = self.json_of("info", self.fixture("recorded.stgs"))["segments"]
+        for segment in (segments[0], segments[-1]):
+            middle = segment["offset"] + segment["bytes"] // 2
+            scene = self.write("damaged.stgs", flipped(recording, middle))
+            for verb, lines in self.rewrite_warnings(scene).items():
+                self.assertEqual(len(lines), 1, (verb, lines))
+                self.assertRegex(lines[0], rf"1 of {len(segments)} segments \("
+                                           rf"{segment['primitives']} primitives\): \d+ bytes, shown "
+                                           rf"{segment['begin_s']:.3f} to ", verb)
+            finished = self.json_of("finalize", scene, "-o", "f.stgs")
+            self.assertEqual(finished["damaged"], {"segments": 1, "sh": 0})
+            self.assertEqual(self.json_of("convert", scene, "c.stgs")["damaged"], finished["damaged"])
+            self.assertEqual(self.json_of("pack", scene, "-o", "p.stgs")["damaged"], finished["damaged"])
+            self.fails(INVALID, "error", "validate", "f.stgs")  # finalize copies the damage
+            self.succeeds("validate", "c.stgs", "p.stgs")
+            self.assertEqual(self.json_of("info", "c.stgs")["primitives"], 800 - segment["primitives"])
+
+    def test_finalize_omits_a_damaged_last_fragment(self):
+        """finalize omits the last fragment of an unclosed recording if all its segments are
+        damaged, and warns."""
+        with open(self.fixture("recorded.stgs"), "rb") as file:
+            recording = file.read()
+        closing = recording.rindex(b"FRAG")
+        last = self.json_of("info", self.fixture("recorded.stgs"))["segments"][-1]
+        scene = self.write("open.stgs", flipped(recording[:closing], last["offset"] + last["bytes"] // 2))
+        report = self.json_of("finalize", scene, "-o", "f.stgs")
+        self.assertEqual(report["damaged"]["segments"], 1)
+        self.assertEqual((report["frames"], report["primitives"]), (3, 400))
+        lines = self.warnings("finalize", scene, "-o", "f.stgs")
+        self.assertRegex(lines[0], r"1 of 2 segments \(400 primitives\)")
+        self.succeeds("validate", "f.stgs")
+
+    def test_ignored_trailing_bytes_are_reported(self):
+        for verb, lines in self.rewrite_warnings(self.fixture("cut.stgs")).items():
+            self.assertEqual(len(lines), 1, verb)
+            self.assertIn("1000 bytes after the last complete fragment are ignored", lines[0])
+
+    def test_a_fragment_behind_damage_is_reported_as_unreachable(self):
+        """A fragment that follows a damaged record is not used; info and validate report it."""
+        with open(self.fixture("recorded.stgs"), "rb") as file:
+            recording = file.read()
+        second = recording.rindex(b"FRAG", 0, recording.rindex(b"FRAG"))
+        scene = self.write("unreachable.stgs", flipped(recording, second + 1))
+        info = self.json_of("info", scene)
+        self.assertEqual(info["frames"], 3)
+        self.assertGreater(info["unreachable_s"], info["duration_s"])
+        self.assertRegex(self.succeeds("info", scene).stdout.decode(), r"unreachable +these bytes hold frames up to \S+ s")
+        for verb, lines in self.rewrite_warnings(scene).items():
+            self.assertRegex(lines[0], r"are ignored: they contain frames up to \S+ s, behind a damaged record", verb)
+        run = self.fails(INVALID, "1 error", "validate", scene)
+        self.assertIn("they contain an index fragment with 6 frames that cannot be used", run.stdout.decode())
+
+
+class NotConverted(WarningTest):
+    def test_content_that_is_not_copied_is_reported(self):
+        """Timed data, private records and private numbers are not copied to a rewritten file."""
+        expected = {
+            "timed_data_alone": ["timed data 'audio/opus' of content 200 (org.example.sound)"],
+            "private_numbers": ["timed data 'audio/opus' of content 200 (org.example.sound)",
+                                "private profile 0xc001 (org.example.rig)",
+                                "primitive attribute 0xc005 (org.example.heat)",
+                                "'liGT' 'org.example.lights'", "'priv' 'org.example.lights'", "'zzzz'"],
+            "optional_stream": ["primitive attribute 0x8001"],
+            "further_records": ["timed data of content 2:", "timed data of content 191:"],
+        }
+        for name, parts in expected.items():
+            for args in (["convert", self.vector(name), "c.stgs"],
+                         ["convert", self.vector(name), "c.ply", "--time", "0"],
+                         ["pack", self.vector(name), "-o", "p.stgs"]):
+                lines = [line for line in self.warnings(*args)
+                         if ": not converted: " in line or ": not copied to the output: " in line]
+                self.assertEqual(len(lines), len(parts), (args, lines))
+                for part in parts:
+                    self.assertTrue(any(part in line for line in lines), (part, lines))
+        self.assertEqual(self.json_of("convert", self.fixture("tiny.stgs"), "c.stgs")["not_converted"], [])
+
+    def test_a_target_without_units_is_reported(self):
+        text = "\n".join(self.warnings("convert", self.vector("metres_and_up"), "a.ply", "--time", "0"))
+        self.assertIn("PLY cannot hold the metres per unit, the up direction and th", text)
+
+    def test_unmeasured_errors_are_reported(self):
+        run = self.succeeds("convert", self.fixture("tiny.stgs"), "a.glb", "--time", "0.1")
+        self.assertIn("errors: not measured (glTF cannot be read back)", run.stdout.decode())
+
+
+class Clipping(WarningTest):
+    NAMES = ("x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 "
+             "rot_3").split()
+    PLAIN = (0, 0, 0, 0, 0, 0, 3, -2, -2, -2, 1, 0, 0, 0)
+
+    def clipped(self, rows, names):
+        self.write("a.ply", ply(rows, names))
+        return [line for line in self.warnings("convert", "a.ply", "a.spz") if "clipped" in line]
+
+    def test_values_clipped_by_spz_are_reported(self):
+        """Clipping is reported even if positions and rotations are exact."""
+        big = list(self.PLAIN)
+        big[7], big[3] = 20, 50
+        lines = self.clipped([self.PLAIN, big], self.NAMES)
+        self.assertEqual(len(lines), 2)
+        self.assertIn("clipped 1 of 6 log scales to the range of SPZ, -10 to 5.94, by up to 14", lines[0])
+        self.assertIn("clipped 1 of 6 colours to the range of SPZ, -0.44 to 1.44, by up to 13.2", lines[1])
+        names = self.NAMES[:6] + [f"f_rest_{i}" for i in range(9)] + self.NAMES[6:]
+        row = self.PLAIN[:6] + (100,) + 8 * (0,) + self.PLAIN[6:]
+        lines = self.clipped([row], names)
+        self.assertEqual(len(lines), 1)
+        self.assertIn("clipped 1 of 9 SH coefficients to the range of SPZ, -1 to 1, by up to 99", lines[0])
+        self.assertEqual(self.clipped([self.PLAIN], self.NAMES), [])
+
+
+class Terminals(WarningTest):
+    def test_control_characters_are_escaped(self):
+        """Texts from a file cannot control the terminal; JSON output has them unchanged."""
+        self.write("a.ply", ply([Clipping.PLAIN], Clipping.NAMES))
+        self.succeeds("convert", "a.ply", "a.stgs")
+        data = self.read("a.stgs")
+        title = "\x1b[31mred\x07\n\u009b2J ü".encode()
+        scene = self.write("b.stgs", self.titled(data, title))
+        shown = self.succeeds("info", scene).stdout
+        self.assertIn(rb"\x1b[31mred\x07\x0a\x9b2J " + "ü".encode(), shown)
+        self.assertFalse([byte for byte in shown if byte < 32 and byte != 10])
+        self.assertEqual(self.json_of("info", scene)["title"], title.decode())
+
+    def titled(self, data, title):
+        """Returns the file with another title and valid checksums."""
+        import xxhash
+        head_bytes = struct.unpack_from("<Q", data, 24)[0]
+        out, at = b"", 40
+        while at < head_bytes:
+            tag, flags, length = struct.unpack_from("<4sIQ", data, at)
+            payload = data[at + 32:at + 32 + length]
+            if tag == b"META":
+                end = 136 + struct.unpack_from("<I", payload, 132)[0]
+                old = struct.unpack_from("<I", payload, end)[0]
+                payload = (payload[:end] + struct.pack("<I", len(title)) + title +
+                           payload[end + 4 + old:])
+            header = struct.pack("<4sIQQ", tag, flags, len(payload), xxhash.xxh3_64_intdigest(payload))
+            out += header + struct.pack("<Q", xxhash.xxh3_64_intdigest(header)) + payload
+            at += 32 + length
+        body = data[head_bytes:]
+        header = data[:16] + struct.pack("<QQ", 40 + len(out) + len(body), 40 + len(out))
+        return header + struct.pack("<Q", xxhash.xxh3_64_intdigest(header)) + out + body

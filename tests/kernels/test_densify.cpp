@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+// Densification: clones, splits, removals and replacements, and their schedule.
+#include "train/densify.h"
+
+#include <cmath>
+
+#include "catch.h"
+#include "random_train_state.h"
+#include "stgs/format/math/blend.h"
+#include "train/densify_plan.h"
+#include "train/densify_rules.h"
+
+using namespace stgs;
+using namespace stgs::encoder;
+using namespace stgs::testing;
+
+TEST_CASE("two clones transmit as much light as their original") {
+  for (const float logit : {-4.0f, -1.0f, 0.0f, 2.0f, 6.0f}) {
+    const float clone = math::opacity_of(cloned_logit(logit));
+    CHECK((1 - clone) * (1 - clone) == Approx(1 - math::opacity_of(logit)).epsilon(1e-3));
+  }
+}
+
+TEST_CASE("growth clones small primitives, splits large ones and removes transparent ones") {
+  TrainState state = random_train_state(8, 5);
+  HyperParameters parameters;
+  parameters.max_primitives = 100;
+  parameters.growth_limit = 1.0;
+  DensifyContext context;
+  context.extent = 1.0f;
+  const float small = std::log(0.001f), large = std::log(0.1f);
+  for (std::size_t i = 0; i < 8; ++i) {
+    state.set.opacity_logit[i] = 0.0f;
+    std::fill_n(state.set.log_scale.begin() + 3 * static_cast<int>(i), 3, i < 4 ? small : large);
+    state.statistics.views[i] = 1;
+  }
+  state.set.opacity_logit[7] = -8.0f;
+  state.statistics.gradient_sum[1] = 1.0f;      // small with a large gradient: clone
+  state.statistics.gradient_sum[5] = 1.0f;      // large: only the absolute gradient counts
+  state.statistics.abs_gradient_sum[6] = 1.0f;  // large with a large absolute gradient: split
+  const DensifyCounts counts = grow(state, parameters, context);
+  CHECK(counts.cloned == 1);
+  CHECK(counts.split == 1);
+  CHECK(counts.removed == 1);
+  REQUIRE(state.size() == 9);
+  CHECK(math::opacity_of(state.set.opacity_logit[1]) == Approx(1 - std::sqrt(0.5f)));
+  CHECK(state.set.log_scale[3 * 6] == Approx(large - std::log(1.6f)));
+  CHECK(state.statistics.views[1] == 0);
+}
+
+TEST_CASE("plain growth uses the mean gradient alone, and its clones are exact copies") {
+  TrainState state = random_train_state(4, 5);
+  for (float& logit : state.set.opacity_logit) logit = 0.0f;
+  for (int c = 0; c < 3; ++c) {
+    state.set.log_scale[c] = std::log(1e-4f);  // primitives 0 and 3 are small
+    state.set.log_scale[3 + c] = state.set.log_scale[6 + c] = std::log(0.05f);
+    state.set.log_scale[9 + c] = std::log(1e-4f);
+  }
+  state.statistics.views = {10, 10, 10, 10};
+  const HyperParameters parameters;
+  const auto large_gradient = static_cast<float>(2 * parameters.clone_gradient * 10);
+  state.statistics.gradient_sum = {large_gradient, large_gradient, 0.0f, 0.0f};
+  state.statistics.abs_gradient_sum = {large_gradient, large_gradient, 100.0f, 100.0f};
+  state.moments[kOpacity].first[0] = 0.5f;
+  DensifyContext context;
+  context.plain = true;
+  const DensifyCounts counts = grow(state, parameters, context);
+  CHECK(counts.cloned == 1);
+  CHECK(counts.split == 1);  // primitive 2 has only a large absolute gradient
+  REQUIRE(state.size() == 6);
+  for (int c = 0; c < 3; ++c) CHECK(state.set.position[12 + c] == state.set.position[c]);
+  CHECK(state.set.opacity_logit[0] == 0.0f);
+  CHECK(state.set.opacity_logit[4] == 0.0f);
+  CHECK(state.moments[kOpacity].first[0] == 0.5f);
+  CHECK(state.moments[kOpacity].first[4] == 0.0f);
+}
+
+TEST_CASE("the plan follows the paper, or 3DGS under plain densification") {
+  HyperParameters p;
+  p.opacity_resets = 2;
+  const Ablation full;
+  Ablation plain;
+  plain.densification = false;
+  const auto plan_at = [&](const Ablation& ablation, double progress) {
+    return densify_plan(p, ablation, progress, true);
+  };
+  CHECK_FALSE(plan_at(full, 0.02).grow);
+  CHECK(plan_at(full, 0.2).grow);
+  CHECK(plan_at(full, 0.2).resets_due == 1);
+  CHECK(plan_at(full, 0.34).second_stage);
+  CHECK(plan_at(full, 0.34).replace);
+  CHECK_FALSE(plan_at(full, 0.34).grow);
+  CHECK_FALSE(plan_at(full, 0.9).replace);
+  CHECK_FALSE(plan_at(full, 0.9).gather);
+  CHECK_FALSE(densify_plan(p, full, 0.2, false).grow);
+  CHECK(densify_plan(p, full, 0.2, false).gather);
+  CHECK(plan_at(plain, 0.45).grow);
+  CHECK(plan_at(plain, 0.45).resets_due == 4);
+  for (const double progress : {0.34, 0.5, 0.7, 0.99}) {
+    CHECK_FALSE(plan_at(plain, progress).replace);
+    CHECK(plan_at(plain, progress).second_stage);  // the second stage of the losses is unaffected
+    CHECK(plan_at(plain, progress).grow == (progress < 0.5));
+  }
+  CHECK_FALSE(plan_at(plain, 0.5).gather);
+}
+
+TEST_CASE("a non-finite primitive is replaced or removed") {
+  HyperParameters parameters;
+  parameters.replace_limit = 1.0;
+  TrainState state = random_train_state(20, 11);
+  std::fill(state.set.opacity_logit.begin(), state.set.opacity_logit.end(), 0.0f);
+  TrainState refined = state;
+  refined.set.position[3 * 4 + 1] = std::nanf("");
+  CHECK(replace(refined, parameters, {}).non_finite == 1);
+  CHECK(std::isfinite(refined.set.position[3 * 4 + 1]));
+  state.velocity[3 * 7] = INFINITY;
+  CHECK(grow(state, parameters, {}).non_finite == 1);
+  CHECK(state.size() == 19);
+  state.log_sigma[2] = std::nanf("");
+  CHECK(remove_non_finite(state) == 1);
+  CHECK(state.size() == 18);
+}
+
+TEST_CASE("growth stops at the limit and grows the primitives of the highest gradients") {
+  TrainState state = random_train_state(10, 6);
+  HyperParameters parameters;
+  parameters.max_primitives = 12;
+  parameters.growth_limit = 1.0;
+  for (std::size_t i = 0; i < 10; ++i) {
+    state.set.opacity_logit[i] = 0.0f;
+    std::fill_n(state.set.log_scale.begin() + 3 * static_cast<int>(i), 3, std::log(1e-4f));
+    state.statistics.views[i] = 1;
+    state.statistics.gradient_sum[i] = 1.0f + static_cast<float>(i);
+  }
+  grow(state, parameters, {});
+  REQUIRE(state.size() == 12);
+  CHECK(math::opacity_of(state.set.opacity_logit[9]) < 0.4f);
+  CHECK(math::opacity_of(state.set.opacity_logit[8]) < 0.4f);
+  CHECK(math::opacity_of(state.set.opacity_logit[0]) == Approx(0.5f));
+}
+
+TEST_CASE("replacement keeps the number of primitives and clones the highest scores") {
+  TrainState state = random_train_state(50, 7);
+  HyperParameters parameters;
+  parameters.replace_limit = 1.0;
+  for (std::size_t i = 0; i < 50; ++i) state.set.opacity_logit[i] = 0.0f;
+  state.set.opacity_logit[3] = state.set.opacity_logit[4] = -9.0f;
+  state.statistics.error_max[20] = 10.0f;
+  state.statistics.error_max[30] = 10.0f;
+  for (std::size_t i : {20, 30}) state.log_sigma[i] = std::log(0.5f);
+  state.derive_all(true);
+  const DensifyCounts counts = replace(state, parameters, {});
+  CHECK(state.size() == 50);
+  CHECK(counts.replaced == 2);
+  CHECK(state.log_sigma[3] == Approx(std::log(0.5f)));
+  CHECK(math::opacity_of(state.set.opacity_logit[20]) == Approx(1 - std::sqrt(0.5f)));
+}
+
+TEST_CASE("the score prefers short-lived, fast primitives at equal error and opacity") {
+  TrainState state = random_train_state(3, 8);
+  std::fill(state.set.opacity_logit.begin(), state.set.opacity_logit.end(), 0.0f);
+  std::fill(state.set.radius.begin(), state.set.radius.end(), 0.0f);
+  std::fill(state.velocity.begin(), state.velocity.end(), 0.0f);
+  state.log_sigma = {std::log(0.8f), std::log(0.8f), std::log(60.0f)};
+  state.velocity[0] = 3.0f;
+  state.derive_all(true);
+  const std::vector<float> s = densification_scores(state, HyperParameters{}, true);
+  CHECK(s[0] > s[1]);
+  CHECK(s[1] > s[2]);
+}
