@@ -59,7 +59,7 @@ struct StoreUnits {
   // Returns a segment of tier 0 that has separate spherical harmonics.
   std::uint32_t first_segment() const {
     for (std::uint32_t s = 0; s < index.size(); ++s) {
-      if (index.segment(s).tier == 0 && index.segment(s).sh_bytes > 0) return s;
+      if (index.info(s).tier == 0 && index.info(s).sh_bytes > 0) return s;
     }
     FAIL("the clip has no such segment");
     return 0;

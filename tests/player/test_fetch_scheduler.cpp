@@ -110,7 +110,7 @@ TEST_CASE("after a seek, a read that nobody waits for is interrupted after half 
   units.play_at(0, 1, false, true);
   FetchRequest* request = units.begin();
   while (units.deadlines.need(request->layers[0].layer.segment).from == 0 &&
-         units.index.segment(request->layers[0].layer.segment).end_ticks > 10) {
+         units.index.info(request->layers[0].layer.segment).end_ticks > 10) {
     units.receive(*request);
     request = units.begin();
     REQUIRE(request != nullptr);

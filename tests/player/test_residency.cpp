@@ -122,7 +122,7 @@ TEST_CASE("the segments that are needed last are evicted first, and none that is
   StoreUnits units;
   std::vector<SegmentLayer> bases;
   for (std::uint32_t s = 0; s < units.index.size(); ++s) {
-    if (units.index.segment(s).tier == 0) bases.push_back({s, false});
+    if (units.index.info(s).tier == 0) bases.push_back({s, false});
   }
   const auto sooner = [&](const SegmentLayer& a, const SegmentLayer& b) {
     return units.deadlines.deadline(a) < units.deadlines.deadline(b);
@@ -169,7 +169,7 @@ TEST_CASE("playback does not wait for a base that failed, even while it is retri
   const auto active = units.index.reader().segments_between(40, 40);
   CHECK_FALSE(units.residency.ready(40));
   for (const std::uint32_t s : active) {
-    if (units.index.segment(s).tier > 0) continue;
+    if (units.index.info(s).tier > 0) continue;
     units.residency.failed({s, false}, false, 0);
     REQUIRE(units.residency.begin_fetch({s, false}, 0));
   }

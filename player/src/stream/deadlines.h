@@ -32,7 +32,7 @@ class Deadlines {
 
   // Returns when a segment is shown next.
   Need need(std::uint32_t segment) const {
-    const SegmentInfo& info = index_.segment(segment);
+    const SegmentInfo& info = index_.info(segment);
     return need_of(info.begin_ticks, info.end_ticks, playhead_);
   }
   // Returns the deadline of a layer, seconds from now.

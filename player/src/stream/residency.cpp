@@ -138,7 +138,7 @@ bool Residency::is_base_final(std::uint32_t segment) const {
   // Playback does not wait for a base that failed before, even while it is retried.
   const Entry& entry = entries_[segment];
   return entry.resident != nullptr || entry.base.state == LoadState::kFailed ||
-         entry.base.backoff > 0 || !index_.segment(segment).is_shown();
+         entry.base.backoff > 0 || !index_.info(segment).is_shown();
 }
 
 bool Residency::is_sh_final(std::uint32_t segment) const {
@@ -154,7 +154,7 @@ bool Residency::does_not_fit(const SegmentLayer& layer) const {
 bool Residency::ready(double ticks) const {
   const std::vector<std::uint32_t> active = index_.reader().segments_between(ticks, ticks);
   return std::all_of(active.begin(), active.end(), [this](std::uint32_t one) {
-    return index_.segment(one).tier > 0 || is_base_final(one);
+    return index_.info(one).tier > 0 || is_base_final(one);
   });
 }
 

@@ -38,16 +38,16 @@ std::vector<SegmentLayer> layers_from(const std::vector<SegmentInfo>& segments, 
 }  // namespace
 
 std::uint64_t SegmentIndex::stored_bytes(const SegmentLayer& layer) const {
-  return bytes_of(segment(layer.segment), layer.sh);
+  return bytes_of(info(layer.segment), layer.sh);
 }
 
 std::uint64_t SegmentIndex::file_offset(const SegmentLayer& layer) const {
-  return offset_of(segment(layer.segment), layer.sh);
+  return offset_of(info(layer.segment), layer.sh);
 }
 
 std::uint64_t SegmentIndex::memory_bytes(const SegmentLayer& layer) const {
   const std::uint64_t decoded =
-      layer.sh ? 0 : decoded_segment_bytes(segment(layer.segment).primitives, reader().sh_degree());
+      layer.sh ? 0 : decoded_segment_bytes(info(layer.segment).primitives, reader().sh_degree());
   return stored_bytes(layer) + decoded;
 }
 

@@ -44,14 +44,14 @@ class SegmentIndex {
   const FileSnapshot& snapshot() const { return now_; }
   std::uint64_t generation() const { return now_.generation; }
   std::size_t size() const { return now_.reader == nullptr ? 0 : reader().segments().size(); }
-  const SegmentInfo& segment(std::uint32_t segment) const { return reader().segments()[segment]; }
+  const SegmentInfo& info(std::uint32_t segment) const { return reader().segments()[segment]; }
   double duration() const { return reader().metadata().frames; }  // ticks
   // Returns the number of tiers, which is the number of layers without spherical harmonics.
   int tiers() const { return tiers_; }
 
   // Returns the number of the layer of the file that a segment layer belongs to.
   int layer_number(const SegmentLayer& layer) const {
-    return layer_of(segment(layer.segment), layer.sh, tiers_);
+    return layer_of(info(layer.segment), layer.sh, tiers_);
   }
   // Returns the size in the file; 0: the layer does not exist.
   std::uint64_t stored_bytes(const SegmentLayer& layer) const;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // SegmentStore: the steps of pump(). Each locks the mutex only for decisions and bookkeeping.
 #include <algorithm>
-#include <cstring>
 #include <exception>
 #include <utility>
 

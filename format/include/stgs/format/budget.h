@@ -47,6 +47,7 @@ class Budget {
   bool fits(Pool pool, std::uint64_t bytes) const noexcept { return bytes <= available(pool); }
   // Returns the bytes that can still be charged.
   std::uint64_t available(Pool pool) const noexcept;
+  // Returns the memory of a pool.
   Usage usage(Pool pool) const noexcept;
 
  private:
