@@ -63,7 +63,8 @@ std::vector<std::uint8_t> VulkanHost::read(const HostImage& image, VkImageLayout
       std::size_t{pixel_bytes} * region.imageExtent.width * region.imageExtent.height;
   tools::MappedBuffer buffer;
   must(buffer.ensure(device(), VK_BUFFER_USAGE_TRANSFER_DST_BIT, bytes));
-  // The barrier states the same layout before and after: the validation layer reports if it is wrong.
+  // The barrier states the same layout before and after: the validation layer reports if it is
+  // wrong.
   VkImageMemoryBarrier change = tools::image_barrier(image.image, level, layer);
   change.srcAccessMask = VK_ACCESS_MEMORY_WRITE_BIT;
   change.dstAccessMask = VK_ACCESS_TRANSFER_READ_BIT;
