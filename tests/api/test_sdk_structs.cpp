@@ -134,6 +134,28 @@ TEST_CASE("structs of older and newer programs are taken, and written as far as 
   const ScenePtr told = open_scene(damaged);
   given("stgs_issue", stgs_issue{},
         [&](stgs_issue* issue) { return stgs_scene_get_issue(told.get(), 0, issue); });
+  given("stgs_contents", stgs_contents{},
+        [&](stgs_contents* out) { return stgs_scene_get_contents(on.scene.get(), out); });
+  given("stgs_part", stgs_part{},
+        [&](stgs_part* part) { return stgs_scene_get_part(on.scene.get(), 0, part); });
+  given("stgs_segment", stgs_segment{},
+        [&](stgs_segment* out) { return stgs_scene_get_segment(on.scene.get(), 0, out); });
+  given("stgs_stream", stgs_stream{},
+        [&](stgs_stream* stream) { return stgs_scene_get_stream(on.scene.get(), 0, stream); });
+  given("stgs_decoder_needs", stgs_decoder_needs{}, [&](stgs_decoder_needs* needs) {
+    return stgs_scene_get_decoder_needs(on.scene.get(), needs);
+  });
+  given("stgs_scene_statistics", stgs_scene_statistics{},
+        [&](stgs_scene_statistics* out) { return stgs_scene_get_statistics(on.scene.get(), out); });
+  tried.insert("stgs_histogram_bin");  // the library's own
+  // In test_sdk_contents.cpp.
+  tried.insert({"stgs_damaged_segment", "stgs_render_statistics"});
+  const ScenePtr torn = make_scene();
+  REQUIRE(stgs_scene_open(torn.get(), STGS_TEST_DATA
+                          "/../conformance/vectors/fragment_damaged.stgs") == STGS_OK);
+  given("stgs_lost_fragment", stgs_lost_fragment{}, [&](stgs_lost_fragment* lost) {
+    return stgs_scene_get_lost_fragment(torn.get(), 0, lost);
+  });
   given("stgs_player_status", stgs_player_status{},
         [&](stgs_player_status* status) { return stgs_player_update(on.player.get(), 0, status); });
   given("stgs_player_statistics", stgs_player_statistics{}, [&](stgs_player_statistics* now) {
@@ -146,7 +168,8 @@ TEST_CASE("structs of older and newer programs are taken, and written as far as 
         [&](stgs_player_event* event) { return stgs_player_next_event(on.player.get(), event); });
 
   std::set<std::string> declared;
-  for (const char* header : {"stgs.h", "stgs_hooks.h", "stgs_player.h", "stgs_scene.h"}) {
+  for (const char* header :
+       {"stgs.h", "stgs_contents.h", "stgs_hooks.h", "stgs_player.h", "stgs_scene.h"}) {
     declared.merge(sized_structs(std::string(STGS_SDK_HEADERS "/") + header));
   }
   CHECK(tried == declared);

@@ -156,7 +156,7 @@ Status write_steady(const std::string& folder) {
 
 // A picture with a NaN in green at (3, 2); nothing in a build without OpenEXR.
 Status write_pixel_that_is_none(const std::string& path) {
-  player::Frame frame;
+  tools::FloatFrame frame;
   frame.colour.reshape(16, 12, 3);
   frame.alpha.reshape(16, 12, 1);
   frame.depth.reshape(16, 12, 1);

@@ -99,7 +99,7 @@ class Bench final : public Command {
     app.add_flag("--full-sh", full_sh_, "Extend SH to degree 3 with random coefficients");
     app.add_option("--quality", quality_,
                    "Pack the synthetic scene with this quality, 0 to 100 (default: lossless)")
-        ->check(number_between(0, 100));
+        ->check(number_between(kQuality.min, kQuality.max));
     app.add_option("--seed", seed_, "Seed of the synthetic scene (default: 1)")
         ->check(check_integer);
     app.add_option("--memory", memory_mb_, "Memory budget for decoded data, MB (10^6 bytes)")
@@ -108,11 +108,6 @@ class Bench final : public Command {
   }
 
   Status run(Session& session) override {
-    return explain_invalid(session, measure_file(session), file_);
-  }
-
- private:
-  Status measure_file(Session& session) {
     STGS_ASSIGN(auto source, open(session));
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     const auto budget = static_cast<std::uint64_t>(memory_mb_ * 1e6);
@@ -130,6 +125,7 @@ class Bench final : public Command {
     return run_passes(session, *timeline, *renderer);
   }
 
+ private:
   std::string shown_file() const { return display_name(file_); }
 
   Result<std::unique_ptr<ByteSource>> open(Session& session) const {

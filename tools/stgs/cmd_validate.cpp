@@ -99,7 +99,7 @@ class Validate final : public Command {
       verdicts.push_back(validate_file(session, path));
       const Verdict& v = verdicts.back();
       if (v.errors() > 0) {
-        worst = explain_invalid(session, v.error(), path);
+        worst = v.error();
       } else if (!v.unreadable.ok() && worst.ok()) {
         worst = v.unreadable;
       }

@@ -1,19 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "scene_input.h"
 
-#include <algorithm>
-#include <string_view>
-
-#include "content_kind.h"
 #include "damage.h"
 #include "standard_input.h"
 #include "stgs/player/source.h"
 
 namespace stgs::tools {
-
-std::string display_name(const std::string& location) {
-  return is_standard_input(location) ? "standard input" : player::display_location(location);
-}
 
 Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::string& location) {
   if (is_standard_input(location)) {
@@ -33,47 +25,20 @@ Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::str
 
 Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& location) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_source(session, location));
-  Result<std::unique_ptr<SceneReader>> reader = SceneReader::open(std::move(source));
-  if (!reader.ok()) return explain_invalid(session, reader.status(), location);
-  return reader;
+  return SceneReader::open(std::move(source));
 }
 
 Result<Scene> load_scene(Session& session, const std::string& location) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_source(session, location));
   DamageReport damage;
   Result<Scene> scene = recover_scene(std::move(source), damage);
-  if (!scene.ok()) return explain_invalid(session, scene.status(), location);
+  if (!scene.ok()) return scene;
   warn_of_damage(session, display_name(location), damage, scene->metadata.time_base);
   return scene;
 }
 
-Status explain_invalid(Session& session, const Status& status, const std::string& location) {
-  // The format library names what it knows: "not an .stgs file; this is a PNG image (byte 0, ...)".
-  constexpr std::string_view kUnknown = "not an .stgs file (byte ";
-  const std::size_t at = status.message().find(kUnknown);
-  if (status.code() != StatusCode::kInvalidFile || at == std::string::npos) return status;
-  const auto source = open_source(session, location);
-  if (!source.ok()) return status;
-  std::vector<std::uint8_t> head(std::min<std::uint64_t>((*source)->size(), kContentBytes));
-  if (!(*source)->read(0, head).ok()) return status;
-  const std::string content = describe_content(head);
-  if (content.empty()) return status;
-  std::string message = status.message();
-  message.insert(at + kUnknown.find(" (byte "), "; " + content);
-  return {status.code(), message};
-}
-
 Status check_is_scene(Session& session, const std::string& location) {
   return open_scene(session, location).status();
-}
-
-Status check_is_path(const std::string& location) {
-  if (is_standard_input(location)) {
-    return usage_error("this verb cannot read standard input; write the data to a file first");
-  }
-  if (!player::is_url(location)) return {};
-  return usage_error("{}: this verb reads local files only; download the file first",
-                     player::display_location(location));
 }
 
 }  // namespace stgs::tools

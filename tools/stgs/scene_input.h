@@ -5,28 +5,20 @@
 #include <memory>
 #include <string>
 
+#include "location.h"
 #include "session.h"
 #include "stgs/format/scene_file.h"
 
 namespace stgs::tools {
 
-// Returns the name of a location for messages: the path, the URL without userinfo, or "standard
-// input".
-std::string display_name(const std::string& location);
 // Opens a location for reading. SIGINT and SIGTERM cancel reads from a URL; failed attempts that
 // are retried are reported as warnings. The session must outlive the result.
 Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::string& location);
-// Opens a scene: reads its head, not its segments. The message for a file of another format names
-// that format, here and in load_scene().
+// Opens a scene: reads its head, not its segments.
 Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& location);
 // Reads the entire scene. Reports damage as warnings.
 Result<Scene> load_scene(Session& session, const std::string& location);
-// Adds a description of the content to the message "not an .stgs file", if the content is known.
-// Passes other statuses through.
-Status explain_invalid(Session& session, const Status& status, const std::string& location);
-// As explain_invalid() for a file that another module opens: reads the head of the scene.
+// Checks that another module can open a scene: reads its head.
 Status check_is_scene(Session& session, const std::string& location);
-// Returns kUsage if `location` is a URL or standard input, for verbs that read local files only.
-Status check_is_path(const std::string& location);
 
 }  // namespace stgs::tools

@@ -4,6 +4,7 @@
 #include <string_view>
 
 #include "container/container.h"
+#include "container/foreign_format.h"
 #include "core/bytes.h"
 
 namespace stgs {
@@ -87,39 +88,6 @@ std::uint64_t floats_per_primitive(int sh_degree) {
 
 namespace {
 
-// Describes a file with a foreign magic, for messages: "; this is ..."; "" if the format is
-// unknown.
-std::string foreign_format(std::span<const std::uint8_t> head) {
-  struct Signature {
-    std::size_t offset;
-    std::string_view bytes;
-    const char* text;
-  };
-  constexpr Signature kSignatures[] = {
-      {0, "ply\n", "a PLY file; convert models with 'stgs convert'"},
-      {0, "ply\r", "a PLY file; convert models with 'stgs convert'"},
-      {0, "NGSP", "an SPZ model; convert it with 'stgs convert'"},
-      {0, "\x1F\x8B", "a gzip file; convert SPZ models with 'stgs convert'"},
-      {0, "PK\x03\x04", "a zip archive; convert SOG models with 'stgs convert'"},
-      {0, "glTF", "a binary glTF file"},
-      {0, "\x89PNG", "a PNG image"},
-      {0, "\xFF\xD8\xFF", "a JPEG image"},
-      {4, "ftyp", "an MP4 video"},
-      {0, "\x1A\x45\xDF\xA3", "a Matroska or WebM video"},
-      {0, "<!DOCTYPE", "an HTML page; check the URL it was downloaded from"},
-      {0, "<!doctype", "an HTML page; check the URL it was downloaded from"},
-      {0, "<html", "an HTML page; check the URL it was downloaded from"}};
-  for (const auto& [offset, bytes, text] : kSignatures) {
-    if (head.size() < offset + bytes.size()) continue;
-    const auto same = [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; };
-    if (std::equal(bytes.begin(), bytes.end(), head.begin() + static_cast<std::ptrdiff_t>(offset),
-                   same)) {
-      return fmt::format("; this is {}", text);
-    }
-  }
-  return "";
-}
-
 // A growing file does not state its size (spec 2.6).
 bool parse_growing_sizes(std::uint64_t source_bytes, const FileHeader& header, Findings& findings) {
   if (header.file_bytes != 0 || header.head_bytes < kHeaderBytes) {
@@ -165,7 +133,8 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
     if (text_damage) {
       findings.error(N::kMagic, 0, "damaged by a text-mode transfer; copy the file in binary mode");
     } else {
-      findings.error(N::kMagic, 0, "not an .stgs file{}", foreign_format(bytes));
+      const std::string content = foreign_format(bytes);
+      findings.error(N::kMagic, 0, "not an .stgs file{}{}", content.empty() ? "" : "; ", content);
     }
     return false;
   }
@@ -349,6 +318,11 @@ bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead
     return false;
   }
   const std::vector<std::uint8_t> first = bytes;
+  if (first.size() == kHeaderBytes &&
+      !std::equal(kMagic.begin(), kMagic.end(), first.begin())) {  // for the message
+    bytes.resize(std::min<std::uint64_t>(kForeignBytes, source.size()));
+    if (!source.read(0, bytes).ok()) bytes = first;
+  }
   Findings found;
   const bool read = read_stated_head(source, limits, head.header, bytes, found);
   Findings damage;

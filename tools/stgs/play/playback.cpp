@@ -49,7 +49,7 @@ Result<bool> Playback::is_open() {
   }
   if (!ended) return false;
   Result<std::unique_ptr<player::Player>> player = opening_.get();
-  if (!player.ok()) return explain_invalid(session_, player.status(), settings_.file);
+  if (!player.ok()) return player.status();
   player_ = std::move(player).value();
   STGS_TRY(begin());
   return true;

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "content_kind.h"
+#include "container/foreign_format.h"
 
 #include <algorithm>
 #include <cctype>
 #include <string_view>
 
-namespace stgs::tools {
+namespace stgs {
 namespace {
 
 using Head = std::span<const std::uint8_t>;
@@ -17,6 +17,16 @@ struct Signature {
 };
 
 constexpr Signature kSignatures[] = {
+    {0, "ply\n", "this is a PLY file; convert models with 'stgs convert'"},
+    {0, "ply\r", "this is a PLY file; convert models with 'stgs convert'"},
+    {0, "NGSP", "this is an SPZ model; convert it with 'stgs convert'"},
+    {0, "\x1F\x8B", "this is a gzip file; convert SPZ models with 'stgs convert'"},
+    {0, "PK\x03\x04", "this is a zip archive; convert SOG models with 'stgs convert'"},
+    {0, "glTF", "this is a binary glTF file"},
+    {0, "\x89PNG", "this is a PNG image"},
+    {0, "\xFF\xD8\xFF", "this is a JPEG image"},
+    {4, "ftyp", "this is an MP4 video"},
+    {0, "\x1A\x45\xDF\xA3", "this is a Matroska or WebM video"},
     {0, "GIF8", "this is a GIF image"},
     {0, "\x76\x2F\x31\x01", "this is an OpenEXR image"},
     {8, "WEBP", "this is a WebP image"},
@@ -57,7 +67,8 @@ std::string describe_text(Head head) {
 
 }  // namespace
 
-std::string describe_content(std::span<const std::uint8_t> head) {
+std::string foreign_format(std::span<const std::uint8_t> head) {
+  head = head.first(std::min(head.size(), kForeignBytes));
   if (head.empty()) return {};
   for (const Signature& signature : kSignatures) {
     if (matches(head, signature)) return signature.text;
@@ -68,4 +79,4 @@ std::string describe_content(std::span<const std::uint8_t> head) {
   return is_text(head) ? describe_text(head) : "";
 }
 
-}  // namespace stgs::tools
+}  // namespace stgs
