@@ -40,7 +40,7 @@ class LastError {
   stgs_result result_ = STGS_OK;
   int issue_ = 0;
   std::uint64_t offset_ = STGS_NO_OFFSET;
-  std::array<char, 1024> message_{};
+  std::array<char, 8192> message_{};
 };
 
 // The caller's log; does nothing without a function.

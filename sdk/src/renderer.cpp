@@ -52,6 +52,7 @@ stgs_result create_renderer(const stgs_renderer_settings* settings, stgs_rendere
   std::unique_ptr<stgs_renderer> renderer(new (std::nothrow) stgs_renderer);
   if (renderer == nullptr) return STGS_ERROR_OUT_OF_MEMORY;
   renderer->log = log;
+  renderer->measure = known.measure != 0;
   const stgs_result result = guarded(renderer.get(), [&]() -> Outcome {
     renderer->tasks = caller_tasks(known.task_runner);
     Outcome created = make(*renderer, known.backend);
@@ -104,7 +105,10 @@ Outcome copy_in_arguments(stgs_renderer& renderer, const stgs_scene* scene, doub
 Outcome render(stgs_renderer& renderer, stgs_scene& scene, double seconds) {
   STGS_SDK_TRY(scene.check_memory(seconds));
   const ScopedTaskRunner use(renderer.tasks.get());
-  const Status status = renderer.backend->draw(*scene.timeline, seconds, renderer.views, nullptr);
+  player::RenderStats stats;
+  const Status status = renderer.backend->draw(*scene.timeline, seconds, renderer.views,
+                                               renderer.measure ? &stats : nullptr);
+  if (renderer.measure && status.ok()) renderer.stats = stats;
   scene.log_new_damage();
   return status;
 }
@@ -136,6 +140,24 @@ stgs_result stgs_renderer_get_backend(stgs_renderer* renderer, stgs_backend* out
     for (stgs_backend i = STGS_BACKEND_CPU; i <= STGS_BACKEND_VULKAN; ++i) {
       if (name == kBackends[i]) *out = i;
     }
+    return {};
+  });
+}
+
+stgs_result stgs_renderer_get_statistics(stgs_renderer* renderer,
+                                         stgs_render_statistics* statistics) {
+  return guarded(renderer, [&]() -> Outcome {
+    STGS_SDK_TRY(stgs::sdk::check_struct(statistics, "statistics"));
+    if (!renderer->stats) {
+      return {STGS_ERROR_STATE,
+              renderer->measure
+                  ? "nothing has been rendered yet; call stgs_render first"
+                  : "the renderer does not measure; create it with stgs_renderer_settings.measure"};
+    }
+    const stgs::player::RenderStats& stats = *renderer->stats;
+    stgs::sdk::copy_out(
+        statistics, {sizeof(*statistics), stats.stored, stats.active, stats.splats, stats.fetch_ms,
+                     stats.slice_ms, stats.bin_ms, stats.blend_ms, stats.device_ms});
     return {};
   });
 }

@@ -4,6 +4,7 @@
 #include <array>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -23,6 +24,8 @@ struct stgs_renderer {
   stgs::player::VulkanRenderer* vulkan = nullptr;  // `backend` if on the caller's device, else null
   std::vector<stgs::player::View> views;           // of the current call
   std::vector<stgs::player::Frame> frames;
+  bool measure = false;
+  std::optional<stgs::player::RenderStats> stats;  // of the last stgs_render
 };
 
 namespace stgs::sdk {
@@ -42,7 +45,7 @@ using Images = std::array<stgs_image, STGS_MAX_VIEWS>;
 Outcome copy_in_arguments(stgs_renderer& renderer, const stgs_scene* scene, double& seconds,
                           const stgs_view* views, const stgs_image* images, std::uint32_t count,
                           Images& known);
-// Renders renderer.views; the frames stay in the backend.
+// Renders renderer.views; the frames stay in the backend. Sets renderer.stats if it measures.
 Outcome render(stgs_renderer& renderer, stgs_scene& scene, double seconds);
 
 }  // namespace stgs::sdk

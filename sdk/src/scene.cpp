@@ -65,6 +65,21 @@ Outcome open_source(stgs_scene& scene, std::unique_ptr<stgs::ByteSource> source)
   return {};
 }
 
+// Reports retries as the caller's log permits: one at a time, from any thread.
+stgs::player::HttpSettings transfer_settings(const stgs_scene& scene) {
+  stgs::player::HttpSettings settings;
+  settings.stop = scene.stop.get_token();
+  settings.on_event = [log = scene.log, mutex = std::make_shared<std::mutex>()](
+                          const stgs::player::TransferEvent& event) {
+    // Other events end the transfer, which is the error of the call.
+    if (event.kind != stgs::player::TransferEvent::Kind::kRetry) return;
+    const std::lock_guard lock(*mutex);
+    log(STGS_LOG_INFO, fmt::format("at byte {}: {}; retrying in {:.1f} s", event.offset,
+                                   event.message, event.wait_seconds));
+  };
+  return settings;
+}
+
 Outcome check_memory_argument(const stgs_scene& scene, const void* data) {
   STGS_SDK_TRY(check_closed(scene));
   if (data == nullptr) return {STGS_ERROR_ARGUMENT, "data is NULL"};
@@ -77,6 +92,13 @@ void copy3(To& to, const From& from) {
 }
 
 }  // namespace
+
+Outcome stgs_scene::with_cancellation(Outcome outcome) const {
+  if (outcome.result == STGS_ERROR_RUNTIME && stop.stop_requested()) {
+    outcome.result = STGS_ERROR_CANCELLED;
+  }
+  return outcome;
+}
 
 void stgs_scene::log_issues() const {
   for (const stgs::Issue& issue : timeline->damage()) {
@@ -160,6 +182,8 @@ stgs_result stgs_scene_create(const stgs_scene_settings* settings, stgs_scene** 
     scene->settings = known;
     scene->log = log;
     scene->memory = stgs::sdk::caller_memory(known.allocator);
+    if (known.name != nullptr) scene->name = known.name;
+    scene->settings.name = nullptr;  // may not outlive this call
     *out = scene.release();
     return STGS_OK;
   } catch (const std::bad_alloc&) {
@@ -171,30 +195,36 @@ void stgs_scene_destroy(stgs_scene* scene) {
   if (scene != nullptr && !scene->of_player) delete scene;
 }
 
+void stgs_scene_cancel(stgs_scene* scene) {
+  if (scene != nullptr) scene->stop.request_stop();
+}
+
 stgs_result stgs_scene_open(stgs_scene* scene, const char* location) {
   return guarded(scene, [&]() -> Outcome {
     STGS_SDK_TRY(check_closed(*scene));
     if (location == nullptr) return {STGS_ERROR_ARGUMENT, "location is NULL"};
-    auto source = stgs::player::open_location(location);
-    if (!source.ok()) return source.status();
-    return open_source(*scene, std::move(source).value());
+    auto source = stgs::player::open_location(location, transfer_settings(*scene));
+    if (!source.ok()) return scene->with_cancellation(source.status());
+    return scene->with_cancellation(open_source(*scene, std::move(source).value()));
   });
 }
 
 stgs_result stgs_scene_open_memory(stgs_scene* scene, const void* data, size_t bytes) {
   return guarded(scene, [&]() -> Outcome {
     STGS_SDK_TRY(check_memory_argument(*scene, data));
-    return open_source(*scene,
-                       stgs::sdk::borrowed_source({static_cast<const std::uint8_t*>(data), bytes}));
+    return open_source(*scene, stgs::sdk::borrowed_source(
+                                   {static_cast<const std::uint8_t*>(data), bytes}, scene->name));
   });
 }
 
 stgs_result stgs_scene_open_memory_copy(stgs_scene* scene, const void* data, size_t bytes) {
   return guarded(scene, [&]() -> Outcome {
     STGS_SDK_TRY(check_memory_argument(*scene, data));
-    STGS_SDK_TRY(check_file_bytes(*scene, "memory", bytes));  // before copying
-    return open_source(*scene, stgs::sdk::copied_source(
-                                   {static_cast<const std::uint8_t*>(data), bytes}, scene->memory));
+    const std::string name = scene->name.empty() ? "memory" : scene->name;
+    STGS_SDK_TRY(check_file_bytes(*scene, name, bytes));  // before copying
+    return open_source(*scene,
+                       stgs::sdk::copied_source({static_cast<const std::uint8_t*>(data), bytes},
+                                                scene->memory, name));
   });
 }
 
@@ -204,7 +234,7 @@ stgs_result stgs_scene_open_io(stgs_scene* scene, const stgs_io* io) {
     stgs_io known{};
     STGS_SDK_TRY(stgs::sdk::copy_in(io, known, "io"));
     if (known.read == nullptr) return {STGS_ERROR_ARGUMENT, "io->read is NULL"};
-    return open_source(*scene, stgs::sdk::callback_source(known).source);
+    return open_source(*scene, stgs::sdk::callback_source(known, scene->name).source);
   });
 }
 
@@ -239,6 +269,9 @@ stgs_result stgs_scene_get_info(stgs_scene* scene, stgs_scene_info* info) {
     copy3(out.up, metadata.up);
     copy3(out.floor, metadata.floor);
     out.issues = static_cast<std::uint32_t>(timeline.damage().size());
+    out.near_plane = metadata.near_plane;
+    copy3(out.background, metadata.background);
+    out.audio_begin_seconds = metadata.time_base.seconds(metadata.audio_begin);
     stgs::sdk::copy_out(info, out);
     return {};
   });
@@ -258,6 +291,12 @@ stgs_result stgs_scene_get_text(stgs_scene* scene, stgs_text which, const char**
         return {};
       case STGS_TEXT_AUDIO:
         *out = scene->intern(metadata.audio);
+        return {};
+      case STGS_TEXT_PROFILE:
+        *out = stgs::profile_name(scene->timeline->reader().profile());
+        return {};
+      case STGS_TEXT_NAME:
+        *out = scene->intern(scene->timeline->name());
         return {};
       default:
         return {STGS_ERROR_ARGUMENT, fmt::format("which: unknown text {}", which)};

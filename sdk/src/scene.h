@@ -2,8 +2,11 @@
 #pragma once
 
 #include <memory>
+#include <mutex>
 #include <set>
+#include <stop_token>
 #include <string>
+#include <vector>
 
 #include "memory.h"
 #include "object.h"
@@ -13,6 +16,8 @@ struct stgs_scene {
   stgs::sdk::LastError error;
   stgs::sdk::Log log;
   stgs_scene_settings settings{};
+  std::string name;       // of data without a location, in messages; empty: the source's own
+  std::stop_source stop;  // aborts transfers of a URL
   std::shared_ptr<std::pmr::memory_resource> memory;  // of decoded data
   bool of_player = false;                             // the player owns the timeline
   std::unique_ptr<stgs::player::Timeline> owned;      // null: not open, or of a player
@@ -20,6 +25,7 @@ struct stgs_scene {
   std::size_t logged_damage = 0;                      // entries of segment_damage() already logged
   std::shared_ptr<const void> logged_for;             // Timeline::identity() that these belong to
   std::set<std::string> texts;                        // returned to the caller
+  std::vector<stgs_histogram_bin> lifespans, speeds;  // of the last statistics
 
   stgs::sdk::Outcome check_open() const {
     if (timeline != nullptr) return {};
@@ -34,6 +40,8 @@ struct stgs_scene {
   void log_issues() const;
   // Logs segments found damaged since the last call.
   void log_new_damage();
+  // Turns the failure of a call that stgs_scene_cancel has ended into STGS_ERROR_CANCELLED.
+  stgs::sdk::Outcome with_cancellation(stgs::sdk::Outcome outcome) const;
   // Checks that a time is in the clip, [0, duration], and moves times up to half a frame outside,
   // as rounding produces them, to its nearer end. A recording that a player follows has no end yet.
   stgs::sdk::Outcome clamp_time(double& seconds) const;

@@ -13,7 +13,8 @@ namespace {
 
 class BorrowedSource : public ByteSource {
  public:
-  explicit BorrowedSource(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
+  BorrowedSource(std::span<const std::uint8_t> bytes, const std::string& name)
+      : bytes_(bytes), name_(name.empty() ? "memory" : name) {}
 
   std::uint64_t size() const override { return bytes_.size(); }
   const std::string& name() const override { return name_; }
@@ -25,14 +26,14 @@ class BorrowedSource : public ByteSource {
 
  private:
   std::span<const std::uint8_t> bytes_;
-  std::string name_ = "memory";
+  std::string name_;
 };
 
 class CopiedSource final : public BorrowedSource {
  public:
   CopiedSource(std::unique_ptr<std::pmr::vector<std::uint8_t>> bytes,
-               std::shared_ptr<std::pmr::memory_resource> memory)
-      : BorrowedSource(*bytes), memory_(std::move(memory)), bytes_(std::move(bytes)) {}
+               std::shared_ptr<std::pmr::memory_resource> memory, const std::string& name)
+      : BorrowedSource(*bytes, name), memory_(std::move(memory)), bytes_(std::move(bytes)) {}
 
  private:
   std::shared_ptr<std::pmr::memory_resource> memory_;
@@ -63,8 +64,10 @@ class CallerIo {
 
 class CallbackSource final : public ByteSource {
  public:
-  explicit CallbackSource(std::shared_ptr<const CallerIo> caller)
-      : caller_(std::move(caller)), size_(caller_->io()) {}
+  CallbackSource(std::shared_ptr<const CallerIo> caller, const std::string& name)
+      : caller_(std::move(caller)),
+        size_(caller_->io()),
+        name_(name.empty() ? "application source" : name) {}
 
   std::uint64_t size() const override { return size_.bytes(); }
   bool may_grow() const override { return size_.may_grow(); }
@@ -84,7 +87,7 @@ class CallbackSource final : public ByteSource {
  private:
   std::shared_ptr<const CallerIo> caller_;
   CallerSize size_;
-  std::string name_ = "application source";
+  std::string name_;
 };
 
 }  // namespace
@@ -96,21 +99,23 @@ ByteSource::Change CallerSize::refresh(std::uint64_t kept) {
   return bytes_.exchange(bytes) == bytes ? ByteSource::Change::kNone : ByteSource::Change::kResized;
 }
 
-std::unique_ptr<ByteSource> borrowed_source(std::span<const std::uint8_t> bytes) {
-  return std::make_unique<BorrowedSource>(bytes);
+std::unique_ptr<ByteSource> borrowed_source(std::span<const std::uint8_t> bytes,
+                                            const std::string& name) {
+  return std::make_unique<BorrowedSource>(bytes, name);
 }
 
 std::unique_ptr<ByteSource> copied_source(std::span<const std::uint8_t> bytes,
-                                          std::shared_ptr<std::pmr::memory_resource> memory) {
+                                          std::shared_ptr<std::pmr::memory_resource> memory,
+                                          const std::string& name) {
   if (bytes.size() > PTRDIFF_MAX) throw std::bad_alloc();  // larger than any allocation
   auto copy =
       std::make_unique<std::pmr::vector<std::uint8_t>>(bytes.begin(), bytes.end(), memory.get());
-  return std::make_unique<CopiedSource>(std::move(copy), std::move(memory));
+  return std::make_unique<CopiedSource>(std::move(copy), std::move(memory), name);
 }
 
-CallerSource callback_source(const stgs_io& io) {
+CallerSource callback_source(const stgs_io& io, const std::string& name) {
   auto caller = share_caller<CallerIo>(io);
-  return {std::make_unique<CallbackSource>(caller), [caller] { caller->interrupt(); }};
+  return {std::make_unique<CallbackSource>(caller, name), [caller] { caller->interrupt(); }};
 }
 
 }  // namespace stgs::sdk

@@ -8,17 +8,20 @@
 #include <memory_resource>
 #include <new>
 #include <span>
+#include <string>
 
 #include "stgs/format/byte_source.h"
 #include "stgs/stgs.h"
 
 namespace stgs::sdk {
 
-// Returns a source of bytes that it does not copy.
-std::unique_ptr<ByteSource> borrowed_source(std::span<const std::uint8_t> bytes);
+// Returns a source of bytes that it does not copy. Messages contain the name; empty: "memory".
+std::unique_ptr<ByteSource> borrowed_source(std::span<const std::uint8_t> bytes,
+                                            const std::string& name = {});
 // Returns a source of a copy of the bytes in memory of this resource, which it retains.
 std::unique_ptr<ByteSource> copied_source(std::span<const std::uint8_t> bytes,
-                                          std::shared_ptr<std::pmr::memory_resource> memory);
+                                          std::shared_ptr<std::pmr::memory_resource> memory,
+                                          const std::string& name = {});
 
 // The size of a callback source: `size`, or the last result of current_size. Thread-safe.
 class CallerSize {
@@ -54,7 +57,8 @@ struct CallerSource {
   std::unique_ptr<ByteSource> source;
   std::function<void()> interrupt;  // ends reads at once or soon; any thread, any number of times
 };
-CallerSource callback_source(const stgs_io& io);
+// Messages contain the name; empty: "application source".
+CallerSource callback_source(const stgs_io& io, const std::string& name = {});
 CallerSource callback_source(const stgs_async_io& io);
 
 }  // namespace stgs::sdk

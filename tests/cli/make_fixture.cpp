@@ -156,7 +156,7 @@ Status write_steady(const std::string& folder) {
 
 // Writes an EXR image with a NaN in green at (3, 2); writes nothing in a build without OpenEXR.
 Status write_nan_image(const std::string& path) {
-  player::Frame frame;
+  tools::FloatFrame frame;
   frame.colour.reshape(16, 12, 3);
   frame.alpha.reshape(16, 12, 1);
   frame.depth.reshape(16, 12, 1);

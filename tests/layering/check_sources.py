@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Checks the source tree: includes between modules, one definition per type name, file lengths,
-licence lines, and temporary files of tests in one folder.
+"""Checks the source tree: includes between modules, verbs that use the public SDK alone, one
+definition per type name, file lengths, licence lines, and temporary files of tests in one folder.
 
 usage: check_sources.py ROOT     exit code 0: clean; 1: problems, one per line on stdout
 """
@@ -29,6 +29,15 @@ CONFINED = [
     (re.compile(r"(toml\+\+/|pugixml)"), "toml++ and pugixml", CAPTURE_SIDE),
     (re.compile(r"lib(av\w+|swscale|swresample)/"), "FFmpeg", CAPTURE_SIDE),
 ]
+# Sources of verbs that use the library as applications do, and the internal headers that they may
+# reach through headers of the tools: errors, the processes and progress of the session, times, images
+# and prepared captures, which are no scenes.
+PUBLIC_VERBS = re.compile(r"tools/stgs/(cmd_info|cmd_render|scene_(file|info\w*|renderer))\.(cpp|h)$")
+PUBLIC_HELPERS = {
+    "stgs/format/status.h", "stgs/encoder/progress.h", "stgs/encoder/ranks.h",
+    "stgs/format/gaussian4d.h", "stgs/format/raster.h",  # TimeBase, Image
+    "stgs/encoder/prepared_capture.h",
+}
 TOP_LEVEL = {
     "encoder", "format", "player", "sdk", "spec", "tests", "tools", "cmake", ".ci", ".github",
     "CMakeLists.txt", "CMakePresets.json", "Makefile", "Dockerfile", "README.md", "LICENSE",
@@ -105,6 +114,37 @@ def check_includes(root, path, lines):
                 yield f"{path}:{number}: {library} is only for {', '.join(folders)} ({header})"
 
 
+def internal_headers(root, path, seen):
+    """(line, header) of what a source of a public verb includes beyond the SDK's headers, directly or
+    through headers of the tools."""
+    with open(os.path.join(root, path), encoding="utf-8") as file:
+        lines = file.read().splitlines()
+    for number, line in enumerate(lines, 1):
+        match = INCLUDE.match(line)
+        if not match:
+            continue
+        header = match.group(2)
+        if header.startswith("stgs/"):
+            if included_module(root, path, *match.groups()) != "sdk" and header not in PUBLIC_HELPERS:
+                yield number, header
+            continue
+        for folder in (os.path.dirname(path), "tools/stgs"):
+            beside = os.path.normpath(os.path.join(folder, header))
+            if match.group(1) == '"' and os.path.exists(os.path.join(root, beside)):
+                if beside not in seen:
+                    seen.add(beside)
+                    for _, inner in internal_headers(root, beside, seen):
+                        yield number, f"{inner} through {header}"
+                break
+
+
+def check_public_verb(root, path):
+    if not PUBLIC_VERBS.match(path):
+        return
+    for number, header in internal_headers(root, path, {path}):
+        yield f"{path}:{number}: this verb may use only the public headers of the SDK ({header})"
+
+
 def check_include_root(path):
     """Checks that public headers are in MODULE/include/stgs/MODULE, those of the SDK in
     sdk/include/stgs."""
@@ -157,6 +197,7 @@ def check(root):
             problems.append(f"{path}: {len(lines)} lines, more than {limit}: split it")
         if path.endswith(CODE):
             problems += check_includes(root, path, lines)
+            problems += check_public_verb(root, path)
             problems += check_include_root(path)
             problems += check_temporary(path, lines)
         if path.endswith(CODE) and not path.startswith("tests/"):  # each test is a program of its own

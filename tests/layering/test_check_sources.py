@@ -57,6 +57,24 @@ class CheckSources(unittest.TestCase):
         self.assertEqual(len(found), 1, found)
         self.assertIn("encoder must not include player", found[0])
 
+    def test_verbs_use_the_public_sdk_alone(self):
+        self.assertEqual(self.problems({
+            "tools/stgs/cmd_info.cpp": LICENCE + '#include "scene_info.h"\n#include "stgs/stgs.h"\n',
+            "tools/stgs/scene_info.h": LICENCE + '#include "session.h"\n#include "stgs/stgs_scene.h"\n',
+            "tools/stgs/session.h": LICENCE + '#include "stgs/format/status.h"\n',
+            "tools/stgs/cmd_pack.cpp": LICENCE + '#include "stgs/encoder/pack.h"\n',
+        }), [])
+        self.assert_violation("tools/stgs/cmd_info.cpp", '#include "stgs/format/scene_file.h"\n',
+                           "cmd_info.cpp:2: this verb may use only the public headers of the SDK "
+                           "(stgs/format/scene_file.h)")
+        found = self.problems({
+            "tools/stgs/scene_info_text.cpp": LICENCE + '#include "a.h"\n',
+            "tools/stgs/a.h": LICENCE + '#include "b.h"\n',
+            "tools/stgs/b.h": LICENCE + '#include "a.h"\n#include "stgs/player/renderer.h"\n',
+        })
+        self.assertEqual(len(found), 1, found)
+        self.assertIn("(stgs/player/renderer.h through b.h through a.h)", found[0])
+
     def test_confined_libraries_are_reported(self):
         for header, library in [("opencv2/core.hpp", "OpenCV"), ("ImfOutputFile.h", "OpenEXR"),
                                 ("OpenEXR/ImfRgba.h", "OpenEXR"), ("colmap/base/x.h", "COLMAP"),

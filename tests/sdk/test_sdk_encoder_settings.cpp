@@ -110,7 +110,8 @@ TEST_CASE("invalid prepare and pack settings are rejected with their name and ra
   };
   const std::pair<std::string, std::function<void(Packing&)>> pack_cases[] = {
       {"profile is 2 (expected 0 to 1)", [](Packing& s) { s.profile = 2; }},
-      {"tiers is 17 (expected 0 to 16)", [](Packing& s) { s.tiers = 17; }},
+      {"tiers is 17 (expected 0 for an automatic choice, or 1 to 16)",
+       [](Packing& s) { s.tiers = 17; }},
       {"quality is 101 (expected 0 to 100)", [](Packing& s) { s.quality = 101; }},
       {"target_kbps is -8 (expected 0 for no limit, or 0.001",
        [](Packing& s) { s.target_kbps = -8; }},

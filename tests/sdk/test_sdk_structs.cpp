@@ -91,6 +91,31 @@ void check_hooks() {
                      });
 }
 
+// Checks the structs of stgs_contents.h with a function like check_output_struct().
+template <typename Check>
+void check_contents_structs(Objects& objects, const Check& check_output) {
+  stgs_scene* scene = objects.scene.get();
+  check_output("stgs_contents", stgs_contents{},
+               [&](stgs_contents* out) { return stgs_scene_get_contents(scene, out); });
+  check_output("stgs_part", stgs_part{},
+               [&](stgs_part* part) { return stgs_scene_get_part(scene, 0, part); });
+  check_output("stgs_segment", stgs_segment{},
+               [&](stgs_segment* out) { return stgs_scene_get_segment(scene, 0, out); });
+  check_output("stgs_stream", stgs_stream{},
+               [&](stgs_stream* stream) { return stgs_scene_get_stream(scene, 0, stream); });
+  check_output("stgs_decoder_needs", stgs_decoder_needs{}, [&](stgs_decoder_needs* needs) {
+    return stgs_scene_get_decoder_needs(scene, needs);
+  });
+  check_output("stgs_scene_statistics", stgs_scene_statistics{},
+               [&](stgs_scene_statistics* out) { return stgs_scene_get_statistics(scene, out); });
+  const ScenePtr with_lost_fragment = make_scene();
+  REQUIRE(stgs_scene_open(with_lost_fragment.get(), STGS_TEST_DATA
+                          "/../conformance/vectors/fragment_damaged.stgs") == STGS_OK);
+  check_output("stgs_lost_fragment", stgs_lost_fragment{}, [&](stgs_lost_fragment* lost) {
+    return stgs_scene_get_lost_fragment(with_lost_fragment.get(), 0, lost);
+  });
+}
+
 }  // namespace
 
 TEST_CASE("structs of older and newer headers are read and written up to their size", "[sdk]") {
@@ -138,6 +163,10 @@ TEST_CASE("structs of older and newer headers are read and written up to their s
   const ScenePtr with_issue = open_scene(damaged);
   check_output("stgs_issue", stgs_issue{},
                [&](stgs_issue* issue) { return stgs_scene_get_issue(with_issue.get(), 0, issue); });
+  check_contents_structs(objects, check_output);
+  covered.insert("stgs_histogram_bin");  // allocated by the library
+  // In test_sdk_contents.cpp.
+  covered.insert({"stgs_damaged_segment", "stgs_render_statistics"});
   check_output("stgs_player_status", stgs_player_status{}, [&](stgs_player_status* status) {
     return stgs_player_update(objects.player.get(), 0, status);
   });
@@ -154,7 +183,8 @@ TEST_CASE("structs of older and newer headers are read and written up to their s
   });
 
   std::set<std::string> declared;
-  for (const char* header : {"stgs.h", "stgs_hooks.h", "stgs_player.h", "stgs_scene.h"}) {
+  for (const char* header :
+       {"stgs.h", "stgs_contents.h", "stgs_hooks.h", "stgs_player.h", "stgs_scene.h"}) {
     declared.merge(sized_structs(std::string(STGS_SDK_HEADERS "/") + header));
   }
   CHECK(covered == declared);

@@ -11,6 +11,7 @@
 #include "stgs/encoder/camera_json.h"
 #include "stgs/encoder/json_error.h"
 #include "stgs/format/camera.h"
+#include "stgs/format/scene_file.h"
 
 namespace stgs::tools {
 namespace {
@@ -66,17 +67,6 @@ Result<encoder::Camera> camera_of(const StartCamera& start, const std::string& f
   std::copy(start.translation, start.translation + 3, camera.translation);
   STGS_TRY(encoder::check_camera(camera, name));
   return camera;
-}
-
-Json camera_json(const StartCamera& start) {
-  return {{"width", start.width},
-          {"height", start.height},
-          {"fx", start.fx},
-          {"fy", start.fy},
-          {"cx", start.cx},
-          {"cy", start.cy},
-          {"rotation", std::vector<float>(start.rotation, start.rotation + 9)},
-          {"translation", std::vector<float>(start.translation, start.translation + 3)}};
 }
 
 encoder::Camera fitted(encoder::Camera camera, Size size) {

@@ -7,8 +7,11 @@
 #include "options.h"
 #include "session.h"
 #include "stgs/encoder/prepared_capture.h"
-#include "stgs/format/scene_file.h"
 #include "stgs/format/status.h"
+
+namespace stgs {
+struct StartCamera;
+}
 
 namespace stgs::tools {
 
@@ -18,7 +21,6 @@ Result<encoder::Camera> read_camera(const std::string& path);
 // Converts the start camera of `file`. kInvalidFile if its size, focal lengths or rotation are
 // invalid.
 Result<encoder::Camera> camera_of(const StartCamera& start, const std::string& file);
-Json camera_json(const StartCamera& start);
 
 // Returns the camera at another size with square pixels preserved, as stgs_view_resize: shows at
 // least the original view, and more along one axis if the aspect ratio differs.

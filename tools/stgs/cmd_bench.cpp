@@ -99,7 +99,7 @@ class Bench final : public Command {
     app.add_flag("--full-sh", full_sh_, "Extend SH to degree 3 with random coefficients");
     app.add_option("--quality", quality_,
                    "Pack the synthetic scene with this quality, 0 to 100 (default: lossless)")
-        ->check(number_between(0, 100));
+        ->check(number_between(kQuality.min, kQuality.max));
     app.add_option("--seed", seed_, "Seed of the synthetic scene (default: 1)")
         ->check(check_integer);
     app.add_option("--memory", memory_mb_, "Memory budget for decoded data, MB (10^6 bytes)")

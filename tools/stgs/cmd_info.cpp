@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "command.h"
+#include "scene_file.h"
 #include "scene_info.h"
-#include "scene_input.h"
 
 namespace stgs::tools {
 namespace {
@@ -63,21 +63,20 @@ class Info final : public Command {
 
  private:
   Status add(Session& session, const std::string& location, Json& files, std::string& text) const {
-    const std::string name = display_name(location);
-    STGS_ASSIGN(const auto reader, open_scene(session, location));
-    std::optional<SceneStatistics> statistics;
+    STGS_ASSIGN(const auto file, SceneFile::open(session, location));
+    STGS_ASSIGN(const SceneInfo info, read_info(*file));
+    std::optional<stgs_scene_statistics> statistics;
     if (lifespans_) {
-      STGS_ASSIGN(const Scene scene, load_scene(session, location));
-      statistics = scene_statistics(scene);
+      STGS_ASSIGN(statistics, read_statistics(*file));
     }
     if (session.json()) {
-      files.push_back(info_json(*reader, name));
+      files.push_back(info_json(info));
       if (statistics) files.back()["motion"] = statistics_json(*statistics);
       return {};
     }
     if (!text.empty()) text += "\n";
-    text += info_text(*reader, name);
-    if (segments_) text += tables_text(*reader);
+    text += info_text(info);
+    if (segments_) text += tables_text(info);
     if (statistics) text += statistics_text(*statistics);
     return {};
   }

@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <limits>
 
 #include "camera_file.h"
 #include "command.h"
-#include "damage.h"
 #include "image_sink.h"
 #include "options.h"
-#include "scene_input.h"
-#include "stgs/encoder/windows.h"
-#include "stgs/player/renderer.h"
+#include "scene_capture.h"
+#include "scene_file.h"
+#include "scene_renderer.h"
 
 namespace stgs::tools {
 namespace {
 
+constexpr std::uint64_t kMinMemory = std::uint64_t{1} << 20;  // that a scene accepts, bytes
 constexpr double kFrameTolerance = 1e-6;  // ticks; distance of a time from a captured frame
 
 struct RenderTime {
@@ -90,18 +90,17 @@ class Render final : public Command {
   }
 
   Status run(Session& session) override {
-    STGS_ASSIGN(auto reader, open_scene(session, o_.file));
-    const auto timeline = player::Timeline::from_reader(
-        std::move(reader), shown_file(), static_cast<std::uint64_t>(o_.memory_mb * 1e6),
-        player::DamagePolicy::kSkip);
-    warn_of_open_damage(session, *timeline);
-    STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
-    STGS_ASSIGN(const auto cameras, find_cameras(timeline->metadata()));
-    STGS_ASSIGN(const auto times, find_times(*timeline));
-    player::View view;
-    STGS_TRY(find_background(timeline->metadata(), view));
-    STGS_ASSIGN(auto sink, make_image_sink(o_.output, timeline->metadata().time_base,
-                                           cameras.size(), times.size(), session.log_sink()));
+    const auto memory = static_cast<std::uint64_t>(o_.memory_mb * 1e6);
+    STGS_ASSIGN(file_, SceneFile::open(session, o_.file, std::max(memory, kMinMemory)));
+    STGS_TRY(file_->warn_of_open_damage());
+    STGS_ASSIGN(const auto renderer, SceneRenderer::make(session.options.backend));
+    info_ = sized<stgs_scene_info>();
+    STGS_TRY(file_->check(stgs_scene_get_info(file_->get(), &info_)));
+    STGS_ASSIGN(const auto cameras, find_cameras());
+    STGS_ASSIGN(const auto times, find_times());
+    STGS_ASSIGN(const stgs_view view, make_view());
+    STGS_ASSIGN(auto sink, make_image_sink(o_.output, time_base(), cameras.size(), times.size(),
+                                           session.log_sink()));
     if (o_.side_by_side && !sink->wants_8bit()) {
       return usage_error(
           "--side-by-side writes 8-bit images; use a .png, .mp4, .y4m or folder output");
@@ -109,10 +108,8 @@ class Render final : public Command {
     Totals totals;
     const double begin = now_seconds();
     for (std::size_t c = 0; c < cameras.size(); ++c) {
-      view.camera = cameras[c].pinhole(timeline->metadata().near_plane);
       for (std::size_t m = 0; m < times.size(); ++m) {
-        const Status rendered =
-            render(*renderer, *timeline, cameras[c], times[m], view, *sink, totals);
+        const Status rendered = render(*renderer, cameras[c], times[m], view, *sink, totals);
         if (rendered.code() == StatusCode::kNoMemory) {  // a camera file may have any size
           return {StatusCode::kNoMemory,
                   fmt::format("{}; the image has {}x{} pixels, reduce it with --size",
@@ -126,31 +123,36 @@ class Render final : public Command {
     }
     STGS_TRY(sink->finish());
     totals.wall = now_seconds() - begin;
-    warn_of_damage(session, *timeline);
-    return report(session, *timeline, cameras, times, renderer->name(), totals);
+    STGS_ASSIGN(const DamageCount damage, file_->count_damage());
+    warn_of_damage(session, file_->name(), damage);
+    return report(session, damage, cameras, times, renderer->backend(), totals);
   }
 
  private:
-  std::string shown_file() const { return display_name(o_.file); }
-
+  // Sums over all images.
   struct Totals {
-    player::RenderStats stats;
+    stgs_render_statistics steps{};
     double render = 0, wall = 0;  // seconds
   };
 
-  Result<std::vector<encoder::Camera>> find_cameras(const SceneMetadata& metadata) {
+  const std::string& shown_file() const { return file_->name(); }
+  TimeBase time_base() const { return {info_.time_base_numerator, info_.time_base_denominator}; }
+
+  Result<std::vector<encoder::Camera>> find_cameras() {
     std::vector<encoder::Camera> cameras;
     if (!o_.cameras.empty()) {
       STGS_ASSIGN(capture_, encoder::read_prepared_capture(o_.cameras));
       if (o_.side_by_side) {
-        STGS_ASSIGN(capture_, encoder::capture_for_scene(capture_, metadata, shown_file()));
+        STGS_ASSIGN(capture_, capture_of_scene(capture_, *file_));
       }
       STGS_ASSIGN(cameras, choose_cameras(capture_, o_.which));
     } else if (!o_.camera.empty()) {
       STGS_ASSIGN(const encoder::Camera camera, read_camera(o_.camera));
       cameras = {camera};
-    } else if (metadata.start_camera) {
-      STGS_ASSIGN(const encoder::Camera camera, camera_of(*metadata.start_camera, shown_file()));
+    } else if (info_.has_start_camera != 0) {
+      auto start = sized<stgs_view>();
+      STGS_TRY(file_->check(stgs_scene_start_view(file_->get(), &start)));
+      STGS_ASSIGN(const encoder::Camera camera, camera_of(start, shown_file()));
       cameras = {camera};
     } else {
       return usage_error("{}: no start camera; use --camera or --cameras", shown_file());
@@ -164,19 +166,19 @@ class Render final : public Command {
     return cameras;
   }
 
-  Result<std::vector<RenderTime>> find_times(const player::Timeline& timeline) const {
-    const TimeBase base = timeline.metadata().time_base;
+  Result<std::vector<RenderTime>> find_times() const {
+    const TimeBase base = time_base();
     constexpr std::uint32_t kMaxFrames = std::numeric_limits<int>::max();
-    const std::uint32_t total = timeline.metadata().frames;
+    const std::uint32_t total = info_.frames;
     if (total > kMaxFrames) {
       return unsupported("{}: has {} frames; at most {} are supported", shown_file(), total,
                          kMaxFrames);
     }
     std::vector<RenderTime> times;
     if (time_->count() > 0) {
-      if (o_.time < 0 || o_.time > timeline.duration_seconds()) {
+      if (o_.time < 0 || o_.time > info_.duration_seconds) {
         return usage_error("--time {} is out of range; {} lasts from 0 to {:.6g} s", o_.time,
-                           shown_file(), timeline.duration_seconds());
+                           shown_file(), info_.duration_seconds);
       }
       times.push_back({o_.time, base.ticks(o_.time)});
     } else if (!o_.frames.empty()) {
@@ -188,41 +190,52 @@ class Render final : public Command {
     return times;
   }
 
-  Status find_background(const SceneMetadata& metadata, player::View& view) const {
-    const float* b = metadata.background;
-    view.background = {b[0], b[1], b[2]};
-    if (o_.background.empty()) return {};
+  // Returns the view without its camera.
+  Result<stgs_view> make_view() const {
+    stgs_view view;
+    STGS_TRY(file_->check(stgs_view_defaults(&view, sizeof(view))));
+    view.near_plane = info_.near_plane;
+    std::copy_n(info_.background, 3, view.background);
+    if (o_.background.empty()) return view;
     STGS_ASSIGN(const auto colour, parse_colour(o_.background));
-    view.background = {colour[0], colour[1], colour[2]};
-    return {};
+    std::copy_n(colour.begin(), 3, view.background);
+    return view;
   }
 
-  Status render(player::Renderer& renderer, player::Timeline& timeline,
-                const encoder::Camera& camera, const RenderTime& time, const player::View& view,
-                ImageSink& sink, Totals& totals) {
-    player::RenderStats stats;
+  Status render(SceneRenderer& renderer, const encoder::Camera& camera, const RenderTime& time,
+                const stgs_view& base, ImageSink& sink, Totals& totals) {
+    const stgs_view view = view_of(camera, base);
+    encoder::Image8 image;
+    FloatFrame frame;
     const double begin = now_seconds();
-    STGS_TRY(with_render_time(renderer.render(timeline, time.seconds, {view}, frames_, &stats),
-                              shown_file(), time.seconds));
+    if (sink.wants_8bit()) {
+      Result<encoder::Image8> rendered = renderer.render_8bit(*file_, time.seconds, view);
+      STGS_TRY(with_render_time(rendered.status(), shown_file(), time.seconds));
+      image = std::move(rendered).value();
+    } else {
+      Result<FloatFrame> rendered = renderer.render_float(*file_, time.seconds, view);
+      STGS_TRY(with_render_time(rendered.status(), shown_file(), time.seconds));
+      frame = std::move(rendered).value();
+    }
     totals.render += now_seconds() - begin;
-    totals.stats.splats += stats.splats;
-    totals.stats.fetch_ms += stats.fetch_ms;
-    totals.stats.slice_ms += stats.slice_ms;
-    totals.stats.bin_ms += stats.bin_ms;
-    totals.stats.blend_ms += stats.blend_ms;
+    STGS_ASSIGN(const stgs_render_statistics steps, renderer.statistics());
+    totals.steps.splats += steps.splats;
+    totals.steps.fetch_ms += steps.fetch_ms;
+    totals.steps.slice_ms += steps.slice_ms;
+    totals.steps.bin_ms += steps.bin_ms;
+    totals.steps.blend_ms += steps.blend_ms;
     // The camera of the file or of --camera has no subfolder.
     const ImageName name{o_.cameras.empty() ? "" : camera.name,
                          static_cast<int>(std::lround(time.ticks))};
-    if (!sink.wants_8bit()) return sink.add(name, frames_[0]);
-    encoder::Image8 image = to_8bit(frames_[0].colour);
+    if (!sink.wants_8bit()) return sink.add(name, frame);
     if (o_.side_by_side) {
-      const double frame = std::round(time.ticks);
-      if (std::abs(frame - time.ticks) > kFrameTolerance || frame >= capture_.frames) {
+      const double index = std::round(time.ticks);
+      if (std::abs(index - time.ticks) > kFrameTolerance || index >= capture_.frames) {
         return usage_error("--side-by-side needs the time of a frame; {} has none at {} s",
                            o_.cameras, time.seconds);
       }
       STGS_ASSIGN(const encoder::Image8 ground_truth,
-                  load_ground_truth(camera.name, static_cast<int>(frame)));
+                  load_ground_truth(camera.name, static_cast<int>(index)));
       image = side_by_side(image, ground_truth);
     }
     return sink.add(name, image);
@@ -235,7 +248,7 @@ class Render final : public Command {
     return runtime_error("{}: no camera '{}'", o_.cameras, name);
   }
 
-  Status report(Session& session, const player::Timeline& timeline,
+  Status report(Session& session, const DamageCount& damage,
                 const std::vector<encoder::Camera>& cameras, const std::vector<RenderTime>& times,
                 const std::string& backend, const Totals& totals) const {
     const std::size_t images = cameras.size() * times.size();
@@ -249,16 +262,16 @@ class Render final : public Command {
                        {"backend", backend},
                        {"images", images},
                        {"cameras", names},
-                       {"damaged", damage_json(timeline)},
+                       {"damaged", damage_json(damage)},
                        {"render_s", totals.render},
                        {"wall_s", totals.wall},
                        {"render_fps", fps},
                        {"mean_ms",
-                        {{"fetch", totals.stats.fetch_ms / n},
-                         {"slice", totals.stats.slice_ms / n},
-                         {"bin", totals.stats.bin_ms / n},
-                         {"blend", totals.stats.blend_ms / n}}},
-                       {"mean_splats", static_cast<double>(totals.stats.splats) / n},
+                        {{"fetch", totals.steps.fetch_ms / n},
+                         {"slice", totals.steps.slice_ms / n},
+                         {"bin", totals.steps.bin_ms / n},
+                         {"blend", totals.steps.blend_ms / n}}},
+                       {"mean_splats", static_cast<double>(totals.steps.splats) / n},
                        {"peak_memory", peak_memory()}};
     const std::string text = fmt::format(
         "{}: {}, {:.1f} ms per image ({:.1f} fps), peak memory {}\n", o_.output,
@@ -270,8 +283,9 @@ class Render final : public Command {
 
   Options o_;
   Argument* time_ = nullptr;
+  std::unique_ptr<SceneFile> file_;
+  stgs_scene_info info_{};
   encoder::PreparedCapture capture_;
-  std::vector<player::Frame> frames_;
 };
 
 }  // namespace

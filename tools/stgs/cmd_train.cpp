@@ -4,6 +4,7 @@
 #include "command.h"
 #include "encode_options.h"
 #include "output_path.h"
+#include "parameter_options.h"
 #include "train_windows.h"
 
 namespace stgs::tools {
@@ -109,9 +110,10 @@ class Train final : public Command {
   Status list(Session& session) const {
     Json parameters = Json::object();
     std::string text;
-    for (const auto& [name, value] : encoder::hyper_parameters(options_.preset())) {
-      parameters[name] = value;
-      text += fmt::format("{:<32} {}\n", name, value);
+    for (const auto& [parameter, value] : encoder::hyper_parameters(options_.preset())) {
+      parameters[parameter.name] = value;
+      text += fmt::format("{:<24} {:<20} {} [{}]\n", parameter.name, value, option_help(parameter),
+                          parameter.range());
     }
     return session.emit({{"preset", options_.preset()}, {"parameters", parameters}}, text);
   }

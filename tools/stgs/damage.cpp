@@ -1,41 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "damage.h"
 
-#include <algorithm>
-
 namespace stgs::tools {
 namespace {
 
-std::ptrdiff_t without_sh(const player::Timeline& timeline) {
-  return std::count_if(timeline.segment_damage().begin(), timeline.segment_damage().end(),
-                       [](const player::SegmentDamage& damage) { return damage.sh_only; });
-}
-
-std::ptrdiff_t skipped(const player::Timeline& timeline) {
-  return std::ssize(timeline.segment_damage()) - without_sh(timeline);
+DamageCount count_of(const player::Timeline& timeline) {
+  DamageCount count;
+  for (const player::SegmentDamage& damage : timeline.segment_damage()) {
+    ++(damage.sh_only ? count.without_sh : count.skipped);
+    if (count.first.empty()) count.first = damage.reason.message();
+  }
+  return count;
 }
 
 }  // namespace
 
 void warn_of_open_damage(Session& session, const player::Timeline& timeline) {
   for (const Issue& issue : timeline.damage()) {
-    session.log(1, fmt::format("{}: {}; it is complete up to {:.3f} s", timeline.name(),
-                               issue.message, timeline.complete_seconds()));
+    warn_of_issue(session, timeline.name(), issue.message, timeline.complete_seconds());
   }
 }
 
 void warn_of_damage(Session& session, const player::Timeline& timeline) {
-  if (timeline.segment_damage().empty()) return;
-  std::string text;
-  if (skipped(timeline) > 0) {
-    text = fmt::format("skipped {}", plural(skipped(timeline), "damaged segment"));
-  }
-  if (without_sh(timeline) > 0) {
-    text += fmt::format("{}rendered {} without SH", text.empty() ? "" : ", ",
-                        plural(without_sh(timeline), "segment"));
-  }
-  session.log(1, fmt::format("{}: {}; first: {}", timeline.name(), text,
-                             timeline.segment_damage().front().reason.message()));
+  warn_of_damage(session, timeline.name(), count_of(timeline));
 }
 
 void warn_of_damage(Session& session, const std::string& file, const DamageReport& damage,
@@ -46,7 +33,7 @@ void warn_of_damage(Session& session, const std::string& file, const DamageRepor
 }
 
 Json damage_json(const player::Timeline& timeline) {
-  return {{"segments", skipped(timeline)}, {"sh", without_sh(timeline)}};
+  return damage_json(count_of(timeline));
 }
 
 Json damage_json(const DamageReport& damage) {

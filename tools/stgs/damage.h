@@ -2,6 +2,7 @@
 // Reports damage of files that can still be rendered or read in part.
 #pragma once
 
+#include "damage_count.h"
 #include "session.h"
 #include "stgs/format/damage_report.h"
 #include "stgs/player/player.h"

@@ -22,13 +22,12 @@ class PrepareOptions {
   void declare(Arguments& app);
   // Defined only with STGS_HAS_PREPARE.
   Result<encoder::PrepareSettings> settings(const CommonOptions& common) const;
-  bool overwrite() const { return overwrite_; }
+  bool overwrite() const { return settings_.overwrite; }
 
  private:
+  encoder::PrepareSettings settings_;
   std::string layout_ = "auto", frames_, test_cameras_;
-  double scale_ = 1, fps_ = 0;
-  int max_dynamic_points_ = 0, max_static_points_ = 0;
-  bool no_split_ = false, overwrite_ = false;
+  bool no_split_ = false;
 };
 
 class TrainOptions {
@@ -48,24 +47,21 @@ class TrainOptions {
   // Files may lie in `new_folder`, which the verb creates; "": it creates none.
   Result<encoder::TrainSettings> settings(const Session& session, std::vector<NamedPath> outputs,
                                           const std::string& new_folder) const;
-  const std::string& preset() const { return preset_; }
+  const std::string& preset() const { return settings_.preset; }
   const std::string& report() const { return report_; }
   const std::string& title() const { return title_; }
   // Returns the report folder, or null.
   Json report_json() const { return report_.empty() ? Json(nullptr) : Json(report_); }
-  bool has_log() const { return !log_.empty(); }
+  bool has_log() const { return !settings_.log_path.empty(); }
 
  private:
+  Status add_overrides(encoder::TrainSettings& settings) const;
   Status check_paths(const std::string& log_path, std::vector<NamedPath> paths) const;
   Status check_writable(const std::string& new_folder) const;
 
-  std::string preset_ = "default", frame_memory_, resume_, checkpoint_, log_, report_, title_;
-  std::vector<std::string> ablate_;
-  int iterations_ = 0, max_primitives_ = 0, checkpoint_interval_ = 500;
-  std::string perceptual_weights_;
-  int num_evals_ = encoder::TrainSettings{}.held_out_evaluations;
-  double max_seconds_ = 0;
-  std::vector<std::string> overrides_;
+  encoder::TrainSettings settings_;
+  std::string frame_memory_, report_, title_;
+  std::vector<std::string> ablate_, overrides_;
 };
 
 class PackOptions {
@@ -74,14 +70,10 @@ class PackOptions {
   encoder::PackSettings settings() const;
 
  private:
-  std::string profile_ = profile_name(encoder::PackSettings{}.profile);
-  double quality_ = encoder::PackSettings{}.quality, target_kbps_ = 0, max_error_ = 0;
-  int tiers_ = encoder::PackSettings{}.tiers;
-  double chunk_seconds_ = encoder::PackSettings{}.chunk_seconds;
-  double metres_per_unit_ = 0;  // 0: not given
+  encoder::PackSettings settings_;
+  std::string profile_ = profile_name(settings_.profile);
   std::vector<float> up_, floor_;
   std::string audio_;
-  double audio_seconds_ = 0;
 };
 
 // Prepares `capture` into `folder`. kNotBuilt without OpenCV. `accept`, if set, becomes

@@ -4,7 +4,7 @@
 #include <charconv>
 #include <regex>
 
-#include "scene_input.h"
+#include "location.h"
 
 namespace stgs::tools {
 namespace {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "exr.h"
 
-#include "image_io.h"
 #include "stgs/encoder/image_file.h"
 
 #ifdef STGS_HAS_EXR
@@ -39,7 +38,7 @@ Imf::Slice slice_over(Imf::PixelType type, const T* data, int width) {
 }  // namespace
 
 Status write_exr_file(const std::string& path, const std::string& display_path,
-                      const player::Frame& frame) {
+                      const FloatFrame& frame) {
   const int width = frame.colour.width, height = frame.colour.height;
   const std::size_t pixels = static_cast<std::size_t>(width) * height;
   static constexpr const char* kNames[] = {"R", "G", "B", "A"};
@@ -105,7 +104,7 @@ Result<Image> read_exr_file(const std::string& path) {
 
 #else
 
-Status write_exr_file(const std::string&, const std::string& display_path, const player::Frame&) {
+Status write_exr_file(const std::string&, const std::string& display_path, const FloatFrame&) {
   return not_built(
       "{}: this build has no EXR (OpenEXR was not found); write .png, or rebuild with "
       "libopenexr-dev",

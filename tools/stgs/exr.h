@@ -4,15 +4,15 @@
 
 #include <string>
 
+#include "image_io.h"
 #include "stgs/format/raster.h"
 #include "stgs/format/status.h"
-#include "stgs/player/renderer.h"
 
 namespace stgs::tools {
 
 // Writes to `path`. Messages name `display_path` instead.
 Status write_exr_file(const std::string& path, const std::string& display_path,
-                      const player::Frame& frame);
+                      const FloatFrame& frame);
 // Reads R, G and B as sRGB-encoded planes.
 Result<Image> read_exr_file(const std::string& path);
 

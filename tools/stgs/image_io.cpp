@@ -101,7 +101,7 @@ Status write_png(const std::string& path, const encoder::Image8& image) {
   return write_file_atomically(path, bytes);
 }
 
-Status write_exr(const std::string& path, const player::Frame& frame) {
+Status write_exr(const std::string& path, const FloatFrame& frame) {
   STGS_TRY(check_can_write(path));
   RemovedPath temporary(temporary_name(path));
   STGS_TRY(write_exr_file(temporary.path(), path, frame));

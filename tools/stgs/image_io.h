@@ -9,9 +9,13 @@
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/format/raster.h"
 #include "stgs/format/status.h"
-#include "stgs/player/renderer.h"
 
 namespace stgs::tools {
+
+// A rendered frame as floats; channels as in RasterOutput.
+struct FloatFrame {
+  Image colour, alpha, depth;
+};
 
 // Converts to interleaved 8-bit RGB: clamps to [0, 1] and rounds to nearest.
 encoder::Image8 to_8bit(const Image& colour);
@@ -23,7 +27,7 @@ encoder::Image8 side_by_side(const encoder::Image8& left, const encoder::Image8&
 Status write_png(const std::string& path, const encoder::Image8& image);
 // Writes R, G, B (linear light, sRGB primaries) and A as half floats, and Z (camera z in scene
 // units, 0 where there is nothing) as float, atomically. kNotBuilt without OpenEXR.
-Status write_exr(const std::string& path, const player::Frame& frame);
+Status write_exr(const std::string& path, const FloatFrame& frame);
 
 // Reads a PNG, JPEG or EXR file, chosen by its extension, as planar sRGB-encoded RGB.
 Result<Image> read_image(const std::string& path);

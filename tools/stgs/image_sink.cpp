@@ -16,7 +16,7 @@ namespace fs = std::filesystem;
 class EightBitSink : public ImageSink {
  public:
   using ImageSink::add;
-  Status add(const ImageName& name, const player::Frame& frame) final {
+  Status add(const ImageName& name, const FloatFrame& frame) final {
     return add(name, to_8bit(frame.colour));
   }
 };
@@ -48,9 +48,7 @@ class ExrSink final : public ImageSink {
   Status add(const ImageName&, const encoder::Image8&) override {
     return usage_error("{}: EXR needs float frames", path_);
   }
-  Status add(const ImageName&, const player::Frame& frame) override {
-    return write_exr(path_, frame);
-  }
+  Status add(const ImageName&, const FloatFrame& frame) override { return write_exr(path_, frame); }
   Status finish() override { return {}; }
 
  private:

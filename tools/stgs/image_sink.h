@@ -24,7 +24,7 @@ class ImageSink {
   // Returns which add() to call: 8-bit images (true) or float frames (false).
   virtual bool wants_8bit() const { return true; }
   virtual Status add(const ImageName& name, const encoder::Image8& image) = 0;
-  virtual Status add(const ImageName& name, const player::Frame& frame) = 0;
+  virtual Status add(const ImageName& name, const FloatFrame& frame) = 0;
   virtual Status finish() = 0;
 };
 

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdlib>
 
+#include "parameter_options.h"
 #include "stgs/format/camera.h"
 
 namespace stgs::tools {
@@ -133,6 +134,13 @@ std::function<std::string(const std::string&)> number_between(double low, double
     }
     return {};
   };
+}
+
+std::string option_help(const Parameter& parameter) {
+  std::string help = parameter.help;
+  if (*parameter.unit != '\0') help += fmt::format(", {}", parameter.unit);
+  if (parameter.zero != nullptr) help += fmt::format(" (default: {})", parameter.zero);
+  return help;
 }
 
 std::string check_integer(const std::string& text) {

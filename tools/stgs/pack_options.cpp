@@ -4,6 +4,7 @@
 #include <array>
 
 #include "options.h"
+#include "parameter_options.h"
 #include "usage.h"
 
 namespace stgs::tools {
@@ -17,71 +18,33 @@ void PackOptions::declare(Arguments& app) {
       {profile_name(Profile::kQuantised), profile_name(Profile::kDraco)})
       ->capture_default_str()
       ->group(group);
-  auto* quality = app.add_option("--quality", quality_,
-                                 "0 (smallest file) to 100 (closest to the trained scene)")
-                      ->check(number_between(0, 100))
-                      ->capture_default_str()
-                      ->group(group);
-  app.add_option("--target-kbps", target_kbps_,
-                 "Instead of --quality: the best quality within this mean bit rate, kbit/s")
-      ->check(number_between(0.001, 1e9))
-      ->excludes(quality)
-      ->group(group);
-  app.add_option("--max-error", max_error_,
-                 "Largest position error of a primitive at any time, in 1/1000 of a scene unit\n"
-                 "(mm if the unit is a metre)")
-      ->check(number_between(1e-6, 1e9))
-      ->group(group);
-  app.add_option("--chunk", chunk_seconds_,
-                 "Shortest segment of the timeline, seconds (default: chosen from the lifespans)")
-      ->check(number_between(0.01, 3600))
-      ->group(group);
-  app.add_option(
-         "--tiers", tiers_,
-         "Number of tiers: the primitives by importance, so that a player can start with the "
-         "first tier (default: 3 of similar size; more, of increasing size, if many primitives "
-         "are active at once)")
-      ->check(number_between(1, 16))
-      ->group(group);
-  app.add_option("--metres-per-unit", metres_per_unit_, "Metadata: metres per scene unit")
-      ->check(number_between(1e-9, 1e9))
-      ->group(group);
-  const auto vector = [&](const char* name, std::vector<float>& to, const char* about) {
-    app.add_option(name, to, about)
+  const auto options = declare_parameters<encoder::PackParameters>(app, settings_, group);
+  options.at("target_kbps")->excludes(options.at("quality"));
+  const auto vector = [&](const Parameter& parameter, std::vector<float>& to, const char* more) {
+    app.add_option(parameter.option_name(), to, option_help(parameter) + more)
         ->delimiter(',')
         ->expected(3)
-        ->check(number_between(-1e9, 1e9))
+        ->check(number_between(parameter.min, parameter.max))
         ->group(group);
   };
-  vector("--up", up_, "Metadata: up direction (against gravity) as X,Y,Z");
-  vector("--floor", floor_, "Metadata: a point on the floor as X,Y,Z in scene units; with --up");
-  auto* audio = app.add_option("--audio", audio_,
-                               "Metadata: location of the audio, as a URI or as a path relative to "
-                               "the .stgs file")
-                    ->group(group);
-  app.add_option("--audio-offset", audio_seconds_,
-                 "Metadata: time in the clip at which the audio starts, seconds")
-      ->check(number_between(-1e6, 1e6))
-      ->needs(audio)
-      ->group(group);
+  vector(encoder::kUp, up_, ", as X,Y,Z");
+  vector(encoder::kFloor, floor_, ", as X,Y,Z; with --up");
+  options.at("audio_begin")
+      ->needs(app.add_option("--audio", audio_,
+                             "Metadata: location of the audio, as a URI or as a path relative to "
+                             "the .stgs file")
+                  ->group(group));
 }
 
 encoder::PackSettings PackOptions::settings() const {
-  encoder::PackSettings settings;
+  encoder::PackSettings settings = settings_;
   if (profile_ == profile_name(Profile::kDraco)) settings.profile = Profile::kDraco;
-  settings.quality = quality_;
-  settings.target_kbps = target_kbps_;
-  settings.max_error = max_error_;
-  settings.tiers = tiers_;
-  settings.chunk_seconds = chunk_seconds_;
   const auto point = [](const std::vector<float>& v) {
     return v.size() == 3 ? std::optional(std::array{v[0], v[1], v[2]}) : std::nullopt;
   };
-  if (metres_per_unit_ > 0) settings.metres_per_unit = static_cast<float>(metres_per_unit_);
   settings.up = point(up_);
   settings.floor = point(floor_);
   if (!audio_.empty()) settings.audio = audio_;
-  settings.audio_begin = audio_seconds_;
   return settings;
 }
 

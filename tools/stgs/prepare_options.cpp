@@ -2,6 +2,7 @@
 #include "encode_options.h"
 
 #include "options.h"
+#include "parameter_options.h"
 #include "usage.h"
 
 namespace stgs::tools {
@@ -14,50 +15,32 @@ void PrepareOptions::declare(Arguments& app) {
       ->group(group);
   app.add_option("--frames", frames_, "Source frames FIRST:END, END excluded (default: all)")
       ->group(group);
-  app.add_option("--scale", scale_, "Scale factor of the images, up to 1")
-      ->check(number_between(0.01, 1))
-      ->capture_default_str()
-      ->group(group);
+  declare_parameters<encoder::PrepareParameters>(app, settings_, group);
   app.add_option(
          "--test-cameras", test_cameras_,
          "Cameras to hold out: comma-separated names, or none (default: as the layout defines)")
       ->group(group);
-  app.add_option("--fps", fps_, "Frame rate of image folders (default: as the layout defines)")
-      ->check(number_between(0.001, 100000))
-      ->group(group);
-  app.add_option("--max-dynamic-points", max_dynamic_points_,
-                 "Maximum number of dynamic initial points per frame")
-      ->check(number_between(1, 1e9))
-      ->group(group);
-  app.add_option("--max-static-points", max_static_points_,
-                 "Maximum number of static initial points")
-      ->check(number_between(1, 1e9))
-      ->group(group);
   app.add_flag("--no-split", no_split_,
                "Skip motion detection: use static points of the first frame only")
       ->group(group);
-  app.add_flag("--overwrite", overwrite_, "Replace an existing prepared capture")->group(group);
+  app.add_flag("--overwrite", settings_.overwrite, "Replace an existing prepared capture")
+      ->group(group);
 }
 
 #ifdef STGS_HAS_PREPARE
 
 Result<encoder::PrepareSettings> PrepareOptions::settings(const CommonOptions& common) const {
-  encoder::PrepareSettings settings;
+  encoder::PrepareSettings settings = settings_;
   STGS_ASSIGN(settings.layout, encoder::layout_from_name(layout_));
   if (!frames_.empty()) {
     STGS_ASSIGN(const FrameRange range, parse_open_frames(frames_));
     settings.first_frame = range.begin;
     settings.end_frame = range.end;
   }
-  settings.scale = scale_;
-  settings.fps = fps_;
   settings.default_test_cameras = test_cameras_.empty();
   if (test_cameras_ != "none") settings.test_cameras = split_list(test_cameras_);
   settings.separate_motion = !no_split_;
-  settings.max_dynamic_points = max_dynamic_points_;
-  settings.max_static_points = max_static_points_;
   settings.seed = common.seed;
-  settings.overwrite = overwrite_;
   return settings;
 }
 

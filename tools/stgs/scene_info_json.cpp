@@ -2,14 +2,12 @@
 #include <algorithm>
 #include <cmath>
 
-#include "camera_file.h"
 #include "scene_info.h"
-#include "stgs/format/decoder_model.h"
 
 namespace stgs::tools {
 namespace {
 
-Json to_json(const DecoderNeeds& needs) {
+Json to_json(const stgs_decoder_needs& needs) {
   return {{"level", needs.level},
           {"primitives", needs.primitives},
           {"bytes", needs.bytes},
@@ -20,29 +18,42 @@ Json to_json(const DecoderNeeds& needs) {
           {"primitives_per_second", needs.primitives_per_second}};
 }
 
-const char* form_name(SceneForm form) {
+const char* form_name(stgs_form form) {
   switch (form) {
-    case SceneForm::kGrowing:
+    case STGS_FORM_GROWING:
       return "growing";
-    case SceneForm::kRecorded:
+    case STGS_FORM_RECORDED:
       return "recorded";
-    case SceneForm::kFinished:
-      break;
+    default:
+      return "finished";
   }
-  return "finished";
 }
 
-Json segments_json(const SceneReader& reader) {
+Json vector_json(const float* v, int count = 3) {
+  return std::vector<float>(v, v + count);
+}
+
+Json camera_json(const stgs_view& view) {
+  return {{"width", view.width},
+          {"height", view.height},
+          {"fx", view.fx},
+          {"fy", view.fy},
+          {"cx", view.cx},
+          {"cy", view.cy},
+          {"rotation", vector_json(view.rotation, 9)},
+          {"translation", vector_json(view.translation)}};
+}
+
+Json segments_json(const SceneInfo& info) {
   Json segments = Json::array();
-  for (const SegmentInfo& segment : reader.segments()) {
-    const TimeBase& base = reader.metadata().time_base;
+  for (const stgs_segment& segment : info.segments) {
     segments.push_back({{"level", segment.level},
-                        {"begin_s", base.seconds(segment.begin_ticks)},
-                        {"end_s", base.seconds(segment.end_ticks)},
+                        {"begin_s", segment.begin_seconds},
+                        {"end_s", segment.end_seconds},
                         {"primitives", segment.primitives},
                         {"tier", segment.tier},
-                        {"available", segment.available},
-                        {"sh_available", segment.sh_available},
+                        {"available", segment.available != 0},
+                        {"sh_available", segment.sh_available != 0},
                         {"offset", segment.offset},
                         {"bytes", segment.bytes},
                         {"sh_offset", segment.sh_offset},
@@ -51,9 +62,9 @@ Json segments_json(const SceneReader& reader) {
   return segments;
 }
 
-Json layers_json(const SceneReader& reader) {
+Json layers_json(const SceneInfo& info) {
   Json layers = Json::array();
-  for (const SceneLayer& layer : layers_of(reader)) {
+  for (const SceneLayer& layer : info.layers()) {
     layers.push_back({{"content", layer.content},
                       {"tier", layer.tier},
                       {"primitives", layer.primitives},
@@ -62,156 +73,124 @@ Json layers_json(const SceneReader& reader) {
   return layers;
 }
 
-Json damage_json(const SceneReader& reader) {
+Json damage_json(const SceneInfo& info) {
   Json damage = Json::array();
-  for (const Issue& issue : reader.damage()) {
+  for (const stgs_issue& issue : info.issues) {
     damage.push_back(
         {{"number", issue.number}, {"offset", issue.offset}, {"message", issue.message}});
   }
   return damage;
 }
 
-Json lost_fragments_json(const SceneReader& reader) {
-  const TimeBase& base = reader.metadata().time_base;
+Json lost_fragments_json(const SceneInfo& info) {
   Json fragments = Json::array();
-  for (const LostFragment& lost : reader.lost_fragments()) {
-    fragments.push_back({{"begin_s", base.seconds(lost.range.begin)},
-                         {"end_s", base.seconds(lost.range.end)},
+  for (const stgs_lost_fragment& lost : info.lost_fragments) {
+    fragments.push_back({{"begin_s", lost.begin_seconds},
+                         {"end_s", lost.end_seconds},
                          {"offset", lost.offset},
                          {"bytes", lost.bytes}});
   }
   return fragments;
 }
 
-Json to_json(const std::vector<HistogramBin>& bins) {
+Json parts_json(const SceneInfo& info) {
+  Json parts = Json::array();
+  for (const stgs_part& part : info.parts) {
+    parts.push_back({{"begin_s", part.begin_seconds},
+                     {"end_s", part.end_seconds},
+                     {"shown_begin_s", std::max(0.0, part.shown_begin_seconds)},
+                     {"shown_end_s", part.shown_end_seconds},
+                     {"primitives", part.primitives}});
+  }
+  return parts;
+}
+
+Json streams_json(const SceneInfo& info) {
+  Json streams = Json::array();
+  for (const stgs_stream& stream : info.streams) {
+    streams.push_back(
+        {{"name", stream.name}, {"bytes", stream.bytes}, {"raw_bytes", stream.raw_bytes}});
+  }
+  return streams;
+}
+
+Json bins_json(const stgs_histogram_bin* bins, std::uint32_t count) {
   Json json = Json::array();
-  for (const HistogramBin& bin : bins) {
-    json.push_back({{"from", bin.from},
-                    {"to", std::isfinite(bin.to) ? Json(bin.to) : Json(nullptr)},
-                    {"primitives", bin.count}});
+  for (std::uint32_t i = 0; i < count; ++i) {
+    json.push_back({{"from", bins[i].from},
+                    {"to", std::isfinite(bins[i].to) ? Json(bins[i].to) : Json(nullptr)},
+                    {"primitives", bins[i].primitives}});
   }
   return json;
 }
 
 }  // namespace
 
-std::vector<SceneLayer> layers_of(const SceneReader& reader) {
-  std::vector<SceneLayer> primitives, sh;
-  for (const SegmentInfo& segment : reader.segments()) {
-    for (int t = static_cast<int>(primitives.size()); t <= segment.tier; ++t) {
-      primitives.push_back({"primitives", t, 0, 0});
-      sh.push_back({"sh", t, 0, 0});
-    }
-    SceneLayer& base = primitives[static_cast<std::size_t>(segment.tier)];
-    base.primitives += segment.primitives;
-    base.bytes += segment.bytes;
-    if (segment.sh_bytes == 0) continue;
-    SceneLayer& detail = sh[static_cast<std::size_t>(segment.tier)];
-    detail.primitives += segment.primitives;
-    detail.bytes += segment.sh_bytes;
-  }
-  std::vector<SceneLayer> layers = primitives;
-  for (const SceneLayer& layer : sh) {
-    if (layer.bytes > 0) layers.push_back(layer);
-  }
-  return layers;
-}
-
-std::optional<double> mean_kbps(const SceneReader& reader) {
-  const SceneMetadata& m = reader.metadata();
-  if (m.frames <= 1) return std::nullopt;
-  return 8e-3 * static_cast<double>(reader.file_bytes()) / m.time_base.seconds(m.frames);
-}
-
-double bytes_per_primitive(const SceneReader& reader) {
-  return reader.primitives() == 0
-             ? 0
-             : static_cast<double>(reader.file_bytes()) / static_cast<double>(reader.primitives());
-}
-
-bool has_up(const SceneMetadata& metadata) {
-  return std::any_of(metadata.up, metadata.up + 3, [](float v) { return v != 0.0f; });
-}
-
-Json info_json(const SceneReader& reader, const std::string& name) {
-  const SceneMetadata& m = reader.metadata();
-  const std::optional<double> kbps = mean_kbps(reader);
-  Json json = {{"file", name},
-               {"version", fmt::format("{}.{}", reader.version_major(), reader.version_minor())},
-               {"profile", profile_name(reader.profile())},
-               {"form", form_name(reader.form())},
-               {"bytes", reader.file_bytes()},
-               {"incomplete_bytes", reader.incomplete_bytes()},
-               {"unreachable_s", m.time_base.seconds(reader.unreached_frames())},
-               {"missing_bytes", reader.missing_bytes()},
-               {"complete_s", m.time_base.seconds(reader.complete_ticks())},
-               {"damage", damage_json(reader)},
-               {"lost_fragments", lost_fragments_json(reader)},
-               {"head_bytes", reader.head_bytes()},
-               {"primitives", reader.primitives()},
-               {"bytes_per_primitive", bytes_per_primitive(reader)},
-               {"sh_degree", reader.sh_degree()},
+Json info_json(const SceneInfo& info) {
+  const stgs_scene_info& m = info.scene;
+  const std::optional<double> kbps = info.mean_kbps();
+  Json json = {{"file", info.name},
+               {"version", fmt::format("{}.{}", m.format_major, m.format_minor)},
+               {"profile", info.profile},
+               {"form", form_name(info.contents.form)},
+               {"bytes", m.file_bytes},
+               {"incomplete_bytes", info.contents.incomplete_bytes},
+               {"unreachable_s", info.contents.unreachable_seconds},
+               {"missing_bytes", info.contents.missing_bytes},
+               {"complete_s", m.complete_seconds},
+               {"damage", damage_json(info)},
+               {"lost_fragments", lost_fragments_json(info)},
+               {"head_bytes", info.contents.head_bytes},
+               {"primitives", m.primitives},
+               {"bytes_per_primitive", info.bytes_per_primitive()},
+               {"sh_degree", m.sh_degree},
                {"frames", m.frames},
-               {"fps", 1.0 / m.time_base.seconds(1)},
-               {"duration_s", m.time_base.seconds(m.frames)},
+               {"fps", 1.0 / info.frame_seconds()},
+               {"duration_s", m.duration_seconds},
                {"kbps", kbps ? Json(*kbps) : Json(nullptr)},
-               {"chunk_s", m.time_base.seconds(reader.chunk_ticks())},
-               {"time_base", {m.time_base.numerator, m.time_base.denominator}},
-               {"bounds",
-                {{"min", std::vector<float>(m.bounds_min, m.bounds_min + 3)},
-                 {"max", std::vector<float>(m.bounds_max, m.bounds_max + 3)}}},
+               {"chunk_s", info.contents.chunk_seconds},
+               {"time_base", {m.time_base_numerator, m.time_base_denominator}},
+               {"bounds", {{"min", vector_json(m.bounds_min)}, {"max", vector_json(m.bounds_max)}}},
                {"metres_per_unit", m.metres_per_unit > 0 ? Json(m.metres_per_unit) : Json(nullptr)},
                {"up", nullptr},
                {"floor", nullptr},
                {"audio", nullptr},
-               {"background", std::vector<float>(m.background, m.background + 3)},
+               {"background", vector_json(m.background)},
                {"near_plane", m.near_plane},
-               {"generator", m.generator},
-               {"title", m.title},
-               {"decoder", to_json(decoder_needs(reader))},
+               {"generator", info.generator},
+               {"title", info.title},
+               {"decoder", to_json(info.decoder)},
                {"start_camera", nullptr},
                {"window", nullptr},
-               {"parts", Json::array()},
-               {"segments", segments_json(reader)},
-               {"layers", layers_json(reader)},
-               {"streams", Json::array()}};
-  if (m.start_camera) json["start_camera"] = camera_json(*m.start_camera);
-  if (has_up(m)) {
-    json["up"] = m.up;
-    json["floor"] = m.floor;
+               {"parts", parts_json(info)},
+               {"segments", segments_json(info)},
+               {"layers", layers_json(info)},
+               {"streams", streams_json(info)}};
+  if (info.start_camera) json["start_camera"] = camera_json(*info.start_camera);
+  if (info.has_up()) {
+    json["up"] = vector_json(m.up);
+    json["floor"] = vector_json(m.floor);
   }
-  if (!m.audio.empty()) {
-    json["audio"] = {{"location", m.audio}, {"begin_s", m.time_base.seconds(m.audio_begin)}};
+  if (!info.audio.empty()) {
+    json["audio"] = {{"location", info.audio}, {"begin_s", m.audio_begin_seconds}};
   }
-  if (m.window) {
-    json["window"] = {{"first_frame", m.window->first_frame},
-                      {"capture_frames", m.window->capture_frames}};
-  }
-  for (const ScenePart& part : reader.parts()) {
-    json["parts"].push_back(
-        {{"begin_s", m.time_base.seconds(part.begin_ticks)},
-         {"end_s", m.time_base.seconds(part.end_ticks)},
-         {"shown_begin_s", m.time_base.seconds(std::max(0.0, part.shown_range().begin))},
-         {"shown_end_s", m.time_base.seconds(part.shown_range().end)},
-         {"primitives", part.primitives}});
-  }
-  for (const StreamInfo& stream : reader.streams()) {
-    json["streams"].push_back(
-        {{"name", stream.name}, {"bytes", stream.bytes}, {"raw_bytes", stream.raw_bytes}});
+  if (info.contents.is_window != 0) {
+    json["window"] = {{"first_frame", info.contents.window_first_frame},
+                      {"capture_frames", info.contents.capture_frames}};
   }
   return json;
 }
 
-Json statistics_json(const SceneStatistics& s) {
+Json statistics_json(const stgs_scene_statistics& s) {
   return {{"never_visible", s.never_visible},
           {"lifespans",
-           {{"bins_s", to_json(s.lifespans)},
+           {{"bins_s", bins_json(s.lifespans, s.lifespan_bins)},
             {"whole_clip", s.whole_clip},
             {"median_s", s.median_lifespan}}},
-          {"speeds", {{"bins", to_json(s.speeds)}, {"median", s.median_speed}}},
+          {"speeds", {{"bins", bins_json(s.speeds, s.speed_bins)}, {"median", s.median_speed}}},
           {"static",
            {{"primitives", s.static_primitives},
-            {"share", s.static_share()},
+            {"share", s.static_share},
             {"bound", s.static_bound},
             {"scene_radius", s.scene_radius},
             {"whole_clip_drift", s.whole_clip_drift}}}};

@@ -7,10 +7,6 @@
 
 namespace stgs::tools {
 
-std::string display_name(const std::string& location) {
-  return is_standard_input(location) ? "standard input" : player::display_location(location);
-}
-
 Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::string& location) {
   if (is_standard_input(location)) {
     STGS_ASSIGN(const auto bytes, read_standard_input());
@@ -36,22 +32,13 @@ Result<Scene> load_scene(Session& session, const std::string& location) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_source(session, location));
   DamageReport damage;
   Result<Scene> scene = recover_scene(std::move(source), damage);
-  if (!scene.ok()) return scene.status();
+  if (!scene.ok()) return scene;
   warn_of_damage(session, display_name(location), damage, scene->metadata.time_base);
   return scene;
 }
 
 Status check_is_scene(Session& session, const std::string& location) {
   return open_scene(session, location).status();
-}
-
-Status check_is_path(const std::string& location) {
-  if (is_standard_input(location)) {
-    return usage_error("this verb cannot read standard input; write the data to a file first");
-  }
-  if (!player::is_url(location)) return {};
-  return usage_error("{}: this verb reads local files only; download the file first",
-                     player::display_location(location));
 }
 
 }  // namespace stgs::tools

@@ -5,6 +5,7 @@
 
 #include "options.h"
 #include "output_path.h"
+#include "parameter_options.h"
 #include "train_report.h"
 #include "usage.h"
 
@@ -12,21 +13,12 @@ namespace stgs::tools {
 
 void TrainOptions::declare(Arguments& app) {
   const char* group = "Training";
-  with_choices(app.add_option("--preset", preset_, "Training preset: fast, default or best"),
-               {"fast", "default", "best"})
+  with_choices(
+      app.add_option("--preset", settings_.preset, "Training preset: fast, default or best"),
+      {"fast", "default", "best"})
       ->capture_default_str()
       ->group(group);
-  app.add_option("--iterations", iterations_,
-                 "Training views, one per step and process (default: from the preset)")
-      ->check(number_between(1, 1e8))
-      ->group(group);
-  app.add_option("--max-primitives", max_primitives_,
-                 "Maximum number of primitives (default: from the preset)")
-      ->check(number_between(1, 2e8))
-      ->group(group);
-  app.add_option("--max-seconds", max_seconds_, "Time limit in seconds; the schedule adapts to it")
-      ->check(number_between(1, 1e8))
-      ->group(group);
+  const auto options = declare_parameters<encoder::TrainParameters>(app, settings_, group);
   app.add_option(
          "--frame-memory", frame_memory_,
          "Memory for decoded frames, for example 512M or 8G (default: a share of the free memory). "
@@ -34,19 +26,14 @@ void TrainOptions::declare(Arguments& app) {
          "and by decoding threads are extra")
       ->group(group);
   app.add_option(
-         "--resume", resume_,
+         "--resume", settings_.resume,
          "Checkpoint to resume from; bit-exact on the same kind of CPU or GPU, with a warning "
          "on another backend")
       ->group(group);
-  auto* checkpoint =
-      app.add_option("--checkpoint", checkpoint_,
-                     "Write checkpoints to this file, periodically and when interrupted")
-          ->group(group);
-  app.add_option("--checkpoint-interval", checkpoint_interval_, "Steps between checkpoints")
-      ->check(number_between(1, 1e8))
-      ->capture_default_str()
-      ->needs(checkpoint)
-      ->group(group);
+  options.at("checkpoint_interval")
+      ->needs(app.add_option("--checkpoint", settings_.checkpoint,
+                             "Write checkpoints to this file, periodically and when interrupted")
+                  ->group(group));
   with_choices(
       app.add_option(
           "--ablate", ablate_,
@@ -62,69 +49,45 @@ void TrainOptions::declare(Arguments& app) {
                  "Set a hyper-parameter, KEY=VALUE; repeatable (see --list-parameters)")
       ->allow_extra_args(false)
       ->group(group);
-  app.add_option("--perceptual-weights", perceptual_weights_,
+  app.add_option("--perceptual-weights", settings_.perceptual_weights,
                  "Safetensors file of VGG16 weights; enables the perceptual loss")
       ->group(group);
-  app.add_option("--log", log_, "Write steps and evaluations to this file, as JSON lines")
+  app.add_option("--log", settings_.log_path,
+                 "Write steps and evaluations to this file, as JSON lines")
       ->group(group);
   app.add_option("--title", title_, "Metadata: title of the scene, shown by players and info")
       ->group(group);
   app.add_option("--report", report_,
                  "Write a report to this folder: curves, test renders and statistics (index.html)")
       ->group(group);
-  app.add_option(
-         "--num-evals", num_evals_,
-         "Number of evaluations on a sample of the held-out cameras during training; 0: none")
-      ->check(number_between(0, 1e6))
-      ->capture_default_str()
-      ->group(group);
 }
 
 Status TrainOptions::check_paths(const std::string& log_path, std::vector<NamedPath> paths) const {
-  paths.push_back({"--checkpoint", checkpoint_});
-  paths.push_back({log_.empty() ? "--report" : "--log", log_path});
+  paths.push_back({"--checkpoint", settings_.checkpoint});
+  paths.push_back({has_log() ? "--log" : "--report", log_path});
   paths.push_back({"--report", report_});
   if (!report_.empty()) paths.push_back({"--report", report_ + "/index.html"});
   // --checkpoint may overwrite the file of --resume.
-  if (check_distinct({{"--checkpoint", checkpoint_}, {"--resume", resume_}}).ok()) {
-    paths.push_back({"--resume", resume_});
+  const NamedPath resume = {"--resume", settings_.resume};
+  if (check_distinct({{"--checkpoint", settings_.checkpoint}, resume}).ok()) {
+    paths.push_back(resume);
   }
   return check_distinct(paths);
 }
 
 Status TrainOptions::check_writable(const std::string& new_folder) const {
-  for (const std::string* path : {&checkpoint_, &log_}) {
+  for (const std::string* path : {&settings_.checkpoint, &settings_.log_path}) {
     if (!path->empty() && !is_in_new_folder(*path, new_folder)) STGS_TRY(check_can_write(*path));
   }
   if (report_.empty() || is_in_new_folder(report_, new_folder)) return {};
   return check_can_make_folder(report_);
 }
 
-Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
-                                                      std::vector<NamedPath> outputs,
-                                                      const std::string& new_folder) const {
-  const CommonOptions& common = session.options;
-  encoder::TrainSettings settings;
-  settings.backend = common.backend;
-  settings.preset = preset_;
-  settings.iterations = iterations_;
-  settings.max_primitives = max_primitives_;
-  settings.max_seconds = max_seconds_;
-  settings.seed = common.seed;
-  if (!frame_memory_.empty()) {
-    Result<std::uint64_t> bytes = parse_bytes(frame_memory_);
-    if (!bytes.ok()) return usage_error("--frame-memory: {}", bytes.status().message());
-    settings.frame_memory = *bytes;
-  }
-  settings.ablate = fmt::format("{}", fmt::join(ablate_, ","));
-  settings.resume = resume_;
-  settings.checkpoint = checkpoint_;
-  settings.checkpoint_interval = checkpoint_interval_;
-  settings.log_path = log_;
-  settings.held_out_evaluations = num_evals_;
-  settings.perceptual_weights = perceptual_weights_;
+Status TrainOptions::add_overrides(encoder::TrainSettings& settings) const {
   std::vector<std::string> names;
-  for (const auto& [name, value] : encoder::hyper_parameters(preset_)) names.push_back(name);
+  for (const auto& hyper : encoder::hyper_parameters(settings_.preset)) {
+    names.emplace_back(hyper.parameter.name);
+  }
   for (const std::string& text : overrides_) {
     const std::size_t equals = text.find('=');
     if (equals == std::string::npos || equals == 0) {
@@ -138,8 +101,8 @@ Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
           "--set {}: unknown hyper-parameter{}; 'stgs train --list-parameters' lists them", key,
           near.empty() ? "" : fmt::format(" (did you mean '{}'?)", near));
     }
-    if ((key == "iterations" && iterations_ != 0) ||
-        (key == "max_primitives" && max_primitives_ != 0)) {
+    if ((key == "iterations" && settings.iterations != 0) ||
+        (key == "max_primitives" && settings.max_primitives != 0)) {
       return usage_error("--set {}: conflicts with --{}; use one of them", text,
                          key == "iterations" ? "iterations" : "max-primitives");
     }
@@ -149,7 +112,24 @@ Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
     }
     settings.overrides.emplace_back(key, text.substr(equals + 1));
   }
-  if (!report_.empty() && log_.empty()) settings.log_path = report_ + "/training.jsonl";
+  return {};
+}
+
+Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
+                                                      std::vector<NamedPath> outputs,
+                                                      const std::string& new_folder) const {
+  const CommonOptions& common = session.options;
+  encoder::TrainSettings settings = settings_;
+  settings.backend = common.backend;
+  settings.seed = common.seed;
+  if (!frame_memory_.empty()) {
+    Result<std::uint64_t> bytes = parse_bytes(frame_memory_);
+    if (!bytes.ok()) return usage_error("--frame-memory: {}", bytes.status().message());
+    settings.frame_memory = *bytes;
+  }
+  settings.ablate = fmt::format("{}", fmt::join(ablate_, ","));
+  STGS_TRY(add_overrides(settings));
+  if (!report_.empty() && !has_log()) settings.log_path = report_ + "/training.jsonl";
   settings.ranks = session.world();
   STGS_TRY(check_paths(settings.log_path, std::move(outputs)));
   if (session.is_first()) STGS_TRY(check_writable(new_folder));

@@ -52,17 +52,12 @@ class Temporary {
 };
 
 Status check(const PrepareSettings& settings) {
-  if (!(settings.scale > 0 && settings.scale <= 1)) {
-    return usage_error("scale is {} (expected more than 0, at most 1)", settings.scale);
-  }
+  STGS_TRY(check_parameters<PrepareParameters>(settings));
   if (settings.first_frame < 0 ||
       (settings.end_frame >= 0 && settings.end_frame <= settings.first_frame)) {
     return usage_error("frames {}:{} are not a range (expected FIRST:END with 0 <= FIRST < END)",
                        settings.first_frame, settings.end_frame);
   }
-  if (settings.fps < 0)
-    return usage_error("fps is {} (expected a positive rate, or 0 for the rate of the capture)",
-                       settings.fps);
   return {};
 }
 

@@ -94,7 +94,9 @@ Status apply_metadata(const PackSettings& settings, SceneMetadata& metadata) {
     metadata.audio = *settings.audio;
     metadata.audio_begin = metadata.time_base.ticks(settings.audio_begin);
   }
-  if (settings.metres_per_unit) metadata.metres_per_unit = *settings.metres_per_unit;
+  if (settings.metres_per_unit > 0) {
+    metadata.metres_per_unit = static_cast<float>(settings.metres_per_unit);
+  }
   if (settings.up) {
     const auto [x, y, z] = *settings.up;
     const double length = std::hypot(double{x}, double{y}, double{z});
@@ -170,6 +172,7 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
     return runtime_error("{}: packing stopped; nothing was written", output_path);
   };
   STGS_TRY(check_profile(settings.profile));
+  STGS_TRY(check_parameters<PackParameters>(settings));
   STGS_TRY(report_progress(0, "reading"));
   PackReport found;
   STGS_ASSIGN(Scene scene, read_inputs(scene_paths, log, found));

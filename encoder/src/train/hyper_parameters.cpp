@@ -1,80 +1,128 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "hyper_parameters.h"
 
-#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <type_traits>
 
 #include "stgs/encoder/train.h"
+#include "stgs/format/parameter.h"
 
 namespace stgs::encoder {
 namespace {
 
-template <typename Parameters, typename Visit>
-void for_each_parameter(Parameters& p, Visit visit) {
-  visit("iterations", p.iterations);
-  visit("max_primitives", p.max_primitives);
-  visit("weight_l1", p.weight_l1);
-  visit("weight_ssim", p.weight_ssim);
-  visit("weight_perceptual", p.weight_perceptual);
-  visit("weight_lifespan", p.weight_lifespan);
-  visit("weight_opacity", p.weight_opacity);
-  visit("weight_scale", p.weight_scale);
-  visit("weight_normal", p.weight_normal);
-  visit("lr_position", p.lr_position);
-  visit("lr_position_final", p.lr_position_final);
-  visit("lr_velocity", p.lr_velocity);
-  visit("lr_velocity_final", p.lr_velocity_final);
-  visit("velocity_shrink", p.velocity_shrink);
-  visit("velocity_share", p.velocity_share);
-  visit("still_from", p.still_from);
-  visit("still_least", p.still_least);
-  visit("lr_scale", p.lr_scale);
-  visit("lr_rotation", p.lr_rotation);
-  visit("lr_opacity", p.lr_opacity);
-  visit("lr_sh0", p.lr_sh0);
-  visit("lr_sh_rest", p.lr_sh_rest);
-  visit("lr_time", p.lr_time);
-  visit("lr_sigma", p.lr_sigma);
-  visit("lr_radius", p.lr_radius);
-  visit("lr_colour", p.lr_colour);
-  visit("batch_rate", p.batch_rate);
-  visit("batch_memory", p.batch_memory);
-  visit("sh_degree", p.sh_degree);
-  visit("sh_step", p.sh_step);
-  visit("coarse_until", p.coarse_until);
-  visit("stage1_until", p.stage1_until);
-  visit("normal_from", p.normal_from);
-  visit("densify_from", p.densify_from);
-  visit("densify_until", p.densify_until);
-  visit("densify_interval", p.densify_interval);
-  visit("opacity_resets", p.opacity_resets);
-  visit("plain_until", p.plain_until);
-  visit("plain_prune", p.plain_prune);
-  visit("plain_reset", p.plain_reset);
-  visit("perceptual_from", p.perceptual_from);
-  visit("perceptual_patch", p.perceptual_patch);
-  visit("clone_gradient", p.clone_gradient);
-  visit("split_gradient", p.split_gradient);
-  visit("split_scale", p.split_scale);
-  visit("growth_limit", p.growth_limit);
-  visit("prune_opacity", p.prune_opacity);
-  visit("prune_scale", p.prune_scale);
-  visit("score_error", p.score_error);
-  visit("score_opacity", p.score_opacity);
-  visit("score_lifespan", p.score_lifespan);
-  visit("replace_limit", p.replace_limit);
-  visit("drop_share", p.drop_share);
-  visit("seen_background", p.seen_background);
-  visit("initial_opacity", p.initial_opacity);
-  visit("initial_opacity_dynamic", p.initial_opacity_dynamic);
-  visit("initial_scale", p.initial_scale);
-  visit("sigma_dynamic", p.sigma_dynamic);
-  visit("sigma_static", p.sigma_static);
-  visit("initial_radius", p.initial_radius);
-  visit("velocity_times_f", p.velocity_times_f);
-}
+// Limits of parameters whose value matters only relative to others.
+constexpr double kMin = 0, kMax = 1e9;
+
+// The table of HyperParameters. Rates that decay exponentially must not be 0, nor opacities 0 or 1,
+// whose logits are infinite.
+struct HyperParameterTable {
+  template <typename Visit>
+  static void for_each(Visit visit) {
+    STGS_VISIT(visit, iterations, 1, 1e8, "Training views, one per step and process");
+    STGS_VISIT(visit, max_primitives, 1, 2e8, "Maximum number of primitives");
+    STGS_VISIT(visit, weight_l1, kMin, kMax, "Weight of L1 (paper 3.4)");
+    STGS_VISIT(visit, weight_ssim, kMin, kMax, "Weight of 1 - SSIM (paper 3.4)");
+    STGS_VISIT(visit, weight_perceptual, kMin, kMax,
+               "Weight of L_lpips; needs the weights of the network");
+    STGS_VISIT(visit, weight_lifespan, kMin, kMax, "Weight of L_t");
+    STGS_VISIT(visit, weight_opacity, kMin, kMax, "Weight of L_opacity, in the second stage only");
+    STGS_VISIT(visit, weight_scale, kMin, kMax,
+               "Weight of L_scale, which is divided by the scene's radius");
+    STGS_VISIT(visit, weight_normal, kMin, kMax,
+               "Weight of L_n, which smooths surfaces and gains no PSNR (PGSR: 0.015); 0: off");
+    STGS_VISIT(visit, lr_position, kMin, kMax,
+               "Learning rate of positions at the start, relative to the scene's extent");
+    STGS_VISIT(visit, lr_position_final, 1e-15, 1e3, "Learning rate of positions at the end");
+    STGS_VISIT(visit, lr_velocity, kMin, kMax,
+               "Learning rate of velocities at the start, relative to the scene's extent");
+    STGS_VISIT(visit, lr_velocity_final, 1e-15, 1e3, "Learning rate of velocities at the end");
+    STGS_VISIT(
+        visit, velocity_shrink, kMin, kMax,
+        "Damping of long-lived primitives per step, times the velocity's learning rate; 0: none");
+    STGS_VISIT(visit, velocity_share, 0, 1,
+               "Least damping of long-lived primitives per step, as a fraction of |v|");
+    STGS_VISIT(visit, still_from, kMin, kMax,
+               "Long-lived: visible at full opacity for more than this fraction of the clip");
+    STGS_VISIT(visit, still_least, kMin, kMax,
+               "Long-lived: visible at full opacity for more than this time", "frames");
+    STGS_VISIT(visit, lr_scale, kMin, kMax, "Learning rate of scales");
+    STGS_VISIT(visit, lr_rotation, kMin, kMax, "Learning rate of rotations");
+    STGS_VISIT(visit, lr_opacity, kMin, kMax, "Learning rate of opacities");
+    STGS_VISIT(visit, lr_sh0, kMin, kMax, "Learning rate of SH of degree 0");
+    STGS_VISIT(visit, lr_sh_rest, kMin, kMax, "Learning rate of SH above degree 0");
+    STGS_VISIT(visit, lr_time, kMin, kMax, "Learning rate of times");
+    STGS_VISIT(visit, lr_sigma, kMin, kMax, "Learning rate of log sigma");
+    STGS_VISIT(visit, lr_radius, kMin, kMax, "Learning rate of lifespan radii", "frames");
+    STGS_VISIT(visit, lr_colour, kMin, kMax, "Learning rate of the affine colour of each camera");
+    STGS_VISIT(visit, batch_rate, kMin, kMax,
+               "A step over R views multiplies all rates except lr_colour by R to this power");
+    STGS_VISIT(visit, batch_memory, kMin, kMax,
+               "A step over R views raises Adam's decay factors to R to this power");
+    STGS_VISIT(visit, sh_degree, 0, 3, "SH degree");
+    STGS_VISIT(visit, sh_step, 0, 1,
+               "Interval after which the SH degree in use rises by one, as a fraction of the run");
+    STGS_VISIT(visit, coarse_until, 0, 1, "Half-size images up to this fraction of the run");
+    STGS_VISIT(visit, stage1_until, 0, 1,
+               "End of growth, after which N is frozen (paper 3.2), as a fraction of the run");
+    STGS_VISIT(visit, normal_from, kMin, kMax,
+               "L_n is on from this fraction of the run (PGSR: 7,000 of 30,000)");
+    STGS_VISIT(visit, densify_from, kMin, kMax, "Densification starts at this fraction of the run");
+    STGS_VISIT(visit, densify_until, kMin, kMax,
+               "Last replacement of the second stage, as a fraction of the run");
+    STGS_VISIT(visit, densify_interval, 1, 1e8,
+               "Interval between densifications; shorter in runs of under 600 iterations, unless "
+               "it is set",
+               "iterations");
+    STGS_VISIT(visit, opacity_resets, 0, 1e4,
+               "Number of opacity resets, spread evenly over the first stage");
+    STGS_VISIT(visit, plain_until, kMin, kMax,
+               "With --ablate densification: end of growth, as a fraction of the run");
+    STGS_VISIT(visit, plain_prune, kMin, kMax, "With --ablate densification: prune_opacity");
+    STGS_VISIT(
+        visit, plain_reset, kMin, kMax,
+        "With --ablate densification: interval between opacity resets, as a fraction of the run");
+    STGS_VISIT(visit, perceptual_from, kMin, kMax,
+               "The perceptual loss is on from this fraction of the run");
+    STGS_VISIT(visit, perceptual_patch, kMin, kMax,
+               "Side of the perceptual loss's patch; 0: the complete image", "pixels");
+    STGS_VISIT(visit, clone_gradient, kMin, kMax,
+               "Least gradient of the loss with respect to image position, in half image widths, "
+               "to clone a primitive");
+    STGS_VISIT(visit, split_gradient, kMin, kMax,
+               "Least gradient of the loss with respect to image position, in half image widths, "
+               "to split a primitive");
+    STGS_VISIT(visit, split_scale, kMin, kMax,
+               "Larger primitives split, smaller ones clone; times the extent");
+    STGS_VISIT(visit, growth_limit, 0, 10, "New primitives per step, as a fraction of N");
+    STGS_VISIT(
+        visit, prune_opacity, kMin, kMax,
+        "Fainter primitives are removed; at most 0.005 above 200,000 primitives, unless it is set");
+    STGS_VISIT(visit, prune_scale, kMin, kMax, "Larger primitives are removed; times the extent");
+    STGS_VISIT(visit, score_error, kMin, kMax,
+               "Weight lambda_e of the error, scaled to [0, 1], in the densification score");
+    STGS_VISIT(visit, score_opacity, kMin, kMax,
+               "Weight lambda_o of the opacity in the densification score");
+    STGS_VISIT(visit, score_lifespan, kMin, kMax,
+               "Weight lambda_l of the lifespan in the densification score");
+    STGS_VISIT(visit, replace_limit, 0, 1, "Replacements per step, as a fraction of N");
+    STGS_VISIT(visit, drop_share, 0, 0.9,
+               "Fraction of the primitives that each step drops at random");
+    STGS_VISIT(visit, seen_background, 0, 1, "1: the background is estimated; 0: black");
+    STGS_VISIT(visit, initial_opacity, 0.001, 0.999, "Opacity of static initial points");
+    STGS_VISIT(visit, initial_opacity_dynamic, 0.001, 0.999, "Opacity of dynamic initial points");
+    STGS_VISIT(visit, initial_scale, 1e-6, 1e6,
+               "Scale of initial points, times the distance to the neighbours");
+    STGS_VISIT(visit, sigma_dynamic, 0.001, 1e6, "Sigma of dynamic initial points (paper 3.3)",
+               "frames");
+    STGS_VISIT(visit, sigma_static, 0.001, 1e6, "Sigma of static initial points (paper 3.3)",
+               "clip lengths");
+    STGS_VISIT(visit, initial_radius, 0, 1e6, "Lifespan radius of initial points (paper 3.3)",
+               "frames");
+    STGS_VISIT(visit, velocity_times_f, 0, 1,
+               "1: v = f v_init, which preserves the measured motion; 0: v = v_init");
+  }
+};
 
 template <typename T>
 bool parse(const std::string& text, T& value) {
@@ -114,9 +162,10 @@ Status set_hyper_parameter(HyperParameters& parameters, const std::string& name,
   bool known = false;
   bool parsed = false, is_integer = false;
   std::string names;
-  for_each_parameter(parameters, [&](const char* n, auto& target) {
-    names += names.empty() ? n : fmt::format(", {}", n);
-    if (name != n) return;
+  HyperParameterTable::for_each([&](const Parameter& parameter, auto member) {
+    names += names.empty() ? parameter.name : fmt::format(", {}", parameter.name);
+    if (name != parameter.name) return;
+    auto& target = member(parameters);
     known = true;
     parsed = parse(value, target);
     is_integer = std::is_integral_v<std::remove_reference_t<decltype(target)>>;
@@ -128,56 +177,13 @@ Status set_hyper_parameter(HyperParameters& parameters, const std::string& name,
   return {};
 }
 
-namespace {
-
-struct Limits {
-  const char* name;
-  double min, max;
-};
-
-// Limits of the parameters that kAnyNumber does not cover.
-constexpr Limits kLimits[] = {{"iterations", 1, 1e8},
-                              {"max_primitives", 1, 2e8},
-                              {"sh_degree", 0, 3},
-                              {"densify_interval", 1, 1e8},
-                              // Fractions of the run or of the primitives.
-                              {"sh_step", 0, 1},
-                              {"coarse_until", 0, 1},
-                              {"stage1_until", 0, 1},
-                              {"growth_limit", 0, 10},
-                              {"replace_limit", 0, 1},
-                              {"drop_share", 0, 0.9},
-                              {"velocity_share", 0, 1},
-                              {"opacity_resets", 0, 1e4},
-                              // Switches.
-                              {"seen_background", 0, 1},
-                              {"velocity_times_f", 0, 1},
-                              // Not 0, because rates decay exponentially.
-                              {"lr_position_final", 1e-15, 1e3},
-                              {"lr_velocity_final", 1e-15, 1e3},
-                              // Not 0 or 1, whose logits are infinite.
-                              {"initial_opacity", 0.001, 0.999},
-                              {"initial_opacity_dynamic", 0.001, 0.999},
-                              {"initial_scale", 1e-6, 1e6},
-                              {"initial_radius", 0, 1e6},
-                              {"sigma_dynamic", 0.001, 1e6},
-                              {"sigma_static", 0.001, 1e6}};
-constexpr Limits kAnyNumber = {"", 0, 1e9};
-
-}  // namespace
-
-Status check_hyper_parameters(const HyperParameters& p) {
+Status check_hyper_parameters(const HyperParameters& parameters) {
   Status status;
-  for_each_parameter(p, [&](const char* name, const auto& parameter) {
-    const auto* const own =
-        std::find_if(std::begin(kLimits), std::end(kLimits),
-                     [&](const Limits& l) { return std::string_view(l.name) == name; });
-    const Limits& limits = own == std::end(kLimits) ? kAnyNumber : *own;
-    const auto value = static_cast<double>(parameter);
-    if (status.ok() && !(value >= limits.min && value <= limits.max)) {
-      status = usage_error("hyper-parameter {} is out of range (expected {} to {}, got {})", name,
-                           limits.min, limits.max, value);
-    }
+  HyperParameterTable::for_each([&](const Parameter& parameter, auto member) {
+    const auto value = static_cast<double>(member(parameters));
+    if (!status.ok() || parameter.accepts(value)) return;
+    status = usage_error("hyper-parameter {} is out of range (expected {}, got {})", parameter.name,
+                         parameter.range(), value);
   });
   return status;
 }
@@ -185,16 +191,20 @@ Status check_hyper_parameters(const HyperParameters& p) {
 std::vector<std::pair<std::string, std::string>> list_hyper_parameters(
     const HyperParameters& parameters) {
   std::vector<std::pair<std::string, std::string>> list;
-  for_each_parameter(parameters, [&](const char* name, const auto& value) {
-    list.emplace_back(name, fmt::format("{}", value));
+  HyperParameterTable::for_each([&](const Parameter& parameter, auto member) {
+    list.emplace_back(parameter.name, fmt::format("{}", member(parameters)));
   });
   return list;
 }
 
-std::vector<std::pair<std::string, std::string>> hyper_parameters(const std::string& preset) {
+std::vector<HyperParameter> hyper_parameters(const std::string& preset) {
   const Result<HyperParameters> parameters = preset_hyper_parameters(preset);
-  return parameters.ok() ? list_hyper_parameters(*parameters)
-                         : std::vector<std::pair<std::string, std::string>>{};
+  if (!parameters.ok()) return {};
+  std::vector<HyperParameter> list;
+  HyperParameterTable::for_each([&](const Parameter& parameter, auto member) {
+    list.push_back({parameter, fmt::format("{}", member(*parameters))});
+  });
+  return list;
 }
 
 }  // namespace stgs::encoder

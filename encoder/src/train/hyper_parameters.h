@@ -11,6 +11,7 @@
 
 namespace stgs::encoder {
 
+// The table in hyper_parameters.cpp describes the members and states their ranges.
 struct HyperParameters {
   // Length and size.
   int iterations = 6000;
@@ -19,11 +20,11 @@ struct HyperParameters {
   // Loss weights (paper 3.4; the w of L_reg are not given there).
   double weight_l1 = 0.8;
   double weight_ssim = 0.2;
-  double weight_lifespan = 1e-3;    // L_t
-  double weight_opacity = 1e-2;     // L_opacity, second stage only
-  double weight_scale = 1e-2;       // L_scale, divided by the scene's radius
-  double weight_normal = 0.0;       // L_n: smooths surfaces, gains no PSNR; 0: off (PGSR: 0.015)
-  double weight_perceptual = 0.01;  // L_lpips; requires weights of the network
+  double weight_lifespan = 1e-3;
+  double weight_opacity = 1e-2;
+  double weight_scale = 1e-2;
+  double weight_normal = 0.0;
+  double weight_perceptual = 0.01;
 
   // Learning rates (Adam). Lengths are relative to the scene's extent, times in frames.
   double lr_position = 1.6e-4;
@@ -44,9 +45,9 @@ struct HyperParameters {
   double lr_sh0 = 2.5e-3;
   double lr_sh_rest = 1.25e-4;
   double lr_time = 1e-2;
-  double lr_sigma = 5e-3;   // of log sigma
-  double lr_radius = 5e-3;  // frames
-  double lr_colour = 1e-3;  // per-camera affine colour
+  double lr_sigma = 5e-3;
+  double lr_radius = 5e-3;
+  double lr_colour = 1e-3;
   // A step over R views, one per process, multiplies all rates except lr_colour by R^batch_rate and
   // raises Adam's decay factors to the power R^batch_memory.
   double batch_rate = 0.5;
@@ -54,48 +55,48 @@ struct HyperParameters {
 
   // Schedules, as fractions of the iterations.
   int sh_degree = 3;
-  double sh_step = 0.1;           // interval after which the SH degree in use rises by one
-  double coarse_until = 0.25;     // half-size images up to here
-  double stage1_until = 1.0 / 3;  // end of growth; then N is frozen (paper 3.2)
-  double normal_from = 7.0 / 30;  // L_n is on from here (PGSR: 7,000 of 30,000)
+  double sh_step = 0.1;
+  double coarse_until = 0.25;
+  double stage1_until = 1.0 / 3;
+  double normal_from = 7.0 / 30;
   double densify_from = 0.03;
-  double densify_until = 0.85;  // last replacement of the second stage
-  int densify_interval = 100;   // iterations; reduced in runs of under 600, unless it is set
-  int opacity_resets = 0;       // spread evenly over the first stage
+  double densify_until = 0.85;
+  int densify_interval = 100;
+  int opacity_resets = 0;
   // With --ablate densification, as in 3DGS and 4DGS:
-  double plain_until = 0.5;    // end of growth
-  double plain_prune = 0.005;  // prune_opacity
-  double plain_reset = 0.1;    // interval between opacity resets
+  double plain_until = 0.5;
+  double plain_prune = 0.005;
+  double plain_reset = 0.1;
 
   // The perceptual loss.
-  double perceptual_from = 0.0;  // start, as a fraction of the iterations
-  int perceptual_patch = 256;    // side of the patch per step, pixels; 0: the complete image
+  double perceptual_from = 0.0;
+  int perceptual_patch = 256;
 
   // Densification. Gradients are of the loss with respect to image position in half image widths.
   double clone_gradient = 2e-4;
   double split_gradient = 4e-4;
-  double split_scale = 0.01;    // larger primitives split, smaller ones clone; times the extent
-  double growth_limit = 0.1;    // new primitives per step, as a fraction of N
-  double prune_opacity = 0.02;  // fainter ones are removed; 0.005 above 200,000 primitives
-  double prune_scale = 0.5;     // larger ones are removed; times the extent
-  double score_error = 1.0;     // lambda_e, on E scaled to [0,1]
-  double score_opacity = 0.2;   // lambda_o
-  double score_lifespan = 0.5;  // lambda_l
-  double replace_limit = 0.05;  // replacements per step, as a fraction of N
+  double split_scale = 0.01;
+  double growth_limit = 0.1;
+  double prune_opacity = 0.02;
+  double prune_scale = 0.5;
+  double score_error = 1.0;
+  double score_opacity = 0.2;
+  double score_lifespan = 0.5;
+  double replace_limit = 0.05;
 
-  // Fraction of the primitives that each step drops at random, which discourages primitives that
-  // serve a single camera (held-out views improve in runs with many steps and primitives).
+  // Dropping discourages primitives that serve a single camera (held-out views improve in runs with
+  // many steps and primitives).
   double drop_share = 0.05;
 
   // Initialisation.
   double initial_opacity = 0.5;
   double initial_opacity_dynamic = 0.5;
-  double initial_scale = 0.8;    // times the distance to the neighbours
-  double sigma_dynamic = 3.0;    // frames (paper 3.3)
-  double sigma_static = 3.0;     // clip lengths (paper 3.3)
-  double initial_radius = 1e-6;  // frames (paper 3.3)
-  int seen_background = 1;       // 1: the background is estimated (scene_background.h); 0: black
-  int velocity_times_f = 1;  // 1: v = f v_init, which preserves the measured motion; 0: v = v_init
+  double initial_scale = 0.8;
+  double sigma_dynamic = 3.0;
+  double sigma_static = 3.0;
+  double initial_radius = 1e-6;
+  int seen_background = 1;
+  int velocity_times_f = 1;
 };
 
 // Returns the values of a preset: fast, default or best. kUsage for another name.

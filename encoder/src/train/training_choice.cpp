@@ -105,6 +105,7 @@ Status check_used(const Choice& choice) {
 
 Result<TrainingChoice> choose_training(const TrainSettings& settings) {
   TrainingChoice choice;
+  STGS_TRY(check_parameters<TrainParameters>(settings));
   STGS_ASSIGN(choice.parameters, preset_hyper_parameters(settings.preset));
   if (settings.iterations > 0) choice.parameters.iterations = settings.iterations;
   if (settings.max_primitives > 0) choice.parameters.max_primitives = settings.max_primitives;

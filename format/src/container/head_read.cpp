@@ -318,6 +318,11 @@ bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead
     return false;
   }
   const std::vector<std::uint8_t> first = bytes;
+  if (first.size() == kHeaderBytes &&
+      !std::equal(kMagic.begin(), kMagic.end(), first.begin())) {  // for the message
+    bytes.resize(std::min<std::uint64_t>(kForeignBytes, source.size()));
+    if (!source.read(0, bytes).ok()) bytes = first;
+  }
   Findings found;
   const bool read = read_stated_head(source, limits, head.header, bytes, found);
   Findings damage;

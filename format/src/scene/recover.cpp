@@ -122,32 +122,38 @@ void remove_unreadable(const SceneReader& reader, const std::vector<Outcome>& ou
 Result<Scene> recover_scene(std::unique_ptr<ByteSource> source, DamageReport& report,
                             const ReadLimits& limits) {
   report = {};
-  const std::string path = source->name();
+  const std::string name = source->name();
   STGS_ASSIGN(const std::unique_ptr<SceneReader> reader,
               SceneReader::open(std::move(source), limits));
-  report.damage = reader->damage();
-  report.lost_fragments = reader->lost_fragments();
-  report.incomplete_bytes = reader->incomplete_bytes();
-  report.unreached_frames = reader->unreached_frames();
-  const std::uint64_t bytes = reader->primitives() * 4 * floats_per_primitive(reader->sh_degree());
+  return recover_scene(*reader, name, report, limits);
+}
+
+Result<Scene> recover_scene(const SceneReader& reader, const std::string& name,
+                            DamageReport& report, const ReadLimits& limits) {
+  report = {};
+  report.damage = reader.damage();
+  report.lost_fragments = reader.lost_fragments();
+  report.incomplete_bytes = reader.incomplete_bytes();
+  report.unreached_frames = reader.unreached_frames();
+  const std::uint64_t bytes = reader.primitives() * 4 * floats_per_primitive(reader.sh_degree());
   if (bytes > limits.max_memory) {
-    return unsupported("{}: {} primitives need {} bytes of memory, more than the limit of {}", path,
-                       reader->primitives(), bytes, limits.max_memory);
+    return unsupported("{}: {} primitives need {} bytes of memory, more than the limit of {}", name,
+                       reader.primitives(), bytes, limits.max_memory);
   }
   try {
     Scene scene;
-    scene.metadata = reader->metadata();
-    const std::vector<Outcome> outcomes = read_all(*reader, limits.max_memory, scene.gaussians);
-    STGS_TRY(count_outcomes(*reader, outcomes, report));
-    STGS_TRY(read_importance(*reader, report, scene));
-    scene.parts = reader->parts();
-    if (report.segments > 0) remove_unreadable(*reader, outcomes, scene);
+    scene.metadata = reader.metadata();
+    const std::vector<Outcome> outcomes = read_all(reader, limits.max_memory, scene.gaussians);
+    STGS_TRY(count_outcomes(reader, outcomes, report));
+    STGS_TRY(read_importance(reader, report, scene));
+    scene.parts = reader.parts();
+    if (report.segments > 0) remove_unreadable(reader, outcomes, scene);
     const ScenePart complete = {
         0, static_cast<double>(scene.metadata.frames), scene.gaussians.size(), {}};
     if (scene.parts == std::vector<ScenePart>{complete}) scene.parts.clear();
     return scene;
   } catch (const std::exception& e) {
-    return Status(code_of(e), fmt::format("{}: {}", path, e.what()));
+    return Status(code_of(e), fmt::format("{}: {}", name, e.what()));
   }
 }
 

@@ -12,7 +12,6 @@
 namespace stgs {
 namespace {
 
-constexpr int kMaxWrittenTiers = 16;
 constexpr float kFarthest = 0x1p99f;  // scene units
 
 Status check_settings(const SceneMetadata& metadata, const WriteSettings& settings) {
@@ -24,13 +23,8 @@ Status check_settings(const SceneMetadata& metadata, const WriteSettings& settin
         "s)",
         metadata.frames, metadata.time_base.numerator, metadata.time_base.denominator);
   }
-  if (!(settings.quality >= 0 && settings.quality <= 100)) {
-    return usage_error("invalid quality (expected 0 to 100, got {})", settings.quality);
-  }
-  if (settings.tiers < 0 || settings.tiers > kMaxWrittenTiers) {
-    return usage_error("invalid number of tiers (expected 1 to {}, or 0 for automatic, got {})",
-                       kMaxWrittenTiers, settings.tiers);
-  }
+  STGS_TRY(check_parameter(kQuality, settings.quality));
+  STGS_TRY(check_parameter(kTiers, settings.tiers));
   if (settings.zstd_level < 1 || settings.zstd_level > 19) {
     return usage_error("invalid zstd level (expected 1 to 19, got {})", settings.zstd_level);
   }

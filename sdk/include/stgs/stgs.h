@@ -124,9 +124,12 @@ typedef struct stgs_scene_settings {
   uint64_t max_memory;     /* decoded data to retain, bytes, at least 1 MiB; default 4 GiB */
   int32_t reject_damage;   /* 1: a damaged file is an error; 0 (default): render the intact part
                             * and log the damage */
-  stgs_log_fn log;         /* NULL (default): no log */
+  stgs_log_fn log;         /* NULL (default): no log. Retries of transfers from a URL are logged on
+                            * the threads that read, one at a time */
   void* log_user;          /* first argument of `log` */
   const stgs_allocator* allocator; /* copied; NULL (default): the heap */
+  const char* name; /* of data in memory and of application sources, in messages; copied; NULL
+                     * (default): "memory" or "application source" */
 } stgs_scene_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */
@@ -139,6 +142,13 @@ STGS_API stgs_result stgs_scene_create(const stgs_scene_settings* settings, stgs
 /* Destroys a scene and everything that belongs to it. No other thread may be using the scene. Does
  * nothing for the scene of a player. */
 STGS_API void stgs_scene_destroy(stgs_scene* scene);
+
+/* Cancels the scene permanently: transfers from a URL fail at once, now and later.
+ *
+ * A call that fails for this reason returns STGS_ERROR_CANCELLED while opening or computing
+ * statistics, otherwise STGS_ERROR_RUNTIME. May be called on any thread until stgs_scene_destroy.
+ * Does not affect other sources. NULL: does nothing. */
+STGS_API void stgs_scene_cancel(stgs_scene* scene);
 
 /* Opens a path, or an http or https URL.
  *
@@ -263,6 +273,9 @@ typedef struct stgs_renderer_settings {
   /* Runs all CPU work of rendering, including decoding; copied. NULL (default): threads of the
    * library and the calling thread. */
   const stgs_task_runner* task_runner;
+  int32_t measure;  /* 1: stgs_render measures its steps for stgs_renderer_get_statistics, which can
+                     * slow down a GPU; default 0 */
+  int32_t reserved; /* 0 */
 } stgs_renderer_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */
@@ -284,6 +297,25 @@ STGS_API stgs_result stgs_renderer_error(const stgs_renderer* renderer, stgs_err
 
 /* Returns the backend in use, never STGS_BACKEND_AUTO. */
 STGS_API stgs_result stgs_renderer_get_backend(stgs_renderer* renderer, stgs_backend* out);
+
+/* Counts and times of the last stgs_render, summed over its views unless stated otherwise. GPU
+ * backends report device times for slice, bin and blend. */
+typedef struct stgs_render_statistics {
+  size_t struct_size;
+  uint64_t stored_primitives; /* decoded and resident; per call */
+  uint64_t active_primitives; /* that may be visible at this time; per call */
+  uint64_t splats;            /* visible splats */
+  double fetch_ms;            /* finding and decoding the active segments; per call */
+  double slice_ms;            /* computing the primitives at the time */
+  double bin_ms;              /* sorting splats into tiles */
+  double blend_ms;            /* blending the pixels */
+  double device_ms;           /* from the start to the end of the device's work; 0 for the CPU */
+} stgs_render_statistics;
+
+/* Returns the statistics of the last successful stgs_render. STGS_ERROR_STATE: the renderer does
+ * not measure, or has not rendered yet. */
+STGS_API stgs_result stgs_renderer_get_statistics(stgs_renderer* renderer,
+                                                  stgs_render_statistics* statistics);
 
 /* Renders 1 to STGS_MAX_VIEWS views of the scene at the time `seconds` and waits for the images.
  *
@@ -308,6 +340,7 @@ STGS_API stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, dou
 #endif
 
 /* The remaining headers of the library; each needs the declarations above. */
+#include "stgs/stgs_contents.h"
 #include "stgs/stgs_player.h"
 #include "stgs/stgs_scene.h"
 #include "stgs/stgs_view.h"

@@ -198,6 +198,18 @@ class SceneCalls {
     check(stgs_scene_get_issue(scene(), index, &issue), scene());
     return issue;
   }
+  /// Returns how the file stores the scene: its form, sizes and numbers.
+  stgs_contents contents() const {
+    auto contents = sized<stgs_contents>();
+    check(stgs_scene_get_contents(scene(), &contents), scene());
+    return contents;
+  }
+  /// Returns the demands of the file on a decoder.
+  stgs_decoder_needs decoder_needs() const {
+    auto needs = sized<stgs_decoder_needs>();
+    check(stgs_scene_get_decoder_needs(scene(), &needs), scene());
+    return needs;
+  }
   /// Returns the start camera, or nothing if the file has none.
   std::optional<stgs_view> start_view() const {
     auto view = sized<stgs_view>();
@@ -247,6 +259,15 @@ class Scene : public detail::SceneCalls<Scene> {
   /// Opens a copy of a file in memory.
   void open_memory_copy(Span<const std::uint8_t> bytes) {
     check(stgs_scene_open_memory_copy(get(), bytes.data(), bytes.size()), get());
+  }
+  /// Cancels the scene permanently, see stgs_scene_cancel. Any thread.
+  void cancel() { stgs_scene_cancel(get()); }
+  /// Reads the complete file and computes the statistics of its primitives. The bins are valid
+  /// until the next call.
+  stgs_scene_statistics statistics() {
+    auto statistics = detail::sized<stgs_scene_statistics>();
+    check(stgs_scene_get_statistics(get(), &statistics), get());
+    return statistics;
   }
   /// Opens a data source of the application.
   void open(const stgs_io& io) { check(stgs_scene_open_io(get(), &io), get()); }

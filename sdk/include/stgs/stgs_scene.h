@@ -40,6 +40,9 @@ typedef struct stgs_scene_info {
   float up[3];                    /* unit vector; 0, 0, 0: not known */
   float floor[3];                 /* a point on the floor, scene units; valid if `up` is known */
   uint32_t issues;                /* number of issues, see stgs_scene_get_issue */
+  float near_plane;               /* scene units; content nearer than this was never trained */
+  float background[3];            /* red, green, blue, sRGB-encoded */
+  double audio_begin_seconds;     /* start of the audio, see STGS_TEXT_AUDIO */
 } stgs_scene_info;
 
 /* Returns the metadata of the scene. */
@@ -50,7 +53,10 @@ typedef int32_t stgs_text;
 enum {
   STGS_TEXT_TITLE = 0,     /* title of the scene */
   STGS_TEXT_GENERATOR = 1, /* program and version that wrote the file */
-  STGS_TEXT_AUDIO = 2      /* URI reference of the audio, relative to the location of the file */
+  STGS_TEXT_AUDIO = 2,     /* URI reference of the audio, relative to the location of the file */
+  STGS_TEXT_PROFILE = 3,   /* coding: "lossless", "quantised", "draco" or "unknown" */
+  STGS_TEXT_NAME = 4       /* of the file in messages: its path, its URL without credentials and
+                            * query, or stgs_scene_settings.name */
 };
 
 /* Returns a text, or an empty string if the file has none. The string belongs to the scene and is

@@ -101,12 +101,14 @@ Outcome run_work(stgs_encoder& encoder, ThreadLimit limit, const EncoderWork& wo
   return outcome;
 }
 
-Outcome check_range(const char* field, double value, double min, double max, const char* zero) {
-  if (zero != nullptr && value == 0) return {};
-  if (value >= min && value <= max) return {};
-  return {STGS_ERROR_ARGUMENT,
-          fmt::format("settings: {} is {:.10g} (expected {}{:.10g} to {:.10g})", field, value,
-                      zero == nullptr ? "" : fmt::format("0 for {}, or ", zero), min, max)};
+Outcome check_range(const char* field, double value, double min, double max) {
+  return check_range({field, min, max, ""}, value);
+}
+
+Outcome check_range(const Parameter& parameter, double value) {
+  if (parameter.accepts(value)) return {};
+  return {STGS_ERROR_ARGUMENT, fmt::format("settings: {} is {:.10g} (expected {})", parameter.name,
+                                           value, parameter.range())};
 }
 
 Outcome check_flag(const char* field, std::int32_t value) {

@@ -8,6 +8,7 @@
 
 #include "object.h"
 #include "stgs/encoder/progress.h"
+#include "stgs/format/parameter.h"
 #include "stgs/stgs_encoder.h"
 #include "structs.h"
 
@@ -34,10 +35,20 @@ using EncoderWork =
     std::function<Outcome(const encoder::ProgressSink& progress, const encoder::LogSink& log)>;
 Outcome run_work(stgs_encoder& encoder, ThreadLimit limit, const EncoderWork& work);
 
-// Returns STGS_ERROR_ARGUMENT, naming the field and its range, unless the value is in [min, max]
-// or, if `zero` describes its meaning, 0.
-Outcome check_range(const char* field, double value, double min, double max,
-                    const char* zero = nullptr);
+// Returns STGS_ERROR_ARGUMENT, naming the field and its range, unless the value is in [min, max].
+Outcome check_range(const char* field, double value, double min, double max);
+// Returns STGS_ERROR_ARGUMENT, naming the parameter and its range, unless it accepts the value.
+Outcome check_range(const Parameter& parameter, double value);
+// Checks all numbers of a struct that a table describes.
+template <typename Table, typename Settings>
+Outcome check_ranges(const Settings& settings) {
+  Outcome outcome;
+  Table::for_each([&](const Parameter& parameter, auto member) {
+    if (outcome.result != STGS_OK) return;
+    outcome = check_range(parameter, static_cast<double>(member(settings)));
+  });
+  return outcome;
+}
 // Checks that a field is 0 or 1.
 Outcome check_flag(const char* field, std::int32_t value);
 // Checks that a range of frames is not empty; an end of -1 is open.

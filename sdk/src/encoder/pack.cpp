@@ -10,12 +10,10 @@ namespace stgs::sdk {
 namespace {
 
 stgs_pack_settings default_settings() {
-  const encoder::PackSettings defaults;
   stgs_pack_settings settings{};
   settings.struct_size = sizeof(settings);
   settings.profile = STGS_PROFILE_QUANTISED;
-  settings.tiers = defaults.tiers;
-  settings.quality = defaults.quality;
+  copy_parameters<encoder::PackParameters>(encoder::PackSettings{}, settings);
   return settings;
 }
 
@@ -24,35 +22,22 @@ bool is_zero(const float* v) {
 }
 
 Outcome check(const stgs_pack_settings& s) {
-  constexpr double kFar = 1e9;
   STGS_SDK_TRY(check_range("profile", s.profile, STGS_PROFILE_QUANTISED, STGS_PROFILE_DRACO));
-  STGS_SDK_TRY(check_range("tiers", s.tiers, 0, 16));
-  STGS_SDK_TRY(check_range("quality", s.quality, 0, 100));
-  STGS_SDK_TRY(check_range("target_kbps", s.target_kbps, 0.001, 1e9, "no limit"));
-  STGS_SDK_TRY(check_range("max_error", s.max_error, 1e-6, 1e9, "the value of quality"));
-  STGS_SDK_TRY(check_range("chunk_seconds", s.chunk_seconds, 0.01, 3600, "a choice by lifespans"));
-  STGS_SDK_TRY(
-      check_range("metres_per_unit", s.metres_per_unit, 1e-9, 1e9, "the value of the scene"));
-  for (const float x : s.up) STGS_SDK_TRY(check_range("up", x, -kFar, kFar));
+  STGS_SDK_TRY(check_ranges<encoder::PackParameters>(s));
+  for (const float x : s.up) STGS_SDK_TRY(check_range(encoder::kUp, x));
   STGS_SDK_TRY(check_flag("has_floor", s.has_floor));
-  for (const float x : s.floor) STGS_SDK_TRY(check_range("floor", x, -kFar, kFar));
-  return check_range("audio_begin", s.audio_begin, -1e6, 1e6);
+  for (const float x : s.floor) STGS_SDK_TRY(check_range(encoder::kFloor, x));
+  return {};
 }
 
 encoder::PackSettings packing_of(const stgs_pack_settings& s) {
   encoder::PackSettings settings;
   settings.profile = s.profile == STGS_PROFILE_DRACO ? Profile::kDraco : Profile::kQuantised;
-  settings.tiers = s.tiers;
-  settings.quality = s.quality;
-  settings.target_kbps = s.target_kbps;
-  settings.max_error = s.max_error;
-  settings.chunk_seconds = s.chunk_seconds;
+  copy_parameters<encoder::PackParameters>(s, settings);
   settings.against = text_of(s.against);
-  if (s.metres_per_unit > 0) settings.metres_per_unit = static_cast<float>(s.metres_per_unit);
   if (!is_zero(s.up)) settings.up = {s.up[0], s.up[1], s.up[2]};
   if (s.has_floor != 0) settings.floor = {s.floor[0], s.floor[1], s.floor[2]};
   if (s.audio != nullptr) settings.audio = s.audio;
-  settings.audio_begin = s.audio_begin;
   return settings;
 }
 

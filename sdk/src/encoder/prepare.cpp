@@ -16,7 +16,7 @@ stgs_prepare_settings default_settings() {
   settings.layout = STGS_LAYOUT_AUTO;
   settings.first_frame = defaults.first_frame;
   settings.end_frame = defaults.end_frame;
-  settings.scale = defaults.scale;
+  copy_parameters<encoder::PrepareParameters>(defaults, settings);
   settings.default_test_cameras = 1;
   settings.separate_motion = 1;
   settings.seed = defaults.seed;
@@ -45,16 +45,11 @@ Outcome check_test_cameras(const stgs_prepare_settings& s) {
 }
 
 Outcome check(const stgs_prepare_settings& s) {
-  constexpr double kMaxPoints = 1e9;
   STGS_SDK_TRY(check_range("layout", s.layout, STGS_LAYOUT_AUTO, STGS_LAYOUT_VIDEOS));
   STGS_SDK_TRY(check_frames(s.first_frame, s.end_frame));
-  STGS_SDK_TRY(check_range("scale", s.scale, 0.01, 1));
+  STGS_SDK_TRY(check_ranges<encoder::PrepareParameters>(s));
   STGS_SDK_TRY(check_test_cameras(s));
-  STGS_SDK_TRY(check_range("fps", s.fps, 0.001, 100000, "the value of the layout"));
   STGS_SDK_TRY(check_flag("separate_motion", s.separate_motion));
-  const char* const by_size = "a choice by image size";
-  STGS_SDK_TRY(check_range("max_dynamic_points", s.max_dynamic_points, 1, kMaxPoints, by_size));
-  STGS_SDK_TRY(check_range("max_static_points", s.max_static_points, 1, kMaxPoints, by_size));
   return check_flag("overwrite", s.overwrite);
 }
 
@@ -74,13 +69,10 @@ Outcome prepare(const char* capture, const char* prepared, const stgs_prepare_se
   settings.layout = layout_of(s.layout);
   settings.first_frame = s.first_frame;
   settings.end_frame = s.end_frame;
-  settings.scale = s.scale;
+  copy_parameters<encoder::PrepareParameters>(s, settings);
   settings.default_test_cameras = s.default_test_cameras != 0;
   settings.test_cameras.assign(s.test_cameras, s.test_cameras + s.test_camera_count);
-  settings.fps = s.fps;
   settings.separate_motion = s.separate_motion != 0;
-  settings.max_dynamic_points = static_cast<int>(s.max_dynamic_points);
-  settings.max_static_points = static_cast<int>(s.max_static_points);
   settings.seed = s.seed;
   settings.overwrite = s.overwrite != 0;
   return encoder::prepare(capture, prepared, settings, progress, log);

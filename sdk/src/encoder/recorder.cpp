@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "encoder/encoder.h"
+#include "encoder/record_parameters.h"
 #include "view_camera.h"
 
 struct stgs_recorder {
@@ -32,8 +33,7 @@ namespace {
 
 constexpr std::uint64_t kMaxPrimitives = 200'000'000;
 constexpr float kMinOpacity = 0.001f, kMaxOpacity = 0.999f;  // with finite logits
-constexpr double kFar = 1e9;
-constexpr std::size_t kMaxText = 4096;  // bytes
+constexpr std::size_t kMaxText = 4096;                       // bytes
 
 stgs_record_settings default_settings() {
   const RecordSettings defaults;
@@ -44,6 +44,7 @@ stgs_record_settings default_settings() {
   settings.profile = STGS_PROFILE_QUANTISED;
   settings.tiers = defaults.write.tiers;
   settings.quality = defaults.write.quality;
+  settings.chunk_seconds = defaults.write.chunk_seconds;
   settings.sync = 1;
   return settings;
 }
@@ -68,19 +69,13 @@ Outcome check(const stgs_record_settings& s) {
   STGS_SDK_TRY(check_range("time_base_denominator", s.time_base_denominator, 1, kMax));
   STGS_SDK_TRY(check_range("sh_degree", s.sh_degree, 0, 3));
   STGS_SDK_TRY(check_range("profile", s.profile, STGS_PROFILE_QUANTISED, STGS_PROFILE_DRACO));
-  STGS_SDK_TRY(check_range("tiers", s.tiers, 0, 16));
-  STGS_SDK_TRY(check_range("quality", s.quality, 0, 100));
-  STGS_SDK_TRY(check_range("max_error", s.max_error, 1e-6, 1e9, "the value of quality"));
-  STGS_SDK_TRY(
-      check_range("chunk_seconds", s.chunk_seconds, 0.01, 3600, "a choice by the first fragment"));
+  STGS_SDK_TRY(check_ranges<RecordParameters>(s));
   STGS_SDK_TRY(check_flag("sync", s.sync));
   STGS_SDK_TRY(check_range("threads", s.threads, 0, kMaxThreads));
-  STGS_SDK_TRY(check_range("metres_per_unit", s.metres_per_unit, 1e-9, 1e9, "an unknown scale"));
-  for (const float x : s.up) STGS_SDK_TRY(check_range("up", x, -kFar, kFar));
-  for (const float x : s.floor) STGS_SDK_TRY(check_range("floor", x, -kFar, kFar));
+  for (const float x : s.up) STGS_SDK_TRY(check_range(encoder::kUp, x));
+  for (const float x : s.floor) STGS_SDK_TRY(check_range(encoder::kFloor, x));
   STGS_SDK_TRY(check_text("title", s.title));
-  STGS_SDK_TRY(check_text("audio", s.audio));
-  return check_range("audio_begin", s.audio_begin, -1e6, 1e6);
+  return check_text("audio", s.audio);
 }
 
 RecordSettings recording_of(const stgs_record_settings& s) {

@@ -10,16 +10,13 @@
 namespace stgs::sdk {
 namespace {
 
-constexpr double kMaxIterations = 1e8;
-
 stgs_train_settings default_settings() {
   const encoder::TrainSettings defaults;
   stgs_train_settings settings{};
   settings.struct_size = sizeof(settings);
+  copy_parameters<encoder::TrainParameters>(defaults, settings);
   settings.seed = defaults.seed;
   settings.end_frame = -1;
-  settings.checkpoint_interval = static_cast<std::uint32_t>(defaults.checkpoint_interval);
-  settings.held_out_evaluations = static_cast<std::uint32_t>(defaults.held_out_evaluations);
   return settings;
 }
 
@@ -39,7 +36,6 @@ Outcome check_parameters(const stgs_train_settings& s) {
 }
 
 Outcome check(const stgs_train_settings& s) {
-  const char* const by_preset = "the value of the preset";
   STGS_SDK_TRY(check_range("preset", s.preset, STGS_PRESET_DEFAULT, STGS_PRESET_BEST));
   if (s.backend == STGS_BACKEND_VULKAN) {
     return {STGS_ERROR_NOT_BUILT,
@@ -47,12 +43,8 @@ Outcome check(const stgs_train_settings& s) {
             "_CUDA)"};
   }
   STGS_SDK_TRY(check_range("backend", s.backend, STGS_BACKEND_AUTO, STGS_BACKEND_CUDA));
-  STGS_SDK_TRY(check_range("iterations", s.iterations, 1, kMaxIterations, by_preset));
-  STGS_SDK_TRY(check_range("max_primitives", s.max_primitives, 1, 2e8, by_preset));
-  STGS_SDK_TRY(check_range("max_seconds", s.max_seconds, 1, 1e8, "no limit"));
+  STGS_SDK_TRY(check_ranges<encoder::TrainParameters>(s));
   STGS_SDK_TRY(check_frames(s.first_frame, s.end_frame));
-  STGS_SDK_TRY(check_range("checkpoint_interval", s.checkpoint_interval, 1, kMaxIterations));
-  STGS_SDK_TRY(check_range("held_out_evaluations", s.held_out_evaluations, 0, 1e6));
   return check_parameters(s);
 }
 
@@ -62,15 +54,11 @@ encoder::TrainSettings training_of(const stgs_train_settings& s) {
   encoder::TrainSettings settings;
   settings.preset = kPresets[s.preset];
   settings.backend = kBackends[s.backend];
-  settings.iterations = static_cast<int>(s.iterations);
-  settings.max_primitives = static_cast<int>(s.max_primitives);
-  settings.max_seconds = s.max_seconds;
+  copy_parameters<encoder::TrainParameters>(s, settings);
   settings.seed = s.seed;
   settings.checkpoint = text_of(s.checkpoint);
-  settings.checkpoint_interval = static_cast<int>(s.checkpoint_interval);
   settings.resume = text_of(s.resume);
   settings.log_path = text_of(s.log_path);
-  settings.held_out_evaluations = static_cast<int>(s.held_out_evaluations);
   settings.frame_memory = s.frame_memory;
   settings.perceptual_weights = text_of(s.perceptual_weights);
   for (std::uint32_t i = 0; i < s.parameter_count; ++i) {

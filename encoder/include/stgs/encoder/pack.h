@@ -9,30 +9,71 @@
 
 #include "stgs/encoder/held_out.h"
 #include "stgs/encoder/progress.h"
+#include "stgs/format/parameter.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/format/status.h"
 
 namespace stgs::encoder {
 
+// PackParameters describes the numbers.
 struct PackSettings {
-  Profile profile = Profile::kQuantised;  // or kDraco; kNotBuilt in a build without libdraco
-  double quality = 87;                    // 0..100; ignored if target_kbps is set
-  double target_kbps = 0;                 // upper bound of the mean bit rate, kbit/s; 0: none
-  // Upper bound of a primitive's position error over the time at which it is visible, in
-  // thousandths of a scene unit (millimetres if the unit is a metre); 0: determined by quality.
+  Profile profile = Profile::kQuantised;     // or kDraco; kNotBuilt in a build without libdraco
+  double quality = WriteSettings{}.quality;  // ignored if target_kbps is set
+  double target_kbps = 0;
   double max_error = 0;
-  double chunk_seconds = 0;  // 0: chosen from the lifespans of the scene
-  int tiers = 0;             // 1..16; 0: as WriteSettings chooses
+  double chunk_seconds = WriteSettings{}.chunk_seconds;
+  int tiers = WriteSettings{}.tiers;
   // Folder of a prepared capture whose test cameras measure the packing loss; empty: none. Valid
   // for a single scene only, not for windows.
   std::string against;
-  // Metadata to write in place of the scene's; unset: the scene's.
-  std::optional<float> metres_per_unit;       // > 0
+  // Metadata to write in place of the scene's; unset or 0: the scene's.
+  double metres_per_unit = 0;
   std::optional<std::array<float, 3>> up;     // against gravity, of any length but 0
   std::optional<std::array<float, 3>> floor;  // a point of the floor; requires a known up vector
-  // Location of the scene's audio (SceneMetadata::audio), and the time at which it begins, seconds.
+  // Location of the scene's audio (SceneMetadata::audio), and the time at which it begins.
   std::optional<std::string> audio;
   double audio_begin = 0;
+};
+
+// Bounds of the components of vectors in metadata.
+inline constexpr Parameter kUp = {"up", -1e9, 1e9, "Metadata: up direction, against gravity"};
+inline constexpr Parameter kFloor = {"floor", -1e9, 1e9, "Metadata: a point on the floor",
+                                     "scene units"};
+
+// Numbers that pack and the recorder share.
+inline constexpr Parameter kMaxError = {"max_error",
+                                        1e-6,
+                                        1e9,
+                                        "Largest position error of a primitive at any time",
+                                        "thousandths of a scene unit (mm if the unit is a metre)",
+                                        "the value of quality"};
+inline constexpr Parameter kChunkSeconds = {
+    "chunk_seconds",         0.01,     3600, "Shortest segment of the timeline", "seconds",
+    "a choice by lifespans", "--chunk"};
+inline constexpr Parameter kMetresPerUnit = {
+    "metres_per_unit", 1e-9, 1e9, "Metadata: metres per scene unit", "", "the value of the scene"};
+inline constexpr Parameter kAudioBegin = {"audio_begin",
+                                          -1e6,
+                                          1e6,
+                                          "Metadata: time in the clip at which the audio starts",
+                                          "seconds",
+                                          nullptr,
+                                          "--audio-offset"};
+
+// The table (stgs/format/parameter.h) of PackSettings and stgs_pack_settings.
+struct PackParameters {
+  template <typename Visit>
+  static void for_each(Visit visit) {
+    visit(kQuality, STGS_MEMBER(quality));
+    STGS_VISIT(visit, target_kbps, 0.001, 1e9,
+               "Instead of --quality: the best quality within this mean bit rate", "kbit/s",
+               "no limit");
+    visit(kMaxError, STGS_MEMBER(max_error));
+    visit(kChunkSeconds, STGS_MEMBER(chunk_seconds));
+    visit(kTiers, STGS_MEMBER(tiers));
+    visit(kMetresPerUnit, STGS_MEMBER(metres_per_unit));
+    visit(kAudioBegin, STGS_MEMBER(audio_begin));
+  }
 };
 
 // Checks `up` and `floor` as pack() does for a scene that has neither. Returns kUsage if pack()
@@ -75,7 +116,8 @@ struct PackReport {
 // decodes the result and reports its errors.
 // - `report`, `progress` and `log` may be null. The progress stage is "pack".
 // - kRuntime if `progress` cancels; nothing is written then.
-// - kUsage if no quality reaches target_kbps; kUnsupported if positions cannot meet max_error.
+// - kUsage if a setting is out of range or no quality reaches target_kbps; kUnsupported if
+// positions cannot meet max_error.
 // - Warns about an input that is already quantised: its errors remain and new ones are added.
 // - Packs the intact part of a damaged input, with a warning (damage_report.h).
 Status pack(const std::vector<std::string>& scene_paths, const std::string& output_path,

@@ -8,6 +8,7 @@
 
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/encoder/progress.h"
+#include "stgs/format/parameter.h"
 #include "stgs/format/status.h"
 
 namespace stgs::encoder {
@@ -23,21 +24,36 @@ enum class Layout {
   kVideos,      // videos or image folders, calibrated by cameras.json or by COLMAP
 };
 
+// PrepareParameters describes the numbers.
 struct PrepareSettings {
   Layout layout = Layout::kAuto;
-  int first_frame = 0, end_frame = -1;    // source frames [first, end); end -1: the last frame
-  double scale = 1.0;                     // of the image size, (0, 1]
+  int first_frame = 0, end_frame = -1;  // source frames [first, end); end -1: the last frame
+  double scale = 1.0;
   std::vector<std::string> test_cameras;  // names; empty: the split of the layout
   bool default_test_cameras = true;       // false: hold out exactly test_cameras, even if empty
-  double fps = 0;               // of image folders; 0: the rate that the layout states, else 30
+  double fps = 0;
   bool separate_motion = true;  // false: one static point cloud from the first frame
-  int max_dynamic_points = 0;   // per frame; 0: derived from the image size
-  int max_static_points = 0;    // 0: derived from the image size
+  int max_dynamic_points = 0;
+  int max_static_points = 0;
   std::uint64_t seed = 1;
   bool overwrite = false;  // replace an existing prepared capture at the target
   // Called on the calling thread once cameras, image sizes and frames are known, before the long
   // work starts. An error cancels the run and is returned. May be empty.
   std::function<Status(const PreparedCapture&)> accept;
+};
+
+// The table (stgs/format/parameter.h) of PrepareSettings and stgs_prepare_settings.
+struct PrepareParameters {
+  template <typename Visit>
+  static void for_each(Visit visit) {
+    STGS_VISIT(visit, scale, 0.01, 1, "Scale factor of the images");
+    STGS_VISIT(visit, fps, 0.001, 100000, "Frame rate of image folders", "frames per second",
+               "the value of the layout");
+    STGS_VISIT(visit, max_dynamic_points, 1, 1e9,
+               "Maximum number of dynamic initial points per frame", "", "a choice by image size");
+    STGS_VISIT(visit, max_static_points, 1, 1e9, "Maximum number of static initial points", "",
+               "a choice by image size");
+  }
 };
 
 // Returns the layout with this command-line name. kUsage for an unknown name.

@@ -12,15 +12,17 @@
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/encoder/progress.h"
 #include "stgs/encoder/ranks.h"
+#include "stgs/format/parameter.h"
 #include "stgs/format/scene_file.h"
 
 namespace stgs::encoder {
 
+// TrainParameters describes the numbers.
 struct TrainSettings {
   std::string preset = "default";  // fast, default or best
-  int iterations = 0;              // views to train on; 0: the preset's
-  int max_primitives = 0;          // 0: the preset's
-  double max_seconds = 0;          // time limit, to which the schedule adapts; 0: none
+  int iterations = 0;
+  int max_primitives = 0;
+  double max_seconds = 0;
   std::uint64_t seed = 1;
   std::string backend = "auto";  // "cpu", "cuda", or "auto": CUDA if a device is available
   std::string ablate;            // comma-separated ablation_names(); "": the complete method
@@ -29,13 +31,13 @@ struct TrainSettings {
   // Checkpoint path; "": none. A failed write is an error if the run is being stopped, else a
   // warning.
   std::string checkpoint;
-  int checkpoint_interval = 500;  // iterations
-  std::string log_path;           // training_log.h; "": none
+  int checkpoint_interval = 500;
+  std::string log_path;  // training_log.h; "": none
   // Memory for decoded training frames, bytes; 0: a fraction of the available memory. Frames that
   // do not fit are decoded again when needed. The scene does not depend on this value.
   std::uint64_t frame_memory = 0;
-  // Number of evaluations on a few test images, evenly spaced over a run; 0: none. The scene does
-  // not depend on them, and their time does not count as training time.
+  // Evenly spaced over a run. The scene does not depend on them, and their time does not count as
+  // training time.
   int held_out_evaluations = 5;
   // Safetensors file with VGG16's weights, and optionally LPIPS's linear layers, for the perceptual
   // loss; "": the loss is off. README.md describes how to make one.
@@ -43,6 +45,23 @@ struct TrainSettings {
   // Not owned; null: this process trains alone. Otherwise all ranks train with the same settings,
   // each on its own view of every step, and only rank 0 writes files, logs and evaluates.
   Ranks* ranks = nullptr;
+};
+
+// The table (stgs/format/parameter.h) of TrainSettings and stgs_train_settings.
+struct TrainParameters {
+  template <typename Visit>
+  static void for_each(Visit visit) {
+    STGS_VISIT(visit, iterations, 1, 1e8, "Training views, one per step and process", "",
+               "the value of the preset");
+    STGS_VISIT(visit, max_primitives, 1, 2e8, "Maximum number of primitives", "",
+               "the value of the preset");
+    STGS_VISIT(visit, max_seconds, 1, 1e8, "Time limit, to which the schedule adapts", "seconds",
+               "no limit");
+    STGS_VISIT(visit, checkpoint_interval, 1, 1e8, "Steps between checkpoints");
+    STGS_VISIT(visit, held_out_evaluations, 0, 1e6,
+               "Number of evaluations on a sample of the held-out cameras during training", "",
+               nullptr, "--num-evals");
+  }
 };
 
 // Describes the perceptual loss of a run that used one.
@@ -95,7 +114,13 @@ Status check_training(const TrainSettings& settings, const PreparedCapture* capt
 // Lists the parts of the paper's method that TrainSettings::ablate can disable.
 std::vector<std::string> ablation_names();
 
-// Lists the names and values of all hyper-parameters of a preset, as --set takes them.
-std::vector<std::pair<std::string, std::string>> hyper_parameters(const std::string& preset);
+// A number of the training schedule, with its value as --set takes it.
+struct HyperParameter {
+  Parameter parameter;
+  std::string value;
+};
+
+// Lists the hyper-parameters of a preset; empty for an unknown preset.
+std::vector<HyperParameter> hyper_parameters(const std::string& preset);
 
 }  // namespace stgs::encoder

@@ -46,6 +46,9 @@ Result<Scene> recover_scene(std::unique_ptr<ByteSource> source, DamageReport& re
 // As above, from a path.
 Result<Scene> recover_scene(const std::string& path, DamageReport& report,
                             const ReadLimits& limits = {});
+// As above, from an open reader. `name` is used in messages.
+Result<Scene> recover_scene(const SceneReader& reader, const std::string& name,
+                            DamageReport& report, const ReadLimits& limits = {});
 
 // Lists content of a file that a Scene cannot represent and that rewriting would drop, one line
 // each, with names and bytes: timed data, private records and numbers, content of later versions

@@ -14,6 +14,7 @@
 #include "stgs/format/coded_segment.h"
 #include "stgs/format/gaussian4d.h"
 #include "stgs/format/math/project.h"
+#include "stgs/format/parameter.h"
 #include "stgs/format/status.h"
 
 namespace stgs {
@@ -273,15 +274,28 @@ enum class SceneCoder {
   kZstd,  // larger and slower to decode; for comparison
 };
 
+// The numbers of WriteSettings that callers choose, for tables of parameters.
+inline constexpr Parameter kQuality = {"quality", 0, 100,
+                                       "0 (smallest file) to 100 (closest to the trained scene)"};
+inline constexpr Parameter kTiers = {
+    "tiers",
+    1,
+    16,
+    "Number of tiers: the primitives by importance, so that a player can start with the first "
+    "tier. An automatic choice has 3 of similar size, or more, of increasing size, if many "
+    "primitives are active at once",
+    "",
+    "an automatic choice"};
+
 struct WriteSettings {
   Profile profile = Profile::kLossless;
   double chunk_seconds = 0;  // chunk of the timeline; 0: chosen for the lifespans of the scene
-  double quality = 87;       // 0..100; ignored by the lossless profile
+  double quality = 87;       // kQuality; ignored by the lossless profile
   // Greatest displacement of a primitive while it is visible, scene units; 0: given by the quality.
   // Ignored by the lossless profile.
   double max_error = 0;
-  // Number of tiers of similar size by importance, 1..16. 0: three, or a small one followed by
-  // larger ones if many primitives are visible at once. Ignored by the lossless profile.
+  // kTiers. 0: three of similar size, or a small one followed by larger ones if many primitives are
+  // visible at once. Ignored by the lossless profile.
   int tiers = 0;
   SceneCoder coder = SceneCoder::kRans;
   int zstd_level = 9;        // 1..19

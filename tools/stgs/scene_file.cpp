@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "scene_file.h"
+
+#include "location.h"
+#include "standard_input.h"
+
+namespace stgs::tools {
+
+Status status_of(stgs_result result, const stgs_error& error) {
+  const auto code = [&] {
+    switch (result) {
+      case STGS_OK:
+        return StatusCode::kOk;
+      case STGS_ERROR_ARGUMENT:
+        return StatusCode::kUsage;
+      case STGS_ERROR_IO:
+        return StatusCode::kIo;
+      case STGS_ERROR_INVALID_FILE:
+        return StatusCode::kInvalidFile;
+      case STGS_ERROR_OUT_OF_MEMORY:
+        return StatusCode::kNoMemory;
+      case STGS_ERROR_LIMIT:
+        // An issue is a property of the file; without one, the program has set the limit.
+        return error.issue != 0 ? StatusCode::kUnsupported : StatusCode::kLimit;
+      case STGS_ERROR_DEVICE_LOST:
+        return StatusCode::kDeviceLost;
+      case STGS_ERROR_UNSUPPORTED:
+        return StatusCode::kUnsupported;
+      case STGS_ERROR_NOT_BUILT:
+        return StatusCode::kNotBuilt;
+      default:
+        return StatusCode::kRuntime;
+    }
+  }();
+  return code == StatusCode::kOk ? Status() : Status(code, error.message);
+}
+
+Status SceneFile::check(stgs_result result) const {
+  if (result == STGS_OK) return {};
+  auto error = sized<stgs_error>();
+  if (stgs_scene_error(get(), &error) != STGS_OK) error.message = stgs_result_name(result);
+  return status_of(result, error);
+}
+
+std::string SceneFile::text(stgs_text which) const {
+  const char* text = "";
+  return stgs_scene_get_text(get(), which, &text) == STGS_OK ? text : "";
+}
+
+Status SceneFile::warn_of_open_damage() const {
+  auto info = sized<stgs_scene_info>();
+  STGS_TRY(check(stgs_scene_get_info(get(), &info)));
+  for (std::uint32_t i = 0; i < info.issues; ++i) {
+    auto issue = sized<stgs_issue>();
+    STGS_TRY(check(stgs_scene_get_issue(get(), i, &issue)));
+    warn_of_issue(session_, name_, issue.message, info.complete_seconds);
+  }
+  return {};
+}
+
+Result<DamageCount> SceneFile::count_damage() const {
+  auto contents = sized<stgs_contents>();
+  STGS_TRY(check(stgs_scene_get_contents(get(), &contents)));
+  DamageCount count;
+  for (std::uint32_t i = 0; i < contents.damaged_segments; ++i) {
+    auto damaged = sized<stgs_damaged_segment>();
+    STGS_TRY(check(stgs_scene_get_damaged_segment(get(), i, &damaged)));
+    ++(damaged.sh_only != 0 ? count.without_sh : count.skipped);
+    if (i == 0) count.first = damaged.message;
+  }
+  return count;
+}
+
+void SceneFile::log(void* self, stgs_log_level level, const char* message) {
+  const auto& file = *static_cast<const SceneFile*>(self);
+  const bool is_retry = level == STGS_LOG_INFO;
+  if (is_retry || file.log_warnings_) file.session_.log(1, message);
+}
+
+Status SceneFile::open(const std::string& location, std::uint64_t max_memory) {
+  const bool is_stdin = is_standard_input(location);
+  name_ = display_name(location);
+  stgs_scene_settings settings;
+  if (stgs_scene_settings_defaults(&settings, sizeof(settings)) != STGS_OK) {
+    return runtime_error("the library is older than the program");
+  }
+  settings.max_memory = max_memory;
+  settings.log = log;
+  settings.log_user = this;
+  settings.name = name_.c_str();
+  stgs_scene* scene = nullptr;
+  const stgs_result created = stgs_scene_create(&settings, &scene);
+  if (created != STGS_OK) return runtime_error("{}: {}", name_, stgs_result_name(created));
+  scene_.reset(scene);
+  if (is_url(location))
+    cancel_.emplace(session_.stop_token(), [scene] { stgs_scene_cancel(scene); });
+  if (!is_stdin) return check(stgs_scene_open(scene, location.c_str()));
+  STGS_ASSIGN(const auto bytes, read_standard_input());
+  if (bytes.empty()) return check(stgs_scene_open_memory(scene, "", 0));
+  return check(stgs_scene_open_memory(scene, bytes.data(), bytes.size()));
+}
+
+Result<std::unique_ptr<SceneFile>> SceneFile::open(Session& session, const std::string& location,
+                                                   std::uint64_t max_memory) {
+  auto file = std::make_unique<SceneFile>(session);
+  STGS_TRY(file->open(location, max_memory));
+  return file;
+}
+
+}  // namespace stgs::tools

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+// The FILE argument of verbs that use the library as applications do: through stgs.h alone.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <stop_token>
+#include <string>
+
+#include "damage_count.h"
+#include "session.h"
+#include "stgs/stgs.h"
+
+namespace stgs::tools {
+
+// Converts the outcome of a call on an object of the library, with its message.
+Status status_of(stgs_result result, const stgs_error& error);
+
+// Returns a struct that the library fills, with its size set.
+template <typename T>
+T sized() {
+  T out{};
+  out.struct_size = sizeof(T);
+  return out;
+}
+
+// A scene of the library that logs to the session.
+class SceneFile {
+ public:
+  static constexpr std::uint64_t kMaxMemory = std::uint64_t{16} << 30;
+  // Opens a path, a URL or "-". SIGINT and SIGTERM cancel reads from a URL. `max_memory` bounds the
+  // decoded data, bytes. The session must outlive the result.
+  static Result<std::unique_ptr<SceneFile>> open(Session& session, const std::string& location,
+                                                 std::uint64_t max_memory = kMaxMemory);
+  // Used by open().
+  explicit SceneFile(Session& session) : session_(session) {}
+
+  stgs_scene* get() const { return scene_.get(); }
+  // Returns the name for messages.
+  const std::string& name() const { return name_; }
+  // Converts the result of a call on the scene.
+  Status check(stgs_result result) const;
+  // Returns a text of the file, or "".
+  std::string text(stgs_text which) const;
+  // Warns of the damage found when the file was opened.
+  Status warn_of_open_damage() const;
+  // Counts the segments that rendering has skipped, or rendered without SH.
+  Result<DamageCount> count_damage() const;
+  // Whether the warnings of the library, about damage, are logged. Retries of transfers always are.
+  void set_log_warnings(bool log_warnings) { log_warnings_ = log_warnings; }
+
+ private:
+  struct Destroy {
+    void operator()(stgs_scene* scene) const { stgs_scene_destroy(scene); }
+  };
+  static void log(void* self, stgs_log_level level, const char* message);
+  Status open(const std::string& location, std::uint64_t max_memory);
+
+  Session& session_;
+  bool log_warnings_ = false;
+  std::string name_;
+  std::unique_ptr<stgs_scene, Destroy> scene_;
+  std::optional<std::stop_callback<std::function<void()>>> cancel_;  // destroyed before the scene
+};
+
+}  // namespace stgs::tools

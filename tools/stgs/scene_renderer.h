@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// Renders scenes through the public interface of the library.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "image_io.h"
+#include "scene_file.h"
+#include "stgs/stgs.h"
+
+namespace stgs::tools {
+
+class SceneRenderer {
+ public:
+  // Makes a renderer: auto, cpu, cuda or vulkan.
+  static Result<std::unique_ptr<SceneRenderer>> make(const std::string& backend);
+  // Used by make().
+  explicit SceneRenderer(stgs_renderer* renderer) : renderer_(renderer) {}
+
+  // Returns the name of the backend in use, never auto.
+  std::string backend() const;
+  // Renders a view of a time, seconds, as 8-bit RGB or as floats. Returns kNoMemory if the image
+  // does not fit into memory.
+  Result<encoder::Image8> render_8bit(const SceneFile& file, double seconds, const stgs_view& view);
+  Result<FloatFrame> render_float(const SceneFile& file, double seconds, const stgs_view& view);
+  // Returns the counts and times of the last call that succeeded.
+  Result<stgs_render_statistics> statistics() const;
+
+ private:
+  struct Destroy {
+    void operator()(stgs_renderer* renderer) const { stgs_renderer_destroy(renderer); }
+  };
+  Status check(stgs_result result) const;
+  Status render(const SceneFile& file, double seconds, const stgs_view& view,
+                const stgs_image& image);
+
+  std::unique_ptr<stgs_renderer, Destroy> renderer_;
+};
+
+}  // namespace stgs::tools
