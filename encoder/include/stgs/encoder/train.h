@@ -59,8 +59,8 @@ struct TrainParameters {
                "no limit");
     STGS_VISIT(visit, checkpoint_interval, 1, 1e8, "Steps between checkpoints");
     STGS_VISIT(visit, held_out_evaluations, 0, 1e6,
-               "Number of evaluations on a sample of the held-out cameras during training", "",
-               nullptr, "--num-evals");
+               "Number of evaluations on a sample of the held-out cameras during training; 0: none",
+               "", nullptr, "--num-evals");
   }
 };
 
