@@ -23,7 +23,8 @@ PROJECT_PAGES = ("ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md", "RELEASIN
                  "tests/bench/SUMMARY.md")
 FENCE = re.compile(r"^\s*```")
 HEADING = re.compile(r"^(#{1,6}) (.*?)\s*$")
-LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
+# A link, whose text may contain code, or a code span.
+LINK_OR_CODE = re.compile(r"(?<!!)\[(?P<text>(?:`[^`]*`|[^\]`])*)\]\((?P<target>[^)\s]+)\)|(?P<code>`[^`]+`)")
 IMAGE = re.compile(r"!\[([^\]]*)\]\(([^)\s]+)\)")
 
 
@@ -50,16 +51,22 @@ def slug(title):
     return re.sub(r"[^\w -]", "", text).replace(" ", "-")
 
 
-def convert_link(match, path):
-    text, target = match.groups()
+def reference(label, text):
+    """A link with this text, which is in the font of code if it is a code span."""
+    plain = text.replace("`", "")
+    link = f'@ref {label} "{plain}"'
+    return f"<code>{link}</code>" if text == f"`{plain}`" else link
+
+
+def convert_link(text, target, path):
     if re.match(r"[a-z]+:", target):
-        return match.group(0)
+        return f"[{text}]({target})"
     file, _, anchor = target.partition("#")
     linked = os.path.normpath(os.path.join(os.path.dirname(path), file)) if file else path
     if not is_page(linked) and linked != "README.md":
         return f"{text} (`{linked}`)" if text.strip("`") != linked else f"`{linked}`"
     label = label_of(linked)
-    return f"[{text}](@ref {label}_{anchor})" if anchor else f"[{text}](@ref {label})"
+    return reference(f"{label}_{anchor}" if anchor else label, text)
 
 
 def convert_line(line, path, used):
@@ -74,10 +81,8 @@ def convert_line(line, path, used):
         anchor += f"-{used[anchor]}" if used[anchor] else ""
         return f"{level} {title} {{#{label_of(path)}_{anchor}}}"
     line = IMAGE.sub(lambda match: f"![]({os.path.basename(match.group(2))})", line)
-    # Code spans stay, except those that name a page.
-    parts = re.split(r"(`[^`]+`)(?![^\[]*\]\()", line)
-    return "".join(convert_code(part, path) if part.startswith("`") else
-                   LINK.sub(lambda match: convert_link(match, path), part) for part in parts)
+    return LINK_OR_CODE.sub(lambda match: convert_code(match["code"], path) if match["code"] else
+                            convert_link(match["text"], match["target"], path), line)
 
 
 @functools.cache
@@ -107,10 +112,11 @@ def convert_code(code, path):
     or something declared."""
     name = code.strip("`")
     if name in declared():
-        return f'<code>@ref {name} "{name}"</code>'
+        return reference(name, code)
     for linked in (os.path.join(os.path.dirname(path), name), name):
-        if is_page(os.path.normpath(linked)) and os.path.normpath(linked) != path:
-            return f'<code>@ref {label_of(os.path.normpath(linked))} "{name}"</code>'
+        linked = os.path.normpath(linked)
+        if is_page(linked) and linked != path:
+            return reference(label_of(linked), code)
     return code
 
 

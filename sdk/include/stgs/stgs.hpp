@@ -174,6 +174,7 @@ inline stgs_view orbited(stgs_view view, const Vector3& centre, double azimuth,
   return view;
 }
 
+/// Parts of the wrapper that applications do not name.
 namespace detail {
 
 /// Queries of Scene and SceneRef.
