@@ -88,7 +88,8 @@ TEST_CASE("every hyper-parameter changes the scene or is rejected, with and with
     const Result<Scene> before = test::run(synthetic, settings_of(ablate, base));
     INFO(before.status().message());
     REQUIRE(before.ok());
-    for (const auto& [name, value] : hyper_parameters("fast")) {
+    for (const auto& [parameter, value] : hyper_parameters("fast")) {
+      const std::string name = parameter.name;
       Values changed = base;
       const auto entry = base.find(name);
       changed[name] = other_value(name, entry == base.end() ? value : entry->second);

@@ -2,6 +2,7 @@
 // The jobs of the target sdk_encoder: training, packing and preparing, with chosen settings.
 #include <algorithm>
 #include <iterator>
+#include <string_view>
 
 #include "encoder_calls.h"
 #include "stgs/encoder/train.h"
@@ -99,10 +100,11 @@ void EncoderCalls::choose_parameters(stgs_train_settings& settings) {
   settings.parameter_count = 1 + choices_.next() % 2;
   for (stgs_parameter& parameter : parameters_) {
     const std::uint8_t index = choices_.next();
-    parameter.name = index < 2 ? nullptr : names[index % names.size()].first.c_str();
+    parameter.name = index < 2 ? nullptr : names[index % names.size()].parameter.name;
     parameter.value = choices_.pick(kValues);
     // A large number of iterations is too slow.
-    if (index >= 2 && names[index % names.size()].first == "iterations") {
+    if (index >= 2 &&
+        std::string_view(names[index % names.size()].parameter.name) == "iterations") {
       parameter.name = "no_such_rate";
     }
   }

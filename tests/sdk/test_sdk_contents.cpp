@@ -240,17 +240,18 @@ TEST_CASE("rendering counts its steps if asked to, and the damage that it meets"
   view.height = 36;
   REQUIRE(stgs_scene_frame_view(scene.get(), &view) == STGS_OK);
   const double seconds = reader->metadata().time_base.seconds(first.begin_ticks);
-  draw_rgba8(renderer.get(), scene.get(), seconds, view);
-  check_given<stgs_render_statistics>("stgs_render_statistics", [&](stgs_render_statistics* out) {
-    return stgs_renderer_get_statistics(renderer.get(), out);
-  });
+  render_rgba8(renderer.get(), scene.get(), seconds, view);
+  check_output_struct<stgs_render_statistics>(
+      "stgs_render_statistics", [&](stgs_render_statistics* out) {
+        return stgs_renderer_get_statistics(renderer.get(), out);
+      });
   REQUIRE(stgs_renderer_get_statistics(renderer.get(), &statistics) == STGS_OK);
   CHECK(statistics.splats > 0);
   CHECK(statistics.active_primitives >= statistics.splats);
   CHECK(statistics.blend_ms > 0);
 
   REQUIRE(contents_of(scene).damaged_segments == 1);
-  check_given<stgs_damaged_segment>("stgs_damaged_segment", [&](stgs_damaged_segment* out) {
+  check_output_struct<stgs_damaged_segment>("stgs_damaged_segment", [&](stgs_damaged_segment* out) {
     return stgs_scene_get_damaged_segment(scene.get(), 0, out);
   });
   auto damaged = sized<stgs_damaged_segment>();
@@ -260,7 +261,7 @@ TEST_CASE("rendering counts its steps if asked to, and the damage that it meets"
   CHECK(std::string(damaged.message).find("checksum") != std::string::npos);
 
   const RendererPtr silent = cpu_renderer();
-  draw_rgba8(silent.get(), scene.get(), seconds, view);
+  render_rgba8(silent.get(), scene.get(), seconds, view);
   CHECK(stgs_renderer_get_statistics(silent.get(), &statistics) == STGS_ERROR_STATE);
 }
 
