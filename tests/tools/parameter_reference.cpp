@@ -73,8 +73,10 @@ std::string parameter_reference() {
   if (stgs_record_settings_defaults(&record, sizeof record) != STGS_OK) return {};
   return "# Parameters\n\n"
          "Every number in the settings of the encoder. A value of 0 has the meaning in the column "
-         "\"default\" where the range excludes it. The build target `stgs_parameter_reference` "
-         "writes this page from the tables that the program and the library read.\n" +
+         "\"default\" where the range excludes it. `cmake --build BUILD --target "
+         "stgs_parameter_reference` writes this page from the tables that the program and the "
+         "library "
+         "read.\n" +
          section<encoder::PrepareParameters>("Preparing: `stgs prepare`, `stgs_prepare_settings`",
                                              encoder::PrepareSettings{}, true) +
          section<encoder::TrainParameters>("Training: `stgs train`, `stgs_train_settings`",

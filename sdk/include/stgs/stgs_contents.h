@@ -14,7 +14,14 @@
 extern "C" {
 #endif
 
-/* --- Form --- */
+/** @addtogroup api_scenes
+ *  @{ */
+
+/** @defgroup api_contents Contents of a file
+ *
+ *  Form, parts, segments and streams of a file, its demands on a decoder, and statistics of its
+ *  primitives.
+ *  @{ */
 
 /* Order of a file. */
 typedef int32_t stgs_form;
@@ -27,7 +34,7 @@ enum {
 /* Sizes and numbers of a file. */
 typedef struct stgs_contents {
   size_t struct_size;
-  stgs_form form;
+  stgs_form form;              /* order of the file */
   int32_t tiers;               /* groups of primitives by importance; 0: no primitives */
   uint64_t head_bytes;         /* read to open the file */
   uint64_t incomplete_bytes;   /* of a recording, after its last complete fragment */
@@ -50,15 +57,15 @@ typedef struct stgs_contents {
 /* Returns the sizes and numbers of the file. */
 STGS_API stgs_result stgs_scene_get_contents(stgs_scene* scene, stgs_contents* contents);
 
-/* --- Parts, segments and streams --- */
-
 /* A part: primitives that are rendered during a part of the clip only, such as those of a training
  * window. */
 typedef struct stgs_part {
   size_t struct_size;
-  double begin_seconds, end_seconds;             /* as trained; may exceed the clip */
-  double shown_begin_seconds, shown_end_seconds; /* as rendered */
-  uint64_t primitives;
+  double begin_seconds;       /* as trained; may be before the clip */
+  double end_seconds;         /* as trained; may be after the clip */
+  double shown_begin_seconds; /* as rendered */
+  double shown_end_seconds;   /* as rendered */
+  uint64_t primitives;        /* in the part */
 } stgs_part;
 
 /* Returns a part. `index` is 0 to stgs_contents.parts - 1. */
@@ -67,13 +74,15 @@ STGS_API stgs_result stgs_scene_get_part(stgs_scene* scene, uint32_t index, stgs
 /* A segment: the primitives of one tier that are rendered during one range of time. */
 typedef struct stgs_segment {
   size_t struct_size;
-  int32_t level; /* -1: spans its part; otherwise 2^level times chunk_seconds long */
-  int32_t tier;  /* 0: the most important primitives */
-  double begin_seconds, end_seconds;
-  uint64_t offset, bytes; /* of its primitives in the file */
-  uint64_t sh_offset,
-      sh_bytes; /* of its SH above degree 0, if they are stored separately; else 0 */
-  uint32_t primitives;
+  int32_t level;        /* -1: spans its part; otherwise 2^level times chunk_seconds long */
+  int32_t tier;         /* 0: the most important primitives */
+  double begin_seconds; /* start of the range */
+  double end_seconds;   /* end of the range */
+  uint64_t offset;      /* of its primitives in the file */
+  uint64_t bytes;       /* of its primitives in the file */
+  uint64_t sh_offset;   /* of its SH above degree 0, if they are stored separately; else 0 */
+  uint64_t sh_bytes;    /* as sh_offset */
+  uint32_t primitives;  /* in the segment */
   uint32_t part;        /* index of its part */
   int32_t available;    /* 0: beyond the end of a truncated file */
   int32_t sh_available; /* 0: its SH are beyond the end of a truncated file */
@@ -99,7 +108,8 @@ typedef struct stgs_lost_fragment {
   size_t struct_size;
   double begin_seconds; /* at which its content first appears */
   double end_seconds;   /* equal to begin_seconds: not known */
-  uint64_t offset, bytes;
+  uint64_t offset;      /* in the file */
+  uint64_t bytes;       /* in the file */
 } stgs_lost_fragment;
 
 /* Returns a lost fragment. `index` is 0 to stgs_contents.lost_fragments - 1. */
@@ -118,8 +128,6 @@ typedef struct stgs_damaged_segment {
  * stgs_contents.damaged_segments - 1. */
 STGS_API stgs_result stgs_scene_get_damaged_segment(stgs_scene* scene, uint32_t index,
                                                     stgs_damaged_segment* damaged);
-
-/* --- Decoder model --- */
 
 /* Demands of playing a file at its own speed (spec/decoder-model.md). Peaks are over all times,
  * with all tiers and SH. */
@@ -141,34 +149,34 @@ typedef struct stgs_decoder_needs {
 /* Computes the demands from the index. */
 STGS_API stgs_result stgs_scene_get_decoder_needs(stgs_scene* scene, stgs_decoder_needs* needs);
 
-/* --- Statistics --- */
-
 /* Primitives with a value in [from, to). */
 typedef struct stgs_histogram_bin {
   size_t struct_size;
-  double from, to; /* `to` may be INFINITY */
-  uint64_t primitives;
+  double from;         /* inclusive */
+  double to;           /* exclusive; may be INFINITY */
+  uint64_t primitives; /* number of them */
 } stgs_histogram_bin;
 
 /* Lifespans and speeds of all primitives. Where a file has several parts, the part of a primitive
  * stands for the clip. */
 typedef struct stgs_scene_statistics {
   size_t struct_size;
-  uint64_t primitives;
+  uint64_t primitives;    /* in the file */
   uint64_t never_visible; /* opacity below 1/255; not counted below */
   double scene_radius;    /* distance from the median position that holds 95 % of the primitives */
   const stgs_histogram_bin* lifespans; /* by the time at an opacity of at least 1/255, seconds,
                                         * without those that cover the clip. Belongs to the scene;
                                         * valid until the next call or its end */
   const stgs_histogram_bin* speeds;    /* scene units per second; as above */
-  uint32_t lifespan_bins, speed_bins;
-  uint64_t whole_clip;        /* primitives that cover every frame */
-  double median_lifespan;     /* seconds */
-  double median_speed;        /* scene units per second */
-  double static_bound;        /* scene units over the clip: 0.001 of scene_radius */
-  uint64_t static_primitives; /* that cover the clip and move by at most static_bound */
-  double static_share;        /* of the visible primitives, 0 to 1 */
-  double whole_clip_drift;    /* mean motion of those that cover the clip, scene units */
+  uint32_t lifespan_bins;              /* number of bins of lifespans */
+  uint32_t speed_bins;                 /* number of bins of speeds */
+  uint64_t whole_clip;                 /* primitives that cover every frame */
+  double median_lifespan;              /* seconds */
+  double median_speed;                 /* scene units per second */
+  double static_bound;                 /* scene units over the clip: 0.001 of scene_radius */
+  uint64_t static_primitives;          /* that cover the clip and move by at most static_bound */
+  double static_share;                 /* of the visible primitives, 0 to 1 */
+  double whole_clip_drift;             /* mean motion of those that cover the clip, scene units */
 } stgs_scene_statistics;
 
 /* Reads and decodes the complete file, apart from damaged segments, which the log lists, and
@@ -178,6 +186,9 @@ typedef struct stgs_scene_statistics {
  * exceed max_memory. Damage is an error only if no primitive can be read. */
 STGS_API stgs_result stgs_scene_get_statistics(stgs_scene* scene,
                                                stgs_scene_statistics* statistics);
+
+/** @} */
+/** @} */
 
 #ifdef __cplusplus
 }
