@@ -49,7 +49,6 @@ NOT_SOURCE = {".git", "build"}  # besides the top-level entries that .gitignore 
 CODE = (".h", ".hpp", ".c", ".cpp", ".cu", ".cuh", ".comp", ".glsl")
 SCRIPTS = (".py", ".sh", ".cmake")
 MAX_LINES = 400
-MAX_TEST_LINES = 600
 TEMPORARY = "tests/fixtures/temporary_folder.h"  # the only test source that may use temp_directory_path
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*(["<])([^">]+)[">]')
@@ -192,9 +191,8 @@ def check(root):
         # The first line of a script may name its interpreter.
         if not any(LICENCE in line for line in lines[:2]):
             problems.append(f"{path}:1: no line '{LICENCE}'")
-        limit = MAX_TEST_LINES if path.startswith("tests/") else MAX_LINES
-        if len(lines) > limit:
-            problems.append(f"{path}: {len(lines)} lines, more than {limit}: split it")
+        if len(lines) > MAX_LINES:
+            problems.append(f"{path}: {len(lines)} lines, more than {MAX_LINES}: split it")
         if path.endswith(CODE):
             problems += check_includes(root, path, lines)
             problems += check_public_verb(root, path)
