@@ -112,7 +112,10 @@ Result<PreparedCapture> read_prepared_capture(const std::string& folder) {
   if (!file) {
     std::error_code none;
     const auto status = std::filesystem::status(folder, none);
-    if (!std::filesystem::exists(status)) return io_error("{}: no such file or folder", folder);
+    if (!std::filesystem::exists(status)) {
+      return io_error("{}: no such file or folder; 'stgs prepare' writes prepared captures",
+                      folder);
+    }
     if (!std::filesystem::is_directory(status)) {
       return io_error(
           "{}: not a prepared capture (expected a folder, got a file); make one with "

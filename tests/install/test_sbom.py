@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The SBOM of a built program has the fields that SPDX 2.3 requires and names what is linked.
+"""The SBOM of a built program has the fields that SPDX 2.3 requires and names the linked libraries.
 
 usage: test_sbom.py SOURCE BUILD BINARY VERSION    BINARY is a path in BUILD
 Exit code 77: the machine has no dpkg-query, or the build is not one of Ninja.

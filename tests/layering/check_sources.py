@@ -114,8 +114,8 @@ def check_includes(root, path, lines):
 
 
 def internal_headers(root, path, seen):
-    """(line, header) of what a source of a public verb includes beyond the SDK's headers, directly or
-    through headers of the tools."""
+    """Yields (line, header) of the includes of a public verb that are not headers of the SDK,
+    directly or through headers of the tools."""
     with open(os.path.join(root, path), encoding="utf-8") as file:
         lines = file.read().splitlines()
     for number, line in enumerate(lines, 1):

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The state machine of playback: what the viewer asked for, and what the data permits.
+// The state machine of playback: the requests of the viewer against the available data.
 #pragma once
 
 #include <array>

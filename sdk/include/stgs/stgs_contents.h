@@ -157,8 +157,8 @@ typedef struct stgs_histogram_bin {
   uint64_t primitives; /* number of them */
 } stgs_histogram_bin;
 
-/* Lifespans and speeds of all primitives. Where a file has several parts, the part of a primitive
- * stands for the clip. */
+/* Lifespans and speeds of all primitives. If a file has several parts, "the clip" means the part
+ * that contains the primitive. */
 typedef struct stgs_scene_statistics {
   size_t struct_size;
   uint64_t primitives;    /* in the file */

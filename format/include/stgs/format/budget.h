@@ -43,7 +43,7 @@ class Budget {
   std::optional<Lease> try_charge(Pool pool, std::uint64_t bytes) noexcept;
   // Charges `bytes` that are needed in any case, even beyond the limit.
   Lease charge(Pool pool, std::uint64_t bytes) noexcept;
-  // Returns whether so many bytes are below the limit now.
+  // Returns whether try_charge() would accept `bytes` now.
   bool fits(Pool pool, std::uint64_t bytes) const noexcept { return bytes <= available(pool); }
   // Returns the bytes that can still be charged.
   std::uint64_t available(Pool pool) const noexcept;
