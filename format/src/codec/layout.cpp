@@ -50,7 +50,7 @@ void read_kind(ByteReader& in, StreamRow& row) {
 // Reads the other fields of a known row. Bytes after them belong to a later version. Returns false
 // if a field is invalid.
 bool read_fields(ByteReader& in, std::uint64_t offset, StreamRow& row, Findings& findings) {
-  row.step.exponent = static_cast<std::int8_t>(in.u8());
+  row.step.exponent = in.i8();
   row.step.multiplier = in.u8();
   row.digits = in.u8();
   const std::size_t origins = in.u8();
