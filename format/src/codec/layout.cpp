@@ -214,8 +214,8 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
   if (tables > memory / kTableMemory) {
     findings.unsupported(
         N::kMemoryLimit, offset,
-        "layouts: {} tables need {} bytes, more than the remaining memory limit of "
-        "{} bytes",
+        "layouts: {} tables need {} bytes, more than the {} that remain of the memory limit; allow "
+        "more memory",
         tables, tables * kTableMemory, memory);
     return false;
   }
