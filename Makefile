@@ -6,7 +6,8 @@
 #   make check-all the same, then the slow tests: sanitizers, builds without the encoder, Debian 13
 # Everything else is plain CMake (README.md, CMakePresets.json).
 JOBS ?= $(shell nproc)
-CTEST = STGS_VALIDATED=1 ctest --output-on-failure --no-tests=error -j $(JOBS)
+# Many tests wait for a clock, a child or a server: one job more than cores.
+CTEST = STGS_VALIDATED=1 ctest --output-on-failure --no-tests=error -j $$(($(JOBS) + 1))
 
 .PHONY: program demo check check-all check-slow setup clean
 

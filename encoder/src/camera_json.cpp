@@ -7,21 +7,13 @@
 #include <span>
 
 #include "json_error.h"
+#include "single_precision.h"
 #include "stgs/format/camera.h"
 
 namespace stgs::encoder {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-// Training and the file format compute in single precision, so values must be finite there.
-bool finite(double value) {
-  return std::isfinite(static_cast<float>(value));
-}
-
-bool positive(double value) {
-  return finite(value) && static_cast<float>(value) > 0;
-}
 
 // Throws std::runtime_error with the key and the expected type.
 template <typename T>
@@ -122,9 +114,11 @@ Status check_camera(const Camera& camera, const std::string& where) {
     return invalid_file("{}: camera '{}': width and height must be 1 to {} pixels (got {}x{})",
                         where, camera.name, kMaxImageSide, camera.width, camera.height);
   }
-  if (!positive(camera.fx) || !positive(camera.fy) || !finite(camera.cx) || !finite(camera.cy)) {
+  if (!positive_in_float(camera.fx) || !positive_in_float(camera.fy) ||
+      !finite_in_float(camera.cx) || !finite_in_float(camera.cy)) {
     return invalid_file(
-        "{}: camera '{}': fx and fy must be positive and the centre (cx, cy) finite, in pixels "
+        "{}: camera '{}': fx and fy must be positive and the centre (cx, cy) finite_in_float, in "
+        "pixels "
         "(got fx {}, fy {}, cx {}, cy {})",
         where, camera.name, camera.fx, camera.fy, camera.cx, camera.cy);
   }
@@ -134,7 +128,7 @@ Status check_camera(const Camera& camera, const std::string& where) {
         "row-major)",
         where, camera.name);
   }
-  if (!std::all_of(camera.translation, camera.translation + 3, finite)) {
+  if (!std::all_of(camera.translation, camera.translation + 3, finite_in_float)) {
     return invalid_file("{}: camera '{}': translation is not finite", where, camera.name);
   }
   return {};

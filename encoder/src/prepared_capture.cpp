@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "json_error.h"
+#include "single_precision.h"
 #include "stgs/encoder/camera_json.h"
 #include "stgs/encoder/image_file.h"
 #include "stgs/format/output_file.h"
@@ -40,15 +41,6 @@ Result<PreparedCapture> capture_from_json(const Json& json, const std::string& f
   return capture;
 }
 
-// Training and the file format compute in single precision, so values must be finite there.
-bool finite(double value) {
-  return std::isfinite(static_cast<float>(value));
-}
-
-bool positive(double value) {
-  return finite(value) && static_cast<float>(value) > 0;
-}
-
 Status check_capture_camera(const Camera& camera, const std::string& path) {
   const bool unsafe = camera.name.empty() || camera.name.find("..") != std::string::npos ||
                       camera.name.find('/') != std::string::npos;
@@ -67,11 +59,12 @@ Status check(const PreparedCapture& capture, const std::string& path) {
     return invalid_file("{}: time_base is {}/{} (expected two positive numbers)", path,
                         capture.time_base.numerator, capture.time_base.denominator);
   }
-  if (!positive(capture.near_plane) || !positive(capture.extent) ||
-      !positive(capture.scene_radius) ||
-      !std::all_of(capture.scene_centre, capture.scene_centre + 3, finite)) {
+  if (!positive_in_float(capture.near_plane) || !positive_in_float(capture.extent) ||
+      !positive_in_float(capture.scene_radius) ||
+      !std::all_of(capture.scene_centre, capture.scene_centre + 3, finite_in_float)) {
     return invalid_file(
-        "{}: near_plane ({}), extent ({}) and scene_radius ({}) must be positive and finite, and "
+        "{}: near_plane ({}), extent ({}) and scene_radius ({}) must be positive and "
+        "finite_in_float, and "
         "scene_centre finite; prepare the capture again",
         path, capture.near_plane, capture.extent, capture.scene_radius);
   }

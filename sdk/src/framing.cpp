@@ -13,10 +13,10 @@ using stgs::sdk::Outcome;
 namespace stgs::sdk {
 namespace {
 
-constexpr double kMargin = 1.125;           // factor: primitives extend beyond their centres
-constexpr double kMinThickness = 1 / 16.0;  // relative to the longest side of the box
-constexpr double kMaxDistance = 0x1p60;     // rendering needs its square as a float
-constexpr double kResolution = 0x1p-22;     // relative to a position: 2 to 4 float steps
+constexpr double kMargin = 1.125;             // factor: primitives extend beyond their centres
+constexpr double kMinThickness = 1 / 16.0;    // relative to the longest side of the box
+constexpr double kMaxDistance = 0x1p60;       // rendering needs its square as a float
+constexpr double kFloatResolution = 0x1p-22;  // relative to a position: 2 to 4 float steps
 
 // Half a metre in scene units; half a scene unit if the scale is not known.
 double half_metre(const SceneMetadata& metadata) {
@@ -39,7 +39,7 @@ Box box_of(const SceneMetadata& metadata) {
     farthest = std::max(farthest, std::abs(box.centre[i]));
   }
   // Positions closer than this are a single point with rounding errors.
-  const double point = std::max(kResolution * farthest, 1 / kMaxDistance);
+  const double point = std::max(kFloatResolution * farthest, 1 / kMaxDistance);
   const double min_half =
       longest > point ? kMinThickness * longest : std::max(half_metre(metadata), point);
   for (double& half : box.half) half = std::max(half, min_half);

@@ -16,7 +16,7 @@ using stgs::sdk::Outcome;
 
 namespace {
 
-constexpr double kMinMemory = 1 << 20;
+constexpr double kMinMemory = stgs::sdk::kMinMemoryBudget;
 constexpr double kMax = std::numeric_limits<double>::max();  // any finite value
 
 stgs_player_settings default_player_settings() {

@@ -15,8 +15,6 @@ using stgs::sdk::Outcome;
 
 namespace {
 
-constexpr std::uint64_t kMinMemory = std::uint64_t{1} << 20;
-
 stgs_scene_settings default_scene_settings() {
   stgs_scene_settings settings{};
   settings.struct_size = sizeof(settings);
@@ -170,7 +168,7 @@ stgs_result stgs_scene_create(const stgs_scene_settings* settings, stgs_scene** 
     if (const stgs_result bad = stgs::sdk::copy_in(settings, known); bad != STGS_OK) return bad;
   }
   const stgs::sdk::Log log = {known.log, known.log_user};
-  if (known.max_memory < kMinMemory) {
+  if (known.max_memory < stgs::sdk::kMinMemoryBudget) {
     log(STGS_LOG_ERROR, "settings: max_memory is too small (expected at least 1 MiB)");
     return STGS_ERROR_ARGUMENT;
   }

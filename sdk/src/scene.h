@@ -12,6 +12,12 @@
 #include "object.h"
 #include "stgs/player/timeline.h"
 
+namespace stgs::sdk {
+
+inline constexpr std::uint64_t kMinMemoryBudget = std::uint64_t{1} << 20;  // of a scene, bytes
+
+}  // namespace stgs::sdk
+
 struct stgs_scene {
   stgs::sdk::LastError error;
   stgs::sdk::Log log;

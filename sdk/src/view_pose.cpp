@@ -15,8 +15,9 @@ namespace {
 using Vector = std::array<double, 3>;
 using Matrix = std::array<Vector, 3>;  // rows
 
-constexpr double kMinSine = 1e-6;     // of the angle between two directions
-constexpr double kResolution = 1e-6;  // of positions, relative to their distance from the origin
+constexpr double kMinSine = 1e-6;  // of the angle between two directions
+constexpr double kPositionResolution =
+    1e-6;  // of positions, relative to their distance from the origin
 constexpr double kMaxElevation = 89 * std::numbers::pi / 180;
 
 double dot(const Vector& a, const Vector& b) {
@@ -138,7 +139,7 @@ stgs_result orbit(const float* centre, const float* up, double azimuth, double e
   rotate_camera(around, axis, azimuth, rotation, translation);
   const Vector offset = position_of(rotation, translation) - around;
   // At the centre the offset is 0, apart from the rounding of the translation.
-  if (!(length(offset) > kResolution * length(around))) return STGS_ERROR_ARGUMENT;
+  if (!(length(offset) > kPositionResolution * length(around))) return STGS_ERROR_ARGUMENT;
   if (elevation != 0) {
     const Vector side = cross(offset, axis);
     const bool at_pole = length(side) < kMinSine * length(offset);

@@ -12,10 +12,6 @@ namespace {
 constexpr double kNearPercentile = 0.01;
 constexpr double kNearFraction = 0.5;
 
-cv::Vec3d position_of(const InitialPoint& p) {
-  return {p.position[0], p.position[1], p.position[2]};
-}
-
 double quantile(std::vector<double>& values, double q) {
   const auto at = values.begin() + std::ptrdiff_t(q * double(values.size() - 1));
   std::nth_element(values.begin(), at, values.end());

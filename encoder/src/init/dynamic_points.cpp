@@ -10,7 +10,6 @@
 namespace stgs::encoder::init {
 namespace {
 
-constexpr int kNeighbours = 3;
 constexpr int kMinMaskPixels = 6;
 
 // Returns the depth of the static surface at the size of the view, 0 where it was not checked.

@@ -22,10 +22,6 @@ cv::Scalar rgb_of(const InitialPoint& point) {
   return {double(point.colour[0]), double(point.colour[1]), double(point.colour[2])};
 }
 
-cv::Vec3d position_of(const InitialPoint& p) {
-  return {p.position[0], p.position[1], p.position[2]};
-}
-
 // Draws the points of a frame back to front, as squares of their colour.
 cv::Mat draw_points(const View& view, const std::vector<InitialPoint>& points, cv::Mat canvas,
                     int frame, int half) {

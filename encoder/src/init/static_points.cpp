@@ -11,7 +11,6 @@ namespace {
 
 constexpr int kCoarseMaxSide = 128;  // longer side of the coarse sweep, pixels
 constexpr int kCoarsePlanes = 64;
-constexpr int kNeighbours = 3;
 constexpr double kAgreeSteps = 1.5;  // largest disagreement of two views, in planes
 constexpr float kMaxCost = 0.6f;
 

@@ -30,6 +30,10 @@ struct View {
   cv::Vec3d forward() const { return {rotation(2, 0), rotation(2, 1), rotation(2, 2)}; }
 };
 
+inline cv::Vec3d position_of(const InitialPoint& point) {
+  return {point.position[0], point.position[1], point.position[2]};
+}
+
 // Projection of a point. `inside` is false behind the camera and outside the image.
 struct Pixel {
   double u = 0, v = 0, depth = 0;
@@ -62,6 +66,9 @@ Result<cv::Mat> load_mask_image(const PreparedCapture& capture, const View& view
 
 // Writes a PNG file atomically.
 Status write_png(const std::string& path, const cv::Mat& rgb_or_grey);
+
+// Views that a depth map of a view is computed from.
+inline constexpr int kNeighbours = 3;
 
 // Returns up to `count` other views with a similar line of sight to `focus`, best suited for stereo
 // first.

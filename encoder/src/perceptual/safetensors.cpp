@@ -12,8 +12,6 @@
 namespace stgs::encoder {
 namespace {
 
-using Json = nlohmann::json;
-
 constexpr std::uint64_t kLengthBytes = 8;
 
 // Returns the size of a value, bytes; nullopt for an unknown type, whose tensors cannot be read.
@@ -114,14 +112,15 @@ Result<Safetensors::Tensors> Safetensors::parse(const std::string& file, const s
                                                 std::uint64_t data_bytes) {
   std::set<std::string> names;
   std::string repeated;
-  const auto note_names = [&](int depth, Json::parse_event_t event, Json& value) {
-    if (event == Json::parse_event_t::key && depth == 1 &&
+  const auto note_names = [&](int depth, nlohmann::json::parse_event_t event,
+                              nlohmann::json& value) {
+    if (event == nlohmann::json::parse_event_t::key && depth == 1 &&
         !names.insert(value.get<std::string>()).second) {
       repeated = value.get<std::string>();
     }
     return true;
   };
-  const Json json = Json::parse(header, note_names, false);
+  const nlohmann::json json = nlohmann::json::parse(header, note_names, false);
   if (!json.is_object()) return invalid_file("{}: the header is not a JSON object", file);
   if (!repeated.empty()) return invalid_file("{}: tensor '{}' occurs twice", file, repeated);
   Tensors tensors;
@@ -141,12 +140,12 @@ Result<Safetensors::Tensors> Safetensors::parse(const std::string& file, const s
     if (offsets == entry.end() || !offsets->is_array() || offsets->size() != 2)
       return invalid("data_offsets is missing or not an array of 2");
     tensor.type = type->get<std::string>();
-    for (const Json& n : *shape) {
+    for (const nlohmann::json& n : *shape) {
       if (!n.is_number_unsigned())
         return invalid("its shape has an entry that is not an integer >= 0");
       tensor.shape.push_back(n.get<std::uint64_t>());
     }
-    for (const Json& n : *offsets) {
+    for (const nlohmann::json& n : *offsets) {
       if (!n.is_number_unsigned()) return invalid("its data_offsets are not integers >= 0");
     }
     const auto begin = (*offsets)[0].get<std::uint64_t>(), end = (*offsets)[1].get<std::uint64_t>();

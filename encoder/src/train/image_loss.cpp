@@ -8,21 +8,21 @@
 
 #include "stgs/format/parallel.h"
 #include "train/image_loss_rows.h"
+#include "train/loss_rows.h"
 
 namespace stgs::encoder {
 namespace {
 
-using image_loss::kRadius;
+using image_loss::kTapRadius;
 using image_loss::kTaps;
 
 // Minimum rows per task.
-constexpr int kRows = 8;
 
 std::array<float, kTaps> window() {
   std::array<double, kTaps> w{};
   double sum = 0;
   for (int k = 0; k < kTaps; ++k)
-    sum += w[k] = std::exp(-(k - kRadius) * (k - kRadius) / (2.0 * 1.5 * 1.5));
+    sum += w[k] = std::exp(-(k - kTapRadius) * (k - kTapRadius) / (2.0 * 1.5 * 1.5));
   std::array<float, kTaps> taps{};
   for (int k = 0; k < kTaps; ++k) taps[k] = static_cast<float>(w[k] / sum);
   return taps;
@@ -30,7 +30,7 @@ std::array<float, kTaps> window() {
 
 template <typename Work>
 void for_each_row(int height, Work work) {
-  parallel_blocks(int{0}, height, kRows, [&](int first, int last) {
+  parallel_blocks(int{0}, height, kLossRows, [&](int first, int last) {
     for (int y = first; y < last; ++y) work(y);
   });
 }
@@ -67,7 +67,7 @@ ImageLossValue ImageLoss::evaluate(const Image& rendered, const Image8& ground_t
   const float ssim_scale = static_cast<float>(-weights.ssim / values);
   const auto around = [&](Plane& plane, int y, const float*(&rows)[kTaps]) {
     for (int k = 0; k < kTaps; ++k) {
-      const int at = y + k - kRadius;
+      const int at = y + k - kTapRadius;
       rows[k] = at < 0 || at >= h ? zero_row_.data() + kPad : plane.row(at);
     }
   };

@@ -6,7 +6,7 @@
 namespace stgs::encoder::image_loss {
 
 inline constexpr int kTaps = 11;
-inline constexpr int kRadius = kTaps / 2;
+inline constexpr int kTapRadius = kTaps / 2;
 
 // Computes the window means along a row of x, y, x^2, y^2 and xy.
 struct BlurRow {

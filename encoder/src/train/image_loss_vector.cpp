@@ -26,8 +26,8 @@ void blur(const BlurRow& rows, const float* HWY_RESTRICT taps, int width) {
     V x = hn::Zero(d), y = x, xx = x, yy = x, xy = x;
     for (int k = 0; k < kTaps; ++k) {
       const V tap = hn::Set(d, taps[k]);
-      const V a = hn::LoadU(d, rows.x + i + k - kRadius);
-      const V b = hn::LoadU(d, rows.y + i + k - kRadius);
+      const V a = hn::LoadU(d, rows.x + i + k - kTapRadius);
+      const V b = hn::LoadU(d, rows.y + i + k - kTapRadius);
       const V wa = hn::Mul(tap, a), wb = hn::Mul(tap, b);
       x = hn::Add(x, wa);
       y = hn::Add(y, wb);
@@ -42,8 +42,8 @@ void blur(const BlurRow& rows, const float* HWY_RESTRICT taps, int width) {
 
 HWY_INLINE V column_mean(const float* const* rows, const float* HWY_RESTRICT taps, int i) {
   const Tag d;
-  V sum = hn::Mul(hn::Set(d, taps[kRadius]), hn::LoadU(d, rows[kRadius] + i));
-  for (int k = 0; k < kRadius; ++k) {
+  V sum = hn::Mul(hn::Set(d, taps[kTapRadius]), hn::LoadU(d, rows[kTapRadius] + i));
+  for (int k = 0; k < kTapRadius; ++k) {
     const V pair = hn::Add(hn::LoadU(d, rows[k] + i), hn::LoadU(d, rows[kTaps - 1 - k] + i));
     sum = hn::MulAdd(hn::Set(d, taps[k]), pair, sum);
   }
@@ -90,7 +90,7 @@ void blur_slope(const BlurSlopeRow& rows, const float* HWY_RESTRICT taps, int wi
     for (int i = 0; i < width; i += static_cast<int>(hn::Lanes(d))) {
       V sum = hn::Zero(d);
       for (int k = 0; k < kTaps; ++k)
-        sum = hn::MulAdd(hn::Set(d, taps[k]), hn::LoadU(d, rows.in[m] + i + k - kRadius), sum);
+        sum = hn::MulAdd(hn::Set(d, taps[k]), hn::LoadU(d, rows.in[m] + i + k - kTapRadius), sum);
       hn::StoreU(sum, d, rows.out[m] + i);
     }
   }

@@ -7,6 +7,7 @@
 
 #include "math/grad.h"
 #include "stgs/format/parallel.h"
+#include "train/loss_rows.h"
 
 namespace stgs::encoder {
 namespace {
@@ -15,11 +16,10 @@ using math::Plane;
 using math::Vec3;
 
 // Minimum rows per task.
-constexpr int kRows = 8;
 
 template <typename Work>
 void for_each_row(int first_row, int end_row, Work work) {
-  parallel_blocks(first_row, end_row, kRows, [&](int first, int last) {
+  parallel_blocks(first_row, end_row, kLossRows, [&](int first, int last) {
     for (int y = first; y < last; ++y) work(y);
   });
 }

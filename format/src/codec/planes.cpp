@@ -18,7 +18,7 @@ namespace stgs {
 namespace {
 
 constexpr std::size_t kSamples = 4096;    // per component, for choosing digits
-constexpr std::size_t kRun = 64;          // successive primitives in a sample
+constexpr std::size_t kSampleRun = 64;    // successive primitives in a sample
 constexpr double kTableSymbolBits = 6.0;  // approximate cost of a table, per symbol in it
 constexpr double kDigitBits = 0.02;       // cost of decoding one more digit, per value
 // Digits per value, at most: no layout has more planes than its floats have bytes (spec 7.3). A
@@ -71,14 +71,14 @@ struct Sample {
 
 Sample sample_of(std::span<const Integers* const> records, std::size_t total, std::uint32_t minimum,
                  Prediction prediction, std::size_t component) {
-  const std::size_t stride = std::max<std::size_t>(1, total / kSamples) * kRun;
+  const std::size_t stride = std::max<std::size_t>(1, total / kSamples) * kSampleRun;
   std::uint64_t all = 0;
   std::size_t at = 0;  // position in the stride
   Sample out;
   for (const Integers* record : records) {
     each_value(*record, minimum, prediction, component, [&](std::size_t, std::uint64_t v) {
       all |= v;
-      if (at < kRun) out.values.push_back(v);
+      if (at < kSampleRun) out.values.push_back(v);
       if (++at == stride) at = 0;
     });
   }
@@ -89,7 +89,7 @@ Sample sample_of(std::span<const Integers* const> records, std::size_t total, st
 // Returns count * log2(count), for counts of a sample.
 double sample_term(std::size_t count) {
   static const std::vector<double> terms = [] {
-    std::vector<double> out(2 * (kSamples + kRun));
+    std::vector<double> out(2 * (kSamples + kSampleRun));
     for (std::size_t i = 1; i < out.size(); ++i) {
       out[i] = static_cast<double>(i) * std::log2(static_cast<double>(i));
     }

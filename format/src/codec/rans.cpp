@@ -10,7 +10,7 @@
 namespace stgs {
 namespace {
 
-constexpr std::size_t kGrain = 32;  // blocks per task: about 0.1 ms
+constexpr std::size_t kBlockGrain = 32;  // blocks per task: about 0.1 ms
 
 std::size_t block_size(std::size_t n, std::size_t block) {
   return std::min(n - block * kRansBlock, kRansBlock);
@@ -83,10 +83,10 @@ void RansGroupDecoder::next_plane(const RansLookup& lookup, std::uint8_t* out) {
     }
   };
   const std::size_t count = rans_blocks(n_);
-  if (count <= kGrain) {  // starting a task takes as long as decoding a short block
+  if (count <= kBlockGrain) {  // starting a task takes as long as decoding a short block
     decode(0, count);
   } else {
-    parallel_blocks(std::size_t{0}, count, kGrain, decode);
+    parallel_blocks(std::size_t{0}, count, kBlockGrain, decode);
   }
 }
 

@@ -12,8 +12,8 @@ namespace stgs {
 namespace {
 
 using N = IssueNumber;
-constexpr std::size_t kGrain = 16384;  // primitives per task
-constexpr std::size_t kRun = 128;      // primitives mapped for all streams in turn: fits the cache
+constexpr std::size_t kMapGrain = 16384;  // primitives per task
+constexpr std::size_t kMapRun = 128;  // primitives mapped for all streams in turn: fits the cache
 using Carries = std::array<std::uint64_t, kMaxComponents>;
 
 constexpr float min_origin() {
@@ -121,7 +121,7 @@ bool check_row(const StreamRow& row, std::uint64_t offset, Findings& findings) {
 
 MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& context,
                       Gaussians4D& set) {
-  const std::size_t n = set.size(), chunks = (n + kGrain - 1) / kGrain;
+  const std::size_t n = set.size(), chunks = (n + kMapGrain - 1) / kMapGrain;
   // For each chunk, the sums of all differences before it.
   std::vector<Carries> carries(chunks * tasks.size(), Carries{});
   const auto is_sum = [&](std::size_t t) {
@@ -130,7 +130,8 @@ MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& c
   parallel_for(std::size_t{0}, (chunks - 1) * tasks.size(), [&](std::size_t job) {
     const std::size_t chunk = job / tasks.size(), t = job % tasks.size();
     if (!is_sum(t)) return;
-    sum_task(tasks[t], chunk * kGrain, (chunk + 1) * kGrain, carries[job + tasks.size()].data());
+    sum_task(tasks[t], chunk * kMapGrain, (chunk + 1) * kMapGrain,
+             carries[job + tasks.size()].data());
   });
   for (std::size_t t = 0; t < tasks.size(); ++t) {
     const auto prediction = static_cast<Prediction>(tasks[t].row->prediction);
@@ -147,10 +148,10 @@ MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& c
   }
   std::vector<std::uint8_t> bad(chunks * (tasks.size() + 1), 0);
   const auto map_chunk = [&](std::size_t chunk) {
-    const std::size_t end = std::min(n, (chunk + 1) * kGrain);
+    const std::size_t end = std::min(n, (chunk + 1) * kMapGrain);
     std::uint8_t* const found = bad.data() + chunk * (tasks.size() + 1);
-    for (std::size_t first = chunk * kGrain; first < end; first += kRun) {
-      const std::size_t last = std::min(end, first + kRun);
+    for (std::size_t first = chunk * kMapGrain; first < end; first += kMapRun) {
+      const std::size_t last = std::min(end, first + kMapRun);
       for (std::size_t t = 0; t < tasks.size(); ++t) {
         std::uint64_t* const carry = carries[chunk * tasks.size() + t].data();
         if (!map_task(tasks[t], context, first, last, carry, set)) found[t] = 1;

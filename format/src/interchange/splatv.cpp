@@ -23,7 +23,7 @@ constexpr std::uint32_t kMagic = 0x674B;
 constexpr std::size_t kHeaderBytes = 8;  // magic, size of the JSON
 constexpr std::size_t kRecordBytes = 64;
 constexpr std::size_t kPixelBytes = 16;  // the records are stored as an image of such pixels
-constexpr std::uint32_t kMaxJsonBytes = 64 << 20;
+constexpr std::uint32_t kMaxHeaderBytes = 64 << 20;
 constexpr std::size_t kBlockRecords = 1 << 16;
 constexpr int kSamples = 17;  // times at which a path is evaluated
 constexpr double kShDc = 0.28209479177387814;
@@ -207,7 +207,7 @@ Result<Layout> read_layout(const ByteSource& source) {
   ByteReader reader(header);
   if (reader.u32() != kMagic) return invalid_file("{}: not a .splatv file", source.name());
   const std::uint32_t json_bytes = reader.u32();
-  if (json_bytes > kMaxJsonBytes || json_bytes > source.size() - kHeaderBytes) {
+  if (json_bytes > kMaxHeaderBytes || json_bytes > source.size() - kHeaderBytes) {
     return invalid_file("{}: JSON of {} bytes exceeds the remaining {} bytes (byte 4)",
                         source.name(), json_bytes, source.size() - kHeaderBytes);
   }

@@ -7,10 +7,10 @@
 namespace stgs::player::cuda {
 namespace {
 
-constexpr std::size_t kAlign = 16;
+constexpr std::size_t kArrayAlign = 16;
 
 constexpr std::size_t aligned(std::size_t bytes) {
-  return (bytes + kAlign - 1) / kAlign * kAlign;
+  return (bytes + kArrayAlign - 1) / kArrayAlign * kArrayAlign;
 }
 
 // Host memory with a device copy of the same layout.
@@ -277,7 +277,7 @@ Status SegmentDecoder::set_tables(std::span<const RansLookup> tables) {
 
 Status SegmentDecoder::prepare(std::span<const CodedSegment* const> segments,
                                std::span<const DeviceGaussians> to) {
-  Need need{kAlign * kPlanArrays, 0};
+  Need need{kArrayAlign * kPlanArrays, 0};
   for (const CodedSegment* segment : segments) {
     const Need one = need_of(*segment);
     need.upload += one.upload;
