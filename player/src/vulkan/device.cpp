@@ -58,9 +58,18 @@ bool computes(const VkQueueFamilyProperties& family) {
   return (family.queueFlags & VK_QUEUE_COMPUTE_BIT) != 0;
 }
 
-// Returns the first compute queue family, or -1 if the device is not usable.
+// Returns the rank of a device by its type: discrete GPUs rank above other GPUs, and those above
+// CPU drivers. 0 if the device is not usable.
+int rank_of(VkPhysicalDevice device) {
+  if (!missing_feature(device).empty()) return 0;
+  VkPhysicalDeviceProperties properties{};
+  vkGetPhysicalDeviceProperties(device, &properties);
+  if (properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU) return 3;
+  return properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU ? 1 : 2;
+}
+
+// Returns the first compute queue family, or -1.
 int family_of(VkPhysicalDevice device) {
-  if (!missing_feature(device).empty()) return -1;
   const auto families = families_of(device);
   const auto found = std::find_if(families.begin(), families.end(), computes);
   return found == families.end() ? -1 : static_cast<int>(found - families.begin());
@@ -193,10 +202,7 @@ Status Device::choose() {
                      "enumerating devices"));
   int best = 0;
   for (const VkPhysicalDevice device : devices) {
-    const int family = family_of(device);
-    VkPhysicalDeviceProperties properties{};
-    vkGetPhysicalDeviceProperties(device, &properties);
-    const int rank = vulkan_device_rank(properties.deviceType);
+    const int family = family_of(device), rank = rank_of(device);
     if (family < 0 || rank <= best) continue;
     best = rank;
     context_.physical_device = device;
@@ -356,7 +362,7 @@ Result<VulkanSupport> vulkan_support(PFN_vkGetInstanceProcAddr get_instance_proc
   STGS_TRY(vulkan::load_instance(get_instance_proc_addr, instance, api_version));
   const vulkan::Features offered = vulkan::offered_features(physical_device, api_version);
   return VulkanSupport{vulkan::missing_feature(physical_device), offered.timeline_semaphores,
-                       offered.subgroup_size_control};
+                       offered.subgroup_size_control, vulkan::rank_of(physical_device)};
 }
 
 }  // namespace stgs::player
