@@ -48,6 +48,10 @@ Result<encoder::Camera> read_camera(const std::string& path) {
   }
 }
 
+Json camera_json(const encoder::Camera& camera) {
+  return encoder::camera_to_json(camera);
+}
+
 Result<encoder::Camera> camera_of(const StartCamera& start, const std::string& file) {
   const std::string name = file + ": start camera";
   // Before the conversion to int.

@@ -115,10 +115,8 @@ Device::~Device() {
     vk.vkDestroyCommandPool(context_.device, pool_, nullptr);
     if (!borrowed_) vk.vkDestroyDevice(context_.device, nullptr);
   }
-  if (borrowed_ || context_.instance == VK_NULL_HANDLE) return;
-  if (messenger_ != VK_NULL_HANDLE) {
-    instance_.vkDestroyDebugUtilsMessengerEXT(context_.instance, messenger_, nullptr);
-  }
+  const bool owns_instance = !borrowed_ && settings_.instance == VK_NULL_HANDLE;
+  if (!owns_instance || context_.instance == VK_NULL_HANDLE) return;
   instance_.vkDestroyInstance(context_.instance, nullptr);
 }
 
@@ -164,7 +162,6 @@ Status Device::borrow(const VulkanDevice& lent) {
 
 void Device::save_functions() {
   instance_.vkGetPhysicalDeviceFormatProperties = vkGetPhysicalDeviceFormatProperties;
-  instance_.vkDestroyDebugUtilsMessengerEXT = vkDestroyDebugUtilsMessengerEXT;
   instance_.vkDestroyInstance = vkDestroyInstance;
 }
 
@@ -172,11 +169,20 @@ Status Device::create_instance() {
   if (volkInitialize() != VK_SUCCESS) {
     return unsupported("no Vulkan loader found (libvulkan.so.1); use backend 'cpu'");
   }
-  VulkanInstanceSettings settings;
-  settings.api_version = kOwnVersion;
-  if (settings_.on_message != nullptr) settings.on_message = &settings_.on_message;
-  VulkanInstance made;
-  const VkResult result = make_vulkan_instance(settings, made);
+  context_.instance = settings_.instance;
+  if (settings_.instance == VK_NULL_HANDLE) STGS_TRY(create_own_instance());
+  volkLoadInstanceOnly(context_.instance);
+  save_functions();
+  return {};
+}
+
+Status Device::create_own_instance() {
+  auto application = structure<VkApplicationInfo>(VK_STRUCTURE_TYPE_APPLICATION_INFO);
+  application.apiVersion = kOwnVersion;
+  auto info = structure<VkInstanceCreateInfo>(VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO);
+  info.pApplicationInfo = &application;
+  const VkResult result = vkCreateInstance(&info, nullptr, &context_.instance);
+  if (result != VK_SUCCESS) context_.instance = VK_NULL_HANDLE;
   if (result == VK_ERROR_INCOMPATIBLE_DRIVER) {
     return unsupported(
         "no Vulkan driver found; install the GPU's driver or mesa-vulkan-drivers, or use backend "
@@ -186,10 +192,6 @@ Status Device::create_instance() {
     return unsupported("cannot create a Vulkan instance (VkResult {}); use backend 'cpu'",
                        static_cast<int>(result));
   }
-  context_.instance = made.instance;
-  messenger_ = made.messenger;
-  volkLoadInstanceOnly(context_.instance);
-  save_functions();
   return {};
 }
 
