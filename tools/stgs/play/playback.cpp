@@ -53,7 +53,7 @@ Result<bool> Playback::is_open(double now) {
   if (is_open_) return true;
   STGS_TRY(check(stgs_player_update(player_.get(), now, &status_)));
   const bool has_ended = status_.state != STGS_PLAYER_OPENING;
-  STGS_TRY(take_opening_events(now));
+  STGS_TRY(take_opening_events());
   if (!has_ended) return false;
   STGS_TRY(check(stgs_player_wait_open(player_.get())));  // the result of opening
   STGS_TRY(begin());
@@ -209,15 +209,12 @@ Status Playback::take_events(double now) {
 }
 
 // Reports the events of opening, except its result and the damage that warn_of_open_damage()
-// reports.
-Status Playback::take_opening_events(double now) {
+// reports. Later events stay queued.
+Status Playback::take_opening_events() {
   for (;;) {
     STGS_ASSIGN(const stgs_player_event event, next_event());
     if (event.kind == STGS_EVENT_NONE) return {};
-    if (event.kind == STGS_EVENT_OPENED) {
-      STGS_TRY(skip_opening_damage());
-      return take_events(now);
-    }
+    if (event.kind == STGS_EVENT_OPENED) return skip_opening_damage();
     if (event.kind != STGS_EVENT_FAILED && *event.message != '\0') {
       warn_of_event(session_, event.kind, event.offset, event.message);
     }

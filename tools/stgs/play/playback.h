@@ -87,7 +87,7 @@ class Playback {
   void set_rate(double rate);
   Result<stgs_player_event> next_event();
   Status take_events(double now);
-  Status take_opening_events(double now);
+  Status take_opening_events();
   Status skip_opening_damage();
   void report(double now, const stgs_player_event& event);
 
