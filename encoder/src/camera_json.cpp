@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <span>
 
-#include "stgs/encoder/json_error.h"
+#include "json_error.h"
 #include "stgs/format/camera.h"
 
 namespace stgs::encoder {
@@ -101,6 +101,19 @@ Json camera_to_json(const Camera& camera) {
           {"rotation", std::vector<double>(camera.rotation, camera.rotation + 9)},
           {"translation", std::vector<double>(camera.translation, camera.translation + 3)},
           {"test", camera.test}};
+}
+
+Result<Camera> parse_camera(std::string_view text, const std::string& where) {
+  try {
+    const Json json = Json::parse(text);
+    const auto start = json.is_object() ? json.find("start_camera") : json.end();
+    if (start == json.end()) return camera_from_json(json, where);
+    if (!start->is_null()) return camera_from_json(*start, where);
+  } catch (const std::exception& error) {
+    return invalid_file("{}: cannot read camera: {}", where, json_error(error));
+  }
+  return invalid_file("{}: start_camera is null: the scene has none; use another camera file",
+                      where);
 }
 
 Status check_camera(const Camera& camera, const std::string& where) {

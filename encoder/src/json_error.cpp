@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "stgs/encoder/json_error.h"
+#include "json_error.h"
 
 #include <nlohmann/json.hpp>
 #include <regex>

@@ -17,8 +17,9 @@ constexpr std::size_t kMoments = 5;  // a, b, aa, bb, ab
 std::array<float, kWindow> window() {
   std::array<double, kWindow> w{};
   double sum = 0;
+  constexpr int kCentre = kWindow / 2;
   for (int i = 0; i < kWindow; ++i) {
-    const double x = i - kWindow / 2;
+    const double x = i - kCentre;
     w[i] = std::exp(-x * x / (2 * kWindowSigma * kWindowSigma));
     sum += w[i];
   }

@@ -7,9 +7,9 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "json_error.h"
 #include "stgs/encoder/camera_json.h"
 #include "stgs/encoder/image_file.h"
-#include "stgs/encoder/json_error.h"
 #include "stgs/format/output_file.h"
 
 namespace stgs::encoder {

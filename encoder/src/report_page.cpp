@@ -84,16 +84,23 @@ bool fit(const Chart& chart, Axes& axes) {
   return line;
 }
 
+// Returns the index of the first multiple of `step` in a range.
+int first_tick(const Range& range, double step) {
+  return static_cast<int>(std::ceil(range.low / step));
+}
+
 std::string ticks(const Axes& axes) {
   std::string svg;
   const double bottom = kHeight - kBottom, step_x = tick_step(axes.x), step_y = tick_step(axes.y);
-  for (double v = std::ceil(axes.x.low / step_x) * step_x; v <= axes.x.high; v += step_x) {
+  for (int i = first_tick(axes.x, step_x); i * step_x <= axes.x.high; ++i) {
+    const double v = i * step_x;
     svg += fmt::format(
         "<line x1=\"{0:.1f}\" x2=\"{0:.1f}\" y1=\"{1}\" y2=\"{2}\" class=\"grid\"/>"
         "<text x=\"{0:.1f}\" y=\"{3}\" text-anchor=\"middle\">{4:.6g}</text>\n",
         axes.px(v), kTop, bottom, bottom + 15, v);
   }
-  for (double v = std::ceil(axes.y.low / step_y) * step_y; v <= axes.y.high; v += step_y) {
+  for (int i = first_tick(axes.y, step_y); i * step_y <= axes.y.high; ++i) {
+    const double v = i * step_y;
     svg += fmt::format(
         "<line x1=\"{0}\" x2=\"{1}\" y1=\"{2:.1f}\" y2=\"{2:.1f}\" class=\"grid\"/>"
         "<text x=\"{3}\" y=\"{4:.1f}\" text-anchor=\"end\">{5:.6g}</text>\n",

@@ -6,6 +6,7 @@
 #include "image.h"
 #include "renderer.h"
 #include "scene.h"
+#include "stgs/player/cuda_renderer.h"
 
 using stgs::sdk::guarded;
 using stgs::sdk::Outcome;
@@ -28,13 +29,13 @@ stgs::player::CudaImage image_of(const stgs_image& from, std::uint32_t width) {
   return out;
 }
 
-Outcome check_backend(const stgs_renderer& renderer) {
-  const std::string name = renderer.backend->name();
-  if (name == "cuda") return {};
+Outcome find_backend(const stgs_renderer& renderer, stgs::player::CudaRenderer*& cuda) {
+  cuda = dynamic_cast<stgs::player::CudaRenderer*>(renderer.backend.get());
+  if (cuda != nullptr) return {};
   return {STGS_ERROR_UNSUPPORTED,
           fmt::format("backend '{}' cannot render into CUDA memory; create the renderer with "
                       "STGS_BACKEND_CUDA",
-                      name)};
+                      renderer.backend->name())};
 }
 
 Outcome check_rgba8(const stgs_buffer& buffer) {
@@ -51,7 +52,8 @@ extern "C" stgs_result stgs_cuda_render(stgs_renderer* renderer, stgs_scene* sce
                                         const stgs_view* views, const stgs_image* images,
                                         uint32_t count, struct CUstream_st* stream) {
   return guarded(renderer, [&]() -> Outcome {
-    STGS_SDK_TRY(check_backend(*renderer));
+    stgs::player::CudaRenderer* cuda = nullptr;
+    STGS_SDK_TRY(find_backend(*renderer, cuda));
     stgs::sdk::Images known;
     STGS_SDK_TRY(
         stgs::sdk::copy_in_arguments(*renderer, scene, seconds, views, images, count, known));
@@ -62,6 +64,6 @@ extern "C" stgs_result stgs_cuda_render(stgs_renderer* renderer, stgs_scene* sce
           image_of(known[i], static_cast<std::uint32_t>(renderer->views[i].camera.width)));
     }
     STGS_SDK_TRY(stgs::sdk::render(*renderer, *scene, seconds));
-    return renderer->backend->read_cuda(targets, stream);
+    return cuda->read_cuda(targets, stream);
   });
 }

@@ -347,15 +347,5 @@ TEST_CASE("the error for an unknown layout lists the files of every layout") {
                             "sparse/0", "cameras.json"}));
 }
 
-TEST_CASE("layout names convert in both directions") {
-  for (const char* name :
-       {"auto", "n3dv", "panoptic", "easyvolcap", "colmap", "nerfstudio", "videos"}) {
-    const auto layout = layout_from_name(name);
-    REQUIRE(layout.ok());
-    CHECK(layout_name(*layout) == std::string(name));
-  }
-  CHECK(fails_with(layout_from_name("n3d").status(), {"n3d", "n3dv"}));
-}
-
 }  // namespace
 }  // namespace stgs::encoder::capture_test

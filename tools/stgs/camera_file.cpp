@@ -9,7 +9,6 @@
 
 #include "standard_input.h"
 #include "stgs/encoder/camera_json.h"
-#include "stgs/encoder/json_error.h"
 #include "stgs/format/camera.h"
 #include "stgs/format/scene_file.h"
 
@@ -35,17 +34,7 @@ Result<std::string> read_text(const std::string& path) {
 
 Result<encoder::Camera> read_camera(const std::string& path) {
   STGS_ASSIGN(const std::string text, read_text(path));
-  try {
-    const Json json = Json::parse(text);
-    if (json.contains("start_camera") && json.at("start_camera").is_null()) {
-      return invalid_file("{}: start_camera is null: the scene has none; use another camera file",
-                          path);
-    }
-    return encoder::camera_from_json(json.contains("start_camera") ? json.at("start_camera") : json,
-                                     path);
-  } catch (const std::exception& error) {
-    return invalid_file("{}: cannot read camera: {}", path, encoder::json_error(error));
-  }
+  return encoder::parse_camera(text, path);
 }
 
 Json camera_json(const encoder::Camera& camera) {

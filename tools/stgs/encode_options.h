@@ -20,7 +20,6 @@ namespace stgs::tools {
 class PrepareOptions {
  public:
   void declare(Arguments& app);
-  // Defined only with STGS_HAS_PREPARE.
   Result<encoder::PrepareSettings> settings(const CommonOptions& common) const;
   bool overwrite() const { return settings_.overwrite; }
 

@@ -1,17 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "video.h"
+#include "mp4.h"
 
-#ifdef STGS_HAS_PREPARE
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 
 #include "output_path.h"
-#endif
 
 namespace stgs::tools {
 
-#ifdef STGS_HAS_PREPARE
 namespace {
 
 class Mp4Writer final : public VideoWriter {
@@ -86,20 +83,9 @@ class Mp4Writer final : public VideoWriter {
 
 }  // namespace
 
-Result<std::unique_ptr<VideoWriter>> make_mp4_writer(const std::string& path, TimeBase time_base,
+Result<std::unique_ptr<VideoWriter>> open_mp4_writer(const std::string& path, TimeBase time_base,
                                                      const encoder::LogSink& log) {
   return std::unique_ptr<VideoWriter>(std::make_unique<Mp4Writer>(path, time_base, log));
 }
-
-#else
-
-Result<std::unique_ptr<VideoWriter>> make_mp4_writer(const std::string& path, TimeBase,
-                                                     const encoder::LogSink&) {
-  return not_built(
-      "{}: this build has no mp4 (OpenCV was not found); write .y4m, or rebuild with libopencv-dev",
-      path);
-}
-
-#endif
 
 }  // namespace stgs::tools

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "encode_options.h"
 
+#include "opencv.h"
 #include "options.h"
 #include "parameter_options.h"
 #include "usage.h"
@@ -10,7 +11,7 @@ namespace stgs::tools {
 void PrepareOptions::declare(Arguments& app) {
   const char* group = "Preparing";
   with_choices(app.add_option("--layout", layout_, "Layout of CAPTURE"),
-               {"auto", "n3dv", "panoptic", "easyvolcap", "colmap", "nerfstudio", "videos"})
+               {encoder::kLayoutNames.begin(), encoder::kLayoutNames.end()})
       ->capture_default_str()
       ->group(group);
   app.add_option("--frames", frames_, "Source frames FIRST:END, END excluded (default: all)")
@@ -27,11 +28,11 @@ void PrepareOptions::declare(Arguments& app) {
       ->group(group);
 }
 
-#ifdef STGS_HAS_PREPARE
-
 Result<encoder::PrepareSettings> PrepareOptions::settings(const CommonOptions& common) const {
   encoder::PrepareSettings settings = settings_;
-  STGS_ASSIGN(settings.layout, encoder::layout_from_name(layout_));
+  const auto* const layout =
+      std::find(encoder::kLayoutNames.begin(), encoder::kLayoutNames.end(), layout_);
+  settings.layout = static_cast<encoder::Layout>(layout - encoder::kLayoutNames.begin());
   if (!frames_.empty()) {
     STGS_ASSIGN(const FrameRange range, parse_open_frames(frames_));
     settings.first_frame = range.begin;
@@ -49,19 +50,7 @@ Status prepare_stage(const std::string& capture, const std::string& folder,
                      const std::function<Status(const encoder::PreparedCapture&)>& accept) {
   STGS_ASSIGN(encoder::PrepareSettings settings, options.settings(session.options));
   settings.accept = accept;
-  return encoder::prepare(capture, folder, settings, session.progress_sink(), session.log_sink());
+  return prepare_capture(capture, folder, settings, session);
 }
-
-#else
-
-Status prepare_stage(const std::string& capture, const std::string&, const PrepareOptions&,
-                     Session&, const std::function<Status(const encoder::PreparedCapture&)>&) {
-  return not_built(
-      "{}: this build cannot prepare captures (no OpenCV); rebuild with libopencv-dev and "
-      "STGS_WITH_PREPARE=ON, or prepare on another machine",
-      capture);
-}
-
-#endif
 
 }  // namespace stgs::tools

@@ -7,15 +7,10 @@
 
 #include "command.h"
 #include "error_report.h"
+#include "opencv.h"
 #include "options.h"
 #include "usage.h"
 #include "version.h"
-
-#ifdef STGS_HAS_PREPARE
-#include <cstdlib>
-#include <opencv2/core/utility.hpp>
-#include <opencv2/core/utils/logger.hpp>
-#endif
 
 namespace stgs::tools {
 namespace {
@@ -117,20 +112,6 @@ std::string command_line(int argc, char** argv) {
     line += plain ? " " + argument : " '" + quoted + "'";
   }
   return line;
-}
-
-// Silences OpenCV and FFmpeg, which print to standard error, unless --log-level is debug. Call
-// before any thread starts: it changes the environment.
-void set_up_opencv(const CommonOptions& options) {
-#ifdef STGS_HAS_PREPARE
-  if (options.threads > 0) cv::setNumThreads(options.threads);
-  if (options.log_level == "debug") return;
-  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
-  // OpenCV reads it when it first opens a video; -8 is AV_LOG_QUIET. A value set by the user stays.
-  ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
-#else
-  (void)options;
-#endif
 }
 
 // Returns the arguments in reverse, as CLI11 expects them, with --config FILE before the verb,

@@ -68,7 +68,7 @@ Status run_colmap(const std::string& folder, const ProgressSink& progress, const
   double done = 0;
   for (const std::vector<std::string>& command : commands) {
     int exit_code = 0;
-    const Status status =
+    Status status =
         run_program(command, folder + "/log.txt", "calibrate", done, progress, &exit_code);
     if (!status.ok() && (command[1] != "mapper" || exit_code <= 0)) return status;
     if (!status.ok()) log(1, status.message());

@@ -10,8 +10,8 @@
 #include <memory>
 
 #include "frame_numbers.h"
+#include "json_error.h"
 #include "plural.h"
-#include "stgs/encoder/json_error.h"
 #include "stgs/format/byte_source.h"
 #include "stgs/format/camera.h"
 

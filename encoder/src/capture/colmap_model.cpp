@@ -53,7 +53,7 @@ class Cursor {
     const auto begin = bytes_.begin() + static_cast<std::ptrdiff_t>(at_);
     const auto end = std::find(begin, bytes_.end(), std::uint8_t{0});
     if (end == bytes_.end()) past_ = true;
-    const std::string text(begin, end);
+    std::string text(begin, end);
     at_ = std::min(bytes_.size(), at_ + text.size() + 1);
     return text;
   }

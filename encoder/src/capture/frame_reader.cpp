@@ -55,8 +55,8 @@ Result<cv::Mat> decode_image(const SourceCamera& camera, int frame) {
 
 class OpenCvVideoReader final : public VideoReader {
  public:
-  OpenCvVideoReader(cv::VideoCapture video, const SourceCamera& camera, int next)
-      : video_(std::move(video)), camera_(camera), next_(next) {}
+  OpenCvVideoReader(const cv::VideoCapture& video, const SourceCamera& camera, int next)
+      : video_(video), camera_(camera), next_(next) {}
 
   Result<cv::Mat> next(int width, int height) override {
     cv::Mat image;  // not reused: the caller may still hold the previous frame

@@ -19,8 +19,8 @@
 #include <opencv2/core.hpp>
 
 #include "capture_files.h"
+#include "json_error.h"
 #include "plural.h"
-#include "stgs/encoder/json_error.h"
 
 namespace stgs::encoder {
 namespace {

@@ -10,8 +10,8 @@
 #include <map>
 
 #include "capture_files.h"
+#include "json_error.h"
 #include "plural.h"
-#include "stgs/encoder/json_error.h"
 
 namespace stgs::encoder {
 namespace {

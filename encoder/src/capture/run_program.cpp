@@ -106,6 +106,7 @@ Status run_program(const std::vector<std::string>& arguments, const std::string&
                    int* exit_code) {
   if (exit_code != nullptr) *exit_code = -1;
   std::vector<char*> argv;
+  argv.reserve(arguments.size() + 1);
   for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
   argv.push_back(nullptr);
   pid_t child = 0;

@@ -18,18 +18,16 @@ namespace fs = std::filesystem;
 
 struct LayoutEntry {
   Layout layout;
-  const char* name;
   const char* evidence;  // files that identify the layout
 };
 // In the order of detection.
 constexpr std::array<LayoutEntry, 6> kLayouts = {{
-    {Layout::kPanoptic, "panoptic", "train_meta.json"},
-    {Layout::kN3dv, "n3dv", "poses_bounds.npy"},
-    {Layout::kEasyVolcap, "easyvolcap", "intri.yml and extri.yml"},
-    {Layout::kNerfstudio, "nerfstudio", "transforms.json"},
-    {Layout::kColmap, "colmap",
-     "cameras and images (.bin or .txt) in sparse/0, sparse or the folder itself"},
-    {Layout::kVideos, "videos",
+    {Layout::kPanoptic, "train_meta.json"},
+    {Layout::kN3dv, "poses_bounds.npy"},
+    {Layout::kEasyVolcap, "intri.yml and extri.yml"},
+    {Layout::kNerfstudio, "transforms.json"},
+    {Layout::kColmap, "cameras and images (.bin or .txt) in sparse/0, sparse or the folder itself"},
+    {Layout::kVideos,
      "cameras.json, or at least two videos or image folders in videos/, images/ or the folder "
      "itself"},
 }};
@@ -59,7 +57,7 @@ Result<Layout> detect(const std::string& folder) {
   std::string evidence;
   for (const LayoutEntry& entry : kLayouts) {
     if (matches(entry.layout, folder)) return entry.layout;
-    evidence += fmt::format("\n  {}: {}", entry.name, entry.evidence);
+    evidence += fmt::format("\n  {}: {}", layout_name(entry.layout), entry.evidence);
   }
   STGS_TRY(check_camera_count(folder, find_cameras(folder)));
   return usage_error("{}: unknown capture layout (see --layout); looked for:{}", folder, evidence);
@@ -215,21 +213,8 @@ Status check_camera_count(const std::string& folder, const std::vector<SourceCam
       folder, cameras.front().name);
 }
 
-const char* layout_name(Layout layout) {
-  for (const LayoutEntry& entry : kLayouts) {
-    if (entry.layout == layout) return entry.name;
-  }
-  return "auto";
-}
-
-Result<Layout> layout_from_name(const std::string& name) {
-  if (name == "auto") return Layout::kAuto;
-  std::string known = "auto";
-  for (const LayoutEntry& entry : kLayouts) {
-    if (name == entry.name) return entry.layout;
-    known += fmt::format(", {}", entry.name);
-  }
-  return usage_error("'{}' is not a layout (expected {})", name, known);
+std::string_view layout_name(Layout layout) {
+  return kLayoutNames.at(static_cast<std::size_t>(layout));
 }
 
 Result<SourceCapture> load_source(const std::string& folder, const PrepareSettings& settings,

@@ -56,7 +56,7 @@ struct SourceCapture {
 };
 
 // Returns the command-line name of a layout.
-const char* layout_name(Layout layout);
+std::string_view layout_name(Layout layout);
 
 // Reads the description of the capture in `folder`, but not its frames. Detects the layout if
 // settings.layout is kAuto. The result has:

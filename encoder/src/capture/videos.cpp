@@ -20,7 +20,7 @@
 
 #include "calibration.h"
 #include "capture_files.h"
-#include "stgs/encoder/json_error.h"
+#include "json_error.h"
 
 namespace stgs::encoder {
 namespace {

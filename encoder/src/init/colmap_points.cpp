@@ -47,7 +47,7 @@ struct Colmap {
       late = std::chrono::steady_clock::now() > deadline;
       return !late && !abandoned;
     };
-    const Status status = run_program(arguments, log, step, 0, should_continue);
+    Status status = run_program(arguments, log, step, 0, should_continue);
     if (late) return runtime_error("{}: stopped after {} s (time limit)", step, seconds);
     return status;
   }

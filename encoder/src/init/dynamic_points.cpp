@@ -87,6 +87,7 @@ SweptView sweep_view(const std::vector<SweepImage>& images, int i, const std::ve
   const std::vector<int> near = neighbours(views, i, focus, kNeighbours);
   if (near.empty() || cv::countNonZero(mask) < kMinMaskPixels) return out;
   std::vector<const SweepImage*> others;
+  others.reserve(near.size());
   for (const int j : near) others.push_back(&images[j]);
   const auto blank = [&](double v) { return cv::Mat(mask.size(), CV_32F, cv::Scalar(v)); };
   out.map = {blank(0), blank(1)};

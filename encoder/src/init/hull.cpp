@@ -185,8 +185,9 @@ Box visible_box(const std::vector<View>& views, double nearest, double farthest,
   for (const View& view : views) {
     for (int i = 0; i < kSteps * kSteps * kSteps; ++i) {
       const double a = double(i % kSteps) / (kSteps - 1);
-      const double b = double(i / kSteps % kSteps) / (kSteps - 1);
-      const double c = double(i / kSteps / kSteps) / (kSteps - 1);
+      const int row = i / kSteps, layer = row / kSteps;
+      const double b = double(row % kSteps) / (kSteps - 1);
+      const double c = double(layer) / (kSteps - 1);
       const double depth = 1 / (1 / nearest + c * (1 / farthest - 1 / nearest));
       const cv::Vec3d p = view.at(a * view.width, b * view.height, depth);
       int visible = 0;

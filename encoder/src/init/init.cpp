@@ -378,7 +378,7 @@ Status run(State& state) {
 Status initialise(PreparedCapture& capture, const InitSettings& settings,
                   const ProgressSink& progress, const LogSink& log) {
   State state{capture, settings, Work(progress, log)};
-  const Status status = guarded("initialisation", [&] { return run(state); });
+  Status status = guarded("initialisation", [&] { return run(state); });
   state.abandoned = true;
   return status;
 }

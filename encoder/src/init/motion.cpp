@@ -177,7 +177,7 @@ cv::Mat moving_by_flow(const cv::Mat& flow) {
   std::vector<float> lengths;
   for (int y = 0; y < flow.rows; y += 2) {
     for (int x = 0; x < flow.cols; x += 2) {
-      const cv::Vec2f f = flow.at<cv::Vec2f>(y, x);
+      const auto& f = flow.at<cv::Vec2f>(y, x);
       if (f[0] == f[0]) lengths.push_back(std::hypot(f[0], f[1]));
     }
   }
@@ -186,7 +186,7 @@ cv::Mat moving_by_flow(const cv::Mat& flow) {
   const float threshold = std::clamp(5 * lengths[lengths.size() / 2], 0.4f, 1.0f);
   for (int y = 0; y < flow.rows; ++y) {
     for (int x = 0; x < flow.cols; ++x) {
-      const cv::Vec2f f = flow.at<cv::Vec2f>(y, x);
+      const auto& f = flow.at<cv::Vec2f>(y, x);
       if (std::hypot(f[0], f[1]) > threshold) mask.at<std::uint8_t>(y, x) = 255;
     }
   }

@@ -129,7 +129,7 @@ Status write_report(const PreparedCapture& capture, const std::vector<View>& vie
                          const cv::Mat& image) -> Status {
       const std::string file = fmt::format("{}_{}.png", name, kind);
       section.images.emplace_back(file, caption);
-      return write_png(folder + "/" + file, image);
+      return write_png(fmt::format("{}/{}", folder, file), image);
     };
     if (i < int(motion.size()) && !motion[i].background.empty()) {
       STGS_TRY(add("background", "median background", motion[i].background));

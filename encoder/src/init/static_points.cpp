@@ -64,20 +64,28 @@ struct Sweeps {
   std::vector<double> steps;  // of inverse depth, from plane to plane
 };
 
+std::vector<View> views_of(const std::vector<SweepImage>& images) {
+  std::vector<View> views;
+  views.reserve(images.size());
+  for (const SweepImage& image : images) views.push_back(image.view);
+  return views;
+}
+
 // Computes the depth maps of all inputs, each against its neighbours.
 Status sweep_all(const std::vector<StaticImage>& inputs, const SweepPlan& plan, Work& work,
                  Sweeps* out) {
+  out->images.reserve(inputs.size());
   for (const StaticImage& input : inputs) {
     out->images.push_back(
         make_sweep_image(make_view(*input.view.camera, plan.max_side), input.rgb, input.usable));
   }
-  std::vector<View> views;
-  for (const SweepImage& image : out->images) views.push_back(image.view);
+  const std::vector<View> views = views_of(out->images);
   out->maps.resize(inputs.size());
   out->steps.resize(inputs.size());
   return work.for_each(int(inputs.size()), [&](int i) -> Status {
     const std::vector<int> near = neighbours(views, i, plan.focus.point, kNeighbours);
     std::vector<const SweepImage*> others;
+    others.reserve(near.size());
     for (const int j : near) others.push_back(&out->images[j]);
     SweepSettings settings;
     settings.nearest = plan.range.nearest;
@@ -97,8 +105,7 @@ Status sweep_all(const std::vector<StaticImage>& inputs, const SweepPlan& plan, 
 cv::Mat check_across(const Sweeps& sweeps, int i, const cv::Vec3d& focus) {
   const std::vector<SweepImage>& images = sweeps.images;
   const std::vector<DepthMap>& maps = sweeps.maps;
-  std::vector<View> views;
-  for (const SweepImage& image : images) views.push_back(image.view);
+  const std::vector<View> views = views_of(images);
   std::vector<std::pair<const View*, const DepthMap*>> others;
   for (const int j : neighbours(views, i, focus, 3 * kNeighbours)) {
     others.emplace_back(&images[j].view, &maps[j]);
@@ -251,11 +258,12 @@ Status find_static_depth(const std::vector<StaticImage>& inputs, Work& work, Sta
 void choose_static_points(const std::vector<SurfacePoint>& sparse, int limit, StaticScene* scene) {
   const double tolerance = 0.03 * (1 / scene->range.nearest - 1 / scene->range.farthest);
   scene->points = sparse;
-  if (int(scene->points.size()) > limit / 2) {
+  if (const int kept = limit / 2; int(scene->points.size()) > kept) {
     // Thins evenly, to reserve points for surfaces without features.
     std::vector<SurfacePoint> thinned;
-    const double stride = double(sparse.size()) / (limit / 2);
-    for (int i = 0; i < limit / 2; ++i) thinned.push_back(sparse[std::size_t(i * stride)]);
+    thinned.reserve(kept);
+    const double stride = double(sparse.size()) / kept;
+    for (int i = 0; i < kept; ++i) thinned.push_back(sparse[std::size_t(i * stride)]);
     scene->points = thinned;
   }
   scene->sparse = int(scene->points.size());

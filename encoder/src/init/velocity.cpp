@@ -176,6 +176,7 @@ Velocities flow_velocities(const std::vector<SurfacePoint>& points, const std::v
   constexpr int kCell = 6;
   Velocities raw(points.size(), kUnknown);
   std::vector<cv::Mat> fronts;
+  fronts.reserve(views.size());
   for (const View& view : views) fronts.push_back(nearest_depths(view, points, kCell));
   for (std::size_t i = 0; i < points.size(); ++i) {
     std::vector<FlowRow> rows;
@@ -236,7 +237,7 @@ Result<MotionFit> measure_motion(const PreparedCapture& capture, const std::vect
       if (!p.inside || p.depth > 1.05 * front.at<float>(p.y() / kCell, p.x() / kCell)) continue;
       ++fit.samples;
       inside += mask.at<std::uint8_t>(p.y(), p.x()) ? 1 : 0;
-      const cv::Vec3b c = image.at<cv::Vec3b>(p.y(), p.x());
+      const auto& c = image.at<cv::Vec3b>(p.y(), p.x());
       for (int k = 0; k < 3; ++k) difference += std::abs(int(c[k]) - int(point.colour[k])) / 3.0;
     }
   }

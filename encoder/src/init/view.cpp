@@ -134,6 +134,7 @@ Focus find_focus(const std::vector<View>& views) {
   if (views.size() < 2 || eigenvalues[2] < 1e-3 * double(views.size())) return focus;
   const cv::Vec3d point = a.solve(b, cv::DECOMP_CHOLESKY);
   std::vector<double> depths;
+  depths.reserve(views.size());
   for (const View& view : views) depths.push_back(view.to_camera(point)[2]);
   std::nth_element(depths.begin(), depths.begin() + depths.size() / 2, depths.end());
   if (depths[depths.size() / 2] <= 0) return focus;

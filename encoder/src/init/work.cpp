@@ -31,7 +31,7 @@ Status Work::report_while(int total, const std::function<Status(Counter&)>& task
     return !cancelled_;
   };
   if (total == 0) return {};
-  const Status status = run_reporting(name_, std::uint64_t(total), watched, task);
+  Status status = run_reporting(name_, std::uint64_t(total), watched, task);
   ++passed_;
   return status;
 }

@@ -101,7 +101,8 @@ Status check(const std::vector<WindowScene>& windows) {
 // in the middle of their overlap, so that each is rendered only where it was trained on both sides.
 double seam_of(const Scene& before, const Scene& after) {
   const int begin = span_of(after).begin, shared = span_of(before).end - begin;
-  return begin + shared / 2 - 0.5;
+  const int seam = begin + shared / 2;
+  return seam - 0.5;
 }
 
 void append(const Gaussians4D& from, float shift, Gaussians4D& to) {

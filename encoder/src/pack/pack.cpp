@@ -79,6 +79,7 @@ Result<Scene> read_inputs(const std::vector<std::string>& paths, const LogSink& 
     return starts_before(a.scene, b.scene);
   });
   std::vector<std::string> names;
+  names.reserve(windows.size());
   for (const WindowScene& window : windows) names.push_back(window.name);
   STGS_ASSIGN(Scene merged, merge_windows(std::move(windows), log));
   for (std::size_t i = 0; i < names.size(); ++i) {

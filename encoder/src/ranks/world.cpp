@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Ranks over MPI. A rank that fails sends a note to every other rank. Waiting ranks poll for notes,
 // so that all stop with the same error and none waits forever.
-#include <dlfcn.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -9,20 +8,18 @@
 #include <climits>
 #include <cstdint>
 #include <cstring>
-#include <filesystem>
 #include <optional>
 #include <thread>
 #include <vector>
 
 #include "ranks/mpi_module.h"
+#include "stgs/encoder/program_module.h"
 #include "stgs/encoder/ranks.h"
 
 namespace stgs::encoder {
 namespace {
 
 constexpr const char* kModule = "stgs_mpi.so";
-// Relative to the program's folder: next to the program in a build, a module folder if installed.
-constexpr const char* kModuleFolders[] = {".", STGS_MODULE_FOLDER};
 // How long failed ranks wait for the final notes of the others, and then to be aborted.
 constexpr auto kFailureTimeout = std::chrono::seconds(10);
 
@@ -44,7 +41,7 @@ void copy_text(const std::string& text, char (&to)[kSize]) {
 
 class MpiWorld final : public World {
  public:
-  Status load(const std::string& path);
+  Status load();
   Status init(const Launch& launch);
 
   int rank() const override { return rank_; }
@@ -72,14 +69,10 @@ class MpiWorld final : public World {
   int abort_code_ = 0;                      // exit code if all ranks must be aborted; 0: none
 };
 
-Status MpiWorld::load(const std::string& path) {
-  // RTLD_GLOBAL, because MPI implementations load plugins that need their symbols.
-  void* module = ::dlopen(path.c_str(), RTLD_NOW | RTLD_GLOBAL);
-  if (module == nullptr) return unsupported("MPI could not be loaded: {}", ::dlerror());
-  const auto symbol = reinterpret_cast<MpiSymbol>(::dlsym(module, kMpiSymbol));
-  if (symbol == nullptr)
-    return unsupported("{}: module of another version of stgs; reinstall it", path);
-  mpi_ = symbol();
+Status MpiWorld::load() {
+  // For everyone, because MPI implementations load plugins that need their symbols.
+  STGS_ASSIGN(void* const symbol, load_program_module(kModule, kMpiSymbol, true));
+  mpi_ = reinterpret_cast<MpiSymbol>(symbol)();
   return {};
 }
 
@@ -221,16 +214,8 @@ Result<std::unique_ptr<World>> World::join() {
     return unsupported("{} started {} processes; at most {} can train together", launch.launcher,
                        launch.size, kMaxRanks);
   }
-  std::error_code error;
-  const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe", error);
-  if (error) return io_error("/proc/self/exe: cannot read: {}", error.message());
-  std::filesystem::path module;
-  for (const char* folder : kModuleFolders) {
-    module = program.parent_path() / folder / kModule;
-    if (std::filesystem::exists(module, error)) break;
-  }
   auto world = std::make_unique<MpiWorld>();
-  STGS_TRY(world->load(module.string()));
+  STGS_TRY(world->load());
   STGS_TRY(world->init(launch));
   return std::unique_ptr<World>(std::move(world));
 }

@@ -86,8 +86,9 @@ math::PinholeCamera TrainingImages::pinhole(std::size_t camera, int level, float
     pinhole.fy *= 0.5f;
     pinhole.cx *= 0.5f;
     pinhole.cy *= 0.5f;
-    pinhole.width = static_cast<float>(cameras_[camera].width / 2);
-    pinhole.height = static_cast<float>(cameras_[camera].height / 2);
+    const int width = cameras_[camera].width / 2, height = cameras_[camera].height / 2;
+    pinhole.width = static_cast<float>(width);
+    pinhole.height = static_cast<float>(height);
   }
   return pinhole;
 }

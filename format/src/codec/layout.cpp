@@ -50,7 +50,7 @@ void read_kind(ByteReader& in, StreamRow& row) {
 // Reads the other fields of a known row. Bytes after them belong to a later version. Returns false
 // if a field is invalid.
 bool read_fields(ByteReader& in, std::uint64_t offset, StreamRow& row, Findings& findings) {
-  row.step.exponent = static_cast<std::int8_t>(in.u8());
+  row.step.exponent = in.i8();
   row.step.multiplier = in.u8();
   row.digits = in.u8();
   const std::size_t origins = in.u8();
@@ -214,8 +214,8 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
   if (tables > memory / kTableMemory) {
     findings.unsupported(
         N::kMemoryLimit, offset,
-        "layouts: {} tables need {} bytes, more than the remaining memory limit of "
-        "{} bytes",
+        "layouts: {} tables need {} bytes, more than the {} that remain of the memory limit; allow "
+        "more memory",
         tables, tables * kTableMemory, memory);
     return false;
   }

@@ -78,6 +78,7 @@ RansTable table_of(const Cluster& cluster) {
 
 TablePlan plan_tables(const std::vector<SymbolCounts>& planes) {
   std::vector<Cluster> alone;
+  alone.reserve(planes.size());
   for (const SymbolCounts& counts : planes) alone.push_back(cluster_of(counts));
   // The most expensive planes create tables first; the others join one if that is cheaper.
   std::vector<std::size_t> order(planes.size());

@@ -270,7 +270,8 @@ StreamPlan plan_stream(std::span<const Integers* const> records, Coder coder) {
     const std::size_t max_digits = is_morton(first) ? kMaxKeyDigits : kMaxValueDigits;
     Digits digits = coder == Coder::kRans ? best_digits(samples, values, bits, max_digits)
                                           : byte_digits(samples, values, bits);
-    const auto raw = static_cast<double>(8 * ((bits + 7) / 8) * samples.size() * total);
+    const std::uint64_t raw_bits = 8 * ((bits + 7) / 8) * samples.size() * total;
+    const auto raw = static_cast<double>(raw_bits);
     Coder chosen = coder;
     if (coder == Coder::kRans && digits.cost > raw) {  // too few primitives to pay for tables
       digits = byte_digits(samples, values, bits);

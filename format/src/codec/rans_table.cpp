@@ -48,6 +48,7 @@ struct Fit {
   explicit Fit(std::span<const std::uint32_t, 256> counts) {
     std::uint64_t total = 0;
     for (const std::uint32_t c : counts) total += c;
+    if (total == 0) return;
     for (std::uint32_t s = 0; s < 256; ++s) {
       if (counts[s] == 0) continue;
       symbol[used] = s;

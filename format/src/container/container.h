@@ -146,16 +146,12 @@ bool is_chunk(double ticks);
 // Returns the nearest valid chunk; 0 stays 0.
 double to_chunk(double ticks);
 
-// [begin, end) in ticks.
-struct Interval {
-  double begin = 0, end = 0;
-};
 // Returns whether a time is valid as an end of a part (spec 5.3).
 bool is_valid_time(double ticks);
 // Returns the beginning of a segment, ticks from the beginning of its part (spec 5.4).
 double begin_of(int level, std::uint32_t slot, double chunk_ticks);
 // Returns the interval of a segment, from the beginning of its part, which lasts `length`.
-Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, double length);
+TickRange interval_of(int level, std::uint32_t slot, double chunk_ticks, double length);
 
 std::vector<std::uint8_t> write_header(const FileHeader& header);
 // Returns header and payload of a record.
@@ -271,12 +267,12 @@ bool read_fragments(const ByteSource& source, FileHead& head, Findings& findings
 // it.
 void check_window(SceneMetadata& metadata, Findings& findings);
 // Returns the interval of a segment, ticks from the beginning of its part (spec 5.4).
-Interval interval_of(const FileHead& head, const IndexEntry& entry, std::uint32_t part);
+TickRange interval_of(const FileHead& head, const IndexEntry& entry, std::uint32_t part);
 // Returns the times of the timeline at which a segment is shown; begin >= end: never.
-Interval shown_of(const FileHead& head, const SegmentEntry& segment);
+TickRange shown_of(const FileHead& head, const SegmentEntry& segment);
 // As above for an interval that counts from the beginning of a part with this range and cut.
-Interval shown_of(const Interval& interval, const Interval& part,
-                  const std::optional<TickRange>& cut);
+TickRange shown_of(const TickRange& interval, const TickRange& part,
+                   const std::optional<TickRange>& cut);
 // Parses a header; returns nothing if its magic or checksum is wrong.
 std::optional<FileHeader> intact_header(std::span<const std::uint8_t> bytes);
 // Returns whether intact records fill a head to its end. Reports the first damaged one.

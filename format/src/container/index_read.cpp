@@ -243,7 +243,7 @@ class IndexReader {
   }
 
   std::size_t ordinal() const { return head_.index.segments.size(); }
-  static bool empty(const Interval& interval) { return !(interval.begin < interval.end); }
+  static bool empty(const TickRange& interval) { return !(interval.begin < interval.end); }
 
   ByteReader in_;
   std::uint64_t offset_;            // of the payload

@@ -23,24 +23,24 @@ bool is_valid_time(double ticks) {
   return std::abs(ticks) <= kMaxChunk && std::fmod(ticks, kChunkGrain) == 0.0;
 }
 
-Interval interval_of(int level, std::uint32_t slot, double chunk_ticks, double length) {
+TickRange interval_of(int level, std::uint32_t slot, double chunk_ticks, double length) {
   if (level < 0) return {0.0, length};
   const double begin = begin_of(level, slot, chunk_ticks);
   return {begin, std::min(begin + std::ldexp(chunk_ticks, level), length)};
 }
 
-Interval interval_of(const FileHead& head, const IndexEntry& entry, std::uint32_t part) {
+TickRange interval_of(const FileHead& head, const IndexEntry& entry, std::uint32_t part) {
   return interval_of(entry.level, entry.slot, head.chunk_of(part),
                      head.parts[part].end - head.parts[part].begin);
 }
 
-Interval shown_of(const FileHead& head, const SegmentEntry& segment) {
+TickRange shown_of(const FileHead& head, const SegmentEntry& segment) {
   const PartEntry& part = head.parts[segment.part];
   return shown_of(interval_of(head, segment.base, segment.part), {part.begin, part.end}, part.cut);
 }
 
-Interval shown_of(const Interval& interval, const Interval& part,
-                  const std::optional<TickRange>& cut) {
+TickRange shown_of(const TickRange& interval, const TickRange& part,
+                   const std::optional<TickRange>& cut) {
   const TickRange shown = cut.value_or(TickRange{part.begin, part.end});
   return {std::max({0.0, part.begin + interval.begin, shown.begin}),
           std::min(part.begin + interval.end, shown.end)};

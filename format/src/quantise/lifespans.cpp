@@ -54,12 +54,12 @@ Lifespan lifespan_of(const Gaussians4D& set, std::size_t i) {
 // The first and last frame of the timeline within a part, ticks of the part.
 struct FrameRange {
   double first = 0, last = 0;
-  explicit FrameRange(const Interval& part)
+  explicit FrameRange(const TickRange& part)
       : first(std::ceil(part.begin) - part.begin), last(std::floor(part.end) - part.begin) {}
 };
 
 // Returns the first and last frame at which a primitive is visible; none if begin > end.
-Interval visible_frames(const Lifespan& lifespan, const FrameRange& frames) {
+TickRange visible_frames(const Lifespan& lifespan, const FrameRange& frames) {
   const double fade = lifespan.fade();
   if (fade < 0.0) return {1.0, 0.0};
   const double begin = lifespan.time - lifespan.radius - fade;
@@ -69,7 +69,7 @@ Interval visible_frames(const Lifespan& lifespan, const FrameRange& frames) {
 }
 
 // Returns the radii around `time` that show exactly the frames of `visible`.
-Interval radii_for(const Interval& visible, const FrameRange& frames, double time, double fade) {
+TickRange radii_for(const TickRange& visible, const FrameRange& frames, double time, double fade) {
   const double low = std::max(time - visible.begin, visible.end - time) + kEdgeMargin - fade;
   double high = HUGE_VAL;
   if (visible.begin > frames.first) high = std::min(high, time - visible.begin + 1.0);
@@ -79,9 +79,9 @@ Interval radii_for(const Interval& visible, const FrameRange& frames, double tim
 
 // Returns whether `is` is visible at the frames of `visible`, as `was` is, with similar values of
 // l.
-bool same_frames(const Lifespan& was, const Lifespan& is, const Interval& visible,
+bool same_frames(const Lifespan& was, const Lifespan& is, const TickRange& visible,
                  const FrameRange& frames) {
-  const Interval now = visible_frames(is, frames);
+  const TickRange now = visible_frames(is, frames);
   if (visible.begin > visible.end) return now.begin > now.end;
   if (now.begin != visible.begin || now.end != visible.end) return false;
   const auto close = [&](double t) {
@@ -94,13 +94,13 @@ bool same_frames(const Lifespan& was, const Lifespan& is, const Interval& visibl
 // possible to it.
 std::optional<Lifespan> hard_edged(const Lifespan& was, Lifespan life, const FrameRange& frames,
                                    Step time, Step lifespan) {
-  const Interval visible = visible_frames(was, frames);
+  const TickRange visible = visible_frames(was, frames);
   const bool none = visible.begin > visible.end;
   const double fade = life.fade();
   for (const double centre : {was.time, none ? was.time : 0.5 * (visible.begin + visible.end)}) {
     life.time = on_grid(static_cast<float>(centre), time);
-    const Interval radii =
-        none ? Interval{0.0, was.radius} : radii_for(visible, frames, life.time, fade);
+    const TickRange radii =
+        none ? TickRange{0.0, was.radius} : radii_for(visible, frames, life.time, fade);
     const double middle = std::min(0.5 * (radii.begin + radii.end), radii.begin + was.radius);
     for (const double target : {double{was.radius}, middle}) {
       life.radius = on_lifespan_grid(static_cast<float>(target) + 1.0f, lifespan) - 1.0f;
@@ -111,7 +111,7 @@ std::optional<Lifespan> hard_edged(const Lifespan& was, Lifespan life, const Fra
   return std::nullopt;
 }
 
-double length_of(const Interval& part) {
+double length_of(const TickRange& part) {
   return part.end - part.begin;
 }
 
@@ -224,7 +224,7 @@ LifespanGrids::LifespanGrids(double longest_part, double time, double lifespan, 
   while (finest_time_ < kMaxHalvings && fits(finest_time_ + 1)) ++finest_time_;
 }
 
-void LifespanGrids::snap(const Interval& interval, std::size_t i, Gaussians4D& set) const {
+void LifespanGrids::snap(const TickRange& interval, std::size_t i, Gaussians4D& set) const {
   const double length = length_of(interval);
   if (lifetime_of(set, i, length).never) return;
   make_constant(length, bounds_, i, set);
@@ -246,7 +246,7 @@ void LifespanGrids::snap(const Interval& interval, std::size_t i, Gaussians4D& s
 }
 
 Lifespan LifespanGrids::rounded(const Lifespan& was, Lifespan life,
-                                const Interval& interval) const {
+                                const TickRange& interval) const {
   const FrameRange frames(interval);
   const double length = length_of(interval);
   const double bound = std::max(bounds_.edge * was.sigma, size_of(time_));

@@ -57,14 +57,14 @@ class LifespanGrids {
 
   // Quantises lifespan and opacity of primitive i, which is rendered within `interval` of the
   // timeline, and moves it to its position at the new T. Leaves invisible primitives unchanged.
-  void snap(const Interval& interval, std::size_t i, Gaussians4D& set) const;
+  void snap(const TickRange& interval, std::size_t i, Gaussians4D& set) const;
   // Returns the coarsest steps of which these snapped primitives are multiples.
   LifespanSteps steps_of(const Gaussians4D& set, const std::vector<std::uint32_t>& members) const;
 
  private:
   // Returns `life` with T and r on the coarsest grids that suffice for the lifespan `was` in this
   // part. The other members are already on their grids.
-  Lifespan rounded(const Lifespan& was, Lifespan life, const Interval& interval) const;
+  Lifespan rounded(const Lifespan& was, Lifespan life, const TickRange& interval) const;
 
   Step time_, lifespan_, opacity_;
   LifespanBounds bounds_;

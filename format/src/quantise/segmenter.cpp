@@ -51,7 +51,7 @@ double cost_of(double chunk, const std::vector<PartLifetime>& sample,
   for (const PartLifetime& s : sample) {
     const double length = parts[s.part].length();
     const SegmentKey key = key_of(s.lifetime, chunk, length);
-    const Interval interval = interval_of(key.level, key.slot, chunk, length);
+    const TickRange interval = interval_of(key.level, key.slot, chunk, length);
     active += s.lifetime.end - s.lifetime.begin;
     read += interval.end - interval.begin;
     keys.push_back(std::uint64_t{s.part} << 37 | std::uint64_t(key.level + 1) << 32 | key.slot);
@@ -83,7 +83,7 @@ SegmentKey key_of(const Lifetime& lifetime, double chunk_ticks, double length) {
     const double half = std::ldexp(chunk_ticks, level - 1);
     double slot = std::floor(lifetime.begin / half);
     if (slot > 0.0 && slot * half > lifetime.begin) slot -= 1.0;
-    const Interval interval =
+    const TickRange interval =
         interval_of(level, static_cast<std::uint32_t>(slot), chunk_ticks, length);
     if (lifetime.end < interval.end || interval.end >= length) {
       return {static_cast<std::int16_t>(level), static_cast<std::uint32_t>(slot)};

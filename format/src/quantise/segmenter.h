@@ -39,7 +39,7 @@ struct SegmentMembers {
 // The primitives of a part: [first, last) of a set, rendered within an interval.
 struct PartRange {
   std::uint32_t first = 0, last = 0;
-  Interval interval;
+  TickRange interval;
   std::optional<TickRange> cut = {};  // see ScenePart
   double length() const { return interval.end - interval.begin; }
 };

@@ -97,7 +97,7 @@ Demand measure_demand(std::span<const PartRange> parts,
   const double ticks = ticks_of(parts);
   for (std::size_t p = 0; p < parts.size(); ++p) {
     for (const SegmentMembers& segment : segments[p]) {
-      const Interval shown =
+      const TickRange shown =
           shown_of(interval_of(segment.key.level, segment.key.slot, chunk_ticks, parts[p].length()),
                    parts[p].interval, parts[p].cut);
       if (!(shown.begin < shown.end)) continue;

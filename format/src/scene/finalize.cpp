@@ -187,13 +187,13 @@ class Finalizer {
   void count(const IndexedRecord& record, const Status& status) {
     if (record.segment == nullptr) {
       ++report_.further;
-      const Interval interval = interval_of(head_, record.entry, record.part);
+      const TickRange interval = interval_of(head_, record.entry, record.part);
       const double begin = head_.parts[record.part].begin;
       return count_damage(report_, {begin + interval.begin, begin + interval.end},
                           record.entry.bytes, status);
     }
     const SegmentEntry& segment = *record.segment;
-    const Interval shown = shown_of(head_, segment);
+    const TickRange shown = shown_of(head_, segment);
     std::uint64_t bytes = record.entry.bytes;
     if (record.entry.offset == segment.base.offset) {
       unreadable_bases_.insert(record.segment);

@@ -17,7 +17,7 @@ std::vector<SegmentInfo> segments_from(const FileHead& head) {
   std::vector<SegmentInfo> out;
   for (const SegmentEntry& segment : head.index.segments) {
     const IndexEntry &base = segment.base, &sh = segment.sh;
-    const Interval interval = shown_of(head, segment);
+    const TickRange interval = shown_of(head, segment);
     out.push_back({base.level, interval.begin, interval.end, base.primitives, base.offset,
                    base.bytes, segment.part, tier_of(base.layer), sh.offset, sh.bytes,
                    head.has(base), head.has(sh)});

@@ -48,7 +48,7 @@ Result<bool> drop_last_fragment(const ByteSource& source, const FileHead& head,
     if (copy_record(source, segment.base, bytes, found)) return false;
     const Status status = found.status(source.name());
     if (status.code() != StatusCode::kInvalidFile) return status;
-    const Interval shown = shown_of(head, segment);
+    const TickRange shown = shown_of(head, segment);
     ++dropped.segments;
     dropped.primitives += segment.base.primitives;
     count_damage(dropped, {shown.begin, shown.end}, segment.base.bytes + segment.sh.bytes, status);

@@ -13,7 +13,7 @@ constexpr int kConstant = -2, kNear = -2;
 
 // Returns whether a primitive is static and equally visible throughout the interval; see
 // Quantiser::snap_lifespans().
-bool is_constant(const Gaussians4D& set, std::uint32_t i, const Interval& interval) {
+bool is_constant(const Gaussians4D& set, std::uint32_t i, const TickRange& interval) {
   const float* u = set.velocity.data() + 3 * std::size_t{i};
   return u[0] == 0.0f && u[1] == 0.0f && u[2] == 0.0f && set.sigma[i] == 1.0f &&
          2.0 * set.radius[i] >= interval.end - interval.begin;
@@ -39,7 +39,7 @@ std::vector<TierSegment> take_far_segments(SegmentKey key, const Encoding& encod
 // floats, get a segment of their own, so that their lifespans are a single symbol. Outliers come
 // last.
 std::vector<TierSegment> tier_segments_of(SegmentKey key, Tier tier, const Encoding& encoding,
-                                          const Interval& interval) {
+                                          const TickRange& interval) {
   if (encoding.quantiser == nullptr) {
     return {{{key, std::move(tier.members)}, tier.importance, key.level}};
   }

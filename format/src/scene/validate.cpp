@@ -21,7 +21,7 @@ void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t se
   const SceneMetadata& scene = head.metadata.scene;
   const std::uint64_t at = entry.base.offset;
   const std::size_t n = set.size();
-  const Interval interval = interval_of(head, entry.base, entry.part);
+  const TickRange interval = interval_of(head, entry.base, entry.part);
   const PartEntry& part = head.parts[entry.part];
   check_each(n, N::kOutsideSegment, true, segment, at, "visible outside the segment's interval",
              findings, [&](std::size_t i) {
@@ -202,7 +202,7 @@ void check_timed(ByteReader& in, const FurtherEntry& record, const FileHead& hea
                  Findings& findings) {
   if (content_of(record.entry.layer) < kFirstPrivateContent) return;
   const double begin = in.f64(), end = in.f64();
-  const Interval interval = interval_of(head, record.entry, record.part);
+  const TickRange interval = interval_of(head, record.entry, record.part);
   if (in.ok() && interval.begin <= begin && begin <= end && end <= interval.end) return;
   findings.error(
       N::kTimedData, record.entry.offset,

@@ -23,10 +23,10 @@ constexpr std::uint64_t kMaxInitialSplats = std::uint64_t{1} << 21;
 constexpr std::uint64_t kInstancesPerSplat = 4;
 constexpr std::uint64_t kMinInstances = std::uint64_t{1} << 20;
 
-class CudaRenderer final : public Renderer {
+class FrameGraphRenderer final : public CudaRenderer {
  public:
-  explicit CudaRenderer(const CudaSettings& settings) : settings_(settings) {}
-  ~CudaRenderer() override {
+  explicit FrameGraphRenderer(const CudaSettings& settings) : settings_(settings) {}
+  ~FrameGraphRenderer() override {
     if (read_done_.get() != nullptr) (void)cudaEventSynchronize(read_done_.get());
   }
 
@@ -232,7 +232,7 @@ class CudaRenderer final : public Renderer {
 }  // namespace
 
 Result<std::unique_ptr<Renderer>> make_cuda_renderer(const CudaSettings& settings) {
-  auto renderer = std::make_unique<CudaRenderer>(settings);
+  auto renderer = std::make_unique<FrameGraphRenderer>(settings);
   STGS_TRY(renderer->create());
   return std::unique_ptr<Renderer>(std::move(renderer));
 }

@@ -5,7 +5,7 @@
 
 #include <memory>
 
-#include "stgs/player/renderer.h"
+#include "stgs/player/cuda_renderer.h"
 
 namespace stgs::player {
 
@@ -18,8 +18,8 @@ struct CudaSettings {
   std::uint64_t initial_instances = 0;  // in tiles
 };
 
-// Creates a renderer on the current device of the calling thread, which must stay the current one.
-// kNotBuilt without CUDA, kUnsupported if there is no device or this build has no code for it.
+// Creates a CudaRenderer on the current device of the calling thread, which must stay the current
+// one. kNotBuilt without CUDA, kUnsupported if there is no device or this build has no code for it.
 Result<std::unique_ptr<Renderer>> make_cuda_renderer(const CudaSettings& settings = {});
 
 }  // namespace stgs::player

@@ -9,7 +9,7 @@
 
 #include "cuda/device_buffer.h"
 #include "cuda/frame_buffers.h"
-#include "stgs/player/renderer.h"
+#include "stgs/player/cuda_renderer.h"
 
 namespace stgs::player::cuda {
 

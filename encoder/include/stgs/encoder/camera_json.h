@@ -4,6 +4,7 @@
 
 #include <nlohmann/json_fwd.hpp>
 #include <string>
+#include <string_view>
 
 #include "stgs/encoder/prepared_capture.h"
 
@@ -14,6 +15,10 @@ namespace stgs::encoder {
 Result<Camera> camera_from_json(const nlohmann::ordered_json& json, const std::string& where);
 // Converts a camera to JSON with every key that camera_from_json reads.
 nlohmann::ordered_json camera_to_json(const Camera& camera);
+
+// Reads a camera file: a camera, or an object with the key "start_camera", such as the output of
+// 'stgs info --format json'. kInvalidFile names `where` (the file); also if that key is null.
+Result<Camera> parse_camera(std::string_view text, const std::string& where);
 
 // Validates size, intrinsics and pose in single precision. kInvalidFile names `where` (a file).
 Status check_camera(const Camera& camera, const std::string& where);

@@ -2,8 +2,10 @@
 // Converts a capture in a common multi-view layout to a prepared capture (paper 3.3).
 #pragma once
 
+#include <array>
 #include <functional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "stgs/encoder/prepared_capture.h"
@@ -23,6 +25,10 @@ enum class Layout {
   kNerfstudio,  // nerfstudio: transforms.json
   kVideos,      // videos or image folders, calibrated by cameras.json or by COLMAP
 };
+
+// The names of the layouts on the command line and in prepared captures; index: Layout.
+inline constexpr std::array<std::string_view, 7> kLayoutNames = {
+    "auto", "n3dv", "panoptic", "easyvolcap", "colmap", "nerfstudio", "videos"};
 
 // PrepareParameters describes the numbers.
 struct PrepareSettings {
@@ -55,9 +61,6 @@ struct PrepareParameters {
                "a choice by image size");
   }
 };
-
-// Returns the layout with this command-line name. kUsage for an unknown name.
-Result<Layout> layout_from_name(const std::string& name);
 
 // Prepares the folder `capture` into `folder`. The target appears complete or not at all.
 // `progress` is called on the calling thread and cancels the run by returning false; it and `log`

@@ -304,7 +304,7 @@ Status CudaBackend::retry(std::size_t instances) {
   steps.swap(pending_);
   retried_steps_ += steps.size();
   for (; !steps.empty(); steps.pop_front()) {
-    const Status enqueued = enqueue(steps.front().input);
+    Status enqueued = enqueue(steps.front().input);
     if (!enqueued.ok()) {
       dropped_steps_ = steps.size();
       return enqueued;

@@ -32,8 +32,7 @@ Status GroundTruthCache::create(std::size_t budget) {
 
 Result<const std::uint8_t*> GroundTruthCache::acquire(const TrainingImage& image,
                                                       cudaStream_t stream) {
-  Entry* entry = nullptr;
-  STGS_TRY(find(image, entry));
+  STGS_ASSIGN(Entry* const entry, find(image));
   if (!entry->waited) {
     STGS_TRY(cuda_status(cudaStreamWaitEvent(stream, entry->copied, 0), "waiting for an image"));
     entry->waited = true;
@@ -65,7 +64,8 @@ Status GroundTruthCache::release_memory() {
   return cuda_status(cudaMemPoolTrimTo(pool, 0), "releasing memory");
 }
 
-Status GroundTruthCache::find(const TrainingImage& image, Entry*& entry) {
+Result<GroundTruthCache::Entry*> GroundTruthCache::find(const TrainingImage& image) {
+  Entry* entry = nullptr;
   const auto found = entries_.find(image.id);
   if (found == entries_.end()) {
     std::uint8_t* memory = nullptr;
@@ -78,7 +78,7 @@ Status GroundTruthCache::find(const TrainingImage& image, Entry*& entry) {
   }
   entry->next_use = image.next_use;
   by_use_.insert({entry->next_use, image.id});
-  return {};
+  return entry;
 }
 
 // Returns an image past its use (of a size no longer trained on), else the image with the latest

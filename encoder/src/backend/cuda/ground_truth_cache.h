@@ -46,7 +46,7 @@ class GroundTruthCache {
     bool busy = false;
   };
 
-  Status find(const TrainingImage& image, Entry*& entry);
+  Result<Entry*> find(const TrainingImage& image);
   Status make_space(std::size_t bytes, std::uint64_t now);
   Status evict(std::uint64_t id);
   Status allocate(std::size_t bytes, std::uint64_t now, std::uint8_t*& memory);

@@ -12,8 +12,6 @@
 #include "stgs/format/status.h"
 #include "stgs/player/timeline.h"
 
-struct CUstream_st;  // of CUDA; cudaStream_t points to it
-
 namespace stgs::player {
 
 inline constexpr std::size_t kMaxViews = 4;  // per call
@@ -53,17 +51,6 @@ struct RenderProfile {
   std::vector<RenderStep> steps;  // in execution order
 };
 
-// Rows of pixels in CUDA device memory.
-struct CudaPlane {
-  void* data = nullptr;    // null: not written
-  std::size_t stride = 0;  // bytes from row to row
-};
-// Output of one view in CUDA device memory. All strides and addresses are multiples of 4.
-struct CudaImage {
-  CudaPlane rgba8;      // 4 bytes per pixel: colour and alpha
-  CudaPlane planes[5];  // floats: red, green, blue, alpha, depth
-};
-
 // A viewpoint.
 struct View {
   math::PinholeCamera camera;
@@ -88,14 +75,6 @@ class Renderer {
                 std::vector<Frame>& frames, RenderStats* stats) {
     if (Status status = draw(timeline, seconds, views, stats); !status.ok()) return status;
     return read(frames);
-  }
-  // Copies the images of the last successful draw() to CUDA device memory, one element of `to` per
-  // view. The copies are enqueued on `stream` (cudaStream_t; null: the default stream) and not
-  // waited for; the next draw() and the destructor wait. kUnsupported if the backend does not use
-  // CUDA, kUsage if `to` does not have one element per view.
-  virtual Status read_cuda(const std::vector<CudaImage>& to, CUstream_st* stream) {
-    (void)to, (void)stream;
-    return unsupported("backend '{}' does not render with CUDA; use backend 'cuda'", name());
   }
   // Returns the name of the backend, as make_renderer() takes it.
   virtual std::string name() const = 0;

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "opencv.h"
+
+#include <cstdlib>
+
+#include "opencv_module.h"
+#include "stgs/encoder/program_module.h"
+
+namespace stgs::tools {
+
+#ifdef STGS_HAS_PREPARE
+namespace {
+
+#define STGS_TEXT_OF(name) #name
+#define STGS_TEXT(name) STGS_TEXT_OF(name)
+constexpr const char* kSymbol = STGS_TEXT(STGS_OPENCV_SYMBOL);
+
+struct OpenCvSettings {
+  int threads = 0;
+  bool quiet = true;
+};
+
+OpenCvSettings& settings_of_process() {
+  static OpenCvSettings settings;
+  return settings;
+}
+
+Result<const OpenCvFunctions*> load() {
+  STGS_ASSIGN(void* const symbol, encoder::load_program_module("stgs_opencv.so", kSymbol, false));
+  return reinterpret_cast<OpenCvSymbol>(symbol)();
+}
+
+// Loads OpenCV on the first call.
+Result<const OpenCvFunctions*> opencv() {
+  static const Result<const OpenCvFunctions*> loaded = [] {
+    Result<const OpenCvFunctions*> functions = load();
+    const OpenCvSettings& settings = settings_of_process();
+    if (functions.ok()) (*functions)->set_up(settings.threads, settings.quiet);
+    return functions;
+  }();
+  return loaded;
+}
+
+}  // namespace
+
+void set_up_opencv(const CommonOptions& options) {
+  settings_of_process() = {options.threads, options.log_level != "debug"};
+  // OpenCV reads it when it first opens a video; -8 is AV_LOG_QUIET. A value set by the user stays.
+  if (options.log_level != "debug") ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
+}
+
+Status prepare_capture(const std::string& capture, const std::string& folder,
+                       const encoder::PrepareSettings& settings, Session& session) {
+  STGS_ASSIGN(const OpenCvFunctions* const functions, opencv());
+  return functions->prepare(capture, folder, settings, session.progress_sink(), session.log_sink());
+}
+
+Result<std::unique_ptr<VideoWriter>> make_mp4_writer(const std::string& path, TimeBase time_base,
+                                                     const encoder::LogSink& log) {
+  STGS_ASSIGN(const OpenCvFunctions* const functions, opencv());
+  return functions->make_mp4_writer(path, time_base, log);
+}
+
+#else
+
+void set_up_opencv(const CommonOptions&) {}
+
+Status prepare_capture(const std::string& capture, const std::string&,
+                       const encoder::PrepareSettings&, Session&) {
+  return not_built(
+      "{}: this build cannot prepare captures (no OpenCV); rebuild with libopencv-dev and "
+      "STGS_WITH_PREPARE=ON, or prepare on another machine",
+      capture);
+}
+
+Result<std::unique_ptr<VideoWriter>> make_mp4_writer(const std::string& path, TimeBase,
+                                                     const encoder::LogSink&) {
+  return not_built(
+      "{}: this build has no mp4 (OpenCV was not found); write .y4m, or rebuild with libopencv-dev",
+      path);
+}
+
+#endif
+
+}  // namespace stgs::tools

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "opencv_module.h"
+
+#include <opencv2/core/utility.hpp>
+#include <opencv2/core/utils/logger.hpp>
+
+#include "mp4.h"
+
+namespace stgs::tools {
+namespace {
+
+void set_up(int threads, bool quiet) {
+  if (threads > 0) cv::setNumThreads(threads);
+  if (quiet) cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+}
+
+}  // namespace
+}  // namespace stgs::tools
+
+extern "C" __attribute__((visibility("default"))) const stgs::tools::OpenCvFunctions*
+STGS_OPENCV_SYMBOL() {
+  using namespace stgs::tools;
+  static const OpenCvFunctions functions = {set_up, stgs::encoder::prepare, open_mp4_writer};
+  return &functions;
+}

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// The interface of stgs_opencv.so: what the program does with OpenCV. OpenCV stands on some 200
+// libraries, which take a tenth of a second to load; the other verbs start without them. Program
+// and module are built together and exchange C++ objects.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "stgs/encoder/prepare.h"
+#include "video.h"
+
+namespace stgs::tools {
+
+struct OpenCvFunctions {
+  // Limits OpenCV's threads (0: no limit) and, if `quiet`, silences its log. Call it once, first.
+  void (*set_up)(int threads, bool quiet);
+  // As encoder::prepare().
+  Status (*prepare)(const std::string& capture, const std::string& folder,
+                    const encoder::PrepareSettings& settings, const encoder::ProgressSink& progress,
+                    const encoder::LogSink& log);
+  // As make_mp4_writer().
+  Result<std::unique_ptr<VideoWriter>> (*make_mp4_writer)(const std::string& path,
+                                                          TimeBase time_base,
+                                                          const encoder::LogSink& log);
+};
+
+// The module's only symbol, a function of this type. Its name has the version of the build.
+using OpenCvSymbol = const OpenCvFunctions* (*)();
+
+}  // namespace stgs::tools
