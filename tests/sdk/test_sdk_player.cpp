@@ -186,9 +186,8 @@ TEST_CASE("the status includes a seek and a pause before the next update", "[sdk
   CHECK(status.state == STGS_PLAYER_OPENING);  // only an update ends opening
   REQUIRE(stgs_player_wait_open(player.get()) == STGS_OK);
   REQUIRE(stgs_player_play(player.get()) == STGS_OK);
-  REQUIRE(update_until(player.get(), 0, [](const stgs_player_status& s) {
-    return s.state == STGS_PLAYER_PLAYING;
-  }));
+  REQUIRE(update_until(player.get(), 0,
+                       [](const stgs_player_status& s) { return s.state == STGS_PLAYER_PLAYING; }));
   REQUIRE(stgs_player_pause(player.get()) == STGS_OK);
   REQUIRE(stgs_player_seek_frame(player.get(), 31) == STGS_OK);
   REQUIRE(stgs_player_get_status(player.get(), &status) == STGS_OK);
