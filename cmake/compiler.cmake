@@ -58,5 +58,7 @@ function(stgs_compile_options target)
     # GCC 12 has false positives at -O3, in strings and vectors.
     $<$<AND:$<CONFIG:Release>,$<COMPILE_LANG_AND_ID:CXX,GNU>>:-Wno-array-bounds -Wno-restrict
       -Wno-stringop-overflow -Wno-stringop-overread>
+    # Several sources compiled as one: none of them is the main file, whose types may be private.
+    $<$<AND:$<BOOL:${CMAKE_UNITY_BUILD}>,$<COMPILE_LANG_AND_ID:CXX,GNU>>:-Wno-subobject-linkage>
     $<$<COMPILE_LANGUAGE:CXX>:-fno-math-errno>)
 endfunction()

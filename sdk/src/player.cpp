@@ -19,7 +19,7 @@ namespace {
 constexpr double kMinMemory = 1 << 20;
 constexpr double kMax = std::numeric_limits<double>::max();  // any finite value
 
-stgs_player_settings default_settings() {
+stgs_player_settings default_player_settings() {
   const stgs::player::PlayerSettings defaults;
   stgs_player_settings settings{};
   settings.struct_size = sizeof(settings);
@@ -198,13 +198,13 @@ void stgs_player::collect_events() {
 extern "C" {
 
 stgs_result stgs_player_settings_defaults(stgs_player_settings* settings, size_t struct_size) {
-  return stgs::sdk::fill_defaults(settings, struct_size, default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, default_player_settings());
 }
 
 stgs_result stgs_player_create(const stgs_player_settings* settings, stgs_player** out) {
   if (out == nullptr) return STGS_ERROR_ARGUMENT;
   *out = nullptr;
-  stgs_player_settings known = default_settings();
+  stgs_player_settings known = default_player_settings();
   if (settings != nullptr) {
     if (const stgs_result bad = stgs::sdk::copy_in(settings, known); bad != STGS_OK) return bad;
   }

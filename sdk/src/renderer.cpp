@@ -17,7 +17,7 @@ namespace {
 // Index: stgs_backend.
 constexpr const char* kBackends[] = {"auto", "cpu", "cuda", "vulkan"};
 
-stgs_renderer_settings default_settings() {
+stgs_renderer_settings default_renderer_settings() {
   stgs_renderer_settings settings{};
   settings.struct_size = sizeof(settings);
   settings.backend = STGS_BACKEND_AUTO;
@@ -43,7 +43,7 @@ stgs_result create_renderer(const stgs_renderer_settings* settings, stgs_rendere
                             const std::function<Outcome(stgs_renderer&, stgs_backend)>& make) {
   if (out == nullptr) return STGS_ERROR_ARGUMENT;
   *out = nullptr;
-  stgs_renderer_settings known = default_settings();
+  stgs_renderer_settings known = default_renderer_settings();
   if (settings != nullptr) {
     if (const stgs_result bad = copy_in(settings, known); bad != STGS_OK) return bad;
   }
@@ -118,7 +118,7 @@ Outcome render(stgs_renderer& renderer, stgs_scene& scene, double seconds) {
 extern "C" {
 
 stgs_result stgs_renderer_settings_defaults(stgs_renderer_settings* settings, size_t struct_size) {
-  return stgs::sdk::fill_defaults(settings, struct_size, default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, default_renderer_settings());
 }
 
 stgs_result stgs_renderer_create(const stgs_renderer_settings* settings, stgs_renderer** out) {

@@ -17,7 +17,7 @@ namespace {
 
 constexpr std::uint64_t kMinMemory = std::uint64_t{1} << 20;
 
-stgs_scene_settings default_settings() {
+stgs_scene_settings default_scene_settings() {
   stgs_scene_settings settings{};
   settings.struct_size = sizeof(settings);
   settings.max_file_bytes = INT64_MAX;
@@ -159,13 +159,13 @@ Outcome stgs_scene::check_memory(double seconds) {
 extern "C" {
 
 stgs_result stgs_scene_settings_defaults(stgs_scene_settings* settings, size_t struct_size) {
-  return stgs::sdk::fill_defaults(settings, struct_size, default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, default_scene_settings());
 }
 
 stgs_result stgs_scene_create(const stgs_scene_settings* settings, stgs_scene** out) {
   if (out == nullptr) return STGS_ERROR_ARGUMENT;
   *out = nullptr;
-  stgs_scene_settings known = default_settings();
+  stgs_scene_settings known = default_scene_settings();
   if (settings != nullptr) {
     if (const stgs_result bad = stgs::sdk::copy_in(settings, known); bad != STGS_OK) return bad;
   }

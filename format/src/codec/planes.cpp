@@ -17,10 +17,10 @@
 namespace stgs {
 namespace {
 
-constexpr std::size_t kSamples = 4096;  // per component, for choosing digits
-constexpr std::size_t kRun = 64;        // successive primitives in a sample
-constexpr double kTableBits = 6.0;      // approximate cost of a table, per symbol in it
-constexpr double kDigitBits = 0.02;     // cost of decoding one more digit, per value
+constexpr std::size_t kSamples = 4096;    // per component, for choosing digits
+constexpr std::size_t kRun = 64;          // successive primitives in a sample
+constexpr double kTableSymbolBits = 6.0;  // approximate cost of a table, per symbol in it
+constexpr double kDigitBits = 0.02;       // cost of decoding one more digit, per value
 // Digits per value, at most: no layout has more planes than its floats have bytes (spec 7.3). A
 // Morton key stands for three components.
 constexpr std::size_t kMaxValueDigits = 4, kMaxKeyDigits = 12;
@@ -87,7 +87,7 @@ Sample sample_of(std::span<const Integers* const> records, std::size_t total, st
 }
 
 // Returns count * log2(count), for counts of a sample.
-double log_term(std::size_t count) {
+double sample_term(std::size_t count) {
   static const std::vector<double> terms = [] {
     std::vector<double> out(2 * (kSamples + kRun));
     for (std::size_t i = 1; i < out.size(); ++i) {
@@ -104,17 +104,17 @@ double digit_cost(const Sample& sample, int shift, int width, double total) {
   const std::uint64_t mask = (1u << width) - 1;
   for (const std::uint64_t v : sample.values) ++counts[v >> shift & mask];
   const auto samples = static_cast<double>(sample.values.size());
-  double bits = log_term(sample.values.size());
+  double bits = sample_term(sample.values.size());
   int used = 0;
   for (const std::uint32_t count : counts) {
     if (count == 0) continue;
     ++used;
-    bits -= log_term(count);
+    bits -= sample_term(count);
   }
   if (used < 2) return 0.0;
   // Approximate bias of the entropy of a sample.
   const double missing = 0.72 * (used - 1) * (1.0 - samples / total);
-  return (bits + missing) / samples * total + kTableBits * used + kDigitBits * total;
+  return (bits + missing) / samples * total + kTableSymbolBits * used + kDigitBits * total;
 }
 
 struct Digits {

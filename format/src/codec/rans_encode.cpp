@@ -12,16 +12,16 @@ namespace {
 constexpr int kReciprocalBits = 44;
 
 // The effect of a symbol on a state.
-struct Step {
+struct SymbolStep {
   // 2^44 / frequency, rounded up. Multiplied by a state below frequency * 2^20 it exceeds the exact
   // quotient by less than 1 / frequency, so its integer part is exact; the product is below 2^64.
   std::uint64_t reciprocal = 0;
   std::uint32_t frequency = 0, start = 0;
 };
-using Steps = std::array<Step, 256>;
+using SymbolSteps = std::array<SymbolStep, 256>;
 
-Steps steps_of(const RansTable& table) {
-  Steps steps;
+SymbolSteps steps_of(const RansTable& table) {
+  SymbolSteps steps;
   std::uint32_t start = 0;
   for (std::size_t s = 0; s < 256; ++s) {
     const std::uint32_t f = table.frequency[s];
@@ -53,11 +53,12 @@ Status check_plane(const RansPlane& plane, std::size_t index, std::size_t n) {
 
 // Encodes `count` symbols onto the states, last first. Words are written before `words`; returns
 // the first one. The word before it is overwritten too.
-std::uint16_t* encode_plane(const std::uint8_t* symbols, std::size_t count, const Steps& steps,
-                            std::size_t lanes, std::uint32_t* states, std::uint16_t* words) {
+std::uint16_t* encode_plane(const std::uint8_t* symbols, std::size_t count,
+                            const SymbolSteps& steps, std::size_t lanes, std::uint32_t* states,
+                            std::uint16_t* words) {
   std::size_t lane = (count - 1) % lanes;
   for (std::size_t i = count; i-- > 0;) {
-    const Step& step = steps[symbols[i]];
+    const SymbolStep& step = steps[symbols[i]];
     std::uint32_t x = states[lane];
     // Branchless: a branch would be mispredicted half of the time.
     const std::uint32_t full = (x >> 20) >= step.frequency;
@@ -77,7 +78,7 @@ struct CodedBlock {
 };
 
 // `scratch`: one word per symbol, plus one.
-CodedBlock encode_block(std::span<const RansPlane> planes, const std::vector<Steps>& steps,
+CodedBlock encode_block(std::span<const RansPlane> planes, const std::vector<SymbolSteps>& steps,
                         std::size_t first, std::size_t count, std::span<std::uint16_t> scratch) {
   CodedBlock block;
   block.states.fill(kRansLow);
@@ -98,7 +99,7 @@ Result<std::vector<std::uint8_t>> rans_encode(std::span<const RansPlane> planes,
     return usage_error("too many planes in a group (expected at most {}, got {})", kRansPlanes,
                        planes.size());
   }
-  std::vector<Steps> steps(planes.size());
+  std::vector<SymbolSteps> steps(planes.size());
   for (std::size_t p = 0; p < planes.size(); ++p) {
     STGS_TRY(check_plane(planes[p], p, n));
     steps[p] = steps_of(*planes[p].table);

@@ -289,6 +289,10 @@ struct CopiedHead {
 // the other records of a file that does not grow.
 CopiedHead write_copied_head(FileHeader header, std::span<const std::uint8_t> records,
                              std::uint64_t body_bytes);
+
+// Bytes of the length that ends the payload of a head copy.
+inline constexpr std::uint64_t kHeadLengthBytes = 8;
+
 struct HeadCopy {
   std::uint64_t offset = 0;        // of its record
   std::vector<std::uint8_t> head;  // the head that it is a copy of

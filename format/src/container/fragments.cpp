@@ -24,7 +24,7 @@ struct FragRecord {
   std::vector<std::uint8_t> payload;
   bool after_damage = false;  // the record named as `previous` is damaged
 };
-using Found = std::optional<FragRecord>;
+using FoundFragment = std::optional<FragRecord>;
 
 bool is_frag(const RecordHeader& header) {
   return header.tag == kFragmentTag && header.flags == kCritical &&
@@ -43,8 +43,8 @@ class FragmentFinder {
         work_(2 * source.size() + kMaxSearchWindow) {}
 
   // Finds the last complete one: at the end of the file, or else the intact one that begins last.
-  Result<Found> last() {
-    STGS_ASSIGN(Found found, at_end());
+  Result<FoundFragment> last() {
+    STGS_ASSIGN(FoundFragment found, at_end());
     if (found) return found;
     return last_before(source_.size());
   }
@@ -63,9 +63,9 @@ class FragmentFinder {
   std::uint32_t unreached_frames() const { return unreached_frames_; }
 
   // Reads the one at `offset` if it is undamaged and ends at or before `end`.
-  Result<Found> at(std::uint64_t offset, std::uint64_t end) {
+  Result<FoundFragment> at(std::uint64_t offset, std::uint64_t end) {
     STGS_ASSIGN(const auto record, record_at(offset, end));
-    if (!record || !is_frag(*record)) return Found();
+    if (!record || !is_frag(*record)) return FoundFragment();
     if (record->length > limit_) {
       return unsupported("index fragment of {} bytes exceeds the memory limit of {} bytes",
                          record->length, limit_);
@@ -79,15 +79,15 @@ class FragmentFinder {
     fragment.end = offset + kRecordHeaderBytes + record->length;
     fragment.payload.resize(record->length);
     STGS_TRY(source_.read(offset + kRecordHeaderBytes, fragment.payload));
-    if (checksum(fragment.payload) != record->checksum) return Found();
+    if (checksum(fragment.payload) != record->checksum) return FoundFragment();
     read_header(fragment);
     const bool own = fragment.header.offset == offset && fragment.header.head == head_checksum_;
-    return own ? Found(std::move(fragment)) : Found();
+    return own ? FoundFragment(std::move(fragment)) : FoundFragment();
   }
 
   // Finds the intact one that begins last and ends at or before `end`. Searches backwards in
   // windows of increasing size.
-  Result<Found> last_before(std::uint64_t end) {
+  Result<FoundFragment> last_before(std::uint64_t end) {
     std::vector<std::uint8_t> bytes;
     std::uint64_t window = kFirstSearchWindow;
     for (std::uint64_t high = end; high > body_at_;) {
@@ -97,13 +97,13 @@ class FragmentFinder {
       STGS_TRY(source_.read(low, bytes));
       for (std::uint64_t at = high; at-- > low;) {
         if (!looks_like_one(std::span(bytes).subspan(at - low))) continue;
-        STGS_ASSIGN(Found found, intact_at(at, end));
+        STGS_ASSIGN(FoundFragment found, intact_at(at, end));
         if (found) return found;
       }
       high = low;
       window = std::min(2 * window, kMaxSearchWindow);
     }
-    return Found();
+    return FoundFragment();
   }
 
  private:
@@ -136,22 +136,22 @@ class FragmentFinder {
   }
 
   // A complete file ends with its last FRAG record, whose last bytes give its length.
-  Result<Found> at_end() {
+  Result<FoundFragment> at_end() {
     const std::uint64_t size = source_.size(), min_bytes = kRecordHeaderBytes + kLengthBytes;
-    if (size < min_bytes || size - min_bytes < body_at_) return Found();
+    if (size < min_bytes || size - min_bytes < body_at_) return FoundFragment();
     std::vector<std::uint8_t> bytes(kLengthBytes);
     STGS_TRY(source_.read(size - kLengthBytes, bytes));
     const std::uint64_t length = ByteReader(bytes).u64();
-    if (length > size - body_at_ - kRecordHeaderBytes) return Found();
+    if (length > size - body_at_ - kRecordHeaderBytes) return FoundFragment();
     return intact_at(size - kRecordHeaderBytes - length, size);
   }
 
-  Result<Found> intact_at(std::uint64_t offset, std::uint64_t end) {
-    STGS_ASSIGN(Found found, at(offset, end));
+  Result<FoundFragment> intact_at(std::uint64_t offset, std::uint64_t end) {
+    STGS_ASSIGN(FoundFragment found, at(offset, end));
     if (!found) return found;
     STGS_ASSIGN(const bool reached, is_reached(*found));
     if (!reached) unreached_frames_ = std::max(unreached_frames_, found->header.frames);
-    return reached ? std::move(found) : Found();
+    return reached ? std::move(found) : FoundFragment();
   }
 
   // Returns whether following the records from the preceding fragment leads to a segment record or
@@ -215,7 +215,7 @@ bool chain_of(FragmentFinder& fragments, FragRecord last, const FileHead& head,
                      "index fragment refers to an invalid previous offset {}", previous);
       return false;
     }
-    Result<Found> found = fragments.at(previous, chain.back().offset);
+    Result<FoundFragment> found = fragments.at(previous, chain.back().offset);
     if (found.ok() && !*found) {
       findings.damage(N::kFragment, previous,
                       "index fragment is damaged; content listed only by it is lost");

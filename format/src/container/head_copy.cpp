@@ -11,15 +11,15 @@ namespace {
 
 using N = IssueNumber;
 using Bytes = std::vector<std::uint8_t>;
-using Found = std::optional<HeadCopy>;
+using FoundCopy = std::optional<HeadCopy>;
 
-constexpr std::uint64_t kLengthBytes = 8;
 // Records skipped in search of a copy if the length of the head is unknown.
 constexpr int kMaxRecordsBefore = 64;
 
 // Returns the head that the payload of a COPY record contains; empty if it is invalid.
 Bytes unpack_copy(std::span<const std::uint8_t> payload, const FileHeader& header) {
-  const auto records = payload.subspan(kHeaderBytes, payload.size() - kHeaderBytes - kLengthBytes);
+  const auto records =
+      payload.subspan(kHeaderBytes, payload.size() - kHeaderBytes - kHeadLengthBytes);
   const std::uint64_t size = header.head_bytes - kHeaderBytes;
   if (records.size() != size && zstd_frame_problem(records, size) != nullptr) return {};
   Bytes out(header.head_bytes);
@@ -40,12 +40,12 @@ bool is_copy_location(const FileHeader& header, std::uint64_t at, std::uint64_t 
 }
 
 bool states_its_length(std::span<const std::uint8_t> payload) {
-  return ByteReader(payload.last(kLengthBytes)).u64() == payload.size();
+  return ByteReader(payload.last(kHeadLengthBytes)).u64() == payload.size();
 }
 
 bool is_copy(const RecordHeader& record) {
   return record.tag == kCopyTag && record.flags == 0 &&
-         record.length >= kHeaderBytes + kLengthBytes;
+         record.length >= kHeaderBytes + kHeadLengthBytes;
 }
 
 class Search {
@@ -53,47 +53,47 @@ class Search {
   Search(const ByteSource& source, std::span<const std::uint8_t> first, const ReadLimits& limits)
       : source_(source), first_(first), stated_(intact_header(first)), limits_(limits) {}
 
-  Result<Found> run() const {
+  Result<FoundCopy> run() const {
     if (stated_ && (stated_->flags & kGrowing) != 0) return at(stated_->head_bytes);
-    STGS_ASSIGN(Found found, before(stated_ ? stated_->file_bytes : source_.size()));
+    STGS_ASSIGN(FoundCopy found, before(stated_ ? stated_->file_bytes : source_.size()));
     if (found || stated_) return found;
     return after_records();
   }
 
  private:
-  Result<Found> at(std::uint64_t offset) const {
+  Result<FoundCopy> at(std::uint64_t offset) const {
     STGS_ASSIGN(const auto record, complete_record_at(source_, offset, source_.size()));
-    if (!record || !is_copy(*record) || record->length > limits_.max_memory) return Found();
+    if (!record || !is_copy(*record) || record->length > limits_.max_memory) return FoundCopy();
     Bytes payload(record->length);
     STGS_TRY(source_.read(offset + kRecordHeaderBytes, payload));
-    if (checksum(payload) != record->checksum || !states_its_length(payload)) return Found();
+    if (checksum(payload) != record->checksum || !states_its_length(payload)) return FoundCopy();
     const std::optional<FileHeader> header = intact_header(payload);
     if (!header || header->head_bytes < kHeaderBytes ||
         header->head_bytes > std::min(source_.size(), limits_.max_memory)) {
-      return Found();
+      return FoundCopy();
     }
     const std::uint64_t end = offset + kRecordHeaderBytes + record->length;
     const bool growing = (header->flags & kGrowing) != 0;
     const bool own = stated_ ? std::equal(first_.begin(), first_.end(), payload.begin())
                              : header->file_bytes == (growing ? 0 : source_.size());
-    if (!own || !is_copy_location(*header, offset, end)) return Found();
+    if (!own || !is_copy_location(*header, offset, end)) return FoundCopy();
     Bytes head = unpack_copy(payload, *header);
-    return head.empty() ? Found() : Found({offset, std::move(head)});
+    return head.empty() ? FoundCopy() : FoundCopy({offset, std::move(head)});
   }
 
   // Finds the copy that ends at `end`.
-  Result<Found> before(std::uint64_t end) const {
-    constexpr std::uint64_t kMinBytes = kRecordHeaderBytes + kHeaderBytes + kLengthBytes;
-    if (end > source_.size() || end < kMinBytes) return Found();
-    Bytes bytes(kLengthBytes);
-    STGS_TRY(source_.read(end - kLengthBytes, bytes));
+  Result<FoundCopy> before(std::uint64_t end) const {
+    constexpr std::uint64_t kMinBytes = kRecordHeaderBytes + kHeaderBytes + kHeadLengthBytes;
+    if (end > source_.size() || end < kMinBytes) return FoundCopy();
+    Bytes bytes(kHeadLengthBytes);
+    STGS_TRY(source_.read(end - kHeadLengthBytes, bytes));
     const std::uint64_t length = ByteReader(bytes).u64();
-    if (length > end - kRecordHeaderBytes) return Found();
+    if (length > end - kRecordHeaderBytes) return FoundCopy();
     return at(end - kRecordHeaderBytes - length);
   }
 
   // Finds the copy of a growing file whose header is damaged: the length of its head is unknown.
-  Result<Found> after_records() const {
+  Result<FoundCopy> after_records() const {
     std::uint64_t offset = kHeaderBytes;
     for (int passed = 0; passed <= kMaxRecordsBefore; ++passed) {
       STGS_ASSIGN(const auto record, complete_record_at(source_, offset, source_.size()));
@@ -101,7 +101,7 @@ class Search {
       if (record->tag == kCopyTag) return at(offset);
       offset += kRecordHeaderBytes + record->length;
     }
-    return Found();
+    return FoundCopy();
   }
 
   const ByteSource& source_;
@@ -112,8 +112,8 @@ class Search {
 
 }  // namespace
 
-Result<Found> find_head_copy(const ByteSource& source, std::span<const std::uint8_t> first,
-                             const ReadLimits& limits) {
+Result<FoundCopy> find_head_copy(const ByteSource& source, std::span<const std::uint8_t> first,
+                                 const ReadLimits& limits) {
   return Search(source, first, limits).run();
 }
 
@@ -130,7 +130,8 @@ void check_head_copy(const ByteSource& source, const FileHead& head, std::uint64
   }
   const Result<Bytes> own = read_head_bytes(source, head);
   if (!own.ok()) return findings.failed_read(0, own.status());
-  const bool same = payload.size() >= kHeaderBytes + kLengthBytes && states_its_length(payload) &&
+  const bool same = payload.size() >= kHeaderBytes + kHeadLengthBytes &&
+                    states_its_length(payload) &&
                     std::equal(own->begin(), own->begin() + kHeaderBytes, payload.begin()) &&
                     unpack_copy(payload, head.header) == *own;
   if (!same) findings.warning(N::kForeignCopy, at, "head copy does not match this file's head");

@@ -11,15 +11,13 @@ namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 
-constexpr std::uint64_t kLengthBytes = 8;
-
 Bytes pack_records(std::span<const std::uint8_t> records) {
   constexpr int kLevel = 19;  // a head is small
   return compress_planes(records, records.size(), kLevel);
 }
 
 std::uint64_t payload_bytes(std::span<const std::uint8_t> packed) {
-  return kHeaderBytes + packed.size() + kLengthBytes;
+  return kHeaderBytes + packed.size() + kHeadLengthBytes;
 }
 
 Bytes write_copy(std::span<const std::uint8_t> header, std::span<const std::uint8_t> packed) {

@@ -17,7 +17,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr std::size_t kGrain = 16384;
 constexpr int kFloat = 5126, kUnsignedByte = 5121, kArrayBuffer = 34962;  // glTF enumerants
 constexpr std::uint32_t kGlbMagic = 0x46546C67, kJsonChunk = 0x4E4F534A, kBinChunk = 0x004E4942;
 constexpr std::uint64_t kMaxJsonBytes = 64 * 1024;  // far more than the actual size
@@ -33,13 +32,14 @@ class GltfBuffer {
   Json& floats(const std::string& name, std::size_t width, const Value& value) {
     const std::size_t at = bytes_.size();
     bytes_.resize(at + primitives_ * width * sizeof(float));
-    parallel_blocks(std::size_t{0}, primitives_, kGrain, [&](std::size_t first, std::size_t last) {
-      float one[4] = {};
-      for (std::size_t i = first; i < last; ++i) {
-        value(i, one);
-        std::memcpy(bytes_.data() + at + i * width * sizeof(float), one, width * sizeof(float));
-      }
-    });
+    parallel_blocks(
+        std::size_t{0}, primitives_, kPrimitivesPerTask, [&](std::size_t first, std::size_t last) {
+          float one[4] = {};
+          for (std::size_t i = first; i < last; ++i) {
+            value(i, one);
+            std::memcpy(bytes_.data() + at + i * width * sizeof(float), one, width * sizeof(float));
+          }
+        });
     const char* types[] = {"", "SCALAR", "VEC2", "VEC3", "VEC4"};
     return add(name, types[width], kFloat, at);
   }

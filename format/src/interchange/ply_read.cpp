@@ -12,7 +12,6 @@ namespace stgs {
 namespace {
 
 constexpr std::size_t kBlockBytes = std::size_t{8} << 20;
-constexpr std::size_t kGrain = 1024;
 constexpr std::size_t kMaxCoefficients = 16;
 
 // For each component of a primitive, the index of its vertex property.
@@ -105,13 +104,14 @@ Status read_binary(const ByteSource& source, const PlyElement& vertex, const Ply
   for (std::size_t begin = 0; begin < set.size(); begin += block_size) {
     const std::size_t count = std::min(block_size, set.size() - begin);
     STGS_TRY(source.read(vertex.offset + begin * stride, {bytes.data(), count * stride}));
-    parallel_blocks(std::size_t{0}, count, kGrain, [&](std::size_t first, std::size_t last) {
-      for (std::size_t i = first; i < last; ++i) {
-        const std::uint8_t* record = bytes.data() + i * stride;
-        store(fields, begin + i, set,
-              [&](std::size_t p) { return ply_float(record, vertex.properties[p]); });
-      }
-    });
+    parallel_blocks(
+        std::size_t{0}, count, kPrimitivesPerTask, [&](std::size_t first, std::size_t last) {
+          for (std::size_t i = first; i < last; ++i) {
+            const std::uint8_t* record = bytes.data() + i * stride;
+            store(fields, begin + i, set,
+                  [&](std::size_t p) { return ply_float(record, vertex.properties[p]); });
+          }
+        });
   }
   return {};
 }

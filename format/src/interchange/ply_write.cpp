@@ -7,8 +7,6 @@
 namespace stgs {
 namespace {
 
-constexpr std::size_t kGrain = 4096;
-
 std::string header_of(const Gaussians4D& set) {
   std::string header =
       fmt::format("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", set.size());
@@ -33,24 +31,25 @@ Result<std::vector<std::uint8_t>> write_ply(const Gaussians4D& set) {
   const std::size_t width = 14 + 3 * coefficients;  // floats per vertex, including normals
   std::vector<std::uint8_t> out(header.size() + set.size() * width * sizeof(float));
   std::memcpy(out.data(), header.data(), header.size());
-  parallel_blocks(std::size_t{0}, set.size(), kGrain, [&](std::size_t first, std::size_t last) {
-    std::vector<float> record(width);
-    for (std::size_t i = first; i < last; ++i) {
-      auto to = record.begin();
-      const float* sh = set.sh.data() + i * 3 * coefficients;
-      to = std::copy_n(set.position.begin() + static_cast<std::ptrdiff_t>(3 * i), 3, to);
-      to = std::fill_n(to, 3, 0.0f);  // normals; 3DGS writes 0 as well
-      to = std::copy_n(sh, 3, to);
-      for (std::size_t c = 0; c < 3; ++c) {
-        for (std::size_t k = 1; k < coefficients; ++k) *to++ = sh[3 * k + c];
-      }
-      *to++ = set.opacity_logit[i];
-      to = std::copy_n(set.log_scale.begin() + static_cast<std::ptrdiff_t>(3 * i), 3, to);
-      std::copy_n(set.rotation.begin() + static_cast<std::ptrdiff_t>(4 * i), 4, to);
-      std::memcpy(out.data() + header.size() + i * width * sizeof(float), record.data(),
-                  width * sizeof(float));
-    }
-  });
+  parallel_blocks(
+      std::size_t{0}, set.size(), kPrimitivesPerTask, [&](std::size_t first, std::size_t last) {
+        std::vector<float> record(width);
+        for (std::size_t i = first; i < last; ++i) {
+          auto to = record.begin();
+          const float* sh = set.sh.data() + i * 3 * coefficients;
+          to = std::copy_n(set.position.begin() + static_cast<std::ptrdiff_t>(3 * i), 3, to);
+          to = std::fill_n(to, 3, 0.0f);  // normals; 3DGS writes 0 as well
+          to = std::copy_n(sh, 3, to);
+          for (std::size_t c = 0; c < 3; ++c) {
+            for (std::size_t k = 1; k < coefficients; ++k) *to++ = sh[3 * k + c];
+          }
+          *to++ = set.opacity_logit[i];
+          to = std::copy_n(set.log_scale.begin() + static_cast<std::ptrdiff_t>(3 * i), 3, to);
+          std::copy_n(set.rotation.begin() + static_cast<std::ptrdiff_t>(4 * i), 4, to);
+          std::memcpy(out.data() + header.size() + i * width * sizeof(float), record.data(),
+                      width * sizeof(float));
+        }
+      });
   return out;
 }
 

@@ -14,7 +14,6 @@
 namespace stgs {
 namespace {
 
-constexpr std::size_t kGrain = 4096;
 // Bounds of the first step of a run, which determines its velocity.
 constexpr double kMaxOrderedStep = 32;  // in largest standard deviations, for files in one order
 constexpr double kMaxNearbyStep = 4;    // in typical largest standard deviations, otherwise
@@ -208,13 +207,14 @@ void SequenceMatcher::assign(std::size_t splat, std::size_t run, const Step& ste
 // Matches splats by position in the list: a tool usually keeps the order of splats.
 std::size_t SequenceMatcher::match_in_order(const Gaussians4D& frame) {
   const std::size_t both = std::min(frame.size(), runs_.size());
-  parallel_blocks(std::size_t{0}, both, kGrain, [&](std::size_t begin, std::size_t end) {
-    Step step;
-    for (std::size_t i = begin; i < end; ++i) {
-      const double max_step = kMaxOrderedStep * sizes_of(set_, runs_[i].primitive).largest;
-      if (continues(frame, i, runs_[i], max_step, step)) assign(i, i, step);
-    }
-  });
+  parallel_blocks(
+      std::size_t{0}, both, kPrimitivesPerTask, [&](std::size_t begin, std::size_t end) {
+        Step step;
+        for (std::size_t i = begin; i < end; ++i) {
+          const double max_step = kMaxOrderedStep * sizes_of(set_, runs_[i].primitive).largest;
+          if (continues(frame, i, runs_[i], max_step, step)) assign(i, i, step);
+        }
+      });
   return static_cast<std::size_t>(
       std::count(splat_done_.begin(), splat_done_.end(), std::uint8_t{1}));
 }
@@ -235,20 +235,21 @@ void SequenceMatcher::match_nearby(const Gaussians4D& frame, double cell, bool s
   }
   std::vector<std::optional<std::pair<std::uint32_t, Step>>> choice(left.size());
   for (int round = 0; round < kMaxRounds && !left.empty(); ++round) {
-    parallel_blocks(std::size_t{0}, left.size(), kGrain, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t w = begin; w < end; ++w) {
-        choice[w].reset();
-        int looked_at = 0;
-        grid.visit_near(position_of(frame, left[w]), [&](std::uint32_t r) {
-          Step step;
-          if (!run_done_[r] && continues(frame, left[w], runs_[r], cell, step) &&
-              (!choice[w] || step.surprise < choice[w]->second.surprise)) {
-            choice[w].emplace(r, step);
-          }
-          return ++looked_at < kMaxCandidates;
-        });
-      }
-    });
+    parallel_blocks(std::size_t{0}, left.size(), kPrimitivesPerTask,
+                    [&](std::size_t begin, std::size_t end) {
+                      for (std::size_t w = begin; w < end; ++w) {
+                        choice[w].reset();
+                        int looked_at = 0;
+                        grid.visit_near(position_of(frame, left[w]), [&](std::uint32_t r) {
+                          Step step;
+                          if (!run_done_[r] && continues(frame, left[w], runs_[r], cell, step) &&
+                              (!choice[w] || step.surprise < choice[w]->second.surprise)) {
+                            choice[w].emplace(r, step);
+                          }
+                          return ++looked_at < kMaxCandidates;
+                        });
+                      }
+                    });
     std::vector<std::uint32_t> again;
     for (std::size_t w = 0; w < left.size(); ++w) {
       if (!choice[w]) continue;

@@ -13,8 +13,6 @@
 namespace stgs {
 namespace {
 
-constexpr std::size_t kGrain = 16384;
-
 // Primitives [first, last) of a part that is shown at a time (spec 5.10), and that time in ticks of
 // the part.
 struct ShownPart {
@@ -109,18 +107,20 @@ void flip_axes(Gaussians4D& set, int x, int y, int z) {
   // transforms as an axial vector.
   const std::array<float, 4> q_sign = {1.0f, sign[1] * sign[2], sign[0] * sign[2],
                                        sign[0] * sign[1]};
-  parallel_blocks(std::size_t{0}, set.size(), kGrain, [&](std::size_t first, std::size_t last) {
-    for (std::size_t i = first; i < last; ++i) {
-      for (std::size_t c = 0; c < 3; ++c) {
-        set.position[3 * i + c] *= sign[c];
-        set.velocity[3 * i + c] *= sign[c];
-      }
-      for (std::size_t c = 0; c < 4; ++c) set.rotation[4 * i + c] *= q_sign[c];
-      for (std::size_t k = 0; k < coefficients; ++k) {
-        for (std::size_t c = 0; c < 3; ++c) set.sh[(i * coefficients + k) * 3 + c] *= sh_sign[k];
-      }
-    }
-  });
+  parallel_blocks(std::size_t{0}, set.size(), kPrimitivesPerTask,
+                  [&](std::size_t first, std::size_t last) {
+                    for (std::size_t i = first; i < last; ++i) {
+                      for (std::size_t c = 0; c < 3; ++c) {
+                        set.position[3 * i + c] *= sign[c];
+                        set.velocity[3 * i + c] *= sign[c];
+                      }
+                      for (std::size_t c = 0; c < 4; ++c) set.rotation[4 * i + c] *= q_sign[c];
+                      for (std::size_t k = 0; k < coefficients; ++k) {
+                        for (std::size_t c = 0; c < 3; ++c)
+                          set.sh[(i * coefficients + k) * 3 + c] *= sh_sign[k];
+                      }
+                    }
+                  });
 }
 
 }  // namespace stgs

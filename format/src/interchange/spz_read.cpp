@@ -17,7 +17,6 @@ namespace {
 using Bytes = std::vector<std::uint8_t>;
 using View = std::span<const std::uint8_t>;
 
-constexpr std::size_t kGrain = 8192;
 // Greatest expansion of each coder. A zstd block of 128 KiB takes at least 4 bytes, a deflate match
 // of 258 bytes at least two bits.
 constexpr std::uint64_t kZstdRatio = 128 * 1024 / 4, kGzipRatio = 1032;
@@ -314,9 +313,10 @@ Result<Scene> read_spz(const ByteSource& source, const ReadLimits& limits, Conve
   Gaussians4D set;
   set.sh_degree = std::min(content.header.degree, 3);
   set.resize(content.header.primitives);
-  parallel_blocks(std::size_t{0}, set.size(), kGrain, [&](std::size_t first, std::size_t last) {
-    for (std::size_t i = first; i < last; ++i) unpack(content, i, set);
-  });
+  parallel_blocks(std::size_t{0}, set.size(), kPrimitivesPerTask,
+                  [&](std::size_t first, std::size_t last) {
+                    for (std::size_t i = first; i < last; ++i) unpack(content, i, set);
+                  });
   flip_axes(set, content.axes.x, content.axes.y, content.axes.z);
   return finish_import(std::move(set), notes);
 }

@@ -17,7 +17,6 @@ namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 
-constexpr std::size_t kGrain = 8192;
 constexpr int kZstdLevel = 12;
 constexpr float kMaxFixed = 8388607.0f;  // signed 24 bits
 // Bits of each SH coefficient of degree 1, and above; as in other writers.
@@ -168,9 +167,10 @@ Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set, ConversionNotes* no
   const auto strides = spz::strides(4, set.sh_degree);
   for (std::size_t a = 0; a < strides.size(); ++a) arrays[a].resize(set.size() * strides[a]);
   const float steps = std::ldexp(1.0f, fraction_bits);
-  parallel_blocks(std::size_t{0}, set.size(), kGrain, [&](std::size_t first, std::size_t last) {
-    for (std::size_t i = first; i < last; ++i) pack(set, i, steps, arrays);
-  });
+  parallel_blocks(std::size_t{0}, set.size(), kPrimitivesPerTask,
+                  [&](std::size_t first, std::size_t last) {
+                    for (std::size_t i = first; i < last; ++i) pack(set, i, steps, arrays);
+                  });
   const std::size_t streams = set.sh_degree > 0 ? arrays.size() : arrays.size() - 1;
   std::array<Bytes, spz::kArrays> frames;
   std::array<std::size_t, spz::kArrays> sizes{};

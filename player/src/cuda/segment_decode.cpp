@@ -112,8 +112,8 @@ Need need_of(const CodedSegment& segment) {
   return need;
 }
 
-constexpr std::size_t kArrays = 7;  // per plan, each aligned
-constexpr int kPhases = 2;          // of mapping
+constexpr std::size_t kPlanArrays = 7;  // per plan, each aligned
+constexpr int kPhases = 2;              // of mapping
 
 // Returns whether all spherical harmonics of the file's degree are present.
 bool has_sh(const CodedSegment& segment) {
@@ -277,7 +277,7 @@ Status SegmentDecoder::set_tables(std::span<const RansLookup> tables) {
 
 Status SegmentDecoder::prepare(std::span<const CodedSegment* const> segments,
                                std::span<const DeviceGaussians> to) {
-  Need need{kAlign * kArrays, 0};
+  Need need{kAlign * kPlanArrays, 0};
   for (const CodedSegment* segment : segments) {
     const Need one = need_of(*segment);
     need.upload += one.upload;

@@ -317,15 +317,14 @@ void declare_player(py::module_& module) {
   const auto calling = [](stgs_result (*function)(stgs_player*)) {
     return [function](Player& player) { player.run(function); };
   };
-  py::class_<Player> player(
+  py::class_<Player> type(
       module, "Player",
       "Plays a scene while its data is still arriving. Starts to open `source`, as "
       "in Scene. Keyword arguments are the members of stgs_player_settings. Call "
       "update() each frame, then render `scene` at the `seconds` of the status. "
       "A context manager, which closes it.");
-  add_closing(player, "Ends the threads of the player and releases its memory.");
-  player
-      .def(py::init([](const py::object& source, const py::kwargs& settings) {
+  add_closing(type, "Ends the threads of the player and releases its memory.");
+  type.def(py::init([](const py::object& source, const py::kwargs& settings) {
              return std::make_unique<Player>(source, settings_of(settings));
            }),
            py::arg("source"))

@@ -57,7 +57,7 @@ class ProgressReporter {
   double done_ = 0;
 };
 
-stgs_encoder_settings default_settings() {
+stgs_encoder_settings default_encoder_settings() {
   stgs_encoder_settings settings{};
   settings.struct_size = sizeof(settings);
   return settings;
@@ -135,13 +135,13 @@ Outcome check_path(const char* argument, const char* path) {
 extern "C" {
 
 stgs_result stgs_encoder_settings_defaults(stgs_encoder_settings* settings, size_t struct_size) {
-  return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_encoder_settings());
 }
 
 stgs_result stgs_encoder_create(const stgs_encoder_settings* settings, stgs_encoder** out) {
   if (out == nullptr) return STGS_ERROR_ARGUMENT;
   *out = nullptr;
-  stgs_encoder_settings known = stgs::sdk::default_settings();
+  stgs_encoder_settings known = stgs::sdk::default_encoder_settings();
   if (settings != nullptr) {
     if (const stgs_result bad = stgs::sdk::copy_in(settings, known); bad != STGS_OK) return bad;
   }

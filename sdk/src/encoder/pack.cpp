@@ -9,7 +9,7 @@
 namespace stgs::sdk {
 namespace {
 
-stgs_pack_settings default_settings() {
+stgs_pack_settings default_pack_settings() {
   stgs_pack_settings settings{};
   settings.struct_size = sizeof(settings);
   settings.profile = STGS_PROFILE_QUANTISED;
@@ -96,7 +96,7 @@ void to_c(const encoder::PackReport& from, stgs_pack_report* to) {
 extern "C" {
 
 stgs_result stgs_pack_settings_defaults(stgs_pack_settings* settings, size_t struct_size) {
-  return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_pack_settings());
 }
 
 stgs_result stgs_encoder_pack(stgs_encoder* encoder, const char* const* scenes, uint32_t count,
@@ -108,7 +108,7 @@ stgs_result stgs_encoder_pack(stgs_encoder* encoder, const char* const* scenes, 
     STGS_SDK_TRY(copy_in_scenes(scenes, count, known_scenes));
     STGS_SDK_TRY(check_path("output", output));
     STGS_SDK_TRY(check_report(report));
-    stgs_pack_settings known = default_settings();
+    stgs_pack_settings known = default_pack_settings();
     STGS_SDK_TRY(copy_in_settings(settings, known));
     STGS_SDK_TRY(check(known));
     stgs::encoder::PackReport packed;

@@ -9,7 +9,7 @@
 namespace stgs::sdk {
 namespace {
 
-stgs_prepare_settings default_settings() {
+stgs_prepare_settings default_prepare_settings() {
   const encoder::PrepareSettings defaults;
   stgs_prepare_settings settings{};
   settings.struct_size = sizeof(settings);
@@ -109,7 +109,7 @@ Outcome to_c(const char* prepared, stgs_prepare_report* to) {
 extern "C" {
 
 stgs_result stgs_prepare_settings_defaults(stgs_prepare_settings* settings, size_t struct_size) {
-  return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_prepare_settings());
 }
 
 stgs_result stgs_encoder_prepare(stgs_encoder* encoder, const char* capture, const char* prepared,
@@ -120,7 +120,7 @@ stgs_result stgs_encoder_prepare(stgs_encoder* encoder, const char* capture, con
     STGS_SDK_TRY(check_path("capture", capture));
     STGS_SDK_TRY(check_path("prepared", prepared));
     STGS_SDK_TRY(check_report(report));
-    stgs_prepare_settings known = default_settings();
+    stgs_prepare_settings known = default_prepare_settings();
     STGS_SDK_TRY(copy_in_settings(settings, known));
     STGS_SDK_TRY(check(known));
     STGS_SDK_TRY(

@@ -35,7 +35,7 @@ constexpr std::uint64_t kMaxPrimitives = 200'000'000;
 constexpr float kMinOpacity = 0.001f, kMaxOpacity = 0.999f;  // with finite logits
 constexpr std::size_t kMaxText = 4096;                       // bytes
 
-stgs_record_settings default_settings() {
+stgs_record_settings default_record_settings() {
   const RecordSettings defaults;
   stgs_record_settings settings{};
   settings.struct_size = sizeof(settings);
@@ -239,7 +239,7 @@ Outcome append(stgs_recorder& to, const stgs_fragment& fragment) {
 extern "C" {
 
 stgs_result stgs_record_settings_defaults(stgs_record_settings* settings, size_t struct_size) {
-  return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_record_settings());
 }
 
 stgs_result stgs_fragment_defaults(stgs_fragment* fragment, size_t struct_size) {
@@ -264,7 +264,7 @@ stgs_result stgs_recorder_begin(stgs_recorder* recorder, const char* path,
                                 const stgs_record_settings* settings) {
   using namespace stgs::sdk;
   return guarded(recorder, [&]() -> Outcome {
-    stgs_record_settings known = default_settings();
+    stgs_record_settings known = default_record_settings();
     STGS_SDK_TRY(copy_in_path_and_settings(*recorder, path, settings, known));
     stgs::SceneMetadata metadata;
     STGS_SDK_TRY(copy_in_metadata(known, metadata));
@@ -281,7 +281,7 @@ stgs_result stgs_recorder_resume(stgs_recorder* recorder, const char* path,
                                  const stgs_record_settings* settings) {
   using namespace stgs::sdk;
   return guarded(recorder, [&]() -> Outcome {
-    stgs_record_settings known = default_settings();
+    stgs_record_settings known = default_record_settings();
     STGS_SDK_TRY(copy_in_path_and_settings(*recorder, path, settings, known));
     auto created = stgs::SceneRecorder::resume(path, recording_of(known));
     if (!created.ok()) return created.status();

@@ -10,7 +10,7 @@
 namespace stgs::sdk {
 namespace {
 
-stgs_train_settings default_settings() {
+stgs_train_settings default_train_settings() {
   const encoder::TrainSettings defaults;
   stgs_train_settings settings{};
   settings.struct_size = sizeof(settings);
@@ -127,7 +127,7 @@ Outcome to_c(const encoder::TrainReport& from, const char* scene, stgs_train_rep
 extern "C" {
 
 stgs_result stgs_train_settings_defaults(stgs_train_settings* settings, size_t struct_size) {
-  return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_settings());
+  return stgs::sdk::fill_defaults(settings, struct_size, stgs::sdk::default_train_settings());
 }
 
 stgs_result stgs_encoder_train(stgs_encoder* encoder, const char* prepared, const char* scene,
@@ -137,7 +137,7 @@ stgs_result stgs_encoder_train(stgs_encoder* encoder, const char* prepared, cons
     STGS_SDK_TRY(check_path("prepared", prepared));
     STGS_SDK_TRY(check_path("scene", scene));
     STGS_SDK_TRY(check_report(report));
-    stgs_train_settings known = default_settings();
+    stgs_train_settings known = default_train_settings();
     STGS_SDK_TRY(copy_in_settings(settings, known));
     STGS_SDK_TRY(check(known));
     stgs::encoder::TrainReport trained;
@@ -152,7 +152,7 @@ stgs_result stgs_encoder_check_training(stgs_encoder* encoder,
                                         const stgs_train_settings* settings) {
   using namespace stgs::sdk;
   return guarded(encoder, [&]() -> Outcome {
-    stgs_train_settings known = default_settings();
+    stgs_train_settings known = default_train_settings();
     STGS_SDK_TRY(copy_in_settings(settings, known));
     STGS_SDK_TRY(check(known));
     return run_work(*encoder, ThreadLimit::kWork, [&](const auto&, const auto&) {

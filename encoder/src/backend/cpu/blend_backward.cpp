@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "backend/cpu/blend_backward_kernels.h"
+#include "backend/cpu/block.h"
 #include "math/grad.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/raster_tiles.h"
@@ -13,7 +14,6 @@ namespace stgs::encoder::cpu {
 namespace {
 
 // Splats per block of the reduction.
-constexpr std::size_t kBlock = 1024;
 
 void add(SplatGradients& a, const SplatGradients& b) {
   a.mean.x += b.mean.x;

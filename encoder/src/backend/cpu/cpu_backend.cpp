@@ -8,6 +8,7 @@
 #include "backend/backend.h"
 #include "backend/cpu/adam_primitive.h"
 #include "backend/cpu/blend_backward.h"
+#include "backend/cpu/block.h"
 #include "backend/cpu/project_backward.h"
 #include "backend/cpu/rank_step.h"
 #include "backend/cpu/regularisers.h"
@@ -23,8 +24,6 @@
 
 namespace stgs::encoder {
 namespace {
-
-constexpr std::size_t kBlock = 512;  // primitives updated together
 
 class CpuBackend final : public TrainBackend {
  public:
@@ -167,7 +166,7 @@ Result<DensifyCounts> CpuBackend::densify(const DensifyInput& input) {
 }
 
 void CpuBackend::update(const StepInput& input) {
-  parallel_blocks(std::size_t{0}, frame_.splats.size(), kBlock,
+  parallel_blocks(std::size_t{0}, frame_.splats.size(), cpu::kBlock,
                   [&](std::size_t first, std::size_t last) {
                     for (std::size_t s = first; s < last; ++s) {
                       const std::uint32_t i = frame_.splats[s].id;
@@ -184,7 +183,7 @@ Status CpuBackend::update_with_ranks(const StepInput& input, cpu::ViewContributi
   const cpu::ContributionLayout layout(*state_);
   own.resize(frame_.splats.size(), layout);
   parallel_blocks(
-      std::size_t{0}, frame_.splats.size(), kBlock, [&](std::size_t first, std::size_t last) {
+      std::size_t{0}, frame_.splats.size(), cpu::kBlock, [&](std::size_t first, std::size_t last) {
         for (std::size_t s = first; s < last; ++s) {
           const math::Vec3 colour = frame_.splats[s].colour;
           math::Vec3 by = splat_gradients_[s].colour;

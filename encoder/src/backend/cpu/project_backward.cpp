@@ -5,6 +5,7 @@
 #include <cmath>
 #include <span>
 
+#include "backend/cpu/block.h"
 #include "math/grad.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/raster_view.h"
@@ -17,7 +18,6 @@ using raster::read3;
 using raster::View;
 
 // Splats per task.
-constexpr std::size_t kBlock = 512;
 
 void write3(std::span<float> array, std::size_t i, Vec3 v) {
   array[3 * i] = v.x;

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <type_traits>
 
+#include "backend/cpu/block.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/sh.h"
 #include "stgs/format/parallel.h"
@@ -17,7 +18,6 @@ namespace {
 
 using raster::read3;
 
-constexpr std::size_t kBlock = 512;                 // primitives updated together
 constexpr std::uint32_t kNotVisible = 0xFFFFFFFFu;  // in a view
 constexpr std::size_t kMaxShValues = std::size_t{3} * 16;
 

@@ -3,6 +3,7 @@
 
 #include <utility>
 
+#include "backend/cpu/block.h"
 #include "math/grad.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/raster_view.h"
@@ -14,7 +15,6 @@ using namespace math;
 using raster::read3;
 
 // Splats per task.
-constexpr std::size_t kBlock = 512;
 
 template <typename Work>
 void for_each_splat(const SplatFrame& frame, Work work) {

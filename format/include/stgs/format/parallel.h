@@ -32,6 +32,9 @@ namespace stgs {
 // Returns the number of threads that the functions below use, including the calling one.
 int concurrency();
 
+// Primitives of one task in a light loop over primitives, such as a conversion.
+inline constexpr std::size_t kPrimitivesPerTask = 8192;
+
 // Calls body(i) for each i of [begin, end), in any order. An exception ends the loop and is
 // rethrown.
 template <typename Index, typename Body>

@@ -7,7 +7,7 @@
 #include "stgs/format/parallel.h"
 
 #undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "perceptual/convolution.cpp"
+#define HWY_TARGET_INCLUDE "perceptual/convolution_vector.cpp"
 #include <hwy/foreach_target.h>
 // Must follow foreach_target.h, which includes this file once per target.
 #include <hwy/highway.h>

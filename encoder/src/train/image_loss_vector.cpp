@@ -5,7 +5,7 @@
 #include <cstddef>
 
 #undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "train/image_loss_rows.cpp"
+#define HWY_TARGET_INCLUDE "train/image_loss_vector.cpp"
 #include <hwy/foreach_target.h>
 // Must follow foreach_target.h, which includes this file once per target.
 #include <hwy/highway.h>
