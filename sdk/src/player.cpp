@@ -333,6 +333,14 @@ stgs_result stgs_player_update(stgs_player* player, double now, stgs_player_stat
   });
 }
 
+stgs_result stgs_player_get_status(stgs_player* player, stgs_player_status* status) {
+  return guarded(player, [&]() -> Outcome {
+    STGS_SDK_TRY(stgs::sdk::check_struct(status, "status"));
+    stgs::sdk::copy_out(status, player->status());
+    return {};
+  });
+}
+
 stgs_result stgs_player_next_event(stgs_player* player, stgs_player_event* event) {
   return guarded(player, [&]() -> Outcome {
     STGS_SDK_TRY(stgs::sdk::check_struct(event, "event"));

@@ -168,6 +168,7 @@ stgs_result stgs_vulkan_get_support(const stgs_vulkan_device* device,
     out.can_render = found->missing_features.empty() ? 1 : 0;
     out.timeline_semaphores = found->timeline_semaphores ? 1 : 0;
     out.subgroup_size_control = found->subgroup_size_control ? 1 : 0;
+    out.device_rank = found->rank;
     found->missing_features.copy(out.missing_features, sizeof(out.missing_features) - 1);
     copy_out(support, out);
     return STGS_OK;
@@ -227,6 +228,10 @@ stgs_result stgs_vulkan_get_progress(stgs_renderer* renderer, stgs_vulkan_progre
       out.splats = ended->stats.splats;
       out.prepare_ms = ended->stats.fetch_ms;
       out.device_ms = ended->stats.device_ms;
+      out.slice_ms = ended->stats.slice_ms;
+      out.bin_ms = ended->stats.bin_ms;
+      out.blend_ms = ended->stats.blend_ms;
+      out.pending_primitives = ended->stats.pending;
     }
     copy_out(progress, out);
     return {};

@@ -130,6 +130,12 @@ void SdkCalls::query_player(std::uint8_t argument) const {
     require(std::isfinite(live.edge_seconds) && std::isfinite(live.latency_seconds),
             "the live edge and the latency are finite");
   }
+  stgs_player_status status{};
+  status.struct_size = sizeof status;
+  if (stgs_player_get_status(player, &status) == STGS_OK) {
+    require(std::isfinite(status.seconds) && status.seconds >= 0,
+            "the position is a time of the clip");
+  }
   stgs_player_statistics statistics{};
   statistics.struct_size = sizeof statistics;
   (void)stgs_player_get_statistics(player, &statistics);

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -16,6 +17,7 @@
 #include "renderer_under_test.h"
 #include "vulkan/vulkan_renderer.h"
 #include "vulkan_compute.h"
+#include "vulkan_host/instance.h"
 
 namespace stgs::testing {
 namespace {
@@ -26,12 +28,28 @@ std::vector<std::string>& messages() {
   return all;
 }
 
+// The instance of all renderers, which is never destroyed. Null without a Vulkan loader.
+VkInstance validated_instance() {
+  static const std::function<void(const std::string&)> add = [](const std::string& message) {
+    messages().push_back(message);
+  };
+  static const tools::Instance shared = [] {
+    tools::Instance made;
+    if (volkInitialize() != VK_SUCCESS) return made;
+    tools::InstanceSettings settings;
+    settings.on_message = &add;
+    (void)tools::make_instance(settings, made);
+    return made;
+  }();
+  return shared.handle;
+}
+
 player::VulkanSettings settings_of(const UnderTest& under_test) {
   player::VulkanSettings settings;
   settings.initial_instances = under_test.instances;
   settings.use_ballot = !under_test.variant;
   if (under_test.variant) settings.block_bytes = 150'000;
-  settings.on_message = [](const std::string& message) { messages().push_back(message); };
+  settings.instance = validated_instance();
   return settings;
 }
 

@@ -11,7 +11,7 @@
 namespace stgs::test {
 namespace {
 
-using player::structure;
+using tools::structure;
 using tools::vk_status;
 
 constexpr std::array<VkDescriptorSetLayoutBinding, 2> kBindings{
@@ -21,7 +21,7 @@ constexpr std::array<VkDescriptorSetLayoutBinding, 2> kBindings{
 // The objects of one run; the device must outlive it.
 class Run {
  public:
-  explicit Run(const player::VulkanDevice& device) : device_(device) {}
+  explicit Run(const tools::DeviceHandles& device) : device_(device) {}
   Run(const Run&) = delete;
   Run& operator=(const Run&) = delete;
   ~Run() {
@@ -37,7 +37,7 @@ class Run {
   Status submit(std::uint32_t groups);
 
  private:
-  const player::VulkanDevice& device_;
+  const tools::DeviceHandles& device_;
   tools::MappedBuffer buffers_[kBindings.size()];
   tools::DescriptorSet set_;
   VkPipelineLayout layout_ = VK_NULL_HANDLE;
@@ -80,7 +80,7 @@ Status Run::submit(std::uint32_t groups) {
   });
 }
 
-Status run_on(const player::VulkanDevice& device, std::span<const std::uint32_t> spirv,
+Status run_on(const tools::DeviceHandles& device, std::span<const std::uint32_t> spirv,
               std::span<const std::byte> input, std::span<std::byte> output, std::uint32_t groups) {
   Run run(device);
   STGS_TRY(run.make_pipeline(spirv));
@@ -113,7 +113,7 @@ bool VulkanCompute::State::make_instance() {
     missing = "no Vulkan loader (libvulkan.so.1)";
     return false;
   }
-  player::VulkanInstanceSettings settings;
+  tools::InstanceSettings settings;
   settings.on_message = &add;
   const VkResult result = host.make_instance(settings);
   if (result != VK_SUCCESS) {

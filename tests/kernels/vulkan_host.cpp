@@ -26,17 +26,37 @@ std::unique_ptr<VulkanHost> VulkanHost::make(bool features) {
   };
   if (volkInitialize() != VK_SUCCESS) return nullptr;
   std::unique_ptr<VulkanHost> made(new VulkanHost);
-  player::VulkanInstanceSettings settings;
+  tools::InstanceSettings settings;
   settings.api_version = VK_API_VERSION_1_2;
   settings.on_message = &add;
   if (made->host_.make_instance(settings) != VK_SUCCESS) return nullptr;
-  const auto devices = tools::physical_devices(made->device().instance);
-  if (!devices.ok() || devices->empty()) return nullptr;
+  return made->open(features) ? std::move(made) : nullptr;
+}
+
+bool VulkanHost::open(bool features) {
+  const tools::DeviceHandles& handles = host_.device();
+  const auto devices = tools::physical_devices(handles.instance);
+  if (!devices.ok() || devices->empty()) return false;
   const int family = tools::find_queue_family(devices->front(), VK_QUEUE_COMPUTE_BIT);
-  if (family < 0) return nullptr;
-  const Status opened = made->host_.open(
-      {devices->front(), static_cast<std::uint32_t>(family), {}, features, features});
-  return opened.ok() ? std::move(made) : nullptr;
+  if (family < 0) return false;
+  const auto offered =
+      player::vulkan_support(nullptr, handles.instance, handles.api_version, devices->front());
+  if (!offered.ok()) return false;
+  const Status opened = host_.open({devices->front(),
+                                    static_cast<std::uint32_t>(family),
+                                    {},
+                                    features,
+                                    features && offered->subgroup_size_control});
+  if (!opened.ok()) return false;
+  lent_.instance = handles.instance;
+  lent_.api_version = handles.api_version;
+  lent_.physical_device = handles.physical_device;
+  lent_.device = handles.device;
+  lent_.queue = handles.queue;
+  lent_.queue_family = handles.queue_family;
+  lent_.features = &host_.features();
+  lent_.extensions = host_.extensions();
+  return true;
 }
 
 VulkanHost::~VulkanHost() {
@@ -48,7 +68,7 @@ VulkanHost::~VulkanHost() {
 HostImage VulkanHost::make_image(VkFormat format, std::uint32_t width, std::uint32_t height,
                                  std::uint32_t levels, std::uint32_t layers) {
   tools::DeviceImage& image = images_.emplace_back();
-  must(image.create(device(), {format, width, height, levels, layers},
+  must(image.create(host_.device(), {format, width, height, levels, layers},
                     VK_IMAGE_USAGE_TRANSFER_DST_BIT | VK_IMAGE_USAGE_TRANSFER_SRC_BIT));
   return {image.handle(), format, width, height};
 }
@@ -62,7 +82,7 @@ std::vector<std::uint8_t> VulkanHost::read(const HostImage& image, VkImageLayout
   const std::size_t bytes =
       std::size_t{pixel_bytes} * region.imageExtent.width * region.imageExtent.height;
   tools::MappedBuffer buffer;
-  must(buffer.ensure(device(), VK_BUFFER_USAGE_TRANSFER_DST_BIT, bytes));
+  must(buffer.ensure(host_.device(), VK_BUFFER_USAGE_TRANSFER_DST_BIT, bytes));
   // The barrier states the same layout before and after: the validation layer reports if it is
   // wrong.
   VkImageMemoryBarrier change = tools::image_barrier(image.image, level, layer);
@@ -70,7 +90,7 @@ std::vector<std::uint8_t> VulkanHost::read(const HostImage& image, VkImageLayout
   change.dstAccessMask = VK_ACCESS_TRANSFER_READ_BIT;
   change.oldLayout = layout;
   change.newLayout = layout;
-  must(tools::run_commands(device(), [&](VkCommandBuffer commands) {
+  must(tools::run_commands(host_.device(), [&](VkCommandBuffer commands) {
     vkCmdPipelineBarrier(commands, VK_PIPELINE_STAGE_ALL_COMMANDS_BIT,
                          VK_PIPELINE_STAGE_TRANSFER_BIT, 0, 0, nullptr, 0, nullptr, 1, &change);
     vkCmdCopyImageToBuffer(commands, image.image, layout, buffer.handle(), 1, &region);
@@ -80,10 +100,10 @@ std::vector<std::uint8_t> VulkanHost::read(const HostImage& image, VkImageLayout
 
 VkSemaphore VulkanHost::make_timeline(std::uint64_t value) {
   auto type =
-      player::structure<VkSemaphoreTypeCreateInfo>(VK_STRUCTURE_TYPE_SEMAPHORE_TYPE_CREATE_INFO);
+      tools::structure<VkSemaphoreTypeCreateInfo>(VK_STRUCTURE_TYPE_SEMAPHORE_TYPE_CREATE_INFO);
   type.semaphoreType = VK_SEMAPHORE_TYPE_TIMELINE;
   type.initialValue = value;
-  auto info = player::structure<VkSemaphoreCreateInfo>(VK_STRUCTURE_TYPE_SEMAPHORE_CREATE_INFO);
+  auto info = tools::structure<VkSemaphoreCreateInfo>(VK_STRUCTURE_TYPE_SEMAPHORE_CREATE_INFO);
   info.pNext = &type;
   VkSemaphore semaphore = VK_NULL_HANDLE;
   must(tools::vk_status(vkCreateSemaphore(device().device, &info, nullptr, &semaphore),
@@ -93,7 +113,7 @@ VkSemaphore VulkanHost::make_timeline(std::uint64_t value) {
 }
 
 void VulkanHost::signal(VkSemaphore semaphore, std::uint64_t value) {
-  auto info = player::structure<VkSemaphoreSignalInfo>(VK_STRUCTURE_TYPE_SEMAPHORE_SIGNAL_INFO);
+  auto info = tools::structure<VkSemaphoreSignalInfo>(VK_STRUCTURE_TYPE_SEMAPHORE_SIGNAL_INFO);
   info.semaphore = semaphore;
   info.value = value;
   must(tools::vk_status(vkSignalSemaphore(device().device, &info), "signalling a semaphore"));

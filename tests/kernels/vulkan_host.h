@@ -11,6 +11,8 @@
 #include <string>
 #include <vector>
 
+#include "stgs/player/vulkan_renderer.h"
+
 namespace stgs::testing {
 
 // An image of the host, which outlives it.
@@ -30,7 +32,8 @@ class VulkanHost {
   VulkanHost(const VulkanHost&) = delete;
   VulkanHost& operator=(const VulkanHost&) = delete;
 
-  const player::VulkanDevice& device() const { return host_.device(); }
+  // As it is lent to the renderer. Its features are valid while the host exists.
+  const player::VulkanDevice& device() const { return lent_; }
   bool controls_subgroup_sizes() const { return !device().extensions.empty(); }
   // Messages of the validation layer about all hosts.
   static std::vector<std::string>& messages();
@@ -47,8 +50,11 @@ class VulkanHost {
 
  private:
   VulkanHost() = default;
+  // Opens the first device. Returns whether there is one.
+  bool open(bool features);
 
   tools::HostDevice host_;
+  player::VulkanDevice lent_;
   std::deque<tools::DeviceImage> images_;
   std::vector<VkSemaphore> semaphores_;
 };

@@ -30,9 +30,10 @@ CONFINED = [
     (re.compile(r"lib(av\w+|swscale|swresample)/"), "FFmpeg", CAPTURE_SIDE),
 ]
 # Sources of verbs that use the library as applications do, and the internal headers that they may
-# reach through headers of the tools: errors, the processes and progress of the session, times, images
-# and prepared captures, which are no scenes.
-PUBLIC_VERBS = re.compile(r"tools/stgs/(cmd_info|cmd_render|scene_(file|info\w*|renderer))\.(cpp|h)$")
+# reach through headers of the tools: errors, the processes and progress of the session, times, images,
+# and prepared captures with their cameras, which are no scenes.
+PUBLIC_VERBS = re.compile(r"tools/(stgs/(cmd_(info|play|render)|play/\w+|player_events|"
+                          r"scene_(file|info\w*|renderer))|vulkan_host/\w+)\.(cpp|h)$")
 PUBLIC_HELPERS = {
     "stgs/format/status.h", "stgs/encoder/progress.h", "stgs/encoder/ranks.h",
     "stgs/format/gaussian4d.h", "stgs/format/raster.h",  # TimeBase, Image
@@ -127,7 +128,7 @@ def internal_headers(root, path, seen):
             if included_module(root, path, *match.groups()) != "sdk" and header not in PUBLIC_HELPERS:
                 yield number, header
             continue
-        for folder in (os.path.dirname(path), "tools/stgs"):
+        for folder in (os.path.dirname(path), "tools/stgs", "tools"):
             beside = os.path.normpath(os.path.join(folder, header))
             if match.group(1) == '"' and os.path.exists(os.path.join(root, beside)):
                 if beside not in seen:

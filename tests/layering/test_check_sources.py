@@ -68,6 +68,13 @@ class CheckSources(unittest.TestCase):
                            "cmd_info.cpp:2: this verb may use only the public headers of the SDK "
                            "(stgs/format/scene_file.h)")
         found = self.problems({
+            "tools/stgs/play/screen.cpp": LICENCE + '#include "vulkan_host/objects.h"\n',
+            "tools/vulkan_host/objects.h": LICENCE + '#include "stgs/player/player.h"\n',
+        })
+        self.assertEqual(len(found), 2, found)
+        self.assertIn("(stgs/player/player.h through vulkan_host/objects.h)", found[0])
+        self.assertIn("objects.h:2: this verb may use only", found[1])
+        found = self.problems({
             "tools/stgs/scene_info_text.cpp": LICENCE + '#include "a.h"\n',
             "tools/stgs/a.h": LICENCE + '#include "b.h"\n',
             "tools/stgs/b.h": LICENCE + '#include "a.h"\n#include "stgs/player/renderer.h"\n',

@@ -10,15 +10,15 @@ using namespace stgs::tools;
 
 namespace {
 
-SceneMetadata scene_with(math::Vec3 up) {
-  SceneMetadata scene;
+stgs_scene_info scene_with(const Vector3& up) {
+  stgs_scene_info scene{};
   for (int k = 0; k < 3; ++k) {
     scene.bounds_min[k] = -1;
     scene.bounds_max[k] = 1;
   }
-  scene.up[0] = up.x;
-  scene.up[1] = up.y;
-  scene.up[2] = up.z;
+  scene.up[0] = static_cast<float>(up.x);
+  scene.up[1] = static_cast<float>(up.y);
+  scene.up[2] = static_cast<float>(up.z);
   return scene;
 }
 
@@ -37,15 +37,29 @@ encoder::Camera front_camera() {
 
 constexpr Size kSize{320, 240};
 
-math::Vec3 in_camera(const CameraControl& control, math::Vec3 point) {
-  return math::to_camera(control.camera(kSize).pinhole(0), point);
+Vector3 row(const encoder::Camera& camera, int index) {
+  const double* r = camera.rotation + 3 * index;
+  return {r[0], r[1], r[2]};
 }
 
-math::Vec3 position(const CameraControl& control) {
-  return math::camera_centre(control.camera(kSize).pinhole(0));
+Vector3 in_camera(const encoder::Camera& camera, const Vector3& point) {
+  const double* t = camera.translation;
+  return Vector3{dot(row(camera, 0), point), dot(row(camera, 1), point),
+                 dot(row(camera, 2), point)} +
+         Vector3{t[0], t[1], t[2]};
 }
 
-void check_near(math::Vec3 a, math::Vec3 b) {
+Vector3 in_camera(const CameraControl& control, const Vector3& point) {
+  return in_camera(control.camera(kSize), point);
+}
+
+Vector3 position(const CameraControl& control) {
+  const encoder::Camera camera = control.camera(kSize);
+  const double* t = camera.translation;
+  return -1 * (t[0] * row(camera, 0) + t[1] * row(camera, 1) + t[2] * row(camera, 2));
+}
+
+void check_near(const Vector3& a, const Vector3& b) {
   CHECK(a.x == Approx(b.x).margin(1e-4));
   CHECK(a.y == Approx(b.y).margin(1e-4));
   CHECK(a.z == Approx(b.z).margin(1e-4));
@@ -102,7 +116,7 @@ TEST_CASE("orbiting keeps the scene in the centre and at its distance") {
 }
 
 TEST_CASE("orbiting never passes over the top, for any up direction") {
-  for (const math::Vec3 up : {math::Vec3{0, -1, 0}, math::Vec3{0, -0.8f, -0.6f}}) {
+  for (const Vector3 up : {Vector3{0, -1, 0}, Vector3{0, -0.8, -0.6}}) {
     CameraControl control(front_camera(), scene_with(up));
     for (int k = 0; k < 100; ++k) {
       control.orbit(0.1, 0.2);
@@ -117,7 +131,7 @@ TEST_CASE("orbiting never passes over the top, for any up direction") {
 
 TEST_CASE("looking around does not move the camera") {
   CameraControl control(front_camera(), scene_with({0, -1, 0}));
-  const math::Vec3 start = position(control);
+  const Vector3 start = position(control);
   control.look(0.3, 0);
   check_near(position(control), start);
   CHECK(in_camera(control, {0, 0, 0}).x < -1);  // the scene is on the left
@@ -133,7 +147,7 @@ TEST_CASE("moving follows the camera's axes, and approaching never passes the ta
   check_near(position(control), {3, -2, -5 - 1});
   control.reset();
   control.approach(0.5);
-  check_near(position(control), {0, 0, -2.5f});
+  check_near(position(control), {0, 0, -2.5});
   for (int k = 0; k < 200; ++k) control.approach(0.5);
   CHECK(control.distance() > 0);
   CHECK(in_camera(control, {0, 0, 0}).z > 0);
@@ -154,16 +168,14 @@ TEST_CASE("other sizes contain the start camera's view without stretching it") {
 }
 
 TEST_CASE("the overview camera contains the complete scene") {
-  for (const math::Vec3 up :
-       {math::Vec3{0, 0, 0}, math::Vec3{0, 0, 1}, math::Vec3{0.6f, 0.8f, 0}}) {
-    const SceneMetadata scene = scene_with(up);
+  for (const Vector3 up : {Vector3{0, 0, 0}, Vector3{0, 0, 1}, Vector3{0.6, 0.8, 0}}) {
+    const stgs_scene_info scene = scene_with(up);
     const CameraControl control(overview(scene), scene);
     check_rotation(control);
-    const math::PinholeCamera camera = overview(scene).pinhole(0);
+    const encoder::Camera camera = overview(scene);
     for (int corner = 0; corner < 8; ++corner) {
-      const math::Vec3 p = math::to_camera(
-          camera,
-          {corner & 1 ? 1.0f : -1.0f, corner & 2 ? 1.0f : -1.0f, corner & 4 ? 1.0f : -1.0f});
+      const Vector3 p = in_camera(
+          camera, {corner & 1 ? 1.0 : -1.0, corner & 2 ? 1.0 : -1.0, corner & 4 ? 1.0 : -1.0});
       CHECK(std::abs(camera.fx * p.x / p.z) < camera.cx);
       CHECK(std::abs(camera.fy * p.y / p.z) < camera.cy);
     }

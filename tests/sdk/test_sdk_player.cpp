@@ -174,6 +174,30 @@ TEST_CASE("a player reports its buffered ranges and statistics", "[sdk]") {
   CHECK(stgs_scene_open(stgs_player_scene(player.get()), "x") == STGS_ERROR_STATE);
 }
 
+TEST_CASE("the status includes a seek and a pause before the next update", "[sdk]") {
+  const PlayerPtr player = make_player();
+  stgs_player_status status{};
+  CHECK(stgs_player_get_status(player.get(), &status) == STGS_ERROR_STRUCT_SIZE);
+  status.struct_size = sizeof status;
+  REQUIRE(stgs_player_get_status(player.get(), &status) == STGS_OK);
+  CHECK(status.state == STGS_PLAYER_CLOSED);
+  REQUIRE(stgs_player_open_memory(player.get(), clip_file().data(), clip_file().size()) == STGS_OK);
+  REQUIRE(stgs_player_get_status(player.get(), &status) == STGS_OK);
+  CHECK(status.state == STGS_PLAYER_OPENING);  // only an update ends opening
+  REQUIRE(stgs_player_wait_open(player.get()) == STGS_OK);
+  REQUIRE(stgs_player_play(player.get()) == STGS_OK);
+  REQUIRE(update_until(player.get(), 0,
+                       [](const stgs_player_status& s) { return s.state == STGS_PLAYER_PLAYING; }));
+  REQUIRE(stgs_player_pause(player.get()) == STGS_OK);
+  REQUIRE(stgs_player_seek_frame(player.get(), 31) == STGS_OK);
+  REQUIRE(stgs_player_get_status(player.get(), &status) == STGS_OK);
+  CHECK(status.state == STGS_PLAYER_PAUSED);
+  CHECK(status.seconds == Approx(31 / 30.0));
+  const stgs_player_status updated = update(player.get(), 1);
+  CHECK(updated.seconds == status.seconds);
+  CHECK(updated.layer_count == status.layer_count);
+}
+
 TEST_CASE("play has no effect on a player that is playing", "[sdk]") {
   const PlayerPtr player = open_player(clip_file());
   REQUIRE(stgs_player_play(player.get()) == STGS_OK);

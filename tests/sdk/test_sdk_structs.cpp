@@ -170,6 +170,9 @@ TEST_CASE("structs of older and newer headers are read and written up to their s
   check_output("stgs_player_status", stgs_player_status{}, [&](stgs_player_status* status) {
     return stgs_player_update(objects.player.get(), 0, status);
   });
+  check_output("stgs_player_status", stgs_player_status{}, [&](stgs_player_status* status) {
+    return stgs_player_get_status(objects.player.get(), status);
+  });
   check_output("stgs_player_statistics", stgs_player_statistics{},
                [&](stgs_player_statistics* statistics) {
                  return stgs_player_get_statistics(objects.player.get(), statistics);

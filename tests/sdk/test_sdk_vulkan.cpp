@@ -27,6 +27,11 @@ TEST_CASE("the support query reports the features of a physical device", "[sdk]"
   CHECK(support.timeline_semaphores == 1);
   CHECK(support.subgroup_size_control == (host().controls_subgroup_sizes() ? 1 : 0));
   CHECK(std::string(support.missing_features).empty());
+  VkPhysicalDeviceProperties properties{};
+  vkGetPhysicalDeviceProperties(device.physical_device, &properties);
+  const bool is_cpu = properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU;
+  CHECK(support.device_rank >= 1);
+  CHECK((support.device_rank == 1) == is_cpu);
   support.struct_size = 1;
   CHECK(stgs_vulkan_get_support(&device, &support) == STGS_ERROR_STRUCT_SIZE);
 }
@@ -79,6 +84,12 @@ TEST_CASE("four views render into colour and depth images of the application", "
   CHECK(progress.complete == 1);
   CHECK(progress.splats > 0);
   CHECK(progress.active_primitives > 0);
+  CHECK(progress.pending_primitives ==
+        0);  // a scene that is not playing uploads everything at once
+  // Drivers with timestamps measure the steps, one after the other, within the whole.
+  const double steps = progress.slice_ms + progress.bin_ms + progress.blend_ms;
+  CHECK((progress.blend_ms > 0) == (progress.device_ms > 0));
+  CHECK(steps <= progress.device_ms * (1 + 1e-9));
 }
 
 TEST_CASE("a frame waits for timeline semaphores of the application and signals them", "[sdk]") {

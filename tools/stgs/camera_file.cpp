@@ -37,6 +37,10 @@ Result<encoder::Camera> read_camera(const std::string& path) {
   return encoder::parse_camera(text, path);
 }
 
+Json camera_json(const encoder::Camera& camera) {
+  return encoder::camera_to_json(camera);
+}
+
 Result<encoder::Camera> camera_of(const StartCamera& start, const std::string& file) {
   const std::string name = file + ": start camera";
   // Before the conversion to int.

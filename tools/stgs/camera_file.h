@@ -18,6 +18,8 @@ namespace stgs::tools {
 // Reads a camera file ("-": standard input), or the start camera from the output of `stgs info
 // --format json`.
 Result<encoder::Camera> read_camera(const std::string& path);
+// Returns a camera as read_camera() reads it.
+Json camera_json(const encoder::Camera& camera);
 // Converts the start camera of `file`. kInvalidFile if its size, focal lengths or rotation are
 // invalid.
 Result<encoder::Camera> camera_of(const StartCamera& start, const std::string& file);

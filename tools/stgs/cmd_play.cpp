@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
 #include "camera_file.h"
 #include "command.h"
+#include "location.h"
 #include "options.h"
+#include "scene_file.h"
 #include "standard_input.h"
 #ifdef STGS_HAS_PLAY
 #include "play/viewer.h"
-#include "stgs/encoder/camera_json.h"
-#include "stgs/player/source.h"
 #endif
 
 namespace stgs::tools {
@@ -85,7 +87,8 @@ class Play final : public Command {
     settings.playback.rate = rate_;
     settings.playback.paused = paused_;
     settings.playback.loop = loop_;
-    settings.playback.memory = static_cast<std::uint64_t>(memory_mb_ * 1e6);
+    settings.playback.memory =
+        std::max(static_cast<std::uint64_t>(memory_mb_ * 1e6), SceneFile::kMinMemory);
     settings.camera = camera;
     settings.size = size;
     settings.overlay = !no_overlay_;
@@ -109,14 +112,10 @@ class Play final : public Command {
   }
 
 #ifdef STGS_HAS_PLAY
-  std::string shown_file() const {
-    return player::display_location(file_);
-  }
-
   Status print(Session& session, const ViewerReport& report) const {
     const double fps =
         report.busy_seconds > 0 ? static_cast<double>(report.busy_frames) / report.busy_seconds : 0;
-    Json json = {{"file", shown_file()},
+    Json json = {{"file", display_name(file_)},
                  {"device", report.device},
                  {"width", report.size.width},
                  {"height", report.size.height},
@@ -127,11 +126,11 @@ class Play final : public Command {
                  {"camera", nullptr},
                  {"screenshot", nullptr},
                  { "peak_memory", peak_memory() }};
-    if (report.frames > 0) json["camera"] = encoder::camera_to_json(report.camera);
+    if (report.frames > 0) json["camera"] = camera_json(report.camera);
     if (!screenshot_.empty()) json["screenshot"] = screenshot_;
     const std::string text = fmt::format(
-        "{} on {}: {} of {}x{} ({:.1f} fps), {}, peak memory {}\n", shown_file(), report.device,
-        plural(report.frames, "frame"), report.size.width, report.size.height, fps,
+        "{} on {}: {} of {}x{} ({:.1f} fps), {}, peak memory {}\n", display_name(file_),
+        report.device, plural(report.frames, "frame"), report.size.width, report.size.height, fps,
         plural(report.stalls, "stall"), human_bytes(peak_memory()));
     return session.emit(json, text);
   }

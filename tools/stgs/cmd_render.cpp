@@ -14,7 +14,6 @@
 namespace stgs::tools {
 namespace {
 
-constexpr std::uint64_t kMinMemory = std::uint64_t{1} << 20;  // that a scene accepts, bytes
 constexpr double kFrameTolerance = 1e-6;  // ticks; distance of a time from a captured frame
 
 struct RenderTime {
@@ -91,7 +90,7 @@ class Render final : public Command {
 
   Status run(Session& session) override {
     const auto memory = static_cast<std::uint64_t>(o_.memory_mb * 1e6);
-    STGS_ASSIGN(file_, SceneFile::open(session, o_.file, std::max(memory, kMinMemory)));
+    STGS_ASSIGN(file_, SceneFile::open(session, o_.file, std::max(memory, SceneFile::kMinMemory)));
     STGS_TRY(file_->warn_of_open_damage());
     STGS_ASSIGN(const auto renderer, SceneRenderer::make(session.options.backend));
     info_ = sized<stgs_scene_info>();

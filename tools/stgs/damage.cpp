@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "damage.h"
 
+#include "player_events.h"
+
 namespace stgs::tools {
 namespace {
 
@@ -11,6 +13,23 @@ DamageCount count_of(const player::Timeline& timeline) {
     if (count.first.empty()) count.first = damage.reason.message();
   }
   return count;
+}
+
+// Converts a kind of event that has a message.
+stgs_event_kind kind_of(player::PlayerEvent::Kind kind) {
+  using Kind = player::PlayerEvent::Kind;
+  switch (kind) {
+    case Kind::kRetry:
+      return STGS_EVENT_RETRY;
+    case Kind::kReadFailed:
+      return STGS_EVENT_READ_FAILED;
+    case Kind::kReplaced:
+      return STGS_EVENT_REPLACED;
+    case Kind::kStalled:
+      return STGS_EVENT_STALLED;
+    default:
+      return STGS_EVENT_DAMAGED;
+  }
 }
 
 }  // namespace
@@ -40,25 +59,8 @@ Json damage_json(const DamageReport& damage) {
   return {{"segments", damage.segments}, {"sh", damage.segments_without_sh}};
 }
 
-const char* event_text(player::PlayerEvent::Kind kind) {
-  using Kind = player::PlayerEvent::Kind;
-  switch (kind) {
-    case Kind::kRetry:
-      return "retrying";
-    case Kind::kReadFailed:
-      return "missing for now";
-    case Kind::kReplaced:
-      return "file changed, no more of it can be read";
-    case Kind::kStalled:
-      return "waiting for the recorder";
-    default:
-      return "damaged, skipped";
-  }
-}
-
 void warn_of_event(Session& session, const player::PlayerEvent& event) {
-  session.log(
-      1, fmt::format("at byte {}: {} ({})", event.offset, event.message, event_text(event.kind)));
+  warn_of_event(session, kind_of(event.kind), event.offset, event.message);
 }
 
 }  // namespace stgs::tools

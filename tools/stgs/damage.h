@@ -22,8 +22,6 @@ void warn_of_damage(Session& session, const std::string& file, const DamageRepor
 Json damage_json(const player::Timeline& timeline);
 Json damage_json(const DamageReport& damage);
 
-// Returns the consequence of a player event that has a message, in a few words.
-const char* event_text(player::PlayerEvent::Kind kind);
 // Warns of a player event that has a message.
 void warn_of_event(Session& session, const player::PlayerEvent& event);
 

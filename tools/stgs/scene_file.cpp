@@ -35,27 +35,24 @@ Status status_of(stgs_result result, const stgs_error& error) {
   return code == StatusCode::kOk ? Status() : Status(code, error.message);
 }
 
-Status SceneFile::check(stgs_result result) const {
-  if (result == STGS_OK) return {};
-  auto error = sized<stgs_error>();
-  if (stgs_scene_error(get(), &error) != STGS_OK) error.message = stgs_result_name(result);
-  return status_of(result, error);
-}
-
-std::string SceneFile::text(stgs_text which) const {
-  const char* text = "";
-  return stgs_scene_get_text(get(), which, &text) == STGS_OK ? text : "";
-}
-
-Status SceneFile::warn_of_open_damage() const {
+Status warn_of_open_damage(Session& session, stgs_scene* scene, const std::string& name) {
   auto info = sized<stgs_scene_info>();
-  STGS_TRY(check(stgs_scene_get_info(get(), &info)));
+  STGS_TRY(status_of(stgs_scene_get_info(scene, &info), scene, stgs_scene_error));
   for (std::uint32_t i = 0; i < info.issues; ++i) {
     auto issue = sized<stgs_issue>();
-    STGS_TRY(check(stgs_scene_get_issue(get(), i, &issue)));
-    warn_of_issue(session_, name_, issue.message, info.complete_seconds);
+    STGS_TRY(status_of(stgs_scene_get_issue(scene, i, &issue), scene, stgs_scene_error));
+    warn_of_issue(session, name, issue.message, info.complete_seconds);
   }
   return {};
+}
+
+std::string text_of(stgs_scene* scene, stgs_text which) {
+  const char* text = "";
+  return stgs_scene_get_text(scene, which, &text) == STGS_OK ? text : "";
+}
+
+Status SceneFile::check(stgs_result result) const {
+  return status_of(result, get(), stgs_scene_error);
 }
 
 Result<DamageCount> SceneFile::count_damage() const {

@@ -26,9 +26,26 @@ T sized() {
   return out;
 }
 
+// Converts the outcome of the last call on an object. `get_error`: such as stgs_scene_error.
+template <typename Object>
+Status status_of(stgs_result result, const Object* object,
+                 stgs_result (*get_error)(const Object*, stgs_error*)) {
+  if (result == STGS_OK) return {};
+  auto error = sized<stgs_error>();
+  if (get_error(object, &error) != STGS_OK) error.message = stgs_result_name(result);
+  return status_of(result, error);
+}
+
+// Warns of the damage found when the file of a scene was opened. `name`: of the file.
+Status warn_of_open_damage(Session& session, stgs_scene* scene, const std::string& name);
+// Returns a text of an open scene, or "".
+std::string text_of(stgs_scene* scene, stgs_text which);
+
 // A scene of the library that logs to the session.
 class SceneFile {
  public:
+  // Of decoded data, bytes: the least that the library accepts, and the default of open().
+  static constexpr std::uint64_t kMinMemory = std::uint64_t{1} << 20;
   static constexpr std::uint64_t kMaxMemory = std::uint64_t{16} << 30;
   // Opens a path, a URL or "-". SIGINT and SIGTERM cancel reads from a URL. `max_memory` bounds the
   // decoded data, bytes. The session must outlive the result.
@@ -43,9 +60,9 @@ class SceneFile {
   // Converts the result of a call on the scene.
   Status check(stgs_result result) const;
   // Returns a text of the file, or "".
-  std::string text(stgs_text which) const;
+  std::string text(stgs_text which) const { return text_of(get(), which); }
   // Warns of the damage found when the file was opened.
-  Status warn_of_open_damage() const;
+  Status warn_of_open_damage() const { return tools::warn_of_open_damage(session_, get(), name_); }
   // Counts the segments that rendering has skipped, or rendered without SH.
   Result<DamageCount> count_damage() const;
   // Whether the warnings of the library, about damage, are logged. Retries of transfers always are.

@@ -41,22 +41,31 @@ Status no_memory(const SceneFile& file, double seconds) {
 
 }  // namespace
 
-Result<std::unique_ptr<SceneRenderer>> SceneRenderer::make(const std::string& backend) {
+Result<RendererPtr> create_renderer(
+    const std::function<stgs_result(stgs_renderer_settings&, stgs_renderer**)>& create) {
   std::string message;
-  auto error = sized<stgs_error>();
   stgs_renderer_settings settings;
   if (stgs_renderer_settings_defaults(&settings, sizeof(settings)) != STGS_OK) {
     return runtime_error("the library is older than the program");
   }
-  settings.backend = backend_of(backend);
   settings.log = keep_error;
   settings.log_user = &message;
-  settings.measure = 1;
   stgs_renderer* renderer = nullptr;
-  const stgs_result result = stgs_renderer_create(&settings, &renderer);
+  const stgs_result result = create(settings, &renderer);
+  auto error = sized<stgs_error>();
   error.message = message.empty() ? stgs_result_name(result) : message.c_str();
   STGS_TRY(status_of(result, error));
-  return std::make_unique<SceneRenderer>(renderer);
+  return RendererPtr(renderer);
+}
+
+Result<std::unique_ptr<SceneRenderer>> SceneRenderer::make(const std::string& backend) {
+  STGS_ASSIGN(RendererPtr renderer,
+              create_renderer([&](stgs_renderer_settings& settings, stgs_renderer** out) {
+                settings.backend = backend_of(backend);
+                settings.measure = 1;
+                return stgs_renderer_create(&settings, out);
+              }));
+  return std::make_unique<SceneRenderer>(std::move(renderer));
 }
 
 std::string SceneRenderer::backend() const {
@@ -66,12 +75,7 @@ std::string SceneRenderer::backend() const {
 }
 
 Status SceneRenderer::check(stgs_result result) const {
-  if (result == STGS_OK) return {};
-  auto error = sized<stgs_error>();
-  if (stgs_renderer_error(renderer_.get(), &error) != STGS_OK) {
-    error.message = stgs_result_name(result);
-  }
-  return status_of(result, error);
+  return status_of(result, renderer_.get(), stgs_renderer_error);
 }
 
 Status SceneRenderer::render(const SceneFile& file, double seconds, const stgs_view& view,

@@ -2,8 +2,10 @@
 // Renders scenes through the public interface of the library.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
+#include <utility>
 
 #include "image_io.h"
 #include "scene_file.h"
@@ -11,12 +13,21 @@
 
 namespace stgs::tools {
 
+struct DestroyRenderer {
+  void operator()(stgs_renderer* renderer) const { stgs_renderer_destroy(renderer); }
+};
+using RendererPtr = std::unique_ptr<stgs_renderer, DestroyRenderer>;
+
+// Calls `create` with the default settings and a log. Returns the message of the library on error.
+Result<RendererPtr> create_renderer(
+    const std::function<stgs_result(stgs_renderer_settings&, stgs_renderer**)>& create);
+
 class SceneRenderer {
  public:
   // Makes a renderer: auto, cpu, cuda or vulkan.
   static Result<std::unique_ptr<SceneRenderer>> make(const std::string& backend);
   // Used by make().
-  explicit SceneRenderer(stgs_renderer* renderer) : renderer_(renderer) {}
+  explicit SceneRenderer(RendererPtr renderer) : renderer_(std::move(renderer)) {}
 
   // Returns the name of the backend in use, never auto.
   std::string backend() const;
@@ -28,14 +39,11 @@ class SceneRenderer {
   Result<stgs_render_statistics> statistics() const;
 
  private:
-  struct Destroy {
-    void operator()(stgs_renderer* renderer) const { stgs_renderer_destroy(renderer); }
-  };
   Status check(stgs_result result) const;
   Status render(const SceneFile& file, double seconds, const stgs_view& view,
                 const stgs_image& image);
 
-  std::unique_ptr<stgs_renderer, Destroy> renderer_;
+  RendererPtr renderer_;
 };
 
 }  // namespace stgs::tools

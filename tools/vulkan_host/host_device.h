@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "vulkan_host/instance.h"
 #include "vulkan_host/objects.h"
 
 namespace stgs::tools {
@@ -25,14 +26,14 @@ class HostDevice {
   ~HostDevice();
 
   // Creates the instance and loads its functions. Call it once, after volkInitialize().
-  VkResult make_instance(const player::VulkanInstanceSettings& settings);
+  VkResult make_instance(const InstanceSettings& settings);
 
   struct Request {
     VkPhysicalDevice physical_device = VK_NULL_HANDLE;
     std::uint32_t queue_family = 0;
     std::vector<std::string> extensions;
     bool timeline_semaphores = false;
-    bool subgroup_size_control = false;  // if the device has it
+    bool subgroup_size_control = false;  // with computeFullSubgroups
   };
   // Creates the device and loads its functions. No device may be open.
   Status open(const Request& request);
@@ -40,15 +41,18 @@ class HostDevice {
   // is open.
   void close();
 
-  // The instance, if it was made, and the device, if it is open, as the renderer borrows them. Its
-  // features are valid while this exists.
-  const player::VulkanDevice& device() const { return device_; }
+  // The instance, if it was made, and the device, if it is open.
+  const DeviceHandles& device() const { return handles_; }
+  // The features and extensions that the device was opened with. Valid while this exists.
+  const VkPhysicalDeviceFeatures2& features() const { return features_; }
+  const std::vector<std::string>& extensions() const { return extensions_; }
   // Returns whether the validation layer is on.
-  bool is_validated() const { return messenger_ != VK_NULL_HANDLE; }
+  bool is_validated() const { return instance_.messenger != VK_NULL_HANDLE; }
 
  private:
-  player::VulkanDevice device_;
-  VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;
+  Instance instance_;
+  DeviceHandles handles_;
+  std::vector<std::string> extensions_;
   VkPhysicalDeviceFeatures2 features_{};
   VkPhysicalDeviceTimelineSemaphoreFeatures timeline_{};
   VkPhysicalDeviceSubgroupSizeControlFeatures sizes_{};

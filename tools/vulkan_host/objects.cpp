@@ -8,7 +8,7 @@ namespace stgs::tools {
 namespace {
 
 // Allocates device memory with `properties`. kRuntime if none is left.
-Status allocate(const player::VulkanDevice& device, const VkMemoryRequirements& needs,
+Status allocate(const DeviceHandles& device, const VkMemoryRequirements& needs,
                 VkMemoryPropertyFlags properties, VkDeviceMemory* memory) {
   VkPhysicalDeviceMemoryProperties all{};
   vkGetPhysicalDeviceMemoryProperties(device.physical_device, &all);
@@ -36,7 +36,7 @@ void MappedBuffer::reset() {
   data_ = nullptr;
 }
 
-Status MappedBuffer::ensure(const player::VulkanDevice& device, VkBufferUsageFlags usage,
+Status MappedBuffer::ensure(const DeviceHandles& device, VkBufferUsageFlags usage,
                             std::uint64_t bytes) {
   if (bytes <= bytes_) return {};
   reset();
@@ -66,7 +66,7 @@ DeviceImage::~DeviceImage() {
   vkFreeMemory(device_, memory_, nullptr);
 }
 
-Status DeviceImage::create(const player::VulkanDevice& device, const ImageShape& shape,
+Status DeviceImage::create(const DeviceHandles& device, const ImageShape& shape,
                            VkImageUsageFlags usage) {
   device_ = device.device;
   auto info = structure<VkImageCreateInfo>(VK_STRUCTURE_TYPE_IMAGE_CREATE_INFO);
@@ -182,8 +182,7 @@ VkPipelineShaderStageCreateInfo stage_of(VkShaderStageFlagBits stage, VkShaderMo
   return info;
 }
 
-Status make_commands(const player::VulkanDevice& device, VkCommandPool* pool,
-                     VkCommandBuffer* commands) {
+Status make_commands(const DeviceHandles& device, VkCommandPool* pool, VkCommandBuffer* commands) {
   auto pool_info = structure<VkCommandPoolCreateInfo>(VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO);
   pool_info.queueFamilyIndex = device.queue_family;
   STGS_TRY(vk_status(vkCreateCommandPool(device.device, &pool_info, nullptr, pool),
@@ -202,7 +201,7 @@ Status begin_commands(VkCommandBuffer commands) {
   return vk_status(vkBeginCommandBuffer(commands, &begin), "beginning a command buffer");
 }
 
-Status run_commands(const player::VulkanDevice& device,
+Status run_commands(const DeviceHandles& device,
                     const std::function<void(VkCommandBuffer)>& record) {
   VkCommandPool pool = VK_NULL_HANDLE;
   VkCommandBuffer commands = VK_NULL_HANDLE;

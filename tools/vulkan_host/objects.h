@@ -10,12 +10,26 @@
 #include <span>
 
 #include "stgs/format/status.h"
-#include "stgs/player/vulkan_instance.h"
-#include "stgs/player/vulkan_renderer.h"
 
 namespace stgs::tools {
 
-using player::structure;
+// Returns a zeroed Vulkan structure with its sType.
+template <typename T>
+T structure(VkStructureType type) {
+  T out{};
+  out.sType = type;
+  return out;
+}
+
+// An instance and a device of it, with one queue. Handles that do not exist yet are null.
+struct DeviceHandles {
+  VkInstance instance = VK_NULL_HANDLE;
+  std::uint32_t api_version = VK_API_VERSION_1_1;  // of the instance
+  VkPhysicalDevice physical_device = VK_NULL_HANDLE;
+  VkDevice device = VK_NULL_HANDLE;
+  VkQueue queue = VK_NULL_HANDLE;
+  std::uint32_t queue_family = 0;
+};
 
 // Converts a VkResult: kRuntime if the call failed. `action` completes "Vulkan failed while".
 inline Status vk_status(VkResult result, const char* action) {
@@ -34,7 +48,7 @@ class MappedBuffer {
 
   void reset();
   // Grows the buffer to at least `bytes`. Growing discards its contents.
-  Status ensure(const player::VulkanDevice& device, VkBufferUsageFlags usage, std::uint64_t bytes);
+  Status ensure(const DeviceHandles& device, VkBufferUsageFlags usage, std::uint64_t bytes);
   VkBuffer handle() const { return buffer_; }
   std::uint8_t* data() const { return data_; }
 
@@ -62,8 +76,7 @@ class DeviceImage {
   ~DeviceImage();
 
   // Call once.
-  Status create(const player::VulkanDevice& device, const ImageShape& shape,
-                VkImageUsageFlags usage);
+  Status create(const DeviceHandles& device, const ImageShape& shape, VkImageUsageFlags usage);
   VkImage handle() const { return image_; }
 
  private:
@@ -111,12 +124,11 @@ Result<VkShaderModule> make_shader(VkDevice device, std::span<const std::uint32_
 VkPipelineShaderStageCreateInfo stage_of(VkShaderStageFlagBits stage, VkShaderModule module);
 
 // Creates a command pool of the device's queue family with one command buffer.
-Status make_commands(const player::VulkanDevice& device, VkCommandPool* pool,
-                     VkCommandBuffer* commands);
+Status make_commands(const DeviceHandles& device, VkCommandPool* pool, VkCommandBuffer* commands);
 // Begins a command buffer that is submitted once.
 Status begin_commands(VkCommandBuffer commands);
 // Submits the commands that `record` records to the device's queue and waits until it is idle.
-Status run_commands(const player::VulkanDevice& device,
+Status run_commands(const DeviceHandles& device,
                     const std::function<void(VkCommandBuffer)>& record);
 
 }  // namespace stgs::tools

@@ -58,9 +58,18 @@ bool computes(const VkQueueFamilyProperties& family) {
   return (family.queueFlags & VK_QUEUE_COMPUTE_BIT) != 0;
 }
 
-// Returns the first compute queue family, or -1 if the device is not usable.
+// Returns the rank of a device by its type: discrete GPUs rank above other GPUs, and those above
+// CPU drivers. 0 if the device is not usable.
+int rank_of(VkPhysicalDevice device) {
+  if (!missing_feature(device).empty()) return 0;
+  VkPhysicalDeviceProperties properties{};
+  vkGetPhysicalDeviceProperties(device, &properties);
+  if (properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU) return 3;
+  return properties.deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU ? 1 : 2;
+}
+
+// Returns the first compute queue family, or -1.
 int family_of(VkPhysicalDevice device) {
-  if (!missing_feature(device).empty()) return -1;
   const auto families = families_of(device);
   const auto found = std::find_if(families.begin(), families.end(), computes);
   return found == families.end() ? -1 : static_cast<int>(found - families.begin());
@@ -106,10 +115,8 @@ Device::~Device() {
     vk.vkDestroyCommandPool(context_.device, pool_, nullptr);
     if (!borrowed_) vk.vkDestroyDevice(context_.device, nullptr);
   }
-  if (borrowed_ || context_.instance == VK_NULL_HANDLE) return;
-  if (messenger_ != VK_NULL_HANDLE) {
-    instance_.vkDestroyDebugUtilsMessengerEXT(context_.instance, messenger_, nullptr);
-  }
+  const bool owns_instance = !borrowed_ && settings_.instance == VK_NULL_HANDLE;
+  if (!owns_instance || context_.instance == VK_NULL_HANDLE) return;
   instance_.vkDestroyInstance(context_.instance, nullptr);
 }
 
@@ -155,7 +162,6 @@ Status Device::borrow(const VulkanDevice& lent) {
 
 void Device::save_functions() {
   instance_.vkGetPhysicalDeviceFormatProperties = vkGetPhysicalDeviceFormatProperties;
-  instance_.vkDestroyDebugUtilsMessengerEXT = vkDestroyDebugUtilsMessengerEXT;
   instance_.vkDestroyInstance = vkDestroyInstance;
 }
 
@@ -163,11 +169,20 @@ Status Device::create_instance() {
   if (volkInitialize() != VK_SUCCESS) {
     return unsupported("no Vulkan loader found (libvulkan.so.1); use backend 'cpu'");
   }
-  VulkanInstanceSettings settings;
-  settings.api_version = kOwnVersion;
-  if (settings_.on_message != nullptr) settings.on_message = &settings_.on_message;
-  VulkanInstance made;
-  const VkResult result = make_vulkan_instance(settings, made);
+  context_.instance = settings_.instance;
+  if (settings_.instance == VK_NULL_HANDLE) STGS_TRY(create_own_instance());
+  volkLoadInstanceOnly(context_.instance);
+  save_functions();
+  return {};
+}
+
+Status Device::create_own_instance() {
+  auto application = structure<VkApplicationInfo>(VK_STRUCTURE_TYPE_APPLICATION_INFO);
+  application.apiVersion = kOwnVersion;
+  auto info = structure<VkInstanceCreateInfo>(VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO);
+  info.pApplicationInfo = &application;
+  const VkResult result = vkCreateInstance(&info, nullptr, &context_.instance);
+  if (result != VK_SUCCESS) context_.instance = VK_NULL_HANDLE;
   if (result == VK_ERROR_INCOMPATIBLE_DRIVER) {
     return unsupported(
         "no Vulkan driver found; install the GPU's driver or mesa-vulkan-drivers, or use backend "
@@ -177,10 +192,6 @@ Status Device::create_instance() {
     return unsupported("cannot create a Vulkan instance (VkResult {}); use backend 'cpu'",
                        static_cast<int>(result));
   }
-  context_.instance = made.instance;
-  messenger_ = made.messenger;
-  volkLoadInstanceOnly(context_.instance);
-  save_functions();
   return {};
 }
 
@@ -193,10 +204,7 @@ Status Device::choose() {
                      "enumerating devices"));
   int best = 0;
   for (const VkPhysicalDevice device : devices) {
-    const int family = family_of(device);
-    VkPhysicalDeviceProperties properties{};
-    vkGetPhysicalDeviceProperties(device, &properties);
-    const int rank = vulkan_device_rank(properties.deviceType);
+    const int family = family_of(device), rank = rank_of(device);
     if (family < 0 || rank <= best) continue;
     best = rank;
     context_.physical_device = device;
@@ -356,7 +364,7 @@ Result<VulkanSupport> vulkan_support(PFN_vkGetInstanceProcAddr get_instance_proc
   STGS_TRY(vulkan::load_instance(get_instance_proc_addr, instance, api_version));
   const vulkan::Features offered = vulkan::offered_features(physical_device, api_version);
   return VulkanSupport{vulkan::missing_feature(physical_device), offered.timeline_semaphores,
-                       offered.subgroup_size_control};
+                       offered.subgroup_size_control, vulkan::rank_of(physical_device)};
 }
 
 }  // namespace stgs::player

@@ -9,12 +9,19 @@
 #include <string>
 
 #include "stgs/format/status.h"
-#include "stgs/player/vulkan_instance.h"
 #include "stgs/player/vulkan_renderer.h"
 #include "vulkan/features.h"
 #include "vulkan/vulkan_renderer.h"
 
 namespace stgs::player::vulkan {
+
+// Returns a zeroed Vulkan structure with its sType.
+template <typename T>
+T structure(VkStructureType type) {
+  T out{};
+  out.sType = type;
+  return out;
+}
 
 // Converts a VkResult. `action` completes "Vulkan failed while ...". Errors: kNoMemory,
 // kDeviceLost, else kRuntime.
@@ -23,7 +30,6 @@ Status vk_status(VkResult result, const char* action);
 // Instance functions that are called after the device is created.
 struct InstanceFunctions {
   PFN_vkGetPhysicalDeviceFormatProperties vkGetPhysicalDeviceFormatProperties = nullptr;
-  PFN_vkDestroyDebugUtilsMessengerEXT vkDestroyDebugUtilsMessengerEXT = nullptr;
   PFN_vkDestroyInstance vkDestroyInstance = nullptr;
 };
 
@@ -35,7 +41,8 @@ class Device {
   Device& operator=(const Device&) = delete;
   ~Device();
 
-  // Call one of the two, once. Creates an own instance and device, or borrows the caller's.
+  // Call one of the two, once. Creates an own device, and an own instance unless the settings have
+  // one; or borrows the caller's device.
   Status create(const VulkanSettings& settings);
   Status borrow(const VulkanDevice& lent);
 
@@ -64,6 +71,7 @@ class Device {
 
  private:
   Status create_instance();
+  Status create_own_instance();
   Status choose();
   Status open();
   void save_functions();
@@ -77,7 +85,6 @@ class Device {
   bool borrowed_ = false;
   bool runs_on_cpu_ = false;
   InstanceFunctions instance_;
-  VkDebugUtilsMessengerEXT messenger_ = VK_NULL_HANDLE;
   VkPhysicalDeviceMemoryProperties memory_{};
   VkCommandPool pool_ = VK_NULL_HANDLE;
   VkCommandBuffer commands_ = VK_NULL_HANDLE;

@@ -4,11 +4,12 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <string>
 
 #include "stgs/player/renderer.h"
+
+struct VkInstance_T;  // of Vulkan; VkInstance points to it
 
 namespace stgs::player {
 
@@ -21,12 +22,12 @@ struct VulkanSettings {
   bool use_ballot = true;               // use the subgroup shaders if the device supports them
   std::uint64_t block_bytes = 0;        // of a segment memory block; 0: chosen for the device
   std::uint64_t range_bytes = 0;        // limit for storage buffers; 0: the limit of the device
-  // If set, enables the validation layer, if it is installed, and receives its messages. For own
-  // devices only.
-  std::function<void(const std::string&)> on_message;
+  // Of Vulkan 1.1, with the own device; the caller destroys it after the renderer. Null: the
+  // renderer creates one.
+  VkInstance_T* instance = nullptr;
 };
 
-// Creates a renderer on an own device (vulkan_device_rank()). kNotBuilt without Vulkan,
+// Creates a renderer on an own device (VulkanSupport::rank). kNotBuilt without Vulkan,
 // kUnsupported if there is no suitable device.
 Result<std::unique_ptr<Renderer>> make_vulkan_renderer(const VulkanSettings& settings = {});
 // Creates a renderer on the caller's device (stgs/player/vulkan_renderer.h).

@@ -167,7 +167,7 @@ enum {
 /* Status of a player. */
 typedef struct stgs_player_status {
   size_t struct_size;
-  stgs_player_state state; /* as of this update */
+  stgs_player_state state; /* as of the call */
   double seconds;          /* time to render */
   int32_t layers;          /* layers available at this time, counted from the base layer */
   int32_t layer_count;     /* layers in the file; 0 before it is open */
@@ -175,6 +175,12 @@ typedef struct stgs_player_status {
                             * missing or could not be read, and the image has holes */
   int32_t is_complete;     /* 1: no more data of this time is in flight for now */
 } stgs_player_status;
+
+/* Returns the status without advancing the player.
+ *
+ * It includes the effect of the calls since the last update, such as a seek; only a move to the
+ * live edge takes place in the next update. */
+STGS_API stgs_result stgs_player_get_status(stgs_player* player, stgs_player_status* status);
 
 /** @} */
 

@@ -90,6 +90,12 @@ class Player {
     check(stgs_player_update(get(), now, &status), get());
     return status;
   }
+  /// Returns the status without advancing the player.
+  stgs_player_status status() const {
+    auto status = detail::sized<stgs_player_status>();
+    check(stgs_player_get_status(get(), &status), get());
+    return status;
+  }
   /// Returns the oldest queued event, or nothing.
   std::optional<PlayerEvent> next_event() {
     auto event = detail::sized<stgs_player_event>();

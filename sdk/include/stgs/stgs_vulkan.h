@@ -68,6 +68,10 @@ typedef struct stgs_vulkan_support {
                                   * empty if can_render is 1 */
   int32_t subgroup_size_control; /* 1: a device can enable subgroupSizeControl and
                                   * computeFullSubgroups */
+  int32_t reserved;              /* 0 */
+  int32_t device_rank;           /* preference among several devices: use the first with the highest
+                                  * rank, as STGS_BACKEND_VULKAN does. Discrete GPUs rank above
+                                  * other GPUs, and those above CPU drivers; 0: can_render is 0 */
 } stgs_vulkan_support;
 
 /* Reports whether devices of device->physical_device can render STGS scenes.
@@ -189,7 +193,13 @@ typedef struct stgs_vulkan_progress {
   uint64_t active_primitives; /* primitives considered at this time */
   uint64_t splats;            /* in view, summed over the views */
   double prepare_ms;          /* CPU time of stgs_vulkan_submit */
-  double device_ms;           /* GPU time; 0 if the queue has no timestamps */
+  double device_ms;           /* GPU time; 0 if the queue has no timestamps, as are the times of the
+                               * steps below */
+  double slice_ms;            /* of device_ms: computing the primitives at the time */
+  double bin_ms;              /* of device_ms: sorting splats into tiles */
+  double blend_ms;            /* of device_ms: blending the pixels */
+  uint64_t pending_primitives; /* decoded, but not yet uploaded to the GPU: they, or a better
+                                * version of them, are missing. Only while a player is playing */
 } stgs_vulkan_progress;
 
 /* Returns the last frame that completed, without waiting. */

@@ -4,105 +4,89 @@
 #include <algorithm>
 #include <cmath>
 
-#include "stgs/format/math/surface.h"
-
 namespace stgs::tools {
 namespace {
 
-using math::Vec3;
-
-constexpr double kMaxElevation = 1.5;      // radians from the horizon
-constexpr double kMinDistance = 1e-3;      // to the target, scene units
+constexpr double kMaxElevation = 1.5;                       // radians from the horizon
+constexpr double kMinDistance = 1e-3, kMaxDistance = 1e18;  // to the target, scene units
 constexpr double kOverviewDistance = 1.2;  // in scene diagonals: fits the scene to the height
 constexpr int kOverviewWidth = 1280, kOverviewHeight = 720;
 
-Vec3 sum(Vec3 a, Vec3 b, double factor = 1) {
-  const auto f = static_cast<float>(factor);
-  return {a.x + f * b.x, a.y + f * b.y, a.z + f * b.z};
+Vector3 vector_of(const float (&v)[3]) {
+  return {v[0], v[1], v[2]};
 }
 
-double length(Vec3 v) {
-  return std::sqrt(static_cast<double>(math::dot3(v, v)));
+Vector3 centre(const stgs_scene_info& scene) {
+  return 0.5 * (vector_of(scene.bounds_min) + vector_of(scene.bounds_max));
 }
 
-Vec3 unit(Vec3 v) {
-  const auto n = static_cast<float>(1 / length(v));
-  return {n * v.x, n * v.y, n * v.z};
+double diagonal(const stgs_scene_info& scene) {
+  return length(vector_of(scene.bounds_max) - vector_of(scene.bounds_min));
 }
 
-// Rotates v about a unit axis (Rodrigues).
-Vec3 rotated(Vec3 v, Vec3 about, double angle) {
-  const double c = std::cos(angle), s = std::sin(angle);
-  const double along = (1 - c) * static_cast<double>(math::dot3(about, v));
-  return sum(sum(sum({0, 0, 0}, v, c), math::cross3(about, v), s), about, along);
+Vector3 axis_of(const encoder::Camera& camera, int row) {
+  const double* r = camera.rotation + 3 * row;
+  return {r[0], r[1], r[2]};
 }
 
-Vec3 centre(const SceneMetadata& scene) {
-  const auto mean = [&](int k) { return 0.5f * (scene.bounds_min[k] + scene.bounds_max[k]); };
-  return {mean(0), mean(1), mean(2)};
+Vector3 position_of(const encoder::Camera& camera) {
+  Vector3 position;
+  for (int row = 0; row < 3; ++row) {
+    position = position - camera.translation[row] * axis_of(camera, row);
+  }
+  return position;
 }
 
-double diagonal(const SceneMetadata& scene) {
-  const Vec3 low{scene.bounds_min[0], scene.bounds_min[1], scene.bounds_min[2]};
-  return length(sum({scene.bounds_max[0], scene.bounds_max[1], scene.bounds_max[2]}, low, -1));
-}
-
-Vec3 position_of(const encoder::Camera& camera) {
-  return math::camera_centre(camera.pinhole(0));
-}
-
-void set_pose(encoder::Camera& camera, const Vec3 (&axes)[3], Vec3 position) {
+void set_pose(encoder::Camera& camera, const Vector3 (&axes)[3], const Vector3& position) {
   for (int row = 0; row < 3; ++row) {
     camera.rotation[3 * row] = axes[row].x;
     camera.rotation[3 * row + 1] = axes[row].y;
     camera.rotation[3 * row + 2] = axes[row].z;
-    camera.translation[row] = -static_cast<double>(math::dot3(axes[row], position));
+    camera.translation[row] = -dot(axes[row], position);
   }
 }
 
 }  // namespace
 
-CameraControl::CameraControl(const encoder::Camera& start, const SceneMetadata& scene)
+CameraControl::CameraControl(const encoder::Camera& start, const stgs_scene_info& scene)
     : start_(start), now_(start) {
-  const Vec3 up{scene.up[0], scene.up[1], scene.up[2]};
-  up_ = length(up) > 0.5 ? unit(up) : sum({0, 0, 0}, axis(1), -1);
-  const Vec3 position = position_of(start);
-  start_distance_ = static_cast<double>(math::dot3(axis(2), sum(centre(scene), position, -1)));
+  const Vector3 up = vector_of(scene.up);
+  up_ = length(up) > 0.5 ? unit(up) : -1 * axis(1);
+  const Vector3 position = position_of(start);
+  start_distance_ = dot(axis(2), centre(scene) - position);
   const double size = diagonal(scene);
   if (!(start_distance_ > 0.01 * size)) start_distance_ = std::max(0.5 * size, kMinDistance);
-  start_target_ = sum(position, axis(2), start_distance_);
+  start_target_ = position + start_distance_ * axis(2);
   target_ = start_target_;
   distance_ = start_distance_;
 }
 
-Vec3 CameraControl::axis(int row) const {
-  const double* r = now_.rotation + 3 * row;
-  return {static_cast<float>(r[0]), static_cast<float>(r[1]), static_cast<float>(r[2])};
+Vector3 CameraControl::axis(int row) const {
+  return axis_of(now_, row);
 }
 
-Vec3 CameraControl::position() const {
-  return sum(target_, axis(2), -distance_);
+Vector3 CameraControl::position() const {
+  return target_ - distance_ * axis(2);
 }
 
-void CameraControl::set_position(Vec3 position) {
-  const Vec3 axes[3] = {axis(0), axis(1), axis(2)};
+void CameraControl::set_position(const Vector3& position) {
+  const Vector3 axes[3] = {axis(0), axis(1), axis(2)};
   set_pose(now_, axes, position);
 }
 
 void CameraControl::rotate(double right, double up) {
-  const double level =
-      std::asin(std::clamp(static_cast<double>(math::dot3(axis(2), up_)), -1.0, 1.0));
+  const double level = std::asin(std::clamp(dot(axis(2), up_), -1.0, 1.0));
   const double steepest = std::max(kMaxElevation, std::abs(level));
   up = std::clamp(level + up, -steepest, steepest) - level;
-  const Vec3 across = axis(0);
-  Vec3 axes[3];
+  const Vector3 across = axis(0);
+  Vector3 axes[3];
   for (int row = 1; row < 3; ++row) {
     axes[row] = rotated(rotated(axis(row), across, up), up_, -right);
   }
   // Orthonormalise, so that rounding errors do not accumulate over thousands of small rotations.
   axes[2] = unit(axes[2]);
-  axes[1] = unit(sum(axes[1], axes[2], -static_cast<double>(math::dot3(axes[1], axes[2]))));
-  axes[0] = math::cross3(axes[1], axes[2]);
+  axes[1] = unit(axes[1] - dot(axes[1], axes[2]) * axes[2]);
+  axes[0] = cross(axes[1], axes[2]);
   set_pose(now_, axes, position_of(now_));
 }
 
@@ -113,19 +97,19 @@ void CameraControl::orbit(double right, double up) {
 }
 
 void CameraControl::look(double right, double up) {
-  const Vec3 fixed = position();
+  const Vector3 fixed = position();
   rotate(right, up);
-  target_ = sum(fixed, axis(2), distance_);
+  target_ = fixed + distance_ * axis(2);
   set_position(fixed);
 }
 
 void CameraControl::move(double right, double up, double forward) {
-  target_ = sum(sum(sum(target_, axis(0), right), axis(1), -up), axis(2), forward);
+  target_ = target_ + right * axis(0) - up * axis(1) + forward * axis(2);
   set_position(position());
 }
 
 void CameraControl::approach(double factor) {
-  distance_ = std::max(distance_ * factor, kMinDistance);
+  distance_ = std::clamp(distance_ * factor, kMinDistance, kMaxDistance);
   set_position(position());
 }
 
@@ -149,12 +133,12 @@ encoder::Camera CameraControl::camera(Size size) const {
   return camera;
 }
 
-encoder::Camera overview(const SceneMetadata& scene) {
-  const Vec3 known{scene.up[0], scene.up[1], scene.up[2]};
-  const Vec3 down = length(known) > 0.5 ? sum({0, 0, 0}, unit(known), -1) : Vec3{0, 1, 0};
-  const Vec3 seed = std::abs(down.z) < 0.9f ? Vec3{0, 0, 1} : Vec3{0, 1, 0};
-  const Vec3 right = unit(math::cross3(down, seed));
-  const Vec3 axes[3] = {right, down, math::cross3(right, down)};
+encoder::Camera overview(const stgs_scene_info& scene) {
+  const Vector3 known = vector_of(scene.up);
+  const Vector3 down = length(known) > 0.5 ? -1 * unit(known) : Vector3{0, 1, 0};
+  const Vector3 seed = std::abs(down.z) < 0.9 ? Vector3{0, 0, 1} : Vector3{0, 1, 0};
+  const Vector3 right = unit(cross(down, seed));
+  const Vector3 axes[3] = {right, down, cross(right, down)};
   encoder::Camera camera;
   camera.name = "overview";
   camera.width = kOverviewWidth;
@@ -163,7 +147,7 @@ encoder::Camera overview(const SceneMetadata& scene) {
   camera.cx = 0.5 * kOverviewWidth;
   camera.cy = 0.5 * kOverviewHeight;
   const double back = std::max(kOverviewDistance * diagonal(scene), kMinDistance);
-  set_pose(camera, axes, sum(centre(scene), axes[2], -back));
+  set_pose(camera, axes, centre(scene) - back * axes[2]);
   return camera;
 }
 

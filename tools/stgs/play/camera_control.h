@@ -3,7 +3,8 @@
 #pragma once
 
 #include "camera_file.h"
-#include "stgs/format/math/lang.h"
+#include "play/vector.h"
+#include "stgs/stgs.h"
 
 namespace stgs::tools {
 
@@ -12,7 +13,7 @@ class CameraControl {
  public:
   // Starts at `start`. The target lies on its optical axis, at the depth of the scene's centre. Up
   // is that of the scene, or of the camera if the scene has none.
-  CameraControl(const encoder::Camera& start, const SceneMetadata& scene);
+  CameraControl(const encoder::Camera& start, const stgs_scene_info& scene);
 
   // Orbits around the target, to the right and up.
   void orbit(double right, double up);
@@ -32,18 +33,18 @@ class CameraControl {
 
  private:
   // Returns a camera axis in world coordinates: 0 right, 1 down, 2 forward.
-  math::Vec3 axis(int row) const;
+  Vector3 axis(int row) const;
   // Rotates in place: up, short of the vertical, and to the right about the up direction.
   void rotate(double right, double up);
-  math::Vec3 position() const;  // from the target, the forward axis and the distance
-  void set_position(math::Vec3 position);
+  Vector3 position() const;  // from the target, the forward axis and the distance
+  void set_position(const Vector3& position);
 
   encoder::Camera start_, now_;
-  math::Vec3 up_, target_, start_target_;
+  Vector3 up_, target_, start_target_;
   double distance_ = 0, start_distance_ = 0;
 };
 
 // Returns a camera that sees the entire scene, for files without a start camera.
-encoder::Camera overview(const SceneMetadata& scene);
+encoder::Camera overview(const stgs_scene_info& scene);
 
 }  // namespace stgs::tools

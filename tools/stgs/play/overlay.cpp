@@ -10,8 +10,6 @@
 namespace stgs::tools {
 namespace {
 
-using player::PlayerState;
-
 constexpr float kMargin = 8;
 constexpr ImGuiWindowFlags kBare = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoMove |
                                    ImGuiWindowFlags_NoSavedSettings |
@@ -23,9 +21,10 @@ void text(const std::string& line) {
   ImGui::TextUnformatted(line.data(), line.data() + line.size());
 }
 
-const char* name_of(PlayerState player_state) {
+// `state` is that of an open player.
+const char* name_of(stgs_player_state state) {
   constexpr const char* kNames[] = {"paused", "playing", "buffering", "ended"};
-  return kNames[static_cast<int>(player_state)];
+  return kNames[state - STGS_PLAYER_PAUSED];
 }
 
 std::string megabits(double bits_per_second) {
@@ -35,9 +34,9 @@ std::string megabits(double bits_per_second) {
 }
 
 void draw_statistics(Playback& playback, const OverlayState& state) {
-  player::Player& player = playback.player();
-  const player::StreamStatistics stream = player.statistics();
-  const player::RenderStats& s = state.stats;
+  const stgs_player_statistics stream = playback.statistics();
+  const stgs_player_status& player = playback.status();
+  const stgs_vulkan_progress& frame = state.frame;
   ImGui::SetNextWindowPos({kMargin, kMargin});
   ImGui::SetNextWindowBgAlpha(0.6f);
   // Wide enough for most lines: ImGui fits the window to its text one frame late.
@@ -47,16 +46,16 @@ void draw_statistics(Playback& playback, const OverlayState& state) {
   text(fmt::format("{:.1f} FPS  {:.1f} ms   {}x{}", state.fps, state.frame_ms, state.size.width,
                    state.size.height));
   text(state.device);
-  text(fmt::format("fetch {:.2f}  slice {:.2f}  bin {:.2f}  blend {:.2f} ms", s.fetch_ms,
-                   s.slice_ms, s.bin_ms, s.blend_ms));
-  text(fmt::format("active {}  in view {}  stored {}", s.active, s.splats,
+  text(fmt::format("fetch {:.2f}  slice {:.2f}  bin {:.2f}  blend {:.2f} ms", frame.prepare_ms,
+                   frame.slice_ms, frame.bin_ms, frame.blend_ms));
+  text(fmt::format("active {}  in view {}  stored {}", frame.active_primitives, frame.splats,
                    stream.stored_primitives));
   text(fmt::format("link {}  clip {}  fetched {}", megabits(8 * stream.bytes_per_second),
                    megabits(playback.bits_per_second()), human_bytes(stream.fetched_bytes)));
-  text(fmt::format("buffer {:.1f} s  layers {} of {}", playback.buffered_ahead(), player.layers(),
-                   player.layer_count()));
+  text(fmt::format("buffer {:.1f} s  layers {} of {}", playback.buffered_ahead(), player.layers,
+                   player.layer_count));
   text(fmt::format("memory {} of {}", human_bytes(stream.memory_bytes),
-                   human_bytes(player.timeline().memory_budget())));
+                   human_bytes(playback.memory_budget())));
   for (const std::string& notice : state.notices) text(notice);
   ImGui::End();
 }
@@ -81,16 +80,15 @@ void draw_timeline(Playback& playback) {
     list.AddRectFilled({x_of(from), middle - half}, {x_of(to), middle + half}, colour);
   };
   bar(0, duration, 3, kTrack);
-  for (const player::TimeRange& range : playback.player().buffered()) {
+  for (const stgs_time_range& range : playback.buffered()) {
     bar(range.begin, range.end, 3, kBuffered);
   }
-  const double now = playback.player().seconds();
+  const double now = playback.seconds();
   bar(0, now, 1.5f, kPlayed);
   list.AddCircleFilled({x_of(now), middle}, 0.3f * height, kHandle);
 }
 
 void draw_controls(Playback& playback, Size size) {
-  player::Player& player = playback.player();
   const ImGuiStyle& style = ImGui::GetStyle();
   const float height =
       2 * ImGui::GetFrameHeight() + style.ItemSpacing.y + 2 * style.WindowPadding.y;
@@ -117,8 +115,9 @@ void draw_controls(Playback& playback, Size size) {
   bool loop = playback.loops();
   if (ImGui::Checkbox("loop", &loop)) playback.toggle_loop();
   ImGui::SameLine();
-  std::string where = fmt::format("{:.2f} / {:.2f} s  frame {}  {}", player.seconds(),
-                                  playback.duration(), playback.frame(), name_of(player.state()));
+  std::string where =
+      fmt::format("{:.2f} / {:.2f} s  frame {}  {}", playback.seconds(), playback.duration(),
+                  playback.frame(), name_of(playback.status().state));
   if (size.width > 900) where += "   drag: orbit  wheel: zoom  WASD: fly  F1: hide";
   text(where);
   ImGui::End();

@@ -7,7 +7,7 @@
 
 #include "options.h"
 #include "play/playback.h"
-#include "stgs/player/renderer.h"
+#include "play/vulkan.h"
 
 namespace stgs::tools {
 
@@ -15,7 +15,7 @@ struct OverlayState {
   std::string device;
   Size size;
   double fps = 0, frame_ms = 0;  // of the window, recent mean
-  player::RenderStats stats;     // of the last frame that the device has completed
+  stgs_vulkan_progress frame{};  // the last frame that the device has completed
   std::vector<std::string> notices;
 };
 

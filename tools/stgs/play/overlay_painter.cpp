@@ -115,7 +115,7 @@ OverlayPainter::~OverlayPainter() {
   vkDestroyImageView(device_->device, glyph_view_, nullptr);
 }
 
-Status OverlayPainter::create(const player::VulkanDevice& device, VkRenderPass pass) {
+Status OverlayPainter::create(const DeviceHandles& device, VkRenderPass pass) {
   device_ = &device;
   STGS_TRY(make_glyphs());
   STGS_TRY(make_set());

@@ -23,7 +23,7 @@ class OverlayPainter {
   // Uploads the glyphs of the current ImGui context through the queue. `pass` has one colour
   // attachment and must be compatible with every pass given to draw(). The device must outlive
   // this.
-  Status create(const player::VulkanDevice& device, VkRenderPass pass);
+  Status create(const DeviceHandles& device, VkRenderPass pass);
   // Records the list into a pass that has begun. Uses the buffers of frame `number` modulo kFrames,
   // whose previous use must be complete.
   Status draw(const ImDrawData& list, std::size_t number, VkCommandBuffer commands);
@@ -36,7 +36,7 @@ class OverlayPainter {
   Status upload_lists(const ImDrawData& list, std::size_t frame);
   void bind(const ImDrawData& list, std::size_t frame, VkCommandBuffer commands) const;
 
-  const player::VulkanDevice* device_ = nullptr;
+  const DeviceHandles* device_ = nullptr;
   DeviceImage glyphs_;
   VkImageView glyph_view_ = VK_NULL_HANDLE;
   VkSampler sampler_ = VK_NULL_HANDLE;

@@ -5,14 +5,13 @@
 #include <cmath>
 #include <iterator>
 
-#include "damage.h"
-#include "scene_input.h"
+#include "location.h"
+#include "player_events.h"
+#include "scene_file.h"
+#include "stgs/format/gaussian4d.h"
 
 namespace stgs::tools {
 namespace {
-
-using player::PlayerEvent;
-using player::PlayerState;
 
 constexpr double kNoticeSeconds = 6;
 constexpr std::size_t kMaxNotices = 5;
@@ -20,127 +19,163 @@ constexpr double kSameFrame = 1e-6;  // ticks
 
 }  // namespace
 
-Playback::Playback(Session& session, const PlaybackSettings& settings)
-    : session_(session), settings_(settings) {
-  player::PlayerSettings player_settings;
-  player_settings.memory_budget = settings.memory;
-  player_settings.http.stop = stop_.get_token();
-  player_settings.on_opening_event = [this](const PlayerEvent& event) {
-    const std::lock_guard lock(opening_mutex_);
-    opening_events_.push_back(event);
-  };
-  opening_ = std::async(std::launch::async, [file = settings.file, player_settings] {
-    return player::Player::open(file, player_settings);
-  });
+Result<std::unique_ptr<Playback>> Playback::start(Session& session,
+                                                  const PlaybackSettings& settings) {
+  auto playback = std::make_unique<Playback>(session, settings);
+  STGS_TRY(playback->create());
+  STGS_TRY(playback->check(stgs_player_open(playback->player_.get(), settings.file.c_str())));
+  return playback;
 }
 
-Playback::~Playback() {
-  stop_.request_stop();
-  if (opening_.valid()) opening_.wait();
-}
-
-Result<bool> Playback::is_open() {
-  if (player_ != nullptr) return true;
-  const bool ended = opening_.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
-  {
-    const std::lock_guard lock(opening_mutex_);
-    for (const PlayerEvent& event : opening_events_) warn_of_event(session_, event);
-    opening_events_.clear();
+Status Playback::create() {
+  status_ = sized<stgs_player_status>();
+  info_ = sized<stgs_scene_info>();
+  stgs_player_settings settings;
+  if (stgs_player_settings_defaults(&settings, sizeof(settings)) != STGS_OK) {
+    return runtime_error("the library is older than the program");
   }
-  if (!ended) return false;
-  Result<std::unique_ptr<player::Player>> player = opening_.get();
-  if (!player.ok()) return player.status();
-  player_ = std::move(player).value();
+  settings.memory_budget = settings_.memory;
+  settings.max_memory = SceneFile::kMaxMemory;
+  stgs_player* player = nullptr;
+  const stgs_result created = stgs_player_create(&settings, &player);
+  if (created != STGS_OK) {
+    return runtime_error("{}: {}", display_name(settings_.file), stgs_result_name(created));
+  }
+  player_.reset(player);
+  return {};
+}
+
+Status Playback::check(stgs_result result) const {
+  return status_of(result, player_.get(), stgs_player_error);
+}
+
+Result<bool> Playback::is_open(double now) {
+  if (is_open_) return true;
+  STGS_TRY(check(stgs_player_update(player_.get(), now, &status_)));
+  const bool has_ended = status_.state != STGS_PLAYER_OPENING;
+  STGS_TRY(take_opening_events());
+  if (!has_ended) return false;
+  STGS_TRY(check(stgs_player_wait_open(player_.get())));  // the result of opening
   STGS_TRY(begin());
+  is_open_ = true;
   return true;
 }
 
 Status Playback::begin() {
-  warn_of_open_damage(session_, player_->timeline());
+  STGS_TRY(update_info());
+  STGS_TRY(warn_of_open_damage(session_, scene(), text_of(scene(), STGS_TEXT_NAME)));
   if (settings_.seconds > duration()) {
     return usage_error("--time {} is out of range; {} lasts from 0 to {:.6g} s", settings_.seconds,
-                       player::display_location(settings_.file), duration());
+                       display_name(settings_.file), duration());
   }
+  stgs_player* const player = player_.get();
   loop_ = settings_.loop;
-  player_->set_loop(loop_);
+  STGS_TRY(check(stgs_player_set_loop(player, loop_ ? 1 : 0)));
   rate_ = settings_.rate;
-  STGS_TRY(player_->set_rate(rate_));
+  STGS_TRY(check(stgs_player_set_rate(player, rate_)));
   // A growing recording starts at its live edge.
-  if (settings_.seconds > 0 || !player_->live().growing) STGS_TRY(player_->seek(settings_.seconds));
-  // At the last frame there is nothing to play; play() would restart from the beginning.
-  const bool at_end = settings_.seconds > 0 && rate_ > 0 && !loop_ && !player_->live().growing &&
-                      frame() + 1 >= player_->timeline().metadata().frames;
-  if (!settings_.paused && !at_end) player_->play();
-  return {};
+  const bool is_growing = live().growing != 0;
+  if (settings_.seconds > 0 || !is_growing) {
+    STGS_TRY(check(stgs_player_seek(player, settings_.seconds)));
+  }
+  STGS_TRY(check(stgs_player_get_status(player, &status_)));
+  // At the last frame there is nothing to play; playing would restart from the beginning.
+  const bool at_end =
+      settings_.seconds > 0 && rate_ > 0 && !loop_ && !is_growing && frame() + 1 >= info_.frames;
+  if (!settings_.paused && !at_end) STGS_TRY(check(stgs_player_play(player)));
+  return check(stgs_player_get_status(player, &status_));
 }
 
-double Playback::advance(double now) {
-  const bool played = player_->state() == PlayerState::kPlaying;
-  const double seconds = player_->advance(now);
-  if (played && player_->state() == PlayerState::kBuffering) ++stalls_;
-  if (player_->live().following) rate_ = 1;
-  take_events(now);
-  return seconds;
+Result<double> Playback::advance(double now) {
+  const bool played = status_.state == STGS_PLAYER_PLAYING;
+  STGS_TRY(check(stgs_player_update(player_.get(), now, &status_)));
+  STGS_TRY(update_info());
+  if (played && status_.state == STGS_PLAYER_BUFFERING) ++stalls_;
+  if (live().following != 0) rate_ = 1;
+  STGS_TRY(take_events(now));
+  return status_.seconds;
+}
+
+Status Playback::update_info() {
+  return status_of(stgs_scene_get_info(scene(), &info_), scene(), stgs_scene_error);
+}
+
+stgs_player_live Playback::live() const {
+  auto live = sized<stgs_player_live>();
+  (void)stgs_player_get_live(player_.get(), &live);  // cannot fail
+  return live;
 }
 
 bool Playback::is_playing() const {
-  const PlayerState state = player_->state();
-  return state == PlayerState::kPlaying || state == PlayerState::kBuffering;
-}
-
-double Playback::duration() const {
-  return player_->timeline().duration_seconds();
+  return status_.state == STGS_PLAYER_PLAYING || status_.state == STGS_PLAYER_BUFFERING;
 }
 
 std::uint32_t Playback::frame() const {
-  const SceneMetadata& scene = player_->timeline().metadata();
-  const double ticks = std::floor(scene.time_base.ticks(player_->seconds()) + kSameFrame);
+  const TimeBase time_base{info_.time_base_numerator, info_.time_base_denominator};
+  const double ticks = std::floor(time_base.ticks(status_.seconds) + kSameFrame);
   return static_cast<std::uint32_t>(
-      std::clamp(ticks, 0.0, std::max(static_cast<double>(scene.frames) - 1, 0.0)));
+      std::clamp(ticks, 0.0, std::max(static_cast<double>(info_.frames) - 1, 0.0)));
 }
 
 double Playback::bits_per_second() const {
-  const player::Timeline& timeline = player_->timeline();
-  const double seconds = timeline.metadata().frames > 1 ? duration() : 0;
-  return seconds > 0 ? 8 * static_cast<double>(timeline.reader().file_bytes()) / seconds : 0;
+  const double seconds = info_.frames > 1 ? duration() : 0;
+  return seconds > 0 ? 8 * static_cast<double>(info_.file_bytes) / seconds : 0;
+}
+
+stgs_player_statistics Playback::statistics() const {
+  auto statistics = sized<stgs_player_statistics>();
+  (void)stgs_player_get_statistics(player_.get(), &statistics);  // cannot fail
+  return statistics;
+}
+
+std::vector<stgs_time_range> Playback::buffered() const {
+  std::vector<stgs_time_range> ranges(8);
+  for (;;) {
+    std::uint32_t count = 0;
+    const auto capacity = static_cast<std::uint32_t>(ranges.size());
+    if (stgs_player_get_buffered(player_.get(), ranges.data(), capacity, &count) != STGS_OK) {
+      return {};  // out of memory
+    }
+    ranges.resize(count);
+    if (count <= capacity) return ranges;
+  }
 }
 
 double Playback::buffered_ahead() const {
-  const double at = player_->seconds();
-  for (const player::TimeRange& range : player_->buffered()) {
+  const double at = seconds();
+  for (const stgs_time_range& range : buffered()) {
     if (range.begin <= at && at <= range.end) return rate_ < 0 ? at - range.begin : range.end - at;
   }
   return 0;
 }
 
-bool Playback::is_complete() const {
-  return player_->ready() && player_->layers() >= player_->layer_count();
+void Playback::control(stgs_result result) {
+  if (const Status status = check(result); !status.ok()) session_.log(1, status.message());
+  (void)stgs_player_get_status(player_.get(), &status_);  // cannot fail
 }
 
 void Playback::toggle_pause() {
-  if (is_playing()) {
-    player_->pause();
-  } else {
-    player_->play();
-  }
+  control(is_playing() ? stgs_player_pause(player_.get()) : stgs_player_play(player_.get()));
 }
 
 void Playback::step(int frames) {
-  const std::int64_t last = std::int64_t{player_->timeline().metadata().frames} - 1;
+  const std::int64_t last = std::int64_t{info_.frames} - 1;
   if (last < 0) return;
-  player_->pause();
+  control(stgs_player_pause(player_.get()));
   std::int64_t to = std::int64_t{frame()} + frames;
   if (to < 0) to = loop_ ? last : 0;
   if (to > last) to = loop_ ? 0 : last;
-  (void)player_->seek_frame(static_cast<std::uint32_t>(to));  // cannot fail: it is in range
+  control(stgs_player_seek_frame(player_.get(), static_cast<std::uint32_t>(to)));
 }
 
 void Playback::seek(double seconds) {
-  (void)player_->seek(std::clamp(seconds, 0.0, duration()));  // cannot fail: it is finite
+  control(stgs_player_seek(player_.get(), std::clamp(seconds, 0.0, duration())));
 }
 
 void Playback::set_rate(double rate) {
-  if (player_->set_rate(rate).ok()) rate_ = rate;
+  const stgs_result result = stgs_player_set_rate(player_.get(), rate);
+  if (result == STGS_OK) rate_ = rate;
+  control(result);
 }
 
 void Playback::change_rate(int by) {
@@ -156,15 +191,52 @@ void Playback::change_rate(int by) {
 
 void Playback::toggle_loop() {
   loop_ = !loop_;
-  player_->set_loop(loop_);
+  control(stgs_player_set_loop(player_.get(), loop_ ? 1 : 0));
 }
 
-void Playback::take_events(double now) {
-  for (const PlayerEvent& event : player_->take_events()) {
-    if (event.message.empty()) continue;
-    notices_.push_back({now, fmt::format("{}: {}", event_text(event.kind), event.message)});
-    warn_of_event(session_, event);
+Result<stgs_player_event> Playback::next_event() {
+  auto event = sized<stgs_player_event>();
+  STGS_TRY(check(stgs_player_next_event(player_.get(), &event)));
+  return event;
+}
+
+Status Playback::take_events(double now) {
+  for (;;) {
+    STGS_ASSIGN(const stgs_player_event event, next_event());
+    if (event.kind == STGS_EVENT_NONE) return {};
+    if (*event.message != '\0') report(now, event);
   }
+}
+
+// Reports the events of opening, except its result and the damage that warn_of_open_damage()
+// reports. Later events stay queued.
+Status Playback::take_opening_events() {
+  for (;;) {
+    STGS_ASSIGN(const stgs_player_event event, next_event());
+    if (event.kind == STGS_EVENT_NONE) return {};
+    if (event.kind == STGS_EVENT_OPENED) return skip_opening_damage();
+    if (event.kind != STGS_EVENT_FAILED && *event.message != '\0') {
+      warn_of_event(session_, event.kind, event.offset, event.message);
+    }
+  }
+}
+
+// Removes the events that follow STGS_EVENT_OPENED: one per error found while opening.
+Status Playback::skip_opening_damage() {
+  STGS_TRY(update_info());
+  int errors = 0;
+  for (std::uint32_t i = 0; i < info_.issues && errors < STGS_MAX_OPENING_DAMAGE; ++i) {
+    auto issue = sized<stgs_issue>();
+    STGS_TRY(status_of(stgs_scene_get_issue(scene(), i, &issue), scene(), stgs_scene_error));
+    errors += issue.is_error != 0 ? 1 : 0;
+  }
+  for (; errors > 0; --errors) STGS_TRY(next_event().status());
+  return {};
+}
+
+void Playback::report(double now, const stgs_player_event& event) {
+  notices_.push_back({now, fmt::format("{}: {}", event_text(event.kind), event.message)});
+  warn_of_event(session_, event.kind, event.offset, event.message);
 }
 
 void Playback::warn(double now, const std::string& text) {

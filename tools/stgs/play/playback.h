@@ -4,15 +4,12 @@
 #pragma once
 
 #include <deque>
-#include <future>
 #include <memory>
-#include <mutex>
-#include <stop_token>
 #include <string>
 #include <vector>
 
 #include "session.h"
-#include "stgs/player/player.h"
+#include "stgs/stgs.h"
 
 namespace stgs::tools {
 
@@ -20,7 +17,7 @@ struct PlaybackSettings {
   std::string file;  // path or URL
   double seconds = 0, rate = 1;
   bool paused = false, loop = false;
-  std::uint64_t memory = player::kDefaultMemoryBudget;  // bytes
+  std::uint64_t memory = std::uint64_t{4} << 30;  // bytes, at least 1 MiB
 };
 
 // Not thread-safe. The session must outlive this. The destructor cancels transfers.
@@ -28,30 +25,40 @@ class Playback {
  public:
   static constexpr double kRates[] = {-2, -1, -0.5, -0.25, 0.25, 0.5, 1, 2, 4};
 
-  // Starts to open the file, on another thread.
-  Playback(Session& session, const PlaybackSettings& settings);
-  ~Playback();
-  Playback(const Playback&) = delete;
-  Playback& operator=(const Playback&) = delete;
+  // Starts to open the file, in the background.
+  static Result<std::unique_ptr<Playback>> start(Session& session,
+                                                 const PlaybackSettings& settings);
+  // Used by start().
+  Playback(Session& session, const PlaybackSettings& settings)
+      : session_(session), settings_(settings) {}
 
-  // Returns whether the file is open. An error if it cannot be opened or played.
-  Result<bool> is_open();
-  // The player. Valid once is_open() has returned true.
-  player::Player& player() { return *player_; }
-  // Advances playback to `now`, in seconds of any clock. Returns the time to render.
-  double advance(double now);
+  // Returns whether the file is open at `now`, in seconds of any clock. An error if it cannot be
+  // opened or played. The functions below are valid once it is open.
+  Result<bool> is_open(double now);
+  // Advances playback to `now`, of the same clock. Returns the time to render.
+  Result<double> advance(double now);
 
+  stgs_scene* scene() const { return stgs_player_scene(player_.get()); }
+  // The metadata as of the last advance().
+  const stgs_scene_info& info() const { return info_; }
+  // The status as of the last advance() or control.
+  const stgs_player_status& status() const { return status_; }
+  double seconds() const { return status_.seconds; }
   bool is_playing() const;
   double rate() const { return rate_; }
   bool loops() const { return loop_; }
-  double duration() const;  // seconds
+  double duration() const { return info_.duration_seconds; }
   std::uint32_t frame() const;
   double bits_per_second() const;  // mean of the file; 0 for a single frame
-  double buffered_ahead() const;   // seconds, in the direction of playback
+  stgs_player_statistics statistics() const;
+  std::uint64_t memory_budget() const { return settings_.memory; }  // bytes
+  // Returns the ranges of clip time that play without stalling, ascending.
+  std::vector<stgs_time_range> buffered() const;
+  double buffered_ahead() const;  // seconds, in the direction of playback
   // Returns whether loading of the current time has ended, successfully or not.
-  bool is_loaded() const { return player_->is_complete(); }
+  bool is_loaded() const { return status_.is_complete != 0; }
   // Returns whether all layers of the current time are resident.
-  bool is_complete() const;
+  bool is_complete() const { return status_.ready != 0 && status_.layers >= status_.layer_count; }
 
   void toggle_pause();
   void step(int frames);  // pauses
@@ -66,17 +73,30 @@ class Playback {
   std::uint64_t stalls() const { return stalls_; }
 
  private:
+  struct Destroy {
+    void operator()(stgs_player* player) const { stgs_player_destroy(player); }
+  };
+  Status create();
   Status begin();
-  void take_events(double now);
+  Status update_info();
+  // Converts the result of a call on the player.
+  Status check(stgs_result result) const;
+  // Ends a control: logs its error, which only a lack of memory causes, and updates the status.
+  void control(stgs_result result);
+  stgs_player_live live() const;
   void set_rate(double rate);
+  Result<stgs_player_event> next_event();
+  Status take_events(double now);
+  Status take_opening_events();
+  Status skip_opening_damage();
+  void report(double now, const stgs_player_event& event);
 
   Session& session_;
   const PlaybackSettings settings_;
-  std::stop_source stop_;
-  std::mutex opening_mutex_;
-  std::vector<player::PlayerEvent> opening_events_;  // not yet reported
-  std::future<Result<std::unique_ptr<player::Player>>> opening_;
-  std::unique_ptr<player::Player> player_;
+  std::unique_ptr<stgs_player, Destroy> player_;
+  bool is_open_ = false;
+  stgs_player_status status_{};
+  stgs_scene_info info_{};
   double rate_ = 1;
   bool loop_ = false;
   std::uint64_t stalls_ = 0;

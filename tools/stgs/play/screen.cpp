@@ -110,7 +110,7 @@ Status Screen::make_frames() {
 }
 
 Status Screen::make_swapchain(Size size) {
-  const player::VulkanDevice& device = device_.device();
+  const DeviceHandles& device = device_.device();
   outdated_ = true;  // until the new swapchain exists
   STGS_TRY(vk_status(vkDeviceWaitIdle(handle()), "waiting for the device"));
   destroy_targets();
@@ -298,7 +298,7 @@ encoder::Image8 Screen::copied() const {
 }
 
 Status Screen::end(const ImDrawData& list, bool has_scene, encoder::Image8* copy) {
-  const player::VulkanDevice& device = device_.device();
+  const DeviceHandles& device = device_.device();
   if (copy != nullptr) {
     if (!can_copy_) return unsupported("the images of this window cannot be copied from");
     STGS_TRY(copy_.ensure(device, VK_BUFFER_USAGE_TRANSFER_DST_BIT,

@@ -27,8 +27,8 @@ class Screen {
   // An acquired swapchain image. The renderer of the scene waits for `acquired`, finds the image in
   // any layout, and leaves it in image.final_layout.
   struct Acquired {
-    player::VulkanImage image;
-    VkSemaphore acquired;
+    stgs_vulkan_image image{};
+    VkSemaphore acquired = VK_NULL_HANDLE;
   };
   // Acquires the next image, of about `size` pixels. Returns nothing if the window has just
   // changed, has no area, or is hidden; try again. kUnsupported if the images cannot be rendered

@@ -8,30 +8,27 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
-#include <filesystem>
-#include <system_error>
 
 #include "image_io.h"
+#include "location.h"
 #include "play/camera_control.h"
+#include "play/frame_renderer.h"
+#include "play/input.h"
 #include "play/overlay.h"
 #include "play/screen.h"
+#include "play/screenshot_saver.h"
 #include "play/window.h"
 #include "printable.h"
-#include "scene_input.h"
-#include "stgs/player/source.h"
+#include "scene_capture.h"
+#include "scene_file.h"
 
 namespace stgs::tools {
 namespace {
 
 constexpr Size kDefaultSize{1280, 720};
-constexpr double kIdleSeconds = 0.05;    // between polls while nothing changes
-constexpr double kFullTurn = 6.2831853;  // radians per drag over the height of the window
-constexpr double kWheelStep = 0.9;       // factor of the distance per wheel step
-constexpr double kFlySpeed = 0.5;        // distances to the target per second
-constexpr double kFastFactor = 4;        // of kFlySpeed, with the shift key
-constexpr double kJumpSeconds = 1;       // of an arrow key with the shift key
-constexpr double kFpsSeconds = 1;        // averaging time of the frame rate
-constexpr int kMaxAttempts = 4;          // at a screenshot with all splats
+constexpr double kIdleSeconds = 0.05;  // between polls while nothing changes
+constexpr double kFpsSeconds = 1;      // averaging time of the frame rate
+constexpr int kMaxAttempts = 4;        // at a screenshot with all splats
 constexpr int kMaxPendingFrames =
     600;  // to wait, during playback, until none of a frame is pending
 
@@ -51,27 +48,15 @@ class FrameRateMeter {
   std::deque<double> times_;
 };
 
-// Returns the first of stgs-001.png, stgs-002.png, ... that does not exist.
-std::string unused_name() {
-  for (int i = 1;; ++i) {
-    std::string name = fmt::format("stgs-{:03}.png", i);
-    std::error_code error;
-    if (!std::filesystem::exists(name, error)) return name;
-  }
-}
-
 class PlayWindow {
  public:
   PlayWindow(Session& session, const ViewerSettings& settings)
-      : session_(session), settings_(settings), playback_(session, settings.playback) {}
-  // Waits for a screenshot that is being written.
-  ~PlayWindow() {
-    if (saving_.valid()) saving_.wait();
-  }
+      : session_(session), settings_(settings), saver_(session) {}
 
   Status open() {
+    STGS_ASSIGN(playback_, Playback::start(session_, settings_.playback));
     // Report a wrong file before opening the window, or failing to.
-    if (!player::is_url(location())) STGS_TRY(check_is_scene(session_, location()));
+    if (!is_url(location())) STGS_TRY(SceneFile::open(session_, location()).status());
     STGS_ASSIGN(window_, Window::make("stgs play " + file(), initial_size()));
     std::function<void(const std::string&)> on_message;
     if (session_.options.log_level == "debug") {
@@ -84,7 +69,7 @@ class PlayWindow {
     if (!settings_.screenshot.empty() && !screen_->can_copy()) {
       return unsupported("--screenshot: the images of this window cannot be copied");
     }
-    STGS_ASSIGN(renderer_, player::make_vulkan_renderer(device_->device()));
+    STGS_ASSIGN(renderer_, FrameRenderer::make(*device_));
     overlay_ = settings_.overlay;
     report_.device = device_->name();
     return {};
@@ -97,11 +82,11 @@ class PlayWindow {
       is_busy_ = is_busy_ && !idle;
       window_->poll(idle ? kIdleSeconds : 0);
       STGS_TRY(render_frame());
-      report_saved_screenshot(false);
+      saver_.report(false);
     }
     STGS_TRY(renderer_->wait());
-    if (is_open_) report_.stalls = playback_.stalls();
-    report_saved_screenshot(true);
+    if (is_open_) report_.stalls = playback_->stalls();
+    saver_.report(true);
     if (settings_.screenshot.empty() || done_) return {};
     return runtime_error("{}: the window was closed before it was written", settings_.screenshot);
   }
@@ -110,7 +95,7 @@ class PlayWindow {
 
  private:
   const std::string& location() const { return settings_.playback.file; }
-  std::string file() const { return player::display_location(location()); }  // for messages
+  std::string file() const { return display_name(location()); }  // for messages
 
   Size initial_size() const {
     if (settings_.size) return *settings_.size;
@@ -125,40 +110,48 @@ class PlayWindow {
   // Returns whether the next frame would equal the last, so that it need not follow at once.
   bool is_idle() const {
     return is_open_ && loaded_ && !moved_ && !save_ && settings_.screenshot.empty() &&
-           !playback_.is_playing();
+           !playback_->is_playing();
   }
 
   // Sets the camera and the size and title of the window, once the file is open.
   Status set_up() {
-    const SceneMetadata& scene = playback_.player().timeline().metadata();
-    if (!settings_.camera && scene.start_camera) {
-      STGS_ASSIGN(settings_.camera, camera_of(*scene.start_camera, file()));
+    stgs_scene* const scene = playback_->scene();
+    const stgs_scene_info& info = playback_->info();
+    base_view_ = sized<stgs_view>();
+    const stgs_result result = stgs_scene_start_view(scene, &base_view_);
+    if (result != STGS_ERROR_UNSUPPORTED) {  // there is a start camera
+      STGS_TRY(status_of(result, scene, stgs_scene_error));
+      if (!settings_.camera) {
+        STGS_ASSIGN(settings_.camera, camera_of(base_view_, file()));
+      }
     }
-    if (!settings_.camera) settings_.camera = overview(scene);
-    camera_.emplace(*settings_.camera, scene);
+    if (!settings_.camera) settings_.camera = overview(info);
+    camera_.emplace(*settings_.camera, info);
     const Size size = initial_size();
     if (!settings_.size) glfwSetWindowSize(window_->handle(), size.width, size.height);
-    if (!scene.title.empty()) glfwSetWindowTitle(window_->handle(), one_line(scene.title).c_str());
+    const std::string title = text_of(scene, STGS_TEXT_TITLE);
+    if (!title.empty()) glfwSetWindowTitle(window_->handle(), one_line(title).c_str());
     return {};
   }
 
   Status render_frame() {
+    const double now = now_seconds();
     if (!is_open_) {
-      STGS_ASSIGN(is_open_, playback_.is_open());
+      STGS_ASSIGN(is_open_, playback_->is_open(now));
       if (is_open_) STGS_TRY(set_up());
     }
-    const double now = now_seconds();
     const double passed = std::min(now - now_, 0.1);
     now_ = now;
     ImGui_ImplGlfw_NewFrame();
     ImGui::NewFrame();
     handle_keys();
     if (is_open_) {
-      report_.seconds = playback_.advance(now);
-      const bool dragged = drag(), flown = fly(passed);
+      STGS_ASSIGN(report_.seconds, playback_->advance(now));
+      const bool dragged = drag_camera(*camera_, *window_);
+      const bool flown = fly_camera(*camera_, *window_, passed);
       moved_ = dragged || flown;
       const OverlayState state = overlay_state(now);
-      if (overlay_) draw_overlay(playback_, state);
+      if (overlay_) draw_overlay(*playback_, state);
       has_statistics_ = state.fps > 0 && loaded_from_ > 0 && frame_.number >= loaded_from_;
     } else {
       (void)window_->take_drags();  // discard: there is no camera yet
@@ -182,24 +175,17 @@ class PlayWindow {
     state.size = report_.size;
     state.fps = frame_rate_.per_second();
     state.frame_ms = state.fps > 0 ? 1000 / state.fps : 0;
-    state.stats = frame_.stats;
-    state.notices = playback_.notices(now);
+    state.frame = frame_;
+    state.notices = playback_->notices(now);
     return state;
   }
 
   Status render_scene(const Screen::Acquired& next) {
     report_.size = {static_cast<int>(next.image.width), static_cast<int>(next.image.height)};
     report_.camera = camera_->camera(report_.size);
-    player::Timeline& timeline = playback_.player().timeline();
-    const SceneMetadata& scene = timeline.metadata();
-    player::View view;
-    view.camera = report_.camera.pinhole(scene.near_plane);
-    view.background = {scene.background[0], scene.background[1], scene.background[2]};
-    player::VulkanSubmission to;
-    to.targets = {{next.image, {}}};
-    to.wait = {{next.acquired, 0}};
-    loaded_ = playback_.is_loaded();
-    STGS_ASSIGN(number_, renderer_->submit(timeline, report_.seconds, {view}, to));
+    const stgs_view view = view_of(report_.camera, base_view_);
+    loaded_ = playback_->is_loaded();
+    STGS_ASSIGN(number_, renderer_->submit(playback_->scene(), report_.seconds, view, next));
     if (loaded_ && loaded_from_ == 0) loaded_from_ = number_;
     STGS_ASSIGN(frame_, renderer_->last_completed());
     count_frame();
@@ -226,15 +212,15 @@ class PlayWindow {
     if (save_ && is_open_ && !screen_->can_copy()) {
       cancel_screenshot("the images of this window cannot be copied");
     }
-    const bool save = is_open_ && (at_end || (save_ && !saving_.valid()));
+    const bool save = is_open_ && (at_end || (save_ && !saver_.is_saving()));
     encoder::Image8 shown;
     STGS_TRY(screen_->end(*ImGui::GetDrawData(), is_open_, save ? &shown : nullptr));
     if (!save) return {};
     STGS_ASSIGN(frame_, renderer_->last_completed());
     // The renderer drops splats that exceed its buffers and enlarges them: try again.
     if (frame_.number != number_) return {};
-    if (at_end && frame_.stats.pending > 0 && ++pending_frames_ < kMaxPendingFrames) return {};
-    if (!frame_.complete) {
+    if (at_end && frame_.pending_primitives > 0 && ++pending_frames_ < kMaxPendingFrames) return {};
+    if (frame_.complete == 0) {
       if (++attempts_ < kMaxAttempts) return {};
       constexpr const char* kWhy = "the splats cover more tiles than the device supports";
       if (at_end) return runtime_error("{}: {}", name_at_time(file(), report_.seconds), kWhy);
@@ -244,12 +230,13 @@ class PlayWindow {
     attempts_ = 0;
     if (at_end) {
       done_ = true;
-      if (frame_.stats.pending > 0) {
-        session_.log(1, fmt::format("{}: the screenshot lacks {} primitives that were not uploaded "
-                                    "yet; use --paused",
-                                    name_at_time(file(), report_.seconds), frame_.stats.pending));
+      if (frame_.pending_primitives > 0) {
+        session_.log(1,
+                     fmt::format("{}: the screenshot lacks {} primitives that were not uploaded "
+                                 "yet; use --paused",
+                                 name_at_time(file(), report_.seconds), frame_.pending_primitives));
       }
-      if (!playback_.is_complete()) {
+      if (!playback_->is_complete()) {
         session_.log(1, fmt::format("{}: the screenshot is incomplete: data is damaged, could not "
                                     "be read, or exceeds --memory",
                                     name_at_time(file(), report_.seconds)));
@@ -257,30 +244,14 @@ class PlayWindow {
       return write_png(settings_.screenshot, shown);
     }
     save_ = false;
-    saving_ = std::async(std::launch::async, [shown = std::move(shown)]() -> Result<std::string> {
-      std::string name = unused_name();
-      STGS_TRY(write_png(name, shown));
-      return name;
-    });
+    saver_.save(std::move(shown));
     return {};
   }
 
   void cancel_screenshot(const char* why) {
     save_ = false;
     attempts_ = 0;
-    playback_.warn(now_, fmt::format("no screenshot: {}", why));
-  }
-
-  // Logs the name of a screenshot once it is written; with `wait`, blocks until then.
-  void report_saved_screenshot(bool wait) {
-    if (!saving_.valid()) return;
-    if (!wait && saving_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return;
-    const Result<std::string> name = saving_.get();
-    if (name.ok()) {
-      session_.log(2, "screenshot: " + *name);
-    } else {
-      session_.log(1, "no screenshot: " + name.status().message());
-    }
+    playback_->warn(now_, fmt::format("no screenshot: {}", why));
   }
 
   void handle_keys() {
@@ -300,79 +271,24 @@ class PlayWindow {
           if (camera_) camera_->reset();
           break;
         default:
-          if (is_open_) control(press);
+          if (is_open_) control_playback(*playback_, press);
       }
     }
   }
 
-  void control(const KeyPress& press) {
-    const double now = playback_.player().seconds();
-    switch (press.key) {
-      case GLFW_KEY_SPACE:
-        return playback_.toggle_pause();
-      case GLFW_KEY_LEFT:
-        return press.shift ? playback_.seek(now - kJumpSeconds) : playback_.step(-1);
-      case GLFW_KEY_RIGHT:
-        return press.shift ? playback_.seek(now + kJumpSeconds) : playback_.step(1);
-      case GLFW_KEY_UP:
-        return playback_.change_rate(1);
-      case GLFW_KEY_DOWN:
-        return playback_.change_rate(-1);
-      case GLFW_KEY_HOME:
-        return playback_.seek(0);
-      case GLFW_KEY_END:
-        return playback_.seek(playback_.duration());
-      case GLFW_KEY_L:
-        return playback_.toggle_loop();
-      default:
-        return;
-    }
-  }
-
-  // Moves the camera by the mouse. Returns whether a button is held.
-  bool drag() {
-    const ImGuiIO& io = ImGui::GetIO();
-    const auto [left, right, middle] = window_->take_drags();
-    if (io.WantCaptureMouse) return false;
-    const double radians = kFullTurn / std::max(io.DisplaySize.y, 1.0f);
-    if (left.held) camera_->orbit(-radians * left.x, radians * left.y);
-    if (right.held) camera_->look(radians * right.x, -radians * right.y);
-    if (middle.held) {
-      const double units = camera_->distance() / std::max(io.DisplaySize.y, 1.0f);
-      camera_->move(-units * middle.x, units * middle.y, 0);
-    }
-    if (io.MouseWheel != 0) camera_->approach(std::pow(kWheelStep, io.MouseWheel));
-    return left.held || right.held || middle.held;
-  }
-
-  // Moves the camera by the keys that are held. Returns whether one is.
-  bool fly(double passed) {
-    const auto axis = [&](int plus, int minus) {
-      return static_cast<double>(window_->is_down(plus)) -
-             static_cast<double>(window_->is_down(minus));
-    };
-    const double right = axis(GLFW_KEY_D, GLFW_KEY_A), up = axis(GLFW_KEY_E, GLFW_KEY_Q),
-                 forward = axis(GLFW_KEY_W, GLFW_KEY_S);
-    if (right == 0 && up == 0 && forward == 0) return false;
-    const bool fast =
-        window_->is_down(GLFW_KEY_LEFT_SHIFT) || window_->is_down(GLFW_KEY_RIGHT_SHIFT);
-    const double step = passed * kFlySpeed * camera_->distance() * (fast ? kFastFactor : 1);
-    camera_->move(step * right, step * up, step * forward);
-    return true;
-  }
-
   Session& session_;
   ViewerSettings settings_;
-  Playback playback_;
+  std::unique_ptr<Playback> playback_;
   std::unique_ptr<Window> window_;
   std::unique_ptr<WindowDevice> device_;
   std::unique_ptr<Screen> screen_;
-  std::unique_ptr<player::VulkanRenderer> renderer_;
+  std::unique_ptr<FrameRenderer> renderer_;
   std::optional<CameraControl> camera_;
+  stgs_view base_view_{};  // near plane and background of the scene
   ViewerReport report_;
   FrameRateMeter frame_rate_;
-  player::VulkanFrame frame_;  // the last completed frame
-  std::uint64_t number_ = 0;   // of the last submitted frame
+  stgs_vulkan_progress frame_{};  // the last completed frame
+  std::uint64_t number_ = 0;      // of the last submitted frame
   double now_ = now_seconds();
   bool is_open_ = false, overlay_ = true, save_ = false, loaded_ = false, done_ = false;
   std::uint64_t loaded_from_ = 0;  // number of the first frame with all layers; 0: none yet
@@ -382,7 +298,7 @@ class PlayWindow {
   int attempts_ = 0;               // at a screenshot, that lacked splats
   int pending_frames_ = 0;         // skipped for --screenshot because primitives were pending
   bool moved_ = false;             // the camera moved, or a button is held
-  std::future<Result<std::string>> saving_;
+  ScreenshotSaver saver_;
 };
 
 }  // namespace

@@ -7,7 +7,7 @@
 #include <cstring>
 #include <vector>
 
-#include "session.h"
+#include "scene_file.h"
 
 namespace stgs::tools {
 namespace {
@@ -72,7 +72,7 @@ Status WindowDevice::make_instance() {
         "no Vulkan driver can present to this display; install one (Debian: mesa-vulkan-drivers), "
         "or use 'stgs render'");
   }
-  player::VulkanInstanceSettings settings;
+  InstanceSettings settings;
   settings.application = "stgs play";
   settings.extensions.assign(needed, needed + count);
   if (on_message_ != nullptr) settings.on_message = &on_message_;
@@ -83,23 +83,45 @@ Status WindowDevice::make_instance() {
   return {};
 }
 
+Result<stgs_vulkan_device> WindowDevice::lent() const {
+  stgs_vulkan_device lent;
+  if (stgs_vulkan_device_defaults(&lent, sizeof(lent)) != STGS_OK) {
+    return runtime_error("the library is older than the program");
+  }
+  lent.instance = device().instance;
+  lent.api_version = device().api_version;
+  lent.physical_device = device().physical_device;
+  lent.device = device().device;
+  lent.queue = device().queue;
+  lent.queue_family = device().queue_family;
+  lent.subgroup_size_control = subgroup_size_control_ ? 1 : 0;
+  return lent;
+}
+
+Result<stgs_vulkan_support> WindowDevice::support_of(VkPhysicalDevice candidate) const {
+  STGS_ASSIGN(stgs_vulkan_device queried, lent());
+  queried.physical_device = candidate;
+  auto support = sized<stgs_vulkan_support>();
+  const stgs_result result = stgs_vulkan_get_support(&queried, &support);
+  if (result == STGS_OK) return support;
+  return unsupported("cannot query a Vulkan device: {}", stgs_result_name(result));
+}
+
 Status WindowDevice::open() {
   STGS_ASSIGN(const std::vector<VkPhysicalDevice> devices, physical_devices(device().instance));
   HostDevice::Request request;
-  int best = 0;
+  std::int32_t best = 0;
   for (const VkPhysicalDevice candidate : devices) {
     const int family = family_of(candidate, surface_);
-    VkPhysicalDeviceProperties properties{};
-    vkGetPhysicalDeviceProperties(candidate, &properties);
-    const int rank = player::vulkan_device_rank(properties.deviceType);
-    if (family < 0 || rank <= best) continue;
-    STGS_ASSIGN(
-        const player::VulkanSupport offered,
-        player::vulkan_support(nullptr, device().instance, device().api_version, candidate));
-    if (!offered.missing_features.empty()) continue;
-    best = rank;
+    if (family < 0) continue;
+    STGS_ASSIGN(const stgs_vulkan_support support, support_of(candidate));
+    if (support.device_rank <= best) continue;
+    best = support.device_rank;
     request.physical_device = candidate;
     request.queue_family = static_cast<std::uint32_t>(family);
+    request.subgroup_size_control = support.subgroup_size_control != 0;
+    VkPhysicalDeviceProperties properties{};
+    vkGetPhysicalDeviceProperties(candidate, &properties);
     name_ = properties.deviceName;
   }
   if (best == 0) {
@@ -107,7 +129,7 @@ Status WindowDevice::open() {
                        plural(std::ssize(devices), "device"));
   }
   request.extensions = {VK_KHR_SWAPCHAIN_EXTENSION_NAME};
-  request.subgroup_size_control = true;
+  subgroup_size_control_ = request.subgroup_size_control;
   return host_.open(request);
 }
 

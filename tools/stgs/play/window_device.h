@@ -6,6 +6,7 @@
 #include <memory>
 #include <string>
 
+#include "play/vulkan.h"
 #include "vulkan_host/host_device.h"
 
 struct GLFWwindow;
@@ -14,8 +15,8 @@ namespace stgs::tools {
 
 class WindowDevice {
  public:
-  // Opens the first discrete GPU that can present to the window, else another GPU, else a CPU
-  // driver. `on_message`, if set, receives the messages of the validation layer, if that is
+  // Opens the device with the highest rank (stgs_vulkan_support) that can present to the window.
+  // `on_message`, if set, receives the messages of the validation layer, if that is
   // installed. kUnsupported without a Vulkan loader or without a suitable device.
   static Result<std::unique_ptr<WindowDevice>> make(
       GLFWwindow* window, std::function<void(const std::string&)> on_message);
@@ -24,20 +25,24 @@ class WindowDevice {
   WindowDevice(const WindowDevice&) = delete;
   WindowDevice& operator=(const WindowDevice&) = delete;
 
-  // For the renderer. Only its thread may use the queue.
-  const player::VulkanDevice& device() const { return host_.device(); }
+  // Only the thread of the renderer may use the queue.
+  const DeviceHandles& device() const { return host_.device(); }
+  // For the renderer. kRuntime if the library is older than the program.
+  Result<stgs_vulkan_device> lent() const;
   VkSurfaceKHR surface() const { return surface_; }
   const std::string& name() const { return name_; }  // of the GPU
 
  private:
   WindowDevice() = default;
   Status make_instance();
+  Result<stgs_vulkan_support> support_of(VkPhysicalDevice device) const;
   Status open();
 
   std::function<void(const std::string&)> on_message_;
   HostDevice host_;
   VkSurfaceKHR surface_ = VK_NULL_HANDLE;
   std::string name_;
+  bool subgroup_size_control_ = false;  // is enabled
 };
 
 }  // namespace stgs::tools

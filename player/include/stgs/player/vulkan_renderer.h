@@ -119,6 +119,8 @@ struct VulkanSupport {
   // Features that a device can be created with, by its version or through an extension.
   bool timeline_semaphores = false;
   bool subgroup_size_control = false;  // with computeFullSubgroups
+  // Of several devices, the first with the highest rank renders. 0: not usable.
+  int rank = 0;
 };
 // Queries the capabilities of a physical device. `get_instance_proc_addr` and `api_version` as in
 // VulkanDevice. kUsage if a handle is null, kUnsupported if there is no loader or the instance was

@@ -1,13 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <volk.h>
+#include "vulkan_host/instance.h"
 
 #include <algorithm>
 #include <cstring>
 
-#include "stgs/player/vulkan_instance.h"
+#include "vulkan_host/objects.h"
 
-namespace stgs::player {
+namespace stgs::tools {
 namespace {
+
+// Volk's functions may be those of another instance, so every function is queried.
+template <typename Function>
+Function function_of(VkInstance instance, const char* name) {
+  return reinterpret_cast<Function>(vkGetInstanceProcAddr(instance, name));
+}
 
 constexpr const char* kLayer = "VK_LAYER_KHRONOS_validation";
 
@@ -44,7 +50,7 @@ VkDebugUtilsMessengerCreateInfoEXT messenger_to(
 
 }  // namespace
 
-VkResult make_vulkan_instance(const VulkanInstanceSettings& settings, VulkanInstance& out) {
+VkResult make_instance(const InstanceSettings& settings, Instance& out) {
   out = {};
   auto application = structure<VkApplicationInfo>(VK_STRUCTURE_TYPE_APPLICATION_INFO);
   application.pApplicationName = settings.application;
@@ -69,18 +75,27 @@ VkResult make_vulkan_instance(const VulkanInstanceSettings& settings, VulkanInst
   }
   info.enabledExtensionCount = static_cast<std::uint32_t>(extensions.size());
   info.ppEnabledExtensionNames = extensions.data();
-  VkResult result = vkCreateInstance(&info, nullptr, &out.instance);
-  if (result != VK_SUCCESS) out.instance = VK_NULL_HANDLE;
+  VkResult result = vkCreateInstance(&info, nullptr, &out.handle);
+  if (result != VK_SUCCESS) out.handle = VK_NULL_HANDLE;
   if (result != VK_SUCCESS || !validated) return result;
-  const auto make_messenger = reinterpret_cast<PFN_vkCreateDebugUtilsMessengerEXT>(
-      vkGetInstanceProcAddr(out.instance, "vkCreateDebugUtilsMessengerEXT"));
-  result = make_messenger(out.instance, &debug, nullptr, &out.messenger);
+  const auto make_messenger =
+      function_of<PFN_vkCreateDebugUtilsMessengerEXT>(out.handle, "vkCreateDebugUtilsMessengerEXT");
+  result = make_messenger(out.handle, &debug, nullptr, &out.messenger);
   if (result == VK_SUCCESS) return result;
-  const auto destroy = reinterpret_cast<PFN_vkDestroyInstance>(
-      vkGetInstanceProcAddr(out.instance, "vkDestroyInstance"));
-  destroy(out.instance, nullptr);
+  destroy_instance({out.handle});
   out = {};
   return result;
 }
 
-}  // namespace stgs::player
+void destroy_instance(const Instance& instance) {
+  if (instance.handle == VK_NULL_HANDLE) return;
+  if (instance.messenger != VK_NULL_HANDLE) {
+    function_of<PFN_vkDestroyDebugUtilsMessengerEXT>(
+        instance.handle, "vkDestroyDebugUtilsMessengerEXT")(instance.handle, instance.messenger,
+                                                            nullptr);
+  }
+  function_of<PFN_vkDestroyInstance>(instance.handle, "vkDestroyInstance")(instance.handle,
+                                                                           nullptr);
+}
+
+}  // namespace stgs::tools
