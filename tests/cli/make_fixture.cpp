@@ -214,6 +214,8 @@ Status write_all(const std::string& folder) {
   STGS_TRY(write_changed_head(bytes, folder + "/skew_start.stgs", [](FileHead& head) {
     head.metadata.scene.start_camera->rotation[0] = 2;
   }));
+  STGS_TRY(write_changed_head(bytes, folder + "/no_near.stgs",
+                              [](FileHead& head) { head.metadata.scene.near_plane = 0; }));
   STGS_TRY(write_nan_image(folder + "/nan.exr"));
   settings.profile = Profile::kQuantised;
   STGS_TRY(write_scene(folder + "/packed.stgs", scene, settings));

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`render --size` keeps pixels square; --stretch keeps the field of view of each axis."""
+"""`render --size` keeps pixels square; --stretch keeps the field of view of each axis. The view has
+the near plane of the file."""
 import json
 import unittest
 
@@ -45,6 +46,11 @@ class RenderSize(CliTest):
     def test_stretch_requires_a_size(self):
         self.fails(USAGE, "--stretch requires --size", "render", self.tiny, "--time", "0", "-o",
                    "null", "--stretch")
+
+    def test_a_file_without_near_plane_renders_as_with_the_default(self):
+        expected = self.render("expected.png")
+        self.succeeds("render", self.fixture("no_near.stgs"), "--time", "0.05", "-o", "same.png")
+        self.assertEqual(self.read("same.png"), expected)
 
 
 if __name__ == "__main__":

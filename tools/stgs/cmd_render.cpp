@@ -193,7 +193,7 @@ class Render final : public Command {
   Result<stgs_view> make_view() const {
     stgs_view view;
     STGS_TRY(file_->check(stgs_view_defaults(&view, sizeof(view))));
-    view.near_plane = info_.near_plane;
+    if (info_.near_plane > 0) view.near_plane = info_.near_plane;
     std::copy_n(info_.background, 3, view.background);
     if (o_.background.empty()) return view;
     STGS_ASSIGN(const auto colour, parse_colour(o_.background));

@@ -78,7 +78,8 @@ class PrefixSource final : public ByteSource {
   std::uint64_t size_ = 0;
 };
 
-// Returns whether every fragment is one part followed by its FRAG record, as written by Recorder.
+// Returns whether every fragment is one part followed by its FRAG record, as SceneRecorder writes
+// it.
 bool has_our_layout(const ByteSource& source, const FileHead& head) {
   const auto none = [&head](const FragmentEntry& f) { return f.first_part >= head.parts.size(); };
   if (std::any_of(head.fragments.begin(), head.fragments.end(), none)) return false;

@@ -30,8 +30,8 @@ void launch_invert(std::uint32_t n, std::uint32_t* flags, cudaStream_t stream);
 void launch_gather(const std::uint32_t* from, std::uint32_t* to, const std::uint32_t* list,
                    std::size_t n, int words, cudaStream_t stream);
 
-// Computes keys that ascend with falling urgency of growth, ~0 for non-candidates; counts
-// candidates.
+// Computes sort keys of growth: the smaller, the more urgent; ~0 for primitives that are no
+// candidates. Counts candidates.
 void launch_urgency(const Primitives& p, const DensifyRules& rules, std::uint32_t* keys,
                     DensifyTotals* totals, cudaStream_t stream);
 // Sets flags and draws (random numbers consumed) of the first `count` of order, 0 for all others.
@@ -43,8 +43,8 @@ void launch_grow(const Primitives& p, const DensifyRules& rules, const std::uint
                  const std::uint32_t* slots, const std::uint32_t* draws_before, RandomKey key,
                  cudaStream_t stream);
 
-// Computes keys that ascend with falling score, ~0 for primitives that do not survive. *unit_error:
-// the error that counts as 1, as the bits of a float.
+// Computes sort keys of replacement: the smaller, the higher the score; ~0 for primitives that do
+// not survive. *unit_error: the error that counts as 1, as the bits of a float.
 void launch_scores(const Primitives& p, const ScoreRules& rules, bool modulated,
                    const std::uint32_t* survivors, const std::uint32_t* unit_error,
                    std::uint32_t* keys, cudaStream_t stream);
