@@ -2,7 +2,7 @@
 # Four commands for a bare Debian 12 or 13. Each installs the packages it needs, then builds.
 #   make           builds the program, build/release/bin/stgs
 #   make demo      builds the program and encodes, checks and renders the sample capture
-#   make check     builds everything and runs the tests (15 minutes on two cores)
+#   make check     builds everything and runs the tests (12 minutes on two cores)
 #   make check-all the same, then the slow tests: sanitizers, builds without the encoder, Debian 13
 # Everything else is plain CMake (README.md, CMakePresets.json).
 JOBS ?= $(shell nproc)

@@ -107,6 +107,9 @@ HEADLINES = {
          "process_growth_mib"),
         ("stgs_player_update, 3,264 segments", "xeon2", "sdk_call",
          "10min_12m_player_update_paused", "call_us"),
+        ("start of the program", "epyc2", "cli", "version", "start_ms"),
+        ("make demo from a fresh clone", "epyc2", "build", "make_demo", "total_s"),
+        ("make check from a fresh clone", "epyc2", "build", "make_check", "total_s"),
     ),
 }
 
