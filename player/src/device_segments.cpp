@@ -93,7 +93,7 @@ void DeviceSegments::evict_for(const Timeline& timeline, std::uint64_t bytes, co
     const auto oldest = std::min_element(
         resident_.begin(), resident_.end(),
         [](const auto& a, const auto& b) { return a.second.used < b.second.used; });
-    if (oldest == resident_.end() || oldest->second.used >= limit) return;
+    if (oldest == resident_.end() || !(oldest->second.used < limit)) return;
     evict(oldest);
   }
 }

@@ -3,12 +3,12 @@
 #pragma once
 
 #include <chrono>
-#include <compare>
 #include <cstddef>
 #include <cstdint>
 #include <map>
 #include <memory>
 #include <span>
+#include <tuple>
 #include <vector>
 
 #include "stgs/player/timeline.h"
@@ -78,7 +78,9 @@ class DeviceSegments {
   struct Use {
     std::uint64_t call = 0;
     Priority priority = Priority::kPrefetched;
-    auto operator<=>(const Use&) const = default;
+    bool operator<(const Use& other) const {
+      return std::tie(call, priority) < std::tie(other.call, other.priority);
+    }
   };
   struct Resident {
     std::uint64_t bytes = 0, primitives = 0;

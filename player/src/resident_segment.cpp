@@ -35,7 +35,8 @@ void ResidentSegment::find_candidates(float ticks, std::vector<std::uint32_t>& c
   std::size_t n = 0;
   for (std::size_t i = 0; i < begin.size(); ++i) {
     candidates[n] = static_cast<std::uint32_t>(i);
-    n += static_cast<std::size_t>((begin[i] <= ticks) & (ticks <= end[i]));
+    // Without a branch: neither condition is predictable.
+    n += static_cast<std::size_t>(begin[i] <= ticks) & static_cast<std::size_t>(ticks <= end[i]);
   }
   candidates.resize(n);
 }

@@ -85,6 +85,7 @@ class SegmentTimeline final : public Timeline {
       STGS_TRY(make_resident(refs, seconds));
       STGS_ASSIGN(refs, visible_segments(seconds));
       std::vector<Resident*> resident;
+      resident.reserve(refs.size());
       for (const SegmentRef& ref : refs) resident.push_back(&resident_.at(ref.segment));
       parallel_for(std::size_t{0}, resident.size(), [&](std::size_t i) {
         resident[i]->decoded.find_candidates(static_cast<float>(refs[i].ticks),

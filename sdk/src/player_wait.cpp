@@ -55,7 +55,7 @@ extern "C" stgs_result stgs_player_seek_and_wait(stgs_player* player, double sec
     STGS_SDK_TRY(player->player->seek(seconds));
     player->playing = false;
     player->player->pause();
-    const Outcome outcome = wait_complete(*player, timeout_seconds);
+    Outcome outcome = wait_complete(*player, timeout_seconds);
     if (status != nullptr) stgs::sdk::copy_out(status, player->status());
     return outcome;
   });

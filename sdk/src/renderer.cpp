@@ -106,8 +106,8 @@ Outcome render(stgs_renderer& renderer, stgs_scene& scene, double seconds) {
   STGS_SDK_TRY(scene.check_memory(seconds));
   const ScopedTaskRunner use(renderer.tasks.get());
   player::RenderStats stats;
-  const Status status = renderer.backend->draw(*scene.timeline, seconds, renderer.views,
-                                               renderer.measure ? &stats : nullptr);
+  Status status = renderer.backend->draw(*scene.timeline, seconds, renderer.views,
+                                         renderer.measure ? &stats : nullptr);
   if (renderer.measure && status.ok()) renderer.stats = stats;
   scene.log_new_damage();
   return status;

@@ -85,7 +85,7 @@ Result<SceneInfo> read_info(const SceneFile& file) {
 Result<stgs_scene_statistics> read_statistics(SceneFile& file) {
   auto statistics = sized<stgs_scene_statistics>();
   file.set_log_warnings(true);  // of damage
-  const Status status = file.check(stgs_scene_get_statistics(file.get(), &statistics));
+  Status status = file.check(stgs_scene_get_statistics(file.get(), &statistics));
   file.set_log_warnings(false);
   if (!status.ok()) return status;
   return statistics;

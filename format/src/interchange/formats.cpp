@@ -41,12 +41,16 @@ bool is_gltf(const std::string&, Head head) {
   return starts_with(head, "glTF");
 }
 
-Result<std::vector<std::uint8_t>> write_ply_set(Gaussians4D set, ConversionNotes*) {
+Result<std::vector<std::uint8_t>> write_ply_set(const Gaussians4D& set, ConversionNotes*) {
   return write_ply(set);
 }
 
-Result<std::vector<std::uint8_t>> write_glb_set(Gaussians4D set, ConversionNotes*) {
-  return write_glb(std::move(set));
+Result<std::vector<std::uint8_t>> write_spz_set(const Gaussians4D& set, ConversionNotes* notes) {
+  return write_spz(set, notes);
+}
+
+Result<std::vector<std::uint8_t>> write_glb_set(const Gaussians4D& set, ConversionNotes*) {
+  return write_glb(set);
 }
 
 Result<Scene> read_sog_models(const std::string& path, const ImportSettings&,
@@ -67,7 +71,7 @@ Result<Scene> read_frames(const std::string& path, const ImportSettings& setting
 using Format = InterchangeFormat;
 constexpr std::array kFormats = {
     Format{"PLY", ".ply", is_ply, read_ply, nullptr, write_ply_set},
-    Format{"SPZ", ".spz", is_spz, read_spz, nullptr, write_spz},
+    Format{"SPZ", ".spz", is_spz, read_spz, nullptr, write_spz_set},
     Format{"SOG", ".sog", is_sog, nullptr, read_sog_models, nullptr},
     Format{"splatv", ".splatv", is_splatv_file, nullptr, read_splatv_clip, nullptr,
            Format::kSplatv},

@@ -16,7 +16,8 @@ namespace {
 bool at_half_resolution(const RasterSettings& settings, const PixelBox& tile) {
   if (!settings.fovea) return false;
   const auto square = [](int edge) {
-    return static_cast<float>(edge / math::kFoveaSquare * math::kFoveaSquare);
+    const int begin = edge / math::kFoveaSquare * math::kFoveaSquare;
+    return static_cast<float>(begin);
   };
   return math::beyond_fovea(settings.fovea->centre, settings.fovea->radius, square(tile.x0),
                             square(tile.y0));

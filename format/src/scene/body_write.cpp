@@ -59,6 +59,7 @@ std::vector<Group> groups_of(const Encoding& encoding, const std::vector<TierSeg
     by_kind[{own, encoding.quantiser == nullptr ? 0 : segment.kind}].segments.push_back(s);
   }
   std::vector<Group> out;
+  out.reserve(by_kind.size());
   for (auto& [key, group] : by_kind) out.push_back(std::move(group));
   if (encoding.quantiser == nullptr) return out;
   parallel_for(std::size_t{0}, out.size(), [&](std::size_t g) {

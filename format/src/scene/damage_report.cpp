@@ -34,7 +34,7 @@ std::string fragment_text(const LostFragment& fragment, const TimeBase& time_bas
 
 std::string records_text(const DamageReport& report, const TimeBase& time_base) {
   std::string text;
-  const auto add = [&text](std::string part) { text += (text.empty() ? "" : ", ") + part; };
+  const auto add = [&text](const std::string& part) { text += (text.empty() ? "" : ", ") + part; };
   if (report.segments > 0) {
     add(fmt::format("{} of {} segments ({} primitives)", report.segments, report.total_segments,
                     report.primitives));

@@ -66,7 +66,9 @@ LifespanError lifespan_error(const Gaussians4D& a, std::size_t i, const Gaussian
     begin = first + std::ceil(std::clamp(begin, first, last) - first);
     end = std::clamp(end, first, last);
     const double stride = std::max(1.0, std::ceil((end - begin) / kMaxSampledFrames));
-    for (double t = begin; t <= end; t += stride) {
+    const double strides = std::floor((end - begin) / stride);
+    for (int k = 0; k <= strides; ++k) {
+      const double t = begin + k * stride;
       const double error = std::abs(opacity_at(a, i, t) - opacity_at(b, j, t));
       out.visibility = std::max(out.visibility, error);
     }

@@ -173,7 +173,7 @@ class Finalizer {
       }
       Findings findings;
       if (!copy_record(source_, record.entry, bytes, findings)) {
-        const Status status = findings.status(source_.name());
+        Status status = findings.status(source_.name());
         if (status.code() != StatusCode::kInvalidFile) return status;
         count(record, status);
       }

@@ -127,7 +127,7 @@ class SceneRecorder::State {
     }
     const std::size_t before = fragments_.size();
     try {
-      const Status status = append_checked(fragment, end_frame, part_end, importance);
+      Status status = append_checked(fragment, end_frame, part_end, importance);
       if (!status.ok()) fragments_.resize(before);
       return status;
     } catch (const std::exception& e) {

@@ -46,7 +46,7 @@ Result<bool> drop_last_fragment(const ByteSource& source, const FileHead& head,
     if (segment.part != last) continue;
     Findings found;
     if (copy_record(source, segment.base, bytes, found)) return false;
-    const Status status = found.status(source.name());
+    Status status = found.status(source.name());
     if (status.code() != StatusCode::kInvalidFile) return status;
     const TickRange shown = shown_of(head, segment);
     ++dropped.segments;
@@ -100,10 +100,10 @@ bool has_our_layout(const ByteSource& source, const FileHead& head) {
 std::vector<Fragment> fragments_of(const FileHead& head) {
   std::vector<Fragment> out(head.parts.size());
   for (std::size_t p = 0; p < out.size(); ++p) out[p].part = head.parts[p];
-  for (SegmentEntry segment : head.index.segments) {
+  for (const SegmentEntry& segment : head.index.segments) {
     Fragment& fragment = out[segment.part];
     fragment.primitives += segment.base.primitives;
-    fragment.segments.push_back(std::move(segment));
+    fragment.segments.push_back(segment);
   }
   std::uint64_t at = head.header.head_bytes;
   for (std::size_t p = 0; p < out.size(); ++p) {

@@ -29,6 +29,7 @@ std::vector<TierSegment> take_far_segments(SegmentKey key, const Encoding& encod
   tier.members = std::move(by_distance[0]);
   by_distance.erase(0);
   std::vector<TierSegment> out;
+  out.reserve(by_distance.size());
   for (auto& [distance, members] : by_distance) {
     out.push_back({{key, std::move(members)}, tier.importance, kNear - distance});
   }
@@ -66,6 +67,7 @@ std::vector<TierSegment> tier_segments_of(SegmentKey key, Tier tier, const Encod
 std::vector<TierSegment> plan_segments(const Encoding& encoding,
                                        const std::vector<PartRange>& parts, Body& body) {
   std::vector<std::vector<SegmentMembers>> by_part;
+  by_part.reserve(parts.size());
   for (const PartRange& part : parts) {
     by_part.push_back(
         segments_of(*encoding.set, part, encoding.chunk_ticks, encoding.quantiser == nullptr));

@@ -304,13 +304,13 @@ Result<std::vector<Issue>> validate_scene(const ByteSource& source, const ReadLi
     FileHead head;
     // Beyond the limits nothing is decoded.
     const bool reachable = read_head(source, limits, head, findings);
-    const Status status = findings.status(source.name());
+    Status status = findings.status(source.name());
     if (status.code() == StatusCode::kIo) return status;
     if (reachable && status.code() != StatusCode::kUnsupported) {
       check_segments(source, head, findings);
     }
     // Not an issue of the file.
-    const Status checked = findings.status(source.name());
+    Status checked = findings.status(source.name());
     if (checked.code() == StatusCode::kNotBuilt) return checked;
     return findings.take();
   } catch (const std::exception& e) {

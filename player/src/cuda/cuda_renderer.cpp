@@ -165,7 +165,7 @@ class FrameGraphRenderer final : public CudaRenderer {
 
   // Grows the buffers. If the peak does not fit, falls back to this frame.
   Status ensure_buffers(FrameNeed& need) {
-    const Status status = buffers_.ensure(need);
+    Status status = buffers_.ensure(need);
     if (status.ok() || need.chunks <= chunks_) return status;
     segments_.forget_peak();
     buffers_.reset();

@@ -91,19 +91,19 @@ void StreamPlayer::pause() {
 }
 
 Status StreamPlayer::seek(double seconds) {
-  const Status status = playback_.seek(seconds);
+  Status status = playback_.seek(seconds);
   apply_effects();
   return status;
 }
 
 Status StreamPlayer::seek_frame(std::uint32_t frame) {
-  const Status status = playback_.seek_frame(frame);
+  Status status = playback_.seek_frame(frame);
   apply_effects();
   return status;
 }
 
 Status StreamPlayer::set_rate(double rate) {
-  const Status status = playback_.set_rate(rate);
+  Status status = playback_.set_rate(rate);
   apply_effects();
   return status;
 }

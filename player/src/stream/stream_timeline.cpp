@@ -41,6 +41,7 @@ class StreamTimeline final : public Timeline {
   Result<std::vector<SegmentRef>> visible_segments(double seconds) override {
     STGS_ASSIGN(const std::vector<ActiveSegment> active, resident_at(seconds));
     std::vector<SegmentRef> refs;
+    refs.reserve(active.size());
     for (const ActiveSegment& one : active) refs.push_back(ref_of(one));
     return refs;
   }

@@ -202,7 +202,7 @@ class ComputeRenderer final : public VulkanRenderer {
     STGS_TRY(wait());
     const FrameNeed target = need.with(capacity_);
     capacity_ = {};  // unknown if ensure() fails or throws
-    const Status status = buffers_.ensure(device_, target);
+    Status status = buffers_.ensure(device_, target);
     if (status.ok()) {
       capacity_ = target;
       return status;

@@ -43,7 +43,7 @@ struct InterchangeFormat {
                              const ReadLimits& limits, ImportReport& report);
   // Writes a static set. Null if the format is only read. `notes`, which may be null, receives
   // changes beyond the format's precision.
-  Result<std::vector<std::uint8_t>> (*write)(Gaussians4D set, ConversionNotes* notes);
+  Result<std::vector<std::uint8_t>> (*write)(const Gaussians4D& set, ConversionNotes* notes);
   SettingsKind settings_kind = kNone;
 };
 
