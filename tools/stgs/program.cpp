@@ -162,6 +162,7 @@ int run_program(int argc, char** argv) {
   const std::vector<Verb> verbs = declare_verbs(app, session.options);
   const std::string first = argc > 1 ? argv[1] : "";
   std::vector<std::string> names;
+  names.reserve(verbs.size());
   for (const Verb& verb : verbs) names.push_back(verb.app->get_name());
   const bool known = std::find(names.begin(), names.end(), first) != names.end();
   if (!first.empty() && first[0] != '-' && !known)

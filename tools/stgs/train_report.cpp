@@ -135,8 +135,8 @@ Status add_renders(const std::string& folder, const TrainReportInput& input,
     const double psnr = encoder::psnr_of(
         encoder::mean_squared_error(output.colour, encoder::to_float(ground_truth)));
     const std::string name = fmt::format("{}_{:06}.png", camera.name, view.frame);
-    STGS_TRY(write_png(folder + "/render_" + name, to_8bit(output.colour)));
-    STGS_TRY(write_png(folder + "/ground_truth_" + name, ground_truth));
+    STGS_TRY(write_png(fmt::format("{}/render_{}", folder, name), to_8bit(output.colour)));
+    STGS_TRY(write_png(fmt::format("{}/ground_truth_{}", folder, name), ground_truth));
     const std::string caption = fmt::format("{}, frame {}", camera.name, view.frame);
     page.image("render_" + name, fmt::format("{}: render, {:.2f} dB", caption, psnr));
     page.image("ground_truth_" + name, caption + ": ground truth");

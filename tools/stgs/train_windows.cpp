@@ -170,7 +170,8 @@ Status train_windows(const encoder::PreparedCapture& capture,
     } else {
       session.log(2, fmt::format("window {} of {}: frames {}:{}", windows.size() + 1, spans.size(),
                                  span.begin, span.end));
-      const std::string page = report_folder.empty() ? "" : report_folder + "/" + name;
+      const std::string page =
+          report_folder.empty() ? "" : fmt::format("{}/{}", report_folder, name);
       encoder::TrainReport report;
       STGS_TRY(train_window(window, path, title, page, settings, session, report));
       row["training"] = to_json(report);

@@ -38,6 +38,7 @@ PYBIND11_MODULE(stgs, module) {
   module.attr("Error") = created;
   // Never released: it must outlive the module.
   static PyObject* const error = created.inc_ref().ptr();
+  // NOLINTNEXTLINE(performance-unnecessary-value-param): the type that pybind11 requires
   py::register_exception_translator([](std::exception_ptr thrown) {
     try {
       if (thrown) std::rethrow_exception(thrown);

@@ -88,6 +88,7 @@ class Handle {
  public:
   // `name` is for messages: "scene".
   Handle(const char* name, std::shared_ptr<Log> log) : name_(name), log_(std::move(log)) {}
+  // NOLINTNEXTLINE(bugprone-exception-escape): terminates if a mutex cannot be locked
   ~Handle() { close(); }
   Handle(const Handle&) = delete;
   Handle& operator=(const Handle&) = delete;
@@ -111,7 +112,7 @@ class Handle {
         mutex_, others.mutex_...);
     log_->flush();
     (others.log_->flush(), ...);
-    if (failure) throw *failure;
+    if (failure) throw Failure(*failure);
   }
   // Destroys the object, and forgets others that it owns. Does nothing if it is closed.
   template <typename... Owned>

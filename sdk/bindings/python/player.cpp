@@ -50,6 +50,7 @@ class Player {
                            });
     });
   }
+  // NOLINTNEXTLINE(bugprone-exception-escape): as ~Handle
   ~Player() { close(); }
   Player(const Player&) = delete;
   Player& operator=(const Player&) = delete;
