@@ -96,7 +96,7 @@ class Reading(CliTest):
             with open(self.path("a.png"), "rb") as a, open(self.path("b.png"), "rb") as b:
                 self.assertEqual(a.read(), b.read())
         tiny = self.fixture("tiny.stgs")
-        self.fails(1, "already finished and intact", "finalize", tiny, "-o", "x.stgs")
+        self.fails(1, "already finished; nothing to do", "finalize", tiny, "-o", "x.stgs")
         self.fails(1, "is the recording itself", "finalize", recorded, "-o", recorded)
         self.assertFalse(os.path.exists(self.path("x.stgs")))
 

@@ -111,10 +111,10 @@ class Evaluate final : public Command {
         "differs by more than 20 of 255 from the background of the camera, the median of at most\n"
         "15 evaluated frames (none with fewer than 5). static drift: pixels that the centre of a\n"
         "primitive whose support covers the clip moves from the first to the last frame, mean\n"
-        "over the training cameras that see it, then over the primitives, unweighted and\n"
-        "weighted by opacity. coverage: number of primitives whose centre is seen by no training\n"
-        "camera, by one, or by several; the depth of those seen by fewer than two is not\n"
-        "constrained. A training window is measured at its own frames. In a file of several\n"
+        "over the training cameras to which it is visible, then over the primitives, unweighted\n"
+        "and weighted by opacity. coverage: number of primitives whose centre is visible to no\n"
+        "training camera, to one, or to several; the depth of those visible to fewer than two is\n"
+        "not constrained. A training window is measured at its own frames. In a file of several\n"
         "windows, the window of a primitive stands for the clip.",
         "  stgs evaluate scene.stgs --against prepared/\n"
         "  stgs evaluate scene.stgs --against prepared/ --cameras 0,10 --every 5 --format json"};
@@ -265,7 +265,7 @@ class Evaluate final : public Command {
         "that cover the clip, {} of them within {} px\n",
         drift_.mean, drift_.opacity_weighted, drift_.median, drift_.primitives, drift_.within_bound,
         kStaticDrift);
-    text += fmt::format("primitives seen by no training camera {}, by one {}, by several {}\n",
+    text += fmt::format("primitives visible to no training camera {}, to one {}, to several {}\n",
                         coverage_.by_none, coverage_.by_one, coverage_.by_more);
     text += fmt::format("psnr of the pooled error {:.3f} dB, peak memory {}\n",
                         encoder::psnr_of(mean.mse), human_bytes(peak_memory()));

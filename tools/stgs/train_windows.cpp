@@ -88,7 +88,7 @@ void WindowOptions::declare(Arguments& app) {
   auto* window =
       app.add_option("--window", length_,
                      "Train windows of this many frames in sequence; --output is a folder. "
-                     "Windows that exist there are kept")
+                     "Windows that exist there are not trained again")
           ->check(number_between(1, 1e8))
           ->excludes(frames)
           ->group(group);

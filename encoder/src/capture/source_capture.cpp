@@ -226,6 +226,9 @@ Result<SourceCapture> load_source(const std::string& folder, const PrepareSettin
   if (!fs::is_directory(folder)) {
     return io_error("{}: is not a folder; name the folder with the videos or images", folder);
   }
+  if (fs::exists(folder + "/capture.json")) {
+    return usage_error("{}: this is a prepared capture; use 'stgs train'", folder);
+  }
   Layout layout = settings.layout;
   if (layout == Layout::kAuto) {
     STGS_ASSIGN(layout, detect(folder));

@@ -214,9 +214,9 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
   if (tables > memory / kTableMemory) {
     findings.unsupported(
         N::kMemoryLimit, offset,
-        "layouts: {} tables need {} bytes, more than the {} that remain of the memory limit; allow "
-        "more memory",
-        tables, tables * kTableMemory, memory);
+        "the index needs {} bytes for {} tables of symbols, more than the {} that remain of the "
+        "memory limit; allow more memory",
+        tables * kTableMemory, tables, memory);
     return false;
   }
   set.lookups.reserve(tables);

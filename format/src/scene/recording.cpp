@@ -175,7 +175,12 @@ Result<FileHead> read_recording(const ByteSource& source, DamageReport& report) 
   read_head(source, {}, head, findings);
   if (!findings.ok()) return findings.status(source.name());
   if (!head.growing() && head.repaired.empty()) {
-    return usage_error("{}: already finished and intact; nothing to do", source.name());
+    if (source.size() < head.header.file_bytes) {
+      return invalid_file("{}: the file is truncated (expected {} bytes, got {}); copy it again",
+                          source.name(), head.header.file_bytes, source.size());
+    }
+    return usage_error("{}: already finished; nothing to do ('stgs validate' checks its data)",
+                       source.name());
   }
   report = {};
   report.damage = findings.take();

@@ -11,7 +11,7 @@
  * These rules apply to every header, unless a declaration states otherwise.
  *
  * Objects: a _create function returns an opaque object that the caller owns and releases with the
- * matching _destroy function, which accepts NULL. After an error *out is NULL.
+ * matching _destroy function, which accepts NULL. If it fails, *out is NULL.
  *
  * Structs: the first member is the size of the struct. The caller sets it to sizeof, either through
  * a _defaults function or, for structs that only return results, by hand. All elements of an array
@@ -22,8 +22,8 @@
  *    (STGS_ERROR_STRUCT_SIZE).
  *
  * Errors: functions return STGS_OK or an error; the _error function of the object returns the
- * message. After an error an object is unchanged and stays usable. Out parameters are written only
- * on success.
+ * message. After an error an object is unchanged and stays usable. Other out parameters are written
+ * only on success.
  *
  * Threads: objects are independent of each other. One thread at a time may use an object. Functions
  * without an object may be called at any time. There is no global state.
@@ -68,7 +68,7 @@ STGS_API uint32_t stgs_version(void);
 
 /** @defgroup api_errors Errors
  *
- *  Results of functions and the messages that objects keep.
+ *  Results of functions, and the messages of objects.
  *  @{ */
 
 /* Result of a function. The tens digit is the category, to which later versions may add values. */
@@ -143,7 +143,7 @@ STGS_API stgs_result stgs_scene_create(const stgs_scene_settings* settings, stgs
  * nothing for the scene of a player. */
 STGS_API void stgs_scene_destroy(stgs_scene* scene);
 
-/* Cancels the scene permanently: transfers from a URL fail at once, now and later.
+/* Cancels the scene permanently: running and later transfers from a URL fail at once.
  *
  * A call that fails for this reason returns STGS_ERROR_CANCELLED while opening or computing
  * statistics, otherwise STGS_ERROR_RUNTIME. May be called on any thread until stgs_scene_destroy.
@@ -168,9 +168,8 @@ STGS_API stgs_result stgs_scene_open_memory_copy(stgs_scene* scene, const void* 
 
 /* Opens a data source of the application. The struct is copied.
  *
- * io->close is called when the scene is destroyed or before a failing call returns, except after
- * STGS_ERROR_ARGUMENT, _STRUCT_SIZE and _STATE, which leave the source alone. Otherwise like
- * stgs_scene_open. */
+ * io->close is called when the scene is destroyed or before a failing call returns; after
+ * STGS_ERROR_ARGUMENT, _STRUCT_SIZE and _STATE it is not called. Otherwise like stgs_scene_open. */
 STGS_API stgs_result stgs_scene_open_io(stgs_scene* scene, const stgs_io* io);
 
 /* Returns the outcome of the last call on the scene, other than calls of this function. */

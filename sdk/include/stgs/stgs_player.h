@@ -12,10 +12,10 @@
  *       stgs_render(renderer, stgs_player_scene(player), status.seconds, views, images, count);
  *   stgs_player_destroy(player);
  *
- * Threads: one thread at a time may use a player, and one its scene. Once an update has reported an
- * open state, the two may be different threads. The player opens, fetches and decodes on threads of
- * its own, which stgs_player_destroy ends. Only stgs_player_wait_open, stgs_player_seek_and_wait
- * and, as stated there, stgs_player_destroy wait for a source. */
+ * Threads: one thread at a time may use a player, and one thread at a time its scene: the same one
+ * until an update has reported that the file is open, then possibly two. The player opens, fetches
+ * and decodes on threads of its own, which stgs_player_destroy ends. Only stgs_player_wait_open,
+ * stgs_player_seek_and_wait and, as stated there, stgs_player_destroy wait for a source. */
 #ifndef STGS_STGS_PLAYER_H
 #define STGS_STGS_PLAYER_H
 
@@ -42,7 +42,8 @@ typedef struct stgs_player stgs_player;
 typedef struct stgs_player_settings {
   size_t struct_size;
   uint64_t memory_budget;  /* fetched and decoded data, bytes, at least 1 MiB; default 4 GiB. The
-                            * data needed latest is evicted first; what does not fit is left out */
+                            * data needed latest is evicted first; data beyond the budget is
+                            * not loaded */
   uint64_t max_file_bytes; /* larger files fail to open, before any of their data is read; default
                             * 2^63 - 1 */
   uint64_t max_primitives; /* files with more primitives fail to open; default 200 million */
@@ -103,8 +104,8 @@ STGS_API stgs_result stgs_player_error(const stgs_player* player, stgs_error* er
  *
  * These functions start to read the head of the file on a thread of the player and return. Opening
  * ends with STGS_EVENT_OPENED or STGS_EVENT_FAILED. A player opens one file (STGS_ERROR_STATE);
- * after STGS_EVENT_FAILED opening may be retried. Memory and sources follow the stgs_scene_open
- * functions, where the end of a failed opening takes the place of the failing call.
+ * after STGS_EVENT_FAILED opening may be retried. Memory and sources are released as by the
+ * stgs_scene_open functions, but when opening has failed, not when a call fails.
  *  @{ */
 
 /* Opens a path, or an http or https URL if the build has libcurl; otherwise opening fails with
@@ -121,8 +122,8 @@ STGS_API stgs_result stgs_player_open_memory_copy(stgs_player* player, const voi
 
 /* Opens a data source with blocking reads. The struct is copied.
  *
- * io->close is called when opening has failed or the player is destroyed. STGS_ERROR_ARGUMENT,
- * _STRUCT_SIZE and _STATE leave the source alone. */
+ * io->close is called when opening has failed or the player is destroyed; after
+ * STGS_ERROR_ARGUMENT, _STRUCT_SIZE and _STATE it is not called. */
 STGS_API stgs_result stgs_player_open_io(stgs_player* player, const stgs_io* io);
 
 /* Opens a data source that completes reads later. The struct is copied. io->close is called as for
