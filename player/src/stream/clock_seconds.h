@@ -7,8 +7,8 @@ namespace stgs::player {
 
 // Returns the time of a monotonic clock, seconds. Only differences are meaningful.
 inline double clock_seconds() {
-  using Clock = std::chrono::steady_clock;
-  return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+  const auto since_epoch = std::chrono::steady_clock::now().time_since_epoch();
+  return std::chrono::duration<double>(since_epoch).count();
 }
 
 }  // namespace stgs::player

@@ -7,15 +7,15 @@
 namespace stgs::player {
 
 Need need_of(double begin, double end, const Playhead& playhead) {
-  constexpr double kNever = std::numeric_limits<double>::infinity();
+  constexpr double kNotNeeded = std::numeric_limits<double>::infinity();
   const double speed = std::abs(playhead.ticks_per_second);
   // Mirrored for backward playback, so that the playhead moves forwards from 0.
   const bool back = playhead.ticks_per_second < 0;
   const double first = back ? playhead.ticks - end : begin - playhead.ticks;
   const double last = back ? playhead.ticks - begin : end - playhead.ticks;
-  if (first <= 0 && last >= 0) return {0, playhead.stationary ? kNever : last / speed};
-  if (first > 0) return {first / speed, playhead.stationary ? kNever : last / speed};
-  if (!playhead.loop) return {kNever, kNever};
+  if (first <= 0 && last >= 0) return {0, playhead.stationary ? kNotNeeded : last / speed};
+  if (first > 0) return {first / speed, playhead.stationary ? kNotNeeded : last / speed};
+  if (!playhead.loop) return {kNotNeeded, kNotNeeded};
   return {(first + playhead.duration) / speed, (last + playhead.duration) / speed};
 }
 
