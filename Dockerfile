@@ -10,8 +10,8 @@ COPY . .
 RUN cmake --preset release -DSTGS_WITH_CUDA=OFF -DSTGS_WITH_PLAY=OFF -DSTGS_WITH_PYTHON=OFF -DSTGS_WITH_MPI=OFF \
  && cmake --build build/release --target stgs \
  && cmake --install build/release --prefix /opt/stgs --component tools --strip
-# The Debian packages of the shared libraries that the program links.
-RUN ldd /opt/stgs/bin/stgs | awk '$2 == "=>" {print $3}' | xargs -n 1 realpath \
+# The Debian packages of the shared libraries that the program and its modules link.
+RUN ldd /opt/stgs/bin/stgs /opt/stgs/lib/*/stgs/*.so | awk '$2 == "=>" {print $3}' | xargs -n 1 realpath \
  | sed 'p;s,^/usr,,' | xargs dpkg-query --search 2>/dev/null \
  | cut -d : -f 1 | sort -u > /opt/packages
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # stgs_module(NAME SOURCES files... LINK public libraries... PRIVATE private libraries...)
 # makes the static library stgs_NAME with the include root include/ of the current folder. With
-# CMAKE_UNITY_BUILD several sources are compiled as one, but for those that Highway compiles once per
-# instruction set (*_vector.cpp).
+# CMAKE_UNITY_BUILD several sources are compiled as one, but for CUDA and those that Highway
+# compiles once per instruction set (*_vector.cpp).
 include_guard()
 
 function(stgs_module name)
@@ -13,8 +13,14 @@ function(stgs_module name)
   target_link_libraries(stgs_${name} PUBLIC ${arg_LINK} PRIVATE ${arg_PRIVATE})
   set_target_properties(stgs_${name} PROPERTIES POSITION_INDEPENDENT_CODE ON)
   stgs_compile_options(stgs_${name})
-  list(FILTER arg_SOURCES INCLUDE REGEX "_vector\\.cpp$")
-  set_source_files_properties(${arg_SOURCES} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
+  # At the end of the folder, which adds sources.
+  cmake_language(EVAL CODE "cmake_language(DEFER CALL stgs_compile_alone stgs_${name})")
+endfunction()
+
+function(stgs_compile_alone target)
+  get_target_property(sources ${target} SOURCES)
+  list(FILTER sources INCLUDE REGEX "(_vector\\.cpp|\\.cu)$")
+  set_source_files_properties(${sources} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
 endfunction()
 
 # stgs_precompile(TARGET common|json|opencv|catch): with STGS_PRECOMPILED_HEADERS, compiles TARGET with

@@ -5,9 +5,19 @@
 #include <regex>
 
 namespace stgs::encoder {
+namespace {
+
+constexpr std::size_t kMaxText = 400;  // bytes; std::regex recurses for every one
+
+}  // namespace
 
 std::string json_error(const std::exception& error) {
-  std::string text = error.what();
+  std::string text = error.what();  // with tokens of the file, of any length
+  if (text.size() > kMaxText) {
+    std::size_t end = kMaxText;
+    while (end > 0 && (static_cast<unsigned char>(text[end]) & 0xC0) == 0x80) --end;  // UTF-8
+    text = text.substr(0, end) + "...";
+  }
   if (dynamic_cast<const nlohmann::json::exception*>(&error) == nullptr) return text;
   // "[json.exception.out_of_range.403] key 'height' not found"
   if (const std::size_t end = text.find("] "); end != std::string::npos) text.erase(0, end + 2);

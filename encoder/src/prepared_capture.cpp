@@ -63,9 +63,8 @@ Status check(const PreparedCapture& capture, const std::string& path) {
       !positive_in_float(capture.scene_radius) ||
       !std::all_of(capture.scene_centre, capture.scene_centre + 3, finite_in_float)) {
     return invalid_file(
-        "{}: near_plane ({}), extent ({}) and scene_radius ({}) must be positive and "
-        "finite_in_float, and "
-        "scene_centre finite; prepare the capture again",
+        "{}: near_plane ({}), extent ({}) and scene_radius ({}) must be positive and finite, "
+        "and scene_centre finite; prepare the capture again",
         path, capture.near_plane, capture.extent, capture.scene_radius);
   }
   for (const Camera& camera : capture.cameras) STGS_TRY(check_capture_camera(camera, path));

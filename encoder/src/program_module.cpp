@@ -17,23 +17,24 @@ Result<void*> load_program_module(const std::string& file, const char* symbol, b
   std::error_code error;
   const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe", error);
   if (error) return io_error("/proc/self/exe: cannot read: {}", error.message());
-  std::filesystem::path path;
   std::string folders;
+  std::string problem;
   for (const char* folder : kFolders) {
-    path = (program.parent_path() / folder / file).lexically_normal();
-    if (std::filesystem::exists(path, error)) break;
+    const auto path = (program.parent_path() / folder / file).lexically_normal();
     folders += (folders.empty() ? "" : " or ") + path.parent_path().string();
-    path.clear();
+    if (!std::filesystem::exists(path, error)) continue;
+    void* const module = ::dlopen(path.c_str(), RTLD_NOW | (everyone ? RTLD_GLOBAL : RTLD_LOCAL));
+    if (module == nullptr) {
+      problem = fmt::format("{} could not be loaded: {}", file, ::dlerror());
+      continue;
+    }
+    void* const found = ::dlsym(module, symbol);
+    if (found != nullptr) return found;
+    problem = fmt::format("{}: module of another version of stgs; reinstall it", path.string());
   }
-  if (path.empty()) {
-    return unsupported("{} is missing (expected in {}); copy it there, or reinstall stgs", file,
-                       folders);
-  }
-  void* const module = ::dlopen(path.c_str(), everyone ? RTLD_NOW | RTLD_GLOBAL : RTLD_LAZY);
-  if (module == nullptr) return unsupported("{} could not be loaded: {}", file, ::dlerror());
-  void* const found = ::dlsym(module, symbol);
-  if (found != nullptr) return found;
-  return unsupported("{}: module of another version of stgs; reinstall it", path.string());
+  if (!problem.empty()) return unsupported("{}", problem);
+  return unsupported("{} is missing (expected in {}); copy it there, or reinstall stgs", file,
+                     folders);
 }
 
 }  // namespace stgs::encoder

@@ -27,6 +27,13 @@ class JsonErrors(CliTest):
                          {"code": "invalid_file", "path": "a.png", "issue": 102, "offset": 0})
         self.assertRegex(error["message"], "^a.png: not an .stgs file; this is a PNG image")
 
+    def test_a_message_that_quotes_a_long_token_has_no_place(self):
+        for digits in 1, 100000:
+            self.write("camera.json", '{"a":"(byte ' + digits * "1")
+            error = self.error(INVALID, "render", self.fixture("tiny.stgs"), "--time", "0",
+                               "--camera", "camera.json", "-o", "null")
+            self.assertEqual((error["issue"], error["offset"]), (None, None))
+
     def test_damage_has_its_issue_and_offset(self):
         error = self.error(INVALID, "validate", self.fixture("wrong_sum.stgs"))
         self.assertEqual(error["path"], self.fixture("wrong_sum.stgs"))

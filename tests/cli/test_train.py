@@ -113,6 +113,6 @@ class SyntheticScene(CliTest):
             except subprocess.TimeoutExpired:
                 pass
             process.send_signal(signal.SIGINT)
-            error = process.communicate(timeout=60)[1].decode()
+            error = process.communicate(timeout=300)[1].decode()
         self.assertEqual(process.returncode, RUNTIME, error)
         self.assertIn("interrupted by SIGINT: ", error)

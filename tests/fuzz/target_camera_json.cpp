@@ -2,6 +2,7 @@
 // A camera that a user wrote as JSON.
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <string>
 #include <string_view>
 
 #include "fuzz_target.h"
@@ -19,7 +20,10 @@ std::vector<Bytes> seeds() {
   constexpr std::string_view kMinimal =
       R"({"width":1,"height":32768,"fx":1e-3,"fy":1,"cx":0,"cy":0,)"
       R"("rotation":[0,0,1,0,1,0,-1,0,0],"translation":[0,0,0]})";
-  return {Bytes(kComplete.begin(), kComplete.end()), Bytes(kMinimal.begin(), kMinimal.end())};
+  // A token that the message of a syntax error quotes.
+  const std::string token = R"({"a":"key ')" + std::string(1000, 'x');
+  return {Bytes(kComplete.begin(), kComplete.end()), Bytes(kMinimal.begin(), kMinimal.end()),
+          Bytes(token.begin(), token.end())};
 }
 
 std::uint64_t memory(View input) {

@@ -21,7 +21,7 @@ import subprocess
 import sys
 
 NAMESPACE = "https://stgs.example.org/spdx"
-BINARIES = ("bin/stgs", "bin/stgs_mpi.so", "sdk/libstgs.so.[0-9]*.*", "sdk/libstgs_encoder.so.[0-9]*.*",
+BINARIES = ("bin/stgs", "bin/stgs_mpi.so", "bin/stgs_opencv.so", "sdk/libstgs.so.[0-9]*.*", "sdk/libstgs_encoder.so.[0-9]*.*",
             "python/stgs*.so")
 # Interfaces of the system, of which no code is compiled in.
 HEADERS_ONLY = {"linux"}

@@ -6,6 +6,7 @@
 #include "command.h"
 #include "encode_options.h"
 #include "output_path.h"
+#include "removed_path.h"
 
 namespace stgs::tools {
 namespace {

@@ -2,7 +2,8 @@
 #include "error_report.h"
 
 #include <charconv>
-#include <regex>
+#include <optional>
+#include <string_view>
 
 #include "location.h"
 
@@ -57,10 +58,32 @@ Json path_json(const std::string& message, const std::vector<std::string>& argum
   return path.empty() ? Json(nullptr) : Json(path);
 }
 
-Json number_json(const std::string& digits) {
-  std::uint64_t value = 0;
-  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
-  return error == std::errc() ? Json(value) : Json(nullptr);
+// Where a file is damaged, and how.
+struct Place {
+  std::uint64_t offset = 0, issue = 0;
+};
+
+// Reads a number and the text after it from the beginning of `text`, and removes them.
+bool take_number(std::string_view& text, std::string_view after, std::uint64_t& value) {
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc()) return false;
+  text.remove_prefix(static_cast<std::size_t>(end - text.data()));
+  if (text.substr(0, after.size()) != after) return false;
+  text.remove_prefix(after.size());
+  return true;
+}
+
+// Returns the place in "x.stgs: not an .stgs file (byte 0, issue 102)"; nothing without one.
+std::optional<Place> place_in(std::string_view message) {
+  constexpr std::string_view kBegin = "(byte ";
+  for (auto at = message.find(kBegin); at != std::string_view::npos; at = message.find(kBegin)) {
+    message.remove_prefix(at + kBegin.size());
+    Place place;
+    if (take_number(message, ", issue ", place.offset) && take_number(message, ")", place.issue)) {
+      return place;
+    }
+  }
+  return std::nullopt;
 }
 
 }  // namespace
@@ -78,18 +101,15 @@ int exit_code(StatusCode code) {
 }
 
 Json error_json(const Status& status, const std::vector<std::string>& arguments) {
-  // "x.stgs: not an .stgs file (byte 0, issue 102)"
-  static const std::regex place(R"(\(byte (\d+), issue (\d+)\))");
   const std::string& message = status.message();
-  std::smatch found;
-  const bool has_issue = std::regex_search(message, found, place);
+  const std::optional<Place> place = place_in(message);
   return {{"error",
            {{"code", code_name(status.code())},
             {"exit_code", exit_code(status.code())},
             {"message", message},
             {"path", path_json(message, arguments)},
-            {"issue", has_issue ? number_json(found[2]) : Json(nullptr)},
-            {"offset", has_issue ? number_json(found[1]) : Json(nullptr)}}}};
+            {"issue", place ? Json(place->issue) : Json(nullptr)},
+            {"offset", place ? Json(place->offset) : Json(nullptr)}}}};
 }
 
 bool wants_json(const std::vector<std::string>& arguments) {

@@ -10,9 +10,11 @@
 
 #include "exr.h"
 #include "options.h"
-#include "output_path.h"
+#include "removed_path.h"
 #include "stgs/encoder/image_file.h"
 #include "stgs/encoder/metrics.h"
+#include "stgs/format/output_file.h"
+#include "stgs/format/output_path.h"
 
 namespace stgs::tools {
 namespace {

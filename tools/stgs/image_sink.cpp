@@ -6,6 +6,9 @@
 #include <vector>
 
 #include "output_path.h"
+#include "removed_path.h"
+#include "stgs/format/output_file.h"
+#include "stgs/format/output_path.h"
 
 namespace stgs::tools {
 namespace {

@@ -5,7 +5,9 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 
-#include "output_path.h"
+#include "removed_path.h"
+#include "stgs/format/output_file.h"
+#include "stgs/format/output_path.h"
 
 namespace stgs::tools {
 

@@ -13,6 +13,7 @@ namespace {
 
 #define STGS_TEXT_OF(name) #name
 #define STGS_TEXT(name) STGS_TEXT_OF(name)
+constexpr const char* kModule = "stgs_opencv.so";
 constexpr const char* kSymbol = STGS_TEXT(STGS_OPENCV_SYMBOL);
 
 struct OpenCvSettings {
@@ -26,8 +27,13 @@ OpenCvSettings& settings_of_process() {
 }
 
 Result<const OpenCvFunctions*> load() {
-  STGS_ASSIGN(void* const symbol, encoder::load_program_module("stgs_opencv.so", kSymbol, false));
-  return reinterpret_cast<OpenCvSymbol>(symbol)();
+  STGS_ASSIGN(void* const symbol, encoder::load_program_module(kModule, kSymbol, false));
+  const OpenCvFunctions* const functions = reinterpret_cast<OpenCvSymbol>(symbol)();
+  const OpenCvFunctions own;
+  if (functions->build != own.build || functions->settings_bytes != own.settings_bytes) {
+    return unsupported("{}: module of another build of stgs; reinstall it", kModule);
+  }
+  return functions;
 }
 
 // Loads OpenCV on the first call.

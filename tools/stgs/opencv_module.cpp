@@ -20,6 +20,7 @@ void set_up(int threads, bool quiet) {
 extern "C" __attribute__((visibility("default"))) const stgs::tools::OpenCvFunctions*
 STGS_OPENCV_SYMBOL() {
   using namespace stgs::tools;
-  static const OpenCvFunctions functions = {set_up, stgs::encoder::prepare, open_mp4_writer};
+  static const OpenCvFunctions functions = {
+      .set_up = set_up, .prepare = stgs::encoder::prepare, .make_mp4_writer = open_mp4_writer};
   return &functions;
 }

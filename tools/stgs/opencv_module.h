@@ -6,23 +6,30 @@
 
 #include <memory>
 #include <string>
+#include <string_view>
 
 #include "stgs/encoder/prepare.h"
 #include "video.h"
 
 namespace stgs::tools {
 
+// The build that a program or module belongs to.
+inline constexpr std::string_view kBuild = STGS_VERSION " " __VERSION__;
+
 struct OpenCvFunctions {
+  // Of the module. Checked by the program before anything else.
+  std::string_view build = kBuild;
+  std::size_t settings_bytes = sizeof(encoder::PrepareSettings);
   // Limits OpenCV's threads (0: no limit) and, if `quiet`, silences its log. Call it once, first.
-  void (*set_up)(int threads, bool quiet);
+  void (*set_up)(int threads, bool quiet) = nullptr;
   // As encoder::prepare().
   Status (*prepare)(const std::string& capture, const std::string& folder,
                     const encoder::PrepareSettings& settings, const encoder::ProgressSink& progress,
-                    const encoder::LogSink& log);
+                    const encoder::LogSink& log) = nullptr;
   // As make_mp4_writer().
   Result<std::unique_ptr<VideoWriter>> (*make_mp4_writer)(const std::string& path,
                                                           TimeBase time_base,
-                                                          const encoder::LogSink& log);
+                                                          const encoder::LogSink& log) = nullptr;
 };
 
 // The module's only symbol, a function of this type. Its name has the version of the build.

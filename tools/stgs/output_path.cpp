@@ -101,9 +101,4 @@ bool is_in_new_folder(const std::string& path, const std::string& folder) {
   return !error && inner.parent_path() == outer;
 }
 
-RemovedPath::~RemovedPath() {
-  std::error_code ignored;  // a temporary that stays behind is not worth an error
-  if (!path_.empty()) fs::remove_all(path_, ignored);
-}
-
 }  // namespace stgs::tools

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checks of output paths before long work, and temporary paths that clean up after themselves.
+// Checks of output paths before long work.
 #pragma once
 
 #include <string>
@@ -24,19 +24,5 @@ Status check_extension(const std::string& path, const char* verb, const std::str
 Status check_can_make_folder(const std::string& path);
 // Returns whether `path` is a direct child of a folder that does not exist yet.
 bool is_in_new_folder(const std::string& path, const std::string& folder);
-
-// Removes a file or folder in its destructor, unless keep() was called.
-class RemovedPath {
- public:
-  explicit RemovedPath(std::string path) : path_(std::move(path)) {}
-  ~RemovedPath();
-  RemovedPath(const RemovedPath&) = delete;
-  RemovedPath& operator=(const RemovedPath&) = delete;
-  void keep() { path_.clear(); }
-  const std::string& path() const { return path_; }
-
- private:
-  std::string path_;
-};
 
 }  // namespace stgs::tools

@@ -19,6 +19,7 @@ namespace stgs::encoder {
 namespace {
 
 constexpr int kMaxLinesShown = 8;
+constexpr std::size_t kMaxLine = 1000;  // characters of a line of the log
 
 // An owned file descriptor.
 struct Descriptor {
@@ -87,6 +88,7 @@ std::string failure_reason(const std::string& log_path) {
   std::vector<std::string> lines;
   std::string error;
   for (std::string line; std::getline(file, line);) {
+    line.resize(std::min(line.size(), kMaxLine));  // std::regex recurses for every character
     while (!line.empty() && std::isspace(static_cast<unsigned char>(line.back()))) line.pop_back();
     if (line.empty()) continue;
     std::smatch match;
