@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # stgs_module(NAME SOURCES files... LINK public libraries... PRIVATE private libraries...)
 # makes the static library stgs_NAME with the include root include/ of the current folder. With
-# CMAKE_UNITY_BUILD several sources are compiled as one, but for CUDA and those that Highway
+# CMAKE_UNITY_BUILD several sources are compiled as one, except CUDA sources and those that Highway
 # compiles once per instruction set (*_vector.cpp).
 include_guard()
 
@@ -13,7 +13,7 @@ function(stgs_module name)
   target_link_libraries(stgs_${name} PUBLIC ${arg_LINK} PRIVATE ${arg_PRIVATE})
   set_target_properties(stgs_${name} PROPERTIES POSITION_INDEPENDENT_CODE ON)
   stgs_compile_options(stgs_${name})
-  # At the end of the folder, which adds sources.
+  # Deferred to the end of the folder, because the folder adds sources.
   cmake_language(EVAL CODE "cmake_language(DEFER CALL stgs_compile_alone stgs_${name})")
 endfunction()
 

@@ -117,8 +117,7 @@ Status check_camera(const Camera& camera, const std::string& where) {
   if (!positive_in_float(camera.fx) || !positive_in_float(camera.fy) ||
       !finite_in_float(camera.cx) || !finite_in_float(camera.cy)) {
     return invalid_file(
-        "{}: camera '{}': fx and fy must be positive and the centre (cx, cy) finite, in "
-        "pixels "
+        "{}: camera '{}': fx and fy must be positive and the centre (cx, cy) finite, in pixels "
         "(got fx {}, fy {}, cx {}, cy {})",
         where, camera.name, camera.fx, camera.fy, camera.cx, camera.cy);
   }

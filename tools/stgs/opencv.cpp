@@ -31,7 +31,7 @@ Result<const OpenCvFunctions*> load() {
   const OpenCvFunctions* const functions = reinterpret_cast<OpenCvSymbol>(symbol)();
   const OpenCvFunctions own;
   if (functions->build != own.build || functions->settings_bytes != own.settings_bytes) {
-    return unsupported("{}: module of another build of stgs; reinstall it", kModule);
+    return unsupported("{}: belongs to another build of stgs; reinstall it", kModule);
   }
   return functions;
 }

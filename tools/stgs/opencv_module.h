@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The interface of stgs_opencv.so: what the program does with OpenCV. OpenCV stands on some 200
-// libraries, which take a tenth of a second to load; the other verbs start without them. Program
-// and module are built together and exchange C++ objects.
+// The interface of stgs_opencv.so, the only part of the program that uses OpenCV. OpenCV depends on
+// some 200 libraries, which take a tenth of a second to load; verbs without OpenCV start without
+// them. Program and module are built together and exchange C++ objects.
 #pragma once
 
 #include <memory>
@@ -32,7 +32,7 @@ struct OpenCvFunctions {
                                                           const encoder::LogSink& log) = nullptr;
 };
 
-// The module's only symbol, a function of this type. Its name has the version of the build.
+// The type of the module's only symbol, STGS_OPENCV_SYMBOL, whose name contains the version.
 using OpenCvSymbol = const OpenCvFunctions* (*)();
 
 }  // namespace stgs::tools

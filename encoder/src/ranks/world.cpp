@@ -70,7 +70,7 @@ class MpiWorld final : public World {
 };
 
 Status MpiWorld::load() {
-  // For everyone, because MPI implementations load plugins that need their symbols.
+  // Global, because MPI implementations load plugins that need their symbols.
   STGS_ASSIGN(void* const symbol, load_program_module(kModule, kMpiSymbol, true));
   mpi_ = reinterpret_cast<MpiSymbol>(symbol)();
   return {};

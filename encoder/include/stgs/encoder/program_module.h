@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Modules of the program: parts in shared libraries of their own, so that a run loads the libraries
-// below a part only if it uses the part.
+// Modules of the program: shared libraries that are loaded on first use, together with the
+// libraries that only they depend on.
 #pragma once
 
 #include <string>
@@ -9,10 +9,10 @@
 
 namespace stgs::encoder {
 
-// Loads the module of that file name, from the folder of the program (in a build) or the module
+// Loads the module with this file name, from the folder of the program (in a build) or the module
 // folder (of an installation), and returns the address of its `symbol`. The module stays loaded.
-// `everyone`: its symbols serve libraries that are loaded later. kUnsupported if the module cannot
-// be loaded or is of another version of stgs. Thread-safe.
-Result<void*> load_program_module(const std::string& file, const char* symbol, bool everyone);
+// `global`: libraries that are loaded later can use its symbols. kUnsupported if the module is
+// missing, cannot be loaded, or belongs to another version of stgs. Thread-safe.
+Result<void*> load_program_module(const std::string& file, const char* symbol, bool global);
 
 }  // namespace stgs::encoder
