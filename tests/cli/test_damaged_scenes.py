@@ -127,7 +127,7 @@ class DamagedScenes(CliTest):
         without_copy = flipped(self.good, len(self.good) - 20)  # damages the copy of the head
         cases = [
             (IO, "missing.stgs: cannot open: No such file", self.path("missing.stgs")),
-            (IO, "not a regular file", self.work),
+            (IO, "this is a folder; name a file in it", self.work),
             (IO, "not a regular file", "/dev/null"),
             (INVALID, "empty.stgs: too short for an .stgs file", self.write("empty.stgs", b"")),
             (INVALID, r"short.stgs: too short for an .stgs file \(expected at least 40 bytes, got 17",
