@@ -20,7 +20,7 @@ stgs_scene_settings default_scene_settings() {
   settings.struct_size = sizeof(settings);
   settings.max_file_bytes = INT64_MAX;
   settings.max_primitives = stgs::ReadLimits{}.max_primitives;
-  settings.max_memory = stgs::player::kDefaultMemoryBudget;
+  settings.memory_budget = settings.max_memory = stgs::player::kDefaultMemoryBudget;
   return settings;
 }
 
@@ -48,7 +48,7 @@ Outcome open_source(stgs_scene& scene, std::unique_ptr<stgs::ByteSource> source)
       std::move(source), {settings.max_primitives, settings.max_memory}, scene.memory.get());
   if (!reader.ok()) return reader.status();
   auto timeline = stgs::player::Timeline::from_reader(
-      std::move(reader).value(), name, settings.max_memory,
+      std::move(reader).value(), name, settings.memory_budget,
       settings.reject_damage != 0 ? stgs::player::DamagePolicy::kReject
                                   : stgs::player::DamagePolicy::kSkip);
   for (const stgs::Issue& issue : timeline->damage()) {
@@ -147,11 +147,11 @@ Outcome stgs_scene::check_memory(double seconds) {
     const stgs::SegmentInfo& segment = timeline->reader().segments()[one.segment];
     if (segment.available) bytes += segment.primitives * floats * sizeof(float);
   }
-  if (bytes <= settings.max_memory) return {};
+  if (bytes <= settings.memory_budget) return {};
   return {STGS_ERROR_LIMIT,
           fmt::format("{}: the primitives active at {:.6g} s need too much memory (limit {} bytes, "
-                      "need at least {}); raise max_memory",
-                      timeline->name(), seconds, settings.max_memory, bytes)};
+                      "need at least {}); raise memory_budget",
+                      timeline->name(), seconds, settings.memory_budget, bytes)};
 }
 
 extern "C" {
@@ -168,8 +168,11 @@ stgs_result stgs_scene_create(const stgs_scene_settings* settings, stgs_scene** 
     if (const stgs_result bad = stgs::sdk::copy_in(settings, known); bad != STGS_OK) return bad;
   }
   const stgs::sdk::Log log = {known.log, known.log_user};
-  if (known.max_memory < stgs::sdk::kMinMemoryBudget) {
-    log(STGS_LOG_ERROR, "settings: max_memory is too small (expected at least 1 MiB)");
+  for (const auto& [name, bytes] : {std::pair{"memory_budget", known.memory_budget},
+                                    std::pair{"max_memory", known.max_memory}}) {
+    if (bytes >= stgs::sdk::kMinMemoryBudget) continue;
+    log(STGS_LOG_ERROR,
+        fmt::format("settings: {} is too small (expected at least 1 MiB)", name).c_str());
     return STGS_ERROR_ARGUMENT;
   }
   if (const stgs_result bad = stgs::sdk::check_allocator(known.allocator, log); bad != STGS_OK) {

@@ -51,7 +51,7 @@ struct stgs_scene {
   // Checks that a time is in the clip, [0, duration], and moves times up to half a frame outside,
   // as rounding produces them, to its nearer end. A recording that a player follows has no end yet.
   stgs::sdk::Outcome clamp_time(double& seconds) const;
-  // Returns STGS_ERROR_LIMIT if the segments of a time do not fit into max_memory. Those of a
+  // Returns STGS_ERROR_LIMIT if the segments of a time do not fit into memory_budget. Those of a
   // player always fit, because it retains no others.
   stgs::sdk::Outcome check_memory(double seconds);
 };

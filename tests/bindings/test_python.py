@@ -80,6 +80,7 @@ class Scenes(unittest.TestCase):
         tiny = path("tiny.stgs")
         self.fails("STGS_ERROR_LIMIT", lambda: stgs.Scene(tiny, max_primitives=10))
         self.fails("STGS_ERROR_ARGUMENT", lambda: stgs.Scene(tiny, max_memory=1))
+        self.fails("STGS_ERROR_ARGUMENT", lambda: stgs.Scene(tiny, memory_budget=1))
         self.fails("STGS_ERROR_UNSUPPORTED", stgs.Scene(path("no_camera.stgs")).start_view)
         self.fails("STGS_ERROR_ARGUMENT", lambda: stgs.Renderer("paper"))
         self.fails("STGS_ERROR_ARGUMENT", lambda: stgs.Scene(tiny).primitives(math.nan))

@@ -52,7 +52,7 @@ stgs_result query_scene(stgs_scene* scene, std::uint8_t argument) {
 stgs_result SdkCalls::create_scene(std::uint8_t argument) {
   stgs_scene_settings settings;
   stgs_scene_settings_defaults(&settings, sizeof settings);
-  settings.max_memory = (argument & 1) != 0 ? 1 << 20 : 64 << 20;
+  settings.memory_budget = settings.max_memory = (argument & 1) != 0 ? 1 << 20 : 64 << 20;
   settings.max_primitives = (argument & 2) != 0 ? 100 : 1'000'000;
   settings.reject_damage = argument & 4;
   settings.struct_size -= (argument & 8) != 0 ? 4 : 0;

@@ -23,6 +23,9 @@ TEST_CASE("calls with a null object or a wrong struct size are rejected", "[sdk]
   settings = scene_settings();
   settings.max_memory = 0;
   CHECK(stgs_scene_create(&settings, &scene) == STGS_ERROR_ARGUMENT);
+  settings = scene_settings();
+  settings.memory_budget = 0;
+  CHECK(stgs_scene_create(&settings, &scene) == STGS_ERROR_ARGUMENT);
   CHECK(scene == nullptr);
   stgs_error error{};
   CHECK(stgs_scene_error(make_scene().get(), &error) == STGS_ERROR_STRUCT_SIZE);
@@ -188,7 +191,7 @@ TEST_CASE("a file above a limit is rejected with a message that names the limit"
   SECTION("memory") {
     const auto large = encode_scene(random_scene(60000, 0, 30, 4), {});
     REQUIRE(large.ok());
-    settings.max_memory = std::uint64_t{4} << 20;
+    settings.memory_budget = std::uint64_t{4} << 20;
     const ScenePtr scene = make_scene(&settings);
     stgs_result result = stgs_scene_open_memory(scene.get(), large->data(), large->size());
     if (result == STGS_OK) {

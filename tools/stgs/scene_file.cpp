@@ -74,14 +74,14 @@ void SceneFile::log(void* self, stgs_log_level level, const char* message) {
   if (is_retry || file.log_warnings_) file.session_.log(1, message);
 }
 
-Status SceneFile::open(const std::string& location, std::uint64_t max_memory) {
+Status SceneFile::open(const std::string& location, std::uint64_t memory) {
   const bool is_stdin = is_standard_input(location);
   name_ = display_name(location);
   stgs_scene_settings settings;
   if (stgs_scene_settings_defaults(&settings, sizeof(settings)) != STGS_OK) {
     return runtime_error("the library is older than the program");
   }
-  settings.max_memory = max_memory;
+  settings.memory_budget = settings.max_memory = memory;
   settings.log = log;
   settings.log_user = this;
   settings.name = name_.c_str();
@@ -98,9 +98,9 @@ Status SceneFile::open(const std::string& location, std::uint64_t max_memory) {
 }
 
 Result<std::unique_ptr<SceneFile>> SceneFile::open(Session& session, const std::string& location,
-                                                   std::uint64_t max_memory) {
+                                                   std::uint64_t memory) {
   auto file = std::make_unique<SceneFile>(session);
-  STGS_TRY(file->open(location, max_memory));
+  STGS_TRY(file->open(location, memory));
   return file;
 }
 

@@ -44,13 +44,12 @@ std::string text_of(stgs_scene* scene, stgs_text which);
 // A scene of the library that logs to the session.
 class SceneFile {
  public:
-  // Of decoded data, bytes: the least that the library accepts, and the default of open().
-  static constexpr std::uint64_t kMinMemory = std::uint64_t{1} << 20;
+  // Of decoded data, bytes: the default of open().
   static constexpr std::uint64_t kMaxMemory = std::uint64_t{16} << 30;
-  // Opens a path, a URL or "-". SIGINT and SIGTERM cancel reads from a URL. `max_memory` bounds the
-  // decoded data, bytes. The session must outlive the result.
+  // Opens a path, a URL or "-". SIGINT and SIGTERM cancel reads from a URL. `memory` bounds the
+  // decoded data, and the memory for decoding, bytes. The session must outlive the result.
   static Result<std::unique_ptr<SceneFile>> open(Session& session, const std::string& location,
-                                                 std::uint64_t max_memory = kMaxMemory);
+                                                 std::uint64_t memory = kMaxMemory);
   // Used by open().
   explicit SceneFile(Session& session) : session_(session) {}
 
@@ -73,7 +72,7 @@ class SceneFile {
     void operator()(stgs_scene* scene) const { stgs_scene_destroy(scene); }
   };
   static void log(void* self, stgs_log_level level, const char* message);
-  Status open(const std::string& location, std::uint64_t max_memory);
+  Status open(const std::string& location, std::uint64_t memory);
 
   Session& session_;
   bool log_warnings_ = false;

@@ -109,14 +109,16 @@ Primitives primitives_at(Scene& scene, double seconds) {
   return out;
 }
 
-std::unique_ptr<Scene> open(const py::object& source, std::optional<std::uint64_t> max_memory,
+std::unique_ptr<Scene> open(const py::object& source, std::optional<std::uint64_t> memory_budget,
                             std::optional<std::uint64_t> max_file_bytes,
-                            std::optional<std::uint64_t> max_primitives, bool reject_damage) {
+                            std::optional<std::uint64_t> max_primitives,
+                            std::optional<std::uint64_t> max_memory, bool reject_damage) {
   stgs_scene_settings settings;
   stgs_scene_settings_defaults(&settings, sizeof settings);
-  settings.max_memory = max_memory.value_or(settings.max_memory);
+  settings.memory_budget = memory_budget.value_or(settings.memory_budget);
   settings.max_file_bytes = max_file_bytes.value_or(settings.max_file_bytes);
   settings.max_primitives = max_primitives.value_or(settings.max_primitives);
+  settings.max_memory = max_memory.value_or(settings.max_memory);
   settings.reject_damage = reject_damage ? 1 : 0;
   return std::make_unique<Scene>(source, settings);
 }
@@ -244,9 +246,9 @@ void declare_scene(py::module_& module) {
       "context manager, which closes it.");
   add_closing(scene, "Releases the file and its memory. Does nothing for the scene of a player.");
   scene
-      .def(py::init(&open), py::arg("source"), py::kw_only(), py::arg("max_memory") = py::none(),
+      .def(py::init(&open), py::arg("source"), py::kw_only(), py::arg("memory_budget") = py::none(),
            py::arg("max_file_bytes") = py::none(), py::arg("max_primitives") = py::none(),
-           py::arg("reject_damage") = false)
+           py::arg("max_memory") = py::none(), py::arg("reject_damage") = false)
       .def_property_readonly("info", &info_of)
       .def_property_readonly("title", [](Scene& s) { return text_of(s, STGS_TEXT_TITLE); })
       .def_property_readonly("generator", [](Scene& s) { return text_of(s, STGS_TEXT_GENERATOR); })

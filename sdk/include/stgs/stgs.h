@@ -119,9 +119,11 @@ typedef struct stgs_scene stgs_scene;
 /* Limits and hooks of a scene. */
 typedef struct stgs_scene_settings {
   size_t struct_size;
+  uint64_t memory_budget;  /* decoded data to retain, bytes, at least 1 MiB; default 4 GiB */
   uint64_t max_file_bytes; /* larger files fail to open; default 2^63 - 1 */
   uint64_t max_primitives; /* files with more primitives fail to open; default 200 million */
-  uint64_t max_memory;     /* decoded data to retain, bytes, at least 1 MiB; default 4 GiB */
+  uint64_t max_memory;     /* for the file index, for decoding a segment, and for the statistics of
+                            * the complete file, bytes, at least 1 MiB; default 4 GiB */
   int32_t reject_damage;   /* 1: a damaged file is an error; 0 (default): render the intact part
                             * and log the damage */
   stgs_log_fn log;         /* NULL (default): no log. Retries of transfers from a URL are logged on
@@ -326,9 +328,9 @@ STGS_API stgs_result stgs_renderer_get_statistics(stgs_renderer* renderer,
  *
  * The call uses both the renderer and the scene: no other thread may use either. Invalid arguments
  * leave the buffers unchanged; other errors leave their content undefined. STGS_ERROR_LIMIT: the
- * segments active at this time need more than max_memory. STGS_ERROR_RUNTIME: the splats of a view
- * cover more than 2^26 tiles of 16 x 16 pixels, as large splats can in images with sides of tens of
- * thousands of pixels. */
+ * segments active at this time need more than memory_budget. STGS_ERROR_RUNTIME: the splats of a
+ * view cover more than 2^26 tiles of 16 x 16 pixels, as large splats can in images with sides of
+ * tens of thousands of pixels. */
 STGS_API stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
                                  const stgs_view* views, const stgs_image* images, uint32_t count);
 

@@ -109,9 +109,9 @@ class Primitives:
 
 
 class Scene:
-    def __init__(self, source: _Source, *, max_memory: Optional[int] = None,
+    def __init__(self, source: _Source, *, memory_budget: Optional[int] = None,
                  max_file_bytes: Optional[int] = None, max_primitives: Optional[int] = None,
-                 reject_damage: bool = False) -> None: ...
+                 max_memory: Optional[int] = None, reject_damage: bool = False) -> None: ...
     @property
     def info(self) -> SceneInfo: ...
     @property
