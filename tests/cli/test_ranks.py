@@ -16,6 +16,8 @@ USAGE, IO, RUNTIME, NOT_BUILT = 1, 2, 4, 6
 MPIRUN = ["mpirun", "--allow-run-as-root", "--oversubscribe", "--bind-to", "none"]
 OPTIONS = ["--backend", "cpu", "--preset", "fast", "--max-primitives", "300", "--set",
            "densify_interval=20", "--threads", "1"]
+# Seconds for a run, and steps of a run that is interrupted: sanitizers are 10 times slower.
+TIMEOUT, STEPS = (600, 1000) if os.environ.get("STGS_SANITIZE") else (120, 10000)
 
 
 class Ranks(CliTest):
@@ -38,7 +40,7 @@ class Ranks(CliTest):
             args += [":"] if len(args) > len(MPIRUN) else []
             args += ["-np", str(3 - len(commands)), harness.STGS, *map(str, command)]
         return subprocess.run(args, cwd=self.work, env=self.environment, capture_output=True,
-                              text=True, timeout=120, check=False)
+                              text=True, timeout=TIMEOUT, check=False)
 
     def both_succeed(self, *commands):
         result = self.mpirun(*commands)
@@ -99,7 +101,7 @@ class Ranks(CliTest):
 
     def test_a_run_resumes_with_any_number_of_processes(self):
         """The same number gives the same bytes; another number is reported."""
-        args = self.train("--iterations", "10000", "--checkpoint", "run.ckpt")
+        args = self.train("--iterations", STEPS, "--checkpoint", "run.ckpt")
         self.both_succeed(args)
         os.rename(self.path("out.stgs"), self.path("uninterrupted.stgs"))
         os.remove(self.path("run.ckpt"))
