@@ -109,13 +109,14 @@ Result<PreparedCapture> read_prepared_capture(const std::string& folder) {
                       folder);
     }
     if (!std::filesystem::is_directory(status)) {
-      return io_error(
+      return invalid_file(
           "{}: not a prepared capture (expected a folder, got a file); make one with "
           "'stgs prepare'",
           folder);
     }
-    return io_error("{}: not a prepared capture (cannot open {}); make one with 'stgs prepare'",
-                    folder, path);
+    if (std::filesystem::exists(path, none)) return io_error("{}: cannot open the file", path);
+    return invalid_file("{}: not a prepared capture (no {}); make one with 'stgs prepare'", folder,
+                        path);
   }
   try {
     const Json json = Json::parse(file);

@@ -49,11 +49,11 @@ std::uint64_t decoded_segment_bytes(std::uint64_t n, int sh_degree) {
 
 Status over_budget_error(const std::string& name, double seconds, std::uint64_t bytes,
                          std::uint64_t budget) {
-  // In the unit of --memory, rounded so that the requested amount suffices.
-  constexpr double kTenth = 1e5;
+  // Rounded so that the requested amount suffices.
+  constexpr double kTenth = 0x1p20 / 10;
   return runtime_error(
-      "{}: the segments active at {:.6g} s take {:.1f} MB (10^6 bytes) decoded, more than the "
-      "budget of {:.1f} MB; allow more memory",
+      "{}: the segments active at {:.6g} s take {:.1f} MiB decoded, more than the budget of {:.1f} "
+      "MiB; allow more memory",
       name, seconds, std::ceil(static_cast<double>(bytes) / kTenth) / 10,
       std::floor(static_cast<double>(budget) / kTenth) / 10);
 }

@@ -18,11 +18,12 @@ class BadInputs(CliTest):
     def test_folders_without_a_prepared_capture_are_rejected(self):
         os.mkdir(self.path("empty"))
         not_prepared = "not a prepared capture .*; make one with 'stgs prepare'"
-        for folder, message in ((self.path("empty"), not_prepared),
-                                (self.path("missing"), "missing: no such file or folder"),
-                                (self.fixture("tiny.stgs"), not_prepared)):
+        for folder, code, message in (
+                (self.path("empty"), INVALID, not_prepared),
+                (self.path("missing"), IO, "missing: no such file or folder"),
+                (self.fixture("tiny.stgs"), INVALID, not_prepared)):
             with self.subTest(folder=folder):
-                self.fails(IO, message, *self.evaluate(folder))
+                self.fails(code, message, *self.evaluate(folder))
         self.fails(IO, "missing.json: no such file or folder", "render", self.fixture("tiny.stgs"),
                    "--cameras", self.path("missing.json"), "--time", "0", "-o", "null")
 

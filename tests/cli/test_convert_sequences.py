@@ -60,7 +60,7 @@ class ConvertingPlyFrames(CliTest):
         os.remove(self.path("frames", "00002.ply"))
         self.fails(1, "frames missing after", "convert", "frames", "a.stgs")
         os.mkdir(self.path("empty"))
-        self.fails(2, "empty: this folder has neither PLY frames", "convert", "empty", "a.stgs")
+        self.fails(3, "empty: this folder has neither PLY frames", "convert", "empty", "a.stgs")
         for option, value in (("--fps", "30"), ("--frames", "5"), ("--tolerance", "2")):
             self.fails(1, f"{option} applies to", "convert", self.fixture("tiny.stgs"), "a.stgs",
                        option, value)

@@ -25,7 +25,9 @@ class TruncatedScene(CliTest):
         info = self.json_of("info", cut)
         self.assertEqual(info["missing_bytes"], len(good) - last + 1)
         self.assertEqual([s["available"] and s["sh_available"] for s in info["segments"]].count(False), 1)
-        self.assertIn("truncated", self.succeeds("info", cut).stdout.decode())
+        text = self.succeeds("info", cut).stdout.decode()
+        self.assertRegex(text, r"truncated +\d+ bytes missing")
+        self.assertIn(f"({os.path.getsize(cut)} of ", text)
         checked = self.fails(INVALID, "cut.stgs: 1 error", "validate", cut, "--format", "json")
         issues = json.loads(checked.stdout)["files"][0]["issues"]
         self.assertEqual([issue["number"] for issue in issues], [106])

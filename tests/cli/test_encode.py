@@ -74,7 +74,7 @@ class Training(ReportTest):
              self.train("--set", "iterations=0")),
             (USAGE, "--checkpoint-interval requires --checkpoint",
              self.train("--checkpoint-interval", "5")),
-            (IO, "not a prepared capture", ["train", "empty", "-o", "o.stgs"]),
+            (INVALID, "not a prepared capture", ["train", "empty", "-o", "o.stgs"]),
             (IO, "cannot create", ["train", prepared, "-o", "/proc/o.stgs"]),
             (IO, "none.ckpt", self.train("--resume", "none.ckpt")),
             (INVALID, "rubbish", self.train("--resume", "rubbish")),

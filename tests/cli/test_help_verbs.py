@@ -120,13 +120,17 @@ class ConfigFiles(CliTest):
     def test_errors_name_the_file_or_the_option(self):
         tiny = self.fixture("tiny.stgs")
         self.write("bad.toml", "[render]\nsise = 3\n")
-        self.fails(USAGE, r"--config bad.toml: unknown option 'render.sise'; write the options",
+        self.fails(USAGE, r"--config bad.toml:2: unknown option 'render.sise'; write the options",
                    "render", tiny, "--config", "bad.toml")
         self.fails(USAGE, "--config none.toml: cannot read the file", "info", tiny, "--config",
                    "none.toml")
+        render = ["render", tiny, "--time", "0", "-o", "null", "--config", "value.toml"]
         self.write("value.toml", '[render]\nthreads = -1\n')
-        self.fails(USAGE, "--threads: -1 is out of range", "render", tiny, "--time", "0", "-o", "null",
-                   "--config", "value.toml")
+        self.fails(USAGE, "--config value.toml:2: --threads: -1 is out of range", *render)
+        self.write("value.toml", 'render.size = "32x24"\n\n[render]\n  memory= "1"\n')
+        self.fails(USAGE, "--config value.toml:4: --memory: 1 is too small; expected at least 1M",
+                   *render)
+        self.fails(USAGE, "error: --size: 'x' is not a size", "render", tiny, "--size", "x")
         self.fails(USAGE, "--config needs a value", "info", tiny, "--config")
 
 

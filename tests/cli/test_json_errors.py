@@ -43,8 +43,8 @@ class JsonErrors(CliTest):
     def test_errors_state_the_path(self):
         self.assertEqual(self.error(IO, "info", "none.stgs")["path"], "none.stgs")
         os.mkdir(self.path("empty"))
-        error = self.error(IO, "evaluate", self.fixture("tiny.stgs"), "--against", "empty")
-        self.assertEqual(error["code"], "io")
+        error = self.error(INVALID, "evaluate", self.fixture("tiny.stgs"), "--against", "empty")
+        self.assertEqual(error["code"], "invalid_file")
         self.assertTrue(error["path"].startswith("empty"), error)
 
     def test_usage_errors_have_no_path(self):

@@ -30,12 +30,12 @@ class Preparing(CliTest):
             (USAGE, "'film' is not one of auto", ["empty", "--layout", "film"]),
             (USAGE, "--scale: 0 is out of range", ["empty", "--scale", "0"]),
             (USAGE, "--scale: 2 is out of range", ["empty", "--scale", "2"]),
-            (USAGE, "'5' is not a frame range", ["empty", "--frames", "5"]),
-            (USAGE, "frame range 5:2 is empty", ["empty", "--frames", "5:2"]),
-            (USAGE, "empty: unknown capture layout", ["empty"]),
-            (USAGE, "text: unknown capture layout", ["text"]),
+            (USAGE, "--frames: '5' is not a frame range", ["empty", "--frames", "5"]),
+            (USAGE, "--frames: 5:2 is empty", ["empty", "--frames", "5:2"]),
+            (INVALID, "empty: unknown capture layout", ["empty"]),
+            (INVALID, "text: unknown capture layout", ["text"]),
             (IO, "missing: no such file or folder; name the folder with", ["missing"]),
-            (IO, "file: is not a folder", ["file"]),
+            (INVALID, "file: is not a folder", ["file"]),
         ]
         for code, message, args in cases:
             with self.subTest(args=args):

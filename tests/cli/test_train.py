@@ -103,7 +103,7 @@ class SyntheticScene(CliTest):
         play = [*self.bench, "--stored-ratio", "1", "--quality", "80", "--play", "player", "--frames", "3"]
         warning = b"frames are incomplete because --memory is too small"
         self.assertNotIn(warning, self.succeeds(*play).stderr)
-        self.assertIn(warning, self.succeeds(*play, "--memory", "6").stderr)
+        self.assertIn(warning, self.succeeds(*play, "--memory", "6M").stderr)
 
     def test_bench_is_interruptible_while_it_synthesises(self):
         args = [harness.STGS, *self.bench, "--stored-ratio", "200"]

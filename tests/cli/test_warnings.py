@@ -50,7 +50,7 @@ class DamagedHeads(WarningTest):
             self.assertEqual(self.read("f.stgs"), intact)
             self.succeeds("convert", "damaged.stgs", "repaired.ply", "--time", "0.05")
             self.assertEqual(self.read("repaired.ply"), self.read("intact.ply"))
-            self.assertIn(b"error 118", self.stgs("validate", "damaged.stgs").stdout)
+            self.assertIn(b"issue 118)", self.stgs("validate", "damaged.stgs").stdout)
 
 
 class DamagedRecordings(WarningTest):

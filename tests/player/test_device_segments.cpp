@@ -367,9 +367,7 @@ TEST_CASE("a device stays within the budget and evicts the least recently needed
   const auto little = make_timeline(peak / 4);
   const auto refused = device.make_resident(*little, 1.5);
   REQUIRE_FALSE(refused.ok());
-  // In the unit of --memory, rounded up.
-  CHECK(refused.status().message().find("MB (10^6 bytes) decoded, more than the budget") !=
-        std::string::npos);
+  CHECK(refused.status().message().find("MiB decoded, more than the budget") != std::string::npos);
 }
 
 }  // namespace

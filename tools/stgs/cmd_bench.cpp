@@ -102,15 +102,15 @@ class Bench final : public Command {
         ->check(number_between(kQuality.min, kQuality.max));
     app.add_option("--seed", seed_, "Seed of the synthetic scene (default: 1)")
         ->check(check_integer);
-    app.add_option("--memory", memory_mb_, "Memory budget for decoded data, MB (10^6 bytes)")
-        ->check(number_between(1, 1e9))
+    app.add_option("--memory", memory_, "Memory for decoded data, for example 512M or 8G")
+        ->check(accepted_by<parse_memory>)
         ->capture_default_str();
   }
 
   Status run(Session& session) override {
     STGS_ASSIGN(auto source, open(session));
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
-    const auto budget = static_cast<std::uint64_t>(memory_mb_ * 1e6);
+    STGS_ASSIGN(const std::uint64_t budget, parse_memory(memory_));
     if (pipeline_ == "player") {
       STGS_ASSIGN(auto playback, playback_of(std::move(source), budget, play_.rate));
       return run_play(session, *playback, *renderer);
@@ -338,7 +338,7 @@ class Bench final : public Command {
   std::optional<std::uint64_t> seed_;
   std::optional<float> fovea_radius_;
   PlaySettings play_;
-  double memory_mb_ = 4096;
+  std::string memory_ = "4G";
 };
 
 }  // namespace

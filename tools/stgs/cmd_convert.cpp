@@ -177,7 +177,7 @@ class Convert final : public Command {
     if (work.from == nullptr) {
       std::error_code error;
       if (std::filesystem::is_directory(input_, error)) {
-        return io_error(
+        return invalid_file(
             "{}: this folder has neither PLY frames (00000.ply, 00001.ply, ...) nor a SOG model",
             input_);
       }

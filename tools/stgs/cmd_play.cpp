@@ -38,7 +38,8 @@ class Play final : public Command {
     app.add_option("--start-camera,--camera", camera_,
                    "Camera file (JSON), as for render (default: the start camera of the file)");
     app.add_option("--size", size_,
-                   "Window size WIDTHxHEIGHT (default: of the camera, at most 1280x720)");
+                   "Window size WIDTHxHEIGHT (default: of the camera, at most 1280x720)")
+        ->check(accepted_by<parse_size>);
     app.add_option("--time", time_,
                    "Start time, seconds; 0: the beginning, or the live edge of a growing recording")
         ->check(number_between(0, 1e9))
@@ -49,9 +50,9 @@ class Play final : public Command {
     app.add_flag("--loop", loop_, "Repeat");
     app.add_flag("--paused", paused_, "Start paused");
     app.add_flag("--no-overlay", no_overlay_, "Hide the overlay (F1 shows it)");
-    app.add_option("--memory", memory_mb_,
-                   "Memory budget for fetched and decoded data, MB (10^6 bytes)")
-        ->check(number_between(1, 1e9))
+    app.add_option("--memory", memory_,
+                   "Memory for fetched and decoded data, for example 512M or 8G")
+        ->check(accepted_by<parse_memory>)
         ->capture_default_str();
     auto* screenshot = app.add_option(
         "--screenshot", screenshot_,
@@ -87,8 +88,7 @@ class Play final : public Command {
     settings.playback.rate = rate_;
     settings.playback.paused = paused_;
     settings.playback.loop = loop_;
-    settings.playback.memory =
-        std::max(static_cast<std::uint64_t>(memory_mb_ * 1e6), SceneFile::kMinMemory);
+    STGS_ASSIGN(settings.playback.memory, parse_memory(memory_));
     settings.camera = camera;
     settings.size = size;
     settings.overlay = !no_overlay_;
@@ -136,8 +136,8 @@ class Play final : public Command {
   }
 #endif
 
-  std::string file_, camera_, size_, screenshot_;
-  double time_ = 0, rate_ = 1, memory_mb_ = 4096;
+  std::string file_, camera_, size_, screenshot_, memory_ = "4G";
+  double time_ = 0, rate_ = 1;
   int after_ = 1;
   bool loop_ = false, paused_ = false, no_overlay_ = false;
 };

@@ -24,7 +24,7 @@ struct RenderTime {
 struct Options {
   std::string file, camera, cameras, which = "test", frames, size, background, output;
   double time = 0;
-  double memory_mb = 4096;
+  std::string memory = "4G";
   bool side_by_side = false, stretch = false;
 };
 
@@ -67,21 +67,24 @@ class Render final : public Command {
         app.add_option("--time", o_.time, "Time in seconds")->check(number_between(-1e9, 1e9));
     time_ = time;
     app.add_option("--frames", o_.frames, "Frames FIRST:END, END excluded; 0: selects all")
+        ->check(accepted_by<parse_open_frames>)
         ->excludes(time);
-    auto* size = app.add_option(
-        "--size", o_.size,
-        "Image size WIDTHxHEIGHT in pixels; another aspect ratio shows more of the scene along "
-        "one axis");
+    auto* size =
+        app.add_option("--size", o_.size,
+                       "Image size WIDTHxHEIGHT in pixels; another aspect ratio shows more of the "
+                       "scene along one axis")
+            ->check(accepted_by<parse_size>);
     app.add_flag("--stretch", o_.stretch,
                  "Stretch the image to --size: keep the field of view of each axis")
         ->needs(size);
     app.add_option("--background", o_.background,
-                   "Background colour r,g,b, each 0 to 1 (default: from the file)");
+                   "Background colour r,g,b, each 0 to 1 (default: from the file)")
+        ->check(accepted_by<parse_colour>);
     app.add_flag("--side-by-side", o_.side_by_side,
                  "Place the captured frame to the right of the render")
         ->needs(cameras);
-    app.add_option("--memory", o_.memory_mb, "Memory budget for decoded data, MB (10^6 bytes)")
-        ->check(number_between(1, 1e9))
+    app.add_option("--memory", o_.memory, "Memory for decoded data, for example 512M or 8G")
+        ->check(accepted_by<parse_memory>)
         ->capture_default_str();
     app.add_option("-o,--output", o_.output,
                    "Output: FILE.png, .exr, .mp4, .y4m, FOLDER/, - or null")
@@ -89,8 +92,8 @@ class Render final : public Command {
   }
 
   Status run(Session& session) override {
-    const auto memory = static_cast<std::uint64_t>(o_.memory_mb * 1e6);
-    STGS_ASSIGN(file_, SceneFile::open(session, o_.file, std::max(memory, SceneFile::kMinMemory)));
+    STGS_ASSIGN(const std::uint64_t memory, parse_memory(o_.memory));
+    STGS_ASSIGN(file_, SceneFile::open(session, o_.file, memory));
     STGS_TRY(file_->warn_of_open_damage());
     STGS_ASSIGN(const auto renderer, SceneRenderer::make(session.options.backend));
     info_ = sized<stgs_scene_info>();

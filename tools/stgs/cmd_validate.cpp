@@ -17,11 +17,14 @@ struct Verdict {
     return static_cast<int>(
         std::count_if(issues.begin(), issues.end(), [](const Issue& i) { return i.error; }));
   }
-  // The number of errors, and the first of them. There must be one.
-  Status error() const {
+  // The number of errors, and the first of them unless the report on standard output, which is read
+  // beside this message, lists it. There must be one.
+  Status error(bool is_listed) const {
+    const std::string count = plural(errors(), "error");
+    if (is_listed) return invalid_file("{}: {}", name, count);
     const Issue& first =
         *std::find_if(issues.begin(), issues.end(), [](const Issue& i) { return i.error; });
-    return invalid_file("{}: {}{}: {} (byte {}, issue {})", name, plural(errors(), "error"),
+    return invalid_file("{}: {}{}: {} (byte {}, issue {})", name, count,
                         errors() > 1 ? ", first" : "", first.message, first.offset, first.number);
   }
   bool valid() const { return unreadable.ok() && errors() == 0; }
@@ -66,13 +69,10 @@ Json to_json(const std::vector<Verdict>& verdicts) {
 std::string to_text(const std::vector<Verdict>& verdicts) {
   std::string out;
   for (const Verdict& verdict : verdicts) {
-    if (!verdict.unreadable.ok()) {
-      out += verdict.unreadable.message() + "\n";
-      continue;
-    }
     for (const Issue& issue : verdict.issues) {
-      out += fmt::format("{}: byte {}: {} {}: {}\n", verdict.name, issue.offset,
-                         issue.error ? "error" : "warning", issue.number, issue.message);
+      out +=
+          fmt::format("{}: {}: {} (byte {}, issue {})\n", verdict.name,
+                      issue.error ? "error" : "warning", issue.message, issue.offset, issue.number);
     }
     if (verdict.valid()) out += fmt::format("{}: valid\n", verdict.name);
   }
@@ -94,18 +94,20 @@ class Validate final : public Command {
   }
   Status run(Session& session) override {
     std::vector<Verdict> verdicts;
-    Status worst;
+    Status invalid, unreadable;  // the first
     for (const std::string& path : paths_) {
       verdicts.push_back(validate_file(session, path));
-      const Verdict& v = verdicts.back();
-      if (v.errors() > 0) {
-        worst = v.error();
-      } else if (!v.unreadable.ok() && worst.ok()) {
-        worst = v.unreadable;
-      }
+      const Verdict& verdict = verdicts.back();
+      if (verdict.errors() > 0 && invalid.ok()) invalid = verdict.error(!session.json());
+      if (!verdict.unreadable.ok() && unreadable.ok()) unreadable = verdict.unreadable;
     }
     STGS_TRY(session.emit(to_json(verdicts), to_text(verdicts)));
-    return worst;
+    for (const Verdict& verdict : verdicts) {
+      const bool is_concluded =
+          invalid.ok() && verdict.unreadable.message() == unreadable.message();
+      if (!verdict.unreadable.ok() && !is_concluded) session.report_error(verdict.unreadable);
+    }
+    return invalid.ok() ? unreadable : invalid;
   }
 
  private:

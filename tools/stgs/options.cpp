@@ -72,6 +72,13 @@ Result<std::uint64_t> parse_bytes(const std::string& text) {
   return static_cast<std::uint64_t>(bytes);
 }
 
+Result<std::uint64_t> parse_memory(const std::string& text) {
+  constexpr std::uint64_t kMin = std::uint64_t{1} << 20;
+  STGS_ASSIGN(const std::uint64_t bytes, parse_bytes(text));
+  if (bytes < kMin) return usage_error("{} is too small; expected at least 1M", text);
+  return bytes;
+}
+
 Result<FrameRange> parse_open_frames(const std::string& text) {
   const std::size_t colon = text.find(':');
   FrameRange range{0, -1};
@@ -85,7 +92,7 @@ Result<FrameRange> parse_open_frames(const std::string& text) {
         "'{}' is not a frame range; expected FIRST:END, for example 0:30 for frames 0 to 29", text);
   }
   if (range.end >= 0 && range.end <= range.begin) {
-    return usage_error("frame range {} is empty; END must be greater than FIRST", text);
+    return usage_error("{} is empty; END must be greater than FIRST", text);
   }
   return range;
 }
@@ -94,7 +101,7 @@ Result<FrameRange> parse_frames(const std::string& text, int total) {
   STGS_ASSIGN(FrameRange range, parse_open_frames(text));
   if (range.end < 0) range.end = total;
   if (range.begin >= total || range.end > total) {
-    return usage_error("frame range {} is out of range; the clip has {}, 0:{}", text,
+    return usage_error("--frames {} is out of range; the clip has {}, 0:{}", text,
                        total == 1 ? "1 frame" : fmt::format("{} frames", total), total);
   }
   return range;

@@ -20,7 +20,7 @@ struct FrameRange {
 
 // Parses "1280x720"; each side 1 to 32768.
 Result<Size> parse_size(const std::string& text);
-// Parses "A:B", "A:" (to the end) or ":B" as [A, B), within [0, total).
+// Parses "A:B", "A:" (to the end) or ":B", the value of --frames, as [A, B), within [0, total).
 Result<FrameRange> parse_frames(const std::string& text, int total);
 // As parse_frames, before the number of frames is known: an open end is -1.
 Result<FrameRange> parse_open_frames(const std::string& text);
@@ -32,6 +32,15 @@ std::vector<std::string> split_list(const std::string& text);
 // Parses "512M", "8G" or "1.5T" as bytes. K, M, G and T are powers of 1024; without a letter the
 // unit is one byte. At least 1.
 Result<std::uint64_t> parse_bytes(const std::string& text);
+
+// As parse_bytes, for the memory of a scene: at least 1M, which the library requires.
+Result<std::uint64_t> parse_memory(const std::string& text);
+
+// A CLI11 validator: returns "" if `parse` accepts the text, and its message otherwise.
+template <auto parse>
+std::string accepted_by(const std::string& text) {
+  return parse(text).status().message();
+}
 
 // Returns a CLI11 validator: it returns "" if its argument is a finite number in [low, high], and
 // the reason otherwise.

@@ -15,6 +15,7 @@ void PrepareOptions::declare(Arguments& app) {
       ->capture_default_str()
       ->group(group);
   app.add_option("--frames", frames_, "Source frames FIRST:END, END excluded (default: all)")
+      ->check(accepted_by<parse_open_frames>)
       ->group(group);
   declare_parameters<encoder::PrepareParameters>(app, settings_, group);
   app.add_option(

@@ -18,14 +18,20 @@ std::string summary(const SceneInfo& info) {
   const std::string camera =
       info.start_camera ? fmt::format("{}x{}", info.start_camera->width, info.start_camera->height)
                         : "none";
+  const std::uint64_t present = m.file_bytes - info.contents.missing_bytes;
+  const std::string size =
+      info.contents.missing_bytes == 0
+          ? fmt::format("{} ({} bytes)", human_bytes(m.file_bytes), m.file_bytes)
+          : fmt::format("{} of {} ({} of {} bytes)", human_bytes(present),
+                        human_bytes(m.file_bytes), present, m.file_bytes);
   return fmt::format(
-      "{}: STGS {}.{}, {}, {} ({} bytes)\n"
+      "{}: STGS {}.{}, {}, {}\n"
       "  duration         {:.3f} s, {} at {:.6g} fps{}\n"
       "  primitives       {}, SH degree {}, {:.1f} bytes each\n"
       "  segments         {} in {}, head {}, decoder {}\n"
       "  start camera     {}, positions {:.4g} {:.4g} {:.4g} to {:.4g} {:.4g} {:.4g}\n",
-      info.name, m.format_major, m.format_minor, info.profile, human_bytes(m.file_bytes),
-      m.file_bytes, m.duration_seconds, plural(m.frames, "frame"), 1.0 / info.frame_seconds(),
+      info.name, m.format_major, m.format_minor, info.profile, size, m.duration_seconds,
+      plural(m.frames, "frame"), 1.0 / info.frame_seconds(),
       kbps ? fmt::format(", {:.0f} kbit/s", *kbps) : "", m.primitives, m.sh_degree,
       info.bytes_per_primitive(), info.segments.size(), plural(info.contents.tiers, "tier"),
       human_bytes(info.contents.head_bytes), level_text(info.decoder), camera, m.bounds_min[0],

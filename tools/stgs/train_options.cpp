@@ -24,6 +24,7 @@ void TrainOptions::declare(Arguments& app) {
          "Memory for decoded frames, for example 512M or 8G (default: a share of the free memory). "
          "Frames that do not fit are decoded again when needed. Frames in use by steps in flight "
          "and by decoding threads are extra")
+      ->check(accepted_by<parse_bytes>)
       ->group(group);
   app.add_option(
          "--resume", settings_.resume,
@@ -123,9 +124,7 @@ Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
   settings.backend = common.backend;
   settings.seed = common.seed;
   if (!frame_memory_.empty()) {
-    Result<std::uint64_t> bytes = parse_bytes(frame_memory_);
-    if (!bytes.ok()) return usage_error("--frame-memory: {}", bytes.status().message());
-    settings.frame_memory = *bytes;
+    STGS_ASSIGN(settings.frame_memory, parse_bytes(frame_memory_));
   }
   settings.ablate = fmt::format("{}", fmt::join(ablate_, ","));
   STGS_TRY(add_overrides(settings));

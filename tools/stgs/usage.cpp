@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <fstream>
 #include <regex>
 #include <string_view>
 
@@ -85,18 +86,61 @@ std::string unknown_option_message(const CLI::App& app, const std::string& argum
                      near.empty() ? "" : fmt::format("; did you mean '{}'?", near));
 }
 
+// The file of --config, or "".
+std::string config_file(const CLI::App& app) {
+  const CLI::Option* option = app.get_config_ptr();
+  return option->count() > 0 ? option->results().front() : "";
+}
+
+std::string trimmed(const std::string& text) {
+  const std::string_view blank = " \t\r";
+  const std::size_t begin = text.find_first_not_of(blank);
+  if (begin == std::string::npos) return {};
+  return text.substr(begin, text.find_last_not_of(blank) + 1 - begin);
+}
+
+// Returns the line of a TOML file that sets `key`, for example "render.size", from 1; 0: none does.
+int line_of(const std::string& file, const std::string& key) {
+  std::ifstream in(file);
+  std::string line, section;
+  for (int number = 1; std::getline(in, line); ++number) {
+    const std::string text = trimmed(line);
+    if (text.size() > 1 && text.front() == '[' && text.back() == ']') {
+      section = text.substr(1, text.size() - 2) + ".";
+    } else if (section + trimmed(text.substr(0, text.find('='))) == key) {
+      return number;
+    }
+  }
+  return 0;
+}
+
+// Returns "x.toml:3", for messages.
+std::string config_place(const CLI::App& app, const std::string& key) {
+  const std::string file = config_file(app);
+  const int line = line_of(file, key);
+  return line == 0 ? file : fmt::format("{}:{}", file, line);
+}
+
 // "INI was not able to parse render.bogus" and "none.toml was not readable (missing?)"
 std::string config_message(const CLI::App& app, const std::string& message) {
-  const CLI::Option* option = app.get_config_ptr();
-  const std::string file = option->count() > 0 ? option->results().front() : "";
   const std::string_view unparsed = "INI was not able to parse ";
   if (message.rfind(unparsed, 0) != 0)
-    return fmt::format("--config {}: cannot read the file", file);
+    return fmt::format("--config {}: cannot read the file", config_file(app));
+  const std::string key = message.substr(unparsed.size());
   return fmt::format(
       "--config {}: unknown option '{}'; write the options of a verb as NAME = VALUE in the "
-      "section "
-      "[VERB]",
-      file, message.substr(unparsed.size()));
+      "section [VERB]",
+      config_place(app, key), key);
+}
+
+// Adds the place to "--size: '5' is not a size" if the value is from the file of --config.
+std::string with_config_place(const CLI::App& app, const CLI::App& verb,
+                              const std::string& message) {
+  const std::string option = message.substr(0, message.find(':'));
+  if (config_file(app).empty() || option.rfind("--", 0) != 0) return message;
+  const std::string key = fmt::format("{}.{}", verb.get_name(), option.substr(2));
+  const bool is_from_file = line_of(config_file(app), key) != 0;
+  return is_from_file ? fmt::format("--config {}: {}", config_place(app, key), message) : message;
 }
 
 bool is_option(const std::string& argument) {
@@ -140,6 +184,9 @@ std::string usage_message(const CLI::App& app, const CLI::ParseError& error) {
   } else if (error.get_name() == "ArgumentMismatch") {
     message = count_message(message);
   }
+  const bool is_value =
+      error.get_name() == "ValidationError" || error.get_name() == "ConversionError";
+  if (is_value) message = with_config_place(app, parsed, message);
   return fmt::format("{} (see '{} --help')", message, full_name(parsed));
 }
 

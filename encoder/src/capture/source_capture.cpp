@@ -60,7 +60,7 @@ Result<Layout> detect(const std::string& folder) {
     evidence += fmt::format("\n  {}: {}", layout_name(entry.layout), entry.evidence);
   }
   STGS_TRY(check_camera_count(folder, find_cameras(folder)));
-  return usage_error("{}: unknown capture layout (see --layout); looked for:{}", folder, evidence);
+  return invalid_file("{}: unknown capture layout (see --layout); looked for:{}", folder, evidence);
 }
 
 Result<SourceCapture> load(Layout layout, const std::string& folder,
@@ -224,7 +224,7 @@ Result<SourceCapture> load_source(const std::string& folder, const PrepareSettin
                     folder);
   }
   if (!fs::is_directory(folder)) {
-    return io_error("{}: is not a folder; name the folder with the videos or images", folder);
+    return invalid_file("{}: is not a folder; name the folder with the videos or images", folder);
   }
   if (fs::exists(folder + "/capture.json")) {
     return usage_error("{}: this is a prepared capture; use 'stgs train'", folder);

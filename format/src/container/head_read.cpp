@@ -341,9 +341,9 @@ bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead
   const Issue why = (read ? damage : found).take().front();
   findings.damage(
       N::kRepairedHead, why.offset,
-      "head is damaged and was read from its copy at byte {}; copy or download the file "
-      "again, or repair it with 'stgs finalize' ({}, issue {})",
-      (*copy)->offset, why.message, why.number);
+      "head is damaged and was read from its copy at byte {} (issue {}: {}); copy or download the "
+      "file again, or repair it with 'stgs finalize'",
+      (*copy)->offset, why.number, why.message);
   bytes = head.repaired = std::move((*copy)->head);
   return parse_header(bytes, source.size(), head.header, findings);
 }
