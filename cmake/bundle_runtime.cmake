@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-# Run as a script: cmake -DPROGRAM=FILE -DFOLDER=DIR -P bundle_runtime.cmake
-# Copies the shared libraries that PROGRAM needs into FOLDER, except those that every Linux machine
+# Run as a script: cmake -DPROGRAM=FILE -DKIND=EXECUTABLES|MODULES -DFOLDER=DIR -P bundle_runtime.cmake
+# Copies the shared libraries that PROGRAM, an executable or a module, needs into FOLDER, except those that every Linux machine
 # has (glibc, the C++ runtime) and those that belong to a driver.
 cmake_minimum_required(VERSION 3.25)
 
 file(GET_RUNTIME_DEPENDENCIES
-  EXECUTABLES ${PROGRAM}
+  ${KIND} ${PROGRAM}
   RESOLVED_DEPENDENCIES_VAR found
   UNRESOLVED_DEPENDENCIES_VAR missing
   CONFLICTING_DEPENDENCIES_PREFIX conflict

@@ -63,12 +63,17 @@ function(stgs_precompile target set)
   target_precompile_headers(${target} REUSE_FROM stgs_precompiled_${set})
 endfunction()
 
-# With STGS_BUNDLE_RUNTIME, copies the shared libraries of a program to lib/ beside it, the first folder
-# in its RPATH, so that bin/ can be copied to another machine.
+# With STGS_BUNDLE_RUNTIME, copies the shared libraries of a program or module to lib/ beside it, the
+# first folder in its RPATH, so that bin/ can be copied to another machine.
 function(stgs_bundle_runtime program)
   if(STGS_BUNDLE_RUNTIME)
+    get_target_property(type ${program} TYPE)
+    set(kind EXECUTABLES)
+    if(type STREQUAL "MODULE_LIBRARY")
+      set(kind MODULES)
+    endif()
     add_custom_command(TARGET ${program} POST_BUILD
-      COMMAND ${CMAKE_COMMAND} -DPROGRAM=$<TARGET_FILE:${program}>
+      COMMAND ${CMAKE_COMMAND} -DPROGRAM=$<TARGET_FILE:${program}> -DKIND=${kind}
               -DFOLDER=$<TARGET_FILE_DIR:${program}>/lib
               -P ${PROJECT_SOURCE_DIR}/cmake/bundle_runtime.cmake
       COMMENT "Collecting the shared libraries of ${program}" VERBATIM)

@@ -84,9 +84,11 @@ Code code_of(Shader shader) {
       return {kFindRangesCode, kFindRangesCode};
     case Shader::kFindPatches:
       return {kFindPatchesCode, kFindPatchesCode};
-    default:
-      return {kBlendCode, kBlendBallotCode};
+    case Shader::kBlend:
+    case Shader::kBlendFovea:
+      break;
   }
+  return {kBlendCode, kBlendBallotCode};
 }
 
 }  // namespace
