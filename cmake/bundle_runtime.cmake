@@ -1,8 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-# Run as a script: cmake -DPROGRAM=FILE -DKIND=EXECUTABLES|MODULES -DFOLDER=DIR -P bundle_runtime.cmake
+# Run as a script: cmake -DPROGRAM=FILE -DKIND=EXECUTABLES|MODULES -DFOLDER=DIR -DOWN=DIR -P bundle_runtime.cmake
 # Copies the shared libraries that PROGRAM, an executable or a module, needs into FOLDER, except those that every Linux machine
 # has (glibc, the C++ runtime) and those that belong to a driver.
 cmake_minimum_required(VERSION 3.25)
+
+# Copies of this build's own libraries, of the folder OWN, may be those of an earlier build.
+file(GLOB own ${OWN}/*.so*)
+foreach(library IN LISTS own)
+  get_filename_component(name ${library} NAME)
+  if(EXISTS ${FOLDER}/${name})
+    file(COPY ${library} DESTINATION ${FOLDER})
+  endif()
+endforeach()
 
 file(GET_RUNTIME_DEPENDENCIES
   ${KIND} ${PROGRAM}

@@ -74,7 +74,7 @@ function(stgs_bundle_runtime program)
     endif()
     add_custom_command(TARGET ${program} POST_BUILD
       COMMAND ${CMAKE_COMMAND} -DPROGRAM=$<TARGET_FILE:${program}> -DKIND=${kind}
-              -DFOLDER=$<TARGET_FILE_DIR:${program}>/lib
+              -DFOLDER=$<TARGET_FILE_DIR:${program}>/lib -DOWN=${PROJECT_BINARY_DIR}/sdk
               -P ${PROJECT_SOURCE_DIR}/cmake/bundle_runtime.cmake
       COMMENT "Collecting the shared libraries of ${program}" VERBATIM)
   endif()

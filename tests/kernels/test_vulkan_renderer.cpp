@@ -89,7 +89,7 @@ TEST_CASE("after a frame that does not fit into memory, others render as before"
 // Prints the messages of the validation layer at the end of the run; any message fails the program.
 class Listener : public Catch::TestEventListenerBase {
  public:
-  using TestEventListenerBase::TestEventListenerBase;
+  using Catch::TestEventListenerBase::TestEventListenerBase;
   void testRunEnded(const Catch::TestRunStats&) override {
     for (const std::string& message : messages()) std::printf("%s\n", message.c_str());
   }

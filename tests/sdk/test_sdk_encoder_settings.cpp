@@ -147,7 +147,7 @@ TEST_CASE("a backend that cannot train and one without a device give different e
     CHECK((result == STGS_OK || result == STGS_ERROR_UNSUPPORTED));
   } else {
     CHECK(result == STGS_ERROR_NOT_BUILT);
-    CHECK(std::string(encoder.error().message).find("cuda") != std::string::npos);
+    CHECK(std::string(encoder.error().message).find("CUDA") != std::string::npos);
     CHECK_FALSE(fs::exists(scene));
   }
 }
