@@ -342,7 +342,7 @@ TEST_CASE("videos: the error names the cameras that COLMAP cannot register") {
 TEST_CASE("the error for an unknown layout lists the files of every layout") {
   const TemporaryFolder folder;
   const Status status = load(folder.path).status();
-  CHECK(status.code() == StatusCode::kUsage);
+  CHECK(status.code() == StatusCode::kInvalidFile);
   CHECK(fails_with(status, {"poses_bounds.npy", "train_meta.json", "intri.yml", "transforms.json",
                             "sparse/0", "cameras.json"}));
 }
