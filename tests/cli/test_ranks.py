@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -20,6 +21,11 @@ OPTIONS = ["--backend", "cpu", "--preset", "fast", "--max-primitives", "300", "-
 TIMEOUT, STEPS = (600, 1000) if os.environ.get("STGS_SANITIZE") else (120, 10000)
 
 
+def mpirun_version():
+    text = subprocess.run(["mpirun", "--version"], capture_output=True, text=True, check=True).stdout
+    return int(re.search(r"(\d+)\.\d+", text).group(1))
+
+
 class Ranks(CliTest):
     def setUp(self):
         super().setUp()
@@ -35,10 +41,10 @@ class Ranks(CliTest):
 
     def mpirun(self, *commands):
         """Runs one process per command, or two processes of a single command."""
-        args = list(MPIRUN)
-        for command in commands:
-            args += [":"] if len(args) > len(MPIRUN) else []
-            args += ["-np", str(3 - len(commands)), harness.STGS, *map(str, command)]
+        lines = [shlex.join([harness.STGS, *map(str, command)]) for command in commands]
+        # Not with "COMMAND : COMMAND": mpirun 5.0.7 crashes if one of two commands fails.
+        script = f'if [ "$OMPI_COMM_WORLD_RANK" = 0 ]; then exec {lines[0]}; fi; exec {lines[-1]}'
+        args = [*MPIRUN, "-np", "2", "sh", "-c", script]
         return subprocess.run(args, cwd=self.work, env=self.environment, capture_output=True,
                               text=True, timeout=TIMEOUT, check=False)
 
@@ -106,9 +112,10 @@ class Ranks(CliTest):
         os.rename(self.path("out.stgs"), self.path("uninterrupted.stgs"))
         os.remove(self.path("run.ckpt"))
         error = self.stopped_at(0.05, lambda process: process.send_signal(signal.SIGTERM), *args)
-        self.assertRegex(error, r"stgs: error: interrupted by SIGTERM: .*stopped at iteration \d*[02468]; "
-                                r"resume with --resume run.ckpt")
-        self.assertEqual(error.count("stgs: error"), 1)
+        if error or mpirun_version() < 5:  # mpirun 5 drops the last messages of a job that it stops
+            self.assertRegex(error, r"stgs: error: interrupted by SIGTERM: .*stopped at iteration "
+                                    r"\d*[02468]; resume with --resume run.ckpt")
+            self.assertEqual(error.count("stgs: error"), 1)
         self.assert_no_leftovers()
         shutil.copy(self.path("run.ckpt"), self.path("stopped.ckpt"))
         self.both_succeed([*args, "--resume", "run.ckpt"])

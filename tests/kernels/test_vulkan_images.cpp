@@ -2,10 +2,8 @@
 // Rendering on a borrowed device into images of its owner, compared with the CPU renderer, with the
 // validation layer if it is installed. Exit code 77: no device found.
 #include <chrono>
-#include <cstdio>
 #include <thread>
 
-#include "catch_runner.h"
 #include "vulkan_images.h"
 
 using namespace stgs;
@@ -222,11 +220,5 @@ TEST_CASE("an invalid submission is rejected with its reason, and nothing is sub
 }
 
 int main(int argc, char** argv) {
-  if (VulkanHost::make(true) == nullptr) {
-    std::printf("skipped: no Vulkan device with timeline semaphores found\n");
-    return 77;
-  }
-  const int failed = stgs::testing::run_cases(argc, argv);
-  for (const std::string& message : VulkanHost::messages()) std::printf("%s\n", message.c_str());
-  return failed != 0 ? failed : static_cast<int>(!VulkanHost::messages().empty());
+  return stgs::testing::run_vulkan_cases(argc, argv);
 }

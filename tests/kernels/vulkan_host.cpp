@@ -4,8 +4,12 @@
 #include <cstdio>
 #include <cstdlib>
 
+#include "catch_runner.h"
+
 namespace stgs::testing {
 namespace {
+
+VulkanHost* shared_host = nullptr;
 
 void must(const Status& status) {
   if (status.ok()) return;
@@ -124,6 +128,24 @@ std::uint64_t VulkanHost::value_of(VkSemaphore semaphore) {
   must(tools::vk_status(vkGetSemaphoreCounterValue(device().device, semaphore, &value),
                         "reading a semaphore"));
   return value;
+}
+
+VulkanHost& host() {
+  return *shared_host;
+}
+
+int run_vulkan_cases(int argc, char** argv) {
+  auto made = VulkanHost::make(true);
+  if (made == nullptr) {
+    std::printf("skipped: there is no Vulkan device with timeline semaphores\n");
+    return 77;
+  }
+  shared_host = made.get();
+  const int failed = run_cases(argc, argv);
+  made.reset();
+  const std::vector<std::string>& messages = VulkanHost::messages();
+  for (const std::string& message : messages) std::printf("%s\n", message.c_str());
+  return failed != 0 ? failed : static_cast<int>(!messages.empty());
 }
 
 }  // namespace stgs::testing

@@ -59,4 +59,14 @@ class VulkanHost {
   std::vector<VkSemaphore> semaphores_;
 };
 
+// The host of run_vulkan_cases(), one for all cases, because making a host is slow under the
+// validation layer.
+VulkanHost& host();
+
+// Makes host() and runs the test cases that the arguments select. Prints the messages of the
+// validation layer, each of which is a failure. Destroys the host before the program ends: the
+// layer cannot be used once its own static objects are destroyed. Returns the exit code, 77
+// (skipped) if there is no device.
+int run_vulkan_cases(int argc, char** argv);
+
 }  // namespace stgs::testing

@@ -154,10 +154,4 @@ inline double psnr(const player::Frame& expected, VulkanHost& host, const HostIm
   return difference(expected, host.read(image, kReadable, layout.bytes), layout).psnr;
 }
 
-// One for all cases, because making a host is slow under the validation layer.
-inline VulkanHost& host() {
-  static const std::unique_ptr<VulkanHost> made = VulkanHost::make(true);
-  return *made;
-}
-
 }  // namespace stgs::testing

@@ -17,12 +17,6 @@ namespace stgs::testing {
 inline constexpr double kTime = 0.4;  // seconds
 inline constexpr auto kFinalLayout = VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL;
 
-// Created once, because creation is slow under the validation layer.
-inline VulkanHost& host() {
-  static const std::unique_ptr<VulkanHost> shared = VulkanHost::make(true);
-  return *shared;
-}
-
 inline stgs_vulkan_device device_of(const VulkanHost& owner, bool timeline_semaphores = true) {
   stgs_vulkan_device device;
   REQUIRE(stgs_vulkan_device_defaults(&device, sizeof device) == STGS_OK);

@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The C API on a Vulkan device of the application, compared with its own CPU renderer. Uses the
 // validation layer if it is installed. Exits with code 77 if there is no device.
-#include "catch_runner.h"
 #include "sdk_vulkan_fixture.h"
 
 // After volk.h, which must precede other Vulkan headers.
 #include <chrono>
-#include <cstdio>
 #include <cstring>
 #include <thread>
 
@@ -307,12 +305,5 @@ TEST_CASE("an unusable device is rejected with its cause", "[sdk]") {
 }  // namespace stgs::testing
 
 int main(int argc, char** argv) {
-  using stgs::testing::VulkanHost;
-  if (VulkanHost::make(true) == nullptr) {
-    std::printf("skipped: there is no Vulkan device with timeline semaphores\n");
-    return 77;
-  }
-  const int failed = stgs::testing::run_cases(argc, argv);
-  for (const std::string& message : VulkanHost::messages()) std::printf("%s\n", message.c_str());
-  return failed != 0 ? failed : static_cast<int>(!VulkanHost::messages().empty());
+  return stgs::testing::run_vulkan_cases(argc, argv);
 }
