@@ -53,9 +53,6 @@ function(stgs_compile_options target)
   # -pthread everywhere: precompiled headers cannot be shared between targets with and without it.
   target_compile_options(${target} PRIVATE
     $<$<COMPILE_LANGUAGE:CXX>:-pthread>
-    # As -O2 and above do. GCC 13 and later reject a precompiled header of another optimisation level
-    # unless this is given.
-    $<$<AND:$<COMPILE_LANG_AND_ID:CXX,GNU>,$<VERSION_GREATER_EQUAL:$<CXX_COMPILER_VERSION>,13>,$<STREQUAL:${CMAKE_SYSTEM_PROCESSOR},x86_64>>:-munroll-only-small-loops>
     $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wshadow -Wconversion -Wno-sign-conversion>
     $<$<AND:$<BOOL:${STGS_WARNINGS_AS_ERRORS}>,$<COMPILE_LANGUAGE:CXX>>:-Werror>
     # GCC 12 has false positives at -O3, in strings and vectors.

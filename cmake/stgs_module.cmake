@@ -23,10 +23,11 @@ function(stgs_compile_alone target)
   set_source_files_properties(${sources} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
 endfunction()
 
-# stgs_precompile(TARGET common|json|opencv|catch): with STGS_PRECOMPILED_HEADERS, compiles TARGET with
-# precompiled headers of other libraries, which all targets of a set share: fmt and parts of the
-# standard library; also nlohmann/json; also OpenCV; Catch2 for test programs. Sources still include
-# what they use, because other builds have no precompiled headers.
+# stgs_precompile(TARGET common|json|opencv|program|catch): with STGS_PRECOMPILED_HEADERS, compiles
+# TARGET with precompiled headers of other libraries, which all targets of a set share: fmt and parts
+# of the standard library; also nlohmann/json; also OpenCV; nlohmann/json for the program and Catch2
+# for tests, both at -O1. Sources still include what they use, because other builds have no
+# precompiled headers.
 set(STGS_PRECOMPILED algorithm array cmath cstdint filesystem functional map memory optional span string
     vector fmt/format.h)
 function(stgs_precompile target set)
@@ -36,7 +37,7 @@ function(stgs_precompile target set)
   if(NOT TARGET stgs_precompiled_${set})
     set(headers ${STGS_PRECOMPILED})
     set(libraries fmt::fmt)
-    if(set STREQUAL "json" OR set STREQUAL "opencv")
+    if(set MATCHES "^(json|opencv|program)$")
       list(APPEND headers nlohmann/json.hpp)
       list(APPEND libraries nlohmann_json::nlohmann_json)
     endif()
@@ -56,6 +57,9 @@ function(stgs_precompile target set)
     target_precompile_headers(stgs_precompiled_${set} PRIVATE ${headers})
     # The options that a precompiled header depends on are those of the targets that use it.
     stgs_compile_options(stgs_precompiled_${set})
+    if(set MATCHES "^(program|catch)$")  # GCC 13 and later compare the optimisation level, too
+      target_compile_options(stgs_precompiled_${set} PRIVATE $<$<CONFIG:Release>:-O1>)
+    endif()
     if(NOT set STREQUAL "catch")
       set_target_properties(stgs_precompiled_${set} PROPERTIES POSITION_INDEPENDENT_CODE ON)
     endif()
