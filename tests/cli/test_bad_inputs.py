@@ -98,10 +98,12 @@ class BadInputs(CliTest):
         self.fails(IO, "none.png: cannot open", "compare", self.path("none.png"), bad)
 
         def png(width, height):
-            """Returns the signature and the header of a PNG, which state its size."""
-            body = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-            return b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + body + struct.pack(
-                ">I", zlib.crc32(body))
+            """Returns the signature and the header of a PNG, which state its size, and no pixels."""
+            def chunk(name, body):
+                return struct.pack(">I", len(body)) + name + body + struct.pack(
+                    ">I", zlib.crc32(name + body))
+            header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+            return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", b"")
         wide = self.write("wide.png", png(40000, 10))
         self.fails(INVALID, "wide.png: invalid image size 40000x10", "compare", wide, wide)
         large = self.write("large.png", png(17000, 17000))
