@@ -1,20 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The wheel of the Python module, installed into an empty folder.
 
-usage: test_wheel.py SOURCE BUILD CMAKE MODULE VERSION MAKE_FIXTURE
+usage: test_wheel.py WHEEL_SCRIPT MODULE BUILD VERSION MAKE_FIXTURE
 """
 import os
 import pathlib
-import shutil
 import subprocess
 import sys
 import tempfile
 import unittest
 import zipfile
 
-SOURCE, BUILD, CMAKE, MODULE, VERSION, MAKE_FIXTURE = sys.argv[1:7]
+WHEEL_SCRIPT, MODULE, BUILD, VERSION, MAKE_FIXTURE = sys.argv[1:6]
 
-# Renders a frame and prints which libraries are loaded.
+# Renders a frame and prints the loaded libraries.
 PROGRAM = """
 import stgs
 scene = stgs.Scene("fixture/tiny.stgs")
@@ -43,12 +42,7 @@ class Wheel(unittest.TestCase):
         """Returns the path of a wheel made in an empty folder."""
         folder = cls.folder / name
         folder.mkdir()
-        module = shutil.copy(MODULE, folder)  # without the libraries of a wheel made in the build
-        run(CMAKE, f"-DPROGRAM={module}", "-DKIND=MODULES", f"-DFOLDER={folder}/stgs.libs",
-            f"-DOWN={BUILD}/sdk", "-P", f"{SOURCE}/cmake/bundle_runtime.cmake")
-        return pathlib.Path(run(sys.executable, f"{SOURCE}/tools/release/wheel.py", module,
-                                folder / "stgs.libs", f"{SOURCE}/sdk/bindings/python/stgs-stubs",
-                                f"{SOURCE}/LICENSE", VERSION, folder).strip())
+        return pathlib.Path(run(sys.executable, WHEEL_SCRIPT, MODULE, BUILD, VERSION, folder).strip())
 
     def install(self):
         """Installs the wheel as pip does, without pip if that is missing. Returns the folder."""
@@ -82,6 +76,7 @@ class Wheel(unittest.TestCase):
             names = set(archive.namelist())
             record = archive.read(f"stgs-{VERSION}.dist-info/RECORD").decode().splitlines()
         self.assertEqual({line.split(",")[0] for line in record}, names)
+        self.assertIn(f"stgs-{VERSION}.dist-info/licenses/libzstd1", names)
 
 
 if __name__ == "__main__":
