@@ -17,8 +17,8 @@ struct Verdict {
     return static_cast<int>(
         std::count_if(issues.begin(), issues.end(), [](const Issue& i) { return i.error; }));
   }
-  // The number of errors, and the first of them unless the report on standard output, which is read
-  // beside this message, lists it. There must be one.
+  // States the number of errors, at least one, and the first of them unless the report on standard
+  // output lists them as text.
   Status error(bool is_listed) const {
     const std::string count = plural(errors(), "error");
     if (is_listed) return invalid_file("{}: {}", name, count);
@@ -94,20 +94,20 @@ class Validate final : public Command {
   }
   Status run(Session& session) override {
     std::vector<Verdict> verdicts;
-    Status invalid, unreadable;  // the first
-    for (const std::string& path : paths_) {
-      verdicts.push_back(validate_file(session, path));
-      const Verdict& verdict = verdicts.back();
-      if (verdict.errors() > 0 && invalid.ok()) invalid = verdict.error(!session.json());
-      if (!verdict.unreadable.ok() && unreadable.ok()) unreadable = verdict.unreadable;
-    }
+    for (const std::string& path : paths_) verdicts.push_back(validate_file(session, path));
     STGS_TRY(session.emit(to_json(verdicts), to_text(verdicts)));
-    for (const Verdict& verdict : verdicts) {
-      const bool is_concluded =
-          invalid.ok() && verdict.unreadable.message() == unreadable.message();
-      if (!verdict.unreadable.ok() && !is_concluded) session.report_error(verdict.unreadable);
+    // The status of one file becomes that of the program, which reports it.
+    auto worst = std::find_if(verdicts.begin(), verdicts.end(),
+                              [](const Verdict& v) { return v.errors() > 0; });
+    const auto is_unreadable = [](const Verdict& v) { return !v.unreadable.ok(); };
+    if (worst == verdicts.end()) {
+      worst = std::find_if(verdicts.begin(), verdicts.end(), is_unreadable);
     }
-    return invalid.ok() ? unreadable : invalid;
+    for (auto verdict = verdicts.begin(); verdict != verdicts.end(); ++verdict) {
+      if (verdict != worst && is_unreadable(*verdict)) session.report_error(verdict->unreadable);
+    }
+    if (worst == verdicts.end()) return {};
+    return is_unreadable(*worst) ? worst->unreadable : worst->error(!session.json());
   }
 
  private:

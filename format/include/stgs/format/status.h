@@ -18,7 +18,7 @@ enum class StatusCode : int {
   kOk = 0,           // success
   kUsage = 1,        // invalid argument or call
   kIo = 2,           // a file or stream could not be read or written
-  kInvalidFile = 3,  // the content violates its format or is of another kind
+  kInvalidFile = 3,  // malformed, or not the expected kind of input
   kRuntime = 4,      // any other failure at run time
   kUnsupported = 5,  // well-formed, but not supported
   kNotBuilt = 6,     // needs a feature that this build lacks
