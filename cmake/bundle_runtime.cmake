@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-# Run as a script: cmake -DPROGRAM=FILE -DKIND=EXECUTABLES|MODULES -DFOLDER=DIR -DOWN=DIR -P bundle_runtime.cmake
-# Copies the shared libraries that PROGRAM, an executable or a module, needs into FOLDER, except those that every Linux machine
-# has (glibc, the C++ runtime) and those that belong to a driver.
+# Run as a script: cmake -DPROGRAM=FILE -DKIND=EXECUTABLES|MODULES -DFOLDER=DIR -DOWN=DIR
+#                        -P bundle_runtime.cmake
+# Copies the shared libraries that PROGRAM, an executable or a module, needs into FOLDER, except
+# those that every Linux machine has (glibc, the C++ runtime) and those that belong to a driver.
+# OWN is the folder with the shared libraries of this build.
 cmake_minimum_required(VERSION 3.25)
 
-# Copies of this build's own libraries, of the folder OWN, may be those of an earlier build.
+# A program finds the copies before the libraries, so copies from an earlier build are renewed first.
 file(GLOB own ${OWN}/*.so*)
 foreach(library IN LISTS own)
   get_filename_component(name ${library} NAME)

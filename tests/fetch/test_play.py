@@ -240,7 +240,7 @@ class PlayNginx(unittest.TestCase):
 
 class Live(unittest.TestCase):
     """A recorder appends a fragment of a third of a second in about real time."""
-    # The programs start slowly under a sanitizer.
+    # More under a sanitizer, because the programs start slowly.
     FRAGMENTS = 30 if os.environ.get("STGS_SANITIZE") else 10
 
     def setUp(self):
@@ -263,7 +263,8 @@ class Live(unittest.TestCase):
             time.sleep(0.02)
 
     def follow(self, url):
-        run = subprocess.run([PROBE, "follow", url, str(self.FRAGMENTS / 3 + 9)], stdout=subprocess.PIPE, check=True,
+        seconds = str(self.FRAGMENTS / 3 + 9)
+        run = subprocess.run([PROBE, "follow", url, seconds], stdout=subprocess.PIPE, check=True,
                              timeout=60)
         out = json.loads(run.stdout)
         self.assertNotIn("error", out)
