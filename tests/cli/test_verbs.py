@@ -14,7 +14,6 @@ USAGE = 1
 
 
 class Backends(CliTest):
-    @unittest.skipIf(os.environ.get("STGS_SANITIZE"), "drivers leak memory")
     def test_vulkan_and_cpu_render_the_same_image(self):
         if not harness.renders_with("vulkan"):
             self.skipTest("Vulkan is not built in")
