@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <cstdlib>
+#include <numeric>
 
 #include "codec/draco_points.h"
 #include "codec/layout_plan.h"
@@ -103,17 +104,16 @@ nlohmann::json coder_table(const Scene& scene) {
   const std::uint32_t frames = scene.metadata.frames;
   const std::vector<float> importance =
       scene.importance.empty() ? importance_by_size(scene.gaussians, frames) : scene.importance;
-  const Quantiser quantiser(scene.gaussians, importance, scene.importance.empty(), frames, 85, 0);
+  const StepChooser chooser(scene.gaussians, importance, scene.importance.empty(), frames, 85, 0);
+  Quantisation rules = chooser.rules();
+  set_tiers(chooser, {}, importance, rules);
+  const Quantiser quantiser(rules);
   const PartRange full_range{
       0, static_cast<std::uint32_t>(scene.gaussians.size()), {0.0, static_cast<double>(frames)}};
   const Gaussians4D snapped = quantiser.snap_lifespans(scene.gaussians, {&full_range, 1});
   std::vector<std::uint32_t> members(snapped.size()), order;
-  double mean = 0.0;
-  for (std::uint32_t i = 0; i < members.size(); ++i) {
-    members[i] = i;
-    mean += importance[i] / static_cast<double>(members.size());
-  }
-  const GroupSteps steps = quantiser.steps_of(snapped, members, mean);
+  std::iota(members.begin(), members.end(), 0u);
+  const GroupSteps steps = quantiser.steps_of(snapped, members, 0);
   nlohmann::json out;
   for (const Integers& integers :
        quantiser.quantise(snapped, steps, 0.0, static_cast<float>(frames), order)) {

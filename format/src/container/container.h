@@ -40,6 +40,7 @@ inline constexpr std::uint32_t kWindowTag = tag_of("WNDW");
 inline constexpr std::uint32_t kLayoutTag = tag_of("LAYT");
 inline constexpr std::uint32_t kPrivateTag = tag_of("PRIV");
 inline constexpr std::uint32_t kImportanceTag = tag_of("IMPO");
+inline constexpr std::uint32_t kQuantisationTag = tag_of("quan");  // private
 inline constexpr std::uint32_t kFragmentTag = tag_of("FRAG");
 inline constexpr std::uint32_t kCopyTag = tag_of("COPY");
 // The minor version that introduced COPY, and fragments located by the records they list
@@ -164,6 +165,10 @@ std::vector<std::uint8_t> write_window(const CaptureWindow& window);
 // Writes the importances in the order of the file's primitives.
 std::vector<std::uint8_t> write_importance(std::span<const float> importance,
                                            std::span<const std::uint32_t> order);
+// Returns the payload of the record of Scene::quantisation.
+std::vector<std::uint8_t> write_quantisation(const Quantisation& rules);
+// Parses it. Returns nothing if it is of another program, or invalid.
+std::optional<Quantisation> parse_quantisation(std::span<const std::uint8_t> payload);
 // Returns the records of an index in file order (spec 5.6): the base records of all tiers of a
 // segment, then their SH records.
 std::vector<IndexEntry*> records_of(std::vector<SegmentEntry>& segments);

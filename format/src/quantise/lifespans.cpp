@@ -224,11 +224,14 @@ LifespanGrids::LifespanGrids(double longest_part, double time, double lifespan, 
   while (finest_time_ < kMaxHalvings && fits(finest_time_ + 1)) ++finest_time_;
 }
 
-void LifespanGrids::snap(const TickRange& interval, std::size_t i, Gaussians4D& set) const {
+void LifespanGrids::snap(const TickRange& interval, std::size_t i, bool simplify,
+                         Gaussians4D& set) const {
   const double length = length_of(interval);
   if (lifetime_of(set, i, length).never) return;
-  make_constant(length, bounds_, i, set);
-  normalise(length, i, set);
+  if (simplify) {
+    make_constant(length, bounds_, i, set);
+    normalise(length, i, set);
+  }
   limit_time(length, reach_, i, set);
   const Lifespan was = lifespan_of(set, i);
   float& logit = set.opacity_logit[i];

@@ -57,7 +57,8 @@ class LifespanGrids {
 
   // Quantises lifespan and opacity of primitive i, which is rendered within `interval` of the
   // timeline, and moves it to its position at the new T. Leaves invisible primitives unchanged.
-  void snap(const TickRange& interval, std::size_t i, Gaussians4D& set) const;
+  // `simplify`: lifespans that hardly differ from a simpler one become that.
+  void snap(const TickRange& interval, std::size_t i, bool simplify, Gaussians4D& set) const;
   // Returns the coarsest steps of which these snapped primitives are multiples.
   LifespanSteps steps_of(const Gaussians4D& set, const std::vector<std::uint32_t>& members) const;
 

@@ -43,6 +43,7 @@ constexpr int kMaxDistances = 12;         // limits the tiers of a segment (spec
 // Bound of the importance by size, as a multiple of the 90th percentile. A sky dome covers a
 // million times the area of a splat and would dominate the mean.
 constexpr float kMaxImportance = 64.0f;
+constexpr double kTrainedSh = 1.0;  // octaves by which SH steps are coarser if trained for them
 constexpr double kMinRotationStep = -12.0, kMaxRotationStep = -2.5;
 
 // Returns the smallest power of two with which numbers up to `largest` fit into `bits` bits.
@@ -156,98 +157,135 @@ double outlier_bound(const Gaussians4D& set, const Measure& measure) {
   return kOutlier * percentile(std::move(values), 90);
 }
 
+// Returns a step near 2^octaves that is at most this share of a bound, if there is one.
+Step bounded(double octaves, double bound, double share, int in_octave) {
+  const Step step = step_near(octaves, in_octave);
+  if (bound == 0.0) return step;
+  const Step largest = step_below(std::log2(bound * share), in_octave);
+  return size_of(largest) < size_of(step) ? largest : step;
+}
+
 }  // namespace
 
-Quantiser::Quantiser(const Gaussians4D& set, std::span<const float> importance, bool by_size,
-                     double longest_part, double quality, double max_error)
-    : longest_part_(static_cast<float>(longest_part)),
-      max_error_(max_error),
-      power_(by_size ? kPowerBySize : kPower),
-      position_power_(by_size ? kPositionPowerBySize : kPower) {
-  coarser_ = octaves_coarser(quality);
-  importance_ = mean_of(importance);
+StepChooser::StepChooser(const Gaussians4D& set, std::span<const float> importance, bool by_size,
+                         double longest_part, double quality, double max_error)
+    : power_(by_size ? kPowerBySize : kPower),
+      position_power_(by_size ? kPositionPowerBySize : kPower),
+      coarser_(octaves_coarser(quality)),
+      importance_(mean_of(importance)) {
+  rules_.quality = quality;
+  rules_.max_error = max_error;
+  rules_.longest_part = longest_part;
   const double size = typical_log_scale(set) / std::log(2.0);
   // Measured at equal loss. With estimated importance, colour counts less relative to position.
-  steps_.position = std::clamp(size - (by_size ? 3.3 : 3.1), -90.0, 90.0);
-  steps_.displacement = steps_.position + 1.0;
-  steps_.log_scale = -3.4;
-  steps_.rotation = -5.2;
-  steps_.sh[0] = by_size ? -4.35 : -4.65;
-  steps_.sh[1] = steps_.sh[2] = steps_.sh[3] = by_size ? -4.6 : -4.9;
-  steps_.opacity = step_near(std::min(-1.5 + coarser_, kCoarsestOpacity), kFineSteps);
-  double motion = std::exp2(steps_.displacement + coarser_);
-  if (max_error_ > 0.0) motion = std::min(motion, max_error_);  // half of it in each direction
+  octaves_.position = std::clamp(size - (by_size ? 3.3 : 3.1), -90.0, 90.0);
+  octaves_.displacement = octaves_.position + 1.0;
+  octaves_.log_scale = -3.4;
+  octaves_.rotation = -5.2;
+  octaves_.sh[0] = by_size ? -4.35 : -4.65;
+  octaves_.sh[1] = octaves_.sh[2] = octaves_.sh[3] = by_size ? -4.6 : -4.9;
+  rules_.opacity = step_near(std::min(-1.5 + coarser_, kCoarsestOpacity), kFineSteps);
+  double motion = std::exp2(octaves_.displacement + coarser_);
+  if (max_error > 0.0) motion = std::min(motion, max_error);  // half of it in each direction
+  rules_.lifespans = {std::min(-2.0 + coarser_, kCoarsestTime),
+                      std::clamp(21.0 + coarser_, 16.0, 22.0), motion,
+                      std::exp2(std::min(kConstantOpacity + coarser_, kMaxConstantOpacity)),
+                      std::exp2(std::min(kEdge + coarser_, kCoarsestEdge))};
   // Limits of outliers: the range of the steps, an octave of which is reserved for importance, and
   // the bulk of the primitives.
-  middle_ = median_of(set);
-  const Step position = bounded(steps_.position + coarser_, kPositionShare, kCoarseSteps);
-  near_distance_ =
+  rules_.middle = median_of(set);
+  const Step position =
+      bounded(octaves_.position + coarser_, max_error, kPositionShare, kCoarseSteps);
+  rules_.near_distance =
       std::max(std::ldexp(size_of(position), kMortonBits - 2),
-               outlier_bound(set, [&](auto i) { return distance_from(middle_, set, i); }));
-  const Step displacement = bounded(steps_.displacement + coarser_, kDisplacementShare, kFineSteps);
-  near_displacement_ =
+               outlier_bound(set, [&](auto i) { return distance_from(rules_.middle, set, i); }));
+  const Step displacement =
+      bounded(octaves_.displacement + coarser_, max_error, kDisplacementShare, kFineSteps);
+  const auto longest = static_cast<float>(longest_part);
+  rules_.near_displacement =
       std::max(std::ldexp(size_of(displacement), kFineDisplacementBits - 1),
-               outlier_bound(set, [&](auto i) { return displacement_of(set, i, longest_part_); }));
-  lifespans_.emplace(
-      longest_part, std::min(-2.0 + coarser_, kCoarsestTime),
-      std::clamp(21.0 + coarser_, 16.0, 22.0), steps_.opacity,
-      LifespanBounds{motion, std::exp2(std::min(kConstantOpacity + coarser_, kMaxConstantOpacity)),
-                     std::exp2(std::min(kEdge + coarser_, kCoarsestEdge))});
+               outlier_bound(set, [&](auto i) { return displacement_of(set, i, longest); }));
 }
 
-Step Quantiser::bounded(double octaves, double share, int in_octave) const {
-  const Step step = step_near(octaves, in_octave);
-  if (max_error_ == 0.0) return step;
-  const Step bound = step_below(std::log2(max_error_ * share), in_octave);
-  return size_of(bound) < size_of(step) ? bound : step;
+TierSteps StepChooser::steps_for(double importance) const {
+  const double ratio = importance > 0 && importance_ > 0 ? importance_ / importance : 1.0;
+  const auto coarser_by = [&](double power) {
+    return coarser_ + std::clamp(power * std::log2(ratio), -kMaxOctaves, kMaxOctaves);
+  };
+  const double coarser = coarser_by(power_), max_error = rules_.max_error;
+  TierSteps out;
+  out.position = bounded(octaves_.position + coarser_by(position_power_), max_error, kPositionShare,
+                         kCoarseSteps);
+  out.displacement =
+      bounded(octaves_.displacement + coarser, max_error, kDisplacementShare, kFineSteps);
+  out.log_scale = step_near(std::min(octaves_.log_scale + coarser, kCoarsestLogScale), kFineSteps);
+  out.rotation = step_near(
+      std::clamp(octaves_.rotation + coarser, kMinRotationStep, kMaxRotationStep), kCoarseSteps);
+  for (std::size_t band = 0; band < 4; ++band)
+    out.sh[band] = step_near(octaves_.sh[band] + coarser, kFineSteps);
+  return out;
 }
 
-// Coarse enough to represent the greatest displacement.
-Step Quantiser::displacement_step(double octaves, double farthest) const {
-  const Step step = bounded(octaves, kDisplacementShare, kFineSteps);
+void set_tiers(const StepChooser& chooser, const TierPlan& plan, std::span<const float> importance,
+               Quantisation& quantisation) {
+  quantisation.bounds = plan.bounds;
+  quantisation.graded = plan.graded;
+  std::vector<double> sums(plan.bounds.size() + 1, 0.0), counts(sums.size(), 0.0);
+  for (const float x : importance) {
+    const auto t = static_cast<std::size_t>(quantisation.tier_of(x));
+    sums[t] += x;
+    ++counts[t];
+  }
+  quantisation.tiers.clear();
+  for (std::size_t t = 0; t < sums.size(); ++t) {
+    quantisation.tiers.push_back(chooser.steps_for(counts[t] > 0 ? sums[t] / counts[t] : 0.0));
+  }
+}
+
+Quantiser::Quantiser(const Quantisation& rules)
+    : rules_(rules),
+      lifespans_(rules.longest_part, rules.lifespans.time, rules.lifespans.lifespan, rules.opacity,
+                 {rules.lifespans.motion, rules.lifespans.opacity, rules.lifespans.edge}) {}
+
+Step Quantiser::displacement_step(Step step, double farthest) const {
   if (size_of(step) >= size_of(step_for(farthest, kFineDisplacementBits))) return step;
-  return coarser_of(bounded(octaves, kDisplacementShare, 1), step_for(farthest, kDisplacementBits));
+  return coarser_of(bounded(std::log2(size_of(step)), rules_.max_error, kDisplacementShare, 1),
+                    step_for(farthest, kDisplacementBits));
 }
 
-Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set,
-                                      std::span<const PartRange> parts) const {
+Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set, std::span<const PartRange> parts,
+                                      bool simplify) const {
   Gaussians4D out = set;
   for (const PartRange& part : parts) {
-    for (std::uint32_t i = part.first; i < part.last; ++i) lifespans_->snap(part.interval, i, out);
+    for (std::uint32_t i = part.first; i < part.last; ++i)
+      lifespans_.snap(part.interval, i, simplify, out);
   }
   return out;
 }
 
 int Quantiser::distance_of(const Gaussians4D& set, std::size_t i) const {
-  const double farther = std::max(distance_from(middle_, set, i) / near_distance_,
-                                  displacement_of(set, i, longest_part_) / near_displacement_);
+  const auto longest = static_cast<float>(rules_.longest_part);
+  const double farther = std::max(distance_from(rules_.middle, set, i) / rules_.near_distance,
+                                  displacement_of(set, i, longest) / rules_.near_displacement);
   if (farther <= 1.0) return 0;
   return std::min(1 + static_cast<int>(std::log2(farther) / kDistanceOctaves), kMaxDistances);
 }
 
 GroupSteps Quantiser::steps_of(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
-                               double importance) const {
-  const double ratio = importance > 0 && importance_ > 0 ? importance_ / importance : 1.0;
-  const auto coarser_by = [&](double power) {
-    return coarser_ + std::clamp(power * std::log2(ratio), -kMaxOctaves, kMaxOctaves);
-  };
-  const double coarser = coarser_by(power_);
-  const auto fine = [coarser](double step) { return step_near(step + coarser, kFineSteps); };
+                               int tier) const {
+  const TierSteps& steps = rules_.tiers[static_cast<std::size_t>(tier)];
   const Extent extent = extent_of(set, &members);
+  const auto longest = static_cast<float>(rules_.longest_part);
   GroupSteps out;
-  out.lifespan = lifespans_->steps_of(set, members);
+  out.lifespan = lifespans_.steps_of(set, members);
   // One value fewer than 2^21, because the origin is rounded down.
-  out.position = coarser_of(
-      bounded(steps_.position + coarser_by(position_power_), kPositionShare, kCoarseSteps),
-      step_for(extent.largest() * 1.000001, kMortonBits));
+  out.position = coarser_of(steps.position, step_for(extent.largest() * 1.000001, kMortonBits));
   for (std::size_t axis = 0; axis < 3; ++axis)
     out.origin[axis] = on_grid(extent.low[axis], out.position);
-  out.displacement = displacement_step(steps_.displacement + coarser,
-                                       max_displacement(set, members, longest_part_));
-  out.log_scale = step_near(std::min(steps_.log_scale + coarser, kCoarsestLogScale), kFineSteps);
-  out.rotation = step_near(
-      std::clamp(steps_.rotation + coarser, kMinRotationStep, kMaxRotationStep), kCoarseSteps);
-  for (int band = 0; band < 4; ++band) out.sh[band] = fine(steps_.sh[band]);
+  out.displacement = displacement_step(steps.displacement, max_displacement(set, members, longest));
+  out.log_scale = steps.log_scale;
+  out.rotation = steps.rotation;
+  std::copy(steps.sh.begin(), steps.sh.end(), out.sh);
   return out;
 }
 
@@ -264,7 +302,7 @@ std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSt
   out.push_back(displacement_integers(sorted, steps.displacement, part_ticks));
   out.push_back(linear_integers(sorted, Attribute::kLogScale, Mapping::kLinear, steps.log_scale));
   out.push_back(rotation_integers(sorted, decoded_log_scales(out.back()), steps.rotation));
-  out.push_back(linear_integers(sorted, Attribute::kOpacity, Mapping::kLinear, steps_.opacity));
+  out.push_back(linear_integers(sorted, Attribute::kOpacity, Mapping::kLinear, rules_.opacity));
   for (int band = 0; band <= part.sh_degree; ++band) {
     const auto attribute = static_cast<Attribute>(static_cast<int>(Attribute::kSh0) + band);
     out.push_back(colour_integers(sorted, attribute, steps.sh[band]));
@@ -273,9 +311,33 @@ std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSt
 }
 
 float Quantiser::position_step(const Gaussians4D& set) const {
-  const Step widest = step_for(extent_of(set, nullptr).largest() * 1.000001, kMortonBits);
-  const double coarsest = std::ceil(steps_.position + coarser_ + kMaxOctaves);
-  return static_cast<float>(size_of(coarser_of(power_above(coarsest), widest)));
+  Step coarsest = step_for(extent_of(set, nullptr).largest() * 1.000001, kMortonBits);
+  for (const TierSteps& steps : rules_.tiers) coarsest = coarser_of(coarsest, steps.position);
+  return static_cast<float>(size_of(coarsest));
+}
+
+Quantisation choose_quantisation(const Gaussians4D& set, std::span<const float> importance,
+                                 double ticks, double quality) {
+  const StepChooser chooser(set, importance, false, ticks, quality, 0.0);
+  Quantisation out = chooser.rules();
+  const PartRange part{0, static_cast<std::uint32_t>(set.size()), {0.0, ticks}, {}};
+  const std::span<const PartRange> parts(&part, 1);
+  const Gaussians4D snapped = Quantiser(out).snap_lifespans(set, parts);
+  const double chunk = choose_chunk(snapped, parts);
+  const std::vector<SegmentMembers> segments = segments_of(snapped, part, chunk, false);
+  const Demand demand = measure_demand(parts, {&segments, 1}, chunk, set.size());
+  set_tiers(chooser, plan_tiers(importance, demand, 0), importance, out);
+  for (TierSteps& tier : out.tiers) {
+    for (std::size_t band = 1; band < 4; ++band)
+      tier.sh[band] = step_near(std::log2(size_of(tier.sh[band])) + kTrainedSh, kFineSteps);
+  }
+  return out;
+}
+
+Gaussians4D round_lifespans(const Gaussians4D& set, const Quantisation& quantisation,
+                            double ticks) {
+  const PartRange part{0, static_cast<std::uint32_t>(set.size()), {0.0, ticks}, {}};
+  return Quantiser(quantisation).snap_lifespans(set, {&part, 1});
 }
 
 std::vector<float> importance_by_size(const Gaussians4D& set, double ticks) {

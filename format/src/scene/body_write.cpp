@@ -37,13 +37,6 @@ std::vector<Integers> lossless_integers(const Gaussians4D& set) {
   return out;
 }
 
-double mean_importance(const std::vector<std::uint32_t>& members,
-                       std::span<const float> importance) {
-  double sum = 0.0;
-  for (const std::uint32_t i : members) sum += importance[i];
-  return sum / static_cast<double>(members.size());
-}
-
 // Segments whose records share layouts: those of one tier with similar lifespans.
 struct Group {
   std::vector<std::size_t> segments;
@@ -69,7 +62,7 @@ std::vector<Group> groups_of(const Encoding& encoding, const std::vector<TierSeg
       members.insert(members.end(), more.begin(), more.end());
     }
     out[g].steps = encoding.quantiser->steps_of(*encoding.set, members,
-                                                mean_importance(members, encoding.importance));
+                                                segments[out[g].segments.front()].importance);
   });
   return out;
 }

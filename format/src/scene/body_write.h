@@ -10,6 +10,7 @@
 #include "container/container.h"
 #include "quantise/quantise.h"
 #include "quantise/segmenter.h"
+#include "quantise/tiers.h"
 
 namespace stgs {
 
@@ -19,7 +20,9 @@ struct Encoding {
   std::span<const float> importance;     // empty: lossless, one tier
   const Quantiser* quantiser = nullptr;  // null: lossless
   double chunk_ticks = 0;
-  int tiers = 1, zstd_level = 9;
+  std::vector<std::vector<SegmentMembers>> segments;  // by part
+  TierPlan tiers;
+  int zstd_level = 9;
   Coder coder = Coder::kBytes;
   bool draco = false;        // code positions with Draco
   bool own_layouts = false;  // each record contains its layout

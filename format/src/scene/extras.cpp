@@ -106,7 +106,8 @@ class Extras {
       if (!parse_record_header(bytes, at, end, record, damaged)) break;
       const std::uint64_t size = kRecordHeaderBytes + record.length;
       const bool ours = record.tag == kWindowTag || record.tag == kPrivateTag ||
-                        record.tag == kImportanceTag || record.tag == kCopyTag;
+                        record.tag == kImportanceTag || record.tag == kQuantisationTag ||
+                        record.tag == kCopyTag;
       if ((record.flags & kCritical) == 0 && !ours) {
         const auto payload = std::span<const std::uint8_t>(bytes).subspan(
             kRecordHeaderBytes, std::min<std::uint64_t>(record.length, kMaxNameBytes));

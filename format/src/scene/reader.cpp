@@ -104,9 +104,26 @@ struct SceneReader::State {
     }
   }
 
-  // IMPO of a lossless scene follows the last segment (spec 5.11).
-
+  // Records for packing follow the last segment of a lossless scene (spec 5.11).
   Result<std::vector<float>> importance() const {
+    STGS_ASSIGN(const FoundRecord found, find_record(kImportanceTag));
+    if (!found.exists) return std::vector<float>();
+    Findings findings;
+    std::vector<float> values =
+        parse_importance(found.payload, head.index.primitives, found.at, findings);
+    if (!findings.ok()) return findings.status(source->name());
+    return values;
+  }
+
+  struct FoundRecord {
+    bool exists = false;
+    std::uint64_t at = 0;
+    std::vector<std::uint8_t> payload;
+  };
+
+  // Reads the first record with a tag, and flags 0, after the last segment.
+  Result<FoundRecord> find_record(std::uint32_t tag) const {
+    FoundRecord found;
     std::uint64_t at = head.header.head_bytes;
     for (const SegmentEntry& segment : head.index.segments) {
       for (const IndexEntry* entry : {&segment.base, &segment.sh}) {
@@ -114,18 +131,19 @@ struct SceneReader::State {
       }
     }
     Findings findings;
-    std::vector<float> values;
     while (at < head.header.file_bytes && findings.ok()) {
       const std::optional<RecordHeader> record = read_header(at, findings);
       if (!record) break;
-      if (record->tag == kImportanceTag && record->flags == 0) {
-        read_values(at, *record, values, findings);
+      if (record->tag == tag && record->flags == 0) {
+        found.exists = true;
+        found.at = at;
+        read_payload(at, *record, found.payload, findings);
         break;
       }
       at += kRecordHeaderBytes + record->length;
     }
     if (!findings.ok()) return findings.status(source->name());
-    return values;
+    return found;
   }
 
   // Returns whether bytes before the stated end of the file are available.
@@ -148,20 +166,19 @@ struct SceneReader::State {
     return record;
   }
 
-  void read_values(std::uint64_t at, const RecordHeader& record, std::vector<float>& values,
-                   Findings& findings) const {
+  void read_payload(std::uint64_t at, const RecordHeader& record, std::vector<std::uint8_t>& bytes,
+                    Findings& findings) const {
     if (!is_available(at + kRecordHeaderBytes, record.length, findings)) return;
     if (record.length > limits.max_memory) {
       return findings.unsupported(N::kMemoryLimit, at,
-                                  "importances of {} bytes exceed the memory limit of {} bytes",
-                                  record.length, limits.max_memory);
+                                  "record '{}' of {} bytes exceeds the memory limit of {} bytes",
+                                  tag_text(record.tag), record.length, limits.max_memory);
     }
-    std::vector<std::uint8_t> bytes(record.length);
+    bytes.resize(record.length);
     if (Status status = source->read(at + kRecordHeaderBytes, bytes); !status.ok()) {
       return findings.failed_read(at, status);
     }
-    if (!check_payload(record, bytes, at + kRecordHeaderBytes, findings)) return;
-    values = parse_importance(bytes, head.index.primitives, at, findings);
+    (void)check_payload(record, bytes, at + kRecordHeaderBytes, findings);
   }
 
   std::unique_ptr<ByteSource> source;
@@ -292,6 +309,11 @@ std::span<const RansLookup> SceneReader::tables() const {
 
 Result<std::vector<float>> SceneReader::importance() const {
   return state_->importance();
+}
+
+Result<std::optional<Quantisation>> SceneReader::quantisation() const {
+  STGS_ASSIGN(const State::FoundRecord found, state_->find_record(kQuantisationTag));
+  return found.exists ? parse_quantisation(found.payload) : std::nullopt;
 }
 
 math::PinholeCamera pinhole_of(const StartCamera& camera, float near_plane) {

@@ -95,6 +95,9 @@ Status read_importance(const SceneReader& reader, DamageReport& report, Scene& s
   Result<std::vector<float>> values = reader.importance();
   if (values.ok()) {
     scene.importance = std::move(values).value();
+    Result<std::optional<Quantisation>> rules = reader.quantisation();
+    // Without it, packing chooses other steps.
+    if (rules.ok()) scene.quantisation = *rules;
     return {};
   }
   if (!is_damage(values.status())) return values.status();

@@ -66,20 +66,11 @@ std::vector<TierSegment> tier_segments_of(SegmentKey key, Tier tier, const Encod
 
 std::vector<TierSegment> plan_segments(const Encoding& encoding,
                                        const std::vector<PartRange>& parts, Body& body) {
-  std::vector<std::vector<SegmentMembers>> by_part;
-  by_part.reserve(parts.size());
-  for (const PartRange& part : parts) {
-    by_part.push_back(
-        segments_of(*encoding.set, part, encoding.chunk_ticks, encoding.quantiser == nullptr));
-  }
-  const TierPlan plan = plan_tiers(
-      encoding.importance,
-      measure_demand(parts, by_part, encoding.chunk_ticks, encoding.set->size()), encoding.tiers);
   std::vector<TierSegment> segments;
   for (std::uint32_t p = 0; p < parts.size(); ++p) {
-    for (const SegmentMembers& segment : by_part[p]) {
+    for (const SegmentMembers& segment : encoding.segments[p]) {
       int tier = 0;
-      for (Tier& members : tiers_of(segment.members, encoding.importance, plan)) {
+      for (Tier& members : tiers_of(segment.members, encoding.importance, encoding.tiers)) {
         for (TierSegment& split :
              tier_segments_of(segment.key, std::move(members), encoding, parts[p].interval)) {
           SegmentEntry entry;

@@ -185,6 +185,12 @@ double longest_of(std::span<const PartRange> parts) {
   return longest;
 }
 
+// Returns whether a scene is packed with the steps that it was trained for.
+bool uses_own_steps(const Scene& scene, const WriteSettings& settings) {
+  return scene.quantisation && settings.own_steps && !scene.importance.empty() &&
+         settings.max_error == 0.0 && settings.tiers == 0;
+}
+
 std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
   const std::vector<IndexEntry*> records = records_of(body.index.segments);
   std::uint64_t body_bytes = body.importance.size();
@@ -233,29 +239,51 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
   EncodedScene out;
   out.metadata = {scene.metadata, settings.profile, scene.gaussians.sh_degree};
   const std::vector<PartRange> parts = ranges_of(scene);
-  std::optional<Quantiser> quantiser;
+  const bool lossless = settings.profile == Profile::kLossless;
   std::vector<float> importance;
+  std::optional<StepChooser> chooser;
+  Quantisation quantisation;
+  std::optional<Quantiser> quantiser;
   Gaussians4D snapped;
   Encoding encoding;
   encoding.set = &scene.gaussians;
   encoding.zstd_level = settings.zstd_level;
   encoding.own_layouts = settings.own_layouts;
   encoding.stop = settings.stop;
-  if (settings.profile != Profile::kLossless) {
+  if (!lossless) {
     importance = scene.importance.empty() ? importance_by_size(scene.gaussians, ticks_of(parts))
                                           : scene.importance;
-    quantiser.emplace(scene.gaussians, importance, scene.importance.empty(), longest_of(parts),
+    if (uses_own_steps(scene, settings)) {
+      quantisation = *scene.quantisation;
+    } else {
+      chooser.emplace(scene.gaussians, importance, scene.importance.empty(), longest_of(parts),
                       settings.quality, settings.max_error);
+      quantisation = chooser->rules();
+    }
     // Segments are based on the values that a decoder reconstructs.
-    snapped = quantiser->snap_lifespans(scene.gaussians, parts);
+    snapped = Quantiser(quantisation).snap_lifespans(scene.gaussians, parts, chooser.has_value());
     encoding.set = &snapped;
     encoding.importance = importance;
-    encoding.quantiser = &*quantiser;
-    encoding.tiers = settings.tiers;
     encoding.draco = settings.profile == Profile::kDraco;
     encoding.coder = settings.coder == SceneCoder::kRans ? Coder::kRans : Coder::kBytes;
   }
   encoding.chunk_ticks = chunk_ticks > 0 ? chunk_ticks : choose_chunk(*encoding.set, parts);
+  for (const PartRange& part : parts) {
+    encoding.segments.push_back(segments_of(*encoding.set, part, encoding.chunk_ticks, lossless));
+  }
+  if (chooser) {
+    set_tiers(*chooser,
+              plan_tiers(importance,
+                         measure_demand(parts, encoding.segments, encoding.chunk_ticks,
+                                        encoding.set->size()),
+                         settings.tiers),
+              importance, quantisation);
+  }
+  if (!lossless) {
+    encoding.tiers = {quantisation.bounds, quantisation.graded};
+    quantiser.emplace(quantisation);
+    encoding.quantiser = &*quantiser;
+  }
   set_bounds(*encoding.set, quantiser ? quantiser->position_step(snapped) : 0.0f,
              out.metadata.scene);
   STGS_TRY(check_metadata(out.metadata));
@@ -291,6 +319,11 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
     if (settings.profile == Profile::kLossless && !scene.importance.empty()) {
       body.importance =
           write_record(kImportanceTag, write_importance(scene.importance, body.order), 0);
+      if (scene.quantisation) {
+        const std::vector<std::uint8_t> rules =
+            write_record(kQuantisationTag, write_quantisation(*scene.quantisation), 0);
+        body.importance.insert(body.importance.end(), rules.begin(), rules.end());
+      }
     }
     if (order != nullptr) *order = std::move(body.order);
     return assemble(encoded.metadata, body);

@@ -15,6 +15,7 @@
 #include "stgs/format/gaussian4d.h"
 #include "stgs/format/math/project.h"
 #include "stgs/format/parameter.h"
+#include "stgs/format/quantisation.h"
 #include "stgs/format/status.h"
 
 namespace stgs {
@@ -115,6 +116,9 @@ struct Scene {
   // N values, or empty if unknown: over the pixels of many views, the sum of the squared blending
   // weight of the primitive. Writers derive tiers and quantisation steps from it.
   std::vector<float> importance;
+  // The steps that the scene was trained for; requires importances. Its values are multiples of
+  // them.
+  std::optional<Quantisation> quantisation;
 };
 
 // Limits that a reader enforces before it allocates memory.
@@ -260,6 +264,8 @@ class SceneReader {
   std::span<const RansLookup> tables() const;
   // Reads Scene::importance, segment after segment; empty if the file has none.
   Result<std::vector<float>> importance() const;
+  // Reads Scene::quantisation, if the file has a valid one.
+  Result<std::optional<Quantisation>> quantisation() const;
 
  private:
   struct State;
@@ -291,6 +297,9 @@ struct WriteSettings {
   Profile profile = Profile::kLossless;
   double chunk_seconds = 0;  // chunk of the timeline; 0: chosen for the lifespans of the scene
   double quality = 87;       // kQuality; ignored by the lossless profile
+  // Use Scene::quantisation, if there is one, in place of `quality`. Ignored if max_error or tiers
+  // are set.
+  bool own_steps = false;
   // Greatest displacement of a primitive while it is visible, scene units; 0: given by the quality.
   // Ignored by the lossless profile.
   double max_error = 0;

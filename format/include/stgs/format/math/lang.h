@@ -16,6 +16,7 @@
   namespace stgs::math { \
   using std::abs;        \
   using std::exp;        \
+  using std::floor;      \
   using std::log;        \
   using std::log2;       \
   using std::sqrt;

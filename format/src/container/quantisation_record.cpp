@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+// The record of Scene::quantisation, a private record (spec 3.5) of lossless scenes.
+#include <algorithm>
+#include <cmath>
+
+#include "container/container.h"
+#include "core/bytes.h"
+
+namespace stgs {
+namespace {
+
+constexpr const char* kName = "stgs.quantisation";
+
+void write_step(Step step, ByteWriter& out) {
+  out.u8(static_cast<std::uint8_t>(step.exponent));
+  out.u8(static_cast<std::uint8_t>(step.multiplier));
+}
+
+// Reads a step. Returns false if it is not one of spec 7.5.
+bool read_step(ByteReader& in, Step& step) {
+  step.exponent = in.i8();
+  step.multiplier = in.u8();
+  return step.exponent >= kMinExponent && step.exponent <= kMaxExponent && step.multiplier % 2 == 1;
+}
+
+// Calls visit(number) for each number of a quantisation besides its tiers.
+template <typename Rules, typename Visit>
+void each_number(Rules& rules, const Visit& visit) {
+  visit(rules.quality);
+  visit(rules.longest_part);
+  for (auto* v : {&rules.lifespans.time, &rules.lifespans.lifespan, &rules.lifespans.motion,
+                  &rules.lifespans.opacity, &rules.lifespans.edge, &rules.near_distance,
+                  &rules.near_displacement}) {
+    visit(*v);
+  }
+}
+
+// Calls visit(step) for each step of a tier.
+template <typename Tier, typename Visit>
+void each_step(Tier& tier, const Visit& visit) {
+  for (auto* step : {&tier.position, &tier.displacement, &tier.log_scale, &tier.rotation})
+    visit(*step);
+  for (auto& step : tier.sh) visit(step);
+}
+
+bool is_plausible(const Quantisation& rules) {
+  const LifespanRounding& l = rules.lifespans;
+  return rules.quality >= 0 && rules.quality <= 100 && rules.longest_part > 0 &&
+         rules.longest_part <= kMaxChunk && std::abs(l.time) <= kMaxExponent && l.lifespan >= 0 &&
+         l.lifespan <= 23 && l.motion >= 0 && l.opacity >= 0 && l.edge >= 0 &&
+         rules.near_distance > 0 && rules.near_displacement > 0 &&
+         std::is_sorted(rules.bounds.rbegin(), rules.bounds.rend());
+}
+
+}  // namespace
+
+std::vector<std::uint8_t> write_quantisation(const Quantisation& rules) {
+  ByteWriter out;
+  out.string(kName);
+  each_number(rules, [&out](double v) { out.f64(v); });
+  for (const float v : rules.middle) out.f32(v);
+  write_step(rules.opacity, out);
+  out.u8(rules.graded ? 1 : 0);
+  out.u8(static_cast<std::uint8_t>(rules.bounds.size()));
+  for (const float v : rules.bounds) out.f32(v);
+  for (const TierSteps& tier : rules.tiers)
+    each_step(tier, [&out](Step step) { write_step(step, out); });
+  return out.take();
+}
+
+std::optional<Quantisation> parse_quantisation(std::span<const std::uint8_t> payload) {
+  ByteReader in(payload);
+  if (in.string() != kName) return std::nullopt;
+  Quantisation rules;
+  bool good = true;
+  const auto number = [&](auto v) {
+    good = good && std::isfinite(v);
+    return v;
+  };
+  each_number(rules, [&](double& v) { v = number(in.f64()); });
+  for (float& v : rules.middle) v = number(in.f32());
+  good = read_step(in, rules.opacity) && good;
+  rules.graded = in.u8() != 0;
+  rules.bounds.resize(in.u8());
+  for (float& v : rules.bounds) v = number(in.f32());
+  rules.tiers.resize(rules.bounds.size() + 1);
+  for (TierSteps& tier : rules.tiers)
+    each_step(tier, [&](Step& step) { good = read_step(in, step) && good; });
+  if (!in.ok() || in.left() != 0 || !good || !is_plausible(rules)) return std::nullopt;
+  return rules;
+}
+
+}  // namespace stgs
