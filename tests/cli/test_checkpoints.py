@@ -20,7 +20,7 @@ class FullDisk(CliTest):
             # The fixture's scene fits; its checkpoint is four times as large and does not.
             resource.setrlimit(resource.RLIMIT_FSIZE, (65536, 65536))
         args = ["train", self.fixture("prepared"), "--preset", "fast", "--max-primitives", "300",
-                "--iterations", "40", "--log-level", "warning", *more]
+                "--iterations", "40", "--log-level", "warning", "--set", "compact_keep=1", *more]
         return self.stgs(*args, preexec_fn=limit)
 
     def test_training_completes_without_a_writable_checkpoint(self):
@@ -33,7 +33,7 @@ class FullDisk(CliTest):
                                    r"\(run.ckpt: cannot write")
         self.assert_no_leftovers()
         self.succeeds("train", self.fixture("prepared"), "--preset", "fast", "--max-primitives",
-                      "300", "--iterations", "40", "-o", "b.stgs")
+                      "300", "--iterations", "40", "--set", "compact_keep=1", "-o", "b.stgs")
         self.assertEqual(self.read("a.stgs"), self.read("b.stgs"))
 
     def test_a_window_completes_without_a_writable_checkpoint(self):

@@ -60,11 +60,13 @@ class Packing(CliTest):
         self.assertLessEqual(report["kbps"], 0.9 * free["kbps"])
         self.assertLess(report["quality"], 87)
         self.assertLessEqual(report["errors"]["position_max"], 0.002)
-        self.fails(USAGE, "is too low: at quality", "pack", tiny, "-o", "none.stgs",
+        self.fails(USAGE, "is too low for this scene", "pack", tiny, "-o", "none.stgs",
                    "--target-kbps", "0.1")
         self.assertFalse(os.path.exists(self.path("none.stgs")))
         self.fails(USAGE, "excludes", "pack", tiny, "-o", "none.stgs", "--target-kbps", "10",
                    "--quality", "10")
+        small = self.json_of("pack", tiny, "-o", "o.stgs", "--target-size", str(free["bytes_out"] // 2))
+        self.assertLessEqual(small["bytes_out"], free["bytes_out"] // 2)
 
     def test_pack_measures_against_a_matching_capture_only(self):
         prepared = self.fixture("prepared")

@@ -120,6 +120,29 @@ TEST_CASE("the packed file meets the target bit rate and uses most of it") {
   CHECK_FALSE(std::filesystem::exists(files.out));
 }
 
+TEST_CASE("a low limit leaves out the primitives of least importance") {
+  Scene scene = random_scene(4000, 2, 60, 15);
+  for (std::size_t i = 0; i < 4000; ++i) scene.importance.push_back(static_cast<float>(i % 1000));
+  const PackFixture files(scene);
+  encoder::PackReport plain, report;
+  encoder::PackSettings settings;
+  REQUIRE(files.pack(settings, plain) == StatusCode::kOk);
+  double before = 0;
+  for (const double share : {0.1, 0.3}) {
+    settings.target_size = share * static_cast<double>(plain.bytes_out);
+    REQUIRE(files.pack(settings, report) == StatusCode::kOk);
+    CHECK(static_cast<double>(report.bytes_out) <= settings.target_size);
+    CHECK(static_cast<double>(report.bytes_out) >= 0.9 * settings.target_size);
+    CHECK(report.quality == 70);
+    CHECK(report.left_out > 0);
+    CHECK(report.primitives + report.dropped + report.left_out == 4000);
+    CHECK(*report.images_psnr > before);  // more bytes are never worse
+    before = *report.images_psnr;
+  }
+  settings.target_kbps = 100;
+  CHECK(files.pack(settings, report) == StatusCode::kUsage);
+}
+
 TEST_CASE("the position error bound holds at every time") {
   const Scene scene = random_scene(4000, 0, 60, 16);
   const PackFixture files(scene);

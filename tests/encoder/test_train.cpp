@@ -7,6 +7,7 @@
 #include "catch.h"
 #include "fixtures/synthetic_capture.h"
 #include "fixtures/train_run.h"
+#include "stgs/encoder/pack.h"
 #include "stgs/encoder/train.h"
 #include "stgs/encoder/training_log.h"
 
@@ -63,6 +64,7 @@ TEST_CASE("evaluating held-out views does not change the training and is logged"
   const SyntheticCapture synthetic;
   const std::string path = synthetic.capture.folder + "/log.jsonl";
   TrainSettings settings = short_run(60);
+  settings.overrides = {{"compact_keep", "1"}};
   settings.held_out_evaluations = 0;
   const Result<Scene> without = run(synthetic, settings);
   settings.held_out_evaluations = 7;
@@ -181,9 +183,38 @@ TEST_CASE("the number of threads does not change the result") {
   CHECK(same(multi_threaded->gaussians, single_threaded->gaussians));
 }
 
+TEST_CASE("a limit of the file decides how many primitives remain") {
+  const SyntheticCapture synthetic;
+  const std::string trained = synthetic.capture.folder + "/trained.stgs";
+  const std::string packed = synthetic.capture.folder + "/packed.stgs";
+  const auto pack_of = [&](const TrainSettings& settings) {
+    const Result<Scene> scene = run(synthetic, settings);
+    REQUIRE(scene.ok());
+    REQUIRE(write_scene(trained, *scene, {}).ok());
+    PackReport report;
+    REQUIRE(pack({trained}, packed, {}, &report).ok());
+    return report;
+  };
+  TrainSettings settings = short_run(60);
+  settings.overrides.emplace_back("compact_keep", "1");
+  const PackReport all = pack_of(settings);
+  settings.overrides.pop_back();
+  settings.target_size = 0.6 * static_cast<double>(all.bytes_out);
+  const PackReport limited = pack_of(settings);
+  CHECK(static_cast<double>(limited.bytes_out) <= 1.02 * settings.target_size);
+  CHECK(static_cast<double>(limited.bytes_out) >= 0.7 * settings.target_size);
+  CHECK(limited.primitives < all.primitives);
+  CHECK(limited.quality == 80);
+  settings.target_size *= 10;  // all primitives, at a higher quality
+  CHECK(pack_of(settings).quality > 90);
+  settings.target_kbps = 100;
+  CHECK(run(synthetic, settings).status().code() == StatusCode::kUsage);
+}
+
 TEST_CASE("every ablation disables its component") {
   const SyntheticCapture synthetic;
   TrainSettings settings = short_run(40);
+  settings.overrides = {{"compact_share", "0"}};  // which rounds lifespans
   settings.ablate = "lifespan";
   const Result<Scene> lifespan = run(synthetic, settings);
   REQUIRE(lifespan.ok());
@@ -209,6 +240,7 @@ TEST_CASE("every ablation disables its component") {
   for (float r : both->gaussians.radius) CHECK(r == 0.0f);
   for (float s : both->gaussians.sigma) CHECK(s > 6.0f);
 
+  settings.overrides.clear();
   settings.ablate = "representation";
   const Result<Scene> representation = run(synthetic, settings);
   REQUIRE(representation.ok());

@@ -27,9 +27,9 @@ TEST_CASE("an interrupted and resumed run gives the same bits") {
   const Result<Scene> uninterrupted = run(synthetic, settings);
   REQUIRE(uninterrupted.ok());
 
-  // Growth, the second stage and replacement follow iteration 35 of 120; only replacement
-  // follows 70.
-  settings.checkpoint_interval = GENERATE(35, 70);
+  // Growth, the second stage and replacement follow iteration 35 of 120; only replacement and
+  // compaction follow 70. At 98 primitives are being removed, at 110 values are rounded.
+  settings.checkpoint_interval = GENERATE(35, 70, 98, 110);
   settings.checkpoint = checkpoint;
   const Result<Scene> stopped = run(synthetic, settings, [&](const Progress& progress) {
     return progress.stage != "train" || !std::filesystem::exists(checkpoint);
@@ -45,9 +45,32 @@ TEST_CASE("an interrupted and resumed run gives the same bits") {
   CHECK(same(uninterrupted->gaussians, resumed->gaussians));
 }
 
+TEST_CASE("a compaction that is cancelled resumes to the same bits") {
+  const SyntheticCapture synthetic;
+  TrainSettings settings = short_run(30);
+  const Result<Scene> uninterrupted = run(synthetic, settings);
+  REQUIRE(uninterrupted.ok());
+  REQUIRE(uninterrupted->quantisation);
+  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
+  const Result<Scene> stopped = run(synthetic, settings, [](const Progress& progress) {
+    return progress.detail.find("importance") != 0;
+  });
+  REQUIRE_FALSE(stopped.ok());
+  CHECK(stopped.status().code() == StatusCode::kRuntime);
+  CHECK(stopped.status().message().find(
+            "stopped at iteration 24, before the importances were complete; resume with") == 0);
+  settings.resume = settings.checkpoint;
+  const Result<Scene> resumed = run(synthetic, settings);
+  REQUIRE(resumed.ok());
+  CHECK(same(uninterrupted->gaussians, resumed->gaussians));
+  CHECK(uninterrupted->importance == resumed->importance);
+  CHECK(uninterrupted->quantisation == resumed->quantisation);
+}
+
 TEST_CASE("computing importance reports progress and resumes after cancellation") {
   const SyntheticCapture synthetic;
   TrainSettings settings = short_run(30);
+  settings.overrides.emplace_back("compact_share", "0");
   settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
   TrainReport report;
   int reported = 0;

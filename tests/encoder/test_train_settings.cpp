@@ -23,19 +23,45 @@ const Values kBase = {
     {"clone_gradient", "1e-5"}, {"split_gradient", "1e-5"}, {"split_scale", "0.18"},
     {"prune_opacity", "0.45"},  {"replace_limit", "0.1"},   {"plain_reset", "0.35"},
     {"drop_share", "0.1"},      {"weight_normal", "0.2"},   {"sigma_dynamic", "0.2"},
-    {"still_least", "0.5"},     {"sigma_static", "0.145"},  {"lr_sigma", "0.05"}};
+    {"still_least", "0.5"},     {"sigma_static", "0.145"},  {"lr_sigma", "0.05"},
+    {"compact_share", "0"}};
 
 // Parameters for which 1.7 times the base value is invalid or has no visible effect.
-const Values kOther = {
-    {"iterations", "15"},       {"max_primitives", "70"}, {"sh_degree", "2"},
-    {"densify_interval", "2"},  {"opacity_resets", "4"},  {"seen_background", "0"},
-    {"velocity_times_f", "0"},  {"initial_radius", "1"},  {"densify_until", "0.6"},
-    {"prune_opacity", "0.3"},   {"plain_prune", "0.4"},   {"prune_scale", "0.1"},
-    {"clone_gradient", "1"},    {"split_gradient", "1"},  {"still_from", "0.3"},
-    {"split_scale", "0.1"},     {"sh_step", "0.6"},       {"score_error", "0.01"},
-    {"score_opacity", "50"},    {"score_lifespan", "50"}, {"plain_reset", "0.45"},
-    {"still_least", "10"},      {"densify_from", "0.2"},  {"perceptual_from", "0.5"},
-    {"perceptual_patch", "32"}, {"velocity_share", "1"}};
+const Values kOther = {{"iterations", "15"},
+                       {"max_primitives", "70"},
+                       {"sh_degree", "2"},
+                       {"compact_quality", "60"},
+                       {"compact_rounds", "1"},
+                       {"compact_moving", "2"},
+                       {"compact_rate", "0.01"},
+                       {"compact_restart", "0.1"},
+                       {"compact_keep", "0.5"},
+                       {"compact_share", "0.2"},
+                       {"lr_position_final", "1e-3"},
+                       {"lr_sh_rest", "0.05"},
+                       {"densify_interval", "2"},
+                       {"opacity_resets", "4"},
+                       {"seen_background", "0"},
+                       {"velocity_times_f", "0"},
+                       {"initial_radius", "1"},
+                       {"densify_until", "0.6"},
+                       {"prune_opacity", "0.3"},
+                       {"plain_prune", "0.4"},
+                       {"prune_scale", "0.1"},
+                       {"clone_gradient", "1"},
+                       {"split_gradient", "1"},
+                       {"still_from", "0.3"},
+                       {"split_scale", "0.1"},
+                       {"sh_step", "0.6"},
+                       {"score_error", "0.01"},
+                       {"score_opacity", "50"},
+                       {"score_lifespan", "50"},
+                       {"plain_reset", "0.45"},
+                       {"still_least", "10"},
+                       {"densify_from", "0.2"},
+                       {"perceptual_from", "0.5"},
+                       {"perceptual_patch", "32"},
+                       {"velocity_share", "1"}};
 
 TrainSettings settings_of(const std::string& ablate, const Values& values) {
   TrainSettings settings;
@@ -84,12 +110,25 @@ TEST_CASE("every hyper-parameter changes the scene or is rejected, with and with
   parts.insert(parts.begin(), "");
   std::map<std::string, std::vector<std::string>> left_out;
   for (const std::string& ablate : parts) {
-    const Values base = base_of(ablate);
-    const Result<Scene> before = test::run(synthetic, settings_of(ablate, base));
-    INFO(before.status().message());
-    REQUIRE(before.ok());
+    // Rounding hides small differences, so only its own parameters are tested with it.
+    Values plain = base_of(ablate), compacted = plain;
+    if (ablate != "representation") {
+      compacted["compact_share"] = "0.5";
+      compacted["compact_quality"] = "100";
+      compacted["iterations"] = "30";
+      compacted["lr_sh_rest"] = "0.05";
+      if (ablate != "initialisation") compacted.erase("sigma_static");
+    }
+    const Result<Scene> before_plain = test::run(synthetic, settings_of(ablate, plain));
+    const Result<Scene> before_compacted = test::run(synthetic, settings_of(ablate, compacted));
+    INFO(before_plain.status().message());
+    REQUIRE(before_plain.ok());
+    REQUIRE(before_compacted.ok());
     for (const auto& [parameter, value] : hyper_parameters("fast")) {
       const std::string name = parameter.name;
+      const bool compacts = name.find("compact_") == 0;
+      const Values& base = compacts ? compacted : plain;
+      const Result<Scene>& before = compacts ? before_compacted : before_plain;
       Values changed = base;
       const auto entry = base.find(name);
       changed[name] = other_value(name, entry == base.end() ? value : entry->second);
@@ -135,7 +174,7 @@ TEST_CASE("the best preset densifies on half-size images only") {
   CHECK(choice->parameters.coarse_until > choice->parameters.stage1_until);
 }
 
-TEST_CASE("short runs densify as often as one of 600 iterations, unless the interval is set") {
+TEST_CASE("short runs densify as often as one of 750 iterations, unless the interval is set") {
   const auto interval = [](int iterations, const Values& values) {
     TrainSettings settings = settings_of("", values);
     settings.iterations = iterations;
@@ -144,14 +183,15 @@ TEST_CASE("short runs densify as often as one of 600 iterations, unless the inte
     return choice->parameters.densify_interval;
   };
   CHECK(interval(1, {}) == 1);
-  CHECK(interval(290, {}) == 49);
-  CHECK(interval(599, {}) == 100);
-  CHECK(interval(600, {}) == 100);
+  CHECK(interval(290, {}) == 39);
+  CHECK(interval(749, {}) == 100);
+  CHECK(interval(750, {}) == 100);
   CHECK(interval(30000, {}) == 100);
   CHECK(interval(290, {{"densify_interval", "100"}}) == 100);
 
   const SyntheticCapture synthetic(4, 2);
-  const Values growing = {{"split_gradient", "1e-9"}, {"clone_gradient", "1e-9"}};
+  const Values growing = {
+      {"split_gradient", "1e-9"}, {"clone_gradient", "1e-9"}, {"compact_keep", "1"}};
   TrainSettings settings = settings_of("", growing);
   settings.iterations = 40;
   settings.max_primitives = 600;

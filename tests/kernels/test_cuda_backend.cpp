@@ -10,6 +10,7 @@
 
 #include "catch_runner.h"
 #include "cuda_steps.h"
+#include "rounded_state.h"
 #include "stgs/format/raster.h"
 
 using namespace stgs;
@@ -60,6 +61,36 @@ TEST_CASE("one CUDA step has the losses, statistics and gradients of the CPU") {
     }
     compare("colour", flatten(cpu.colour_first), flatten(gpu.colour_first), 1e-3);
     compare("colour map", flatten(cpu.colour), flatten(gpu.colour), 1e-4);
+  }
+}
+
+TEST_CASE("CUDA steps that round have the losses and gradients of the CPU") {
+  const auto with_rate = [](StepInput& input) {
+    input.weight_rate = 1e-6f;
+    input.learn_radius = false;
+    input.rates[kTime] = input.rates[kLogSigma] = input.rates[kRadius] = 0;
+  };
+  for (const StepCase& c : {StepCase{3000, 160, 96, 3, {}}, kPlain}) {
+    const std::vector<Image8> ground_truths = random_ground_truths(c, 1);
+    TrainState cpu = initial_state(c);
+    begin_rounding(cpu, 20, 80);
+    TrainState gpu = cpu;
+    const auto reference = make_cpu_backend();
+    const auto expected = run_steps(*reference, cpu, c, 2, ground_truths, with_rate);
+    const auto found = run_steps(cuda_backend(), gpu, c, 2, ground_truths, with_rate);
+    INFO(c.primitives << " primitives, " << c.width << "x" << c.height);
+    REQUIRE(found.size() == 2);
+    for (std::size_t k = 0; k < 2; ++k) {
+      std::printf("rounding, step %zu: loss %.7f (CPU %.7f)\n", k, found[k].loss, expected[k].loss);
+      CHECK(found[k].loss == Approx(expected[k].loss).epsilon(k == 0 ? 1e-5 : 1e-3));
+    }
+    for (int a = 0; a < kAttributes; ++a) {
+      const double d = difference(cpu.moments[a].first, gpu.moments[a].first);
+      std::printf("  %-12s %.2e\n", kAttributeNames[a], d);
+      INFO(kAttributeNames[a]);
+      CHECK(d <= 2e-2);
+    }
+    CHECK(cpu.values(kTime) == gpu.values(kTime));
   }
 }
 

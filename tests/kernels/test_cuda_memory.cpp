@@ -189,7 +189,7 @@ TEST_CASE("a plan that does not fit is rejected with the memory that it needs") 
 TEST_CASE("a plan that just fits is accepted, and one slightly larger is rejected") {
   constexpr std::size_t kPrimitives = 2000000, kMiB = std::size_t{1} << 20;
   const TrainPlan plan{kPrimitives, 16, 640, 360};
-  const std::size_t need = cuda::DeviceState::bytes(kPrimitives, 16, false) +
+  const std::size_t need = cuda::DeviceState::bytes(kPrimitives, 16, false, false) +
                            cuda::StepPipeline::bytes(kPrimitives, 640, 360, 6 * kPrimitives, false);
   for (const bool fits : {true, false}) {
     cuda::CudaBackend backend;

@@ -115,15 +115,15 @@ TEST_CASE("gradients of the regularisers match finite differences of their loss"
   const auto difference = [&](float& value) {
     const float before = value, step = 1e-2f;
     value = before + step;
-    const double high = cpu::regularisation_loss(state, frame, input);
+    const double high = cpu::regularisation_loss(state.set, frame, input);
     value = before - step;
-    const double low = cpu::regularisation_loss(state, frame, input);
+    const double low = cpu::regularisation_loss(state.set, frame, input);
     value = before;
     return (high - low) / (2 * step);
   };
   for (std::size_t i = 0; i < n; ++i) {
     float d_scale[3] = {}, d_logit = 0, d_sigma = 0, d_radius = 0;
-    cpu::regularise(state, n, i, input, d_scale, d_logit, d_sigma, d_radius);
+    cpu::regularise(state.set, n, i, input, d_scale, d_logit, d_sigma, d_radius);
     CHECK(d_logit == Approx(difference(state.set.opacity_logit[i])).epsilon(1e-2).margin(1e-5));
     for (int c = 0; c < 3; ++c) {
       CHECK(d_scale[c] ==

@@ -179,8 +179,10 @@ TEST_CASE("the C interface has the defaults of the tables, and its headers state
                                             "stgs_encoder.h", "stgs_pack_settings");
   // A recording is written as pack writes a scene.
   const auto record = defaults_of(stgs_record_settings_defaults);
-  check_c_defaults<sdk::RecordParameters>(encoder::PackSettings{}, record,
-                                          "stgs_encoder_recorder.h", "stgs_record_settings");
+  encoder::PackSettings recorded;
+  recorded.quality = WriteSettings{}.quality;
+  check_c_defaults<sdk::RecordParameters>(recorded, record, "stgs_encoder_recorder.h",
+                                          "stgs_record_settings");
 }
 
 TEST_CASE("the C interface checks the ranges of the tables") {

@@ -48,7 +48,7 @@ class Encode final : public Command {
     app.add_option("--keep-work", keep_work_,
                    "Keep prepared/ and trained.stgs in this folder, also for --resume");
     prepare_.declare(app);
-    train_.declare(app);
+    train_.declare(app, true);
     pack_.declare(app);
   }
 
@@ -64,6 +64,7 @@ class Encode final : public Command {
     const auto work_path = [this](const char* name) {
       return NamedPath{"--keep-work", keep_work_.empty() ? "" : keep_work_ + name};
     };
+    train_.train_for(pack_.settings());
     STGS_ASSIGN(
         const auto training,
         train_.settings(session,
@@ -102,6 +103,7 @@ class Encode final : public Command {
                               training, checkpoint_before));
     seconds[1] = lap();
     encoder::PackSettings packing = pack_.settings();
+    packing.quality = 0;  // the scene was trained for it
     const bool held_out = std::any_of(capture.cameras.begin(), capture.cameras.end(),
                                       [](const encoder::Camera& camera) { return camera.test; });
     if (held_out) packing.against = prepared;

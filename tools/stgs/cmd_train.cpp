@@ -53,6 +53,10 @@ class Train final : public Command {
     STGS_ASSIGN(const auto settings,
                 options_.settings(session, paths(), windows_.has_windows() ? output_ : ""));
     STGS_ASSIGN(const auto capture, windows_.capture(folder_));
+    if (windows_.has_windows() && settings.target_size > 0) {
+      return usage_error(
+          "--target-size limits one file, --window trains several; use --target-kbps");
+    }
     if (windows_.has_windows()) return train_all(capture, settings, session);
     if (session.is_first()) STGS_TRY(check_can_write(output_));
     encoder::TrainReport report;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -40,7 +41,10 @@ class TrainOptions {
             .threads = true,
             .seed = true};
   }
-  void declare(Arguments& app);
+  // `with_packing`: the verb declares PackOptions, too, whose quality and limits it passes to
+  // train_for().
+  void declare(Arguments& app, bool with_packing = false);
+  void train_for(const encoder::PackSettings& packing);
   // Returns the settings. kUsage if two paths are the same, of these options and of `outputs`, the
   // other outputs of the verb. The process that writes also checks that its files can be written.
   // Files may lie in `new_folder`, which the verb creates; "": it creates none.
@@ -74,6 +78,9 @@ class PackOptions {
   std::vector<float> up_, floor_;
   std::string audio_;
 };
+
+// Makes the quality and the limits of a file exclude each other.
+void exclude_limits(const std::map<std::string, Argument*>& options);
 
 // Prepares `capture` into `folder`. kNotBuilt without OpenCV. `accept`, if set, becomes
 // PrepareSettings::accept.

@@ -9,6 +9,12 @@
 
 namespace stgs::tools {
 
+void exclude_limits(const std::map<std::string, Argument*>& options) {
+  options.at("target_kbps")->excludes(options.at("quality"));
+  options.at("target_size")->excludes(options.at("quality"));
+  options.at("target_size")->excludes(options.at("target_kbps"));
+}
+
 void PackOptions::declare(Arguments& app) {
   const char* group = "Packing";
   with_choices(
@@ -19,7 +25,7 @@ void PackOptions::declare(Arguments& app) {
       ->capture_default_str()
       ->group(group);
   const auto options = declare_parameters<encoder::PackParameters>(app, settings_, group);
-  options.at("target_kbps")->excludes(options.at("quality"));
+  exclude_limits(options);
   const auto vector = [&](const Parameter& parameter, std::vector<float>& to, const char* more) {
     app.add_option(parameter.option_name(), to, option_help(parameter) + more)
         ->delimiter(',')
@@ -68,6 +74,7 @@ Json to_json(const encoder::PackReport& report) {
   return {{"input_profile", profile_name(report.input_profile)},
           {"primitives", report.primitives},
           {"dropped", report.dropped},
+          {"left_out", report.left_out},
           {"parts", parts},
           {"bytes_in", report.bytes_in},
           {"bytes_out", report.bytes_out},
@@ -92,6 +99,10 @@ Json to_json(const encoder::PackReport& report) {
 
 std::string quality_text(const encoder::PackReport& report) {
   std::string out = fmt::format("quality {:g}, {:.0f} kbit/s; ", report.quality, report.kbps);
+  if (report.left_out > 0) {
+    out += fmt::format("{} left out for the limit; ",
+                       plural(report.left_out, "primitive of least importance"));
+  }
   out += report.images_psnr
              ? fmt::format("PSNR against the trained scene {:.1f} dB", *report.images_psnr)
              : std::string("PSNR against the trained scene not measured (no start camera)");

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <map>
+#include <set>
 #include <string>
 
 #include "arguments.h"
@@ -15,12 +16,15 @@ namespace stgs::tools {
 std::string option_help(const Parameter& parameter);
 
 // Declares an option for each number of a table, which parsing stores in `settings`. Its present
-// value is the default. Returns the options by the names of the members.
+// value is the default. Returns the options by the names of the members. `others`: names for which
+// another table of the verb has an option.
 template <typename Table, typename Settings>
 std::map<std::string, Argument*> declare_parameters(Arguments& app, Settings& settings,
-                                                    const char* group) {
+                                                    const char* group,
+                                                    const std::set<std::string>& others = {}) {
   std::map<std::string, Argument*> options;
   Table::for_each([&](const Parameter& parameter, auto member) {
+    if (others.count(parameter.name) > 0) return;
     Argument* option =
         app.add_option(parameter.option_name(), member(settings), option_help(parameter))
             ->check(number_between(parameter.min, parameter.max))

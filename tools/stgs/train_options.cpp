@@ -11,14 +11,17 @@
 
 namespace stgs::tools {
 
-void TrainOptions::declare(Arguments& app) {
+void TrainOptions::declare(Arguments& app, bool with_packing) {
   const char* group = "Training";
   with_choices(
       app.add_option("--preset", settings_.preset, "Training preset: fast, default or best"),
       {"fast", "default", "best"})
       ->capture_default_str()
       ->group(group);
-  const auto options = declare_parameters<encoder::TrainParameters>(app, settings_, group);
+  const std::set<std::string> of_packing = {"quality", "target_kbps", "target_size"};
+  const auto options = declare_parameters<encoder::TrainParameters>(
+      app, settings_, group, with_packing ? of_packing : std::set<std::string>());
+  if (!with_packing) exclude_limits(options);
   app.add_option(
          "--frame-memory", frame_memory_,
          "Memory for decoded frames, for example 512M or 8G (default: a share of the free memory). "
@@ -61,6 +64,12 @@ void TrainOptions::declare(Arguments& app) {
   app.add_option("--report", report_,
                  "Write a report to this folder: curves, test renders and statistics (index.html)")
       ->group(group);
+}
+
+void TrainOptions::train_for(const encoder::PackSettings& packing) {
+  settings_.quality = packing.quality;
+  settings_.target_kbps = packing.target_kbps;
+  settings_.target_size = packing.target_size;
 }
 
 Status TrainOptions::check_paths(const std::string& log_path, std::vector<NamedPath> paths) const {

@@ -58,6 +58,7 @@ struct StepInput {
   float weight_lifespan = 0, weight_opacity = 0, weight_scale = 0;
   float weight_normal = 0;      // 0: L_n is off, at no cost; must be 0 for a coupled state
   float weight_perceptual = 0;  // > 0 requires a network in the plan
+  float weight_rate = 0;        // loss per bit; > 0 requires a state that is being rounded
   Patch patch;                  // evaluated by the perceptual loss
   // For a step of several ranks, the views of all ranks in rank order, including this one.
   std::vector<BatchView> batch;
@@ -85,6 +86,7 @@ struct TrainPlan {
   int width = 0, height = 0;  // of the largest image
   bool coupled = false;       // the ablation's representation (TrainState::is_coupled)
   bool normals = false;       // L_n is on in some steps
+  bool rounding = false;      // some steps render rounded values
   std::shared_ptr<const Vgg16> perceptual = nullptr;  // of the perceptual loss; null: off
   int perceptual_patch = 0;  // side of its patches, pixels; 0: complete images
 };
@@ -106,7 +108,8 @@ class TrainBackend {
   // Reserves memory for a run. The error of a run that does not fit, or that this backend cannot
   // train, states the required and the available memory and a remedy.
   virtual Status reserve(const TrainPlan& plan) = 0;
-  // Starts working on a state, which is not owned and must outlive the backend or the next begin().
+  // Starts working on a state, of which views render the rounded values if it has rounding rules
+  // (CompactionState). It is not owned and must outlive the backend or the next begin().
   virtual Status begin(TrainState& state) = 0;
   // Starts a step, which may still be in flight on return; a later call may return its error. The
   // input shares ownership of its image as long as needed.

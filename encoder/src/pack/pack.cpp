@@ -174,6 +174,7 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
   };
   STGS_TRY(check_profile(settings.profile));
   STGS_TRY(check_parameters<PackParameters>(settings));
+  STGS_TRY(check_limits(settings));
   STGS_TRY(report_progress(0, "reading"));
   PackReport found;
   STGS_ASSIGN(Scene scene, read_inputs(scene_paths, log, found));
@@ -201,11 +202,12 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
   *report = std::move(found);
   const auto primitives = static_cast<double>(packed.order.size());
   report->primitives = packed.order.size();
-  report->dropped = scene.gaussians.size() - packed.order.size();
+  report->dropped = scene.gaussians.size() - packed.left_out - packed.order.size();
   report->bytes_out = packed.bytes.size();
   report->bytes_per_primitive =
       static_cast<double>(packed.bytes.size()) / std::max(1.0, primitives);
   report->quality = packed.quality;
+  report->left_out = packed.left_out;
   report->kbps = kbps_of(packed.bytes.size(), scene.metadata);
   report->position_max = packed.position_max;
   report->position_rms = packed.position_rms;

@@ -5,13 +5,13 @@
 #include <cmath>
 #include <optional>
 
+#include "pack/most_important.h"
 #include "stgs/format/differences.h"
 #include "stgs/format/math/lang.h"
 
 namespace stgs::encoder {
 namespace {
 
-constexpr int kRateSteps = 8;       // per unit of quality
 constexpr int kMaxTightenings = 4;  // of the bound, if the first does not meet max_error
 
 // The primitive with the max_error position error at any time.
@@ -57,7 +57,8 @@ void measure_positions(const Scene& scene, Packed& packed, WorstPrimitive& worst
 WriteSettings write_settings(const PackSettings& settings, double quality) {
   WriteSettings out;
   out.profile = settings.profile;
-  out.quality = quality;
+  out.own_steps = quality == 0;
+  if (quality > 0) out.quality = quality;
   out.tiers = settings.tiers;
   out.chunk_seconds = settings.chunk_seconds;
   out.max_error = settings.max_error / 1000.0;
@@ -83,7 +84,8 @@ Result<Packed> pack_at(const Scene& scene, const PackSettings& settings, double 
   for (int attempt = 0; attempt <= kMaxTightenings; ++attempt, write.max_error *= 0.5) {
     STGS_TRY(before_attempt());
     Packed packed;
-    packed.quality = quality;
+    packed.quality =
+        write.own_steps && scene.quantisation ? scene.quantisation->quality : write.quality;
     STGS_ASSIGN(packed.bytes, encode_scene(scene, write, &packed.order));
     WorstPrimitive worst;
     STGS_TRY(decode(scene, packed, worst));
@@ -112,6 +114,105 @@ Status unreachable_error(const Scene& scene, const PackSettings& settings,
       settings.max_error, best, cause, worst.by_motion ? "move so fast" : "are so far out");
 }
 
+// Packs attempts within a number of bytes.
+class LimitedPacking {
+ public:
+  LimitedPacking(const Scene& scene, const PackSettings& settings,
+                 const std::function<Status()>& before_attempt, double limit)
+      : scene_(scene), settings_(settings), before_attempt_(before_attempt), limit_(limit) {
+    ranked_ = rank_by_importance(scene);
+  }
+
+  // Finds the best file: of the greatest quality, down to the lowest one that is worth its loss,
+  // then with as many primitives as fit, then of any quality.
+  Result<Packed> find() {
+    if (scene_.quantisation) {  // no steps are better than those that the scene was trained for
+      STGS_TRY(find_count(0));
+      if (!best_.bytes.empty()) return std::move(best_);
+    }
+    STGS_TRY(find_quality(kMinWorthwhile, 100, 1.0));
+    if (best_.bytes.empty()) STGS_TRY(find_count(kMinWorthwhile));
+    if (best_.bytes.empty()) STGS_TRY(find_quality(kQualityStep, kMinWorthwhile, kMinShare));
+    if (!best_.bytes.empty()) return std::move(best_);
+    if (too_far_) return unreachable_error(scene_, settings_, *too_far_);
+    return usage_error(
+        "the limit of {:.0f} bytes is too low for this scene: {} of its primitives take {} bytes "
+        "at quality {:g}",
+        limit_, count_of(kMinShare), smallest_, kQualityStep);
+  }
+
+ private:
+  // Lowest quality that loses less than leaving out primitives does, and the least share of the
+  // primitives.
+  static constexpr double kMinWorthwhile = 70, kMinShare = 0.02;
+  static constexpr double kQualityStep = 0.125;
+  static constexpr int kCountSteps = 10;  // of the bisection of the number of primitives
+
+  std::size_t count_of(double share) const {
+    return static_cast<std::size_t>(std::ceil(share * static_cast<double>(ranked_.size())));
+  }
+
+  // Bisects for the greatest quality in [low, high] that fits. If max_error cannot be met at a
+  // quality, it may be at a higher one, whose lifespans are finer.
+  Status find_quality(double low, double high, double share) {
+    const Scene part = most_important(scene_, ranked_, count_of(share));
+    auto first = static_cast<int>(low / kQualityStep) - 1;
+    auto last = static_cast<int>(high / kQualityStep) + 1;
+    while (last - first > 1) {
+      const int middle = first + (last - first) / 2;
+      STGS_ASSIGN(const Outcome outcome, attempt(part, middle * kQualityStep));
+      (outcome == Outcome::kTooLarge ? last : first) = middle;
+    }
+    return {};
+  }
+
+  // Bisects for the greatest number of primitives that fits at a quality; 0: the scene's own steps.
+  Status find_count(double quality) {
+    double low = std::log(kMinShare), high = 0.0;
+    STGS_ASSIGN(const Outcome all, attempt(scene_, quality));
+    if (all != Outcome::kTooLarge) return {};
+    for (int k = 0; k < kCountSteps; ++k) {
+      const double middle = 0.5 * (low + high);
+      const Scene part = most_important(scene_, ranked_, count_of(std::exp(middle)));
+      STGS_ASSIGN(const Outcome outcome, attempt(part, quality));
+      (outcome == Outcome::kTooLarge ? high : low) = middle;
+    }
+    return {};
+  }
+
+  enum class Outcome { kFits, kTooLarge, kTooFar };
+  Result<Outcome> attempt(const Scene& part, double quality) {
+    std::optional<WorstPrimitive> too_far;
+    STGS_ASSIGN(Packed packed, pack_at(part, settings_, quality, before_attempt_, too_far));
+    if (too_far) {
+      if (!too_far_ || too_far->error < too_far_->error) too_far_ = too_far;
+      return Outcome::kTooFar;
+    }
+    const std::size_t bytes = packed.bytes.size();
+    if (smallest_ == 0 || bytes < smallest_) smallest_ = bytes;
+    if (static_cast<double>(bytes) > limit_) return Outcome::kTooLarge;
+    // The order refers to the part; its primitives are in the order of the scene.
+    if (part.gaussians.size() < scene_.gaussians.size()) {
+      std::vector<std::uint32_t> members(
+          ranked_.begin(), ranked_.begin() + std::ssize(part.gaussians.opacity_logit));
+      std::sort(members.begin(), members.end());
+      for (std::uint32_t& i : packed.order) i = members[i];
+      packed.left_out = scene_.gaussians.size() - part.gaussians.size();
+    }
+    best_ = std::move(packed);
+    return Outcome::kFits;
+  }
+
+  const Scene& scene_;
+  const PackSettings& settings_;
+  const std::function<Status()>& before_attempt_;
+  double limit_;
+  std::vector<std::uint32_t> ranked_;
+  Packed best_;
+  std::optional<WorstPrimitive> too_far_;
+  std::size_t smallest_ = 0;
+};
+
 }  // namespace
 
 double kbps_of(std::uint64_t bytes, const SceneMetadata& metadata) {
@@ -120,44 +221,13 @@ double kbps_of(std::uint64_t bytes, const SceneMetadata& metadata) {
 
 Result<Packed> pack_within(const Scene& scene, const PackSettings& settings,
                            const std::function<Status()>& before_attempt) {
+  const double limit =
+      byte_limit(settings, scene.metadata.time_base, static_cast<double>(scene.metadata.frames));
+  if (limit > 0) return LimitedPacking(scene, settings, before_attempt, limit).find();
   std::optional<WorstPrimitive> too_far;
-  if (settings.target_kbps == 0.0) {
-    STGS_ASSIGN(Packed packed, pack_at(scene, settings, settings.quality, before_attempt, too_far));
-    if (too_far) return unreachable_error(scene, settings, *too_far);
-    return packed;
-  }
-  // Bisects for the greatest quality that fits, in [low, high): the size grows with quality. If
-  // max_error cannot be met at a quality, it may be at a higher one, whose lifespans are finer.
-  int low = -1, high = 100 * kRateSteps + 1;
-  double min_kbps = 0.0, min_quality = 0.0;
-  Packed best;
-  while (high - low > 1) {
-    const int middle = low + (high - low) / 2;
-    const double quality = static_cast<double>(middle) / kRateSteps;
-    std::optional<WorstPrimitive> too_far_here;
-    STGS_ASSIGN(Packed packed, pack_at(scene, settings, quality, before_attempt, too_far_here));
-    if (too_far_here) {
-      if (!too_far || too_far_here->error < too_far->error) too_far = too_far_here;
-      low = middle;
-      continue;
-    }
-    const double kbps = kbps_of(packed.bytes.size(), scene.metadata);
-    if (kbps <= settings.target_kbps) {
-      low = middle;
-      best = std::move(packed);
-    } else {
-      high = middle;
-      min_kbps = kbps;
-      min_quality = quality;
-    }
-  }
-  if (!best.bytes.empty()) return best;
-  if (min_kbps == 0.0) return unreachable_error(scene, settings, *too_far);
-  return usage_error(
-      "--target-kbps {:g} is too low: at quality {:g}{} this scene takes {:.1f} kbit/s; train with "
-      "fewer primitives (--max-primitives)",
-      settings.target_kbps, min_quality, settings.max_error > 0.0 ? " within --max-error" : "",
-      min_kbps);
+  STGS_ASSIGN(Packed packed, pack_at(scene, settings, settings.quality, before_attempt, too_far));
+  if (too_far) return unreachable_error(scene, settings, *too_far);
+  return packed;
 }
 
 }  // namespace stgs::encoder

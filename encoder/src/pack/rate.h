@@ -17,14 +17,14 @@ struct Packed {
   std::vector<std::uint32_t> order;  // scene index of each primitive of the file
   Scene decoded;
   double quality = 0;                         // 0..100, used for packing
+  std::uint64_t left_out = 0;                 // primitives, for a limit of the size
   double position_max = 0, position_rms = 0;  // of trajectory_error(), scene units
 };
 
-// Packs with the quality of the settings, or with the greatest quality, in steps of 1/8, that takes
-// at most target_kbps; within max_error in either case. Calls `before_attempt` before each attempt,
-// of which a bit rate takes about ten, and stops with its error. kUsage if no quality is small
-// enough; kUnsupported if max_error cannot be met, because positions have 21 bits per segment group
-// and motion 22.
+// Packs with the quality of the settings, or the best file within their limit; within max_error in
+// either case. Calls `before_attempt` before each attempt, of which a limit takes about ten, and
+// stops with its error. kUsage if no file is small enough; kUnsupported if max_error cannot be met,
+// because positions have 21 bits per segment group and motion 22.
 Result<Packed> pack_within(const Scene& scene, const PackSettings& settings,
                            const std::function<Status()>& before_attempt);
 

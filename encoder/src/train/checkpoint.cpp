@@ -3,6 +3,7 @@
 
 #include <xxhash.h>
 
+#include <algorithm>
 #include <cstring>
 #include <memory>
 #include <type_traits>
@@ -14,7 +15,7 @@ namespace stgs::encoder {
 namespace {
 
 // The last byte is the layout version; the others never change.
-constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '3'};
+constexpr char kMagic[8] = {'S', 'T', 'G', 'S', 'C', 'K', 'P', '4'};
 constexpr std::size_t kLayout = sizeof(kMagic) - 1;
 
 class Writer {
@@ -92,6 +93,34 @@ class Reader {
   bool failed_ = false;
 };
 
+// Visits the fields of the compaction in file order.
+template <typename Compaction, typename Archive>
+void visit_compaction(Compaction& compaction, Archive& archive) {
+  archive.value(compaction.prunings);
+  archive.value(compaction.keep);
+  archive.value(compaction.quality);
+  Quantisation q = compaction.quantisation.value_or(Quantisation());
+  std::uint32_t rounding = compaction.is_rounding() ? 1 : 0;
+  archive.value(rounding);
+  archive.value(q.quality);
+  archive.value(q.max_error);
+  archive.value(q.longest_part);
+  archive.value(q.lifespans);
+  archive.value(q.opacity);
+  archive.value(q.middle);
+  archive.value(q.near_distance);
+  archive.value(q.near_displacement);
+  archive.array(q.bounds);
+  archive.value(q.graded);
+  archive.array(q.tiers);
+  archive.value(compaction.rules);
+  archive.array(compaction.importance);
+  archive.array(compaction.tier);
+  if constexpr (!std::is_const_v<Compaction>) {
+    if (rounding != 0) compaction.quantisation = std::move(q);
+  }
+}
+
 // Visits every field in file order, for writing, reading and hashing.
 template <typename State, typename Archive>
 void visit_state(State& state, Archive& archive) {
@@ -119,6 +148,7 @@ void visit_state(State& state, Archive& archive) {
   archive.array(state.colour_first);
   archive.array(state.colour_second);
   archive.array(state.colour_updates);
+  visit_compaction(state.compaction, archive);
 }
 
 // Allocates the arrays that the coupled form determines and a checkpoint therefore omits.
@@ -141,6 +171,11 @@ bool is_consistent(const TrainState& state) {
     same = same && state.values(a).size() == expected &&
            state.moments[a].first.size() == expected && state.moments[a].second.size() == expected;
   }
+  const CompactionState& compaction = state.compaction;
+  const std::size_t rounded = compaction.is_rounding() ? n : 0;
+  same = same && compaction.importance.size() == rounded && compaction.tier.size() == rounded &&
+         std::all_of(compaction.tier.begin(), compaction.tier.end(),
+                     [](std::uint8_t tier) { return tier < kMaxRoundingTiers; });
   const std::size_t cameras = state.colour.size();
   return same && state.updates.size() == n && state.statistics.gradient_sum.size() == n &&
          state.statistics.abs_gradient_sum.size() == n && state.statistics.error_max.size() == n &&

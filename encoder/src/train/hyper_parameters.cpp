@@ -71,7 +71,7 @@ struct HyperParameterTable {
     STGS_VISIT(visit, densify_until, kMin, kMax,
                "Last replacement of the second stage, as a fraction of the run");
     STGS_VISIT(visit, densify_interval, 1, 1e8,
-               "Interval between densifications; shorter in runs of under 600 iterations, unless "
+               "Interval between densifications; shorter in runs of under 750 iterations, unless "
                "it is set",
                "iterations");
     STGS_VISIT(visit, opacity_resets, 0, 1e4,
@@ -106,6 +106,24 @@ struct HyperParameterTable {
     STGS_VISIT(visit, score_lifespan, kMin, kMax,
                "Weight lambda_l of the lifespan in the densification score");
     STGS_VISIT(visit, replace_limit, 0, 1, "Replacements per step, as a fraction of N");
+    STGS_VISIT(visit, compact_share, 0, 0.9,
+               "Compaction: last fraction of the iterations, in which the primitives that matter "
+               "least are removed and the others are trained for packing; the fractions of a run "
+               "above refer to the iterations before it");
+    STGS_VISIT(visit, compact_keep, 0.001, 1, "Compaction: fraction of the primitives to keep");
+    STGS_VISIT(visit, compact_rounds, 1, 100, "Compaction: rounds of removal");
+    STGS_VISIT(visit, compact_prune_share, 0, 1,
+               "Compaction: fraction of it in which primitives are removed");
+    STGS_VISIT(visit, compact_moving, 0, 2,
+               "Compaction: power of the inverse lifespan by which the importance of short-lived "
+               "primitives is raised");
+    STGS_VISIT(visit, compact_quality, 0, 100,
+               "Compaction: quality for which the quantisation steps are chosen");
+    STGS_VISIT(visit, compact_rate, kMin, kMax, "Compaction: weight of the rate, as loss per bit");
+    STGS_VISIT(visit, compact_restart, 0, 1,
+               "Compaction: learning rates restart as at this fraction of the run");
+    STGS_VISIT(visit, compact_decay, 1e-6, 1,
+               "Compaction: factor of the learning rates at its end");
     STGS_VISIT(visit, drop_share, 0, 0.9,
                "Fraction of the primitives that each step drops at random");
     STGS_VISIT(visit, seen_background, 0, 1, "1: the background is estimated; 0: black");
@@ -138,15 +156,18 @@ Result<HyperParameters> preset_hyper_parameters(const std::string& preset) {
   HyperParameters p;
   if (preset == "default") return p;
   if (preset == "fast") {
-    p.iterations = 3000;
+    p.iterations = 3600;
     p.max_primitives = 40000;
+    p.compact_keep = 0.8;
     p.sh_degree = 2;
     p.drop_share = 0;
     return p;
   }
   if (preset == "best") {
-    p.iterations = 30000;
+    p.iterations = 40000;
     p.max_primitives = 200000;
+    p.compact_share = 0.35;
+    p.compact_keep = 0.36;
     p.prune_opacity = 0.005;
     p.drop_share = 0.1;
     // Beyond stage1_until, because the additional growth that full-size images cause does not help

@@ -14,7 +14,7 @@ namespace stgs::encoder {
 // The table in hyper_parameters.cpp describes the members and states their ranges.
 struct HyperParameters {
   // Length and size.
-  int iterations = 6000;
+  int iterations = 7500;
   int max_primitives = 80000;
 
   // Loss weights (paper 3.4; the w of L_reg are not given there).
@@ -83,6 +83,18 @@ struct HyperParameters {
   double score_opacity = 0.2;
   double score_lifespan = 0.5;
   double replace_limit = 0.05;
+
+  // Compaction, the last part of a run: first primitives are removed, in rounds, then the rest is
+  // trained with quantisation in the loop.
+  double compact_share = 0.2;
+  double compact_keep = 0.5;
+  int compact_rounds = 4;
+  double compact_prune_share = 0.3;
+  double compact_moving = 0.5;
+  double compact_quality = 80;
+  double compact_rate = 3e-8;
+  double compact_restart = 0.6;
+  double compact_decay = 0.1;
 
   // Dropping discourages primitives that serve a single camera (held-out views improve in runs with
   // many steps and primitives).

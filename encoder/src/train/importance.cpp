@@ -98,6 +98,14 @@ void add_view(const SplatFrame& frame, std::vector<float>& by_instance,
   }
 }
 
+// Returns the camera with a wider field of view.
+math::PinholeCamera widened(math::PinholeCamera camera) {
+  constexpr float kFocal = 0.7f;  // factor of the focal length
+  camera.fx *= kFocal;
+  camera.fy *= kFocal;
+  return camera;
+}
+
 }  // namespace
 
 std::vector<ImportanceView> importance_views(const PreparedCapture& capture, int count) {
@@ -105,6 +113,9 @@ std::vector<ImportanceView> importance_views(const PreparedCapture& capture, int
   for (const Camera& camera : capture.cameras) {
     if (!camera.test) cameras.push_back(half_size(camera.pinhole(capture.near_plane)));
   }
+  // Other viewpoints see more than the training images do.
+  const std::size_t trained = cameras.size();
+  for (std::size_t i = 0; i < trained; ++i) cameras.push_back(widened(cameras[i]));
   std::vector<ImportanceView> views;
   for (int v = 0; v < count && !cameras.empty(); ++v) {
     // Cycles through the cameras; frames are evenly spaced and differ between cameras.

@@ -18,8 +18,10 @@ struct ImportanceView {
   float ticks = 0;  // frames
 };
 
-// Returns `count` views at half the image size, spread over training cameras and frames; none if
-// there are no training cameras.
+inline constexpr int kImportanceViews = 256;  // of a run
+
+// Returns `count` views at half the image size, spread over training cameras and frames, half of
+// them with a wider field of view; none if there are no training cameras.
 std::vector<ImportanceView> importance_views(const PreparedCapture& capture, int count);
 
 // Computes Scene::importance on the CPU: for each primitive the sum of its squared blend weights

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "stgs/format/math/lifespan.h"
+#include "stgs/format/parallel.h"
 #include "train/coupled_state.h"
 
 namespace stgs::encoder {
@@ -58,6 +59,15 @@ const FloatArray& TrainState::values(int attribute) const {
 
 FloatArray& TrainState::values(int attribute) {
   return const_cast<FloatArray&>(std::as_const(*this).values(attribute));
+}
+
+Gaussians4D rounded_set(const TrainState& state) {
+  Gaussians4D out = state.set;
+  const CompactionState& compaction = state.compaction;
+  parallel_for(std::size_t{0}, state.size(), [&](std::size_t i) {
+    round_primitive(state.set, compaction.rules, compaction.tier[i], i, out);
+  });
+  return out;
 }
 
 void TrainState::resize(std::size_t n) {

@@ -5,11 +5,13 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "math/damp.h"
 #include "stgs/format/gaussian4d.h"
 #include "stgs/format/math/lang.h"
+#include "train/rounding.h"
 
 namespace stgs::encoder {
 
@@ -54,6 +56,20 @@ struct CoupledParameters {
   FloatArray log_time;   // N, kLogSigma
 };
 
+// The state of the compaction at the end of a run (compaction.h).
+struct CompactionState {
+  std::uint32_t prunings = 0;  // done
+  // Chosen before the first one: the fraction of the primitives to keep, and the quality.
+  double keep = 0, quality = 0;
+  // Once rounding began: what it rounds to, and each primitive's importance and tier.
+  std::optional<Quantisation> quantisation;
+  RoundingRules rules;
+  std::vector<float> importance;
+  std::vector<std::uint8_t> tier;
+
+  bool is_rounding() const { return quantisation.has_value(); }
+};
+
 struct TrainState {
   // set.velocity and set.sigma are derived (effective velocity v / f, exp(log_sigma)); the rest of
   // the set is learnt directly.
@@ -67,6 +83,7 @@ struct TrainState {
   std::vector<std::uint32_t> updates;  // N, Adam steps of each primitive
   DensifyStatistics statistics;
 
+  CompactionState compaction;
   math::Vec3 background{0.0f, 0.0f, 0.0f};  // behind everything, sRGB-encoded
   std::vector<ColourMap> colour;            // one per training camera
   std::vector<ColourMap> colour_first, colour_second;
@@ -99,5 +116,8 @@ struct TrainState {
   void copy_parameters(std::size_t from, std::size_t to);
   void clear_moments(std::size_t i);
 };
+
+// Returns the set of a state that is being rounded as its views render it.
+Gaussians4D rounded_set(const TrainState& state);
 
 }  // namespace stgs::encoder

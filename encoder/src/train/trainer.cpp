@@ -166,11 +166,15 @@ double Trainer::progress_at(std::uint64_t iteration) const {
   return std::min(1.0, std::max(by_iteration, state_.seconds / settings_.max_seconds));
 }
 
+double Trainer::growth_progress_at(std::uint64_t iteration) const {
+  return std::min(1.0, progress_at(iteration) / (1.0 - parameters_.compact_share));
+}
+
 // The level is that of the step that begins at `iteration`, identical on all ranks.
 TrainingView Trainer::view_at(std::uint64_t iteration, int rank) {
   const std::size_t view = order_.at(iteration + static_cast<std::uint64_t>(rank));
   const std::size_t frames = static_cast<std::size_t>(capture_.frames);
-  const int level = progress_at(iteration) < parameters_.coarse_until ? 1 : 0;
+  const int level = growth_progress_at(iteration) < parameters_.coarse_until ? 1 : 0;
   return {view / frames, static_cast<int>(view % frames), level};
 }
 
@@ -186,7 +190,7 @@ std::vector<BatchView> Trainer::batch_views() {
 
 Result<StepInput> Trainer::step_input() {
   const HyperParameters& p = parameters_;
-  const double progress = run_progress();
+  const double progress = growth_progress();
   // Index of this rank's view in the run.
   const std::uint64_t view_index = state_.iteration + static_cast<std::uint64_t>(ranks_.rank());
   const auto [camera, frame, level] = view_at(state_.iteration, ranks_.rank());
@@ -207,6 +211,7 @@ Result<StepInput> Trainer::step_input() {
   set_schedule(p, capture_, progress, state_.is_coupled(), input);
   if (with_normals() && progress >= p.normal_from)
     input.weight_normal = static_cast<float>(p.weight_normal);
+  if (state_.compaction.prunings > 0) set_compaction_schedule(input);
   perceptual_.apply(settings_.seed, view_index, progress, input);
   if (ranks_.ranks() != nullptr) {
     input.batch = batch_views();
@@ -231,7 +236,7 @@ Status Trainer::read_steps() {
 }
 
 bool Trainer::densify_due() {
-  const double now = run_progress();
+  const double now = growth_progress();
   // A run with a time limit may end before it reaches an interval.
   const bool late = settings_.max_seconds > 0 && now - densified_at_ >= 1.0 / kMinDensifySteps;
   if (!late && !passed(static_cast<std::uint64_t>(parameters_.densify_interval))) return false;
@@ -240,7 +245,7 @@ bool Trainer::densify_due() {
 }
 
 Status Trainer::densify() {
-  const DensifyPlan plan = densify_plan(parameters_, ablation_, run_progress(), densify_due());
+  const DensifyPlan plan = densify_plan(parameters_, ablation_, growth_progress(), densify_due());
   if (plan.second_stage) state_.second_stage = 1;
   if (!plan.grow && !plan.replace) return {};
   STGS_TRY(read_steps());
@@ -314,7 +319,7 @@ Status Trainer::save_completed_steps(const Status& error) {
   if (ranks_.ranks() != nullptr || settings_.checkpoint.empty()) return error;
   state_.iteration -= backend_->abandon();
   state_.second_stage =
-      densify_plan(parameters_, ablation_, run_progress(), false).second_stage ? 1 : 0;
+      densify_plan(parameters_, ablation_, growth_progress(), false).second_stage ? 1 : 0;
   const Status saved = save_checkpoint();
   if (!saved.ok()) {
     log_(1, saved.message());
@@ -341,14 +346,16 @@ Status Trainer::run() {
 Status Trainer::train() {
   started_ = Clock::now();
   steps_read_ = state_.iteration;
-  densified_at_ = run_progress();
+  densified_at_ = growth_progress();
   STGS_TRY(backend_->begin(state_));
   // A run that was already complete has its latest evaluation only in the log.
   if (finished() && !held_out_.empty()) (void)score_held_out();
+  STGS_TRY(compact());  // that a cancelled run did not complete
   while (!finished()) {
     STGS_TRY(step());
     STGS_ASSIGN(const bool progress_due, update_clock());
     STGS_TRY(densify());
+    STGS_TRY(compact());
     const bool checkpoint = passed(static_cast<std::uint64_t>(settings_.checkpoint_interval));
     const bool progress = checkpoint || progress_due;
     if (progress || log_due()) STGS_TRY(read_steps());
@@ -365,6 +372,7 @@ Status Trainer::train() {
   STGS_TRY(synchronise());
   STGS_TRY(save_checkpoint_if_possible());
   // After the checkpoint, for which the state was downloaded from the backend again.
+  if (state_.compaction.is_rounding()) state_.set = rounded_set(state_);
   const std::size_t non_finite = remove_non_finite(state_);
   if (state_.size() == 0) {
     return runtime_error(

@@ -66,6 +66,26 @@ class Trainer {
   // Reads the outputs of the steps since the last call into the running mean and last_.
   Status read_steps();
   Status train();
+  // Progress of the run before the compaction, and of the compaction, [0, 1].
+  double growth_progress_at(std::uint64_t iteration) const;
+  double growth_progress() const { return growth_progress_at(state_.iteration); }
+  double compaction_progress() const;
+  // Does what the compaction has to do after the latest step.
+  Status compact();
+  // Chooses how many primitives to keep, and the quality.
+  Status choose_size();
+  // Returns the bytes of the `count` most important primitives, packed at a quality.
+  Result<double> packed_bytes(const Scene& scene, const std::vector<std::uint32_t>& ranked,
+                              double share, double quality) const;
+  // Computes the importances that decide which primitives are removed.
+  Result<std::vector<float>> pruning_importance();
+  // Retains the fraction of the primitives that matters most.
+  Status prune(double keep);
+  // Chooses what the further steps round to.
+  Status begin_rounding();
+  // Synchronises the state and computes its importances; a cancelled run saves its checkpoint.
+  Result<std::vector<float>> importance_now();
+  void set_compaction_schedule(StepInput& input) const;
   Status step();
   // Records that an error (unreadable frame, out of memory) left steps incomplete; returns it.
   Status on_step_failed(const Status& error);
@@ -81,7 +101,8 @@ class Trainer {
   Status save_checkpoint();
   // Describes how to resume a stopped run.
   std::string resume_hint() const;
-  // Computes Scene::importance; kRuntime if cancelled.
+  // Computes Scene::importance; kRuntime if cancelled. Before the end of the run, its progress is
+  // that of the training.
   Result<std::vector<float>> importance();
   // Like save_checkpoint(), but logs a failed write as a warning, because the scene matters more.
   Status save_checkpoint_if_possible();

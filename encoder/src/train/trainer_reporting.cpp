@@ -66,7 +66,8 @@ Status Trainer::evaluate_held_out() {
 
 bool Trainer::score_held_out() {
   try {
-    score_ = held_out_.evaluate(state_.set, state_.background);
+    score_ = held_out_.evaluate(state_.compaction.is_rounding() ? rounded_set(state_) : state_.set,
+                                state_.background);
     return true;
   } catch (const std::length_error& error) {
     log_(1, fmt::format("iteration {}: held-out views could not be rendered: {}", state_.iteration,

@@ -16,8 +16,6 @@
 namespace stgs::encoder {
 namespace {
 
-constexpr int kImportanceViews = 256;
-
 std::uint64_t peak_memory_bytes() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
@@ -28,7 +26,6 @@ std::uint64_t peak_memory_bytes() {
 
 Result<std::vector<float>> Trainer::importance() {
   using Clock = std::chrono::steady_clock;
-  if (!ranks_.is_first()) return std::vector<float>();
   const Clock::time_point begin = Clock::now();
   const auto seconds = [begin] {
     return std::chrono::duration<double>(Clock::now() - begin).count();
@@ -36,13 +33,15 @@ Result<std::vector<float>> Trainer::importance() {
   const auto should_continue = [&](double done) {
     if (!progress_) return true;
     const double eta = done > 0 ? seconds() * (1 - done) / done : -1;
-    return progress_(
-        {"importance", done, eta, fmt::format("importance of {} primitives", state_.size())});
+    const std::string detail = fmt::format("importance of {} primitives", state_.size());
+    const bool more = progress_(finished() ? Progress{"importance", done, eta, detail}
+                                           : Progress{"train", run_progress(), -1, detail});
+    return more || ranks_.size() > 1;  // ranks stop together, after a step
   };
   const std::vector<ImportanceView> views = importance_views(capture_, kImportanceViews);
   std::optional<std::vector<float>> importance =
       compute_importance(*backend_, *make_cpu_backend(), state_, views, should_continue, log_);
-  importance_seconds_ = seconds();
+  importance_seconds_ += seconds();
   if (importance) return *std::move(importance);
   return runtime_error("stopped at iteration {}, before the importances were complete; {}",
                        state_.iteration, resume_hint());
@@ -51,7 +50,12 @@ Result<std::vector<float>> Trainer::importance() {
 Result<Scene> Trainer::scene() {
   Scene scene;
   scene.gaussians = state_.set;
-  STGS_ASSIGN(scene.importance, importance());
+  if (state_.compaction.is_rounding()) {
+    scene.importance = state_.compaction.importance;
+    scene.quantisation = state_.compaction.quantisation;
+  } else if (ranks_.is_first()) {
+    STGS_ASSIGN(scene.importance, importance());
+  }
   SceneMetadata& metadata = scene.metadata;
   metadata.time_base = capture_.time_base;
   metadata.frames = static_cast<std::uint32_t>(capture_.frames);

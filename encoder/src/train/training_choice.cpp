@@ -77,6 +77,13 @@ const Unused kUnused[] = {
     {"if weight_perceptual is 0",
      [](const Choice& c) { return c.parameters.weight_perceptual == 0; },
      {"perceptual_from", "perceptual_patch"}},
+    {"with --ablate representation",
+     [](const Choice& c) { return !c.ablation.representation; },
+     {"compact_share"}},
+    {"if compact_share is 0 or with --ablate representation",
+     [](const Choice& c) { return c.parameters.compact_share == 0 || !c.ablation.representation; },
+     {"compact_keep", "compact_rounds", "compact_prune_share", "compact_moving", "compact_quality",
+      "compact_rate", "compact_restart", "compact_decay"}},
     {"if sh_degree is 0",
      [](const Choice& c) { return c.parameters.sh_degree == 0; },
      {"lr_sh_rest", "sh_step"}},
@@ -109,6 +116,8 @@ Result<TrainingChoice> choose_training(const TrainSettings& settings) {
   STGS_ASSIGN(choice.parameters, preset_hyper_parameters(settings.preset));
   if (settings.iterations > 0) choice.parameters.iterations = settings.iterations;
   if (settings.max_primitives > 0) choice.parameters.max_primitives = settings.max_primitives;
+  if (settings.quality > 0) choice.parameters.compact_quality = settings.quality;
+  STGS_TRY(check_limits(settings));
   for (const auto& [name, value] : settings.overrides) {
     STGS_TRY(set_hyper_parameter(choice.parameters, name, value));
   }
@@ -119,13 +128,24 @@ Result<TrainingChoice> choose_training(const TrainSettings& settings) {
   };
   HyperParameters& p = choice.parameters;
   if (!is_set("densify_interval")) {
-    p.densify_interval = std::min(p.densify_interval, max_densify_interval(p.iterations));
+    p.densify_interval =
+        std::min(p.densify_interval,
+                 max_densify_interval(static_cast<int>(p.iterations * (1.0 - p.compact_share))));
   }
   if (!is_set("prune_opacity") && p.max_primitives > kManyPrimitives) {
     p.prune_opacity = std::min(p.prune_opacity, kManyPruneOpacity);
   }
   STGS_ASSIGN(choice.ablation, Ablation::from_names(settings.ablate));
   STGS_TRY(check_used({settings, choice.parameters, choice.ablation}));
+  // The coupled form has no steps to round to.
+  if (!choice.ablation.representation) p.compact_share = 0;
+  const bool limited = settings.target_kbps > 0 || settings.target_size > 0;
+  if (p.compact_share == 0 && (limited || settings.quality > 0)) {
+    return usage_error(
+        "{} needs the compaction at the end of training; it is off with compact_share 0 and with "
+        "--ablate representation",
+        limited ? "a limit of the file" : "--quality");
+  }
   return choice;
 }
 
@@ -134,6 +154,8 @@ std::uint64_t settings_id_of(const TrainSettings& settings, const TrainingChoice
   Fingerprint entries = list_hyper_parameters(choice.parameters);
   entries.emplace_back("ablate", fmt::format("{}", fmt::join(choice.ablation.names(), ",")));
   entries.emplace_back("max_seconds", fmt::format("{}", settings.max_seconds));
+  entries.emplace_back("target_kbps", fmt::format("{}", settings.target_kbps));
+  entries.emplace_back("target_size", fmt::format("{}", settings.target_size));
   entries.emplace_back("perceptual weights", perceptual.fingerprint());
   const std::string text = fingerprint_text(entries);
   return XXH3_64bits(text.data(), text.size());
@@ -160,6 +182,7 @@ TrainPlan train_plan(const TrainingChoice& choice, const PerceptualTerm& percept
     plan.height = std::max(plan.height, camera.height);
   }
   plan.coupled = !choice.ablation.representation;
+  plan.rounding = choice.parameters.compact_share > 0;
   plan.normals = choice.parameters.weight_normal > 0 && !plan.coupled;
   perceptual.plan(plan);
   return plan;

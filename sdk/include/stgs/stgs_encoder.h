@@ -210,6 +210,10 @@ typedef struct stgs_train_settings {
                                      * loss; NULL (default): disabled */
   const stgs_parameter* parameters; /* overrides of hyperparameters */
   uint32_t parameter_count;         /* default 0 */
+  double quality;     /* that the scene is trained for, 0.1 to 100; 0 (default): from the preset */
+  double target_kbps; /* trains for a packed file of at most this mean bit rate, kbit/s, 0.001 to
+                       * 10^9; 0 (default): no limit */
+  double target_size; /* or of at most this many bytes, 1 to 10^15; 0 (default): no limit */
 } stgs_train_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */
@@ -265,7 +269,8 @@ typedef struct stgs_pack_settings {
   stgs_profile profile; /* default STGS_PROFILE_QUANTISED */
   int32_t tiers;        /* parts of the scene by importance, 1 to 16, of similar size; 0 (default):
                          * three, or progressively larger ones where many primitives are active */
-  double quality;       /* 0 to 100; default 87; ignored with target_kbps */
+  double quality;       /* 0.1 to 100; 0 (default): the steps that the scene was trained for, or
+                         * else 87; ignored with target_kbps and target_size */
   double target_kbps;   /* upper bound of the mean bit rate, kbit/s, 0.001 to 10^9; 0 (default):
                          * none */
   double max_error;     /* upper bound of position errors, thousandths of a scene unit, 10^-6 to
@@ -280,6 +285,8 @@ typedef struct stgs_pack_settings {
   const char* audio;      /* URI reference of the audio, relative to the location of the file; NULL
                            * (default): unchanged */
   double audio_begin;     /* start of the audio, seconds, -10^6 to 10^6; default 0 */
+  double target_size;     /* upper bound of the file, bytes, 1 to 10^15; 0 (default): none; not with
+                           * target_kbps */
 } stgs_pack_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */
@@ -315,7 +322,7 @@ typedef struct stgs_pack_report {
  * to measure the loss.
  *
  * `output` must differ from every input. NULL settings: the defaults. NULL report: not returned.
- * STGS_ERROR_ARGUMENT: no quality meets target_kbps; STGS_ERROR_UNSUPPORTED: positions cannot be
+ * STGS_ERROR_ARGUMENT: no file is within the limit; STGS_ERROR_UNSUPPORTED: positions cannot be
  * coded within max_error. */
 STGS_API stgs_result stgs_encoder_pack(stgs_encoder* encoder, const char* const* scenes,
                                        uint32_t count, const char* output,

@@ -9,6 +9,7 @@
 
 #include "stgs/encoder/held_out.h"
 #include "stgs/encoder/progress.h"
+#include "stgs/encoder/rate_parameters.h"
 #include "stgs/format/parameter.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/format/status.h"
@@ -17,9 +18,14 @@ namespace stgs::encoder {
 
 // PackParameters describes the numbers.
 struct PackSettings {
-  Profile profile = Profile::kQuantised;     // or kDraco; kNotBuilt in a build without libdraco
-  double quality = WriteSettings{}.quality;  // ignored if target_kbps is set
+  Profile profile = Profile::kQuantised;  // or kDraco; kNotBuilt in a build without libdraco
+  // 0: the steps that the scene was trained for or, without any, WriteSettings::quality. Ignored if
+  // there is a limit.
+  double quality = 0;
+  // Limits of the file, of which at most one is set. The quality falls as far as it is worth it,
+  // then the primitives of least importance are left out.
   double target_kbps = 0;
+  double target_size = 0;  // bytes
   double max_error = 0;
   double chunk_seconds = WriteSettings{}.chunk_seconds;
   int tiers = WriteSettings{}.tiers;
@@ -39,6 +45,11 @@ struct PackSettings {
 inline constexpr Parameter kUp = {"up", -1e9, 1e9, "Metadata: up direction, against gravity"};
 inline constexpr Parameter kFloor = {"floor", -1e9, 1e9, "Metadata: a point on the floor",
                                      "scene units"};
+
+inline constexpr Parameter kPackQuality = {
+    "quality", 0.1,
+    100,       "0.1 (smallest file) to 100 (closest to the trained scene)",
+    "",        "the steps that the scene was trained for, or else 87"};
 
 // Numbers that pack and the recorder share.
 inline constexpr Parameter kMaxError = {"max_error",
@@ -64,10 +75,9 @@ inline constexpr Parameter kAudioBegin = {"audio_begin",
 struct PackParameters {
   template <typename Visit>
   static void for_each(Visit visit) {
-    visit(kQuality, STGS_MEMBER(quality));
-    STGS_VISIT(visit, target_kbps, 0.001, 1e9,
-               "Instead of --quality: the best quality within this mean bit rate", "kbit/s",
-               "no limit");
+    visit(kPackQuality, STGS_MEMBER(quality));
+    visit(kTargetKbps, STGS_MEMBER(target_kbps));
+    visit(kTargetSize, STGS_MEMBER(target_size));
     visit(kMaxError, STGS_MEMBER(max_error));
     visit(kChunkSeconds, STGS_MEMBER(chunk_seconds));
     visit(kTiers, STGS_MEMBER(tiers));
@@ -95,7 +105,8 @@ struct PackReport {
   std::uint64_t damaged_segments = 0, damaged_sh_segments = 0;
   std::uint64_t bytes_in = 0, bytes_out = 0;
   double bytes_per_primitive = 0;
-  double quality = 0;             // 0..100, used or found for target_kbps
+  double quality = 0;             // 0..100, used or found for a limit
+  std::uint64_t left_out = 0;     // for the limit: primitives of least importance
   double kbps = 0;                // mean bit rate
   std::vector<PackedPart> parts;  // in time order; empty for a single scene
   // Largest and root-mean-square errors of the written file, measured by decoding it.
@@ -116,7 +127,7 @@ struct PackReport {
 // decodes the result and reports its errors.
 // - `report`, `progress` and `log` may be null. The progress stage is "pack".
 // - kRuntime if `progress` cancels; nothing is written then.
-// - kUsage if a setting is out of range or no quality reaches target_kbps; kUnsupported if
+// - kUsage if a setting is out of range or no file is within the limit; kUnsupported if
 // positions cannot meet max_error.
 // - Warns about an input that is already quantised: its errors remain and new ones are added.
 // - Packs the intact part of a damaged input, with a warning (damage_report.h).

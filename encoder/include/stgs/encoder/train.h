@@ -12,6 +12,7 @@
 #include "stgs/encoder/prepared_capture.h"
 #include "stgs/encoder/progress.h"
 #include "stgs/encoder/ranks.h"
+#include "stgs/encoder/rate_parameters.h"
 #include "stgs/format/parameter.h"
 #include "stgs/format/scene_file.h"
 
@@ -23,6 +24,11 @@ struct TrainSettings {
   int iterations = 0;
   int max_primitives = 0;
   double max_seconds = 0;
+  double quality = 0;  // to train for; 0: the value of the preset
+  // Limits of the packed file, of which at most one is set: the number of primitives that remain
+  // follows from it.
+  double target_kbps = 0;
+  double target_size = 0;  // bytes
   std::uint64_t seed = 1;
   std::string backend = "auto";  // "cpu", "cuda", or "auto": CUDA if a device is available
   std::string ablate;            // comma-separated ablation_names(); "": the complete method
@@ -57,6 +63,10 @@ struct TrainParameters {
                "the value of the preset");
     STGS_VISIT(visit, max_seconds, 1, 1e8, "Time limit, to which the schedule adapts", "seconds",
                "no limit");
+    STGS_VISIT(visit, quality, 0.1, 100, "Quality to train for, 0.1 (smallest file) to 100", "",
+               "the value of the preset");
+    visit(kTargetKbps, STGS_MEMBER(target_kbps));
+    visit(kTargetSize, STGS_MEMBER(target_size));
     STGS_VISIT(visit, checkpoint_interval, 1, 1e8, "Steps between checkpoints");
     STGS_VISIT(visit, held_out_evaluations, 0, 1e6,
                "Number of evaluations on a sample of the held-out cameras during training; 0: none",

@@ -38,6 +38,8 @@ class CpuBackend final : public TrainBackend {
   }
   Status begin(TrainState& state) override {
     state_ = &state;
+    if (state.compaction.is_rounding()) rounded_ = state.set;
+    round();
     return {};
   }
   Status step(const StepInput& input) override;
@@ -62,6 +64,12 @@ class CpuBackend final : public TrainBackend {
     float log_sigma;
   };
 
+  // Returns the set that views render.
+  const Gaussians4D& rendered() const {
+    return state_->compaction.is_rounding() ? rounded_ : state_->set;
+  }
+  // Renews the rounded values, if the state is being rounded.
+  void round();
   double evaluate_normals(const StepInput& input, const RasterSettings& settings);
   void update(const StepInput& input);
   // Adds the regularisers. The result points into `derived` and this backend.
@@ -73,6 +81,7 @@ class CpuBackend final : public TrainBackend {
 
   Ranks* ranks_ = nullptr;  // null: alone
   TrainState* state_ = nullptr;
+  Gaussians4D rounded_;
   std::vector<StepOutput> outputs_;  // since the last read()
   // Working memory, reused between steps.
   SplatFrame frame_;
@@ -90,9 +99,20 @@ class CpuBackend final : public TrainBackend {
   std::vector<math::Plane> planes_, d_planes_;
 };
 
+void CpuBackend::round() {
+  if (!state_->compaction.is_rounding()) return;
+  const CompactionState& compaction = state_->compaction;
+  parallel_blocks(
+      std::size_t{0}, state_->size(), cpu::kBlock, [&](std::size_t first, std::size_t last) {
+        for (std::size_t i = first; i < last; ++i) {
+          round_primitive(state_->set, compaction.rules, compaction.tier[i], i, rounded_);
+        }
+      });
+}
+
 // Returns L_n and fills d_surface_.
 double CpuBackend::evaluate_normals(const StepInput& input, const RasterSettings& settings) {
-  cpu::find_planes(state_->set, input.ticks, input.camera, frame_, planes_);
+  cpu::find_planes(rendered(), input.ticks, input.camera, frame_, planes_);
   cpu::blend_planes(settings, frame_, planes_, surface_);
   return normal_loss_.evaluate(surface_, *input.ground_truth.pixels, input.camera,
                                input.weight_normal, d_surface_);
@@ -103,7 +123,7 @@ Status CpuBackend::step(const StepInput& input) {
   settings.max_sh_degree = input.sh_degree;
   settings.background = input.background;
   begin_frame(input.camera, frame_);
-  slice(state_->set, input.ticks, input.camera, settings, 0, frame_);
+  slice(rendered(), input.ticks, input.camera, settings, 0, frame_);
   if (input.drop_share > 0) {
     std::erase_if(frame_.splats, [&input](const Splat& splat) {
       return dropped(input.drop_random, input.drop_share, splat.id);
@@ -129,16 +149,16 @@ Status CpuBackend::step(const StepInput& input) {
   cpu::blend_backward(frame_, settings, output_, d_corrected_, &error_, scratch_, splat_gradients_,
                       normals ? &planes : nullptr);
   gradients_.with_covariance = state_->is_coupled();
-  cpu::project_backward(state_->set, input.ticks, input.camera, settings, frame_, splat_gradients_,
+  cpu::project_backward(rendered(), input.ticks, input.camera, settings, frame_, splat_gradients_,
                         gradients_);
   if (normals) {
-    cpu::planes_backward(state_->set, input.ticks, input.camera, frame_, d_planes_, gradients_);
+    cpu::planes_backward(rendered(), input.ticks, input.camera, frame_, d_planes_, gradients_);
   }
   // With f = 1 the effective velocity is the learnt one.
   if (input.modulated) {
-    cpu::modulation_backward(state_->set, frame_, gradients_);
+    cpu::modulation_backward(rendered(), frame_, gradients_);
   }
-  out.loss = value.loss + cpu::regularisation_loss(*state_, frame_, input) +
+  out.loss = value.loss + cpu::regularisation_loss(rendered(), frame_, input) +
              input.weight_normal * out.normal + input.weight_perceptual * out.perceptual;
   out.l1 = value.l1;
   out.ssim = value.ssim;
@@ -150,6 +170,7 @@ Status CpuBackend::step(const StepInput& input) {
     return update_with_ranks(input, own);
   }
   update(input);
+  round();
   update_colour(*state_, input.colour_index, d_map, input.rate_colour);
   outputs_.push_back(out);
   return {};
@@ -198,7 +219,8 @@ Status CpuBackend::update_with_ranks(const StepInput& input, cpu::ViewContributi
       });
   STGS_ASSIGN(const std::vector<cpu::ViewContribution> views,
               cpu::gather_contributions(*ranks_, layout, own));
-  cpu::apply_contributions(*state_, input, views);
+  cpu::apply_contributions(*state_, rendered(), input, views);
+  round();
   for (const cpu::ViewContribution& view : views) outputs_.push_back(view.output);
   return {};
 }
@@ -219,7 +241,7 @@ cpu::LearntGradients CpuBackend::learnt_gradients(const StepInput& input, std::s
   cpu::PrimitiveGradients& g = gradients_;
   // The covariance's gradient includes the scales already; only the regulariser is added here.
   if (state.is_coupled()) std::fill_n(&g.log_scale[3 * splat], 3, 0.0f);
-  cpu::regularise(state, frame_.splats.size(), i, input, g.log_scale.data() + 3 * splat,
+  cpu::regularise(rendered(), frame_.splats.size(), i, input, g.log_scale.data() + 3 * splat,
                   g.opacity_logit[splat], g.sigma[splat], g.radius[splat]);
   cpu::LearntGradients learnt;
   learnt.by[kPosition] = &g.position[3 * splat];

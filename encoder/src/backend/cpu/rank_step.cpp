@@ -39,9 +39,9 @@ std::vector<std::uint32_t> entries_of(const ViewContribution& view, std::size_t 
 }
 
 // Returns the SH basis for the direction from a camera to a primitive.
-math::ShBasis basis_in(const TrainState& state, std::size_t i, const BatchView& view) {
-  const math::Vec3 position = math::position_at(
-      read3(state.set.position, i), read3(state.set.velocity, i), view.ticks - state.set.time[i]);
+math::ShBasis basis_in(const Gaussians4D& set, std::size_t i, const BatchView& view) {
+  const math::Vec3 position =
+      math::position_at(read3(set.position, i), read3(set.velocity, i), view.ticks - set.time[i]);
   const math::Vec3 from_camera{position.x - view.centre.x, position.y - view.centre.y,
                                position.z - view.centre.z};
   const float inverse = 1.0f / std::sqrt(math::dot3(from_camera, from_camera));
@@ -145,7 +145,7 @@ Result<std::vector<ViewContribution>> gather_contributions(Ranks& ranks,
   return views;
 }
 
-void apply_contributions(TrainState& state, const StepInput& input,
+void apply_contributions(TrainState& state, const Gaussians4D& rendered, const StepInput& input,
                          const std::vector<ViewContribution>& views) {
   const ContributionLayout layout(state);
   const int coefficients =
@@ -162,7 +162,7 @@ void apply_contributions(TrainState& state, const StepInput& input,
         if (s == kNotVisible) continue;
         const float* numbers = views[r].numbers.data() + s * layout.size;
         const float* rest = numbers + layout.statistics;
-        sum.add(numbers, basis_in(state, i, input.batch[r]), coefficients);
+        sum.add(numbers, basis_in(rendered, i, input.batch[r]), coefficients);
         if (input.gather_statistics) gather_statistics(state, i, {rest[0], rest[1], rest[2]});
         visible = true;
       }

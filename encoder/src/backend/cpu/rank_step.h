@@ -44,10 +44,11 @@ Result<std::vector<ViewContribution>> gather_contributions(Ranks& ranks,
                                                            const ContributionLayout& layout,
                                                            const ViewContribution& own);
 
+// `rendered`: the state's set as rendered.
 // Applies one Adam step with the mean gradient of the views to each primitive visible in any of
 // them, and one per view to the colour maps. Gathers statistics as if each view had been a separate
 // step.
-void apply_contributions(TrainState& state, const StepInput& input,
+void apply_contributions(TrainState& state, const Gaussians4D& rendered, const StepInput& input,
                          const std::vector<ViewContribution>& views);
 
 }  // namespace stgs::encoder::cpu

@@ -4,16 +4,15 @@
 
 #include "backend/backend.h"
 #include "stgs/format/raster.h"
-#include "train/train_state.h"
 
 namespace stgs::encoder::cpu {
 
+// `set`: as rendered.
 // Returns the weighted sum of the three, each a mean over the splats of a frame.
-double regularisation_loss(const TrainState& state, const SplatFrame& frame,
-                           const StepInput& input);
+double regularisation_loss(const Gaussians4D& set, const SplatFrame& frame, const StepInput& input);
 
 // Adds the gradients of primitive i, one of `visible` primitives. d_log_scale: 3 values.
-void regularise(const TrainState& state, std::size_t visible, std::size_t i, const StepInput& input,
+void regularise(const Gaussians4D& set, std::size_t visible, std::size_t i, const StepInput& input,
                 float* d_log_scale, float& d_opacity_logit, float& d_sigma, float& d_radius);
 
 }  // namespace stgs::encoder::cpu

@@ -114,7 +114,7 @@ Status CudaBackend::reserve(const TrainPlan& plan) {
   const std::size_t pixels = std::size_t{1} * plan.width * plan.height;
   const std::size_t instances = initial_instances(plan.primitives);
   const std::size_t state_bytes =
-      DeviceState::bytes(plan.primitives, plan.sh_coefficients, plan.coupled);
+      DeviceState::bytes(plan.primitives, plan.sh_coefficients, plan.coupled, plan.rounding);
   const std::size_t step_bytes =
       StepPipeline::bytes(plan.primitives, plan.width, plan.height, instances, plan.normals);
   const std::size_t shared_bytes = ranks_ == nullptr ? 0 : ranks() * block_bytes(plan.primitives);
@@ -138,6 +138,7 @@ Status CudaBackend::reserve(const TrainPlan& plan) {
     STGS_TRY(pipeline_.set_ranks(*ranks_, exchange_.get(), plan.primitives));
   }
   STGS_TRY(device_.reserve(plan.primitives, plan.sh_coefficients, plan.coupled));
+  if (plan.rounding) STGS_TRY(device_.reserve_rounding(plan.primitives));
   // An exact fit may still fail, because the driver rounds up each allocation.
   if (!pipeline_.reserve(plan.primitives, plan.width, plan.height, instances, plan.normals, stream_)
            .ok()) {

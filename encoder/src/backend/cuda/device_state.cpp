@@ -48,10 +48,19 @@ std::vector<int> widths(int sh_coefficients, bool coupled) {
   return all;
 }
 
+// Returns the words of the rounded values of n primitives: positions, scales, rotations, opacities,
+// SH and velocities.
+std::size_t rounded_words(std::size_t n, int sh_coefficients) {
+  std::size_t words = 0;
+  for (int width : {3, 3, 4, 1, 3 * sh_coefficients, 3})
+    words += aligned(n * static_cast<std::size_t>(width));
+  return words;
+}
+
 }  // namespace
 
-std::size_t DeviceState::bytes(std::size_t n, int sh_coefficients, bool coupled) {
-  std::size_t words = 0;
+std::size_t DeviceState::bytes(std::size_t n, int sh_coefficients, bool coupled, bool rounding) {
+  std::size_t words = rounding ? rounded_words(n, sh_coefficients) + n : 0;
   for (int width : widths(sh_coefficients, coupled))
     words += aligned(n * static_cast<std::size_t>(width));
   return words * sizeof(std::uint32_t);
@@ -61,8 +70,8 @@ Status DeviceState::reserve(std::size_t n, int sh_coefficients, bool coupled) {
   const bool same = sh_coefficients == primitives_.sh_coefficients && coupled == coupled_;
   if (n <= capacity_ && same) return {};
   capacity_ = 0;
-  STGS_TRY(memory_.ensure(bytes(n, sh_coefficients, coupled) / sizeof(std::uint32_t)));
-  STGS_TRY(staging_.ensure(bytes(n, sh_coefficients, coupled) / sizeof(std::uint32_t)));
+  STGS_TRY(memory_.ensure(bytes(n, sh_coefficients, coupled, false) / sizeof(std::uint32_t)));
+  STGS_TRY(staging_.ensure(bytes(n, sh_coefficients, coupled, false) / sizeof(std::uint32_t)));
   arrays_.clear();
   std::size_t at = 0;
   for (int width : widths(sh_coefficients, coupled)) {
@@ -89,8 +98,51 @@ Status DeviceState::reserve(std::size_t n, int sh_coefficients, bool coupled) {
   primitives_.views = arrays_[kRest + 6].data;
   primitives_.log_scale = coupled ? floats(kRest + 7) : primitives_.values[kLogScale];
   primitives_.rotation = coupled ? floats(kRest + 8) : primitives_.values[kRotation];
+  primitives_.rendered = learnt();
   primitives_.v = coupled ? primitives_.u : primitives_.values[kVelocity];
   return {};
+}
+
+Rendered DeviceState::learnt() const {
+  const Primitives& p = primitives_;
+  return {p.values[kPosition], p.log_scale, p.rotation, p.values[kOpacity], p.values[kSh], p.u};
+}
+
+Status DeviceState::reserve_rounding(std::size_t n) {
+  STGS_TRY(rounded_memory_.ensure(rounded_words(n, primitives_.sh_coefficients)));
+  STGS_TRY(rules_memory_.ensure(1));
+  return tier_memory_.ensure(n);
+}
+
+Status DeviceState::upload_rounding(const TrainState& state, cudaStream_t stream) {
+  const CompactionState& compaction = state.compaction;
+  primitives_.rendered = learnt();
+  primitives_.rules = nullptr;
+  if (!compaction.is_rounding()) return {};
+  const std::size_t n = state.size();
+  STGS_TRY(reserve_rounding(n));
+  float* at = rounded_memory_.data();
+  const auto take = [&at, n](std::size_t components) {
+    float* const out = at;
+    at += aligned(n * components);
+    return out;
+  };
+  rounded_ = {
+      take(3), take(3), take(4), take(1), take(std::size_t{3} * primitives_.sh_coefficients),
+      take(3)};
+  primitives_.rendered = {rounded_.position, rounded_.log_scale, rounded_.rotation,
+                          rounded_.opacity,  rounded_.sh,        rounded_.u};
+  // The sources are pageable, so the calls return after reading them.
+  STGS_TRY(cuda_status(cudaMemcpyAsync(rules_memory_.data(), &compaction.rules,
+                                       sizeof(RoundingRules), cudaMemcpyHostToDevice, stream),
+                       "uploading the steps"));
+  STGS_TRY(cuda_status(cudaMemcpyAsync(tier_memory_.data(), compaction.tier.data(), n,
+                                       cudaMemcpyHostToDevice, stream),
+                       "uploading the tiers"));
+  primitives_.rules = rules_memory_.data();
+  primitives_.tier = tier_memory_.data();
+  round(stream);
+  return cuda_status(cudaGetLastError(), "rounding the primitives");
 }
 
 std::vector<std::uint32_t*> DeviceState::host_arrays(TrainState& state) {
@@ -133,6 +185,7 @@ Status DeviceState::upload(const TrainState& state, cudaStream_t stream) {
     staged += words;
   }
   if (coupled_) launch_derive_coupled(primitives_, stream);
+  STGS_TRY(upload_rounding(state, stream));
   return upload_colour(state, stream);
 }
 

@@ -11,6 +11,7 @@
 
 #include "stgs/format/math/screen_splat.h"
 #include "train/random.h"
+#include "train/rounding.h"
 #include "train/train_state.h"
 
 namespace stgs::encoder::cuda {
@@ -31,6 +32,16 @@ inline constexpr std::uint32_t kInvisible = 0xFFFFFFFFu;  // depth key of invisi
 // Maximum number of tile instances of a view; the limit of the CPU rasteriser.
 inline constexpr std::size_t kMaxInstances = std::size_t{1} << 26;
 
+// The values that a view renders: those of Primitives, or rounded copies of them (quantise.cu).
+struct Rendered {
+  const float* position = nullptr;   // N x 3
+  const float* log_scale = nullptr;  // N x 3
+  const float* rotation = nullptr;   // N x 4
+  const float* opacity = nullptr;    // N, logits
+  const float* sh = nullptr;         // N x 3 sh_coefficients
+  const float* u = nullptr;          // N x 3
+};
+
 // The parameters, moments and statistics of all primitives, laid out like TrainState's arrays.
 struct Primitives {
   std::uint32_t n = 0;
@@ -40,16 +51,25 @@ struct Primitives {
   float* second[kAttributes]{};
   float* u = nullptr;      // N x 3, effective velocity v / f
   float* sigma = nullptr;  // N, exp(log_sigma)
-  // As rendered: the values above, except in the coupled form, which derives them like u and sigma.
+  // The values above, except in the coupled form, which derives them like u and sigma.
   float* log_scale = nullptr;  // N x 3
   float* rotation = nullptr;   // N x 4
-  float* v = nullptr;          // N x 3
-  float tick = 0;              // CoupledParameters::tick; 0: not in use
+  Rendered rendered;
+  const RoundingRules* rules = nullptr;  // device memory; null: not rounding
+  const std::uint8_t* tier = nullptr;    // N, if rounding
+  float* v = nullptr;                    // N x 3
+  float tick = 0;                        // CoupledParameters::tick; 0: not in use
   std::uint32_t* updates = nullptr;
   float* gradient_sum = nullptr;  // DensifyStatistics
   float* abs_gradient_sum = nullptr;
   float* error_max = nullptr;
   std::uint32_t* views = nullptr;
+};
+
+// Memory for the rounded values, laid out like Rendered.
+struct RoundedValues {
+  float *position = nullptr, *log_scale = nullptr, *rotation = nullptr, *opacity = nullptr,
+        *sh = nullptr, *u = nullptr;
 };
 
 // The colour maps of all cameras, laid out like TrainState's.
@@ -150,7 +170,7 @@ struct UpdateSettings {
   math::DampingRules damping;
   float rates[kAttributes];
   float rate_sh0;
-  float weight_lifespan, weight_opacity, weight_scale;
+  float weight_lifespan, weight_opacity, weight_scale, weight_rate;  // the last only if rounding
 };
 
 // Returns the size of Workspace::sort_memory for sorting and scanning `items`, bytes.
@@ -195,6 +215,8 @@ void launch_update(const Primitives& p, const View& view, const UpdateSettings& 
 // Derives the rendered values of all primitives in the coupled form. Runs after every change of the
 // learnt values, so that they always come from this kernel, wherever a run was resumed.
 void launch_derive_coupled(const Primitives& p, cudaStream_t stream);
+// Rounds the learnt values of all primitives to those that a decoder reconstructs.
+void launch_rounding(const Primitives& p, const RoundedValues& out, cudaStream_t stream);
 // Writes the losses to `record` (mapped host memory), applies Adam to colour map `index`, and
 // resets the counters for the next step.
 void launch_finish(const View& view, std::uint32_t n, const LossWeights& weights,

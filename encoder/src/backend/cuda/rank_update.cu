@@ -28,7 +28,7 @@ __device__ void add_view(const Primitives& p, std::uint32_t i, float4 centre_tic
                          float* sh) {
 #pragma unroll
   for (int k = 0; k < kBasis; ++k) stage[k] += rows[k * stride + i];
-  const Vec3 position = position_at(read3(p.values[kPosition], i), read3(p.u, i),
+  const Vec3 position = position_at(read3(p.rendered.position, i), read3(p.rendered.u, i),
                                     centre_ticks.w - p.values[kTime][i]);
   const Vec3 from_camera{position.x - centre_ticks.x, position.y - centre_ticks.y,
                          position.z - centre_ticks.z};

@@ -40,13 +40,13 @@ __device__ bool make_splat(const Primitives& p, std::uint32_t i, const View& vie
   const float sigma = p.sigma[i], radius = p.values[kRadius][i];
   const float beyond = fabsf(dt) - radius;
   if (beyond > 0.0f && beyond * beyond > kReachMax * sigma * sigma) return false;
-  const Vec3 position = position_at(read3(p.values[kPosition], i), read3(p.u, i), dt);
+  const Vec3 position = position_at(read3(p.rendered.position, i), read3(p.rendered.u, i), dt);
   if (!(to_camera(view.camera, position).z >= view.camera.near_plane)) return false;
-  const float opacity = opacity_of(p.values[kOpacity][i]) * visibility(dt, sigma, radius);
+  const float opacity = opacity_of(p.rendered.opacity[i]) * visibility(dt, sigma, radius);
   if (!(opacity >= kAlphaThreshold)) return false;
 
-  const Vec3 log_scale = read3(p.log_scale, i);
-  const float4 r = reinterpret_cast<const float4*>(p.rotation)[i];
+  const Vec3 log_scale = read3(p.rendered.log_scale, i);
+  const float4 r = reinterpret_cast<const float4*>(p.rendered.rotation)[i];
   const Sym3 covariance = covariance_of({r.x, r.y, r.z, r.w},
                                         {expf(log_scale.x), expf(log_scale.y), expf(log_scale.z)});
   const Projection q = project_gaussian(view.camera, position, covariance);
@@ -55,7 +55,7 @@ __device__ bool make_splat(const Primitives& p, std::uint32_t i, const View& vie
   const Vec3 from_camera{position.x - view.centre.x, position.y - view.centre.y,
                          position.z - view.centre.z};
   Vec3 colour;
-  if (!colour_of(p.values[kSh] + std::size_t{3} * p.sh_coefficients * i, view.coefficients,
+  if (!colour_of(p.rendered.sh + std::size_t{3} * p.sh_coefficients * i, view.coefficients,
                  from_camera, colour))
     return false;
   out = screen_splat(q, box.extent, opacity, colour);
@@ -63,11 +63,11 @@ __device__ bool make_splat(const Primitives& p, std::uint32_t i, const View& vie
 }
 
 __device__ float4 plane_of(const Primitives& p, std::uint32_t i, const View& view) {
-  const Vec3 position =
-      position_at(read3(p.values[kPosition], i), read3(p.u, i), view.ticks - p.values[kTime][i]);
-  const float4 r = reinterpret_cast<const float4*>(p.rotation)[i];
+  const Vec3 position = position_at(read3(p.rendered.position, i), read3(p.rendered.u, i),
+                                    view.ticks - p.values[kTime][i]);
+  const float4 r = reinterpret_cast<const float4*>(p.rendered.rotation)[i];
   const Plane plane =
-      primitive_plane(view.camera, position, {r.x, r.y, r.z, r.w}, read3(p.log_scale, i));
+      primitive_plane(view.camera, position, {r.x, r.y, r.z, r.w}, read3(p.rendered.log_scale, i));
   return make_float4(plane.normal.x, plane.normal.y, plane.normal.z, plane.distance);
 }
 

@@ -35,6 +35,7 @@ UpdateSettings update_settings(const StepInput& input) {
   settings.weight_lifespan = input.weight_lifespan;
   settings.weight_opacity = input.weight_opacity;
   settings.weight_scale = input.weight_scale;
+  settings.weight_rate = input.weight_rate;
   return settings;
 }
 
@@ -255,6 +256,7 @@ Status StepPipeline::enqueue_shared(const DeviceState& state, const StepInput& i
   STGS_TRY(exchange_->all_gather(blocks.data, blocks.bytes, stream));
   stage("exchange");
   launch_apply(primitives, views, view.coefficients, settings, input.betas, blocks, stream);
+  state.round(stream);
   stage("update");
   launch_finish_ranks(views, state.colour(), input.rate_colour, workspace_.counters, blocks,
                       records, stream);
@@ -293,6 +295,7 @@ Status StepPipeline::enqueue(const DeviceState& state, const StepInput& input,
   stage("blend_backward");
   if (!input.batch.empty()) return enqueue_shared(state, input, view, weights, record, stream);
   launch_update(primitives, view, update_settings(input), w, stream);
+  state.round(stream);
   stage("update");
   launch_finish(view, primitives.n, weights, state.colour(), index, input.rate_colour, record, w,
                 stream);

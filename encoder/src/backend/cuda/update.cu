@@ -125,12 +125,12 @@ struct PrimitiveValues {
 
 __device__ PrimitiveValues load_values(const Primitives& p, std::uint32_t i) {
   PrimitiveValues own;
-  own.position = read3(p.values[kPosition], i);
-  own.log_scale = read3(p.log_scale, i);
-  own.u = read3(p.u, i);
-  own.rotation = reinterpret_cast<const float4*>(p.rotation)[i];
+  own.position = read3(p.rendered.position, i);
+  own.log_scale = read3(p.rendered.log_scale, i);
+  own.u = read3(p.rendered.u, i);
+  own.rotation = reinterpret_cast<const float4*>(p.rendered.rotation)[i];
   own.time = p.values[kTime][i];
-  own.logit = p.values[kOpacity][i];
+  own.logit = p.rendered.opacity[i];
   own.sigma = p.sigma[i];
   own.radius = p.values[kRadius][i];
   return own;
@@ -244,7 +244,7 @@ __device__ PrimitiveTerms primitive_gradients(const Primitives& p, std::uint32_t
   const Vec3 from_camera{pose.position.x - view.centre.x, pose.position.y - view.centre.y,
                          pose.position.z - view.centre.z};
   const Vec3 by_colour =
-      colour_backward(p.values[kSh] + std::size_t{3} * p.sh_coefficients * i, view.coefficients,
+      colour_backward(p.rendered.sh + std::size_t{3} * p.sh_coefficients * i, view.coefficients,
                       from_camera, own.splat, grad.colour, stage);
   const PoseGradient by_pose = pose_gradient<kPlanes>(view, own, pose, grad, by_colour);
   const MotionGrad by_motion = position_at_grad(own.values.u, pose.dt, by_pose.position);

@@ -5,6 +5,7 @@
 
 #include "backend/cuda/device.cuh"
 #include "math/damp.h"
+#include "stgs/format/math/quant.h"
 
 namespace stgs::encoder::cuda {
 
@@ -148,6 +149,16 @@ __device__ inline void derive(const Primitives& p, std::uint32_t i, const Update
   write3(p.u + 3 * i, {v.x / f, v.y / f, v.z / f});
 }
 
+// Returns the gradient of the rate by value k (coefficient then channel) of primitive i, in bits.
+__device__ inline float rate_gradient(const Primitives& p, std::uint32_t i, unsigned k) {
+  const int band = math::sh_band_of(static_cast<int>(k / 3));
+  if (band == 0) return 0.0f;
+  const RoundingSteps& steps = p.rules->tiers[p.tier[i]];
+  const math::Vec3 by = math::colour_rate_grad(read3(p.values[kSh], i * p.sh_coefficients + k / 3),
+                                               steps.luma_bits[band], steps.chroma_bits[band]);
+  return k % 3 == 0 ? by.x : k % 3 == 1 ? by.y : by.z;
+}
+
 // Updates the SH coefficients of the warp's primitives, kBatch values per lane at a time.
 // gradient_of(owner, k) returns the gradient of value k (coefficient then channel) of the warp's
 // primitive `owner`.
@@ -175,7 +186,11 @@ __device__ void update_sh(const Primitives& p, std::uint32_t first, unsigned vis
       rows.second[j] = p.second[kSh][at[j]];
       gradient[j] = gradient_of(owner, k);
       rate[j] = k < 3 ? settings.rate_sh0 : settings.rates[kSh];
+      if (settings.weight_rate > 0.0f)
+        gradient[j] += settings.weight_rate * rate_gradient(p, first + owner, k);
     }
+    // The rate reads all channels of a coefficient, which are in one batch.
+    if (settings.weight_rate > 0.0f) __syncwarp();
 #pragma unroll
     for (int j = 0; j < kBatch; ++j) {
       if (own[j] == nullptr) continue;

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// Limits of a packed file, which training and packing share.
+#pragma once
+
+#include "stgs/format/gaussian4d.h"
+#include "stgs/format/parameter.h"
+
+namespace stgs::encoder {
+
+inline constexpr Parameter kTargetKbps = {
+    "target_kbps", 0.001,     1e9, "Instead of --quality: the best file within this mean bit rate",
+    "kbit/s",      "no limit"};
+inline constexpr Parameter kTargetSize = {
+    "target_size", 1,         1e15, "Instead of --quality: the best file within this size",
+    "bytes",       "no limit"};
+
+// Returns the limit of a clip of `frames` frames, bytes; 0: none. Settings: of training or packing.
+template <typename Settings>
+double byte_limit(const Settings& settings, const TimeBase& time_base, double frames) {
+  if (settings.target_size > 0) return settings.target_size;
+  return settings.target_kbps * 125.0 * time_base.seconds(frames);
+}
+
+// Returns kUsage if both limits are set.
+template <typename Settings>
+Status check_limits(const Settings& settings) {
+  if (settings.target_kbps == 0 || settings.target_size == 0) return {};
+  return usage_error("--target-kbps and --target-size exclude each other; use one of them");
+}
+
+}  // namespace stgs::encoder

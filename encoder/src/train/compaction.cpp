@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: Apache-2.0
+// Compaction, the last part of a run: removes the primitives that matter least, in rounds, then
+// trains the others with quantisation in the loop, so that what is decoded is what was trained.
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "pack/most_important.h"
+#include "stgs/format/math/lifespan.h"
+#include "train/step_schedule.h"
+#include "train/trainer.h"
+
+namespace stgs::encoder {
+namespace {
+
+constexpr int kSizeSteps = 8;  // of a bisection for the size of the file
+constexpr double kMinKeep = 0.002, kMaxQuality = 95;
+
+// Returns the indices of the `count` largest values, ascending; of equal ones the first.
+std::vector<std::uint32_t> largest(const std::vector<float>& values, std::size_t count) {
+  std::vector<std::uint32_t> order(values.size());
+  std::iota(order.begin(), order.end(), 0u);
+  std::nth_element(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(count), order.end(),
+                   [&values](std::uint32_t a, std::uint32_t b) {
+                     return values[a] != values[b] ? values[a] > values[b] : a < b;
+                   });
+  order.resize(count);
+  std::sort(order.begin(), order.end());
+  return order;
+}
+
+}  // namespace
+
+double Trainer::compaction_progress() const {
+  const double share = parameters_.compact_share;
+  if (share == 0) return 0;
+  return std::clamp((run_progress() - (1.0 - share)) / share, 0.0, 1.0);
+}
+
+Status Trainer::compact() {
+  if (parameters_.compact_share == 0 || growth_progress() < 1.0) return {};
+  const double progress = compaction_progress(), until = parameters_.compact_prune_share;
+  const auto rounds = static_cast<std::uint32_t>(parameters_.compact_rounds);
+  CompactionState& compaction = state_.compaction;
+  if (compaction.prunings == 0) STGS_TRY(choose_size());
+  while (compaction.prunings < rounds && progress >= until * compaction.prunings / rounds) {
+    STGS_TRY(prune(std::pow(compaction.keep, 1.0 / rounds)));
+    ++compaction.prunings;
+  }
+  if (!compaction.is_rounding() && compaction.prunings == rounds && progress >= until) {
+    STGS_TRY(begin_rounding());
+  }
+  return {};
+}
+
+Status Trainer::choose_size() {
+  CompactionState& compaction = state_.compaction;
+  compaction.keep = parameters_.compact_keep;
+  compaction.quality = parameters_.compact_quality;
+  const double limit = byte_limit(settings_, capture_.time_base, capture_.frames);
+  if (limit == 0) return {};
+  STGS_ASSIGN(const std::vector<float> importance, pruning_importance());
+  Scene scene;
+  scene.metadata.frames = static_cast<std::uint32_t>(capture_.frames);
+  scene.gaussians = state_.set;
+  scene.importance = importance;
+  const std::vector<std::uint32_t> ranked = rank_by_importance(scene);
+  STGS_ASSIGN(const double all, packed_bytes(scene, ranked, 1.0, compaction.quality));
+  if (all <= limit) {  // all primitives, at the greatest quality that fits
+    double low = compaction.quality, high = kMaxQuality;
+    for (int k = 0; k < kSizeSteps; ++k) {
+      const double middle = 0.5 * (low + high);
+      STGS_ASSIGN(const double bytes, packed_bytes(scene, ranked, 1.0, middle));
+      (bytes <= limit ? low : high) = middle;
+    }
+    compaction.keep = 1.0;
+    compaction.quality = low;
+  } else {
+    double low = std::log(kMinKeep), high = 0.0;
+    for (int k = 0; k < kSizeSteps; ++k) {
+      const double middle = 0.5 * (low + high);
+      STGS_ASSIGN(const double bytes,
+                  packed_bytes(scene, ranked, std::exp(middle), compaction.quality));
+      (bytes <= limit ? low : high) = middle;
+    }
+    compaction.keep = std::exp(low);
+  }
+  log_(2, fmt::format("iteration {}: keeping {:.1f} % of {} primitives for {:.0f} bytes",
+                      state_.iteration, 100.0 * compaction.keep, state_.size(), limit));
+  return {};
+}
+
+Result<double> Trainer::packed_bytes(const Scene& scene, const std::vector<std::uint32_t>& ranked,
+                                     double share, double quality) const {
+  const auto count =
+      static_cast<std::size_t>(std::ceil(share * static_cast<double>(ranked.size())));
+  Scene part = most_important(scene, ranked, count);
+  part.quantisation =
+      choose_quantisation(part.gaussians, part.importance, capture_.frames, quality);
+  WriteSettings write;
+  write.profile = Profile::kQuantised;
+  write.own_steps = true;
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, encode_scene(part, write));
+  return static_cast<double>(bytes.size());
+}
+
+Result<std::vector<float>> Trainer::importance_now() {
+  STGS_TRY(synchronise());
+  Result<std::vector<float>> found = importance();
+  if (!found.ok()) {
+    STGS_TRY(save_checkpoint());
+    return found.status();
+  }
+  if (found->size() == state_.size()) return found;
+  return runtime_error(
+      "the importances of the primitives could not be computed, which the compaction needs; train "
+      "without it (--set compact_share=0)");
+}
+
+Result<std::vector<float>> Trainer::pruning_importance() {
+  STGS_ASSIGN(std::vector<float> importance, importance_now());
+  for (std::size_t i = 0; i < importance.size(); ++i) {
+    const double life = 2.0 * (state_.set.radius[i] + double{state_.set.sigma[i]});
+    const double share = std::clamp(life / capture_.frames, 1.0 / capture_.frames, 1.0);
+    importance[i] *= static_cast<float>(std::pow(share, -parameters_.compact_moving));
+  }
+  return importance;
+}
+
+Status Trainer::prune(double keep) {
+  STGS_ASSIGN(const std::vector<float> importance, pruning_importance());
+  const auto count = static_cast<std::size_t>(std::ceil(keep * static_cast<double>(state_.size())));
+  if (count < state_.size()) state_.retain(largest(importance, count));
+  return backend_->begin(state_);
+}
+
+Status Trainer::begin_rounding() {
+  CompactionState& compaction = state_.compaction;
+  STGS_ASSIGN(compaction.importance, importance_now());
+  const double frames = capture_.frames;
+  Quantisation quantisation =
+      choose_quantisation(state_.set, compaction.importance, frames, compaction.quality);
+  state_.set = round_lifespans(state_.set, quantisation, frames);
+  for (std::size_t i = 0; i < state_.size(); ++i) {
+    const float sigma = state_.set.sigma[i], radius = state_.set.radius[i];
+    const float f = ablation_.modulation ? math::lifespan_modulation(sigma, radius) : 1.0f;
+    state_.log_sigma[i] = std::log(sigma);
+    for (std::size_t c = 0; c < 3; ++c)
+      state_.velocity[3 * i + c] = f * state_.set.velocity[3 * i + c];
+  }
+  compaction.tier.clear();
+  for (const float x : compaction.importance)
+    compaction.tier.push_back(static_cast<std::uint8_t>(quantisation.tier_of(x)));
+  compaction.rules = rounding_rules(quantisation, frames, state_.set, compaction.tier);
+  compaction.quantisation = std::move(quantisation);
+  log_(2, fmt::format("iteration {}: {} primitives remain; training for packing", state_.iteration,
+                      state_.size()));
+  return backend_->begin(state_);
+}
+
+// Lifespans do not change any more once they are rounded.
+void Trainer::set_compaction_schedule(StepInput& input) const {
+  const HyperParameters& p = parameters_;
+  const double progress = compaction_progress();
+  set_schedule(p, capture_, p.compact_restart + (1.0 - p.compact_restart) * progress, false, input);
+  const auto decay = static_cast<float>(std::pow(p.compact_decay, progress));
+  input.sh_degree = p.sh_degree;
+  for (float& rate : input.rates) rate *= decay;
+  input.rate_sh0 *= decay;
+  if (!state_.compaction.is_rounding()) return;
+  for (const int a : {kTime, kLogSigma, kRadius}) input.rates[static_cast<std::size_t>(a)] = 0;
+  input.learn_radius = false;
+  input.weight_rate = static_cast<float>(p.compact_rate);
+}
+
+}  // namespace stgs::encoder
