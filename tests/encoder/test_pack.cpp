@@ -143,6 +143,26 @@ TEST_CASE("a low limit leaves out the primitives of least importance") {
   CHECK(files.pack(settings, report) == StatusCode::kUsage);
 }
 
+TEST_CASE("a target PSNR gives the smallest file that reaches it") {
+  const PackFixture files(random_scene(2000, 1, 60, 15));
+  encoder::PackReport report;
+  encoder::PackSettings settings;
+  std::uint64_t before = 0;
+  for (const double target : {30.0, 40.0}) {
+    settings.target_psnr = target;
+    REQUIRE(files.pack(settings, report) == StatusCode::kOk);
+    CHECK(*report.images_psnr >= target);
+    CHECK(*report.images_psnr < target + 3);
+    CHECK(report.bytes_out > before);
+    before = report.bytes_out;
+  }
+  settings.target_psnr = 99;
+  CHECK(files.pack(settings, report) == StatusCode::kUsage);
+  const PackFixture without_camera(random_scene(100, 1, 60, 15), false);
+  settings.target_psnr = 30;
+  CHECK(without_camera.pack(settings, report) == StatusCode::kUsage);
+}
+
 TEST_CASE("the position error bound holds at every time") {
   const Scene scene = random_scene(4000, 0, 60, 16);
   const PackFixture files(scene);

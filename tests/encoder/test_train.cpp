@@ -211,6 +211,20 @@ TEST_CASE("a limit of the file decides how many primitives remain") {
   CHECK(run(synthetic, settings).status().code() == StatusCode::kUsage);
 }
 
+TEST_CASE("a target PSNR decides how many primitives remain") {
+  const SyntheticCapture synthetic;
+  const auto primitives = [&](double target) {
+    TrainSettings settings = short_run(200);
+    settings.target_psnr = target;
+    const Result<Scene> scene = run(synthetic, settings);
+    REQUIRE(scene.ok());
+    return scene->gaussians.size();
+  };
+  const std::size_t all = primitives(60), some = primitives(22), few = primitives(15);
+  CHECK(few < some);
+  CHECK(some < all);
+}
+
 TEST_CASE("every ablation disables its component") {
   const SyntheticCapture synthetic;
   TrainSettings settings = short_run(40);

@@ -103,7 +103,7 @@ class Encode final : public Command {
                               training, checkpoint_before));
     seconds[1] = lap();
     encoder::PackSettings packing = pack_.settings();
-    packing.quality = 0;  // the scene was trained for it
+    packing.quality = packing.target_psnr = 0;  // the scene was trained for it
     const bool held_out = std::any_of(capture.cameras.begin(), capture.cameras.end(),
                                       [](const encoder::Camera& camera) { return camera.test; });
     if (held_out) packing.against = prepared;

@@ -13,6 +13,8 @@ void exclude_limits(const std::map<std::string, Argument*>& options) {
   options.at("target_kbps")->excludes(options.at("quality"));
   options.at("target_size")->excludes(options.at("quality"));
   options.at("target_size")->excludes(options.at("target_kbps"));
+  for (const char* other : {"quality", "target_kbps", "target_size"})
+    options.at("target_psnr")->excludes(options.at(other));
 }
 
 void PackOptions::declare(Arguments& app) {

@@ -18,7 +18,8 @@ void TrainOptions::declare(Arguments& app, bool with_packing) {
       {"fast", "default", "best"})
       ->capture_default_str()
       ->group(group);
-  const std::set<std::string> of_packing = {"quality", "target_kbps", "target_size"};
+  const std::set<std::string> of_packing = {"quality", "target_kbps", "target_size",
+                                            "target_psnr"};
   const auto options = declare_parameters<encoder::TrainParameters>(
       app, settings_, group, with_packing ? of_packing : std::set<std::string>());
   if (!with_packing) exclude_limits(options);
@@ -70,6 +71,7 @@ void TrainOptions::train_for(const encoder::PackSettings& packing) {
   settings_.quality = packing.quality;
   settings_.target_kbps = packing.target_kbps;
   settings_.target_size = packing.target_size;
+  settings_.target_psnr = packing.target_psnr;
 }
 
 Status TrainOptions::check_paths(const std::string& log_path, std::vector<NamedPath> paths) const {

@@ -5,113 +5,20 @@
 #include <cmath>
 #include <optional>
 
+#include "pack/attempt.h"
 #include "pack/most_important.h"
-#include "stgs/format/differences.h"
-#include "stgs/format/math/lang.h"
+#include "pack/render_psnr.h"
 
 namespace stgs::encoder {
 namespace {
 
-constexpr int kMaxTightenings = 4;  // of the bound, if the first does not meet max_error
-
-// The primitive with the max_error position error at any time.
-struct WorstPrimitive {
-  double error = HUGE_VAL;  // scene units
-  std::size_t primitive = 0;
-  math::Vec3 position{};   // at its T, as decoded
-  bool by_motion = false;  // the error is due to its motion, not to its position at its T
-};
-
-// Returns the position error of decoded primitive j at its T, scene units.
-double position_error(const Gaussians4D& set, std::size_t i, const Gaussians4D& decoded,
-                      std::size_t j) {
-  const double dt = double{decoded.time[j]} - set.time[i];
-  double squared = 0.0;
-  for (std::size_t c = 0; c < 3; ++c) {
-    const double x = set.position[3 * i + c] + set.velocity[3 * i + c] * dt;
-    squared += (x - decoded.position[3 * j + c]) * (x - decoded.position[3 * j + c]);
-  }
-  return std::sqrt(squared);
-}
-
-void measure_positions(const Scene& scene, Packed& packed, WorstPrimitive& worst) {
-  double max_error = -1.0, squares = 0.0;
-  const Scene& decoded = packed.decoded;
-  for_each_in_part(decoded, [&](std::size_t i, const TickRange& part) {
-    const double error = trajectory_error(scene.gaussians, packed.order[i], decoded.gaussians, i,
-                                          part.end - part.begin);
-    if (error > max_error) {
-      max_error = error;
-      const std::size_t j = packed.order[i];
-      const double at_own_time = position_error(scene.gaussians, j, decoded.gaussians, i);
-      const float* x = &decoded.gaussians.position[3 * i];
-      worst = {error, j, {x[0], x[1], x[2]}, at_own_time < 0.5 * error};
-    }
-    squares += error * error;
-  });
-  packed.position_max = std::max(0.0, max_error);
-  packed.position_rms =
-      std::sqrt(squares / std::max(1.0, static_cast<double>(packed.order.size())));
-}
-
-WriteSettings write_settings(const PackSettings& settings, double quality) {
-  WriteSettings out;
-  out.profile = settings.profile;
-  out.own_steps = quality == 0;
-  if (quality > 0) out.quality = quality;
-  out.tiers = settings.tiers;
-  out.chunk_seconds = settings.chunk_seconds;
-  out.max_error = settings.max_error / 1000.0;
-  return out;
-}
-
-// Decodes the packed bytes, so that every file that pack writes has been read once.
-Status decode(const Scene& scene, Packed& packed, WorstPrimitive& worst) {
-  STGS_ASSIGN(packed.decoded, read_scene(memory_source(packed.bytes, "the packed scene")));
-  measure_positions(scene, packed, worst);
-  return {};
-}
-
-// Packs at a quality and decodes the result. Uses the first bound on quantisation steps that meets
-// max_error; it must be tighter than max_error if a lifespan is rounded too. If no bound does, sets
-// `too_far` to the primitive of the attempt with the smallest error.
-Result<Packed> pack_at(const Scene& scene, const PackSettings& settings, double quality,
-                       const std::function<Status()>& before_attempt,
-                       std::optional<WorstPrimitive>& too_far) {
-  WriteSettings write = write_settings(settings, quality);
-  const double bound = write.max_error;
-  WorstPrimitive best;
-  for (int attempt = 0; attempt <= kMaxTightenings; ++attempt, write.max_error *= 0.5) {
-    STGS_TRY(before_attempt());
-    Packed packed;
-    packed.quality =
-        write.own_steps && scene.quantisation ? scene.quantisation->quality : write.quality;
-    STGS_ASSIGN(packed.bytes, encode_scene(scene, write, &packed.order));
-    WorstPrimitive worst;
-    STGS_TRY(decode(scene, packed, worst));
-    if (bound == 0.0 || packed.position_max <= bound) return packed;
-    if (worst.error < best.error) best = worst;
-  }
-  too_far = best;
-  return Packed{};
-}
-
-Status unreachable_error(const Scene& scene, const PackSettings& settings,
-                         const WorstPrimitive& worst) {
-  const double digits = std::pow(10.0, std::floor(std::log10(1000.0 * worst.error)) - 2.0);
-  const double best = std::ceil(1000.0 * worst.error / digits) * digits;
-  const float* u = &scene.gaussians.velocity[3 * worst.primitive];
-  const std::string cause =
-      worst.by_motion
-          ? fmt::format("because primitive {} moves by {:.3g} units per frame", worst.primitive,
-                        std::hypot(double{u[0]}, double{u[1]}, double{u[2]}))
-          : fmt::format("because primitive {} is at ({:g}, {:g}, {:g}) and positions have 21 bits",
-                        worst.primitive, worst.position.x, worst.position.y, worst.position.z);
-  return unsupported(
-      "--max-error {:g} cannot be met: the smallest possible error is {:.3g} thousandths of a "
-      "scene "
-      "unit, {}; allow that error, or remove the primitives that {}",
-      settings.max_error, best, cause, worst.by_motion ? "move so fast" : "are so far out");
+// Makes the order of a file of the `count` most important primitives refer to the complete scene.
+void refer_to_scene(const std::vector<std::uint32_t>& ranked, std::size_t count, Packed& packed) {
+  std::vector<std::uint32_t> members(ranked.begin(),
+                                     ranked.begin() + static_cast<std::ptrdiff_t>(count));
+  std::sort(members.begin(), members.end());
+  for (std::uint32_t& i : packed.order) i = members[i];
+  packed.left_out = ranked.size() - count;
 }
 
 // Packs attempts within a number of bytes.
@@ -191,14 +98,7 @@ class LimitedPacking {
     const std::size_t bytes = packed.bytes.size();
     if (smallest_ == 0 || bytes < smallest_) smallest_ = bytes;
     if (static_cast<double>(bytes) > limit_) return Outcome::kTooLarge;
-    // The order refers to the part; its primitives are in the order of the scene.
-    if (part.gaussians.size() < scene_.gaussians.size()) {
-      std::vector<std::uint32_t> members(
-          ranked_.begin(), ranked_.begin() + std::ssize(part.gaussians.opacity_logit));
-      std::sort(members.begin(), members.end());
-      for (std::uint32_t& i : packed.order) i = members[i];
-      packed.left_out = scene_.gaussians.size() - part.gaussians.size();
-    }
+    refer_to_scene(ranked_, part.gaussians.size(), packed);
     best_ = std::move(packed);
     return Outcome::kFits;
   }
@@ -213,6 +113,71 @@ class LimitedPacking {
   std::size_t smallest_ = 0;
 };
 
+// Packs attempts whose renders match those of the scene.
+class FaithfulPacking {
+ public:
+  FaithfulPacking(const Scene& scene, const PackSettings& settings,
+                  const std::function<Status()>& before_attempt)
+      : scene_(scene), settings_(settings), before_attempt_(before_attempt) {}
+
+  // Finds the smallest file with the PSNR: of a scene that was trained for its steps, that with the
+  // fewest primitives, of another one, that of the lowest quality.
+  Result<Packed> find() {
+    if (!scene_.metadata.start_camera) {
+      return usage_error(
+          "--target-psnr needs a start camera, from which renders are compared; this scene has "
+          "none");
+    }
+    const bool own = scene_.quantisation.has_value();
+    if (own) ranked_ = rank_by_importance(scene_);
+    // Values in [low, high]: steps of quality, or hundredths of the logarithm of the share.
+    int low = own ? kMinShare : 0, high = own ? 0 : kQualities;
+    STGS_ASSIGN(const bool possible, attempt(high));
+    while (possible && high - low > 1) {
+      const int middle = low + (high - low) / 2;
+      STGS_ASSIGN(const bool reached, attempt(middle));
+      (reached ? high : low) = middle;
+    }
+    if (!best_.bytes.empty()) return std::move(best_);
+    if (too_far_) return unreachable_error(scene_, settings_, *too_far_);
+    return usage_error("--target-psnr {:g} cannot be reached: the best file has {:.1f} dB",
+                       settings_.target_psnr, psnr_);
+  }
+
+ private:
+  static constexpr int kQualities = 400;  // steps of a quarter
+  static constexpr int kMinShare = -400;
+
+  Result<bool> attempt(int value) {
+    const bool own = scene_.quantisation.has_value();
+    const auto count = static_cast<std::size_t>(
+        std::ceil(std::exp(0.01 * value) * static_cast<double>(ranked_.size())));
+    std::optional<WorstPrimitive> too_far;
+    Result<Packed> packed =
+        own ? pack_at(most_important(scene_, ranked_, count), settings_, 0, before_attempt_,
+                      too_far)
+            : pack_at(scene_, settings_, 100.0 * value / kQualities, before_attempt_, too_far);
+    if (!packed.ok()) return packed.status();
+    if (too_far) {
+      too_far_ = too_far;
+      return false;
+    }
+    psnr_ = render_psnr(scene_, packed->decoded).value_or(0);
+    if (psnr_ < settings_.target_psnr) return false;
+    if (own) refer_to_scene(ranked_, count, *packed);
+    best_ = *std::move(packed);
+    return true;
+  }
+
+  const Scene& scene_;
+  const PackSettings& settings_;
+  const std::function<Status()>& before_attempt_;
+  std::vector<std::uint32_t> ranked_;
+  Packed best_;
+  std::optional<WorstPrimitive> too_far_;
+  double psnr_ = 0;  // of the latest attempt
+};
+
 }  // namespace
 
 double kbps_of(std::uint64_t bytes, const SceneMetadata& metadata) {
@@ -223,6 +188,7 @@ Result<Packed> pack_within(const Scene& scene, const PackSettings& settings,
                            const std::function<Status()>& before_attempt) {
   const double limit =
       byte_limit(settings, scene.metadata.time_base, static_cast<double>(scene.metadata.frames));
+  if (settings.target_psnr > 0) return FaithfulPacking(scene, settings, before_attempt).find();
   if (limit > 0) return LimitedPacking(scene, settings, before_attempt, limit).find();
   std::optional<WorstPrimitive> too_far;
   STGS_ASSIGN(Packed packed, pack_at(scene, settings, settings.quality, before_attempt, too_far));

@@ -99,6 +99,7 @@ void visit_compaction(Compaction& compaction, Archive& archive) {
   archive.value(compaction.prunings);
   archive.value(compaction.keep);
   archive.value(compaction.quality);
+  archive.value(compaction.psnr);
   Quantisation q = compaction.quantisation.value_or(Quantisation());
   std::uint32_t rounding = compaction.is_rounding() ? 1 : 0;
   archive.value(rounding);

@@ -15,6 +15,12 @@ namespace {
 
 constexpr int kSizeSteps = 8;  // of a bisection for the size of the file
 constexpr double kMinKeep = 0.002, kMaxQuality = 95;
+// With a target PSNR: rounds, the fraction that each keeps, images that are compared, and the
+// quality of a scene that does not reach the target.
+constexpr std::uint32_t kTargetRounds = 16;
+constexpr double kTargetKeep = 0.8;
+constexpr int kTargetViews = 16;
+constexpr double kFineQuality = 90;
 
 // Returns the indices of the `count` largest values, ascending; of equal ones the first.
 std::vector<std::uint32_t> largest(const std::vector<float>& values, std::size_t count) {
@@ -40,12 +46,17 @@ double Trainer::compaction_progress() const {
 Status Trainer::compact() {
   if (parameters_.compact_share == 0 || growth_progress() < 1.0) return {};
   const double progress = compaction_progress(), until = parameters_.compact_prune_share;
-  const auto rounds = static_cast<std::uint32_t>(parameters_.compact_rounds);
+  const bool targeted = settings_.target_psnr > 0;
+  const auto rounds =
+      targeted ? kTargetRounds : static_cast<std::uint32_t>(parameters_.compact_rounds);
   CompactionState& compaction = state_.compaction;
   if (compaction.prunings == 0) STGS_TRY(choose_size());
   while (compaction.prunings < rounds && progress >= until * compaction.prunings / rounds) {
-    STGS_TRY(prune(std::pow(compaction.keep, 1.0 / rounds)));
-    ++compaction.prunings;
+    STGS_ASSIGN(const bool further, can_prune());
+    STGS_TRY(prune(!further   ? 1.0
+                   : targeted ? kTargetKeep
+                              : std::pow(compaction.keep, 1.0 / rounds)));
+    compaction.prunings = further ? compaction.prunings + 1 : rounds;
   }
   if (!compaction.is_rounding() && compaction.prunings == rounds && progress >= until) {
     STGS_TRY(begin_rounding());
@@ -88,6 +99,26 @@ Status Trainer::choose_size() {
   log_(2, fmt::format("iteration {}: keeping {:.1f} % of {} primitives for {:.0f} bytes",
                       state_.iteration, 100.0 * compaction.keep, state_.size(), limit));
   return {};
+}
+
+// The next round is expected to lose as much as the last one.
+Result<bool> Trainer::can_prune() {
+  if (settings_.target_psnr == 0) return true;
+  STGS_TRY(synchronise());
+  STGS_ASSIGN(const HeldOutViews views, HeldOutViews::load(capture_, false, kTargetViews));
+  CompactionState& compaction = state_.compaction;
+  const double now = views.evaluate(state_.set, state_.background).psnr_cc;
+  const double lost = compaction.prunings == 0 ? 0.0 : std::max(0.0, compaction.psnr - now);
+  log_(2, fmt::format("iteration {}: {} primitives, training images {:.2f} dB (target {:g})",
+                      state_.iteration, state_.size(), now, settings_.target_psnr));
+  if (compaction.prunings == 0 && now < settings_.target_psnr) {
+    log_(1, fmt::format("training reached {:.2f} dB on the training images, less than the target "
+                        "of {:g}; no primitives are removed",
+                        now, settings_.target_psnr));
+    compaction.quality = std::max(compaction.quality, kFineQuality);
+  }
+  compaction.psnr = now;
+  return now - lost >= settings_.target_psnr;
 }
 
 Result<double> Trainer::packed_bytes(const Scene& scene, const std::vector<std::uint32_t>& ranked,

@@ -43,6 +43,7 @@ Fingerprint fingerprint_of(const HyperParameters& parameters, const TrainSetting
   out.emplace_back("max_seconds", fmt::format("{}", settings.max_seconds));
   out.emplace_back("target_kbps", fmt::format("{}", settings.target_kbps));
   out.emplace_back("target_size", fmt::format("{}", settings.target_size));
+  out.emplace_back("target_psnr", fmt::format("{}", settings.target_psnr));
   return out;
 }
 

@@ -26,9 +26,9 @@ std::vector<SampledView> sample_views(const PreparedCapture& capture, bool test,
   return views;
 }
 
-Result<HeldOutViews> HeldOutViews::load(const PreparedCapture& capture) {
+Result<HeldOutViews> HeldOutViews::load(const PreparedCapture& capture, bool test, int max_views) {
   HeldOutViews held_out;
-  for (const SampledView& sampled : sample_views(capture, true, kMaxHeldOutImages)) {
+  for (const SampledView& sampled : sample_views(capture, test, max_views)) {
     const Camera& camera = capture.cameras[sampled.camera];
     View view;
     view.camera = camera.pinhole(capture.near_plane);

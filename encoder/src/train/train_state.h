@@ -61,6 +61,7 @@ struct CompactionState {
   std::uint32_t prunings = 0;  // done
   // Chosen before the first one: the fraction of the primitives to keep, and the quality.
   double keep = 0, quality = 0;
+  double psnr = 0;  // of the training images before the latest pruning, with a target; dB
   // Once rounding began: what it rounds to, and each primitive's importance and tier.
   std::optional<Quantisation> quantisation;
   RoundingRules rules;

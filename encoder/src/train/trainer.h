@@ -77,6 +77,8 @@ class Trainer {
   // Returns the bytes of the `count` most important primitives, packed at a quality.
   Result<double> packed_bytes(const Scene& scene, const std::vector<std::uint32_t>& ranked,
                               double share, double quality) const;
+  // Returns whether the training images keep the target PSNR if further primitives are removed.
+  Result<bool> can_prune();
   // Computes the importances that decide which primitives are removed.
   Result<std::vector<float>> pruning_importance();
   // Retains the fraction of the primitives that matters most.

@@ -139,12 +139,13 @@ Result<TrainingChoice> choose_training(const TrainSettings& settings) {
   STGS_TRY(check_used({settings, choice.parameters, choice.ablation}));
   // The coupled form has no steps to round to.
   if (!choice.ablation.representation) p.compact_share = 0;
-  const bool limited = settings.target_kbps > 0 || settings.target_size > 0;
+  const bool limited =
+      settings.target_kbps > 0 || settings.target_size > 0 || settings.target_psnr > 0;
   if (p.compact_share == 0 && (limited || settings.quality > 0)) {
     return usage_error(
         "{} needs the compaction at the end of training; it is off with compact_share 0 and with "
         "--ablate representation",
-        limited ? "a limit of the file" : "--quality");
+        limited ? "a limit or target of the file" : "--quality");
   }
   return choice;
 }
@@ -156,6 +157,7 @@ std::uint64_t settings_id_of(const TrainSettings& settings, const TrainingChoice
   entries.emplace_back("max_seconds", fmt::format("{}", settings.max_seconds));
   entries.emplace_back("target_kbps", fmt::format("{}", settings.target_kbps));
   entries.emplace_back("target_size", fmt::format("{}", settings.target_size));
+  entries.emplace_back("target_psnr", fmt::format("{}", settings.target_psnr));
   entries.emplace_back("perceptual weights", perceptual.fingerprint());
   const std::string text = fingerprint_text(entries);
   return XXH3_64bits(text.data(), text.size());

@@ -214,6 +214,8 @@ typedef struct stgs_train_settings {
   double target_kbps; /* trains for a packed file of at most this mean bit rate, kbit/s, 0.001 to
                        * 10^9; 0 (default): no limit */
   double target_size; /* or of at most this many bytes, 1 to 10^15; 0 (default): no limit */
+  double target_psnr; /* or removes primitives as long as the training images keep this PSNR, after
+                       * the best affine colour map of each, 1 to 100 dB; 0 (default): no target */
 } stgs_train_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */
@@ -287,6 +289,8 @@ typedef struct stgs_pack_settings {
   double audio_begin;     /* start of the audio, seconds, -10^6 to 10^6; default 0 */
   double target_size;     /* upper bound of the file, bytes, 1 to 10^15; 0 (default): none; not with
                            * target_kbps */
+  double target_psnr; /* the smallest file whose renders have this PSNR against those of the scene,
+                       * 1 to 100 dB; 0 (default): no target; not with a limit */
 } stgs_pack_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */

@@ -31,8 +31,9 @@ struct HeldOutScore {
 
 class HeldOutViews {
  public:
-  // Decodes the test images and keeps them in memory, 3 bytes per pixel.
-  static Result<HeldOutViews> load(const PreparedCapture& capture);
+  // Decodes sample_views() and keeps them in memory, 3 bytes per pixel.
+  static Result<HeldOutViews> load(const PreparedCapture& capture, bool test = true,
+                                   int max_views = kMaxHeldOutImages);
 
   bool empty() const { return views_.empty(); }
   // Renders the set over `background` (sRGB-encoded), clamps to [0,1] and compares with the ground

@@ -26,6 +26,7 @@ struct PackSettings {
   // then the primitives of least importance are left out.
   double target_kbps = 0;
   double target_size = 0;  // bytes
+  double target_psnr = 0;  // dB, of renders against those of the scene: the smallest such file
   double max_error = 0;
   double chunk_seconds = WriteSettings{}.chunk_seconds;
   int tiers = WriteSettings{}.tiers;
@@ -78,6 +79,7 @@ struct PackParameters {
     visit(kPackQuality, STGS_MEMBER(quality));
     visit(kTargetKbps, STGS_MEMBER(target_kbps));
     visit(kTargetSize, STGS_MEMBER(target_size));
+    visit(kTargetPsnr, STGS_MEMBER(target_psnr));
     visit(kMaxError, STGS_MEMBER(max_error));
     visit(kChunkSeconds, STGS_MEMBER(chunk_seconds));
     visit(kTiers, STGS_MEMBER(tiers));

@@ -14,6 +14,16 @@ inline constexpr Parameter kTargetSize = {
     "target_size", 1,         1e15, "Instead of --quality: the best file within this size",
     "bytes",       "no limit"};
 
+inline constexpr Parameter kTargetPsnr = {
+    "target_psnr",
+    1,
+    100,
+    "Instead of --quality: the smallest file with this PSNR. Packing compares renders with those "
+    "of "
+    "the scene, training compares training images after the best affine colour map",
+    "dB",
+    "no target"};
+
 // Returns the limit of a clip of `frames` frames, bytes; 0: none. Settings: of training or packing.
 template <typename Settings>
 double byte_limit(const Settings& settings, const TimeBase& time_base, double frames) {
@@ -21,11 +31,14 @@ double byte_limit(const Settings& settings, const TimeBase& time_base, double fr
   return settings.target_kbps * 125.0 * time_base.seconds(frames);
 }
 
-// Returns kUsage if both limits are set.
+// Returns kUsage if more than one of the limits and the target is set.
 template <typename Settings>
 Status check_limits(const Settings& settings) {
-  if (settings.target_kbps == 0 || settings.target_size == 0) return {};
-  return usage_error("--target-kbps and --target-size exclude each other; use one of them");
+  const int set = (settings.target_kbps > 0 ? 1 : 0) + (settings.target_size > 0 ? 1 : 0) +
+                  (settings.target_psnr > 0 ? 1 : 0);
+  if (set <= 1) return {};
+  return usage_error(
+      "--target-kbps, --target-size and --target-psnr exclude each other; use one of them");
 }
 
 }  // namespace stgs::encoder

@@ -29,6 +29,9 @@ struct TrainSettings {
   // follows from it.
   double target_kbps = 0;
   double target_size = 0;  // bytes
+  // Instead: primitives are removed as long as the training images keep this PSNR, after the best
+  // affine colour map of each, dB.
+  double target_psnr = 0;
   std::uint64_t seed = 1;
   std::string backend = "auto";  // "cpu", "cuda", or "auto": CUDA if a device is available
   std::string ablate;            // comma-separated ablation_names(); "": the complete method
@@ -67,6 +70,7 @@ struct TrainParameters {
                "the value of the preset");
     visit(kTargetKbps, STGS_MEMBER(target_kbps));
     visit(kTargetSize, STGS_MEMBER(target_size));
+    visit(kTargetPsnr, STGS_MEMBER(target_psnr));
     STGS_VISIT(visit, checkpoint_interval, 1, 1e8, "Steps between checkpoints");
     STGS_VISIT(visit, held_out_evaluations, 0, 1e6,
                "Number of evaluations on a sample of the held-out cameras during training; 0: none",
