@@ -18,8 +18,7 @@ void TrainOptions::declare(Arguments& app, bool with_packing) {
       {"fast", "default", "best"})
       ->capture_default_str()
       ->group(group);
-  const std::set<std::string> of_packing = {"quality", "target_kbps", "target_size",
-                                            "target_psnr"};
+  const std::set<std::string> of_packing = {"quality", "target_kbps", "target_size", "target_psnr"};
   const auto options = declare_parameters<encoder::TrainParameters>(
       app, settings_, group, with_packing ? of_packing : std::set<std::string>());
   if (!with_packing) exclude_limits(options);
