@@ -6,6 +6,7 @@
 
 #include "backend/backend.h"
 #include "catch.h"
+#include "container/container.h"
 #include "rounded_state.h"
 #include "stgs/format/math/quant.h"
 #include "stgs/format/scene_file.h"
@@ -81,7 +82,36 @@ TEST_CASE("a scene that was trained for its steps is packed without further loss
   CHECK(greatest_difference(was.sh, packed(other, order).gaussians.sh, 48, order) > 1e-3);
 }
 
-TEST_CASE("the steps of a scene survive a file, and a damaged record does not pass") {
+TEST_CASE("steps out of range are rejected, also in a file") {
+  TrainState state = random_state(300);
+  begin_rounding(state, kFrames, 70);
+  const Scene scene = scene_of(state);
+  const auto bytes = encode_scene(scene, {});
+  REQUIRE(bytes.ok());
+  using Change = void (*)(Quantisation&);
+  const Change changes[] = {
+      [](Quantisation& q) { q.opacity.exponent = -100; },  // rounding up would take forever
+      [](Quantisation& q) { q.lifespans.time = 1e9; },
+      [](Quantisation& q) { q.tiers[0].position.multiplier = 2; },
+      [](Quantisation& q) { q.bounds[0] = -1; }, [](Quantisation& q) { q.quality = std::nan(""); }};
+  for (const Change change : changes) {
+    Scene changed = scene;
+    change(*changed.quantisation);
+    CHECK(encode_scene(changed, {}).status().code() == StatusCode::kUsage);
+  }
+  // The record of the file with every byte changed in turn, and valid checksums.
+  const std::vector<std::uint8_t> payload = write_quantisation(*scene.quantisation);
+  for (std::size_t at = 0; at < payload.size(); ++at) {
+    std::vector<std::uint8_t> changed = payload;
+    changed[at] ^= 0x55;
+    const std::optional<Quantisation> parsed = parse_quantisation(changed);
+    CHECK((!parsed || is_valid(*parsed)));
+    changed.resize(at);
+    CHECK_FALSE(parse_quantisation(changed));
+  }
+}
+
+TEST_CASE("the steps of a scene survive a file") {
   TrainState state = random_state(300);
   begin_rounding(state, kFrames, 70);
   const Scene scene = scene_of(state);

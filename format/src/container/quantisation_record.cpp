@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The record of Scene::quantisation, a private record (spec 3.5) of lossless scenes.
-#include <algorithm>
 #include <cmath>
 
 #include "container/container.h"
@@ -43,15 +42,6 @@ void each_step(Tier& tier, const Visit& visit) {
   for (auto& step : tier.sh) visit(step);
 }
 
-bool is_plausible(const Quantisation& rules) {
-  const LifespanRounding& l = rules.lifespans;
-  return rules.quality >= 0 && rules.quality <= 100 && rules.longest_part > 0 &&
-         rules.longest_part <= kMaxChunk && std::abs(l.time) <= kMaxExponent && l.lifespan >= 0 &&
-         l.lifespan <= 23 && l.motion >= 0 && l.opacity >= 0 && l.edge >= 0 &&
-         rules.near_distance > 0 && rules.near_displacement > 0 &&
-         std::is_sorted(rules.bounds.rbegin(), rules.bounds.rend());
-}
-
 }  // namespace
 
 std::vector<std::uint8_t> write_quantisation(const Quantisation& rules) {
@@ -86,7 +76,7 @@ std::optional<Quantisation> parse_quantisation(std::span<const std::uint8_t> pay
   rules.tiers.resize(rules.bounds.size() + 1);
   for (TierSteps& tier : rules.tiers)
     each_step(tier, [&](Step& step) { good = read_step(in, step) && good; });
-  if (!in.ok() || in.left() != 0 || !good || !is_plausible(rules)) return std::nullopt;
+  if (!in.ok() || in.left() != 0 || !good || !is_valid(rules)) return std::nullopt;
   return rules;
 }
 

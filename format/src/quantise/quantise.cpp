@@ -316,6 +316,35 @@ float Quantiser::position_step(const Gaussians4D& set) const {
   return static_cast<float>(size_of(coarsest));
 }
 
+bool is_valid(const Quantisation& quantisation) {
+  constexpr double kMaxOpacityStep = 4.0, kMinOpacityStep = 0x1p-8;
+  const auto in = [](double value, double low, double high) {
+    return value >= low && value <= high;
+  };
+  const auto is_step = [&in](Step step) {
+    return in(step.exponent, kMinExponent, kMaxExponent) && in(step.multiplier, 1, 255) &&
+           step.multiplier % 2 == 1;
+  };
+  bool good = in(quantisation.quality, 0, 100) && quantisation.longest_part > 0 &&
+              quantisation.longest_part <= kMaxChunk && quantisation.max_error == 0 &&
+              is_step(quantisation.opacity) &&
+              in(size_of(quantisation.opacity), kMinOpacityStep, kMaxOpacityStep) &&
+              in(quantisation.lifespans.time, -16, 16) &&
+              in(quantisation.lifespans.lifespan, 4, 23) && quantisation.lifespans.motion >= 0 &&
+              quantisation.lifespans.opacity >= 0 && quantisation.lifespans.edge >= 0 &&
+              quantisation.near_distance > 0 && quantisation.near_displacement > 0 &&
+              std::is_sorted(quantisation.bounds.rbegin(), quantisation.bounds.rend()) &&
+              quantisation.tiers.size() == quantisation.bounds.size() + 1 &&
+              quantisation.tiers.size() <= 256;
+  for (const TierSteps& tier : quantisation.tiers) {
+    good = good && is_step(tier.position) && is_step(tier.displacement) &&
+           is_step(tier.log_scale) && is_step(tier.rotation) &&
+           in(tier.rotation.exponent, kMinRotationExponent, 0) &&
+           std::all_of(tier.sh.begin(), tier.sh.end(), is_step);
+  }
+  return good;
+}
+
 Quantisation choose_quantisation(const Gaussians4D& set, std::span<const float> importance,
                                  double ticks, double quality) {
   const StepChooser chooser(set, importance, false, ticks, quality, 0.0);

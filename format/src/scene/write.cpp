@@ -56,6 +56,13 @@ Status check_sizes(const Scene& scene) {
   return {};
 }
 
+Status check_quantisation(const Scene& scene) {
+  if (!scene.quantisation) return {};
+  if (scene.importance.empty()) return usage_error("the steps of a scene need importances");
+  if (is_valid(*scene.quantisation)) return {};
+  return usage_error("the steps of the scene are out of range");
+}
+
 Status check_parts(const Scene& scene) {
   std::uint64_t primitives = 0;
   for (const ScenePart& part : scene.parts) {
@@ -230,6 +237,7 @@ Status check_scene(const Scene& scene, const WriteSettings& settings) {
   STGS_TRY(check_settings(scene.metadata, settings));
   STGS_TRY(check_sizes(scene));
   STGS_TRY(check_values(scene));
+  STGS_TRY(check_quantisation(scene));
   if (settings.profile != Profile::kLossless) STGS_TRY(check_extent(scene.gaussians));
   return check_parts(scene);
 }

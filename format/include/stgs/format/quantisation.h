@@ -58,7 +58,9 @@ struct Quantisation {
   }
 };
 
-inline constexpr std::size_t kMaxQuantisationTiers = 64;
+// Returns whether all numbers are in the ranges that choose_quantisation() and the writer choose
+// from. Others could make packing slow or fail.
+bool is_valid(const Quantisation& quantisation);
 
 // Chooses what a set is trained to be quantised to: as packing at this quality would, but with
 // coarser steps of SH above degree 0, whose errors training corrects. The set is one part of
