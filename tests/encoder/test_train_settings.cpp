@@ -166,6 +166,24 @@ TEST_CASE("large scenes retain fainter primitives, unless prune_opacity is set")
   CHECK(pruned("best", 400000, {}) == 0.005);
 }
 
+TEST_CASE("parameters of the compaction that a target replaces are rejected") {
+  const auto rejected = [](const char* name, const char* value, auto change) {
+    TrainSettings settings = settings_of("", {{name, value}});
+    change(settings);
+    return is_rejected(settings);
+  };
+  const auto none = [](TrainSettings&) {};
+  const auto size = [](TrainSettings& s) { s.target_size = 1e6; };
+  const auto psnr = [](TrainSettings& s) { s.target_psnr = 30; };
+  const auto quality = [](TrainSettings& s) { s.quality = 60; };
+  CHECK_FALSE(rejected("compact_keep", "0.3", none));
+  CHECK(rejected("compact_keep", "0.3", size));
+  CHECK(rejected("compact_keep", "0.3", psnr));
+  CHECK_FALSE(rejected("compact_rounds", "3", size));
+  CHECK(rejected("compact_rounds", "3", psnr));
+  CHECK(rejected("compact_quality", "50", quality));
+}
+
 TEST_CASE("the best preset densifies on half-size images only") {
   TrainSettings settings;
   settings.preset = "best";

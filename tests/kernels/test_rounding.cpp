@@ -125,6 +125,17 @@ TEST_CASE("the steps of a scene survive a file") {
   CHECK(issues->empty());
 }
 
+TEST_CASE("retaining primitives retains their tiers and importances") {
+  TrainState state = random_state(100);
+  begin_rounding(state, kFrames, 80);
+  const CompactionState before = state.compaction;
+  state.retain({3, 50, 99});
+  CHECK(state.compaction.importance ==
+        std::vector<float>{before.importance[3], before.importance[50], before.importance[99]});
+  CHECK(state.compaction.tier ==
+        std::vector<std::uint8_t>{before.tier[3], before.tier[50], before.tier[99]});
+}
+
 TEST_CASE("rounding twice changes nothing") {
   TrainState state = random_state(1000);
   begin_rounding(state, kFrames, 80);

@@ -46,7 +46,8 @@ void measure_positions(const Scene& scene, Packed& packed, WorstPrimitive& worst
 WriteSettings write_settings(const PackSettings& settings, double quality) {
   WriteSettings out;
   out.profile = settings.profile;
-  out.own_steps = quality == 0;
+  // Other tiers or a bound need other steps.
+  out.own_steps = quality == 0 && settings.max_error == 0 && settings.tiers == 0;
   if (quality > 0) out.quality = quality;
   out.tiers = settings.tiers;
   out.chunk_seconds = settings.chunk_seconds;

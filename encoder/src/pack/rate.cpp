@@ -30,8 +30,8 @@ class LimitedPacking {
     ranked_ = rank_by_importance(scene);
   }
 
-  // Finds the best file: of the greatest quality, down to the lowest one that is worth its loss,
-  // then with as many primitives as fit, then of any quality.
+  // Finds the best file within the limit: the greatest quality down to kMinWorthwhile; else as many
+  // primitives as fit at that quality; else a lower quality of the least share of them.
   Result<Packed> find() {
     if (scene_.quantisation) {  // no steps are better than those that the scene was trained for
       STGS_TRY(find_count(0));

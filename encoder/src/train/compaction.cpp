@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Compaction, the last part of a run: removes the primitives that matter least, in rounds, then
-// trains the others with quantisation in the loop, so that what is decoded is what was trained.
+// trains the others with quantisation in the loop, so that the decoded scene is the trained one.
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -52,11 +52,17 @@ Status Trainer::compact() {
   CompactionState& compaction = state_.compaction;
   if (compaction.prunings == 0) STGS_TRY(choose_size());
   while (compaction.prunings < rounds && progress >= until * compaction.prunings / rounds) {
-    STGS_ASSIGN(const bool further, can_prune());
+    double psnr = 0;
+    if (targeted) {
+      STGS_ASSIGN(psnr, training_psnr());
+    }
+    const bool further = !targeted || can_prune(psnr);
     STGS_TRY(prune(!further   ? 1.0
                    : targeted ? kTargetKeep
                               : std::pow(compaction.keep, 1.0 / rounds)));
+    // Only now, so that a round that is cancelled is repeated as it was.
     compaction.prunings = further ? compaction.prunings + 1 : rounds;
+    compaction.psnr = psnr;
   }
   if (!compaction.is_rounding() && compaction.prunings == rounds && progress >= until) {
     STGS_TRY(begin_rounding());
@@ -101,13 +107,15 @@ Status Trainer::choose_size() {
   return {};
 }
 
-// The next round is expected to lose as much as the last one.
-Result<bool> Trainer::can_prune() {
-  if (settings_.target_psnr == 0) return true;
+Result<double> Trainer::training_psnr() {
   STGS_TRY(synchronise());
   STGS_ASSIGN(const HeldOutViews views, HeldOutViews::load(capture_, false, kTargetViews));
+  return views.evaluate(state_.set, state_.background).psnr_cc;
+}
+
+// The next round is expected to lose as much as the last one.
+bool Trainer::can_prune(double now) {
   CompactionState& compaction = state_.compaction;
-  const double now = views.evaluate(state_.set, state_.background).psnr_cc;
   const double lost = compaction.prunings == 0 ? 0.0 : std::max(0.0, compaction.psnr - now);
   log_(2, fmt::format("iteration {}: {} primitives, training images {:.2f} dB (target {:g})",
                       state_.iteration, state_.size(), now, settings_.target_psnr));
@@ -117,7 +125,6 @@ Result<bool> Trainer::can_prune() {
                         now, settings_.target_psnr));
     compaction.quality = std::max(compaction.quality, kFineQuality);
   }
-  compaction.psnr = now;
   return now - lost >= settings_.target_psnr;
 }
 

@@ -137,6 +137,10 @@ void TrainState::retain(const std::vector<std::uint32_t>& indices) {
     gather(moments[a].second, components(a));
   }
   gather(updates, 1);
+  if (compaction.is_rounding()) {
+    gather(compaction.importance, 1);
+    gather(compaction.tier, 1);
+  }
   gather(statistics.gradient_sum, 1);
   gather(statistics.abs_gradient_sum, 1);
   gather(statistics.error_max, 1);

@@ -62,7 +62,7 @@ struct CompactionState {
   // Chosen before the first one: the fraction of the primitives to keep, and the quality.
   double keep = 0, quality = 0;
   double psnr = 0;  // of the training images before the latest pruning, with a target; dB
-  // Once rounding began: what it rounds to, and each primitive's importance and tier.
+  // Set once rounding has begun: its steps, and the importance and tier of each primitive.
   std::optional<Quantisation> quantisation;
   RoundingRules rules;
   std::vector<float> importance;

@@ -70,20 +70,23 @@ class Trainer {
   double growth_progress_at(std::uint64_t iteration) const;
   double growth_progress() const { return growth_progress_at(state_.iteration); }
   double compaction_progress() const;
-  // Does what the compaction has to do after the latest step.
+  // Performs the removals and the begin of rounding that are due after the latest step.
   Status compact();
   // Chooses how many primitives to keep, and the quality.
   Status choose_size();
-  // Returns the bytes of the `count` most important primitives, packed at a quality.
+  // Returns the bytes of a share of the primitives, the most important ones, packed at a quality.
   Result<double> packed_bytes(const Scene& scene, const std::vector<std::uint32_t>& ranked,
                               double share, double quality) const;
-  // Returns whether the training images keep the target PSNR if further primitives are removed.
-  Result<bool> can_prune();
+  // Returns the PSNR of a sample of the training images, after the best affine colour map of each.
+  Result<double> training_psnr();
+  // Returns whether the training images, now of this PSNR, keep the target if further primitives
+  // are removed.
+  bool can_prune(double now);
   // Computes the importances that decide which primitives are removed.
   Result<std::vector<float>> pruning_importance();
   // Retains the fraction of the primitives that matters most.
   Status prune(double keep);
-  // Chooses what the further steps round to.
+  // Chooses the quantisation to which further steps round.
   Status begin_rounding();
   // Synchronises the state and computes its importances; a cancelled run saves its checkpoint.
   Result<std::vector<float>> importance_now();

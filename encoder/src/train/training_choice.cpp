@@ -84,6 +84,18 @@ const Unused kUnused[] = {
      [](const Choice& c) { return c.parameters.compact_share == 0 || !c.ablation.representation; },
      {"compact_keep", "compact_rounds", "compact_prune_share", "compact_moving", "compact_quality",
       "compact_rate", "compact_restart", "compact_decay"}},
+    {"with --target-kbps, --target-size or --target-psnr, which decide it",
+     [](const Choice& c) {
+       return c.settings.target_kbps > 0 || c.settings.target_size > 0 ||
+              c.settings.target_psnr > 0;
+     },
+     {"compact_keep"}},
+    {"with --target-psnr, which has rounds of its own",
+     [](const Choice& c) { return c.settings.target_psnr > 0; },
+     {"compact_rounds"}},
+    {"with --quality, which is the same",
+     [](const Choice& c) { return c.settings.quality > 0; },
+     {"compact_quality"}},
     {"if sh_degree is 0",
      [](const Choice& c) { return c.parameters.sh_degree == 0; },
      {"lr_sh_rest", "sh_step"}},

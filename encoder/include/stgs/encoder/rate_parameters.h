@@ -18,9 +18,8 @@ inline constexpr Parameter kTargetPsnr = {
     "target_psnr",
     1,
     100,
-    "Instead of --quality: the smallest file with this PSNR. Packing compares renders with those "
-    "of "
-    "the scene, training compares training images after the best affine colour map",
+    "Instead of --quality: the smallest file with this PSNR, of renders against those of the scene "
+    "(pack), or of the training images after the best affine colour map of each (train, encode)",
     "dB",
     "no target"};
 

@@ -62,8 +62,8 @@ struct Quantisation {
 // from. Others could make packing slow or fail.
 bool is_valid(const Quantisation& quantisation);
 
-// Chooses what a set is trained to be quantised to: as packing at this quality would, but with
-// coarser steps of SH above degree 0, whose errors training corrects. The set is one part of
+// Chooses the quantisation to train a set for: that of packing at this quality, but with coarser
+// steps of SH above degree 0, whose errors training corrects. The set is one part of
 // `ticks` ticks. `importance`: Scene::importance.
 Quantisation choose_quantisation(const Gaussians4D& set, std::span<const float> importance,
                                  double ticks, double quality);
