@@ -44,7 +44,7 @@ class LimitedPacking {
     if (too_far_) return unreachable_error(scene_, settings_, *too_far_);
     return usage_error(
         "the limit of {:.0f} bytes is too low for this scene: {} of its primitives take {} bytes "
-        "at quality {:g}",
+        "at quality {:g}; raise the limit",
         limit_, count_of(kMinShare), smallest_, kQualityStep);
   }
 

@@ -155,7 +155,7 @@ Result<TrainingChoice> choose_training(const TrainSettings& settings) {
       settings.target_kbps > 0 || settings.target_size > 0 || settings.target_psnr > 0;
   if (p.compact_share == 0 && (limited || settings.quality > 0)) {
     return usage_error(
-        "{} needs the compaction at the end of training; it is off with compact_share 0 and with "
+        "{} needs the compaction at the end of training; remove it, compact_share=0 or "
         "--ablate representation",
         limited ? "a limit or target of the file" : "--quality");
   }
