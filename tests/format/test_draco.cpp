@@ -22,7 +22,7 @@ Bytes planes_of(std::vector<std::uint64_t> keys) {
   for (int c = 0; c < 3; ++c) {
     for (int shift : {0, 8, 16}) {
       for (const std::uint64_t key : keys) {
-        planes.push_back(static_cast<std::uint8_t>(compact3(key >> c) >> shift));
+        planes.push_back(static_cast<std::uint8_t>(compact_key(key >> c) >> shift));
       }
     }
   }

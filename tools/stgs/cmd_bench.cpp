@@ -150,7 +150,6 @@ class Bench final : public Command {
     if (interrupted()) return runtime_error("the synthetic scene is not complete");
     if (stored_ratio_ > 0) multiply_stored(scene, stored_ratio_, seed);
     WriteSettings settings;
-    settings.zstd_level = 1;
     settings.stop = session.stop_token();
     if (quality_) {
       settings.profile = Profile::kQuantised;

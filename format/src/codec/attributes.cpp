@@ -11,7 +11,7 @@ struct Row {
   const char* name;
   int components;
 };
-constexpr std::array<Row, 12> kRows = {{{Attribute::kPosition, "position", 3},
+constexpr std::array<Row, 13> kRows = {{{Attribute::kPosition, "position", 3},
                                         {Attribute::kTime, "time", 1},
                                         {Attribute::kSigma, "sigma", 1},
                                         {Attribute::kRadius, "radius", 1},
@@ -20,13 +20,24 @@ constexpr std::array<Row, 12> kRows = {{{Attribute::kPosition, "position", 3},
                                         {Attribute::kRotation, "rotation", 4},
                                         {Attribute::kOpacity, "opacity", 1},
                                         {Attribute::kSh0, "sh0", 3},
+                                        {Attribute::kShDegree, "sh_degree", 1},
                                         {Attribute::kSh1, "sh1", 9},
                                         {Attribute::kSh2, "sh2", 15},
                                         {Attribute::kSh3, "sh3", 21}}};
 
-constexpr std::array<Attribute, 12> kOrder = [] {
-  std::array<Attribute, 12> order{};
+constexpr std::size_t kBaseStreams = 9;  // of a record without SH above degree 0
+
+constexpr std::array<Attribute, 13> kStreams = [] {
+  std::array<Attribute, 13> order{};
   for (std::size_t i = 0; i < order.size(); ++i) order[i] = kRows[i].attribute;
+  return order;
+}();
+constexpr std::array<Attribute, 12> kAttributes = [] {
+  std::array<Attribute, 12> order{};
+  std::size_t count = 0;
+  for (const Row& row : kRows) {
+    if (row.attribute != Attribute::kShDegree) order[count++] = row.attribute;
+  }
   return order;
 }();
 
@@ -60,6 +71,8 @@ AttributeView<Float> view(Set& set, Attribute attribute) {
       return {set.opacity_logit.data(), 1};
     case Attribute::kSh0:
       return {sh(0), sh_stride};
+    case Attribute::kShDegree:
+      return {};
     case Attribute::kSh1:
       return {sh(3), sh_stride};
     case Attribute::kSh2:
@@ -73,7 +86,11 @@ AttributeView<Float> view(Set& set, Attribute attribute) {
 }  // namespace
 
 std::span<const Attribute> attributes_of(int sh_degree) {
-  return std::span(kOrder).first(static_cast<std::size_t>(9 + sh_degree));
+  return std::span(kAttributes).first(kBaseStreams + static_cast<std::size_t>(sh_degree));
+}
+std::span<const Attribute> streams_of(int sh_degree) {
+  const auto degree = static_cast<std::size_t>(sh_degree);
+  return std::span(kStreams).first(kBaseStreams + (degree == 0 ? 0 : 1 + degree));
 }
 const char* name_of(Attribute attribute) {
   return row_of(attribute).name;

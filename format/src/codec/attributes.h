@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The attributes of a primitive as numbered in files (spec 6.3).
+// The streams of a record as numbered in files (spec 6.3).
 #pragma once
 
 #include <cstdint>
@@ -12,6 +12,12 @@ namespace stgs {
 
 // Returns the attributes of a set of this SH degree, in file order.
 std::span<const Attribute> attributes_of(int sh_degree);
+// Returns the streams of a record of all attributes: these and, above degree 0, kShDegree.
+std::span<const Attribute> streams_of(int sh_degree);
+// Returns the degree of the SH of an attribute, 0 for other attributes.
+constexpr int band_of(Attribute attribute) {
+  return attribute < Attribute::kSh1 ? 0 : 1 + static_cast<int>(attribute) - static_cast<int>(Attribute::kSh1);
+}
 // Returns the name of an attribute in messages and reports: "position", "sh0"...
 const char* name_of(Attribute attribute);
 // Returns the number of floats per primitive.

@@ -61,7 +61,7 @@ const char* decode_keys(std::span<const std::uint8_t> stored, std::vector<std::u
   for (std::size_t i = 0; i < keys.size(); ++i) {
     Point q{};
     points->GetValue(draco::AttributeValueIndex(static_cast<std::uint32_t>(i)), q.data());
-    if ((q[0] | q[1] | q[2]) >> kMortonBits != 0) return "a coordinate exceeds 21 bits";
+    if ((q[0] | q[1] | q[2]) >> kPositionBits != 0) return "a coordinate exceeds 21 bits";
     keys[i] = morton_key(q[0], q[1], q[2]);
   }
   return nullptr;
@@ -113,7 +113,7 @@ bool draco_fits(std::span<const std::uint8_t> stored, std::size_t n) {  // spec 
   const std::uint8_t level = in.u8();
   const std::uint32_t bits = in.u32(), points_again = in.u32();
   return in.ok() && n <= kMaxPoints && points == n && points_again == n && level <= kMaxTreeLevel &&
-         bits <= static_cast<std::uint32_t>(kMortonBits) &&
+         bits <= static_cast<std::uint32_t>(kPositionBits) &&
          std::equal(form.begin(), form.end(), std::begin(kForm)) &&
          std::equal(attribute.begin(), attribute.end(), std::begin(kAttribute));
 }
@@ -130,7 +130,7 @@ const char* draco_decode(std::span<const std::uint8_t> stored, std::size_t n,
   }
   std::sort(keys.begin(), keys.end());
   for (std::size_t i = 0; i < n; ++i) {
-    put_point({compact3(keys[i]), compact3(keys[i] >> 1), compact3(keys[i] >> 2)}, n, i, planes);
+    put_point({compact_key(keys[i]), compact_key(keys[i] >> 1), compact_key(keys[i] >> 2)}, n, i, planes);
   }
   return nullptr;
 }

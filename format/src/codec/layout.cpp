@@ -18,15 +18,16 @@ std::size_t origins_of(const StreamRow& row) {
   return count;
 }
 
-void write_row(const StreamRow& row, ByteWriter& to) {  // spec 6.3
+void write_row(const StreamRow& row, ByteWriter& to) {  // spec 6.2
   ByteWriter out;
   out.u16(row.attribute);
-  out.u8(row.components);
   out.u8(row.mapping);
   out.u8(row.prediction);
   out.u8(row.coder);
+  out.u8(row.joins ? 1 : 0);
   out.u8(static_cast<std::uint8_t>(row.step.exponent));
   out.u8(static_cast<std::uint8_t>(row.step.multiplier));
+  out.u8(row.low);
   out.u8(row.digits);
   const std::size_t origins = origins_of(row);
   out.u8(static_cast<std::uint8_t>(origins));
@@ -40,7 +41,6 @@ void write_row(const StreamRow& row, ByteWriter& to) {  // spec 6.3
 // Reads the fields of a row that all versions have.
 void read_kind(ByteReader& in, StreamRow& row) {
   row.attribute = in.u16();
-  row.components = in.u8();
   row.mapping = in.u8();
   row.prediction = in.u8();
   row.coder = in.u8();
@@ -50,18 +50,24 @@ void read_kind(ByteReader& in, StreamRow& row) {
 // Reads the other fields of a known row. Bytes after them belong to a later version. Returns false
 // if a field is invalid.
 bool read_fields(ByteReader& in, std::uint64_t offset, StreamRow& row, Findings& findings) {
+  const std::uint8_t joins = in.u8();
+  row.joins = joins != 0;
   row.step.exponent = in.i8();
   row.step.multiplier = in.u8();
+  row.low = in.u8();
   row.digits = in.u8();
   const std::size_t origins = in.u8();
   if (!in.ok()) return true;  // reported by the caller
-  if (row.digits == 0 || row.digits > kMaxDigits || origins > std::size(row.origin)) {
+  if (joins > 1 || row.low > kMaxLowBits || row.digits == 0 || row.digits > kMaxDigits ||
+      origins > std::size(row.origin)) {
     findings.error(N::kStreamShape, offset,
-                   "layouts: stream with {} digits (expected 1 to {}) and {} origin values "
-                   "(expected at most {})",
-                   row.digits, kMaxDigits, origins, std::size(row.origin));
+                   "layouts: stream with joins {} (expected 0 or 1), {} low bits (expected at most "
+                   "{}), {} digits (expected 1 to {}) and {} origin values (expected at most {})",
+                   joins, row.low, kMaxLowBits, row.digits, kMaxDigits, origins,
+                   std::size(row.origin));
     return false;
   }
+  row.components = static_cast<std::uint8_t>(components_in_planes(row));
   for (std::size_t d = 0; d < row.digits; ++d) row.digit_bits[d] = in.u8();
   for (std::size_t i = 0; i < origins; ++i) row.origin[i] = in.f32();
   if (row.in_group()) {
@@ -85,6 +91,25 @@ Attribute attribute_of(const StreamRow& row) {
   return static_cast<Attribute>(row.attribute);
 }
 
+// Returns whether the planes of a row have fewer symbols than the record has primitives.
+bool is_partial(const StreamRow& row) {
+  return !row.optional() && band_of(attribute_of(row)) > 0;
+}
+
+// Checks that a row may join the group of the row before it (spec 6.5).
+bool check_joins(const StreamRow& row, const Layout& before, std::uint64_t offset,
+                 Findings& findings) {
+  if (!row.joins) return true;
+  const StreamRow* const last = before.streams.empty() ? nullptr : &before.streams.back();
+  if (row.in_group() && !is_partial(row) && last != nullptr && last->known && last->in_group() &&
+      !is_partial(*last)) {
+    return true;
+  }
+  findings.error(N::kStreamShape, offset, "layouts, {}: there is no group that it may join",
+                 name_of(attribute_of(row)));
+  return false;
+}
+
 // Checks that the tables of the planes exist.
 bool check_tables(const StreamRow& row, const LayoutSet& set, std::uint64_t offset,
                   Findings& findings) {
@@ -102,7 +127,7 @@ bool check_tables(const StreamRow& row, const LayoutSet& set, std::uint64_t offs
 // Reads the rows of a layout.
 bool read_rows(std::span<const std::span<const std::uint8_t>> rows, std::uint64_t offset,
                const LayoutSet& set, Layout& layout, Findings& findings) {
-  std::size_t coded = 0, max_planes = 0;
+  std::size_t in_group = 0, max_planes = 0;
   std::uint64_t at = offset;
   for (const std::span<const std::uint8_t> bytes : rows) {
     StreamRow row;
@@ -118,22 +143,25 @@ bool read_rows(std::span<const std::span<const std::uint8_t>> rows, std::uint64_
       at += bytes.size();
       continue;
     }
-    if (!check_row(row, at, findings) || !check_tables(row, set, at, findings)) return false;
+    if (!check_row(row, at, findings) || !check_joins(row, layout, at, findings) ||
+        !check_tables(row, set, at, findings)) {
+      return false;
+    }
     max_planes += sizeof(float) * static_cast<std::size_t>(components_of(attribute_of(row)));
-    for (const std::uint16_t table : row.tables) coded += set.only[table] < 0 ? 1 : 0;
+    in_group = (row.joins ? in_group : 0) + Layout::varying_planes(row, set);
+    if (row.in_group() && in_group > kRansPlanes) {
+      findings.error(N::kLayouts, at,
+                     "layouts: too many planes in a group (expected at most {}, got {})",
+                     kRansPlanes, in_group);
+      return false;
+    }
     layout.streams.push_back(std::move(row));
     at += bytes.size();
   }
-  if (layout.planes() > max_planes) {  // spec 7.3
+  if (layout.planes() > max_planes) {  // spec 8.1
     findings.error(N::kStreamShape, offset,
                    "layouts: too many planes (expected at most {}, got {})", max_planes,
                    layout.planes());
-    return false;
-  }
-  if (coded > kRansPlanes) {
-    findings.error(N::kLayouts, offset,
-                   "layouts: too many planes in a group (expected at most {}, got {})", kRansPlanes,
-                   coded);
     return false;
   }
   return true;
@@ -158,26 +186,37 @@ std::size_t read_layout(ByteReader& in, std::uint64_t offset, const LayoutSet& s
 
 }  // namespace
 
-bool Layout::has_group() const {
-  return std::any_of(streams.begin(), streams.end(),
-                     [](const StreamRow& row) { return row.in_group(); });
+std::vector<Layout::Unit> Layout::units() const {
+  std::vector<Unit> out;
+  for (std::size_t i = 0; i < streams.size(); ++i) {
+    if (streams[i].joins && !out.empty()) {
+      ++out.back().count;
+    } else {
+      out.push_back({i, 1});
+    }
+  }
+  return out;
 }
 
 std::size_t Layout::planes() const {
   std::size_t planes = 0;
   for (const StreamRow& row : streams) {
-    planes += row.planes();
+    if (!row.optional()) planes += row.planes();
   }
   return planes;
 }
 
-std::size_t Layout::varying_planes(const LayoutSet& set) const {
-  std::size_t count = 0;
-  for (const StreamRow& row : streams) {
-    if (!row.in_group()) count += row.planes();
-    for (const std::uint16_t table : row.tables) count += set.only[table] < 0 ? 1 : 0;
-  }
-  return count;
+std::size_t Layout::varying_planes(const StreamRow& row, const LayoutSet& set) {
+  if (!row.in_group()) return row.planes();
+  return static_cast<std::size_t>(
+      std::count_if(row.tables.begin(), row.tables.end(),
+                    [&](const std::uint16_t table) { return set.only[table] < 0; }));
+}
+
+bool Layout::has_sh_degree() const {
+  return std::any_of(streams.begin(), streams.end(), [](const StreamRow& row) {
+    return row.attribute == static_cast<std::uint16_t>(Attribute::kShDegree);
+  });
 }
 
 bool Layout::has_first_key() const {
@@ -193,7 +232,7 @@ std::int16_t only_symbol(const RansTable& table) {
   return -1;
 }
 
-void write_layouts(const LayoutSet& set, ByteWriter& out) {  // spec 6.2
+void write_layouts(const LayoutSet& set, ByteWriter& out) {  // spec 6.1
   out.u16(static_cast<std::uint16_t>(set.tables.size()));
   for (const RansTable& table : set.tables) write_rans_table(table, out);
   out.u16(static_cast<std::uint16_t>(set.layouts.size()));

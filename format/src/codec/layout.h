@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Data shared by the records of a file (spec 6.2): layouts, which describe the streams of a kind of
+// Data shared by the records of a file (spec 6.1): layouts, which describe the streams of a kind of
 // record, and the rANS tables of their planes.
 #pragma once
 
@@ -31,15 +31,20 @@ struct Layout {
   std::uint64_t problem_at = 0;
   std::string why;
 
-  // Returns whether a stream is coded with rANS.
-  bool has_group() const;
+  // Rows whose planes are stored together: a group, or a single stream that is not rANS.
+  struct Unit {
+    std::size_t first = 0, count = 0;
+  };
+  std::vector<Unit> units() const;  // in the order of the rows (spec 6.5)
   // Returns the number of planes of all streams.
   std::size_t planes() const;
   // Returns whether a stream has prediction kMorton.
   bool has_first_key() const;
-  // Returns the number of planes that take bytes. A plane whose table has a single symbol takes
-  // none.
-  std::size_t varying_planes(const LayoutSet& set) const;
+  // Returns whether a stream is sh_degree.
+  bool has_sh_degree() const;
+  // Returns the number of planes of a row that take bytes. A plane whose table has a single symbol
+  // takes none.
+  static std::size_t varying_planes(const StreamRow& row, const LayoutSet& set);
   bool operator==(const Layout&) const = default;
 };
 

@@ -8,7 +8,7 @@
 namespace stgs {
 namespace {
 
-// Approximate bits of a stored table and its copy (spec 3.6): per symbol, and fixed.
+// Approximate bits of a stored table and its copy (spec 10.2): per symbol, and fixed.
 constexpr double kSymbolBits = 8.0;
 constexpr double kTableBits = 20.0;
 constexpr std::size_t kMaxMixedTables = kMaxTables - 256;  // reserves one for each single symbol
@@ -90,11 +90,11 @@ TablePlan plan_tables(const std::vector<SymbolCounts>& planes) {
   out.table_of.resize(planes.size());
   for (const std::size_t p : order) {
     std::size_t best = clusters.size();
-    const bool pure = alone[p].used == 1;
+    const bool pure = alone[p].used <= 1;
     double best_cost = clusters.size() < (pure ? kMaxTables : kMaxMixedTables) ? 0.0 : 1e300;
     for (std::size_t k = 0; k < clusters.size(); ++k) {
       // Planes with a single symbol need no decoding, so they share tables only with each other.
-      if ((clusters[k].used == 1) != pure) continue;
+      if ((clusters[k].used <= 1) != pure) continue;
       const double extra = clusters[k].cost_with(alone[p]) - clusters[k].cost() - alone[p].cost();
       if (extra >= best_cost) continue;
       best_cost = extra;

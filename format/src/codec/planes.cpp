@@ -1,15 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "codec/planes.h"
 
-#include <zstd.h>
-
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 #include <limits>
-#include <memory>
-#include <stdexcept>
 
 #include "codec/draco_points.h"
 #include "quantise/steps.h"
@@ -21,62 +17,75 @@ constexpr std::size_t kSamples = 4096;    // per component, for choosing digits
 constexpr std::size_t kSampleRun = 64;    // successive primitives in a sample
 constexpr double kTableSymbolBits = 6.0;  // approximate cost of a table, per symbol in it
 constexpr double kDigitBits = 0.02;       // cost of decoding one more digit, per value
-// Digits per value, at most: no layout has more planes than its floats have bytes (spec 7.3). A
-// Morton key stands for three components.
-constexpr std::size_t kMaxValueDigits = 4, kMaxKeyDigits = 12;
+// Digits per value, at most: no layout has more planes than its floats have bytes (spec 8.1). A key
+// stands for three components, each of which may have two digits besides.
+constexpr std::size_t kMaxValueDigits = 4, kMaxKeyDigits = 6;
 
-std::size_t size_of(const Integers& integers) {
-  return integers.morton.empty()
-             ? integers.values.size() / static_cast<std::size_t>(integers.components)
-             : integers.morton.size();
+// Returns the bits of each axis of the positions that are below their keys.
+int low_bits_of(std::span<const Integers* const> records) {
+  std::uint32_t all = 0;
+  for (const Integers* record : records) {
+    for (const std::uint32_t q : record->values) all |= q;
+  }
+  return std::max(0, static_cast<int>(std::bit_width(all)) - kKeyBits);
 }
 
-bool is_morton(const Integers& integers) {
-  return !integers.morton.empty();
+// Returns the key of position i (spec 8.4).
+std::uint32_t key_of(const Integers& positions, std::size_t i, int low) {
+  const std::size_t n = positions.size();
+  const std::uint32_t* const q = positions.values.data() + i;
+  return static_cast<std::uint32_t>(morton_key(q[0] >> low, q[n] >> low, q[2 * n] >> low));
 }
 
-// Calls visit(i, v) for the values v of a component after prediction (spec 7.4).
+// How the values of a component follow from integers: prediction, and what is subtracted first.
+struct ValueRule {
+  Prediction prediction = Prediction::kPlain;
+  std::uint32_t minimum = 0;
+  int low = 0;  // with kMorton
+};
+
+// Calls visit(i, v) for the values v of a component after prediction (spec 8.3, 8.4). With kMorton,
+// component 0 is that of the keys.
 template <typename Visit>
-void each_value(const Integers& integers, std::uint32_t minimum, Prediction prediction,
-                std::size_t component, const Visit& visit) {
-  const std::size_t n = size_of(integers);
+void each_value(const Integers& integers, const ValueRule& rule, std::size_t component,
+                const Visit& visit) {
+  const std::size_t n = integers.size();
   if (n == 0) return;
   const auto signed_value = [](std::uint32_t q) { return zigzag(static_cast<std::int32_t>(q)); };
-  const std::uint64_t* const key = integers.morton.data();
-  if (is_morton(integers) && prediction == Prediction::kPlain) {
-    for (std::size_t i = 0; i < n; ++i) visit(i, std::uint64_t{compact3(key[i] >> component)});
-    return;
-  }
-  if (prediction == Prediction::kMorton) {
-    visit(std::size_t{0}, std::uint64_t{0});
-    for (std::size_t i = 1; i < n; ++i) visit(i, key[i] - key[i - 1]);
+  if (rule.prediction == Prediction::kMorton) {
+    std::uint32_t before = key_of(integers, 0, rule.low);
+    for (std::size_t i = 0; i < n; ++i) {
+      const std::uint32_t key = key_of(integers, i, rule.low);
+      visit(i, key - before);
+      before = key;
+    }
     return;
   }
   const std::uint32_t* const q = integers.values.data() + component * n;
-  if (prediction == Prediction::kPlain) {
-    for (std::size_t i = 0; i < n; ++i) visit(i, std::uint64_t{q[i] - minimum});
-  } else if (prediction == Prediction::kZigzag) {
-    for (std::size_t i = 0; i < n; ++i) visit(i, std::uint64_t{signed_value(q[i] - minimum)});
+  if (rule.prediction == Prediction::kPlain) {
+    for (std::size_t i = 0; i < n; ++i) visit(i, q[i] - rule.minimum);
+  } else if (rule.prediction == Prediction::kZigzag) {
+    for (std::size_t i = 0; i < n; ++i) visit(i, signed_value(q[i] - rule.minimum));
   } else {
-    visit(std::size_t{0}, std::uint64_t{signed_value(q[0] - minimum)});
-    for (std::size_t i = 1; i < n; ++i) visit(i, std::uint64_t{signed_value(q[i] - q[i - 1])});
+    visit(std::size_t{0}, signed_value(q[0] - rule.minimum));
+    for (std::size_t i = 1; i < n; ++i) visit(i, signed_value(q[i] - q[i - 1]));
   }
 }
 
 // Bits of the values of a component over all records, and an even sample of the values.
 struct Sample {
   int bits = 0;
-  std::vector<std::uint64_t> values;
+  std::vector<std::uint32_t> values;
 };
 
-Sample sample_of(std::span<const Integers* const> records, std::size_t total, std::uint32_t minimum,
-                 Prediction prediction, std::size_t component) {
+Sample sample_of(std::span<const Integers* const> records, std::size_t total, const ValueRule& rule,
+                 std::size_t component) {
   const std::size_t stride = std::max<std::size_t>(1, total / kSamples) * kSampleRun;
-  std::uint64_t all = 0;
+  std::uint32_t all = 0;
   std::size_t at = 0;  // position in the stride
   Sample out;
   for (const Integers* record : records) {
-    each_value(*record, minimum, prediction, component, [&](std::size_t, std::uint64_t v) {
+    each_value(*record, rule, component, [&](std::size_t, std::uint32_t v) {
       all |= v;
       if (at < kSampleRun) out.values.push_back(v);
       if (++at == stride) at = 0;
@@ -101,8 +110,8 @@ double sample_term(std::size_t count) {
 // Returns the bits of `total` digits distributed as in the sample, and of their table.
 double digit_cost(const Sample& sample, int shift, int width, double total) {
   std::array<std::uint32_t, 256> counts{};
-  const std::uint64_t mask = (1u << width) - 1;
-  for (const std::uint64_t v : sample.values) ++counts[v >> shift & mask];
+  const std::uint32_t mask = (1u << width) - 1;
+  for (const std::uint32_t v : sample.values) ++counts[v >> shift & mask];
   const auto samples = static_cast<double>(sample.values.size());
   double bits = sample_term(sample.values.size());
   int used = 0;
@@ -160,7 +169,7 @@ Digits best_digits(const std::vector<Sample>& samples, double total, int bits,
   return out;
 }
 
-// Returns digits of 8 bits, for zstd.
+// Returns digits of 8 bits, for kBytes.
 Digits byte_digits(const std::vector<Sample>& samples, double total, int bits) {
   Digits out{0.0,
              std::vector<std::uint8_t>(static_cast<std::size_t>(std::max(1, (bits + 7) / 8)), 8)};
@@ -180,23 +189,30 @@ bool has_origin(Mapping mapping) {
 std::vector<std::uint32_t> minimum_of(std::span<const Integers* const> records) {
   const Integers& first = *records.front();
   std::vector<std::uint32_t> minimum(static_cast<std::size_t>(first.components), 0);
-  if (is_morton(first) || !has_origin(first.mapping)) return minimum;
+  if (first.morton || !has_origin(first.mapping)) return minimum;
   for (std::size_t c = 0; c < minimum.size(); ++c) {
     auto smallest = std::numeric_limits<std::int32_t>::max();
     for (const Integers* record : records) {
-      const std::size_t n = size_of(*record);
+      const std::size_t n = record->size();
       for (std::size_t i = 0; i < n; ++i) {
         smallest = std::min(smallest, static_cast<std::int32_t>(record->values[c * n + i]));
       }
     }
     minimum[c] = static_cast<std::uint32_t>(smallest);
   }
+  if (first.attribute == Attribute::kLogScale) {  // one origin (spec 8.8)
+    const auto by_value = [](std::uint32_t a, std::uint32_t b) {
+      return static_cast<std::int32_t>(a) < static_cast<std::int32_t>(b);
+    };
+    std::fill(minimum.begin(), minimum.end(),
+              *std::min_element(minimum.begin(), minimum.end(), by_value));
+  }
   return minimum;
 }
 
 void set_origin(const Integers& integers, StreamPlan& plan) {
   std::copy_n(integers.origin, 3, plan.row.origin);
-  if (is_morton(integers) || !has_origin(integers.mapping)) return;
+  if (integers.morton || !has_origin(integers.mapping)) return;
   if (integers.mapping == Mapping::kTruncated) {
     plan.row.origin[0] = from_truncated(static_cast<std::int32_t>(plan.minimum[0]), integers.step);
     return;
@@ -210,10 +226,11 @@ void set_origin(const Integers& integers, StreamPlan& plan) {
 std::vector<Prediction> predictions_of(std::span<const Integers* const> records,
                                        const std::vector<std::uint32_t>& minimum) {
   const Integers& first = *records.front();
-  if (is_morton(first)) return {Prediction::kMorton};
+  if (first.morton) return {Prediction::kMorton};
+  if (first.mapping == Mapping::kInteger) return {Prediction::kPlain};
   bool negative = false;
   for (const Integers* record : records) {
-    const std::size_t n = size_of(*record);
+    const std::size_t n = record->size();
     for (std::size_t i = 0; i < record->values.size() && !negative; ++i) {
       negative = (record->values[i] - minimum[i / n]) >> 31 != 0;
     }
@@ -225,6 +242,14 @@ std::vector<Prediction> predictions_of(std::span<const Integers* const> records,
 
 StreamPlan plan_floats(Attribute attribute) {
   StreamPlan plan;
+  if (attribute == Attribute::kShDegree) {
+    plan.row.attribute = static_cast<std::uint16_t>(attribute);
+    plan.row.mapping = static_cast<std::uint8_t>(Mapping::kInteger);
+    plan.row.components = plan.row.digits = 1;
+    plan.row.digit_bits[0] = 8;
+    plan.minimum.resize(1, 0);
+    return plan;
+  }
   plan.row.attribute = static_cast<std::uint16_t>(attribute);
   plan.row.components = static_cast<std::uint8_t>(components_of(attribute));
   plan.row.digits = sizeof(float);
@@ -252,22 +277,24 @@ StreamPlan plan_stream(std::span<const Integers* const> records, Coder coder) {
   StreamPlan plan;
   plan.minimum = minimum_of(records);
   plan.row.attribute = static_cast<std::uint16_t>(first.attribute);
-  plan.row.components = static_cast<std::uint8_t>(is_morton(first) ? 1 : first.components);
+  plan.row.components = static_cast<std::uint8_t>(first.morton ? 1 : first.components);
+  if (first.morton) plan.row.low = static_cast<std::uint8_t>(low_bits_of(records));
   plan.row.mapping = static_cast<std::uint8_t>(first.mapping);
   plan.row.step = first.step;
   set_origin(first, plan);
   std::size_t total = 0;
-  for (const Integers* record : records) total += size_of(*record);
+  for (const Integers* record : records) total += record->size();
   Digits best;
   for (const Prediction prediction : predictions_of(records, plan.minimum)) {
     std::vector<Sample> samples;
     int bits = 0;
     for (std::size_t c = 0; c < plan.row.components; ++c) {
-      samples.push_back(sample_of(records, total, plan.minimum[c], prediction, c));
+      samples.push_back(
+          sample_of(records, total, {prediction, plan.minimum[c], plan.row.low}, c));
       bits = std::max(bits, samples.back().bits);
     }
     const auto values = static_cast<double>(total);
-    const std::size_t max_digits = is_morton(first) ? kMaxKeyDigits : kMaxValueDigits;
+    const std::size_t max_digits = first.morton ? kMaxKeyDigits : kMaxValueDigits;
     Digits digits = coder == Coder::kRans ? best_digits(samples, values, bits, max_digits)
                                           : byte_digits(samples, values, bits);
     const std::uint64_t raw_bits = 8 * ((bits + 7) / 8) * samples.size() * total;
@@ -288,51 +315,34 @@ StreamPlan plan_stream(std::span<const Integers* const> records, Coder coder) {
   return plan;
 }
 
-void append_planes(const Integers& integers, const StreamPlan& plan,
-                   std::vector<std::uint8_t>& planes) {
-  const std::size_t n = size_of(integers);
-  const auto prediction = static_cast<Prediction>(plan.row.prediction);
-  std::vector<std::uint64_t> values(n);
-  for (std::size_t c = 0; c < plan.row.components; ++c) {
-    each_value(integers, plan.minimum[c], prediction, c,
-               [&](std::size_t i, std::uint64_t v) { values[i] = v; });
-    int shift = 0;
-    for (std::size_t d = 0; d < plan.row.digits; shift += plan.row.digit_bits[d++]) {
-      const std::size_t at = planes.size();
-      const std::uint64_t mask = (1u << plan.row.digit_bits[d]) - 1;
-      planes.resize(at + n);
-      for (std::size_t i = 0; i < n; ++i) {
-        planes[at + i] = static_cast<std::uint8_t>(values[i] >> shift & mask);
-      }
-    }
-  }
+std::uint32_t first_key_of(const Integers& positions, const StreamPlan& plan) {
+  return key_of(positions, 0, plan.row.low);
 }
 
-// Flushes a block after each plane, so that every plane gets its own statistics.
-std::vector<std::uint8_t> compress_planes(std::span<const std::uint8_t> planes, std::size_t n,
-                                          int zstd_level) {
-  const std::unique_ptr<ZSTD_CCtx, decltype(&ZSTD_freeCCtx)> context(ZSTD_createCCtx(),
-                                                                     &ZSTD_freeCCtx);
-  if (!context) throw std::bad_alloc();
-  const auto check = [](std::size_t code) {
-    if (ZSTD_isError(code)) throw std::runtime_error(ZSTD_getErrorName(code));
-    return code;
+void append_planes(const Integers& integers, const StreamPlan& plan,
+                   std::vector<std::uint8_t>& planes) {
+  const std::size_t n = integers.size();
+  const auto prediction = static_cast<Prediction>(plan.row.prediction);
+  std::vector<std::uint32_t> values(n);
+  const auto append_digit = [&](int shift, std::uint32_t mask) {
+    const std::size_t at = planes.size();
+    planes.resize(at + n);
+    for (std::size_t i = 0; i < n; ++i)
+      planes[at + i] = static_cast<std::uint8_t>(values[i] >> shift & mask);
   };
-  check(ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel, zstd_level));
-  check(ZSTD_CCtx_setPledgedSrcSize(context.get(), planes.size()));
-  const std::size_t blocks = planes.size() / n;
-  std::vector<std::uint8_t> out(ZSTD_compressBound(planes.size()) + 16 * blocks);
-  ZSTD_outBuffer to{out.data(), out.size(), 0};
-  for (std::size_t block = 0; block < blocks; ++block) {
-    ZSTD_inBuffer from{planes.data() + block * n, n, 0};
-    const ZSTD_EndDirective end = block + 1 == blocks ? ZSTD_e_end : ZSTD_e_flush;
-    while (check(ZSTD_compressStream2(context.get(), &to, &from, end)) != 0) {
-      if (to.pos == to.size) throw std::runtime_error("zstd exceeded its bound on the output size");
-    }
+  for (std::size_t c = 0; c < plan.row.components; ++c) {
+    each_value(integers, {prediction, plan.minimum[c], plan.row.low}, c,
+               [&](std::size_t i, std::uint32_t v) { values[i] = v; });
+    int shift = 0;
+    for (std::size_t d = 0; d < plan.row.digits; shift += plan.row.digit_bits[d++])
+      append_digit(shift, (1u << plan.row.digit_bits[d]) - 1);
   }
-  if (to.pos >= planes.size()) return {planes.begin(), planes.end()};
-  out.resize(to.pos);
-  return out;
+  for (std::size_t c = 0; plan.row.low > 0 && c < 3; ++c) {
+    const std::uint32_t mask = (1u << plan.row.low) - 1;
+    for (std::size_t i = 0; i < n; ++i) values[i] = integers.values[c * n + i] & mask;
+    for (std::size_t d = 0; d < plan.row.low_digits(); ++d)
+      append_digit(static_cast<int>(8 * d), 0xFF);
+  }
 }
 
 }  // namespace stgs

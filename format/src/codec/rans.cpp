@@ -10,7 +10,7 @@
 namespace stgs {
 namespace {
 
-constexpr std::size_t kBlockGrain = 32;  // blocks per task: about 0.1 ms
+constexpr std::size_t kBlockGrain = 8;  // blocks per task: about 0.1 ms
 
 std::size_t block_size(std::size_t n, std::size_t block) {
   return std::min(n - block * kRansBlock, kRansBlock);
@@ -21,15 +21,23 @@ std::size_t block_size(std::size_t n, std::size_t block) {
 Result<std::vector<RansBlockLocation>> rans_layout(std::span<const std::uint8_t> bytes,
                                                    std::size_t n) {
   const std::size_t count = rans_blocks(n);
-  // Each block has at least a size and a state.
-  if (count > bytes.size() / 8) {
-    return invalid_file("group too short ({} bytes for {} primitives)", bytes.size(), n);
+  if (count == 0) {
+    if (bytes.empty()) return std::vector<RansBlockLocation>{};
+    return invalid_file("group of no symbols with {} bytes", bytes.size());
+  }
+  // Each block has at least a state, and all but the last a size.
+  if (count > (bytes.size() + 4) / 8) {
+    return invalid_file("group too short ({} bytes for {} symbols per plane)", bytes.size(), n);
   }
   ByteReader sizes(bytes), data(bytes);
-  data.bytes(4 * count);
+  data.bytes(4 * (count - 1));
   std::vector<RansBlockLocation> blocks(count);
   for (std::size_t b = 0; b < count; ++b) {
-    blocks[b] = {data.position(), sizes.u32()};
+    const std::size_t states = 4 * rans_lanes(block_size(n, b));
+    const bool last = b + 1 == count;
+    // The words of the last block end with the group.
+    const std::uint64_t rest = data.left() > states ? data.left() - states : 0;
+    blocks[b] = {data.position(), last ? static_cast<std::uint32_t>(std::min<std::uint64_t>(rest / 2, 0xFFFFFFFF)) : sizes.u32()};
     bool possible = true;
     for (std::size_t lane = 0; lane < rans_lanes(block_size(n, b)); ++lane)
       possible = data.u32() >= kRansLow && possible;

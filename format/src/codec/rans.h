@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The entropy coder of planes: 32-lane interleaved rANS with static tables (spec annex A).
+// The entropy coder of planes: 32-lane interleaved rANS with static tables (spec 7).
 //
-// A plane has n symbols of 0 to 255, one per primitive, and a table. A group codes several planes
-// of the same n primitives. Primitives are split into blocks that decode independently, with up to
-// 32 lanes per block, so that a vector unit or a warp advances all lanes at once. The integers and
+// A plane has n symbols of 0 to 255 and a table. A group codes several planes of n symbols. The
+// symbols are split into blocks that decode independently, with up to 32 lanes per block, so that a
+// vector unit or a warp advances all lanes at once. The integers and
 // their order are normative: all decoders give the same bytes, even for damaged input.
 #pragma once
 
@@ -34,7 +34,7 @@ RansTable rans_table(std::span<const std::uint32_t, 256> counts);
 // Returns the bits that symbols with these counts take; infinite if the table lacks one of them.
 double rans_cost(const RansTable& table, std::span<const std::uint32_t, 256> counts);
 
-// Writes a table (spec A.2), which must add up to 4096. Exact inverse of read_rans_table().
+// Writes a table (spec 7.2), which must add up to 4096. Exact inverse of read_rans_table().
 void write_rans_table(const RansTable& table, ByteWriter& out);
 // Reads a table; kInvalidFile if the bytes are not a table.
 Result<RansTable> read_rans_table(ByteReader& in);
@@ -47,7 +47,7 @@ struct RansPlane {
   const RansTable* table = nullptr;
 };
 
-// Encodes a group of planes of n primitives each (spec A.3). kUsage if there are more than
+// Encodes a group of planes of n symbols each (spec 7.3); no bytes if there are no planes or n is 0. kUsage if there are more than
 // kRansPlanes, a plane's size is not n, or a table does not add up to 4096 or lacks a symbol of its
 // plane.
 Result<std::vector<std::uint8_t>> rans_encode(std::span<const RansPlane> planes, std::size_t n);
@@ -70,7 +70,7 @@ class RansGroupDecoder {
   // finish() detects them.
   void next_plane(const RansLookup& lookup, std::uint8_t* out);
 
-  // Returns whether every block has ended correctly after its last plane (spec A.5): all words read
+  // Returns whether every block has ended correctly after its last plane (spec 7.4): all words read
   // and no more, all states 2^16.
   [[nodiscard]] bool finish() const;
 

@@ -104,8 +104,9 @@ Result<std::vector<std::uint8_t>> rans_encode(std::span<const RansPlane> planes,
     STGS_TRY(check_plane(planes[p], p, n));
     steps[p] = steps_of(*planes[p].table);
   }
+  if (planes.empty() || n == 0) return std::vector<std::uint8_t>{};
   std::vector<CodedBlock> blocks(rans_blocks(n));
-  constexpr std::size_t kGrain = 8;  // blocks that share scratch memory
+  constexpr std::size_t kGrain = 2;  // blocks that share scratch memory
   parallel_blocks(std::size_t{0}, blocks.size(), kGrain, [&](std::size_t begin, std::size_t end) {
     std::vector<std::uint16_t> scratch(planes.size() * std::min(n, kRansBlock) + 1);
     for (std::size_t b = begin; b < end; ++b) {
@@ -115,7 +116,8 @@ Result<std::vector<std::uint8_t>> rans_encode(std::span<const RansPlane> planes,
     }
   });
   ByteWriter out;
-  for (const CodedBlock& block : blocks) out.u32(static_cast<std::uint32_t>(block.words.size()));
+  for (std::size_t b = 0; b + 1 < blocks.size(); ++b)
+    out.u32(static_cast<std::uint32_t>(blocks[b].words.size()));
   for (std::size_t b = 0; b < blocks.size(); ++b) {
     const std::size_t lanes = rans_lanes(std::min(n - b * kRansBlock, kRansBlock));
     for (std::size_t lane = 0; lane < lanes; ++lane) out.u32(blocks[b].states[lane]);

@@ -25,7 +25,6 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 constexpr std::size_t kAhead = 2 * kBlock;  // prefetch distance in a plane, symbols
 using Numbers = std::uint32_t[kBlock];
-using Keys = std::uint64_t[kBlock];
 
 // 2^e, |e| <= 126.
 HWY_INLINE float power_of_two(int e) {
@@ -37,31 +36,37 @@ HWY_INLINE float size_of(Step step) {
   return static_cast<float>(step.multiplier) * power_of_two(step.exponent);
 }
 
-// Loads values [first, first + count) of a component with the digits `planes`, padded with zeros.
-template <typename Value>
-HWY_INLINE void load(const StreamRow& row, const Plane* planes, std::size_t first,
-                     std::size_t count, Value (&out)[kBlock]) {
-  Value same = 0;
+// Loads values [first, first + count) with these planes of digits, padded with zeros.
+HWY_INLINE void load(const Plane* planes, const std::uint8_t* digit_bits, std::size_t digits,
+                     std::size_t first, std::size_t count, Numbers& out) {
+  std::uint32_t same = 0;
   int shift = 0;
-  for (std::size_t d = 0; d < row.digits; shift += row.digit_bits[d++]) {
-    if (planes[d].symbols == nullptr) same |= Value{planes[d].only} << shift;
+  for (std::size_t d = 0; d < digits; shift += digit_bits[d++]) {
+    if (planes[d].symbols == nullptr) same |= std::uint32_t{planes[d].only} << shift;
   }
-  for (Value& v : out) v = same;
+  for (std::uint32_t& v : out) v = same;
   shift = 0;
-  for (std::size_t d = 0; d < row.digits; shift += row.digit_bits[d++]) {
+  for (std::size_t d = 0; d < digits; shift += digit_bits[d++]) {
     if (planes[d].symbols == nullptr) continue;
-    std::uint8_t digits[kBlock];
+    std::uint8_t symbols[kBlock];
     // There are too many planes for the CPU's hardware prefetcher.
     __builtin_prefetch(planes[d].symbols + first + kAhead);
     if (count == kBlock) {  // a copy of constant size becomes a load
-      std::memcpy(digits, planes[d].symbols + first, kBlock);
+      std::memcpy(symbols, planes[d].symbols + first, kBlock);
     } else {
-      std::memset(digits, 0, kBlock);
-      std::memcpy(digits, planes[d].symbols + first, count);
+      std::memset(symbols, 0, kBlock);
+      std::memcpy(symbols, planes[d].symbols + first, count);
     }
-    for (std::size_t i = 0; i < kBlock; ++i) out[i] |= Value{digits[i]} << shift;
+    for (std::size_t i = 0; i < kBlock; ++i) out[i] |= std::uint32_t{symbols[i]} << shift;
   }
   for (std::size_t i = count; i < kBlock; ++i) out[i] = 0;
+}
+
+// Loads values of component c of a stream.
+HWY_INLINE void load_component(const StreamTask& task, std::size_t c, std::size_t first,
+                               std::size_t count, Numbers& out) {
+  const StreamRow& row = *task.row;
+  load(task.planes + c * row.digits, row.digit_bits.data(), row.digits, first, count, out);
 }
 
 // Replaces each number by the sum of `before` and all numbers up to it. Returns the last one.
@@ -84,10 +89,10 @@ HWY_INLINE std::uint32_t running_sums(std::uint32_t before, Numbers& q) {
 #endif
 }
 
-HWY_INLINE void undo_prediction(Prediction prediction, std::uint64_t& carry, Numbers& q) {
+HWY_INLINE void undo_prediction(Prediction prediction, std::uint32_t& carry, Numbers& q) {
   if (prediction == Prediction::kPlain) return;
   for (std::size_t i = 0; i < kBlock; ++i) q[i] = unzigzag(q[i]);
-  if (prediction == Prediction::kDelta) carry = running_sums(static_cast<std::uint32_t>(carry), q);
+  if (prediction == Prediction::kDelta) carry = running_sums(carry, q);
 }
 
 // Returns whether all |q| are at most `limit`.
@@ -108,53 +113,53 @@ HWY_INLINE void map_linear(float origin, float step, const Numbers& q, Floats& o
   for (std::size_t i = 0; i < kBlock; ++i) out[i] = origin + step * out[i];
 }
 
-HWY_INLINE bool map_truncated(const StreamRow& row, const Numbers& q, Floats& out) {
+// Replaces q by the bits b (spec 8.5).
+HWY_INLINE bool map_truncated(const StreamRow& row, Numbers& q, Floats& out) {
   const auto first = std::bit_cast<std::uint32_t>(row.origin[0]);
   const std::uint32_t step = static_cast<std::uint32_t>(row.step.multiplier) << row.step.exponent;
   const std::uint32_t limit = (kMaxTruncated - first) / step;
   std::uint32_t bad = 0;
   for (std::size_t i = 0; i < kBlock; ++i) {
     bad |= q[i] > limit ? 1u : 0u;
-    out[i] = std::bit_cast<float>(first + q[i] * step) - row.origin[1];
+    q[i] = first + q[i] * step;
+    out[i] = std::bit_cast<float>(q[i]) - row.origin[1];
   }
   return bad == 0;
 }
 
 // Computes the steps of displacements over these lifespans.
-HWY_INLINE void displacement_steps(const StreamRow& row, const Gaussians4D& set, float part_ticks,
-                                   std::size_t first, std::size_t count, Floats& out) {
-  for (std::size_t i = 0; i < count; ++i) {
-    const int life = lifespan_exponent(set.sigma[first + i], set.radius[first + i], part_ticks);
+HWY_INLINE void displacement_steps(const StreamRow& row, const std::uint32_t* sigma,
+                                   const std::uint32_t* radius, int part_exponent, Floats& out) {
+  for (std::size_t i = 0; i < kBlock; ++i) {
+    const int life = lifespan_exponent(sigma[i], radius[i], part_exponent);
     const int exponent = std::clamp(row.step.exponent - life, kMinExponent, kMaxExponent);
     out[i] = size_of({exponent, row.step.multiplier});
   }
-  for (std::size_t i = count; i < kBlock; ++i) out[i] = 0.0f;
 }
 
-HWY_INLINE void rotation_exponents(const StreamRow& row, const Gaussians4D& set, std::size_t first,
-                                   std::size_t count, int (&out)[kBlock]) {
+HWY_INLINE void rotation_exponents(const StreamRow& row, const SegmentContext& context,
+                                   const std::uint32_t* spread, int (&out)[kBlock]) {
   const bool shaped = static_cast<Mapping>(row.mapping) == Mapping::kShapedRotation;
-  for (int& e : out) e = row.step.exponent;
-  const float* log_scale = set.log_scale.data() + 3 * first;
-  for (std::size_t i = 0; shaped && i < count; ++i) out[i] += rotation_shift(log_scale + 3 * i);
-  for (int& e : out) e = std::clamp(e, kMinRotationExponent, kMaxRotationExponent);
-  std::fill(out + count, out + kBlock, out[count - 1]);
+  for (std::size_t i = 0; i < kBlock; ++i) {
+    const int shift = shaped ? rotation_shift(context.shape_bounds, spread[i]) : 0;
+    out[i] = std::clamp(row.step.exponent + shift, kMinRotationExponent, kMaxRotationExponent);
+  }
 }
 
-// Computes w, x, y, z. R is exact in double precision; its rounding to single precision and its
-// square root are correctly rounded (spec 7.5.5).
+// Computes w, x, y, z (spec 8.7). R is below 2^28; only its conversion to float rounds.
 HWY_INLINE bool map_rotation(int multiplier, const Numbers* q, const int (&exponents)[kBlock],
                              Floats* out) {
   std::uint32_t bad = 0;
-  const double m = multiplier;
+  const auto m = static_cast<std::uint32_t>(multiplier);
   for (std::size_t i = 0; i < kBlock; ++i) {
-    const double x = m * static_cast<std::int32_t>(q[0][i]),
-                 y = m * static_cast<std::int32_t>(q[1][i]),
-                 z = m * static_cast<std::int32_t>(q[2][i]);
-    const float one = power_of_two(-2 * exponents[i]);
-    const double rest = static_cast<double>(one) - x * x - y * y - z * z;
-    bad |= rest > 0.0 ? 0u : 1u;
-    out[0][i] = static_cast<float>(rest > 0.0 ? rest : 0.0);
+    const std::uint32_t x = m * q[0][i], y = m * q[1][i], z = m * q[2][i];
+    const std::uint32_t limit = 1u << -exponents[i];
+    const bool inside = x + limit - 1 <= 2 * limit - 2 && y + limit - 1 <= 2 * limit - 2 &&
+                        z + limit - 1 <= 2 * limit - 2;
+    const auto rest = static_cast<std::int32_t>(limit * limit - x * x - y * y - z * z);
+    const bool good = inside && rest > 0;
+    bad |= good ? 0u : 1u;
+    out[0][i] = static_cast<float>(good ? rest : 0);
   }
   for (std::size_t i = 0; i < kBlock; ++i) {
     out[0][i] = power_of_two(exponents[i]) * std::sqrt(out[0][i]);
@@ -183,31 +188,32 @@ HWY_INLINE void map_colour(const StreamRow& row, const Numbers* q, Floats* out) 
   map_linear(0.0f, step, blue, out[2]);
 }
 
-// Maps a block of one component, of which the first `count` numbers are valid.
-bool map_component(const StreamRow& row, int component, std::int64_t base, const Floats& steps,
-                   std::size_t count, Numbers& q, Floats& out) {
+// Maps a block of one component. `base`: of times. `steps`: of displacements. Sigma and radius
+// leave their bits in q.
+bool map_component(const StreamRow& row, std::size_t component, float base, const Floats& steps,
+                   Numbers& q, Floats& out) {
   const std::uint32_t limit = max_steps(static_cast<Mapping>(row.mapping), row.step.multiplier);
+  const bool good = in_range(q, limit);
   switch (static_cast<Mapping>(row.mapping)) {
     case Mapping::kFloat:
-      for (std::size_t i = 0; i < kBlock; ++i) out[i] = std::bit_cast<float>(q[i]);
+      for (std::size_t i = 0; i < kBlock; ++i) {
+        q[i] <<= row.step.exponent;
+        out[i] = std::bit_cast<float>(q[i]);
+      }
       return true;
     case Mapping::kTruncated:
-      return in_range(q, limit) && map_truncated(row, q, out);
+      return map_truncated(row, q, out) && good;
     case Mapping::kDisplacement:
       to_floats(q, out);
       for (std::size_t i = 0; i < kBlock; ++i) out[i] *= steps[i];
-      return in_range(q, limit);
-    case Mapping::kTime: {
-      const bool good = in_range(q, limit);
-      for (std::size_t i = 0; i < kBlock; ++i) {
-        q[i] = i < count ? q[i] + static_cast<std::uint32_t>(base) : 0;
-      }
+      return good;
+    case Mapping::kTime:
       map_linear(row.origin[0], size_of(row.step), q, out);
-      return good && in_range(q, limit);  // the sums too (spec 7.5.8)
-    }
+      for (std::size_t i = 0; i < kBlock; ++i) out[i] += base;
+      return good;
     default:
       map_linear(row.origin[component % 3], size_of(row.step), q, out);
-      return in_range(q, limit);
+      return good;
   }
 }
 
@@ -229,15 +235,39 @@ HWY_INLINE bool all_zero(const Plane* planes, std::size_t count) {
                      [](const Plane& p) { return p.symbols == nullptr && p.only == 0; });
 }
 
-// Maps primitives [begin, end) of a stream of floats or integers. `carry`: the sum of the values
+// Stores what later streams of the same primitives depend on.
+HWY_INLINE void keep(Attribute attribute, const Numbers* q, std::size_t at, MapRun& run) {
+  if (attribute == Attribute::kSigma) std::copy_n(q[0], kBlock, run.sigma + at);
+  if (attribute == Attribute::kRadius) std::copy_n(q[0], kBlock, run.radius + at);
+  if (attribute != Attribute::kLogScale) return;
+  for (std::size_t i = 0; i < kBlock; ++i) {
+    const auto x = static_cast<std::int32_t>(q[0][i]), y = static_cast<std::int32_t>(q[1][i]),
+               z = static_cast<std::int32_t>(q[2][i]);
+    run.spread[at + i] = static_cast<std::uint32_t>(std::max(std::max(x, y), z)) -
+                         static_cast<std::uint32_t>(std::min(std::min(x, y), z));
+  }
+}
+
+// Stores `width` floats of each of these primitives.
+HWY_INLINE void store_members(const Floats* from, std::size_t width, const std::uint32_t* members,
+                              std::size_t count, AttributeView<float> view) {
+  for (std::size_t i = 0; i < count; ++i) {
+    float* const to = view.data + std::size_t{members[i]} * view.stride;
+    for (std::size_t c = 0; c < width; ++c) to[c] = from[c][i];
+  }
+}
+
+// Maps the values [begin, end) of a stream of floats or integers. `carry`: the sum of the values
 // before `begin`; updated to that before `end`.
 bool map_values(const StreamTask& task, const SegmentContext& context, std::size_t begin,
-                std::size_t end, std::uint64_t* carry, Gaussians4D& set) {
+                std::size_t end, std::uint32_t* carry, MapRun& run, Gaussians4D& set) {
   const StreamRow& row = *task.row;
+  const auto attribute = static_cast<Attribute>(row.attribute);
   const auto mapping = static_cast<Mapping>(row.mapping);
   const auto prediction = static_cast<Prediction>(row.prediction);
-  const AttributeView<float> view = view_of(set, static_cast<Attribute>(row.attribute));
-  const std::int64_t base = time_origin(context.begin, row.step);
+  const AttributeView<float> view = view_of(set, attribute);
+  const auto base = static_cast<float>(
+      mapping == Mapping::kTime ? time_base(context.begin, row.step) : 0.0);
   const bool rotation = mapping == Mapping::kRotation || mapping == Mapping::kShapedRotation;
   const bool together = rotation || mapping == Mapping::kColour;
   const std::size_t width = rotation ? 4 : row.components;
@@ -246,10 +276,10 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
   HWY_ALIGN int exponents[kBlock];
   bool good = true;
   for (std::size_t first = begin; first < end; first += kBlock) {
-    const std::size_t count = std::min(kBlock, end - first);
-    if (rotation) rotation_exponents(row, set, first, count, exponents);
+    const std::size_t count = std::min(kBlock, end - first), at = first - begin;
+    if (rotation) rotation_exponents(row, context, run.spread + at, exponents);
     if (mapping == Mapping::kDisplacement)
-      displacement_steps(row, set, context.part_ticks, first, count, steps);
+      displacement_steps(row, run.sigma + at, run.radius + at, context.part_exponent, steps);
     for (std::size_t c = 0; c < row.components; ++c) {
       if (c % 3 == 0 && mapping == Mapping::kColour &&
           all_zero(task.planes + c * row.digits, std::size_t{3} * row.digits)) {
@@ -257,74 +287,72 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
         c += 2;
         continue;
       }
-      Numbers& block = q[together ? c % 3 : 0];
-      load(row, task.planes + c * row.digits, first, count, block);
+      Numbers& block = q[c % 3];
+      load_component(task, c, first, count, block);
       undo_prediction(prediction, carry[c], block);
       if (count < kBlock) std::fill(block + count, block + kBlock, block[count - 1]);
       if (!together) {
-        good &= map_component(row, static_cast<int>(c), base, steps, count, block, floats[c]);
+        good &= map_component(row, c, base, steps, block, floats[c]);
       } else if (c % 3 == 2) {
         good &= map_three(row, exponents, q, floats + (c - 2));
       }
     }
-    store_all(floats, width, count, view.data + first * view.stride, view.stride);
+    keep(attribute, q, at, run);
+    if (task.members.empty()) {
+      store_all(floats, width, count, view.data + first * view.stride, view.stride);
+    } else {
+      store_members(floats, width, task.members.data() + first, count, view);
+    }
   }
   return good;
 }
 
-// As above for Morton keys.
-bool map_keys(const StreamTask& task, std::size_t begin, std::size_t end, std::uint64_t* carry,
+// As above for positions in Morton order (spec 8.4).
+bool map_keys(const StreamTask& task, std::size_t begin, std::size_t end, std::uint32_t* carry,
               Gaussians4D& set) {
   const StreamRow& row = *task.row;
-  HWY_ALIGN Keys keys;
-  HWY_ALIGN Numbers q;
+  const std::size_t low_digits = row.low_digits();
+  const std::uint8_t low_bits[] = {8, 8};
+  HWY_ALIGN Numbers keys, q;
   HWY_ALIGN Floats floats[3];
   const std::uint32_t limit = max_steps(Mapping::kLinear, row.step.multiplier);
-  std::uint64_t key = *carry, overflow = key;
+  std::uint32_t overflow = *carry;
   bool good = true;
   for (std::size_t first = begin; first < end; first += kBlock) {
     const std::size_t count = std::min(kBlock, end - first);
-    load(row, task.planes, first, count, keys);
-    for (std::size_t i = 0; i < kBlock; ++i) {
-      overflow |= keys[i];
-      key += keys[i];
-      overflow |= key;
-      keys[i] = key;
-    }
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      for (std::size_t i = 0; i < kBlock; ++i) q[i] = compact3(keys[i] >> axis);
+    load_component(task, 0, first, count, keys);
+    for (const std::uint32_t v : keys) overflow |= v;
+    *carry = running_sums(*carry, keys);
+    for (const std::uint32_t key : keys) overflow |= key;
+    const Plane* planes = task.planes + row.digits;
+    for (std::size_t axis = 0; axis < 3; ++axis, planes += low_digits) {
+      load(planes, low_bits, low_digits, first, count, q);
+      for (std::size_t i = 0; i < kBlock; ++i) q[i] += compact3(keys[i] >> axis) << row.low;
       good &= in_range(q, limit);
       map_linear(row.origin[axis], size_of(row.step), q, floats[axis]);
     }
     store<3>(floats, count, set.position.data() + 3 * first, 3);
   }
-  *carry = key;
-  return good && overflow >> 63 == 0;
+  return good && overflow >> (3 * kKeyBits) == 0;
 }
 
 bool map_task(const StreamTask& task, const SegmentContext& context, std::size_t begin,
-              std::size_t end, std::uint64_t* carry, Gaussians4D& set) {
+              std::size_t end, std::uint32_t* carry, MapRun& run, Gaussians4D& set) {
   if (static_cast<Prediction>(task.row->prediction) == Prediction::kMorton)
     return map_keys(task, begin, end, carry, set);
-  return map_values(task, context, begin, end, carry, set);
+  return map_values(task, context, begin, end, carry, run, set);
 }
 
-void sum_task(const StreamTask& task, std::size_t begin, std::size_t end, std::uint64_t* sums) {
+void sum_task(const StreamTask& task, std::size_t begin, std::size_t end, std::uint32_t* sums) {
   const StreamRow& row = *task.row;
   const bool keys = static_cast<Prediction>(row.prediction) == Prediction::kMorton;
-  HWY_ALIGN Keys wide;
   HWY_ALIGN Numbers q;
   for (std::size_t first = begin; first < end; first += kBlock) {
     const std::size_t count = std::min(kBlock, end - first);
     for (std::size_t c = 0; c < row.components; ++c) {
-      std::uint64_t sum = 0;
-      if (keys) {
-        load(row, task.planes, first, count, wide);
-        for (const std::uint64_t v : wide) sum += v;
-      } else {
-        load(row, task.planes + c * row.digits, first, count, q);
-        for (const std::uint32_t v : q) sum += unzigzag(v);
-      }
+      load_component(task, c, first, count, q);
+      std::uint32_t sum = 0;
+      for (const std::uint32_t v : q) sum += keys ? v : unzigzag(v);
       sums[c] += sum;
     }
   }
@@ -377,11 +405,11 @@ HWY_EXPORT(sum_task);
 HWY_EXPORT(all_renderable);
 
 bool map_task(const StreamTask& task, const SegmentContext& context, std::size_t begin,
-              std::size_t end, std::uint64_t* carry, Gaussians4D& set) {
-  return HWY_DYNAMIC_DISPATCH(map_task)(task, context, begin, end, carry, set);
+              std::size_t end, std::uint32_t* carry, MapRun& run, Gaussians4D& set) {
+  return HWY_DYNAMIC_DISPATCH(map_task)(task, context, begin, end, carry, run, set);
 }
 
-void sum_task(const StreamTask& task, std::size_t begin, std::size_t end, std::uint64_t* sums) {
+void sum_task(const StreamTask& task, std::size_t begin, std::size_t end, std::uint32_t* sums) {
   HWY_DYNAMIC_DISPATCH(sum_task)(task, begin, end, sums);
 }
 

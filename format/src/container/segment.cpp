@@ -45,8 +45,8 @@ bool names_all_tables(const Layout& layout, std::size_t tables) {
 // Checks that the layout has the streams of the record's content, in order.
 bool check_attributes(const Layout& layout, const IndexEntry& entry, int sh_degree,
                       std::uint32_t ordinal, std::uint64_t offset, Findings& findings) {
-  const std::span<const Attribute> all = attributes_of(sh_degree);
-  const std::size_t base = attributes_of(0).size();
+  const std::span<const Attribute> all = streams_of(sh_degree);
+  const std::size_t base = streams_of(0).size();
   const bool sh = content_of(entry.layer) == static_cast<int>(Content::kSh);
   const std::span<const Attribute> needed = sh ? all.subspan(base) : all;
   std::size_t found = 0;
@@ -71,16 +71,18 @@ bool check_attributes(const Layout& layout, const IndexEntry& entry, int sh_degr
 bool is_partial(const Layout& layout, int sh_degree) {
   const auto known = std::count_if(layout.streams.begin(), layout.streams.end(),
                                    [](const StreamRow& row) { return !row.optional(); });
-  return static_cast<std::size_t>(known) < attributes_of(sh_degree).size();
+  return static_cast<std::size_t>(known) < streams_of(sh_degree).size();
 }
 
-// Checks that a layout is allowed by the file's profile (spec 8.1). Unknown profiles allow any.
+// Checks that a layout is allowed by the file's profile (spec 11.1). Unknown profiles allow any.
 bool check_profile_of(const Layout& layout, Profile profile, std::uint32_t ordinal,
                       std::uint64_t offset, Findings& findings) {
   for (const StreamRow& row : layout.streams) {
     if (row.optional()) continue;
     const bool draco = static_cast<Coder>(row.coder) == Coder::kDraco;
-    const bool mapped = static_cast<Mapping>(row.mapping) != Mapping::kFloat;
+    const auto mapping = static_cast<Mapping>(row.mapping);
+    const bool mapped = mapping != Mapping::kInteger &&
+                        (mapping != Mapping::kFloat || row.step != Step{});
     const bool fits = profile == Profile::kLossless    ? !mapped && !draco
                       : profile == Profile::kQuantised ? !draco
                                                        : true;
@@ -107,7 +109,39 @@ bool take_memory(std::uint64_t bytes, const FileHead& head, std::uint32_t ordina
   return false;
 }
 
-// Finds the record's layout and the bytes of its streams (spec 6.1). `memory`: see SegmentRecords.
+// Returns the memory of a record's planes that take bytes.
+std::uint64_t plane_memory(const SegmentRecord& record, const LayoutSet& set,
+                           std::uint32_t primitives) {
+  std::uint64_t bytes = 0;
+  for (const StreamRow& row : set.layouts[record.layout].streams) {
+    if (row.optional()) continue;
+    const int band = band_of(static_cast<Attribute>(row.attribute));
+    const std::uint64_t symbols =
+        band == 0 ? primitives : record.sh[static_cast<std::size_t>(band - 1)];
+    bytes += symbols * Layout::varying_planes(row, set);
+  }
+  return bytes;
+}
+
+// Reads what follows the layout (spec 6.5). Returns false if it contradicts itself or the payload.
+bool read_units(ByteReader& in, const Layout& layout, int sh_degree, std::uint32_t primitives,
+                SegmentRecord& record) {
+  std::uint32_t most = primitives;
+  for (int k = 0; layout.has_sh_degree() && k < sh_degree; ++k) {
+    const std::uint32_t count = in.u32();
+    if (count > most) return false;
+    record.sh[static_cast<std::size_t>(k)] = most = count;
+  }
+  if (layout.has_first_key()) record.first_key = in.u32();
+  const std::vector<Layout::Unit> units = layout.units();
+  std::vector<std::uint32_t> sizes(units.size());
+  for (std::uint32_t& size : sizes) size = in.u32();
+  for (std::size_t u = 0; u < units.size(); ++u)
+    record.units.push_back({units[u], in.bytes(sizes[u])});
+  return in.ok();
+}
+
+// Finds the record's layout and the bytes of its streams (spec 6.5). `memory`: see SegmentRecords.
 bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
                    std::uint32_t ordinal, const IndexEntry& expected, SegmentRecord& record,
                    std::uint64_t& memory, Findings& findings) {
@@ -118,7 +152,6 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
     return false;
   }
   record.layout = in.u16();
-  record.checksum = in.u64();
   record.has_own = record.layout == kOwnLayout;
   if (record.has_own) {
     if (!parse_layouts(in, record.payload_at, kMaxOwnTables, head.limits.max_memory - memory,
@@ -150,20 +183,13 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
   if (!check_known(layout, ordinal, record.payload_at, findings) ||
       !check_attributes(layout, expected, head.metadata.sh_degree, ordinal, record.payload_at,
                         findings) ||
-      !check_profile_of(layout, head.metadata.profile, ordinal, record.payload_at, findings) ||
-      !take_memory(
-          layout.varying_planes(record.set(head.layouts)) * std::uint64_t{expected.primitives},
-          head, ordinal, record.payload_at, memory, findings)) {
+      !check_profile_of(layout, head.metadata.profile, ordinal, record.payload_at, findings)) {
     return false;
   }
-  if (layout.has_first_key()) record.first_key = in.u64();
-  std::vector<std::uint64_t> sizes(layout.streams.size());
-  for (std::size_t i = 0; i < sizes.size(); ++i) {
-    if (!layout.streams[i].in_group()) sizes[i] = in.u64();
+  if (read_units(in, layout, head.metadata.sh_degree, expected.primitives, record)) {
+    return take_memory(plane_memory(record, record.set(head.layouts), expected.primitives), head,
+                       ordinal, record.payload_at, memory, findings);
   }
-  for (const std::uint64_t size : sizes) record.streams.push_back(in.bytes(size));
-  if (layout.has_group()) record.group = in.bytes(in.left());
-  if (in.ok() && in.left() == 0) return true;
   findings.error(N::kStreamTable, record.payload_at,
                  "segment {}: payload of {} bytes does not match the streams of its layout",
                  ordinal, payload.size());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The payload of a SEGM record: its key, its layout and the bytes of its streams (spec 6).
+// The payload of a SEGM record: its key, its layout and the bytes of its streams (spec 6.5).
 #pragma once
 
 #include <cstdint>
@@ -11,11 +11,18 @@
 
 namespace stgs {
 
-// The planes of a record's primitives in the order of its layout's streams, n symbols each.
+// The planes of a record in the order of its layout's streams.
 struct RecordPlanes {
-  std::size_t n = 0;
-  std::uint64_t first_key = 0;
+  std::size_t n = 0;                      // primitives
+  std::array<std::uint32_t, kShBands> sh{};  // primitives with a degree of at least 1, 2 and 3
+  std::uint32_t first_key = 0;
   std::vector<std::uint8_t> symbols;
+
+  // Returns the symbols of a plane of this stream.
+  std::size_t symbols_of(Attribute attribute) const {
+    const int band = band_of(attribute);
+    return band == 0 ? n : sh[static_cast<std::size_t>(band - 1)];
+  }
 };
 
 // How a record is coded.
@@ -23,13 +30,12 @@ struct RecordCoding {
   const LayoutSet* set = nullptr;  // layouts and tables; not owned
   std::uint16_t layout = 0;        // of the record, in `set`
   bool own = false;                // `set` has this layout only and is written into the record
-  int zstd_level = 9;
 };
 struct SegmentPayload {
   std::vector<std::uint8_t> bytes;
-  std::vector<std::uint64_t> stored;  // bytes of each stream; 0 if it is coded with rANS
+  std::vector<std::uint64_t> stored;  // bytes of each stream that is not coded with rANS, else 0
 };
-SegmentPayload write_segment(const IndexEntry& entry, const RecordPlanes& planes,
+SegmentPayload write_segment(const IndexEntry& entry, int sh_degree, const RecordPlanes& planes,
                              const RecordCoding& coding);
 
 // A record whose structure has been checked.
@@ -39,10 +45,14 @@ struct SegmentRecord {
   LayoutSet own;                    // the record's own layout, if has_own
   std::uint16_t layout = 0;         // number in the file's set, or 0 in `own`
   bool has_own = false;
-  std::uint64_t checksum = 0;  // of the decoded planes
-  std::uint64_t first_key = 0;
-  std::vector<std::span<const std::uint8_t>> streams;  // by row of the layout; empty for rANS
-  std::span<const std::uint8_t> group;
+  std::array<std::uint32_t, kShBands> sh{};  // primitives with a degree of at least 1, 2 and 3
+  std::uint32_t first_key = 0;
+  // The units (spec 6.5): their rows and bytes.
+  struct Unit {
+    Layout::Unit rows;
+    std::span<const std::uint8_t> bytes;
+  };
+  std::vector<Unit> units;
 
   const LayoutSet& set(const LayoutSet& of_file) const { return has_own ? own : of_file; }
   const Layout& layout_in(const LayoutSet& of_file) const { return set(of_file).layouts[layout]; }

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <stdexcept>
 
 #include "codec/draco_points.h"
@@ -7,77 +8,63 @@
 #include "core/bytes.h"
 
 namespace stgs {
-
 namespace {
 
-// Stores the first streams raw until the record has the required number of bytes for its primitives
-// (spec 5.5). Constant streams may compress too well.
-void unpack_streams(const Layout& layout, const RecordPlanes& planes,
-                    std::vector<std::vector<std::uint8_t>>& streams) {
-  std::size_t bytes = 0;
-  for (const auto& stream : streams) bytes += stream.size();
-  const std::uint8_t* at = planes.symbols.data();
-  for (std::size_t i = 0; i < streams.size(); ++i) {
-    const std::size_t size = layout.streams[i].planes() * planes.n;
-    const bool packed = static_cast<Coder>(layout.streams[i].coder) == Coder::kBytes;
-    if (packed && planes.n / kMaxPrimitivesPerByte > bytes) {
-      bytes += size - streams[i].size();
-      streams[i].assign(at, at + size);
+// Encodes the planes of a unit, which begin at `at`; moves `at` behind them.
+std::vector<std::uint8_t> encode_unit(const Layout& layout, Layout::Unit unit,
+                                      const RecordPlanes& planes, const LayoutSet& set,
+                                      const std::uint8_t*& at) {
+  std::vector<RansPlane> group;
+  for (std::size_t i = unit.first; i < unit.first + unit.count; ++i) {
+    const StreamRow& row = layout.streams[i];
+    const std::size_t symbols = planes.symbols_of(static_cast<Attribute>(row.attribute));
+    const std::span all(at, row.planes() * symbols);
+    at += all.size();
+    if (static_cast<Coder>(row.coder) == Coder::kBytes) return {all.begin(), all.end()};
+    if (static_cast<Coder>(row.coder) == Coder::kDraco) return draco_encode(all, symbols);
+    for (std::size_t p = 0; p < row.tables.size(); ++p) {
+      const std::uint16_t table = row.tables[p];
+      if (set.only[table] < 0)
+        group.push_back({all.subspan(p * symbols, symbols), &set.tables[table]});
     }
-    at += size;
   }
+  if (group.empty()) return {};
+  auto coded = rans_encode(group, group.front().symbols.size());
+  if (!coded.ok()) throw std::runtime_error(coded.status().message());
+  return std::move(*coded);
 }
 
 }  // namespace
 
-SegmentPayload write_segment(const IndexEntry& entry, const RecordPlanes& planes,
-                             const RecordCoding& coding) {  // spec 6.1
+SegmentPayload write_segment(const IndexEntry& entry, int sh_degree, const RecordPlanes& planes,
+                             const RecordCoding& coding) {  // spec 6.5
   const Layout& layout = coding.set->layouts[coding.layout];
+  const std::vector<Layout::Unit> units = layout.units();
   SegmentPayload out;
-  std::vector<std::uint8_t> varying;  // planes that are not constant
-  std::vector<std::vector<std::uint8_t>> streams;
-  std::vector<RansPlane> group;
+  out.stored.resize(layout.streams.size());
+  std::vector<std::vector<std::uint8_t>> bytes;
   const std::uint8_t* at = planes.symbols.data();
-  for (const StreamRow& row : layout.streams) {
-    const std::span all(at, row.planes() * planes.n);
-    at += all.size();
-    streams.emplace_back();
-    if (static_cast<Coder>(row.coder) == Coder::kBytes) {
-      varying.insert(varying.end(), all.begin(), all.end());
-      streams.back() = compress_planes(all, planes.n, coding.zstd_level);
-    } else if (static_cast<Coder>(row.coder) == Coder::kDraco) {
-      varying.insert(varying.end(), all.begin(), all.end());
-      streams.back() = draco_encode(all, planes.n);
-    }
-    for (std::size_t p = 0; p < row.tables.size(); ++p) {
-      const std::uint16_t table = row.tables[p];
-      if (coding.set->only[table] >= 0) continue;
-      const auto plane = all.subspan(p * planes.n, planes.n);
-      varying.insert(varying.end(), plane.begin(), plane.end());
-      group.push_back({plane, &coding.set->tables[table]});
-    }
+  for (const Layout::Unit unit : units) {
+    bytes.push_back(encode_unit(layout, unit, planes, *coding.set, at));
+    if (!layout.streams[unit.first].in_group()) out.stored[unit.first] = bytes.back().size();
   }
-  if (!layout.has_group()) unpack_streams(layout, planes, streams);
-  for (const auto& stream : streams) out.stored.push_back(stream.size());
   ByteWriter to;
   to.u16(static_cast<std::uint16_t>(entry.level));
   to.u16(entry.layer);
   to.u32(entry.slot);
   to.u32(entry.primitives);
   to.u16(coding.own ? kOwnLayout : coding.layout);
-  to.u64(checksum(varying));
   if (coding.own) write_layouts(*coding.set, to);
-  if (layout.has_first_key()) to.u64(planes.first_key);
-  for (std::size_t i = 0; i < streams.size(); ++i) {
-    if (static_cast<Coder>(layout.streams[i].coder) != Coder::kRans) to.u64(streams[i].size());
+  if (layout.has_sh_degree()) {
+    for (int k = 0; k < sh_degree; ++k) to.u32(planes.sh[static_cast<std::size_t>(k)]);
   }
-  for (const auto& stream : streams) to.bytes(stream);
-  if (layout.has_group()) {
-    const auto coded = rans_encode(group, planes.n);
-    if (!coded.ok()) throw std::runtime_error(coded.status().message());
-    to.bytes(*coded);
-  }
+  if (layout.has_first_key()) to.u32(planes.first_key);
+  for (const auto& unit : bytes) to.u32(static_cast<std::uint32_t>(unit.size()));
+  for (const auto& unit : bytes) to.bytes(unit);
   out.bytes = to.take();
+  // A record has a byte for each primitive (spec 5.5).
+  if (content_of(entry.layer) == static_cast<int>(Content::kPrimitives))
+    out.bytes.resize(std::max<std::size_t>(out.bytes.size(), planes.n));
   return out;
 }
 

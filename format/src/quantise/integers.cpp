@@ -43,9 +43,10 @@ Integers linear_integers(const Gaussians4D& part, Attribute attribute, Mapping m
 }
 
 Integers time_integers(const Gaussians4D& part, Step step, double segment_begin) {
-  Integers out = linear_integers(part, Attribute::kTime, Mapping::kTime, step);
-  const auto first = static_cast<std::uint32_t>(time_origin(segment_begin, step));
-  for (std::uint32_t& v : out.values) v -= first;
+  Integers out = begin(Attribute::kTime, Mapping::kTime, step, 1, part.size());
+  const double base = time_base(segment_begin, step);
+  for (std::size_t i = 0; i < part.size(); ++i)
+    out.values[i] = steps_in(part.time[i] - base, step, Mapping::kTime);
   return out;
 }
 
@@ -59,11 +60,12 @@ Integers truncated_integers(const Gaussians4D& part, Attribute attribute, Step s
   return out;
 }
 
-Integers displacement_integers(const Gaussians4D& part, Step step, float part_ticks) {
+Integers displacement_integers(const Gaussians4D& part, Step step, int part_exponent) {
   const std::size_t n = part.size();
   Integers out = begin(Attribute::kVelocity, Mapping::kDisplacement, step, 3, n);
   for (std::size_t i = 0; i < n; ++i) {
-    const int e = step.exponent - lifespan_exponent(part.sigma[i], part.radius[i], part_ticks);
+    const int e =
+        step.exponent - lifespan_exponent_of(part.sigma[i], part.radius[i], part_exponent);
     const Step own{std::clamp(e, kMinExponent, kMaxExponent), step.multiplier};
     for (std::size_t c = 0; c < 3; ++c) {
       out.values[c * n + i] = steps_in(part.velocity[3 * i + c], own, Mapping::kDisplacement);
@@ -72,29 +74,22 @@ Integers displacement_integers(const Gaussians4D& part, Step step, float part_ti
   return out;
 }
 
-Integers rotation_integers(const Gaussians4D& part, const std::vector<float>& shapes, Step step) {
+Integers rotation_integers(const Gaussians4D& part, const Integers& log_scales, Step step) {
   const std::size_t n = part.size();
+  const std::array<std::uint32_t, 6> bounds = shape_bounds(log_scales.step);
   Integers out = begin(Attribute::kRotation, Mapping::kShapedRotation, step, 3, n);
   for (std::size_t i = 0; i < n; ++i) {
     const float* q = part.rotation.data() + 4 * i;
-    const Step own{std::clamp(step.exponent + rotation_shift(shapes.data() + 3 * i),
+    const auto scale = [&](std::size_t c) {
+      return static_cast<std::int32_t>(log_scales.values[c * n + i]);
+    };
+    const auto spread = static_cast<std::uint32_t>(std::max({scale(0), scale(1), scale(2)}) -
+                                                   std::min({scale(0), scale(1), scale(2)}));
+    const Step own{std::clamp(step.exponent + rotation_shift(bounds, spread),
                               kMinRotationExponent, kMaxRotationExponent),
                    step.multiplier};
     for (std::size_t c = 0; c < 3; ++c) {
       out.values[c * n + i] = static_cast<std::uint32_t>(nearest(q[c + 1], own));
-    }
-  }
-  return out;
-}
-
-std::vector<float> decoded_log_scales(const Integers& integers) {
-  const std::size_t n = integers.values.size() / 3;
-  std::vector<float> out(3 * n);
-  const auto step = static_cast<float>(size_of(integers.step));
-  for (std::size_t c = 0; c < 3; ++c) {
-    for (std::size_t i = 0; i < n; ++i) {
-      const auto k = static_cast<std::int32_t>(integers.values[c * n + i]);
-      out[3 * i + c] = step * static_cast<float>(k);
     }
   }
   return out;
@@ -120,21 +115,19 @@ Integers colour_integers(const Gaussians4D& part, Attribute attribute, Step step
 
 Integers position_integers(const Gaussians4D& part, Step step, const float (&origin)[3],
                            std::vector<std::uint32_t>& order) {
-  Integers out;
-  out.attribute = Attribute::kPosition;
-  out.mapping = Mapping::kLinear;
-  out.components = 3;
-  out.step = step;
-  std::copy_n(origin, 3, out.origin);
   const std::size_t n = part.size();
+  Integers out = begin(Attribute::kPosition, Mapping::kLinear, step, 3, n);
+  out.morton = true;
+  std::copy_n(origin, 3, out.origin);
   std::vector<std::uint64_t> keys(n);
+  std::vector<std::array<std::uint32_t, 3>> positions(n);
   for (std::size_t i = 0; i < n; ++i) {
-    std::array<std::uint32_t, 3> q{};
+    std::array<std::uint32_t, 3>& q = positions[i];
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const double from_origin =
           static_cast<double>(part.position[3 * i + axis]) - out.origin[axis];
       q[axis] = static_cast<std::uint32_t>(
-          std::clamp<std::int64_t>(nearest(from_origin, out.step), 0, (1 << kMortonBits) - 1));
+          std::clamp<std::int64_t>(nearest(from_origin, out.step), 0, (1 << kPositionBits) - 1));
     }
     keys[i] = morton_key(q[0], q[1], q[2]);
   }
@@ -143,7 +136,10 @@ Integers position_integers(const Gaussians4D& part, Step step, const float (&ori
   std::sort(order.begin(), order.end(), [&keys](std::uint32_t a, std::uint32_t b) {
     return keys[a] != keys[b] ? keys[a] < keys[b] : a < b;
   });
-  for (std::uint32_t i : order) out.morton.push_back(keys[i]);
+  for (std::size_t k = 0; k < n; ++k) {
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      out.values[axis * n + k] = positions[order[k]][axis];
+  }
   return out;
 }
 

@@ -118,9 +118,9 @@ double typical_log_scale(const Gaussians4D& set) {
 }
 
 // Returns the greatest displacement along an axis over a lifespan, scene units (spec 7.5.4).
-double displacement_of(const Gaussians4D& set, std::size_t i, float part_ticks) {
+double displacement_of(const Gaussians4D& set, std::size_t i, int part_exponent) {
   double out = 0.0;
-  const int life = lifespan_exponent(set.sigma[i], set.radius[i], part_ticks);
+  const int life = lifespan_exponent_of(set.sigma[i], set.radius[i], part_exponent);
   for (std::size_t c = 0; c < 3; ++c) {
     out = std::max(out, std::ldexp(std::abs(double{set.velocity[3 * i + c]}), life));
   }
@@ -128,9 +128,10 @@ double displacement_of(const Gaussians4D& set, std::size_t i, float part_ticks) 
 }
 
 double max_displacement(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
-                        float part_ticks) {
+                        int part_exponent) {
   double out = 0.0;
-  for (const std::uint32_t i : members) out = std::max(out, displacement_of(set, i, part_ticks));
+  for (const std::uint32_t i : members)
+    out = std::max(out, displacement_of(set, i, part_exponent));
   return out;
 }
 
@@ -197,11 +198,11 @@ StepChooser::StepChooser(const Gaussians4D& set, std::span<const float> importan
   const Step position =
       bounded(octaves_.position + coarser_, max_error, kPositionShare, kCoarseSteps);
   rules_.near_distance =
-      std::max(std::ldexp(size_of(position), kMortonBits - 2),
+      std::max(std::ldexp(size_of(position), kPositionBits - 2),
                outlier_bound(set, [&](auto i) { return distance_from(rules_.middle, set, i); }));
   const Step displacement =
       bounded(octaves_.displacement + coarser_, max_error, kDisplacementShare, kFineSteps);
-  const auto longest = static_cast<float>(longest_part);
+  const int longest = part_exponent_of(longest_part);
   rules_.near_displacement =
       std::max(std::ldexp(size_of(displacement), kFineDisplacementBits - 1),
                outlier_bound(set, [&](auto i) { return displacement_of(set, i, longest); }));
@@ -264,7 +265,7 @@ Gaussians4D Quantiser::snap_lifespans(const Gaussians4D& set, std::span<const Pa
 }
 
 int Quantiser::distance_of(const Gaussians4D& set, std::size_t i) const {
-  const auto longest = static_cast<float>(rules_.longest_part);
+  const int longest = part_exponent_of(rules_.longest_part);
   const double farther = std::max(distance_from(rules_.middle, set, i) / rules_.near_distance,
                                   displacement_of(set, i, longest) / rules_.near_displacement);
   if (farther <= 1.0) return 0;
@@ -275,11 +276,11 @@ GroupSteps Quantiser::steps_of(const Gaussians4D& set, const std::vector<std::ui
                                int tier) const {
   const TierSteps& steps = rules_.tiers[static_cast<std::size_t>(tier)];
   const Extent extent = extent_of(set, &members);
-  const auto longest = static_cast<float>(rules_.longest_part);
+  const int longest = part_exponent_of(rules_.longest_part);
   GroupSteps out;
   out.lifespan = lifespans_.steps_of(set, members);
   // One value fewer than 2^21, because the origin is rounded down.
-  out.position = coarser_of(steps.position, step_for(extent.largest() * 1.000001, kMortonBits));
+  out.position = coarser_of(steps.position, step_for(extent.largest() * 1.000001, kPositionBits));
   for (std::size_t axis = 0; axis < 3; ++axis)
     out.origin[axis] = on_grid(extent.low[axis], out.position);
   out.displacement = displacement_step(steps.displacement, max_displacement(set, members, longest));
@@ -290,7 +291,7 @@ GroupSteps Quantiser::steps_of(const Gaussians4D& set, const std::vector<std::ui
 }
 
 std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSteps& steps,
-                                          double segment_begin, float part_ticks,
+                                          double segment_begin, int part_exponent,
                                           std::vector<std::uint32_t>& order) const {
   std::vector<Integers> out;
   out.push_back(position_integers(part, steps.position, steps.origin, order));
@@ -298,20 +299,22 @@ std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSt
   minimise_rotations(sorted);
   out.push_back(time_integers(sorted, steps.lifespan.time, segment_begin));
   out.push_back(truncated_integers(sorted, Attribute::kSigma, steps.lifespan.sigma, 0.0f));
-  out.push_back(truncated_integers(sorted, Attribute::kRadius, steps.lifespan.radius, 1.0f));
-  out.push_back(displacement_integers(sorted, steps.displacement, part_ticks));
+  out.push_back(
+      truncated_integers(sorted, Attribute::kRadius, steps.lifespan.radius, kRadiusOffset));
+  out.push_back(displacement_integers(sorted, steps.displacement, part_exponent));
   out.push_back(linear_integers(sorted, Attribute::kLogScale, Mapping::kLinear, steps.log_scale));
-  out.push_back(rotation_integers(sorted, decoded_log_scales(out.back()), steps.rotation));
+  out.push_back(rotation_integers(sorted, out.back(), steps.rotation));
   out.push_back(linear_integers(sorted, Attribute::kOpacity, Mapping::kLinear, rules_.opacity));
-  for (int band = 0; band <= part.sh_degree; ++band) {
-    const auto attribute = static_cast<Attribute>(static_cast<int>(Attribute::kSh0) + band);
-    out.push_back(colour_integers(sorted, attribute, steps.sh[band]));
+  for (const Attribute attribute : {Attribute::kSh0, Attribute::kSh1, Attribute::kSh2, Attribute::kSh3}) {
+    const int band = band_of(attribute);
+    if (band <= part.sh_degree)
+      out.push_back(colour_integers(sorted, attribute, steps.sh[band]));
   }
   return out;
 }
 
 float Quantiser::position_step(const Gaussians4D& set) const {
-  Step coarsest = step_for(extent_of(set, nullptr).largest() * 1.000001, kMortonBits);
+  Step coarsest = step_for(extent_of(set, nullptr).largest() * 1.000001, kPositionBits);
   for (const TierSteps& steps : rules_.tiers) coarsest = coarser_of(coarsest, steps.position);
   return static_cast<float>(size_of(coarsest));
 }

@@ -77,9 +77,9 @@ class Quantiser {
                       int tier) const;
   // Returns the integers of a segment's primitives, whose lifespans are snapped, in Morton order.
   // `order` receives their indices in that order. The segment begins at `segment_begin`, in ticks
-  // of its part and before cutting; the part lasts `part_ticks`.
+  // of its part and before cutting; `part_exponent`: of the length of the part.
   std::vector<Integers> quantise(const Gaussians4D& part, const GroupSteps& steps,
-                                 double segment_begin, float part_ticks,
+                                 double segment_begin, int part_exponent,
                                  std::vector<std::uint32_t>& order) const;
   // Returns the largest position step for a set whose lifespans are snapped, scene units.
   float position_step(const Gaussians4D& set) const;

@@ -3,8 +3,11 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <functional>
 #include <map>
+#include <mutex>
+#include <numeric>
 #include <stdexcept>
 
 #include "codec/layout_plan.h"
@@ -37,6 +40,46 @@ std::vector<Integers> lossless_integers(const Gaussians4D& set) {
   return out;
 }
 
+// Returns the members of a component-major array.
+void keep_members(Integers& integers, const std::vector<std::uint32_t>& members) {
+  const std::size_t n = integers.size();
+  std::vector<std::uint32_t> out;
+  out.reserve(members.size() * static_cast<std::size_t>(integers.components));
+  for (std::size_t c = 0; c < static_cast<std::size_t>(integers.components); ++c) {
+    for (const std::uint32_t i : members) out.push_back(integers.values[c * n + i]);
+  }
+  integers.values = std::move(out);
+}
+
+// Inserts the SH degree of each primitive, above which all its integers are 0, and reduces the SH
+// of each degree to the primitives that have it (spec 6.3).
+void add_sh_degrees(std::vector<Integers>& integers) {
+  const auto first = std::find_if(integers.begin(), integers.end(),
+                                  [](const Integers& a) { return band_of(a.attribute) > 0; });
+  if (first == integers.end()) return;
+  const std::size_t n = integers.front().size();
+  Integers degrees;
+  degrees.attribute = Attribute::kShDegree;
+  degrees.mapping = Mapping::kInteger;
+  degrees.components = 1;
+  degrees.values.resize(n);
+  for (auto band = first; band != integers.end(); ++band) {
+    for (std::size_t k = 0; k < band->values.size(); ++k) {
+      if (band->values[k] != 0)
+        degrees.values[k % n] = static_cast<std::uint32_t>(band_of(band->attribute));
+    }
+  }
+  for (auto band = first; band != integers.end(); ++band) {
+    std::vector<std::uint32_t> members;
+    for (std::uint32_t i = 0; i < n; ++i) {
+      if (degrees.values[i] >= static_cast<std::uint32_t>(band_of(band->attribute)))
+        members.push_back(i);
+    }
+    keep_members(*band, members);
+  }
+  integers.insert(first, std::move(degrees));
+}
+
 // Segments whose records share layouts: those of one tier with similar lifespans.
 struct Group {
   std::vector<std::size_t> segments;
@@ -67,6 +110,20 @@ std::vector<Group> groups_of(const Encoding& encoding, const std::vector<TierSeg
   return out;
 }
 
+constexpr std::size_t kSmallRecord = 1024;  // primitives
+constexpr double kTableSymbolBits = 7.0;    // of a table, per symbol
+
+// Returns the bits by which a plane with these counts is smaller in rANS than raw, if it has a table
+// of its own.
+double bits_saved(const SymbolCounts& counts) {
+  const auto total = static_cast<double>(std::accumulate(counts.begin(), counts.end(), 0ull));
+  double saved = 0;
+  for (const std::uint32_t count : counts) {
+    if (count > 0) saved += count * (8.0 + std::log2(count / total)) - kTableSymbolBits;
+  }
+  return saved;
+}
+
 // Writes the records of a body.
 class BodyWriter {
  public:
@@ -74,7 +131,7 @@ class BodyWriter {
       : encoding_(encoding),
         segments_(segments),
         body_(body),
-        attributes_(attributes_of(encoding.set->sh_degree)),
+        attributes_(streams_of(encoding.set->sh_degree)),
         groups_(groups_of(encoding, segments)),
         group_of_(segments.size()),
         integers_(segments.size()),
@@ -88,6 +145,7 @@ class BodyWriter {
 
   void write() {
     const bool quantised = encoding_.quantiser != nullptr;
+    counts_.resize(groups_.size() * kinds());
     const auto each_segment = [this](const auto& work) {
       parallel_for(std::size_t{0}, segments_.size(), [&](std::size_t s) {
         check_stop();
@@ -96,7 +154,13 @@ class BodyWriter {
     };
     if (quantised) each_segment([this](std::size_t s) { quantise(s); });
     plan_streams();
-    if (quantised) each_segment([this](std::size_t s) { split(s); });
+    each_segment([&](std::size_t s) {
+      if (!quantised) quantise(s);
+      split(s);
+      count(s);
+      if (!quantised) planes_[s].clear();  // computed again below: they are as large as the scene
+    });
+    if (!quantised) choose_coders();
     make_layouts();
     body_.bases.resize(segments_.size());
     body_.sh.resize(segments_.size());
@@ -126,10 +190,10 @@ class BodyWriter {
     std::size_t first = 0, last = 0;
   };
   std::size_t kinds() const {
-    return encoding_.quantiser != nullptr && attributes_.size() > attributes_of(0).size() ? 2 : 1;
+    return encoding_.quantiser != nullptr && attributes_.size() > streams_of(0).size() ? 2 : 1;
   }
   Range range_of(std::size_t kind) const {
-    const std::size_t base = kinds() == 2 ? attributes_of(0).size() : attributes_.size();
+    const std::size_t base = kinds() == 2 ? streams_of(0).size() : attributes_.size();
     return kind == 0 ? Range{0, base} : Range{base, attributes_.size()};
   }
 
@@ -139,6 +203,7 @@ class BodyWriter {
     const Gaussians4D part = encoding_.set->gather(members);
     if (encoding_.quantiser == nullptr) {
       integers_[s] = lossless_integers(part);
+      add_sh_degrees(integers_[s]);
       return;
     }
     const IndexEntry& entry = body_.index.segments[s].base;
@@ -146,7 +211,8 @@ class BodyWriter {
     const double begin = begin_of(entry.level, entry.slot, encoding_.chunk_ticks);
     std::vector<std::uint32_t> order;
     integers_[s] = encoding_.quantiser->quantise(part, groups_[group_of_[s]].steps, begin,
-                                                 static_cast<float>(in.end - in.begin), order);
+                                                 part_exponent_of(in.end - in.begin), order);
+    add_sh_degrees(integers_[s]);
     for (std::uint32_t& i : order) i = members[i];
     members = std::move(order);
   }
@@ -169,6 +235,22 @@ class BodyWriter {
       for (const std::size_t s : group.segments) records.push_back(&integers_[s][a]);
       group.plans[a] = plan_stream(records, encoding_.coder);
     });
+    for (Group& group : groups_) join_streams(group);
+  }
+
+  // Lets streams share a group of planes: those of the lifespan, and, in small records, all that
+  // follow the position, because every group stores states.
+  void join_streams(Group& group) const {
+    std::size_t primitives = 0;
+    for (const std::size_t s : group.segments) primitives += segments_[s].segment.members.size();
+    const bool small = primitives < kSmallRecord * group.segments.size();
+    const auto in_group = [&](std::size_t a) { return group.plans[a].row.in_group(); };
+    for (std::size_t a = 1; a < streams_of(0).size(); ++a) {
+      const Attribute attribute = attributes_[a];
+      const bool lifespan = attribute == Attribute::kSigma || attribute == Attribute::kRadius;
+      const bool wanted = lifespan || (small && attribute > Attribute::kTime);
+      group.plans[a].row.joins = wanted && in_group(a) && in_group(a - 1);
+    }
   }
 
   // Converts the integers of a segment to the planes of its records.
@@ -179,9 +261,49 @@ class BodyWriter {
       planes.n = segments_[s].segment.members.size();
       const Range range = range_of(kind);
       for (std::size_t a = range.first; a < range.last; ++a) {
-        if (!integers_[s][a].morton.empty()) planes.first_key = integers_[s][a].morton.front();
-        append_planes(integers_[s][a], plans[a], planes.symbols);
-        integers_[s][a] = {};
+        Integers& integers = integers_[s][a];
+        if (integers.morton) planes.first_key = first_key_of(integers, plans[a]);
+        if (const int band = band_of(integers.attribute); band > 0)
+          planes.sh[static_cast<std::size_t>(band - 1)] =
+              static_cast<std::uint32_t>(integers.size());
+        append_planes(integers, plans[a], planes.symbols);
+        integers = {};
+      }
+    }
+  }
+
+  // Counts the symbols of a segment's planes.
+  void count(std::size_t s) {
+    for (std::size_t kind = 0; kind < kinds(); ++kind) {
+      const RecordPlanes& planes = planes_[s][kind];
+      std::vector<SymbolCounts> counts;
+      const std::uint8_t* at = planes.symbols.data();
+      const Range range = range_of(kind);
+      for (std::size_t a = range.first; a < range.last; ++a) {
+        const std::size_t symbols = planes.symbols_of(attributes_[a]);
+        for (std::size_t p = 0; p < groups_[group_of_[s]].plans[a].row.planes(); ++p) {
+          SymbolCounts& plane = counts.emplace_back();
+          for (std::size_t i = 0; i < symbols; ++i) ++plane[*at++];
+        }
+      }
+      const std::lock_guard lock(counting_);
+      std::vector<SymbolCounts>& sums = counts_[group_of_[s] * kinds() + kind];
+      sums.resize(counts.size());
+      for (std::size_t p = 0; p < sums.size(); ++p) {
+        for (std::size_t k = 0; k < sums[p].size(); ++k) sums[p][k] += counts[p][k];
+      }
+    }
+  }
+
+  // Codes the floats of a lossless scene with rANS where that saves bytes.
+  void choose_coders() {
+    for (std::size_t g = 0; g < groups_.size(); ++g) {
+      auto plane = counts_[g].begin();
+      for (StreamPlan& plan : groups_[g].plans) {
+        double saved = 0;
+        for (std::size_t p = 0; p < plan.row.planes(); ++p) saved += bits_saved(*plane++);
+        if (saved > 0 && encoding_.coder == Coder::kRans)
+          plan.row.coder = static_cast<std::uint8_t>(Coder::kRans);
       }
     }
   }
@@ -191,8 +313,8 @@ class BodyWriter {
   void make_layouts() {
     const std::size_t uses = groups_.size() * kinds();
     sets_.resize(encoding_.own_layouts ? uses : 1);
-    std::vector<std::vector<SymbolCounts>> counts(uses);
-    parallel_for(std::size_t{0}, uses, [&](std::size_t use) { counts[use] = count_symbols(use); });
+    std::vector<std::vector<SymbolCounts>> counts;
+    for (std::size_t use = 0; use < uses; ++use) counts.push_back(coded_counts(use));
     for (std::size_t use = 0; use < uses; ++use) {
       Layout& layout = set_of(use).layouts.emplace_back();
       const Range range = range_of(use % kinds());
@@ -212,24 +334,16 @@ class BodyWriter {
     return set_of(use).layouts[encoding_.own_layouts ? 0 : use];
   }
 
-  // Counts the symbols of the planes coded with rANS, in the records of a group and kind.
-  std::vector<SymbolCounts> count_symbols(std::size_t use) const {
-    const Group& group = groups_[use / kinds()];
-    const Range range = range_of(use % kinds());
+  // Returns the counts of the planes coded with rANS, in the records of a group and kind.
+  std::vector<SymbolCounts> coded_counts(std::size_t use) const {
     std::vector<SymbolCounts> out;
-    if (encoding_.quantiser == nullptr) return out;
-    std::size_t plane = 0;
+    auto plane = counts_[use].begin();
+    const Range range = range_of(use % kinds());
     for (std::size_t a = range.first; a < range.last; ++a) {
-      const StreamRow& row = group.plans[a].row;
-      for (std::size_t p = 0; p < row.planes(); ++p, ++plane) {
-        if (static_cast<Coder>(row.coder) != Coder::kRans) continue;
-        SymbolCounts& counts = out.emplace_back();
-        for (const std::size_t s : group.segments) {
-          const RecordPlanes& planes = planes_[s][use % kinds()];
-          const std::uint8_t* const symbols = planes.symbols.data() + plane * planes.n;
-          for (std::size_t i = 0; i < planes.n; ++i) ++counts[symbols[i]];
-        }
-      }
+      const StreamRow& row = groups_[use / kinds()].plans[a].row;
+      const auto end = plane + static_cast<std::ptrdiff_t>(row.planes());
+      if (row.in_group()) out.insert(out.end(), plane, end);
+      plane = end;
     }
     return out;
   }
@@ -273,9 +387,9 @@ class BodyWriter {
         index.layer = layer_of(Content::kSh, tier_of(entry.base.layer));
       }
       const bool own = encoding_.own_layouts;
-      const RecordCoding coding{&set_of(use), static_cast<std::uint16_t>(own ? 0 : use), own,
-                                encoding_.zstd_level};
-      const SegmentPayload payload = write_segment(index, planes_[s][kind], coding);
+      const RecordCoding coding{&set_of(use), static_cast<std::uint16_t>(own ? 0 : use), own};
+      const SegmentPayload payload =
+          write_segment(index, encoding_.set->sh_degree, planes_[s][kind], coding);
       std::vector<std::uint8_t>& record = (kind == 0 ? body_.bases : body_.sh)[s];
       record = write_record(kSegmentTag, payload.bytes);
       index.bytes = record.size();
@@ -295,6 +409,8 @@ class BodyWriter {
   std::vector<std::vector<Integers>> integers_;    // by segment and attribute
   std::vector<std::vector<RecordPlanes>> planes_;  // by segment and kind of record
   std::vector<LayoutSet> sets_;                    // one, or one for each group and kind
+  std::mutex counting_;
+  std::vector<std::vector<SymbolCounts>> counts_;  // by group and kind, and plane
   std::vector<double> coded_bytes_;                // by attribute
   std::vector<std::vector<double>> stored_bytes_;  // by segment and attribute
 };

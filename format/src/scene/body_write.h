@@ -22,7 +22,6 @@ struct Encoding {
   double chunk_ticks = 0;
   std::vector<std::vector<SegmentMembers>> segments;  // by part
   TierPlan tiers;
-  int zstd_level = 9;
   Coder coder = Coder::kBytes;
   bool draco = false;        // code positions with Draco
   bool own_layouts = false;  // each record contains its layout

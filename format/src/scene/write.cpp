@@ -25,9 +25,6 @@ Status check_settings(const SceneMetadata& metadata, const WriteSettings& settin
   }
   STGS_TRY(check_parameter(kQuality, settings.quality));
   STGS_TRY(check_parameter(kTiers, settings.tiers));
-  if (settings.zstd_level < 1 || settings.zstd_level > 19) {
-    return usage_error("invalid zstd level (expected 1 to 19, got {})", settings.zstd_level);
-  }
   const double ticks = metadata.time_base.ticks(settings.chunk_seconds);
   if (!std::isfinite(ticks) || ticks < 0.0 || ticks > kMaxChunk ||
       (ticks != 0.0 && ticks * 1e6 < metadata.frames)) {
@@ -255,9 +252,9 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
   Gaussians4D snapped;
   Encoding encoding;
   encoding.set = &scene.gaussians;
-  encoding.zstd_level = settings.zstd_level;
   encoding.own_layouts = settings.own_layouts;
   encoding.stop = settings.stop;
+  encoding.coder = settings.coder == SceneCoder::kRans ? Coder::kRans : Coder::kBytes;
   if (!lossless) {
     importance = scene.importance.empty() ? importance_by_size(scene.gaussians, ticks_of(parts))
                                           : scene.importance;
@@ -273,7 +270,6 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
     encoding.set = &snapped;
     encoding.importance = importance;
     encoding.draco = settings.profile == Profile::kDraco;
-    encoding.coder = settings.coder == SceneCoder::kRans ? Coder::kRans : Coder::kBytes;
   }
   encoding.chunk_ticks = chunk_ticks > 0 ? chunk_ticks : choose_chunk(*encoding.set, parts);
   for (const PartRange& part : parts) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A segment that has been read and checked but not decoded. Any device can decode its planes and
-// map them to floats (spec 7).
+// map them to floats (spec 8).
 #pragma once
 
 #include <array>
@@ -13,7 +13,7 @@
 
 namespace stgs {
 
-// The attributes of a primitive, in file order (spec 6.3).
+// The streams of a record, in file order (spec 6.3).
 enum class Attribute : std::uint16_t {
   kPosition = 1,  // 3 components
   kTime,          // centre T
@@ -24,6 +24,7 @@ enum class Attribute : std::uint16_t {
   kRotation,      // quaternion, 4 components
   kOpacity,       // logit
   kSh0,           // SH of degree 0: 3 components
+  kShDegree,      // SH degree of the primitive; not an attribute of Gaussians4D
   kSh1,           // SH of degree 1: 9 components
   kSh2,           // SH of degree 2: 15 components
   kSh3,           // SH of degree 3: 21 components
@@ -31,36 +32,42 @@ enum class Attribute : std::uint16_t {
 // From this number on, readers skip unknown attributes.
 inline constexpr std::uint16_t kOptionalAttributes = 0x8000;
 
-// How an integer q becomes a float; step = multiplier * 2^exponent (spec 7.5). Numbers are never
+// How an integer q becomes a float; step = multiplier * 2^exponent (spec 8.5). Numbers are never
 // reused for another mapping.
 enum class Mapping : std::uint8_t {
-  kFloat = 0,           // the bits of a float32
+  kFloat = 0,           // the bits of a float32 without its lowest `exponent` bits, which are 0
   kLinear = 1,          // origin[c mod 3] + step q
   kTruncated = 2,       // as_float(bits(origin[0]) + step q) - origin[1]
-  kDisplacement = 3,    // step q / 2^(log2 of the lifespan)
+  kDisplacement = 3,    // step q / 2^(exponent of the lifespan)
   kRotation = 4,        // vector part of a unit quaternion, in steps
   kColour = 5,          // RGB from one luma and two chroma integers, in steps
   kShapedRotation = 6,  // kRotation with finer steps for elongated primitives
   kTime = 7,            // kLinear, counted from the beginning of the segment
+  kInteger = 8,         // q
 };
-// How q follows from the values v of the planes (spec 7.4).
+// How q follows from the values v of the planes (spec 8.3).
 enum class Prediction : std::uint8_t {
   kPlain = 0,   // q = v
   kZigzag = 1,  // q = unzigzag(v)
   kDelta = 2,   // q = previous q + unzigzag(v)
-  kMorton = 3,  // running sum of v from the record's first key, deinterleaved into three q
+  kMorton = 3,  // high bits from a running sum of v, deinterleaved; low bits stored (spec 8.4)
 };
 
-inline constexpr std::size_t kMaxDigits = 16;  // of a value
-// Range of a step's exponent (spec 7.5). Within it no result is subnormal or infinite and every
+inline constexpr std::size_t kMaxDigits = 8;  // of a value
+inline constexpr int kKeyBits = 10;      // of a Morton key, per axis
+inline constexpr int kMaxLowBits = 14;   // of a position below its key, per axis
+inline constexpr int kShBands = 3;       // above degree 0
+// Range of a step's exponent (spec 8.5). Within it no result is subnormal or infinite and every
 // product is exact, so flushing subnormals or fusing multiply-adds does not change the result.
 inline constexpr int kMinExponent = -100, kMaxExponent = 100;
 // Range of the exponent of a rotation's step.
 inline constexpr int kMinRotationExponent = -14, kMaxRotationExponent = -1;
-// Range of log2 of the lifespan that scales a displacement (spec 7.5.4).
+// Range of the exponent of the lifespan that scales a displacement (spec 8.6).
 inline constexpr int kMinLifespanExponent = -32, kMaxLifespanExponent = 32;
 // Bits of the greatest float that kTruncated produces: 2^100.
 inline constexpr std::uint32_t kMaxTruncated = 0x71800000;
+// Greatest exponent of kFloat: the number of low bits that are not stored.
+inline constexpr int kMaxDroppedBits = 20;
 
 // The step size multiplier * 2^exponent.
 struct Step {
@@ -76,16 +83,18 @@ STGS_FN std::uint32_t max_steps(Mapping mapping, int multiplier) {
   return limit / static_cast<std::uint32_t>(multiplier);
 }
 
-// One digit of one component of all primitives of a record.
+// One digit of one component of all primitives of a stream.
 struct CodedPlane {
   enum class Source : std::uint8_t {
     kConstant,  // every symbol is `only`
-    kGroup,     // plane `number` of the record's rANS group
-    kStored,    // plane `number` of CodedRecord::stored
+    kGroup,     // decoded from a group
+    kStored,    // in CodedRecord::stored
   };
   Source source = Source::kConstant;
-  std::uint8_t only = 0;     // the symbol of a kConstant plane
-  std::uint32_t number = 0;  // of a kGroup or kStored plane
+  std::uint8_t only = 0;  // the symbol of a kConstant plane
+  // Of the first symbol: in CodedRecord::stored, or in the decoded groups of the record one after
+  // the other.
+  std::size_t offset = 0;
 };
 
 // One attribute of a record's primitives.
@@ -94,20 +103,30 @@ struct CodedStream {
   Mapping mapping = Mapping::kFloat;
   Prediction prediction = Prediction::kPlain;
   Step step;
+  std::uint32_t symbols = 0;                          // of a plane
+  std::vector<std::uint32_t> members;  // the primitives with a value; empty: all of them
   std::size_t components = 0;                         // per primitive
   std::size_t digits = 0;                             // per value, lowest first
+  int low = 0;                         // bits of the low components, with kMorton
   std::array<std::uint8_t, kMaxDigits> digit_bits{};  // bits of each digit
   std::array<float, 3> origin{};
-  std::vector<CodedPlane> planes;  // components x digits
+  std::vector<CodedPlane> planes;  // components x digits, then those of the low components
+};
+
+// A rANS group of a record.
+struct CodedGroup {
+  std::size_t offset = 0, size = 0;       // in CodedRecord::bytes; the offset is even
+  std::vector<RansBlockLocation> blocks;  // relative to the group
+  std::vector<std::uint16_t> tables;      // table number of each plane
+  std::uint32_t symbols = 0;              // of a plane
 };
 
 // One record of a segment.
 struct CodedRecord {
   std::vector<CodedStream> streams;       // in file order
-  std::vector<std::uint8_t> bytes;        // of the rANS group; empty if the record has none
-  std::vector<RansBlockLocation> blocks;  // of the group
-  std::vector<std::uint16_t> tables;      // table number of each plane of the group
-  bool own_tables = false;                // `tables` index `lookups` instead of the file's tables
+  std::vector<CodedGroup> groups;
+  std::vector<std::uint8_t> bytes;        // of the groups
+  bool own_tables = false;                // tables are in `lookups`, not in the file's tables
   std::vector<RansLookup> lookups;        // empty unless own_tables
   std::vector<std::uint8_t> stored;       // planes not coded with rANS, one symbol per primitive
 };
@@ -116,9 +135,10 @@ struct CodedRecord {
 struct CodedSegment {
   std::uint32_t primitives = 0;
   int sh_degree = 0;                 // of the file
-  float part_ticks = 0;              // length of its part
+  int part_exponent = 0;             // floor(log2) of the length of its part, ticks
   double begin = 0;                  // ticks from the beginning of its part, before cutting
-  std::uint64_t first_key = 0;       // of positions with Prediction::kMorton
+  std::uint32_t first_key = 0;       // of positions with Prediction::kMorton
+  std::array<std::uint32_t, 6> shape_bounds{};  // of the step of the log scales
   std::vector<CodedRecord> records;  // the base record, then the SH record if there is one
 };
 
@@ -127,18 +147,36 @@ STGS_FN std::uint32_t unzigzag(std::uint32_t v) {
   return (v >> 1) ^ (0u - (v & 1u));
 }
 
-// Gathers every third bit of a Morton key, starting with bit 0: 21 bits.
-STGS_FN std::uint32_t compact3(std::uint64_t v) {
-  v &= 0x1249249249249249;
-  v = (v | v >> 2) & 0x10C30C30C30C30C3;
-  v = (v | v >> 4) & 0x100F00F00F00F00F;
-  v = (v | v >> 8) & 0x1F0000FF0000FF;
-  v = (v | v >> 16) & 0x1F00000000FFFF;
-  v = (v | v >> 32) & 0x1FFFFF;
-  return static_cast<std::uint32_t>(v);
+// Gathers every third bit of a Morton key, starting with bit 0: 10 bits (spec 8.4).
+STGS_FN std::uint32_t compact3(std::uint32_t v) {
+  v &= 0x09249249;
+  v = (v | v >> 2) & 0x030C30C3;
+  v = (v | v >> 4) & 0x0300F00F;
+  v = (v | v >> 8) & 0x030000FF;
+  return (v | v >> 16) & 0x3FF;
 }
 
-// Returns the integer from which the times of a segment that starts at `begin` count (spec 7.5.8).
-std::int64_t time_origin(double begin, Step step);
+// Returns the exponent of a positive float from its bits.
+STGS_FN int exponent_of_bits(std::uint32_t bits) {
+  return static_cast<int>(bits >> 23 & 0xFF) - 127;
+}
+// Returns the exponent of the lifespan that scales a displacement, from the bits b of sigma and
+// radius (spec 8.6).
+STGS_FN int lifespan_exponent(std::uint32_t sigma, std::uint32_t radius, int part_exponent) {
+  const int falloff = exponent_of_bits(sigma) + 1, flat = exponent_of_bits(radius);
+  const int longer = falloff > flat ? falloff : flat;
+  const int out = longer < part_exponent ? longer : part_exponent;
+  return out < kMinLifespanExponent   ? kMinLifespanExponent
+         : out > kMaxLifespanExponent ? kMaxLifespanExponent
+                                      : out;
+}
+
+// Returns the least differences of the integers of log scales, in steps of this size, at which the
+// exponent of a rotation falls by 1 each (spec 8.8).
+std::array<std::uint32_t, 6> shape_bounds(Step log_scale);
+
+// Returns the time from which the times of a segment that starts at `begin` count, ticks: the
+// greatest multiple of the step not above `begin` (spec 8.9).
+double time_base(double begin, Step step);
 
 }  // namespace stgs

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The layout of a group of rANS-coded planes (spec annex A), shared by decoders on all devices.
+// The layout of a group of rANS-coded planes (spec 7), shared by decoders on all devices.
 #pragma once
 
 #include <array>
@@ -17,16 +17,16 @@ inline constexpr int kRansBits = 12;                   // of a frequency
 inline constexpr std::uint32_t kRansTotal = 1u << 12;  // sum of a table's frequencies
 inline constexpr std::uint32_t kRansLow = 1u << 16;    // lowest state; a coded word has 16 bits
 inline constexpr std::size_t kRansLanes = 32;          // per block, at most
-inline constexpr std::size_t kRansBlock = 2048;        // primitives per block
+inline constexpr std::size_t kRansBlock = 8192;        // symbols of a plane per block
 inline constexpr std::size_t kRansPlanes = 256;        // per group, at most
-inline constexpr std::size_t kRansLaneSymbols = 64;    // per lane and plane, at most
+inline constexpr std::size_t kRansLaneSymbols = 256;   // per lane and plane, at most
 
-// Returns the number of blocks of n primitives.
+// Returns the number of blocks of planes of n symbols.
 constexpr std::size_t rans_blocks(std::size_t n) {
   return n / kRansBlock + (n % kRansBlock != 0);
 }
-// Returns the number of lanes of a block of `count` primitives. A short block has fewer, because
-// each lane stores a state.
+// Returns the number of lanes of a block of `count` symbols. A short block has fewer, because each
+// lane stores a state.
 constexpr std::size_t rans_lanes(std::size_t count) {
   return (count + kRansLaneSymbols - 1) / kRansLaneSymbols;
 }
@@ -41,8 +41,8 @@ struct RansBlockLocation {
   std::uint32_t words = 0;   // number of words after the states
 };
 
-// Locates the blocks of a group of n primitives. On success, decoders read within `bytes` only and
-// all states are valid (spec A.4); otherwise kInvalidFile. Allocates at most twice the size of
+// Locates the blocks of a group of planes of n symbols. On success, decoders read within `bytes`
+// only and all states are valid (spec 7.3); otherwise kInvalidFile. Allocates at most twice the size of
 // `bytes`.
 Result<std::vector<RansBlockLocation>> rans_layout(std::span<const std::uint8_t> bytes,
                                                    std::size_t n);

@@ -274,10 +274,10 @@ class SceneReader {
   std::unique_ptr<State> state_;
 };
 
-// The coder of planes in all profiles except kLossless, which always uses zstd.
+// The coder of planes.
 enum class SceneCoder {
-  kRans,  // the default
-  kZstd,  // larger and slower to decode; for comparison
+  kRans,   // the default, where it saves bytes
+  kBytes,  // the planes as they are, for tests and comparisons
 };
 
 // The numbers of WriteSettings that callers choose, for tables of parameters.
@@ -307,7 +307,6 @@ struct WriteSettings {
   // visible at once. Ignored by the lossless profile.
   int tiers = 0;
   SceneCoder coder = SceneCoder::kRans;
-  int zstd_level = 9;        // 1..19
   bool own_layouts = false;  // each record contains its layout, as appended records must
   std::stop_token stop;      // makes encode_scene() return early, with kRuntime
 };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rounding of attributes to the values that a decoder reconstructs (spec 7.5), for training with
+// Rounding of attributes to the values that a decoder reconstructs (spec 8.5), for training with
 // quantisation in the loop. Steps are multiplier * 2^exponent, exact in binary32.
 #ifndef STGS_FORMAT_MATH_QUANT_H
 #define STGS_FORMAT_MATH_QUANT_H
@@ -23,9 +23,10 @@ STGS_FN float rounded_from(float x, float step, float zone) {
 }
 
 // Returns the factor of the step of displacements over a lifespan, to give that of the velocity
-// (spec 7.5.4): the greatest power of two with a product of at most 1 with the lifespan.
+// (spec 8.6): the greatest power of two with a product of at most 1 with the greater of both parts
+// of the lifespan. Radius is stored plus 1.
 STGS_FN float displacement_scale(float sigma, float radius, float part_ticks) {
-  const float lifespan = smaller(radius + 2.0f * sigma, part_ticks);
+  const float lifespan = smaller(larger(radius + 1.0f, 2.0f * sigma), part_ticks);
   float scale = 1.0f;
   for (int k = 0; k < 32 && lifespan * scale >= 2.0f; ++k) scale *= 0.5f;
   for (int k = 0; k < 32 && lifespan * scale < 1.0f; ++k) scale *= 2.0f;
@@ -33,7 +34,7 @@ STGS_FN float displacement_scale(float sigma, float radius, float part_ticks) {
 }
 
 // Returns the factor, a power of two, of the step of the rotation of a Gaussian with these log
-// scales (spec 7.5.7): that of a nearly round one is hard to see.
+// scales (spec 8.8): that of a nearly round one is hard to see.
 STGS_FN float rotation_step_factor(Vec3 log_scale) {
   const float high = larger(larger(log_scale.x, log_scale.y), log_scale.z);
   const float length = high - smaller(smaller(log_scale.x, log_scale.y), log_scale.z);
@@ -45,7 +46,7 @@ STGS_FN float rotation_step_factor(Vec3 log_scale) {
   return length < 5.0f ? 0.25f : 0.125f;
 }
 
-// Returns the unit quaternion with w > 0 and the vector part of q in steps (spec 7.5.5); q itself
+// Returns the unit quaternion with w > 0 and the vector part of q in steps (spec 8.7); q itself
 // if that leaves nothing for w. `log_scale`: rounded.
 STGS_FN Quat rounded_rotation(Quat q, float step, Vec3 log_scale) {
   const float own = smaller(step * rotation_step_factor(log_scale), 0.5f);
@@ -61,14 +62,14 @@ STGS_FN Quat rounded_rotation(Quat q, float step, Vec3 log_scale) {
   return out;
 }
 
-// Returns luma and two chroma of a colour (spec 7.5.6, the inverse).
+// Returns luma and two chroma of a colour (spec 8.5, the inverse).
 STGS_FN Vec3 luma_chroma(Vec3 rgb) {
   return vec3_of(0.25f * (rgb.x + 2.0f * rgb.y + rgb.z), 0.5f * (rgb.x - rgb.z),
                  0.25f * (2.0f * rgb.y - rgb.x - rgb.z));
 }
 
 // Returns the colour whose luma and chroma are those of an RGB triple in steps, and 0 below `zone`
-// steps (spec 7.5.6).
+// steps (spec 8.5).
 STGS_FN Vec3 rounded_colour(Vec3 rgb, float step, float zone) {
   const Vec3 v = luma_chroma(rgb);
   const float y = rounded_from(v.x, step, zone);

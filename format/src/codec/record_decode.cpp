@@ -1,0 +1,272 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "codec/record_decode.h"
+
+#include <algorithm>
+
+#include "codec/draco_points.h"
+#include "stgs/format/parallel.h"
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+
+constexpr std::size_t kSerial = 16384;  // primitives decoded faster on one thread
+
+}  // namespace
+
+RecordDecoder::RecordDecoder(const SegmentRecord& record, const FileHead& head,
+                             std::uint32_t ordinal, Findings& findings)
+    : record_(record),
+      set_(record.set(head.layouts)),
+      layout_(record.layout_in(head.layouts)),
+      ordinal_(ordinal),
+      n_(head.index.segments[ordinal].base.primitives),
+      sh_degree_(head.metadata.sh_degree),
+      findings_(findings),
+      groups_(record.units.size()) {}
+
+std::uint32_t RecordDecoder::symbols_of(const StreamRow& row) const {
+  const int band = row.optional() ? 0 : band_of(static_cast<Attribute>(row.attribute));
+  return band == 0 ? n_ : record_.sh[static_cast<std::size_t>(band - 1)];
+}
+
+std::size_t RecordDecoder::coded_planes(Layout::Unit unit) const {
+  std::size_t out = 0;
+  for (std::size_t i = unit.first; i < unit.first + unit.count; ++i)
+    out += Layout::varying_planes(layout_.streams[i], set_);
+  return out;
+}
+
+bool RecordDecoder::corrupt(std::size_t row, const char* problem) const {
+  findings_.error(N::kStreamCorrupt, record_.payload_at, "segment {}, {}: {}", ordinal_,
+                  name_of(static_cast<Attribute>(layout_.streams[row].attribute)), problem);
+  return false;
+}
+
+bool RecordDecoder::open_unit(std::size_t u) {
+  const SegmentRecord::Unit& unit = record_.units[u];
+  const StreamRow& row = layout_.streams[unit.rows.first];
+  const std::uint32_t symbols = symbols_of(row);
+  if (row.optional()) return true;
+  if (static_cast<Coder>(row.coder) == Coder::kDraco) {
+    if (!check_draco().ok()) {
+      findings_.not_built(N::kStreamUnsupported, record_.payload_at, check_draco());
+      return false;
+    }
+    return draco_fits(unit.bytes, symbols) ||
+           corrupt(unit.rows.first, "point cloud does not match the number of primitives");
+  }
+  if (!row.in_group()) {
+    return unit.bytes.size() == std::uint64_t{symbols} * row.planes() ||
+           corrupt(unit.rows.first, "the bytes do not match the number of primitives");
+  }
+  if (coded_planes(unit.rows) == 0 || symbols == 0)
+    return unit.bytes.empty() || corrupt(unit.rows.first, "bytes in a group of no symbols");
+  auto group = RansGroupDecoder::open(unit.bytes, symbols);
+  if (!group.ok()) return corrupt(unit.rows.first, group.status().message().c_str());
+  groups_[u].emplace(std::move(*group));
+  return true;
+}
+
+bool RecordDecoder::open() {
+  bool good = true;
+  for (std::size_t u = 0; u < record_.units.size(); ++u) good = open_unit(u) && good;
+  return good;
+}
+
+DecodedRows RecordDecoder::assign_rows(std::size_t first, std::size_t count) const {
+  DecodedRows out;
+  out.first = first;
+  const std::span rows = std::span(layout_.streams).subspan(first, count);
+  std::size_t size = 0;
+  for (const StreamRow& row : rows)
+    size += row.optional() ? 0 : Layout::varying_planes(row, set_) * symbols_of(row);
+  out.symbols = std::make_unique_for_overwrite<std::uint8_t[]>(size);
+  std::uint8_t* at = out.symbols.get();
+  for (const StreamRow& row : rows) {
+    std::uint8_t* const begin = at;
+    std::vector<Plane>& planes = out.planes.emplace_back();
+    for (std::size_t p = 0; p < row.planes() && !row.optional(); ++p) {
+      const std::int16_t only = row.in_group() ? set_.only[row.tables[p]] : std::int16_t{-1};
+      planes.push_back(only < 0 ? Plane{at, 0} : Plane{nullptr, static_cast<std::uint8_t>(only)});
+      at += only < 0 ? symbols_of(row) : 0;
+    }
+    out.areas.emplace_back(begin, at);
+  }
+  return out;
+}
+
+const char* RecordDecoder::decode_group(std::size_t u, DecodedRows& rows) {
+  const Layout::Unit unit = record_.units[u].rows;
+  for (std::size_t i = unit.first; i < unit.first + unit.count; ++i) {
+    std::uint8_t* at = rows.areas[i - rows.first].data();
+    for (const std::uint16_t table : layout_.streams[i].tables) {
+      if (set_.only[table] >= 0) continue;
+      groups_[u]->next_plane(set_.lookups[table], at);
+      at += symbols_of(layout_.streams[i]);
+    }
+  }
+  return groups_[u]->finish() ? nullptr : "a block does not end correctly";
+}
+
+const char* RecordDecoder::decode_unit(std::size_t u, DecodedRows& rows) {
+  const SegmentRecord::Unit& unit = record_.units[u];
+  const StreamRow& row = layout_.streams[unit.rows.first];
+  if (row.optional()) return nullptr;
+  if (row.in_group()) return groups_[u] ? decode_group(u, rows) : nullptr;
+  const std::span<std::uint8_t> area = rows.areas[unit.rows.first - rows.first];
+  if (static_cast<Coder>(row.coder) == Coder::kDraco)
+    return draco_decode(unit.bytes, symbols_of(row), area);
+  std::copy(unit.bytes.begin(), unit.bytes.end(), area.begin());
+  return nullptr;
+}
+
+bool RecordDecoder::find_members(DecodedRows& rows) {
+  const auto row = std::find_if(layout_.streams.begin(), layout_.streams.end(), [](const auto& r) {
+    return r.attribute == static_cast<std::uint16_t>(Attribute::kShDegree);
+  });
+  if (row == layout_.streams.end()) return true;
+  const auto number = static_cast<std::size_t>(row - layout_.streams.begin());
+  const std::vector<Plane>& planes = rows.planes[number - rows.first];
+  for (std::size_t k = 0; k < kShBands; ++k) rows.members[k].reserve(record_.sh[k]);
+  for (std::uint32_t i = 0; i < n_; ++i) {
+    std::uint32_t degree = 0;
+    int shift = 0;
+    for (std::size_t d = 0; d < planes.size(); shift += row->digit_bits[d++])
+      degree |= std::uint32_t{planes[d].symbols ? planes[d].symbols[i] : planes[d].only} << shift;
+    if (degree > static_cast<std::uint32_t>(sh_degree_)) {
+      findings_.error(N::kStreamValue, record_.payload_at,
+                      "segment {}: SH degree {} in a scene of degree {}", ordinal_, degree,
+                      sh_degree_);
+      return false;
+    }
+    for (std::uint32_t k = 0; k < degree; ++k) rows.members[k].push_back(i);
+  }
+  for (std::size_t k = 0; k < kShBands; ++k) {
+    if (rows.members[k].size() == record_.sh[k]) continue;
+    findings_.error(N::kStreamValue, record_.payload_at,
+                    "segment {}: {} primitives have SH of degree {} (expected {})", ordinal_,
+                    rows.members[k].size(), k + 1, record_.sh[k]);
+    return false;
+  }
+  return true;
+}
+
+bool RecordDecoder::decode(DecodedRows& out) {
+  out = assign_rows(0, layout_.streams.size());
+  std::vector<const char*> problems(record_.units.size(), nullptr);
+  const auto decode_one = [&](std::size_t u) { problems[u] = decode_unit(u, out); };
+  if (n_ <= kSerial) {
+    for (std::size_t u = 0; u < problems.size(); ++u) decode_one(u);
+  } else {
+    parallel_for(std::size_t{0}, problems.size(), decode_one);
+  }
+  for (std::size_t u = 0; u < problems.size(); ++u) {
+    if (problems[u] != nullptr) return corrupt(record_.units[u].rows.first, problems[u]);
+  }
+  return find_members(out);
+}
+
+void RecordDecoder::add_tasks(const DecodedRows& rows, std::vector<StreamTask>& tasks) const {
+  for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
+    const StreamRow& row = layout_.streams[i];
+    const auto attribute = static_cast<Attribute>(row.attribute);
+    if (row.optional() || attribute == Attribute::kShDegree || symbols_of(row) == 0) continue;
+    const int band = band_of(attribute);
+    tasks.push_back({&row, rows.planes[i].data(), {}});
+    if (band > 0) tasks.back().members = rows.members[static_cast<std::size_t>(band - 1)];
+  }
+}
+
+bool RecordDecoder::decode_degrees(ShMembers& members) {
+  for (std::size_t u = 0; u < record_.units.size(); ++u) {
+    const Layout::Unit unit = record_.units[u].rows;
+    const auto rows = std::span(layout_.streams).subspan(unit.first, unit.count);
+    if (std::none_of(rows.begin(), rows.end(), [](const StreamRow& row) {
+          return row.attribute == static_cast<std::uint16_t>(Attribute::kShDegree);
+        })) {
+      continue;
+    }
+    DecodedRows decoded = assign_rows(unit.first, unit.count);
+    if (const char* problem = decode_unit(u, decoded)) return corrupt(unit.first, problem);
+    if (!find_members(decoded)) return false;
+    members = std::move(decoded.members);
+  }
+  return true;
+}
+
+CodedStream RecordDecoder::coded_stream(const StreamRow& row, const ShMembers& members) const {
+  CodedStream out;
+  out.attribute = static_cast<Attribute>(row.attribute);
+  out.mapping = static_cast<Mapping>(row.mapping);
+  out.prediction = static_cast<Prediction>(row.prediction);
+  out.step = row.step;
+  out.symbols = symbols_of(row);
+  if (const int band = band_of(out.attribute); band > 0)
+    out.members = members[static_cast<std::size_t>(band - 1)];
+  out.components = row.components;
+  out.digits = row.digits;
+  out.digit_bits = row.digit_bits;
+  out.low = row.low;
+  std::copy_n(row.origin, 3, out.origin.begin());
+  return out;
+}
+
+bool RecordDecoder::code(CodedRecord& out) {
+  ShMembers members;
+  if (!decode_degrees(members)) return false;
+  std::size_t decoded = 0;  // bytes of the planes of groups so far
+  for (const SegmentRecord::Unit& unit : record_.units) {
+    const StreamRow& first = layout_.streams[unit.rows.first];
+    const std::uint32_t symbols = symbols_of(first);
+    const bool degrees = unit.rows.count == 1 &&
+                         first.attribute == static_cast<std::uint16_t>(Attribute::kShDegree);
+    if (first.optional() || symbols == 0 || degrees) continue;
+    CodedGroup group;
+    group.symbols = symbols;
+    for (std::size_t i = unit.rows.first; i < unit.rows.first + unit.rows.count; ++i) {
+      const StreamRow& row = layout_.streams[i];
+      CodedStream stream = coded_stream(row, members);
+      for (std::size_t p = 0; p < row.planes(); ++p) {
+        const std::int16_t only = row.in_group() ? set_.only[row.tables[p]] : std::int16_t{-1};
+        if (!row.in_group()) {
+          stream.planes.push_back(
+              {CodedPlane::Source::kStored, 0, out.stored.size() + p * symbols});
+        } else if (only >= 0) {
+          stream.planes.push_back(
+              {CodedPlane::Source::kConstant, static_cast<std::uint8_t>(only), 0});
+        } else {
+          stream.planes.push_back({CodedPlane::Source::kGroup, 0, decoded});
+          group.tables.push_back(row.tables[p]);
+          decoded += symbols;
+        }
+      }
+      if (stream.attribute != Attribute::kShDegree) out.streams.push_back(std::move(stream));
+    }
+    if (!first.in_group()) {
+      const std::size_t at = out.stored.size();
+      out.stored.resize(at + first.planes() * symbols);
+      const std::span area = std::span(out.stored).subspan(at);
+      if (static_cast<Coder>(first.coder) == Coder::kDraco) {
+        if (const char* problem = draco_decode(unit.bytes, symbols, area))
+          return corrupt(unit.rows.first, problem);
+      } else {
+        std::copy(unit.bytes.begin(), unit.bytes.end(), area.begin());
+      }
+    } else if (!group.tables.empty()) {
+      Result<std::vector<RansBlockLocation>> blocks = rans_layout(unit.bytes, symbols);
+      if (!blocks.ok()) return corrupt(unit.rows.first, blocks.status().message().c_str());
+      group.blocks = std::move(*blocks);
+      group.offset = out.bytes.size();
+      group.size = unit.bytes.size();
+      out.bytes.insert(out.bytes.end(), unit.bytes.begin(), unit.bytes.end());
+      out.groups.push_back(std::move(group));
+    }
+  }
+  out.own_tables = record_.has_own;
+  if (record_.has_own) out.lookups = set_.lookups;
+  return true;
+}
+
+}  // namespace stgs

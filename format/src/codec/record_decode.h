@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+// Decoding the units of a record to planes (spec 6.5, 7).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "codec/rans.h"
+#include "codec/stream.h"
+#include "container/segment.h"
+
+namespace stgs {
+
+// The primitives with an SH degree of at least 1, 2 and 3.
+using ShMembers = std::array<std::vector<std::uint32_t>, kShBands>;
+
+// Decoded rows of a layout.
+struct DecodedRows {
+  std::size_t first = 0;                       // the first of them
+  std::unique_ptr<std::uint8_t[]> symbols;     // of the planes that are not constant, in order
+  std::vector<std::span<std::uint8_t>> areas;  // by row: its planes in `symbols`
+  std::vector<std::vector<Plane>> planes;      // by row
+  ShMembers members;                           // if sh_degree is among the rows
+};
+
+// Decodes the units of one record. Everything passed to the constructor must outlive it.
+class RecordDecoder {
+ public:
+  RecordDecoder(const SegmentRecord& record, const FileHead& head, std::uint32_t ordinal,
+                Findings& findings);
+
+  // Checks that the bytes can contain the planes. Call it for all records of a segment before
+  // allocating memory for its primitives.
+  bool open();
+  // Decodes all rows. Call it once, after open().
+  bool decode(DecodedRows& out);
+  // Adds the streams to map. `rows` must outlive them.
+  void add_tasks(const DecodedRows& rows, std::vector<StreamTask>& tasks) const;
+  // Converts the record for a decoder on another device. Call it once, after open(), instead of
+  // decode().
+  bool code(CodedRecord& out);
+
+ private:
+  std::uint32_t symbols_of(const StreamRow& row) const;
+  // Returns the number of planes that are coded in a unit.
+  std::size_t coded_planes(Layout::Unit unit) const;
+  bool open_unit(std::size_t u);
+  DecodedRows assign_rows(std::size_t first, std::size_t count) const;
+  // Returns the problem, or null.
+  const char* decode_unit(std::size_t u, DecodedRows& rows);
+  const char* decode_group(std::size_t u, DecodedRows& rows);
+  bool find_members(DecodedRows& rows);
+  // Decodes the rows of the unit of sh_degree, if there is one.
+  bool decode_degrees(ShMembers& members);
+  CodedStream coded_stream(const StreamRow& row, const ShMembers& members) const;
+  bool corrupt(std::size_t row, const char* problem) const;
+
+  const SegmentRecord& record_;
+  const LayoutSet& set_;
+  const Layout& layout_;
+  std::uint32_t ordinal_, n_;
+  int sh_degree_;
+  Findings& findings_;
+  std::vector<std::optional<RansGroupDecoder>> groups_;  // by unit
+};
+
+}  // namespace stgs
