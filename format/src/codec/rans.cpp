@@ -82,9 +82,6 @@ void RansGroupDecoder::next_plane(const RansLookup& lookup, std::uint8_t* out) {
       std::uint8_t* const first = out + b * kRansBlock;
       if (scalar_) {
         rans_decode_scalar(blocks_[b], lookup, 0, block_size(n_, b), first);
-      } else if (b + 1 < end && block_size(n_, b + 1) == kRansBlock) {
-        rans_decode_pair(blocks_[b], blocks_[b + 1], lookup, first);
-        ++b;
       } else {
         rans_decode_vector(blocks_[b], lookup, block_size(n_, b), first);
       }
@@ -96,6 +93,26 @@ void RansGroupDecoder::next_plane(const RansLookup& lookup, std::uint8_t* out) {
   } else {
     parallel_blocks(std::size_t{0}, count, kBlockGrain, decode);
   }
+}
+
+void decode_groups(std::span<const RansQueue> groups) {
+  std::size_t blocks = 0;
+  for (const RansQueue& queue : groups) blocks = std::max(blocks, rans_blocks(queue.group->n_));
+  const auto decode = [&](std::size_t b) {
+    std::vector<RansCursor> cursors;
+    for (const RansQueue& queue : groups) {
+      const std::size_t n = queue.group->n_;
+      if (b >= rans_blocks(n)) continue;
+      cursors.push_back({&queue.group->blocks_[b], queue.planes.data(),
+                         queue.planes.data() + queue.planes.size(), block_size(n, b)});
+    }
+    rans_decode_blocks(cursors, b * kRansBlock);
+  };
+  if (blocks <= 1) {
+    if (blocks == 1) decode(0);
+    return;
+  }
+  parallel_for(std::size_t{0}, blocks, decode);
 }
 
 bool RansGroupDecoder::finish() const {

@@ -67,7 +67,7 @@ class RansGroupDecoder {
   ~RansGroupDecoder();
 
   // Decodes the n symbols of the next plane. Damaged bytes give arbitrary symbols of the table;
-  // finish() detects them.
+  // finish() detects them. decode_groups() is faster for several groups.
   void next_plane(const RansLookup& lookup, std::uint8_t* out);
 
   // Returns whether every block has ended correctly after its last plane (spec 7.4): all words read
@@ -75,12 +75,27 @@ class RansGroupDecoder {
   [[nodiscard]] bool finish() const;
 
  private:
+  friend void decode_groups(std::span<const struct RansQueue> groups);
   RansGroupDecoder(std::unique_ptr<RansBlock[]> blocks, std::size_t n, bool scalar);
 
   std::unique_ptr<RansBlock[]> blocks_;
   std::size_t n_ = 0;
   bool scalar_ = false;
 };
+
+// A plane to decode: its table, and where its n symbols go.
+struct RansPlaneTask {
+  const RansLookup* lookup = nullptr;
+  std::uint8_t* out = nullptr;
+};
+// All planes of a group, in their order.
+struct RansQueue {
+  RansGroupDecoder* group = nullptr;
+  std::span<const RansPlaneTask> planes;
+};
+// Decodes all planes of several groups. Blocks are decoded on several threads, and the
+// planes of different groups in an interleaved way, which hides the latency of table lookups.
+void decode_groups(std::span<const RansQueue> groups);
 
 // Returns the name of the instruction set that RansGroupDecoder uses.
 const char* rans_vector_target();

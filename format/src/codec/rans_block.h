@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "codec/rans.h"
 
@@ -53,8 +54,16 @@ inline void rans_decode_scalar(RansBlock& block, const RansLookup& lookup, std::
 // As above from begin = 0, on the vector unit.
 void rans_decode_vector(RansBlock& block, const RansLookup& lookup, std::size_t count,
                         std::uint8_t* out);
-// Decodes two adjacent full blocks at once, which is faster than one after the other.
-void rans_decode_pair(RansBlock& first, RansBlock& second, const RansLookup& lookup,
-                      std::uint8_t* out);
+
+// The planes of a group that remain to be decoded in one of its blocks.
+struct RansCursor {
+  RansBlock* block = nullptr;
+  const RansPlaneTask* next = nullptr;
+  const RansPlaneTask* end = nullptr;
+  std::size_t count = 0;  // symbols of a plane
+};
+// Decodes all planes of these blocks, whose symbols start at `first` of each plane. Changes
+// `cursors`.
+void rans_decode_blocks(std::span<RansCursor> cursors, std::size_t first);
 
 }  // namespace stgs

@@ -94,77 +94,141 @@ void move_to_tail(RansBlock& block) {
   block.moved = true;
 }
 
-// Decodes complete steps of blocks of equal length until fewer symbols are left than one store
-// writes. Returns the number decoded. Bytes stored past a step's last lane are overwritten by the
-// next step.
-template <bool kFull, std::size_t kBlocks>
-HWY_INLINE std::size_t decode_steps(RansBlock* const (&blocks)[kBlocks], const RansLookup& lookup,
-                                    std::size_t count, std::uint8_t* const (&out)[kBlocks]) {
+// A plane of a block to decode.
+struct PlaneOfBlock {
+  RansBlock* block = nullptr;
+  const std::uint32_t* lookup = nullptr;
+  std::uint8_t* out = nullptr;
+  std::size_t count = 0;  // symbols
+  std::size_t done = 0;   // symbols decoded
+};
+
+// Decodes complete steps of all these planes until one of them has fewer symbols left than one
+// store writes. kFull: all blocks have 32 lanes. Bytes stored past a step's last lane are
+// overwritten by the next step.
+template <bool kFull, std::size_t kCount>
+HWY_INLINE void decode_steps(PlaneOfBlock* const (&planes)[kCount]) {
   const States d;
-  const std::size_t lanes = kFull ? kRansLanes : blocks[0]->lanes;
-  const std::size_t vectors = kFull ? kVectors : (lanes + kVectorLanes - 1) / kVectorLanes;
-  StateVec x[kBlocks][kVectors];
-  const std::uint8_t* next[kBlocks];
+  StateVec x[kCount][kVectors];
+  std::size_t lanes[kCount], vectors[kCount], i[kCount];
+  const std::uint8_t* next[kCount];
   // Last word at which a step may begin: 64 bytes must be readable, and no word may be missing.
-  const std::uint8_t* last[kBlocks];
-  for (std::size_t k = 0; k < kBlocks; ++k) {
+  const std::uint8_t* last[kCount];
+  for (std::size_t k = 0; k < kCount; ++k) {
+    lanes[k] = kFull ? kRansLanes : planes[k]->block->lanes;
+    vectors[k] = kFull ? kVectors : (lanes[k] + kVectorLanes - 1) / kVectorLanes;
+    i[k] = planes[k]->done;
     for (std::size_t v = 0; v < kVectors; ++v)
-      x[k][v] = hn::LoadU(d, blocks[k]->state + v * kVectorLanes);
+      x[k][v] = hn::LoadU(d, planes[k]->block->state + v * kVectorLanes);
   }
-  const auto in_reach = [&] {
+  // Returns the steps that all planes can take before stores or loads reach too far.
+  const auto safe_steps = [&] {
+    std::size_t steps = kRansBlock;
+    for (std::size_t k = 0; k < kCount; ++k) {
+      const std::size_t width = vectors[k] * kVectorLanes, left = planes[k]->count - i[k];
+      const std::size_t by_stores = left < width ? 0 : (left - width) / lanes[k] + 1;
+      const std::size_t by_loads =
+          next[k] > last[k] ? 0 : static_cast<std::size_t>(last[k] - next[k]) / (2 * lanes[k]) + 1;
+      steps = std::min({steps, by_stores, by_loads});
+    }
+    return steps;
+  };
+  const auto more = [&] {
     bool all = true;
-    for (std::size_t k = 0; k < kBlocks; ++k) all = all && next[k] <= last[k];
+    for (std::size_t k = 0; k < kCount; ++k)
+      all = all && i[k] + vectors[k] * kVectorLanes <= planes[k]->count;
     return all;
   };
-  std::size_t i = 0;
-  while (i + vectors * kVectorLanes <= count) {
-    for (std::size_t k = 0; k < kBlocks; ++k) {
-      RansBlock& block = *blocks[k];
+  while (more()) {
+    for (std::size_t k = 0; k < kCount; ++k) {
+      RansBlock& block = *planes[k]->block;
       if (!block.moved && static_cast<std::size_t>(block.end - block.next) < kStepBytes)
         move_to_tail(block);
       next[k] = block.next;
       last[k] = block.moved ? block.end : block.end - kStepBytes;
     }
-    for (; i + vectors * kVectorLanes <= count && in_reach(); i += lanes) {
-      for (std::size_t v = 0; v < vectors; ++v) {
-        for (std::size_t k = 0; k < kBlocks; ++k) {
-          next[k] = step<kFull>(x[k][v], lanes - v * kVectorLanes, lookup.data(), next[k],
-                                out[k] + i + v * kVectorLanes);
+    for (std::size_t steps = safe_steps(); steps > 0; steps = safe_steps()) {
+      for (; steps > 0; --steps) {
+        for (std::size_t v = 0; v < kVectors; ++v) {
+          for (std::size_t k = 0; k < kCount; ++k) {
+            if (!kFull && v >= vectors[k]) continue;
+            next[k] = step<kFull>(x[k][v], lanes[k] - v * kVectorLanes, planes[k]->lookup, next[k],
+                                  planes[k]->out + i[k] + v * kVectorLanes);
+          }
         }
+        for (std::size_t k = 0; k < kCount; ++k) i[k] += lanes[k];
       }
     }
-    for (std::size_t k = 0; k < kBlocks; ++k) {
-      RansBlock& block = *blocks[k];
+    for (std::size_t k = 0; k < kCount; ++k) {
+      RansBlock& block = *planes[k]->block;
       block.overrun = block.overrun || next[k] > block.end;  // words past the end were 0
       block.next = std::min(next[k], block.end);
     }
   }
-  for (std::size_t k = 0; k < kBlocks; ++k) {
+  for (std::size_t k = 0; k < kCount; ++k) {
     for (std::size_t v = 0; v < kVectors; ++v)
-      hn::StoreU(x[k][v], d, blocks[k]->state + v * kVectorLanes);
+      hn::StoreU(x[k][v], d, planes[k]->block->state + v * kVectorLanes);
+    planes[k]->done = i[k];
   }
-  return i;
+}
+
+template <std::size_t kCount>
+void decode_planes(PlaneOfBlock* const (&planes)[kCount]) {
+  const bool full = std::all_of(std::begin(planes), std::end(planes),
+                                [](auto* p) { return p->block->lanes == kRansLanes; });
+  full ? decode_steps<true>(planes) : decode_steps<false>(planes);
+}
+
+// Decodes what is left of a plane.
+void finish_plane(PlaneOfBlock& plane, const RansLookup& lookup) {
+  PlaneOfBlock* const one[1] = {&plane};
+  decode_planes(one);
+  rans_decode_scalar(*plane.block, lookup, plane.done, plane.count, plane.out);
 }
 
 void decode_plane(RansBlock& block, const RansLookup& lookup, std::size_t count,
                   std::uint8_t* out) {
-  RansBlock* const blocks[1] = {&block};
-  std::uint8_t* const outs[1] = {out};
-  const std::size_t done = block.lanes == kRansLanes
-                               ? decode_steps<true>(blocks, lookup, count, outs)
-                               : decode_steps<false>(blocks, lookup, count, outs);
-  rans_decode_scalar(block, lookup, done, count, out);
+  PlaneOfBlock plane{&block, lookup.data(), out, count};
+  finish_plane(plane, lookup);
 }
 
-// Decodes two full blocks in an interleaved way, which hides the latency of table lookups.
-void decode_pair(RansBlock& first, RansBlock& second, const RansLookup& lookup, std::uint8_t* out) {
-  if constexpr (kVectors <= 4) {  // the states of both fit into registers
-    RansBlock* const blocks[2] = {&first, &second};
-    std::uint8_t* const outs[2] = {out, out + kRansBlock};
-    decode_steps<true>(blocks, lookup, kRansBlock, outs);
-  } else {
-    decode_plane(first, lookup, kRansBlock, out);
-    decode_plane(second, lookup, kRansBlock, out + kRansBlock);
+// Planes decoded at once: the states of all must fit into registers.
+constexpr std::size_t kTogether = kVectors <= 2 ? 4 : kVectors <= 4 ? 2 : 1;
+
+// Decodes the next plane of each cursor.
+template <std::size_t kCount>
+void decode_together(RansCursor* const* cursors, std::size_t first) {
+  PlaneOfBlock planes[kCount];
+  PlaneOfBlock* pointers[kCount];
+  for (std::size_t k = 0; k < kCount; ++k) {
+    const RansPlaneTask& task = *cursors[k]->next;
+    planes[k] = {cursors[k]->block, task.lookup->data(), task.out + first, cursors[k]->count};
+    pointers[k] = &planes[k];
+  }
+  decode_planes(pointers);
+  for (std::size_t k = 0; k < kCount; ++k) finish_plane(planes[k], *cursors[k]->next++->lookup);
+}
+
+// Decodes the next plane of `used` cursors, at most kCount.
+template <std::size_t kCount>
+void decode_next(RansCursor* const* cursors, std::size_t used, std::size_t first) {
+  if constexpr (kCount > 1) {
+    if (used < kCount) return decode_next<kCount - 1>(cursors, used, first);
+  }
+  decode_together<kCount>(cursors, first);
+}
+
+void decode_blocks(std::span<RansCursor> cursors, std::size_t first) {
+  RansCursor* active[kTogether];
+  std::size_t used = 0;
+  for (auto waiting = cursors.begin();;) {
+    used = static_cast<std::size_t>(
+        std::remove_if(active, active + used, [](auto* c) { return c->next == c->end; }) - active);
+    for (; used < kTogether && waiting != cursors.end(); ++waiting) {
+      if (waiting->next != waiting->end) active[used++] = &*waiting;
+    }
+    if (used == 0) return;
+    decode_next<kTogether>(active, used, first);
   }
 }
 
@@ -180,7 +244,7 @@ HWY_AFTER_NAMESPACE();
 namespace stgs {
 
 HWY_EXPORT(decode_plane);
-HWY_EXPORT(decode_pair);
+HWY_EXPORT(decode_blocks);
 HWY_EXPORT(vector_name);
 
 void rans_decode_vector(RansBlock& block, const RansLookup& lookup, std::size_t count,
@@ -188,9 +252,8 @@ void rans_decode_vector(RansBlock& block, const RansLookup& lookup, std::size_t 
   HWY_DYNAMIC_DISPATCH(decode_plane)(block, lookup, count, out);
 }
 
-void rans_decode_pair(RansBlock& first, RansBlock& second, const RansLookup& lookup,
-                      std::uint8_t* out) {
-  HWY_DYNAMIC_DISPATCH(decode_pair)(first, second, lookup, out);
+void rans_decode_blocks(std::span<RansCursor> cursors, std::size_t first) {
+  HWY_DYNAMIC_DISPATCH(decode_blocks)(cursors, first);
 }
 
 const char* rans_vector_target() {

@@ -4,14 +4,11 @@
 #include <algorithm>
 
 #include "codec/draco_points.h"
-#include "stgs/format/parallel.h"
 
 namespace stgs {
 namespace {
 
 using N = IssueNumber;
-
-constexpr std::size_t kSerial = 16384;  // primitives decoded faster on one thread
 
 }  // namespace
 
@@ -97,29 +94,58 @@ DecodedRows RecordDecoder::assign_rows(std::size_t first, std::size_t count) con
   return out;
 }
 
-const char* RecordDecoder::decode_group(std::size_t u, DecodedRows& rows) {
+std::vector<RansPlaneTask> RecordDecoder::tasks_of(std::size_t u, DecodedRows& rows) const {
+  std::vector<RansPlaneTask> out;
   const Layout::Unit unit = record_.units[u].rows;
   for (std::size_t i = unit.first; i < unit.first + unit.count; ++i) {
     std::uint8_t* at = rows.areas[i - rows.first].data();
     for (const std::uint16_t table : layout_.streams[i].tables) {
       if (set_.only[table] >= 0) continue;
-      groups_[u]->next_plane(set_.lookups[table], at);
+      out.push_back({&set_.lookups[table], at});
       at += symbols_of(layout_.streams[i]);
     }
   }
-  return groups_[u]->finish() ? nullptr : "a block does not end correctly";
+  return out;
 }
 
-const char* RecordDecoder::decode_unit(std::size_t u, DecodedRows& rows) {
+bool RecordDecoder::decode_groups_of(std::span<const std::size_t> units, DecodedRows& rows) {
+  std::vector<std::vector<RansPlaneTask>> tasks;
+  for (const std::size_t u : units) tasks.push_back(tasks_of(u, rows));
+  std::vector<RansQueue> queues;
+  for (std::size_t k = 0; k < units.size(); ++k) queues.push_back({&*groups_[units[k]], tasks[k]});
+  // The longest first, so that the others fill the gaps.
+  std::stable_sort(queues.begin(), queues.end(), [](const RansQueue& a, const RansQueue& b) {
+    return a.planes.size() > b.planes.size();
+  });
+  decode_groups(queues);
+  for (const std::size_t u : units) {
+    if (!groups_[u]->finish())
+      return corrupt(record_.units[u].rows.first, "a block does not end correctly");
+  }
+  return true;
+}
+
+bool RecordDecoder::decode_stored(std::size_t u, DecodedRows& rows) {
   const SegmentRecord::Unit& unit = record_.units[u];
   const StreamRow& row = layout_.streams[unit.rows.first];
-  if (row.optional()) return nullptr;
-  if (row.in_group()) return groups_[u] ? decode_group(u, rows) : nullptr;
   const std::span<std::uint8_t> area = rows.areas[unit.rows.first - rows.first];
-  if (static_cast<Coder>(row.coder) == Coder::kDraco)
-    return draco_decode(unit.bytes, symbols_of(row), area);
+  if (static_cast<Coder>(row.coder) == Coder::kDraco) {
+    const char* const problem = draco_decode(unit.bytes, symbols_of(row), area);
+    return problem == nullptr || corrupt(unit.rows.first, problem);
+  }
   std::copy(unit.bytes.begin(), unit.bytes.end(), area.begin());
-  return nullptr;
+  return true;
+}
+
+bool RecordDecoder::decode_units(std::size_t first, std::size_t last, DecodedRows& rows) {
+  std::vector<std::size_t> groups;
+  for (std::size_t u = first; u < last; ++u) {
+    const StreamRow& row = layout_.streams[record_.units[u].rows.first];
+    if (row.optional()) continue;
+    if (groups_[u]) groups.push_back(u);
+    if (!row.in_group() && !decode_stored(u, rows)) return false;
+  }
+  return decode_groups_of(groups, rows);
 }
 
 bool RecordDecoder::find_members(DecodedRows& rows) {
@@ -155,17 +181,7 @@ bool RecordDecoder::find_members(DecodedRows& rows) {
 
 bool RecordDecoder::decode(DecodedRows& out) {
   out = assign_rows(0, layout_.streams.size());
-  std::vector<const char*> problems(record_.units.size(), nullptr);
-  const auto decode_one = [&](std::size_t u) { problems[u] = decode_unit(u, out); };
-  if (n_ <= kSerial) {
-    for (std::size_t u = 0; u < problems.size(); ++u) decode_one(u);
-  } else {
-    parallel_for(std::size_t{0}, problems.size(), decode_one);
-  }
-  for (std::size_t u = 0; u < problems.size(); ++u) {
-    if (problems[u] != nullptr) return corrupt(record_.units[u].rows.first, problems[u]);
-  }
-  return find_members(out);
+  return decode_units(0, record_.units.size(), out) && find_members(out);
 }
 
 void RecordDecoder::add_tasks(const DecodedRows& rows, std::vector<StreamTask>& tasks) const {
@@ -175,7 +191,8 @@ void RecordDecoder::add_tasks(const DecodedRows& rows, std::vector<StreamTask>& 
     if (row.optional() || attribute == Attribute::kShDegree || symbols_of(row) == 0) continue;
     const int band = band_of(attribute);
     tasks.push_back({&row, rows.planes[i].data(), {}});
-    if (band > 0) tasks.back().members = rows.members[static_cast<std::size_t>(band - 1)];
+    if (band > 0 && symbols_of(row) < n_)
+      tasks.back().members = rows.members[static_cast<std::size_t>(band - 1)];
   }
 }
 
@@ -189,8 +206,7 @@ bool RecordDecoder::decode_degrees(ShMembers& members) {
       continue;
     }
     DecodedRows decoded = assign_rows(unit.first, unit.count);
-    if (const char* problem = decode_unit(u, decoded)) return corrupt(unit.first, problem);
-    if (!find_members(decoded)) return false;
+    if (!decode_units(u, u + 1, decoded) || !find_members(decoded)) return false;
     members = std::move(decoded.members);
   }
   return true;

@@ -50,9 +50,12 @@ class RecordDecoder {
   std::size_t coded_planes(Layout::Unit unit) const;
   bool open_unit(std::size_t u);
   DecodedRows assign_rows(std::size_t first, std::size_t count) const;
-  // Returns the problem, or null.
-  const char* decode_unit(std::size_t u, DecodedRows& rows);
-  const char* decode_group(std::size_t u, DecodedRows& rows);
+  // Returns the planes of a group, decoded to these rows.
+  std::vector<RansPlaneTask> tasks_of(std::size_t u, DecodedRows& rows) const;
+  // Decodes units [first, last).
+  bool decode_units(std::size_t first, std::size_t last, DecodedRows& rows);
+  bool decode_groups_of(std::span<const std::size_t> units, DecodedRows& rows);
+  bool decode_stored(std::size_t u, DecodedRows& rows);
   bool find_members(DecodedRows& rows);
   // Decodes the rows of the unit of sh_degree, if there is one.
   bool decode_degrees(ShMembers& members);

@@ -149,8 +149,7 @@ MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& c
     return static_cast<Prediction>(tasks[t].row->prediction) >= Prediction::kDelta;
   };
   const auto size_of_task = [&](std::size_t t) {
-    return band_of(static_cast<Attribute>(tasks[t].row->attribute)) == 0 ? n
-                                                                         : tasks[t].members.size();
+    return tasks[t].members.empty() ? n : tasks[t].members.size();
   };
   parallel_for(std::size_t{0}, (chunks - 1) * tasks.size(), [&](std::size_t job) {
     const std::size_t chunk = job / tasks.size(), t = job % tasks.size();

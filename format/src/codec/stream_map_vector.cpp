@@ -251,10 +251,11 @@ HWY_INLINE void keep(Attribute attribute, const Numbers* q, std::size_t at, MapR
 // Stores `width` floats of each of these primitives.
 HWY_INLINE void store_members(const Floats* from, std::size_t width, const std::uint32_t* members,
                               std::size_t count, AttributeView<float> view) {
-  for (std::size_t i = 0; i < count; ++i) {
-    float* const to = view.data + std::size_t{members[i]} * view.stride;
-    for (std::size_t c = 0; c < width; ++c) to[c] = from[c][i];
-  }
+  float rows[kBlock * kMaxComponents];
+  store_all(from, width, count, rows, width);
+  for (std::size_t i = 0; i < count; ++i)
+    std::memcpy(view.data + std::size_t{members[i]} * view.stride, rows + i * width,
+                width * sizeof(float));
 }
 
 // Maps the values [begin, end) of a stream of floats or integers. `carry`: the sum of the values

@@ -25,10 +25,12 @@ inline constexpr std::size_t kRansLaneSymbols = 256;   // per lane and plane, at
 constexpr std::size_t rans_blocks(std::size_t n) {
   return n / kRansBlock + (n % kRansBlock != 0);
 }
-// Returns the number of lanes of a block of `count` symbols. A short block has fewer, because each
-// lane stores a state.
+// Returns the number of lanes of a block of `count` symbols, a power of two. A short block has
+// fewer, because each lane stores a state.
 constexpr std::size_t rans_lanes(std::size_t count) {
-  return (count + kRansLaneSymbols - 1) / kRansLaneSymbols;
+  std::size_t lanes = 1;
+  while (lanes * kRansLaneSymbols < count) lanes *= 2;
+  return lanes;
 }
 
 // A decoding table. Each slot: slot - start in bits 0 to 11, frequency - 1 in 12 to 23, symbol in
