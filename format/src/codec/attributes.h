@@ -16,7 +16,9 @@ std::span<const Attribute> attributes_of(int sh_degree);
 std::span<const Attribute> streams_of(int sh_degree);
 // Returns the degree of the SH of an attribute, 0 for other attributes.
 constexpr int band_of(Attribute attribute) {
-  return attribute < Attribute::kSh1 ? 0 : 1 + static_cast<int>(attribute) - static_cast<int>(Attribute::kSh1);
+  return attribute < Attribute::kSh1
+             ? 0
+             : 1 + static_cast<int>(attribute) - static_cast<int>(Attribute::kSh1);
 }
 // Returns the name of an attribute in messages and reports: "position", "sh0"...
 const char* name_of(Attribute attribute);

@@ -130,7 +130,8 @@ const char* draco_decode(std::span<const std::uint8_t> stored, std::size_t n,
   }
   std::sort(keys.begin(), keys.end());
   for (std::size_t i = 0; i < n; ++i) {
-    put_point({compact_key(keys[i]), compact_key(keys[i] >> 1), compact_key(keys[i] >> 2)}, n, i, planes);
+    put_point({compact_key(keys[i]), compact_key(keys[i] >> 1), compact_key(keys[i] >> 2)}, n, i,
+              planes);
   }
   return nullptr;
 }

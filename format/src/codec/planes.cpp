@@ -289,8 +289,7 @@ StreamPlan plan_stream(std::span<const Integers* const> records, Coder coder) {
     std::vector<Sample> samples;
     int bits = 0;
     for (std::size_t c = 0; c < plan.row.components; ++c) {
-      samples.push_back(
-          sample_of(records, total, {prediction, plan.minimum[c], plan.row.low}, c));
+      samples.push_back(sample_of(records, total, {prediction, plan.minimum[c], plan.row.low}, c));
       bits = std::max(bits, samples.back().bits);
     }
     const auto values = static_cast<double>(total);

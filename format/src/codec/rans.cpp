@@ -37,7 +37,9 @@ Result<std::vector<RansBlockLocation>> rans_layout(std::span<const std::uint8_t>
     const bool last = b + 1 == count;
     // The words of the last block end with the group.
     const std::uint64_t rest = data.left() > states ? data.left() - states : 0;
-    blocks[b] = {data.position(), last ? static_cast<std::uint32_t>(std::min<std::uint64_t>(rest / 2, 0xFFFFFFFF)) : sizes.u32()};
+    blocks[b] = {data.position(),
+                 last ? static_cast<std::uint32_t>(std::min<std::uint64_t>(rest / 2, 0xFFFFFFFF))
+                      : sizes.u32()};
     bool possible = true;
     for (std::size_t lane = 0; lane < rans_lanes(block_size(n, b)); ++lane)
       possible = data.u32() >= kRansLow && possible;

@@ -47,9 +47,9 @@ struct RansPlane {
   const RansTable* table = nullptr;
 };
 
-// Encodes a group of planes of n symbols each (spec 7.3); no bytes if there are no planes or n is 0. kUsage if there are more than
-// kRansPlanes, a plane's size is not n, or a table does not add up to 4096 or lacks a symbol of its
-// plane.
+// Encodes a group of planes of n symbols each (spec 7.3); no bytes if there are no planes or n is
+// 0. kUsage if there are more than kRansPlanes, a plane's size is not n, or a table does not add up
+// to 4096 or lacks a symbol of its plane.
 Result<std::vector<std::uint8_t>> rans_encode(std::span<const RansPlane> planes, std::size_t n);
 
 struct RansBlock;  // rans_block.h

@@ -219,7 +219,7 @@ CodedStream RecordDecoder::coded_stream(const StreamRow& row, const ShMembers& m
   out.prediction = static_cast<Prediction>(row.prediction);
   out.step = row.step;
   out.symbols = symbols_of(row);
-  if (const int band = band_of(out.attribute); band > 0)
+  if (const int band = band_of(out.attribute); band > 0 && out.symbols < n_)
     out.members = members[static_cast<std::size_t>(band - 1)];
   out.components = row.components;
   out.digits = row.digits;
@@ -236,8 +236,8 @@ bool RecordDecoder::code(CodedRecord& out) {
   for (const SegmentRecord::Unit& unit : record_.units) {
     const StreamRow& first = layout_.streams[unit.rows.first];
     const std::uint32_t symbols = symbols_of(first);
-    const bool degrees = unit.rows.count == 1 &&
-                         first.attribute == static_cast<std::uint16_t>(Attribute::kShDegree);
+    const bool degrees =
+        unit.rows.count == 1 && first.attribute == static_cast<std::uint16_t>(Attribute::kShDegree);
     if (first.optional() || symbols == 0 || degrees) continue;
     CodedGroup group;
     group.symbols = symbols;

@@ -27,14 +27,14 @@ inline constexpr int kPositionBits = 21;  // of a position, per axis: what Draco
 // Integers |q| below this are exact in float32.
 inline constexpr std::int64_t kMaxInteger = std::int64_t{1} << 24;
 
-// A stream of a layout (spec 6.2). Unknown streams have the attribute, mapping, prediction and coder
-// only.
+// A stream of a layout (spec 6.2). Unknown streams have the attribute, mapping, prediction and
+// coder only.
 struct StreamRow {
   std::uint16_t attribute = 0;
   std::uint8_t components = 0;  // per primitive, of `digits` planes; one with kMorton
   std::uint8_t mapping = 0, prediction = 0, coder = 0;
-  bool joins = false;           // in the group of the stream before
-  bool known = true;  // this version can decode it
+  bool joins = false;  // in the group of the stream before
+  bool known = true;   // this version can decode it
   Step step;
   std::uint8_t low = 0;     // bits of the low components, with kMorton
   std::uint8_t digits = 0;  // per value
@@ -72,9 +72,9 @@ struct Integers {
 
 // Parameters of mapping the records of a segment, besides their layouts.
 struct SegmentContext {
-  int part_exponent = 0;        // floor(log2) of the length of its part
-  double begin = 0;             // of the segment, before cutting; ticks of its part
-  std::uint32_t first_key = 0;  // of the record (spec 8.4)
+  int part_exponent = 0;                        // floor(log2) of the length of its part
+  double begin = 0;                             // of the segment, before cutting; ticks of its part
+  std::uint32_t first_key = 0;                  // of the record (spec 8.4)
   std::array<std::uint32_t, 6> shape_bounds{};  // of the step of the log scales
 };
 // Returns whether this version knows the attribute, mapping, prediction and coder of a row.
@@ -99,9 +99,9 @@ struct MapResult {
 MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& context,
                       Gaussians4D& set);
 
-// Returns the number added to the exponent of a rotation's step, from the difference of the greatest
-// and the least integer of its log scales (spec 8.8). It is greater for nearly round primitives,
-// whose rotation is hard to see.
+// Returns the number added to the exponent of a rotation's step, from the difference of the
+// greatest and the least integer of its log scales (spec 8.8). It is greater for nearly round
+// primitives, whose rotation is hard to see.
 inline int rotation_shift(const std::array<std::uint32_t, 6>& bounds, std::uint32_t spread) {
   int out = 3;
   for (const std::uint32_t bound : bounds) out -= spread >= bound ? 1 : 0;

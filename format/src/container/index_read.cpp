@@ -233,8 +233,8 @@ class IndexReader {
   bool enough_bytes(const IndexEntry& entry, std::uint64_t at) {  // spec 5.5
     if (content_of(entry.layer) != static_cast<int>(Content::kPrimitives) ||
         entry.primitives <=
-        kMaxPrimitivesPerByte *
-            std::min<std::uint64_t>(std::numeric_limits<std::uint32_t>::max(), entry.bytes)) {
+            kMaxPrimitivesPerByte *
+                std::min<std::uint64_t>(std::numeric_limits<std::uint32_t>::max(), entry.bytes)) {
       return true;
     }
     findings_.error(N::kSegmentCount, at,

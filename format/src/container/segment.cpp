@@ -81,8 +81,8 @@ bool check_profile_of(const Layout& layout, Profile profile, std::uint32_t ordin
     if (row.optional()) continue;
     const bool draco = static_cast<Coder>(row.coder) == Coder::kDraco;
     const auto mapping = static_cast<Mapping>(row.mapping);
-    const bool mapped = mapping != Mapping::kInteger &&
-                        (mapping != Mapping::kFloat || row.step != Step{});
+    const bool mapped =
+        mapping != Mapping::kInteger && (mapping != Mapping::kFloat || row.step != Step{});
     const bool fits = profile == Profile::kLossless    ? !mapped && !draco
                       : profile == Profile::kQuantised ? !draco
                                                        : true;

@@ -13,7 +13,7 @@ namespace stgs {
 
 // The planes of a record in the order of its layout's streams.
 struct RecordPlanes {
-  std::size_t n = 0;                      // primitives
+  std::size_t n = 0;                         // primitives
   std::array<std::uint32_t, kShBands> sh{};  // primitives with a degree of at least 1, 2 and 3
   std::uint32_t first_key = 0;
   std::vector<std::uint8_t> symbols;

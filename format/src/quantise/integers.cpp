@@ -85,8 +85,8 @@ Integers rotation_integers(const Gaussians4D& part, const Integers& log_scales, 
     };
     const auto spread = static_cast<std::uint32_t>(std::max({scale(0), scale(1), scale(2)}) -
                                                    std::min({scale(0), scale(1), scale(2)}));
-    const Step own{std::clamp(step.exponent + rotation_shift(bounds, spread),
-                              kMinRotationExponent, kMaxRotationExponent),
+    const Step own{std::clamp(step.exponent + rotation_shift(bounds, spread), kMinRotationExponent,
+                              kMaxRotationExponent),
                    step.multiplier};
     for (std::size_t c = 0; c < 3; ++c) {
       out.values[c * n + i] = static_cast<std::uint32_t>(nearest(q[c + 1], own));

@@ -130,8 +130,7 @@ double displacement_of(const Gaussians4D& set, std::size_t i, int part_exponent)
 double max_displacement(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
                         int part_exponent) {
   double out = 0.0;
-  for (const std::uint32_t i : members)
-    out = std::max(out, displacement_of(set, i, part_exponent));
+  for (const std::uint32_t i : members) out = std::max(out, displacement_of(set, i, part_exponent));
   return out;
 }
 
@@ -305,10 +304,10 @@ std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSt
   out.push_back(linear_integers(sorted, Attribute::kLogScale, Mapping::kLinear, steps.log_scale));
   out.push_back(rotation_integers(sorted, out.back(), steps.rotation));
   out.push_back(linear_integers(sorted, Attribute::kOpacity, Mapping::kLinear, rules_.opacity));
-  for (const Attribute attribute : {Attribute::kSh0, Attribute::kSh1, Attribute::kSh2, Attribute::kSh3}) {
+  for (const Attribute attribute :
+       {Attribute::kSh0, Attribute::kSh1, Attribute::kSh2, Attribute::kSh3}) {
     const int band = band_of(attribute);
-    if (band <= part.sh_degree)
-      out.push_back(colour_integers(sorted, attribute, steps.sh[band]));
+    if (band <= part.sh_degree) out.push_back(colour_integers(sorted, attribute, steps.sh[band]));
   }
   return out;
 }

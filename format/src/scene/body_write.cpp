@@ -113,8 +113,8 @@ std::vector<Group> groups_of(const Encoding& encoding, const std::vector<TierSeg
 constexpr std::size_t kSmallRecord = 1024;  // primitives
 constexpr double kTableSymbolBits = 7.0;    // of a table, per symbol
 
-// Returns the bits by which a plane with these counts is smaller in rANS than raw, if it has a table
-// of its own.
+// Returns the bits by which a plane with these counts is smaller in rANS than raw, if it has a
+// table of its own.
 double bits_saved(const SymbolCounts& counts) {
   const auto total = static_cast<double>(std::accumulate(counts.begin(), counts.end(), 0ull));
   double saved = 0;

@@ -13,8 +13,8 @@ constexpr std::uint32_t kThreads = 256, kWarp = 32;
 constexpr std::uint32_t kRounds = kMapChunk / kThreads;
 constexpr std::uint32_t kMaxWidth = 4;  // components mapped together, and floats they result in
 
-using Reduce = cub::BlockReduce<std::uint64_t, kThreads>;
-using Scan = cub::BlockScan<std::uint64_t, kThreads>;
+using Reduce = cub::BlockReduce<std::uint32_t, kThreads>;
+using Scan = cub::BlockScan<std::uint32_t, kThreads>;
 
 // 2^e, |e| <= 126.
 __device__ float power_of_two(int e) {
@@ -26,25 +26,35 @@ __device__ float size_of(int multiplier, int exponent) {
   return __fmul_rn(static_cast<float>(multiplier), power_of_two(exponent));
 }
 
+__device__ std::uint32_t symbol_at(const MapPlane& plane, std::uint32_t i) {
+  return plane.symbols != nullptr ? plane.symbols[i] : plane.only;
+}
+
 // Returns the value of a component, composed from its digits.
-__device__ std::uint64_t value_at(const MapJob& job, std::uint32_t component, std::uint32_t i) {
+__device__ std::uint32_t value_at(const MapJob& job, std::uint32_t component, std::uint32_t i) {
   const MapPlane* plane = job.planes + component * job.digits;
-  std::uint64_t value = 0;
+  std::uint32_t value = 0;
   int shift = 0;
   for (std::uint32_t d = 0; d < job.digits; ++d) {
-    const std::uint64_t digit = plane[d].symbols != nullptr ? plane[d].symbols[i] : plane[d].only;
-    value |= digit << shift;
+    value |= symbol_at(plane[d], i) << shift;
     shift += job.digit_bits[d];
   }
   return value;
 }
 
+// Returns the low bits of a position.
+__device__ std::uint32_t low_at(const MapJob& job, std::uint32_t axis, std::uint32_t i) {
+  const MapPlane* plane = job.planes + job.digits + axis * job.low_digits;
+  std::uint32_t value = 0;
+  for (std::uint32_t d = 0; d < job.low_digits; ++d) value |= symbol_at(plane[d], i) << 8 * d;
+  return value;
+}
+
 // Returns the difference of a value from the one before it.
-__device__ std::uint64_t difference_at(const MapJob& job, std::uint32_t component,
+__device__ std::uint32_t difference_at(const MapJob& job, std::uint32_t component,
                                        std::uint32_t i) {
-  const std::uint64_t value = value_at(job, component, i);
-  return job.prediction == Prediction::kMorton ? value
-                                               : unzigzag(static_cast<std::uint32_t>(value));
+  const std::uint32_t value = value_at(job, component, i);
+  return job.prediction == Prediction::kMorton ? value : unzigzag(value);
 }
 
 __device__ bool in_range(const MapJob& job, std::uint32_t q) {
@@ -60,57 +70,61 @@ __device__ float linear(const MapJob& job, float origin, std::uint32_t q) {
   return __fadd_rn(origin, __fmul_rn(step, number(q)));
 }
 
-// spec 7.5.3.
-__device__ bool truncated(const MapJob& job, std::uint32_t q, float& out) {
+// Replaces q by the bits b (spec 8.5).
+__device__ bool truncated(const MapJob& job, std::uint32_t& q, float& out) {
   const std::uint32_t first = __float_as_uint(job.origin[0]);
   const std::uint32_t step = static_cast<std::uint32_t>(job.step.multiplier) << job.step.exponent;
-  out = __fsub_rn(__uint_as_float(first + q * step), job.origin[1]);
-  return in_range(job, q) && q <= (kMaxTruncated - first) / step;
+  const bool good = in_range(job, q) && q <= (kMaxTruncated - first) / step;
+  q = first + q * step;
+  out = __fsub_rn(__uint_as_float(q), job.origin[1]);
+  return good;
 }
 
-// spec 7.5.4.
+// spec 8.6. `i`: the primitive.
 __device__ float displacement(const MapJob& job, std::uint32_t i, std::uint32_t q) {
-  const float reach = __fadd_rn(job.radius[i], __fmul_rn(2.0f, job.sigma[i]));
-  const float lifespan = job.part_ticks < reach ? job.part_ticks : reach;
-  const int life = static_cast<int>(__float_as_uint(lifespan) >> 23 & 0xFF) - 127;
   const int exponent =
-      job.step.exponent - min(max(life, kMinLifespanExponent), kMaxLifespanExponent);
+      job.step.exponent - lifespan_exponent(job.sigma[i], job.radius[i], job.part_exponent);
   return __fmul_rn(number(q),
                    size_of(job.step.multiplier, min(max(exponent, kMinExponent), kMaxExponent)));
 }
 
-// spec 7.5.7.
+// spec 8.8. `i`: the primitive.
 __device__ int rotation_exponent(const MapJob& job, std::uint32_t i) {
   int e = job.step.exponent;
   if (job.mapping == Mapping::kShapedRotation) {
-    const float* s = job.log_scale + 3 * std::uint64_t{i};
-    const float length = __fsub_rn(fmaxf(fmaxf(s[0], s[1]), s[2]), fminf(fminf(s[0], s[1]), s[2]));
-    e += 3 - (length >= 0.125f) - (length >= 0.5f) - (length >= 1.25f) - (length >= 2.375f) -
-         (length >= 3.75f) - (length >= 5.0f);
+    e += 3;
+    for (const std::uint32_t bound : job.shape_bounds) e -= job.spread[i] >= bound ? 1 : 0;
   }
   return min(max(e, kMinRotationExponent), kMaxRotationExponent);
 }
 
-// spec 7.5.5.
+// spec 8.7.
 __device__ bool rotation(const MapJob& job, int e, const std::uint32_t (&q)[kMaxWidth],
                          float (&out)[kMaxWidth]) {
-  const double m = job.step.multiplier;
-  const double x = m * static_cast<std::int32_t>(q[0]), y = m * static_cast<std::int32_t>(q[1]),
-               z = m * static_cast<std::int32_t>(q[2]);
-  const double rest = static_cast<double>(power_of_two(-2 * e)) - x * x - y * y - z * z;
-  out[0] = __fmul_rn(power_of_two(e), __fsqrt_rn(static_cast<float>(rest > 0.0 ? rest : 0.0)));
+  const auto m = static_cast<std::uint32_t>(job.step.multiplier), limit = 1u << -e;
+  std::uint32_t rest = limit * limit;
+  bool good = true;
   for (int c = 0; c < 3; ++c) {
+    const std::uint32_t x = m * q[c];
+    good = good && in_range(job, q[c]) && x + limit - 1 <= 2 * limit - 2;
+    rest -= x * x;
     out[c + 1] = __fmul_rn(number(q[c]), size_of(job.step.multiplier, e));
   }
-  return rest > 0.0 && in_range(job, q[0]) && in_range(job, q[1]) && in_range(job, q[2]);
+  good = good && static_cast<std::int32_t>(rest) > 0;
+  out[0] = __fmul_rn(power_of_two(e), __fsqrt_rn(good ? number(rest) : 0.0f));
+  return good;
 }
 
-// Maps components [c, c + width) of primitive i. Returns false if a value is out of range.
+// Maps components [c, c + width) of value i. Sigma and radius leave their bits in q. Returns false
+// if a value is out of range.
 __device__ bool map_values(const MapJob& job, std::uint32_t c, std::uint32_t i,
                            std::uint32_t (&q)[kMaxWidth], float (&out)[kMaxWidth]) {
   switch (job.mapping) {
     case Mapping::kFloat:
-      for (std::uint32_t k = 0; k < kMaxWidth; ++k) out[k] = __uint_as_float(q[k]);
+      for (std::uint32_t k = 0; k < kMaxWidth; ++k) {
+        q[k] <<= job.step.exponent;
+        out[k] = __uint_as_float(q[k]);
+      }
       return true;
     case Mapping::kTruncated:
       return truncated(job, q[0], out[0]);
@@ -127,18 +141,33 @@ __device__ bool map_values(const MapJob& job, std::uint32_t c, std::uint32_t i,
       out[2] = linear(job, 0.0f, luma - chroma - orange);
       return in_range(job, luma) && in_range(job, orange) && in_range(job, chroma);
     }
-    case Mapping::kTime: {
-      const std::uint32_t sum = q[0] + static_cast<std::uint32_t>(job.time_origin);
-      out[0] = linear(job, job.origin[0], sum);
-      return in_range(job, q[0]) && in_range(job, sum);
-    }
-    default:
-      out[0] = linear(job, job.origin[c % 3], q[0]);
+    case Mapping::kTime:
+      out[0] = __fadd_rn(linear(job, job.origin[0], q[0]), job.time_base);
       return in_range(job, q[0]);
+    default: {
+      bool good = true;
+      for (std::uint32_t k = 0; k < job.width; ++k) {
+        out[k] = linear(job, job.origin[(c + k) % 3], q[k]);
+        good = good && in_range(job, q[k]);
+      }
+      return good;
+    }
   }
 }
 
-// Returns whether a primitive with these values of the attribute can be rendered (spec 6.4).
+// Leaves what other streams of primitive i depend on.
+__device__ void keep(const MapJob& job, std::uint32_t i, const std::uint32_t (&q)[kMaxWidth]) {
+  if (job.keep == nullptr) return;
+  if (job.attribute != Attribute::kLogScale) {
+    job.keep[i] = q[0];
+    return;
+  }
+  const int x = static_cast<int>(q[0]), y = static_cast<int>(q[1]), z = static_cast<int>(q[2]);
+  job.keep[i] =
+      static_cast<std::uint32_t>(max(max(x, y), z)) - static_cast<std::uint32_t>(min(min(x, y), z));
+}
+
+// Returns whether a primitive with these values of the attribute can be rendered (spec 6.3).
 __device__ bool is_renderable(const MapJob& job, const float* v, std::uint32_t count) {
   bool finite = true, zero = true;
   for (std::uint32_t k = 0; k < count; ++k) {
@@ -152,9 +181,9 @@ __device__ bool is_renderable(const MapJob& job, const float* v, std::uint32_t c
 
 // Returns `before` plus the inclusive prefix sum of the differences; adds their total to `before`.
 // All threads of the block call it.
-__device__ std::uint64_t running_sum(std::uint64_t difference, std::uint64_t& before) {
+__device__ std::uint32_t running_sum(std::uint32_t difference, std::uint32_t& before) {
   __shared__ typename Scan::TempStorage storage;
-  std::uint64_t sum = 0, total = 0;
+  std::uint32_t sum = 0, total = 0;
   Scan(storage).InclusiveSum(difference, sum, total);
   __syncthreads();
   sum += before;
@@ -166,10 +195,10 @@ __global__ void __launch_bounds__(kThreads) sum_kernel(const MapJob* jobs, const
   __shared__ typename Reduce::TempStorage storage;
   const MapWork work = works[blockIdx.x];
   const MapJob& job = jobs[work.job];
-  std::uint64_t sum = 0;
+  std::uint32_t sum = 0;
   for (std::uint32_t r = 0; r < kRounds; ++r) {
     const std::uint32_t i = work.chunk * kMapChunk + r * kThreads + threadIdx.x;
-    if (i < job.primitives) sum += difference_at(job, work.component, i);
+    if (i < job.values) sum += difference_at(job, work.component, i);
   }
   sum = Reduce(storage).Sum(sum);
   if (threadIdx.x == 0) job.sums[std::uint64_t{work.chunk} * job.components + work.component] = sum;
@@ -181,14 +210,14 @@ __global__ void __launch_bounds__(kThreads)
   const MapJob& job = jobs[summed[blockIdx.x]];
   const std::uint32_t lane = threadIdx.x % kWarp, chunks = job.chunks;
   for (std::uint32_t c = threadIdx.x / kWarp; c < job.components; c += kThreads / kWarp) {
-    std::uint64_t before = job.prediction == Prediction::kMorton ? job.first_key : 0;
+    std::uint32_t before = job.prediction == Prediction::kMorton ? job.first_key : 0;
     for (std::uint32_t first = 0; first < chunks; first += kWarp) {
       const std::uint32_t chunk = first + lane;
-      std::uint64_t* const at = job.sums + std::uint64_t{chunk} * job.components + c;
-      const std::uint64_t own = chunk < chunks ? *at : 0;
-      std::uint64_t sum = own;
+      std::uint32_t* const at = job.sums + std::uint64_t{chunk} * job.components + c;
+      const std::uint32_t own = chunk < chunks ? *at : 0;
+      std::uint32_t sum = own;
       for (std::uint32_t step = 1; step < kWarp; step *= 2) {
-        const std::uint64_t other = __shfl_up_sync(0xFFFFFFFFu, sum, step);
+        const std::uint32_t other = __shfl_up_sync(0xFFFFFFFFu, sum, step);
         if (lane >= step) sum += other;
       }
       if (chunk < chunks) *at = before + sum - own;
@@ -197,21 +226,21 @@ __global__ void __launch_bounds__(kThreads)
   }
 }
 
-// Maps Morton keys to positions. Returns false if a key has more than 63 bits or a value is
-// invalid.
+// Maps Morton keys and low bits to positions (spec 8.4). Returns false if a key has more than 30
+// bits or a value is invalid.
 __device__ bool map_keys(const MapJob& job, std::uint32_t chunk) {
-  std::uint64_t before = job.sums[chunk];
+  std::uint32_t before = job.sums[chunk];
   bool valid = true;
   for (std::uint32_t r = 0; r < kRounds; ++r) {
     const std::uint32_t i = chunk * kMapChunk + r * kThreads + threadIdx.x;
-    const bool inside = i < job.primitives;
-    const std::uint64_t step = inside ? value_at(job, 0, i) : 0;
-    const std::uint64_t key = running_sum(step, before);
+    const bool inside = i < job.values;
+    const std::uint32_t step = inside ? value_at(job, 0, i) : 0;
+    const std::uint32_t key = running_sum(step, before);
     if (!inside) continue;
-    valid = valid && (step | key) >> 63 == 0;
+    valid = valid && (step | key) >> (3 * kKeyBits) == 0;
     float v[3];
     for (std::uint32_t axis = 0; axis < 3; ++axis) {
-      const std::uint32_t q = compact3(key >> axis);
+      const std::uint32_t q = (compact3(key >> axis) << job.low) + low_at(job, axis, i);
       v[axis] = linear(job, job.origin[axis], q);
       valid = valid && in_range(job, q);
       job.to[std::uint64_t{i} * job.stride + axis] = v[axis];
@@ -227,24 +256,26 @@ __device__ bool map_components(const MapJob& job, std::uint32_t chunk, std::uint
   const bool summed = job.prediction == Prediction::kDelta;
   const std::uint32_t floats =
       width == 3 && job.attribute == Attribute::kRotation ? kMaxWidth : width;
-  std::uint64_t before[kMaxWidth] = {};
+  std::uint32_t before[kMaxWidth] = {};
   for (std::uint32_t k = 0; summed && k < width; ++k) {
     before[k] = job.sums[std::uint64_t{chunk} * job.components + c + k];
   }
   bool valid = true;
   for (std::uint32_t r = 0; r < kRounds; ++r) {
     const std::uint32_t i = chunk * kMapChunk + r * kThreads + threadIdx.x;
-    const bool inside = i < job.primitives;
+    const bool inside = i < job.values;
     std::uint32_t q[kMaxWidth] = {};
     for (std::uint32_t k = 0; k < width; ++k) {
-      const auto v = inside ? static_cast<std::uint32_t>(value_at(job, c + k, i)) : 0u;
+      const std::uint32_t v = inside ? value_at(job, c + k, i) : 0u;
       q[k] = job.prediction == Prediction::kPlain ? v : unzigzag(v);
-      if (summed) q[k] = static_cast<std::uint32_t>(running_sum(q[k], before[k]));
+      if (summed) q[k] = running_sum(q[k], before[k]);
     }
     if (!inside) continue;
     float v[kMaxWidth] = {};
     valid = map_values(job, c, i, q, v) && valid;
-    for (std::uint32_t k = 0; k < floats; ++k) job.to[std::uint64_t{i} * job.stride + c + k] = v[k];
+    keep(job, i, q);
+    const std::uint64_t at = job.members != nullptr ? job.members[i] : i;
+    for (std::uint32_t k = 0; k < floats; ++k) job.to[at * job.stride + c + k] = v[k];
     valid = is_renderable(job, v, floats) && valid;
   }
   return valid;

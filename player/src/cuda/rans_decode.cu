@@ -52,6 +52,12 @@ class Words {
   std::uint32_t near_, far_;
 };
 
+// As rans_lanes(), and 0 for no symbols.
+__device__ std::uint32_t lanes_of(std::uint32_t count) {
+  constexpr auto kSymbols = static_cast<std::uint32_t>(kRansLaneSymbols);
+  return count == 0 ? 0 : 1u << (32 - __clz(static_cast<int>((count - 1) / kSymbols)));
+}
+
 // Starts loading the table of a plane to shared memory.
 __device__ void load_lookup(const RansGroup& group, std::uint32_t plane, std::uint32_t* to) {
   const std::uint32_t* from = group.lookups + std::uint64_t{group.tables[plane]} * kRansTotal;
@@ -89,10 +95,10 @@ __global__ void __launch_bounds__(kThreads)
   const std::uint64_t begin = block * kBlock;
   // A warp past the last block decodes nothing, but helps to load the tables.
   const std::uint32_t count =
-      begin < group.primitives
-          ? static_cast<std::uint32_t>(min(std::uint64_t{kBlock}, group.primitives - begin))
+      begin < group.count
+          ? static_cast<std::uint32_t>(min(std::uint64_t{kBlock}, group.count - begin))
           : 0;
-  const std::uint32_t lanes = (count + kRansLaneSymbols - 1) / kRansLaneSymbols;
+  const std::uint32_t lanes = lanes_of(count);
   const RansBlockLocation location = count > 0 ? group.blocks[block] : RansBlockLocation{};
   const auto* stored = reinterpret_cast<const std::uint16_t*>(group.bytes + location.states);
   std::uint32_t state = kRansLow;
@@ -107,7 +113,7 @@ __global__ void __launch_bounds__(kThreads)
     __syncthreads();  // the table is loaded, and all warps have finished the plane before
     if (p + 1 < group.planes) load_lookup(group, p + 1, lookups[(p + 1) % 2]);
     decode_plane(lookups[p % 2], count, lanes, lane, state, words,
-                 group.symbols + std::uint64_t{p} * group.primitives + begin);
+                 group.symbols + std::uint64_t{p} * group.count + begin);
   }
   const bool sound = __all_sync(kAllLanes, state == kRansLow) && words.at_end();
   if (lane == 0 && !sound) atomicAdd(group.damaged, 1u);
@@ -115,10 +121,10 @@ __global__ void __launch_bounds__(kThreads)
 
 }  // namespace
 
-std::vector<RansWork> rans_work(std::span<const std::uint32_t> primitives) {
+std::vector<RansWork> rans_work(std::span<const std::uint32_t> counts) {
   std::vector<RansWork> works;
-  for (std::uint32_t g = 0; g < primitives.size(); ++g) {
-    const auto blocks = static_cast<std::uint32_t>(rans_blocks(primitives[g]));
+  for (std::uint32_t g = 0; g < counts.size(); ++g) {
+    const auto blocks = static_cast<std::uint32_t>(rans_blocks(counts[g]));
     for (std::uint32_t b = 0; b < blocks; b += kRansWarps) works.push_back({g, b});
   }
   return works;

@@ -21,9 +21,9 @@ struct RansGroup {
   const RansBlockLocation* blocks = nullptr;  // as rans_layout returns them
   const std::uint32_t* lookups = nullptr;  // tables x 4096, each a RansLookup; aligned to 16 bytes
   const std::uint16_t* tables = nullptr;   // index into `lookups`, per plane
-  std::uint8_t* symbols = nullptr;         // decoded to: planes x primitives
-  std::uint32_t* damaged = nullptr;  // incremented for each block that ends in an invalid state
-  std::uint32_t primitives = 0, planes = 0;
+  std::uint8_t* symbols = nullptr;         // decoded to: planes x count
+  std::uint32_t* damaged = nullptr;     // incremented for each block that ends in an invalid state
+  std::uint32_t count = 0, planes = 0;  // symbols per plane, planes
 };
 
 // The work of a thread block: up to kRansWarps rANS blocks of a group, which share its tables.
@@ -32,8 +32,8 @@ struct RansWork {
   std::uint32_t first_block = 0;
 };
 
-// Returns the work for groups with the given numbers of primitives, in order.
-std::vector<RansWork> rans_work(std::span<const std::uint32_t> primitives);
+// Returns the work for groups with the given numbers of symbols per plane, in order.
+std::vector<RansWork> rans_work(std::span<const std::uint32_t> counts);
 
 // Starts decoding `count` works. `groups` and `work` are device addresses. Launch errors are
 // reported by cudaGetLastError().

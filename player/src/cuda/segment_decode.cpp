@@ -59,6 +59,8 @@ View view_of(const DeviceGaussians& set, Attribute attribute, int sh_degree) {
       return {set.opacity_logit, 1};
     case Attribute::kSh0:
       return {set.sh, sh_stride};
+    case Attribute::kShDegree:
+      return {};
     case Attribute::kSh1:
       return {set.sh + 3, sh_stride};
     case Attribute::kSh2:
@@ -83,7 +85,14 @@ std::uint32_t width_of(const CodedStream& stream) {
   if (stream.attribute == Attribute::kRotation) {
     return static_cast<std::uint32_t>(stream.components);
   }
-  return stream.mapping == Mapping::kColour ? 3 : 1;
+  const bool three = stream.mapping == Mapping::kColour || stream.attribute == Attribute::kLogScale;
+  return three ? 3 : 1;
+}
+
+// Returns whether other streams depend on the integers of this one.
+bool is_kept(const CodedStream& stream) {
+  return stream.attribute == Attribute::kSigma || stream.attribute == Attribute::kRadius ||
+         stream.attribute == Attribute::kLogScale;
 }
 
 // Memory for a segment, bytes: uploaded, and on the device only.
@@ -92,21 +101,24 @@ struct Need {
 };
 
 Need need_of(const CodedSegment& segment) {
-  const std::size_t n = segment.primitives, chunks = map_chunks(segment.primitives);
   Need need;
   for (const CodedRecord& record : segment.records) {
     need.upload += aligned(record.stored.size()) + aligned(record.bytes.size()) +
-                   aligned(sizeof(RansBlockLocation) * record.blocks.size()) +
-                   aligned(sizeof(std::uint16_t) * record.tables.size()) +
-                   sizeof(RansLookup) * record.lookups.size() + sizeof(RansGroup) +
-                   sizeof(RansWork) * (record.blocks.size() / kRansWarps + 1);
-    need.scratch += aligned(n * record.tables.size());
+                   sizeof(RansLookup) * record.lookups.size();
+    for (const CodedGroup& group : record.groups) {
+      need.upload += aligned(sizeof(RansBlockLocation) * group.blocks.size()) +
+                     aligned(sizeof(std::uint16_t) * group.tables.size()) + sizeof(RansGroup) +
+                     sizeof(RansWork) * (group.blocks.size() / kRansWarps + 1);
+      need.scratch += aligned(std::size_t{group.symbols} * group.tables.size());
+    }
     for (const CodedStream& stream : record.streams) {
+      const std::size_t chunks = map_chunks(stream.symbols);
       need.upload += aligned(sizeof(MapPlane) * stream.planes.size()) + sizeof(MapJob) +
-                     sizeof(std::uint32_t) + 2 * sizeof(MapWork) * chunks * stream.components;
-      if (is_summed(stream)) {
-        need.scratch += aligned(sizeof(std::uint64_t) * chunks * stream.components);
-      }
+                     sizeof(std::uint32_t) + 2 * sizeof(MapWork) * chunks * stream.components +
+                     aligned(sizeof(std::uint32_t) * stream.members.size());
+      if (is_summed(stream))
+        need.scratch += aligned(sizeof(std::uint32_t) * chunks * stream.components);
+      if (is_kept(stream)) need.scratch += aligned(sizeof(std::uint32_t) * stream.symbols);
     }
   }
   return need;
@@ -115,12 +127,13 @@ Need need_of(const CodedSegment& segment) {
 constexpr std::size_t kPlanArrays = 7;  // per plan, each aligned
 constexpr int kPhases = 2;              // of mapping
 
-// Returns whether all spherical harmonics of the file's degree are present.
+// Returns whether all primitives have all spherical harmonics of the file's degree.
 bool has_sh(const CodedSegment& segment) {
   std::size_t coefficients = 0;
   for (const CodedRecord& record : segment.records) {
     for (const CodedStream& stream : record.streams) {
-      if (stream.attribute >= Attribute::kSh0) coefficients += stream.components;
+      if (stream.attribute >= Attribute::kSh0 && stream.members.empty())
+        coefficients += stream.components;
     }
   }
   return coefficients ==
@@ -138,11 +151,21 @@ class SegmentDecoder::Plan {
   void add(const CodedSegment& segment, const DeviceGaussians& to) {
     for (const CodedRecord& record : segment.records) {
       const std::uint8_t* const stored = upload_.add(record.stored);
-      const std::uint8_t* const symbols = take(segment.primitives * record.tables.size());
-      if (!record.tables.empty()) add_group(segment, record, const_cast<std::uint8_t*>(symbols));
-      for (const CodedStream& stream : record.streams) {
-        add_stream(segment, to, stream, symbols, stored);
+      const std::uint8_t* const bytes = upload_.add(record.bytes);
+      const std::uint32_t* const lookups =
+          record.own_tables ? reinterpret_cast<const std::uint32_t*>(upload_.add(record.lookups))
+                            : tables_;
+      std::size_t planes = 0;  // bytes
+      for (const CodedGroup& group : record.groups)
+        planes += std::size_t{group.symbols} * group.tables.size();
+      std::uint8_t* const symbols = take(planes);
+      std::uint8_t* next = symbols;
+      for (const CodedGroup& group : record.groups) {
+        add_group(group, bytes, lookups, next);
+        next += std::size_t{group.symbols} * group.tables.size();
       }
+      for (const CodedStream& stream : record.streams)
+        add_stream(segment, to, stream, symbols, stored);
     }
     ++flags_;
   }
@@ -178,72 +201,88 @@ class SegmentDecoder::Plan {
     return at;
   }
 
-  void add_group(const CodedSegment& segment, const CodedRecord& record, std::uint8_t* symbols) {
+  void add_group(const CodedGroup& coded, const std::uint8_t* bytes, const std::uint32_t* lookups,
+                 std::uint8_t* symbols) {
     RansGroup group;
-    group.bytes = upload_.add(record.bytes);
-    group.blocks = upload_.add(record.blocks);
-    group.tables = upload_.add(record.tables);
-    group.lookups = record.own_tables
-                        ? reinterpret_cast<const std::uint32_t*>(upload_.add(record.lookups))
-                        : tables_;
+    group.bytes = bytes + coded.offset;
+    group.blocks = upload_.add(coded.blocks);
+    group.tables = upload_.add(coded.tables);
+    group.lookups = lookups;
     group.symbols = symbols;
     group.damaged = flags_;
-    group.primitives = segment.primitives;
-    group.planes = size_of(record.tables);
+    group.count = coded.symbols;
+    group.planes = size_of(coded.tables);
     groups_.push_back(group);
-    group_sizes_.push_back(segment.primitives);
+    group_sizes_.push_back(coded.symbols);
   }
 
-  const MapPlane* add_planes(const CodedSegment& segment, const CodedStream& stream,
-                             const std::uint8_t* symbols, const std::uint8_t* stored) {
+  const MapPlane* add_planes(const CodedStream& stream, const std::uint8_t* symbols,
+                             const std::uint8_t* stored) {
     std::vector<MapPlane> planes;
     for (const CodedPlane& plane : stream.planes) {
-      const std::size_t at = std::size_t{plane.number} * segment.primitives;
       switch (plane.source) {
         case CodedPlane::Source::kConstant:
           planes.push_back({nullptr, plane.only});
           break;
         case CodedPlane::Source::kGroup:
-          planes.push_back({symbols + at, 0});
+          planes.push_back({symbols + plane.offset, 0});
           break;
         case CodedPlane::Source::kStored:
-          planes.push_back({stored + at, 0});
+          planes.push_back({stored + plane.offset, 0});
           break;
       }
     }
     return upload_.add(planes);
   }
 
+  std::uint32_t* take_numbers(std::size_t count) {
+    return reinterpret_cast<std::uint32_t*>(take(sizeof(std::uint32_t) * count));
+  }
+
+  // Sets what a stream needs of others, and leaves to them.
+  void link(const CodedSegment& segment, const CodedStream& stream, MapJob& job) {
+    job.sigma = kept_[0];
+    job.radius = kept_[1];
+    job.spread = kept_[2];
+    job.part_exponent = segment.part_exponent;
+    std::copy(segment.shape_bounds.begin(), segment.shape_bounds.end(), job.shape_bounds);
+    if (!is_kept(stream)) return;
+    job.keep = take_numbers(stream.symbols);
+    kept_[stream.attribute == Attribute::kSigma    ? 0
+          : stream.attribute == Attribute::kRadius ? 1
+                                                   : 2] = job.keep;
+  }
+
   void add_stream(const CodedSegment& segment, const DeviceGaussians& to, const CodedStream& stream,
                   const std::uint8_t* symbols, const std::uint8_t* stored) {
-    const std::uint32_t number = size_of(jobs_), chunks = map_chunks(segment.primitives);
+    const std::uint32_t number = size_of(jobs_), chunks = map_chunks(stream.symbols);
     const View view = view_of(to, stream.attribute, segment.sh_degree);
     MapJob job;
-    job.planes = add_planes(segment, stream, symbols, stored);
+    job.planes = add_planes(stream, symbols, stored);
     job.to = view.data;
     job.stride = view.stride;
-    job.sigma = to.sigma;
-    job.radius = to.radius;
-    job.log_scale = to.log_scale;
+    if (!stream.members.empty()) job.members = upload_.add(stream.members);
+    link(segment, stream, job);
     job.is_invalid = flags_;
     job.first_key = segment.first_key;
     std::copy(stream.origin.begin(), stream.origin.end(), job.origin);
-    job.part_ticks = segment.part_ticks;
-    job.time_origin = static_cast<std::int32_t>(time_origin(segment.begin, stream.step));
-    job.primitives = segment.primitives;
+    if (stream.mapping == Mapping::kTime)
+      job.time_base = static_cast<float>(time_base(segment.begin, stream.step));
+    job.values = stream.symbols;
     job.chunks = chunks;
     job.step = stream.step;
     job.max_steps = max_steps(stream.mapping, stream.step.multiplier);
     job.components = static_cast<std::uint32_t>(stream.components);
     job.digits = static_cast<std::uint32_t>(stream.digits);
+    job.low = static_cast<std::uint32_t>(stream.low);
+    job.low_digits = (job.low + 7) / 8;
     job.width = width_of(stream);
     job.attribute = stream.attribute;
     job.mapping = stream.mapping;
     job.prediction = stream.prediction;
     std::copy(stream.digit_bits.begin(), stream.digit_bits.end(), job.digit_bits);
     if (is_summed(stream)) {
-      job.sums = reinterpret_cast<std::uint64_t*>(
-          take(sizeof(std::uint64_t) * chunks * stream.components));
+      job.sums = take_numbers(chunks * stream.components);
       summed_.push_back(number);
     }
     jobs_.push_back(job);
@@ -260,7 +299,8 @@ class SegmentDecoder::Plan {
   Upload upload_;
   std::uint8_t* scratch_;
   const std::uint32_t* tables_;
-  std::uint32_t* flags_;  // of the segment being added
+  std::uint32_t* flags_;         // of the segment being added
+  std::uint32_t* kept_[3] = {};  // of the segment: sigma, radius and log scales
   std::vector<MapJob> jobs_;
   std::vector<std::uint32_t> summed_;  // indices of jobs with sums
   std::vector<MapWork> sum_work_, work_[kPhases];

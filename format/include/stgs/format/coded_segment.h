@@ -54,9 +54,9 @@ enum class Prediction : std::uint8_t {
 };
 
 inline constexpr std::size_t kMaxDigits = 8;  // of a value
-inline constexpr int kKeyBits = 10;      // of a Morton key, per axis
-inline constexpr int kMaxLowBits = 14;   // of a position below its key, per axis
-inline constexpr int kShBands = 3;       // above degree 0
+inline constexpr int kKeyBits = 10;           // of a Morton key, per axis
+inline constexpr int kMaxLowBits = 14;        // of a position below its key, per axis
+inline constexpr int kShBands = 3;            // above degree 0
 // Range of a step's exponent (spec 8.5). Within it no result is subnormal or infinite and every
 // product is exact, so flushing subnormals or fusing multiply-adds does not change the result.
 inline constexpr int kMinExponent = -100, kMaxExponent = 100;
@@ -103,10 +103,10 @@ struct CodedStream {
   Mapping mapping = Mapping::kFloat;
   Prediction prediction = Prediction::kPlain;
   Step step;
-  std::uint32_t symbols = 0;                          // of a plane
+  std::uint32_t symbols = 0;           // of a plane
   std::vector<std::uint32_t> members;  // the primitives with a value; empty: all of them
-  std::size_t components = 0;                         // per primitive
-  std::size_t digits = 0;                             // per value, lowest first
+  std::size_t components = 0;          // per primitive
+  std::size_t digits = 0;              // per value, lowest first
   int low = 0;                         // bits of the low components, with kMorton
   std::array<std::uint8_t, kMaxDigits> digit_bits{};  // bits of each digit
   std::array<float, 3> origin{};
@@ -123,21 +123,21 @@ struct CodedGroup {
 
 // One record of a segment.
 struct CodedRecord {
-  std::vector<CodedStream> streams;       // in file order
+  std::vector<CodedStream> streams;  // in file order
   std::vector<CodedGroup> groups;
-  std::vector<std::uint8_t> bytes;        // of the groups
-  bool own_tables = false;                // tables are in `lookups`, not in the file's tables
-  std::vector<RansLookup> lookups;        // empty unless own_tables
-  std::vector<std::uint8_t> stored;       // planes not coded with rANS, one symbol per primitive
+  std::vector<std::uint8_t> bytes;   // of the groups
+  bool own_tables = false;           // tables are in `lookups`, not in the file's tables
+  std::vector<RansLookup> lookups;   // empty unless own_tables
+  std::vector<std::uint8_t> stored;  // planes not coded with rANS, one symbol per primitive
 };
 
 // A segment, ready for decoding.
 struct CodedSegment {
   std::uint32_t primitives = 0;
-  int sh_degree = 0;                 // of the file
-  int part_exponent = 0;             // floor(log2) of the length of its part, ticks
-  double begin = 0;                  // ticks from the beginning of its part, before cutting
-  std::uint32_t first_key = 0;       // of positions with Prediction::kMorton
+  int sh_degree = 0;            // of the file
+  int part_exponent = 0;        // floor(log2) of the length of its part, ticks
+  double begin = 0;             // ticks from the beginning of its part, before cutting
+  std::uint32_t first_key = 0;  // of positions with Prediction::kMorton
   std::array<std::uint32_t, 6> shape_bounds{};  // of the step of the log scales
   std::vector<CodedRecord> records;  // the base record, then the SH record if there is one
 };

@@ -44,8 +44,8 @@ struct RansBlockLocation {
 };
 
 // Locates the blocks of a group of planes of n symbols. On success, decoders read within `bytes`
-// only and all states are valid (spec 7.3); otherwise kInvalidFile. Allocates at most twice the size of
-// `bytes`.
+// only and all states are valid (spec 7.3); otherwise kInvalidFile. Allocates at most twice the
+// size of `bytes`.
 Result<std::vector<RansBlockLocation>> rans_layout(std::span<const std::uint8_t> bytes,
                                                    std::size_t n);
 
