@@ -61,8 +61,7 @@ def open_file(data, limits):
     have = head_records(head, header.growing(), reports)
     file.meta = metadata.read_meta(have[b"META"])
     file.frames, file.bounds = file.meta.frames, file.meta.bounds
-    if metadata.shown_as_0(file.meta):
-        reports.append(Refused("4.2", 201, "a convention that is displayed as another one"))
+    metadata.check_shown(file.meta, reports)
     if b"LAYT" in have:
         file.layouts = layouts.read_shared(have[b"LAYT"], limits.max_memory)
     if header.growing():
@@ -196,14 +195,16 @@ def follow_fragment(file, link, depth):
         return
     file.seen.add(link.offset)
     count_bytes(file, link.bytes)
-    try:
-        need(depth <= DEPTH, "5.2", 316, f"more than {DEPTH} links follow each other")
-        fragment = growing.read_fragment(file.data, link.offset, file.head)
-        need(fragment.end == link.offset + RECORD + link.bytes, "9.3", 313, "a FRAG record of another length")
-    except Refused as error:
+    if depth > DEPTH:
+        error = Refused("5.2", 316, f"more than {DEPTH} links follow each other")
         file.lost.append(("fragment", link.offset, error))
-        if depth <= DEPTH:
-            follow_instead(file, link.offset, depth)
+        return
+    try:
+        fragment = growing.read_fragment(file.data, link.offset, file.head)
+        need(fragment.end == link.offset + RECORD + link.bytes, "9.4", 313, "a FRAG record of another length")
+    except Refused as error:
+        file.lost.append(("fragment", link.offset, Refused("9.5", 313, str(error))))
+        follow_instead(file, link.offset, depth)
         return
     use_node(file, fragment, depth)
 

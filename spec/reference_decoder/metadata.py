@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from fields import Fields, need
+from fields import Fields, Refused, need
 
 
 @dataclass
@@ -74,9 +74,12 @@ def check_camera(m):  # 4.3
     need(det > 0, "4.3", 204, "the start camera's rotation mirrors")
 
 
-def shown_as_0(m):
-    """Returns whether an unknown number is displayed as another, which is reported (4.2, 4.4)."""
-    return m.kernel != 0 or m.sh != 0 or m.primaries not in (1, 9, 12) or m.transfer not in (1, 8, 13)
+def check_shown(m, reports):
+    """Reports unknown numbers that are displayed as known ones (4.2, 4.4)."""
+    if m.kernel != 0 or m.sh != 0:
+        reports.append(Refused("4.2", 201, f"kernel {m.kernel} and SH {m.sh} are displayed as 0"))
+    if m.primaries not in (1, 9, 12) or m.transfer not in (1, 8, 13):
+        reports.append(Refused("4.4", 208, f"colours {m.primaries}, {m.transfer} are displayed as BT.709, sRGB"))
 
 
 def read_private_names(payload):  # 3.5

@@ -21,11 +21,14 @@ class Vector:
     reports: bool   # an error is reported and reading continues
     validator: list  # issues that only a validator reports
     floats: bool    # the manifest states the floats
+    found: str      # the clause by which the reference decoder refuses a part, if not `clause`
 
 
-def vector(name, clause, about, file, limits=None, fails=False, reports=False, validator=(), floats=False):
+def vector(name, clause, about, file, limits=None, fails=False, reports=False, validator=(), floats=False,
+           clause_of=""):
     data = file if isinstance(file, bytes) else file.bytes()
-    VECTORS.append(Vector(name, clause, about, data, limits or {}, fails, reports, list(validator), floats))
+    VECTORS.append(Vector(name, clause, about, data, limits or {}, fails, reports, list(validator), floats,
+                          clause_of or clause))
 
 
 def must_fail(name, clause, about, file, limits=None, **more):
