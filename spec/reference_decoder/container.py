@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clauses 2, 3 and 5: header, records, heads, growing files, IMPO."""
+"""Opens a file: the head, all nodes of the index (5.2, 9.3), and IMPO (11.9)."""
 import math
-from dataclasses import dataclass, field, replace
-from operator import le
+from dataclasses import dataclass, field
 
+import growing
 import layouts
-from copies import HEADER, MAGIC, repaired_head
-from fields import RECORD, Fields, Refused, checksum, need, record_at
-from index import read_index
-from metadata import read_meta, read_private_names, read_window
+import metadata
+from fields import RECORD, Fields, Refused, intact_record, need, record_header
+from head import head_records, open_head
+from index import Node, read_node
 
-CRITICAL = (b"META", b"LAYT", b"INDX", b"FRAG", b"SEGM")  # 3.2
+DEPTH = 8  # 5.2
 
 
 @dataclass
@@ -22,255 +22,227 @@ class Limits:  # conformance.md 1.5
 @dataclass
 class File:
     data: bytes
-    head_bytes: int = 0
+    limits: Limits
+    end: int = 0                 # of the file, as it states or as the last fragment shows
+    head: bytes = b""
+    state: str = "finished"      # or "growing", "closed"
     frames: int = 0
-    degree: int = 0
-    profile: int = 0
+    bounds: list = None
+    total: int = 0               # primitives, as the file states
+    meta: metadata.Meta = None
     layouts: object = field(default_factory=layouts.Layouts)
-    tiers: list = field(default_factory=list)
-    entries: int = 0         # of the index: parts, tiers, further records
-    limits: Limits = None
-    body_at: int = 0         # end of the last record that the index lists
-    end: int = 0             # end of the complete content
-    growing: bool = False
-    minor: int = 0
-    chunk: float = None
-    damage: list = field(default_factory=list)  # Refused: errors after which reading continues
+    window: tuple = None
+    private: list = field(default_factory=list)
+    error_bounds: list = field(default_factory=list)
+    step: bytes = None
+    nodes: list = field(default_factory=list)
+    links: list = field(default_factory=list)
+    reports: list = field(default_factory=list)   # Refused: errors after which reading continues
+    lost: list = field(default_factory=list)      # (tag, offset, Refused) of nodes
+    seen: set = field(default_factory=set)        # offsets of linked records
+    seen_earlier: set = field(default_factory=set)  # fragments whose earlier links are followed
+    node_bytes: int = 0
+    entries: int = 0
 
-
-def read_header(data):
-    need(len(data) >= HEADER, "2.2", "too short for a header")
-    need(data[:8] == MAGIC, "2.1", "wrong magic bytes")
-    fields = Fields(data[8:HEADER], "2.2")
-    major, minor, flags = fields.u16(), fields.u16(), fields.u32()
-    file_bytes, head_bytes = fields.u64(), fields.u64()
-    need(fields.u64() == checksum(data[:32]), "2.2", "the header's checksum")
-    need(major == 1, "2.5", f"version {major}.{minor}", unsupported=True)
-    need(flags & 0xFFFE == 0, "2.4", f"flags {flags:#x}", unsupported=True)
-    growing = flags & 1 == 1
-    need(file_bytes == 0 or not growing, "2.6", "a growing file that states its size")
-    need(growing or HEADER <= head_bytes <= file_bytes, "2.3", f"a head of {head_bytes} bytes")
-    need(head_bytes >= HEADER, "2.3", f"a head of {head_bytes} bytes")
-    need(head_bytes <= len(data), "2.6", "shorter than its head")
-    return head_bytes, len(data) if growing else file_bytes, growing, minor
-
-
-def known(tag, flags, tags):
-    """Returns whether a record is one of these critical ones; refuses records that must not be
-    skipped (3.2, 3.4)."""
-    if tag in tags and flags == 1:
-        return True
-    need(flags & 1 == 0, "3.4", f"critical record {tag}, flags {flags}", unsupported=True)
-    need(tag not in CRITICAL or flags != 0, "3.2", f"record {tag} is not marked critical")
-    return False
-
-
-def read_aside(file, tag, payload, payload_sum, have):
-    """Reads WNDW or PRIV; reports its errors and ignores it then (3.4)."""
-    try:
-        need(checksum(payload) == payload_sum, "3.1", f"the checksum of {tag}")
-        need(tag not in have, "2.3", f"a second {tag}")
-        if tag == b"PRIV":
-            read_private_names(payload)
-        else:
-            read_window(payload)
-        have[tag] = payload
-    except Refused as error:
-        file.damage.append(error)
-
-
-def read_head(file, limits):
-    need(file.head_bytes <= limits.max_memory, "conformance 1.5", f"a head of {file.head_bytes} bytes",
-         unsupported=True)
-    have = {}
-    at = HEADER
-    while at < file.head_bytes:
-        tag, flags, payload, payload_sum = record_at(file.data, at, file.head_bytes)
-        at += RECORD + len(payload)
-        tags = (b"META", b"LAYT") if file.growing else (b"META", b"LAYT", b"INDX")
-        if tag in (b"WNDW", b"PRIV") and flags == 0:
-            read_aside(file, tag, payload, payload_sum, have)
-            continue
-        if not known(tag, flags, tags):
-            continue
-        need(checksum(payload) == payload_sum, "3.1", f"the checksum of {tag}")
-        need(tag not in have, "2.3", f"a second {tag}")
-        need(tag != b"INDX" or b"META" in have, "2.3", "INDX before META")
-        have[tag] = payload
-        if tag == b"META":
-            read_meta(file, payload)
-    need(b"META" in have and (file.growing or b"INDX" in have), "2.3", "no META or INDX")
-    if b"LAYT" in have:
-        file.layouts = layouts.read_layouts(Fields(have[b"LAYT"], "6.2"), limits.max_memory)
-    if file.growing:
-        read_fragments(file)
-    if b"WNDW" in have:
-        first, capture_frames = read_window(have[b"WNDW"])
-        if first + file.frames > capture_frames:
-            file.damage.append(Refused("4.5", "the training window is not within its capture"))
-    if not file.growing:
-        if len(file.data) != file.end:
-            file.damage.append(Refused("2.6", f"{len(file.data)} bytes, not {file.end}"))
-        read_index(file, Fields(have[b"INDX"], "5.2"), file.head_bytes)
-    check_limits(file, limits)
-
-
-class Fragment:
-    """The FRAG record at `at`, if it is valid; it must end at or before `end` (5.12)."""
-
-    def __init__(self, file, at, end):
-        need(at >= file.head_bytes, "5.12", f"a fragment at byte {at}")
-        tag, flags, payload, payload_sum = record_at(file.data, at, end)
-        need((tag, flags) == (b"FRAG", 1) and len(payload) >= 72, "5.12", f"no FRAG record at byte {at}")
-        need(checksum(payload) == payload_sum, "5.12", f"the checksum of the fragment at byte {at}")
-        self.at, self.end = at, at + RECORD + len(payload)
-        self.index = Fields(payload[:-8], "5.12")
-        self.frames, self.flags = self.index.u32(), self.index.u32()
-        self.bounds = [self.index.f32() for _ in range(6)]
-        own, head = self.index.u64(), self.index.u64()
-        self.previous, self.before = self.index.u64(), self.index.u64()
-        need(own == at and head == checksum(file.data[:file.head_bytes]), "5.12",
-             f"the fragment at byte {at} belongs to another offset or file")
-
-
-def reachable_fragment(file, at, end):
-    """Returns the FRAG record at `at` if it is reachable (5.12), otherwise None."""
-    try:
-        found = Fragment(file, at, end)
-        at = file.head_bytes
-        if found.before != 0:
-            need(found.before >= file.head_bytes, "5.12", "a FRAG record in the head")
-            tag, flags, payload, _ = record_at(file.data, found.before, found.at)
-            need((tag, flags) == (b"FRAG", 1) and len(payload) >= 72, "5.12", "not a FRAG record")
-            at = found.before + RECORD + len(payload)
-        first = at
-        while at != found.at:
-            try:
-                tag, flags, payload, _ = record_at(file.data, at, found.at)
-            except Refused:
-                return found if file.minor >= 1 and lists_a_record(file, found, first) else None
-            if (tag, flags) == (b"SEGM", 1):
-                break
-            at += RECORD + len(payload)
-        return found
-    except Refused:
-        return None
-
-
-def lists_a_record(file, found, first):
-    """Returns whether one of the records of content 0 that a FRAG record lists, at or after `first`,
-    has a valid header."""
-    listed = replace(file, tiers=[], chunk=None)
-    read_index(listed, Fields(found.index.data[found.index.at:], "5.12"), found.previous or file.head_bytes, found.at)
-    for tier in listed.tiers:
-        try:
-            tag, flags, _, _ = record_at(file.data, tier.base.offset, found.at)
-            if tier.base.offset >= first and (tag, flags) == (b"SEGM", 1):
-                return True
-        except Refused:
-            pass
-    return False
-
-
-def last_before(file, end):
-    """Returns the reachable FRAG record that begins last of those that end at or before `end`, or
-    None."""
-    at = end
-    while (at := file.data.rfind(b"FRAG", file.head_bytes, at)) >= 0:
-        found = reachable_fragment(file, at, end)
-        if found:
-            return found
-        at += 3  # finds tags that begin before this one
-    return None
-
-
-def last_fragment(file):
-    data = file.data
-    if len(data) >= file.head_bytes + RECORD + 8:
-        at = len(data) - RECORD - int.from_bytes(data[-8:], "little")
-        found = reachable_fragment(file, at, len(data)) if at >= file.head_bytes else None
-        if found:
-            return found
-    return last_before(file, len(data))
-
-
-def read_fragments(file):  # 5.12
-    last = last_fragment(file)
-    file.end = file.body_at = file.head_bytes
-    if last is None:
-        return
-    file.end = last.end
-    need(last.flags & 0xFFFE == 0, "5.12", f"a fragment's flags {last.flags}", unsupported=True)
-    need(last.frames > 0, "5.12", "a file of no frames")
-    need(all(map(math.isfinite, last.bounds)) and all(map(le, last.bounds[:3], last.bounds[3:])),
-         "4.3", "the bounds")
-    if last.flags & 1 == 1 and file.end < len(file.data):
-        file.damage.append(Refused("5.12", "bytes after a closed fragment"))
-    file.frames = last.frames
-    chain = [last]
-    while chain[0].previous != 0:
-        at = chain[0].previous
-        need(file.head_bytes <= at < chain[0].at, "5.12", f"a fragment follows one at byte {at}")
-        try:
-            found = Fragment(file, at, chain[0].at)
-        except Refused:
-            file.damage.append(Refused("5.12", f"the fragment at byte {at} is damaged"))
-            found = last_before(file, at)
-            if found is None:
-                break
-        chain.insert(0, found)
-    size = sum(len(found.index.data) + 8 for found in chain)
-    need(size <= file.limits.max_memory, "conformance 1.5", f"{size} bytes of index", unsupported=True)
-    for found in chain:
-        need(found.flags & 0xFFFE == 0, "5.12", f"a fragment's flags {found.flags}", unsupported=True)
-        need(found.flags & 1 == 0 or found is last, "5.12", "a fragment follows a closed one")
-        read_index(file, found.index, found.previous or file.head_bytes, found.at)
-
-
-def check_limits(file, limits):
-    total = sum(tier.n for tier in file.tiers)
-    need(total <= limits.max_primitives, "conformance 1.5", f"{total} primitives", unsupported=True)
-    need(512 * (file.entries - 1024) <= limits.max_memory, "conformance 1.5",
-         f"{file.entries} entries of the index", unsupported=True)
-    for tier in file.tiers:
-        need(floats_bytes(file, tier) <= limits.max_memory, "conformance 1.5",
-             f"{tier.n} primitives in a segment", unsupported=True)
-
-
-def floats_bytes(file, tier):
-    return 4 * (17 + 3 * (file.degree + 1) ** 2) * tier.n
-
-
-def present(file, at, size):  # 2.6
-    need(min(at + size, file.end) <= len(file.data), "2.6", "bytes missing from a truncated file")
-
-
-def read_importance(file):
-    """Returns the payload of the first IMPO record after the last SEGM record, or None (5.11)."""
-    at = file.body_at
-    while at < file.end:
-        present(file, at, RECORD)
-        length = int.from_bytes(file.data[at + 8:at + 16], "little")
-        tag, flags, payload, payload_sum = record_at(file.data, at, file.end)
-        at += RECORD + length
-        if tag != b"IMPO" or flags != 0:
-            continue
-        present(file, at - length, length)
-        need(checksum(payload) == payload_sum, "3.1", "the checksum of IMPO")
-        need(len(payload) == 4 * sum(tier.n for tier in file.tiers), "5.11", "the size of IMPO")
-        fields = Fields(payload, "5.11")
-        for _ in range(len(payload) // 4):
-            value = fields.f32()
-            need(math.isfinite(value) and value >= 0, "5.11", f"an importance of {value}")
-        return payload
-    return None
+    def runs(self):
+        return [run for node in self.nodes for run in node.runs]
 
 
 def open_file(data, limits):
-    head = repaired_head(data, limits)
-    file = File(data if head is None else head + data[len(head):], limits=limits)
-    if head is not None:
-        file.damage.append(Refused("3.6", "the head is damaged and was read from its copy"))
-    file.head_bytes, file.end, file.growing, file.minor = read_header(file.data)
-    read_head(file, limits)
+    reports = []
+
+    def fragment_head():
+        found = growing.last_fragment(data, None, limits.max_memory)
+        return found.head if found else b""
+
+    header, head = open_head(data, fragment_head, reports)
+    file = File(data, limits, header.file_bytes, head, reports=reports)
+    need(len(head) <= limits.max_memory, "conformance 1.5", 308, f"a head of {len(head)} bytes")
+    have = head_records(head, header.growing(), reports)
+    file.meta = metadata.read_meta(have[b"META"])
+    file.frames, file.bounds = file.meta.frames, file.meta.bounds
+    metadata.check_shown(file.meta, reports)
+    if b"LAYT" in have:
+        file.layouts = layouts.read_shared(have[b"LAYT"], limits.max_memory)
+    if header.growing():
+        read_growing(file)
+    else:
+        if len(data) != file.end:
+            reports.append(Refused("2.4", 106, f"{len(data)} bytes instead of {file.end}"))
+            file.data = data[:file.end]
+        read_index(file, have[b"INDX"])
+    read_aside(file, have)
+    check_limits(file)
     return file
+
+
+def read_aside(file, have):
+    """Reads the records of the head that are not critical; errors are reported (3.4)."""
+    try:
+        file.private = metadata.read_private_names(have.get(b"PRIV", b"\0\0"))
+    except Refused as error:
+        file.reports.append(error)
+    try:
+        if b"WNDW" in have:
+            file.window = metadata.read_window(have[b"WNDW"], file.frames)
+    except Refused as error:
+        file.reports.append(error)
+    try:
+        file.error_bounds = metadata.read_error_bounds(have.get(b"ERRB", b"\0\0"))
+    except Refused as error:
+        file.reports.append(error)
+    file.step = have.get(b"STEP")
+
+
+def read_index(file, payload):  # 5.1
+    fields = Fields(payload, "5.1", 300)
+    file.total = fields.number()
+    totals = fields.number()
+    need(totals <= 1024, "5.1", 300, f"{totals} attribute totals")
+    for _ in range(totals):
+        need(fields.number() <= 65535, "5.1", 300, "an attribute above 65535")
+        fields.number()
+    node = read_node(fields, 0, (len(file.head), file.end))
+    add_node(file, node)
+    for link in node.links:
+        follow_page(file, link, 1)
+
+
+def add_node(file, node):
+    file.nodes.append(node)
+    file.links += node.links
+    file.entries += node.entries()
+    need(512 * (file.entries - 1024) <= file.limits.max_memory, "conformance 1.5", 308,
+         f"{file.entries} entries of the index")
+
+
+def count_bytes(file, size):  # conformance.md 1.5
+    file.node_bytes += size
+    need(file.node_bytes <= file.limits.max_memory, "conformance 1.5", 308, f"{file.node_bytes} bytes of nodes")
+
+
+def follow_page(file, link, depth):  # 5.2
+    if link.offset in file.seen:
+        return
+    file.seen.add(link.offset)
+    count_bytes(file, link.bytes)
+    try:
+        need(depth <= DEPTH, "5.2", 316, f"more than {DEPTH} links follow each other")
+        node = read_page(file, link)
+    except Refused as error:
+        file.lost.append(("page", link.offset, error))
+        return
+    add_node(file, node)
+    for further in node.links:
+        follow_page(file, further, depth + 1)
+
+
+def read_page(file, link):
+    try:
+        payload = page_payload(file, link.offset, link.bytes)
+    except Refused as damage:
+        if link.copy == 0:
+            raise
+        try:
+            payload = page_payload(file, link.copy, link.bytes)
+        except Refused:
+            raise damage from None
+        file.reports.append(Refused("5.2", 118, f"the PAGE record at {link.offset} was read from its copy"))
+    return read_node(Fields(payload, "5.2", 300), link.offset, (len(file.head), file.end))
+
+
+def page_payload(file, at, size):
+    tag, flags, payload = intact_record(file.data, at, file.end)
+    need((tag, flags, len(payload)) == (b"PAGE", 1, size), "5.2", 317, f"no PAGE record of {size} bytes at {at}")
+    return payload
+
+
+def read_growing(file):  # 9
+    file.state = "growing"
+    last = growing.last_fragment(file.data, file.head, file.limits.max_memory)
+    if last is None:  # before the first fragment
+        file.end = len(file.head)
+        return
+    need(last.flags & 0xFFFE == 0, "9.2", 113, f"flags {last.flags:#x} of a fragment")
+    file.end, file.frames, file.bounds, file.total = last.end, last.frames, last.bounds, last.total
+    if last.flags & 1 == 1:
+        file.state = "closed"
+        if file.end < len(file.data):
+            file.reports.append(Refused("9.4", 106, "bytes after a closed fragment"))
+    file.seen.add(last.at)
+    count_bytes(file, last.end - last.at - RECORD)
+    use_node(file, last, 0)
+    use_earlier(file, last, 0)
+
+
+def use_node(file, fragment, depth):  # 9.3
+    add_node(file, fragment.node)
+    for link in fragment.node.links:
+        follow_fragment(file, link, depth + 1)
+
+
+def use_earlier(file, fragment, depth):  # 9.3, 9.5
+    if fragment.at in file.seen_earlier:
+        return
+    file.seen_earlier.add(fragment.at)
+    file.links += fragment.earlier
+    for link in fragment.earlier:
+        follow_fragment(file, link, depth + 1)
+
+
+def follow_fragment(file, link, depth):
+    if link.offset in file.seen:
+        return
+    file.seen.add(link.offset)
+    count_bytes(file, link.bytes)
+    if depth > DEPTH:
+        error = Refused("5.2", 316, f"more than {DEPTH} links follow each other")
+        file.lost.append(("fragment", link.offset, error))
+        return
+    try:
+        fragment = growing.read_fragment(file.data, link.offset, file.head)
+        need(fragment.end == link.offset + RECORD + link.bytes, "9.4", 313, "a FRAG record of another length")
+    except Refused as error:
+        file.lost.append(("fragment", link.offset, Refused("9.5", 313, str(error))))
+        follow_instead(file, link.offset, depth)
+        return
+    use_node(file, fragment, depth)
+
+
+def follow_instead(file, offset, depth):  # 9.5
+    found = growing.last_before(file.data, offset, file.head, file.limits.max_memory)
+    if found is None:
+        return
+    if found.at not in file.seen:
+        file.seen.add(found.at)
+        count_bytes(file, found.end - found.at - RECORD)
+        use_node(file, found, depth)
+    use_earlier(file, found, depth)
+
+
+def check_limits(file):  # conformance.md 1.5
+    listed = sum(tier.n for run in file.runs() for s in run.segments for tier in s.tiers)
+    need(max(listed, file.total) <= file.limits.max_primitives, "conformance 1.5", 307,
+         f"{max(listed, file.total)} primitives")
+
+
+def read_importance(file):
+    """Returns the payload of the first IMPO record after the last SEGM record, or None (11.9)."""
+    if file.state != "finished":
+        return None
+    at = len(file.head)
+    for run in file.runs():
+        for s in run.segments:
+            for r in s.tiers + s.sh + s.further:
+                at = max(at, r.offset + RECORD + r.bytes)
+    while at < file.end:
+        tag, flags, length, _ = record_header(file.data, at, file.end)
+        if (tag, flags) == (b"IMPO", 0):
+            payload = intact_record(file.data, at, file.end)[2]
+            need(len(payload) == 4 * file.total, "11.9", 312, f"{len(payload)} bytes of importance")
+            fields = Fields(payload, "11.9", 312)
+            for value in fields.f32s(file.total):
+                need(0 <= value < math.inf, "11.9", 312, f"an importance of {value}")
+            return payload
+        at += RECORD + length
+    return None

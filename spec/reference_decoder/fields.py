@@ -1,48 +1,49 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shared by all clauses: reading fields, checksums, and refusing a file."""
+"""Clauses 1 and 3: fields, checksums, records, and refusing a file or a part of it."""
 import struct
+import zlib
 
-import xxhash
-
-RECORD = 32  # bytes of a record header (3.1)
+RECORD = 24  # bytes of a record header (3.1)
 
 
 class Refused(Exception):
-    """A "must" of the text that the file does not satisfy. `unsupported`: the file may be valid, but
-    uses features that this version does not know, or exceeds the limits."""
+    """A rule of the text that the file contradicts: its clause, and the number of the issue in
+    conformance.md 2."""
 
-    def __init__(self, clause, reason, unsupported=False):
-        super().__init__(f"clause {clause}: {reason}")
-        self.clause, self.reason, self.unsupported = clause, reason, unsupported
+    def __init__(self, clause, number, reason):
+        super().__init__(f"clause {clause}: {reason} (issue {number})")
+        self.clause, self.number = clause, number
 
 
-def need(holds, clause, reason, unsupported=False):
+def need(holds, clause, number, reason):
     if not holds:
-        raise Refused(clause, reason, unsupported)
+        raise Refused(clause, number, reason)
 
 
 def checksum(data):  # 1.5
-    return xxhash.xxh3_64_intdigest(bytes(data))
+    return zlib.crc32(data)
 
 
 class Fields:
-    """Reads one field after the other (1.3); refuses with `clause` if the bytes end too soon."""
+    """Reads one field after the other (1.3); if the bytes end too soon, it refuses them with `clause`
+    and `number`."""
 
-    def __init__(self, data, clause):
-        self.data, self.at, self.clause = data, 0, clause
+    def __init__(self, data, clause, number):
+        self.data, self.at, self.clause, self.issue = data, 0, clause, number
 
     def left(self):
         return len(self.data) - self.at
 
     def bytes(self, count):
-        need(count <= self.left(), self.clause, f"needs {count} bytes at {self.at}, has {self.left()}")
+        need(count <= self.left(), self.clause, self.issue,
+             f"needs {count} bytes at {self.at}, has {self.left()}")
         self.at += count
         return self.data[self.at - count:self.at]
 
     def _one(self, form):
         return struct.unpack("<" + form, self.bytes(struct.calcsize("<" + form)))[0]
 
-    def u8(self):  # 1.2
+    def u8(self):  # 1.4
         return self._one("B")
 
     def i8(self):
@@ -66,31 +67,47 @@ class Fields:
     def f64(self):
         return self._one("d")
 
-    def text(self):  # 1.4, 4.3
-        try:
-            return self.bytes(self.u32()).decode("utf-8")
-        except UnicodeDecodeError:
-            raise Refused("4.3", "a text that is not UTF-8") from None
+    def f32s(self, count):
+        return [self.f32() for _ in range(count)]
 
-    def number(self):  # 1.8
+    def text(self, number=None):  # 1.4
+        """Returns the bytes of a text; `number` is the issue of one that is not UTF-8."""
+        data = self.bytes(self.u32())
+        try:
+            data.decode("utf-8")
+        except UnicodeDecodeError:
+            raise Refused("1.4", number or self.issue, "a text that is not UTF-8") from None
+        return data
+
+    def number(self):  # 1.4
         value, shift = 0, 0
         while True:
             byte = self.u8()
             value |= (byte & 127) << shift
-            need(value < 1 << 64 and shift <= 63, "1.8", "a number beyond 64 bits")
+            need(value < 1 << 64, "1.4", self.issue, "a number beyond 64 bits")
             if byte < 128:
-                need(byte > 0 or shift == 0, "1.8", "a number of more bytes than it needs")
+                need(byte > 0 or shift == 0, "1.4", self.issue, "a number of more bytes than it needs")
                 return value
             shift += 7
+            need(shift < 70, "1.4", self.issue, "a number of more than ten bytes")
 
 
-def record_at(data, at, end):
-    """Returns tag, flags, payload and stated payload checksum of the record at `at` (3.1, 3.3)."""
-    need(end - at >= RECORD, "3.3", f"a record header is truncated at {at}")
-    head = data[at:at + RECORD]
-    fields = Fields(head, "3.1")
-    tag, flags, length = fields.bytes(4), fields.u32(), fields.u64()
-    payload_sum = fields.u64()
-    need(fields.u64() == checksum(head[:24]), "3.1", f"the checksum of the record header at {at}")
-    need(length <= end - at - RECORD, "3.3", f"record {tag} extends past the end of its area")
-    return tag, flags, data[at + RECORD:at + RECORD + length], payload_sum
+def record_header(data, at, end):
+    """Returns tag, flags, length of the payload and its stated checksum of the record at `at` in an
+    area that ends at `end` (3.1, 3.2). `data` may be truncated (2.4)."""
+    need(end - at >= RECORD, "3.2", 110, f"a record header is cut off at {at}")
+    need(at + RECORD <= len(data), "2.4", 106, f"the record at {at} is missing")
+    head = Fields(data[at:at + RECORD], "3.1", 110)
+    tag, flags, length, payload_sum = head.bytes(4), head.u32(), head.u64(), head.u32()
+    need(head.u32() == checksum(data[at:at + 20]), "3.1", 110, f"checksum of the record header at {at}")
+    need(length <= end - at - RECORD, "3.2", 111, f"the record at {at} extends past its area")
+    need(at + RECORD + length <= len(data), "2.4", 106, f"the record at {at} is cut off")
+    return tag, flags, length, payload_sum
+
+
+def intact_record(data, at, end):
+    """Returns tag, flags and payload of the record at `at`, if it is intact (3.2)."""
+    tag, flags, length, payload_sum = record_header(data, at, end)
+    payload = data[at + RECORD:at + RECORD + length]
+    need(checksum(payload) == payload_sum, "3.1", 112, f"checksum of the payload at {at}")
+    return tag, flags, payload

@@ -1,118 +1,169 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clauses 5.2 to 5.6: the index in the payloads of INDX and FRAG."""
+"""Clauses 5.2 to 5.6: nodes, their links, runs and segments. Times are integers here: those of parts
+in units of 2^-20 ticks, those of segments in units of 2^-21 ticks."""
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from fields import RECORD, need
 
+UNIT = 2.0 ** 20
+
 
 @dataclass
-class Record:  # location of a SEGM record
+class Link:  # 5.2
+    first: float
+    last: float
     offset: int
-    size: int
+    copy: int
+    bytes: int
 
 
 @dataclass
-class Tier:
-    """The primitives of one tier of a segment (5.3, 5.7)."""
+class Record:  # a SEGM record as the index lists it
+    offset: int
+    bytes: int    # of its payload
+    layer: int
+    n: int = 0    # primitives, for contents 0 and 1
+
+
+@dataclass
+class Segment:  # 5.3
     level: int
     slot: int
-    number: int
-    n: int
-    base: Record
-    sh: Record = None        # the record of content 1
-    part: tuple = None       # begin and end of its part
-    start: float = 0.0       # beginning of its interval (5.4), from the beginning of its part
+    start: int    # of its interval (5.4), from the beginning of its part
+    stop: int
+    tiers: list   # records of content 0
+    sh: list      # records of content 1, if `apart` is 1
+    further: list
 
 
-def read_index(file, fields, at, end=None):  # 5.2
-    chunk, stated = fields.f64(), fields.number()
-    need_chunk(chunk, "5.2")
-    need(file.chunk in (None, chunk), "5.12", "another chunk than the fragment before")
-    file.chunk = chunk
-    totals = fields.number()
-    need(totals <= 1024, "5.2", f"{totals} attribute totals")
-    for _ in range(totals):
-        need(fields.number() <= 65535, "5.2", "an attribute above 65535")
-        fields.number()
-    first = len(file.tiers)
-    for _ in range(count_of(fields, "5.2")):
-        at = read_part(file, fields, chunk, at, file.end if end is None else end)
-    file.body_at = at
-    total = sum(tier.n for tier in file.tiers[first:])
-    need(total == stated, "5.2", f"{total} primitives, not {stated}")
+@dataclass
+class Run:  # 5.3
+    part: int
+    begin: int
+    end: int
+    first: int    # of the interval in which the part is displayed
+    last: int
+    chunk: int
+    segments: list = field(default_factory=list)
 
 
-def need_chunk(chunk, clause):
-    need(2.0 ** -20 <= chunk <= 2.0 ** 32 and math.fmod(chunk, 2.0 ** -20) == 0, clause,
-         f"a chunk of {chunk} ticks")
+@dataclass
+class Node:  # 5.2
+    links: list
+    runs: list
+
+    def entries(self):  # conformance.md 1.5
+        return len(self.links) + sum(1 + len(s.tiers) + len(s.further) for r in self.runs for s in r.segments)
 
 
-def count_of(fields, clause):
+def count_of(fields):
     """Reads a count of items of at least one byte each."""
     count = fields.number()
-    need(count <= fields.left(), clause, f"{count} do not fit")
+    need(count <= fields.left(), fields.clause, fields.issue, f"{count} items do not fit")
     return count
 
 
-def read_part(file, fields, chunk, at, body_end):  # 5.3
-    begin, end = fields.f64(), fields.f64()
-    skip, other, cut = (number := fields.number()) // 4, number // 2 % 2, number % 2
-    first, last = (fields.f64(), fields.f64()) if cut else (max(begin, 0.0), end)
-    if other:
-        chunk = fields.f64()
-        need_chunk(chunk, "5.3")
-    for time in (begin, end, first, last):
-        need(abs(time) <= 2.0 ** 32 and math.fmod(time, 2.0 ** -20) == 0, "5.3", f"time {time}")
-    need(begin < end, "5.3", f"a part of [{begin}, {end})")
-    need(end - begin <= 2.0 ** 32, "5.3", f"a part of {end - begin} ticks")
-    need(not cut or max(begin, 0) <= first < last <= end, "5.3", f"[{first}, {last}) is displayed")
-    at += skip
-    need(at <= body_end, "5.3", "a skip beyond the body")
-    file.entries += 1
+def read_links(fields, own, body, growing):
+    """Reads links of the record at `own`; `body` is the beginning and the end of the area in which
+    records are."""
+    links = []
+    for _ in range(count_of(fields)):
+        link = Link(fields.f64(), fields.f64(), fields.number(), fields.number(), fields.number())
+        need(-math.inf < link.first <= link.last < math.inf, "5.2", 316, "the times of a link")
+        places = [link.offset] if link.copy == 0 else [link.offset, link.copy]
+        for at in places:
+            need(body[0] <= at and at + RECORD + link.bytes <= body[1], "5.2", 316, f"a link to {at}")
+        if growing:
+            need(link.copy == 0, "9.3", 316, "a copy of a FRAG record")
+        else:
+            need(link.offset > own, "5.2", 316, f"a link from {own} back to {link.offset}")
+        links.append(link)
+    return links
+
+
+def read_node(fields, own, body, growing=False):  # 5.2
+    links = read_links(fields, own, body, growing)
+    return Node(links, [read_run(fields, body) for _ in range(count_of(fields))])
+
+
+def ticks(value, number):
+    """Returns a time in units of 2^-20 ticks (5.3)."""
+    need(abs(value) <= 2.0 ** 32 and math.fmod(value * UNIT, 1.0) == 0, "5.3", number, f"time {value}")
+    return int(value * UNIT)
+
+
+def read_run(fields, body):  # 5.3
+    part = fields.number()
+    need(part < 1 << 32, "5.3", 300, f"part {part}")
+    times = [fields.f64() for _ in range(4)]
+    begin, end, first, last = [ticks(v, 311) for v in times]
+    chunk = ticks(fields.f64(), 301)
+    need(begin < end and end - begin <= 2.0 ** 32 * UNIT, "5.3", 311, "the length of a part")
+    need(max(begin, 0) <= first < last <= end, "5.3", 311, "the displayed interval of a part")
+    need(chunk >= 1, "5.3", 301, f"a chunk of {chunk}")
+    run = Run(part, begin, end, first, last, chunk)
+    at, count = fields.number(), count_of(fields)
+    need(at >= body[0], "5.3", 304, f"a run at {at}")
+    need(count >= 1, "5.3", 300, "a run of no segments")
     last_slot, last_order = {}, None
-    for _ in range(count_of(fields, "5.3")):
-        place, shape = fields.number(), fields.number()
-        level, tiers, more, apart = place % 32 - 1, shape // 4, shape // 2 % 2, shape % 2
-        slot = place // 32 + (last_slot[level] + 1 if level in last_slot else 0)
-        last_slot[level] = slot
-        need(slot < 1 << 32 and (level >= 0 or slot == 0), "5.3", f"slot {slot} of level {level}")
-        need(tiers <= 256 and (tiers > 0 or (more, apart) == (1, 0)), "5.3", f"{tiers} tiers")
-        start, stop = interval(level, slot, chunk, end - begin)
-        need(start < stop, "5.4", "a segment outside its part")
+    for _ in range(count):
+        segment, at = read_segment(fields, run, last_slot, at, body[1])
         # 5.6: by beginning; of two that begin together the longer first, a persistent one before all
-        order = (-math.inf, 0) if level < 0 else (start, -level)
-        need(last_order is None or last_order < order, "5.6", "segments out of order")
+        order = (segment.start, -math.inf if segment.level < 0 else -segment.level)
+        need(last_order is None or last_order < order, "5.6", 303, "segments out of order")
         last_order = order
-        counts, sizes = [], []
-        for _ in range(tiers):
-            counts.append(fields.number())
-            sizes.append(fields.number())
-            need(1 <= counts[-1] < 1 << 32, "5.3", f"{counts[-1]} primitives in a tier")
-        extra = [fields.number() for _ in range(tiers)] if apart else []
-        further = []
-        count = count_of(fields, "5.3") if more else 0
-        need(count > 0 or not more, "5.3", "no further records")
-        for _ in range(count):
-            layer = fields.number()
-            need(512 <= layer <= 65535, "5.3", f"layer {layer} of a further record")
-            further.append(fields.number())
-        file.entries += tiers + len(further)
-        records = []
-        for size in sizes + extra + further:
-            need(at + RECORD + size <= body_end, "5.3", "a record outside the body")
-            records.append(Record(at, RECORD + size))
-            at += RECORD + size
-        for i, n in enumerate(counts):
-            sh = records[tiers + i] if apart else None
-            for r in [records[i]] + [sh] * apart:
-                need(n <= 16 * r.size, "5.5", f"{n} primitives in {r.size} bytes")
-            file.tiers.append(Tier(level, slot, i, n, records[i], sh, (begin, end), start))
-    return at
+        run.segments.append(segment)
+    return run
 
 
-def interval(level, slot, chunk, length):  # 5.4
+def read_segment(fields, run, last_slot, at, end):  # 5.3
+    place, shape = fields.number(), fields.number()
+    level, d = place % 32 - 1, place // 32
+    slot = d + last_slot[level] + 1 if level in last_slot else d
+    last_slot[level] = slot
+    need(slot < 1 << 32 and (level >= 0 or slot == 0), "5.3", 302, f"slot {slot} of level {level}")
+    start, stop = interval(level, slot, run.chunk, run.end - run.begin)
+    need(start < stop, "5.4", 302, "a segment outside its part")
+    tiers, more, apart = shape // 4, shape // 2 % 2, shape % 2
+    need(tiers <= 256 and (tiers > 0 or (more, apart) == (1, 0)), "5.3", 300, f"a shape of {shape}")
+    records = []  # in the order of the file (5.6)
+    for i in range(tiers):
+        n, size = fields.number(), fields.number()
+        need(1 <= n < 1 << 32, "5.3", 305, f"a tier of {n} primitives")
+        need(n <= size, "5.5", 305, f"{n} primitives in {size} bytes")
+        records.append(Record(0, size, i, n))
+    for i in range(tiers * apart):
+        records.append(Record(0, fields.number(), 256 + i, records[i].n))
+    count = count_of(fields) if more else 0
+    need(count >= 1 or not more, "5.3", 300, "no further records")
+    layer = 511
+    for _ in range(count):
+        before, layer = layer, fields.number()
+        need(before < layer <= 65535, "5.6", 303, f"a further record of layer {layer}")
+        records.append(Record(0, fields.number(), layer))
+    for r in records:
+        r.offset, at = at, at + RECORD + r.bytes
+        need(at <= end, "5.3", 304, "a record outside the body")
+    split = tiers + tiers * apart
+    return Segment(level, slot, start, stop, records[:tiers], records[tiers:split], records[split:]), at
+
+
+def interval(level, slot, chunk, length):
+    """Returns the interval of a segment in units of 2^-21 ticks (5.4)."""
     if level < 0:
-        return 0.0, length
-    half = math.ldexp(chunk, level - 1)
-    return slot * half, min(slot * half + 2 * half, length)
+        return 0, 2 * length
+    half = chunk << level  # H = C * 2^(level - 1)
+    return slot * half, min(slot * half + 2 * half, 2 * length)
+
+
+def needed(run, segment, frames):
+    """Returns the first and the last time of the timeline at which a segment is needed, in units of
+    2^-21 ticks, and whether the last one is such a time; None if it is never needed (5.4)."""
+    first = max(2 * run.begin + segment.start, 2 * run.first)
+    end = frames << 21
+    last = min(2 * run.begin + segment.stop, 2 * run.last, end)
+    closed = last < 2 * run.last or 2 * run.last >= end
+    if first > last or (first == last and not closed):
+        return None
+    return first, last, closed

@@ -1,67 +1,109 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clauses 3.5 and 4: PRIV, META and WNDW."""
+"""Clauses 3.5 and 4: META and the records of the head that are not critical."""
 import math
+from dataclasses import dataclass, field
 
-from fields import Fields, need
+from fields import Fields, Refused, need
 
 
-def read_meta(file, payload):  # 4.2, 4.3
-    fields = Fields(payload, "4.2")
-    numerator, denominator, file.frames = fields.u32(), fields.u32(), fields.u32()
-    kernel, axes, colour, sh = (fields.u8() for _ in range(4))
-    file.profile = fields.u16()
-    file.degree = fields.u16()
-    background = [fields.f32() for _ in range(3)]
-    minimum, maximum = [fields.f32() for _ in range(3)], [fields.f32() for _ in range(3)]
-    near = fields.f32()
-    width, height = fields.u32(), fields.u32()
-    r, t = [fields.f32() for _ in range(9)], [fields.f32() for _ in range(3)]
-    lens = [fields.f32() for _ in range(4)]
-    fields.text()
-    fields.text()
-    metres, up, floor = fields.f32(), [fields.f32() for _ in range(3)], [fields.f32() for _ in range(3)]
-    fields.text()
-    audio_begin = fields.f64()
-    need(axes == 0 and all(v == 0 or v >= 128 for v in (kernel, colour, sh)), "4.2",
-         "an unknown convention", unsupported=True)
-    need(numerator > 0 and denominator > 0 and file.frames > 0, "4.2", "a time base or duration of 0")
-    need(file.degree <= 3, "4.2", f"SH degree {file.degree}", unsupported=True)
-    need(all(map(math.isfinite, background + minimum + maximum + [near])) and near >= 0, "4.3",
-         "a number that is not finite, or a near plane below 0")
-    need(all(a <= b for a, b in zip(minimum, maximum)), "4.3", "inverted bounds")
-    need(all(map(math.isfinite, up + floor + [metres])) and metres >= 0, "4.3", "the unit or the floor")
-    need(not any(up) or abs(math.hypot(*up) - 1) <= 0.001, "4.3", "an up vector of another length")
-    need(abs(audio_begin) <= 2.0 ** 32, "4.3", "the beginning of the audio")
-    if (width, height) == (0, 0):
-        return  # no start camera
-    need(1 <= width <= 32768 and 1 <= height <= 32768, "4.3", "the start camera's size")
-    need(all(map(math.isfinite, r + t + lens)) and lens[0] > 0 and lens[1] > 0, "4.3",
-         "the start camera's numbers")
-    rows = [r[0:3], r[3:6], r[6:9]]
+@dataclass
+class Meta:  # 4.2
+    time_base: tuple = ()
+    frames: int = 0
+    kernel: int = 0
+    axes: int = 0
+    sh: int = 0
+    degree: int = 0
+    profile: int = 0
+    primaries: int = 0
+    transfer: int = 0
+    background: list = field(default_factory=list)
+    bounds: list = field(default_factory=list)     # minimum, maximum
+    near: float = 0.0
+    size: tuple = ()
+    pose: list = field(default_factory=list)       # rotation, translation, fx fy cx cy
+    generator: bytes = b""
+    title: bytes = b""
+    metres: float = 0.0
+    up: list = field(default_factory=list)
+    floor: list = field(default_factory=list)
+    audio: bytes = b""
+    audio_begin: float = 0.0
+
+
+def finite(values):
+    return all(map(math.isfinite, values))
+
+
+def check_bounds(bounds, clause, number):  # 4.3
+    need(finite(bounds), clause, number, "bounds that are not finite")
+    need(all(bounds[i] <= bounds[i + 3] for i in range(3)), clause, number, "a minimum above its maximum")
+
+
+def read_meta(payload):
+    f = Fields(payload, "4.2", 200)
+    m = Meta((f.u32(), f.u32()), f.u32(), f.u8(), f.u8(), f.u8(), f.u8(), f.u16(), f.u8(), f.u8(),
+             f.f32s(3), f.f32s(6), f.f32(), (f.u32(), f.u32()), f.f32s(16), f.text(205), f.text(205),
+             f.f32(), f.f32s(3), f.f32s(3), f.text(205), f.f64())
+    need(all(v == 0 or v >= 128 for v in (m.kernel, m.sh)) and m.axes == 0, "4.2", 201,
+         f"kernel {m.kernel}, axes {m.axes}, SH {m.sh}")
+    need(m.time_base[0] > 0 and m.time_base[1] > 0 and m.frames > 0, "4.2", 202, "a time base or duration of 0")
+    need(m.degree <= 3, "4.2", 203, f"SH degree {m.degree}")
+    need(finite(m.background + [m.near] + m.pose + [m.metres] + m.up + m.floor), "4.3", 204,
+         "a number that is not finite")
+    check_bounds(m.bounds, "4.3", 204)
+    need(m.near >= 0, "4.2", 204, f"a near plane at {m.near}")
+    need(m.metres >= 0, "4.2", 204, f"{m.metres} metres per unit")
+    need(not any(m.up) or abs(math.hypot(*m.up) - 1) <= 0.001, "4.3", 204, f"up is {m.up}")
+    need(abs(m.audio_begin) <= 2.0 ** 32, "4.3", 204, f"audio from {m.audio_begin} on")
+    if m.size != (0, 0):
+        check_camera(m)
+    return m
+
+
+def check_camera(m):  # 4.3
+    need(all(1 <= v <= 32768 for v in m.size), "4.3", 204, f"a start camera of {m.size}")
+    need(m.pose[12] > 0 and m.pose[13] > 0, "4.3", 204, "a focal length of the start camera")
+    a, b, c = rows = m.pose[0:3], m.pose[3:6], m.pose[6:9]
     for i in range(3):
         for j in range(3):
-            product = sum(a * b for a, b in zip(rows[i], rows[j]))
-            need(abs(product - (i == j)) <= 0.001, "4.3", "the start camera's rotation")
-    a, b, c = rows
-    need(a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) +
-         a[2] * (b[0] * c[1] - b[1] * c[0]) > 0, "4.3", "the start camera's rotation mirrors")
+            product = sum(x * y for x, y in zip(rows[i], rows[j]))
+            need(abs(product - (i == j)) <= 0.001, "4.3", 204, "the start camera's rotation")
+    det = a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + \
+        a[2] * (b[0] * c[1] - b[1] * c[0])
+    need(det > 0, "4.3", 204, "the start camera's rotation mirrors")
 
 
-def read_private_names(payload):  # 3.5; only checked: this decoder knows no private numbers
-    fields = Fields(payload, "3.5")
-    for _ in range(fields.u16()):
-        fields.u16()
-        fields.u16()
-        name = fields.bytes(fields.u32())
-        try:
-            need(name.decode("utf-8") != "", "3.5", "an empty name")
-        except UnicodeDecodeError:
-            need(False, "3.5", "a name that is not UTF-8")
+def check_shown(m, reports):
+    """Reports unknown numbers that are displayed as known ones (4.2, 4.4)."""
+    if m.kernel != 0 or m.sh != 0:
+        reports.append(Refused("4.2", 201, f"kernel {m.kernel} and SH {m.sh} are displayed as 0"))
+    if m.primaries not in (1, 9, 12) or m.transfer not in (1, 8, 13):
+        reports.append(Refused("4.4", 208, f"colours {m.primaries}, {m.transfer} are displayed as BT.709, sRGB"))
 
 
-def read_window(payload):  # 4.5
-    fields = Fields(payload, "4.5")
-    first, capture_frames = fields.u32(), fields.u32()
-    fields.u64()
-    fields.u64()
-    return first, capture_frames
+def read_private_names(payload):  # 3.5
+    f = Fields(payload, "3.5", 117)
+    names = []
+    for _ in range(f.u16()):
+        kind, number, name = f.u16(), f.u16(), f.text()
+        need(name != b"", "3.5", 117, "an empty name")
+        if kind <= 2:
+            names.append((kind, number, name))
+    return names
+
+
+def read_window(payload, frames):  # 4.5
+    f = Fields(payload, "4.5", 206)
+    window = f.u32(), f.u32(), f.u64(), f.u64()
+    need(window[0] + frames <= window[1], "4.5", 206, "a window outside its capture")
+    return window
+
+
+def read_error_bounds(payload):  # 4.7
+    f = Fields(payload, "4.7", 207)
+    bounds = [(f.u16(), f.f32(), f.f32()) for _ in range(f.u16())]
+    for _, greatest, rms in bounds:
+        need(0 <= greatest < math.inf and 0 <= rms < math.inf, "4.7", 207,
+             f"error bounds {greatest} and {rms}")
+    return bounds

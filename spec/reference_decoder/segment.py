@@ -1,260 +1,152 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clauses 6 and 7: from SEGM records to integers, from integers to floats."""
-import math
+"""Clause 6.5: SEGM records, and further records (5.7)."""
 import struct
 
-import numpy as np
-
-import rans
-from container import floats_bytes, known, present
-from fields import Fields, Refused, checksum, need, record_at
-from frames import check_stored, unpack
-from layouts import COMPONENTS, DRACO, MORTON, RANS, Layouts, check_attributes, read_layouts
-
-F32 = np.float32
+from fields import RECORD, Fields, Refused, intact_record, need, record_header
+from layouts import MORTON, RANS, SH, SH_DEGREE, check_attributes, check_profile, read_own
+from rans import decode_group
+from streams import check_values, integers, predicted, values
 
 
-def decode_tier(file, tier):
-    """Returns {attribute: (integers, floats)}, and the error that refuses its SH, or None (5.7).
-    integers has one row per component, floats one per primitive."""
-    memory = file.limits.max_memory - floats_bytes(file, tier)  # conformance.md 1.5
-    base = open_record(file, tier, tier.base, 0, memory)
-    need(file.degree > 0 or tier.sh is None, "5.7", "a separate record of SH at degree 0")
-    if file.degree > 0:  # 5.7
-        need(base[2] == (tier.sh is not None), "5.7", "SH stored twice or not at all")
-    out = decoded(file, tier, base)
-    if tier.sh is None:
+class Memory:  # conformance.md 1.5
+    def __init__(self, limit):
+        self.left = limit
+
+    def take(self, count):
+        need(count <= self.left, "conformance 1.5", 308, "a segment that exceeds the memory limit")
+        self.left -= count
+
+
+def decode_tier(file, run, segment, tier):
+    """Returns {attribute: Integers} of a tier, and the error that refuses its SH above degree 0, or
+    None (10.1)."""
+    base, apart = segment.tiers[tier], bool(segment.sh)
+    need(file.meta.degree > 0 or not apart, "5.5", 402, "SH of degree 0 in a record of its own")
+    memory = Memory(file.limits.max_memory)
+    memory.take(4 * (17 + 3 * (file.meta.degree + 1) ** 2) * base.n)
+    out = decode_record(file, run, segment, base, apart, memory)
+    if not apart:
         return out, None
     try:
-        rest = open_record(file, tier, tier.sh, 1, base[-1])
-        return {**out, **decoded(file, tier, rest)}, None
+        return {**out, **decode_record(file, run, segment, segment.sh[tier], apart, memory)}, None
     except Refused as error:
         return out, error
 
 
-def decoded(file, tier, record):
-    check_sizes(record, tier.n)  # of all streams, before memory is allocated for the primitives
-    out = {}
-    decode_record(file, tier, record, out)
-    for attribute, (_, floats) in out.items():
-        check_values(attribute, floats)
-    return out
+def open_record(file, segment, record):
+    """Returns the payload of a SEGM record (6.5)."""
+    tag, flags, length, _ = record_header(file.data, record.offset, record.offset + RECORD + record.bytes)
+    need(tag == b"SEGM" and length == record.bytes, "5.3", 400, f"record {tag} of {length} bytes")
+    need(flags & 1 == 1, "3.3", 116, "SEGM is not marked critical")
+    need(flags == 1, "3.4", 113, f"SEGM with flags {flags:#x}")
+    payload = intact_record(file.data, record.offset, record.offset + RECORD + length)[2]
+    f = Fields(payload, "6.5", 401)
+    stated = f.i16(), f.u16(), f.u32()
+    need(stated == (segment.level, record.layer, segment.slot), "6.5", 400, f"the record states {stated}")
+    return f
 
 
-def take(memory, count):  # conformance.md 1.5
-    need(count <= memory, "conformance 1.5", "a segment that exceeds the memory limit", unsupported=True)
-    return memory - count
+def decode_record(file, run, segment, record, apart, memory):
+    memory.take(RECORD + record.bytes)
+    f = open_record(file, segment, record)
+    n = f.u32()
+    need(n == record.n, "6.5", 400, f"the record states {n} primitives")
+    layout, tables = record_layout(file, f, memory)
+    check_attributes(layout, record.layer // 256, apart, file.meta.degree)
+    check_profile(layout, file.meta.profile)
+    counts = [n] + [f.u32() if any(r.attribute == SH_DEGREE for r in layout) else 0
+                    for _ in range(file.meta.degree)]
+    need(all(a >= b for a, b in zip(counts, counts[1:])), "6.5", 401, f"primitives of each degree: {counts}")
+    first_key = f.u32() if any(r.prediction == MORTON and not r.optional() for r in layout) else 0
+    units = units_of(layout)
+    sizes = [f.u32() for _ in units]
+    stored = [f.bytes(size) for size in sizes]
+    check_units(units, stored, tables, counts, memory)
+    planes = {}
+    for rows, data in zip(units, stored):
+        planes.update(unit_planes(rows, data, tables, counts))
+    return decode_streams(file, run, segment, planes, layout, counts, first_key)
 
 
-def open_record(file, tier, location, content, memory):  # 6.1
-    present(file, location.offset, location.size)
-    memory = take(memory, location.size)
-    tag, flags, payload, payload_sum = record_at(file.data, location.offset,
-                                                 location.offset + location.size)
-    need(tag == b"SEGM" and len(payload) + 32 == location.size, "5.3", f"record {tag} of another size")
-    need(flags & 1 == 1, "3.2", "a segment that is not marked critical")
-    known(tag, flags, (b"SEGM",))
-    need(checksum(payload) == payload_sum, "3.1", "the checksum of SEGM")
-    fields = Fields(payload, "6.1")
-    stated = (fields.i16(), fields.u16(), fields.u32(), fields.u32())
-    need(stated == (tier.level, 256 * content + tier.number, tier.slot, tier.n), "6.1",
-         f"the record states {stated}")
-    number, planes_sum = fields.u16(), fields.u64()
-    layouts = file.layouts
+def record_layout(file, f, memory):
+    number = f.u16()
     if number == 65535:
-        layouts, number = read_layouts(fields, memory, 256), 0
-        memory = take(memory, 16384 * len(layouts.tables))
-        need(len(layouts.layouts) == 1, "6.1", f"{len(layouts.layouts)} layouts of its own")
-    need(number < len(layouts.layouts), "6.1", f"layout {number} does not exist")
-    layout = layouts.layouts[number]
+        layout, tables = read_own(f, memory.left)
+        memory.take(16384 * len(tables))
+        return layout, tables
+    need(number < len(file.layouts.layouts), "6.5", 409, f"layout {number} does not exist")
+    layout = file.layouts.layouts[number]
     if isinstance(layout, Refused):
         raise layout
-    if layouts is not file.layouts:
-        named = {t for s in layout for t in s.tables}
-        need(len(named) == len(layouts.tables), "6.1", "a table that no plane uses")
-    partial = check_attributes(layout, content, file.degree)
-    for s in layout:  # 8.1
-        if not s.optional():
-            need(s.mapping == 0 or file.profile != 0, "8.1", "a mapping in a lossless file")
-            need(s.coder != DRACO or file.profile not in (0, 1), "8.1", "Draco in another profile")
-    for s in layout:
-        coded = [t for t in s.tables if layouts.tables[t].only is None]
-        memory = take(memory, tier.n * (len(coded) if s.coder == RANS else s.planes()))
-    first_key = 0
-    if any(s.prediction == MORTON and not s.optional() for s in layout):
-        first_key = fields.u64()
-    sizes = [None if s.coder == RANS else fields.u64() for s in layout]
-    stored = [b"" if size is None else fields.bytes(size) for size in sizes]
-    group = fields.bytes(fields.left()) if any(s.coder == RANS for s in layout) else b""
-    need(fields.left() == 0, "6.1", f"{fields.left()} bytes after the streams")
-    return (layouts, layout, partial, first_key, stored, group, planes_sum, memory)
+    return layout, file.layouts.tables
 
 
-def check_sizes(record, n):  # 7.2
-    _, layout, _, _, stored, group, _, _ = record
-    for s, data in zip(layout, stored):
-        need(s.optional() or s.coder != DRACO, "7.2.1", "positions that only Draco decodes",
-             unsupported=True)
-        if not s.optional() and s.coder != RANS:
-            check_stored(data, n * s.planes())
-
-
-def decode_record(file, tier, record, out):
-    layouts, layout, _, first_key, stored, group, planes_sum, _ = record
-    n = tier.n
-    in_group = [layouts.tables[t] for s in layout for t in s.tables
-                if layouts.tables[t].only is None]
-    coded = iter(rans.decode_group(group, n, in_group)) if group or \
-        any(s.coder == RANS for s in layout) else iter(())
-    summed, planes_of = bytearray(), []
-    for s, data in zip(layout, stored):
-        planes = []
-        if s.optional():  # 6.5
-            pass
-        elif s.coder == RANS:
-            for t in s.tables:
-                only = layouts.tables[t].only
-                planes.append(bytes([only]) * n if only is not None else bytes(next(coded)))
-                if only is None:
-                    summed += planes[-1]
+def units_of(layout):
+    """Returns the rows of each unit (6.5)."""
+    units = []
+    for row in layout:
+        if row.joins:
+            units[-1].append(row)
         else:
-            data = unpack(data, n * s.planes())
-            summed += data
-            planes = [data[p * n:(p + 1) * n] for p in range(s.planes())]
-        planes_of.append(planes)
-    need(checksum(summed) == planes_sum, "6.1", "the checksum of the planes")
-    done = {}
-    for s, planes in zip(layout, planes_of):
-        if s.optional():
+            units.append([row])
+    return units
+
+
+def count_of(row, counts):
+    """Returns the symbols of each plane of a stream (6.3)."""
+    return counts[SH.index(row.attribute)] if row.attribute in SH else counts[0]
+
+
+def check_units(units, stored, tables, counts, memory):
+    """Checks sizes before memory is needed for planes (12.1, conformance.md 1.5)."""
+    for rows, data in zip(units, stored):
+        if rows[0].optional():
             continue
-        q = predicted(s, values(s, planes, n), first_key)
-        done[s.attribute] = q, mapped(file, tier, s, q, {**out, **done})
-    out.update(done)
+        n = count_of(rows[0], counts)
+        for row in rows:
+            planes = row.planes() if row.coder != RANS else sum(tables[t].only is None for t in row.tables)
+            memory.take(planes * n)
+        need(rows[0].coder == RANS or len(data) == planes * n, "6.4", 405, f"{len(data)} bytes of planes")
 
 
-def values(s, planes, n):  # 7.3
-    limit = 1 << (64 if s.prediction == MORTON else 32)
-    out = []
-    for c in range(s.components):
-        v, shift = [0] * n, 0
-        for d, bits in enumerate(s.bits):
-            plane = planes[c * len(s.bits) + d]
-            v = [(a | (symbol << shift)) % limit for a, symbol in zip(v, plane)]
-            shift += bits
-        out.append(v)
+def unit_planes(rows, data, tables, counts):
+    """Returns {attribute: planes} of a unit."""
+    if rows[0].optional():  # skipped (6.2)
+        return {}
+    n = count_of(rows[0], counts)
+    if rows[0].coder != RANS:
+        return {rows[0].attribute: [data[n * p:n * (p + 1)] for p in range(rows[0].planes())]}
+    coded = [tables[t] for row in rows for t in row.tables if tables[t].only is None]
+    group = iter(decode_group(data, n, coded))
+    return {row.attribute: [next(group) if tables[t].only is None else bytes([tables[t].only]) * n
+                            for t in row.tables] for row in rows}
+
+
+def decode_streams(file, run, segment, planes, layout, counts, first_key):  # 8
+    out = {}
+    for row in layout:
+        if row.optional():
+            continue
+        q = predicted(row, values(row, planes[row.attribute], count_of(row, counts)), first_key)
+        out[row.attribute] = integers(row, q, out, segment, run, file.meta.degree)
+        check_values(row.attribute, out[row.attribute])
+    if SH_DEGREE in out:
+        degrees = out[SH_DEGREE].q[0]
+        for k in range(1, file.meta.degree + 1):
+            need(sum(d >= k for d in degrees) == counts[k], "6.3", 407, f"primitives of degree {k} or more")
     return out
 
 
-def signed(v):  # 32-bit two's complement
-    v &= 0xFFFFFFFF
-    return v - (1 << 32) if v >> 31 else v
+def read_further(file, segment, record):
+    """Returns begin, end, type and bytes of a private further record (5.7)."""
+    f = open_record(file, segment, record)
+    f.clause, f.issue = "5.7", 315
+    begin, end, kind = f.f64(), f.f64(), f.text()
+    unit = 2.0 ** 21
+    need(segment.start <= begin * unit <= end * unit <= segment.stop, "5.7", 315, f"times {begin} to {end}")
+    return begin, end, kind, f.bytes(f.left())
 
 
-def predicted(s, rows, first_key):  # 7.4
-    if s.prediction == 0:
-        return [[signed(v) for v in row] for row in rows]
-    if s.prediction == MORTON:
-        out, key = [[], [], []], first_key
-        need(key < 1 << 63, "7.4", "a first key of 2^63 or more")
-        for v in rows[0]:
-            key += v
-            need(v < 1 << 63 and key < 1 << 63, "7.4", "a key of 2^63 or more")
-            for c in range(3):
-                out[c].append(sum((key >> (3 * j + c) & 1) << j for j in range(21)))
-        return out
-    rows = [[-(v + 1) // 2 if v % 2 else v // 2 for v in row] for row in rows]
-    if s.prediction == 2:
-        for row in rows:
-            q = 0
-            for i, v in enumerate(row):
-                row[i] = q = signed(q + v)
-    return rows
-
-
-def in_range(q, m, limit, clause):
-    for row in q:
-        need(all(abs(m * v) < limit for v in row), clause, "an integer out of range")
-
-
-def power(k):  # 2^k
-    return F32(math.ldexp(1.0, int(k)))
-
-
-def steps(s, row):  # m * q, exact in f32 where in_range holds
-    return np.array([s.m * v for v in row], dtype=np.int64).astype(F32)
-
-
-def mapped(file, tier, s, q, out):  # 7.5
-    with np.errstate(all="ignore"):
-        if s.mapping == 0:
-            return np.array(q, dtype=np.int64).astype(np.uint32).view(F32).T
-        in_range(q, s.m, 1 << (22 if s.mapping == 5 else 24), "7.5")
-        origin = [F32(v) for v in s.origin]
-        if s.mapping == 1:
-            return np.array([origin[c % 3] + power(s.e) * steps(s, row)
-                             for c, row in enumerate(q)]).T
-        if s.mapping == 2:
-            return truncated(s, q[0], origin)
-        if s.mapping == 3:
-            return displacement(tier, s, q, out)
-        if s.mapping in (4, 6):
-            return rotation(s, q, out)
-        if s.mapping == 5:
-            return colour(s, q)
-        return segment_time(tier, s, q[0], origin)
-
-
-def truncated(s, q, origin):  # 7.5.3
-    need(all(v >= 0 for v in q), "7.5.3", "an integer below 0")
-    first = struct.unpack("<I", struct.pack("<f", origin[0]))[0]
-    bits = [first + (s.m * v << s.e) for v in q]
-    need(all(b <= 0x71800000 for b in bits), "7.5.3", "a float above 2^100")
-    return (np.array(bits, dtype=np.uint32).view(F32) - origin[1]).reshape(-1, 1)
-
-
-def displacement(tier, s, q, out):  # 7.5.4
-    sigma, radius = out[3][1][:, 0], out[4][1][:, 0]
-    begin, end = tier.part
-    length = np.minimum(radius + F32(2) * sigma, F32(end - begin))
-    e = np.clip((length.view(np.uint32) >> 23 & 255).astype(int) - 127, -32, 32)
-    step = np.array([power(k) for k in np.clip(s.e - e, -100, 100)], dtype=F32)
-    return np.array([step * steps(s, row) for row in q]).T
-
-
-def rotation(s, q, out):  # 7.5.5, 7.5.7
-    rows = []
-    for i, v in enumerate(zip(*q)):
-        x, y, z = (s.m * c for c in v)
-        e = s.e
-        if s.mapping == 6:
-            scales = out[6][1][i]
-            a = scales.max() - scales.min()
-            e += 3 - sum(bool(a >= F32(v)) for v in (0.125, 0.5, 1.25, 2.375, 3.75, 5))
-            e = max(-14, min(-1, e))
-        r = (1 << -2 * e) - x * x - y * y - z * z
-        need(r > 0, "7.5.5", "R is not above 0")
-        rows.append([power(e) * np.sqrt(F32(r))] + [power(e) * F32(v) for v in (x, y, z)])
-    return np.array(rows, dtype=F32)
-
-
-def colour(s, q):  # 7.5.6
-    rows = []
-    for c in range(0, len(q), 3):
-        y, o, g = (np.array(row, dtype=np.int64) for row in q[c:c + 3])
-        rows += [power(s.e) * steps(s, v) for v in (y - g + o, y + g, y - g - o)]
-    return np.array(rows).T
-
-
-def segment_time(tier, s, q, origin):  # 7.5.8
-    quotient = tier.start / math.ldexp(s.m, s.e)
-    first = math.floor(max(-2.0 ** 25, min(2.0 ** 25, quotient)))
-    sums = [v + first for v in q]
-    in_range([sums], s.m, 1 << 24, "7.5.8")
-    return (origin[0] + power(s.e) * steps(s, sums)).reshape(-1, 1)
-
-
-def check_values(attribute, floats):  # 6.4, conformance.md 1.2
-    need(np.isfinite(floats).all(), "6.4", "a value that is not finite")
-    need(attribute != 3 or (floats > 0).all(), "6.4", "a sigma that is not above 0")
-    need(attribute != 4 or (floats >= 0).all(), "6.4", "a radius below 0")
-    need(attribute != 7 or (floats != 0).any(axis=1).all(), "6.4", "a quaternion of length 0")
+def little_endian(numbers):
+    """Returns integers as u32 in two's complement."""
+    return struct.pack(f"<{len(numbers)}I", *(v & 0xFFFFFFFF for v in numbers))
