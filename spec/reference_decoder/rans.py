@@ -55,11 +55,18 @@ class Table:  # 7.2
         self.symbol = [s for s in range(256) for _ in range(f[s])]
 
 
+def lanes_of(m):  # 7.1
+    lanes = 1
+    while 256 * lanes < m:
+        lanes *= 2
+    return lanes
+
+
 def block_sizes(data, n):
     """Returns the symbols, lanes and words of each block of a group of n symbols a plane, after the
     checks of 7.3."""
     symbols = [min(BLOCK, n - first) for first in range(0, n, BLOCK)]
-    lanes = [(m + 255) // 256 for m in symbols]
+    lanes = [lanes_of(m) for m in symbols]
     stated = 4 * (len(symbols) - 1)
     need(len(data) >= stated, "7.3", 405, "a group without the words of its blocks")
     words = list(struct.unpack_from(f"<{len(symbols) - 1}I", data))

@@ -76,6 +76,10 @@ def table_for(planes):
     return f
 
 
+def lanes_of(m):  # 7.1
+    return 1 << max(0, (m - 1) // 256).bit_length()
+
+
 def encode_block(planes, tables, lanes):
     """Returns the states and the words of a block (11.10)."""
     x, words = [65536] * lanes, []
@@ -98,7 +102,7 @@ def group(planes, tables, n):  # 7.3
         return b""
     for first in range(0, n, 8192):
         m = min(8192, n - first)
-        x, words = encode_block([plane[first:first + m] for plane in planes], tables, (m + 255) // 256)
+        x, words = encode_block([plane[first:first + m] for plane in planes], tables, lanes_of(m))
         counts.append(len(words))
         body += struct.pack(f"<{len(x)}I{len(words)}H", *x, *words)
     return struct.pack(f"<{len(counts[:-1])}I", *counts[:-1]) + body
