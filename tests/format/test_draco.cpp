@@ -198,7 +198,6 @@ TEST_CASE("the Draco coder accepts only unpredicted positions") {
   CHECK_FALSE(accepted(changed([](StreamRow& r) { r.digit_bits[2] = 5; })));
   CHECK_FALSE(accepted(changed([](StreamRow& r) { r.prediction = 1; })));
   CHECK_FALSE(accepted(changed([](StreamRow& r) { r.mapping = 0; })));
-  CHECK_FALSE(accepted(changed([](StreamRow& r) { r.components = 1; })));
   CHECK_FALSE(accepted(changed(
       [](StreamRow& r) { r.attribute = static_cast<std::uint16_t>(Attribute::kLogScale); })));
 }

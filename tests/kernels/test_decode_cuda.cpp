@@ -129,7 +129,7 @@ TEST_CASE(
     settings.own_layouts = true;
     check_packed(scene, settings, counts);
     settings.own_layouts = false;
-    settings.coder = SceneCoder::kZstd;
+    settings.coder = SceneCoder::kBytes;
     check_packed(scene, settings, counts);
   }
   const Scene large = random_scene(300000, 0, 60, 8);

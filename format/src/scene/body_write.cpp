@@ -370,10 +370,10 @@ class BodyWriter {
     auto of_plane = counts.begin();
     std::size_t a = range_of(use % kinds()).first;
     for (const StreamRow& row : layout_of(use).streams) {
-      for (const std::uint16_t table : row.tables) {
-        coded_bytes_[a] += rans_cost(set_of(use).tables[table], *of_plane++) / 8.0;
-      }
-      ++a;
+      double bits = 0;
+      for (const std::uint16_t table : row.tables)
+        bits += rans_cost(set_of(use).tables[table], *of_plane++);
+      coded_bytes_[a++] += std::round(bits / 8.0);
     }
   }
 
