@@ -25,6 +25,18 @@ const char* name_of(Attribute attribute);
 // Returns the number of floats per primitive.
 int components_of(Attribute attribute);
 
+// A set of attributes, one bit each.
+using AttributeBits = std::uint32_t;
+constexpr AttributeBits attribute_bit(Attribute attribute) {
+  return 1u << static_cast<int>(attribute);
+}
+inline constexpr AttributeBits kAllAttributes = 0xFFFFFFFF;
+// Where and when primitives are: position and time.
+inline constexpr AttributeBits kPlacement =
+    attribute_bit(Attribute::kPosition) | attribute_bit(Attribute::kTime);
+// Sets the size of these attributes of a set, with values of 0, and empties the others.
+void resize_attributes(Gaussians4D& set, AttributeBits attributes, std::size_t n);
+
 // An attribute of a set: component c of primitive i is data[i * stride + c].
 template <typename Float>
 struct AttributeView {

@@ -72,19 +72,36 @@ bool RecordDecoder::open() {
   return good;
 }
 
-DecodedRows RecordDecoder::assign_rows(std::size_t first, std::size_t count) const {
+bool RecordDecoder::is_needed(Layout::Unit unit, AttributeBits attributes) const {
+  const std::span rows = std::span(layout_.streams).subspan(unit.first, unit.count);
+  return std::any_of(rows.begin(), rows.end(), [&](const StreamRow& row) {
+    return !row.optional() &&
+           (attributes & attribute_bit(static_cast<Attribute>(row.attribute))) != 0;
+  });
+}
+
+DecodedRows RecordDecoder::assign_rows(std::size_t first, std::size_t count,
+                                       AttributeBits attributes) const {
   DecodedRows out;
   out.first = first;
-  const std::span rows = std::span(layout_.streams).subspan(first, count);
+  std::vector<bool> needed(layout_.streams.size());
+  for (const SegmentRecord::Unit& unit : record_.units) {
+    std::fill_n(needed.begin() + static_cast<std::ptrdiff_t>(unit.rows.first), unit.rows.count,
+                is_needed(unit.rows, attributes));
+  }
   std::size_t size = 0;
-  for (const StreamRow& row : rows)
-    size += row.optional() ? 0 : Layout::varying_planes(row, set_) * symbols_of(row);
+  for (std::size_t i = first; i < first + count; ++i) {
+    const StreamRow& row = layout_.streams[i];
+    if (needed[i] && !row.optional())
+      size += Layout::varying_planes(row, set_) * symbols_of(row);
+  }
   out.symbols = std::make_unique_for_overwrite<std::uint8_t[]>(size);
   std::uint8_t* at = out.symbols.get();
-  for (const StreamRow& row : rows) {
+  for (std::size_t i = first; i < first + count; ++i) {
+    const StreamRow& row = layout_.streams[i];
     std::uint8_t* const begin = at;
     std::vector<Plane>& planes = out.planes.emplace_back();
-    for (std::size_t p = 0; p < row.planes() && !row.optional(); ++p) {
+    for (std::size_t p = 0; p < row.planes() && needed[i] && !row.optional(); ++p) {
       const std::int16_t only = row.in_group() ? set_.only[row.tables[p]] : std::int16_t{-1};
       planes.push_back(only < 0 ? Plane{at, 0} : Plane{nullptr, static_cast<std::uint8_t>(only)});
       at += only < 0 ? symbols_of(row) : 0;
@@ -137,11 +154,12 @@ bool RecordDecoder::decode_stored(std::size_t u, DecodedRows& rows) {
   return true;
 }
 
-bool RecordDecoder::decode_units(std::size_t first, std::size_t last, DecodedRows& rows) {
+bool RecordDecoder::decode_units(std::size_t first, std::size_t last, AttributeBits attributes,
+                                 DecodedRows& rows) {
   std::vector<std::size_t> groups;
   for (std::size_t u = first; u < last; ++u) {
     const StreamRow& row = layout_.streams[record_.units[u].rows.first];
-    if (row.optional()) continue;
+    if (!is_needed(record_.units[u].rows, attributes)) continue;
     if (groups_[u]) groups.push_back(u);
     if (!row.in_group() && !decode_stored(u, rows)) return false;
   }
@@ -179,16 +197,22 @@ bool RecordDecoder::find_members(DecodedRows& rows) {
   return true;
 }
 
-bool RecordDecoder::decode(DecodedRows& out) {
-  out = assign_rows(0, layout_.streams.size());
-  return decode_units(0, record_.units.size(), out) && find_members(out);
+bool RecordDecoder::decode(AttributeBits attributes, DecodedRows& out) {
+  out = assign_rows(0, layout_.streams.size(), attributes);
+  if (!decode_units(0, record_.units.size(), attributes, out)) return false;
+  const bool degrees = (attributes & attribute_bit(Attribute::kShDegree)) != 0;
+  return !degrees || find_members(out);
 }
 
-void RecordDecoder::add_tasks(const DecodedRows& rows, std::vector<StreamTask>& tasks) const {
+void RecordDecoder::add_tasks(AttributeBits attributes, const DecodedRows& rows,
+                              std::vector<StreamTask>& tasks) const {
   for (std::size_t i = 0; i < layout_.streams.size(); ++i) {
     const StreamRow& row = layout_.streams[i];
     const auto attribute = static_cast<Attribute>(row.attribute);
-    if (row.optional() || attribute == Attribute::kShDegree || symbols_of(row) == 0) continue;
+    if (row.optional() || attribute == Attribute::kShDegree || symbols_of(row) == 0 ||
+        (attributes & attribute_bit(attribute)) == 0) {
+      continue;
+    }
     const int band = band_of(attribute);
     tasks.push_back({&row, rows.planes[i].data(), {}});
     if (band > 0 && symbols_of(row) < n_)
@@ -205,8 +229,8 @@ bool RecordDecoder::decode_degrees(ShMembers& members) {
         })) {
       continue;
     }
-    DecodedRows decoded = assign_rows(unit.first, unit.count);
-    if (!decode_units(u, u + 1, decoded) || !find_members(decoded)) return false;
+    DecodedRows decoded = assign_rows(unit.first, unit.count, kAllAttributes);
+    if (!decode_units(u, u + 1, kAllAttributes, decoded) || !find_members(decoded)) return false;
     members = std::move(decoded.members);
   }
   return true;

@@ -36,10 +36,11 @@ class RecordDecoder {
   // Checks that the bytes can contain the planes. Call it for all records of a segment before
   // allocating memory for its primitives.
   bool open();
-  // Decodes all rows. Call it once, after open().
-  bool decode(DecodedRows& out);
-  // Adds the streams to map. `rows` must outlive them.
-  void add_tasks(const DecodedRows& rows, std::vector<StreamTask>& tasks) const;
+  // Decodes the units of these attributes. Call it once, after open().
+  bool decode(AttributeBits attributes, DecodedRows& out);
+  // Adds the decoded streams to map. `rows` must outlive them.
+  void add_tasks(AttributeBits attributes, const DecodedRows& rows,
+                 std::vector<StreamTask>& tasks) const;
   // Converts the record for a decoder on another device. Call it once, after open(), instead of
   // decode().
   bool code(CodedRecord& out);
@@ -49,11 +50,13 @@ class RecordDecoder {
   // Returns the number of planes that are coded in a unit.
   std::size_t coded_planes(Layout::Unit unit) const;
   bool open_unit(std::size_t u);
-  DecodedRows assign_rows(std::size_t first, std::size_t count) const;
+  bool is_needed(Layout::Unit unit, AttributeBits attributes) const;
+  DecodedRows assign_rows(std::size_t first, std::size_t count, AttributeBits attributes) const;
   // Returns the planes of a group, decoded to these rows.
   std::vector<RansPlaneTask> tasks_of(std::size_t u, DecodedRows& rows) const;
   // Decodes units [first, last).
-  bool decode_units(std::size_t first, std::size_t last, DecodedRows& rows);
+  bool decode_units(std::size_t first, std::size_t last, AttributeBits attributes,
+                    DecodedRows& rows);
   bool decode_groups_of(std::span<const std::size_t> units, DecodedRows& rows);
   bool decode_stored(std::size_t u, DecodedRows& rows);
   bool find_members(DecodedRows& rows);

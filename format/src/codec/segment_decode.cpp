@@ -49,8 +49,10 @@ std::vector<RecordDecoder> open_records(const SegmentRecords& records, const Fil
 }
 
 void map_all(const std::vector<StreamTask>& tasks, const SegmentContext& context,
-             std::uint32_t ordinal, std::uint64_t offset, Gaussians4D& set, Findings& findings) {
-  const MapResult result = map_streams(tasks, context, set);
+             std::uint32_t ordinal, const IndexEntry& entry, Gaussians4D& set,
+             Findings& findings) {
+  const std::uint64_t offset = entry.offset;
+  const MapResult result = map_streams(tasks, context, entry.primitives, set);
   for (std::size_t t = 0; t < tasks.size(); ++t) {
     if (result.in_range[t]) continue;
     findings.error(N::kStreamValue, offset, "segment {}, {}: integer out of range", ordinal,
@@ -81,20 +83,21 @@ bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint
 }
 
 bool decode_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-                    Gaussians4D& set, Findings& findings) {
+                    AttributeBits attributes, Gaussians4D& set, Findings& findings) {
   const IndexEntry& entry = head.index.segments[ordinal].base;
   Findings found;
   std::vector<RecordDecoder> decoders = open_records(records, head, ordinal, found);
   if (found.ok()) {
     set.sh_degree = head.metadata.sh_degree;
-    set.resize(entry.primitives);
+    resize_attributes(set, attributes, entry.primitives);
     std::vector<DecodedRows> rows(decoders.size());
     std::vector<StreamTask> tasks;
     for (std::size_t d = 0; d < decoders.size(); ++d) {
-      if (decoders[d].decode(rows[d])) decoders[d].add_tasks(rows[d], tasks);
+      if (decoders[d].decode(attributes, rows[d]))
+        decoders[d].add_tasks(attributes, rows[d], tasks);
     }
     if (found.ok()) {
-      map_all(tasks, context_of(records, head, ordinal), ordinal, entry.offset, set, found);
+      map_all(tasks, context_of(records, head, ordinal), ordinal, entry, set, found);
     }
   }
   const bool good = found.ok();

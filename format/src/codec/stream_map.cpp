@@ -141,8 +141,8 @@ bool check_row(const StreamRow& row, std::uint64_t offset, Findings& findings) {
 }
 
 MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& context,
-                      Gaussians4D& set) {
-  const std::size_t n = set.size(), chunks = (n + kMapGrain - 1) / kMapGrain;
+                      std::size_t n, Gaussians4D& set) {
+  const std::size_t chunks = (n + kMapGrain - 1) / kMapGrain;
   // For each chunk, the sums of all differences before it.
   std::vector<Carries> carries(chunks * tasks.size(), Carries{});
   const auto is_sum = [&](std::size_t t) {
@@ -165,10 +165,11 @@ MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& c
         carries[k][c] += carries[k - tasks.size()][c];
     }
   }
-  std::uint32_t floats = 0;
+  std::uint32_t floats = 0, attributes = 0;
   for (const StreamTask& task : tasks) {
-    if (static_cast<Mapping>(task.row->mapping) != Mapping::kFloat) continue;
-    floats |= attribute_bit(static_cast<Attribute>(task.row->attribute));
+    const std::uint32_t bit = attribute_bit(static_cast<Attribute>(task.row->attribute));
+    attributes |= bit;
+    if (static_cast<Mapping>(task.row->mapping) == Mapping::kFloat) floats |= bit;
   }
   // Runs of SH above degree 0 are of other primitives.
   const std::uint32_t sh = floats & ~(attribute_bit(Attribute::kShDegree) - 1);
@@ -184,7 +185,7 @@ MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& c
         if (first < last && !map_task(tasks[t], context, first, last, carry, run, set))
           found[t] = 1;
       }
-      if (!all_renderable(set, floats & ~sh, first, std::min(end, first + kMapRun)))
+      if (!all_renderable(set, attributes, floats & ~sh, first, std::min(end, first + kMapRun)))
         found[tasks.size()] = 1;
     }
   };
@@ -195,7 +196,7 @@ MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& c
   }
   MapResult out;
   out.in_range.assign(tasks.size(), true);
-  out.renderable = sh == 0 || all_renderable(set, sh, 0, n);
+  out.renderable = sh == 0 || all_renderable(set, 0, sh, 0, n);
   for (std::size_t k = 0; k < bad.size(); ++k) {
     const std::size_t t = k % (tasks.size() + 1);
     if (bad[k] == 0) continue;

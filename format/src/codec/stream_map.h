@@ -27,13 +27,9 @@ bool map_task(const StreamTask& task, const SegmentContext& context, std::size_t
               std::size_t end, std::uint32_t* carry, MapRun& run, Gaussians4D& set);
 // Adds the differences of the values [begin, end), with kDelta or kMorton, to `sums` by component.
 void sum_task(const StreamTask& task, std::size_t begin, std::size_t end, std::uint32_t* sums);
-// Returns the bit of an attribute in a bit set.
-constexpr std::uint32_t attribute_bit(Attribute attribute) {
-  return 1u << static_cast<int>(attribute);
-}
-// Returns whether check_primitives() accepts primitives [begin, end). `floats`: the attributes
-// stored as floats; only these can fail to be finite.
-bool all_renderable(const Gaussians4D& set, std::uint32_t floats, std::size_t begin,
-                    std::size_t end);
+// Returns whether check_primitives() accepts these attributes of primitives [begin, end).
+// `floats`: those stored as floats; only these can fail to be finite.
+bool all_renderable(const Gaussians4D& set, std::uint32_t attributes, std::uint32_t floats,
+                    std::size_t begin, std::size_t end);
 
 }  // namespace stgs

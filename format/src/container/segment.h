@@ -73,9 +73,10 @@ bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t 
 bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                   CodedSegment& out, Findings& findings);
 
-// Decodes all streams into `set`, whose arrays never grow beyond the size the bytes can fill, and
-// validates the primitives (check_primitives()).
+// Decodes these attributes into `set`, whose arrays never grow beyond the size the bytes can fill,
+// and validates the primitives (check_primitives()). Attributes that others depend on must be
+// among them; arrays of the others are empty.
 bool decode_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-                    Gaussians4D& set, Findings& findings);
+                    AttributeBits attributes, Gaussians4D& set, Findings& findings);
 
 }  // namespace stgs

@@ -296,7 +296,21 @@ std::vector<std::uint32_t> SceneReader::segments_between(double t0, double t1) c
 }
 
 Result<Gaussians4D> SceneReader::decode(std::uint32_t segment, bool with_sh) const {
-  return state_->with_records(segment, with_sh, decode_segment, Gaussians4D(state_->memory));
+  const auto decode = [](const auto& records, const auto& head, auto ordinal, auto& set,
+                         auto& findings) {
+    return decode_segment(records, head, ordinal, kAllAttributes, set, findings);
+  };
+  return state_->with_records(segment, with_sh, decode, Gaussians4D(state_->memory));
+}
+
+Result<Placement> SceneReader::decode_placement(std::uint32_t segment) const {
+  const auto decode = [](const auto& records, const auto& head, auto ordinal, auto& set,
+                         auto& findings) {
+    return decode_segment(records, head, ordinal, kPlacement, set, findings);
+  };
+  STGS_ASSIGN(Gaussians4D set,
+              state_->with_records(segment, false, decode, Gaussians4D(state_->memory)));
+  return Placement{std::move(set.position), std::move(set.time)};
 }
 
 Result<CodedSegment> SceneReader::read(std::uint32_t segment, bool with_sh) const {

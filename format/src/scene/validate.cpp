@@ -273,11 +273,11 @@ void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t
   for (const SegmentRecord* record : {&records.base, &records.sh}) {
     check_private_layouts(record->own, record->payload_at, head, findings);
   }
-  good = good && decode_segment(records, head, ordinal, set, findings);
+  good = good && decode_segment(records, head, ordinal, kAllAttributes, set, findings);
   if (!good && has_sh && segment.sh.bytes > 0) {
     Findings reported;
     good = read_segment(source, head, ordinal, false, records = {}, reported) && reported.ok() &&
-           decode_segment(records, head, ordinal, set = {}, reported);
+           decode_segment(records, head, ordinal, kAllAttributes, set = {}, reported);
   }
   if (good) check_values(set, head, ordinal, findings);
 }
