@@ -30,11 +30,11 @@ constexpr double kPower = 0.3;
 constexpr double kPowerBySize = 0.2, kPositionPowerBySize = 0.1;
 constexpr double kMaxOctaves = 3.0;  // greatest effect of importance on a step
 // Steps as shares of max_error; position and displacement may each use half of it. The error of a
-// position is half the diagonal of a step. So is that of a displacement, over 2^E ticks of a
-// lifespan L < 2^(E+1), which is visible for at most 1.18 L after T, where its opacity falls to
-// 1/255 (spec 7.5.4).
+// position is half the diagonal of a step. So is that of a displacement, over 2^E ticks. With M <
+// 2^(E+1) the greater of 2 sigma and r + 1 (spec 8.6), a primitive is visible for at most r + 2.36
+// sigma < 2.18 M after T, where its opacity falls to 1/255.
 constexpr double kPositionShare = 0.5 / 0.867;
-constexpr double kDisplacementShare = 0.5 / (0.867 * 2.36);
+constexpr double kDisplacementShare = 0.5 / (0.867 * 4.36);
 // Bits of a displacement in steps: its product with a multiplier stays below 2^23.
 constexpr int kDisplacementBits = 22, kFineDisplacementBits = 19;
 constexpr double kOutlier = 16.0;         // multiple of the 90th percentile beyond which one is far
@@ -117,7 +117,7 @@ double typical_log_scale(const Gaussians4D& set) {
   return percentile(std::move(sizes), 25);
 }
 
-// Returns the greatest displacement along an axis over a lifespan, scene units (spec 7.5.4).
+// Returns the greatest displacement along an axis over a lifespan, scene units (spec 8.6).
 double displacement_of(const Gaussians4D& set, std::size_t i, int part_exponent) {
   double out = 0.0;
   const int life = lifespan_exponent_of(set.sigma[i], set.radius[i], part_exponent);
@@ -179,7 +179,7 @@ StepChooser::StepChooser(const Gaussians4D& set, std::span<const float> importan
   const double size = typical_log_scale(set) / std::log(2.0);
   // Measured at equal loss. With estimated importance, colour counts less relative to position.
   octaves_.position = std::clamp(size - (by_size ? 3.3 : 3.1), -90.0, 90.0);
-  octaves_.displacement = octaves_.position + 1.0;
+  octaves_.displacement = octaves_.position + 0.5;
   octaves_.log_scale = -3.4;
   octaves_.rotation = -5.2;
   octaves_.sh[0] = by_size ? -4.35 : -4.65;
