@@ -179,7 +179,7 @@ StepChooser::StepChooser(const Gaussians4D& set, std::span<const float> importan
   const double size = typical_log_scale(set) / std::log(2.0);
   // Measured at equal loss. With estimated importance, colour counts less relative to position.
   octaves_.position = std::clamp(size - (by_size ? 3.3 : 3.1), -90.0, 90.0);
-  octaves_.displacement = octaves_.position + 0.5;
+  octaves_.displacement = octaves_.position + 0.8;
   octaves_.log_scale = -3.4;
   octaves_.rotation = -5.2;
   octaves_.sh[0] = by_size ? -4.35 : -4.65;
