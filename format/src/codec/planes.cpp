@@ -16,7 +16,7 @@ namespace {
 constexpr std::size_t kSamples = 4096;    // per component, for choosing digits
 constexpr std::size_t kSampleRun = 64;    // successive primitives in a sample
 constexpr double kTableSymbolBits = 6.0;  // approximate cost of a table, per symbol in it
-constexpr double kDigitBits = 0.1;       // cost of decoding one more digit, per value
+constexpr double kDigitBits = 0.1;        // cost of decoding one more digit, per value
 // Digits per value, at most: no layout has more planes than its floats have bytes (spec 8.1). A key
 // stands for three components, each of which may have two digits besides.
 constexpr std::size_t kMaxValueDigits = 4, kMaxKeyDigits = 6;

@@ -92,8 +92,7 @@ DecodedRows RecordDecoder::assign_rows(std::size_t first, std::size_t count,
   std::size_t size = 0;
   for (std::size_t i = first; i < first + count; ++i) {
     const StreamRow& row = layout_.streams[i];
-    if (needed[i] && !row.optional())
-      size += Layout::varying_planes(row, set_) * symbols_of(row);
+    if (needed[i] && !row.optional()) size += Layout::varying_planes(row, set_) * symbols_of(row);
   }
   out.symbols = std::make_unique_for_overwrite<std::uint8_t[]>(size);
   std::uint8_t* at = out.symbols.get();

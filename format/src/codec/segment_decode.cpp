@@ -49,8 +49,7 @@ std::vector<RecordDecoder> open_records(const SegmentRecords& records, const Fil
 }
 
 void map_all(const std::vector<StreamTask>& tasks, const SegmentContext& context,
-             std::uint32_t ordinal, const IndexEntry& entry, Gaussians4D& set,
-             Findings& findings) {
+             std::uint32_t ordinal, const IndexEntry& entry, Gaussians4D& set, Findings& findings) {
   const std::uint64_t offset = entry.offset;
   const MapResult result = map_streams(tasks, context, entry.primitives, set);
   for (std::size_t t = 0; t < tasks.size(); ++t) {

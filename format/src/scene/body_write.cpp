@@ -49,7 +49,7 @@ std::vector<Group> groups_of(const Encoding& encoding, const std::vector<TierSeg
   return out;
 }
 
-constexpr std::size_t kSmallRecord = 1024;  // primitives
+constexpr std::size_t kSmallRecord = 4096;  // primitives
 constexpr double kTableSymbolBits = 7.0;    // of a table, per symbol
 
 // Returns the bits by which a plane with these counts is smaller in rANS than raw, if it has a
@@ -177,8 +177,8 @@ class BodyWriter {
     for (Group& group : groups_) join_streams(group);
   }
 
-  // Lets streams share a group of planes: those of the lifespan, and, in small records, all that
-  // follow the position, because every group stores states.
+  // Lets streams share a group of planes, because every group stores states: those of the lifespan,
+  // and, in small records, those of the motion and those of the look.
   void join_streams(Group& group) const {
     std::size_t primitives = 0;
     for (const std::size_t s : group.segments) primitives += segments_[s].segment.members.size();
@@ -187,7 +187,8 @@ class BodyWriter {
     for (std::size_t a = 1; a < streams_of(0).size(); ++a) {
       const Attribute attribute = attributes_[a];
       const bool lifespan = attribute == Attribute::kSigma || attribute == Attribute::kRadius;
-      const bool wanted = lifespan || (small && attribute > Attribute::kTime);
+      const bool begins = attribute == Attribute::kTime || attribute == Attribute::kLogScale;
+      const bool wanted = lifespan || (small && !begins);
       group.plans[a].row.joins = wanted && in_group(a) && in_group(a - 1);
     }
   }
