@@ -78,9 +78,10 @@ class SceneBuilder {
         }
       } else {
         if (!is_of_the_file(set.status())) return set.status();
-        const std::string text = fmt::format("segment {}: {}", i, set.status().message());
-        if (reason.ok()) reason = Status(set.status().code(), text);
-        note(notes_, fmt::format("omitted the {} primitives of {}", tier.primitives, text));
+        const std::string& why = set.status().message();
+        if (reason.ok()) reason = {set.status().code(), fmt::format("segment {}: {}", i, why)};
+        note(notes_, fmt::format("omitted segment {} ({} {}): {}", i, tier.primitives,
+                                 tier.primitives == 1 ? "primitive" : "primitives", why));
         scene_.parts[tier.part].primitives -= tier.primitives;
       }
       attributes.insert(skipped.begin(), skipped.end());
