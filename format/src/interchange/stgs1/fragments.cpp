@@ -220,7 +220,8 @@ Status read_fragments(File& file, std::uint64_t head_sum) {
   if (!last) {  // only the head and its copy are complete
     file.parts.push_back({0, static_cast<double>(file.metadata.frames), 0, {}});
     STGS_ASSIGN(const auto copy, record_at(file.source, file.end, file.source.size()));
-    if (copy && copy->tag == tag("COPY")) file.end = copy->end();
+    if (copy && copy->tag == tag("COPY") && copy->flags == 0 && copy->length >= kHeader + kLast)
+      file.end = copy->end();
     note_incomplete(file);
     return {};
   }

@@ -122,9 +122,9 @@ Status read_stream(View bytes, std::size_t tables, Stream& s) {
 }
 
 // Checks the planes of all streams (7.3, A.1).
-Status check_planes(const Layout& layout, const std::vector<Table>& tables) {
+Status check_planes(std::span<const Stream> streams, const std::vector<Table>& tables) {
   std::size_t planes = 0, group = 0, float_bytes = 0;
-  for (const Stream& s : layout.streams) {
+  for (const Stream& s : streams) {
     planes += s.planes();
     if (s.known) float_bytes += 4 * static_cast<std::size_t>(components_of(s.attribute));
     group += static_cast<std::size_t>(
@@ -158,20 +158,21 @@ Status read_layouts(ByteReader& in, std::uint64_t memory, std::size_t max_tables
   const std::size_t layouts = in.u16();
   if (!in.ok() || layouts > kMaxLayouts) return invalid_file("the layouts are truncated");
   std::uint64_t rows = 0;
-  for (std::size_t i = 0; i < layouts; ++i) {
-    Layout& layout = out.layouts.emplace_back();
+  for (std::size_t i = 0; i < layouts && in.ok(); ++i) {
     const int count = in.u8();
     rows += static_cast<std::uint64_t>(count);
     if (rows > kFreeRows && rows - kFreeRows > memory / kRowMemory) {
       return unsupported("{} rows of layouts exceed the memory limit", rows);
     }
+    Status problem;
     for (int r = 0; r < count; ++r) {
       const View row = in.bytes(in.u16());
       if (!in.ok()) return invalid_file("the layouts are truncated");
-      if (!layout.problem.ok()) continue;
-      layout.problem = read_stream(row, tables, layout.streams.emplace_back());
+      if (problem.ok()) problem = read_stream(row, tables, out.rows.emplace_back());
     }
-    if (layout.problem.ok()) layout.problem = check_planes(layout, out.tables);
+    out.ends.push_back(static_cast<std::uint32_t>(out.rows.size()));
+    if (problem.ok()) problem = check_planes(out.streams(i), out.tables);
+    if (!problem.ok()) out.problems.emplace(i, std::move(problem));
   }
   return in.ok() ? Status() : invalid_file("the layouts are truncated");
 }

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstdint>
+#include <map>
 #include <span>
 #include <vector>
 
@@ -55,14 +56,17 @@ struct Stream {
   std::size_t planes() const { return components * bits.size(); }
 };
 
-struct Layout {
-  std::vector<Stream> streams;
-  Status problem;  // refuses the records that name the layout
-};
-
+// The layouts of a file or of a record, and their tables.
 struct LayoutSet {
   std::vector<Table> tables;
-  std::vector<Layout> layouts;
+  std::vector<Stream> rows;                // of all layouts
+  std::vector<std::uint32_t> ends;         // of the rows of each layout
+  std::map<std::size_t, Status> problems;  // refuse the records that name a layout
+
+  std::span<const Stream> streams(std::size_t layout) const {
+    const std::size_t first = layout == 0 ? 0 : ends[layout - 1];
+    return std::span(rows).subspan(first, ends[layout] - first);
+  }
 };
 
 // Reads the payload of LAYT, or the layout of a record with max_tables = 256. `memory`: the limit

@@ -25,9 +25,7 @@ struct OpenRecord {
   bool has_group = false;
 
   const std::vector<Table>& tables() const { return set != nullptr ? set->tables : own.tables; }
-  const std::vector<Stream>& streams() const {
-    return (set != nullptr ? set : &own)->layouts[number].streams;
-  }
+  std::span<const Stream> streams() const { return (set != nullptr ? set : &own)->streams(number); }
 };
 
 class TierDecoder {
@@ -91,16 +89,17 @@ class TierDecoder {
     if (is_own) {
       STGS_TRY(read_layouts(in, memory_, kMaxOwnTables, out.own));
       STGS_TRY(take(kTableMemory * out.own.tables.size()));
-      if (out.own.layouts.size() != 1) return invalid_file("the record has no single own layout");
+      if (out.own.ends.size() != 1) return invalid_file("the record has no single own layout");
     }
     const LayoutSet& set = is_own ? out.own : file_.layouts;
     out.number = is_own ? 0 : static_cast<std::size_t>(number);
-    if (out.number >= set.layouts.size()) return invalid_file("layout {} does not exist", number);
-    const Layout& layout = set.layouts[out.number];
-    STGS_TRY(layout.problem);
+    if (out.number >= set.ends.size()) return invalid_file("layout {} does not exist", number);
+    const auto problem = set.problems.find(out.number);
+    if (problem != set.problems.end()) return problem->second;
+    const std::span<const Stream> streams = set.streams(out.number);
     if (is_own) STGS_TRY(check_own_tables(set));
-    STGS_TRY(check_streams(layout, content, out.omits_sh));
-    STGS_TRY(locate(set, layout, in, out));
+    STGS_TRY(check_streams(streams, content, out.omits_sh));
+    STGS_TRY(locate(set, streams, in, out));
     if (!is_own) out.set = &file_.layouts;
     out.payload = std::move(payload);  // the views of its bytes stay valid
     return {};
@@ -126,7 +125,7 @@ class TierDecoder {
 
   static Status check_own_tables(const LayoutSet& set) {
     std::vector<bool> is_named(set.tables.size());
-    for (const Stream& s : set.layouts[0].streams) {
+    for (const Stream& s : set.rows) {
       for (const std::uint16_t t : s.tables) is_named[t] = true;
     }
     const bool all = std::find(is_named.begin(), is_named.end(), false) == is_named.end();
@@ -134,9 +133,9 @@ class TierDecoder {
   }
 
   // Checks that the streams are those of the content (5.7, 6.4) and the profile (8.1).
-  Status check_streams(const Layout& layout, int content, bool& omits_sh) const {
+  Status check_streams(std::span<const Stream> streams, int content, bool& omits_sh) const {
     std::vector<std::uint16_t> have, base, rest;
-    for (const Stream& s : layout.streams) {
+    for (const Stream& s : streams) {
       if (s.is_optional()) continue;
       if (!s.known) {
         return unsupported("unknown attribute {} with mapping {}, prediction {} and coder {}",
@@ -158,8 +157,8 @@ class TierDecoder {
   }
 
   // Locates the stored bytes of all streams.
-  Status locate(const LayoutSet& set, const Layout& layout, ByteReader& in, OpenRecord& out) {
-    const std::vector<Stream>& streams = layout.streams;
+  Status locate(const LayoutSet& set, std::span<const Stream> streams, ByteReader& in,
+                OpenRecord& out) {
     bool has_key = false;
     for (const Stream& s : streams) {
       has_key = has_key || (s.prediction == kMorton && !s.is_optional());
@@ -181,7 +180,7 @@ class TierDecoder {
 
   // Compares the sizes of all streams with the primitives (7.2).
   Status check_sizes(const OpenRecord& record) const {
-    const std::vector<Stream>& streams = record.streams();
+    const std::span<const Stream> streams = record.streams();
     for (std::size_t i = 0; i < streams.size(); ++i) {
       const Stream& s = streams[i];
       if (s.is_optional() || s.coder == kRans) continue;
@@ -205,7 +204,7 @@ class TierDecoder {
 
   // Decodes the streams of a record whose sizes have been checked.
   Status decode_record(const OpenRecord& record, Gaussians4D& set) const {
-    const std::vector<Stream>& streams = record.streams();
+    const std::span<const Stream> streams = record.streams();
     const std::size_t n = tier_.primitives;
     std::vector<Plane> planes;
     std::size_t stored = 0;  // planes other than those of one symbol
@@ -237,7 +236,7 @@ class TierDecoder {
   // Decodes the planes without a location into `symbols`, and sets their locations.
   Status decode_planes(const OpenRecord& record, std::span<std::uint8_t> symbols,
                        std::vector<Plane>& planes) const {
-    const std::vector<Stream>& streams = record.streams();
+    const std::span<const Stream> streams = record.streams();
     const std::size_t n = tier_.primitives;
     std::vector<const Table*> tables;
     std::vector<std::uint8_t*> coded;
