@@ -138,15 +138,13 @@ class Convert final : public Command {
   Help help() const override {
     return {
         "convert", "Convert from and to other Gaussian-splat formats",
-        "Reads .stgs, 3DGS PLY (also PlayCanvas packed PLY), SPZ 2 to 4, SOG 2 (a bundle or a\n"
-        "folder of models), .splatv, .4dgs, and a folder of PLY frames; the content selects the\n"
-        "format.\n"
-        "Splats that are static or move linearly over the frames become one primitive. Writes,\n"
-        "by the extension of OUT, .stgs or .4dgs, or a single time as .ply, .spz (version 4) or "
-        ".glb\n"
-        "(glTF with KHR_gaussian_splatting). Converts the axes to those of the target. Reads\n"
-        "the output back, except .glb, and reports the errors. Warns on standard error of data\n"
-        "that is lost.",
+        "Reads .stgs, .4dgs, 3DGS PLY (also PlayCanvas packed PLY), SPZ 2 to 4, SOG 2 (a bundle\n"
+        "or a folder of models), .splatv, and a folder of PLY frames; the content selects the\n"
+        "format. Splats that are static or move linearly over the frames become one primitive.\n"
+        "Writes, by the extension of OUT, .stgs or .4dgs, or a single time as .ply, .spz\n"
+        "(version 4) or .glb (glTF with KHR_gaussian_splatting). Converts the axes to those of\n"
+        "the target. Reads the output back, except .glb, and reports the errors. Warns on\n"
+        "standard error of data that is lost.",
         "  stgs convert scene.stgs frame.ply --time 1.5\n"
         "  stgs convert scene.stgs frame.spz --time 1.5\n"
         "  stgs convert splats.ply splats.stgs --quality 85\n"

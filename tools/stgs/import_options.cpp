@@ -45,9 +45,8 @@ void ImportOptions::declare(Arguments& app) {
   app.add_option(
          "--tolerance", tolerance_,
          "For a folder of PLY frames and a .4dgs with keyframes: how much a splat may change\n"
-         "between frames and remain one primitive, in multiples of 0.02 of its size and 1/255 of "
-         "colour and opacity\n"
-         "(default: 1)")
+         "between frames and remain one primitive, in multiples of 0.02 of its size and 1/255\n"
+         "of colour and opacity (default: 1)")
       ->check(number_between(0, 1000))
       ->group(group);
 }

@@ -86,10 +86,10 @@ constexpr std::array kFormats = {
     Format{"SOG", ".sog", is_sog, nullptr, read_sog_models, nullptr},
     Format{"splatv", ".splatv", is_splatv_file, nullptr, read_splatv_clip, nullptr,
            Format::kSplatv},
-    Format{"4dgs", ".4dgs", is_4dgs_file, nullptr, read_4dgs_clip, nullptr, Format::kFourdgs,
-           write_4dgs, read_back_4dgs},
     Format{"PLY frames", "", is_frame_folder, nullptr, read_frames, nullptr, Format::kSequence},
     Format{"glTF", ".glb", is_gltf, nullptr, nullptr, write_glb_set},
+    Format{"4dgs", ".4dgs", is_4dgs_file, nullptr, read_4dgs_clip, nullptr, Format::kFourdgs,
+           write_4dgs, read_back_4dgs},
 };
 
 }  // namespace

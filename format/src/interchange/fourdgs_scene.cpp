@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "interchange/import.h"
+#include "stgs/format/text.h"
 
 namespace stgs::fourdgs {
 namespace {
@@ -253,6 +254,10 @@ void finish_scene(const Contents& contents, Scene& scene, ConversionNotes* notes
   }
   SceneMetadata& metadata = scene.metadata;
   metadata.title = value_of(contents, kTitleKey);
+  if (!is_utf8(metadata.title)) {
+    metadata.title.clear();
+    note(notes, "dropped a title that is not UTF-8");
+  }
   metadata.metres_per_unit = static_cast<float>(frame.metres_per_unit);
   if (!std::isfinite(metadata.metres_per_unit)) metadata.metres_per_unit = 0;
   if (frame.up >= 0 && axes.up[1] == 0) {
