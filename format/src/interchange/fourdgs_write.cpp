@@ -9,6 +9,7 @@
 
 #include "interchange/import.h"
 #include "stgs/format/fourdgs.h"
+#include "stgs/format/parallel.h"
 
 namespace stgs {
 namespace fourdgs {
@@ -202,49 +203,21 @@ class Writer {
     write_record(out_, kCamera, w.view());
   }
 
-  void write_chunk(const ChunkPlan& plan, ByteWriter& index) {
-    ByteWriter streams;
+  // Returns a stream, or the contents of the record of an SH band.
+  ByteWriter attribute_stream(const ChunkPlan& plan, std::size_t attribute) const {
+    const std::size_t channels = kChannels[attribute];
     std::vector<std::int32_t> values;
-    for (std::uint8_t a = 0; a < kAttributes; ++a) {
-      values.clear();
-      for (const std::uint32_t i : plan.members) {
-        const auto first =
-            coded_.set.bins[a].begin() + static_cast<std::ptrdiff_t>(i * kChannels[a]);
-        values.insert(values.end(), first, first + static_cast<std::ptrdiff_t>(kChannels[a]));
-      }
-      write_stream(streams, a, kChannels[a], values);
+    values.reserve(plan.members.size() * channels);
+    for (const std::uint32_t i : plan.members) {
+      const auto first =
+          coded_.set.bins[attribute].begin() + static_cast<std::ptrdiff_t>(i * channels);
+      values.insert(values.end(), first, first + static_cast<std::ptrdiff_t>(channels));
     }
-    ByteWriter w;
-    w.f64(plan.begin);
-    w.f64(plan.end);
-    w.u32(plan.level);
-    w.u32(static_cast<std::uint32_t>(plan.members.size()));
-    w.string("");  // the streams are compressed
-    w.u64(streams.size());
-    w.u64(streams.size());
-    w.bytes(streams.view());
-    const std::size_t at = out_.size();
-    write_record(out_, kChunk, w.view());
-    const std::size_t length = out_.size() - at;
-    const int bands = scene_.gaussians.sh_degree;
-    ByteWriter entry;
-    entry.f64(plan.begin);
-    entry.f64(plan.end);
-    entry.u64(at);
-    entry.u64(length);
-    entry.u32(static_cast<std::uint32_t>(plan.members.size()));
-    entry.u32(static_cast<std::uint32_t>(bands));
-    for (int band = 1; band <= bands; ++band) {
-      const std::size_t band_at = out_.size();
-      write_band(plan, band);
-      entry.u8(static_cast<std::uint8_t>(band));
-      entry.u64(band_at);
-      entry.u64(out_.size() - band_at);
-    }
-    write_record(index, kChunkIndex, entry.view());
+    ByteWriter out;
+    write_stream(out, static_cast<std::uint8_t>(attribute), channels, values);
+    return out;
   }
-
-  void write_band(const ChunkPlan& plan, int band) {
+  ByteWriter band_content(const ChunkPlan& plan, int band) const {
     const BandRange range = band_range(band);
     const std::size_t width = range.last - range.first;
     const std::size_t all = band_range(scene_.gaussians.sh_degree + 1).first;
@@ -255,10 +228,47 @@ class Writer {
         values.push_back(coded_.set.sh[(i * all + range.first + k % width) * 3 + k / width]);
       }
     }
+    ByteWriter out;
+    out.u8(static_cast<std::uint8_t>(band));
+    write_stream(out, kBand, 3 * width, values);
+    return out;
+  }
+
+  void write_chunk(const ChunkPlan& plan, ByteWriter& index) {
+    const auto bands = static_cast<std::size_t>(scene_.gaussians.sh_degree);
+    std::vector<ByteWriter> parts(kAttributes + bands);
+    parallel_for(std::size_t{0}, parts.size(), [&](std::size_t i) {
+      parts[i] = i < kAttributes ? attribute_stream(plan, i)
+                                 : band_content(plan, static_cast<int>(i - kAttributes) + 1);
+    });
+    std::size_t bytes = 0;
+    for (std::size_t a = 0; a < kAttributes; ++a) bytes += parts[a].size();
     ByteWriter w;
-    w.u8(static_cast<std::uint8_t>(band));
-    write_stream(w, kBand, 3 * width, values);
-    write_record(out_, kBand, w.view());
+    w.f64(plan.begin);
+    w.f64(plan.end);
+    w.u32(plan.level);
+    w.u32(static_cast<std::uint32_t>(plan.members.size()));
+    w.string("");  // the streams are compressed
+    w.u64(bytes);
+    w.u64(bytes);
+    for (std::size_t a = 0; a < kAttributes; ++a) w.bytes(parts[a].view());
+    const std::size_t at = out_.size();
+    write_record(out_, kChunk, w.view());
+    ByteWriter entry;
+    entry.f64(plan.begin);
+    entry.f64(plan.end);
+    entry.u64(at);
+    entry.u64(out_.size() - at);
+    entry.u32(static_cast<std::uint32_t>(plan.members.size()));
+    entry.u32(static_cast<std::uint32_t>(bands));
+    for (std::size_t band = 1; band <= bands; ++band) {
+      const std::size_t band_at = out_.size();
+      write_record(out_, kBand, parts[kAttributes + band - 1].view());
+      entry.u8(static_cast<std::uint8_t>(band));
+      entry.u64(band_at);
+      entry.u64(out_.size() - band_at);
+    }
+    write_record(index, kChunkIndex, entry.view());
   }
 
   const Scene& scene_;
