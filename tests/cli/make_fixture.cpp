@@ -13,6 +13,7 @@
 #ifdef STGS_HAS_SOG
 #include "../fixtures/sog_fixture.h"
 #endif
+#include "../fixtures/fourdgs_fixture.h"
 #include "../fixtures/splatv_fixture.h"
 #include "container/container.h"
 #include "core/bytes.h"
@@ -165,6 +166,30 @@ Status write_nan_image(const std::string& path) {
   return status.code() == StatusCode::kNotBuilt ? Status() : status;
 }
 
+// A .4dgs of two states of one second. One Gaussian moves, one stays and one appears.
+std::string states_file() {
+  using namespace testing::fourdgs;
+  File file;
+  file.model = "keyframe-delta";
+  std::vector<Gaussian> set(2);
+  for (std::uint32_t i = 0; i < 2; ++i) {
+    set[i].flags = 1;
+    set[i].id = i;
+    set[i].position[0] = static_cast<int>(4 * i);
+  }
+  Delta delta;
+  delta.begin = 1;
+  delta.end = 2;
+  delta.reference = delta.keyframe = file.head().size();
+  delta.updated = {set[1]};
+  delta.update_streams = stream(0, 3, {2, 0, 0});
+  file.body = chunk(0, 1, set.size(), streams(set, true));
+  set[0].id = 7;
+  delta.born = {set[0]};
+  file.body += delta_chunk(delta);
+  return file.bytes();
+}
+
 // Writes models in the formats of other programs.
 Status write_models(const std::string& folder) {
 #ifdef STGS_HAS_SOG
@@ -177,9 +202,12 @@ Status write_models(const std::string& folder) {
     records[i].position[0] = static_cast<float>(i);
     records[i].motion[3] = i % 2 == 0 ? 0.0f : 4.0f;  // coefficient of dt^2
   }
-  const std::string clip = testing::splatv_file(records);
-  const auto* bytes = reinterpret_cast<const std::uint8_t*>(clip.data());
-  return write_file_atomically(folder + "/clip.splatv", {bytes, clip.size()});
+  const auto write_text = [&folder](const char* name, const std::string& text) {
+    const auto* bytes = reinterpret_cast<const std::uint8_t*>(text.data());
+    return write_file_atomically(folder + name, {bytes, text.size()});
+  };
+  STGS_TRY(write_text("/states.4dgs", states_file()));
+  return write_text("/clip.splatv", testing::splatv_file(records));
 }
 
 Status write_all(const std::string& folder) {

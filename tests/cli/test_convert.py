@@ -113,8 +113,8 @@ class Converting(CliTest):
 
     def test_outputs_do_not_depend_on_threads(self):
         for threads in ("1", "2"):
-            for suffix in ("ply", "spz", "glb"):
+            for suffix in ("ply", "spz", "glb", "4dgs"):
                 self.succeeds("convert", self.fixture("tiny.stgs"), f"{threads}.{suffix}", "--time",
                               "0.1", "--threads", threads)
-        for suffix in ("ply", "spz", "glb"):
+        for suffix in ("ply", "spz", "glb", "4dgs"):
             self.assertEqual(self.read(f"1.{suffix}"), self.read(f"2.{suffix}"))

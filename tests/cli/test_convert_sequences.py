@@ -89,6 +89,63 @@ class ConvertingSplatv(CliTest):
         self.fails(3, "cut.splatv", "convert", self.write("cut.splatv", data[:-1]), "a.stgs")
 
 
+class ConvertingFourdgs(CliTest):
+    def test_a_scene_is_written_and_read_back(self):
+        tiny = self.fixture("tiny.stgs")
+        result = self.json_of("convert", tiny, "a.4dgs")
+        self.assertEqual(result["output_format"], "4dgs")
+        self.assertEqual((result["frames"], result["time_s"]), (6, None))
+        self.assertEqual(result["primitives_in"], 400)
+        self.assertLess(0.1, result["errors"]["visibility_max"])
+        self.assertLess(result["errors"]["position_max"], 0.01)
+        notes = "\n".join(result["notes"])
+        for part in ("dropped 3 of 400 primitives", "approximated the lifespans of ",
+                     "visibility differs by up to 0.5, ", "clipped 18 of 1191 colours",
+                     "4dgs cannot hold the image size and roll of the start camera",
+                     "4dgs rounds or clips"):
+            self.assertIn(part, notes)
+        text = self.succeeds("convert", tiny, "b.4dgs").stdout.decode()
+        self.assertRegex(text, r"opacity at a frame \S+, time ")
+        self.assertEqual(self.read("a.4dgs"), self.read("b.4dgs"))
+        back = self.json_of("convert", "a.4dgs", "c.stgs")
+        self.assertEqual((back["input_format"], back["frames"], back["sequence"]), ("4dgs", 6, None))
+        self.assertEqual(back["primitives"], result["primitives"])
+        self.succeeds("validate", "c.stgs")
+        self.succeeds("compare", tiny, "c.stgs", "--min-psnr", "40")
+        self.assertEqual(self.json_of("convert", "a.4dgs", "d.stgs", "--fps", "60")["frames"], 12)
+
+    def test_one_time_is_static(self):
+        self.succeeds("convert", self.fixture("tiny.stgs"), "a.4dgs", "--time", "0.1")
+        result = self.json_of("convert", "a.4dgs", "a.ply")
+        self.assertEqual(result["frames"], 1)
+        self.assertNotIn("motion and lifespans", "\n".join(result["notes"]))
+
+    def test_states_become_primitives(self):
+        result = self.json_of("convert", self.fixture("states.4dgs"), "a.stgs")
+        self.assertEqual((result["input_format"], result["frames"]), ("4dgs", 48))
+        self.assertEqual(result["sequence"]["splats"], 24 * 2 + 24 * 3)
+        self.assertEqual(result["primitives"], 4)
+        self.assertEqual(result["sequence"]["whole_clip"], 1)
+        # At one frame per second, the step is a motion.
+        slow = self.json_of("convert", self.fixture("states.4dgs"), "b.stgs", "--fps", "1",
+                            "--tolerance", "2")
+        self.assertEqual((slow["frames"], slow["primitives"]), (2, 3))
+        self.assertEqual(slow["sequence"]["moving"], 1)
+
+    def test_unsuitable_options_and_files_are_rejected(self):
+        states = self.fixture("states.4dgs")
+        self.fails(1, "--frames applies to .splatv", "convert", states, "a.stgs", "--frames", "3")
+        self.fails(1, "--quality applies to .stgs output", "convert", states, "a.4dgs", "--quality", "3")
+        self.succeeds("convert", self.fixture("tiny.stgs"), "tiny.4dgs")
+        self.fails(1, "to which tolerances do not apply", "convert", "tiny.4dgs", "a.stgs",
+                   "--tolerance", "1")
+        self.fails(1, "lasts 2 s, but PLY holds a single time", "convert", states, "a.ply")
+        data = self.read(states)
+        self.fails(3, "the file is truncated", "convert", self.write("cut.4dgs", data[:-1]), "a.stgs")
+        self.fails(5, "unsupported version of .4dgs", "convert",
+                   self.write("new.4dgs", data[:5] + b"2" + data[6:]), "a.stgs")
+
+
 class ConvertingSog(CliTest):
     @unittest.skipUnless(built_in("sog"), "needs libwebp and libzip")
     def test_a_bundle_and_a_folder_of_chunks_convert(self):

@@ -16,6 +16,8 @@ class ForeignFiles(CliTest):
         "a.png": (b"\x89PNG\r\n\x1a\n" + bytes(100), "this is a PNG image"),
         "a.mp4": (struct.pack(">I", 32) + b"ftypisom" + bytes(100), "this is an MP4 video"),
         "a.ply": (PLY, "this is a PLY file; convert models with 'stgs convert'"),
+        "a.4dgs": (b"\x894DGS1\r\n" + bytes(100),
+                   "this is a .4dgs file; convert it with 'stgs convert'"),
         "a.gif": (b"GIF89a" + bytes(100), "this is a GIF image"),
         "a.webp": (b"RIFF" + bytes(4) + b"WEBP" + bytes(100), "this is a WebP image"),
         "a.y4m": (b"YUV4MPEG2 W8 H8\nFRAME\n" + bytes(100), "this is a Y4M video"),

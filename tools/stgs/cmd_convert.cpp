@@ -65,7 +65,7 @@ bool moves_or_fades(const Scene& scene) {
 std::string output_extensions() {
   std::string text = ".stgs";
   for (const InterchangeFormat& format : interchange_formats()) {
-    if (format.write != nullptr) text += fmt::format(", {}", format.extension);
+    if (format.is_writable()) text += fmt::format(", {}", format.extension);
   }
   return text;
 }
@@ -101,22 +101,55 @@ std::string to_text(const ConversionErrors& e, bool timed) {
   return text + "\n";
 }
 
+// Lists the primitives of a scene in another order, and the parts accordingly, possibly one for
+// each primitive.
+void reorder(Scene& scene, const std::vector<std::uint32_t>& order) {
+  std::vector<std::uint32_t> part_of;
+  for (std::uint32_t p = 0; p < scene.parts.size(); ++p) {
+    part_of.insert(part_of.end(), scene.parts[p].primitives, p);
+  }
+  scene.gaussians = scene.gaussians.gather(order);
+  if (part_of.empty()) return;
+  std::vector<ScenePart> runs;
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    if (i == 0 || part_of[order[i]] != part_of[order[i - 1]]) {
+      runs.push_back(scene.parts[part_of[order[i]]]);
+      runs.back().primitives = 0;
+      if (runs.back().end_ticks < scene.metadata.frames) runs.back().end_ticks -= 0x1p-20;
+    }
+    ++runs.back().primitives;
+  }
+  scene.parts = std::move(runs);
+}
+
+// Makes times count from the beginning of the parts instead of the timeline.
+void to_times_of_parts(Scene& scene) {
+  std::size_t i = 0;
+  for (const ScenePart& part : scene.parts) {
+    for (const std::size_t last = i + part.primitives; i < last && i < scene.gaussians.size();
+         ++i) {
+      scene.gaussians.time[i] -= static_cast<float>(part.begin_ticks);
+    }
+  }
+}
+
 class Convert final : public Command {
  public:
   Help help() const override {
     return {
         "convert", "Convert from and to other Gaussian-splat formats",
-        "Reads .stgs, 3DGS PLY (also PlayCanvas packed PLY), SPZ 2 to 4, SOG 2 (a bundle or a\n"
-        "folder of models), .splatv, and a folder of PLY frames; the content selects the format.\n"
-        "Splats that are static or move linearly over the frames become one primitive. Writes,\n"
-        "by the extension of OUT, .stgs, or a single time as .ply, .spz (version 4) or .glb\n"
-        "(glTF with KHR_gaussian_splatting). Converts the axes to those of the target. Reads\n"
-        "the output back, except .glb, and reports the errors. Warns on standard error of data\n"
-        "that is lost.",
+        "Reads .stgs, .4dgs, 3DGS PLY (also PlayCanvas packed PLY), SPZ 2 to 4, SOG 2 (a bundle\n"
+        "or a folder of models), .splatv, and a folder of PLY frames; the content selects the\n"
+        "format. Splats that are static or move linearly over the frames become one primitive.\n"
+        "Writes, by the extension of OUT, .stgs or .4dgs, or a single time as .ply, .spz\n"
+        "(version 4) or .glb (glTF with KHR_gaussian_splatting). Converts the axes to those of\n"
+        "the target. Reads the output back, except .glb, and reports the errors. Warns on\n"
+        "standard error of data that is lost.",
         "  stgs convert scene.stgs frame.ply --time 1.5\n"
         "  stgs convert scene.stgs frame.spz --time 1.5\n"
         "  stgs convert splats.ply splats.stgs --quality 85\n"
-        "  stgs convert frames/ clip.stgs --fps 30"};
+        "  stgs convert frames/ clip.stgs --fps 30\n"
+        "  stgs convert clip.4dgs clip.stgs --quality 85"};
   }
   Shared shared() const override { return {.log_level = true, .threads = true}; }
   void declare(Arguments& app) override {
@@ -199,7 +232,7 @@ class Convert final : public Command {
   // Reduces the scene to one time if --time is given or the target holds only one.
   Status select_time(Conversion& work) const {
     const SceneMetadata& metadata = work.scene.metadata;
-    if (!seconds_ && work.to == nullptr) return {};
+    if (!seconds_ && (work.to == nullptr || work.to->write_scene != nullptr)) return {};
     if (!seconds_ && metadata.frames > 1) {
       return usage_error("{}: lasts {:.6g} s, but {} holds a single time; select one with --time",
                          input_, metadata.time_base.seconds(metadata.frames), work.to->name);
@@ -229,7 +262,7 @@ class Convert final : public Command {
           "{} of {} primitives are dropped: not visible at that time (opacity below 1/255)",
           work.primitives_in - visible, work.primitives_in));
     }
-    if (work.to == nullptr) return;
+    if (work.to == nullptr || work.to->write_scene != nullptr) return;
     const SceneMetadata& m = work.scene.metadata;
     std::string lost;
     const auto lose = [&lost](const char* item) {
@@ -251,11 +284,17 @@ class Convert final : public Command {
 
   Result<std::vector<std::uint8_t>> encode(Session& session, Conversion& work) const {
     if (work.to != nullptr) {
+      std::vector<std::uint32_t> order;
       Result<std::vector<std::uint8_t>> bytes =
-          work.to->write(work.scene.gaussians, &work.report.notes);
-      if (bytes.ok()) return bytes;
-      return Status(bytes.status().code(),
-                    fmt::format("{}: {}", output_, bytes.status().message()));
+          work.to->write_scene != nullptr
+              ? work.to->write_scene(work.scene, &work.report.notes, &order)
+              : work.to->write(work.scene.gaussians, &work.report.notes);
+      if (!bytes.ok()) {
+        return Status(bytes.status().code(),
+                      fmt::format("{}: {}", output_, bytes.status().message()));
+      }
+      if (work.to->write_scene != nullptr) reorder(work.scene, order);
+      return bytes;
     }
     if (work.from != nullptr) work.scene.metadata.generator = "stgs " STGS_VERSION;
     WriteSettings settings;
@@ -276,10 +315,14 @@ class Convert final : public Command {
 
   // Decodes the output before it is published, if the format can be read, and measures its errors.
   Status read_back(const std::vector<std::uint8_t>& bytes, Conversion& work) const {
-    if (work.to != nullptr && work.to->read == nullptr) return {};
+    if (work.to != nullptr && work.to->read == nullptr && work.to->read_back == nullptr) return {};
     Scene decoded;
     if (work.to == nullptr) {
       STGS_ASSIGN(decoded, read_scene(memory_source(bytes, output_)));
+    } else if (work.to->read_back != nullptr) {
+      STGS_ASSIGN(decoded, work.to->read_back(*memory_source(bytes, output_), {}));
+      decoded.parts = work.scene.parts;
+      to_times_of_parts(decoded);
     } else {
       STGS_ASSIGN(decoded, work.to->read(*memory_source(bytes, output_), {}, nullptr));
     }
@@ -332,7 +375,7 @@ class Convert final : public Command {
                     human_bytes(work.bytes_in), human_bytes(bytes_out), each);
     text += import_text(work.report);
     text += work.errors
-                ? to_text(*work.errors, work.to == nullptr)
+                ? to_text(*work.errors, work.to == nullptr || work.to->write_scene != nullptr)
                 : fmt::format("errors: not measured ({} cannot be read back)\n", name_of(work.to));
     return session.emit(json, text);
   }

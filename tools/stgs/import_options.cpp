@@ -32,8 +32,10 @@ Json to_json(const SplatvReport& r) {
 
 void ImportOptions::declare(Arguments& app) {
   const char* group = "Animated formats";
-  app.add_option("--fps", fps_,
-                 "Frame rate of a folder of PLY frames or of a .splatv (default: 30)")
+  app.add_option(
+         "--fps", fps_,
+         "Frame rate of a folder of PLY frames, of a .splatv or of a .4dgs (default: 30, or\n"
+         "for a .4dgs the rate that it states)")
       ->check(number_between(0.001, 1000))
       ->group(group);
   app.add_option("--frames", frames_,
@@ -42,9 +44,9 @@ void ImportOptions::declare(Arguments& app) {
       ->group(group);
   app.add_option(
          "--tolerance", tolerance_,
-         "For a folder of PLY frames: how much a splat may change between frames and remain\n"
-         "one primitive, in multiples of 0.02 of its size and 1/255 of colour and opacity\n"
-         "(default: 1)")
+         "For a folder of PLY frames and a .4dgs with keyframes: how much a splat may change\n"
+         "between frames and remain one primitive, in multiples of 0.02 of its size and 1/255\n"
+         "of colour and opacity (default: 1)")
       ->check(number_between(0, 1000))
       ->group(group);
 }
@@ -52,29 +54,35 @@ void ImportOptions::declare(Arguments& app) {
 Status ImportOptions::check(const std::string& path, const InterchangeFormat* format) const {
   const bool sequence = format != nullptr && format->settings_kind == InterchangeFormat::kSequence;
   const bool splatv = format != nullptr && format->settings_kind == InterchangeFormat::kSplatv;
+  const bool fourdgs = format != nullptr && format->settings_kind == InterchangeFormat::kFourdgs;
   const char* name = format == nullptr ? "STGS" : format->name;
-  if (fps_ && !sequence && !splatv) {
-    return usage_error("{}: --fps applies to a folder of PLY frames and to .splatv, not to {}",
+  if (fps_ && !sequence && !splatv && !fourdgs) {
+    return usage_error("{}: --fps applies to a folder of PLY frames, .splatv and .4dgs, not to {}",
                        path, name);
   }
   if (frames_ && !splatv) {
     return usage_error("{}: --frames applies to .splatv, not to {}", path, name);
   }
-  if (tolerance_ && !sequence) {
-    return usage_error("{}: --tolerance applies to a folder of PLY frames, not to {}", path, name);
+  if (tolerance_ && !sequence && !fourdgs) {
+    return usage_error("{}: --tolerance applies to a folder of PLY frames and to .4dgs, not to {}",
+                       path, name);
   }
   return {};
 }
 
 ImportSettings ImportOptions::settings() const {
   ImportSettings settings;
-  if (fps_) settings.sequence.frame_time = settings.splatv.frame_time = frame_time_of(*fps_);
+  if (fps_) {
+    settings.sequence.frame_time = settings.splatv.frame_time = frame_time_of(*fps_);
+    settings.fourdgs.frame_time = settings.sequence.frame_time;
+  }
   if (frames_) settings.splatv.frames = *frames_;
   const double factor = tolerance_.value_or(1);
   SequenceTolerances& t = settings.sequence.tolerances;
   for (double* value : {&t.position, &t.log_scale, &t.rotation, &t.opacity, &t.colour}) {
     *value *= factor;
   }
+  if (tolerance_) settings.fourdgs.tolerances = t;
   return settings;
 }
 

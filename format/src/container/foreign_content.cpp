@@ -22,6 +22,7 @@ constexpr Signature kSignatures[] = {
     {0, "NGSP", "this is an SPZ model; convert it with 'stgs convert'"},
     {0, "\x1F\x8B", "this is a gzip file; convert SPZ models with 'stgs convert'"},
     {0, "PK\x03\x04", "this is a zip archive; convert SOG models with 'stgs convert'"},
+    {1, "4DGS", "this is a .4dgs file; convert it with 'stgs convert'"},
     {0, "glTF", "this is a binary glTF file"},
     {0, "\x89PNG", "this is a PNG image"},
     {0, "\xFF\xD8\xFF", "this is a JPEG image"},

@@ -34,6 +34,9 @@ bool is_sog(const std::string& path, Head head) {
 bool is_splatv_file(const std::string&, Head head) {
   return is_splatv(head);
 }
+bool is_4dgs_file(const std::string&, Head head) {
+  return is_4dgs(head);
+}
 bool is_frame_folder(const std::string& path, Head head) {
   return head.empty() && is_ply_sequence(path);
 }
@@ -62,6 +65,14 @@ Result<Scene> read_splatv_clip(const std::string& path, const ImportSettings& se
   STGS_ASSIGN(const auto source, open_file(path));
   return read_splatv(*source, settings.splatv, limits, &report.splatv.emplace(), &report.notes);
 }
+Result<Scene> read_4dgs_clip(const std::string& path, const ImportSettings& settings,
+                             const ReadLimits& limits, ImportReport& report) {
+  STGS_ASSIGN(const auto source, open_file(path));
+  FourdgsReport of_file;
+  Result<Scene> scene = read_4dgs(*source, settings.fourdgs, limits, &of_file, &report.notes);
+  report.sequence = of_file.sequence;
+  return scene;
+}
 Result<Scene> read_frames(const std::string& path, const ImportSettings& settings,
                           const ReadLimits& limits, ImportReport& report) {
   return read_ply_sequence(path, settings.sequence, limits, &report.sequence.emplace(),
@@ -77,6 +88,8 @@ constexpr std::array kFormats = {
            Format::kSplatv},
     Format{"PLY frames", "", is_frame_folder, nullptr, read_frames, nullptr, Format::kSequence},
     Format{"glTF", ".glb", is_gltf, nullptr, nullptr, write_glb_set},
+    Format{"4dgs", ".4dgs", is_4dgs_file, nullptr, read_4dgs_clip, nullptr, Format::kFourdgs,
+           write_4dgs, read_back_4dgs},
 };
 
 }  // namespace
@@ -119,7 +132,7 @@ Result<Scene> read_interchange(const InterchangeFormat& format, const std::strin
 const InterchangeFormat* format_for_output(const std::string& path) {
   const std::string extension = file_extension(path);
   const auto found = std::find_if(kFormats.begin(), kFormats.end(), [&](const auto& format) {
-    return format.write != nullptr && extension == format.extension;
+    return format.is_writable() && extension == format.extension;
   });
   return found == kFormats.end() ? nullptr : &*found;
 }

@@ -293,21 +293,47 @@ void SequenceMatcher::end_run(const Run& run) {
       std::max(report_.errors.position, error / sizes_of(set_, run.primitive).middle);
 }
 
-void SequenceMatcher::add(const Gaussians4D& frame) {
+void SequenceMatcher::match_by_place(const Gaussians4D& frame) {
+  if (2 * match_in_order(frame) < std::min(runs_.size(), frame.size())) {
+    // The order differs: the matches found are coincidental.
+    splat_done_.assign(frame.size(), 0);
+    run_done_.assign(runs_.size(), 0);
+  }
+  const Sizes sizes = typical_sizes(frame);
+  match_nearby(frame, sizes.middle, false);
+  match_nearby(frame, kMaxNearbyStep * sizes.largest, true);
+}
+
+void SequenceMatcher::match_by_identity(const Gaussians4D& frame,
+                                        std::span<const std::uint32_t> ids) {
+  Step step;
+  for (std::size_t i = 0, r = 0; i < ids.size() && r < ids_.size();) {
+    if (ids[i] < ids_[r]) {
+      ++i;
+    } else if (ids[i] > ids_[r]) {
+      ++r;
+    } else {
+      const double any_step = std::numeric_limits<double>::infinity();
+      if (continues(frame, i, runs_[r], any_step, step)) assign(i, r, step);
+      ++i;
+      ++r;
+    }
+  }
+}
+
+void SequenceMatcher::add(const Gaussians4D& frame, std::span<const std::uint32_t> ids) {
   if (frames_ == 0) set_.sh_degree = frame.sh_degree;
   next_.assign(frame.size(), {});
   splat_done_.assign(frame.size(), 0);
   run_done_.assign(runs_.size(), 0);
   if (!runs_.empty() && frame.size() > 0) {
-    if (2 * match_in_order(frame) < std::min(runs_.size(), frame.size())) {
-      // The order differs: the matches found are coincidental.
-      splat_done_.assign(frame.size(), 0);
-      run_done_.assign(runs_.size(), 0);
+    if (ids.empty()) {
+      match_by_place(frame);
+    } else {
+      match_by_identity(frame, ids);
     }
-    const Sizes sizes = typical_sizes(frame);
-    match_nearby(frame, sizes.middle, false);
-    match_nearby(frame, kMaxNearbyStep * sizes.largest, true);
   }
+  ids_.assign(ids.begin(), ids.end());
   for (std::size_t r = 0; r < runs_.size(); ++r) {
     if (!run_done_[r]) end_run(runs_[r]);
   }

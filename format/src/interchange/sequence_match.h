@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "stgs/format/ply_sequence.h"
@@ -18,8 +19,10 @@ class SequenceMatcher {
  public:
   explicit SequenceMatcher(const SequenceTolerances& tolerances) : tolerances_(tolerances) {}
 
-  // Adds the next frame, which must have the SH degree of the first one.
-  void add(const Gaussians4D& frame);
+  // Adds the next frame, which must have the SH degree of the first one. `ids`: identities of its
+  // splats, ascending; then a splat continues only the run of its identity, however far it moved.
+  // Either all frames have identities or none.
+  void add(const Gaussians4D& frame, std::span<const std::uint32_t> ids = {});
   // Ends all runs and returns the primitives, with lifespans in ticks of one frame. Call it last.
   Gaussians4D finish(SequenceReport& report);
 
@@ -47,6 +50,8 @@ class SequenceMatcher {
   bool continues(const Gaussians4D& frame, std::size_t splat, const Run& run, double max_step,
                  Step& step) const;
   std::size_t match_in_order(const Gaussians4D& frame);
+  void match_by_place(const Gaussians4D& frame);
+  void match_by_identity(const Gaussians4D& frame, std::span<const std::uint32_t> ids);
   void match_nearby(const Gaussians4D& frame, double cell, bool starting);
   void assign(std::size_t splat, std::size_t run, const Step& step);
   void begin_run(const Gaussians4D& frame, std::size_t splat);
@@ -55,7 +60,8 @@ class SequenceMatcher {
   SequenceTolerances tolerances_;
   Gaussians4D set_;  // until finish(), `time` is the first frame and `radius` the number of frames
   std::uint32_t frames_ = 0;
-  std::vector<Run> runs_;  // of the splats of the last frame, in its order
+  std::vector<Run> runs_;           // of the splats of the last frame, in its order
+  std::vector<std::uint32_t> ids_;  // of the last frame; empty: unknown
   SequenceReport report_;
 
   // State of the frame being added.

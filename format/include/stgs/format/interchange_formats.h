@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table of formats that can be read, or written from a snapshot of a scene, or both.
+// The table of formats that can be read, or written from a scene or a snapshot of it, or both.
 #pragma once
 
 #include <cstdint>
@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "stgs/format/fourdgs.h"
 #include "stgs/format/interchange.h"
 #include "stgs/format/ply_sequence.h"
 #include "stgs/format/splatv.h"
@@ -18,18 +19,20 @@ namespace stgs {
 struct ImportSettings {
   SequenceSettings sequence;
   SplatvSettings splatv;
+  FourdgsSettings fourdgs;
 };
 
 // The report of an import.
 struct ImportReport {
   ConversionNotes notes;
-  std::optional<SequenceReport> sequence;  // set for a PLY sequence
-  std::optional<SplatvReport> splatv;      // set for .splatv
+  // Set for a PLY sequence and for .4dgs with the temporal model keyframe-delta.
+  std::optional<SequenceReport> sequence;
+  std::optional<SplatvReport> splatv;  // set for .splatv
 };
 
 struct InterchangeFormat {
   // The member of ImportSettings that reading uses.
-  enum SettingsKind { kNone, kSequence, kSplatv };
+  enum SettingsKind { kNone, kSequence, kSplatv, kFourdgs };
 
   const char* name;       // "SPZ"
   const char* extension;  // of file names, lower case, with its dot; "" for folders
@@ -45,6 +48,15 @@ struct InterchangeFormat {
   // changes beyond the format's precision.
   Result<std::vector<std::uint8_t>> (*write)(const Gaussians4D& set, ConversionNotes* notes);
   SettingsKind settings_kind = kNone;
+  // Writes a complete scene; null for formats without time. `order`, unless null, receives for each
+  // primitive of the file its index in the scene, from which some may be omitted.
+  Result<std::vector<std::uint8_t>> (*write_scene)(const Scene& scene, ConversionNotes* notes,
+                                                   std::vector<std::uint32_t>* order) = nullptr;
+  // Reads a file of write_scene() for a comparison: in its order, without parts.
+  Result<Scene> (*read_back)(const ByteSource& source, const ReadLimits& limits) = nullptr;
+
+  // Returns whether the format can be written.
+  bool is_writable() const { return write != nullptr || write_scene != nullptr; }
 };
 
 // Returns all formats except .stgs, in the order in which readers are tried.
