@@ -45,7 +45,6 @@ stgs_contents to_c(const Timeline& timeline) {
   out.head_bytes = reader.head_bytes();
   out.incomplete_bytes = reader.incomplete_bytes();
   out.missing_bytes = reader.missing_bytes();
-  out.unreachable_seconds = base.seconds(reader.unreached_frames());
   out.chunk_seconds = base.seconds(reader.chunk_ticks());
   out.parts = count_of(reader.parts());
   out.segments = count_of(reader.segments());

@@ -15,6 +15,7 @@
 #endif
 #include "../fixtures/fourdgs_fixture.h"
 #include "../fixtures/splatv_fixture.h"
+#include "container/body_plan.h"
 #include "container/container.h"
 #include "core/bytes.h"
 #include "image_io.h"
@@ -89,18 +90,20 @@ Status write_changed_head(const std::vector<std::uint8_t>& copied, const std::st
   Findings findings;
   FileHead head;
   const auto source = memory_source(bytes);
-  if (!read_head(*source, {}, head, findings)) return runtime_error("the fixture is not readable");
+  if (!read_head(*source, {}, IndexLoading::kComplete, head, findings))
+    return runtime_error("the fixture is not readable");
   const std::uint64_t old_head = head.header.head_bytes;
   change(head);
   ByteWriter layouts;
   write_layouts(head.layouts, layouts);
   std::vector<std::uint8_t> records;
-  for (const auto& record : {write_record(kMetadataTag, write_metadata(head.metadata)),
-                             write_record(kLayoutTag, layouts.view()),
-                             write_record(kIndexTag, write_index(head.index, head.parts))}) {
+  const auto add = [&records](const std::vector<std::uint8_t>& record) {
     records.insert(records.end(), record.begin(), record.end());
-  }
-  head.header.head_bytes = kHeaderBytes + records.size();
+  };
+  add(write_record(kMetadataTag, write_metadata(head.metadata)));
+  add(write_record(kLayoutTag, layouts.view()));
+  add(BodyPlan(head.index, head.parts, kFrames, kHeaderBytes + records.size(), 0).index_record());
+  head.header.head_bytes = static_cast<std::uint32_t>(kHeaderBytes + records.size());
   head.header.file_bytes += head.header.head_bytes - old_head;
   std::vector<std::uint8_t> out = write_header(head.header);
   out.insert(out.end(), records.begin(), records.end());

@@ -2,8 +2,6 @@
 // Small files that tests change under valid checksums, and the findings of reader and validator.
 #pragma once
 
-#include <xxhash.h>
-
 #include <cstring>
 #include <set>
 #include <string>
@@ -16,8 +14,6 @@
 namespace stgs::testing {
 
 using Bytes = std::vector<std::uint8_t>;
-
-inline constexpr std::size_t kHeader = 40, kRecord = 32;
 
 // Without the copy of its head, so that damage to the head is not repaired.
 inline Bytes small_file(Profile profile, std::size_t n = 40, bool own_layouts = false) {
@@ -48,28 +44,6 @@ inline std::set<int> numbers_of(const std::vector<Issue>& issues) {
   return out;
 }
 
-template <typename Value>
-Value get(const Bytes& bytes, std::size_t at) {
-  Value v;
-  std::memcpy(&v, bytes.data() + at, sizeof v);
-  return v;
-}
-template <typename Value>
-void put(Bytes& bytes, std::size_t at, Value v) {
-  std::memcpy(bytes.data() + at, &v, sizeof v);
-}
-
-inline void seal_header(Bytes& bytes) {
-  put<std::uint64_t>(bytes, 32, XXH3_64bits(bytes.data(), 32));
-}
-// Recomputes the checksums of the record at `at`.
-inline void seal_record(Bytes& bytes, std::size_t at) {
-  const auto length = get<std::uint64_t>(bytes, at + 8);
-  if (at + kRecord + length <= bytes.size()) {
-    put<std::uint64_t>(bytes, at + 16, XXH3_64bits(bytes.data() + at + kRecord, length));
-  }
-  put<std::uint64_t>(bytes, at + 24, XXH3_64bits(bytes.data() + at, 24));
-}
 // Offset of the first record with this tag.
 inline std::size_t record_at(const Bytes& bytes, const char* tag) {
   std::size_t at = kHeader;
@@ -89,7 +63,7 @@ inline std::size_t index_at(const Bytes& bytes) {
   return record_at(bytes, "INDX");
 }
 inline std::size_t body_at(const Bytes& bytes) {
-  return get<std::uint64_t>(bytes, 24);
+  return get<std::uint32_t>(bytes, 24);
 }
 
 // Changes one field of a record, recomputes the checksums around it, and returns the number of

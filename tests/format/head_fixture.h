@@ -7,8 +7,7 @@
 #include <vector>
 
 #include "catch.h"
-#include "container/container.h"
-#include "core/bytes.h"
+#include "container/node.h"
 #include "fixtures/copy_fixture.h"
 
 namespace stgs::testing {
@@ -16,7 +15,7 @@ namespace stgs::testing {
 inline FileHead head_of(const std::vector<std::uint8_t>& bytes) {
   Findings findings;
   FileHead head;
-  REQUIRE(read_head(*memory_source(bytes), {}, head, findings));
+  REQUIRE(read_head(*memory_source(bytes), {}, IndexLoading::kComplete, head, findings));
   REQUIRE(findings.ok());
   return head;
 }
@@ -32,7 +31,7 @@ inline std::vector<std::uint8_t> file_of(const std::vector<std::vector<std::uint
                                          std::span<const std::uint8_t> body = {}) {
   FileHeader header;
   header.head_bytes = kHeaderBytes;
-  for (const auto& record : records) header.head_bytes += record.size();
+  for (const auto& record : records) header.head_bytes += static_cast<std::uint32_t>(record.size());
   header.file_bytes = header.head_bytes + body.size();
   std::vector<std::uint8_t> out = write_header(header);
   for (const auto& record : records) out.insert(out.end(), record.begin(), record.end());
@@ -40,13 +39,53 @@ inline std::vector<std::uint8_t> file_of(const std::vector<std::vector<std::uint
   return out;
 }
 
-// The file with this INDX payload, without the copy of its head; the header states the new sizes.
+// The payload of INDX for the parts and segments of a head, in one node. `shift` is added to the
+// offsets.
+inline std::vector<std::uint8_t> index_payload(FileHead head, std::uint64_t shift = 0) {
+  IndexNode root;
+  for (const PartEntry& part : head.parts) root.runs.push_back({part, {}, {}});
+  for (SegmentEntry& segment : head.index.segments) {
+    segment.base.offset += shift;
+    root.runs[segment.part].segments.push_back(segment);
+  }
+  for (FurtherEntry& further : head.index.further) {
+    further.entry.offset += shift;
+    root.runs[further.part].further.push_back(further);
+  }
+  std::erase_if(root.runs,
+                [](const IndexRun& run) { return run.segments.empty() && run.further.empty(); });
+  return write_index(head.index, root);
+}
+
+// A file of META and an index with the parts and segments of `head`, whose records follow each
+// other, and this body.
+inline std::vector<std::uint8_t> file_with(FileHead head, std::uint32_t frames,
+                                           std::span<const std::uint8_t> body) {
+  FileMetadata metadata;
+  metadata.scene.frames = frames;
+  const auto meta = write_record(kMetadataTag, write_metadata(metadata));
+  std::uint64_t at = 0;
+  for (SegmentEntry& segment : head.index.segments) {
+    segment.base.offset = at;
+    at += segment.base.bytes;
+  }
+  std::vector<std::uint8_t> index;
+  for (std::uint64_t size = 1; size != index.size();) {
+    size = index.size();
+    index = write_record(kIndexTag, index_payload(head, kHeaderBytes + meta.size() + size));
+  }
+  return file_of({meta, index}, body);
+}
+
+// The file with the index of this head, without the copy of its head, and with another record at
+// its beginning; offsets follow the size of the head.
 inline std::vector<std::uint8_t> with_index(const std::vector<std::uint8_t>& bytes,
-                                            std::span<const std::uint8_t> payload) {
+                                            const FileHead& head,
+                                            const std::vector<std::uint8_t>& first = {}) {
   const std::span<const std::uint8_t> all = std::span(bytes).first(copy_at(bytes));
-  ByteReader header(all.subspan(24));
-  const std::uint64_t head_bytes = header.u64();
-  std::vector<std::vector<std::uint8_t>> records;
+  const std::uint32_t head_bytes = get<std::uint32_t>(bytes, 24);
+  std::vector<std::vector<std::uint8_t>> records = {first};
+  std::size_t index = 0;
   for (std::uint64_t at = kHeaderBytes; at < head_bytes;) {
     ByteReader in(all.subspan(at));
     const std::uint32_t tag = in.u32();
@@ -54,15 +93,16 @@ inline std::vector<std::uint8_t> with_index(const std::vector<std::uint8_t>& byt
     const std::uint64_t size = kRecordHeaderBytes + in.u64();
     REQUIRE(size <= head_bytes - at);
     const auto begin = bytes.begin() + static_cast<std::ptrdiff_t>(at);
+    if (tag == kIndexTag) index = records.size();
     records.emplace_back(begin, begin + static_cast<std::ptrdiff_t>(size));
-    if (tag == kIndexTag) records.back() = write_record(kIndexTag, payload);
     at += size;
   }
+  const std::uint64_t before = records[index].size() - first.size();
+  for (std::uint64_t size = 0; size != records[index].size();) {
+    size = records[index].size();
+    records[index] = write_record(kIndexTag, index_payload(head, size - before));
+  }
   return file_of(records, all.subspan(head_bytes));
-}
-inline std::vector<std::uint8_t> with_index(const std::vector<std::uint8_t>& bytes,
-                                            const FileHead& head) {
-  return with_index(bytes, write_index(head.index, head.parts));
 }
 
 }  // namespace stgs::testing

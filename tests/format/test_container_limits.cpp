@@ -96,16 +96,11 @@ class CountingResource final : public std::pmr::memory_resource {
 // A file of one segment that states this many primitives. Its record is zeros or missing.
 Bytes file_stating(std::uint32_t primitives, bool has_record) {
   FileHead head;
-  head.index.chunk_ticks = 1;
   head.index.primitives = primitives;
-  head.parts.push_back({0, 30, 0});
+  head.parts.push_back({0, 0, 30, {0, 30}, 1});
   const std::uint64_t bytes = primitives / kMaxPrimitivesPerByte + kRecordHeaderBytes;
   head.index.segments.push_back({{-1, 0, 0, 0, bytes, primitives}, {}, 0});
-  FileMetadata metadata;
-  metadata.scene.frames = 30;
-  Bytes file = file_of({write_record(kMetadataTag, write_metadata(metadata)),
-                        write_record(kIndexTag, write_index(head.index, head.parts))},
-                       Bytes(bytes));
+  Bytes file = file_with(head, 30, Bytes(bytes));
   if (!has_record) file.resize(file.size() - bytes);
   return file;
 }
@@ -165,7 +160,7 @@ TEST_CASE("a segment's memory is allocated only after its streams can fill it") 
   CHECK(issues_of(*encoded).empty());
   Bytes constant = without_copy(*encoded);
   CHECK(constant.size() < 2500);
-  const auto record = static_cast<std::uint32_t>(constant.size() - body_at(constant));
+  const auto record = static_cast<std::uint32_t>(constant.size() - body_at(constant) - kRecord);
   state_count(constant, 16 * record);
   check(constant);
   state_count(constant, 16 * record + 1);
@@ -236,18 +231,17 @@ TEST_CASE("index entries and layout rows count towards the memory limit") {
     return SceneReader::open(memory_source(bytes), limits).status();
   };
   FileHead head;
-  head.index.chunk_ticks = 1;
   constexpr std::uint32_t kParts = 600;  // one segment each
+  constexpr std::uint64_t kBytes = kRecordHeaderBytes + 1;
   head.index.primitives = kParts;
   for (std::uint32_t i = 0; i < kParts; ++i) {
-    head.parts.push_back({0, 30, 0});
-    head.index.segments.push_back({{-1, 0, 0, 0, kRecordHeaderBytes, 1}, {}, i});
+    head.parts.push_back({i, 0, 30, {0, 30}, 1});
+    head.index.segments.push_back({{-1, 0, 0, 0, kBytes, 1}, {}, i});
   }
+  const Bytes many = file_with(head, 30, Bytes(kParts * kBytes));
   FileMetadata metadata;
   metadata.scene.frames = 30;
   const Bytes meta = write_record(kMetadataTag, write_metadata(metadata));
-  const Bytes index = write_record(kIndexTag, write_index(head.index, head.parts));
-  const Bytes many = file_of({meta, index}, Bytes(kParts * kRecordHeaderBytes));
   constexpr std::uint64_t kNeeded = (2 * kParts - 1024) * 512;
   CHECK(opening(many, kNeeded).ok());
   const Status rejected = opening(many, kNeeded - 1);
@@ -267,9 +261,7 @@ TEST_CASE("index entries and layout rows count towards the memory limit") {
     }
   }
   const Bytes layouts = write_record(kLayoutTag, rows.take());
-  FileIndex empty;
-  empty.chunk_ticks = 1;
-  const Bytes one = write_record(kIndexTag, write_index(empty, {}));
+  const Bytes one = write_record(kIndexTag, write_index({}, {}));
   const Bytes wide = file_of({meta, layouts, one});
   CHECK(opening(wide, (2550 - 1024) * 128).ok());
   CHECK(opening(wide, (2550 - 1024) * 128 - 1).code() == StatusCode::kUnsupported);

@@ -65,7 +65,8 @@ void flip_each_byte(Profile profile) {
     REQUIRE((*reader)->damage().empty() == (at >= body));
     const bool is_repairable = at < body || at >= copy;
     // Without earlier importances, a record with a damaged header could be the one that has them.
-    const bool is_readable = is_repairable && (has_importance || !within(at, copy, 32));
+    const bool is_readable =
+        is_repairable && (has_importance || !within(at, copy, testing::kRecord));
     REQUIRE(read_scene(memory_source(bytes, "x.stgs")).ok() == is_readable);
     const Decoded decoded = decode_all(**reader);
     if (is_repairable) {

@@ -69,7 +69,7 @@ TEST_CASE("finalize repairs a damaged head to the original bytes") {
   DamageReport report;
   CHECK(finalize_scene(memory_source(intact), folder / "x.stgs", report).code() ==
         StatusCode::kUsage);
-  for (const std::size_t at : {std::size_t{4}, std::size_t{30}, index_at(intact) + kRecord}) {
+  for (const std::size_t at : {std::size_t{4}, std::size_t{26}, index_at(intact) + kRecord}) {
     Bytes bytes = intact;
     bytes[at] ^= 8;
     REQUIRE(finalize_scene(memory_source(bytes), folder / "repaired.stgs", report).ok());
@@ -107,8 +107,6 @@ TEST_CASE("a copy of another head is not used") {
   std::copy_n(original.begin(), kHeader, payload.begin());
   bytes = with_copy(original, payload);
   CHECK(numbers_of(issues_of(bytes)) == std::set<int>{119});
-  bytes[metadata_at(bytes) + kRecord] ^= 1;
-  CHECK(first_issue_number(bytes) == 112);
   // A header that states a size other than the file's.
   bytes = file_with_copy();
   bytes[3] ^= 1;
@@ -120,24 +118,23 @@ TEST_CASE("a copy of another head is not used") {
 TEST_CASE("a copy does not bypass the checks of the head") {
   const Bytes original = file_with_copy();
   Bytes newer = original;
-  put<std::uint16_t>(newer, 8, 2);  // an unknown major version is not damage
+  put<std::uint16_t>(newer, 8, 3);  // an unknown major version is not damage
   seal_header(newer);
   CHECK(first_issue_number(newer) == 104);
   Bytes oversized = original;
-  put<std::uint64_t>(oversized, 24, std::uint64_t{1} << 60);
+  put<std::uint32_t>(oversized, 24, ~std::uint32_t{0});
   seal_header(oversized);
   CHECK(first_issue_number(oversized) == 107);
   // Only the copy states a head that is larger than the file.
   Bytes payload = payload_of_copy(original);
-  put<std::uint64_t>(payload, 24, std::uint64_t{1} << 40);
-  put<std::uint64_t>(payload, 16, original.size());
-  put<std::uint64_t>(payload, 32, XXH3_64bits(payload.data(), 32));
+  put<std::uint32_t>(payload, 24, std::uint32_t{1} << 30);
+  seal_header(payload);
   Bytes bytes = with_copy(original, payload);
   bytes[0] ^= 1;
   CHECK(first_issue_number(bytes) == 102);
   // A copy with a head size that matches no record boundary.
-  put<std::uint64_t>(payload, 24, kHeader + 7);
-  put<std::uint64_t>(payload, 32, XXH3_64bits(payload.data(), 32));
+  put<std::uint32_t>(payload, 24, kHeader + 7);
+  seal_header(payload);
   bytes = with_copy(original, payload);
   bytes[0] ^= 1;
   CHECK(first_issue_number(bytes) == 102);

@@ -14,7 +14,7 @@ using namespace stgs::testing;
 using Bytes = std::vector<std::uint8_t>;
 namespace fs = std::filesystem;
 
-TEST_CASE("a recording is readable after each fragment, and finalize gives the writer's bytes") {
+TEST_CASE("a recording is readable after each fragment, and finalize gives the writer's body") {
   const TemporaryFolder folder;
   const std::string path = folder / "live.stgs";
   auto recorder = SceneRecorder::create(path, recording_metadata(), 1, recording_settings());
@@ -49,7 +49,7 @@ TEST_CASE("a recording is readable after each fragment, and finalize gives the w
   settings.own_layouts = true;
   const auto direct = encode_scene(scene, settings);
   REQUIRE(direct.ok());
-  CHECK(bytes_of(finished) == *direct);
+  CHECK(body_of(bytes_of(finished)) == body_of(*direct));
   CHECK(open_scene(finished)->form() == SceneForm::kFinished);
   DamageReport report;
   CHECK(finalize_scene(std::move(*open_file(finished)), folder / "x.stgs", report).code() ==
@@ -133,7 +133,7 @@ TEST_CASE("finalize preserves unknown records") {
   }
 }
 
-TEST_CASE("resuming preserves the copy of the head, and finalize writes a new one") {
+TEST_CASE("each fragment has a copy of the head, and finalize writes one") {
   const TemporaryFolder folder;
   const std::string path = folder / "live.stgs", finished = folder / "finished.stgs";
   record(path, 0, false);

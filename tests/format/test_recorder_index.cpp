@@ -5,24 +5,26 @@
 #include "catch.h"
 #include "fixtures/recording_fixture.h"
 #include "head_fixture.h"
+#include "scene/recording.h"
 
 using namespace stgs;
 using namespace stgs::testing;
 using Bytes = std::vector<std::uint8_t>;
 
-TEST_CASE("the index of a long recording is found with few fragments") {
+TEST_CASE("a fragment of a long recording has few links") {
   const TemporaryFolder folder;
   const std::string path = folder / "long.stgs";
-  const std::vector<std::uint64_t> sizes = record(path, 200, false, Profile::kQuantised, 4);
+  record(path, 300, false, Profile::kQuantised, 4);
   const auto reader = open_scene(path);
-  CHECK(reader->parts().size() == 200);
-  CHECK(reader->primitives() == 800);
-  // 200 = 128 + 64 + 8.
-  CHECK(reader->head_bytes() < sizes.front() + 3 * 230 + 200 * 60);
-  // Without its last byte, the previous fragment is found.
+  CHECK(reader->parts().size() == 300);
+  CHECK(reader->primitives() == 1200);
+  // 300 = 256 + 2 * 16 + 12.
   const Bytes intact = bytes_of(path);
+  CHECK(head_of(intact).last_fragment->earlier.size() == 1 + 2 + 11);
+  CHECK(issues_of(intact).empty());
+  // Without its last byte, the previous fragment is found.
   const Bytes cut(intact.begin(), intact.end() - 1);
-  CHECK((*SceneReader::open(memory_source(cut)))->parts().size() == 199);
+  CHECK((*SceneReader::open(memory_source(cut)))->parts().size() == 299);
 }
 
 namespace {
@@ -57,28 +59,21 @@ Bytes long_recording(std::uint32_t count, const Bytes& note) {
   const Bytes meta = write_record(kMetadataTag, write_metadata(metadata));
   FileHeader header;
   header.flags = kGrowing;
-  header.head_bytes = kHeaderBytes + meta.size();
+  header.head_bytes = static_cast<std::uint32_t>(kHeaderBytes + meta.size());
   Bytes out = write_header(header);
   out.insert(out.end(), meta.begin(), meta.end());
-  FragmentHeader fragment;
-  fragment.head = checksum(out);
-  std::vector<PartEntry> parts;
-  std::vector<std::uint64_t> offsets;
-  std::uint64_t last_bytes = 0;
-  FileIndex index;
-  index.chunk_ticks = 1;
+  const Bytes head = out;
+  FragmentLinks links;
   for (std::uint32_t i = 1; i <= count; ++i) {
     out.insert(out.end(), note.begin(), note.end());
-    parts.push_back({i - 1.0, 1.0 * i, last_bytes + note.size()});
-    const std::size_t first = i & (i - 1);
+    FragmentRecord fragment;
     fragment.frames = i;
     fragment.offset = out.size();
-    fragment.previous = first > 0 ? offsets[first - 1] : 0;
-    fragment.before = offsets.empty() ? 0 : offsets.back();
-    offsets.push_back(out.size());
-    const Bytes record =
-        write_fragment(fragment, write_index(index, std::span(parts).subspan(first)));
-    last_bytes = record.size();
+    fragment.head = head;
+    links.take(fragment);
+    const Bytes record = write_fragment(fragment);
+    fragment.end = fragment.offset + record.size();
+    links.add(fragment);
     out.insert(out.end(), record.begin(), record.end());
   }
   return out;
@@ -86,51 +81,52 @@ Bytes long_recording(std::uint32_t count, const Bytes& note) {
 
 }  // namespace
 
-TEST_CASE("a recording of 20,000 fragments is opened in few reads, wherever it ends") {
+TEST_CASE("the last fragment of a recording is found in few reads, wherever the file ends") {
   const Bytes note = write_record(tag_of("POSE"), Bytes(1000, 7), 0);
-  const Bytes intact = long_recording(20000, note);
-  REQUIRE(intact.size() > 20'000'000);
+  const Bytes intact = long_recording(5000, note);
   for (const std::size_t tail : {0u, 1u, 40u, 100'000u, 3'000'000u}) {
     // The beginning of a record that is still being written.
     Bytes bytes = intact;
     const Bytes next = write_record(kSegmentTag, Bytes(4'000'000, 3));
     bytes.insert(bytes.end(), next.begin(), next.begin() + static_cast<std::ptrdiff_t>(tail));
     CountedSource::Counts counts;
-    const auto reader = SceneReader::open(std::make_unique<CountedSource>(bytes, counts));
-    INFO(reader.status().message());
-    REQUIRE(reader.ok());
-    CHECK((*reader)->parts().size() == 20000);
-    CHECK((*reader)->incomplete_bytes() == tail);
-    CHECK((*reader)->damage().empty());
-    CHECK(counts.reads < 40);
-    CHECK(counts.bytes < (*reader)->head_bytes() + 2 * tail + 100'000);
+    const CountedSource source(bytes, counts);
+    Findings findings;
+    FileHead head;
+    REQUIRE(read_head(source, {}, IndexLoading::kOnDemand, head, findings));
+    CHECK(findings.take().empty());
+    CHECK(head.metadata.scene.frames == 5000);
+    CHECK(head.header.file_bytes == intact.size());
+    CHECK(head.index_bytes < 16384);
+    CHECK(counts.reads < 20);
+    CHECK(counts.bytes < 2 * tail + 100'000);
+    // Every fragment is linked to.
+    REQUIRE(load_index(source, 0, 5000, head, findings));
+    CHECK(findings.take().empty());
+    CHECK(head.walk.followed.size() == 5000);
   }
 }
 
-TEST_CASE("a damaged fragment affects only the segments that no other fragment lists") {
+TEST_CASE("a damaged fragment affects only the segments that it lists") {
   const TemporaryFolder folder;
   const std::string path = folder / "live.stgs";
-  record(path, 13, false, Profile::kLossless, 6);
+  constexpr std::size_t kCount = 18;  // the sixteenth has the links of those before
+  const auto sizes = record(path, kCount, false, Profile::kLossless, 6);
   const Bytes intact = bytes_of(path);
-  std::vector<std::size_t> at;
   const std::string text(intact.begin(), intact.end());
-  for (std::size_t i = text.find("FRAG"); i != std::string::npos; i = text.find("FRAG", i + 1)) {
-    at.push_back(i);
-  }
-  REQUIRE(at.size() == 13);
-  for (std::size_t i = 0; i < at.size(); ++i) {
-    for (const std::size_t byte : {5, 40, 110}) {  // record header, fragment header, index
+  for (std::size_t i = 0; i < kCount; ++i) {
+    const std::size_t at = text.rfind("FRAG", sizes[i + 1]);
+    for (const std::size_t byte : {5u, 40u, 110u}) {  // record header, frames, head
       Bytes damaged = intact;
-      damaged[at[i] + byte] ^= 0x10;
+      damaged[at + byte] ^= 0x10;
       const auto reader = SceneReader::open(memory_source(damaged));
       INFO("fragment " << i + 1 << ": " << reader.status().message());
       REQUIRE(reader.ok());
-      CHECK((*reader)->parts().size() >= (i == 12 || (i == 11 && byte < 32) ? 11 : 12));
-      const auto set = (*reader)->decode(0);
-      CHECK(set.ok());
+      CHECK((*reader)->parts().size() == kCount - 1);
+      CHECK((*reader)->decode(0).ok());
       CHECK_FALSE(issues_of(damaged).empty());
-      // Fragments 8, 12 and 13 form the chain; a damaged 13 counts as not yet written.
-      CHECK((*reader)->damage().size() == (i == 7 || (i == 11 && byte >= 32) ? 1 : 0));
+      // A damaged last one counts as not yet written.
+      CHECK((*reader)->damage().size() == (i + 1 == kCount ? 0 : 1));
     }
   }
 }
@@ -147,8 +143,8 @@ TEST_CASE("records that resemble fragments cause a bounded number of bytes read"
     out.u32(kFragmentTag);
     out.u32(kCritical);
     out.u64(bytes.size() - offset - kRecordHeaderBytes);
-    out.u64(0);
-    out.u64(checksum(out.view()));
+    out.u32(0);
+    out.u32(checksum(out.view()));
     std::copy(out.view().begin(), out.view().end(),
               bytes.begin() + static_cast<std::ptrdiff_t>(offset));
   }

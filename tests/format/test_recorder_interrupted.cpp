@@ -13,7 +13,6 @@
 
 #include "catch.h"
 #include "fixtures/recording_fixture.h"
-#include "head_fixture.h"
 #include "stgs/format/output_file.h"
 
 using namespace stgs;
@@ -44,25 +43,6 @@ void wait_for(const std::string& path, std::uint64_t bytes) {
 
 }  // namespace
 
-TEST_CASE("resume does not truncate a recording whose last fragment is unreachable") {
-  const TemporaryFolder folder;
-  const std::string path = folder / "live.stgs";
-  record(path, 1, false);
-  Bytes bytes = bytes_of(path);
-  const auto intact = open_scene(path);
-  for (const SegmentInfo& segment : intact->segments()) bytes[segment.offset + 9] ^= 1;
-  {
-    std::ofstream file(path, std::ios::binary);
-    file.write(reinterpret_cast<const char*>(bytes.data()),
-               static_cast<std::streamsize>(bytes.size()));
-  }
-  CHECK(open_scene(path)->primitives() == 0);
-  CHECK(open_scene(path)->unreached_frames() == kFragmentFrames);
-  const auto recorder = SceneRecorder::resume(path, recording_settings());
-  CHECK(recorder.status().code() == StatusCode::kInvalidFile);
-  CHECK(bytes_of(path) == bytes);
-}
-
 TEST_CASE("a recording truncated at any byte is read up to its last complete fragment") {
   const TemporaryFolder folder;
   for (const Profile profile : {Profile::kLossless, Profile::kQuantised}) {
@@ -73,10 +53,8 @@ TEST_CASE("a recording truncated at any byte is read up to its last complete fra
     for (std::size_t size = 0; size <= original.size(); ++size) {
       const Bytes cut(original.begin(), original.begin() + static_cast<std::ptrdiff_t>(size));
       const auto reader = SceneReader::open(memory_source(cut));
-      if (size < sizes.front()) {  // within the head or its copy, which may be missing
-        const bool opens = size >= head_of(original).header.head_bytes;
-        const auto code = opens ? StatusCode::kOk : StatusCode::kInvalidFile;
-        if (reader.status().code() != code) FAIL("opened " << size << " bytes");
+      if (size < sizes.front()) {  // within the head
+        if (reader.status().code() != StatusCode::kInvalidFile) FAIL("opened " << size << " bytes");
         continue;
       }
       std::size_t complete = 0;

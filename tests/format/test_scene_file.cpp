@@ -46,7 +46,8 @@ TEST_CASE("metadata round-trips") {
   scene.metadata.floor[1] = 1.5f;
   scene.metadata.audio = "music.opus";
   scene.metadata.audio_begin = -2.5;
-  scene.metadata.colour = 200;
+  scene.metadata.primaries = 9;
+  scene.metadata.transfer = 200;
   scene.metadata.background[1] = 0.5f;
   scene.metadata.title = "Tanz, Saal 3 \xE2\x80\x94 Probe";
   StartCamera camera;
@@ -68,7 +69,8 @@ TEST_CASE("metadata round-trips") {
   CHECK(metadata.floor[1] == 1.5f);
   CHECK(metadata.audio == "music.opus");
   CHECK(metadata.audio_begin == -2.5);
-  CHECK(metadata.colour == 200);
+  CHECK(metadata.primaries == 9);
+  CHECK(metadata.transfer == 200);
   CHECK(metadata.background[1] == 0.5f);
   CHECK(metadata.near_plane == 0.1f);
   CHECK(metadata.title == scene.metadata.title);

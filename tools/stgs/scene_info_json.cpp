@@ -135,7 +135,6 @@ Json info_json(const SceneInfo& info) {
                {"form", form_name(info.contents.form)},
                {"bytes", m.file_bytes},
                {"incomplete_bytes", info.contents.incomplete_bytes},
-               {"unreachable_s", info.contents.unreachable_seconds},
                {"missing_bytes", info.contents.missing_bytes},
                {"complete_s", m.complete_seconds},
                {"damage", damage_json(info)},

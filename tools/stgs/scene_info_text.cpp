@@ -85,13 +85,8 @@ std::string recording_text(const SceneInfo& info) {
         contents.form == STGS_FORM_RECORDED ? "closed" : "not closed yet");
   }
   if (contents.incomplete_bytes == 0) return out;
-  out += fmt::format("  incomplete       {} after its last complete fragment\n",
-                     plural(contents.incomplete_bytes, "byte"));
-  if (contents.unreachable_seconds == 0) return out;
-  return out + fmt::format(
-                   "  unreachable      these bytes hold frames up to {:.3f} s; a damaged record "
-                   "hides the fragment that lists them\n",
-                   contents.unreachable_seconds);
+  return out + fmt::format("  incomplete       {} after its last complete fragment\n",
+                           plural(contents.incomplete_bytes, "byte"));
 }
 
 std::string damage_text(const SceneInfo& info) {

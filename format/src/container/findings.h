@@ -27,11 +27,11 @@ enum class IssueNumber : int {
   kRecordLength = 111,        // payload extends past the end of its area
   kRecordChecksum = 112,      // payload damaged
   kUnknownCritical = 113,     // unknown critical record
-  kDuplicateRecord = 114,     // a second META, LAYT, INDX, WNDW or PRIV
+  kDuplicateRecord = 114,     // a second record of the head with the same tag
   kMissingRecord = 115,       // no META or INDX
-  kNotCritical = 116,         // META, INDX or SEGM without the critical bit
+  kNotCritical = 116,         // a record without the critical bit that its tag needs
   kPrivate = 117,             // private number without the name of its vendor
-  kRepairedHead = 118,        // damaged head, read from its copy
+  kRepairedHead = 118,        // damaged head or PAGE, read from its copy
   kForeignCopy = 119,         // warning: a head copy that readers do not use
   kMetadataLayout = 200,      // META too short
   kMetadataConvention = 201,  // unknown unit, axis, colour or SH convention, or profile
@@ -40,6 +40,8 @@ enum class IssueNumber : int {
   kMetadataValue = 204,       // not finite, bounds inverted, or invalid start camera
   kMetadataText = 205,        // not UTF-8
   kWindow = 206,              // WNDW too short, or a window outside its capture
+  kErrorBounds = 207,         // ERRB too short, or an invalid value
+  kSteps = 208,               // STEP invalid
   kIndexLayout = 300,         // truncated, or a number not in its shortest form
   kChunk = 301,               // invalid chunk length
   kSegmentInterval = 302,     // level or slot outside the part
@@ -52,9 +54,11 @@ enum class IssueNumber : int {
   kUnlistedRecord = 310,      // warning: segment record not listed in the index
   kParts = 311,               // invalid part
   kImportance = 312,          // IMPO of the wrong size or with an invalid value
-  kFragment = 313,            // unusable fragment of a growing file's index
+  kFragment = 313,            // unusable fragment of a growing file
   kIncompleteTail = 314,      // warning: bytes after the last complete fragment
   kTimedData = 315,           // truncated, or with times outside its segment
+  kLink = 316,                // invalid link of a node, or too many that follow each other
+  kPage = 317,                // a link leads to no PAGE record of its length
   kSegmentMismatch = 400,     // record differs from its index entry
   kStreamTable = 401,         // sizes do not add up
   kStreamMissing = 402,       // attribute missing, duplicate or out of order

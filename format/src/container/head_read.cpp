@@ -1,16 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
+// Reading the header and the records of the head (spec 2, 3, 10.2).
 #include <algorithm>
+#include <limits>
 #include <set>
 #include <string_view>
 
-#include "container/container.h"
 #include "container/foreign_content.h"
-#include "core/bytes.h"
+#include "container/node.h"
 
 namespace stgs {
 namespace {
 
 using N = IssueNumber;
+
+// The records of the head that are not critical.
+constexpr std::uint32_t kOptionalTags[] = {kWindowTag, kPrivateTag, kStepTag, kErrorTag};
 
 // Reads the payload of a record of the head. `have`: tags of the records before it. Returns false
 // if the record is unusable.
@@ -20,20 +24,18 @@ bool read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::
   if (tag == kMetadataTag) return parse_metadata(payload, payload_at, out.metadata, findings);
   if (tag == kWindowTag) return parse_window(payload, payload_at, out.metadata.scene, findings);
   if (tag == kPrivateTag) return parse_private_names(payload, payload_at, out, findings);
+  if (tag == kStepTag) return parse_steps(payload, payload_at, out, findings);
+  if (tag == kErrorTag) return parse_error_bounds(payload, payload_at, out, findings);
   if (tag == kLayoutTag) {
     ByteReader in(payload);
     return parse_layouts(in, payload_at, kMaxTables, limits.max_memory, out.layouts, findings);
   }
-  if (have.count(kMetadataTag) == 0) return false;
-  const RecordArea body = {out.header.head_bytes, out.header.file_bytes};
-  if (!parse_index(payload, payload_at, body, out, findings)) return false;
-  check_index(out, payload_at, limits, findings);
-  return true;
+  return have.count(kMetadataTag) != 0 && parse_index(payload, payload_at, out, findings);
 }
 
-// Finds META, LAYT, INDX, WNDW and PRIV among the records of the head.
-bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, FileHead& out,
-               Findings& findings) {
+// Reads the records of the head.
+bool walk_head(const ReadLimits& limits, FileHead& out, Findings& findings) {
+  const std::span<const std::uint8_t> head = out.bytes;
   std::set<std::uint32_t> have;
   for (std::uint64_t at = kHeaderBytes; at < head.size();) {
     RecordHeader record;
@@ -44,7 +46,8 @@ bool walk_head(std::span<const std::uint8_t> head, const ReadLimits& limits, Fil
     const bool known = record.tag == kMetadataTag || record.tag == kLayoutTag ||
                        (record.tag == kIndexTag && !out.growing());
     const bool optional =
-        (record.tag == kWindowTag || record.tag == kPrivateTag) && record.flags == 0;
+        std::count(std::begin(kOptionalTags), std::end(kOptionalTags), record.tag) > 0 &&
+        record.flags == 0;
     if (!optional && !check_flags(record, known, payload_at - kRecordHeaderBytes, findings))
       continue;
     Findings found;
@@ -88,7 +91,7 @@ std::uint64_t floats_per_primitive(int sh_degree) {
 
 namespace {
 
-// A growing file does not state its size (spec 2.6).
+// A growing file does not state its size (spec 2.1).
 bool parse_growing_sizes(std::uint64_t source_bytes, const FileHeader& header, Findings& findings) {
   if (header.file_bytes != 0 || header.head_bytes < kHeaderBytes) {
     findings.error(N::kHeadSize, 16,
@@ -115,8 +118,8 @@ std::optional<FileHeader> intact_header(std::span<const std::uint8_t> bytes) {
   header.minor = in.u16();
   header.flags = in.u32();
   header.file_bytes = in.u64();
-  header.head_bytes = in.u64();
-  if (in.u64() != checksum(bytes.first(kHeaderBytes - 8))) return {};
+  header.head_bytes = in.u32();
+  if (in.u32() != checksum(bytes.first(kHeaderBytes - 4))) return {};
   return header;
 }
 
@@ -140,7 +143,7 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
   }
   const std::optional<FileHeader> fields = intact_header(bytes);
   if (!fields) {
-    findings.error(N::kHeaderChecksum, 32, "file header is damaged (checksum mismatch)");
+    findings.error(N::kHeaderChecksum, 28, "file header is damaged (checksum mismatch)");
     return false;
   }
   header = *fields;
@@ -149,6 +152,13 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
                          "unsupported format version (expected {}.x, got the pre-release version "
                          "0.{}); create the file again with 'stgs train', 'pack' or 'convert'",
                          kFormatMajor, header.minor);
+    return false;
+  }
+  if (header.major < kFormatMajor) {
+    findings.unsupported(
+        N::kVersion, 8,
+        "unsupported format version (expected {}.x, got {}.{}); use 'stgs convert' first",
+        kFormatMajor, header.major, header.minor);
     return false;
   }
   if (header.major != kFormatMajor) {
@@ -194,8 +204,8 @@ bool parse_record_header(std::span<const std::uint8_t> bytes, std::uint64_t offs
   header.tag = in.u32();
   header.flags = in.u32();
   header.length = in.u64();
-  header.checksum = in.u64();
-  if (in.u64() != checksum(bytes.first(kRecordHeaderBytes - 8))) {
+  header.checksum = in.u32();
+  if (in.u32() != checksum(bytes.first(kRecordHeaderBytes - 4))) {
     findings.error(N::kRecordHeader, offset, "header of record '{}' is damaged (checksum mismatch)",
                    tag_text(header.tag));
     return false;
@@ -222,22 +232,22 @@ Result<std::optional<RecordHeader>> complete_record_at(const ByteSource& source,
 
 namespace {
 
-// Returns whether records with this tag must be marked critical (spec 3.2).
+// Returns whether records with this tag must be marked critical (spec 3.3).
 bool is_critical(std::uint32_t tag) {
-  return tag == kMetadataTag || tag == kLayoutTag || tag == kIndexTag || tag == kFragmentTag ||
-         tag == kSegmentTag;
+  return tag == kMetadataTag || tag == kLayoutTag || tag == kIndexTag || tag == kPageTag ||
+         tag == kFragmentTag || tag == kSegmentTag;
 }
 
 }  // namespace
 
 bool check_flags(const RecordHeader& header, bool known_tag, std::uint64_t offset,
-                 Findings& findings) {  // spec 3.2, 3.4
+                 Findings& findings) {  // spec 3.3, 3.4
   if (known_tag && header.flags == kCritical) return true;
   if ((header.flags & kCritical) != 0) {
     findings.unsupported(N::kUnknownCritical, offset,
                          "unknown critical record '{}' (flags {:#x}); a later version is needed",
                          tag_text(header.tag), header.flags);
-  } else if ((known_tag || is_critical(header.tag)) && header.flags == 0) {
+  } else if (known_tag || is_critical(header.tag)) {
     findings.error(N::kNotCritical, offset, "record '{}' is not marked critical",
                    tag_text(header.tag));
   }
@@ -256,7 +266,7 @@ bool check_payload(const RecordHeader& header, std::span<const std::uint8_t> pay
 namespace {
 
 // Reports a truncated file whose head is complete: the segments up to its end are available (spec
-// 2.6).
+// 2.4).
 void report_truncation(const FileHead& head, Findings& findings) {
   const std::vector<SegmentEntry>& segments = head.index.segments;
   std::size_t missing = 0, without_sh = 0;
@@ -284,52 +294,45 @@ bool is_intact_head(std::span<const std::uint8_t> head, Findings& findings) {
   return true;
 }
 
-Result<std::vector<std::uint8_t>> read_head_bytes(const ByteSource& source, const FileHead& head) {
-  if (!head.repaired.empty()) return head.repaired;
-  std::vector<std::uint8_t> bytes(head.header.head_bytes);
-  STGS_TRY(source.read(0, bytes));
-  return bytes;
-}
-
 namespace {
 
 // Reads the head that the header states.
-bool read_stated_head(const ByteSource& source, const ReadLimits& limits, FileHeader& header,
-                      std::vector<std::uint8_t>& bytes, Findings& findings) {
-  if (!parse_header(bytes, source.size(), header, findings)) return false;
-  if (header.head_bytes > limits.max_memory) {
+bool read_stated_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,
+                      Findings& findings) {
+  if (!parse_header(head.bytes, source.size(), head.header, findings)) return false;
+  if (head.header.head_bytes > limits.max_memory) {
     findings.unsupported(N::kMemoryLimit, 24,
-                         "head of {} bytes exceeds the memory limit of {} bytes", header.head_bytes,
-                         limits.max_memory);
+                         "head of {} bytes exceeds the memory limit of {} bytes",
+                         head.header.head_bytes, limits.max_memory);
     return false;
   }
-  bytes.resize(header.head_bytes);
-  const Status status = source.read(0, bytes);
+  head.bytes.resize(head.header.head_bytes);
+  const Status status = source.read(0, head.bytes);
   if (!status.ok()) findings.failed_read(0, status);
   return status.ok();
 }
 
 // Reads the bytes of the head or, if they are damaged, those of an intact copy.
 bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead& head,
-                    std::vector<std::uint8_t>& bytes, Findings& findings) {
-  bytes.resize(std::min<std::uint64_t>(kHeaderBytes, source.size()));
-  if (Status status = source.read(0, bytes); !status.ok()) {
+                    Findings& findings) {
+  head.bytes.resize(std::min<std::uint64_t>(kHeaderBytes, source.size()));
+  if (Status status = source.read(0, head.bytes); !status.ok()) {
     findings.failed_read(0, status);
     return false;
   }
-  const std::vector<std::uint8_t> first = bytes;
+  const std::vector<std::uint8_t> first = head.bytes;
   if (first.size() == kHeaderBytes &&
       !std::equal(kMagic.begin(), kMagic.end(), first.begin())) {  // for the message
-    bytes.resize(std::min<std::uint64_t>(kForeignBytes, source.size()));
-    if (!source.read(0, bytes).ok()) bytes = first;
+    head.bytes.resize(std::min<std::uint64_t>(kForeignBytes, source.size()));
+    if (!source.read(0, head.bytes).ok()) head.bytes = first;
   }
   Findings found;
-  const bool read = read_stated_head(source, limits, head.header, bytes, found);
+  const bool read = read_stated_head(source, limits, head, found);
   Findings damage;
-  const bool intact =
-      intact_header(first) ? !read || is_intact_head(bytes, damage) : first.size() < kHeaderBytes;
+  const bool intact = intact_header(first) ? !read || is_intact_head(head.bytes, damage)
+                                           : first.size() < kHeaderBytes;
   Result<std::optional<HeadCopy>> copy = std::optional<HeadCopy>();
-  if (!intact) copy = find_head_copy(source, first, limits);
+  if (!intact) copy = find_head_copy(source, limits);
   if (!copy.ok()) {
     findings.failed_read(0, copy.status());
     return false;
@@ -344,24 +347,37 @@ bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead
       "head is damaged and was read from its copy at byte {} (issue {}: {}); copy or download the "
       "file again, or repair it with 'stgs finalize'",
       (*copy)->offset, why.number, why.message);
-  bytes = head.repaired = std::move((*copy)->head);
-  return parse_header(bytes, source.size(), head.header, findings);
+  head.bytes = std::move((*copy)->head);
+  head.repaired = true;
+  return parse_header(head.bytes, source.size(), head.header, findings);
+}
+
+// Sorts a completely loaded index.
+void sort(FileHead& head) {
+  sort_index(head.parts, head.index);
+  for (std::uint32_t p = 0; p < head.parts.size(); ++p) head.walk.parts[head.parts[p]] = p;
+  std::sort(head.lost_fragments.begin(), head.lost_fragments.end(),
+            [](const LostFragment& a, const LostFragment& b) { return a.offset < b.offset; });
 }
 
 }  // namespace
 
-bool read_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,
-               Findings& findings) {
+bool read_head(const ByteSource& source, const ReadLimits& limits, IndexLoading loading,
+               FileHead& head, Findings& findings) {
   head.limits = limits;
   head.available_bytes = source.size();
-  std::vector<std::uint8_t> bytes;
-  if (!read_or_repair(source, limits, head, bytes, findings)) return false;
-  if (!walk_head(bytes, limits, head, findings)) return false;
+  if (!read_or_repair(source, limits, head, findings)) return false;
+  if (!walk_head(limits, head, findings)) return false;
   head.index_bytes = head.header.head_bytes;
   if (head.growing()) {
     head.closed = false;
-    head.head_checksum = checksum(bytes);
-    if (!read_fragments(source, head, findings)) return false;
+    bool grown = false;
+    if (!read_growth(source, head, grown, findings)) return false;
+  }
+  if (loading == IndexLoading::kComplete) {
+    constexpr double kAlways = std::numeric_limits<double>::infinity();
+    if (!load_index(source, -kAlways, kAlways, head, findings)) return false;
+    sort(head);
   }
   check_window(head.metadata.scene, findings);
   if (!head.growing() && head.available_bytes < head.header.file_bytes)

@@ -1,60 +1,51 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reading INDX: the records of all segments (spec 5).
+// Reading nodes of an index: INDX, PAGE and FRAG (spec 5.1 to 5.3).
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
-#include "container/container.h"
+#include "container/node.h"
 #include "container/segment_keys.h"
-#include "core/bytes.h"
 
 namespace stgs {
 namespace {
 
 using N = IssueNumber;
 
-constexpr std::uint64_t kMaxTotals = 1024;  // spec 5.2
+constexpr std::uint64_t kMaxTotals = 1024;  // spec 5.1
 
-class IndexReader {
+class NodeReader {
  public:
-  IndexReader(std::span<const std::uint8_t> payload, std::uint64_t offset, const RecordArea& area,
-              FileHead& head, Findings& findings)
-      : in_(payload),
-        offset_(offset),
-        at_(area.begin),
-        end_(area.end),
-        head_(head),
-        findings_(findings) {}
+  NodeReader(ByteReader& in, const NodePlace& place, const FileHead& head, Findings& findings)
+      : in_(in), place_(place), head_(head), findings_(findings) {}
 
-  bool read() {
-    FileIndex& index = head_.index;
-    const double chunk = in_.f64();
-    const std::uint64_t stated = in_.varint();
-    const std::uint64_t attributes = in_.varint();
-    if (!in_.ok() || attributes > kMaxTotals || !read_totals(attributes)) return cut_off();
-    const std::uint64_t parts = in_.varint();
-    if (!in_.ok()) return cut_off();
-    if (!is_chunk(chunk) || (!head_.parts.empty() && chunk != index.chunk_ticks)) {
-      findings_.error(N::kChunk, offset_, "index: invalid chunk length of {} ticks", chunk);
-      return false;
+  bool read_links(std::vector<NodeLink>& links) {
+    const std::uint64_t count = in_.varint();
+    for (std::uint64_t i = 0; i < count && in_.ok(); ++i) {
+      const std::uint64_t at = here();
+      NodeLink link;
+      link.needed.begin = in_.f64();
+      link.needed.end = in_.f64();
+      link.offset = in_.varint();
+      link.copy = in_.varint();
+      link.bytes = in_.varint();
+      if (!in_.ok()) break;
+      if (!check_link(link, at) || !take_entry(at)) return false;
+      links.push_back(link);
     }
-    index.chunk_ticks = chunk;
-    const std::size_t first = ordinal();
-    for (std::uint64_t p = 0; p < parts; ++p) {
-      if (!read_part()) return false;
+    return in_.ok() || cut_off();
+  }
+
+  bool read_runs(std::vector<IndexRun>& runs) {
+    const std::uint64_t count = in_.varint();
+    for (std::uint64_t i = 0; i < count && in_.ok(); ++i) {
+      if (!read_run(runs.emplace_back())) return false;
     }
-    std::uint64_t total = 0;
-    for (std::size_t i = first; i < ordinal(); ++i) total += index.segments[i].base.primitives;
-    index.primitives += total;
-    if (total != stated) {
-      findings_.error(N::kPrimitiveTotal, offset_,
-                      "index: primitive count mismatch (total states {}, segments have {})", stated,
-                      total);
-    }
-    return true;
+    return in_.ok() || cut_off();
   }
 
  private:
-  std::uint64_t here() const { return offset_ + in_.position(); }
+  std::uint64_t here() const { return place_.payload + in_.position(); }
 
   bool cut_off() {
     findings_.error(N::kIndexLayout, here(),
@@ -62,67 +53,30 @@ class IndexReader {
     return false;
   }
 
-  // Adds to the existing totals: each fragment of an index states its own.
-  bool read_totals(std::uint64_t count) {
-    std::vector<AttributeBytes>& rows = head_.index.attributes;
-    for (std::uint64_t i = 0; i < count; ++i) {
-      const std::uint64_t attribute = in_.varint(), bytes = in_.varint();
-      if (!in_.ok() || attribute > std::numeric_limits<std::uint16_t>::max()) return false;
-      const auto row = std::find_if(rows.begin(), rows.end(), [attribute](const auto& r) {
-        return r.attribute == attribute;
-      });
-      if (row != rows.end()) {
-        row->bytes += bytes;
-      } else {
-        rows.push_back({static_cast<std::uint16_t>(attribute), bytes});
-      }
-    }
-    return true;
+  bool in_body(std::uint64_t offset, std::uint64_t payload) const {
+    const std::uint64_t end = place_.end;
+    return offset >= place_.begin && offset <= end && end - offset >= kRecordHeaderBytes &&
+           payload <= end - offset - kRecordHeaderBytes;
   }
 
-  bool read_part() {  // spec 5.3
-    const std::uint64_t at = here();
-    PartEntry part;
-    part.begin = in_.f64();
-    part.end = in_.f64();
-    const std::uint64_t skip = in_.varint();
-    part.skip = skip >> kSkipShift;
-    if ((skip & kHasCut) != 0) part.cut = {in_.f64(), in_.f64()};
-    if ((skip & kHasChunk) != 0) part.chunk_ticks = in_.f64();
-    const std::uint64_t segments = in_.varint();
-    if (!in_.ok()) return cut_off();
-    if ((skip & kHasChunk) != 0 && !is_chunk(part.chunk_ticks)) {
-      findings_.error(N::kChunk, at, "index: part {} has an invalid chunk length of {} ticks",
-                      head_.parts.size(), part.chunk_ticks);
-      return false;
+  // Links lead forwards in a finished file and backwards in a growing one (spec 5.2, 9.3).
+  bool check_link(const NodeLink& link, std::uint64_t at) {
+    const bool direction = head_.growing() ? link.copy == 0 : link.offset > place_.record;
+    if (direction && in_body(link.offset, link.bytes) &&
+        (link.copy == 0 || in_body(link.copy, link.bytes)) && std::isfinite(link.needed.begin) &&
+        std::isfinite(link.needed.end) && link.needed.begin <= link.needed.end) {
+      return true;
     }
-    const TickRange shown = part.cut.value_or(TickRange{std::max(part.begin, 0.0), part.end});
-    const bool valid = is_valid_time(part.begin) && is_valid_time(part.end) &&
-                       is_valid_time(shown.begin) && is_valid_time(shown.end) &&
-                       part.end - part.begin <= kMaxChunk;
-    if (!valid || !(part.begin < part.end) ||
-        (part.cut && !(shown.begin >= std::max(part.begin, 0.0) && shown.begin < shown.end &&
-                       shown.end <= part.end))) {
-      findings_.error(N::kParts, at,
-                      "index: part {} has an invalid range (ticks {} to {}, shown from {} to {})",
-                      head_.parts.size(), part.begin, part.end, shown.begin, shown.end);
-      return false;
-    }
-    if (!advance(part.skip, at) || !take_entry(at)) return false;
-    head_.parts.push_back(part);
-    SegmentKeyCoder keys;
-    last_.reset();
-    for (std::uint64_t s = 0; s < segments; ++s) {
-      if (!read_segment(keys)) return false;
-    }
-    return true;
+    findings_.error(
+        N::kLink, at,
+        "index: invalid link to {} bytes at byte {}, copy at byte {}, for ticks {} to {}",
+        link.bytes, link.offset, link.copy, link.needed.begin, link.needed.end);
+    return false;
   }
 
   // Checks that one more entry stays within the memory limit (conformance 1.5).
   bool take_entry(std::uint64_t at) {
-    const FileIndex& index = head_.index;
-    const std::uint64_t entries =
-        head_.parts.size() + index.segments.size() + index.further.size() + 1;
+    const std::uint64_t entries = head_.walk.entries + ++entries_;
     const std::uint64_t limit = head_.limits.max_memory;
     if (entries <= kFreeEntries || entries - kFreeEntries <= limit / kEntryMemory) return true;
     findings_.unsupported(N::kMemoryLimit, at,
@@ -130,16 +84,41 @@ class IndexReader {
     return false;
   }
 
-  // Skips bytes of the body.
-  bool advance(std::uint64_t bytes, std::uint64_t at) {
-    if (bytes <= end_ - at_) {
-      at_ += bytes;
-      return true;
+  bool read_run(IndexRun& run) {  // spec 5.3
+    const std::uint64_t at = here();
+    const std::uint64_t number = in_.varint();
+    PartEntry& part = run.part;
+    part.begin = in_.f64();
+    part.end = in_.f64();
+    part.shown.begin = in_.f64();
+    part.shown.end = in_.f64();
+    part.chunk_ticks = in_.f64();
+    at_ = in_.varint();
+    const std::uint64_t segments = in_.varint();
+    if (!in_.ok()) return cut_off();
+    if (!is_chunk(part.chunk_ticks)) {
+      findings_.error(N::kChunk, at, "index: part {} has an invalid chunk length of {} ticks",
+                      number, part.chunk_ticks);
+      return false;
     }
-    findings_.error(N::kSegmentRange, at,
-                    "index: {} bytes at byte {} exceed the body, which ends at byte {}", bytes, at_,
-                    end_);
-    return false;
+    if (number > std::numeric_limits<std::uint32_t>::max() || segments == 0) {
+      findings_.error(N::kIndexLayout, at, "index: invalid run of {} segments of part {}", segments,
+                      number);
+      return false;
+    }
+    if (!is_valid_part(part)) {
+      findings_.error(N::kParts, at,
+                      "index: part {} has an invalid range (ticks {} to {}, shown from {} to {})",
+                      number, part.begin, part.end, part.shown.begin, part.shown.end);
+      return false;
+    }
+    part.number = static_cast<std::uint32_t>(number);
+    keys_ = {};
+    last_.reset();
+    for (std::uint64_t s = 0; s < segments; ++s) {
+      if (!read_segment(run)) return false;
+    }
+    return true;
   }
 
   // Reads the payload length of the next record and sets its range.
@@ -147,74 +126,84 @@ class IndexReader {
     const std::uint64_t payload = in_.varint();
     if (!in_.ok()) return cut_off();
     entry.offset = at_;
-    if (!advance(kRecordHeaderBytes, at) || !advance(payload, at)) return false;
+    if (!in_body(at_, payload)) {
+      findings_.error(N::kSegmentRange, at,
+                      "index: a record of {} bytes at byte {} is outside the body, which ends at "
+                      "byte {}",
+                      payload, at_, place_.end);
+      return false;
+    }
     entry.bytes = kRecordHeaderBytes + payload;
+    at_ += entry.bytes;
     return true;
   }
 
-  bool read_segment(SegmentKeyCoder& keys) {  // spec 5.3
+  bool read_segment(IndexRun& run) {
     const std::uint64_t at = here();
-    const std::uint64_t number = in_.varint(), shape = in_.varint();
+    const std::uint64_t place = in_.varint(), shape = in_.varint();
     if (!in_.ok()) return cut_off();
-    SegmentEntry segment;
-    segment.part = static_cast<std::uint32_t>(head_.parts.size() - 1);
-    IndexEntry& base = segment.base;
-    if (!keys.decode(number, base) || empty(interval_of(head_, base, segment.part))) {
-      findings_.error(N::kSegmentInterval, at, "index: segment {} is outside its part", ordinal());
+    if (!take_entry(at)) return false;
+    IndexEntry base;
+    const double chunk = run.part.chunk_ticks, length = run.part.end - run.part.begin;
+    if (!keys_.decode(place, base) || !(begin_of(base.level, base.slot, chunk) < length)) {
+      findings_.error(N::kSegmentInterval, at, "index: a segment is outside its part {}",
+                      run.part.number);
       return false;
     }
-    if (last_ && !comes_before(*last_, base, head_.chunk_of(segment.part))) {
-      findings_.error(N::kSegmentOrder, at, "index: segment {} is out of order", ordinal());
+    if (last_ && !comes_before(*last_, base, chunk)) {
+      findings_.error(N::kSegmentOrder, at, "index: a segment of part {} is out of order",
+                      run.part.number);
       return false;
     }
     last_ = base;
     const std::uint64_t tiers = shape >> 2;
     if (tiers > kMaxTiers || (tiers == 0 && (shape & 3) != kHasFurther)) {
       findings_.error(N::kIndexLayout, at,
-                      "index: segment {} has {} tiers (expected at most {}) or no records",
-                      ordinal(), tiers, kMaxTiers);
+                      "index: a segment has {} tiers (expected at most {}) or no records", tiers,
+                      kMaxTiers);
       return false;
     }
-    const std::size_t first = head_.index.segments.size();
+    const std::size_t first = run.segments.size();
     for (std::uint64_t t = 0; t < tiers; ++t) {
       base.layer = layer_of(Content::kPrimitives, static_cast<int>(t));
       if (!take_primitives(base, at) || !take_record(base, at) || !enough_bytes(base, at) ||
           !take_entry(at)) {
         return false;
       }
-      head_.index.segments.push_back(segment);
+      run.segments.push_back({base, {}, 0});
     }
-    for (std::size_t i = first; (shape & kSeparateSh) != 0 && i < first + tiers; ++i) {
-      SegmentEntry& tier = head_.index.segments[i];
+    for (std::size_t i = first; (shape & kSeparateSh) != 0 && i < run.segments.size(); ++i) {
+      SegmentEntry& tier = run.segments[i];
       IndexEntry sh = tier.base;
       sh.layer = layer_of(Content::kSh, tier_of(tier.base.layer));
-      if (!take_record(sh, at) || !enough_bytes(sh, at)) return false;
+      if (!take_record(sh, at)) return false;
       tier.sh = sh;
     }
-    return (shape & kHasFurther) == 0 || take_further(base, segment.part, at);
+    return (shape & kHasFurther) == 0 || take_further(base, run, at);
   }
 
-  // Reads the entries of records of unknown content, which this version ignores (spec 5.7).
-  bool take_further(IndexEntry entry, std::uint32_t part, std::uint64_t at) {
+  // Reads the entries of records of unknown content, which this version ignores (spec 5.5).
+  bool take_further(IndexEntry entry, IndexRun& run, std::uint64_t at) {
     const std::uint64_t records = in_.varint();
     if (records == 0) {
-      findings_.error(N::kIndexLayout, at, "index: segment {} states 0 further records", ordinal());
+      findings_.error(N::kIndexLayout, at, "index: a segment states 0 further records");
       return false;
     }
+    std::uint64_t last = layer_of(static_cast<Content>(kMaxKnownContent), kMaxTiers - 1);
     for (std::uint64_t i = 0; i < records; ++i) {
       const std::uint64_t layer = in_.varint();
-      if (in_.ok() && (layer > std::numeric_limits<std::uint16_t>::max() ||
-                       content_of(static_cast<std::uint16_t>(layer)) <= kMaxKnownContent)) {
-        findings_.error(N::kSegmentOrder, at, "index: layer {} is invalid for a further record",
-                        layer);
+      if (in_.ok() && (layer > std::numeric_limits<std::uint16_t>::max() || layer <= last)) {
+        findings_.error(N::kSegmentOrder, at,
+                        "index: layer {} is out of order or invalid for a further record", layer);
         return false;
       }
       entry.layer = static_cast<std::uint16_t>(layer);
+      last = layer;
       entry.primitives = 0;
       if (!take_record(entry, at) || !take_entry(at)) return false;
-      head_.index.further.push_back({entry, part});
+      run.further.push_back({entry, 0});
     }
-    return in_.ok() || cut_off();
+    return true;
   }
 
   bool take_primitives(IndexEntry& entry, std::uint64_t at) {
@@ -222,8 +211,7 @@ class IndexReader {
     if (!in_.ok()) return cut_off();
     if (primitives == 0 || primitives > std::numeric_limits<std::uint32_t>::max()) {
       findings_.error(N::kSegmentCount, at,
-                      "index: segment {} has {} primitives (expected 1 to 2^32 - 1)", ordinal(),
-                      primitives);
+                      "index: a segment has {} primitives (expected 1 to 2^32 - 1)", primitives);
       return false;
     }
     entry.primitives = static_cast<std::uint32_t>(primitives);
@@ -231,52 +219,73 @@ class IndexReader {
   }
 
   bool enough_bytes(const IndexEntry& entry, std::uint64_t at) {  // spec 5.5
-    if (content_of(entry.layer) != static_cast<int>(Content::kPrimitives) ||
-        entry.primitives <=
-            kMaxPrimitivesPerByte *
-                std::min<std::uint64_t>(std::numeric_limits<std::uint32_t>::max(), entry.bytes)) {
-      return true;
+    const std::uint64_t payload = entry.bytes - kRecordHeaderBytes;
+    const std::uint64_t primitives = entry.primitives;
+    if ((primitives + kMaxPrimitivesPerByte - 1) / kMaxPrimitivesPerByte > payload) {
+      findings_.error(N::kSegmentCount, at, "index: {} primitives are too many for {} bytes",
+                      primitives, payload);
+      return false;
     }
-    findings_.error(N::kSegmentCount, at,
-                    "index: segment {} states {} primitives, too many for {} bytes", ordinal(),
-                    entry.primitives, entry.bytes);
+    const std::uint64_t bytes = 4 * floats_per_primitive(head_.metadata.sh_degree);
+    if (primitives <= head_.limits.max_memory / bytes) return true;
+    findings_.unsupported(N::kMemoryLimit, at,
+                          "index: a segment needs {} bytes, more than the memory limit of {}",
+                          primitives * bytes, head_.limits.max_memory);
     return false;
   }
 
-  std::size_t ordinal() const { return head_.index.segments.size(); }
-  static bool empty(const TickRange& interval) { return !(interval.begin < interval.end); }
-
-  ByteReader in_;
-  std::uint64_t offset_;            // of the payload
-  std::uint64_t at_, end_;          // beginning of the next record; end of the body
-  std::optional<IndexEntry> last_;  // key of the previous segment of the same part
-  FileHead& head_;
+  ByteReader& in_;
+  const NodePlace place_;
+  const FileHead& head_;
   Findings& findings_;
+  std::uint64_t entries_ = 0;
+  std::uint64_t at_ = 0;  // offset of the next record of the run
+  SegmentKeyCoder keys_;
+  std::optional<IndexEntry> last_;  // place of the previous segment of the run
 };
+
+// Reads the totals of attributes.
+bool parse_totals(ByteReader& in, std::vector<AttributeBytes>& rows) {
+  const std::uint64_t count = in.varint();
+  if (!in.ok() || count > kMaxTotals) return false;
+  for (std::uint64_t i = 0; i < count; ++i) {
+    const std::uint64_t attribute = in.varint(), bytes = in.varint();
+    if (!in.ok() || attribute > std::numeric_limits<std::uint16_t>::max()) return false;
+    rows.push_back({static_cast<std::uint16_t>(attribute), bytes});
+  }
+  return true;
+}
 
 }  // namespace
 
-bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset,
-                 const RecordArea& area, FileHead& head, Findings& findings) {
-  return IndexReader(payload, offset, area, head, findings).read();
+bool parse_links(ByteReader& in, const NodePlace& place, const FileHead& head,
+                 std::vector<NodeLink>& links, Findings& findings) {
+  return NodeReader(in, place, head, findings).read_links(links);
 }
 
-void check_index(const FileHead& head, std::uint64_t offset, const ReadLimits& limits,
+bool parse_node(ByteReader& in, const NodePlace& place, const FileHead& head, IndexNode& node,
+                Findings& findings) {
+  NodeReader reader(in, place, head, findings);
+  return reader.read_links(node.links) && reader.read_runs(node.runs);
+}
+
+bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset, FileHead& head,
                  Findings& findings) {
-  const FileIndex& index = head.index;
-  const std::uint64_t bytes = 4 * floats_per_primitive(head.metadata.sh_degree);
-  for (std::size_t i = 0; i < index.segments.size(); ++i) {
-    const IndexEntry& entry = index.segments[i].base;
-    if (entry.primitives > limits.max_memory / bytes) {
-      findings.unsupported(N::kMemoryLimit, offset,
-                           "index: segment {} needs {} bytes, more than the memory limit of {}", i,
-                           entry.primitives * bytes, limits.max_memory);
-    }
+  ByteReader in(payload);
+  head.index.primitives = in.varint();
+  if (!in.ok() || !parse_totals(in, head.index.attributes)) {
+    findings.error(N::kIndexLayout, offset, "index: truncated, or more than {} totals", kMaxTotals);
+    return false;
   }
-  if (index.primitives > limits.max_primitives) {
+  if (head.index.primitives > head.limits.max_primitives) {
     findings.unsupported(N::kPrimitiveLimit, offset, "index: {} primitives exceed the limit of {}",
-                         index.primitives, limits.max_primitives);
+                         head.index.primitives, head.limits.max_primitives);
+    return false;
   }
+  const NodePlace place = {offset - kRecordHeaderBytes, offset, head.header.head_bytes,
+                           head.header.file_bytes};
+  IndexNode root;
+  return parse_node(in, place, head, root, findings) && add_node(root, offset, 0, head, findings);
 }
 
 }  // namespace stgs

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writing INDX (spec 5.2, 5.3).
+// Writing nodes of an index (spec 5.1 to 5.3).
+#include <algorithm>
 #include <span>
 #include <tuple>
 
-#include "container/container.h"
+#include "container/node.h"
 #include "container/segment_keys.h"
-#include "core/bytes.h"
 
 namespace stgs {
 namespace {
@@ -17,21 +17,20 @@ const IndexEntry& entry_of(const FurtherEntry& further) {
   return further.entry;
 }
 
-// Returns the end of the run of entries, starting at `first`, with the same part and key.
+// Returns the end of the entries, starting at `first`, that have the same place.
 template <typename Entry>
-std::size_t end_of_run(std::span<const Entry> entries, std::size_t first) {
-  const auto key = [&](std::size_t i) {
-    const IndexEntry& entry = entry_of(entries[i]);
-    return std::tuple(entries[i].part, entry.level, entry.slot);
+std::size_t end_of_segment(std::span<const Entry> entries, std::size_t first) {
+  const auto place = [&](std::size_t i) {
+    return std::tuple(entry_of(entries[i]).level, entry_of(entries[i]).slot);
   };
   std::size_t end = first;
-  while (end < entries.size() && key(end) == key(first)) ++end;
+  while (end < entries.size() && place(end) == place(first)) ++end;
   return end;
 }
 
 // Writes a segment: its tiers and its further records; either may be empty.
-void write_run(std::span<const SegmentEntry> tiers, std::span<const FurtherEntry> further,
-               SegmentKeyCoder& keys, ByteWriter& out) {
+void write_segment_row(std::span<const SegmentEntry> tiers, std::span<const FurtherEntry> further,
+                       SegmentKeyCoder& keys, ByteWriter& out) {
   const bool separate_sh = !tiers.empty() && tiers[0].sh.bytes > 0;
   out.varint(keys.encode(tiers.empty() ? further[0].entry : tiers[0].base));
   out.varint(tiers.size() << 2 | (further.empty() ? 0 : kHasFurther) |
@@ -50,84 +49,74 @@ void write_run(std::span<const SegmentEntry> tiers, std::span<const FurtherEntry
   }
 }
 
-// Writes the segments of an index one after the other, in file order.
-class Runs {
- public:
-  explicit Runs(const FileIndex& index) : segments_(index.segments), further_(index.further) {}
-
-  // Writes the next segment of a part with this chunk. Returns false if there is none.
-  bool write_next(std::uint32_t part, double chunk, SegmentKeyCoder& keys, ByteWriter& out) {
-    const bool tiers = segment_ < segments_.size() && segments_[segment_].part == part;
-    const bool more = record_ < further_.size() && further_[record_].part == part;
-    if (!tiers && !more) return false;
-    const auto before = [chunk](const IndexEntry& a, const IndexEntry& b) {
-      return comes_before(a, b, chunk);
-    };
-    std::size_t end = segment_, end_more = record_;
-    if (tiers && !(more && before(further_[record_].entry, segments_[segment_].base))) {
-      end = end_of_run(segments_, segment_);
+// Writes the segments of a run one after the other. Returns their number.
+std::uint64_t write_rows(const IndexRun& run, ByteWriter& out) {
+  SegmentKeyCoder keys;
+  std::uint64_t rows = 0;
+  const std::span<const SegmentEntry> segments(run.segments);
+  const std::span<const FurtherEntry> further(run.further);
+  for (std::size_t s = 0, f = 0; s < segments.size() || f < further.size(); ++rows) {
+    const bool both = s < segments.size() && f < further.size();
+    const double chunk = run.part.chunk_ticks;
+    std::size_t end = s, end_more = f;
+    if (s < segments.size() && !(both && comes_before(further[f].entry, segments[s].base, chunk))) {
+      end = end_of_segment(segments, s);
     }
-    if (more && !(tiers && before(segments_[segment_].base, further_[record_].entry))) {
-      end_more = end_of_run(further_, record_);
+    if (f < further.size() && !(both && comes_before(segments[s].base, further[f].entry, chunk))) {
+      end_more = end_of_segment(further, f);
     }
-    write_run(segments_.subspan(segment_, end - segment_),
-              further_.subspan(record_, end_more - record_), keys, out);
-    segment_ = end;
-    record_ = end_more;
-    return true;
+    write_segment_row(segments.subspan(s, end - s), further.subspan(f, end_more - f), keys, out);
+    s = end;
+    f = end_more;
   }
+  return rows;
+}
 
- private:
-  std::span<const SegmentEntry> segments_;
-  std::span<const FurtherEntry> further_;
-  std::size_t segment_ = 0, record_ = 0;
-};
+std::uint64_t first_offset(const IndexRun& run) {
+  if (run.segments.empty()) return run.further.front().entry.offset;
+  const std::uint64_t first = run.segments.front().base.offset;
+  return run.further.empty() ? first : std::min(first, run.further.front().entry.offset);
+}
 
 }  // namespace
 
-std::vector<std::uint8_t> write_index(const FileIndex& index, std::span<const PartEntry> parts) {
+void write_links(std::span<const NodeLink> links, ByteWriter& out) {
+  out.varint(links.size());
+  for (const NodeLink& link : links) {
+    out.f64(link.needed.begin);
+    out.f64(link.needed.end);
+    out.varint(link.offset);
+    out.varint(link.copy);
+    out.varint(link.bytes);
+  }
+}
+
+void write_node(const IndexNode& node, ByteWriter& out) {
+  write_links(node.links, out);
+  out.varint(node.runs.size());
+  for (const IndexRun& run : node.runs) {
+    out.varint(run.part.number);
+    for (const double v : {run.part.begin, run.part.end, run.part.shown.begin, run.part.shown.end,
+                           run.part.chunk_ticks}) {
+      out.f64(v);
+    }
+    out.varint(first_offset(run));
+    ByteWriter rows;
+    out.varint(write_rows(run, rows));
+    out.bytes(rows.view());
+  }
+}
+
+std::vector<std::uint8_t> write_index(const FileIndex& index, const IndexNode& root) {
   ByteWriter out;
-  out.f64(index.chunk_ticks);
   out.varint(index.primitives);
   out.varint(index.attributes.size());
   for (const AttributeBytes& attribute : index.attributes) {
     out.varint(attribute.attribute);
     out.varint(attribute.bytes);
   }
-  out.varint(parts.size());
-  Runs segments(index);
-  for (std::uint32_t p = 0; p < parts.size(); ++p) {
-    out.f64(parts[p].begin);
-    out.f64(parts[p].end);
-    const bool own_chunk = parts[p].chunk_ticks > 0;
-    out.varint(parts[p].skip << kSkipShift | (own_chunk ? kHasChunk : 0) |
-               (parts[p].cut ? kHasCut : 0));
-    if (parts[p].cut) {
-      out.f64(parts[p].cut->begin);
-      out.f64(parts[p].cut->end);
-    }
-    if (own_chunk) out.f64(parts[p].chunk_ticks);
-    ByteWriter rows;
-    std::uint64_t runs = 0;
-    SegmentKeyCoder keys;
-    const double chunk = own_chunk ? parts[p].chunk_ticks : index.chunk_ticks;
-    while (segments.write_next(p, chunk, keys, rows)) ++runs;
-    out.varint(runs);
-    out.bytes(rows.view());
-  }
+  write_node(root, out);
   return out.take();
-}
-
-std::vector<IndexEntry*> records_of(std::vector<SegmentEntry>& segments) {
-  std::vector<IndexEntry*> records;
-  for (std::size_t begin = 0; begin < segments.size();) {
-    const std::size_t end = end_of_run(std::span<const SegmentEntry>(segments), begin);
-    for (std::size_t i = begin; i < end; ++i) records.push_back(&segments[i].base);
-    for (; begin < end; ++begin) {
-      if (segments[begin].sh.bytes > 0) records.push_back(&segments[begin].sh);
-    }
-  }
-  return records;
 }
 
 }  // namespace stgs

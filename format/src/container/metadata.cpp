@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// META and WNDW: the metadata of a scene (spec 4).
+// META, WNDW and ERRB: the metadata of a scene (spec 4).
 #include <algorithm>
 #include <cmath>
 
@@ -14,11 +14,19 @@ namespace {
 using N = IssueNumber;
 
 constexpr std::uint64_t kWindowBytes = 24;
-// Conventions of kernel, colour and SH from this number on may be treated as 0 (spec 4.2).
+// Conventions of kernel and SH from this number on may be treated as 0 (spec 4.2).
 constexpr std::uint8_t kFirstShownAsZero = 128;
 
 bool all_finite(std::span<const float> values) {
   return std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v); });
+}
+
+// Returns whether a reader knows the code points of the colour encoding (spec 4.4).
+bool is_known_colour(const SceneMetadata& scene) {
+  const auto is_one_of = [](std::uint8_t v, std::initializer_list<int> all) {
+    return std::find(all.begin(), all.end(), v) != all.end();
+  };
+  return is_one_of(scene.primaries, {1, 9, 12}) && is_one_of(scene.transfer, {1, 8, 13});
 }
 
 void check_start_camera(const StartCamera& camera, std::uint64_t offset, Findings& findings) {
@@ -51,10 +59,11 @@ std::vector<std::uint8_t> write_metadata(const FileMetadata& metadata) {  // spe
   out.u32(scene.frames);
   out.u8(scene.kernel);
   out.u8(0);  // axes: OpenCV
-  out.u8(scene.colour);
   out.u8(scene.sh_convention);
+  out.u8(static_cast<std::uint8_t>(metadata.sh_degree));
   out.u16(static_cast<std::uint16_t>(metadata.profile));
-  out.u16(static_cast<std::uint16_t>(metadata.sh_degree));
+  out.u8(scene.primaries);
+  out.u8(scene.transfer);
   for (float v : scene.background) out.f32(v);
   for (float v : scene.bounds_min) out.f32(v);
   for (float v : scene.bounds_max) out.f32(v);
@@ -125,10 +134,11 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
   scene.frames = in.u32();
   scene.kernel = in.u8();
   const std::uint8_t axes = in.u8();
-  scene.colour = in.u8();
   scene.sh_convention = in.u8();
+  metadata.sh_degree = in.u8();
   const std::uint16_t profile = in.u16();
-  metadata.sh_degree = in.u16();
+  scene.primaries = in.u8();
+  scene.transfer = in.u8();
   for (float& v : scene.background) v = in.f32();
   for (float& v : scene.bounds_min) v = in.f32();
   for (float& v : scene.bounds_max) v = in.f32();
@@ -151,22 +161,28 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
     return false;
   }
   const auto unknown = [](std::uint8_t v) { return v != 0 && v < kFirstShownAsZero; };
-  if (axes != 0 || unknown(scene.kernel) || unknown(scene.colour) || unknown(scene.sh_convention)) {
-    findings.unsupported(N::kMetadataConvention, offset + 12,
-                         "metadata: unknown convention (kernel {}, axes {}, colour {}, SH {}); a "
-                         "later version is needed",
-                         scene.kernel, axes, scene.colour, scene.sh_convention);
+  if (axes != 0 || unknown(scene.kernel) || unknown(scene.sh_convention)) {
+    findings.unsupported(
+        N::kMetadataConvention, offset + 12,
+        "metadata: unknown convention (kernel {}, axes {}, SH {}); a later version is needed",
+        scene.kernel, axes, scene.sh_convention);
     return false;
   }
-  if (scene.kernel != 0 || scene.colour != 0 || scene.sh_convention != 0) {
-    findings.warning(
-        N::kMetadataConvention, offset + 12,
-        "metadata: convention of a later version is treated as 0 (kernel {}, colour {}, SH {})",
-        scene.kernel, scene.colour, scene.sh_convention);
+  if (scene.kernel != 0 || scene.sh_convention != 0) {
+    findings.warning(N::kMetadataConvention, offset + 12,
+                     "metadata: convention of a later version is treated as 0 (kernel {}, SH {})",
+                     scene.kernel, scene.sh_convention);
+  }
+  if (!is_known_colour(scene)) {
+    findings.warning(N::kMetadataConvention, offset + 18,
+                     "metadata: unknown colour encoding is displayed as sRGB (primaries {}, "
+                     "transfer function {})",
+                     scene.primaries, scene.transfer);
   }
   metadata.profile_number = profile;
-  metadata.profile = profile <= static_cast<int>(Profile::kDraco) ? static_cast<Profile>(profile)
-                                                                  : Profile::kUnknown;
+  metadata.profile = profile <= static_cast<int>(Profile::kNearLossless)
+                         ? static_cast<Profile>(profile)
+                         : Profile::kUnknown;
   if (camera.width != 0 || camera.height != 0) scene.start_camera = camera;
   if (scene.time_base.numerator == 0 || scene.time_base.denominator == 0 || scene.frames == 0) {
     findings.error(N::kTimeBase, offset, "metadata: invalid duration ({} frames of {}/{} s)",
@@ -174,7 +190,7 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
     return false;
   }
   if (metadata.sh_degree > 3) {
-    findings.unsupported(N::kShDegree, offset + 18,
+    findings.unsupported(N::kShDegree, offset + 15,
                          "metadata: unsupported SH degree (expected 0 to 3, got {})",
                          metadata.sh_degree);
     return false;
@@ -196,6 +212,37 @@ bool parse_window(std::span<const std::uint8_t> payload, std::uint64_t offset,
   window.capture = in.u64();
   window.training = in.u64();
   metadata.window = window;
+  return true;
+}
+
+std::vector<std::uint8_t> write_error_bounds(std::span<const ErrorBound> bounds) {  // spec 4.7
+  ByteWriter out;
+  out.u16(static_cast<std::uint16_t>(bounds.size()));
+  for (const ErrorBound& bound : bounds) {
+    out.u16(static_cast<std::uint16_t>(bound.attribute));
+    out.f32(bound.greatest);
+    out.f32(bound.rms);
+  }
+  return out.take();
+}
+
+bool parse_error_bounds(std::span<const std::uint8_t> payload, std::uint64_t offset, FileHead& head,
+                        Findings& findings) {
+  ByteReader in(payload);
+  const auto is_error = [](float v) { return std::isfinite(v) && v >= 0.0f; };
+  std::vector<ErrorBound> bounds;
+  bool good = true;
+  for (std::uint32_t left = in.u16(); left > 0 && in.ok(); --left) {
+    const auto attribute = static_cast<Attribute>(in.u16());
+    const float greatest = in.f32(), rms = in.f32();
+    good = good && is_error(greatest) && is_error(rms);
+    bounds.push_back({attribute, greatest, rms});
+  }
+  if (!in.ok() || !good) {
+    findings.error(N::kErrorBounds, offset, "error bounds: truncated, or an invalid value");
+    return false;
+  }
+  head.error_bounds = std::move(bounds);
   return true;
 }
 

@@ -6,18 +6,15 @@
 #include <cstdint>
 #include <limits>
 
-#include "container/container.h"
+#include "container/index.h"
 
 namespace stgs {
 
 inline constexpr int kMaxLevel = 30;
 // Bits of a segment's shape (spec 5.3).
 inline constexpr std::uint64_t kSeparateSh = 1, kHasFurther = 2;
-// Bits below the skip of a part.
-inline constexpr std::uint64_t kHasCut = 1, kHasChunk = 2;
-inline constexpr int kSkipShift = 2;
 
-// The order of the segments of a part: by beginning, longer ones first (spec 5.6).
+// The order of the segments of a run: by beginning, longer ones first (spec 5.6).
 inline bool comes_before(const IndexEntry& a, const IndexEntry& b, double chunk) {
   if (a.level < 0 || b.level < 0) return a.level < 0 && b.level >= 0;
   const double begin_a = begin_of(a.level, a.slot, chunk);
@@ -26,7 +23,7 @@ inline bool comes_before(const IndexEntry& a, const IndexEntry& b, double chunk)
 }
 
 // Codes level and slot of a segment as one number, which is small if the segment follows the
-// previous one of its level in the part. Use one object per part.
+// previous one of its level in the run. Use one object per run.
 class SegmentKeyCoder {
  public:
   std::uint64_t encode(const IndexEntry& entry) {

@@ -6,6 +6,7 @@
 #include <filesystem>
 
 #include "interchange/sog_models.h"
+#include "interchange/stgs1/stgs1.h"
 #include "stgs/format/interchange_formats.h"
 
 namespace stgs {
@@ -23,6 +24,9 @@ bool starts_with(Head head, std::string_view magic) {
 
 bool is_ply(const std::string&, Head head) {
   return starts_with(head, "ply\n") || starts_with(head, "ply\r");
+}
+bool is_stgs1_file(const std::string&, Head head) {
+  return is_stgs1(head);
 }
 bool is_spz(const std::string&, Head head) {
   return starts_with(head, "NGSP") || starts_with(head, "\x1F\x8B");
@@ -81,6 +85,7 @@ Result<Scene> read_frames(const std::string& path, const ImportSettings& setting
 
 using Format = InterchangeFormat;
 constexpr std::array kFormats = {
+    Format{"STGS 1", "", is_stgs1_file, read_stgs1, nullptr, nullptr},
     Format{"PLY", ".ply", is_ply, read_ply, nullptr, write_ply_set},
     Format{"SPZ", ".spz", is_spz, read_spz, nullptr, write_spz_set},
     Format{"SOG", ".sog", is_sog, nullptr, read_sog_models, nullptr},

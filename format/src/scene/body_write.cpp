@@ -360,7 +360,6 @@ class BodyWriter {
 Body encode_body(const Encoding& encoding, const std::vector<PartRange>& parts) {
   Body body;
   std::vector<TierSegment> segments = plan_segments(encoding, parts, body);
-  body.index.chunk_ticks = encoding.chunk_ticks;
   BodyWriter(encoding, segments, body).write();
   for (const TierSegment& segment : segments) {
     const std::vector<std::uint32_t>& members = segment.segment.members;

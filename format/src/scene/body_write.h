@@ -33,8 +33,8 @@ struct Body {
   LayoutSet layouts;
   std::vector<PartEntry> parts;
   std::vector<std::vector<std::uint8_t>> bases, sh;  // records, by segment
-  std::vector<std::uint8_t> importance;              // record, or empty
-  std::vector<std::uint32_t> order;  // for each primitive of the file, its index in the scene
+  std::vector<std::uint32_t>
+      order;  // of the primitives, segment after segment: indices in the scene
 };
 
 // Encodes all segments of these parts, on all threads.

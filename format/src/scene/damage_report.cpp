@@ -24,12 +24,8 @@ std::string seconds_text(const std::vector<TickRange>& ranges, const TimeBase& t
 }
 
 std::string fragment_text(const LostFragment& fragment, const TimeBase& time_base) {
-  const bool known = fragment.range.begin < fragment.range.end;
-  return fmt::format(
-      "content first shown {} is lost because an index fragment is damaged ({} bytes)",
-      known ? seconds_text(fragment.range, time_base)
-            : fmt::format("from {:.3f} s", time_base.seconds(fragment.range.begin)),
-      fragment.bytes);
+  return fmt::format("content shown {} is lost because the index is damaged ({} bytes)",
+                     seconds_text(fragment.range, time_base), fragment.bytes);
 }
 
 std::string records_text(const DamageReport& report, const TimeBase& time_base) {
@@ -63,13 +59,8 @@ std::vector<std::string> describe_damage(const DamageReport& report, const TimeB
     lines.push_back(fragment_text(fragment, time_base));
   }
   if (report.incomplete_bytes > 0) {
-    const std::string why =
-        report.unreached_frames > 0
-            ? fmt::format("they contain frames up to {:.3f} s, behind a damaged record",
-                          time_base.seconds(report.unreached_frames))
-            : "they are incomplete";
-    lines.push_back(fmt::format("{} bytes after the last complete fragment are ignored: {}",
-                                report.incomplete_bytes, why));
+    lines.push_back(fmt::format("{} bytes after the last complete fragment are ignored",
+                                report.incomplete_bytes));
   }
   if (!report.reason.ok()) lines.push_back(records_text(report, time_base));
   if (!report.importance.ok()) {

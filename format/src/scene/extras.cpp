@@ -42,13 +42,12 @@ class Extras {
 
   Result<std::vector<std::string>> find() {
     STGS_TRY(find_further());
-    STGS_ASSIGN(std::vector<std::uint8_t> head, read_head_bytes(source_, head_));
-    const std::unique_ptr<ByteSource> in_head = memory_source(std::move(head));
+    const std::unique_ptr<ByteSource> in_head = memory_source(head_.bytes);
     STGS_TRY(find_records(*in_head, kHeaderBytes, head_.header.head_bytes));
     std::uint64_t at = head_.header.head_bytes;
-    for (const IndexEntry* record : records_of(head_.index.segments)) {
+    for (const IndexEntry* record : records_of(head_.index)) {
       STGS_TRY(find_records(source_, at, record->offset));
-      at = record->offset + record->bytes;
+      at = std::max(at, record->offset + record->bytes);
     }
     STGS_TRY(find_records(source_, at, std::min(head_.header.file_bytes, head_.available_bytes)));
     find_attributes();
@@ -76,7 +75,7 @@ class Extras {
     total.bytes += bytes;
   }
 
-  // Finds further records of segments (spec 5.13).
+  // Finds further records of segments (spec 5.7).
   Status find_further() {
     for (const FurtherEntry& further : head_.index.further) {
       const IndexEntry& entry = further.entry;
@@ -106,8 +105,8 @@ class Extras {
       if (!parse_record_header(bytes, at, end, record, damaged)) break;
       const std::uint64_t size = kRecordHeaderBytes + record.length;
       const bool ours = record.tag == kWindowTag || record.tag == kPrivateTag ||
-                        record.tag == kImportanceTag || record.tag == kQuantisationTag ||
-                        record.tag == kCopyTag;
+                        record.tag == kImportanceTag || record.tag == kStepTag ||
+                        record.tag == kErrorTag || record.tag == kCopyTag;
       if ((record.flags & kCritical) == 0 && !ours) {
         const auto payload = std::span<const std::uint8_t>(bytes).subspan(
             kRecordHeaderBytes, std::min<std::uint64_t>(record.length, kMaxNameBytes));
@@ -121,7 +120,7 @@ class Extras {
     return {};
   }
 
-  // Finds optional and private streams in the layouts of the file and of records (spec 6.5).
+  // Finds optional and private streams in the layouts of the file and of records (spec 6.2).
   void find_attributes() {
     std::set<std::uint16_t> found;
     std::mutex mutex;
@@ -160,7 +159,7 @@ Result<std::vector<std::string>> scene_extras(const std::string& path, const Rea
   try {
     Findings findings;
     FileHead head;
-    read_head(*source, limits, head, findings);
+    read_head(*source, limits, IndexLoading::kComplete, head, findings);
     if (!findings.ok()) return findings.status(path);
     return Extras(*source, head).find();
   } catch (const std::exception& e) {

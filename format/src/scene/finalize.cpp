@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Conversion of a recording to a file with its index in the head. All records except those of the
-// index are copied unchanged, including unknown and damaged ones.
+// Conversion of a recording to a finished file. The records that the index lists and those that are
+// not critical are copied unchanged, including unknown and damaged ones.
 #include <algorithm>
 #include <exception>
-#include <set>
+#include <map>
+#include <utility>
 
+#include "container/body_plan.h"
 #include "core/bytes.h"
 #include "scene/damage_count.h"
 #include "scene/recording.h"
@@ -17,28 +19,12 @@ namespace {
 constexpr std::uint64_t kFramesAt = 8, kBoundsAt = 32;  // in META's payload, spec 4.2
 constexpr std::uint64_t kCopyBytes = 1 << 20;           // copied at a time
 
-// A record listed in the index.
-struct IndexedRecord {
-  IndexEntry entry;
-  std::uint32_t part = 0;
-  const SegmentEntry* segment = nullptr;  // null: a further record
+// A range of a file.
+struct Range {
+  std::uint64_t begin = 0, end = 0;
 };
-std::vector<IndexedRecord> indexed_records(const FileIndex& index) {
-  std::vector<IndexedRecord> out;
-  for (const SegmentEntry& segment : index.segments) {
-    out.push_back({segment.base, segment.part, &segment});
-    if (segment.sh.bytes > 0) out.push_back({segment.sh, segment.part, &segment});
-  }
-  for (const FurtherEntry& further : index.further) {
-    out.push_back({further.entry, further.part, nullptr});
-  }
-  std::sort(out.begin(), out.end(), [](const IndexedRecord& a, const IndexedRecord& b) {
-    return a.entry.offset < b.entry.offset;
-  });
-  return out;
-}
 
-Status copy(const ByteSource& source, const RecordArea& area, OutputFile& file) {
+Status copy(const ByteSource& source, const Range& area, OutputFile& file) {
   std::vector<std::uint8_t> bytes;
   for (std::uint64_t at = area.begin; at < area.end; at += bytes.size()) {
     bytes.resize(std::min(kCopyBytes, area.end - at));
@@ -52,7 +38,7 @@ Status copy(const ByteSource& source, const RecordArea& area, OutputFile& file) 
 Status repair_head(const ByteSource& source, const FileHead& head, const std::string& output) {
   OutputFile file;
   STGS_TRY(file.open(output));
-  STGS_TRY(file.write(head.repaired));
+  STGS_TRY(file.write(head.bytes));
   STGS_TRY(copy(source, {head.header.head_bytes, head.header.file_bytes}, file));
   return file.commit();
 }
@@ -61,50 +47,45 @@ Status repair_head(const ByteSource& source, const FileHead& head, const std::st
 class Finalizer {
  public:
   Finalizer(const ByteSource& source, FileHead& head, DamageReport& report)
-      : source_(source), head_(head), report_(report), records_(indexed_records(head.index)) {}
+      : source_(source), head_(head), report_(report) {}
 
   Status write(const std::string& output) {
-    STGS_TRY(plan());
-    std::vector<std::uint8_t> records;
-    STGS_TRY(read_head_records(records));
-    const std::vector<std::uint8_t> index =
-        write_record(kIndexTag, write_index(head_.index, head_.parts));
+    STGS_TRY(find_others());
+    head_.index.primitives = head_.listed_primitives;  // without those that are lost
+    std::vector<std::uint8_t> records = head_records();
+    std::map<const IndexEntry*, std::uint64_t> offsets;  // in the recording
+    for (const IndexEntry* record : records_of(head_.index)) offsets[record] = record->offset;
+    const BodyPlan plan(head_.index, head_.parts, head_.metadata.scene.frames,
+                        kHeaderBytes + records.size(), other_bytes_);
+    const std::vector<std::uint8_t> index = plan.index_record();
     records.insert(records.end(), index.begin(), index.end());
     FileHeader header;
     header.minor = head_.header.minor;  // as its records are
     header.flags = head_.header.flags & ~kGrowing;
-    const CopiedHead head = write_copied_head(header, records, body_bytes_);
+    const std::vector<std::uint8_t> head = write_finished_head(header, records, plan.end());
     OutputFile file;
     STGS_TRY(file.open(output));
-    STGS_TRY(file.write(head.head));
-    STGS_TRY(write_body(file));
-    STGS_TRY(file.write(head.copy));
-    if (head_.index.primitives > 0 && unreadable_primitives_ == head_.index.primitives) {
-      return report_.reason;
-    }
-    merge_ranges(report_);
+    STGS_TRY(file.write(head));
+    STGS_TRY(write_body(plan, offsets, file));
+    STGS_TRY(file.write(write_head_copy(head)));
+    STGS_TRY(count_damaged());
     return file.commit();
   }
 
  private:
-  // Finds the records between those of the index, and sets the skips of the parts.
-  Status plan() {
-    for (PartEntry& part : head_.parts) part.skip = 0;
+  // Finds the records that are not critical. Critical ones are FRAG, and segments lost with a
+  // damaged fragment. COPY is written again. Records after a damaged header cannot be located.
+  Status find_others() {
     std::uint64_t at = head_.header.head_bytes;
-    for (const IndexedRecord& record : records_) {
-      STGS_ASSIGN(const std::uint64_t skipped, plan_others(at, record.entry.offset));
-      head_.parts[record.part].skip += skipped;
-      at = record.entry.offset + record.entry.bytes;
-      body_bytes_ += record.entry.bytes;
+    for (const IndexEntry* record : records_of(head_.index)) {
+      STGS_TRY(find_others(at, record->offset));
+      at = std::max(at, record->offset + record->bytes);
     }
-    return plan_others(at, head_.header.file_bytes).status();
+    return find_others(at, head_.header.file_bytes);
   }
 
-  // Adds the non-critical records of [at, end). Critical ones are FRAG, and segments lost with a
-  // damaged fragment. COPY is written again. Records after a damaged header cannot be located.
-  Result<std::uint64_t> plan_others(std::uint64_t at, std::uint64_t end) {
-    std::uint64_t found = 0;
-    while (end - at >= kRecordHeaderBytes) {
+  Status find_others(std::uint64_t at, std::uint64_t end) {
+    while (at < end && end - at >= kRecordHeaderBytes) {
       std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
       STGS_TRY(source_.read(at, bytes));
       Findings damaged;
@@ -116,12 +97,11 @@ class Finalizer {
       const std::uint64_t size = kRecordHeaderBytes + record.length;
       if ((record.flags & kCritical) == 0 && record.tag != kCopyTag) {
         others_.push_back({at, at + size});
-        found += size;
+        other_bytes_ += size;
       }
       at += size;
     }
-    body_bytes_ += found;
-    return found;
+    return {};
   }
 
   // Reports a damaged record header, unless it is that of a final FRAG record.
@@ -134,10 +114,9 @@ class Finalizer {
     }
   }
 
-  // Reads all records of the head, with the last fragment's frames and bounds in META.
-  Status read_head_records(std::vector<std::uint8_t>& out) const {
-    STGS_ASSIGN(out, read_head_bytes(source_, head_));
-    out.erase(out.begin(), out.begin() + kHeaderBytes);
+  // Returns all records of the head, with the last fragment's frames and bounds in META.
+  std::vector<std::uint8_t> head_records() const {
+    std::vector<std::uint8_t> out(head_.bytes.begin() + kHeaderBytes, head_.bytes.end());
     std::uint64_t size = 0;
     for (std::uint64_t at = 0; at < out.size(); at += size) {
       const std::span<std::uint8_t> rest = std::span(out).subspan(at);
@@ -149,7 +128,7 @@ class Finalizer {
           write_record(tag, metadata_payload(rest.first(size).subspan(kRecordHeaderBytes)));
       std::copy(record.begin(), record.end(), rest.begin());
     }
-    return {};
+    return out;
   }
 
   std::vector<std::uint8_t> metadata_payload(std::span<const std::uint8_t> payload) const {
@@ -164,59 +143,75 @@ class Finalizer {
     return out;
   }
 
-  Status write_body(OutputFile& file) {
+  Status write_body(const BodyPlan& plan, const std::map<const IndexEntry*, std::uint64_t>& offsets,
+                    OutputFile& file) {
     std::vector<std::uint8_t> bytes;
-    auto other = others_.begin();
-    for (const IndexedRecord& record : records_) {
-      for (; other != others_.end() && other->begin < record.entry.offset; ++other) {
-        STGS_TRY(copy(source_, *other, file));
+    bool others_written = false;
+    const auto write_others = [&]() -> Status {
+      if (std::exchange(others_written, true)) return {};
+      for (const Range& other : others_) STGS_TRY(copy(source_, other, file));
+      return {};
+    };
+    for (const BodyPlan::Piece& piece : plan.pieces()) {
+      if (piece.offset >= plan.others_at()) STGS_TRY(write_others());
+      if (piece.record == nullptr) {
+        STGS_TRY(file.write(piece.page));
+        continue;
       }
+      IndexEntry stored = *piece.record;
+      stored.offset = offsets.at(piece.record);
       Findings findings;
-      if (!copy_record(source_, record.entry, bytes, findings)) {
+      if (!copy_record(source_, stored, bytes, findings)) {
         Status status = findings.status(source_.name());
         if (status.code() != StatusCode::kInvalidFile) return status;
-        count(record, status);
+        damaged_.emplace(piece.record, std::move(status));
       }
       STGS_TRY(file.write(bytes));
     }
-    for (; other != others_.end(); ++other) STGS_TRY(copy(source_, *other, file));
-    return {};
+    return write_others();
   }
 
-  // Adds a damaged record to the report.
-  void count(const IndexedRecord& record, const Status& status) {
-    if (record.segment == nullptr) {
+  // Adds the damaged records to the report, in the order of the index.
+  Status count_damaged() {
+    const auto why = [this](const IndexEntry& entry) {
+      const auto found = damaged_.find(&entry);
+      return found == damaged_.end() ? Status() : found->second;
+    };
+    for (const SegmentEntry& segment : head_.index.segments) {
+      const TickRange shown = shown_of(head_, segment);
+      if (const Status base = why(segment.base); !base.ok()) {
+        ++report_.segments;
+        report_.primitives += segment.base.primitives;
+        unreadable_primitives_ += segment.base.primitives;
+        // SH are useless without the base record.
+        count_damage(report_, shown, segment.base.bytes + segment.sh.bytes, base);
+      } else if (const Status sh = why(segment.sh); !sh.ok()) {
+        ++report_.segments_without_sh;
+        count_damage(report_, shown, segment.sh.bytes, sh);
+      }
+    }
+    for (const FurtherEntry& further : head_.index.further) {
+      const Status status = why(further.entry);
+      if (status.ok()) continue;
       ++report_.further;
-      const TickRange interval = interval_of(head_, record.entry, record.part);
-      const double begin = head_.parts[record.part].begin;
-      return count_damage(report_, {begin + interval.begin, begin + interval.end},
-                          record.entry.bytes, status);
+      const TickRange interval = interval_of(head_, further.entry, further.part);
+      const double begin = head_.parts[further.part].begin;
+      count_damage(report_, {begin + interval.begin, begin + interval.end}, further.entry.bytes,
+                   status);
     }
-    const SegmentEntry& segment = *record.segment;
-    const TickRange shown = shown_of(head_, segment);
-    std::uint64_t bytes = record.entry.bytes;
-    if (record.entry.offset == segment.base.offset) {
-      unreadable_bases_.insert(record.segment);
-      ++report_.segments;
-      unreadable_primitives_ += segment.base.primitives;
-      report_.primitives += segment.base.primitives;
-      bytes += segment.sh.bytes;  // useless without the base record
-    } else if (unreadable_bases_.count(record.segment) == 0) {
-      ++report_.segments_without_sh;
-    } else {
-      return;
-    }
-    count_damage(report_, {shown.begin, shown.end}, bytes, status);
+    if (head_.listed_primitives > 0 && unreadable_primitives_ == head_.listed_primitives)
+      return report_.reason;
+    merge_ranges(report_);
+    return {};
   }
 
   const ByteSource& source_;
   FileHead& head_;
   DamageReport& report_;
-  std::set<const SegmentEntry*> unreadable_bases_;
   std::uint64_t unreadable_primitives_ = 0;
-  std::vector<IndexedRecord> records_;
-  std::vector<RecordArea> others_;  // records between and after them
-  std::uint64_t body_bytes_ = 0;
+  std::map<const IndexEntry*, Status> damaged_;
+  std::vector<Range> others_;  // records that are not critical
+  std::uint64_t other_bytes_ = 0;
 };
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <numeric>
 
 #include "codec/values.h"
 #include "container/segment.h"
@@ -27,7 +28,10 @@ std::vector<SegmentInfo> segments_from(const FileHead& head) {
 
 std::vector<ScenePart> parts_from(const FileHead& head) {
   std::vector<ScenePart> out;
-  for (const PartEntry& part : head.parts) out.push_back({part.begin, part.end, 0, part.cut});
+  for (const PartEntry& part : head.parts) {
+    const bool complete = part.shown == TickRange{std::max(part.begin, 0.0), part.end};
+    out.push_back({part.begin, part.end, 0, complete ? std::nullopt : std::optional(part.shown)});
+  }
   for (const SegmentEntry& segment : head.index.segments) {
     out[segment.part].primitives += segment.base.primitives;
   }
@@ -48,6 +52,15 @@ double complete_ticks_of(const FileHead& head, const std::vector<SegmentInfo>& s
 }  // namespace
 
 struct SceneReader::State {
+  static constexpr IndexLoading kComplete = IndexLoading::kComplete;
+
+  // Adopts a head that was extended, with further problems.
+  void take(FileHead extended, Findings findings) {
+    head = std::move(extended);
+    for (Issue& issue : findings.take()) damage.push_back(std::move(issue));
+    list_segments();
+  }
+
   // Derives segments, parts and times from the head.
   void list_segments() {
     segments = segments_from(head);
@@ -65,18 +78,18 @@ struct SceneReader::State {
         return invalid_file("{}: replaced or truncated below its {} complete bytes; open it again",
                             source->name(), complete);
       }
-      Findings findings;
-      FileHead found;
-      read_head(*source, limits, found, findings);
-      if (!findings.ok()) return findings.status(source->name());
-      if (found.header.file_bytes < head.header.file_bytes) {
+      if (source->size() < head.header.file_bytes) {
         return invalid_file("{}: shrank from {} to {} complete bytes; open it again",
-                            source->name(), head.header.file_bytes, found.header.file_bytes);
+                            source->name(), head.header.file_bytes, source->size());
       }
-      const bool grown = found.header.file_bytes > head.header.file_bytes;
-      head = std::move(found);
-      damage = findings.take();
-      list_segments();
+      Findings findings;
+      FileHead found = head;
+      bool grown = false;
+      if (read_growth(*source, found, grown, findings) && grown && loading == kComplete) {
+        load_index(*source, 0, found.metadata.scene.frames, found, findings);
+      }
+      if (!findings.ok()) return findings.status(source->name());
+      take(std::move(found), std::move(findings));
       return grown;
     } catch (const std::exception& e) {
       return Status(code_of(e), fmt::format("{}: {}", source->name(), e.what()));
@@ -104,15 +117,39 @@ struct SceneReader::State {
     }
   }
 
-  // Records for packing follow the last segment of a lossless scene (spec 5.11).
+  // Records for packing follow the last segment of a lossless scene (spec 11.9), in the order of
+  // the file. Returns them in the order of the segments.
   Result<std::vector<float>> importance() const {
     STGS_ASSIGN(const FoundRecord found, find_record(kImportanceTag));
     if (!found.exists) return std::vector<float>();
     Findings findings;
-    std::vector<float> values =
+    const std::vector<float> values =
         parse_importance(found.payload, head.index.primitives, found.at, findings);
     if (!findings.ok()) return findings.status(source->name());
-    return values;
+    if (head.listed_primitives != head.index.primitives) {
+      return invalid_file("{}: importances of segments that are not listed cannot be assigned",
+                          source->name());
+    }
+    return in_segment_order(values);
+  }
+
+  std::vector<float> in_segment_order(const std::vector<float>& in_file_order) const {
+    const std::vector<SegmentEntry>& all = head.index.segments;
+    std::vector<std::uint32_t> order(all.size());
+    std::iota(order.begin(), order.end(), 0u);
+    std::sort(order.begin(), order.end(), [&all](std::uint32_t a, std::uint32_t b) {
+      return all[a].base.offset < all[b].base.offset;
+    });
+    std::vector<std::size_t> first(all.size() + 1);
+    for (std::size_t s = 0; s < all.size(); ++s) first[s + 1] = first[s] + all[s].base.primitives;
+    std::vector<float> out(in_file_order.size());
+    auto from = in_file_order.begin();
+    for (const std::uint32_t s : order) {
+      std::copy_n(from, all[s].base.primitives,
+                  out.begin() + static_cast<std::ptrdiff_t>(first[s]));
+      from += all[s].base.primitives;
+    }
+    return out;
   }
 
   struct FoundRecord {
@@ -183,6 +220,7 @@ struct SceneReader::State {
 
   std::unique_ptr<ByteSource> source;
   ReadLimits limits;
+  IndexLoading loading;
   std::pmr::memory_resource* memory;  // of decoded sets
   FileHead head;
   std::vector<Issue> damage;
@@ -237,10 +275,6 @@ std::uint64_t SceneReader::incomplete_bytes() const {
   return state_->head.growing() ? state_->source->size() - state_->head.header.file_bytes : 0;
 }
 
-std::uint32_t SceneReader::unreached_frames() const {
-  return state_->head.unreached_frames;
-}
-
 const std::vector<Issue>& SceneReader::damage() const {
   return state_->damage;
 }
@@ -263,7 +297,7 @@ Result<bool> SceneReader::refresh() {
 }
 
 double SceneReader::chunk_ticks() const {
-  return state_->head.index.chunk_ticks;
+  return state_->head.parts.empty() ? 1.0 : state_->head.parts.front().chunk_ticks;
 }
 
 bool SceneReader::has_layouts() const {
@@ -325,9 +359,12 @@ Result<std::vector<float>> SceneReader::importance() const {
   return state_->importance();
 }
 
-Result<std::optional<Quantisation>> SceneReader::quantisation() const {
-  STGS_ASSIGN(const State::FoundRecord found, state_->find_record(kQuantisationTag));
-  return found.exists ? parse_quantisation(found.payload) : std::nullopt;
+const std::optional<Quantisation>& SceneReader::quantisation() const {
+  return state_->head.quantisation;
+}
+
+const std::vector<ErrorBound>& SceneReader::error_bounds() const {
+  return state_->head.error_bounds;
 }
 
 math::PinholeCamera pinhole_of(const StartCamera& camera, float near_plane) {
@@ -353,6 +390,8 @@ const char* profile_name(Profile profile) {
       return "quantised";
     case Profile::kDraco:
       return "draco";
+    case Profile::kNearLossless:
+      return "near-lossless";
     case Profile::kUnknown:
       break;
   }
@@ -381,10 +420,11 @@ Result<std::unique_ptr<SceneReader>> SceneReader::open(std::unique_ptr<ByteSourc
   try {
     Findings findings;
     FileHead head;
-    read_head(*source, limits, head, findings);
+    const IndexLoading loading = IndexLoading::kComplete;
+    read_head(*source, limits, loading, head, findings);
     if (!findings.ok()) return findings.status(source->name());
     auto state = std::make_unique<State>(
-        State{std::move(source), limits, memory, std::move(head), findings.take()});
+        State{std::move(source), limits, loading, memory, std::move(head), findings.take()});
     state->list_segments();
     return std::unique_ptr<SceneReader>(new SceneReader(std::move(state)));
   } catch (const std::exception& e) {

@@ -2,8 +2,8 @@
 #include "stgs/format/scene_recorder.h"
 
 #include <algorithm>
-#include <bit>
 #include <exception>
+#include <limits>
 
 #include "quantise/segmenter.h"
 #include "scene/recording.h"
@@ -12,28 +12,6 @@
 
 namespace stgs {
 namespace {
-
-// Returns the index of successive fragments.
-std::vector<std::uint8_t> index_of(std::span<const Fragment> fragments, double chunk_ticks) {
-  FileIndex index;
-  index.chunk_ticks = chunk_ticks;
-  std::vector<PartEntry> parts;
-  for (const Fragment& fragment : fragments) {
-    for (SegmentEntry segment : fragment.segments) {
-      segment.part = static_cast<std::uint32_t>(parts.size());
-      index.segments.push_back(segment);
-    }
-    parts.push_back(fragment.part);
-    index.primitives += fragment.primitives;
-    if (index.attributes.empty())
-      index.attributes = fragment.attributes;
-    else
-      for (std::size_t a = 0; a < fragment.attributes.size(); ++a) {
-        index.attributes[a].bytes += fragment.attributes[a].bytes;
-      }
-  }
-  return write_index(index, parts);
-}
 
 // Properties of all fragments together.
 struct Recorded {
@@ -52,7 +30,7 @@ struct Recorded {
     }
     primitives += added;
     frames = end_frame;
-    chunk_ticks = fragment.body.index.chunk_ticks;
+    chunk_ticks = fragment.body.parts.front().chunk_ticks;
   }
 };
 
@@ -69,11 +47,11 @@ class SceneRecorder::State {
     recorded_.chunk_ticks = chunk_of_settings();
     FileHeader header;
     header.flags = kGrowing;
-    auto [head, copy] = write_copied_head(header, write_head_records(metadata_, {}), 0);
-    head_checksum_ = checksum(head);
-    head_copy_bytes_ = copy.size();
-    head.insert(head.end(), copy.begin(), copy.end());
-    STGS_TRY(file_.create(path, head, settings_.sync));
+    const std::vector<std::uint8_t> records = write_head_records(metadata_, {});
+    header.head_bytes = static_cast<std::uint32_t>(kHeaderBytes + records.size());
+    head_ = write_header(header);
+    head_.insert(head_.end(), records.begin(), records.end());
+    STGS_TRY(file_.create(path, head_, settings_.sync));
     open_ = true;
     return {};
   }
@@ -91,15 +69,18 @@ class SceneRecorder::State {
     STGS_TRY(check_profile(settings_.write.profile));
     metadata_ = head.metadata;
     recorded_.chunk_ticks = chunk_of_settings();
-    head_checksum_ = head.head_checksum;
-    // Correct if there are no fragments; otherwise unused.
-    head_copy_bytes_ = head.header.file_bytes - head.header.head_bytes;
-    if (!head.fragments.empty()) {
+    head_ = head.bytes;
+    if (head.last_fragment) {
       const SceneMetadata& scene = metadata_.scene;
-      recorded_ = {scene.frames, head.index.chunk_ticks, head.index.primitives};
+      recorded_.frames = scene.frames;
+      recorded_.primitives = head.index.primitives;
       std::copy_n(scene.bounds_min, 3, recorded_.bounds_min);
       std::copy_n(scene.bounds_max, 3, recorded_.bounds_max);
-      fragments_ = fragments_of(head);
+      links_ = FragmentLinks(head);
+    }
+    for (const PartEntry& part : head.parts) {
+      recorded_.chunk_ticks = part.chunk_ticks;
+      next_part_ = std::max(next_part_, std::uint64_t{part.number} + 1);
     }
     STGS_TRY(file_.cut(head.header.file_bytes));
     open_ = true;
@@ -115,6 +96,8 @@ class SceneRecorder::State {
           "{}: cannot append a fragment that ends at frame {} (expected more than {})",
           file_.path(), end_frame, frames);
     }
+    if (next_part_ > std::numeric_limits<std::uint32_t>::max())
+      return unsupported("{}: no number is left for another part", file_.path());
     const std::uint32_t part_end = std::max(end_frame, last_frame);
     const double chunk_ticks = recorded_.chunk_ticks;
     if (chunk_ticks > 0 && 2.0 * (part_end - frames) >= kMaxSlots * chunk_ticks) {
@@ -125,13 +108,9 @@ class SceneRecorder::State {
       return usage_error("{}: SH degree mismatch (expected {}, got {})", file_.path(),
                          metadata_.sh_degree, fragment.sh_degree);
     }
-    const std::size_t before = fragments_.size();
     try {
-      Status status = append_checked(fragment, end_frame, part_end, importance);
-      if (!status.ok()) fragments_.resize(before);
-      return status;
+      return append_checked(fragment, end_frame, part_end, importance);
     } catch (const std::exception& e) {
-      fragments_.resize(before);
       return Status(code_of(e), fmt::format("{}: cannot append {} primitives: {}", file_.path(),
                                             fragment.size(), e.what()));
     }
@@ -165,12 +144,10 @@ class SceneRecorder::State {
   }
 
   Status close_checked() {
-    FragmentHeader header = fragment_header(recorded_, file_.bytes());
-    header.flags = kFragmentClosed;
-    if (recorded_.frames == 0) header.frames = 1;  // no fragments
-    if (!fragments_.empty()) header.before = fragments_.back().record_offset;
-    const double chunk_ticks = recorded_.chunk_ticks > 0 ? recorded_.chunk_ticks : 1.0;
-    STGS_TRY(append_bytes(write_fragment(header, index_of(fragments_, chunk_ticks))));
+    FragmentRecord last = fragment_at(file_.bytes(), recorded_);
+    last.flags = kFragmentClosed;
+    last.frames = std::max(last.frames, 1u);
+    STGS_TRY(append_bytes(write_fragment(last)));
     open_ = false;
     return file_.close();
   }
@@ -197,40 +174,37 @@ class SceneRecorder::State {
     return {};
   }
 
-  // Writes the records and their FRAG record in one write, and adds the fragment to fragments_,
-  // where it may remain after an error.
+  // Writes the records and their FRAG record in one write.
   Status append_fragment(Body& body, const Recorded& after) {
-    Fragment fragment;
-    fragment.part = body.parts.front();
-    fragment.part.skip = fragments_.empty() ? head_copy_bytes_ : fragments_.back().record_bytes;
-    fragment.attributes = body.index.attributes;
-    fragment.primitives = body.index.primitives;
+    IndexRun run{body.parts.front(), std::move(body.index.segments), {}};
+    run.part.number = static_cast<std::uint32_t>(next_part_);
     std::vector<std::uint8_t> bytes;
-    const auto add = [&bytes](const std::vector<std::uint8_t>& record) {
+    const std::uint64_t begin = file_.bytes();
+    const auto add = [&](const std::vector<std::uint8_t>& record, IndexEntry& entry) {
+      entry.offset = begin + bytes.size();
       bytes.insert(bytes.end(), record.begin(), record.end());
     };
-    std::vector<SegmentEntry>& segments = body.index.segments;
-    for (std::size_t i = 0; i < segments.size(); ++i) segments[i].base.offset = i;
-    for (std::size_t i = 0; i < segments.size(); ++i) segments[i].sh.offset = i;
-    for (const IndexEntry* record : records_of(segments)) {
-      const bool base = content_of(record->layer) == static_cast<int>(Content::kPrimitives);
-      add((base ? body.bases : body.sh)[record->offset]);
+    std::vector<SegmentEntry>& segments = run.segments;
+    for (std::size_t first = 0, end = 0; first < segments.size(); first = end) {
+      const IndexEntry place = segments[first].base;
+      const auto is_here = [&place](const SegmentEntry& segment) {
+        return segment.base.level == place.level && segment.base.slot == place.slot;
+      };
+      while (end < segments.size() && is_here(segments[end])) ++end;
+      for (std::size_t s = first; s < end; ++s) add(body.bases[s], segments[s].base);
+      for (std::size_t s = first; s < end; ++s) add(body.sh[s], segments[s].sh);
     }
-    fragment.segments = std::move(segments);
-    fragments_.push_back(std::move(fragment));
-    // FRAG record i lists as many fragments as the greatest power of two that divides i, so that
-    // log2(n) records list all n fragments.
-    const std::size_t count = std::size_t{1} << std::countr_zero(fragments_.size());
-    const std::size_t first = fragments_.size() - count;
-    fragments_.back().record_offset = file_.bytes() + bytes.size();
-    FragmentHeader header = fragment_header(after, fragments_.back().record_offset);
-    if (fragments_.size() > 1) header.before = fragments_[fragments_.size() - 2].record_offset;
-    if (first > 0) header.previous = fragments_[first - 1].record_offset;
-    const std::vector<std::uint8_t> record =
-        write_fragment(header, index_of(std::span(fragments_).subspan(first), after.chunk_ticks));
-    fragments_.back().record_bytes = record.size();
-    add(record);
-    return append_bytes(bytes);
+    FragmentRecord fragment = fragment_at(begin + bytes.size(), after);
+    if (!segments.empty()) fragment.node.runs.push_back(std::move(run));
+    const std::vector<std::uint8_t> record = write_fragment(fragment);
+    fragment.end = fragment.offset + record.size();
+    bytes.insert(bytes.end(), record.begin(), record.end());
+    FragmentLinks links = links_;
+    links.add(fragment);
+    STGS_TRY(append_bytes(bytes));
+    links_ = std::move(links);
+    next_part_ += fragment.node.runs.empty() ? 0 : 1;
+    return {};
   }
 
   Status append_bytes(std::span<const std::uint8_t> bytes) {
@@ -240,23 +214,25 @@ class SceneRecorder::State {
     return {};
   }
 
-  // Returns the header of a FRAG record at `offset`.
-  FragmentHeader fragment_header(const Recorded& recorded, std::uint64_t offset) const {
-    FragmentHeader header;
-    header.frames = recorded.frames;
-    header.offset = offset;
-    header.head = head_checksum_;
-    std::copy_n(recorded.bounds_min, 3, header.bounds_min);
-    std::copy_n(recorded.bounds_max, 3, header.bounds_max);
-    return header;
+  // Returns the FRAG record at `offset`, without segments.
+  FragmentRecord fragment_at(std::uint64_t offset, const Recorded& recorded) const {
+    FragmentRecord fragment;
+    fragment.offset = offset;
+    fragment.frames = recorded.frames;
+    fragment.primitives = recorded.primitives;
+    fragment.head = head_;
+    std::copy_n(recorded.bounds_min, 3, fragment.bounds_min);
+    std::copy_n(recorded.bounds_max, 3, fragment.bounds_max);
+    links_.take(fragment);
+    return fragment;
   }
 
   AppendedFile file_;
   FileMetadata metadata_;
   RecordSettings settings_;
-  std::uint64_t head_copy_bytes_ = 0;  // before the first fragment
-  std::vector<Fragment> fragments_;
-  std::uint64_t head_checksum_ = 0;
+  std::vector<std::uint8_t> head_;
+  FragmentLinks links_;
+  std::uint64_t next_part_ = 0;  // number of the next part
   Recorded recorded_;
   std::uint64_t dropped_ = 0;
   bool open_ = false;

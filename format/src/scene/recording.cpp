@@ -2,20 +2,22 @@
 #include "scene/recording.h"
 
 #include <algorithm>
+#include <bit>
+#include <iterator>
+#include <set>
 
 #include "scene/damage_count.h"
 
 namespace stgs {
 namespace {
 
-// Returns the bytes of each attribute in `all` minus those in `before`.
-std::vector<AttributeBytes> totals_beyond(const std::vector<AttributeBytes>& all,
-                                          const std::vector<AttributeBytes>& before) {
-  std::vector<AttributeBytes> out = all;
-  for (AttributeBytes& row : out) {
-    for (const AttributeBytes& other : before) {
-      if (other.attribute == row.attribute) row.bytes -= other.bytes;
-    }
+// Returns the segments of the last fragment of a recording.
+std::vector<SegmentEntry> last_segments(const FileHead& head) {
+  const std::set<std::uint64_t>& fragments = head.walk.followed;
+  const std::uint64_t before = fragments.size() > 1 ? *std::next(fragments.rbegin()) : 0;
+  std::vector<SegmentEntry> out;
+  for (const SegmentEntry& segment : head.index.segments) {
+    if (segment.base.offset > before) out.push_back(segment);
   }
   return out;
 }
@@ -23,11 +25,9 @@ std::vector<AttributeBytes> totals_beyond(const std::vector<AttributeBytes>& all
 // Returns whether the records of the last fragment are intact. A power failure can leave them
 // damaged.
 bool is_last_fragment_intact(const ByteSource& source, const FileHead& head) {
-  const auto last = static_cast<std::uint32_t>(head.parts.size() - 1);
   Findings found;
   std::vector<std::uint8_t> bytes;
-  for (const SegmentEntry& segment : head.index.segments) {
-    if (segment.part != last) continue;
+  for (const SegmentEntry& segment : last_segments(head)) {
     for (const IndexEntry* entry : {&segment.base, &segment.sh}) {
       if (entry->bytes > 0) copy_record(source, *entry, bytes, found);
     }
@@ -35,15 +35,13 @@ bool is_last_fragment_intact(const ByteSource& source, const FileHead& head) {
   return found.ok();
 }
 
-// Adds the segments of the last part to the report if all of them are damaged; otherwise returns
-// false.
+// Adds the segments of the last fragment to the report if all of them are damaged; otherwise
+// returns false.
 Result<bool> drop_last_fragment(const ByteSource& source, const FileHead& head,
                                 DamageReport& report) {
-  const auto last = static_cast<std::uint32_t>(head.parts.size() - 1);
   DamageReport dropped;
   std::vector<std::uint8_t> bytes;
-  for (const SegmentEntry& segment : head.index.segments) {
-    if (segment.part != last) continue;
+  for (const SegmentEntry& segment : last_segments(head)) {
     Findings found;
     if (copy_record(source, segment.base, bytes, found)) return false;
     Status status = found.status(source.name());
@@ -57,7 +55,6 @@ Result<bool> drop_last_fragment(const ByteSource& source, const FileHead& head,
   dropped.damage = std::move(report.damage);
   dropped.lost_fragments = std::move(report.lost_fragments);
   dropped.incomplete_bytes = report.incomplete_bytes;
-  dropped.unreached_frames = report.unreached_frames;
   dropped.total_segments = report.total_segments;
   report = std::move(dropped);
   return true;
@@ -78,51 +75,63 @@ class PrefixSource final : public ByteSource {
   std::uint64_t size_ = 0;
 };
 
-// Returns whether every fragment is one part followed by its FRAG record, as SceneRecorder writes
-// it.
-bool has_our_layout(const ByteSource& source, const FileHead& head) {
-  const auto none = [&head](const FragmentEntry& f) { return f.first_part >= head.parts.size(); };
-  if (std::any_of(head.fragments.begin(), head.fragments.end(), none)) return false;
-  for (const Fragment& fragment : fragments_of(head)) {
-    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
-    if (!source.read(fragment.record_offset, bytes).ok()) return false;
-    Findings found;
-    RecordHeader record;
-    if (!parse_record_header(bytes, fragment.record_offset, source.size(), record, found))
-      return false;
-    if (record.tag != kFragmentTag) return false;
-  }
-  return true;
+// Returns the greatest power of 16 that divides a number.
+std::uint64_t power_in(std::uint64_t number) {
+  return std::uint64_t{1} << (std::countr_zero(number) & ~3);
+}
+
+// Returns the numbers of the fragments that a recorder's links lead to after `count` fragments.
+std::vector<std::uint64_t> linked_after(std::uint64_t count) {
+  std::vector<std::uint64_t> out;
+  for (std::uint64_t left = count; left > 0; left -= power_in(left)) out.push_back(left);
+  std::reverse(out.begin(), out.end());
+  return out;
 }
 
 }  // namespace
 
-std::vector<Fragment> fragments_of(const FileHead& head) {
-  std::vector<Fragment> out(head.parts.size());
-  for (std::size_t p = 0; p < out.size(); ++p) out[p].part = head.parts[p];
-  for (const SegmentEntry& segment : head.index.segments) {
-    Fragment& fragment = out[segment.part];
-    fragment.primitives += segment.base.primitives;
-    fragment.segments.push_back(segment);
+FragmentLinks::FragmentLinks(const FileHead& head) {
+  if (!head.last_fragment) return;
+  const LastFragment& last = *head.last_fragment;
+  count_ = head.walk.followed.size();
+  std::vector<NodeLink> links = last.earlier;
+  links.push_back({last.needed, last.offset, 0, last.bytes - kRecordHeaderBytes});
+  const std::vector<std::uint64_t> numbers = linked_after(count_);
+  const bool ours = numbers.size() == links.size();
+  for (std::size_t i = 0; i < links.size(); ++i) {
+    // The links of another program are passed on as they are.
+    const std::uint64_t number = ours ? numbers[i] : 0;
+    const int depth = ours ? 1 + std::countr_zero(number) / 4 : kMaxLinkDepth;
+    links_.push_back({links[i], number, depth});
   }
-  std::uint64_t at = head.header.head_bytes;
-  for (std::size_t p = 0; p < out.size(); ++p) {
-    at += out[p].part.skip;
-    for (const IndexEntry* record : records_of(out[p].segments)) at += record->bytes;
-    out[p].record_offset = at;
-    out[p].record_bytes = p + 1 < out.size() ? out[p + 1].part.skip : 0;
+}
+
+bool FragmentLinks::is_taken(const Link& link) const {
+  const std::uint64_t next = count_ + 1;
+  return link.number > next - power_in(next) && link.depth < kMaxLinkDepth;
+}
+
+void FragmentLinks::take(FragmentRecord& next) const {
+  for (const Link& link : links_) {
+    (is_taken(link) ? next.node.links : next.earlier).push_back(link.link);
   }
-  const std::vector<FragmentEntry>& fragments = head.fragments;
-  out.back().record_bytes = fragments.back().bytes;
-  for (std::size_t f = 0; f < fragments.size(); ++f) {
-    const auto& all = f + 1 < fragments.size() ? fragments[f + 1].before : head.index.attributes;
-    out[fragments[f].first_part].attributes = totals_beyond(all, fragments[f].before);
+}
+
+void FragmentLinks::add(const FragmentRecord& fragment) {
+  std::vector<Link> left;
+  int depth = 0;
+  for (const Link& link : links_) {
+    if (is_taken(link)) {
+      depth = std::max(depth, link.depth);
+    } else {
+      left.push_back(link);
+    }
   }
-  for (Fragment& fragment : out) {
-    if (fragment.attributes.empty())
-      fragment.attributes = totals_beyond(head.index.attributes, head.index.attributes);
-  }
-  return out;
+  links_ = std::move(left);
+  links_.push_back({{needed_of(fragment.node), fragment.offset, 0,
+                     fragment.end - fragment.offset - kRecordHeaderBytes},
+                    ++count_,
+                    depth + 1});
 }
 
 bool copy_record(const ByteSource& source, const IndexEntry& entry,
@@ -143,38 +152,27 @@ Result<FileHead> read_resumable(const ByteSource& source) {
     const PrefixSource prefix(source, size);
     Findings findings;
     FileHead head;
-    read_head(prefix, {}, head, findings);
+    read_head(prefix, {}, IndexLoading::kComplete, head, findings);
     if (!findings.ok()) return findings.status(source.name());
     if (!head.growing() || head.closed) {
       return usage_error("{}: recording is finished; nothing can be appended", source.name());
     }
     const std::vector<Issue> issues = findings.take();
     if (std::any_of(issues.begin(), issues.end(), [](const Issue& i) { return i.error; })) {
-      return invalid_file(
-          "{}: head or index fragment is damaged; save the rest with 'stgs finalize'",
-          source.name());
+      return invalid_file("{}: head or index is damaged; save the rest with 'stgs finalize'",
+                          source.name());
     }
-    if (head.unreached_frames > 0) {
-      return invalid_file(
-          "{}: a record before an index fragment is damaged; save the rest with 'stgs finalize'",
-          source.name());
-    }
-    if (head.fragments.empty()) return head;
-    if (!has_our_layout(source, head)) {
-      return unsupported("{}: recorded by another program; complete it with 'stgs finalize'",
-                         source.name());
-    }
-    if (is_last_fragment_intact(source, head)) return head;
-    size = head.fragments.back().offset;  // power failure: continue without this fragment
+    if (!head.last_fragment || is_last_fragment_intact(source, head)) return head;
+    size = head.last_fragment->offset;  // power failure: continue without this fragment
   }
 }
 
 Result<FileHead> read_recording(const ByteSource& source, DamageReport& report) {
   Findings findings;
   FileHead head;
-  read_head(source, {}, head, findings);
+  read_head(source, {}, IndexLoading::kComplete, head, findings);
   if (!findings.ok()) return findings.status(source.name());
-  if (!head.growing() && head.repaired.empty()) {
+  if (!head.growing() && !head.repaired) {
     if (source.size() < head.header.file_bytes) {
       return invalid_file("{}: the file is truncated (expected {} bytes, got {}); copy it again",
                           source.name(), head.header.file_bytes, source.size());
@@ -186,14 +184,13 @@ Result<FileHead> read_recording(const ByteSource& source, DamageReport& report) 
   report.damage = findings.take();
   report.lost_fragments = head.lost_fragments;
   report.incomplete_bytes = source.size() - head.header.file_bytes;
-  report.unreached_frames = head.unreached_frames;
   report.total_segments = head.index.segments.size();
-  if (head.closed || head.parts.size() < 2) return head;
+  if (head.closed || head.walk.followed.size() < 2) return head;
   STGS_ASSIGN(const bool dropped, drop_last_fragment(source, head, report));
   if (!dropped) return head;
-  const PrefixSource prefix(source, head.fragments.back().offset);
+  const PrefixSource prefix(source, head.last_fragment->offset);
   FileHead before;
-  read_head(prefix, {}, before, findings);
+  read_head(prefix, {}, IndexLoading::kComplete, before, findings);
   if (!findings.ok()) return findings.status(source.name());
   return before;
 }

@@ -1,34 +1,48 @@
 // SPDX-License-Identifier: Apache-2.0
-// The complete content of a recording on disk (spec 5.12), for resuming and finalizing it.
+// The complete content of a recording on disk (spec 9), for resuming and finalizing it.
 #pragma once
 
 #include <cstdint>
 #include <vector>
 
-#include "container/container.h"
+#include "container/node.h"
 #include "stgs/format/damage_report.h"
 
 namespace stgs {
 
-// The data of one append: segment records followed by the FRAG record that lists them.
-struct Fragment {
-  PartEntry part;
-  std::vector<SegmentEntry> segments;  // of part 0
-  std::vector<AttributeBytes> attributes;
-  std::uint64_t primitives = 0;
-  std::uint64_t record_offset = 0, record_bytes = 0;  // of its FRAG record
-};
+// The links that the next FRAG record contains. A fragment whose number is a multiple of a power of
+// 16 takes the links of all fragments since the multiple before into its node, so that few links
+// are left (spec 9.3).
+class FragmentLinks {
+ public:
+  FragmentLinks() = default;
+  // Resumes a recording that was read completely.
+  explicit FragmentLinks(const FileHead& head);
 
-// Returns the complete fragments of a recording. Attribute totals are exact for each FRAG record of
-// the index: of the fragments it lists, the first has the total and the others have zeros.
-std::vector<Fragment> fragments_of(const FileHead& head);
+  // Adds the links to those of the node and the earlier ones of the next fragment.
+  void take(FragmentRecord& next) const;
+  // Adds a fragment that was written, whose links are those of the last take().
+  void add(const FragmentRecord& fragment);
+
+ private:
+  struct Link {
+    NodeLink link;
+    std::uint64_t number = 0;  // of the fragment that it leads to, from 1
+    int depth = 1;             // greatest number of links that follow each other from here
+  };
+  // Returns whether the next fragment takes a link into its node.
+  bool is_taken(const Link& link) const;
+
+  std::vector<Link> links_;  // to all fragments, each directly or through others
+  std::uint64_t count_ = 0;
+};
 
 // Reads the stored bytes of a record and verifies them.
 bool copy_record(const ByteSource& source, const IndexEntry& entry,
                  std::vector<std::uint8_t>& bytes, Findings& findings);
 
 // Reads the complete content of a recording that is to be resumed. kUsage if it is finished,
-// kInvalidFile if its index is damaged, kUnsupported if another program laid it out.
+// kInvalidFile if its index is damaged.
 Result<FileHead> read_resumable(const ByteSource& source);
 // Reads the complete content of a recording, without a last fragment of which no record reached the
 // disk. `report` receives the problems found when opening, and the segments of that fragment.

@@ -14,7 +14,7 @@ namespace {
 constexpr std::uint64_t kBatchBytes = std::uint64_t{64} << 20;
 
 // Returns the end of a batch of segments, at least one, that can be decoded at once within the
-// limit: their bytes, their floats, and planes of no more bytes than the floats (spec 7.3).
+// limit: their bytes, their floats, and planes of no more bytes than the floats (spec 8.1).
 std::size_t end_of_batch(const SceneReader& reader, std::size_t begin, std::uint64_t max_memory) {
   const std::vector<SegmentInfo>& segments = reader.segments();
   std::uint64_t left = max_memory;
@@ -95,9 +95,7 @@ Status read_importance(const SceneReader& reader, DamageReport& report, Scene& s
   Result<std::vector<float>> values = reader.importance();
   if (values.ok()) {
     scene.importance = std::move(values).value();
-    Result<std::optional<Quantisation>> rules = reader.quantisation();
-    // Without it, packing chooses other steps.
-    if (rules.ok()) scene.quantisation = *rules;
+    if (!scene.importance.empty()) scene.quantisation = reader.quantisation();
     return {};
   }
   if (!is_damage(values.status())) return values.status();
@@ -137,7 +135,6 @@ Result<Scene> recover_scene(const SceneReader& reader, const std::string& name,
   report.damage = reader.damage();
   report.lost_fragments = reader.lost_fragments();
   report.incomplete_bytes = reader.incomplete_bytes();
-  report.unreached_frames = reader.unreached_frames();
   const std::uint64_t bytes = reader.primitives() * 4 * floats_per_primitive(reader.sh_degree());
   if (bytes > limits.max_memory) {
     return unsupported("{}: {} primitives need {} bytes of memory, more than the limit of {}", name,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "scene/tier_segments.h"
 
+#include <algorithm>
 #include <map>
 
 #include "quantise/tiers.h"
@@ -84,7 +85,10 @@ std::vector<TierSegment> plan_segments(const Encoding& encoding,
         }
       }
     }
-    body.parts.push_back({parts[p].interval.begin, parts[p].interval.end, 0, parts[p].cut});
+    const TickRange& all = parts[p].interval;
+    body.parts.push_back({p, all.begin, all.end,
+                          parts[p].cut.value_or(TickRange{std::max(all.begin, 0.0), all.end}),
+                          encoding.chunk_ticks});
   }
   return segments;
 }

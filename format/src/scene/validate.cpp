@@ -3,10 +3,12 @@
 #include <cmath>
 #include <exception>
 #include <limits>
+#include <set>
+#include <tuple>
 
 #include "codec/values.h"
+#include "container/node.h"
 #include "container/segment.h"
-#include "core/bytes.h"
 #include "quantise/segmenter.h"
 
 namespace stgs {
@@ -50,24 +52,34 @@ bool fits_memory(const RecordHeader& record, const FileHead& head, std::uint64_t
   return false;
 }
 
-// Checks a FRAG record before its index. `frames`: of the previous one (spec 5.12).
+// What the FRAG records of a growing file have stated so far.
+struct Fragments {
+  std::uint32_t frames = 0;
+};
+
+// Checks a FRAG record that may be one of the index (spec 9.2).
 void check_fragment(std::span<const std::uint8_t> payload, const FileHead& head, std::uint64_t at,
-                    std::uint64_t end, std::uint32_t& frames, Findings& findings) {
+                    Fragments& fragments, Findings& findings) {
   ByteReader in(payload);
+  if (in.u64() != at || !in.ok()) return;
   const std::uint32_t now = in.u32(), flags = in.u32();
   if (!in.ok()) return;
-  check_fragment_flags(flags, end == head.header.file_bytes, at, findings);
-  if (now < frames) {
-    findings.error(N::kFragment, at, "index fragment with {} frames follows one with {}", now,
-                   frames);
+  if ((flags & kFragmentClosed) != 0 && head.last_fragment && at != head.last_fragment->offset) {
+    findings.error(N::kFragment, at, "fragment marked as the last one is followed by others");
   }
-  frames = now;
+  if (now < fragments.frames) {
+    findings.error(N::kFragment, at, "fragment with {} frames follows one with {}", now,
+                   fragments.frames);
+  }
+  if (head.walk.followed.count(at) == 0)
+    findings.warning(N::kUnlistedRecord, at, "fragment is not linked to by the index");
+  fragments.frames = now;
 }
 
 // Checks the records in [at, end) of the body, which the index does not list, as far as they are
-// available. `frames`: of the previous FRAG record.
+// available.
 void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t at,
-                   std::uint64_t end, std::uint32_t& frames, Findings& findings) {
+                   std::uint64_t end, Fragments& fragments, Findings& findings) {
   while (at < end) {
     const std::uint64_t left = head.available_bytes - std::min(at, head.available_bytes);
     if (left < std::min(end - at, kRecordHeaderBytes)) return;  // already reported
@@ -79,8 +91,10 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
     if (!parse_record_header(bytes, at, end, record, findings)) return;
     if (record.length > left - kRecordHeaderBytes) return;
     const bool fragment = head.growing() && record.tag == kFragmentTag;
+    const bool page = !head.growing() && record.tag == kPageTag;
     const bool segment =
-        check_flags(record, record.tag == kSegmentTag || fragment, at, findings) && !fragment;
+        check_flags(record, record.tag == kSegmentTag || fragment || page, at, findings) &&
+        !fragment && !page;
     if (!fits_memory(record, head, at, findings)) {
       at += kRecordHeaderBytes + record.length;
       continue;
@@ -91,26 +105,21 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
     }
     const bool intact = check_payload(record, bytes, at + kRecordHeaderBytes, findings);
     if (intact && fragment) {
-      check_fragment(bytes, head, at, at + kRecordHeaderBytes + record.length, frames, findings);
+      check_fragment(bytes, head, at, fragments, findings);
     }
     if (intact && record.tag == kImportanceTag && record.flags == 0) {
       (void)parse_importance(bytes, head.index.primitives, at, findings);
     }
     if (intact && record.tag == kCopyTag && record.flags == 0) {
-      check_head_copy(source, head, at, bytes, findings);
+      check_head_copy(head, at, bytes, findings);
     }
     if (intact) check_private_record(record, bytes, at, findings);
-    // Content added by later versions is not reported (spec 5.7, 6.1).
+    // Content added by later versions is not reported (spec 5.5, 6.5).
     if (segment && bytes.size() >= 4 && bytes[3] <= static_cast<int>(Content::kSh)) {
       findings.warning(N::kUnlistedRecord, at, "segment record is not listed in the index");
     }
     at += kRecordHeaderBytes + record.length;
   }
-}
-
-// Returns the frame count of the last complete fragment.
-std::uint32_t shown_frames(const FileHead& head) {
-  return head.fragments.empty() ? 0 : head.metadata.scene.frames;
 }
 
 // Checks the content after the last complete fragment of a growing file: complete records, and one
@@ -119,15 +128,8 @@ void walk_tail(const ByteSource& source, const FileHead& head, std::uint64_t fro
                Findings& findings) {
   const std::uint64_t size = source.size();
   if (from >= size) return;
-  const std::string hidden =
-      head.unreached_frames > 0
-          ? fmt::format(
-                "; they contain an index fragment with {} frames that cannot be used because a "
-                "record before it is damaged: content after frame {} is not shown",
-                head.unreached_frames, shown_frames(head))
-          : "";
-  findings.warning(N::kIncompleteTail, from, "{} bytes after the last complete fragment{}",
-                   size - from, hidden);
+  findings.warning(N::kIncompleteTail, from, "{} bytes after the last complete fragment",
+                   size - from);
   for (std::uint64_t at = from; size - at >= kRecordHeaderBytes;) {
     std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
     if (Status status = source.read(at, bytes); !status.ok()) {
@@ -148,56 +150,23 @@ void walk_tail(const ByteSource& source, const FileHead& head, std::uint64_t fro
   }
 }
 
-// Checks that the segments of a fragment are followed by its FRAG record; other records come before
-// the segments (spec 5.12).
-void check_gap(const ByteSource& source, const FileHead& head, std::uint64_t at, std::uint64_t end,
-               Findings& findings) {
-  if (!head.growing() || at == head.header.head_bytes) return;
-  RecordHeader record;
-  do {  // skips further records of the segments
-    if (end - at < kRecordHeaderBytes) return;
-    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
-    if (Status status = source.read(at, bytes); !status.ok()) {
-      return findings.failed_read(at, status);
-    }
-    Findings ignored;  // walk_unlisted() reports a damaged header
-    if (!parse_record_header(bytes, at, end, record, ignored)) return;
-    at += kRecordHeaderBytes + record.length;
-  } while (record.tag == kSegmentTag);
-  if (record.tag == kFragmentTag) return;
-  findings.error(N::kFragment, at,
-                 "unexpected record '{}' between the segments of a fragment and its FRAG record",
-                 tag_text(record.tag));
-}
-
 // Checks the records of the body between and after those listed in the index.
 void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
   std::uint64_t at = head.header.head_bytes;
-  std::uint32_t frames = 0;
-  for (const IndexEntry* record : records_of(head.index.segments)) {
-    check_gap(source, head, at, record->offset, findings);
-    walk_unlisted(source, head, at, record->offset, frames, findings);
-    at = record->offset + record->bytes;
+  Fragments fragments;
+  for (const IndexEntry* record : records_of(head.index)) {
+    if (record->offset < at) {
+      findings.error(N::kSegmentRange, record->offset, "records of two segments overlap");
+    } else {
+      walk_unlisted(source, head, at, record->offset, fragments, findings);
+    }
+    at = std::max(at, record->offset + record->bytes);
   }
-  check_gap(source, head, at, head.header.file_bytes, findings);
-  walk_unlisted(source, head, at, head.header.file_bytes, frames, findings);
+  walk_unlisted(source, head, at, head.header.file_bytes, fragments, findings);
   if (head.growing() && !head.closed) walk_tail(source, head, head.header.file_bytes, findings);
 }
 
-// Checks that further records of a segment are in ascending order of layer (spec 5.13).
-void check_further_order(const FileHead& head, Findings& findings) {
-  const std::vector<FurtherEntry>& further = head.index.further;
-  for (std::size_t i = 1; i < further.size(); ++i) {
-    const IndexEntry &a = further[i - 1].entry, &b = further[i].entry;
-    const bool same =
-        further[i - 1].part == further[i].part && a.level == b.level && a.slot == b.slot;
-    if (!same || a.layer <= b.layer) continue;
-    findings.error(N::kSegmentOrder, b.offset, "further record of layer {} follows one of layer {}",
-                   b.layer, a.layer);
-  }
-}
-
-// Checks that timed data states its times and lies in a segment that contains them (spec 5.13).
+// Checks that timed data states its times and lies in a segment that contains them (spec 5.7).
 void check_timed(ByteReader& in, const FurtherEntry& record, const FileHead& head,
                  Findings& findings) {
   if (content_of(record.entry.layer) < kFirstPrivateContent) return;
@@ -210,9 +179,8 @@ void check_timed(ByteReader& in, const FurtherEntry& record, const FileHead& hea
       end, interval.begin, interval.end);
 }
 
-// Checks that records of unknown content match the index (spec 6.1).
+// Checks that records of unknown content match the index (spec 5.7).
 void check_further(const ByteSource& source, const FileHead& head, Findings& findings) {
-  check_further_order(head, findings);
   for (const FurtherEntry& further : head.index.further) {
     const IndexEntry& entry = further.entry;
     constexpr std::uint64_t kBytes = kRecordHeaderBytes + 8 + 2 * 8;
@@ -241,18 +209,19 @@ void check_further(const ByteSource& source, const FileHead& head, Findings& fin
 }
 
 // Checks the records of the head that reading skips.
-void walk_head_records(const ByteSource& source, const FileHead& head, Findings& findings) {
-  const Result<std::vector<std::uint8_t>> bytes = read_head_bytes(source, head);
-  if (!bytes.ok()) return findings.failed_read(0, bytes.status());
-  for (std::uint64_t at = kHeaderBytes; at < bytes->size();) {
-    const auto rest = std::span(*bytes).subspan(at);
+void walk_head_records(const FileHead& head, Findings& findings) {
+  for (std::uint64_t at = kHeaderBytes; at < head.bytes.size();) {
+    const auto rest = std::span(head.bytes).subspan(at);
     RecordHeader record;
-    if (!parse_record_header(rest, at, bytes->size(), record, findings)) return;
+    if (!parse_record_header(rest, at, head.bytes.size(), record, findings)) return;
     const std::uint64_t payload_at = at + kRecordHeaderBytes;
     at = payload_at + record.length;
     if ((record.flags & kCritical) != 0) continue;
     const auto payload = rest.subspan(kRecordHeaderBytes, record.length);
-    if (record.tag == kWindowTag || record.tag == kPrivateTag) continue;
+    if (record.tag == kWindowTag || record.tag == kPrivateTag || record.tag == kStepTag ||
+        record.tag == kErrorTag) {
+      continue;  // already checked
+    }
     if (record.tag == kCopyTag) {
       findings.warning(N::kForeignCopy, payload_at - kRecordHeaderBytes, "head copy within a head");
     }
@@ -282,6 +251,28 @@ void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t
   if (good) check_values(set, head, ordinal, findings);
 }
 
+// Checks what the nodes of an index state together (spec 5.1, 5.3).
+void check_index(const FileHead& head, Findings& findings) {
+  std::set<std::uint32_t> numbers;
+  for (const PartEntry& part : head.parts) {
+    if (numbers.insert(part.number).second) continue;
+    findings.error(N::kParts, kHeaderBytes, "index: two runs of part {} state different times",
+                   part.number);
+  }
+  std::set<std::tuple<std::uint32_t, int, std::uint32_t, int>> places;  // part, level, slot, tier
+  for (const SegmentEntry& segment : head.index.segments) {
+    const IndexEntry& base = segment.base;
+    if (places.emplace(segment.part, base.level, base.slot, base.layer).second) continue;
+    findings.error(N::kSegmentOrder, base.offset, "index: two segments of part {} have one place",
+                   head.parts[segment.part].number);
+  }
+  if (head.lost_fragments.empty() && head.listed_primitives != head.index.primitives) {
+    findings.error(N::kPrimitiveTotal, kHeaderBytes,
+                   "index: primitive count mismatch (total states {}, segments have {})",
+                   head.index.primitives, head.listed_primitives);
+  }
+}
+
 void check_segments(const ByteSource& source, FileHead& head, Findings& findings) {
   for (std::uint32_t i = 0; i < head.index.segments.size(); ++i) {
     check_segment(source, head, i, findings);
@@ -291,8 +282,9 @@ void check_segments(const ByteSource& source, FileHead& head, Findings& findings
     findings.error(static_cast<N>(layout.problem), layout.problem_at, "{}", layout.why);
   }
   check_further(source, head, findings);
+  check_index(head, findings);
   walk_body(source, head, findings);
-  walk_head_records(source, head, findings);
+  walk_head_records(head, findings);
   check_private_numbers(head, findings);
 }
 
@@ -303,7 +295,7 @@ Result<std::vector<Issue>> validate_scene(const ByteSource& source, const ReadLi
     Findings findings;
     FileHead head;
     // Beyond the limits nothing is decoded.
-    const bool reachable = read_head(source, limits, head, findings);
+    const bool reachable = read_head(source, limits, IndexLoading::kComplete, head, findings);
     Status status = findings.status(source.name());
     if (status.code() == StatusCode::kIo) return status;
     if (reachable && status.code() != StatusCode::kUnsupported) {

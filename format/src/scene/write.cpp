@@ -3,8 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <map>
+#include <numeric>
 
 #include "codec/draco_points.h"
+#include "container/body_plan.h"
 #include "core/bytes.h"
 #include "scene/write.h"
 #include "stgs/format/output_file.h"
@@ -64,13 +67,9 @@ Status check_parts(const Scene& scene) {
   std::uint64_t primitives = 0;
   for (const ScenePart& part : scene.parts) {
     primitives += part.primitives;
-    const TickRange shown = part.shown_range();
-    const double first = part.cut ? std::max(part.begin_ticks, 0.0) : part.begin_ticks;
-    if (!is_valid_time(part.begin_ticks) || !is_valid_time(part.end_ticks) ||
-        !is_valid_time(shown.begin) || !is_valid_time(shown.end) ||
-        part.end_ticks - part.begin_ticks > kMaxChunk ||
-        !(part.begin_ticks < part.end_ticks && first <= shown.begin && shown.begin < shown.end &&
-          shown.end <= part.end_ticks)) {
+    TickRange shown = part.shown_range();
+    if (!part.cut) shown.begin = std::max(shown.begin, 0.0);
+    if (!is_valid_part({0, part.begin_ticks, part.end_ticks, shown, 0})) {
       return usage_error(
           "invalid part (ticks {} to {}, shown from {} to {}): ranges must be in order, not before "
           "the timeline, at most 2^32 ticks long and multiples of 2^-20 ticks",
@@ -195,37 +194,78 @@ bool uses_own_steps(const Scene& scene, const WriteSettings& settings) {
          settings.max_error == 0.0 && settings.tiers == 0;
 }
 
-std::vector<std::uint8_t> assemble(const FileMetadata& metadata, Body& body) {
-  const std::vector<IndexEntry*> records = records_of(body.index.segments);
-  std::uint64_t body_bytes = body.importance.size();
-  for (const IndexEntry* record : records) body_bytes += record->bytes;
-  std::vector<std::uint8_t> head_records = write_head_records(metadata, body.layouts);
-  const std::vector<std::uint8_t> index =
-      write_record(kIndexTag, write_index(body.index, body.parts));
-  head_records.insert(head_records.end(), index.begin(), index.end());
-  auto [out, copy] = write_copied_head({}, head_records, body_bytes);
-  std::uint64_t at = out.size();
-  for (IndexEntry* record : records) {
-    record->offset = at;
-    at += record->bytes;
+// Returns the primitives of all segments in this order, as indices in the scene.
+std::vector<std::uint32_t> order_by(const Body& body, const std::vector<std::size_t>& segments) {
+  std::vector<std::size_t> first(body.index.segments.size());
+  for (std::size_t s = 0, at = 0; s < first.size(); ++s) {
+    first[s] = at;
+    at += body.index.segments[s].base.primitives;
   }
-  out.resize(out.size() + body_bytes + copy.size());
-  const auto copy_to = [&out = out](const std::vector<std::uint8_t>& bytes, std::uint64_t offset) {
+  std::vector<std::uint32_t> order;
+  for (const std::size_t s : segments) {
+    const auto begin = body.order.begin() + static_cast<std::ptrdiff_t>(first[s]);
+    order.insert(order.end(), begin, begin + body.index.segments[s].base.primitives);
+  }
+  return order;
+}
+
+// Returns the segments by the offsets of their records.
+std::vector<std::size_t> by_offset(const FileIndex& index) {
+  std::vector<std::size_t> order(index.segments.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::sort(order.begin(), order.end(), [&index](std::size_t a, std::size_t b) {
+    return index.segments[a].base.offset < index.segments[b].base.offset;
+  });
+  return order;
+}
+
+// Writes a finished file. Sets body.order to the order in which a reader returns the primitives.
+std::vector<std::uint8_t> assemble(const FileMetadata& metadata, const Scene& scene, Body& body) {
+  // Needed for packing the scene later; quantised scenes do not need it.
+  const bool packable = metadata.profile == Profile::kLossless && !scene.importance.empty();
+  const std::uint64_t other_bytes = packable ? kRecordHeaderBytes + 4 * scene.importance.size() : 0;
+  std::vector<std::uint8_t> records =
+      write_head_records(metadata, body.layouts, packable ? scene.quantisation : std::nullopt);
+  const BodyPlan plan(body.index, body.parts, metadata.scene.frames, kHeaderBytes + records.size(),
+                      other_bytes);
+  const std::vector<std::uint8_t> index = plan.index_record();
+  records.insert(records.end(), index.begin(), index.end());
+  std::vector<std::uint8_t> out = write_finished_head({}, records, plan.end());
+  const std::vector<std::uint8_t> copy = write_head_copy(out);
+  out.resize(plan.end());
+  const auto put = [&out](const std::vector<std::uint8_t>& bytes, std::uint64_t offset) {
     std::copy(bytes.begin(), bytes.end(), out.begin() + static_cast<std::ptrdiff_t>(offset));
   };
+  for (const BodyPlan::Piece& piece : plan.pieces()) put(piece.page, piece.offset);
   for (std::size_t s = 0; s < body.index.segments.size(); ++s) {
-    copy_to(body.bases[s], body.index.segments[s].base.offset);
-    copy_to(body.sh[s], body.index.segments[s].sh.offset);
+    put(body.bases[s], body.index.segments[s].base.offset);
+    put(body.sh[s], body.index.segments[s].sh.offset);
   }
-  copy_to(body.importance, at);
-  copy_to(copy, at + body.importance.size());
+  const std::vector<std::size_t> stored = by_offset(body.index);
+  if (packable) {
+    put(write_record(kImportanceTag, write_importance(scene.importance, order_by(body, stored)), 0),
+        plan.others_at());
+  }
+  out.insert(out.end(), copy.begin(), copy.end());
+  // A reader returns part after part, by the offset of the first record.
+  std::vector<std::vector<std::size_t>> parts;
+  std::map<std::uint32_t, std::size_t> known;
+  for (const std::size_t s : stored) {
+    const auto [part, is_new] = known.try_emplace(body.index.segments[s].part, parts.size());
+    if (is_new) parts.emplace_back();
+    parts[part->second].push_back(s);
+  }
+  std::vector<std::size_t> read;
+  for (const auto& part : parts) read.insert(read.end(), part.begin(), part.end());
+  body.order = order_by(body, read);
   return out;
 }
 
 }  // namespace
 
 Status check_profile(Profile profile) {
-  if (profile == Profile::kUnknown) return usage_error("cannot write an unknown profile");
+  if (profile == Profile::kUnknown || profile == Profile::kNearLossless)
+    return usage_error("cannot write the profile {}", profile_name(profile));
   return profile == Profile::kDraco ? check_draco() : Status();
 }
 
@@ -295,8 +335,8 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
   return out;
 }
 
-std::vector<std::uint8_t> write_head_records(const FileMetadata& metadata,
-                                             const LayoutSet& layouts) {
+std::vector<std::uint8_t> write_head_records(const FileMetadata& metadata, const LayoutSet& layouts,
+                                             const std::optional<Quantisation>& steps) {
   std::vector<std::uint8_t> out = write_record(kMetadataTag, write_metadata(metadata));
   const auto add = [&out](std::uint32_t tag, std::span<const std::uint8_t> payload,
                           std::uint32_t flags) {
@@ -309,6 +349,7 @@ std::vector<std::uint8_t> write_head_records(const FileMetadata& metadata,
     add(kLayoutTag, payload.view(), kCritical);
   }
   if (metadata.scene.window) add(kWindowTag, write_window(*metadata.scene.window), 0);
+  if (steps) add(kStepTag, write_steps(*steps), 0);
   return out;
 }
 
@@ -318,19 +359,9 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
   try {
     const double chunk = to_chunk(scene.metadata.time_base.ticks(settings.chunk_seconds));
     STGS_ASSIGN(EncodedScene encoded, encode_records(scene, settings, chunk));
-    Body& body = encoded.body;
-    // Needed for packing the scene later; quantised scenes do not need it.
-    if (settings.profile == Profile::kLossless && !scene.importance.empty()) {
-      body.importance =
-          write_record(kImportanceTag, write_importance(scene.importance, body.order), 0);
-      if (scene.quantisation) {
-        const std::vector<std::uint8_t> rules =
-            write_record(kQuantisationTag, write_quantisation(*scene.quantisation), 0);
-        body.importance.insert(body.importance.end(), rules.begin(), rules.end());
-      }
-    }
-    if (order != nullptr) *order = std::move(body.order);
-    return assemble(encoded.metadata, body);
+    std::vector<std::uint8_t> bytes = assemble(encoded.metadata, scene, encoded.body);
+    if (order != nullptr) *order = std::move(encoded.body.order);
+    return bytes;
   } catch (const std::exception& e) {
     return Status(code_of(e),
                   fmt::format("cannot encode {} primitives: {}", scene.gaussians.size(), e.what()));

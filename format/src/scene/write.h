@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -21,7 +22,8 @@ struct EncodedScene {
 Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& settings,
                                     double chunk_ticks);
 
-// Returns the records META, LAYT if there are layouts, and WNDW if there is a window.
-std::vector<std::uint8_t> write_head_records(const FileMetadata& metadata,
-                                             const LayoutSet& layouts);
+// Returns the records META, LAYT if there are layouts, WNDW if there is a window, and STEP if there
+// are steps.
+std::vector<std::uint8_t> write_head_records(const FileMetadata& metadata, const LayoutSet& layouts,
+                                             const std::optional<Quantisation>& steps = {});
 }  // namespace stgs

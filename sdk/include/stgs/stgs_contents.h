@@ -39,8 +39,6 @@ typedef struct stgs_contents {
   uint64_t head_bytes;         /* read to open the file */
   uint64_t incomplete_bytes;   /* of a recording, after its last complete fragment */
   uint64_t missing_bytes;      /* at the end of a truncated file */
-  double unreachable_seconds;  /* length that the incomplete bytes hold, hidden by a damaged record;
-                                * 0: none */
   double chunk_seconds;        /* length of the shortest segments */
   uint64_t capture_id;         /* equal for windows of one capture; 0: no window */
   uint64_t training_id;        /* equal for windows trained with the same settings; 0: no window */

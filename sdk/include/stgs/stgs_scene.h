@@ -54,9 +54,9 @@ enum {
   STGS_TEXT_TITLE = 0,     /* title of the scene */
   STGS_TEXT_GENERATOR = 1, /* program and version that wrote the file */
   STGS_TEXT_AUDIO = 2,     /* URI reference of the audio, relative to the location of the file */
-  STGS_TEXT_PROFILE = 3,   /* coding: "lossless", "quantised", "draco" or "unknown" */
-  STGS_TEXT_NAME = 4       /* of the file in messages: its path, its URL without credentials and
-                            * query, or stgs_scene_settings.name */
+  STGS_TEXT_PROFILE = 3, /* coding: "lossless", "quantised", "draco", "near-lossless", "unknown" */
+  STGS_TEXT_NAME = 4     /* of the file in messages: its path, its URL without credentials and
+                          * query, or stgs_scene_settings.name */
 };
 
 /* Returns a text, or an empty string if the file has none. The string belongs to the scene and is

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reading the intact content of a damaged file, with a report of the damage (spec 5.7, 5.12).
+// Reading the intact content of a damaged file, with a report of the damage (spec 10).
 #pragma once
 
 #include <cstdint>
@@ -17,12 +17,11 @@ struct DamageReport {
   std::vector<Issue> damage;
   std::vector<LostFragment> lost_fragments;
   std::uint64_t incomplete_bytes = 0;
-  std::uint32_t unreached_frames = 0;
   // Segments in total, segments without their primitives, and segments without their SH only. Their
   // records are damaged, missing or of a later version.
   std::uint64_t total_segments = 0, segments = 0, segments_without_sh = 0;
   std::uint64_t primitives = 0;   // of `segments`
-  std::uint64_t further = 0;      // damaged records of timed data (spec 5.13)
+  std::uint64_t further = 0;      // damaged records of timed data (spec 5.7)
   std::uint64_t bytes = 0;        // of all these records
   std::vector<TickRange> ranges;  // times at which they would be shown; ascending, disjoint
   Status reason;                  // why the first of them cannot be read; ok: none
@@ -52,7 +51,7 @@ Result<Scene> recover_scene(const SceneReader& reader, const std::string& name,
 
 // Lists content of a file that a Scene cannot represent and that rewriting would drop, one line
 // each, with names and bytes: timed data, private records and numbers, content of later versions
-// (spec 3.5, 5.13, 6.5). Reads the records of all segments but decodes none. If records are damaged
+// (spec 3.5, 5.7, 6.2). Reads the records of all segments but decodes none. If records are damaged
 // the list covers the readable ones.
 Result<std::vector<std::string>> scene_extras(const std::string& path,
                                               const ReadLimits& limits = {});

@@ -21,21 +21,22 @@
 namespace stgs {
 
 // The format version that this library writes. It reads every minor version of the same major one.
-inline constexpr std::uint16_t kFormatMajor = 1;
-inline constexpr std::uint16_t kFormatMinor = 1;
+inline constexpr std::uint16_t kFormatMajor = 2;
+inline constexpr std::uint16_t kFormatMinor = 0;
 
 // The coding of a file's primitives.
 enum class Profile : std::uint16_t {
   kLossless = 0,      // every float unchanged
   kQuantised = 1,     // bounded error, tiers by importance, Morton order
   kDraco = 2,         // kQuantised with positions as Draco point clouds
+  kNearLossless = 3,  // kQuantised with steps so fine that the file states the bounds
   kUnknown = 0xFFFF,  // of a later version; is read as kQuantised and cannot be written
 };
 
-// Returns "lossless", "quantised", "draco" or "unknown".
+// Returns "lossless", "quantised", "draco", "near-lossless" or "unknown".
 const char* profile_name(Profile profile);
 // Checks that this build can write the profile and decode its segments; kNotBuilt otherwise, kUsage
-// for kUnknown.
+// for kNearLossless and kUnknown.
 Status check_profile(Profile profile);
 
 // A pinhole camera to start playback from; world-to-camera, OpenCV axes.
@@ -65,7 +66,7 @@ struct SceneMetadata {
   float metres_per_unit = 0;        // > 0; 0: unknown
   float up[3] = {0, 0, 0};          // unit vector against gravity; 0, 0, 0: unknown
   float floor[3] = {0, 0, 0};       // a point of the floor, scene units; valid if `up` is known
-  float background[3] = {0, 0, 0};  // sRGB-encoded
+  float background[3] = {0, 0, 0};  // in the encoding of `primaries` and `transfer`
   float bounds_min[3] = {0, 0, 0};  // of the positions; computed by the writer
   float bounds_max[3] = {0, 0, 0};
   float near_plane = 0.01f;  // scene units; content nearer than this was never trained
@@ -76,9 +77,18 @@ struct SceneMetadata {
   // empty: none. It starts at audio_begin, ticks. The library does not fetch it.
   std::string audio;
   double audio_begin = 0;
+  // Encoding of the colours: code points of ITU-T H.273 (spec 4.4). BT.709 primaries, sRGB.
+  std::uint8_t primaries = 1, transfer = 13;
   // Conventions of later versions that may be treated as 0 (spec 4.2); kept when rewriting a file.
-  std::uint8_t kernel = 0, colour = 0, sh_convention = 0;
+  std::uint8_t kernel = 0, sh_convention = 0;
   std::optional<CaptureWindow> window;
+};
+
+// Differences of an attribute to the source that was coded, over all primitives, in the attribute's
+// unit; radians for rotations (spec 4.7).
+struct ErrorBound {
+  Attribute attribute = Attribute::kPosition;
+  float greatest = 0, rms = 0;
 };
 
 // A range of times [begin, end), ticks.
@@ -88,10 +98,10 @@ struct TickRange {
 };
 
 // A run of successive primitives that is rendered only at times in [begin_ticks, end_ticks), or in
-// `cut` (spec 5.10). A part that reaches the end of the timeline includes that end. The times of
+// `cut` (spec 5.4). A part that reaches the end of the timeline includes that end. The times of
 // its primitives count from begin_ticks, so single precision is sufficient however late the part
-// is. A part may begin before the timeline and end after it. All times are multiples of 2^-20, at
-// most 2^32, and no part is longer than that.
+// is. A part may begin before the timeline and end after it, but is shown within it. All times are
+// multiples of 2^-20, at most 2^32, and no part is longer than that.
 struct ScenePart {
   double begin_ticks = 0, end_ticks = 0;
   std::uint64_t primitives = 0;
@@ -149,16 +159,15 @@ struct SegmentInfo {
   bool is_shown() const { return begin_ticks < end_ticks; }
 };
 
-// A range of a recording that the remaining index does not list, because the fragment that listed
-// it is damaged (spec 5.12).
+// Content that the remaining index does not list, because a node of it is damaged (spec 9.5, 10.1).
 struct LostFragment {
-  // Times at which its content first appears, ticks; begin == end: the end is unknown.
-  TickRange range;
-  std::uint64_t offset = 0, bytes = 0;  // in the file
+  TickRange range;  // closed; times at which the content would be shown, ticks
+  // Bytes of the file that are lost: of a recording's fragment, or of the node alone.
+  std::uint64_t offset = 0, bytes = 0;
   bool operator==(const LostFragment&) const = default;
 };
 
-// The layout of a file (spec 2.4).
+// The layout of a file (spec 2.1).
 enum class SceneForm {
   kFinished,  // index first
   kGrowing,   // recorded live, with the index in fragments; more may follow
@@ -222,27 +231,24 @@ class SceneReader {
   // Returns the number of bytes of a growing file after its last complete fragment: they are being
   // written, or were cut off.
   std::uint64_t incomplete_bytes() const;
-  // Returns the frame count stated by a fragment among those bytes that cannot be used because a
-  // record before it is damaged (spec 5.12); 0: there is none.
-  std::uint32_t unreached_frames() const;
   // Returns problems that open() found but could read past, such as truncation. Available segments
   // can still be decoded.
   const std::vector<Issue>& damage() const;
   // Returns the number of bytes missing at the end of a finished file.
   std::uint64_t missing_bytes() const;
-  // Returns the lost fragments of a recording, ascending. damage() has an issue for each.
+  // Returns the content that damaged nodes of the index listed. damage() has an issue for each.
   const std::vector<LostFragment>& lost_fragments() const;
   // Returns the time up to which the scene is complete, ticks: the earliest time of a segment that
-  // is missing, lacks its SH, or is in a lost fragment; the duration if there is none.
+  // is missing, lacks its SH, or is lost; the duration if there is none.
   double complete_ticks() const;
   // Checks whether a growing file has grown. Returns true if there are new segments, which follow
   // the existing ones, and a larger metadata().frames. References returned by metadata(),
   // segments() and parts() become invalid; segment indices stay valid. No other thread may use the
   // reader meanwhile. After an error the reader is unchanged.
   Result<bool> refresh();
-  // Returns the duration of the shortest segments on the timeline, ticks.
+  // Returns the duration of the shortest segments of the first part, ticks; 1 if there is none.
   double chunk_ticks() const;
-  // Returns whether the head has layouts for all records (spec 6.2); otherwise each record has its
+  // Returns whether the head has layouts for all records (spec 6.1); otherwise each record has its
   // own.
   bool has_layouts() const;
   // Returns the segments, part after part. Valid until refresh().
@@ -262,7 +268,7 @@ class SceneReader {
   Result<Placement> decode_placement(std::uint32_t segment) const;
   // Decodes one segment with its SH.
   Result<Gaussians4D> decode(std::uint32_t segment) const { return decode(segment, true); }
-  // Decodes the intact records of a segment (spec 5.7). If only its SH record is damaged, missing
+  // Decodes the intact records of a segment (spec 10.1). If only its SH record is damaged, missing
   // or of a later version, SH above degree 0 are 0 and `sh_status` has the reason; otherwise
   // `sh_status` is ok.
   Result<Gaussians4D> decode_intact(std::uint32_t segment, Status& sh_status) const;
@@ -273,8 +279,11 @@ class SceneReader {
   std::span<const RansLookup> tables() const;
   // Reads Scene::importance, segment after segment; empty if the file has none.
   Result<std::vector<float>> importance() const;
-  // Reads Scene::quantisation, if the file has a valid one.
-  Result<std::optional<Quantisation>> quantisation() const;
+  // Returns Scene::quantisation, if the file has a valid one. Valid until refresh().
+  const std::optional<Quantisation>& quantisation() const;
+  // Returns the errors that the writer measured; empty if the file states none. Valid until
+  // refresh().
+  const std::vector<ErrorBound>& error_bounds() const;
 
  private:
   struct State;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Live recording: a .stgs file that is only appended to and can be played while it grows
-// (spec 5.12).
+// (spec 9).
 #pragma once
 
 #include <cstdint>
@@ -38,7 +38,6 @@ class SceneRecorder {
   // After an error the file is unchanged:
   // - kUsage: the file is finished or closed, or another recorder has it open
   // - kInvalidFile: it is damaged; finalize_scene() saves the rest
-  // - kUnsupported: another program laid it out
   static Result<std::unique_ptr<SceneRecorder>> resume(const std::string& path,
                                                        const RecordSettings& settings = {});
   ~SceneRecorder();
@@ -56,7 +55,7 @@ class SceneRecorder {
   // file is truncated to its previous length as far as the system allows.
   Status append(const Gaussians4D& fragment, std::uint32_t end_frame,
                 std::span<const float> importance = {}, std::uint32_t last_frame = 0);
-  // Marks the file as complete and writes the whole index in one place. Errors: as append().
+  // Marks the file as complete. Errors: as append().
   Status close();
 
   // Returns whether the recording is neither closed nor ended by an error.
@@ -84,10 +83,11 @@ class SceneRecorder {
 // Converts a recording, complete or truncated, to a file with its index in the head.
 //
 // - Every record except those of the index is copied unchanged, including unknown and damaged ones,
-//   so that the new file still reports the damage and readers show the rest.
+//   so that the new file still reports the damage and readers show the rest. Records that the index
+//   does not list follow the segments.
 // - Segments that no intact fragment lists are omitted. So is the last fragment of an unclosed
 //   recording if all its records are damaged, as after a power failure.
-// - A finished file with a damaged head is repaired from the copy of its head (spec 3.6).
+// - A finished file with a damaged head is repaired from the copy of its head (spec 10.2).
 //
 // `report` receives damaged and omitted content. `output` is written completely or not at all.
 // Errors: kUsage if the file is finished and intact; kInvalidFile if it has primitives and none can

@@ -22,19 +22,20 @@ void read_floats(ByteReader& in, float (&out)[N]) {
   for (float& v : out) v = in.f32();
 }
 
-Status check_conventions(const SceneMetadata& scene, int axes, File& file) {  // 4.2
-  const std::uint8_t all[] = {scene.kernel, scene.colour, scene.sh_convention};
+Status check_conventions(const SceneMetadata& scene, int axes, std::uint8_t colour,
+                         File& file) {  // 4.2
+  const std::uint8_t all[] = {scene.kernel, colour, scene.sh_convention};
   const bool is_unknown = std::any_of(std::begin(all), std::end(all), [](std::uint8_t v) {
     return v != 0 && v < kFirstShownAsZero;
   });
   if (axes != 0 || is_unknown) {
     return unsupported("unknown conventions (kernel {}, axes {}, colour {}, SH {})", scene.kernel,
-                       axes, scene.colour, scene.sh_convention);
+                       axes, colour, scene.sh_convention);
   }
-  if (scene.kernel != 0 || scene.colour != 0 || scene.sh_convention != 0) {
+  if (scene.kernel != 0 || colour != 0 || scene.sh_convention != 0) {
     file.notes.push_back(
         fmt::format("conventions of a later version are treated as 0 (kernel {}, colour {}, SH {})",
-                    scene.kernel, scene.colour, scene.sh_convention));
+                    scene.kernel, colour, scene.sh_convention));
   }
   return {};
 }
@@ -81,7 +82,7 @@ Status read_metadata(View payload, File& file) {  // 4.2
   scene.frames = in.u32();
   scene.kernel = in.u8();
   const int axes = in.u8();
-  scene.colour = in.u8();
+  const std::uint8_t colour = in.u8();
   scene.sh_convention = in.u8();
   file.profile = in.u16();
   file.degree = in.u16();
@@ -104,7 +105,7 @@ Status read_metadata(View payload, File& file) {  // 4.2
   scene.audio = in.string();
   scene.audio_begin = in.f64();
   if (!in.ok()) return invalid_file("META is too short ({} bytes)", payload.size());
-  STGS_TRY(check_conventions(scene, axes, file));
+  STGS_TRY(check_conventions(scene, axes, colour, file));
   if (scene.time_base.numerator == 0 || scene.time_base.denominator == 0 || scene.frames == 0) {
     return invalid_file("the time base or the duration is 0");
   }

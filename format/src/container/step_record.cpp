@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The record of Scene::quantisation, a private record (spec 3.5) of lossless scenes.
+// STEP, the record of Scene::quantisation (spec 11.9).
 #include <cmath>
 
 #include "container/container.h"
@@ -7,8 +7,6 @@
 
 namespace stgs {
 namespace {
-
-constexpr const char* kName = "stgs.quantisation";
 
 void write_step(Step step, ByteWriter& out) {
   out.u8(static_cast<std::uint8_t>(step.exponent));
@@ -44,9 +42,8 @@ void each_step(Tier& tier, const Visit& visit) {
 
 }  // namespace
 
-std::vector<std::uint8_t> write_quantisation(const Quantisation& rules) {
+std::vector<std::uint8_t> write_steps(const Quantisation& rules) {
   ByteWriter out;
-  out.string(kName);
   each_number(rules, [&out](double v) { out.f64(v); });
   for (const float v : rules.middle) out.f32(v);
   write_step(rules.opacity, out);
@@ -58,9 +55,9 @@ std::vector<std::uint8_t> write_quantisation(const Quantisation& rules) {
   return out.take();
 }
 
-std::optional<Quantisation> parse_quantisation(std::span<const std::uint8_t> payload) {
+bool parse_steps(std::span<const std::uint8_t> payload, std::uint64_t offset, FileHead& head,
+                 Findings& findings) {
   ByteReader in(payload);
-  if (in.string() != kName) return std::nullopt;
   Quantisation rules;
   bool good = true;
   const auto number = [&](auto v) {
@@ -76,8 +73,12 @@ std::optional<Quantisation> parse_quantisation(std::span<const std::uint8_t> pay
   rules.tiers.resize(rules.bounds.size() + 1);
   for (TierSteps& tier : rules.tiers)
     each_step(tier, [&](Step& step) { good = read_step(in, step) && good; });
-  if (!in.ok() || in.left() != 0 || !good || !is_valid(rules)) return std::nullopt;
-  return rules;
+  if (!in.ok() || !good || !is_valid(rules)) {
+    findings.error(IssueNumber::kSteps, offset, "steps of the scene: invalid");
+    return false;
+  }
+  head.quantisation = std::move(rules);
+  return true;
 }
 
 }  // namespace stgs

@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+// The index of a file: a tree of nodes that list parts, segments and their records (spec 5).
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <set>
+#include <tuple>
+#include <vector>
+
+#include "stgs/format/scene_file.h"
+
+namespace stgs {
+
+// The content of a record. Together with a tier of the segment it forms a layer (spec 5.5).
+enum class Content : std::uint8_t {
+  kPrimitives = 0,  // all attributes; SH above degree 0 may be in a record of their own
+  kSh = 1,          // the SH above degree 0
+};
+inline constexpr int kMaxKnownContent = 1;
+inline constexpr int kFirstPrivateContent = 192;  // spec 3.5
+inline constexpr int kMaxTiers = 256;
+constexpr std::uint16_t layer_of(Content content, int tier) {
+  return static_cast<std::uint16_t>(static_cast<int>(content) << 8 | tier);
+}
+constexpr int tier_of(std::uint16_t layer) {
+  return layer & 0xFF;
+}
+constexpr int content_of(std::uint16_t layer) {
+  return layer >> 8;
+}
+
+// One record that the index lists (spec 5.3).
+struct IndexEntry {
+  std::int16_t level = 0;
+  std::uint16_t layer = 0;  // content and tier (spec 5.5)
+  std::uint32_t slot = 0;
+  std::uint64_t offset = 0, bytes = 0;  // of the SEGM record, including its header
+  std::uint32_t primitives = 0;
+};
+
+// A segment of one tier: its base record, and the SH record if SH are stored separately.
+struct SegmentEntry {
+  IndexEntry base, sh;     // sh.bytes = 0: no SH record
+  std::uint32_t part = 0;  // index into the parts of the head
+};
+
+// A record of unknown content in a segment, such as timed data (spec 5.7).
+struct FurtherEntry {
+  IndexEntry entry;
+  std::uint32_t part = 0;
+};
+
+// A part of the timeline (spec 5.3).
+struct PartEntry {
+  std::uint32_t number = 0;   // identifies it in the file
+  double begin = 0, end = 0;  // ticks
+  TickRange shown;            // the times at which it is displayed
+  double chunk_ticks = 0;
+  bool operator<(const PartEntry& other) const {
+    const auto key = [](const PartEntry& p) {
+      return std::tie(p.number, p.begin, p.end, p.shown.begin, p.shown.end, p.chunk_ticks);
+    };
+    return key(*this) < key(other);
+  }
+};
+
+// Bytes spent on an attribute.
+struct AttributeBytes {
+  std::uint16_t attribute = 0;
+  std::uint64_t bytes = 0;
+};
+
+struct FileIndex {
+  std::uint64_t primitives = 0;  // of the complete file, as stated
+  std::vector<SegmentEntry> segments;
+  std::vector<AttributeBytes> attributes;
+  std::vector<FurtherEntry> further;
+};
+
+// A link to the node of another record (spec 5.2).
+struct NodeLink {
+  TickRange needed;  // closed: contains the times at which the segments below it are needed
+  std::uint64_t offset = 0, copy = 0;  // of the record and of its copy; copy = 0: none
+  std::uint64_t bytes = 0;             // of its payload
+};
+
+// Segments of one part whose records follow each other without gaps (spec 5.3).
+struct IndexRun {
+  PartEntry part;
+  std::vector<SegmentEntry> segments;  // by ascending offset
+  std::vector<FurtherEntry> further;   // the same
+};
+
+struct IndexNode {
+  std::vector<NodeLink> links;
+  std::vector<IndexRun> runs;
+};
+
+// The state of following the links of an index.
+struct IndexWalk {
+  struct Link {
+    NodeLink link;
+    int depth = 1;  // number of links that lead to the node, counting this one
+  };
+  std::map<std::uint64_t, Link> pending;     // links that have not been followed, by offset
+  std::set<std::uint64_t> followed;          // offsets of records, which may be damaged
+  std::map<PartEntry, std::uint32_t> parts;  // their indices
+  std::uint64_t entries = 0, bytes = 0;      // of the nodes read (conformance 1.5)
+};
+
+// A chunk is a multiple of kChunkGrain and at most kMaxChunk, ticks, so that arithmetic on
+// intervals is exact (spec 5.3).
+inline constexpr double kChunkGrain = 0x1p-20, kMaxChunk = 0x1p32;
+// Returns whether a chunk is valid.
+bool is_chunk(double ticks);
+// Returns the nearest valid chunk; 0 stays 0.
+double to_chunk(double ticks);
+// Returns whether a time is valid as an end of a part (spec 5.3).
+bool is_valid_time(double ticks);
+// Returns whether the times of a part are valid.
+bool is_valid_part(const PartEntry& part);
+// Returns the beginning of a segment, ticks from the beginning of its part (spec 5.4).
+double begin_of(int level, std::uint32_t slot, double chunk_ticks);
+// Returns the interval of a segment, from the beginning of its part, which lasts `length`.
+TickRange interval_of(int level, std::uint32_t slot, double chunk_ticks, double length);
+// Returns the times of the timeline at which a segment is shown; begin >= end: never.
+TickRange shown_of(const IndexEntry& entry, const PartEntry& part);
+
+// As above for an interval that counts from the beginning of a part with this range and cut.
+TickRange shown_of(const TickRange& interval, const TickRange& part,
+                   const std::optional<TickRange>& cut);
+// Returns the closed range of the times at which segments below a node are needed; {0, 0}: never.
+TickRange needed_of(const IndexNode& node);
+
+// Returns the records that an index lists, by ascending offset.
+std::vector<IndexEntry*> records_of(FileIndex& index);
+// Sorts the segments by part, and those of a part by offset. Parts are sorted by the offset of
+// their first record.
+void sort_index(std::vector<PartEntry>& parts, FileIndex& index);
+
+}  // namespace stgs

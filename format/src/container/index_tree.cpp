@@ -1,0 +1,268 @@
+// SPDX-License-Identifier: Apache-2.0
+// Following the links of an index, as far as its segments are needed (spec 5.2, 9.3, 9.5).
+#include <algorithm>
+
+#include "container/node.h"
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+
+// Adds links as pending ones, except those that were followed.
+void add_links(std::span<const NodeLink> links, int depth, FileHead& head) {
+  for (const NodeLink& link : links) {
+    if (head.walk.followed.count(link.offset) == 0)
+      head.walk.pending.try_emplace(link.offset, IndexWalk::Link{link, depth});
+  }
+}
+
+// Returns the index of a part, which is added if it is new.
+std::uint32_t take_part(const PartEntry& part, FileHead& head) {
+  const auto [found, is_new] =
+      head.walk.parts.try_emplace(part, static_cast<std::uint32_t>(head.parts.size()));
+  if (is_new) head.parts.push_back(part);
+  return found->second;
+}
+
+// Counts the bytes of a node (conformance 1.5).
+bool take_node(std::uint64_t at, std::uint64_t payload, FileHead& head, Findings& findings) {
+  head.walk.bytes += payload;
+  head.index_bytes += kRecordHeaderBytes + payload;
+  if (head.walk.bytes <= head.limits.max_memory) return true;
+  findings.unsupported(N::kMemoryLimit, at, "index exceeds the memory limit of {} bytes",
+                       head.limits.max_memory);
+  return false;
+}
+
+bool check_fragment_flags(const FragmentRecord& fragment, Findings& findings) {
+  const std::uint32_t unknown = fragment.flags & kCriticalFragmentFlags & ~kFragmentClosed;
+  if (unknown == 0) return true;
+  findings.unsupported(N::kUnknownCritical, fragment.offset,
+                       "fragment has unknown critical flags {:#x}", unknown);
+  return false;
+}
+
+// Loads nodes beyond the root.
+class Loader {
+ public:
+  Loader(const ByteSource& source, FileHead& head, Findings& findings)
+      : source_(source), head_(head), findings_(findings), fragments_(source, head) {}
+
+  // Loads the nodes with segments that are needed at times of [t0, t1].
+  bool load(double t0, double t1) {
+    for (auto next = head_.walk.pending.begin(); next != head_.walk.pending.end();) {
+      const auto [link, depth] = next->second;
+      if (!(link.needed.begin <= t1 && t0 <= link.needed.end)) {
+        ++next;
+        continue;
+      }
+      if (!follow(link, depth)) return false;
+      head_.walk.followed.insert(link.offset);
+      head_.walk.pending.erase(link.offset);
+      next = head_.walk.pending.begin();  // following adds links
+    }
+    return true;
+  }
+
+ private:
+  bool follow(const NodeLink& link, int depth) {
+    if (depth <= kMaxLinkDepth) {
+      return head_.growing() ? follow_fragment(link, depth) : follow_page(link, depth);
+    }
+    Findings why;
+    why.error(N::kLink, link.offset, "more than {} links follow each other", kMaxLinkDepth);
+    lose(lost_by(link), std::move(why));
+    return true;
+  }
+
+  static LostFragment lost_by(const NodeLink& link) {
+    return {link.needed, link.offset, kRecordHeaderBytes + link.bytes};
+  }
+
+  // Reports content that only a damaged node lists.
+  void lose(const LostFragment& lost, Findings why) {
+    const Issue issue = why.take().front();
+    findings_.damage(static_cast<N>(issue.number), issue.offset,
+                     "index is damaged: {}; content listed only there is lost", issue.message);
+    head_.lost_fragments.push_back(lost);
+  }
+
+  bool follow_page(const NodeLink& link, int depth) {
+    IndexNode node;
+    Findings why;
+    if (!read_page(link, link.offset, node, why)) {
+      Findings ignored;
+      if (link.copy == 0 || is_fatal(why) || !read_page(link, link.copy, node, ignored)) {
+        if (is_fatal(why)) return findings_.append(std::move(why)), false;
+        if (is_fatal(ignored)) return findings_.append(std::move(ignored)), false;
+        lose(lost_by(link), std::move(why));
+        return true;
+      }
+      findings_.damage(N::kRepairedHead, link.offset,
+                       "index is damaged (issue {}) and was read from its copy at byte {}",
+                       why.take().front().number, link.copy);
+    }
+    return take_node(link.offset, link.bytes, head_, findings_) &&
+           add_node(node, link.offset, depth, head_, findings_);
+  }
+
+  // Returns whether an error is that of the source or of a limit.
+  static bool is_fatal(const Findings& findings) {
+    return !findings.ok() && findings.status({}).code() != StatusCode::kInvalidFile;
+  }
+
+  // Reads the PAGE record at `at`, which is that of the link or its copy.
+  bool read_page(const NodeLink& link, std::uint64_t at, IndexNode& node, Findings& why) const {
+    const std::uint64_t end = std::min(head_.header.file_bytes, head_.available_bytes);
+    std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, end - std::min(end, at)));
+    RecordHeader record;
+    if (!read(at, bytes, why) || !parse_record_header(bytes, at, end, record, why)) return false;
+    if (record.tag != kPageTag || record.flags != kCritical || record.length != link.bytes) {
+      why.error(N::kPage, at, "record '{}' of {} bytes is no PAGE record of {} bytes",
+                tag_text(record.tag), record.length, link.bytes);
+      return false;
+    }
+    if (link.bytes > head_.limits.max_memory) {
+      why.unsupported(N::kMemoryLimit, at, "index exceeds the memory limit of {} bytes",
+                      head_.limits.max_memory);
+      return false;
+    }
+    bytes.resize(link.bytes);
+    const std::uint64_t payload = at + kRecordHeaderBytes;
+    if (!read(payload, bytes, why) || !check_payload(record, bytes, payload, why)) return false;
+    ByteReader in(bytes);
+    return parse_node(in, {link.offset, payload, head_.header.head_bytes, head_.header.file_bytes},
+                      head_, node, why);
+  }
+
+  bool read(std::uint64_t at, std::span<std::uint8_t> bytes, Findings& why) const {
+    if (bytes.empty()) return true;
+    const Status status = source_.read(at, bytes);
+    if (!status.ok()) why.failed_read(at, status);
+    return status.ok();
+  }
+
+  bool follow_fragment(const NodeLink& link, int depth) {
+    const std::uint64_t end = link.offset + kRecordHeaderBytes + link.bytes;
+    Findings why;
+    auto found = fragments_.at(link.offset, end, why);
+    if (found.ok() && *found && (*found)->end == end) {
+      return take_node(link.offset, link.bytes, head_, findings_) &&
+             check_fragment_flags(**found, findings_) &&
+             add_node((*found)->node, link.offset, depth, head_, findings_);
+    }
+    if (found.ok() && *found)
+      why.error(N::kFragment, link.offset, "fragment has another length than its link states");
+    if (found.ok()) found = fragments_.last_before(link.offset);
+    if (!found.ok()) {
+      findings_.failed_read(link.offset, found.status());
+      return false;
+    }
+    LostFragment lost{link.needed, head_.header.head_bytes, 0};
+    if (*found) {  // content of a fragment is not needed before its beginning (spec 9.6)
+      lost.range.begin = std::max(lost.range.begin, static_cast<double>((*found)->frames));
+      lost.range.end = std::max(lost.range.begin, lost.range.end);
+      lost.offset = (*found)->end;
+    }
+    lost.bytes = link.offset - lost.offset;
+    lose(lost, std::move(why));
+    return !*found || follow_instead(**found, depth);
+  }
+
+  bool follow_instead(const FragmentRecord& fragment, int depth) {  // spec 9.5
+    add_links(fragment.earlier, depth + 1, head_);
+    if (!head_.walk.followed.insert(fragment.offset).second) return true;
+    head_.walk.pending.erase(fragment.offset);
+    return take_node(fragment.offset, fragment.end - fragment.offset - kRecordHeaderBytes, head_,
+                     findings_) &&
+           check_fragment_flags(fragment, findings_) &&
+           add_node(fragment.node, fragment.offset, depth, head_, findings_);
+  }
+
+  const ByteSource& source_;
+  FileHead& head_;
+  Findings& findings_;
+  FragmentFinder fragments_;
+};
+
+// Takes frames, bounds and counts from the last FRAG record, and adds its node.
+bool add_last(FragmentRecord& fragment, FileHead& head, Findings& findings) {
+  if (!check_fragment_flags(fragment, findings)) return false;
+  head.header.file_bytes = fragment.end;
+  head.closed = (fragment.flags & kFragmentClosed) != 0;
+  SceneMetadata& scene = head.metadata.scene;
+  scene.frames = fragment.frames;
+  std::copy_n(fragment.bounds_min, 3, scene.bounds_min);
+  std::copy_n(fragment.bounds_max, 3, scene.bounds_max);
+  head.index.primitives = fragment.primitives;
+  if (fragment.primitives > head.limits.max_primitives) {
+    findings.unsupported(N::kPrimitiveLimit, fragment.offset,
+                         "index: {} primitives exceed the limit of {}", fragment.primitives,
+                         head.limits.max_primitives);
+    return false;
+  }
+  const std::uint64_t bytes = fragment.end - fragment.offset;
+  add_links(fragment.earlier, 1, head);
+  head.walk.followed.insert(fragment.offset);
+  head.last_fragment = {fragment.offset, bytes, fragment.frames, std::move(fragment.earlier),
+                        needed_of(fragment.node)};
+  return take_node(fragment.offset, bytes - kRecordHeaderBytes, head, findings) &&
+         add_node(fragment.node, fragment.offset, 0, head, findings);
+}
+
+}  // namespace
+
+bool add_node(const IndexNode& node, std::uint64_t at, int depth, FileHead& head,
+              Findings& findings) {
+  add_links(node.links, depth + 1, head);
+  head.walk.entries += node.links.size();
+  for (const IndexRun& run : node.runs) {
+    const std::uint32_t part = take_part(run.part, head);
+    const IndexEntry* last = nullptr;
+    for (const SegmentEntry& segment : run.segments) {
+      const IndexEntry& base = segment.base;
+      if (last == nullptr || last->level != base.level || last->slot != base.slot)
+        ++head.walk.entries;
+      last = &base;
+      head.listed_primitives += base.primitives;
+      head.index.segments.push_back(segment);
+      head.index.segments.back().part = part;
+    }
+    for (const FurtherEntry& further : run.further) {
+      head.index.further.push_back({further.entry, part});
+    }
+    head.walk.entries += run.segments.size() + run.further.size();
+  }
+  if (head.listed_primitives <= head.limits.max_primitives) return true;
+  findings.unsupported(N::kPrimitiveLimit, at, "index: {} primitives exceed the limit of {}",
+                       head.listed_primitives, head.limits.max_primitives);
+  return false;
+}
+
+bool load_index(const ByteSource& source, double t0, double t1, FileHead& head,
+                Findings& findings) {
+  return Loader(source, head, findings).load(t0, t1);
+}
+
+bool read_growth(const ByteSource& source, FileHead& head, bool& grown, Findings& findings) {
+  grown = false;
+  head.available_bytes = source.size();
+  Result<std::optional<FragmentRecord>> last = FragmentFinder(source, head).last();
+  if (!last.ok()) {
+    findings.failed_read(head.header.head_bytes, last.status());
+    return false;
+  }
+  grown = *last && (!head.last_fragment || (*last)->offset > head.last_fragment->offset);
+  if (grown && !add_last(**last, head, findings)) return false;
+  if (!head.last_fragment) head.header.file_bytes = head.header.head_bytes;  // nothing is complete
+  if (head.closed && source.size() > head.header.file_bytes) {
+    findings.damage(N::kFileSize, head.header.file_bytes,
+                    "extra bytes after the end of the file (expected {} bytes, got {}); copy or "
+                    "download it again",
+                    head.header.file_bytes, source.size());
+  }
+  return true;
+}
+
+}  // namespace stgs

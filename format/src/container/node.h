@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+// Nodes of an index: reading, writing, and following the links between them (spec 5.2, 5.3, 9).
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "container/container.h"
+#include "core/bytes.h"
+
+namespace stgs {
+
+// Memory charged for each entry of an index, and the number of entries free of charge (conformance
+// 1.5).
+inline constexpr std::uint64_t kEntryMemory = 512, kFreeEntries = 1024;
+
+// Segments and further records of a run must be in file order.
+void write_node(const IndexNode& node, ByteWriter& out);
+void write_links(std::span<const NodeLink> links, ByteWriter& out);
+// Returns the payload of INDX.
+std::vector<std::uint8_t> write_index(const FileIndex& index, const IndexNode& root);
+
+// The record that a node is read from.
+struct NodePlace {
+  std::uint64_t record = 0;          // offset of the record
+  std::uint64_t payload = 0;         // offset of the first byte that is read, for messages
+  std::uint64_t begin = 0, end = 0;  // the range of the file that contains the listed records
+};
+// Reads a node of a file whose header and metadata have been read. `in` is left after it.
+bool parse_node(ByteReader& in, const NodePlace& place, const FileHead& head, IndexNode& node,
+                Findings& findings);
+bool parse_links(ByteReader& in, const NodePlace& place, const FileHead& head,
+                 std::vector<NodeLink>& links, Findings& findings);
+// Adds the segments of a node that `depth` links lead to, and its links as pending ones. `at`: of
+// the node in the file. Returns false if the caller's limits are exceeded.
+bool add_node(const IndexNode& node, std::uint64_t at, int depth, FileHead& head,
+              Findings& findings);
+// Reads the payload of INDX.
+bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset, FileHead& head,
+                 Findings& findings);
+
+// A FRAG record (spec 9.2).
+struct FragmentRecord {
+  std::uint64_t offset = 0, end = 0;  // of the record
+  std::uint32_t frames = 0, flags = 0;
+  float bounds_min[3] = {0, 0, 0}, bounds_max[3] = {0, 0, 0};
+  std::uint64_t primitives = 0;
+  std::vector<std::uint8_t> head;  // copy of the head
+  std::vector<NodeLink> earlier;   // links besides those of its node
+  IndexNode node;
+};
+inline constexpr std::uint32_t kFragmentClosed = 1;  // fragment flag, spec 9.2
+inline constexpr std::uint32_t kCriticalFragmentFlags = 0xFFFF;
+
+// Returns a FRAG record.
+std::vector<std::uint8_t> write_fragment(const FragmentRecord& fragment);
+
+// Finds valid FRAG records of a file (spec 9.4).
+class FragmentFinder {
+ public:
+  using Found = std::optional<FragmentRecord>;
+  // `head`: the head of the file; it has no bytes if they are damaged. Not copied.
+  FragmentFinder(const ByteSource& source, const FileHead& head);
+  // Returns the one that begins last.
+  Result<Found> last();
+  // Returns the one at `offset` if it ends at or before `end`; else `why` has the reason.
+  Result<Found> at(std::uint64_t offset, std::uint64_t end, Findings& why);
+  // Returns the one that begins last of those that end at or before `end`.
+  Result<Found> last_before(std::uint64_t end);
+
+ private:
+  bool parse(std::span<const std::uint8_t> payload, FragmentRecord& fragment,
+             Findings& findings) const;
+
+  const ByteSource& source_;
+  const FileHead& head_;
+  std::uint64_t body_at_ = 0;
+  std::uint64_t work_ = 0;  // remaining budget for reading candidates, bytes
+};
+
+}  // namespace stgs
