@@ -12,7 +12,12 @@ import os
 import sys
 
 from vector_list import VECTORS
+from vectors_broken_head import broken_head
+from vectors_broken_index import broken_index
+from vectors_broken_records import broken_records
+from vectors_broken_streams import broken_streams
 from vectors_container import valid_container
+from vectors_damage import damage
 from vectors_growing import damaged_growing, valid_growing
 from vectors_index import valid_index
 from vectors_mappings import valid_streams
@@ -21,7 +26,8 @@ from vectors_records import valid_records
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "../../spec/reference_decoder"))
 
-for make in (valid_container, valid_index, valid_records, valid_streams, valid_growing, damaged_growing):
+for make in (valid_container, valid_index, valid_records, valid_streams, valid_growing, damaged_growing,
+             damage, broken_head, broken_index, broken_records, broken_streams):
     make()
 
 
