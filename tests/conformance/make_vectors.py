@@ -11,6 +11,7 @@ import json
 import os
 import sys
 
+from expected_floats import expected_floats
 from vector_list import VECTORS
 from vectors_broken_head import broken_head
 from vectors_broken_index import broken_index
@@ -40,20 +41,6 @@ def write_all(folder):
     for v in VECTORS:
         with open(os.path.join(folder, v.name + ".stgs"), "wb") as file:
             file.write(v.data)
-
-
-def expected_floats(out):
-    """Returns the numbers of each attribute of a file's tiers, one primitive after the other."""
-    from layouts import NAMES
-    from streams import floats
-    tiers = []
-    for (part, level, slot, tier), streams in out.streams.items():
-        numbers = {NAMES[a]: [v for primitive in zip(*floats(s)) for v in primitive]
-                   for a, s in sorted(streams.items()) if s.row.mapping not in (0, 8)}
-        origins = {NAMES[a]: max(map(abs, s.row.origin)) for a, s in sorted(streams.items())
-                   if s.row.mapping not in (0, 8)}
-        tiers.append({"tier": [part, level, slot, tier], "floats": numbers, "origins": origins})
-    return tiers
 
 
 def entry_of(v, out):
