@@ -8,7 +8,7 @@ import layouts
 import metadata
 from fields import RECORD, Fields, Refused, intact_record, need, record_header
 from head import head_records, open_head
-from index import Node, read_node
+from index import read_node
 
 DEPTH = 8  # 5.2
 

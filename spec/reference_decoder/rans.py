@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clause 7: tables, and groups of planes."""
 import struct
+from itertools import accumulate
 
 from fields import need
 
@@ -51,7 +52,7 @@ class Table:  # 7.2
         need(f[z] > 0, "7.2", 409, "frequencies that add up to 4096 or more before the last")
         self.f = f
         self.only = z if f[z] == TOTAL else None  # a table of one symbol
-        self.start = [sum(f[:s]) for s in range(256)]
+        self.start = [0, *accumulate(f)]
         self.symbol = [s for s in range(256) for _ in range(f[s])]
 
 

@@ -11,8 +11,14 @@ import json
 import os
 import sys
 
+from expected_floats import expected_floats
 from vector_list import VECTORS
+from vectors_broken_head import broken_head
+from vectors_broken_index import broken_index
+from vectors_broken_records import broken_records
+from vectors_broken_streams import broken_streams
 from vectors_container import valid_container
+from vectors_damage import damage
 from vectors_growing import damaged_growing, valid_growing
 from vectors_index import valid_index
 from vectors_mappings import valid_streams
@@ -21,7 +27,8 @@ from vectors_records import valid_records
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "../../spec/reference_decoder"))
 
-for make in (valid_container, valid_index, valid_records, valid_streams, valid_growing, damaged_growing):
+for make in (valid_container, valid_index, valid_records, valid_streams, valid_growing, damaged_growing,
+             damage, broken_head, broken_index, broken_records, broken_streams):
     make()
 
 
@@ -34,20 +41,6 @@ def write_all(folder):
     for v in VECTORS:
         with open(os.path.join(folder, v.name + ".stgs"), "wb") as file:
             file.write(v.data)
-
-
-def expected_floats(out):
-    """Returns the numbers of each attribute of a file's tiers, one primitive after the other."""
-    from layouts import NAMES
-    from streams import floats
-    tiers = []
-    for (part, level, slot, tier), streams in out.streams.items():
-        numbers = {NAMES[a]: [v for primitive in zip(*floats(s)) for v in primitive]
-                   for a, s in sorted(streams.items()) if s.row.mapping not in (0, 8)}
-        origins = {NAMES[a]: max(map(abs, s.row.origin)) for a, s in sorted(streams.items())
-                   if s.row.mapping not in (0, 8)}
-        tiers.append({"tier": [part, level, slot, tier], "floats": numbers, "origins": origins})
-    return tiers
 
 
 def entry_of(v, out):

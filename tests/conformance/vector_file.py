@@ -105,7 +105,7 @@ class Run:  # 5.3
         out = number(self.part) + struct.pack("<5d", self.begin, self.end, *self.displayed(), self.chunk)
         last_slots = {}
         segments = number(len(self.segments)) + b"".join(s.entry(last_slots) for s in self.segments)
-        return out + number(offset + self.shift) + (segments if self.raw is None else self.raw)
+        return out + number(max(0, offset + self.shift)) + (segments if self.raw is None else self.raw)
 
     def records(self):
         return b"".join(s.records() for s in self.segments)
@@ -144,19 +144,31 @@ class Link:  # 5.2
     offset: int = None
     copy: int = None
     bytes: int = None
+    shift: int = 0          # added to the bytes
+    to: Node = None         # overrides where the link leads to
 
     def entry(self, where):
-        offset = where.get(self.node, 0) if self.offset is None else self.offset
-        copy = where.get((self.node, "copy"), 0) * self.copied if self.copy is None else self.copy
+        offset = where.get(self.to or self.node, 0) if self.offset is None else self.offset
+        copy = where.get(("copy", self.node), 0) * self.copied if self.copy is None else self.copy
         size = len(self.node.page(where)) - 24 if self.bytes is None else self.bytes
-        return struct.pack("<dd", *self.times or self.node.times()) + number(offset) + number(copy) + number(size)
+        return struct.pack("<dd", *self.times or self.node.times()) + number(offset) + number(copy) + number(size + self.shift)
+
+
+@dataclass(eq=False)
+class PageCopy:
+    """A copy of the PAGE record of a node, as an item of a body."""
+    node: Node
+    make: object = None      # a function of the payload that returns the record
+
+    def page(self, where):
+        return self.make(self.node.payload(where)) if self.make else self.node.page(where)
 
 
 def body_of(node):
     """Returns the items of the body in the recommended order: each page before what it lists."""
     items = list(node.runs)
     for link in node.links:
-        items += [link.node] + body_of(link.node)
+        items += [] if link.to else [link.node] + body_of(link.node)
     return items
 
 
@@ -174,7 +186,7 @@ class File:
     flags: int = 0
     first_records: bytes = b""        # records of the head before META
     last_records: bytes = b""         # records of the head after INDX
-    body: list = None                 # items: Run, Node (its page), (Node, "copy"), or bytes
+    body: list = None                 # items: Run, Node (its page), PageCopy, or bytes
     tail: bytes = b""                 # records after all others, before COPY
     copy: object = None               # a function of the head that returns the COPY record
     record_flags: dict = field(default_factory=dict)
@@ -213,15 +225,15 @@ class File:
         records = self.head_records(where)
         at, found, body = 32 + len(records), {}, b""
         for item in self.items():
-            found[item] = at + len(body)
+            found[("copy", item.node) if isinstance(item, PageCopy) else item] = at + len(body)
             if isinstance(item, bytes):
                 body += item
             elif isinstance(item, Run):
                 body += item.records()
             else:
-                body += (item[0] if isinstance(item, tuple) else item).page(where)
+                body += item.page(where)
         body += self.tail
-        head = header(self.major, self.minor, self.flags, where.get("size", 0) + self.file_bytes,
+        head = header(self.major, self.minor, self.flags, max(0, where.get("size", 0) + self.file_bytes),
                       at + self.head_bytes) + records
         body += self.copy(head) if self.copy else b""
         found["size"] = at + len(body)

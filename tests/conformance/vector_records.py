@@ -178,7 +178,7 @@ class Body:
     def units(self):
         units = []
         for s in self.streams:
-            if s.joins and units:
+            if s.joins and units and s.coder == units[-1][0].coder == RANS:
                 units[-1].append(s)
             else:
                 units.append([s])

@@ -1,230 +1,370 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Violations of the rules of records and their streams (6, 7, annex A)."""
+"""Records, layouts and groups that break a rule (6, 7)."""
 import struct
 
-from vector_file import (RANS, Body, File, Meta, Part, Patched, Segment, Stream, bits_of, group,
-                         record, table_bytes, zstd_frame)
-from vector_list import separate_sh, changed, framed, must_fail, plain, replaced, vector, flipped
-from vector_scenes import float_streams, own_body
+from vector_file import File, Meta, Run, Segment
+from vector_list import changed, flipped, must_fail, plain, replaced, separate_sh, vector
+from vector_records import RANS, Body, Patched, Stream, encode_block, group, layouts_payload, table_bytes
+from vector_scenes import coded_streams, float_streams, own_body
+
+NAN = float("nan")
 
 
-def broken_segment():
-    def three():
-        return File([Part([Segment(0, 2 * i, [Body(float_streams(2, 0, i, 5 * i, 5), 2)])
-                           for i in range(3)])], Meta(profile=0))
+def broken_records():
+    fields()
+    layouts()
+    rows()
+    joins()
+    attributes()
+    units()
+    tables()
+    groups()
 
-    good = three().bytes()
-    second = good.index(b"SEGM", good.index(b"SEGM") + 4)
-    must_fail("damage_to_one_segment", "3.1", "a flipped bit in the second of three segments; the others are decoded",
-           flipped(good, second + 100))
-    for name, clause, flags in (("segment_not_critical", "3.2", 0), ("segment_flags", "3.4", 3)):
-        file = plain()
-        file.parts[0].segments[0].flags = flags
-        must_fail(name, clause, f"SEGM with flags {flags}", file)
+
+def with_segment(**more):
     file = plain()
-    file.parts[0].segments[0].stated = (0, 3)
-    must_fail("another_segment", "6.1", "the record states another level and slot than the index", file)
+    for key, value in more.items():
+        setattr(file.root[0].segments[0], key, value)
+    return file
+
+
+def fields():
+    for name, clause, flags in (("not_critical", "3.3", 0), ("flags_3", "3.4", 3), ("flags_2", "3.3", 2)):
+        must_fail(f"segment_{name}", clause, f"SEGM with flags {flags}", with_segment(flags=flags))
+    must_fail("segment_tag", "5.3", "a record of another tag", with_segment(tag=b"SEGN"))
+    for name, stated in (("level", (0, 0)), ("slot", (-1, 1))):
+        must_fail(f"segment_states_another_{name}", "6.5", f"the record states another {name}", with_segment(stated=stated))
+    must_fail("segment_states_another_tier", "6.5", "the record of the second tier states the first", File(
+        [Run([Segment(-1, 0, [Body(float_streams(1, 0, 3), 1), FirstTier(float_streams(1, 0, 4), 1)])])], Meta(profile=0)))
+    for n in (2, 4):
+        must_fail(f"segment_states_{n}_of_3", "6.5", f"the index lists {n} primitives, the record 3", with_segment(counts=[n]))
+    rest = separate_sh()
+    rest.sh[0].n = 2
+    must_fail("sh_states_2_primitives", "6.5", "the record of content 1 states 2 of 3 primitives", File(
+        [Run([rest])], Meta(profile=0, degree=1)))
+    for size in (7, 11, 13):
+        must_fail(f"segment_of_{size}_bytes", "6.5", f"a payload of {size} bytes", plain(body=Cut(float_streams(1, 0, 1), 1, size)))
+
+
+class FirstTier(Body):
+    def payload(self, level, layer, slot):
+        return super().payload(level, 0, slot)
+
+
+class Cut(Body):
+    """A payload that is cut off after `size` bytes; the index lists as many primitives as it has bytes."""
+
+    def __init__(self, streams, n, size):
+        super().__init__(streams, n)
+        self.size = size
+
+    def payload(self, level, layer, slot):
+        return super().payload(level, layer, slot)[:self.size]
+
+
+def layouts():
     streams = float_streams(3, 0, 1)
-    must_fail("layout_not_there", "6.1", "layout 0 without LAYT", plain(body=Body(streams, 3, layout=0)))
-    must_fail("two_own_layouts", "6.1", "two layouts in a record",
-           plain(body=Body(streams, 3, own_layouts=2)))
-    must_fail("bytes_after_the_streams", "6.1", "one additional byte",
-           plain(body=Body(streams, 3, after=b"\0")))
-    must_fail("planes_checksum", "6.1", "a wrong checksum of the planes",
-              plain(body=Body(streams, 3, planes_sum=0)), may=True)
-    bad, good = Stream(1, 0, 0, [[0]] * 3, m=2), float_streams(3, 0, 1)
-    layt = struct.pack("<HH", 0, 2) + b"\1" + bad.row() + b"\x09" + b"".join(s.row() for s in good)
-    bodies = [Body(float_streams(3, 0, 1, 5 * i, 5), 3, layout=i) for i in (0, 1)]
-    both = [Segment(0, 2 * i, [body]) for i, body in enumerate(bodies)]
-    must_fail("bad_layout", "7.5.1", "a row with m = 2 in one of two layouts: one of two records is decoded",
-              File([Part(both)], Meta(profile=0), layouts=layt))
-    vector("bad_layout_unused", "7.5.1", "a row with m = 2 in a layout that no record uses",
-           File([Part(both[1:])], Meta(profile=0), layouts=layt), reported=[404])
+    must_fail("layout_without_layt", "6.5", "layout 0 without LAYT", plain(body=Body(streams, 3, layout=0)))
+    layt = layouts_payload([], [streams])
+    must_fail("layout_1_of_1", "6.5", "layout 1 of LAYT, which has one", plain(body=Body(streams, 3, layout=1), layouts=layt))
+    must_fail("two_own_layouts", "6.1", "two layouts in a record", plain(body=Body(streams, 3, own_layouts=2)))
+    must_fail("no_own_layout", "6.1", "no layout in a record", plain(body=Body(streams, 3, own_layouts=0)))
+    bad = Stream(1, 0, 0, [[0]] * 3, m=2)
+    layt = struct.pack("<HH", 0, 2) + b"\1" + bad.row() + b"\x09" + b"".join(s.row() for s in streams)
+    both = [Segment(0, 2 * i, [Body(float_streams(3, 0, 1, 5 * i, 5), 3, layout=i)]) for i in (0, 1)]
+    must_fail("bad_layout", "8.5", "a row with m = 2 in one of two layouts: one of two records is decoded",
+              File([Run(both)], Meta(profile=0), layouts=layt))
+    vector("bad_layout_unused", "6.2", "a row with m = 2 in a layout that no record uses",
+           File([Run(both[1:])], Meta(profile=0), layouts=layt), validator=[404])
+    whole = layouts_payload([{0: 2048, 3: 2048}], [streams])
+    for name, data in (("empty", b""), ("in_tables", whole[:3]), ("before_layouts", whole[:7]), ("in_a_row", whole[:-1]),
+                       ("before_rows", whole[:10]), ("in_a_row_size", whole[:11])):
+        must_fail(f"layt_cut_{name}", "6.1", f"LAYT of {len(data)} bytes", plain(layouts=data))
+    must_fail("tables_1025", "6.1", "1025 tables", plain(layouts=struct.pack("<H", 1025) + bytes(1025) + struct.pack("<H", 0)))
+    vector("tables_1024", "6.1", "1024 tables", plain(layouts=struct.pack("<H", 1024) + bytes(1024) + struct.pack("<H", 0)))
+    must_fail("layouts_65535", "6.1", "65535 layouts", plain(layouts=struct.pack("<HH", 0, 65535) + bytes(65535)))
     coded = float_streams(3, 0, 1)
     coded[7] = Stream(8, 1, 0, [[0, 1, 2]], 0, RANS, (2,))
-    must_fail("own_table_unnamed", "6.1", "a table of a record that no plane uses",
-              plain(body=own_body(coded, 3, more_tables=1)))
-    must_fail("own_tables_257", "6.1", "257 tables in a record",
-              plain(body=own_body(coded, 3, more_tables=256)))
-    must_fail("attribute_missing", "6.4", "no radius",
-           plain(body=Body(streams[:3] + streams[4:], 3)))
-    must_fail("attributes_out_of_order", "6.4", "time before position",
-           plain(body=Body([streams[1], streams[0]] + streams[2:], 3)))
-    must_fail("unknown_attribute", "6.3", "attribute 13",
-           plain(body=Body(streams + [Stream(13, 0, 0, [[0, 0, 0]])], 3)))
-    must_fail("harmonics_nowhere", "5.7", "neither in the record nor in a separate one",
-           plain(body=Body(float_streams(3, 1, 1, which="base"), 3), degree=1))
-    both = Segment(-1, 0, [Body(float_streams(3, 1, 1), 3)],
-                   [Body(float_streams(3, 1, 1, which="rest"), 3)])
-    must_fail("harmonics_twice", "5.7", "in both records", File([Part([both])], Meta(degree=1)))
+    must_fail("own_table_unused", "6.1", "a table of a record that no plane uses", plain(body=own_body(coded, 3, more_tables=1)))
+    must_fail("own_tables_257", "6.1", "257 tables in a record", plain(body=own_body(coded, 3, more_tables=256)))
+    for name, table in (("sum", bytes([2]) + b"\xff" * 6), ("sum_of_4096", sum_of_4096())):
+        must_fail(f"layt_table_{name}", "7.2", "LAYT with an invalid table: the file is refused",
+                  plain(layouts=struct.pack("<H", 1) + table + struct.pack("<H", 0)))
 
 
-def broken_sh():
-    """If only SH is refused, the other attributes of the tier are decoded (5.7)."""
-    def both():
-        first = separate_sh()
-        second = separate_sh(2, 2)
-        first.tiers += second.tiers
-        first.sh += second.sh
-        return File([Part([first])], Meta(profile=0, degree=1)).bytes()
-
-    complete = both()
-    records = [i for i in range(len(complete)) if complete.startswith(b"SEGM", i)]
-    must_fail("harmonics_damaged", "3.1", "a flipped bit in the SH of the first of two tiers",
-              flipped(complete, records[2] + 100))
-    must_fail("harmonics_cut_off", "2.6", "the file is truncated within the SH of the first of two tiers",
-              complete[:records[2] + 100])
-    must_fail("primitives_damaged", "3.1", "a flipped bit in the first of two tiers",
-              flipped(complete, records[0] + 300))
-    later = float_streams(3, 1, 1, which="rest")
-    later[0].mapping = 8
-    must_fail("harmonics_unknown", "6.3", "SH with a mapping of a later version",
-              File([Part([separate_sh(rest=later)])], Meta(profile=1, degree=1)))
-    broken = float_streams(3, 1, 1, which="rest")
-    broken[0].v[0][1] = bits_of(float("nan"))
-    must_fail("harmonics_not_numbers", "6.4", "a coefficient that is not a number",
-              File([Part([separate_sh(rest=broken)])], Meta(profile=0, degree=1)))
+def sum_of_4096():
+    """Returns a table whose frequencies before the last add up to 4096."""
+    return flipped(table_bytes({0: 2048, 1: 2047, 2: 1}), 0, 0)[:1] + table_with({0: 2048, 1: 2048}, 2)
 
 
-def broken_streams():
-    for name, clause, about, fields in (
-            ("unknown_mapping", "6.3", "mapping 8", dict(mapping=8)),
-            ("unknown_prediction", "6.3", "prediction 4", dict(prediction=4)),
-            ("unknown_coder", "6.3", "coder 3", dict(coder=3)),
-            ("row_too_short", "6.3", "a row that ends within its fields", dict(length=12)),
-            ("row_without_a_kind", "6.3", "a row of five bytes", dict(length=5)),
-            ("row_beyond_the_layout", "6.1", "a row longer than the remaining bytes", dict(length=65535)),
-            ("multiplier_of_floats", "7.5.1", "mapping 0 with m = 3", dict(m=3)),
-            ("multiplier_0", "7.5", "m = 0", dict(mapping=1, m=0)),
-            ("multiplier_2", "7.5", "m = 2", dict(mapping=1, m=2)),
-            ("step_too_small", "7.5", "e = -101", dict(mapping=1, e=-101)),
-            ("step_too_great", "7.5", "e = 101", dict(mapping=1, e=101)),
-            ("origin_too_small", "7.5", "an origin of 2^-101", dict(mapping=1, origin=(2.0 ** -101,))),
-            ("origin_too_great", "7.5", "an origin of 2^101", dict(mapping=1, origin=(-2.0 ** 101,))),
-            ("origin_not_a_number", "7.5", "an origin that is not a number",
-             dict(mapping=1, origin=(0.0, float("nan")))),
-            ("draco_elsewhere", "7.2.1", "an opacity with the coder for positions",
-             dict(coder=2, mapping=1, bits=(8, 8, 8))),
-            ("float_with_prediction", "7.5.1", "mapping 0, prediction 1", dict(prediction=1)),
-            ("mapping_of_another", "7.5", "an opacity with mapping 4", dict(mapping=4)),
-            ("components", "7.5", "an opacity of 2 components", dict(components=2)),
-            ("digits_of_33_bits", "7.3", "5 digits of 8, 8, 8, 8 and 1 bits",
-             dict(bits=(8, 8, 8, 8, 1), coder=RANS, v=[[0, 0, 0]])),
-            ("digit_of_9_bits", "7.3", "a digit of 9 bits", dict(bits=(9,), coder=RANS,
-                                                               v=[[0, 0, 0]])),
-            ("stored_digits_of_4_bits", "7.2", "coder 0, 4 bits", dict(bits=(4, 4), v=[[0, 0, 0]])),
-            ("planes_beyond_floats", "7.3", "81 planes for 80 bytes of floats",
-             dict(bits=(8, 8, 8, 4, 4), coder=RANS, v=[[0, 0, 0]])),
-            ("truncated_opacity", "7.5", "an opacity with mapping 2", dict(mapping=2))):
-        if fields.get("coder") == RANS:
-            streams = float_streams(3, 0, 1)
-            for field, value in fields.items():
-                setattr(streams[7], field, value)
-            must_fail(name, clause, about, plain(body=own_body(streams, 3)))
-        else:
-            must_fail(name, clause, about, changed(8, **fields))
-    must_fail("truncated_from_0", "7.5.3", "mapping 2 from an origin of 0",
-              changed(3, mapping=2, e=20))
-    must_fail("coarse_lifespans", "7.5.3", "mapping 2 with e = 24",
-              changed(3, mapping=2, e=24, origin=(1.0,)))
-    must_fail("coarse_rotation", "7.5.5", "mapping 4 with e = 0", replaced(
-        Stream(7, 4, 0, [[0] * 3] * 3)))
-    for name, clause, about, stored in (
-            ("zstd_window_of_9_mib", "7.2.2", "a window of 9 MiB", framed(b"123456789012", window=0x69)),
-            ("zstd_skippable", "7.2.2", "a skippable frame before the frame",
-             struct.pack("<II", 0x184D2A50, 0) + zstd_frame(b"123456789012")),
-            ("zstd_skippable_behind", "7.2", "a skippable frame after the frame",
-             zstd_frame(b"123456789012") + struct.pack("<II", 0x184D2A50, 0)),
-            ("zstd_legacy", "7.2.2", "a frame of format 0.7",
-             b"\x27" + zstd_frame(b"123456789012")[1:]),
-            ("zstd_without_size", "7.2.2", "a frame that does not state its content's size",
-             framed(b"123456789012", window=0x50, size=None)),
-            ("zstd_dictionary", "7.2.2", "a frame that requires dictionary 1",
-             framed(b"123456789012", dictionary=1)),
-            ("zstd_reserved_bit", "7.2.2", "a reserved bit in a frame's header",
-             framed(b"123456789012", reserved=8)),
-            ("zstd_checksum", "7.2.2", "a frame with a checksum of its own",
-             framed(b"123456789012", reserved=4) + b"\0\0\0\0")):
-        must_fail(name, clause, about, changed(8, stored=stored))
-    must_fail("zstd_size", "7.2.2", "a frame that states another size", changed(
-        8, stored=zstd_frame(b"1234567", size=13)))
-    must_fail("zstd_two_frames", "7.2", "a second frame after the frame", changed(
-        8, stored=zstd_frame(b"123456789012") + zstd_frame(b"")))
-    must_fail("zstd_damaged", "7.2", "a block of a reserved kind", changed(
-        8, stored=zstd_frame(b"123456789012").replace(b"\x61\0\0", b"\x67\0\0")))
-    must_fail("integer_of_25_bits", "7.5", "2^24", replaced(Stream(8, 1, -24, [[0, 1 << 24, 0]])))
-    must_fail("integer_of_minus_2_to_24", "7.5", "-2^24",
-              replaced(Stream(8, 1, -24, [[0, (1 << 32) - (1 << 24), 0]])))
-    must_fail("multiplied_integer_of_25_bits", "7.5", "3 * 5592406 = 2^24 + 2",
-              replaced(Stream(8, 1, -24, [[0, 5592406, 0]], m=3)))
-    must_fail("colour_of_23_bits", "7.5", "a luma of 2^22",
-              replaced(Stream(9, 5, -24, [[1 << 22, 0, 0], [0] * 3, [0] * 3])))
-    must_fail("multiplied_key", "7.5", "a coordinate of 2^21 - 1 in steps of 9", replaced(
-        Stream(1, 1, 0, [[0, 1, 0]], 3, bits=(8,), m=9), first_key=(1 << 61) - 1))
-    must_fail("delta_out_and_back", "7.5", "sums wrap at 32 bits, but one of them has more than 24",
-              replaced(Stream(8, 1, -20, [[10, 0xFFFFFFFF, 0xFFFFFFFF]], 2)))
-    must_fail("truncated_below_0", "7.5.3", "q = -1",
-           replaced(Stream(3, 2, 18, [[1, 1, 0xFFFFFFFF]], origin=(1.0,))))
-    must_fail("truncated_infinite", "7.5.3", "the bits of an infinity",
-           replaced(Stream(3, 2, 23, [[0, 0, 128]], origin=(1.0,))))
-    must_fail("truncated_above_2_to_100", "7.5.3", "the lowest float above 2^100",
-              replaced(Stream(3, 2, 0, [[0, 0, 1]], origin=(2.0 ** 100,))))
-    must_fail("truncated_integer_of_25_bits", "7.5", "2^24 units in the last place of 1",
-              replaced(Stream(3, 2, 0, [[0, 1 << 24, 0]], origin=(1.0,))))
-    must_fail("rotation_without_w", "7.5.5", "x^2 = 2^-2e",
-           replaced(Stream(7, 4, -4, [[16, 0, 0], [0, 0, 0], [0, 0, 0]])))
-    must_fail("morton_overflow", "7.4", "a key of 2^63", replaced(
-        Stream(1, 1, 0, [[0, 1, 0]], 3, bits=(8,)), first_key=(1 << 63) - 1))
-    must_fail("moment_beyond_24_bits", "7.5.8", "a sum of 2^24 in a slot",
-           File([Part([Segment(0, 4, [own_body(
-               [Stream(2, 7, -3, [[(1 << 24) - 1, 0, 0]]) if s.attribute == 2 else s
-                for s in float_streams(3, 0, 1)], 3)])])]))
-    for name, attribute, about, value in (
-            ("not_a_number", 6, "a log-scale", float("nan")), ("sigma_0", 3, "a sigma of 0", 0.0),
-            ("radius_below_0", 4, "a radius of -1", -1.0)):
-        streams = float_streams(3, 0, 1)
-        streams[attribute - 1].v[0][1] = bits_of(value)
-        must_fail(name, "6.4", about, plain(body=Body(streams, 3)))
+def table_with(f, z):
+    """Returns the bits of a table of the frequencies f up to z - 1, which the encoder takes as those of z."""
+    whole = dict(f)
+    whole[z] = 1
+    return table_bytes(whole)[1:]
+
+
+def rows():
+    for name, clause, about, row in (
+            ("unknown_mapping", "6.2", "mapping 9", dict(mapping=9)), ("unknown_mapping_255", "6.2", "mapping 255", dict(mapping=255)),
+            ("unknown_prediction", "6.2", "prediction 4", dict(prediction=4)), ("unknown_coder", "6.2", "coder 3", dict(coder=3)),
+            ("row_of_4_bytes", "6.2", "a row that ends before its coder", dict(length=4)),
+            ("row_of_5_bytes", "6.2", "a row that ends with its coder", dict(length=5)),
+            ("row_cut_in_fields", "6.2", "a row that ends within its fields", dict(length=10)),
+            ("row_cut_in_bits", "6.2", "a row that ends within its digits", dict(length=14)),
+            ("row_cut_in_origin", "6.2", "a row that ends within its origin", dict(origin=(1.0,), length=17)),
+            ("row_beyond_the_layout", "6.5", "a row longer than the remaining bytes", dict(length=65535)),
+            ("multiplier_3_of_floats", "8.5", "mapping 0 with m = 3", dict(m=3)),
+            ("prediction_1_of_floats", "8.5", "mapping 0 with prediction 1", dict(prediction=1)),
+            ("exponent_of_floats_below_0", "8.5", "mapping 0 with e = -1", dict(e=-1)),
+            ("exponent_21_of_floats", "8.5", "mapping 0 with e = 21", dict(e=21)),
+            ("origin_of_floats", "8.5", "mapping 0 with an origin of 2^-101", dict(origin=(2.0 ** -101,))),
+            ("multiplier_0", "8.5", "m = 0", dict(mapping=1, m=0)), ("multiplier_2", "8.5", "m = 2", dict(mapping=1, m=2)),
+            ("exponent_minus_101", "8.5", "e = -101", dict(mapping=1, e=-101)), ("exponent_101", "8.5", "e = 101", dict(mapping=1, e=101)),
+            ("origin_too_small", "8.5", "an origin below 2^-100", dict(mapping=1, origin=(2.0 ** -100 * (1 - 2.0 ** -24),))),
+            ("origin_too_great", "8.5", "an origin above 2^100", dict(mapping=1, origin=(-2.0 ** 100 * (1 + 2.0 ** -23),))),
+            ("origin_not_a_number", "8.5", "an origin that is not a number", dict(mapping=1, origin=(0.0, NAN))),
+            ("origin_infinite", "8.5", "an infinite third number of the origin", dict(mapping=1, origin=(0.0, 0.0, float("inf")))),
+            ("origin_of_4", "6.2", "an origin of 4 numbers", dict(mapping=1, origin=(1.0,) * 4)),
+            ("mapping_4_of_opacity", "8.5", "an opacity with mapping 4", dict(mapping=4, e=-4)),
+            ("mapping_2_of_opacity", "8.5", "an opacity with mapping 2", dict(mapping=2, origin=(1.0,))),
+            ("mapping_8_of_opacity", "8.5", "an opacity with mapping 8", dict(mapping=8)),
+            ("low_without_morton", "6.2", "low = 4 with prediction 0", dict(mapping=1, low=4)),
+            ("morton_of_opacity", "8.3", "an opacity with prediction 3", dict(mapping=1, prediction=3)),
+            ("joins_2", "6.2", "joins = 2", dict(joins=2)),
+            ("no_digits", "6.2", "0 digits", dict(bits=(), v=[[0] * 3])),
+            ("digits_9", "6.2", "9 digits", dict(bits=(1,) * 9, coder=RANS)),
+            ("digits_of_33_bits", "6.2", "5 digits of 8, 8, 8, 8 and 1 bits", dict(bits=(8, 8, 8, 8, 1), coder=RANS, v=[[0] * 3])),
+            ("digit_of_9_bits", "6.2", "a digit of 9 bits", dict(bits=(9,), coder=RANS, v=[[0] * 3])),
+            ("digit_of_0_bits", "6.2", "a digit of 0 bits", dict(bits=(8, 0), coder=RANS, v=[[0] * 3])),
+            ("bytes_of_4_bits", "8.1", "coder 0 with digits of 4 bits", dict(mapping=1, bits=(4, 4), v=[[0] * 3])),
+            ("planes_beyond_floats", "8.1", "81 planes for 80 bytes of floats", dict(bits=(7, 7, 7, 7, 4), coder=RANS, v=[[0] * 3]))):
+        must_fail(name, clause, about, changed(8, **row))
+    for name, attribute, row in (("linear_time", 2, dict(mapping=1)), ("linear_sigma", 3, dict(mapping=1)),
+                                 ("linear_velocity", 5, dict(mapping=1)), ("linear_rotation", 7, dict(mapping=1)),
+                                 ("truncated_time", 2, dict(mapping=2, origin=(1.0,))), ("displacement_of_position", 1, dict(mapping=3)),
+                                 ("colour_of_position", 1, dict(mapping=5)), ("time_of_sigma", 3, dict(mapping=7)),
+                                 ("rotation_of_velocity", 5, dict(mapping=6, e=-4, v=[[0] * 3] * 3))):
+        must_fail(name, "8.5", f"attribute {attribute} with mapping {row['mapping']}", changed(attribute, **row))
+    for name, about, row in (("truncated_from_0", "mapping 2 without an origin", dict(mapping=2, e=20)),
+                             ("truncated_below_0", "mapping 2 from an origin of -1", dict(mapping=2, e=20, origin=(-1.0,))),
+                             ("truncated_e_24", "mapping 2 with e = 24", dict(mapping=2, e=24, origin=(1.0,))),
+                             ("truncated_e_minus_1", "mapping 2 with e = -1", dict(mapping=2, e=-1, origin=(1.0,)))):
+        must_fail(name, "8.5", about, changed(3, **row))
+    for mapping in (4, 6):
+        for e in (0, -15):
+            scale = Stream(6, 1, -3, [[1, 2, 3]] * 3)
+            must_fail(f"mapping_{mapping}_e_{-e}", "8.5", f"mapping {mapping} with e = {e}",
+                      replaced(Stream(7, mapping, e, [[0] * 3] * 3), scale))
+    for name, about, scale in (("floats", "log-scales with mapping 0", None),
+                               ("origins", "log-scales with different origins", Stream(6, 1, -3, [[1, 2, 3]] * 3, origin=(1.0, 1.0, 2.0))),
+                               ("two_origins", "log-scales with an origin of two numbers", Stream(6, 1, -3, [[1, 2, 3]] * 3, origin=(1.0, 1.0)))):
+        must_fail(f"shaped_with_{name}", "8.8", f"mapping 6 and {about}", replaced(
+            Stream(7, 6, -9, [[0] * 3] * 3), *([scale] if scale else [])))
+    low = [[0] * 3] * 4
+    must_fail("morton_low_15", "8.4", "15 low bits", replaced(Stream(1, 1, -10, low, 3, RANS, (8,), low=15)))
+    must_fail("morton_low_4_in_bytes", "8.1", "coder 0 with 4 low bits", replaced(Stream(1, 1, -10, low, 3, bits=(8,), low=4)))
+    must_fail("morton_of_floats", "8.3", "positions with mapping 0 and prediction 3", replaced(Stream(1, 0, 0, low[:1], 3)))
+    must_fail("morton_of_scales", "8.3", "log-scales with prediction 3", replaced(Stream(6, 1, 0, low[:1], 3)))
+    for name, degree in (("e_1", dict(e=1)), ("m_3", dict(m=3)), ("prediction_1", dict(prediction=1)), ("mapping_0", dict(mapping=0)),
+                         ("mapping_1", dict(mapping=1)), ("e_minus_1", dict(e=-1))):
+        must_fail(f"sh_degree_{name}", "8.5", f"sh_degree with {name.replace('_', ' ')}", changed(10, degree=1, **degree))
+    must_fail("mapping_5_of_sh_degree", "8.5", "sh_degree with mapping 5", changed(10, degree=1, mapping=5))
+
+
+def joins():
+    def of(degree=1, **numbers):
+        streams = coded_streams(6, degree, 7)
+        for s in streams:
+            s.joins = numbers.get(f"a{s.attribute}", 0)
+        return File([Run([Segment(-1, 0, [own_body(streams, 6)])])], Meta(degree=degree))
+
+    must_fail("joins_nothing", "6.5", "the first row joins", of(a1=1))
+    must_fail("joins_2_coded", "6.2", "joins = 2 of a coded stream", of(a3=2))
+    must_fail("sh1_joins", "6.5", "sh1 joins", of(a11=1))
+    must_fail("sh2_joins", "6.5", "sh2 joins sh1", of(2, a12=1))
+    must_fail("sh3_joins", "6.5", "sh3 joins sh2", of(3, a13=1))
+    streams = coded_streams(6, 0, 7)
+    streams[1] = Stream(2, 7, -3, [[20, 21, 22, 23, 24, 25]], bits=(8,))
+    streams[2].joins = 1
+    must_fail("joins_bytes", "6.5", "a stream joins one that is not coded", plain(body=own_body(streams, 6), meta=Meta()))
+    streams = coded_streams(6, 0, 7)
+    streams[1] = Stream(2, 7, -3, [[20, 21, 22, 23, 24, 25]], bits=(8,), joins=1)
+    must_fail("bytes_join", "6.5", "a stream of bytes joins", plain(body=own_body(streams, 6), meta=Meta()))
+    streams = coded_streams(6, 0, 7)
+    streams[2].joins = 1
+    streams.insert(2, Stream(0x8001, 0, 0, [[]], stored=b"any"))
+    must_fail("joins_optional", "6.5", "a stream joins an optional one", plain(body=own_body(streams, 6), meta=Meta()))
+
+
+def attributes():
     streams = float_streams(3, 0, 1)
-    for row in streams[6].v:
-        row[2] = 0
-    must_fail("quaternion_0", "6.4", "a quaternion of length 0", plain(body=Body(streams, 3)))
-    must_fail("importance_size", "5.11", "one importance too few",
-           plain(tail=record(b"IMPO", struct.pack("<2f", 1, 1), 0)))
-    must_fail("importance_below_0", "5.11", "an importance of -1",
-           plain(tail=record(b"IMPO", struct.pack("<3f", 1, 1, -1), 0)))
+    for name, about, changed_streams in (
+            ("missing", "no radius", streams[:3] + streams[4:]), ("out_of_order", "time before position",
+             [streams[1], streams[0]] + streams[2:]), ("twice", "two opacities", streams[:8] + streams[7:]),
+            ("none", "no rows", []), ("last_missing", "no sh0", streams[:8])):
+        must_fail(f"attribute_{name}", "6.3", about, plain(body=Body(changed_streams, 3), meta=Meta(profile=0)))
+    for number in (0, 14, 16, 0x7FFF):
+        must_fail(f"attribute_{number}", "6.2", f"attribute {number}", plain(body=Body(
+            streams + [Stream(number, 0, 0, [[0, 0, 0]])], 3), meta=Meta(profile=0)))
+    degree_1 = float_streams(3, 1, 1)
+    must_fail("sh_of_another_degree", "6.3", "SH of degree 1 in a file of degree 0", plain(
+        body=Body(degree_1, 3, degrees=[]), meta=Meta(profile=0)))
+    must_fail("sh_nowhere", "6.3", "SH neither in the record nor apart", plain(
+        body=Body(float_streams(3, 1, 1, which="base"), 3), degree=1))
+    must_fail("sh_degree_missing", "6.3", "no sh_degree", plain(body=Body(streams + degree_1[10:], 3), degree=1))
+    must_fail("sh2_missing", "6.3", "no sh2 in a file of degree 2", plain(body=Body(degree_1, 3, degrees=[3, 3]), degree=2))
+    both = Segment(-1, 0, [Body(degree_1, 3)], [Body(float_streams(3, 1, 1, which="rest"), 3)])
+    must_fail("sh_twice", "6.3", "SH in both records", File([Run([both])], Meta(profile=0, degree=1)))
+    rest = float_streams(3, 1, 1, which="rest")
+    for name, about, wrong in (("all", "all attributes in the record of content 1", degree_1), ("cut", "sh_degree alone", rest[:1]),
+                               ("unknown", "an unknown mapping", [rest[0], Stream(11, 9, 0, rest[1].v)])):
+        must_fail(f"sh_apart_{name}", "6.2" if name == "unknown" else "6.3", about + ": the other attributes are decoded", File(
+            [Run([separate_sh(rest=wrong)])], Meta(profile=0, degree=1)))
+    for name, degrees, values, clause in (("counts_ascend", [2, 3, 0], None, "6.5"), ("more_than_n", [4, 3, 3], None, "6.5"),
+                                          ("counts_ascend_last", [3, 1, 2], None, "6.5"),
+                                          ("other_counts", None, [3, 3, 2], "6.3"), ("degree_4", None, [3, 3, 4], "8.5"),
+                                          ("other_counts_of_1", None, [3, 3, 0], "6.3"), ("other_counts_of_2", None, [3, 1, 3], "6.3")):
+        wrong = float_streams(3, 3, 1)
+        if values:
+            wrong[9].v = [values]
+        must_fail(f"sh_{name}", clause, f"n_1 to n_D are {degrees or [3, 3, 3]}, the degrees {values or [3, 3, 3]}",
+                  plain(body=Body(wrong, 3, degrees=degrees), degree=3))
+    negative = float_streams(3, 1, 1)
+    negative[9] = Stream(10, 8, 0, [[1, 1, 0xFFFFFFFF]])
+    negative[10].v = [row[:2] for row in negative[10].v]
+    must_fail("sh_degree_below_0", "8.5", "a degree of -1", plain(body=Body(negative, 3, degrees=[2]), degree=1))
+    above = float_streams(3, 1, 1)
+    above[9].v = [[1, 1, 2]]
+    must_fail("sh_degree_above_d", "8.5", "a degree of 2 in a file of degree 1", plain(body=Body(above, 3), degree=1))
+    must_fail("lossless_mapping", "11.1", "mapping 1 in a lossless file", replaced(
+        Stream(8, 1, -2, [[0, 1, 2]]), meta=Meta(profile=0)))
+    must_fail("lossless_exponent", "11.1", "mapping 0 with e = 1 in a lossless file", replaced(
+        Stream(8, 0, 1, [[0, 1, 2]]), meta=Meta(profile=0)))
+    extra = Stream(0x8001, 1, 3, [[1, 2, 3]], 0, 0, stored=b"any")
+    vector("lossless_optional", "11.1", "an optional stream with mapping 1 in a lossless file",
+           plain(body=Body(streams + [extra], 3), meta=Meta(profile=0)))
 
 
-def broken_rans():
-    def opacity(stored_group=None):
-        streams = float_streams(3, 0, 1)
-        streams[7] = Stream(8, 1, 0, [[0, 1, 2]], 0, RANS, (2,))
-        return own_body(streams, 3, group=stored_group)
+def units():
+    streams = float_streams(3, 0, 1)
+    for name, sizes in (("beyond", {8: 37}), ("far_beyond", {0: (1 << 32) - 1})):
+        must_fail(f"unit_{name}", "6.5", "a unit is longer than the record", plain(body=Body(streams, 3, sizes=sizes)))
+    whole = Body(streams, 3).payload(-1, 0, 0)
+    must_fail("units_cut", "6.5", "the record ends within the sizes", plain(body=Cut(streams, 3, len(whole) - 36 * 4)))
+    for name, size in (("short", 11), ("long", 13)):
+        wrong = float_streams(3, 0, 1)
+        wrong[7].stored = bytes(size)
+        must_fail(f"unit_{name}", "6.4", f"{size} bytes for 4 planes of 3 bytes", plain(body=Body(wrong, 3)))
+    empty = coded_streams(3, 2, 3, degrees=[1, 0, 1])
+    empty[11].stored = b"\0"
+    must_fail("unit_of_no_symbols", "7.1", "a byte in a group of planes of no symbols", File(
+        [Run([Segment(-1, 0, [own_body(empty, 3)])])], Meta(degree=2)))
+    must_fail("unit_of_no_planes", "7.1", "four bytes in a group of no planes", replaced(
+        Stream(8, 1, -2, [[5, 5, 5]], 0, RANS, stored=bytes(4))))
+    zero = float_streams(3, 2, 3, degrees=[1, 0, 1])
+    zero[11].stored = b"\0"
+    must_fail("unit_of_no_bytes", "6.4", "a byte in a stream of no symbols", plain(body=Body(zero, 3), degree=2))
+    must_fail("first_key_cut", "6.5", "the record ends within its first key", plain(body=Cut(
+        [Stream(1, 1, 0, [[1]], 3, bits=(8,))] + float_streams(1, 0, 1)[1:], 1, first_key_end())))
 
-    good = opacity()
+
+def first_key_end():
+    streams = [Stream(1, 1, 0, [[1]], 3, bits=(8,))] + float_streams(1, 0, 1)[1:]
+    whole = Body(streams, 1).payload(-1, 0, 0)
+    units = sum(len(s.planes()) for s in streams)
+    return len(whole) - units - 4 * len(streams) - 1
+
+
+def tables():
+    streams = float_streams(3, 0, 1)
+    streams[7] = Stream(8, 1, 0, [[0, 1, 2]], 0, RANS, (2,))
+    good = own_body(streams, 3)
     table = table_bytes(good.tables[0])
-    valid = group([bytes([0, 1, 2])], [good.tables[0]], 3)
-    words, state = struct.unpack_from("<II", valid)
-    must_fail("group_cut", "A.6", "the last word is missing", plain(body=opacity(valid[:-2])))
-    must_fail("group_without_sizes", "A.6", "three bytes", plain(body=opacity(valid[:3])))
-    must_fail("state_too_low", "A.4", "a state of 65535",
-           plain(body=opacity(struct.pack("<II", words, 65535) + valid[8:])))
-    must_fail("word_left", "A.5", "one word more than is read",
-           plain(body=opacity(struct.pack("<II", words + 1, state) + valid[8:] + b"\0\0")))
-    constant = Stream(8, 1, -2, [[5, 5, 5]], 0, RANS)
-    for name, about, size, first in (("no_planes_state", "a state of 65537 in a group of no planes", 0, 65537),
-                                     ("no_planes_word", "a word in a group of no planes", 1, 65536)):
-        must_fail(name, "A.5", about, replaced(constant, group=struct.pack("<2I", size, first) + bytes(2 * size)))
-    must_fail("last_state", "A.5", "a block that ends with another state",
-           plain(body=opacity(struct.pack("<II", words, state + 4096) + valid[8:])))
-    must_fail("table_sum", "A.2", "frequencies that add up to more than 4096",
-           plain(body=Patched(good, table, bytes([2]) + b"\xff" * 6)))
-    must_fail("table_padding", "A.2", "a nonzero bit after a table", plain(
-        body=Patched(good, table, flipped(table, len(table) - 1, 128))))
-    streams = float_streams(3, 0, 1)
-    streams.append(Stream(0x8001, 0, 0, [[0, 0, 0]], 0, RANS, (8,)))
-    must_fail("optional_rans", "6.5", "an optional stream with coder rANS",
-           plain(body=own_body(streams, 3)))
+    for name, about, new in (("sum", "frequencies that add up to more than 4096", bytes([2]) + b"\xff" * 6),
+                             ("sum_of_4096", "frequencies before the last that add up to 4096", sum_of_4096()),
+                             ("padding", "a bit after a table", flipped(table, len(table) - 1, 128)),
+                             ("golomb", "more than 3 zeros with k = 9", bytes([2, 0xF0, 0xFF, 0xFF, 0xFF])),
+                             ("zeros", "a number that does not end", bytes([2]) + bytes(6)),
+                             ("passes", "a run of zeros that passes the greatest symbol", passes())):
+        must_fail(f"table_{name}", "7.2", about, plain(body=Patched(good, table, new)))
+    must_fail("table_cut", "7.2", "a record that ends within its table", plain(body=CutTable(good, 19)), clause_of="6.5")
     row = good.streams[7].row()
-    must_fail("table_not_there", "6.3", "table 1 of 1",
-              plain(body=Patched(good, row, row[:-2] + b"\1\0")))
+    must_fail("table_1_of_1", "6.2", "table 1 of 1", plain(body=Patched(good, row, row[:-2] + b"\1\0")))
+    must_fail("table_missing", "6.2", "a row that ends before the number of its table", plain(
+        body=Patched(good, row, struct.pack("<H", len(row) - 3) + row[2:-1])))
+    optional = float_streams(3, 0, 1) + [Stream(0x8001, 0, 0, [[0, 0, 0]], 0, RANS, (8,))]
+    must_fail("optional_rans", "6.2", "an optional stream with coder 1", plain(body=own_body(optional, 3)))
+
+
+class CutTable(Body):
+    def __init__(self, body, size):
+        super().__init__(**vars(body))
+        self.size = size
+
+    def payload(self, level, layer, slot):
+        return super().payload(level, layer, slot)[:self.size]
+
+
+def passes():
+    """Returns a table with z = 2: f[0] = 4096 - 512, then a run of zeros to symbol 3."""
+    return bytes([2]) + table_bytes({0: 3000, 4: 1096})[1:]
+
+
+def groups():
+    def opacity(unit=None, n=3):
+        streams = float_streams(n, 0, 1)
+        streams[7] = Stream(8, 1, 0, [[i % 3 for i in range(n)]], 0, RANS, (2,), stored=unit)
+        return plain(body=own_body(streams, n))
+
+    f = own_body([Stream(8, 1, 0, [[0, 1, 2]], 0, RANS, (2,))], 3).tables[0]
+    valid = group([bytes([0, 1, 2])], [f], 3)
+    state = struct.unpack_from("<I", valid)[0]
+    must_fail("group_empty", "7.3", "no bytes", opacity(b""))
+    must_fail("group_of_3_bytes", "7.3", "three bytes", opacity(valid[:3]))
+    must_fail("group_odd", "7.3", "an odd number of bytes", opacity(valid + b"\0"))
+    must_fail("state_65535", "7.3", "a state of 65535", opacity(struct.pack("<I", 65535) + valid[4:]))
+    must_fail("word_left", "7.4", "one word more than is read", opacity(valid + b"\0\0"))
+    must_fail("last_state", "7.4", "a block that ends with another state", opacity(struct.pack("<I", state + 4096) + valid[4:]))
+    symbols = bytes(i * i % 7 for i in range(300))
+    f7 = {0: 600, 1: 1200, 2: 1000, 4: 1296}
+    streams = float_streams(1, 0, 31)
+    for s in streams:
+        s.v, s.coder = [row * 300 for row in s.v], RANS
+    second = bytes(5 if i % 10 == 3 else 0 for i in range(300))
+    whole = group([symbols, second], [f7, {0: 3686, 5: 410}], 300)
+
+    def example(unit):
+        made = [s for s in streams]
+        made[7] = Stream(8, 1, -4, [[a + 256 * b for a, b in zip(symbols, second)]], 0, RANS, (8, 8), stored=unit)
+        body = own_body(made, 300)
+        for number, table in zip(made[7].tables, (f7, {0: 3686, 5: 410})):
+            body.tables[number] = table
+        return plain(body=body)
+
+    vector("group_example", "7.5", "the group of the example", example(whole))
+    must_fail("group_cut", "7.4", "the last word is missing", example(whole[:-2]))
+    must_fail("group_word_flipped", "7.4", "a flipped bit of the last word", example(flipped(whole, len(whole) - 1)))
+    x, words = encode_block([symbols, second], [f7, {0: 3686, 5: 410}], 2)
+    must_fail("group_lanes_swapped", "7.4", "the states of two lanes are exchanged", example(
+        struct.pack(f"<2I{len(words)}H", x[1], x[0], *words)))
+    blocks = bytes(i * i % 3 for i in range(8200))
+    table = {0: 2048, 1: 2048}
+    unit = group([blocks], [table], 8200)
+    big = float_streams(1, 0, 31)
+    for s in big:
+        s.v, s.coder = [row * 8200 for row in s.v], RANS
+
+    def two_blocks(unit):
+        made = [s for s in big]
+        made[7] = Stream(8, 1, -4, [list(blocks)], 0, RANS, (8,), stored=unit)
+        body = own_body(made, 8200)
+        body.tables[made[7].tables[0]] = table
+        return plain(body=body)
+
+    count = struct.unpack_from("<I", unit)[0]
+    for name, about, wrong in (("fewer_words", "the first block states a word less", struct.pack("<I", count - 1) + unit[4:]),
+                               ("more_words", "the first block states a word more", struct.pack("<I", count + 1) + unit[4:]),
+                               ("far_more_words", "the first block states 2^32 - 1 words", struct.pack("<I", (1 << 32) - 1) + unit[4:]),
+                               ("no_counts", "three bytes", unit[:3]), ("no_last_block", "the last block is missing", unit[:4 + 4 * 32 + 2 * count])):
+        must_fail(f"blocks_{name}", "7.4" if name in ("fewer_words",) else "7.3", about, two_blocks(wrong))

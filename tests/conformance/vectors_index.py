@@ -2,7 +2,7 @@
 """Valid indices: levels, parts, nodes, further records (5)."""
 import struct
 
-from vector_file import File, Link, Meta, Node, Run, Segment, copy_record
+from vector_file import File, Link, Meta, Node, PageCopy, Run, Segment, copy_record
 from vector_list import flipped, further, must_fail, must_report, private, vector
 from vector_records import Body, record
 from vector_scenes import coded_streams, float_streams, own_body
@@ -104,7 +104,7 @@ def with_copies(root, nodes):
     items = list(root.runs)
     for node in nodes:
         items += [node, *node.runs]
-    return items + [(node, "copy") for node in nodes]
+    return items + [PageCopy(node) for node in nodes]
 
 
 def pages():

@@ -1,0 +1,133 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Measures what the conformance vectors find: changes one thing at a time in the reference decoder, and decodes the
+vectors with each mutant until one result differs from the manifest.
+
+usage: mutate.py [--workers N] [--only TEXT] [--every N]
+
+Prints the share of mutants that are found and the others; those that change nothing (equivalent.txt) do not
+count. Exit code 1: less than 97 %, or a line of equivalent.txt that names no mutant that survives.
+"""
+import hashlib
+import json
+import os
+import resource
+import signal
+import sys
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+DECODER = os.path.join(HERE, "../../spec/reference_decoder")
+sys.dont_write_bytecode = True
+sys.path.insert(0, DECODER)
+
+from mutants import mutants  # noqa: E402
+
+SECONDS = 60          # for one mutant
+GOAL = 0.97
+
+
+def load_vectors():
+    with open(os.path.join(HERE, "manifest.json"), encoding="utf-8") as file:
+        entries = json.load(file)["vectors"]
+    vectors = []
+    for entry in entries:
+        with open(os.path.join(HERE, "vectors", entry["name"] + ".stgs"), "rb") as file:
+            vectors.append((entry, file.read()))
+    return sorted(vectors, key=lambda v: len(v[1]))
+
+
+def agrees(entry, data):
+    from container import Limits
+    from decode import describe
+    from expected_floats import expected_floats
+    out = describe(data, Limits(**entry.get("limits", {})))
+    return hashlib.sha256(out.text().encode()).hexdigest() == entry["decoded"] and \
+        [e.number for e in out.reports] == entry.get("reported", []) and \
+        [[part, e.number] for part, e in out.refused] == entry.get("refused", []) and \
+        ("floats" not in entry or expected_floats(out) == entry["floats"])
+
+
+def load_mutant(module, source):
+    """Imports the decoder with another source of one module."""
+    import importlib.util
+    spec = importlib.util.spec_from_loader(module, loader=None)
+    changed = importlib.util.module_from_spec(spec)
+    sys.modules[module] = changed
+    exec(compile(source, module, "exec"), changed.__dict__)
+
+
+def survives(module, source, vectors):
+    """Runs in a process of its own; returns whether no vector finds the mutant."""
+    resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
+    signal.alarm(SECONDS)
+    sys.setrecursionlimit(500)
+    try:
+        load_mutant(module, source)
+        return all(agrees(entry, data) for entry, data in vectors)
+    except Exception:  # a reader must not fail in any other way
+        return False
+
+
+def run(found, vectors, workers):
+    """Returns the keys of the surviving mutants."""
+    left, running, survivors = list(reversed(found)), {}, []
+    while left or running:
+        while left and len(running) < workers:
+            key, module, source = left.pop()
+            process = os.fork()
+            if process == 0:
+                with open(os.devnull, "w", encoding="utf-8") as null:
+                    os.dup2(null.fileno(), 2)
+                os._exit(7 if survives(module, source, vectors) else 0)
+            running[process] = key
+        process, status = os.wait()
+        key = running.pop(process)
+        if os.waitstatus_to_exitcode(status) == 7:
+            survivors.append(key)
+    return survivors
+
+
+def equivalents():
+    """Returns {key: reason} of mutants that change nothing."""
+    out, keys = {}, []
+    with open(os.path.join(HERE, "equivalent.txt"), encoding="utf-8") as file:
+        for line in file.read().splitlines():
+            if line.startswith("    "):
+                out.update({key: line.strip() for key in keys})
+                keys = []
+            elif line and not line.startswith("#"):
+                keys.append(line)
+    return out
+
+
+def main(arguments):
+    workers, only, every = 2, "", 1
+    while arguments:
+        argument = arguments.pop(0)
+        if argument == "--workers" and arguments:
+            workers = int(arguments.pop(0))
+        elif argument == "--only" and arguments:
+            only = arguments.pop(0)
+        elif argument == "--every" and arguments:
+            every = int(arguments.pop(0))
+        else:
+            sys.exit(__doc__)
+    vectors = load_vectors()
+    found = [m for m in mutants(DECODER) if only in m[0]][::every]
+    known = equivalents()
+    survivors = run(found, vectors, workers)
+    counted = [m[0] for m in found if m[0] not in known]
+    missed = [key for key in survivors if key not in known]
+    for key in missed:
+        print("survives:", key)
+    wrong = [] if only or every > 1 else sorted(set(known) - set(survivors))
+    for key in wrong:
+        print("equivalent.txt names a mutant that does not survive:", key)
+    share = 1 - len(missed) / max(1, len(counted))
+    print(f"{len(found)} mutants, {len(found) - len(counted)} of them equivalent; {len(counted) - len(missed)} of "
+          f"{len(counted)} found: {100 * share:.1f} %")
+    sys.exit(1 if share < GOAL or wrong else 0)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
