@@ -69,6 +69,16 @@ struct SegmentRecords {
 bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
                   bool with_sh, SegmentRecords& records, Findings& findings);
 
+// Timed data of a private content (spec 5.7).
+struct FurtherRecord {
+  TickRange times;   // closed; ticks from the beginning of the part
+  std::string type;  // of the data: a media type or a private name
+  std::vector<std::uint8_t> data;
+};
+// Reads and checks a further record. Data of reserved contents is not interpreted.
+bool read_further(const ByteSource& source, const FileHead& head, const FurtherEntry& further,
+                  FurtherRecord& out, Findings& findings);
+
 // Converts the records for a decoder on another device.
 bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                   CodedSegment& out, Findings& findings);

@@ -3,16 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
-#include <numeric>
 
-#include "codec/values.h"
 #include "container/segment.h"
 #include "container/segment_times.h"
+#include "scene/importance.h"
 
 namespace stgs {
 namespace {
-
-using N = IssueNumber;
 
 std::vector<SegmentInfo> segments_from(const FileHead& head) {
   std::vector<SegmentInfo> out;
@@ -115,107 +112,6 @@ struct SceneReader::State {
       return Status(code_of(e),
                     fmt::format("{}: segment {}: {}", source->name(), segment, e.what()));
     }
-  }
-
-  // Records for packing follow the last segment of a lossless scene (spec 11.9), in the order of
-  // the file. Returns them in the order of the segments.
-  Result<std::vector<float>> importance() const {
-    STGS_ASSIGN(const FoundRecord found, find_record(kImportanceTag));
-    if (!found.exists) return std::vector<float>();
-    Findings findings;
-    const std::vector<float> values =
-        parse_importance(found.payload, head.index.primitives, found.at, findings);
-    if (!findings.ok()) return findings.status(source->name());
-    if (head.listed_primitives != head.index.primitives) {
-      return invalid_file("{}: importances of segments that are not listed cannot be assigned",
-                          source->name());
-    }
-    return in_segment_order(values);
-  }
-
-  std::vector<float> in_segment_order(const std::vector<float>& in_file_order) const {
-    const std::vector<SegmentEntry>& all = head.index.segments;
-    std::vector<std::uint32_t> order(all.size());
-    std::iota(order.begin(), order.end(), 0u);
-    std::sort(order.begin(), order.end(), [&all](std::uint32_t a, std::uint32_t b) {
-      return all[a].base.offset < all[b].base.offset;
-    });
-    std::vector<std::size_t> first(all.size() + 1);
-    for (std::size_t s = 0; s < all.size(); ++s) first[s + 1] = first[s] + all[s].base.primitives;
-    std::vector<float> out(in_file_order.size());
-    auto from = in_file_order.begin();
-    for (const std::uint32_t s : order) {
-      std::copy_n(from, all[s].base.primitives,
-                  out.begin() + static_cast<std::ptrdiff_t>(first[s]));
-      from += all[s].base.primitives;
-    }
-    return out;
-  }
-
-  struct FoundRecord {
-    bool exists = false;
-    std::uint64_t at = 0;
-    std::vector<std::uint8_t> payload;
-  };
-
-  // Reads the first record with a tag, and flags 0, after the last segment.
-  Result<FoundRecord> find_record(std::uint32_t tag) const {
-    FoundRecord found;
-    std::uint64_t at = head.header.head_bytes;
-    for (const SegmentEntry& segment : head.index.segments) {
-      for (const IndexEntry* entry : {&segment.base, &segment.sh}) {
-        at = std::max(at, entry->offset + entry->bytes);
-      }
-    }
-    Findings findings;
-    while (at < head.header.file_bytes && findings.ok()) {
-      const std::optional<RecordHeader> record = read_header(at, findings);
-      if (!record) break;
-      if (record->tag == tag && record->flags == 0) {
-        found.exists = true;
-        found.at = at;
-        read_payload(at, *record, found.payload, findings);
-        break;
-      }
-      at += kRecordHeaderBytes + record->length;
-    }
-    if (!findings.ok()) return findings.status(source->name());
-    return found;
-  }
-
-  // Returns whether bytes before the stated end of the file are available.
-  bool is_available(std::uint64_t at, std::uint64_t bytes, Findings& findings) const {
-    const std::uint64_t needed = std::min(bytes, head.header.file_bytes - at);
-    if (at <= head.available_bytes && needed <= head.available_bytes - at) return true;
-    findings.error(N::kFileSize, at, "the file is truncated after its segments");
-    return false;
-  }
-
-  std::optional<RecordHeader> read_header(std::uint64_t at, Findings& findings) const {
-    if (!is_available(at, kRecordHeaderBytes, findings)) return {};
-    std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, head.header.file_bytes - at));
-    if (Status status = source->read(at, bytes); !status.ok()) {
-      findings.failed_read(at, status);
-      return {};
-    }
-    RecordHeader record;
-    if (!parse_record_header(bytes, at, head.header.file_bytes, record, findings)) return {};
-    return record;
-  }
-
-  void read_payload(std::uint64_t at, const RecordHeader& record, std::vector<std::uint8_t>& bytes,
-                    Findings& findings) const {
-    if (!is_available(at + kRecordHeaderBytes, record.length, findings)) return;
-    if (record.length > limits.max_memory) {
-      return findings.unsupported(N::kMemoryLimit, at,
-                                  "record '{}' of {} bytes exceeds the memory limit of {} bytes",
-                                  tag_text(record.tag), record.length, limits.max_memory);
-    }
-    bytes.resize(record.length);
-    if (Status status = source->read(at + kRecordHeaderBytes, bytes); !status.ok()) {
-      return findings.failed_read(at, status);
-    }
-    (void)check_payload(record, bytes, at + kRecordHeaderBytes, findings);
   }
 
   std::unique_ptr<ByteSource> source;
@@ -356,7 +252,7 @@ std::span<const RansLookup> SceneReader::tables() const {
 }
 
 Result<std::vector<float>> SceneReader::importance() const {
-  return state_->importance();
+  return read_importance(*state_->source, state_->head);
 }
 
 const std::optional<Quantisation>& SceneReader::quantisation() const {
@@ -400,10 +296,6 @@ const char* profile_name(Profile profile) {
 
 Result<Gaussians4D> SceneReader::decode_intact(std::uint32_t segment, Status& sh_status) const {
   sh_status = {};
-  if (segment < segments().size() && !segments()[segment].sh_available) {
-    sh_status = invalid_file("segment {}: SH are missing, the file is truncated", segment);
-    return decode(segment, false);
-  }
   Result<Gaussians4D> complete = decode(segment, true);
   const StatusCode code = complete.status().code();
   const bool is_damage = code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported;

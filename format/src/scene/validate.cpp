@@ -166,45 +166,11 @@ void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
   if (head.growing() && !head.closed) walk_tail(source, head, head.header.file_bytes, findings);
 }
 
-// Checks that timed data states its times and lies in a segment that contains them (spec 5.7).
-void check_timed(ByteReader& in, const FurtherEntry& record, const FileHead& head,
-                 Findings& findings) {
-  if (content_of(record.entry.layer) < kFirstPrivateContent) return;
-  const double begin = in.f64(), end = in.f64();
-  const TickRange interval = interval_of(head, record.entry, record.part);
-  if (in.ok() && interval.begin <= begin && begin <= end && end <= interval.end) return;
-  findings.error(
-      N::kTimedData, record.entry.offset,
-      "timed data is truncated or outside its segment (ticks {} to {}, segment {} to {})", begin,
-      end, interval.begin, interval.end);
-}
-
-// Checks that records of unknown content match the index (spec 5.7).
+// Checks records of unknown content, as far as they are available (spec 5.7).
 void check_further(const ByteSource& source, const FileHead& head, Findings& findings) {
   for (const FurtherEntry& further : head.index.further) {
-    const IndexEntry& entry = further.entry;
-    constexpr std::uint64_t kBytes = kRecordHeaderBytes + 8 + 2 * 8;
-    if (!head.has(entry)) continue;  // truncated: already reported
-    std::vector<std::uint8_t> bytes(std::min(entry.bytes, kBytes));
-    if (Status status = source.read(entry.offset, bytes); !status.ok()) {
-      findings.failed_read(entry.offset, status);
-      continue;
-    }
-    RecordHeader record;
-    if (!parse_record_header(bytes, entry.offset, entry.offset + entry.bytes, record, findings)) {
-      continue;
-    }
-    ByteReader in{std::span<const std::uint8_t>(bytes).subspan(kRecordHeaderBytes)};
-    const auto level = static_cast<std::int16_t>(in.u16());
-    const std::uint16_t layer = in.u16();
-    const std::uint32_t slot = in.u32();
-    if (in.ok() && record.tag == kSegmentTag && level == entry.level && layer == entry.layer &&
-        slot == entry.slot) {
-      check_timed(in, further, head, findings);
-      continue;
-    }
-    findings.error(N::kSegmentMismatch, entry.offset,
-                   "record of content {} does not match its index entry", content_of(entry.layer));
+    FurtherRecord record;
+    if (head.has(further.entry)) (void)read_further(source, head, further, record, findings);
   }
 }
 
