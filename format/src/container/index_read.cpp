@@ -156,6 +156,7 @@ class NodeReader {
       return false;
     }
     last_ = base;
+    ++run.count;
     const std::uint64_t tiers = shape >> 2;
     if (tiers > kMaxTiers || (tiers == 0 && (shape & 3) != kHasFurther)) {
       findings_.error(N::kIndexLayout, at,
@@ -170,7 +171,7 @@ class NodeReader {
           !take_entry(at)) {
         return false;
       }
-      run.segments.push_back({base, {}, 0});
+      run.segments.push_back({base, {}, 0, run.count - 1});
     }
     for (std::size_t i = first; (shape & kSeparateSh) != 0 && i < run.segments.size(); ++i) {
       SegmentEntry& tier = run.segments[i];
@@ -201,7 +202,7 @@ class NodeReader {
       last = layer;
       entry.primitives = 0;
       if (!take_record(entry, at) || !take_entry(at)) return false;
-      run.further.push_back({entry, 0});
+      run.further.push_back({entry, 0, run.count - 1});
     }
     return true;
   }
@@ -285,7 +286,8 @@ bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset, Fi
   const NodePlace place = {offset - kRecordHeaderBytes, offset, head.header.head_bytes,
                            head.header.file_bytes};
   IndexNode root;
-  return parse_node(in, place, head, root, findings) && add_node(root, offset, 0, head, findings);
+  return parse_node(in, place, head, root, findings) &&
+         add_node(root, 0, 0, head.walk.pending.end(), head, findings);
 }
 
 }  // namespace stgs

@@ -59,18 +59,29 @@ TickRange shown_of(const FileHead& head, const SegmentEntry& segment) {
   return shown_of(segment.base, head.parts[segment.part]);
 }
 
-TickRange needed_of(const IndexNode& node) {
+namespace {
+
+// Extends a closed range to contain another one.
+void extend(TickRange& all, const TickRange& range) {
+  if (range.begin > range.end) return;
+  all = {std::min(all.begin, range.begin), std::max(all.end, range.end)};
+}
+
+}  // namespace
+
+TickRange shown_in(const std::vector<IndexRun>& runs) {
   constexpr double kNever = std::numeric_limits<double>::infinity();
   TickRange all{kNever, -kNever};
-  const auto add = [&all](const TickRange& range) {
-    if (range.begin > range.end) return;
-    all = {std::min(all.begin, range.begin), std::max(all.end, range.end)};
-  };
-  for (const NodeLink& link : node.links) add(link.needed);
-  for (const IndexRun& run : node.runs) {
-    for (const SegmentEntry& segment : run.segments) add(shown_of(segment.base, run.part));
-    for (const FurtherEntry& further : run.further) add(shown_of(further.entry, run.part));
+  for (const IndexRun& run : runs) {
+    for (const SegmentEntry& segment : run.segments) extend(all, shown_of(segment.base, run.part));
+    for (const FurtherEntry& further : run.further) extend(all, shown_of(further.entry, run.part));
   }
+  return all;
+}
+
+TickRange needed_of(const IndexNode& node) {
+  TickRange all = shown_in(node.runs);
+  for (const NodeLink& link : node.links) extend(all, link.needed);
   return all.begin <= all.end ? all : TickRange{0, 0};
 }
 

@@ -33,10 +33,11 @@ bool parse_node(ByteReader& in, const NodePlace& place, const FileHead& head, In
                 Findings& findings);
 bool parse_links(ByteReader& in, const NodePlace& place, const FileHead& head,
                  std::vector<NodeLink>& links, Findings& findings);
-// Adds the segments of a node that `depth` links lead to, and its links as pending ones. `at`: of
-// the node in the file. Returns false if the caller's limits are exceeded.
-bool add_node(const IndexNode& node, std::uint64_t at, int depth, FileHead& head,
-              Findings& findings);
+// Adds the segments of a node that `depth` links lead to, and its links as pending ones before
+// `next`. `record`: offset of its record; 0 for INDX. Returns false if the caller's limits are
+// exceeded.
+bool add_node(const IndexNode& node, std::uint64_t record, int depth,
+              IndexWalk::Links::const_iterator next, FileHead& head, Findings& findings);
 // Reads the payload of INDX.
 bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset, FileHead& head,
                  Findings& findings);
