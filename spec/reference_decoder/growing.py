@@ -57,7 +57,6 @@ def last_before(data, end, head, limit):
             pass
         if limit < 0:
             break
-        at += 3  # finds tags that begin before this one
     return None
 
 

@@ -88,7 +88,7 @@ def open_head(data, fragment_head, reports):
     try:
         return intact_head(data)
     except Refused as error:
-        if error.number in (101, 104, 105, 107):
+        if error.number in (104, 105, 107):
             raise
         damage = error
     for find in (head_in_copy, lambda _: intact_head(fragment_head())):

@@ -20,10 +20,10 @@ class Link:  # 5.2
 
 @dataclass
 class Record:  # a SEGM record as the index lists it
-    offset: int
     bytes: int    # of its payload
     layer: int
     n: int = 0    # primitives, for contents 0 and 1
+    offset: int = 0
 
 
 @dataclass
@@ -132,16 +132,16 @@ def read_segment(fields, run, last_slot, at, end):  # 5.3
         n, size = fields.number(), fields.number()
         need(1 <= n < 1 << 32, "5.3", 305, f"a tier of {n} primitives")
         need(n <= size, "5.5", 305, f"{n} primitives in {size} bytes")
-        records.append(Record(0, size, i, n))
+        records.append(Record(size, i, n))
     for i in range(tiers * apart):
-        records.append(Record(0, fields.number(), 256 + i, records[i].n))
+        records.append(Record(fields.number(), 256 + i, records[i].n))
     count = count_of(fields) if more else 0
     need(count >= 1 or not more, "5.3", 300, "no further records")
     layer = 511
     for _ in range(count):
         before, layer = layer, fields.number()
         need(before < layer <= 65535, "5.6", 303, f"a further record of layer {layer}")
-        records.append(Record(0, fields.number(), layer))
+        records.append(Record(fields.number(), layer))
     for r in records:
         r.offset, at = at, at + RECORD + r.bytes
         need(at <= end, "5.3", 304, "a record outside the body")

@@ -94,8 +94,8 @@ def integers(row, q, before, segment, run, degree):
         exponents = [clamp(row.e + s, -14, -1) for s in shapes]
         need(all(r > 0 for r in squares(out, exponents)), "8.7", 407, "R is not above 0")
         out.exponents = exponents if row.mapping == 6 else []
-    if row.mapping == 7 and segment.level >= 0:
-        start = Fraction(segment.start, 1 << 21)  # slot * H
+    if row.mapping == 7:
+        start = Fraction(segment.start, 1 << 21)  # slot * H; 0 if the segment is persistent
         out.first = math.floor(start / (row.m * Fraction(2) ** row.e))
     return out
 

@@ -69,7 +69,7 @@ def survives(module, source, vectors):
 
 
 def run(found, vectors, workers):
-    """Returns the keys of the surviving mutants."""
+    """Returns the keys of the surviving mutants, and prints them."""
     left, running, survivors = list(reversed(found)), {}, []
     while left or running:
         while left and len(running) < workers:
@@ -84,6 +84,7 @@ def run(found, vectors, workers):
         key = running.pop(process)
         if os.waitstatus_to_exitcode(status) == 7:
             survivors.append(key)
+            print("survives:", key, flush=True)
     return survivors
 
 
@@ -118,8 +119,6 @@ def main(arguments):
     survivors = run(found, vectors, workers)
     counted = [m[0] for m in found if m[0] not in known]
     missed = [key for key in survivors if key not in known]
-    for key in missed:
-        print("survives:", key)
     wrong = [] if only or every > 1 else sorted(set(known) - set(survivors))
     for key in wrong:
         print("equivalent.txt names a mutant that does not survive:", key)

@@ -63,6 +63,10 @@ def metadata():
     turned = Meta(**{**camera, "size": (32768, 1), "rotation": (0.36, 0.48, -0.8, -0.8, 0.6, 0.0, 0.48, 0.64, 0.6),
                      "lens": (2.0 ** -20, 2.0 ** -20, -5, 0)})
     vector("start_camera_turned", "4.3", "rotated about all axes, the greatest width, the least height", plain(meta=turned))
+    for i, rotation in enumerate(((0, 1, 0, 0, 0, 1, 1, 0, 0), (0, 0, 1, 1, 0, 0, 0, 1, 0), (0, -1, 0, 1, 0, 0, 0, 0, 1),
+                                  (1, 0, 0, 0, 0, -1, 0, 1, 0), (0, 0, -1, 0, 1, 0, 1, 0, 0))):
+        vector(f"start_camera_turned_{i}", "4.3", "the axes of the camera are others of the world",
+               plain(meta=Meta(**{**camera, "rotation": rotation})))
     loose = Meta(**{**camera, "rotation": (1.00049, 0, 0, 0.0009, 1, 0, 0, 0, 1)})
     vector("start_camera_loose", "4.3", "R R' differs by less than 0.001 from the identity", plain(meta=loose))
     point = Meta(profile=0, minimum=(1, 2, 3), maximum=(1, 2, 3), time_base=(1, 1), frames=1)

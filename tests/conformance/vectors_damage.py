@@ -16,6 +16,11 @@ def head_of(data):
     return data[:struct.unpack_from("<I", data, 24)[0]]
 
 
+def with_head_bytes(head, head_bytes):
+    """Returns a head whose header states another head_bytes."""
+    return header(2, 0, 0, struct.unpack_from("<Q", head, 16)[0], head_bytes) + head[32:]
+
+
 def damage():
     headers()
     heads_from_copies()
@@ -111,6 +116,8 @@ def unusable_copies():
                 copy=lambda head: copy_record(flipped(head, META))).bytes(), META)),
             ("of_a_longer_head", "it contains a byte more than the head", flipped(plain(
                 copy=lambda head: copy_record(head + b"\0")).bytes(), META)),
+            ("of_a_shorter_head", "its header states more bytes than it contains", flipped(plain(
+                copy=lambda head: copy_record(with_head_bytes(head, len(head) + 1))).bytes(), META)),
             ("of_a_growing_head", "it contains the head of a recording", flipped(plain(
                 copy=lambda head: copy_record(growing([]))).bytes(), META)),
             ("elsewhere", "it is not the last record", flipped(complete + record(b"NOTE", b"late", 0), META))):

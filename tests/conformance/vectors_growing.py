@@ -42,6 +42,11 @@ def valid_growing():
            growing([Fragment([Run(recorded_run(0).segments, 0, 1 << 20)], frames=10), *recorded(3)[1:]]))
     vector("growing_newer_flags", "9.2", "flags of 16 and above are ignored",
            growing([*recorded(1), Fragment([recorded_run(1)], flags=0xFFFF0000)]))
+    vector("growing_newer_file_flags", "2.2", "a growing file with unknown flags of 16 and above",
+           growing(recorded(2), flags=0xFFFF0001))
+    importance = record(b"IMPO", struct.pack("<f", 1), 0)
+    vector("growing_importance", "9.1", "IMPO in a recording, which is not read", growing(
+        [*recorded(1), Fragment([], importance)]), validator=[120])
     vector("growing_longer", "9.2", "additions after the node", growing([*recorded(1), Fragment([recorded_run(1)], extra=b"later")]))
     vector("growing_closed", "9.2", "a closed recording", growing([*recorded(2), Fragment([], flags=1)]))
     vector("growing_bounds", "9.2", "the bounds and the total of the last fragment",
@@ -119,12 +124,26 @@ def last_fragments():
                 growing([*recorded(1), Fragment([], flags=1)], b"x"))
     vector("growing_more_frames_before", "9.2", "20 frames, then 15", growing(
         [*recorded(2), Fragment([recorded_run(2)], frames=15)]), validator=[313])
+    vector("fragment_of_seven_bytes_less", "9.2", "the size at the end of the last FRAG record begins in its node: the one "
+           "before is the last fragment", overlapping_size(), validator=[314])
     # A valid fragment within the last one: the one that ends with the file is the last (9.4).
     probe = recording(recorded(1))
     probe.add(Fragment([recorded_run(1)], extra=b"12345678"))
     within = probe.out.rindex(b"12345678") - 8
     vector("fragment_within_a_fragment", "9.4", "a valid FRAG record within the additions of the last one",
            fragment_within(within))
+
+
+def overlapping_size():
+    """Returns a recording whose last FRAG record lacks the count of its runs: the first byte of its size, 0, takes its
+    place."""
+    for length in range(256):
+        made = recording(recorded(1), meta=Meta(profile=0, frames=1, generator="g" * length))
+        payload = struct.pack("<QII6f", len(made.out), 5, 0, *[0.0] * 6) + number(0)
+        payload += struct.pack("<I", len(made.head)) + made.head + b"\0\0"
+        if (len(payload) + 8) % 256 == 0:
+            return made.out + record(b"FRAG", payload + struct.pack("<Q", len(payload) + 8))
+    raise ValueError("no such length")
 
 
 def fragment_within(at):
