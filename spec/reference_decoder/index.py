@@ -99,7 +99,8 @@ def read_run(fields, body):  # 5.3
     times = [fields.f64() for _ in range(4)]
     begin, end, first, last = [ticks(v, 311) for v in times]
     chunk = ticks(fields.f64(), 301)
-    need(begin < end and end - begin <= 2.0 ** 32 * UNIT, "5.3", 311, "the length of a part")
+    # begin < end follows from the next two.
+    need(end - begin <= 2.0 ** 32 * UNIT, "5.3", 311, "the length of a part")
     need(max(begin, 0) <= first < last <= end, "5.3", 311, "the displayed interval of a part")
     need(chunk >= 1, "5.3", 301, f"a chunk of {chunk}")
     run = Run(part, begin, end, first, last, chunk)

@@ -9,7 +9,7 @@ COMPONENTS = {1: 3, 2: 1, 3: 1, 4: 1, 5: 3, 6: 3, 7: 4, 8: 1, 9: 3, 10: 1, 11: 9
 NAMES = {1: "position", 2: "time", 3: "sigma", 4: "radius", 5: "velocity", 6: "log_scale", 7: "rotation",
          8: "opacity", 9: "sh0", 10: "sh_degree", 11: "sh1", 12: "sh2", 13: "sh3"}
 OPTIONAL = 0x8000  # 6.2
-SIGMA, RADIUS, VELOCITY, LOG_SCALE, ROTATION, SH_DEGREE = 3, 4, 5, 6, 7, 10
+SIGMA, RADIUS, LOG_SCALE, SH_DEGREE = 3, 4, 6, 10
 SH = (9, 11, 12, 13)
 # The attributes of each mapping (8.5).
 MAPS = {0: (1, 2, 3, 4, 5, 6, 7, 8) + SH, 1: (1, 6, 8) + SH, 2: (3, 4), 3: (5,), 4: (7,), 5: SH, 6: (7,),
@@ -41,7 +41,7 @@ class Row:  # 6.2
         """Returns the bits of each digit of each component."""
         if self.prediction == MORTON:
             low = [8] * (self.low // 8) + [self.low % 8] * (self.low % 8 > 0)  # 8.4
-            return [self.bits] + [low] * (3 * (self.low > 0))
+            return [self.bits] + [low] * 3
         return [self.bits] * (3 if self.mapping in (4, 6) else COMPONENTS[self.attribute])
 
     def planes(self):
@@ -111,7 +111,7 @@ def read_layout(rows, tables):
 def read_row(f, tables):  # 6.2
     row = Row(f.u16(), f.u8(), f.u8(), f.u8())
     need(not row.optional() or row.coder != RANS, "6.2", 404, "an optional stream with coder 1")
-    if row.optional() or not row.known():
+    if not row.known():  # as are all optional ones
         return row
     row.joins, row.e, row.m, row.low = f.u8(), f.i8(), f.u8(), f.u8()
     d, o = f.u8(), f.u8()

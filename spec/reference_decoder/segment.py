@@ -20,7 +20,7 @@ class Memory:  # conformance.md 1.5
 def decode_tier(file, run, segment, tier):
     """Returns {attribute: Integers} of a tier, and the error that refuses its SH above degree 0, or
     None (10.1)."""
-    base, apart = segment.tiers[tier], bool(segment.sh)
+    base, apart = segment.tiers[tier], segment.sh != []
     need(file.meta.degree > 0 or not apart, "5.5", 402, "SH of degree 0 in a record of its own")
     memory = Memory(file.limits.max_memory)
     memory.take(4 * (17 + 3 * (file.meta.degree + 1) ** 2) * base.n)

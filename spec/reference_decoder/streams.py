@@ -68,7 +68,7 @@ def morton(row, v, key):  # 8.4
         need(key < 1 << 30, "8.4", 407, "a key of 2^30 or more")
         for c in range(3):
             h = sum((key >> (3 * j + c) & 1) << j for j in range(10))
-            out[c].append((h << row.low) + (v[1 + c][i] if row.low > 0 else 0))
+            out[c].append((h << row.low) + v[1 + c][i])
     return out
 
 

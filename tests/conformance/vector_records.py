@@ -76,8 +76,9 @@ def table_for(planes):
     return f
 
 
-def encode_block(planes, tables, lanes):
-    """Returns the states and the words of a block (11.10)."""
+def encode_block(planes, tables, lanes, early=None):
+    """Returns the states and the words of a block (11.10). The lane `early` puts a word before its first symbol even
+    if it need not, which leaves its state below 65536."""
     x, words = [65536] * lanes, []
     for plane, f in reversed(list(zip(planes, tables))):
         start, total = {}, 0
@@ -85,7 +86,7 @@ def encode_block(planes, tables, lanes):
             start[s], total = total, total + f[s]
         for i in reversed(range(len(plane))):
             s, lane = plane[i], i % lanes
-            if x[lane] >= f[s] << 20:
+            if x[lane] >= f[s] << 20 or (i == early and plane is planes[0]):
                 words.append(x[lane] & 65535)
                 x[lane] >>= 16
             x[lane] = 4096 * (x[lane] // f[s]) + x[lane] % f[s] + start[s]

@@ -27,6 +27,9 @@ def tags_and_flags():
                       plain(record_flags={tag: flags}, layouts=layouts))
         must_fail(f"{tag.decode().lower()}_flags_3", "3.4", f"{tag.decode()} with flags 3",
                   plain(record_flags={tag: 3}, layouts=layouts))
+    must_fail("meta_flags_3_damaged", "10.2", "META with flags 3 and a damaged payload", flipped(
+        plain(record_flags={b"META": 3}).bytes(), 60), clause_of="3.1")
+    must_fail("unknown_flags_3", "3.4", "a record of an unknown tag with flags 3", plain(last_records=record(b"NEWS", b"", 3)))
     must_fail("unknown_flag_31", "3.4", "INDX with flag bit 31", plain(record_flags={b"INDX": 1 << 31 | 1}))
     for tag in (b"SEGM", b"FRAG", b"PAGE"):
         for flags, clause in ((0, "3.3"), (1, "3.4")):

@@ -34,6 +34,11 @@ def fields():
     must_fail("segment_tag", "5.3", "a record of another tag", with_segment(tag=b"SEGN"))
     for name, stated in (("level", (0, 0)), ("slot", (-1, 1))):
         must_fail(f"segment_states_another_{name}", "6.5", f"the record states another {name}", with_segment(stated=stated))
+    short = with_segment(more=1)
+    short.tail = b"\0"
+    must_fail("segment_shorter", "5.3", "the index lists a byte more than the record has", short)
+    long = with_segment(more=-1)
+    must_fail("segment_longer", "5.3", "the index lists a byte less than the record has", long, clause_of="3.2")
     must_fail("segment_states_another_tier", "6.5", "the record of the second tier states the first", File(
         [Run([Segment(-1, 0, [Body(float_streams(1, 0, 3), 1), FirstTier(float_streams(1, 0, 4), 1)])])], Meta(profile=0)))
     for n in (2, 4):
@@ -82,6 +87,10 @@ def layouts():
         must_fail(f"layt_cut_{name}", "6.1", f"LAYT of {len(data)} bytes", plain(layouts=data))
     must_fail("tables_1025", "6.1", "1025 tables", plain(layouts=struct.pack("<H", 1025) + bytes(1025) + struct.pack("<H", 0)))
     vector("tables_1024", "6.1", "1024 tables", plain(layouts=struct.pack("<H", 1024) + bytes(1024) + struct.pack("<H", 0)))
+    vector("layouts_65534", "6.1", "65534 layouts, the last of which is used", plain(body=Body(streams, 3, layout=65533), layouts=
+           struct.pack("<HH", 0, 65534) + bytes(65533) + b"\x09" + b"".join(s.row() for s in streams)))
+    layt = layouts_payload([{0: 4096}], [streams[:7] + [Stream(8, 1, 0, [[0]], 0, RANS, (2,), tables=[1])] + streams[8:]])
+    must_fail("layt_table_1_of_1", "6.2", "a layout of LAYT with table 1 of 1", plain(body=Body(streams, 3, layout=0), layouts=layt))
     must_fail("layouts_65535", "6.1", "65535 layouts", plain(layouts=struct.pack("<HH", 0, 65535) + bytes(65535)))
     coded = float_streams(3, 0, 1)
     coded[7] = Stream(8, 1, 0, [[0, 1, 2]], 0, RANS, (2,))
@@ -133,8 +142,6 @@ def rows():
             ("morton_of_opacity", "8.3", "an opacity with prediction 3", dict(mapping=1, prediction=3)),
             ("joins_2", "6.2", "joins = 2", dict(joins=2)),
             ("no_digits", "6.2", "0 digits", dict(bits=(), v=[[0] * 3])),
-            ("digits_9", "6.2", "9 digits", dict(bits=(1,) * 9, coder=RANS)),
-            ("digits_of_33_bits", "6.2", "5 digits of 8, 8, 8, 8 and 1 bits", dict(bits=(8, 8, 8, 8, 1), coder=RANS, v=[[0] * 3])),
             ("digit_of_9_bits", "6.2", "a digit of 9 bits", dict(bits=(9,), coder=RANS, v=[[0] * 3])),
             ("digit_of_0_bits", "6.2", "a digit of 0 bits", dict(bits=(8, 0), coder=RANS, v=[[0] * 3])),
             ("bytes_of_4_bits", "8.1", "coder 0 with digits of 4 bits", dict(mapping=1, bits=(4, 4), v=[[0] * 3])),
@@ -161,6 +168,10 @@ def rows():
                                ("two_origins", "log-scales with an origin of two numbers", Stream(6, 1, -3, [[1, 2, 3]] * 3, origin=(1.0, 1.0)))):
         must_fail(f"shaped_with_{name}", "8.8", f"mapping 6 and {about}", replaced(
             Stream(7, 6, -9, [[0] * 3] * 3), *([scale] if scale else [])))
+    for name, bits in (("digits_9", (1,) * 9), ("digits_of_33_bits", (8, 8, 8, 8, 1))):
+        many = coded_streams(3, 0, 2)
+        many[7] = Stream(8, 1, -20, [[0, 0, 0]], 0, RANS, bits)
+        must_fail(name, "6.2", f"digits of {bits} bits", plain(body=own_body(many, 3), meta=Meta()))
     low = [[0] * 3] * 4
     must_fail("morton_low_15", "8.4", "15 low bits", replaced(Stream(1, 1, -10, low, 3, RANS, (8,), low=15)))
     must_fail("morton_low_4_in_bytes", "8.1", "coder 0 with 4 low bits", replaced(Stream(1, 1, -10, low, 3, bits=(8,), low=4)))
@@ -184,6 +195,10 @@ def joins():
     must_fail("sh1_joins", "6.5", "sh1 joins", of(a11=1))
     must_fail("sh2_joins", "6.5", "sh2 joins sh1", of(2, a12=1))
     must_fail("sh3_joins", "6.5", "sh3 joins sh2", of(3, a13=1))
+    streams = coded_streams(6, 1, 7)
+    streams[9], streams[10] = streams[10], streams[9]
+    streams[10].joins = 1
+    must_fail("joins_after_sh1", "6.5", "sh_degree stands after sh1 and joins it", plain(body=own_body(streams, 6), degree=1))
     streams = coded_streams(6, 0, 7)
     streams[1] = Stream(2, 7, -3, [[20, 21, 22, 23, 24, 25]], bits=(8,))
     streams[2].joins = 1
@@ -311,6 +326,14 @@ def passes():
     return bytes([2]) + table_bytes({0: 3000, 4: 1096})[1:]
 
 
+def with_tables(opacity, table, n):
+    """Returns a record with this opacity, whose plane has this table."""
+    streams = float_streams(n, 0, 1)
+    streams[7] = opacity
+    opacity.tables = [0]
+    return plain(body=Body(streams, n, tables=[table]), meta=Meta())
+
+
 def groups():
     def opacity(unit=None, n=3):
         streams = float_streams(n, 0, 1)
@@ -324,6 +347,10 @@ def groups():
     must_fail("group_of_3_bytes", "7.3", "three bytes", opacity(valid[:3]))
     must_fail("group_odd", "7.3", "an odd number of bytes", opacity(valid + b"\0"))
     must_fail("state_65535", "7.3", "a state of 65535", opacity(struct.pack("<I", 65535) + valid[4:]))
+    low = Stream(8, 1, 0, [[0]], 0, RANS, (2,), stored=struct.pack("<IH", 1, 0))
+    must_fail("state_1", "7.3", "a state of 1 that leads to 65536 with one word", with_tables(low, {0: 2048, 1: 2048}, 1))
+    least = Stream(8, 1, 0, [[0, 1]], 0, RANS, (2,))
+    vector("state_65536", "7.3", "a group that begins with the least state", with_tables(least, {0: 1, 1: 256, 2: 3839}, 2))
     must_fail("word_left", "7.4", "one word more than is read", opacity(valid + b"\0\0"))
     must_fail("last_state", "7.4", "a block that ends with another state", opacity(struct.pack("<I", state + 4096) + valid[4:]))
     symbols = bytes(i * i % 7 for i in range(300))
@@ -343,6 +370,9 @@ def groups():
         return plain(body=body)
 
     vector("group_example", "7.5", "the group of the example", example(whole))
+    x, words = encode_block([symbols, second], [f7, {0: 3686, 5: 410}], 2, 1)
+    must_fail("state_of_lane_1", "7.3", "the second of two states is below 65536, and leads to the same symbols", example(
+        struct.pack(f"<2I{len(words)}H", *x, *words)))
     must_fail("group_cut", "7.4", "the last word is missing", example(whole[:-2]))
     must_fail("group_word_flipped", "7.4", "a flipped bit of the last word", example(flipped(whole, len(whole) - 1)))
     x, words = encode_block([symbols, second], [f7, {0: 3686, 5: 410}], 2)

@@ -32,6 +32,8 @@ def headers():
     vector("lossless_in_quantised", "11.1", "floats in a quantised file", plain(meta=Meta(profile=1)))
     vector("near_lossless", "11.1", "profile 3 with error bounds", plain(
         meta=Meta(profile=3), last_records=bounds((1, 0.5, 0.25), (8, 0.0, 0.0))))
+    vector("unknown_records_of_one_tag", "3.4", "two unknown records of one tag in the head",
+           plain(last_records=NOTE + NOTE))
     vector("copied", "10.2", "a copy of the head", plain(degree=1, copy=copy_record))
 
 
@@ -110,6 +112,11 @@ def importance():
         Body(float_streams(1, 0, 3, 2.5, 5), 1)])])]
     vector("importance_of_runs", "11.9", "IMPO after the last run of the file, which INDX lists first",
            File(list(reversed(parts)), Meta(profile=0), body=[*parts, record(b"IMPO", struct.pack("<3f", 1, 2, 3), 0)]))
+    wrong = record(b"IMPO", struct.pack("<3f", 9, 9, 9), 0)
+    parts = [Run([Segment(-1, 0, [Body(float_streams(2, 0, 3), 2)])]), Run([Segment(0, 1, [
+        Body(float_streams(1, 0, 3, 2.5, 5), 1)])])]
+    vector("importance_between_runs", "11.9", "an IMPO record before the last SEGM record is not used",
+           File(list(reversed(parts)), Meta(profile=0), body=[parts[0], wrong, parts[1], values]), validator=[120])
     segment = separate_sh()
     segment.further = [further(200 << 8, 0, 30)]
     vector("importance_after_further_records", "11.9", "IMPO after a further record", File(

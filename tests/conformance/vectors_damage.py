@@ -3,7 +3,7 @@
 import struct
 
 from vector_file import File, Meta, Run, Segment, copy_record, header
-from vector_growing import Fragment, growing
+from vector_growing import Fragment, Recording, growing
 from vector_list import flipped, must_fail, must_report, plain, private, separate_sh, vector
 from vector_records import Body, record
 from vector_scenes import float_streams
@@ -19,6 +19,14 @@ def head_of(data):
 def with_head_bytes(head, head_bytes):
     """Returns a head whose header states another head_bytes."""
     return header(2, 0, 0, struct.unpack_from("<Q", head, 16)[0], head_bytes) + head[32:]
+
+
+def fragment_in_its_head():
+    """Returns 32 bytes 0 and a FRAG record without segments."""
+    made = Recording()
+    made.out = bytes(32)
+    made.add(Fragment([], frames=1))
+    return made.out
 
 
 def damage():
@@ -48,6 +56,9 @@ def headers():
     must_fail("growing_head_of_31_bytes", "2.1", "head_bytes below the size of a header, in a growing file",
               header(2, 0, 1, 0, 31))
     must_fail("head_of_no_records", "2.3", "a header alone", header(2, 0, 0, 32, 32))
+    must_fail("growing_head_of_no_records", "2.3", "the header of a recording alone", header(2, 0, 1, 0, 32))
+    must_fail("fragment_in_its_head", "10.2", "a FRAG record that begins before the end of the head that it contains",
+              fragment_in_its_head(), clause_of="2.1")
     must_fail("head_cuts_a_record", "10.2", "head_bytes one too small", plain(head_bytes=-1), clause_of="3.2")
     must_fail("head_ends_in_a_header", "10.2", "23 bytes after the last record of the head",
               plain(last_records=bytes(23)), clause_of="3.2")
@@ -93,6 +104,7 @@ def heads_from_fragments():
     for name, about, other in (("damaged", "a damaged head", flipped(head, META)),
                                ("finished", "the head of a finished file", head_of(plain().bytes())),
                                ("longer", "a head and a byte", head + b"\0"),
+                               ("other_and_longer", "another head and a byte", growing([], meta=Meta(title="other")) + b"\0"),
                                ("shorter", "a part of a head", head[:-1]), ("none", "no head", b"")):
         data = growing([*recorded(1), Fragment([recorded_run(1)], head=other)])
         must_report(f"growing_head_in_fragment_{name}", "10.2", f"the head is damaged, the last FRAG record contains {about}:"

@@ -49,6 +49,10 @@ def valid_growing():
         [*recorded(1), Fragment([], importance)]), validator=[120])
     vector("growing_longer", "9.2", "additions after the node", growing([*recorded(1), Fragment([recorded_run(1)], extra=b"later")]))
     vector("growing_closed", "9.2", "a closed recording", growing([*recorded(2), Fragment([], flags=1)]))
+    vector("growing_closed_newer", "9.2", "a closed recording whose last fragment has unknown flags of 16 and above",
+           growing([*recorded(2), Fragment([], flags=0xFFFF0001)]))
+    vector("growing_one_frame", "9.2", "a duration of one frame, and a first fragment without records",
+           growing([Fragment([], frames=1)]))
     vector("growing_bounds", "9.2", "the bounds and the total of the last fragment",
            growing([*recorded(1), Fragment([recorded_run(1)], bounds=(-1, 0, 1, -1, 2, 3), total=99)]), validator=[306, 505])
     vector("growing_window", "4.5", "WNDW is within its capture: the duration is that of the last fragment",
@@ -88,6 +92,14 @@ def nested():
     vector("growing_eight_deep", "5.2", "eight links that follow each other", deep.out)
     deep.add(Fragment([], links=[last.link()], earlier=[]))
     must_fail("growing_nine_deep", "5.2", "nine links that follow each other: the last is not followed", deep.out)
+    for i in (8, 9):  # the last link is an earlier one
+        deep = Recording()
+        last = None
+        for k in range(i):
+            last = deep.add(Fragment([recorded_run(0)] if k == 0 else [], links=[last.link()] if last else [], earlier=[]))
+        deep.add(Fragment([], links=[], earlier=[last.link()]))
+        (vector if i == 8 else must_fail)(f"growing_{i}_deep_earlier", "5.2", f"an earlier link, and {i - 1} links that follow "
+                                          "it", deep.out)
     earlier = Recording()
     written = [earlier.add(f) for f in recorded(2)]
     hidden = earlier.add(Fragment([recorded_run(2)], earlier=[written[0].link(), written[1].link()]))
@@ -126,6 +138,13 @@ def last_fragments():
         [*recorded(2), Fragment([recorded_run(2)], frames=15)]), validator=[313])
     vector("fragment_of_seven_bytes_less", "9.2", "the size at the end of the last FRAG record begins in its node: the one "
            "before is the last fragment", overlapping_size(), validator=[314])
+    data = growing(recorded(3))
+    first = data.index(b"FRAG")
+    tail = record(b"NOTE", struct.pack("<Q", len(data) + 32 - 24 - first), 0)
+    vector("fragment_located_by_other_bytes", "9.4", "the last 8 bytes of an unknown record locate the first FRAG record, "
+           "which does not end with the file", data + tail, validator=[314])
+    vector("fragment_like_bytes", "9.4", "bytes after the last fragment that look like a record of 2^64 - 1 bytes",
+           data + record(b"NOTE", b"FRAG\1\0\0\0" + b"\xff" * 16, 0), validator=[314])
     # A valid fragment within the last one: the one that ends with the file is the last (9.4).
     probe = recording(recorded(1))
     probe.add(Fragment([recorded_run(1)], extra=b"12345678"))
