@@ -135,7 +135,7 @@ def check_mapping(row):  # 8.4, 8.5
     need(all(v == 0 or 2.0 ** -100 <= abs(v) <= 2.0 ** 100 for v in row.origin), "8.5", 404,
          f"an origin of {row.origin}")
     if row.prediction == MORTON:
-        need(row.attribute == 1 and row.mapping == 1, "8.3", 404, "prediction 3 of another attribute or mapping")
+        need(row.attribute == 1, "8.3", 404, "prediction 3 of another attribute")  # mapping 0 has no prediction
         need(row.low <= 14, "8.4", 404, f"{row.low} low bits")
     else:
         need(row.low == 0, "6.2", 404, "low bits without prediction 3")
@@ -147,7 +147,7 @@ def check_mapping(row):  # 8.4, 8.5
     least, greatest = {2: (0, 23), 4: (-14, -1), 6: (-14, -1)}.get(row.mapping, (-100, 100))
     need(row.m % 2 == 1, "8.5", 404, f"a multiplier of {row.m}")
     need(least <= row.e <= greatest, "8.5", 404, f"an exponent of {row.e}")
-    need(row.mapping != 2 or row.origin[0] >= 2.0 ** -100, "8.5", 404, "a truncated origin of 0 or less")
+    need(row.mapping != 2 or row.origin[0] > 0, "8.5", 404, "a truncated origin of 0 or less")
 
 
 def check_shaped(rows):  # 8.8

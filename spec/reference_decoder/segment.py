@@ -54,10 +54,11 @@ def decode_record(file, run, segment, record, apart, memory):
     layout, tables = record_layout(file, f, memory)
     check_attributes(layout, record.layer // 256, apart, file.meta.degree)
     check_profile(layout, file.meta.profile)
-    counts = [n] + [f.u32() if any(r.attribute == SH_DEGREE for r in layout) else 0
-                    for _ in range(file.meta.degree)]
+    counts = [n]
+    if any(r.attribute == SH_DEGREE for r in layout):
+        counts += [f.u32() for _ in range(file.meta.degree)]
     need(all(a >= b for a, b in zip(counts, counts[1:])), "6.5", 401, f"primitives of each degree: {counts}")
-    first_key = f.u32() if any(r.prediction == MORTON and not r.optional() for r in layout) else 0
+    first_key = f.u32() if any(r.prediction == MORTON and not r.optional() for r in layout) else None
     units = units_of(layout)
     sizes = [f.u32() for _ in units]
     stored = [f.bytes(size) for size in sizes]

@@ -117,6 +117,7 @@ def camera():
             ("mirrors_axis_2", "det R < 0", dict(rotation=(1, 0, 0, 0, 0, 1, 0, 1, 0))),
             ("mirrors_axis_3", "det R < 0", dict(rotation=(0, 0, 1, 0, 1, 0, 1, 0, 0))),
             ("mirrors_permuted", "det R < 0", dict(rotation=(0, 1, 0, 1, 0, 0, 0, 0, 1))),
+            ("mirrors_small", "det R = -0.9994", dict(rotation=(-0.9998, 0, 0, 0, 0.9998, 0, 0, 0, 0.9998))),
             ("of_zeros", "R = 0", dict(rotation=(0,) * 9))):
         must_fail(f"camera_{name}", "4.3", about, plain(meta=Meta(**{**good, **more})))
     for i in range(9):

@@ -175,7 +175,7 @@ def rows():
     low = [[0] * 3] * 4
     must_fail("morton_low_15", "8.4", "15 low bits", replaced(Stream(1, 1, -10, low, 3, RANS, (8,), low=15)))
     must_fail("morton_low_4_in_bytes", "8.1", "coder 0 with 4 low bits", replaced(Stream(1, 1, -10, low, 3, bits=(8,), low=4)))
-    must_fail("morton_of_floats", "8.3", "positions with mapping 0 and prediction 3", replaced(Stream(1, 0, 0, low[:1], 3)))
+    must_fail("morton_of_floats", "8.5", "positions with mapping 0 and prediction 3", replaced(Stream(1, 0, 0, low[:1], 3)))
     must_fail("morton_of_scales", "8.3", "log-scales with prediction 3", replaced(Stream(6, 1, 0, low[:1], 3)))
     for name, degree in (("e_1", dict(e=1)), ("m_3", dict(m=3)), ("prediction_1", dict(prediction=1)), ("mapping_0", dict(mapping=0)),
                          ("mapping_1", dict(mapping=1)), ("e_minus_1", dict(e=-1))):
@@ -238,13 +238,17 @@ def attributes():
             [Run([separate_sh(rest=wrong)])], Meta(profile=0, degree=1)))
     for name, degrees, values, clause in (("counts_ascend", [2, 3, 0], None, "6.5"), ("more_than_n", [4, 3, 3], None, "6.5"),
                                           ("counts_ascend_last", [3, 1, 2], None, "6.5"),
-                                          ("other_counts", None, [3, 3, 2], "6.3"), ("degree_4", None, [3, 3, 4], "8.5"),
-                                          ("other_counts_of_1", None, [3, 3, 0], "6.3"), ("other_counts_of_2", None, [3, 1, 3], "6.3")):
+                                          ("degree_4", None, [3, 3, 4], "8.5")):
         wrong = float_streams(3, 3, 1)
         if values:
             wrong[9].v = [values]
         must_fail(f"sh_{name}", clause, f"n_1 to n_D are {degrees or [3, 3, 3]}, the degrees {values or [3, 3, 3]}",
                   plain(body=Body(wrong, 3, degrees=degrees), degree=3))
+    for k, values in ((1, [3, 2, 0]), (2, [3, 1, 1]), (3, [2, 2, 1])):
+        wrong = float_streams(3, 3, 1, degrees=[3, 2, 1])
+        wrong[9].v = [values]
+        must_fail(f"sh_other_count_of_{k}", "6.3", f"n_1 to n_3 are 3, 2, 1, the degrees {values}",
+                  plain(body=Body(wrong, 3), degree=3))
     negative = float_streams(3, 1, 1)
     negative[9] = Stream(10, 8, 0, [[1, 1, 0xFFFFFFFF]])
     negative[10].v = [row[:2] for row in negative[10].v]
@@ -253,7 +257,7 @@ def attributes():
     above[9].v = [[1, 1, 2]]
     must_fail("sh_degree_above_d", "8.5", "a degree of 2 in a file of degree 1", plain(body=Body(above, 3), degree=1))
     must_fail("lossless_mapping", "11.1", "mapping 1 in a lossless file", replaced(
-        Stream(8, 1, -2, [[0, 1, 2]]), meta=Meta(profile=0)))
+        Stream(8, 1, 0, [[0, 1, 2]]), meta=Meta(profile=0)))
     must_fail("lossless_exponent", "11.1", "mapping 0 with e = 1 in a lossless file", replaced(
         Stream(8, 0, 1, [[0, 1, 2]]), meta=Meta(profile=0)))
     extra = Stream(0x8001, 1, 3, [[1, 2, 3]], 0, 0, stored=b"any")
