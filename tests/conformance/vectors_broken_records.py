@@ -5,7 +5,7 @@ import struct
 from vector_file import File, Meta, Run, Segment
 from vector_list import changed, flipped, must_fail, plain, replaced, separate_sh, vector
 from vector_records import RANS, Body, Patched, Stream, encode_block, group, layouts_payload, table_bytes
-from vector_scenes import coded_streams, float_streams, own_body
+from vector_scenes import coded_streams, few_planes, float_streams, own_body
 
 NAN = float("nan")
 
@@ -359,9 +359,7 @@ def groups():
     must_fail("last_state", "7.4", "a block that ends with another state", opacity(struct.pack("<I", state + 4096) + valid[4:]))
     symbols = bytes(i * i % 7 for i in range(300))
     f7 = {0: 600, 1: 1200, 2: 1000, 4: 1296}
-    streams = float_streams(1, 0, 31)
-    for s in streams:
-        s.v, s.coder = [row * 300 for row in s.v], RANS
+    streams = few_planes(300)
     second = bytes(5 if i % 10 == 3 else 0 for i in range(300))
     whole = group([symbols, second], [f7, {0: 3686, 5: 410}], 300)
 
@@ -385,9 +383,7 @@ def groups():
     blocks = bytes(i * i % 3 for i in range(8200))
     table = {0: 2048, 1: 2048}
     unit = group([blocks], [table], 8200)
-    big = float_streams(1, 0, 31)
-    for s in big:
-        s.v, s.coder = [row * 8200 for row in s.v], RANS
+    big = few_planes(8200)
 
     def two_blocks(unit):
         made = [s for s in big]

@@ -80,7 +80,7 @@ def heads_from_copies():
     must_report("head_of_zeros", "10.2", "a head of zeros; its copy is used", zeros + complete[len(zeros):])
     changed = plain(meta=Meta(profile=0, title="changed"), copy=lambda head: copy_record(head_of(plain(
         copy=lambda _: bytes(24 + len(head) + 8)).bytes())))
-    vector("copy_of_another_head", "10.2", "a copy of another head, which is not used", changed, validator=[119])
+    vector("copy_of_another_head", "10.2", "a copy of another head, which is not used", changed)
 
 
 def heads_from_fragments():

@@ -5,7 +5,7 @@ import struct
 from vector_file import File, Meta, Run, Segment
 from vector_list import coded, must_fail, plain, replaced, separate_sh, vector
 from vector_records import RANS, Body, Patched, Stream, bits_of, layouts_payload
-from vector_scenes import Lcg, coded_streams, float_streams, give_tables, own_body
+from vector_scenes import Lcg, coded_streams, few_planes, float_streams, give_tables, own_body
 
 
 def valid_records():
@@ -115,9 +115,7 @@ def groups():
 
 def equal_primitives(n, opacity):
     """Returns a record of n primitives that differ in their opacity alone."""
-    streams = float_streams(1, 0, 31)
-    for s in streams:
-        s.v, s.coder = [row * n for row in s.v], RANS
+    streams = few_planes(n)
     streams[7] = opacity
     return own_body(streams, n)
 
