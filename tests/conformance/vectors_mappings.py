@@ -32,6 +32,7 @@ def predictions():
            replaced(Stream(6, 1, -20, [[11, 4, 3, 20, 0, 1], [0] * 6, [(1 << 25) - 2, 3, 1, 2, 1, 0]], 2), n=6))
     for name, about, v, low, bits, key in (
             ("morton", "no low bits", [[0, 5, 1000]], 0, (8, 8), 12345),
+            ("morton_low_1", "1 low bit", [[0, 5, 1000], [1, 0, 1], [0, 1, 1], [1, 1, 0]], 1, (8, 8), 7),
             ("morton_low_4", "4 low bits", [[0, 5, 1000], [1, 2, 15], [3, 0, 7], [9, 8, 0]], 4, (8, 8), 7),
             ("morton_low_8", "8 low bits", [[0, 5, 1000], [1, 200, 255], [3, 0, 7], [9, 8, 0]], 8, (8, 8), 7),
             ("morton_low_9", "9 low bits", [[0, 5, 1000], [1, 200, 511], [3, 256, 7], [9, 8, 0]], 9, (4, 8), 7),
@@ -79,6 +80,12 @@ def lives():
                    for s in spans]
         vector(name, "8.6", f"e = {e} with short and long lifespans", plain(body=own_body(streams, 8)),
                floats=name == "displacements")
+    signs = float_streams(3, 0, 1)
+    signs[2] = Stream(3, 0, 20, [[0x3E8, 0x3F8, 0x408]], origin=(1.0, 64.0))
+    signs[3] = Stream(4, 0, 0, [[0x80000000, 0, 0x80000000]], origin=(1.0, 64.0))
+    signs[4] = Stream(5, 3, -3, [[1, 2, 3]] * 3)
+    vector("displacement_of_floats", "8.6", "sigma with mapping 0 and e = 20, a radius of -0, origins that mapping 0 ignores",
+           plain(body=own_body(signs, 3), meta=Meta()))
     for end in (30.0, 32.0, 0.75, 31.9375, 2.0 ** -20):
         streams = [Stream(5, 3, -3, [[1, 2, 3]] * 3) if s.attribute == 5 else s for s in float_streams(3, 0, 1)]
         streams[2].v = [[bits_of(v) for v in (64.0, 8.0, 1.0)]]
