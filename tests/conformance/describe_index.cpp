@@ -75,13 +75,10 @@ std::vector<Segment> segments_of(const FileHead& head) {
 // Returns NEEDED (conformance.md 3.2).
 std::string needed_text(const FileHead& head, const Segment& segment) {
   const PartEntry& part = head.parts[segment.part];
-  const double frames = head.metadata.scene.frames;
-  const TickRange shown = shown_of(segment.first, part);
-  const double last = std::min(shown.end, frames);
-  const bool closed = last < part.shown.end || part.shown.end >= frames;
-  if (shown.begin > last || (shown.begin == last && !closed)) return "never";
-  return fmt::format("{} {} {}", to_units(shown.begin, 21), to_units(last, 21),
-                     closed ? "closed" : "open");
+  const auto needed = needed_times(segment.first, part, head.metadata.scene.frames);
+  if (!needed) return "never";
+  return fmt::format("{} {} {}", to_units(needed->range.begin, 21), to_units(needed->range.end, 21),
+                     needed->closed ? "closed" : "open");
 }
 
 void describe_further(const OpenFile& file, const FurtherEntry& further, const std::string& place,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Describes .stgs files as spec/reference_decoder/decode.py does (spec/conformance.md 3.2): the
 // lines of the hash of the decoded data, with lines for refused parts, reported errors and the
-// validator's issues. Every SIMD target of the CPU must give the same result, and every float must
+// validator's errors. Every SIMD target of the CPU must give the same result, and every float must
 // be that of its integers (spec 8.5).
 //
 // usage: describe_vectors [--floats] [--max-primitives N] [--max-memory BYTES] FILE...
@@ -69,7 +69,7 @@ std::string describe(const std::string& path, const ReadLimits& limits, bool wit
   return out.text;
 }
 
-// Returns the numbers of the validator's errors and warnings.
+// Returns the numbers of the validator's errors.
 std::string validation(const std::string& path, const ReadLimits& limits) {
   const auto source = open_file(path);
   Description out;
@@ -83,7 +83,9 @@ std::string validation(const std::string& path, const ReadLimits& limits) {
     return out.text;
   }
   std::string line = "errors";
-  for (const Issue& issue : *issues) line += fmt::format(" {}", issue.number);
+  for (const Issue& issue : *issues) {
+    if (issue.error) line += fmt::format(" {}", issue.number);
+  }
   out.line("{}", line);
   return out.text;
 }
