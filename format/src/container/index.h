@@ -150,8 +150,17 @@ TickRange shown_of(const IndexEntry& entry, const PartEntry& part);
 // As above for an interval that counts from the beginning of a part with this range and cut.
 TickRange shown_of(const TickRange& interval, const TickRange& part,
                    const std::optional<TickRange>& cut);
-// Returns the closed range of the times at which segments of runs are shown; begin > end: never.
-TickRange shown_in(const std::vector<IndexRun>& runs);
+// Times of the timeline at which a segment is needed (spec 5.4).
+struct NeededTimes {
+  TickRange range;
+  bool closed = false;  // range.end is one of them
+};
+// Returns those of a timeline of `frames` ticks, if there are any.
+std::optional<NeededTimes> needed_times(const IndexEntry& entry, const PartEntry& part,
+                                        double frames);
+// Returns the least closed range of the times at which segments of runs are needed; begin > end:
+// never.
+TickRange needed_in(const std::vector<IndexRun>& runs, double frames);
 // Returns the closed range of the times at which segments below a node are needed; {0, 0}: never.
 TickRange needed_of(const IndexNode& node);
 

@@ -105,26 +105,29 @@ class Loader {
   }
 
   bool follow_page(const NodeLink& link, int depth) {
-    IndexNode node;
-    Findings why;
-    if (!read_page(link, link.offset, node, why)) {
-      Findings ignored;
-      if (link.copy == 0 || is_fatal(why) || !read_page(link, link.copy, node, ignored)) {
-        if (is_fatal(why)) return findings_.append(std::move(why)), false;
-        if (is_fatal(ignored)) return findings_.append(std::move(ignored)), false;
-        const int number = first_number(why);
-        lose(link, lost_by(link), static_cast<N>(number), std::move(why));
-        return true;
-      }
+    std::vector<std::uint8_t> page;
+    Findings why, ignored;
+    if (!read_page(link, link.offset, page, why) && !is_fatal(why) && link.copy != 0 &&
+        read_page(link, link.copy, page, ignored)) {
       findings_.damage(N::kRepairedHead, link.offset,
                        "index is damaged (issue {}) and was read from its copy at byte {}",
                        why.take().front().number, link.copy);
+      why = {};
     }
-    return add_node(node, link.offset, depth, next_, head_, findings_);
-  }
-
-  static int first_number(const Findings& findings) {
-    return Findings(findings).take().front().number;
+    const std::uint64_t payload = link.offset + kRecordHeaderBytes;
+    IndexNode node;
+    if (why.ok()) {
+      ByteReader in(page);
+      const NodePlace place = {link.offset, payload, head_.header.head_bytes,
+                               head_.header.file_bytes};
+      parse_node(in, place, head_, node, why);
+    }
+    if (is_fatal(ignored)) return findings_.append(std::move(ignored)), false;
+    if (is_fatal(why)) return findings_.append(std::move(why)), false;
+    if (why.ok()) return add_node(node, link.offset, depth, next_, head_, findings_);
+    const int number = Findings(why).take().front().number;
+    lose(link, lost_by(link), static_cast<N>(number), std::move(why));
+    return true;
   }
 
   // Returns whether an error is that of the source or of a limit.
@@ -132,28 +135,29 @@ class Loader {
     return !findings.ok() && findings.status({}).code() != StatusCode::kInvalidFile;
   }
 
-  // Reads the PAGE record at `at`, which is that of the link or its copy.
-  bool read_page(const NodeLink& link, std::uint64_t at, IndexNode& node, Findings& why) const {
-    const std::uint64_t end = std::min(head_.header.file_bytes, head_.available_bytes);
-    std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, end - std::min(end, at)));
+  // Reads the payload of the PAGE record at `at`, which is that of the link or its copy.
+  bool read_page(const NodeLink& link, std::uint64_t at, std::vector<std::uint8_t>& page,
+                 Findings& why) const {
+    const std::uint64_t payload = at + kRecordHeaderBytes;
+    const auto is_available = [&](std::uint64_t end) {
+      if (end > head_.available_bytes)
+        why.error(N::kFileSize, at, "the file is truncated within a node of the index");
+      return end <= head_.available_bytes;
+    };
+    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
     RecordHeader record;
-    if (!read(at, bytes, why) || !parse_record_header(bytes, at, end, record, why)) return false;
+    if (!is_available(payload) || !read(at, bytes, why) ||
+        !parse_record_header(bytes, at, head_.header.file_bytes, record, why) ||
+        !is_available(payload + record.length)) {
+      return false;
+    }
     if (record.tag != kPageTag || record.flags != kCritical || record.length != link.bytes) {
       why.error(N::kPage, at, "record '{}' of {} bytes is no PAGE record of {} bytes",
                 tag_text(record.tag), record.length, link.bytes);
       return false;
     }
-    if (link.bytes > head_.limits.max_memory) {
-      why.unsupported(N::kMemoryLimit, at, "index exceeds the memory limit of {} bytes",
-                      head_.limits.max_memory);
-      return false;
-    }
-    bytes.resize(link.bytes);
-    const std::uint64_t payload = at + kRecordHeaderBytes;
-    if (!read(payload, bytes, why) || !check_payload(record, bytes, payload, why)) return false;
-    ByteReader in(bytes);
-    return parse_node(in, {link.offset, payload, head_.header.head_bytes, head_.header.file_bytes},
-                      head_, node, why);
+    page.resize(link.bytes);
+    return read(payload, page, why) && check_payload(record, page, payload, why);
   }
 
   bool read(std::uint64_t at, std::span<std::uint8_t> bytes, Findings& why) const {
@@ -166,14 +170,14 @@ class Loader {
   bool follow_fragment(const NodeLink& link, int depth) {
     const std::uint64_t end = link.offset + kRecordHeaderBytes + link.bytes;
     Findings why;
-    auto found = fragments_.at(link.offset, end, why);
+    auto found = fragments_.at(link.offset, why);
     if (found.ok() && *found && (*found)->end == end)
       return add_node((*found)->node, link.offset, depth, next_, head_, findings_);
     if (found.ok() && *found)
       why.error(N::kFragment, link.offset, "fragment has another length than its link states");
     if (found.ok()) found = fragments_.last_before(link.offset);
     if (!found.ok()) {
-      findings_.failed_read(link.offset, found.status());
+      findings_.failed_search(link.offset, found.status());
       return false;
     }
     LostFragment lost{link.needed, head_.header.head_bytes, 0};
@@ -182,7 +186,7 @@ class Loader {
       lost.range.end = std::max(lost.range.begin, lost.range.end);
       lost.offset = (*found)->end;
     }
-    lost.bytes = link.offset - lost.offset;
+    lost.bytes = link.offset - std::min(lost.offset, link.offset);
     lose(link, lost, N::kFragment, std::move(why));
     return !*found || follow_instead(**found, depth);
   }
@@ -252,7 +256,7 @@ bool add_node(const IndexNode& node, std::uint64_t record, int depth, Position n
     head.walk.segments += run.count;
     head.walk.entries += run.count + run.segments.size() + run.further.size();
   }
-  head.walk.nodes[record] = {node.links, shown_in(node.runs)};
+  head.walk.nodes[record] = {node.links, needed_in(node.runs, head.metadata.scene.frames)};
   if (head.listed_primitives <= head.limits.max_primitives) return true;
   findings.unsupported(N::kPrimitiveLimit, record, "index: {} primitives exceed the limit of {}",
                        head.listed_primitives, head.limits.max_primitives);
@@ -269,7 +273,7 @@ bool read_growth(const ByteSource& source, FileHead& head, bool& grown, Findings
   head.available_bytes = source.size();
   Result<std::optional<FragmentRecord>> last = FragmentFinder(source, head).last();
   if (!last.ok()) {
-    findings.failed_read(head.header.head_bytes, last.status());
+    findings.failed_search(head.header.head_bytes, last.status());
     return false;
   }
   grown = *last && (!head.last_fragment || (*last)->offset > head.last_fragment->offset);

@@ -3,7 +3,9 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <optional>
+#include <set>
 #include <span>
 #include <vector>
 
@@ -66,19 +68,24 @@ class FragmentFinder {
   FragmentFinder(const ByteSource& source, const FileHead& head);
   // Returns the one that begins last.
   Result<Found> last();
-  // Returns the one at `offset` if it ends at or before `end`; else `why` has the reason.
-  Result<Found> at(std::uint64_t offset, std::uint64_t end, Findings& why);
-  // Returns the one that begins last of those that end at or before `end`.
+  // Returns the one at `offset`; if there is none, `why` has the reason. kUnsupported if it exceeds
+  // the memory limit.
+  Result<Found> at(std::uint64_t offset, Findings& why);
+  // Returns the one that begins last of those that begin before `end`. Ends without a result after
+  // examining more bytes in vain than the memory limit (conformance 1.5).
   Result<Found> last_before(std::uint64_t end);
 
  private:
+  Result<bool> is_intact(std::uint64_t payload, const RecordHeader& record) const;
   bool parse(std::span<const std::uint8_t> payload, FragmentRecord& fragment,
              Findings& findings) const;
 
   const ByteSource& source_;
   const FileHead& head_;
   std::uint64_t body_at_ = 0;
-  std::uint64_t work_ = 0;  // remaining budget for reading candidates, bytes
+  std::set<std::uint64_t> rejected_;  // offsets of records that are not valid
+  // By the end of a search: the offset of the record that it found, or 0.
+  std::map<std::uint64_t, std::uint64_t> searched_;
 };
 
 }  // namespace stgs
