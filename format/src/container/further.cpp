@@ -53,6 +53,8 @@ bool read_further(const ByteSource& source, const FileHead& head, const FurtherE
   const auto level = static_cast<std::int16_t>(in.u16());
   const std::uint16_t layer = in.u16();
   const std::uint32_t slot = in.u32();
+  const bool is_private = content_of(entry.layer) >= kFirstPrivateContent;
+  if (!in.ok() && !is_private) return true;
   if (!in.ok()) {
     findings.error(N::kStreamTable, entry.offset, "further record is too short");
     return false;
@@ -62,7 +64,7 @@ bool read_further(const ByteSource& source, const FileHead& head, const FurtherE
                    "record of content {} does not match its index entry", content_of(entry.layer));
     return false;
   }
-  if (content_of(entry.layer) < kFirstPrivateContent) return true;
+  if (!is_private) return true;
   out.times = {in.f64(), in.f64()};
   out.type = in.string();
   const TickRange interval = interval_of(head, entry, further.part);

@@ -222,16 +222,9 @@ class NodeReader {
   bool enough_bytes(const IndexEntry& entry, std::uint64_t at) {  // spec 5.5
     const std::uint64_t payload = entry.bytes - kRecordHeaderBytes;
     const std::uint64_t primitives = entry.primitives;
-    if ((primitives + kMaxPrimitivesPerByte - 1) / kMaxPrimitivesPerByte > payload) {
-      findings_.error(N::kSegmentCount, at, "index: {} primitives are too many for {} bytes",
-                      primitives, payload);
-      return false;
-    }
-    const std::uint64_t bytes = 4 * floats_per_primitive(head_.metadata.sh_degree);
-    if (primitives <= head_.limits.max_memory / bytes) return true;
-    findings_.unsupported(N::kMemoryLimit, at,
-                          "index: a segment needs {} bytes, more than the memory limit of {}",
-                          primitives * bytes, head_.limits.max_memory);
+    if (primitives <= kMaxPrimitivesPerByte * payload) return true;
+    findings_.error(N::kSegmentCount, at, "index: {} primitives are too many for {} bytes",
+                    primitives, payload);
     return false;
   }
 
