@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <limits>
+#include <map>
+#include <set>
+#include <tuple>
+
+#include "scene/validate.h"
+
+namespace stgs {
+namespace {
+
+using N = IssueNumber;
+
+// Checks that no record is linked to twice (spec 5.2, 9.3).
+void check_repeated(const FileHead& head, Findings& findings) {
+  std::map<std::uint64_t, std::size_t> links;  // by the offset of their record
+  for (const auto& [record, node] : head.walk.nodes) {
+    for (const NodeLink& link : node.links) ++links[link.offset];
+  }
+  for (const NodeLink& link : head.walk.earlier) ++links[link.offset];
+  for (const auto& [record, count] : links) {
+    if (count < 2) continue;
+    findings.error(head.growing() ? N::kFragment : N::kLink, record,
+                   "index: {} links lead to one record (expected 1)", count);
+  }
+}
+
+// Checks that links state the times of all that they lead to (spec 5.2).
+class LinkTimes {
+ public:
+  LinkTimes(const FileHead& head, Findings& findings) : nodes_(head.walk.nodes) {
+    for (const auto& [record, node] : nodes_) check(node.links, findings);
+    check(head.walk.earlier, findings);
+  }
+
+ private:
+  void check(const std::vector<NodeLink>& links, Findings& findings) {
+    for (const NodeLink& link : links) {
+      if (nodes_.count(link.offset) == 0) continue;  // not read
+      const TickRange needed = needed_below(link.offset);
+      if (needed.begin > needed.end ||
+          (link.needed.begin <= needed.begin && needed.end <= link.needed.end)) {
+        continue;
+      }
+      findings.error(N::kLink, link.offset,
+                     "index: a link states ticks {} to {} for a node of ticks {} to {}",
+                     link.needed.begin, link.needed.end, needed.begin, needed.end);
+    }
+  }
+
+  // Returns the times at which segments of a node and below it are needed. Links lead in one
+  // direction, and nodes that were read are at most kMaxLinkDepth links deep.
+  const TickRange& needed_below(std::uint64_t record) {
+    const auto [known, is_new] = needed_.try_emplace(record);
+    if (!is_new) return known->second;
+    TickRange all = nodes_.at(record).needed;
+    for (const NodeLink& link : nodes_.at(record).links) {
+      if (nodes_.count(link.offset) == 0) continue;
+      const TickRange below = needed_below(link.offset);
+      if (below.begin > below.end) continue;
+      all = {std::min(all.begin, below.begin), std::max(all.end, below.end)};
+    }
+    return needed_[record] = all;
+  }
+
+  const std::map<std::uint64_t, IndexWalk::Node>& nodes_;
+  std::map<std::uint64_t, TickRange> needed_;  // by record
+};
+
+// Checks that no two segments have one place, and no two parts one number (spec 5.3).
+void check_places(const FileHead& head, Findings& findings) {
+  std::set<std::uint32_t> numbers;
+  for (const PartEntry& part : head.parts) {
+    if (numbers.insert(part.number).second) continue;
+    findings.error(N::kParts, kHeaderBytes, "index: two runs of part {} state different times",
+                   part.number);
+  }
+  // By part, level and slot: the number of the segment.
+  std::map<std::tuple<std::uint32_t, int, std::uint32_t>, std::uint32_t> places;
+  const auto add = [&](const IndexEntry& entry, std::uint32_t part, std::uint32_t number) {
+    const std::uint32_t of_part = head.parts[part].number;
+    const auto [at, is_new] = places.emplace(std::tuple(of_part, entry.level, entry.slot), number);
+    if (is_new || at->second == number) return;
+    at->second = number;
+    findings.error(N::kPlace, entry.offset, "index: two segments of part {} have one place",
+                   of_part);
+  };
+  for (const SegmentEntry& tier : head.index.segments) add(tier.base, tier.part, tier.number);
+  for (const FurtherEntry& further : head.index.further)
+    add(further.entry, further.part, further.number);
+}
+
+}  // namespace
+
+void check_index(const FileHead& head, Findings& findings) {
+  check_places(head, findings);
+  check_repeated(head, findings);
+  LinkTimes(head, findings);
+  if (head.lost_fragments.empty() && head.listed_primitives != head.index.primitives) {
+    findings.error(N::kPrimitiveTotal, kHeaderBytes,
+                   "index: primitive count mismatch (total states {}, segments have {})",
+                   head.index.primitives, head.listed_primitives);
+  }
+}
+
+}  // namespace stgs
