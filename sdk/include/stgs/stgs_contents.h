@@ -31,8 +31,8 @@ enum {
   STGS_FORM_RECORDED = 2  /* a live recording that is closed */
 };
 
-/* Sizes and numbers of a file. A player of a long file reads the index as playback needs it: the scene
- * of a player lists the parts and segments that are known so far. */
+/* Sizes and numbers of a file. A player of a long file reads the index as playback needs it: the
+ * scene of a player lists the parts and segments that are known so far. */
 typedef struct stgs_contents {
   size_t struct_size;
   stgs_form form;              /* order of the file */
