@@ -46,7 +46,7 @@ class Scenes(unittest.TestCase):
         info = scene.info
         self.assertEqual(scene.title, "fixture")
         self.assertEqual((info.frames, info.primitives, info.sh_degree), (6, 400, 1))
-        self.assertEqual(info.format[0], 1)
+        self.assertEqual(info.format[0], 2)
         self.assertAlmostEqual(info.duration_seconds, 6 / info.fps)
         self.assertEqual(info.file_bytes, os.path.getsize(path("tiny.stgs")))
         self.assertTrue(all(low < high for low, high in zip(info.bounds_min, info.bounds_max)))

@@ -22,7 +22,6 @@ void check_head(const SceneReader& reader) {
     require(segment.offset + segment.bytes <= reader.file_bytes(), "segments lie within the file");
     require(segment.part < reader.parts().size(), "the part of a segment exists");
   }
-  require(primitives == reader.primitives(), "the counts of the segments add up to the total");
   require(primitives <= kStgsLimits.max_primitives, "the limit on primitives holds");
   require(reader.segments_between(0, frames).size() == shown_segments,
           "segments_between returns every visible segment of the clip");

@@ -37,6 +37,19 @@ Result<FoundCopy> copy_at_end(const ByteSource& source, const ReadLimits& limits
 
 }  // namespace
 
+bool is_intact_head(std::span<const std::uint8_t> head, HeadDamage which, Findings& findings) {
+  for (std::uint64_t at = kHeaderBytes; at < head.size();) {
+    RecordHeader record;
+    if (!parse_record_header(head.subspan(at), at, head.size(), record, findings)) return false;
+    at += kRecordHeaderBytes;
+    const bool checked = which == HeadDamage::kAny || (record.flags & kCritical) != 0;
+    if (checked && !check_payload(record, head.subspan(at, record.length), at, findings))
+      return false;
+    at += record.length;
+  }
+  return true;
+}
+
 bool is_usable_copy(std::span<const std::uint8_t> head, bool growing, std::uint64_t file_bytes) {
   const std::optional<FileHeader> header = intact_header(head);
   Findings ignored;

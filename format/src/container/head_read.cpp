@@ -106,6 +106,16 @@ bool parse_growing_sizes(std::uint64_t source_bytes, const FileHeader& header, F
 
 }  // namespace
 
+namespace {
+
+// Returns whether a file begins as one of format 1.x does, whose header has another checksum.
+bool is_format_1(std::span<const std::uint8_t> bytes) {
+  return bytes.size() >= kHeaderBytes && std::equal(kMagic.begin(), kMagic.end(), bytes.begin()) &&
+         ByteReader(bytes.subspan(kMagic.size())).u16() == 1;
+}
+
+}  // namespace
+
 std::optional<FileHeader> intact_header(std::span<const std::uint8_t> bytes) {
   if (bytes.size() < kHeaderBytes || !std::equal(kMagic.begin(), kMagic.end(), bytes.begin())) {
     return {};
@@ -140,6 +150,13 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
     return false;
   }
   const std::optional<FileHeader> fields = intact_header(bytes);
+  if (is_format_1(bytes)) {
+    findings.unsupported(N::kVersion, 8,
+                         "unsupported format version (expected {}.x, got 1.x); use 'stgs convert' "
+                         "first",
+                         kFormatMajor);
+    return false;
+  }
   if (!fields) {
     findings.error(N::kHeaderChecksum, 28, "file header is damaged (checksum mismatch)");
     return false;
@@ -150,13 +167,6 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
                          "unsupported format version (expected {}.x, got the pre-release version "
                          "0.{}); create the file again with 'stgs train', 'pack' or 'convert'",
                          kFormatMajor, header.minor);
-    return false;
-  }
-  if (header.major < kFormatMajor) {
-    findings.unsupported(
-        N::kVersion, 8,
-        "unsupported format version (expected {}.x, got {}.{}); use 'stgs convert' first",
-        kFormatMajor, header.major, header.minor);
     return false;
   }
   if (header.major != kFormatMajor) {
@@ -278,23 +288,6 @@ void report_truncation(const FileHead& head, Findings& findings) {
       "without their SH; copy or download it again",
       head.header.file_bytes, head.available_bytes, missing, segments.size(), without_sh);
 }
-
-}  // namespace
-
-bool is_intact_head(std::span<const std::uint8_t> head, HeadDamage which, Findings& findings) {
-  for (std::uint64_t at = kHeaderBytes; at < head.size();) {
-    RecordHeader record;
-    if (!parse_record_header(head.subspan(at), at, head.size(), record, findings)) return false;
-    at += kRecordHeaderBytes;
-    const bool checked = which == HeadDamage::kAny || (record.flags & kCritical) != 0;
-    if (checked && !check_payload(record, head.subspan(at, record.length), at, findings))
-      return false;
-    at += record.length;
-  }
-  return true;
-}
-
-namespace {
 
 // Reads the head that the header states.
 bool read_stated_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,

@@ -233,9 +233,29 @@ bool add_last(FragmentRecord& fragment, FileHead& head, Findings& findings) {
     return false;
   }
   add_earlier(fragment, 1, next, head);
-  head.last_fragment = {fragment.offset, bytes, fragment.frames, std::move(fragment.earlier),
-                        needed_of(fragment.node)};
+  head.last_fragment = LastFragment{fragment.offset,
+                                    bytes,
+                                    fragment.checksum,
+                                    fragment.frames,
+                                    std::move(fragment.earlier),
+                                    needed_of(fragment.node)};
   return true;
+}
+
+// Returns whether the known last fragment is still there.
+bool is_continued(const ByteSource& source, const FileHead& head, Findings& findings) {
+  if (!head.last_fragment) return true;
+  const LastFragment& known = *head.last_fragment;
+  const auto record = complete_record_at(source, known.offset, source.size());
+  if (!record.ok()) {
+    findings.failed_read(known.offset, record.status());
+    return false;
+  }
+  const bool same = *record && (*record)->tag == kFragmentTag &&
+                    (*record)->checksum == known.checksum &&
+                    (*record)->length == known.bytes - kRecordHeaderBytes;
+  if (!same) findings.error(N::kFragment, known.offset, "another recording has taken its place");
+  return same;
 }
 
 }  // namespace
@@ -277,7 +297,8 @@ bool read_growth(const ByteSource& source, FileHead& head, bool& grown, Findings
     return false;
   }
   grown = *last && (!head.last_fragment || (*last)->offset > head.last_fragment->offset);
-  if (grown && !add_last(**last, head, findings)) return false;
+  if (grown && (!is_continued(source, head, findings) || !add_last(**last, head, findings)))
+    return false;
   if (!head.last_fragment) head.header.file_bytes = head.header.head_bytes;  // nothing is complete
   if (head.closed && source.size() > head.header.file_bytes) {
     findings.damage(N::kFileSize, head.header.file_bytes,
@@ -285,6 +306,7 @@ bool read_growth(const ByteSource& source, FileHead& head, bool& grown, Findings
                     "download it again",
                     head.header.file_bytes, source.size());
   }
+  if (grown) check_window(head.metadata.scene, findings);
   return true;
 }
 

@@ -49,7 +49,26 @@ double complete_ticks_of(const FileHead& head, const std::vector<SegmentInfo>& s
 }  // namespace
 
 struct SceneReader::State {
-  static constexpr IndexLoading kComplete = IndexLoading::kComplete;
+  // Extends the head with `extend`, and keeps it as it is after an error.
+  template <typename Extend>
+  Status change(const Extend& extend) {
+    try {
+      Findings findings;
+      FileHead found = head;
+      extend(found, findings);
+      if (!findings.ok()) return findings.status(source->name());
+      take(std::move(found), std::move(findings));
+      return {};
+    } catch (const std::exception& e) {
+      return Status(code_of(e), fmt::format("{}: {}", source->name(), e.what()));
+    }
+  }
+
+  Status load(double t0, double t1) {
+    if (head.walk.pending.empty()) return {};
+    return change(
+        [&](FileHead& found, Findings& findings) { load_index(*source, t0, t1, found, findings); });
+  }
 
   // Adopts a head that was extended, with further problems.
   void take(FileHead extended, Findings findings) {
@@ -64,33 +83,29 @@ struct SceneReader::State {
     times = {segments, static_cast<double>(head.metadata.scene.frames)};
     parts = parts_from(head);
     complete_ticks = complete_ticks_of(head, segments);
+    latest_begin = 0;
+    for (const ScenePart& part : parts) latest_begin = std::max(latest_begin, part.begin_ticks);
   }
 
   Result<bool> refresh() {
     if (head.closed) return false;
-    try {
-      const std::uint64_t complete = head.header.file_bytes;
-      STGS_ASSIGN(const ByteSource::Change change, source->refresh(complete));
-      if (change == ByteSource::Change::kReplaced) {
-        return invalid_file("{}: replaced or truncated below its {} complete bytes; open it again",
-                            source->name(), complete);
-      }
-      if (source->size() < head.header.file_bytes) {
-        return invalid_file("{}: shrank from {} to {} complete bytes; open it again",
-                            source->name(), head.header.file_bytes, source->size());
-      }
-      Findings findings;
-      FileHead found = head;
-      bool grown = false;
-      if (read_growth(*source, found, grown, findings) && grown && loading == kComplete) {
+    STGS_ASSIGN(const ByteSource::Change changed, source->refresh(head.header.file_bytes));
+    if (changed == ByteSource::Change::kReplaced) {
+      return invalid_file("{}: replaced or truncated below its {} complete bytes; open it again",
+                          source->name(), head.header.file_bytes);
+    }
+    if (source->size() < head.header.file_bytes) {
+      return invalid_file("{}: shrank from {} to {} complete bytes; open it again", source->name(),
+                          head.header.file_bytes, source->size());
+    }
+    bool grown = false;
+    STGS_TRY(change([&](FileHead& found, Findings& findings) {
+      if (read_growth(*source, found, grown, findings) && grown &&
+          loading == IndexLoading::kComplete) {
         load_index(*source, 0, found.metadata.scene.frames, found, findings);
       }
-      if (!findings.ok()) return findings.status(source->name());
-      take(std::move(found), std::move(findings));
-      return grown;
-    } catch (const std::exception& e) {
-      return Status(code_of(e), fmt::format("{}: {}", source->name(), e.what()));
-    }
+    }));
+    return grown;
   }
 
   // Reads the records of a segment and converts them with `make`, into `out`.
@@ -123,7 +138,7 @@ struct SceneReader::State {
   // Derived from the head by list_segments().
   std::vector<SegmentInfo> segments = {};
   SegmentTimes times = {};
-  double complete_ticks = 0;
+  double complete_ticks = 0, latest_begin = 0;
   std::vector<ScenePart> parts = {};
 };
 
@@ -162,6 +177,11 @@ std::uint64_t SceneReader::head_bytes() const {
   return state_->head.index_bytes;
 }
 
+std::uint64_t SceneReader::final_bytes() const {
+  const FileHead& head = state_->head;
+  return head.last_fragment ? head.last_fragment->offset : head.header.file_bytes;
+}
+
 SceneForm SceneReader::form() const {
   if (!state_->head.growing()) return SceneForm::kFinished;
   return state_->head.closed ? SceneForm::kRecorded : SceneForm::kGrowing;
@@ -192,6 +212,33 @@ Result<bool> SceneReader::refresh() {
   return state_->refresh();
 }
 
+Status SceneReader::load(double t0, double t1) {
+  return state_->load(t0, t1);
+}
+
+bool SceneReader::is_loaded(double t0, double t1) const {
+  const std::vector<TickRange> missing = unloaded();
+  return std::none_of(missing.begin(), missing.end(),
+                      [&](const TickRange& range) { return range.begin <= t1 && t0 <= range.end; });
+}
+
+std::vector<TickRange> SceneReader::unloaded() const {
+  std::vector<TickRange> out;
+  for (const auto& [link, depth] : state_->head.walk.pending) out.push_back(link.needed);
+  return out;
+}
+
+std::unique_ptr<SceneReader> SceneReader::clone(std::unique_ptr<ByteSource> source) const {
+  auto state = std::make_unique<State>(State{std::move(source), state_->limits, state_->loading,
+                                             state_->memory, state_->head, state_->damage});
+  state->list_segments();
+  return std::unique_ptr<SceneReader>(new SceneReader(std::move(state)));
+}
+
+double SceneReader::latest_begin_ticks() const {
+  return state_->latest_begin;
+}
+
 double SceneReader::chunk_ticks() const {
   return state_->head.parts.empty() ? 1.0 : state_->head.parts.front().chunk_ticks;
 }
@@ -211,10 +258,15 @@ const std::vector<ScenePart>& SceneReader::parts() const {
 std::vector<StreamInfo> SceneReader::streams() const {
   std::vector<StreamInfo> out;
   for (Attribute attribute : attributes_of(sh_degree())) {
-    StreamInfo info{name_of(attribute), 0,
-                    primitives() * 4 * static_cast<std::uint64_t>(components_of(attribute))};
+    StreamInfo info{name_of(attribute),
+                    0,
+                    primitives() * 4 * static_cast<std::uint64_t>(components_of(attribute)),
+                    {}};
     for (const AttributeBytes& row : state_->head.index.attributes) {
       if (row.attribute == static_cast<std::uint16_t>(attribute)) info.bytes += row.bytes;
+    }
+    for (const ErrorBound& bound : state_->head.error_bounds) {
+      if (bound.attribute == attribute) info.error = bound;
     }
     out.push_back(std::move(info));
   }
@@ -308,11 +360,11 @@ Result<Gaussians4D> SceneReader::decode_intact(std::uint32_t segment, Status& sh
 
 Result<std::unique_ptr<SceneReader>> SceneReader::open(std::unique_ptr<ByteSource> source,
                                                        const ReadLimits& limits,
-                                                       std::pmr::memory_resource* memory) {
+                                                       std::pmr::memory_resource* memory,
+                                                       IndexLoading loading) {
   try {
     Findings findings;
     FileHead head;
-    const IndexLoading loading = IndexLoading::kComplete;
     read_head(*source, limits, loading, head, findings);
     if (!findings.ok()) return findings.status(source->name());
     auto state = std::make_unique<State>(

@@ -13,6 +13,13 @@ namespace {
 // Memory for decoding a batch of segments, per thread.
 constexpr std::uint64_t kBatchBytes = std::uint64_t{64} << 20;
 
+// Returns the primitives that the index lists, which a damaged or false index may state wrongly.
+std::uint64_t listed_primitives(const SceneReader& reader) {
+  std::uint64_t count = 0;
+  for (const SegmentInfo& segment : reader.segments()) count += segment.primitives;
+  return count;
+}
+
 // Returns the end of a batch of segments, at least one, that can be decoded at once within the
 // limit: their bytes, their floats, and planes of no more bytes than the floats (spec 8.1).
 std::size_t end_of_batch(const SceneReader& reader, std::size_t begin, std::uint64_t max_memory) {
@@ -56,7 +63,7 @@ std::vector<Outcome> read_all(const SceneReader& reader, std::uint64_t max_memor
     for (const Gaussians4D& part : decoded) need += part.size();
     // Doubles the capacity, except for the last batch.
     if (need > all.position.capacity() / 3) {
-      all.reserve(std::clamp<std::uint64_t>(2 * all.size(), need, reader.primitives()));
+      all.reserve(std::clamp<std::uint64_t>(2 * all.size(), need, listed_primitives(reader)));
     }
     for (const Gaussians4D& part : decoded) all.append(part);
   }
@@ -86,7 +93,7 @@ Status count_outcomes(const SceneReader& reader, const std::vector<Outcome>& out
     }
   }
   merge_ranges(report);
-  if (report.primitives > 0 && report.primitives == reader.primitives()) return report.reason;
+  if (report.primitives > 0 && report.primitives == listed_primitives(reader)) return report.reason;
   return {};
 }
 
@@ -135,10 +142,11 @@ Result<Scene> recover_scene(const SceneReader& reader, const std::string& name,
   report.damage = reader.damage();
   report.lost_fragments = reader.lost_fragments();
   report.incomplete_bytes = reader.incomplete_bytes();
-  const std::uint64_t bytes = reader.primitives() * 4 * floats_per_primitive(reader.sh_degree());
+  const std::uint64_t bytes =
+      listed_primitives(reader) * 4 * floats_per_primitive(reader.sh_degree());
   if (bytes > limits.max_memory) {
     return unsupported("{}: {} primitives need {} bytes of memory, more than the limit of {}", name,
-                       reader.primitives(), bytes, limits.max_memory);
+                       listed_primitives(reader), bytes, limits.max_memory);
   }
   try {
     Scene scene;

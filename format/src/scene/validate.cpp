@@ -2,12 +2,13 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <set>
 
 #include "codec/values.h"
 #include "container/node.h"
 #include "container/segment.h"
 #include "quantise/segmenter.h"
-#include "scene/validate.h"
+#include "scene/validate_index.h"
 
 namespace stgs {
 namespace {
@@ -54,9 +55,10 @@ bool fits_memory(const RecordHeader& record, const FileHead& head, std::uint64_t
 
 // What the records of the body have stated so far.
 struct Body {
-  std::uint32_t frames = 0;     // of the last FRAG record
-  bool has_importance = false;  // IMPO
-  bool after_segments = false;  // of the index
+  std::set<std::uint64_t> copies;  // offsets of the copies of nodes
+  std::uint32_t frames = 0;        // of the last FRAG record
+  bool has_importance = false;     // IMPO
+  bool after_segments = false;     // of the index
 };
 
 // Checks a FRAG record of a growing file (spec 9.2, 9.3).
@@ -81,16 +83,6 @@ void check_fragment(std::span<const std::uint8_t> payload, const FileHead& head,
                    body.frames);
   }
   body.frames = now;
-}
-
-// Returns whether a link leads to a PAGE record or its copy.
-bool is_linked_page(const FileHead& head, std::uint64_t at) {
-  for (const auto& [record, node] : head.walk.nodes) {
-    for (const NodeLink& link : node.links) {
-      if (link.offset == at || link.copy == at) return true;
-    }
-  }
-  return false;
 }
 
 // Checks a record that is not critical, at a place outside of segments.
@@ -140,7 +132,7 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
     }
     const bool intact = check_payload(record, bytes, at + kRecordHeaderBytes, findings);
     if (intact && fragment) check_fragment(bytes, head, at, body, findings);
-    if (page && !is_linked_page(head, at))
+    if (page && head.walk.followed.count(at) == 0 && body.copies.count(at) == 0)
       findings.warning(N::kUnlistedRecord, at, "PAGE record to which no link leads");
     if (intact && (record.flags & kCritical) == 0)
       check_other(record, bytes, head, at, body, findings);
@@ -153,9 +145,11 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
 }
 
 // Checks the records of the body between and after those listed in the index.
-void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
+void walk_body(const ByteSource& source, FileHead& head, std::set<std::uint64_t> copies,
+               Findings& findings) {
   std::uint64_t at = head.header.head_bytes;
   Body body;
+  body.copies = std::move(copies);
   for (const IndexEntry* record : records_of(head.index)) {
     if (record->offset < at) {
       findings.error(N::kPlace, record->offset, "records of two segments overlap");
@@ -254,8 +248,7 @@ void check_segments(const ByteSource& source, FileHead& head, Findings& findings
   }
   for (const Layout& layout : head.layouts.layouts) check_layout(layout, findings);
   check_further(source, head, findings);
-  check_index(head, findings);
-  walk_body(source, head, findings);
+  walk_body(source, head, check_index(source, head, findings), findings);
   walk_head_records(head, findings);
   check_private_numbers(head, findings);
   check_error_bounds(head, findings);

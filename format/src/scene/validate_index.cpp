@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "scene/validate_index.h"
+
 #include <algorithm>
 #include <limits>
 #include <map>
 #include <set>
 #include <tuple>
-
-#include "scene/validate.h"
 
 namespace stgs {
 namespace {
@@ -68,6 +68,35 @@ class LinkTimes {
   std::map<std::uint64_t, TickRange> needed_;  // by record
 };
 
+// Returns the payload of the PAGE record at `at`, or nothing if it is damaged.
+std::optional<std::vector<std::uint8_t>> page_at(const ByteSource& source, const FileHead& head,
+                                                 std::uint64_t at, std::uint64_t bytes) {
+  const auto record =
+      complete_record_at(source, at, std::min(head.header.file_bytes, head.available_bytes));
+  if (!record.ok() || !*record || (*record)->length != bytes) return {};
+  std::vector<std::uint8_t> payload(bytes);
+  if (!source.read(at + kRecordHeaderBytes, payload).ok()) return {};
+  if (checksum(payload) != (*record)->checksum) return {};
+  return payload;
+}
+
+// Checks that intact copies of nodes are identical to them (spec 5.2). Returns their offsets.
+std::set<std::uint64_t> check_copies(const ByteSource& source, const FileHead& head,
+                                     Findings& findings) {
+  std::set<std::uint64_t> copies;
+  for (const auto& [record, node] : head.walk.nodes) {
+    for (const NodeLink& link : node.links) {
+      if (link.copy == 0 || !copies.insert(link.copy).second) continue;
+      if (head.walk.nodes.count(link.offset) == 0) continue;  // not read
+      const auto page = page_at(source, head, link.offset, link.bytes),
+                 copy = page_at(source, head, link.copy, link.bytes);
+      if (page && copy && *page != *copy)
+        findings.error(N::kLink, link.copy, "copy of a node differs from it");
+    }
+  }
+  return copies;
+}
+
 // Checks that no two segments have one place, and no two parts one number (spec 5.3).
 void check_places(const FileHead& head, Findings& findings) {
   std::set<std::uint32_t> numbers;
@@ -93,7 +122,8 @@ void check_places(const FileHead& head, Findings& findings) {
 
 }  // namespace
 
-void check_index(const FileHead& head, Findings& findings) {
+std::set<std::uint64_t> check_index(const ByteSource& source, const FileHead& head,
+                                    Findings& findings) {
   check_places(head, findings);
   check_repeated(head, findings);
   LinkTimes(head, findings);
@@ -102,6 +132,7 @@ void check_index(const FileHead& head, Findings& findings) {
                    "index: primitive count mismatch (total states {}, segments have {})",
                    head.index.primitives, head.listed_primitives);
   }
+  return check_copies(source, head, findings);
 }
 
 }  // namespace stgs
