@@ -65,7 +65,8 @@ bool moves_or_fades(const Scene& scene) {
 std::string output_extensions() {
   std::string text = ".stgs";
   for (const InterchangeFormat& format : interchange_formats()) {
-    if (format.write != nullptr) text += fmt::format(", {}", format.extension);
+    if (format.write != nullptr || format.write_scene != nullptr)
+      text += fmt::format(", {}", format.extension);
   }
   return text;
 }
@@ -107,14 +108,16 @@ class Convert final : public Command {
     return {
         "convert", "Convert from and to other Gaussian-splat formats",
         "Reads .stgs, 3DGS PLY (also PlayCanvas packed PLY), SPZ 2 to 4, SOG 2 (a bundle or a\n"
-        "folder of models), .splatv, and a folder of PLY frames; the content selects the format.\n"
-        "Splats that are static or move linearly over the frames become one primitive. Writes,\n"
-        "by the extension of OUT, .stgs, or a single time as .ply, .spz (version 4) or .glb\n"
+        "folder of models), .sogst, .tsog, .ftgs.ply, .splatv, and a folder of PLY frames; the\n"
+        "content selects the format. Splats that are static or move linearly over the frames\n"
+        "become one primitive; curved paths of a .sogst become several. Writes, by the extension\n"
+        "of OUT, .stgs, USD as text (.usda), or a single time as .ply, .spz (version 4) or .glb\n"
         "(glTF with KHR_gaussian_splatting). Converts the axes to those of the target. Reads\n"
-        "the output back, except .glb, and reports the errors. Warns on standard error of data\n"
-        "that is lost.",
+        "the output back, except .glb and .usda, and reports the errors. Warns on standard error\n"
+        "of data that is lost.",
         "  stgs convert scene.stgs frame.ply --time 1.5\n"
         "  stgs convert scene.stgs frame.spz --time 1.5\n"
+        "  stgs convert scene.stgs scene.usda\n"
         "  stgs convert splats.ply splats.stgs --quality 85\n"
         "  stgs convert frames/ clip.stgs --fps 30"};
   }
@@ -199,7 +202,7 @@ class Convert final : public Command {
   // Reduces the scene to one time if --time is given or the target holds only one.
   Status select_time(Conversion& work) const {
     const SceneMetadata& metadata = work.scene.metadata;
-    if (!seconds_ && work.to == nullptr) return {};
+    if (!seconds_ && (work.to == nullptr || work.to->write_scene != nullptr)) return {};
     if (!seconds_ && metadata.frames > 1) {
       return usage_error("{}: lasts {:.6g} s, but {} holds a single time; select one with --time",
                          input_, metadata.time_base.seconds(metadata.frames), work.to->name);
@@ -229,7 +232,7 @@ class Convert final : public Command {
           "{} of {} primitives are dropped: not visible at that time (opacity below 1/255)",
           work.primitives_in - visible, work.primitives_in));
     }
-    if (work.to == nullptr) return;
+    if (work.to == nullptr || work.to->write_scene != nullptr) return;  // adds its own notes
     const SceneMetadata& m = work.scene.metadata;
     std::string lost;
     const auto lose = [&lost](const char* item) {
@@ -252,7 +255,9 @@ class Convert final : public Command {
   Result<std::vector<std::uint8_t>> encode(Session& session, Conversion& work) const {
     if (work.to != nullptr) {
       Result<std::vector<std::uint8_t>> bytes =
-          work.to->write(work.scene.gaussians, &work.report.notes);
+          work.to->write_scene != nullptr
+              ? work.to->write_scene(work.scene, &work.report.notes)
+              : work.to->write(work.scene.gaussians, &work.report.notes);
       if (bytes.ok()) return bytes;
       return Status(bytes.status().code(),
                     fmt::format("{}: {}", output_, bytes.status().message()));

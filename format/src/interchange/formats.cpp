@@ -13,7 +13,7 @@ namespace {
 
 using Head = std::span<const std::uint8_t>;
 
-constexpr std::size_t kHeadBytes = 64;
+constexpr std::size_t kHeadBytes = 4096;
 
 bool starts_with(Head head, std::string_view magic) {
   return head.size() >= magic.size() &&
@@ -30,6 +30,18 @@ bool is_spz(const std::string&, Head head) {
 bool is_sog(const std::string& path, Head head) {
   return starts_with(head, "PK\x03\x04") || is_sog_folder(path) ||
          (starts_with(head, "{") && file_extension(path) == ".json");
+}
+bool is_sogst(const std::string& path, Head head) {
+  return starts_with(head, "PK\x03\x04") && sog_kind(path) == SogKind::kSogst;
+}
+bool is_tsog(const std::string& path, Head head) {
+  return starts_with(head, "PK\x03\x04") && sog_kind(path) == SogKind::kTsog;
+}
+bool is_ftgs_file(const std::string&, Head head) {
+  return is_ftgs_ply(head);
+}
+bool is_usda(const std::string&, Head head) {
+  return starts_with(head, "#usda");
 }
 bool is_splatv_file(const std::string&, Head head) {
   return is_splatv(head);
@@ -57,6 +69,19 @@ Result<Scene> read_sog_models(const std::string& path, const ImportSettings&,
                               const ReadLimits& limits, ImportReport& report) {
   return read_sog(path, limits, &report.notes);
 }
+Result<Scene> read_sogst_clip(const std::string& path, const ImportSettings& settings,
+                              const ReadLimits& limits, ImportReport& report) {
+  return read_sogst(path, settings.curves, limits, &report.curves.emplace(), &report.notes);
+}
+Result<Scene> read_tsog_clip(const std::string& path, const ImportSettings& settings,
+                             const ReadLimits& limits, ImportReport& report) {
+  return read_tsog(path, settings.clip, limits, &report.notes);
+}
+Result<Scene> read_ftgs_clip(const std::string& path, const ImportSettings& settings,
+                             const ReadLimits& limits, ImportReport& report) {
+  STGS_ASSIGN(const auto source, open_file(path));
+  return read_ftgs_ply(*source, settings.clip, limits, &report.notes);
+}
 Result<Scene> read_splatv_clip(const std::string& path, const ImportSettings& settings,
                                const ReadLimits& limits, ImportReport& report) {
   STGS_ASSIGN(const auto source, open_file(path));
@@ -70,13 +95,20 @@ Result<Scene> read_frames(const std::string& path, const ImportSettings& setting
 
 using Format = InterchangeFormat;
 constexpr std::array kFormats = {
+    Format{"FTGS PLY", ".ftgs.ply", is_ftgs_file, nullptr, read_ftgs_clip, nullptr, nullptr,
+           Format::kClip},
     Format{"PLY", ".ply", is_ply, read_ply, nullptr, write_ply_set},
     Format{"SPZ", ".spz", is_spz, read_spz, nullptr, write_spz_set},
+    Format{"sogst", ".sogst", is_sogst, nullptr, read_sogst_clip, nullptr, nullptr,
+           Format::kCurves},
+    Format{"tsog", ".tsog", is_tsog, nullptr, read_tsog_clip, nullptr, nullptr, Format::kClip},
     Format{"SOG", ".sog", is_sog, nullptr, read_sog_models, nullptr},
-    Format{"splatv", ".splatv", is_splatv_file, nullptr, read_splatv_clip, nullptr,
+    Format{"splatv", ".splatv", is_splatv_file, nullptr, read_splatv_clip, nullptr, nullptr,
            Format::kSplatv},
-    Format{"PLY frames", "", is_frame_folder, nullptr, read_frames, nullptr, Format::kSequence},
+    Format{"PLY frames", "", is_frame_folder, nullptr, read_frames, nullptr, nullptr,
+           Format::kSequence},
     Format{"glTF", ".glb", is_gltf, nullptr, nullptr, write_glb_set},
+    Format{"USD", ".usda", is_usda, nullptr, nullptr, nullptr, write_usda},
 };
 
 }  // namespace
@@ -119,7 +151,8 @@ Result<Scene> read_interchange(const InterchangeFormat& format, const std::strin
 const InterchangeFormat* format_for_output(const std::string& path) {
   const std::string extension = file_extension(path);
   const auto found = std::find_if(kFormats.begin(), kFormats.end(), [&](const auto& format) {
-    return format.write != nullptr && extension == format.extension;
+    return (format.write != nullptr || format.write_scene != nullptr) &&
+           extension == format.extension;
   });
   return found == kFormats.end() ? nullptr : &*found;
 }

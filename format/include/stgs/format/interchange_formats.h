@@ -11,6 +11,7 @@
 #include "stgs/format/interchange.h"
 #include "stgs/format/ply_sequence.h"
 #include "stgs/format/splatv.h"
+#include "stgs/format/timed_formats.h"
 
 namespace stgs {
 
@@ -18,6 +19,8 @@ namespace stgs {
 struct ImportSettings {
   SequenceSettings sequence;
   SplatvSettings splatv;
+  CurveSettings curves;
+  ClipSettings clip;
 };
 
 // The report of an import.
@@ -25,11 +28,12 @@ struct ImportReport {
   ConversionNotes notes;
   std::optional<SequenceReport> sequence;  // set for a PLY sequence
   std::optional<SplatvReport> splatv;      // set for .splatv
+  std::optional<CurveReport> curves;       // set for .sogst
 };
 
 struct InterchangeFormat {
   // The member of ImportSettings that reading uses.
-  enum SettingsKind { kNone, kSequence, kSplatv };
+  enum SettingsKind { kNone, kSequence, kSplatv, kCurves, kClip };
 
   const char* name;       // "SPZ"
   const char* extension;  // of file names, lower case, with its dot; "" for folders
@@ -44,6 +48,9 @@ struct InterchangeFormat {
   // Writes a static set. Null if the format is only read. `notes`, which may be null, receives
   // changes beyond the format's precision.
   Result<std::vector<std::uint8_t>> (*write)(const Gaussians4D& set, ConversionNotes* notes);
+  // Writes a complete scene with its motion and lifespans; null for the others. `notes` as above.
+  Result<std::vector<std::uint8_t>> (*write_scene)(const Scene& scene,
+                                                   ConversionNotes* notes) = nullptr;
   SettingsKind settings_kind = kNone;
 };
 
