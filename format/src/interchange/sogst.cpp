@@ -202,8 +202,9 @@ Result<Scene> read_sogst(const std::string& path, const CurveSettings& settings,
   }
   Scene scene;
   scene.metadata.time_base = frame_time_of(meta.fps);
-  const double ticks = scene.metadata.time_base.ticks(meta.end - meta.begin);
-  scene.metadata.frames = static_cast<std::uint32_t>(std::max(1.0, std::ceil(ticks)));
+  const double ticks = std::ceil(scene.metadata.time_base.ticks(meta.end - meta.begin));
+  if (ticks > 0xFFFFFFFF) return unsupported("{}: the clip has too many frames ({})", path, ticks);
+  scene.metadata.frames = static_cast<std::uint32_t>(std::max(1.0, ticks));
   convert_times(meta, scene, set, acceleration);
   CurveReport done;
   done.primitives = set.size();
