@@ -48,7 +48,8 @@ Result<SogModel> open_model(const std::string& path, const ReadLimits& limits) {
     meta_name = model_path.filename().string();
     model.files = folder_files(model_path.parent_path().string());
   }
-  STGS_ASSIGN(const std::vector<std::uint8_t> text, model.files->read(meta_name, kMaxSogMetaBytes));
+  STGS_ASSIGN(const std::vector<std::uint8_t> text,
+              model.files->read(meta_name, max_sog_meta_bytes(limits)));
   STGS_ASSIGN(model.layout, parse_sog_meta(text, model.files->label(meta_name), limits));
   return model;
 }

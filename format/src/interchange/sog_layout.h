@@ -2,6 +2,7 @@
 // The description of a SOG model (meta.json), as far as SOG, .sogst and .tsog share it.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -51,6 +52,9 @@ struct SogLayout {
 };
 
 inline constexpr std::uint64_t kMaxSogMetaBytes = 16 << 20;
+inline std::uint64_t max_sog_meta_bytes(const ReadLimits& limits) {
+  return std::min(kMaxSogMetaBytes, limits.max_memory);
+}
 
 // The functions below take a member of the description, and `label` for messages.
 

@@ -183,7 +183,8 @@ void convert_times(const SogstMeta& meta, const Scene& scene, Gaussians4D& set,
 Result<Scene> read_sogst(const std::string& path, const CurveSettings& settings,
                          const ReadLimits& limits, CurveReport* report, ConversionNotes* notes) {
   STGS_ASSIGN(const std::unique_ptr<NamedFiles> files, zip_files(path));
-  STGS_ASSIGN(const std::vector<std::uint8_t> text, files->read("meta.json", kMaxSogMetaBytes));
+  STGS_ASSIGN(const std::vector<std::uint8_t> text,
+              files->read("meta.json", max_sog_meta_bytes(limits)));
   STGS_ASSIGN(const SogstMeta meta, parse_sogst_meta(text, files->label("meta.json"), limits));
   STGS_TRY(check_import_size(path, meta.layout.count, meta.layout.sh_degree(), limits));
   Gaussians4D set;

@@ -214,7 +214,8 @@ Status read_motion(SogDecoder& decoder, const SogRange& motion, const ClipTimes&
 Result<Scene> read_tsog(const std::string& path, const ClipSettings& settings,
                         const ReadLimits& limits, ConversionNotes* notes) {
   STGS_ASSIGN(const std::unique_ptr<NamedFiles> files, zip_files(path));
-  STGS_ASSIGN(const std::vector<std::uint8_t> text, files->read("meta.json", kMaxSogMetaBytes));
+  STGS_ASSIGN(const std::vector<std::uint8_t> text,
+              files->read("meta.json", max_sog_meta_bytes(limits)));
   STGS_ASSIGN(const TsogMeta meta, parse_tsog_meta(text, files->label("meta.json"), limits));
   STGS_ASSIGN(const ClipTimes times, times_of(meta, path, settings));
   STGS_TRY(check_import_size(path, meta.layout.count, meta.layout.sh_degree(), limits));
