@@ -100,10 +100,10 @@ TEST_CASE("steps out of range are rejected, also in a file") {
     CHECK(encode_scene(changed, {}).status().code() == StatusCode::kUsage);
   }
   // The record of the file with every byte changed in turn, and valid checksums.
-  const auto parsed_from = [](const std::vector<std::uint8_t>& bytes) {
+  const auto parsed_from = [](const std::vector<std::uint8_t>& record) {
     FileHead head;
     Findings findings;
-    parse_steps(bytes, 0, head, findings);
+    parse_steps(record, 0, head, findings);
     return head.quantisation;
   };
   const std::vector<std::uint8_t> payload = write_steps(*scene.quantisation);
