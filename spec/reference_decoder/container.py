@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Opens a file: the head, all nodes of the index (5.2, 9.3), and IMPO (11.9)."""
 import math
+import struct
 from dataclasses import dataclass, field
 
 import growing
@@ -40,7 +41,6 @@ class File:
     reports: list = field(default_factory=list)   # Refused: errors after which reading continues
     lost: list = field(default_factory=list)      # (tag, offset, Refused) of nodes
     seen: set = field(default_factory=set)        # offsets of linked records
-    seen_earlier: set = field(default_factory=set)  # fragments whose earlier links are followed
     node_bytes: int = 0
     entries: int = 0
 
@@ -69,7 +69,6 @@ def open_file(data, limits):
     else:
         if len(data) != file.end:
             reports.append(Refused("2.4", 106, f"{len(data)} bytes instead of {file.end}"))
-            file.data = data[:file.end]
         read_index(file, have[b"INDX"])
     read_aside(file, have)
     check_limits(file)
@@ -141,9 +140,7 @@ def read_page(file, link):
     try:
         payload = page_payload(file, link.offset, link.bytes)
     except Refused as damage:
-        if link.copy == 0:
-            raise
-        try:
+        try:  # 0, the beginning of the header, is no record
             payload = page_payload(file, link.copy, link.bytes)
         except Refused:
             raise damage from None
@@ -169,7 +166,6 @@ def read_growing(file):  # 9
         file.state = "closed"
         if file.end < len(file.data):
             file.reports.append(Refused("9.4", 106, "bytes after a closed fragment"))
-    file.seen.add(last.at)
     count_bytes(file, last.end - last.at - RECORD)
     use_node(file, last, 0)
     use_earlier(file, last, 0)
@@ -182,9 +178,6 @@ def use_node(file, fragment, depth):  # 9.3
 
 
 def use_earlier(file, fragment, depth):  # 9.3, 9.5
-    if fragment.at in file.seen_earlier:
-        return
-    file.seen_earlier.add(fragment.at)
     file.links += fragment.earlier
     for link in fragment.earlier:
         follow_fragment(file, link, depth + 1)
@@ -240,8 +233,7 @@ def read_importance(file):
         if (tag, flags) == (b"IMPO", 0):
             payload = intact_record(file.data, at, file.end)[2]
             need(len(payload) == 4 * file.total, "11.9", 312, f"{len(payload)} bytes of importance")
-            fields = Fields(payload, "11.9", 312)
-            for value in fields.f32s(file.total):
+            for value in struct.unpack(f"<{file.total}f", payload):
                 need(0 <= value < math.inf, "11.9", 312, f"an importance of {value}")
             return payload
         at += RECORD + length

@@ -127,7 +127,7 @@ def describe_segment(file, run, segment, out):
             out.refuse(f"tier {place[0]} {place[1]} {place[2]} {tier}", error)
             continue
         out.streams[(*place, tier)] = streams
-        for attribute, stream in sorted(streams.items()):
+        for attribute, stream in streams.items():
             describe_stream(place, tier, attribute, stream, out)
         if error:
             out.refuse(f"sh {place[0]} {place[1]} {place[2]} {tier}", error)

@@ -89,7 +89,6 @@ class Fields:
                 need(byte > 0 or shift == 0, "1.4", self.issue, "a number of more bytes than it needs")
                 return value
             shift += 7
-            need(shift < 70, "1.4", self.issue, "a number of more than ten bytes")
 
 
 def record_header(data, at, end):

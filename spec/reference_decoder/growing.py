@@ -2,7 +2,7 @@
 """Clause 9: the fragments of growing files."""
 from dataclasses import dataclass
 
-from fields import RECORD, Fields, Refused, intact_record, need
+from fields import RECORD, Fields, Refused, intact_record, need, record_header
 from head import HEADER, intact_head
 from index import Node, read_links, read_node
 from metadata import check_bounds
@@ -50,24 +50,21 @@ def last_before(data, end, head, limit):
     `limit` bytes of payloads (conformance.md 1.5)."""
     at = end
     while (at := data.rfind(b"FRAG", HEADER, at)) >= 0:
-        limit -= int.from_bytes(data[at + 8:at + 16], "little")
         try:
+            limit -= record_header(data, at, len(data))[2]
             return read_fragment(data, at, head)
         except Refused:
             pass
         if limit < 0:
             break
-        at += 3  # finds tags that begin before this one
     return None
 
 
 def last_fragment(data, head, limit):  # 9.4
-    at = len(data) - RECORD - int.from_bytes(data[-8:], "little")
-    if at >= HEADER:
-        try:
-            found = read_fragment(data, at, head)
-            if found.end == len(data):
-                return found
-        except Refused:
-            pass
+    try:
+        found = read_fragment(data, len(data) - RECORD - int.from_bytes(data[-8:], "little"), head)
+        if found.end == len(data):
+            return found
+    except Refused:
+        pass
     return last_before(data, len(data), head, limit)

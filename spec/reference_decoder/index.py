@@ -20,10 +20,10 @@ class Link:  # 5.2
 
 @dataclass
 class Record:  # a SEGM record as the index lists it
-    offset: int
     bytes: int    # of its payload
     layer: int
     n: int = 0    # primitives, for contents 0 and 1
+    offset: int = 0
 
 
 @dataclass
@@ -99,7 +99,8 @@ def read_run(fields, body):  # 5.3
     times = [fields.f64() for _ in range(4)]
     begin, end, first, last = [ticks(v, 311) for v in times]
     chunk = ticks(fields.f64(), 301)
-    need(begin < end and end - begin <= 2.0 ** 32 * UNIT, "5.3", 311, "the length of a part")
+    # begin < end follows from the next two.
+    need(end - begin <= 2.0 ** 32 * UNIT, "5.3", 311, "the length of a part")
     need(max(begin, 0) <= first < last <= end, "5.3", 311, "the displayed interval of a part")
     need(chunk >= 1, "5.3", 301, f"a chunk of {chunk}")
     run = Run(part, begin, end, first, last, chunk)
@@ -132,16 +133,16 @@ def read_segment(fields, run, last_slot, at, end):  # 5.3
         n, size = fields.number(), fields.number()
         need(1 <= n < 1 << 32, "5.3", 305, f"a tier of {n} primitives")
         need(n <= size, "5.5", 305, f"{n} primitives in {size} bytes")
-        records.append(Record(0, size, i, n))
+        records.append(Record(size, i, n))
     for i in range(tiers * apart):
-        records.append(Record(0, fields.number(), 256 + i, records[i].n))
+        records.append(Record(fields.number(), 256 + i, records[i].n))
     count = count_of(fields) if more else 0
     need(count >= 1 or not more, "5.3", 300, "no further records")
     layer = 511
     for _ in range(count):
         before, layer = layer, fields.number()
         need(before < layer <= 65535, "5.6", 303, f"a further record of layer {layer}")
-        records.append(Record(0, fields.number(), layer))
+        records.append(Record(fields.number(), layer))
     for r in records:
         r.offset, at = at, at + RECORD + r.bytes
         need(at <= end, "5.3", 304, "a record outside the body")

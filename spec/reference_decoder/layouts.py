@@ -9,7 +9,7 @@ COMPONENTS = {1: 3, 2: 1, 3: 1, 4: 1, 5: 3, 6: 3, 7: 4, 8: 1, 9: 3, 10: 1, 11: 9
 NAMES = {1: "position", 2: "time", 3: "sigma", 4: "radius", 5: "velocity", 6: "log_scale", 7: "rotation",
          8: "opacity", 9: "sh0", 10: "sh_degree", 11: "sh1", 12: "sh2", 13: "sh3"}
 OPTIONAL = 0x8000  # 6.2
-SIGMA, RADIUS, VELOCITY, LOG_SCALE, ROTATION, SH_DEGREE = 3, 4, 5, 6, 7, 10
+SIGMA, RADIUS, LOG_SCALE, SH_DEGREE = 3, 4, 6, 10
 SH = (9, 11, 12, 13)
 # The attributes of each mapping (8.5).
 MAPS = {0: (1, 2, 3, 4, 5, 6, 7, 8) + SH, 1: (1, 6, 8) + SH, 2: (3, 4), 3: (5,), 4: (7,), 5: SH, 6: (7,),
@@ -41,7 +41,7 @@ class Row:  # 6.2
         """Returns the bits of each digit of each component."""
         if self.prediction == MORTON:
             low = [8] * (self.low // 8) + [self.low % 8] * (self.low % 8 > 0)  # 8.4
-            return [self.bits] + [low] * (3 * (self.low > 0))
+            return [self.bits] + [low] * 3
         return [self.bits] * (3 if self.mapping in (4, 6) else COMPONENTS[self.attribute])
 
     def planes(self):
@@ -111,7 +111,7 @@ def read_layout(rows, tables):
 def read_row(f, tables):  # 6.2
     row = Row(f.u16(), f.u8(), f.u8(), f.u8())
     need(not row.optional() or row.coder != RANS, "6.2", 404, "an optional stream with coder 1")
-    if row.optional() or not row.known():
+    if not row.known():  # as are all optional ones
         return row
     row.joins, row.e, row.m, row.low = f.u8(), f.i8(), f.u8(), f.u8()
     d, o = f.u8(), f.u8()
@@ -135,7 +135,7 @@ def check_mapping(row):  # 8.4, 8.5
     need(all(v == 0 or 2.0 ** -100 <= abs(v) <= 2.0 ** 100 for v in row.origin), "8.5", 404,
          f"an origin of {row.origin}")
     if row.prediction == MORTON:
-        need(row.attribute == 1 and row.mapping == 1, "8.3", 404, "prediction 3 of another attribute or mapping")
+        need(row.attribute == 1, "8.3", 404, "prediction 3 of another attribute")  # mapping 0 has no prediction
         need(row.low <= 14, "8.4", 404, f"{row.low} low bits")
     else:
         need(row.low == 0, "6.2", 404, "low bits without prediction 3")
@@ -147,7 +147,7 @@ def check_mapping(row):  # 8.4, 8.5
     least, greatest = {2: (0, 23), 4: (-14, -1), 6: (-14, -1)}.get(row.mapping, (-100, 100))
     need(row.m % 2 == 1, "8.5", 404, f"a multiplier of {row.m}")
     need(least <= row.e <= greatest, "8.5", 404, f"an exponent of {row.e}")
-    need(row.mapping != 2 or row.origin[0] >= 2.0 ** -100, "8.5", 404, "a truncated origin of 0 or less")
+    need(row.mapping != 2 or row.origin[0] > 0, "8.5", 404, "a truncated origin of 0 or less")
 
 
 def check_shaped(rows):  # 8.8

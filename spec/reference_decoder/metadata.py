@@ -69,9 +69,12 @@ def check_camera(m):  # 4.3
         for j in range(3):
             product = sum(x * y for x, y in zip(rows[i], rows[j]))
             need(abs(product - (i == j)) <= 0.001, "4.3", 204, "the start camera's rotation")
-    det = a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + \
+    need(determinant(a, b, c) > 0, "4.3", 204, "the start camera's rotation mirrors")
+
+
+def determinant(a, b, c):
+    return a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + \
         a[2] * (b[0] * c[1] - b[1] * c[0])
-    need(det > 0, "4.3", 204, "the start camera's rotation mirrors")
 
 
 def check_shown(m, reports):

@@ -20,7 +20,7 @@ class Memory:  # conformance.md 1.5
 def decode_tier(file, run, segment, tier):
     """Returns {attribute: Integers} of a tier, and the error that refuses its SH above degree 0, or
     None (10.1)."""
-    base, apart = segment.tiers[tier], bool(segment.sh)
+    base, apart = segment.tiers[tier], segment.sh != []
     need(file.meta.degree > 0 or not apart, "5.5", 402, "SH of degree 0 in a record of its own")
     memory = Memory(file.limits.max_memory)
     memory.take(4 * (17 + 3 * (file.meta.degree + 1) ** 2) * base.n)
@@ -54,10 +54,11 @@ def decode_record(file, run, segment, record, apart, memory):
     layout, tables = record_layout(file, f, memory)
     check_attributes(layout, record.layer // 256, apart, file.meta.degree)
     check_profile(layout, file.meta.profile)
-    counts = [n] + [f.u32() if any(r.attribute == SH_DEGREE for r in layout) else 0
-                    for _ in range(file.meta.degree)]
+    counts = [n]
+    if any(r.attribute == SH_DEGREE for r in layout):
+        counts += [f.u32() for _ in range(file.meta.degree)]
     need(all(a >= b for a, b in zip(counts, counts[1:])), "6.5", 401, f"primitives of each degree: {counts}")
-    first_key = f.u32() if any(r.prediction == MORTON and not r.optional() for r in layout) else 0
+    first_key = f.u32() if any(r.prediction == MORTON and not r.optional() for r in layout) else None
     units = units_of(layout)
     sizes = [f.u32() for _ in units]
     stored = [f.bytes(size) for size in sizes]

@@ -68,7 +68,7 @@ def morton(row, v, key):  # 8.4
         need(key < 1 << 30, "8.4", 407, "a key of 2^30 or more")
         for c in range(3):
             h = sum((key >> (3 * j + c) & 1) << j for j in range(10))
-            out[c].append((h << row.low) + (v[1 + c][i] if row.low > 0 else 0))
+            out[c].append((h << row.low) + v[1 + c][i])
     return out
 
 
@@ -94,8 +94,8 @@ def integers(row, q, before, segment, run, degree):
         exponents = [clamp(row.e + s, -14, -1) for s in shapes]
         need(all(r > 0 for r in squares(out, exponents)), "8.7", 407, "R is not above 0")
         out.exponents = exponents if row.mapping == 6 else []
-    if row.mapping == 7 and segment.level >= 0:
-        start = Fraction(segment.start, 1 << 21)  # slot * H
+    if row.mapping == 7:
+        start = Fraction(segment.start, 1 << 21)  # slot * H; 0 if the segment is persistent
         out.first = math.floor(start / (row.m * Fraction(2) ** row.e))
     return out
 

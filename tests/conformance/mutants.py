@@ -12,7 +12,6 @@ OPERATORS = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.FloorDiv, ast.Flo
              ast.Mod: ast.FloorDiv}
 CALLS = {"min": "max", "max": "min", "all": "any", "any": "all"}
 UNWRAPPED = {"abs", "clamp", "sorted", "signed", "bool", "reversed", "set"}  # f(x, ...) -> x
-RENAMED = {"floor": "ceil", "u16": "i16", "u32": "i32"}
 # Functions that print, and are no part of a decoder.
 SKIPPED = {"main", "print_floats"}
 
@@ -50,6 +49,10 @@ def change(node):
     elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
         for step in (1, -1):
             yield ast.Constant(node.value + step)
+    elif isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and type(node.slice.value) is int:
+        new = copy.deepcopy(node)
+        new.slice = ast.Constant(node.slice.value + 1)
+        yield new
     elif isinstance(node, ast.Slice):
         for side in ("lower", "upper"):
             if getattr(node, side) is not None and not isinstance(getattr(node, side), ast.Constant):
@@ -104,6 +107,8 @@ def children(node):
                 continue
             if isinstance(child, ast.AnnAssign) or (isinstance(child, ast.If) and isinstance(node, ast.Module)):
                 continue  # fields of classes; "if __name__ ..."
+            if isinstance(node, ast.Subscript) and isinstance(child, ast.Constant):
+                continue  # an index: mutated with its list
             if isinstance(child, ast.Call) and getattr(child.func, "id", "") == "Refused":
                 continue
             if field in ("decorator_list", "annotation", "returns"):

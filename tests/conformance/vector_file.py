@@ -56,7 +56,7 @@ class Segment:  # 5.3
     flags: int = 1
     tag: bytes = b"SEGM"
     raw_place: int = None
-    raw_shape: int = None
+    more: int = 0            # added to the bytes of the first record in the index
 
     def payloads(self):
         level, slot = self.stated or (self.level, self.slot)
@@ -72,8 +72,8 @@ class Segment:  # 5.3
         last_slots[self.level] = self.slot
         sizes = [len(p) for p in self.payloads()]
         out = number(32 * delta + self.level + 1 if self.raw_place is None else self.raw_place)
-        shape = 4 * len(self.tiers) + 2 * bool(self.further) + bool(self.sh)
-        out += number(shape if self.raw_shape is None else self.raw_shape)
+        out += number(4 * len(self.tiers) + 2 * bool(self.further) + bool(self.sh))
+        sizes[0] += self.more
         for n, size in zip(self.counts or [b.n for b in self.tiers], sizes):
             out += number(n) + number(size)
         at = len(self.tiers)

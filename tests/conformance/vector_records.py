@@ -80,8 +80,9 @@ def lanes_of(m):  # 7.1
     return 1 << max(0, (m - 1) // 256).bit_length()
 
 
-def encode_block(planes, tables, lanes):
-    """Returns the states and the words of a block (11.10)."""
+def encode_block(planes, tables, lanes, early=None):
+    """Returns the states and the words of a block (11.10). The lane `early` puts a word before its first symbol even
+    if it need not, which leaves its state below 65536."""
     x, words = [65536] * lanes, []
     for plane, f in reversed(list(zip(planes, tables))):
         start, total = {}, 0
@@ -89,7 +90,7 @@ def encode_block(planes, tables, lanes):
             start[s], total = total, total + f[s]
         for i in reversed(range(len(plane))):
             s, lane = plane[i], i % lanes
-            if x[lane] >= f[s] << 20:
+            if x[lane] >= f[s] << 20 or (i == early and plane is planes[0]):
                 words.append(x[lane] & 65535)
                 x[lane] >>= 16
             x[lane] = 4096 * (x[lane] // f[s]) + x[lane] % f[s] + start[s]

@@ -96,6 +96,16 @@ def coded_streams(n, degree, seed, which="all", shaped=False, degrees=None, join
     return [s for s in out if s.attribute in attributes_of(degree, which)]
 
 
+def few_planes(n):
+    """Returns streams of n equal primitives in a few rANS planes of one symbol."""
+    def same(attribute, mapping, e, v, origin=()):
+        return Stream(attribute, mapping, e, [[value] * n for value in v], 0, RANS, (8,), origin)
+
+    return [same(1, 1, -4, (1, 2, 3)), same(2, 7, -2, (60,)), same(3, 2, 20, (5,), (0.25,)), same(4, 2, 20, (5,), (0.25,)),
+            same(5, 3, -7, (1, 0, 2)), same(6, 1, -4, (1, 2, 3), (-4.0,) * 3), same(7, 4, -7, (1, 2, 3)), same(8, 1, -2, (3,)),
+            same(9, 5, -5, (1, 2, 3))]
+
+
 def give_tables(records, tables):
     """Adds a table for each rANS plane of records that share a layout to `tables`."""
     for streams in zip(*records):

@@ -27,11 +27,16 @@ def tags_and_flags():
                       plain(record_flags={tag: flags}, layouts=layouts))
         must_fail(f"{tag.decode().lower()}_flags_3", "3.4", f"{tag.decode()} with flags 3",
                   plain(record_flags={tag: 3}, layouts=layouts))
+    must_fail("meta_flags_3_damaged", "10.2", "META with flags 3 and a damaged payload", flipped(
+        plain(record_flags={b"META": 3}).bytes(), 60), clause_of="3.1")
+    must_fail("unknown_flags_3", "3.4", "a record of an unknown tag with flags 3", plain(last_records=record(b"NEWS", b"", 3)))
     must_fail("unknown_flag_31", "3.4", "INDX with flag bit 31", plain(record_flags={b"INDX": 1 << 31 | 1}))
     for tag in (b"SEGM", b"FRAG", b"PAGE"):
         for flags, clause in ((0, "3.3"), (1, "3.4")):
             must_fail(f"{tag.decode().lower()}_in_the_head_{flags}", clause, f"{tag.decode()} with flags {flags} in the head",
                       plain(last_records=record(tag, bytes(12), flags)))
+    must_fail("critical_unknown_damaged", "10.2", "a damaged payload of an unknown critical record, without a copy",
+              flipped(plain(first_records=record(b"NEWS", b"hello")).bytes(), 32 + 24), clause_of="3.1")
     for tag, about in ((b"NEWS", "of an unknown tag"), (b"liGT", "of a private tag"), (b"WNDW", "WNDW"),
                        (b"PRIV", "PRIV"), (b"COPY", "COPY")):
         must_fail(f"critical_{tag.decode()}".lower(), "3.4", f"a critical record, {about}", plain(
@@ -107,7 +112,12 @@ def camera():
             ("fx_below_0", "fx < 0", dict(lens=(-1, 1, 0, 0))), ("fy_below_0", "fy < 0", dict(lens=(1, -1, 0, 0))),
             ("mirrors", "det R < 0", dict(rotation=(-1, 0, 0, 0, 1, 0, 0, 0, 1))),
             ("mirrors_turned", "det R < 0", dict(rotation=(0.36, 0.48, -0.8, 0.8, -0.6, 0.0, 0.48, 0.64, 0.6))),
+            ("mirrors_cyclically", "det R < 0", dict(rotation=(0, 0, -1, 1, 0, 0, 0, 1, 0))),
+            ("mirrors_back", "det R < 0", dict(rotation=(0, -1, 0, 0, 0, 1, 1, 0, 0))),
+            ("mirrors_axis_2", "det R < 0", dict(rotation=(1, 0, 0, 0, 0, 1, 0, 1, 0))),
+            ("mirrors_axis_3", "det R < 0", dict(rotation=(0, 0, 1, 0, 1, 0, 1, 0, 0))),
             ("mirrors_permuted", "det R < 0", dict(rotation=(0, 1, 0, 1, 0, 0, 0, 0, 1))),
+            ("mirrors_small", "det R = -0.9994", dict(rotation=(-0.9998, 0, 0, 0, 0.9998, 0, 0, 0, 0.9998))),
             ("of_zeros", "R = 0", dict(rotation=(0,) * 9))):
         must_fail(f"camera_{name}", "4.3", about, plain(meta=Meta(**{**good, **more})))
     for i in range(9):

@@ -5,7 +5,7 @@ import struct
 from vector_file import File, Meta, Run, Segment
 from vector_list import changed, flipped, must_fail, plain, replaced, separate_sh, vector
 from vector_records import RANS, Body, Patched, Stream, encode_block, group, layouts_payload, table_bytes
-from vector_scenes import coded_streams, float_streams, own_body
+from vector_scenes import coded_streams, few_planes, float_streams, own_body
 
 NAN = float("nan")
 
@@ -34,6 +34,11 @@ def fields():
     must_fail("segment_tag", "5.3", "a record of another tag", with_segment(tag=b"SEGN"))
     for name, stated in (("level", (0, 0)), ("slot", (-1, 1))):
         must_fail(f"segment_states_another_{name}", "6.5", f"the record states another {name}", with_segment(stated=stated))
+    short = with_segment(more=1)
+    short.tail = b"\0"
+    must_fail("segment_shorter", "5.3", "the index lists a byte more than the record has", short)
+    long = with_segment(more=-1)
+    must_fail("segment_longer", "5.3", "the index lists a byte less than the record has", long, clause_of="3.2")
     must_fail("segment_states_another_tier", "6.5", "the record of the second tier states the first", File(
         [Run([Segment(-1, 0, [Body(float_streams(1, 0, 3), 1), FirstTier(float_streams(1, 0, 4), 1)])])], Meta(profile=0)))
     for n in (2, 4):
@@ -82,6 +87,10 @@ def layouts():
         must_fail(f"layt_cut_{name}", "6.1", f"LAYT of {len(data)} bytes", plain(layouts=data))
     must_fail("tables_1025", "6.1", "1025 tables", plain(layouts=struct.pack("<H", 1025) + bytes(1025) + struct.pack("<H", 0)))
     vector("tables_1024", "6.1", "1024 tables", plain(layouts=struct.pack("<H", 1024) + bytes(1024) + struct.pack("<H", 0)))
+    vector("layouts_65534", "6.1", "65534 layouts, the last of which is used", plain(body=Body(streams, 3, layout=65533), layouts=
+           struct.pack("<HH", 0, 65534) + bytes(65533) + b"\x09" + b"".join(s.row() for s in streams)))
+    layt = layouts_payload([{0: 4096}], [streams[:7] + [Stream(8, 1, 0, [[0]], 0, RANS, (2,), tables=[1])] + streams[8:]])
+    must_fail("layt_table_1_of_1", "6.2", "a layout of LAYT with table 1 of 1", plain(body=Body(streams, 3, layout=0), layouts=layt))
     must_fail("layouts_65535", "6.1", "65535 layouts", plain(layouts=struct.pack("<HH", 0, 65535) + bytes(65535)))
     coded = float_streams(3, 0, 1)
     coded[7] = Stream(8, 1, 0, [[0, 1, 2]], 0, RANS, (2,))
@@ -133,8 +142,6 @@ def rows():
             ("morton_of_opacity", "8.3", "an opacity with prediction 3", dict(mapping=1, prediction=3)),
             ("joins_2", "6.2", "joins = 2", dict(joins=2)),
             ("no_digits", "6.2", "0 digits", dict(bits=(), v=[[0] * 3])),
-            ("digits_9", "6.2", "9 digits", dict(bits=(1,) * 9, coder=RANS)),
-            ("digits_of_33_bits", "6.2", "5 digits of 8, 8, 8, 8 and 1 bits", dict(bits=(8, 8, 8, 8, 1), coder=RANS, v=[[0] * 3])),
             ("digit_of_9_bits", "6.2", "a digit of 9 bits", dict(bits=(9,), coder=RANS, v=[[0] * 3])),
             ("digit_of_0_bits", "6.2", "a digit of 0 bits", dict(bits=(8, 0), coder=RANS, v=[[0] * 3])),
             ("bytes_of_4_bits", "8.1", "coder 0 with digits of 4 bits", dict(mapping=1, bits=(4, 4), v=[[0] * 3])),
@@ -161,10 +168,14 @@ def rows():
                                ("two_origins", "log-scales with an origin of two numbers", Stream(6, 1, -3, [[1, 2, 3]] * 3, origin=(1.0, 1.0)))):
         must_fail(f"shaped_with_{name}", "8.8", f"mapping 6 and {about}", replaced(
             Stream(7, 6, -9, [[0] * 3] * 3), *([scale] if scale else [])))
+    for name, bits in (("digits_9", (1,) * 9), ("digits_of_33_bits", (8, 8, 8, 8, 1))):
+        many = coded_streams(3, 0, 2)
+        many[7] = Stream(8, 1, -20, [[0, 0, 0]], 0, RANS, bits)
+        must_fail(name, "6.2", f"digits of {bits} bits", plain(body=own_body(many, 3), meta=Meta()))
     low = [[0] * 3] * 4
     must_fail("morton_low_15", "8.4", "15 low bits", replaced(Stream(1, 1, -10, low, 3, RANS, (8,), low=15)))
     must_fail("morton_low_4_in_bytes", "8.1", "coder 0 with 4 low bits", replaced(Stream(1, 1, -10, low, 3, bits=(8,), low=4)))
-    must_fail("morton_of_floats", "8.3", "positions with mapping 0 and prediction 3", replaced(Stream(1, 0, 0, low[:1], 3)))
+    must_fail("morton_of_floats", "8.5", "positions with mapping 0 and prediction 3", replaced(Stream(1, 0, 0, low[:1], 3)))
     must_fail("morton_of_scales", "8.3", "log-scales with prediction 3", replaced(Stream(6, 1, 0, low[:1], 3)))
     for name, degree in (("e_1", dict(e=1)), ("m_3", dict(m=3)), ("prediction_1", dict(prediction=1)), ("mapping_0", dict(mapping=0)),
                          ("mapping_1", dict(mapping=1)), ("e_minus_1", dict(e=-1))):
@@ -184,6 +195,10 @@ def joins():
     must_fail("sh1_joins", "6.5", "sh1 joins", of(a11=1))
     must_fail("sh2_joins", "6.5", "sh2 joins sh1", of(2, a12=1))
     must_fail("sh3_joins", "6.5", "sh3 joins sh2", of(3, a13=1))
+    streams = coded_streams(6, 1, 7)
+    streams[9], streams[10] = streams[10], streams[9]
+    streams[10].joins = 1
+    must_fail("joins_after_sh1", "6.5", "sh_degree stands after sh1 and joins it", plain(body=own_body(streams, 6), degree=1))
     streams = coded_streams(6, 0, 7)
     streams[1] = Stream(2, 7, -3, [[20, 21, 22, 23, 24, 25]], bits=(8,))
     streams[2].joins = 1
@@ -223,13 +238,17 @@ def attributes():
             [Run([separate_sh(rest=wrong)])], Meta(profile=0, degree=1)))
     for name, degrees, values, clause in (("counts_ascend", [2, 3, 0], None, "6.5"), ("more_than_n", [4, 3, 3], None, "6.5"),
                                           ("counts_ascend_last", [3, 1, 2], None, "6.5"),
-                                          ("other_counts", None, [3, 3, 2], "6.3"), ("degree_4", None, [3, 3, 4], "8.5"),
-                                          ("other_counts_of_1", None, [3, 3, 0], "6.3"), ("other_counts_of_2", None, [3, 1, 3], "6.3")):
+                                          ("degree_4", None, [3, 3, 4], "8.5")):
         wrong = float_streams(3, 3, 1)
         if values:
             wrong[9].v = [values]
         must_fail(f"sh_{name}", clause, f"n_1 to n_D are {degrees or [3, 3, 3]}, the degrees {values or [3, 3, 3]}",
                   plain(body=Body(wrong, 3, degrees=degrees), degree=3))
+    for k, values in ((1, [3, 2, 0]), (2, [3, 1, 1]), (3, [2, 2, 1])):
+        wrong = float_streams(3, 3, 1, degrees=[3, 2, 1])
+        wrong[9].v = [values]
+        must_fail(f"sh_other_count_of_{k}", "6.3", f"n_1 to n_3 are 3, 2, 1, the degrees {values}",
+                  plain(body=Body(wrong, 3), degree=3))
     negative = float_streams(3, 1, 1)
     negative[9] = Stream(10, 8, 0, [[1, 1, 0xFFFFFFFF]])
     negative[10].v = [row[:2] for row in negative[10].v]
@@ -238,7 +257,7 @@ def attributes():
     above[9].v = [[1, 1, 2]]
     must_fail("sh_degree_above_d", "8.5", "a degree of 2 in a file of degree 1", plain(body=Body(above, 3), degree=1))
     must_fail("lossless_mapping", "11.1", "mapping 1 in a lossless file", replaced(
-        Stream(8, 1, -2, [[0, 1, 2]]), meta=Meta(profile=0)))
+        Stream(8, 1, 0, [[0, 1, 2]]), meta=Meta(profile=0)))
     must_fail("lossless_exponent", "11.1", "mapping 0 with e = 1 in a lossless file", replaced(
         Stream(8, 0, 1, [[0, 1, 2]]), meta=Meta(profile=0)))
     extra = Stream(0x8001, 1, 3, [[1, 2, 3]], 0, 0, stored=b"any")
@@ -311,6 +330,14 @@ def passes():
     return bytes([2]) + table_bytes({0: 3000, 4: 1096})[1:]
 
 
+def with_tables(opacity, table, n):
+    """Returns a record with this opacity, whose plane has this table."""
+    streams = float_streams(n, 0, 1)
+    streams[7] = opacity
+    opacity.tables = [0]
+    return plain(body=Body(streams, n, tables=[table]), meta=Meta())
+
+
 def groups():
     def opacity(unit=None, n=3):
         streams = float_streams(n, 0, 1)
@@ -324,13 +351,15 @@ def groups():
     must_fail("group_of_3_bytes", "7.3", "three bytes", opacity(valid[:3]))
     must_fail("group_odd", "7.3", "an odd number of bytes", opacity(valid + b"\0"))
     must_fail("state_65535", "7.3", "a state of 65535", opacity(struct.pack("<I", 65535) + valid[4:]))
+    low = Stream(8, 1, 0, [[0]], 0, RANS, (2,), stored=struct.pack("<IH", 1, 0))
+    must_fail("state_1", "7.3", "a state of 1 that leads to 65536 with one word", with_tables(low, {0: 2048, 1: 2048}, 1))
+    least = Stream(8, 1, 0, [[0, 1]], 0, RANS, (2,))
+    vector("state_65536", "7.3", "a group that begins with the least state", with_tables(least, {0: 1, 1: 256, 2: 3839}, 2))
     must_fail("word_left", "7.4", "one word more than is read", opacity(valid + b"\0\0"))
     must_fail("last_state", "7.4", "a block that ends with another state", opacity(struct.pack("<I", state + 4096) + valid[4:]))
     symbols = bytes(i * i % 7 for i in range(300))
     f7 = {0: 600, 1: 1200, 2: 1000, 4: 1296}
-    streams = float_streams(1, 0, 31)
-    for s in streams:
-        s.v, s.coder = [row * 300 for row in s.v], RANS
+    streams = few_planes(300)
     second = bytes(5 if i % 10 == 3 else 0 for i in range(300))
     whole = group([symbols, second], [f7, {0: 3686, 5: 410}], 300)
 
@@ -343,6 +372,9 @@ def groups():
         return plain(body=body)
 
     vector("group_example", "7.5", "the group of the example", example(whole))
+    x, words = encode_block([symbols, second], [f7, {0: 3686, 5: 410}], 2, 1)
+    must_fail("state_of_lane_1", "7.3", "the second of two states is below 65536, and leads to the same symbols", example(
+        struct.pack(f"<2I{len(words)}H", *x, *words)))
     must_fail("group_cut", "7.4", "the last word is missing", example(whole[:-2]))
     must_fail("group_word_flipped", "7.4", "a flipped bit of the last word", example(flipped(whole, len(whole) - 1)))
     x, words = encode_block([symbols, second], [f7, {0: 3686, 5: 410}], 2)
@@ -351,9 +383,7 @@ def groups():
     blocks = bytes(i * i % 3 for i in range(8200))
     table = {0: 2048, 1: 2048}
     unit = group([blocks], [table], 8200)
-    big = float_streams(1, 0, 31)
-    for s in big:
-        s.v, s.coder = [row * 8200 for row in s.v], RANS
+    big = few_planes(8200)
 
     def two_blocks(unit):
         made = [s for s in big]

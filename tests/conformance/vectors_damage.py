@@ -3,7 +3,7 @@
 import struct
 
 from vector_file import File, Meta, Run, Segment, copy_record, header
-from vector_growing import Fragment, growing
+from vector_growing import Fragment, Recording, growing
 from vector_list import flipped, must_fail, must_report, plain, private, separate_sh, vector
 from vector_records import Body, record
 from vector_scenes import float_streams
@@ -14,6 +14,19 @@ META = 56  # offset of its payload, if it is the first record
 
 def head_of(data):
     return data[:struct.unpack_from("<I", data, 24)[0]]
+
+
+def with_head_bytes(head, head_bytes):
+    """Returns a head whose header states another head_bytes."""
+    return header(2, 0, 0, struct.unpack_from("<Q", head, 16)[0], head_bytes) + head[32:]
+
+
+def fragment_in_its_head():
+    """Returns 32 bytes 0 and a FRAG record without segments."""
+    made = Recording()
+    made.out = bytes(32)
+    made.add(Fragment([], frames=1))
+    return made.out
 
 
 def damage():
@@ -43,6 +56,9 @@ def headers():
     must_fail("growing_head_of_31_bytes", "2.1", "head_bytes below the size of a header, in a growing file",
               header(2, 0, 1, 0, 31))
     must_fail("head_of_no_records", "2.3", "a header alone", header(2, 0, 0, 32, 32))
+    must_fail("growing_head_of_no_records", "2.3", "the header of a recording alone", header(2, 0, 1, 0, 32))
+    must_fail("fragment_in_its_head", "10.2", "a FRAG record that begins before the end of the head that it contains",
+              fragment_in_its_head(), clause_of="2.1")
     must_fail("head_cuts_a_record", "10.2", "head_bytes one too small", plain(head_bytes=-1), clause_of="3.2")
     must_fail("head_ends_in_a_header", "10.2", "23 bytes after the last record of the head",
               plain(last_records=bytes(23)), clause_of="3.2")
@@ -64,7 +80,7 @@ def heads_from_copies():
     must_report("head_of_zeros", "10.2", "a head of zeros; its copy is used", zeros + complete[len(zeros):])
     changed = plain(meta=Meta(profile=0, title="changed"), copy=lambda head: copy_record(head_of(plain(
         copy=lambda _: bytes(24 + len(head) + 8)).bytes())))
-    vector("copy_of_another_head", "10.2", "a copy of another head, which is not used", changed, validator=[119])
+    vector("copy_of_another_head", "10.2", "a copy of another head, which is not used", changed)
 
 
 def heads_from_fragments():
@@ -88,6 +104,7 @@ def heads_from_fragments():
     for name, about, other in (("damaged", "a damaged head", flipped(head, META)),
                                ("finished", "the head of a finished file", head_of(plain().bytes())),
                                ("longer", "a head and a byte", head + b"\0"),
+                               ("other_and_longer", "another head and a byte", growing([], meta=Meta(title="other")) + b"\0"),
                                ("shorter", "a part of a head", head[:-1]), ("none", "no head", b"")):
         data = growing([*recorded(1), Fragment([recorded_run(1)], head=other)])
         must_report(f"growing_head_in_fragment_{name}", "10.2", f"the head is damaged, the last FRAG record contains {about}:"
@@ -111,6 +128,8 @@ def unusable_copies():
                 copy=lambda head: copy_record(flipped(head, META))).bytes(), META)),
             ("of_a_longer_head", "it contains a byte more than the head", flipped(plain(
                 copy=lambda head: copy_record(head + b"\0")).bytes(), META)),
+            ("of_a_shorter_head", "its header states more bytes than it contains", flipped(plain(
+                copy=lambda head: copy_record(with_head_bytes(head, len(head) + 1))).bytes(), META)),
             ("of_a_growing_head", "it contains the head of a recording", flipped(plain(
                 copy=lambda head: copy_record(growing([]))).bytes(), META)),
             ("elsewhere", "it is not the last record", flipped(complete + record(b"NOTE", b"late", 0), META))):

@@ -3,9 +3,9 @@
 import struct
 
 from vector_file import File, Meta, Run, Segment
-from vector_list import coded, plain, replaced, separate_sh, vector
+from vector_list import coded, must_fail, plain, replaced, separate_sh, vector
 from vector_records import RANS, Body, Patched, Stream, bits_of, layouts_payload
-from vector_scenes import Lcg, coded_streams, float_streams, give_tables, own_body
+from vector_scenes import Lcg, coded_streams, few_planes, float_streams, give_tables, own_body
 
 
 def valid_records():
@@ -51,6 +51,8 @@ def optional_streams():
     extra = Stream(0xBFFF, 200, -128, [[1]], 3, 77, (8,), m=0, joins=0, stored=b"", later=b"more")
     vector("optional_unknown_coder", "6.2", "an optional attribute with an unknown coder and no bytes, skipped",
            plain(body=Body(streams + [extra], 3)))
+    first = Stream(0x8000, 0, 0, [[1]], stored=b"any")
+    vector("optional_first", "6.2", "attribute 0x8000 before the others", plain(body=Body([first] + streams, 3)))
     short = Stream(0xBFFF, 0, 0, [[1]], 0, 77, stored=b"x")
     vector("optional_short_row", "6.2", "a row of an optional attribute that ends with its coder",
            plain(body=Patched(Body([short] + streams, 3), short.row(), struct.pack("<HH3B", 5, 0xBFFF, 0, 0, 77))))
@@ -83,6 +85,9 @@ def groups():
         vector(name, "6.5", "groups: " + ("one with all streams but SH" if name == "joined_all" else
                                         "one after a stream of bytes"),
                File([Run([Segment(-1, 0, [own_body(streams, 6)])])], Meta(degree=1)))
+    one = own_body(coded_streams(1, 0, 2), 1)
+    one.tables = [f if len(f) > 1 else {min(f): 4095, (min(f) + 1) % 256: 1} for f in one.tables]
+    vector("lanes_1", "7.1", "groups of one symbol a plane", plain(body=one, meta=Meta()))
     for n in (255, 256, 257, 511, 513):
         vector(f"lanes_{n}", "7.1", f"a group of {n} symbols a plane", opacities(n))
     for n in (8192, 8193, 16384 + 300):
@@ -98,6 +103,10 @@ def groups():
            plain(body=table_zoo()))
     wide = Stream(8, 1, -2, [[0, 0, 0]], 0, RANS, (2, 3), digits=[bytes([7, 1, 255]), bytes([2, 0, 9])])
     vector("digits_wider_than_their_bits", "8.1", "the bits of digits are combined by or", replaced(wide))
+    for name, bits in (("digits_8", (4, 1, 2, 3, 4, 5, 6, 7)), ("digits_of_1_bit", (1,) * 8)):
+        many = coded_streams(3, 0, 2)
+        many[7] = Stream(8, 1, -20, [[5, 0xABCDEF, 0x123456]] if name == "digits_8" else [[0xAB, 0x55, 0xFE]], 0, RANS, bits)
+        vector(name, "8.1", f"eight digits of {bits} bits", plain(body=own_body(many, 3), meta=Meta()))
     over = Stream(8, 1, -2, [[0, 0, 0]], 0, RANS, (8, 8, 8, 7), digits=[bytes(3)] * 3 + [bytes([0, 1, 255])])
     over.digits[0] = bytes([9, 8, 7])
     over.digits[3] = bytes([0, 0, 255])
@@ -106,9 +115,7 @@ def groups():
 
 def equal_primitives(n, opacity):
     """Returns a record of n primitives that differ in their opacity alone."""
-    streams = float_streams(1, 0, 31)
-    for s in streams:
-        s.v, s.coder = [row * n for row in s.v], RANS
+    streams = few_planes(n)
     streams[7] = opacity
     return own_body(streams, n)
 
@@ -142,7 +149,32 @@ def table_zoo():
     return Body(streams, 50, tables=zoo)
 
 
+def own_tables():
+    """Returns a record with 256 tables of its own, each used by one of 261 planes, and streams of all attributes."""
+    streams = float_streams(1, 3, 1)
+    low, high = iter(range(255, 60, -1)), iter([*range(1, 61), 0, 1, 2, 3, 4])
+    for s in streams:
+        s.coder, s.digits = RANS, []
+        for _ in s.v if s.attribute != 10 else ():
+            s.digits += [bytes([next(low)]) for _ in range(3)] + [bytes([next(high)])]
+        if s.attribute == 10:
+            s.digits = None
+        s.tables = [plane[0] for plane in s.planes()]
+    return Body(streams, 1, tables=[{v: 4096} for v in range(256)])
+
+
 def sh_degrees():
+    vector("own_tables_256", "6.1", "256 tables of one record", plain(body=own_tables(), degree=3))
+    more = own_tables()
+    more.tables.append({0: 2048, 1: 2048})
+    more.streams[8].tables[0], more.streams[8].digits[0] = 256, b"\0"
+    must_fail("own_tables_257_used", "6.1", "257 tables of one record, each used", plain(body=more, degree=3))
+    first, second = (coded_streams(4, 3, seed, degrees=d) for seed, d in ((5, [3, 3, 2, 1]), (6, [1, 0, 1, 2])))
+    tables = []
+    give_tables([first, second], tables)
+    layt = layouts_payload(tables, [first])
+    vector("sh_degrees_shared", "7.1", "two records of one layout, one of which has no primitives of degree 3", File(
+        [Run([Segment(-1, 0, [Body(first, 4, 0, tables), Body(second, 4, 0, tables)])])], Meta(degree=3), layouts=layt))
     mixed = [3, 0, 2, 1, 1, 3, 0]
     for name, make in (("floats", lambda **more: Body(float_streams(7, 3, 4, degrees=mixed, **more), 7)),
                        ("coded", lambda **more: own_body(coded_streams(7, 3, 4, degrees=mixed, **more), 7))):
