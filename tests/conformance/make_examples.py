@@ -15,7 +15,7 @@ from annotate import annotate
 
 EXAMPLES = os.path.join(HERE, "../../spec/examples.md")
 VECTORS = (
-    ("coded", "A quantised file: the streams are coded with rANS, the layout is in LAYT, and COPY ends the file."),
+    ("coded", "A quantised file of five primitives, whose streams are coded with rANS by a layout of their own."),
     ("growing", "A live file: each segment has a layout of its own, and each fragment an index and a copy of the head."),
 )
 HEAD = """<!-- SPDX-License-Identifier: Apache-2.0 -->
