@@ -45,7 +45,8 @@ Result<std::unique_ptr<Player>> make_player(std::unique_ptr<ByteSource> source,
                                 ranges->name(), ranges->size(), settings.max_file_bytes));
     }
     IndexCache cache(budget);
-    STGS_ASSIGN(const auto reader, open_snapshot(ranges, cache, settings.limits, memory));
+    STGS_ASSIGN(const auto reader,
+                open_snapshot(ranges, cache, settings.limits, memory, IndexLoading::kOnDemand));
     // A truncated file may still be being written.
     const bool is_final = reader->form() != SceneForm::kGrowing && reader->damage().empty();
     if (is_final) ranges->set_finished();

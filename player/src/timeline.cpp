@@ -27,11 +27,7 @@ class SegmentTimeline final : public Timeline {
   SegmentTimeline(std::unique_ptr<SceneReader> reader, std::uint64_t budget, std::string name,
                   DamagePolicy policy)
       : name_(std::move(name)), reader_(std::move(reader)), budget_(budget), policy_(policy) {
-    std::uint32_t base = 0;
-    for (const SegmentInfo& segment : reader_->segments()) {
-      id_base_.push_back(base);
-      base += segment.primitives;
-    }
+    number_primitives();
   }
 
   const std::string& name() const override { return name_; }
@@ -56,6 +52,7 @@ class SegmentTimeline final : public Timeline {
       return usage_error("{}: a time must be a finite number of seconds, got {}", name_, seconds);
     }
     const double ticks = metadata().time_base.ticks(seconds);
+    STGS_TRY(load_index(std::clamp(ticks, 0.0, static_cast<double>(metadata().frames))));
     auto all = reader_->segments_between(ticks, ticks);
     std::sort(all.begin(), all.end());
     std::vector<SegmentRef> refs;
@@ -66,7 +63,8 @@ class SegmentTimeline final : public Timeline {
     }
     if (is_unlisted(ticks) && (refs.empty() || policy_ == DamagePolicy::kReject)) {
       return invalid_file(
-          "no data for {:.6g} s can be read: the index fragment that lists it is damaged", seconds);
+          "no data for {:.6g} s can be read: the part of the index that lists it is damaged",
+          seconds);
     }
     if (refs.empty() && !all.empty()) {
       const Status& reason = damage_[unusable_.at(all.front())].reason;
@@ -113,14 +111,30 @@ class SegmentTimeline final : public Timeline {
   }
 
  private:
-  // Returns whether a damaged index fragment listed segments that first become active around
+  // Reads the index as far as it concerns a time.
+  Status load_index(double ticks) {
+    if (reader_->is_loaded(ticks, ticks)) return {};
+    STGS_TRY(reader_->load(ticks, ticks));
+    number_primitives();
+    return {};
+  }
+
+  // Numbers the primitives of segments that are new.
+  void number_primitives() {
+    const std::vector<SegmentInfo>& segments = reader_->segments();
+    for (std::size_t s = id_base_.size(); s < segments.size(); ++s) {
+      id_base_.push_back(s > 0 ? id_base_[s - 1] + segments[s - 1].primitives : 0);
+    }
+  }
+
+  // Returns whether a damaged node of the index listed segments that first become active around
   // `ticks`.
   bool is_unlisted(double ticks) const {
     const double frames = metadata().frames, at = std::clamp(ticks, 0.0, frames);
     const std::vector<LostFragment>& lost = reader_->lost_fragments();
     return std::any_of(lost.begin(), lost.end(), [at, frames](const LostFragment& fragment) {
       const auto [begin, end] = fragment.range;
-      return begin <= at && (at < end || (begin < end && end >= frames));
+      return begin <= at && (at < end || end >= frames);
     });
   }
 
@@ -232,7 +246,9 @@ class SegmentTimeline final : public Timeline {
 Result<std::unique_ptr<Timeline>> Timeline::open(const std::string& location,
                                                  std::uint64_t memory_budget, DamagePolicy policy) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_location(location));
-  STGS_ASSIGN(auto reader, SceneReader::open(std::move(source)));
+  STGS_ASSIGN(auto reader,
+              SceneReader::open(std::move(source), {}, std::pmr::get_default_resource(),
+                                IndexLoading::kOnDemand));
   return from_reader(std::move(reader), location, memory_budget, policy);
 }
 

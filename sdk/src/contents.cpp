@@ -191,7 +191,12 @@ stgs_result stgs_scene_get_stream(stgs_scene* scene, uint32_t index, stgs_stream
       scene, index, stream, "stream", "streams",
       [](const Timeline& timeline) { return timeline.reader().streams(); },
       [scene](const stgs::StreamInfo& one, const stgs::TimeBase&) {
-        return stgs_stream{sizeof(stgs_stream), scene->intern(one.name), one.bytes, one.raw_bytes};
+        return stgs_stream{sizeof(stgs_stream),
+                           scene->intern(one.name),
+                           one.bytes,
+                           one.raw_bytes,
+                           one.error ? double{one.error->greatest} : -1.0,
+                           one.error ? double{one.error->rms} : -1.0};
       });
 }
 

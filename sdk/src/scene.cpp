@@ -273,6 +273,8 @@ stgs_result stgs_scene_get_info(stgs_scene* scene, stgs_scene_info* info) {
     out.near_plane = metadata.near_plane;
     copy3(out.background, metadata.background);
     out.audio_begin_seconds = metadata.time_base.seconds(metadata.audio_begin);
+    out.colour_primaries = metadata.primaries;
+    out.transfer_function = metadata.transfer;
     stgs::sdk::copy_out(info, out);
     return {};
   });

@@ -23,7 +23,7 @@ def main():
     parser.add_argument("--fixture", required=True)
     parser.add_argument("--source", required=True)
     args, rest = parser.parse_known_args()
-    for name in ("jsonschema", "xxhash"):
+    for name in ("jsonschema",):
         if importlib.util.find_spec(name) is None:
             sys.exit(f"run.py: needs python3-{name} for {sys.executable}")
     harness.STGS = os.path.abspath(args.stgs)

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs_file.h"
 
-#include <xxhash.h>
+#include <libdeflate.h>
 #include <zstd.h>
 
 #include <algorithm>
@@ -16,7 +16,7 @@
 namespace stgs::fuzz {
 namespace {
 
-constexpr std::size_t kHeader = 40, kRecord = 32;  // spec 2.2, 3.1
+constexpr std::size_t kHeader = 32, kRecord = 24;  // spec 2.1, 3.1
 constexpr std::size_t kMaxPlaneBytes = 1 << 20;    // larger segments keep their checksum
 constexpr std::uint64_t kTablesMemory = kMaxTables * kTableMemory;
 
@@ -31,14 +31,14 @@ void put(Bytes& bytes, std::size_t at, Value v) {
   if (at <= bytes.size() && sizeof v <= bytes.size() - at) std::memcpy(&bytes[at], &v, sizeof v);
 }
 
-std::uint64_t hash(View bytes) {
-  return XXH3_64bits(bytes.data(), bytes.size());
+std::uint32_t hash(View bytes) {
+  return libdeflate_crc32(0, bytes.data(), bytes.size());
 }
 
 // Returns whether there is a record header with a valid checksum at the offset.
 bool is_record(View file, std::size_t at) {
   return at <= file.size() && kRecord <= file.size() - at &&
-         get<std::uint64_t>(file, at + 24) == hash(file.subspan(at, 24));
+         get<std::uint32_t>(file, at + 20) == hash(file.subspan(at, 20));
 }
 
 struct Record {
@@ -187,48 +187,53 @@ void repair_segment(Bytes& file, const Record& record, const LayoutSet& layouts,
   }
   Bytes planes;
   if (ParsedSegment(record.payload(file), layouts).planes(planes)) {
-    put(file, payload + 14, hash(planes));
+    put<std::uint64_t>(file, payload + 14, hash(planes));
   }
 }
 
-// Returns the index with the sizes and counts of the present segments, in their order (spec 5.2,
-// 5.3), or unchanged if it cannot be parsed.
-Bytes repair_index(View index, const std::vector<View>& segments) {
+// Returns the index with the offsets, sizes and counts of the present segments, in their order
+// (spec 5.1 to 5.3), or unchanged if it cannot be parsed. `shift` is added to the offsets.
+Bytes repair_index(View file, View index, const std::vector<Record>& segments, std::size_t shift) {
   ByteReader in(index);
-  ByteWriter parts;
+  ByteWriter out;
   std::size_t next = 0;
   std::uint64_t total = 0;
   const auto copy = [&] {
     const std::uint64_t v = in.varint();
-    parts.varint(v);
+    out.varint(v);
     return v;
   };
   const auto size = [&] {
     const std::uint64_t stated = in.varint();
-    parts.varint(next < segments.size() ? segments[next].size() : stated);
+    out.varint(next < segments.size() ? segments[next].payload(file).size() : stated);
     ++next;
   };
-  const double chunk = in.f64();
   in.varint();
   for (std::uint64_t m = copy(); in.ok() && m > 0; --m) {
     copy();
     copy();
   }
-  for (std::uint64_t p = copy(); in.ok() && p > 0; --p) {
-    parts.f64(in.f64());
-    parts.f64(in.f64());
+  for (std::uint64_t links = copy(); in.ok() && links > 0; --links) {
+    for (int i = 0; i < 2; ++i) out.f64(in.f64());
+    for (int i = 0; i < 3; ++i) copy();
+  }
+  for (std::uint64_t runs = copy(); in.ok() && runs > 0; --runs) {
     copy();
+    for (int i = 0; i < 5; ++i) out.f64(in.f64());
+    const std::uint64_t offset = in.varint();
+    out.varint(next < segments.size() ? segments[next].begin + shift : offset);
     for (std::uint64_t n = copy(); in.ok() && n > 0; --n) {
       copy();
       const std::uint64_t shape = copy();
-      for (std::uint64_t tier = 0; in.ok() && tier <= shape / 4; ++tier) {
+      for (std::uint64_t tier = 0; in.ok() && tier < shape / 4; ++tier) {
         std::uint64_t primitives = in.varint();
-        if (next < segments.size()) primitives = get<std::uint32_t>(segments[next], 8);
-        parts.varint(primitives);
+        if (next < segments.size())
+          primitives = get<std::uint32_t>(segments[next].payload(file), 8);
+        out.varint(primitives);
         total += primitives;
         size();
       }
-      for (std::uint64_t tier = 0; shape % 2 == 1 && in.ok() && tier <= shape / 4; ++tier) size();
+      for (std::uint64_t tier = 0; shape % 2 == 1 && in.ok() && tier < shape / 4; ++tier) size();
       for (std::uint64_t r = shape / 2 % 2 == 1 ? copy() : 0; in.ok() && r > 0; --r) {
         copy();
         size();
@@ -236,25 +241,25 @@ Bytes repair_index(View index, const std::vector<View>& segments) {
     }
   }
   if (!in.ok()) return {index.begin(), index.end()};
-  const View remainder = in.bytes(in.left());
-  ByteWriter out;
-  out.f64(chunk);
-  out.varint(total);
-  out.bytes(parts.view());
-  out.bytes(remainder);
-  return out.take();
+  out.bytes(in.bytes(in.left()));
+  ByteWriter all;
+  all.varint(total);
+  all.bytes(out.view());
+  return all.take();
 }
 
 Bytes with_repaired_index(Bytes file) {
-  std::vector<View> segments;
+  std::vector<Record> segments;
   const Record* index = nullptr;
   const std::vector<Record> records = records_by_header(file);
   for (const Record& record : records) {
     if (record.tag(file) == "INDX") index = &record;
-    if (record.tag(file) == "SEGM") segments.push_back(record.payload(file));
+    if (record.tag(file) == "SEGM") segments.push_back(record);
   }
   if (index == nullptr) return file;
-  const Bytes repaired = repair_index(index->payload(file), segments);
+  const View old = index->payload(file);
+  Bytes repaired = repair_index(file, old, segments, 0);
+  repaired = repair_index(file, old, segments, repaired.size() - old.size());
   const auto payload = file.begin() + static_cast<std::ptrdiff_t>(index->begin + kRecord);
   const auto end = file.begin() + static_cast<std::ptrdiff_t>(index->end);
   file.insert(file.erase(payload, end), repaired.begin(), repaired.end());
@@ -265,10 +270,10 @@ void repair_header(Bytes& file, const std::vector<Record>& records, Repair repai
   if (repair == Repair::kSizes) {
     put<std::uint64_t>(file, 16, file.size());
     for (const Record& record : records) {
-      if (record.tag(file) == "INDX") put<std::uint64_t>(file, 24, record.end);
+      if (record.tag(file) == "INDX") put(file, 24, static_cast<std::uint32_t>(record.end));
     }
   }
-  put(file, 32, hash(View(file).first(32)));
+  put(file, 28, hash(View(file).first(28)));
 }
 
 Bytes encode(const Scene& scene, const WriteSettings& settings) {
@@ -328,7 +333,7 @@ Bytes repair_stgs(Bytes file, Repair repair) {
   for (const Record& record : records) {
     if (record.tag(file) == "SEGM") repair_segment(file, record, layouts, repair);
     put(file, record.begin + 16, hash(record.payload(file)));
-    put(file, record.begin + 24, hash(View(file).subspan(record.begin, 24)));
+    put(file, record.begin + 20, hash(View(file).subspan(record.begin, 20)));
   }
   repair_header(file, records, repair);
   return file;

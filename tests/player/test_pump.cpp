@@ -66,7 +66,7 @@ struct Pumped {
     auto ranges =
         std::make_shared<RangeSource>(std::make_unique<LinkSource>(bytes, link), memory, budget);
     IndexCache cache(budget);
-    auto reader = open_snapshot(ranges, cache, settings.limits, memory);
+    auto reader = open_snapshot(ranges, cache, settings.limits, memory, IndexLoading::kComplete);
     REQUIRE(reader.ok());
     link->set(Link::Answer::kFail);
     auto manual = std::make_unique<ManualSource>(bytes);

@@ -108,8 +108,12 @@ Json parts_json(const SceneInfo& info) {
 Json streams_json(const SceneInfo& info) {
   Json streams = Json::array();
   for (const stgs_stream& stream : info.streams) {
-    streams.push_back(
-        {{"name", stream.name}, {"bytes", stream.bytes}, {"raw_bytes", stream.raw_bytes}});
+    const auto error = [](double v) { return v >= 0 ? Json(v) : Json(nullptr); };
+    streams.push_back({{"name", stream.name},
+                       {"bytes", stream.bytes},
+                       {"raw_bytes", stream.raw_bytes},
+                       {"max_error", error(stream.max_error)},
+                       {"rms_error", error(stream.rms_error)}});
   }
   return streams;
 }
@@ -155,6 +159,7 @@ Json info_json(const SceneInfo& info) {
                {"floor", nullptr},
                {"audio", nullptr},
                {"background", vector_json(m.background)},
+               {"colour", {{"primaries", m.colour_primaries}, {"transfer", m.transfer_function}}},
                {"near_plane", m.near_plane},
                {"generator", info.generator},
                {"title", info.title},

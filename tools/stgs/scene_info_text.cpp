@@ -45,6 +45,11 @@ std::string metadata_text(const SceneInfo& info) {
   if (!info.generator.empty()) {
     out += fmt::format("  written by       {}\n", one_line(info.generator));
   }
+  constexpr int kBt709 = 1, kSrgb = 13;
+  if (m.colour_primaries != kBt709 || m.transfer_function != kSrgb) {
+    out += fmt::format("  colours          primaries {}, transfer function {} (ITU-T H.273)\n",
+                       m.colour_primaries, m.transfer_function);
+  }
   if (m.metres_per_unit > 0) out += fmt::format("  unit             {:.6g} m\n", m.metres_per_unit);
   if (info.has_up()) {
     out += fmt::format("  up               {:.4g} {:.4g} {:.4g}, floor at {:.4g} {:.4g} {:.4g}\n",

@@ -85,6 +85,7 @@ struct PrivateName {
 // The last fragment of a growing file (spec 9).
 struct LastFragment {
   std::uint64_t offset = 0, bytes = 0;  // of its FRAG record, including the record header
+  std::uint32_t checksum = 0;           // of the record's payload
   std::uint32_t frames = 0;
   std::vector<NodeLink> earlier;  // links besides those of its node
   TickRange needed;               // times at which segments of its node, and below it, are needed
@@ -208,11 +209,6 @@ Result<std::optional<HeadCopy>> find_head_copy(const ByteSource& source, const R
 void check_head_copy(const FileHead& head, std::uint64_t at, std::span<const std::uint8_t> payload,
                      Findings& findings);
 
-// How much of an index is loaded when a file is opened.
-enum class IndexLoading {
-  kComplete,  // everything
-  kOnDemand   // the root; load_index() loads the rest
-};
 // Reads and checks the head (spec 2.3), or its copy if it is damaged, and the index. Returns false
 // if segments cannot be located.
 bool read_head(const ByteSource& source, const ReadLimits& limits, IndexLoading loading,
@@ -221,7 +217,8 @@ bool read_head(const ByteSource& source, const ReadLimits& limits, IndexLoading 
 // Returns false if the source fails or a limit is exceeded; then a part of the index is loaded.
 bool load_index(const ByteSource& source, double t0, double t1, FileHead& head, Findings& findings);
 // Reads what was appended to a growing file since `head` was read. Segments are added at the end.
-// Sets `grown` to whether there is a later fragment.
+// Sets `grown` to whether there is a later fragment. Returns false also if the known last fragment
+// is gone.
 bool read_growth(const ByteSource& source, FileHead& head, bool& grown, Findings& findings);
 
 // Returns a tag as text, such as "META", with dots for non-printable bytes.

@@ -122,6 +122,7 @@ Result<FragmentFinder::Found> FragmentFinder::at(std::uint64_t offset, std::uint
   FragmentRecord fragment;
   fragment.offset = offset;
   fragment.end = offset + kRecordHeaderBytes + record.length;
+  fragment.checksum = record.checksum;
   Findings found;
   if (check_payload(record, bytes, offset + kRecordHeaderBytes, found) &&
       parse(bytes, fragment, found)) {

@@ -104,6 +104,7 @@ struct IndexWalk {
     NodeLink link;
     int depth = 1;  // number of links that lead to the node, counting this one
   };
+  std::vector<NodeLink> root;                // links from the head or the last fragment
   std::map<std::uint64_t, Link> pending;     // links that have not been followed, by offset
   std::set<std::uint64_t> followed;          // offsets of records, which may be damaged
   std::map<PartEntry, std::uint32_t> parts;  // their indices

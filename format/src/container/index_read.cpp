@@ -285,7 +285,9 @@ bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset, Fi
   const NodePlace place = {offset - kRecordHeaderBytes, offset, head.header.head_bytes,
                            head.header.file_bytes};
   IndexNode root;
-  return parse_node(in, place, head, root, findings) && add_node(root, offset, 0, head, findings);
+  if (!parse_node(in, place, head, root, findings)) return false;
+  head.walk.root = root.links;
+  return add_node(root, offset, 0, head, findings);
 }
 
 }  // namespace stgs

@@ -203,12 +203,34 @@ bool add_last(FragmentRecord& fragment, FileHead& head, Findings& findings) {
     return false;
   }
   const std::uint64_t bytes = fragment.end - fragment.offset;
+  head.walk.root = fragment.node.links;
+  head.walk.root.insert(head.walk.root.end(), fragment.earlier.begin(), fragment.earlier.end());
   add_links(fragment.earlier, 1, head);
   head.walk.followed.insert(fragment.offset);
-  head.last_fragment = {fragment.offset, bytes, fragment.frames, std::move(fragment.earlier),
-                        needed_of(fragment.node)};
+  head.last_fragment = LastFragment{fragment.offset,
+                                    bytes,
+                                    fragment.checksum,
+                                    fragment.frames,
+                                    std::move(fragment.earlier),
+                                    needed_of(fragment.node)};
   return take_node(fragment.offset, bytes - kRecordHeaderBytes, head, findings) &&
          add_node(fragment.node, fragment.offset, 0, head, findings);
+}
+
+// Returns whether the known last fragment is still there.
+bool is_continued(const ByteSource& source, const FileHead& head, Findings& findings) {
+  if (!head.last_fragment) return true;
+  const LastFragment& known = *head.last_fragment;
+  const auto record = complete_record_at(source, known.offset, source.size());
+  if (!record.ok()) {
+    findings.failed_read(known.offset, record.status());
+    return false;
+  }
+  const bool same = *record && (*record)->tag == kFragmentTag &&
+                    (*record)->checksum == known.checksum &&
+                    (*record)->length == known.bytes - kRecordHeaderBytes;
+  if (!same) findings.error(N::kFragment, known.offset, "another recording has taken its place");
+  return same;
 }
 
 }  // namespace
@@ -254,7 +276,8 @@ bool read_growth(const ByteSource& source, FileHead& head, bool& grown, Findings
     return false;
   }
   grown = *last && (!head.last_fragment || (*last)->offset > head.last_fragment->offset);
-  if (grown && !add_last(**last, head, findings)) return false;
+  if (grown && (!is_continued(source, head, findings) || !add_last(**last, head, findings)))
+    return false;
   if (!head.last_fragment) head.header.file_bytes = head.header.head_bytes;  // nothing is complete
   if (head.closed && source.size() > head.header.file_bytes) {
     findings.damage(N::kFileSize, head.header.file_bytes,
@@ -262,6 +285,7 @@ bool read_growth(const ByteSource& source, FileHead& head, bool& grown, Findings
                     "download it again",
                     head.header.file_bytes, source.size());
   }
+  if (grown) check_window(head.metadata.scene, findings);
   return true;
 }
 

@@ -44,6 +44,7 @@ bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset, Fi
 // A FRAG record (spec 9.2).
 struct FragmentRecord {
   std::uint64_t offset = 0, end = 0;  // of the record
+  std::uint32_t checksum = 0;         // of the payload, as read
   std::uint32_t frames = 0, flags = 0;
   float bounds_min[3] = {0, 0, 0}, bounds_max[3] = {0, 0, 0};
   std::uint64_t primitives = 0;

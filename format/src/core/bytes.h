@@ -20,7 +20,7 @@ class ByteWriter {
   void u64(std::uint64_t v) { put(v, 8); }
   void f32(float v) { u32(std::bit_cast<std::uint32_t>(v)); }
   void f64(double v) { u64(std::bit_cast<std::uint64_t>(v)); }
-  // 7 bits per byte, lowest first; bit 7 is set if more bytes follow (spec 1.8).
+  // 7 bits per byte, lowest first; bit 7 is set if more bytes follow (spec 1.4).
   void varint(std::uint64_t v) {
     for (; v >= 0x80; v >>= 7) u8(static_cast<std::uint8_t>(v | 0x80));
     u8(static_cast<std::uint8_t>(v));

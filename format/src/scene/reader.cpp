@@ -3,16 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
-#include <numeric>
 
-#include "codec/values.h"
 #include "container/segment.h"
 #include "container/segment_times.h"
+#include "scene/importance.h"
 
 namespace stgs {
 namespace {
-
-using N = IssueNumber;
 
 std::vector<SegmentInfo> segments_from(const FileHead& head) {
   std::vector<SegmentInfo> out;
@@ -52,7 +49,26 @@ double complete_ticks_of(const FileHead& head, const std::vector<SegmentInfo>& s
 }  // namespace
 
 struct SceneReader::State {
-  static constexpr IndexLoading kComplete = IndexLoading::kComplete;
+  // Extends the head with `extend`, and keeps it as it is after an error.
+  template <typename Extend>
+  Status change(const Extend& extend) {
+    try {
+      Findings findings;
+      FileHead found = head;
+      extend(found, findings);
+      if (!findings.ok()) return findings.status(source->name());
+      take(std::move(found), std::move(findings));
+      return {};
+    } catch (const std::exception& e) {
+      return Status(code_of(e), fmt::format("{}: {}", source->name(), e.what()));
+    }
+  }
+
+  Status load(double t0, double t1) {
+    if (head.walk.pending.empty()) return {};
+    return change(
+        [&](FileHead& found, Findings& findings) { load_index(*source, t0, t1, found, findings); });
+  }
 
   // Adopts a head that was extended, with further problems.
   void take(FileHead extended, Findings findings) {
@@ -67,33 +83,29 @@ struct SceneReader::State {
     times = {segments, static_cast<double>(head.metadata.scene.frames)};
     parts = parts_from(head);
     complete_ticks = complete_ticks_of(head, segments);
+    latest_begin = 0;
+    for (const ScenePart& part : parts) latest_begin = std::max(latest_begin, part.begin_ticks);
   }
 
   Result<bool> refresh() {
     if (head.closed) return false;
-    try {
-      const std::uint64_t complete = head.header.file_bytes;
-      STGS_ASSIGN(const ByteSource::Change change, source->refresh(complete));
-      if (change == ByteSource::Change::kReplaced) {
-        return invalid_file("{}: replaced or truncated below its {} complete bytes; open it again",
-                            source->name(), complete);
-      }
-      if (source->size() < head.header.file_bytes) {
-        return invalid_file("{}: shrank from {} to {} complete bytes; open it again",
-                            source->name(), head.header.file_bytes, source->size());
-      }
-      Findings findings;
-      FileHead found = head;
-      bool grown = false;
-      if (read_growth(*source, found, grown, findings) && grown && loading == kComplete) {
+    STGS_ASSIGN(const ByteSource::Change changed, source->refresh(head.header.file_bytes));
+    if (changed == ByteSource::Change::kReplaced) {
+      return invalid_file("{}: replaced or truncated below its {} complete bytes; open it again",
+                          source->name(), head.header.file_bytes);
+    }
+    if (source->size() < head.header.file_bytes) {
+      return invalid_file("{}: shrank from {} to {} complete bytes; open it again", source->name(),
+                          head.header.file_bytes, source->size());
+    }
+    bool grown = false;
+    STGS_TRY(change([&](FileHead& found, Findings& findings) {
+      if (read_growth(*source, found, grown, findings) && grown &&
+          loading == IndexLoading::kComplete) {
         load_index(*source, 0, found.metadata.scene.frames, found, findings);
       }
-      if (!findings.ok()) return findings.status(source->name());
-      take(std::move(found), std::move(findings));
-      return grown;
-    } catch (const std::exception& e) {
-      return Status(code_of(e), fmt::format("{}: {}", source->name(), e.what()));
-    }
+    }));
+    return grown;
   }
 
   // Reads the records of a segment and converts them with `make`, into `out`.
@@ -117,107 +129,6 @@ struct SceneReader::State {
     }
   }
 
-  // Records for packing follow the last segment of a lossless scene (spec 11.9), in the order of
-  // the file. Returns them in the order of the segments.
-  Result<std::vector<float>> importance() const {
-    STGS_ASSIGN(const FoundRecord found, find_record(kImportanceTag));
-    if (!found.exists) return std::vector<float>();
-    Findings findings;
-    const std::vector<float> values =
-        parse_importance(found.payload, head.index.primitives, found.at, findings);
-    if (!findings.ok()) return findings.status(source->name());
-    if (head.listed_primitives != head.index.primitives) {
-      return invalid_file("{}: importances of segments that are not listed cannot be assigned",
-                          source->name());
-    }
-    return in_segment_order(values);
-  }
-
-  std::vector<float> in_segment_order(const std::vector<float>& in_file_order) const {
-    const std::vector<SegmentEntry>& all = head.index.segments;
-    std::vector<std::uint32_t> order(all.size());
-    std::iota(order.begin(), order.end(), 0u);
-    std::sort(order.begin(), order.end(), [&all](std::uint32_t a, std::uint32_t b) {
-      return all[a].base.offset < all[b].base.offset;
-    });
-    std::vector<std::size_t> first(all.size() + 1);
-    for (std::size_t s = 0; s < all.size(); ++s) first[s + 1] = first[s] + all[s].base.primitives;
-    std::vector<float> out(in_file_order.size());
-    auto from = in_file_order.begin();
-    for (const std::uint32_t s : order) {
-      std::copy_n(from, all[s].base.primitives,
-                  out.begin() + static_cast<std::ptrdiff_t>(first[s]));
-      from += all[s].base.primitives;
-    }
-    return out;
-  }
-
-  struct FoundRecord {
-    bool exists = false;
-    std::uint64_t at = 0;
-    std::vector<std::uint8_t> payload;
-  };
-
-  // Reads the first record with a tag, and flags 0, after the last segment.
-  Result<FoundRecord> find_record(std::uint32_t tag) const {
-    FoundRecord found;
-    std::uint64_t at = head.header.head_bytes;
-    for (const SegmentEntry& segment : head.index.segments) {
-      for (const IndexEntry* entry : {&segment.base, &segment.sh}) {
-        at = std::max(at, entry->offset + entry->bytes);
-      }
-    }
-    Findings findings;
-    while (at < head.header.file_bytes && findings.ok()) {
-      const std::optional<RecordHeader> record = read_header(at, findings);
-      if (!record) break;
-      if (record->tag == tag && record->flags == 0) {
-        found.exists = true;
-        found.at = at;
-        read_payload(at, *record, found.payload, findings);
-        break;
-      }
-      at += kRecordHeaderBytes + record->length;
-    }
-    if (!findings.ok()) return findings.status(source->name());
-    return found;
-  }
-
-  // Returns whether bytes before the stated end of the file are available.
-  bool is_available(std::uint64_t at, std::uint64_t bytes, Findings& findings) const {
-    const std::uint64_t needed = std::min(bytes, head.header.file_bytes - at);
-    if (at <= head.available_bytes && needed <= head.available_bytes - at) return true;
-    findings.error(N::kFileSize, at, "the file is truncated after its segments");
-    return false;
-  }
-
-  std::optional<RecordHeader> read_header(std::uint64_t at, Findings& findings) const {
-    if (!is_available(at, kRecordHeaderBytes, findings)) return {};
-    std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, head.header.file_bytes - at));
-    if (Status status = source->read(at, bytes); !status.ok()) {
-      findings.failed_read(at, status);
-      return {};
-    }
-    RecordHeader record;
-    if (!parse_record_header(bytes, at, head.header.file_bytes, record, findings)) return {};
-    return record;
-  }
-
-  void read_payload(std::uint64_t at, const RecordHeader& record, std::vector<std::uint8_t>& bytes,
-                    Findings& findings) const {
-    if (!is_available(at + kRecordHeaderBytes, record.length, findings)) return;
-    if (record.length > limits.max_memory) {
-      return findings.unsupported(N::kMemoryLimit, at,
-                                  "record '{}' of {} bytes exceeds the memory limit of {} bytes",
-                                  tag_text(record.tag), record.length, limits.max_memory);
-    }
-    bytes.resize(record.length);
-    if (Status status = source->read(at + kRecordHeaderBytes, bytes); !status.ok()) {
-      return findings.failed_read(at, status);
-    }
-    (void)check_payload(record, bytes, at + kRecordHeaderBytes, findings);
-  }
-
   std::unique_ptr<ByteSource> source;
   ReadLimits limits;
   IndexLoading loading;
@@ -227,7 +138,7 @@ struct SceneReader::State {
   // Derived from the head by list_segments().
   std::vector<SegmentInfo> segments = {};
   SegmentTimes times = {};
-  double complete_ticks = 0;
+  double complete_ticks = 0, latest_begin = 0;
   std::vector<ScenePart> parts = {};
 };
 
@@ -266,6 +177,11 @@ std::uint64_t SceneReader::head_bytes() const {
   return state_->head.index_bytes;
 }
 
+std::uint64_t SceneReader::final_bytes() const {
+  const FileHead& head = state_->head;
+  return head.last_fragment ? head.last_fragment->offset : head.header.file_bytes;
+}
+
 SceneForm SceneReader::form() const {
   if (!state_->head.growing()) return SceneForm::kFinished;
   return state_->head.closed ? SceneForm::kRecorded : SceneForm::kGrowing;
@@ -296,6 +212,34 @@ Result<bool> SceneReader::refresh() {
   return state_->refresh();
 }
 
+Status SceneReader::load(double t0, double t1) {
+  return state_->load(t0, t1);
+}
+
+bool SceneReader::is_loaded(double t0, double t1) const {
+  const std::vector<TickRange> missing = unloaded();
+  return std::none_of(missing.begin(), missing.end(),
+                      [&](const TickRange& range) { return range.begin <= t1 && t0 <= range.end; });
+}
+
+std::vector<TickRange> SceneReader::unloaded() const {
+  std::vector<TickRange> out;
+  for (const auto& [offset, pending] : state_->head.walk.pending)
+    out.push_back(pending.link.needed);
+  return out;
+}
+
+std::unique_ptr<SceneReader> SceneReader::clone(std::unique_ptr<ByteSource> source) const {
+  auto state = std::make_unique<State>(State{std::move(source), state_->limits, state_->loading,
+                                             state_->memory, state_->head, state_->damage});
+  state->list_segments();
+  return std::unique_ptr<SceneReader>(new SceneReader(std::move(state)));
+}
+
+double SceneReader::latest_begin_ticks() const {
+  return state_->latest_begin;
+}
+
 double SceneReader::chunk_ticks() const {
   return state_->head.parts.empty() ? 1.0 : state_->head.parts.front().chunk_ticks;
 }
@@ -315,10 +259,15 @@ const std::vector<ScenePart>& SceneReader::parts() const {
 std::vector<StreamInfo> SceneReader::streams() const {
   std::vector<StreamInfo> out;
   for (Attribute attribute : attributes_of(sh_degree())) {
-    StreamInfo info{name_of(attribute), 0,
-                    primitives() * 4 * static_cast<std::uint64_t>(components_of(attribute))};
+    StreamInfo info{name_of(attribute),
+                    0,
+                    primitives() * 4 * static_cast<std::uint64_t>(components_of(attribute)),
+                    {}};
     for (const AttributeBytes& row : state_->head.index.attributes) {
       if (row.attribute == static_cast<std::uint16_t>(attribute)) info.bytes += row.bytes;
+    }
+    for (const ErrorBound& bound : state_->head.error_bounds) {
+      if (bound.attribute == attribute) info.error = bound;
     }
     out.push_back(std::move(info));
   }
@@ -356,7 +305,7 @@ std::span<const RansLookup> SceneReader::tables() const {
 }
 
 Result<std::vector<float>> SceneReader::importance() const {
-  return state_->importance();
+  return read_importance(*state_->source, state_->head);
 }
 
 const std::optional<Quantisation>& SceneReader::quantisation() const {
@@ -416,11 +365,11 @@ Result<Gaussians4D> SceneReader::decode_intact(std::uint32_t segment, Status& sh
 
 Result<std::unique_ptr<SceneReader>> SceneReader::open(std::unique_ptr<ByteSource> source,
                                                        const ReadLimits& limits,
-                                                       std::pmr::memory_resource* memory) {
+                                                       std::pmr::memory_resource* memory,
+                                                       IndexLoading loading) {
   try {
     Findings findings;
     FileHead head;
-    const IndexLoading loading = IndexLoading::kComplete;
     read_head(*source, limits, loading, head, findings);
     if (!findings.ok()) return findings.status(source->name());
     auto state = std::make_unique<State>(

@@ -4,12 +4,12 @@
 #include <exception>
 #include <limits>
 #include <set>
-#include <tuple>
 
 #include "codec/values.h"
 #include "container/node.h"
 #include "container/segment.h"
 #include "quantise/segmenter.h"
+#include "scene/validate_index.h"
 
 namespace stgs {
 namespace {
@@ -52,14 +52,15 @@ bool fits_memory(const RecordHeader& record, const FileHead& head, std::uint64_t
   return false;
 }
 
-// What the FRAG records of a growing file have stated so far.
-struct Fragments {
-  std::uint32_t frames = 0;
+// What is known about the records of a body.
+struct Walk {
+  const std::set<std::uint64_t>& copies;  // offsets of the copies of nodes
+  std::uint32_t frames = 0;               // that the last FRAG record stated
 };
 
 // Checks a FRAG record that may be one of the index (spec 9.2).
 void check_fragment(std::span<const std::uint8_t> payload, const FileHead& head, std::uint64_t at,
-                    Fragments& fragments, Findings& findings) {
+                    Walk& walk, Findings& findings) {
   ByteReader in(payload);
   if (in.u64() != at || !in.ok()) return;
   const std::uint32_t now = in.u32(), flags = in.u32();
@@ -67,19 +68,19 @@ void check_fragment(std::span<const std::uint8_t> payload, const FileHead& head,
   if ((flags & kFragmentClosed) != 0 && head.last_fragment && at != head.last_fragment->offset) {
     findings.error(N::kFragment, at, "fragment marked as the last one is followed by others");
   }
-  if (now < fragments.frames) {
+  if (now < walk.frames) {
     findings.error(N::kFragment, at, "fragment with {} frames follows one with {}", now,
-                   fragments.frames);
+                   walk.frames);
   }
   if (head.walk.followed.count(at) == 0)
     findings.warning(N::kUnlistedRecord, at, "fragment is not linked to by the index");
-  fragments.frames = now;
+  walk.frames = now;
 }
 
 // Checks the records in [at, end) of the body, which the index does not list, as far as they are
 // available.
 void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t at,
-                   std::uint64_t end, Fragments& fragments, Findings& findings) {
+                   std::uint64_t end, Walk& walk, Findings& findings) {
   while (at < end) {
     const std::uint64_t left = head.available_bytes - std::min(at, head.available_bytes);
     if (left < std::min(end - at, kRecordHeaderBytes)) return;  // already reported
@@ -105,8 +106,10 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
     }
     const bool intact = check_payload(record, bytes, at + kRecordHeaderBytes, findings);
     if (intact && fragment) {
-      check_fragment(bytes, head, at, fragments, findings);
+      check_fragment(bytes, head, at, walk, findings);
     }
+    if (intact && page && head.walk.followed.count(at) == 0 && walk.copies.count(at) == 0)
+      findings.warning(N::kUnlistedRecord, at, "node is not linked to by the index");
     if (intact && record.tag == kImportanceTag && record.flags == 0) {
       (void)parse_importance(bytes, head.index.primitives, at, findings);
     }
@@ -151,18 +154,19 @@ void walk_tail(const ByteSource& source, const FileHead& head, std::uint64_t fro
 }
 
 // Checks the records of the body between and after those listed in the index.
-void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
+void walk_body(const ByteSource& source, FileHead& head, const std::set<std::uint64_t>& copies,
+               Findings& findings) {
   std::uint64_t at = head.header.head_bytes;
-  Fragments fragments;
+  Walk walk{copies, 0};
   for (const IndexEntry* record : records_of(head.index)) {
     if (record->offset < at) {
       findings.error(N::kSegmentRange, record->offset, "records of two segments overlap");
     } else {
-      walk_unlisted(source, head, at, record->offset, fragments, findings);
+      walk_unlisted(source, head, at, record->offset, walk, findings);
     }
     at = std::max(at, record->offset + record->bytes);
   }
-  walk_unlisted(source, head, at, head.header.file_bytes, fragments, findings);
+  walk_unlisted(source, head, at, head.header.file_bytes, walk, findings);
   if (head.growing() && !head.closed) walk_tail(source, head, head.header.file_bytes, findings);
 }
 
@@ -251,28 +255,6 @@ void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t
   if (good) check_values(set, head, ordinal, findings);
 }
 
-// Checks what the nodes of an index state together (spec 5.1, 5.3).
-void check_index(const FileHead& head, Findings& findings) {
-  std::set<std::uint32_t> numbers;
-  for (const PartEntry& part : head.parts) {
-    if (numbers.insert(part.number).second) continue;
-    findings.error(N::kParts, kHeaderBytes, "index: two runs of part {} state different times",
-                   part.number);
-  }
-  std::set<std::tuple<std::uint32_t, int, std::uint32_t, int>> places;  // part, level, slot, tier
-  for (const SegmentEntry& segment : head.index.segments) {
-    const IndexEntry& base = segment.base;
-    if (places.emplace(segment.part, base.level, base.slot, base.layer).second) continue;
-    findings.error(N::kSegmentOrder, base.offset, "index: two segments of part {} have one place",
-                   head.parts[segment.part].number);
-  }
-  if (head.lost_fragments.empty() && head.listed_primitives != head.index.primitives) {
-    findings.error(N::kPrimitiveTotal, kHeaderBytes,
-                   "index: primitive count mismatch (total states {}, segments have {})",
-                   head.index.primitives, head.listed_primitives);
-  }
-}
-
 void check_segments(const ByteSource& source, FileHead& head, Findings& findings) {
   for (std::uint32_t i = 0; i < head.index.segments.size(); ++i) {
     check_segment(source, head, i, findings);
@@ -282,8 +264,8 @@ void check_segments(const ByteSource& source, FileHead& head, Findings& findings
     findings.error(static_cast<N>(layout.problem), layout.problem_at, "{}", layout.why);
   }
   check_further(source, head, findings);
-  check_index(head, findings);
-  walk_body(source, head, findings);
+  const std::set<std::uint64_t> copies = check_index(source, head, findings);
+  walk_body(source, head, copies, findings);
   walk_head_records(head, findings);
   check_private_numbers(head, findings);
 }

@@ -23,8 +23,7 @@ inline ClipExtent extent_of(const SceneReader& reader) {
   out.frames = reader.metadata().frames;
   out.growing = reader.form() == SceneForm::kGrowing;
   out.file_bytes = reader.file_bytes();
-  out.last_fragment_begin =
-      reader.segments().empty() ? out.frames : reader.parts().back().begin_ticks;
+  out.last_fragment_begin = reader.segments().empty() ? out.frames : reader.latest_begin_ticks();
   return out;
 }
 

@@ -11,18 +11,21 @@
 namespace stgs::player {
 
 Follower::Follower(SegmentStore& store, std::shared_ptr<RangeSource> source, IndexCache cache,
-                   const PlayerSettings& settings,
+                   const PlayerSettings& settings, bool polls,
                    std::function<void(bool, const std::string&)> on_replaced)
     : store_(store),
       source_(std::move(source)),
       settings_(settings.live),
+      retry_seconds_(settings.retry_seconds),
+      polls_(polls),
       limits_(settings.limits),
       memory_(settings.memory != nullptr ? settings.memory.get()
                                          : std::pmr::get_default_resource()),
       on_replaced_(std::move(on_replaced)),
       cache_(std::move(cache)),
       reader_(store.snapshot().reader),
-      interval_(settings.live.poll_seconds, clock_seconds()) {
+      interval_(settings.live.poll_seconds, clock_seconds()),
+      polled_at_(clock_seconds()) {
   thread_ = std::thread([this] { run(); });
 }
 
@@ -36,30 +39,96 @@ void Follower::stop() {
     const std::lock_guard lock(mutex_);
     stopping_ = true;
   }
-  stopped_.notify_all();
+  changed_.notify_all();
 }
 
+void Follower::wake() noexcept {
+  {
+    const std::lock_guard lock(mutex_);
+    woken_ = true;
+  }
+  changed_.notify_all();
+}
+
+// Waits until there may be something to do. Returns false if there is nothing more.
 bool Follower::wait() {
+  constexpr double kMaxSeconds = 3600;
+  double until = clock_seconds() + kMaxSeconds;
+  if (is_polling()) until = polled_at_ + interval_.seconds();
+  if (load_failed_) until = std::min(until, clock_seconds() + std::max(retry_seconds_, 1e-3));
   std::unique_lock lock(mutex_);
-  stopped_.wait_for(lock, std::chrono::duration<double>(interval_.seconds()),
-                    [this] { return stopping_; });
+  changed_.wait_for(lock, std::chrono::duration<double>(std::max(until - clock_seconds(), 0.0)),
+                    [this] { return stopping_ || (woken_ && !load_failed_); });
+  woken_ = false;
   return !stopping_;
 }
 
 void Follower::run() {
-  while (reader_->form() == SceneForm::kGrowing && wait()) {
-    bool grown = false;
-    try {
-      grown = poll();
-    } catch (const std::exception& e) {
-      set_problem(Problem::kUnreadable,
-                  failure(e, [&] { return fmt::format("{}: {}", source_->name(), e.what()); }));
-    }
-    const double now = clock_seconds();
-    interval_.update(grown, now);
-    if (grown) stall_reported_ = false;
-    if (!grown) report_stall(now);
+  for (;;) {
+    load();
+    if (!is_polling() && reader_->unloaded().empty()) return;
+    if (!wait()) return;
+    if (is_polling() && clock_seconds() >= polled_at_ + interval_.seconds()) poll_once();
   }
+}
+
+// Loads what playback needs of the index. Reports a failure once.
+void Follower::load() noexcept {
+  Status status;
+  try {
+    for (bool loaded = true; loaded && status.ok();) status = load_next(loaded);
+  } catch (const std::exception& e) {
+    status = failure(e, [&] { return fmt::format("{}: {}", source_->name(), e.what()); });
+  }
+  const bool failed_before = std::exchange(load_failed_, !status.ok());
+  if (status.ok() || failed_before || is_overwritten_) return;
+  {
+    const std::lock_guard lock(mutex_);
+    if (stopping_) return;  // reads fail because they are interrupted
+  }
+  store_.push_event(event_of(PlayerEvent::Kind::kReadFailed, 0, status.code(), status.message()));
+}
+
+Status Follower::load_next(bool& loaded) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (stopping_) return runtime_error("{}: stopped", source_->name());
+  }
+  const std::optional<TickRange> times = store_.unknown_times();
+  loaded = times.has_value();
+  if (!loaded) return {};
+  STGS_ASSIGN(auto reader, extend_snapshot(*reader_, source_, cache_, [&](SceneReader& copy) {
+                return copy.load(times->begin, times->end);
+              }));
+  // What looks like damage may be another file, and the right one may be restored.
+  const bool is_damaged = reader->damage().size() > reader_->damage().size();
+  if (is_damaged && (source_->has_shrunk() || source_->was_modified())) {
+    const Status status =
+        io_error("{}: the file was overwritten or truncated; open it again", source_->name());
+    if (!std::exchange(is_overwritten_, true)) on_replaced_(true, status.message());
+    return status;
+  }
+  if (std::exchange(is_overwritten_, false)) {
+    source_->set_finished();
+    on_replaced_(false, {});
+  }
+  store_.grow(reader);
+  reader_ = std::move(reader);
+  return {};
+}
+
+void Follower::poll_once() noexcept {
+  bool grown = false;
+  try {
+    grown = poll();
+  } catch (const std::exception& e) {
+    set_problem(Problem::kUnreadable,
+                failure(e, [&] { return fmt::format("{}: {}", source_->name(), e.what()); }));
+  }
+  polled_at_ = clock_seconds();
+  interval_.update(grown, polled_at_);
+  if (grown) stall_reported_ = false;
+  if (!grown) report_stall(polled_at_);
 }
 
 // Returns whether the recording has grown.
@@ -85,8 +154,17 @@ bool Follower::poll() {
   return retry && take_snapshot();
 }
 
+// Reads what was added to the file; the complete file if another recording has taken its place.
+Result<std::shared_ptr<const SceneReader>> Follower::read_snapshot() {
+  auto extended = extend_snapshot(*reader_, source_, cache_,
+                                  [](SceneReader& copy) { return copy.refresh().status(); });
+  if (extended.ok() || extended.status().code() != StatusCode::kInvalidFile) return extended;
+  cache_.clear();
+  return open_snapshot(source_, cache_, limits_, memory_, IndexLoading::kOnDemand);
+}
+
 bool Follower::take_snapshot() {
-  const auto opened = open_snapshot(source_, cache_, limits_, memory_);
+  const auto opened = read_snapshot();
   if (!opened.ok()) {
     const StatusCode code = opened.status().code();
     const bool damaged = code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported;

@@ -152,6 +152,7 @@ bool Residency::does_not_fit(const SegmentLayer& layer) const {
 }
 
 bool Residency::ready(double ticks) const {
+  if (!index_.reader().is_loaded(ticks, ticks)) return false;
   const std::vector<std::uint32_t> active = index_.reader().segments_between(ticks, ticks);
   return std::all_of(active.begin(), active.end(), [this](std::uint32_t one) {
     return index_.info(one).tier > 0 || is_base_final(one);
@@ -164,6 +165,7 @@ std::vector<TickRange> Residency::ready_ranges() const {
     const SegmentInfo& info = index_.reader().segments()[s];
     if (info.tier == 0 && !is_base_final(s)) gaps.push_back({info.begin_ticks, info.end_ticks});
   }
+  for (const TickRange& range : index_.reader().unloaded()) gaps.push_back(range);
   std::sort(gaps.begin(), gaps.end(),
             [](const TickRange& a, const TickRange& b) { return a.begin < b.begin; });
   const double end = index_.duration();
@@ -178,6 +180,7 @@ std::vector<TickRange> Residency::ready_ranges() const {
 }
 
 int Residency::layers(double ticks) const {
+  if (!index_.reader().is_loaded(ticks, ticks)) return 0;
   const std::vector<std::uint32_t> active = index_.reader().segments_between(ticks, ticks);
   int layers = 2 * index_.tiers();
   for (const std::uint32_t s : active) {
@@ -192,6 +195,7 @@ int Residency::layers(double ticks) const {
 }
 
 bool Residency::is_complete(double ticks) const {
+  if (!index_.reader().is_loaded(ticks, ticks)) return false;
   const std::vector<std::uint32_t> active = index_.reader().segments_between(ticks, ticks);
   return std::all_of(active.begin(), active.end(), [this](std::uint32_t s) {
     if (!is_base_final(s)) return does_not_fit({s, false});

@@ -51,24 +51,20 @@ std::uint64_t SegmentIndex::memory_bytes(const SegmentLayer& layer) const {
   return stored_bytes(layer) + decoded;
 }
 
-// Returns whether the segments of `reader` begin with the known ones, followed by others that lie
-// behind them in the file.
+// Returns whether the segments of `reader` begin with the known ones.
 bool SegmentIndex::is_continuation(const SceneReader& next) const {
   const std::vector<SegmentInfo>&before = reader().segments(), &now = next.segments();
   const auto same = [](const SegmentInfo& a, const SegmentInfo& b) {
     return a.offset == b.offset && a.bytes == b.bytes && a.primitives == b.primitives &&
            a.sh_offset == b.sh_offset && a.sh_bytes == b.sh_bytes;
   };
-  return now.size() >= before.size() &&
-         std::equal(before.begin(), before.end(), now.begin(), same) &&
-         std::all_of(now.begin() + static_cast<std::ptrdiff_t>(before.size()), now.end(),
-                     [&](const SegmentInfo& s) { return s.offset >= reader().file_bytes(); });
+  return now.size() >= before.size() && std::equal(before.begin(), before.end(), now.begin(), same);
 }
 
 SegmentIndex::Update SegmentIndex::prepare(std::shared_ptr<const SceneReader> reader) {
   const std::vector<SegmentInfo>& segments = reader->segments();
   Update update;
-  // A damaged index fragment omits segments that a later one may list again.
+  // Another recording may have taken the place of this one.
   update.renumbered = now_.reader != nullptr && !is_continuation(*reader);
   update.added = layers_from(segments, update.renumbered ? 0 : size());
   reserve_for(file_order_, (update.renumbered ? 0 : file_order_.size()) + update.added.size());
@@ -88,24 +84,49 @@ void SegmentIndex::adopt(Update update) noexcept {
   for (std::size_t s = first; s < size(); ++s)
     tiers_ = std::max(tiers_, reader().segments()[s].tier + 1);
   file_index_.resize(2 * size());
-  for (const SegmentLayer& layer : update.added) {
-    file_index_[2 * std::size_t{layer.segment} + (layer.sh ? 1 : 0)] = file_order_.size();
-    file_order_.push_back(layer);
+  const auto known = static_cast<std::ptrdiff_t>(file_order_.size());
+  file_order_.insert(file_order_.end(), update.added.begin(), update.added.end());
+  std::inplace_merge(file_order_.begin(), file_order_.begin() + known, file_order_.end(),
+                     [this](const SegmentLayer& a, const SegmentLayer& b) {
+                       return file_offset(a) < file_offset(b);
+                     });
+  for (std::size_t i = 0; i < file_order_.size(); ++i) {
+    const SegmentLayer& layer = file_order_[i];
+    file_index_[2 * std::size_t{layer.segment} + (layer.sh ? 1 : 0)] = i;
   }
 }
 
-std::vector<std::size_t> SegmentIndex::upcoming_layers(const Playhead& playhead,
-                                                       double seconds) const {
+std::vector<TickRange> SegmentIndex::upcoming_times(const Playhead& playhead,
+                                                    double seconds) const {
   constexpr double kAround = 1;  // ticks; callers check each layer exactly
   const double speed = std::abs(playhead.ticks_per_second);
   const double ahead = seconds * speed, at = playhead.ticks, end = playhead.duration;
   const bool back = playhead.ticks_per_second < 0;
-  std::vector<std::uint32_t> near =
-      back ? reader().segments_between(at - ahead - kAround, at + kAround)
-           : reader().segments_between(at - kAround, at + ahead + kAround);
+  std::vector<TickRange> out = {back ? TickRange{at - ahead - kAround, at + kAround}
+                                     : TickRange{at - kAround, at + ahead + kAround}};
   if (const double wrapped = back ? end + at - ahead : at + ahead - end; playhead.loop) {
-    const auto more = back ? reader().segments_between(std::max(wrapped, at) - kAround, end)
-                           : reader().segments_between(0, std::min(wrapped, at) + kAround);
+    out.push_back(back ? TickRange{std::max(wrapped, at) - kAround, end}
+                       : TickRange{0, std::min(wrapped, at) + kAround});
+  }
+  return out;
+}
+
+std::optional<TickRange> SegmentIndex::unknown_times(const Playhead& playhead,
+                                                     double seconds) const {
+  if (reader().unloaded().empty()) return {};
+  const double at = playhead.ticks;
+  if (!reader().is_loaded(at, at)) return TickRange{at, at};
+  for (const TickRange& range : upcoming_times(playhead, seconds)) {
+    if (range.begin <= range.end && !reader().is_loaded(range.begin, range.end)) return range;
+  }
+  return {};
+}
+
+std::vector<std::size_t> SegmentIndex::upcoming_layers(const Playhead& playhead,
+                                                       double seconds) const {
+  std::vector<std::uint32_t> near;
+  for (const TickRange& range : upcoming_times(playhead, seconds)) {
+    const auto more = reader().segments_between(range.begin, range.end);
     near.insert(near.end(), more.begin(), more.end());
   }
   std::vector<std::size_t> out;

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "stgs/format/scene_file.h"
@@ -69,12 +70,17 @@ class SegmentIndex {
   std::size_t file_index(const SegmentLayer& layer) const {
     return file_index_[2 * std::size_t{layer.segment} + (layer.sh ? 1 : 0)];
   }
+  // Returns times that playback reaches within `seconds` and whose segments are not known yet; the
+  // position itself first.
+  std::optional<TickRange> unknown_times(const Playhead& playhead, double seconds) const;
   // Returns the layers that playback reaches within `seconds`, and a few more, as indices in
   // file_order(), ascending.
   std::vector<std::size_t> upcoming_layers(const Playhead& playhead, double seconds) const;
 
  private:
   bool is_continuation(const SceneReader& reader) const;
+  // Returns the ranges of time that playback reaches within `seconds`, and a little more.
+  std::vector<TickRange> upcoming_times(const Playhead& playhead, double seconds) const;
 
   FileSnapshot now_;
   int tiers_ = 1;

@@ -95,12 +95,21 @@ int SegmentStore::tiers() const {
   return index_.tiers();
 }
 
+std::optional<TickRange> SegmentStore::unknown_times() const {
+  const std::lock_guard lock(mutex_);
+  if (!deadlines_.has_playhead()) return {};
+  return index_.unknown_times(deadlines_.playhead(), settings_.prefetch_seconds);
+}
+
 void SegmentStore::set_playhead(const Playhead& playhead, bool jumped) {
+  bool is_unknown = false;
   {
     const std::lock_guard lock(mutex_);
     deadlines_.set_playhead(playhead, jumped);
     if (jumped) residency_.forget_full();
+    is_unknown = index_.unknown_times(playhead, settings_.prefetch_seconds).has_value();
   }
+  if (is_unknown && on_unknown_) on_unknown_();
   wake(jumped ? WakeReason::kJump : WakeReason::kChanged);
 }
 

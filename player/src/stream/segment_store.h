@@ -6,6 +6,7 @@
 #include <limits>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <vector>
 
 #include "stgs/format/budget.h"
@@ -67,8 +68,14 @@ class SegmentStore final : public Availability {
   // Begins no further work. Reads in flight end early.
   void stop() noexcept;
 
+  // Sets a function that is called when the position moves to times whose segments are not known
+  // yet; it must not throw. Call this before set_playhead().
+  void set_on_unknown(std::function<void()> call) { on_unknown_ = std::move(call); }
+  // Returns times whose segments playback needs to know next; nothing before set_playhead().
+  std::optional<TickRange> unknown_times() const;
+
   FileSnapshot snapshot() const;
-  // Adopts a reader of the file after it has grown. If this throws, nothing has changed.
+  // Adopts a reader of the file that knows more segments. If this throws, nothing has changed.
   void grow(std::shared_ptr<const SceneReader> reader);
   int tiers() const;
   std::uint64_t memory_budget() const { return settings_.memory_budget; }
@@ -156,6 +163,7 @@ class SegmentStore final : public Availability {
   std::vector<Decoded> finished_;
 
   std::function<void(WakeReason)> wake_;
+  std::function<void()> on_unknown_;
   std::mutex done_mutex_;  // guards the following members; never locked for long
   std::vector<AsyncByteSource::Done> reads_done_;
   std::vector<Decoded> decodes_done_;

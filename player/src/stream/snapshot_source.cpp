@@ -107,28 +107,37 @@ std::uint64_t IndexCache::bytes() const {
 
 namespace {
 
-Result<std::shared_ptr<const SceneReader>> read_snapshot(const std::shared_ptr<RangeSource>& source,
-                                                         IndexCache& cache,
-                                                         const ReadLimits& limits,
-                                                         std::pmr::memory_resource* memory) {
-  auto snapshot = std::make_unique<SnapshotSource>(source, cache);
-  SnapshotSource& snapshot_ref = *snapshot;
-  Result<std::unique_ptr<SceneReader>> opened =
-      SceneReader::open(std::move(snapshot), limits, memory);
-  if (!opened.ok()) {
-    cache.discard_incomplete();
-    return opened.status();
-  }
-  snapshot_ref.detach_cache();
-  std::unique_ptr<SceneReader> reader = std::move(opened).value();
+// Ends the use of the cache by a new reader.
+std::shared_ptr<const SceneReader> finish(std::unique_ptr<SceneReader> reader, RangeSource& source,
+                                          IndexCache& cache) {
   if (reader->form() == SceneForm::kGrowing) {
     const auto [offset, bytes] = cache.tail(reader->file_bytes());
-    if (!bytes.empty()) source->add_recent(offset, bytes);
-    cache.retain(reader->file_bytes());
+    if (!bytes.empty()) source.add_recent(offset, bytes);
+    cache.retain(reader->final_bytes());
   } else {
     cache.clear();
   }
-  return std::shared_ptr<const SceneReader>(std::move(reader));
+  return reader;
+}
+
+// Calls `make` with a source that uses the cache, and which the reader that `make` returns reads.
+template <typename Make>
+Result<std::shared_ptr<const SceneReader>> with_cache(const std::shared_ptr<RangeSource>& source,
+                                                      IndexCache& cache, const Make& make) {
+  try {
+    auto snapshot = std::make_unique<SnapshotSource>(source, cache);
+    SnapshotSource& snapshot_ref = *snapshot;
+    Result<std::unique_ptr<SceneReader>> reader = make(std::move(snapshot));
+    if (!reader.ok()) {
+      cache.discard_incomplete();
+      return reader.status();
+    }
+    snapshot_ref.detach_cache();
+    return finish(std::move(reader).value(), *source, cache);
+  } catch (const std::exception&) {
+    cache.discard_incomplete();
+    throw;
+  }
 }
 
 }  // namespace
@@ -136,13 +145,23 @@ Result<std::shared_ptr<const SceneReader>> read_snapshot(const std::shared_ptr<R
 Result<std::shared_ptr<const SceneReader>> open_snapshot(const std::shared_ptr<RangeSource>& source,
                                                          IndexCache& cache,
                                                          const ReadLimits& limits,
-                                                         std::pmr::memory_resource* memory) {
-  try {
-    return read_snapshot(source, cache, limits, memory);
-  } catch (const std::exception&) {
-    cache.discard_incomplete();
-    throw;
-  }
+                                                         std::pmr::memory_resource* memory,
+                                                         IndexLoading loading) {
+  return with_cache(source, cache, [&](std::unique_ptr<ByteSource> snapshot) {
+    return SceneReader::open(std::move(snapshot), limits, memory, loading);
+  });
+}
+
+Result<std::shared_ptr<const SceneReader>> extend_snapshot(
+    const SceneReader& reader, const std::shared_ptr<RangeSource>& source, IndexCache& cache,
+    const std::function<Status(SceneReader&)>& extend) {
+  return with_cache(
+      source, cache,
+      [&](std::unique_ptr<ByteSource> snapshot) -> Result<std::unique_ptr<SceneReader>> {
+        std::unique_ptr<SceneReader> copy = reader.clone(std::move(snapshot));
+        STGS_TRY(extend(*copy));
+        return copy;
+      });
 }
 
 }  // namespace stgs::player

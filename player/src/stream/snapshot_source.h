@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Opens readers over a growing file as it is at one point in time.
+// Opens readers over a file as it is at one point in time.
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <memory_resource>
@@ -31,8 +32,8 @@ class IndexCache {
   // end reads everything from there to the end at once, since an index lies there.
   Status read(const ByteSource& under, std::uint64_t size, std::uint64_t offset,
               std::span<std::uint8_t> out);
-  // Discards bytes that were not read since the last call, and bytes from `complete` on, which may
-  // still change.
+  // Discards bytes that were not read since the last call, and bytes from `complete` on, which are
+  // read again.
   void retain(std::uint64_t complete);
   // Discards bytes from the last `complete` on. Call it if a reader could not be opened.
   void discard_incomplete();
@@ -56,11 +57,16 @@ class IndexCache {
   std::optional<std::uint64_t> tail_at_;  // offset of the last read at the end of the file
 };
 
-// Reads the index of the file as it is now. `memory` allocates decoded data. Errors: those of
+// Opens the file as it is now. `memory` allocates decoded data. Errors: those of
 // SceneReader::open().
 Result<std::shared_ptr<const SceneReader>> open_snapshot(const std::shared_ptr<RangeSource>& source,
                                                          IndexCache& cache,
                                                          const ReadLimits& limits,
-                                                         std::pmr::memory_resource* memory);
+                                                         std::pmr::memory_resource* memory,
+                                                         IndexLoading loading);
+// Returns a copy of a reader that `extend` has changed, with the bytes that the file has now.
+Result<std::shared_ptr<const SceneReader>> extend_snapshot(
+    const SceneReader& reader, const std::shared_ptr<RangeSource>& source, IndexCache& cache,
+    const std::function<Status(SceneReader&)>& extend);
 
 }  // namespace stgs::player

@@ -62,12 +62,13 @@ StreamPlayer::StreamPlayer(OpenedFile file, const PlayerSettings& settings,
                    is_followed(file, settings)) {
   pump_thread_ = std::make_unique<PumpThread>(store_);
   store_.set_wake([pump = pump_thread_.get()](WakeReason reason) { pump->wake(reason); });
-  if (playback_.live().growing) {
+  if (playback_.live().growing || !file.reader->unloaded().empty()) {
     follower_ = std::make_unique<Follower>(
-        store_, file.source, std::move(file.cache), settings,
+        store_, file.source, std::move(file.cache), settings, playback_.live().growing,
         [transfers = transfers_](bool replaced, const std::string& message) {
           transfers->set_replaced(replaced, message);
         });
+    store_.set_on_unknown([follower = follower_.get()] { follower->wake(); });
   }
   // Nothing is fetched before this, so that a failure until now does not wait for a read.
   apply_effects();

@@ -31,7 +31,8 @@ enum {
   STGS_FORM_RECORDED = 2  /* a live recording that is closed */
 };
 
-/* Sizes and numbers of a file. */
+/* Sizes and numbers of a file. A player of a long file reads the index as playback needs it: the scene
+ * of a player lists the parts and segments that are known so far. */
 typedef struct stgs_contents {
   size_t struct_size;
   stgs_form form;              /* order of the file */
@@ -90,24 +91,27 @@ typedef struct stgs_segment {
 STGS_API stgs_result stgs_scene_get_segment(stgs_scene* scene, uint32_t index,
                                             stgs_segment* segment);
 
-/* The bytes of one attribute, over all segments. */
+/* The bytes of one attribute, over all segments, and its error. */
 typedef struct stgs_stream {
   size_t struct_size;
   const char* name;   /* such as "position"; belongs to the scene, valid until it is destroyed */
-  uint64_t bytes;     /* in the file */
+  uint64_t bytes;     /* in the file; 0: not stated, as in a recording */
   uint64_t raw_bytes; /* uncompressed */
+  double max_error; /* greatest difference to the source of the coding, in the unit of the attribute
+                     * (radians for rotations); -1: not stated */
+  double rms_error; /* root mean square of the same; -1: not stated */
 } stgs_stream;
 
 /* Returns a stream. `index` is 0 to stgs_contents.streams - 1. */
 STGS_API stgs_result stgs_scene_get_stream(stgs_scene* scene, uint32_t index, stgs_stream* stream);
 
-/* A range of a damaged recording that no index lists any more. */
+/* Content that the index does not list any more, because a part of it is damaged. */
 typedef struct stgs_lost_fragment {
   size_t struct_size;
-  double begin_seconds; /* at which its content first appears */
-  double end_seconds;   /* equal to begin_seconds: not known */
-  uint64_t offset;      /* in the file */
-  uint64_t bytes;       /* in the file */
+  double begin_seconds; /* start of the times at which it would be shown */
+  double end_seconds;   /* end of these times */
+  uint64_t offset;      /* of the lost bytes in the file */
+  uint64_t bytes;       /* of a recording's fragment, or of the damaged part of the index alone */
 } stgs_lost_fragment;
 
 /* Returns a lost fragment. `index` is 0 to stgs_contents.lost_fragments - 1. */

@@ -41,8 +41,10 @@ typedef struct stgs_scene_info {
   float floor[3];                 /* a point on the floor, scene units; valid if `up` is known */
   uint32_t issues;                /* number of issues, see stgs_scene_get_issue */
   float near_plane;               /* scene units; content nearer than this was never trained */
-  float background[3];            /* red, green, blue, sRGB-encoded */
+  float background[3];            /* red, green, blue, encoded as the colours of the scene */
   double audio_begin_seconds;     /* start of the audio, see STGS_TEXT_AUDIO */
+  int32_t colour_primaries;       /* of the colours, ITU-T H.273: 1 is BT.709 */
+  int32_t transfer_function;      /* of the colours, ITU-T H.273: 13 is sRGB */
 } stgs_scene_info;
 
 /* Returns the metadata of the scene. */

@@ -174,10 +174,11 @@ enum class SceneForm {
   kRecorded,  // recorded live and closed: nothing follows
 };
 
-// Bytes spent on one attribute in the complete file.
+// Bytes spent on one attribute in the complete file, and its error.
 struct StreamInfo {
-  std::string name;  // "position", "sh0", ...
-  std::uint64_t bytes = 0, raw_bytes = 0;
+  std::string name;                        // "position", "sh0", ...
+  std::uint64_t bytes = 0, raw_bytes = 0;  // bytes: 0 if the file does not state them
+  std::optional<ErrorBound> error;         // as the writer measured it, if the file states it
 };
 
 // One finding of a validation.
@@ -188,21 +189,28 @@ struct Issue {
   std::string message;
 };
 
-// A file opened for random access. Opening reads and checks header, metadata and index; everything
-// else is read on demand. Thread-safe after open(), except refresh().
+// How much of an index is read when a file is opened.
+enum class IndexLoading {
+  kComplete,  // all of it
+  kOnDemand   // 16 KiB or less of most files; SceneReader::load() reads the rest
+};
+
 // Where and when the primitives of a segment are: X at T, scene units, 3 floats each; T, ticks from
 // the beginning of the part.
 struct Placement {
   FloatArray position, time;
 };
 
+// A file opened for random access. Opening reads and checks header, metadata and index; everything
+// else is read on demand. Thread-safe after open(), except refresh() and load().
 class SceneReader {
  public:
   // Opens a file. Decoded sets are allocated from `memory`, from several threads at once; it must
   // outlive the reader and those sets.
   static Result<std::unique_ptr<SceneReader>> open(
       std::unique_ptr<ByteSource> source, const ReadLimits& limits = {},
-      std::pmr::memory_resource* memory = std::pmr::get_default_resource());
+      std::pmr::memory_resource* memory = std::pmr::get_default_resource(),
+      IndexLoading loading = IndexLoading::kComplete);
   // Opens the file at a path. Decoded sets use the default memory resource.
   static Result<std::unique_ptr<SceneReader>> open(const std::string& path,
                                                    const ReadLimits& limits = {});
@@ -220,12 +228,15 @@ class SceneReader {
   std::uint16_t version_minor() const;
   // Returns the SH degree, 0..3.
   int sh_degree() const;
-  // Returns the number of primitives in the index.
+  // Returns the number of primitives that the file states.
   std::uint64_t primitives() const;
   // Returns the length up to the end of the complete content, bytes.
   std::uint64_t file_bytes() const;
-  // Returns the number of bytes that open() read, which is all that is needed to locate segments.
+  // Returns the number of bytes of the head and of the index that were read, which is all that is
+  // needed to locate the loaded segments.
   std::uint64_t head_bytes() const;
+  // Returns the offset up to which nothing of the file is read again when it has grown.
+  std::uint64_t final_bytes() const;
   // Returns the layout of the file.
   SceneForm form() const;
   // Returns the number of bytes of a growing file after its last complete fragment: they are being
@@ -241,6 +252,18 @@ class SceneReader {
   // Returns the time up to which the scene is complete, ticks: the earliest time of a segment that
   // is missing, lacks its SH, or is lost; the duration if there is none.
   double complete_ticks() const;
+  // Loads the segments that are needed at times of [t0, t1], ticks. New segments follow the
+  // existing ones; references become invalid as by refresh(). No other thread may use the reader
+  // meanwhile. After an error the reader is unchanged.
+  Status load(double t0, double t1);
+  // Returns whether all segments that are needed at times of [t0, t1] are loaded, or known to be
+  // lost.
+  bool is_loaded(double t0, double t1) const;
+  // Returns the times, as closed ranges that may overlap, at which more segments may be needed than
+  // are loaded.
+  std::vector<TickRange> unloaded() const;
+  // Returns a copy that reads from another source of the same file.
+  std::unique_ptr<SceneReader> clone(std::unique_ptr<ByteSource> source) const;
   // Checks whether a growing file has grown. Returns true if there are new segments, which follow
   // the existing ones, and a larger metadata().frames. References returned by metadata(),
   // segments() and parts() become invalid; segment indices stay valid. No other thread may use the
@@ -251,14 +274,17 @@ class SceneReader {
   // Returns whether the head has layouts for all records (spec 6.1); otherwise each record has its
   // own.
   bool has_layouts() const;
-  // Returns the segments, part after part. Valid until refresh().
+  // Returns the loaded segments: part after part if the index was loaded when the file was opened,
+  // by offset in the file. Valid until refresh() or load().
   const std::vector<SegmentInfo>& segments() const;
-  // Returns the parts; empty if the file has neither primitives nor parts. Valid until refresh().
+  // Returns the parts of the loaded segments. Valid until refresh() or load().
   const std::vector<ScenePart>& parts() const;
+  // Returns the latest beginning of a part, ticks; 0 if there is none.
+  double latest_begin_ticks() const;
   // Returns the bytes of each attribute, in file order.
   std::vector<StreamInfo> streams() const;
-  // Returns the indices of the segments that contain all primitives active at some time in
-  // [t0, t1], ticks; ascending in file offset. Uses the index alone.
+  // Returns the indices, ascending, of the loaded segments that contain primitives active at some
+  // time in [t0, t1], ticks. Uses the index alone.
   std::vector<std::uint32_t> segments_between(double t0, double t1) const;
   // Decodes one segment. Times count from the beginning of its part. With `with_sh` false, SH above
   // degree 0 that are stored separately are not read and become 0.
@@ -277,7 +303,8 @@ class SceneReader {
   Result<CodedSegment> read(std::uint32_t segment, bool with_sh) const;
   // Returns the tables of the file, which its records refer to by number. Valid until refresh().
   std::span<const RansLookup> tables() const;
-  // Reads Scene::importance, segment after segment; empty if the file has none.
+  // Reads Scene::importance, segment after segment; empty if the file has none. kUsage unless the
+  // index is loaded completely.
   Result<std::vector<float>> importance() const;
   // Returns Scene::quantisation, if the file has a valid one. Valid until refresh().
   const std::optional<Quantisation>& quantisation() const;

@@ -49,7 +49,7 @@ struct PlayerEvent {
   std::string message;
 };
 
-// How the player follows a growing recording (spec 5.12). Only sources that may grow are followed:
+// How the player follows a growing recording (spec 9). Only sources that may grow are followed:
 // files, URLs and sources for which ByteSource::may_grow() is true. The live edge is the end of the
 // recorded data.
 struct LiveSettings {
