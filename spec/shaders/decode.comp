@@ -2,29 +2,28 @@
 // Decodes the units of a record to the integers q of its streams (stgs-format.md 7, 8.1 to 8.4)
 // with unsigned 32-bit integers alone. decode.wgsl is the same algorithm in WGSL.
 //
-// A workgroup decodes a unit (6.5): first each invocation takes blocks, from bytes to the values of
-// 8.1, then each takes a component, from values to integers, in place. This favours clarity. A fast
-// decoder has an invocation for each lane, and sums differences with a scan.
+// A workgroup decodes a unit (6.5): first block after block, from bytes to the values of 8.1, then
+// stream after stream, from values to integers, in place. Each invocation is a lane of the blocks.
+// This favours clarity: a fast decoder has a workgroup for each block, and sums with a scan.
 #version 450
-layout(local_size_x = 64) in;
+layout(local_size_x = 32) in;
 
+const uint kLanes = 32u;                            // invocations; lanes of a long block
 const uint kBlock = 8192u;                          // symbols of a plane in a block (7.1)
 const uint kTotal = 4096u;                          // of the frequencies of a table (7.2)
 const uint kLow = 65536u;                           // the least state (7.3)
 const uint kKeys = 1u << 30u;                       // keys are below (8.4)
 const uint kBytes = 0u, kRans = 1u;                 // coders (6.4)
-const uint kPlain = 0u, kDelta = 2u, kMorton = 3u;  // predictions (8.3); otherwise 1, zigzag
+const uint kZigzag = 1u, kDelta = 2u, kMorton = 3u;  // predictions (8.3)
 
 struct Unit {
-  uint offset;           // of its first byte, in `bytes`
-  uint size;             // in bytes
-  uint coder;            // of its streams
-  uint symbols;          // n, of each plane
-  uint plane, planes;    // the first in `tables`, and their count, with those that are constant
-  uint stream, streams;  // the first in `streams`, and their count
+  uint offset, size;     // of its first byte in `bytes`; in bytes
+  uint coder, symbols;   // of its streams; n of each of their planes
+  uint plane, planes;    // first in `tables`, and count, including constant planes
+  uint stream, streams;  // first in `streams`, and count
 };
 struct Stream {
-  uint at;              // of q[0] of component 0 in `q`; the others follow, n integers each
+  uint at;              // of q[0] of component 0 in `q`; the others follow, n each
   uint components;      // as in 8.1; with prediction 3 four: x, y, z, keys
   uint prediction;      // 8.3
   uint low, first_key;  // 8.4
@@ -44,10 +43,13 @@ layout(std430, binding = 5) coherent buffer Integers { uint q[]; };  // two's co
 // block (7.4), 4: keys (8.4). If it is not 0, the record is refused and the integers are arbitrary.
 layout(std430, binding = 6) buffer Damage { uint damage[]; };
 
-// The block of this invocation.
-uint lanes;      // L
-uint x[32];      // states, by lane
-uint next, end;  // of its words: the offset of the next in `bytes`, and the offset after the last
+uint lane;       // of this invocation
+uint x;          // its state
+uint next, end;  // of the block's words: the offset of the next in `bytes`, and after the last
+// A bit for each lane that needs a word in a step. Three take turns: one is in use, one is set to 0
+// for the next step, and one may still be read by slower invocations.
+shared uint needy[3];
+uint turn = 0u;
 
 uint byte_at(uint i) { return bytes[i / 4u] >> (8u * (i % 4u)) & 255u; }
 uint u16_at(uint i) { return byte_at(i) | byte_at(i + 1u) << 8u; }
@@ -65,63 +67,62 @@ uint stored_planes(Unit unit) {
   return count;
 }
 
-// Finds the states and words of a block (7.3). Returns whether they are in the unit and valid. For
-// the last block, this checks the sizes of all blocks.
+uint lanes_of(uint m) {  // 7.1
+  uint lanes = 1u;
+  while (256u * lanes < m) lanes *= 2u;
+  return lanes;
+}
+
+// Finds the states and words of a block (7.3). Returns whether they are in the unit. For the last
+// block, this checks the sizes of all blocks.
 bool open_block(Unit unit, uint block, uint blocks) {
   if (unit.size / 4u < blocks - 1u) return false;
-  next = unit.offset + 4u * (blocks - 1u);
-  uint left = unit.size - 4u * (blocks - 1u), states = 0u;  // left: bytes from `next` on
+  uint at = unit.offset + 4u * (blocks - 1u), left = unit.size - 4u * (blocks - 1u);
   for (uint k = 0u; k <= block; ++k) {
-    uint m = min(kBlock, unit.symbols - kBlock * k);
-    lanes = 1u;
-    while (256u * lanes < m) lanes *= 2u;  // 7.1
+    uint lanes = lanes_of(min(kBlock, unit.symbols - kBlock * k));
     if (left < 4u * lanes) return false;
     left -= 4u * lanes;
     bool last = k + 1u == blocks;
     uint words = last ? left / 2u : u32_at(unit.offset + 4u * k);
     if (words > left / 2u || last && left % 2u != 0u) return false;
     left -= 2u * words;
-    states = next;
-    next += 4u * lanes + 2u * words;
-  }
-  end = next;
-  next = states + 4u * lanes;
-  for (uint lane = 0u; lane < lanes; ++lane) {
-    x[lane] = u32_at(states + 4u * lane);
-    if (x[lane] < kLow) return false;
+    x = lane < lanes ? u32_at(at + 4u * lane) : kLow;
+    next = at + 4u * lanes;
+    end = next + 2u * words;
+    at = end;
   }
   return true;
 }
 
-// Returns whether a block has ended correctly after its last plane (7.4).
-bool is_complete() {
-  bool complete = next == end;
-  for (uint lane = 0u; lane < lanes; ++lane) complete = complete && x[lane] == kLow;
-  return complete;
-}
-
-uint next_symbol(uint table, uint lane) {  // 7.4
-  uint entry = lookups[kTotal * table + x[lane] % kTotal];
-  uint f = entry / kTotal % kTotal + 1u;
-  x[lane] = f * (x[lane] / kTotal) + entry % kTotal;
-  if (x[lane] < kLow) {
-    x[lane] = kLow * x[lane] + (next < end ? u16_at(next) : 0u);
-    next += 2u;  // past `end` if words are missing
-  }
+// Returns the next symbol of this lane (7.4). Lanes without a symbol in this step call it too.
+uint next_symbol(uint table, bool in_step) {
+  uint entry = lookups[kTotal * table + x % kTotal], f = entry / kTotal % kTotal + 1u;
+  if (in_step) x = f * (x / kTotal) + entry % kTotal;
+  bool needs_word = in_step && x < kLow;
+  if (needs_word) atomicOr(needy[turn % 3u], 1u << lane);
+  if (lane == 0u) needy[(turn + 1u) % 3u] = 0u;
+  barrier();
+  uint lanes = needy[turn % 3u], at = next + 2u * bitCount(lanes & (1u << lane) - 1u);
+  if (needs_word) x = kLow * x + (at < end ? u16_at(at) : 0u);
+  next += 2u * bitCount(lanes);  // past `end` if words are missing
+  turn += 1u;
   return entry >> 24u;
 }
 
-// Adds m symbols of a plane, from symbol `first` on, to the values from q[at] on: a digit above
+// Adds m symbols of a plane, from v `first` on, to the values from q[at] on: a digit above
 // `shift` bits (8.1).
 void decode_digit(Unit unit, uint plane, uint first, uint m, uint at, uint shift) {
   uint table = unit.coder == kRans ? tables[unit.plane + plane] : 0u;
   bool constant = unit.coder == kRans && is_constant(table);
-  for (uint i = 0u; i < m; ++i) {
-    uint symbol;
-    if (unit.coder == kBytes) symbol = byte_at(unit.offset + plane * unit.symbols + first + i);
-    else if (constant) symbol = lookups[kTotal * table] >> 24u;
-    else symbol = next_symbol(table, i % lanes);
-    q[at + i] = (shift == 0u ? 0u : q[at + i]) | symbol << shift;
+  uint lanes = lanes_of(m);
+  for (uint step = 0u; lanes * step < m; ++step) {
+    uint i = lanes * step + lane, v = lookups[kTotal * table] >> 24u;
+    bool in_step = lane < lanes && i < m;
+    if (unit.coder == kRans && !constant) v = next_symbol(table, in_step);
+    if (in_step) {
+      if (unit.coder == kBytes) v = byte_at(unit.offset + plane * unit.symbols + first + i);
+      q[at + i] = (shift == 0u ? 0u : q[at + i]) | v << shift;
+    }
   }
 }
 
@@ -144,57 +145,55 @@ void decode_block(Unit unit, uint block) {
   }
 }
 
-// Replaces the values of a component by integers (8.2, 8.3).
-void predict(Stream stream, uint n, uint component) {
-  uint previous = 0u;
-  for (uint at = stream.at + n * component; at < stream.at + n * (component + 1u); ++at) {
-    if (stream.prediction != kPlain) q[at] = q[at] / 2u ^ (0u - q[at] % 2u);  // unzigzag
-    if (stream.prediction == kDelta) q[at] += previous;
-    previous = q[at];
+// Replaces the values of a stream by integers (8.2 to 8.4). Returns whether all keys are in range.
+bool predict(Stream stream, uint n) {
+  uint end = stream.at + n * stream.components, keys = stream.at + n * 3u, key = stream.first_key;
+  bool zigzag = stream.prediction == kZigzag || stream.prediction == kDelta, in_range = true;
+  for (uint at = stream.at + lane; zigzag && at < end; at += kLanes) {
+    q[at] = q[at] / 2u ^ (0u - q[at] % 2u);
   }
-}
-
-// As predict(), with prediction 3 (8.4). Returns whether all keys are in range.
-bool predict_morton(Stream stream, uint n) {
-  uint key = stream.first_key;
-  for (uint i = 0u; i < n; ++i) {
-    uint difference = q[stream.at + 3u * n + i];
-    if (key >= kKeys || difference >= kKeys || key + difference >= kKeys) return false;
-    key += difference;
-    for (uint c = 0u; c < 3u; ++c) {
-      uint at = stream.at + c * n + i, h = 0u;
-      for (uint j = 0u; j < 10u; ++j) h |= (key >> (3u * j + c) & 1u) << j;
-      q[at] = (h << stream.low) + (stream.low == 0u ? 0u : q[at]);
-    }
+  memoryBarrierBuffer();
+  barrier();
+  if (stream.prediction == kDelta && lane < stream.components) {
+    for (uint i = 1u; i < n; ++i) q[stream.at + n * lane + i] += q[stream.at + n * lane + i - 1u];
   }
-  return true;
+  for (uint at = keys; stream.prediction == kMorton && lane == 0u && at < end; ++at) {
+    in_range = in_range && key < kKeys && q[at] < kKeys && key + q[at] < kKeys;
+    key += q[at];
+    q[at] = key;
+  }
+  memoryBarrierBuffer();
+  barrier();
+  for (uint i = lane; stream.prediction == kMorton && i < 3u * n; i += kLanes) {
+    uint c = i / n, at = stream.at + i, h = 0u;
+    for (uint j = 0u; j < 10u; ++j) h |= (q[keys + i % n] >> (3u * j + c) & 1u) << j;
+    q[at] = (h << stream.low) + (stream.low == 0u ? 0u : q[at]);
+  }
+  return in_range;
 }
 
 void main() {
-  uint u = gl_WorkGroupID.x, id = gl_LocalInvocationID.x;
+  uint u = gl_WorkGroupID.x, failed = 0u;
+  lane = gl_LocalInvocationID.x;
   Unit unit = units[u];
-  uint n = unit.symbols, planes = stored_planes(unit);
-  uint blocks = n / kBlock + min(1u, n % kBlock);
+  uint n = unit.symbols, planes = stored_planes(unit), blocks = n / kBlock + min(1u, n % kBlock);
   bool coded = unit.coder == kRans && planes > 0u && n > 0u;
   // If not, the unit has a byte for each symbol: none with coder 1.
   bool fits = planes == 0u ? unit.size == 0u
                            : coded || unit.size / planes == n && unit.size % planes == 0u;
-  if (!fits) atomicOr(damage[u], 1u);
-  for (uint block = id; fits && block < blocks; block += gl_WorkGroupSize.x) {
-    if (!coded || open_block(unit, block, blocks)) {
-      decode_block(unit, block);
-      if (coded && !is_complete()) atomicOr(damage[u], 2u);
-    } else {
-      atomicOr(damage[u], 1u);
-    }
+  if (lane < 3u) needy[lane] = 0u;
+  barrier();
+  for (uint block = 0u; fits && block < blocks; ++block) {
+    if (coded) fits = open_block(unit, block, blocks);
+    if (coded && x < kLow) failed |= 1u;
+    if (fits) decode_block(unit, block);
+    if (coded && (next != end || x != kLow)) failed |= 2u;
   }
   memoryBarrierBuffer();
   barrier();
   for (uint s = unit.stream; s < unit.stream + unit.streams; ++s) {
-    if (streams[s].prediction == kMorton) {
-      if (id == 0u && !predict_morton(streams[s], n)) atomicOr(damage[u], 4u);
-    } else if (id < streams[s].components) {
-      predict(streams[s], n, id);
-    }
+    if (!predict(streams[s], n)) failed |= 4u;
   }
+  if (!fits) failed |= 1u;
+  if (failed != 0u) atomicOr(damage[u], failed);
 }
