@@ -91,6 +91,10 @@ def layouts():
            struct.pack("<HH", 0, 65534) + bytes(65533) + b"\x09" + b"".join(s.row() for s in streams)))
     layt = layouts_payload([{0: 4096}], [streams[:7] + [Stream(8, 1, 0, [[0]], 0, RANS, (2,), tables=[1])] + streams[8:]])
     must_fail("layt_table_1_of_1", "6.2", "a layout of LAYT with table 1 of 1", plain(body=Body(streams, 3, layout=0), layouts=layt))
+    two = Stream(8, 1, 0, [[0]], 0, RANS, (2, 2), tables=[0, 1])
+    layt = layouts_payload([{0: 4096}], [streams[:7] + [two] + streams[8:]])
+    must_fail("layt_tables_0_and_1_of_1", "6.2", "a layout of LAYT with tables 0 and 1 of 1", plain(
+        body=Body(streams, 3, layout=0), layouts=layt))
     must_fail("layouts_65535", "6.1", "65535 layouts", plain(layouts=struct.pack("<HH", 0, 65535) + bytes(65535)))
     coded = float_streams(3, 0, 1)
     coded[7] = Stream(8, 1, 0, [[0, 1, 2]], 0, RANS, (2,))
