@@ -16,7 +16,7 @@ class Integers:
     """A stream after 8.4 and the checks of 8.5 to 8.9."""
     row: object
     q: list                     # one list for each component
-    exponents: list = field(default_factory=list)  # of the steps of each primitive, mappings 3 and 6
+    exponents: list = field(default_factory=list)  # of the steps of each primitive, mappings 3, 4 and 6
     first: int = 0              # F, mapping 7
 
 
@@ -93,7 +93,7 @@ def integers(row, q, before, segment, run, degree):
         shapes = shaped(before[LOG_SCALE]) if row.mapping == 6 else [0] * len(q[0])
         exponents = [clamp(row.e + s, -14, -1) for s in shapes]
         need(all(r > 0 for r in squares(out, exponents)), "8.7", 407, "R is not above 0")
-        out.exponents = exponents if row.mapping == 6 else []
+        out.exponents = exponents
     if row.mapping == 7:
         start = Fraction(segment.start, 1 << 21)  # slot * H; 0 if the segment is persistent
         out.first = math.floor(start / (row.m * Fraction(2) ** row.e))
@@ -142,7 +142,7 @@ def check_values(attribute, stream):  # 6.3
     if attribute in (SIGMA, RADIUS):
         lives = floats[0] if mapping == 0 else [as_float(b) - origin[1] for b in truncated_bits(stream)]
         need(attribute != SIGMA or all(v > 0 for v in lives), "6.3", 501, "a sigma that is not above 0")
-        need(attribute != RADIUS or all(v >= 0 for v in lives), "6.3", 502, "a radius below 0")
+        need(all(v >= 0 for v in lives), "6.3", 502, "a radius below 0")
 
 
 def floats(stream):
@@ -158,9 +158,8 @@ def floats(stream):
     if row.mapping == 3:
         return [[row.m * 2.0 ** e * v for e, v in zip(stream.exponents, component)] for component in q]
     if row.mapping in (4, 6):
-        exponents = stream.exponents or [row.e] * len(q[0])
-        w = [2.0 ** e * math.sqrt(r) for e, r in zip(exponents, squares(stream, exponents))]
-        return [w] + [[row.m * 2.0 ** e * v for e, v in zip(exponents, component)] for component in q]
+        w = [2.0 ** e * math.sqrt(r) for e, r in zip(stream.exponents, squares(stream, stream.exponents))]
+        return [w] + [[row.m * 2.0 ** e * v for e, v in zip(stream.exponents, component)] for component in q]
     if row.mapping == 5:
         return colours(q, step)
     if row.mapping == 7:

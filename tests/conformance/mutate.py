@@ -8,6 +8,7 @@ usage: mutate.py [--workers N] [--only TEXT] [--every N]
 Prints the share of mutants that are found and the others; those that change nothing (equivalent.txt) do not
 count. Exit code 1: less than 97 %, or a line of equivalent.txt that names no mutant that survives.
 """
+import fractions  # noqa: F401  imported here, so that each process need not
 import hashlib
 import importlib.util
 import json
@@ -20,9 +21,6 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 DECODER = os.path.join(HERE, "../../spec/reference_decoder")
 sys.dont_write_bytecode = True
 sys.path.insert(0, DECODER)
-
-import dataclasses  # noqa: E402,F401  imported here, so that each process need not
-import fractions  # noqa: E402,F401
 
 from mutants import mutants  # noqa: E402
 

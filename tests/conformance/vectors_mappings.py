@@ -80,6 +80,12 @@ def lives():
                    for s in spans]
         vector(name, "8.6", f"e = {e} with short and long lifespans", plain(body=own_body(streams, 8)),
                floats=name == "displacements")
+    signs = float_streams(3, 0, 1)
+    signs[2] = Stream(3, 0, 20, [[0x3E8, 0x3F8, 0x408]], origin=(1.0, 64.0))
+    signs[3] = Stream(4, 0, 0, [[0x80000000, 0, 0x80000000]], origin=(1.0, 64.0))
+    signs[4] = Stream(5, 3, -3, [[1, 2, 3]] * 3)
+    vector("displacement_of_floats", "8.6", "sigma with mapping 0 and e = 20, a radius of -0, origins that mapping 0 ignores",
+           plain(body=own_body(signs, 3), meta=Meta()))
     for end in (30.0, 32.0, 0.75, 31.9375, 2.0 ** -20):
         streams = [Stream(5, 3, -3, [[1, 2, 3]] * 3) if s.attribute == 5 else s for s in float_streams(3, 0, 1)]
         streams[2].v = [[bits_of(v) for v in (64.0, 8.0, 1.0)]]

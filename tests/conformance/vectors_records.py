@@ -107,6 +107,10 @@ def groups():
         many = coded_streams(3, 0, 2)
         many[7] = Stream(8, 1, -20, [[5, 0xABCDEF, 0x123456]] if name == "digits_8" else [[0xAB, 0x55, 0xFE]], 0, RANS, bits)
         vector(name, "8.1", f"eight digits of {bits} bits", plain(body=own_body(many, 3), meta=Meta()))
+    many = coded_streams(3, 0, 2)
+    many[7] = Stream(8, 1, -20, [[0, 0, 0]], 0, RANS, (8, 8, 8, 1, 7), digits=[
+        bytes([5, 6, 7]), bytes([0, 1, 0]), bytes([0, 0, 255]), bytes([1, 1, 0]), bytes([255, 127, 0])])
+    vector("digits_beyond_32_bits", "8.1", "the last digit has a bit beyond 32", plain(body=own_body(many, 3), meta=Meta()))
     over = Stream(8, 1, -2, [[0, 0, 0]], 0, RANS, (8, 8, 8, 7), digits=[bytes(3)] * 3 + [bytes([0, 1, 255])])
     over.digits[0] = bytes([9, 8, 7])
     over.digits[3] = bytes([0, 0, 255])
@@ -166,8 +170,8 @@ def own_tables():
 def sh_degrees():
     vector("own_tables_256", "6.1", "256 tables of one record", plain(body=own_tables(), degree=3))
     more = own_tables()
-    more.tables.append({0: 2048, 1: 2048})
-    more.streams[8].tables[0], more.streams[8].digits[0] = 256, b"\0"
+    more.tables.append({4: 2048, 5: 2048})
+    more.streams[-1].tables[-1] = 256  # instead of table 4, which another plane uses
     must_fail("own_tables_257_used", "6.1", "257 tables of one record, each used", plain(body=more, degree=3))
     first, second = (coded_streams(4, 3, seed, degrees=d) for seed, d in ((5, [3, 3, 2, 1]), (6, [1, 0, 1, 2])))
     tables = []
