@@ -86,7 +86,7 @@ def finder(module, source, vectors, sources):
         return i
 
 
-def run(found, vectors, workers):
+def run(found, vectors, workers, known):
     """Returns the keys of the surviving mutants, and prints them. The vectors that found other mutants of a module
     are tried first."""
     left, running, survivors = list(reversed(found)), {}, []
@@ -112,7 +112,7 @@ def run(found, vectors, workers):
             name = pipe.read()
         if name == "\n":
             survivors.append(key)
-            print("survives:", key, flush=True)
+            print("survives:" if key not in known else "survives, equivalent:", key, flush=True)
         scores[module][name.strip()] = scores[module].get(name.strip(), 0) + 1
     return survivors
 
@@ -145,7 +145,7 @@ def main(arguments):
     vectors = load_vectors()
     found = [m for m in mutants(DECODER) if only in m[0]][::every]
     known = equivalents()
-    survivors = run(found, vectors, workers)
+    survivors = run(found, vectors, workers, known)
     counted = [m[0] for m in found if m[0] not in known]
     missed = [key for key in survivors if key not in known]
     wrong = [] if only or every > 1 else sorted(set(known) - set(survivors))
