@@ -108,6 +108,16 @@ bool parse_growing_sizes(std::uint64_t source_bytes, const FileHeader& header, F
 
 }  // namespace
 
+namespace {
+
+// Returns whether a file begins as one of format 1.x does, whose header has another checksum.
+bool is_format_1(std::span<const std::uint8_t> bytes) {
+  return bytes.size() >= kHeaderBytes && std::equal(kMagic.begin(), kMagic.end(), bytes.begin()) &&
+         ByteReader(bytes.subspan(kMagic.size())).u16() == 1;
+}
+
+}  // namespace
+
 std::optional<FileHeader> intact_header(std::span<const std::uint8_t> bytes) {
   if (bytes.size() < kHeaderBytes || !std::equal(kMagic.begin(), kMagic.end(), bytes.begin())) {
     return {};
@@ -142,6 +152,13 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
     return false;
   }
   const std::optional<FileHeader> fields = intact_header(bytes);
+  if (is_format_1(bytes)) {
+    findings.unsupported(N::kVersion, 8,
+                         "unsupported format version (expected {}.x, got 1.x); use 'stgs convert' "
+                         "first",
+                         kFormatMajor);
+    return false;
+  }
   if (!fields) {
     findings.error(N::kHeaderChecksum, 28, "file header is damaged (checksum mismatch)");
     return false;
@@ -152,13 +169,6 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
                          "unsupported format version (expected {}.x, got the pre-release version "
                          "0.{}); create the file again with 'stgs train', 'pack' or 'convert'",
                          kFormatMajor, header.minor);
-    return false;
-  }
-  if (header.major < kFormatMajor) {
-    findings.unsupported(
-        N::kVersion, 8,
-        "unsupported format version (expected {}.x, got {}.{}); use 'stgs convert' first",
-        kFormatMajor, header.major, header.minor);
     return false;
   }
   if (header.major != kFormatMajor) {
@@ -330,7 +340,7 @@ bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead
   const bool read = read_stated_head(source, limits, head, found);
   Findings damage;
   const bool intact = intact_header(first) ? !read || is_intact_head(head.bytes, damage)
-                                           : first.size() < kHeaderBytes;
+                                           : first.size() < kHeaderBytes || is_format_1(first);
   Result<std::optional<HeadCopy>> copy = std::optional<HeadCopy>();
   if (!intact) copy = find_head_copy(source, limits);
   if (!copy.ok()) {
