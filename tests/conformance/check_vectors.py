@@ -97,7 +97,7 @@ def differences(entry, result):
         yield "decodes other data:\n" + result.text
     if result.refused != entry.get("refused", []):
         yield f"refuses {result.refused} instead of {entry.get('refused', [])}"
-    if result.reported != entry.get("reported", []):
+    if sorted(result.reported) != sorted(entry.get("reported", [])):
         yield f"reports {result.reported} instead of {entry.get('reported', [])}"
 
 

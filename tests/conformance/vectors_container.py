@@ -27,7 +27,7 @@ def headers():
                   last_records=record(b"PLUS", b"", 0) + record(b"WNDW", b"", 2),
                   tail=NOTE + record(b"SEGM", b"????????", 2), index_extra=b"later",
                   meta=Meta(profile=0, degree=1, extra=b"later"))
-    vector("newer_minor", "2.2", "minor version 9, unknown flags, records and fields", later)
+    vector("newer_minor", "2.2", "minor version 9, unknown flags, records and fields", later, validator=[116])
     vector("newer_profile", "4.2", "profile 9, which is only informative", plain(meta=Meta(profile=9)))
     vector("lossless_in_quantised", "11.1", "floats in a quantised file", plain(meta=Meta(profile=1)))
     vector("near_lossless", "11.1", "profile 3 with error bounds", plain(

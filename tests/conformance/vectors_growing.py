@@ -46,7 +46,7 @@ def valid_growing():
            growing(recorded(2), flags=0xFFFF0001))
     importance = record(b"IMPO", struct.pack("<f", 1), 0)
     vector("growing_importance", "9.1", "IMPO in a recording, which is not read", growing(
-        [*recorded(1), Fragment([], importance)]))
+        [*recorded(1), Fragment([], importance)]), validator=[313])
     vector("growing_longer", "9.2", "additions after the node", growing([*recorded(1), Fragment([recorded_run(1)], extra=b"later")]))
     vector("growing_closed", "9.2", "a closed recording", growing([*recorded(2), Fragment([], flags=1)]))
     vector("growing_closed_newer", "9.2", "a closed recording whose last fragment has unknown flags of 16 and above",
@@ -88,16 +88,17 @@ def nested():
     deep = Recording()
     last = None
     for i in range(9):
-        last = deep.add(Fragment([recorded_run(i)] if i % 4 == 0 else [], links=[last.link()] if last else [], earlier=[]))
+        last = deep.add(Fragment([recorded_run(i)] if i % 4 == 0 else [], links=[last.link(times=(0.0, 90.0))] if last else [], earlier=[]))
     vector("growing_eight_deep", "5.2", "eight links that follow each other", deep.out)
-    deep.add(Fragment([], links=[last.link()], earlier=[]))
+    deep.add(Fragment([], links=[last.link(times=(0.0, 90.0))], earlier=[]))
     must_fail("growing_nine_deep", "5.2", "nine links that follow each other: the last is not followed", deep.out)
     for i in (8, 9):  # the last link is an earlier one
         deep = Recording()
         last = None
         for k in range(i):
-            last = deep.add(Fragment([recorded_run(0)] if k == 0 else [], links=[last.link()] if last else [], earlier=[]))
-        deep.add(Fragment([], links=[], earlier=[last.link()]))
+            last = deep.add(Fragment([recorded_run(0)] if k == 0 else [],
+                                     links=[last.link(times=(0.0, 10.0))] if last else [], earlier=[]))
+        deep.add(Fragment([], links=[], earlier=[last.link(times=(0.0, 10.0))]))
         (vector if i == 8 else must_fail)(f"growing_{i}_deep_earlier", "5.2", f"an earlier link, and {i - 1} links that follow "
                                           "it", deep.out)
     earlier = Recording()

@@ -82,7 +82,7 @@ std::vector<NodeLink> root_links(const Bytes& bytes) {
   FileHead head;
   REQUIRE(read_head(*memory_source(bytes), {}, IndexLoading::kOnDemand, head, findings));
   std::vector<NodeLink> out;
-  for (const auto& [offset, pending] : head.walk.pending) out.push_back(pending.link);
+  for (const IndexWalk::Link& pending : head.walk.pending) out.push_back(pending.link);
   return out;
 }
 

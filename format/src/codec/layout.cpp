@@ -124,6 +124,26 @@ bool check_tables(const StreamRow& row, const LayoutSet& set, std::uint64_t offs
   return true;
 }
 
+// Checks the log scales that the steps of rotations depend on (spec 8.8).
+bool check_shaped(const Layout& layout, std::uint64_t offset, Findings& findings) {
+  const auto is_shaped = [](const StreamRow& row) {
+    return row.known && static_cast<Mapping>(row.mapping) == Mapping::kShapedRotation;
+  };
+  const auto fits = [](const StreamRow& row) {
+    return attribute_of(row) != Attribute::kLogScale ||
+           (static_cast<Mapping>(row.mapping) == Mapping::kLinear &&
+            row.origin[0] == row.origin[1] && row.origin[1] == row.origin[2]);
+  };
+  if (std::none_of(layout.streams.begin(), layout.streams.end(), is_shaped) ||
+      std::all_of(layout.streams.begin(), layout.streams.end(), fits)) {
+    return true;
+  }
+  findings.error(N::kStreamShape, offset,
+                 "layouts: shaped rotations with log scales that have another mapping than 1, or "
+                 "different origins");
+  return false;
+}
+
 // Reads the rows of a layout.
 bool read_rows(std::span<const std::span<const std::uint8_t>> rows, std::uint64_t offset,
                const LayoutSet& set, Layout& layout, Findings& findings) {
@@ -164,7 +184,7 @@ bool read_rows(std::span<const std::span<const std::uint8_t>> rows, std::uint64_
                    layout.planes());
     return false;
   }
-  return true;
+  return check_shaped(layout, offset, findings);
 }
 
 // Reads a layout and returns the number of its rows. An invalid row affects this layout only,

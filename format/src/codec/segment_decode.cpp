@@ -81,8 +81,17 @@ bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint
   return good;
 }
 
+double time_origin_of(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal) {
+  for (const StreamRow& row : records.base.layout_in(head.layouts).streams) {
+    if (!row.optional() && static_cast<Mapping>(row.mapping) == Mapping::kTime)
+      return time_base(context_of(records, head, ordinal).begin, row.step);
+  }
+  return 0;
+}
+
 bool decode_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-                    AttributeBits attributes, Gaussians4D& set, Findings& findings) {
+                    AttributeBits attributes, Gaussians4D& set, Findings& findings,
+                    TimeOrigin origin) {
   const IndexEntry& entry = head.index.segments[ordinal].base;
   Findings found;
   std::vector<RecordDecoder> decoders = open_records(records, head, ordinal, found);
@@ -96,7 +105,9 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
         decoders[d].add_tasks(attributes, rows[d], tasks);
     }
     if (found.ok()) {
-      map_all(tasks, context_of(records, head, ordinal), ordinal, entry, set, found);
+      SegmentContext context = context_of(records, head, ordinal);
+      if (origin == TimeOrigin::kRecord) context.begin = 0;
+      map_all(tasks, context, ordinal, entry, set, found);
     }
   }
   const bool good = found.ok();

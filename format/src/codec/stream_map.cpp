@@ -80,7 +80,8 @@ bool digits_fit(const StreamRow& row) {
     if (static_cast<Coder>(row.coder) != Coder::kRans && width != 8) return false;
     bits += width;
   }
-  return row.digits >= 1 && bits <= 32;
+  const bool whole_low = static_cast<Coder>(row.coder) == Coder::kRans || row.low % 8 == 0;
+  return row.digits >= 1 && bits <= 32 && whole_low;
 }
 
 }  // namespace

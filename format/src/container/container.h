@@ -49,8 +49,8 @@ inline constexpr std::uint32_t kStepTag = tag_of("STEP");
 inline constexpr std::uint32_t kErrorTag = tag_of("ERRB");
 inline constexpr std::uint32_t kImportanceTag = tag_of("IMPO");
 
-// Returns the CRC-32 of the bytes (spec 1.5).
-std::uint32_t checksum(std::span<const std::uint8_t> bytes);
+// Returns the CRC-32 of the bytes (spec 1.5). `before`: that of the bytes before them.
+std::uint32_t checksum(std::span<const std::uint8_t> bytes, std::uint32_t before = 0);
 
 struct FileHeader {
   std::uint16_t major = kFormatMajor, minor = kFormatMinor;
@@ -178,8 +178,8 @@ bool parse_window(std::span<const std::uint8_t> payload, std::uint64_t offset,
 // Checks that the window lies within its capture (spec 4.5). Otherwise reports damage and removes
 // it.
 void check_window(SceneMetadata& metadata, Findings& findings);
-bool parse_steps(std::span<const std::uint8_t> payload, std::uint64_t offset, FileHead& head,
-                 Findings& findings);
+// Ignores steps that are not valid (spec annex D).
+void parse_steps(std::span<const std::uint8_t> payload, FileHead& head);
 bool parse_error_bounds(std::span<const std::uint8_t> payload, std::uint64_t offset, FileHead& head,
                         Findings& findings);
 bool parse_private_names(std::span<const std::uint8_t> payload, std::uint64_t offset,
@@ -192,16 +192,21 @@ void check_private_layouts(const LayoutSet& set, std::uint64_t offset, const Fil
                            Findings& findings);
 void check_private_numbers(const FileHead& head, Findings& findings);
 
-// Returns whether intact records fill a head to its end. Reports the first damaged one.
-bool is_intact_head(std::span<const std::uint8_t> head, Findings& findings);
+// Which damage of a head is reported.
+enum class HeadDamage {
+  kAny,      // of a header of a record, or of a payload
+  kUnusable  // not of payloads of records that are not critical (spec 10.2, step 4)
+};
+// Returns whether records without such damage fill a head to its end. Reports the first damage.
+bool is_intact_head(std::span<const std::uint8_t> head, HeadDamage which, Findings& findings);
 // Returns whether a copy of a head can be used (spec 9.4, 10.2): its header and records are intact,
 // it has the length that its header states, and it is of a growing file or of one of `file_bytes`.
 bool is_usable_copy(std::span<const std::uint8_t> head, bool growing, std::uint64_t file_bytes);
 
 // A copy of a damaged head.
 struct HeadCopy {
-  std::uint64_t offset = 0;  // of the record that contains it
-  std::vector<std::uint8_t> head;
+  std::uint64_t offset = 0;        // of the record that contains it
+  std::vector<std::uint8_t> head;  // empty if it exceeds the memory limit
 };
 // Finds an intact copy of a head, in COPY or in the last FRAG record; nothing if there is none.
 Result<std::optional<HeadCopy>> find_head_copy(const ByteSource& source, const ReadLimits& limits);

@@ -33,15 +33,16 @@ enum class IssueNumber : int {
   kPrivate = 117,             // private number without the name of its vendor
   kRepairedHead = 118,        // damaged head or PAGE, read from its copy
   kForeignCopy = 119,         // warning: a head copy that readers do not use
+  kWrongArea = 120,           // warning: a record that is not critical in the wrong area
   kMetadataLayout = 200,      // META too short
-  kMetadataConvention = 201,  // unknown unit, axis, colour or SH convention, or profile
+  kMetadataConvention = 201,  // unknown kernel, axes or SH convention
   kTimeBase = 202,            // zero numerator or denominator, or no frames
   kShDegree = 203,            // unsupported SH degree
   kMetadataValue = 204,       // not finite, bounds inverted, or invalid start camera
   kMetadataText = 205,        // not UTF-8
   kWindow = 206,              // WNDW too short, or a window outside its capture
   kErrorBounds = 207,         // ERRB too short, or an invalid value
-  kSteps = 208,               // STEP invalid
+  kColour = 208,              // warning: unknown primaries or transfer function
   kIndexLayout = 300,         // truncated, or a number not in its shortest form
   kChunk = 301,               // invalid chunk length
   kSegmentInterval = 302,     // level or slot outside the part
@@ -59,6 +60,7 @@ enum class IssueNumber : int {
   kTimedData = 315,           // truncated, or with times outside its segment
   kLink = 316,                // invalid link of a node, or too many that follow each other
   kPage = 317,                // a link leads to no PAGE record of its length
+  kPlace = 318,               // two segments of one place, or with overlapping records
   kSegmentMismatch = 400,     // record differs from its index entry
   kStreamTable = 401,         // sizes do not add up
   kStreamMissing = 402,       // attribute missing, duplicate or out of order
@@ -115,6 +117,12 @@ class Findings {
   // Adds an error of the source.
   void failed_read(std::uint64_t offset, const Status& status) {
     add(IssueNumber::kUnreadable, true, status.code(), offset, status.message());
+  }
+  // Adds an error of the source, or of a limit on memory (kUnsupported).
+  void failed_search(std::uint64_t offset, const Status& status) {
+    const bool limit = status.code() == StatusCode::kUnsupported;
+    add(limit ? IssueNumber::kMemoryLimit : IssueNumber::kUnreadable, true, status.code(), offset,
+        status.message());
   }
 
   bool ok() const { return status_.ok(); }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // FRAG records: the index of a growing file (spec 9).
 #include <algorithm>
-#include <limits>
 
 #include "container/node.h"
 
@@ -20,13 +19,12 @@ bool is_fragment(const RecordHeader& header) {
          header.length >= kFixedBytes + kLengthBytes;
 }
 
-bool looks_like_one(std::span<const std::uint8_t> bytes) {
-  RecordHeader header;
+// Returns whether a FRAG record with an intact header begins here and fits the `left` bytes of the
+// file.
+bool looks_like_one(std::span<const std::uint8_t> bytes, std::uint64_t left, RecordHeader& header) {
   Findings ignored;
   return bytes.size() >= kRecordHeaderBytes && ByteReader(bytes).u32() == kFragmentTag &&
-         parse_record_header(bytes, 0, std::numeric_limits<std::uint64_t>::max(), header,
-                             ignored) &&
-         is_fragment(header);
+         parse_record_header(bytes, 0, left, header, ignored);
 }
 
 }  // namespace
@@ -50,8 +48,7 @@ std::vector<std::uint8_t> write_fragment(const FragmentRecord& fragment) {
 FragmentFinder::FragmentFinder(const ByteSource& source, const FileHead& head)
     : source_(source),
       head_(head),
-      body_at_(std::max<std::uint64_t>(head.bytes.size(), kHeaderBytes)),
-      work_(2 * source.size() + kMaxSearchWindow) {}
+      body_at_(std::max<std::uint64_t>(head.bytes.size(), kHeaderBytes)) {}
 
 // Reads the payload of an intact FRAG record. Reports why it is not valid.
 bool FragmentFinder::parse(std::span<const std::uint8_t> payload, FragmentRecord& fragment,
@@ -93,30 +90,42 @@ bool FragmentFinder::parse(std::span<const std::uint8_t> payload, FragmentRecord
   return false;
 }
 
-Result<FragmentFinder::Found> FragmentFinder::at(std::uint64_t offset, std::uint64_t end,
-                                                 Findings& why) {
-  const std::uint64_t available = std::min(end, source_.size());
-  if (offset < body_at_ || offset > available) {
+// Compares the checksum of a payload, without memory for all of it.
+Result<bool> FragmentFinder::is_intact(std::uint64_t payload, const RecordHeader& record) const {
+  std::vector<std::uint8_t> bytes;
+  std::uint32_t sum = 0;
+  for (std::uint64_t done = 0; done < record.length; done += bytes.size()) {
+    bytes.resize(std::min(record.length - done, kFirstSearchWindow));
+    STGS_TRY(source_.read(payload + done, bytes));
+    sum = checksum(bytes, sum);
+  }
+  return sum == record.checksum;
+}
+
+Result<FragmentFinder::Found> FragmentFinder::at(std::uint64_t offset, Findings& why) {
+  const std::uint64_t size = source_.size();
+  if (offset < body_at_ || offset > size) {
     why.error(N::kFragment, offset, "no fragment at byte {}", offset);
     return Found();
   }
-  std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, available - offset));
+  std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, size - offset));
   STGS_TRY(source_.read(offset, bytes));
   RecordHeader record;
-  if (!parse_record_header(bytes, offset, available, record, why)) return Found();
+  if (!parse_record_header(bytes, offset, size, record, why)) return Found();
   if (!is_fragment(record)) {
     why.error(N::kFragment, offset, "record '{}' is no fragment", tag_text(record.tag));
     return Found();
   }
   const std::uint64_t limit = head_.limits.max_memory;
   if (record.length > limit) {
+    STGS_ASSIGN(const bool intact, is_intact(offset + kRecordHeaderBytes, record));
+    if (!intact) {
+      why.error(N::kFragment, offset, "fragment is damaged");
+      return Found();
+    }
     return unsupported("index fragment of {} bytes exceeds the memory limit of {} bytes",
                        record.length, limit);
   }
-  if (record.length > work_) {
-    return invalid_file("too many records resemble index fragments but are not valid");
-  }
-  work_ -= record.length;
   bytes.resize(record.length);
   STGS_TRY(source_.read(offset + kRecordHeaderBytes, bytes));
   FragmentRecord fragment;
@@ -143,7 +152,7 @@ Result<FragmentFinder::Found> FragmentFinder::last() {
     const std::uint64_t length = ByteReader(bytes).u64();
     if (length <= size - body_at_ - kRecordHeaderBytes) {
       Findings ignored;
-      STGS_ASSIGN(Found found, at(size - kRecordHeaderBytes - length, size, ignored));
+      STGS_ASSIGN(Found found, at(size - kRecordHeaderBytes - length, ignored));
       if (found && found->end == size) return found;
     }
   }
@@ -152,22 +161,38 @@ Result<FragmentFinder::Found> FragmentFinder::last() {
 
 // Searches backwards in windows of increasing size.
 Result<FragmentFinder::Found> FragmentFinder::last_before(std::uint64_t end) {
+  const auto known = searched_.lower_bound(end);
+  if (known != searched_.end() && known->second < end) {
+    Findings ignored;
+    return known->second == 0 ? Found() : at(known->second, ignored);
+  }
   std::vector<std::uint8_t> bytes;
-  std::uint64_t window = kFirstSearchWindow;
+  std::uint64_t window = kFirstSearchWindow, left = head_.limits.max_memory;
   for (std::uint64_t high = end; high > body_at_;) {
     const std::uint64_t low = high - std::min(high - body_at_, window);
     // Includes the rest of a header that begins before `high`.
-    bytes.resize(std::min(end, high + kRecordHeaderBytes - 1) - low);
+    bytes.resize(std::min(source_.size(), high + kRecordHeaderBytes - 1) - low);
     STGS_TRY(source_.read(low, bytes));
     for (std::uint64_t begin = high; begin-- > low;) {
-      if (!looks_like_one(std::span(bytes).subspan(begin - low))) continue;
-      Findings ignored;
-      STGS_ASSIGN(Found found, at(begin, end, ignored));
-      if (found) return found;
+      RecordHeader record;
+      if (!looks_like_one(std::span(bytes).subspan(begin - low), source_.size() - begin, record))
+        continue;
+      if (rejected_.count(begin) == 0) {
+        Findings ignored;
+        STGS_ASSIGN(Found found, at(begin, ignored));
+        if (found) {
+          searched_[end] = begin;
+          return found;
+        }
+        rejected_.insert(begin);
+      }
+      if (record.length > left) return Found();  // conformance 1.5
+      left -= record.length;
     }
     high = low;
     window = std::min(2 * window, kMaxSearchWindow);
   }
+  searched_[end] = 0;
   return Found();
 }
 

@@ -20,15 +20,13 @@ Result<FoundCopy> copy_at_end(const ByteSource& source, const ReadLimits& limits
   Bytes bytes(kCopyLengthBytes);
   STGS_TRY(source.read(end - kCopyLengthBytes, bytes));
   const std::uint64_t length = ByteReader(bytes).u64();
-  if (length < kCopyLengthBytes || length > end - kRecordHeaderBytes ||
-      length > limits.max_memory) {
-    return FoundCopy();
-  }
+  if (length < kCopyLengthBytes || length > end - kRecordHeaderBytes) return FoundCopy();
   const std::uint64_t at = end - kRecordHeaderBytes - length;
   STGS_ASSIGN(const auto record, complete_record_at(source, at, end));
   if (!record || record->tag != kCopyTag || record->flags != 0 || record->length != length) {
     return FoundCopy();
   }
+  if (length - kCopyLengthBytes > limits.max_memory) return FoundCopy({at, {}});
   bytes.resize(length);
   STGS_TRY(source.read(at + kRecordHeaderBytes, bytes));
   if (checksum(bytes) != record->checksum) return FoundCopy();
@@ -44,7 +42,8 @@ bool is_usable_copy(std::span<const std::uint8_t> head, bool growing, std::uint6
   Findings ignored;
   return header && header->head_bytes == head.size() &&
          ((header->flags & kGrowing) != 0) == growing &&
-         (growing || header->file_bytes == file_bytes) && is_intact_head(head, ignored);
+         (growing || header->file_bytes == file_bytes) &&
+         is_intact_head(head, HeadDamage::kAny, ignored);
 }
 
 Result<FoundCopy> find_head_copy(const ByteSource& source, const ReadLimits& limits) {

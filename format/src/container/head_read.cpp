@@ -16,21 +16,19 @@ using N = IssueNumber;
 // The records of the head that are not critical.
 constexpr std::uint32_t kOptionalTags[] = {kWindowTag, kPrivateTag, kStepTag, kErrorTag};
 
-// Reads the payload of a record of the head. `have`: tags of the records before it. Returns false
-// if the record is unusable.
-bool read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::uint64_t payload_at,
-                 const ReadLimits& limits, const std::set<std::uint32_t>& have, FileHead& out,
-                 Findings& findings) {
-  if (tag == kMetadataTag) return parse_metadata(payload, payload_at, out.metadata, findings);
-  if (tag == kWindowTag) return parse_window(payload, payload_at, out.metadata.scene, findings);
-  if (tag == kPrivateTag) return parse_private_names(payload, payload_at, out, findings);
-  if (tag == kStepTag) return parse_steps(payload, payload_at, out, findings);
-  if (tag == kErrorTag) return parse_error_bounds(payload, payload_at, out, findings);
+// Reads the payload of a record of the head that is critical, or one of kOptionalTags.
+void read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::uint64_t payload_at,
+                 const ReadLimits& limits, FileHead& out, Findings& findings) {
+  if (tag == kMetadataTag) (void)parse_metadata(payload, payload_at, out.metadata, findings);
+  if (tag == kWindowTag) (void)parse_window(payload, payload_at, out.metadata.scene, findings);
+  if (tag == kPrivateTag) (void)parse_private_names(payload, payload_at, out, findings);
+  if (tag == kStepTag) parse_steps(payload, out);
+  if (tag == kErrorTag) (void)parse_error_bounds(payload, payload_at, out, findings);
   if (tag == kLayoutTag) {
     ByteReader in(payload);
-    return parse_layouts(in, payload_at, kMaxTables, limits.max_memory, out.layouts, findings);
+    (void)parse_layouts(in, payload_at, kMaxTables, limits.max_memory, out.layouts, findings);
   }
-  return have.count(kMetadataTag) != 0 && parse_index(payload, payload_at, out, findings);
+  if (tag == kIndexTag) (void)parse_index(payload, payload_at, out, findings);
 }
 
 // Reads the records of the head.
@@ -40,7 +38,7 @@ bool walk_head(const ReadLimits& limits, FileHead& out, Findings& findings) {
   for (std::uint64_t at = kHeaderBytes; at < head.size();) {
     RecordHeader record;
     if (!parse_record_header(head.subspan(at), at, head.size(), record, findings)) return false;
-    const std::uint64_t payload_at = at + kRecordHeaderBytes;
+    const std::uint64_t record_at = at, payload_at = at + kRecordHeaderBytes;
     const auto payload = head.subspan(payload_at, record.length);
     at = payload_at + record.length;
     const bool known = record.tag == kMetadataTag || record.tag == kLayoutTag ||
@@ -48,30 +46,30 @@ bool walk_head(const ReadLimits& limits, FileHead& out, Findings& findings) {
     const bool optional =
         std::count(std::begin(kOptionalTags), std::end(kOptionalTags), record.tag) > 0 &&
         record.flags == 0;
-    if (!optional && !check_flags(record, known, payload_at - kRecordHeaderBytes, findings))
-      continue;
+    const bool used = optional || check_flags(record, known, record_at, findings);
     Findings found;
-    if (check_payload(record, payload, payload_at, found)) {
-      if (have.count(record.tag) != 0) {
+    if (check_payload(record, payload, payload_at, found) && used) {
+      if (!have.insert(record.tag).second) {
         found.error(N::kDuplicateRecord, payload_at, "duplicate '{}' record", tag_text(record.tag));
-      } else if (read_record(record.tag, payload, payload_at, limits, have, out, found)) {
-        have.insert(record.tag);
+      } else if (record.tag == kIndexTag && have.count(kMetadataTag) == 0) {
+        found.error(N::kMissingRecord, payload_at, "the head has no META record before INDX");
+      } else {
+        read_record(record.tag, payload, payload_at, limits, out, found);
+        if (!optional && !found.ok()) have.erase(record.tag);
       }
     }
-    if (optional) {
-      findings.damage(std::move(found));  // not critical
+    if ((record.flags & kCritical) == 0) {
+      findings.damage(std::move(found));
     } else {
       findings.append(std::move(found));
     }
   }
-  if (have.count(kMetadataTag) == 0 || (have.count(kIndexTag) == 0 && !out.growing())) {
-    if (findings.ok()) {
-      findings.error(N::kMissingRecord, kHeaderBytes, "the head has no '{}' record",
-                     have.count(kMetadataTag) != 0 ? "INDX" : "META");
-    }
-    return false;
+  if (have.count(kMetadataTag) != 0 && (have.count(kIndexTag) != 0 || out.growing())) return true;
+  if (findings.ok()) {
+    findings.error(N::kMissingRecord, kHeaderBytes, "the head has no '{}' record",
+                   have.count(kMetadataTag) != 0 ? "INDX" : "META");
   }
-  return true;
+  return false;
 }
 
 }  // namespace
@@ -293,12 +291,14 @@ void report_truncation(const FileHead& head, Findings& findings) {
 
 }  // namespace
 
-bool is_intact_head(std::span<const std::uint8_t> head, Findings& findings) {
+bool is_intact_head(std::span<const std::uint8_t> head, HeadDamage which, Findings& findings) {
   for (std::uint64_t at = kHeaderBytes; at < head.size();) {
     RecordHeader record;
     if (!parse_record_header(head.subspan(at), at, head.size(), record, findings)) return false;
     at += kRecordHeaderBytes;
-    if (!check_payload(record, head.subspan(at, record.length), at, findings)) return false;
+    const bool checked = which == HeadDamage::kAny || (record.flags & kCritical) != 0;
+    if (checked && !check_payload(record, head.subspan(at, record.length), at, findings))
+      return false;
     at += record.length;
   }
   return true;
@@ -322,6 +322,13 @@ bool read_stated_head(const ByteSource& source, const ReadLimits& limits, FileHe
   return status.ok();
 }
 
+// Returns whether a copy of the head may repair this error of reading it (spec 10.2).
+bool is_damage(const Findings& found) {
+  const int number = Findings(found).take().back().number;
+  return number == static_cast<int>(N::kTooShort) || number == static_cast<int>(N::kMagic) ||
+         number == static_cast<int>(N::kHeaderChecksum) || number == static_cast<int>(N::kFileSize);
+}
+
 // Reads the bytes of the head or, if they are damaged, those of an intact copy.
 bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead& head,
                     Findings& findings) {
@@ -339,17 +346,21 @@ bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead
   Findings found;
   const bool read = read_stated_head(source, limits, head, found);
   Findings damage;
-  const bool intact = intact_header(first) ? !read || is_intact_head(head.bytes, damage)
-                                           : first.size() < kHeaderBytes || is_format_1(first);
   Result<std::optional<HeadCopy>> copy = std::optional<HeadCopy>();
-  if (!intact) copy = find_head_copy(source, limits);
+  if (read ? !is_intact_head(head.bytes, HeadDamage::kAny, damage) : is_damage(found))
+    copy = find_head_copy(source, limits);
   if (!copy.ok()) {
-    findings.failed_read(0, copy.status());
+    findings.failed_search(0, copy.status());
     return false;
   }
   if (!*copy) {  // the caller reports the damage
     findings.append(std::move(found));
-    return read;
+    return read && is_intact_head(head.bytes, HeadDamage::kUnusable, findings);
+  }
+  if ((*copy)->head.empty()) {
+    findings.unsupported(N::kMemoryLimit, (*copy)->offset,
+                         "head exceeds the memory limit of {} bytes", limits.max_memory);
+    return false;
   }
   const Issue why = (read ? damage : found).take().front();
   findings.damage(

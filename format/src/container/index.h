@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <list>
 #include <map>
 #include <optional>
 #include <set>
@@ -42,14 +43,16 @@ struct IndexEntry {
 
 // A segment of one tier: its base record, and the SH record if SH are stored separately.
 struct SegmentEntry {
-  IndexEntry base, sh;     // sh.bytes = 0: no SH record
-  std::uint32_t part = 0;  // index into the parts of the head
+  IndexEntry base, sh;       // sh.bytes = 0: no SH record
+  std::uint32_t part = 0;    // index into the parts of the head
+  std::uint32_t number = 0;  // of the segment, in the order of reading; equal in its tiers
 };
 
 // A record of unknown content in a segment, such as timed data (spec 5.7).
 struct FurtherEntry {
   IndexEntry entry;
   std::uint32_t part = 0;
+  std::uint32_t number = 0;  // of the segment
 };
 
 // A part of the timeline (spec 5.3).
@@ -91,6 +94,7 @@ struct IndexRun {
   PartEntry part;
   std::vector<SegmentEntry> segments;  // by ascending offset
   std::vector<FurtherEntry> further;   // the same
+  std::uint32_t count = 0;             // of segments, of all tiers together
 };
 
 struct IndexNode {
@@ -104,11 +108,25 @@ struct IndexWalk {
     NodeLink link;
     int depth = 1;  // number of links that lead to the node, counting this one
   };
-  std::vector<NodeLink> root;                // links from the head or the last fragment
-  std::map<std::uint64_t, Link> pending;     // links that have not been followed, by offset
+  using Links = std::list<Link>;
+  // What a node states, for the validator.
+  struct Node {
+    std::vector<NodeLink> links;
+    TickRange needed;  // closed: times at which its own segments are shown; begin > end: never
+  };
+  struct Lost {
+    std::uint64_t record = 0;  // offset of a record that a link leads to
+    int issue = 0;             // why it cannot be used
+  };
+  Links pending;  // links that have not been followed, in their order; those of a node follow it
   std::set<std::uint64_t> followed;          // offsets of records, which may be damaged
   std::map<PartEntry, std::uint32_t> parts;  // their indices
   std::uint64_t entries = 0, bytes = 0;      // of the nodes read (conformance 1.5)
+  std::uint32_t segments = 0;                // of the nodes read
+  std::map<std::uint64_t, Node> nodes;       // by the offset of their record; INDX: 0
+  std::vector<NodeLink> earlier;             // links of fragments besides those of their nodes
+  std::set<std::uint64_t> used_earlier;      // offsets of these fragments
+  std::vector<Lost> lost;                    // in the order of following
 };
 
 // A chunk is a multiple of kChunkGrain and at most kMaxChunk, ticks, so that arithmetic on
@@ -132,6 +150,17 @@ TickRange shown_of(const IndexEntry& entry, const PartEntry& part);
 // As above for an interval that counts from the beginning of a part with this range and cut.
 TickRange shown_of(const TickRange& interval, const TickRange& part,
                    const std::optional<TickRange>& cut);
+// Times of the timeline at which a segment is needed (spec 5.4).
+struct NeededTimes {
+  TickRange range;
+  bool closed = false;  // range.end is one of them
+};
+// Returns those of a timeline of `frames` ticks, if there are any.
+std::optional<NeededTimes> needed_times(const IndexEntry& entry, const PartEntry& part,
+                                        double frames);
+// Returns the least closed range of the times at which segments of runs are needed; begin > end:
+// never.
+TickRange needed_in(const std::vector<IndexRun>& runs, double frames);
 // Returns the closed range of the times at which segments below a node are needed; {0, 0}: never.
 TickRange needed_of(const IndexNode& node);
 

@@ -156,6 +156,7 @@ class NodeReader {
       return false;
     }
     last_ = base;
+    ++run.count;
     const std::uint64_t tiers = shape >> 2;
     if (tiers > kMaxTiers || (tiers == 0 && (shape & 3) != kHasFurther)) {
       findings_.error(N::kIndexLayout, at,
@@ -170,7 +171,7 @@ class NodeReader {
           !take_entry(at)) {
         return false;
       }
-      run.segments.push_back({base, {}, 0});
+      run.segments.push_back({base, {}, 0, run.count - 1});
     }
     for (std::size_t i = first; (shape & kSeparateSh) != 0 && i < run.segments.size(); ++i) {
       SegmentEntry& tier = run.segments[i];
@@ -201,7 +202,7 @@ class NodeReader {
       last = layer;
       entry.primitives = 0;
       if (!take_record(entry, at) || !take_entry(at)) return false;
-      run.further.push_back({entry, 0});
+      run.further.push_back({entry, 0, run.count - 1});
     }
     return true;
   }
@@ -221,16 +222,9 @@ class NodeReader {
   bool enough_bytes(const IndexEntry& entry, std::uint64_t at) {  // spec 5.5
     const std::uint64_t payload = entry.bytes - kRecordHeaderBytes;
     const std::uint64_t primitives = entry.primitives;
-    if ((primitives + kMaxPrimitivesPerByte - 1) / kMaxPrimitivesPerByte > payload) {
-      findings_.error(N::kSegmentCount, at, "index: {} primitives are too many for {} bytes",
-                      primitives, payload);
-      return false;
-    }
-    const std::uint64_t bytes = 4 * floats_per_primitive(head_.metadata.sh_degree);
-    if (primitives <= head_.limits.max_memory / bytes) return true;
-    findings_.unsupported(N::kMemoryLimit, at,
-                          "index: a segment needs {} bytes, more than the memory limit of {}",
-                          primitives * bytes, head_.limits.max_memory);
+    if (primitives <= kMaxPrimitivesPerByte * payload) return true;
+    findings_.error(N::kSegmentCount, at, "index: {} primitives are too many for {} bytes",
+                    primitives, payload);
     return false;
   }
 
@@ -285,9 +279,8 @@ bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset, Fi
   const NodePlace place = {offset - kRecordHeaderBytes, offset, head.header.head_bytes,
                            head.header.file_bytes};
   IndexNode root;
-  if (!parse_node(in, place, head, root, findings)) return false;
-  head.walk.root = root.links;
-  return add_node(root, offset, 0, head, findings);
+  return parse_node(in, place, head, root, findings) &&
+         add_node(root, 0, 0, head.walk.pending.end(), head, findings);
 }
 
 }  // namespace stgs

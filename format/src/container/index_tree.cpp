@@ -9,12 +9,21 @@ namespace {
 
 using N = IssueNumber;
 
-// Adds links as pending ones, except those that were followed.
-void add_links(std::span<const NodeLink> links, int depth, FileHead& head) {
+using Position = IndexWalk::Links::const_iterator;
+
+// Adds links as pending ones before `next`, except those that were followed.
+void add_links(std::span<const NodeLink> links, int depth, Position next, FileHead& head) {
   for (const NodeLink& link : links) {
-    if (head.walk.followed.count(link.offset) == 0)
-      head.walk.pending.try_emplace(link.offset, IndexWalk::Link{link, depth});
+    if (head.walk.followed.count(link.offset) == 0) head.walk.pending.insert(next, {link, depth});
   }
+}
+
+// Adds the earlier links of a fragment (spec 9.3, 9.5) once.
+void add_earlier(const FragmentRecord& fragment, int depth, Position next, FileHead& head) {
+  if (!head.walk.used_earlier.insert(fragment.offset).second) return;
+  add_links(fragment.earlier, depth, next, head);
+  head.walk.earlier.insert(head.walk.earlier.end(), fragment.earlier.begin(),
+                           fragment.earlier.end());
 }
 
 // Returns the index of a part, which is added if it is new.
@@ -51,16 +60,22 @@ class Loader {
 
   // Loads the nodes with segments that are needed at times of [t0, t1].
   bool load(double t0, double t1) {
-    for (auto next = head_.walk.pending.begin(); next != head_.walk.pending.end();) {
-      const auto [link, depth] = next->second;
-      if (!(link.needed.begin <= t1 && t0 <= link.needed.end)) {
+    IndexWalk::Links& pending = head_.walk.pending;
+    for (auto next = pending.begin(); next != pending.end();) {
+      const auto [link, depth] = *next;
+      if (head_.walk.followed.count(link.offset) != 0) {
+        next = pending.erase(next);
+      } else if (link.needed.begin <= t1 && t0 <= link.needed.end) {
+        head_.walk.followed.insert(link.offset);
+        const bool is_first = next == pending.begin();
+        next = pending.erase(next);
+        const auto before = is_first ? next : std::prev(next);
+        next_ = next;
+        if (!follow(link, depth)) return false;
+        next = is_first ? pending.begin() : std::next(before);  // following adds links
+      } else {
         ++next;
-        continue;
       }
-      if (!follow(link, depth)) return false;
-      head_.walk.followed.insert(link.offset);
-      head_.walk.pending.erase(link.offset);
-      next = head_.walk.pending.begin();  // following adds links
     }
     return true;
   }
@@ -68,11 +83,12 @@ class Loader {
  private:
   bool follow(const NodeLink& link, int depth) {
     if (depth <= kMaxLinkDepth) {
+      if (!take_node(link.offset, link.bytes, head_, findings_)) return false;
       return head_.growing() ? follow_fragment(link, depth) : follow_page(link, depth);
     }
     Findings why;
     why.error(N::kLink, link.offset, "more than {} links follow each other", kMaxLinkDepth);
-    lose(lost_by(link), std::move(why));
+    lose(link, lost_by(link), N::kLink, std::move(why));
     return true;
   }
 
@@ -81,30 +97,37 @@ class Loader {
   }
 
   // Reports content that only a damaged node lists.
-  void lose(const LostFragment& lost, Findings why) {
-    const Issue issue = why.take().front();
-    findings_.damage(static_cast<N>(issue.number), issue.offset,
-                     "index is damaged: {}; content listed only there is lost", issue.message);
+  void lose(const NodeLink& link, const LostFragment& lost, N number, Findings why) {
+    findings_.damage(number, link.offset, "index is damaged: {}; content listed only there is lost",
+                     why.take().front().message);
     head_.lost_fragments.push_back(lost);
+    head_.walk.lost.push_back({link.offset, static_cast<int>(number)});
   }
 
   bool follow_page(const NodeLink& link, int depth) {
-    IndexNode node;
-    Findings why;
-    if (!read_page(link, link.offset, node, why)) {
-      Findings ignored;
-      if (link.copy == 0 || is_fatal(why) || !read_page(link, link.copy, node, ignored)) {
-        if (is_fatal(why)) return findings_.append(std::move(why)), false;
-        if (is_fatal(ignored)) return findings_.append(std::move(ignored)), false;
-        lose(lost_by(link), std::move(why));
-        return true;
-      }
+    std::vector<std::uint8_t> page;
+    Findings why, ignored;
+    if (!read_page(link, link.offset, page, why) && !is_fatal(why) && link.copy != 0 &&
+        read_page(link, link.copy, page, ignored)) {
       findings_.damage(N::kRepairedHead, link.offset,
                        "index is damaged (issue {}) and was read from its copy at byte {}",
                        why.take().front().number, link.copy);
+      why = {};
     }
-    return take_node(link.offset, link.bytes, head_, findings_) &&
-           add_node(node, link.offset, depth, head_, findings_);
+    const std::uint64_t payload = link.offset + kRecordHeaderBytes;
+    IndexNode node;
+    if (why.ok()) {
+      ByteReader in(page);
+      const NodePlace place = {link.offset, payload, head_.header.head_bytes,
+                               head_.header.file_bytes};
+      parse_node(in, place, head_, node, why);
+    }
+    if (is_fatal(ignored)) return findings_.append(std::move(ignored)), false;
+    if (is_fatal(why)) return findings_.append(std::move(why)), false;
+    if (why.ok()) return add_node(node, link.offset, depth, next_, head_, findings_);
+    const int number = Findings(why).take().front().number;
+    lose(link, lost_by(link), static_cast<N>(number), std::move(why));
+    return true;
   }
 
   // Returns whether an error is that of the source or of a limit.
@@ -112,28 +135,29 @@ class Loader {
     return !findings.ok() && findings.status({}).code() != StatusCode::kInvalidFile;
   }
 
-  // Reads the PAGE record at `at`, which is that of the link or its copy.
-  bool read_page(const NodeLink& link, std::uint64_t at, IndexNode& node, Findings& why) const {
-    const std::uint64_t end = std::min(head_.header.file_bytes, head_.available_bytes);
-    std::vector<std::uint8_t> bytes(std::min(kRecordHeaderBytes, end - std::min(end, at)));
+  // Reads the payload of the PAGE record at `at`, which is that of the link or its copy.
+  bool read_page(const NodeLink& link, std::uint64_t at, std::vector<std::uint8_t>& page,
+                 Findings& why) const {
+    const std::uint64_t payload = at + kRecordHeaderBytes;
+    const auto is_available = [&](std::uint64_t end) {
+      if (end > head_.available_bytes)
+        why.error(N::kFileSize, at, "the file is truncated within a node of the index");
+      return end <= head_.available_bytes;
+    };
+    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
     RecordHeader record;
-    if (!read(at, bytes, why) || !parse_record_header(bytes, at, end, record, why)) return false;
+    if (!is_available(payload) || !read(at, bytes, why) ||
+        !parse_record_header(bytes, at, head_.header.file_bytes, record, why) ||
+        !is_available(payload + record.length)) {
+      return false;
+    }
     if (record.tag != kPageTag || record.flags != kCritical || record.length != link.bytes) {
       why.error(N::kPage, at, "record '{}' of {} bytes is no PAGE record of {} bytes",
                 tag_text(record.tag), record.length, link.bytes);
       return false;
     }
-    if (link.bytes > head_.limits.max_memory) {
-      why.unsupported(N::kMemoryLimit, at, "index exceeds the memory limit of {} bytes",
-                      head_.limits.max_memory);
-      return false;
-    }
-    bytes.resize(link.bytes);
-    const std::uint64_t payload = at + kRecordHeaderBytes;
-    if (!read(payload, bytes, why) || !check_payload(record, bytes, payload, why)) return false;
-    ByteReader in(bytes);
-    return parse_node(in, {link.offset, payload, head_.header.head_bytes, head_.header.file_bytes},
-                      head_, node, why);
+    page.resize(link.bytes);
+    return read(payload, page, why) && check_payload(record, page, payload, why);
   }
 
   bool read(std::uint64_t at, std::span<std::uint8_t> bytes, Findings& why) const {
@@ -146,17 +170,14 @@ class Loader {
   bool follow_fragment(const NodeLink& link, int depth) {
     const std::uint64_t end = link.offset + kRecordHeaderBytes + link.bytes;
     Findings why;
-    auto found = fragments_.at(link.offset, end, why);
-    if (found.ok() && *found && (*found)->end == end) {
-      return take_node(link.offset, link.bytes, head_, findings_) &&
-             check_fragment_flags(**found, findings_) &&
-             add_node((*found)->node, link.offset, depth, head_, findings_);
-    }
+    auto found = fragments_.at(link.offset, why);
+    if (found.ok() && *found && (*found)->end == end)
+      return add_node((*found)->node, link.offset, depth, next_, head_, findings_);
     if (found.ok() && *found)
       why.error(N::kFragment, link.offset, "fragment has another length than its link states");
     if (found.ok()) found = fragments_.last_before(link.offset);
     if (!found.ok()) {
-      findings_.failed_read(link.offset, found.status());
+      findings_.failed_search(link.offset, found.status());
       return false;
     }
     LostFragment lost{link.needed, head_.header.head_bytes, 0};
@@ -165,25 +186,27 @@ class Loader {
       lost.range.end = std::max(lost.range.begin, lost.range.end);
       lost.offset = (*found)->end;
     }
-    lost.bytes = link.offset - lost.offset;
-    lose(lost, std::move(why));
+    lost.bytes = link.offset - std::min(lost.offset, link.offset);
+    lose(link, lost, N::kFragment, std::move(why));
     return !*found || follow_instead(**found, depth);
   }
 
   bool follow_instead(const FragmentRecord& fragment, int depth) {  // spec 9.5
-    add_links(fragment.earlier, depth + 1, head_);
-    if (!head_.walk.followed.insert(fragment.offset).second) return true;
-    head_.walk.pending.erase(fragment.offset);
-    return take_node(fragment.offset, fragment.end - fragment.offset - kRecordHeaderBytes, head_,
-                     findings_) &&
-           check_fragment_flags(fragment, findings_) &&
-           add_node(fragment.node, fragment.offset, depth, head_, findings_);
+    const bool is_new = head_.walk.followed.insert(fragment.offset).second;
+    const std::uint64_t payload = fragment.end - fragment.offset - kRecordHeaderBytes;
+    if (is_new && (!take_node(fragment.offset, payload, head_, findings_) ||
+                   !add_node(fragment.node, fragment.offset, depth, next_, head_, findings_))) {
+      return false;
+    }
+    add_earlier(fragment, depth + 1, next_, head_);
+    return true;
   }
 
   const ByteSource& source_;
   FileHead& head_;
   Findings& findings_;
   FragmentFinder fragments_;
+  Position next_;  // the link after the one that is followed
 };
 
 // Takes frames, bounds and counts from the last FRAG record, and adds its node.
@@ -203,18 +226,20 @@ bool add_last(FragmentRecord& fragment, FileHead& head, Findings& findings) {
     return false;
   }
   const std::uint64_t bytes = fragment.end - fragment.offset;
-  head.walk.root = fragment.node.links;
-  head.walk.root.insert(head.walk.root.end(), fragment.earlier.begin(), fragment.earlier.end());
-  add_links(fragment.earlier, 1, head);
   head.walk.followed.insert(fragment.offset);
+  const Position next = head.walk.pending.begin();
+  if (!take_node(fragment.offset, bytes - kRecordHeaderBytes, head, findings) ||
+      !add_node(fragment.node, fragment.offset, 0, next, head, findings)) {
+    return false;
+  }
+  add_earlier(fragment, 1, next, head);
   head.last_fragment = LastFragment{fragment.offset,
                                     bytes,
                                     fragment.checksum,
                                     fragment.frames,
                                     std::move(fragment.earlier),
                                     needed_of(fragment.node)};
-  return take_node(fragment.offset, bytes - kRecordHeaderBytes, head, findings) &&
-         add_node(fragment.node, fragment.offset, 0, head, findings);
+  return true;
 }
 
 // Returns whether the known last fragment is still there.
@@ -235,29 +260,25 @@ bool is_continued(const ByteSource& source, const FileHead& head, Findings& find
 
 }  // namespace
 
-bool add_node(const IndexNode& node, std::uint64_t at, int depth, FileHead& head,
+bool add_node(const IndexNode& node, std::uint64_t record, int depth, Position next, FileHead& head,
               Findings& findings) {
-  add_links(node.links, depth + 1, head);
+  add_links(node.links, depth + 1, next, head);
   head.walk.entries += node.links.size();
   for (const IndexRun& run : node.runs) {
-    const std::uint32_t part = take_part(run.part, head);
-    const IndexEntry* last = nullptr;
+    const std::uint32_t part = take_part(run.part, head), first = head.walk.segments;
     for (const SegmentEntry& segment : run.segments) {
-      const IndexEntry& base = segment.base;
-      if (last == nullptr || last->level != base.level || last->slot != base.slot)
-        ++head.walk.entries;
-      last = &base;
-      head.listed_primitives += base.primitives;
-      head.index.segments.push_back(segment);
-      head.index.segments.back().part = part;
+      head.listed_primitives += segment.base.primitives;
+      head.index.segments.push_back({segment.base, segment.sh, part, first + segment.number});
     }
     for (const FurtherEntry& further : run.further) {
-      head.index.further.push_back({further.entry, part});
+      head.index.further.push_back({further.entry, part, first + further.number});
     }
-    head.walk.entries += run.segments.size() + run.further.size();
+    head.walk.segments += run.count;
+    head.walk.entries += run.count + run.segments.size() + run.further.size();
   }
+  head.walk.nodes[record] = {node.links, needed_in(node.runs, head.metadata.scene.frames)};
   if (head.listed_primitives <= head.limits.max_primitives) return true;
-  findings.unsupported(N::kPrimitiveLimit, at, "index: {} primitives exceed the limit of {}",
+  findings.unsupported(N::kPrimitiveLimit, record, "index: {} primitives exceed the limit of {}",
                        head.listed_primitives, head.limits.max_primitives);
   return false;
 }
@@ -272,7 +293,7 @@ bool read_growth(const ByteSource& source, FileHead& head, bool& grown, Findings
   head.available_bytes = source.size();
   Result<std::optional<FragmentRecord>> last = FragmentFinder(source, head).last();
   if (!last.ok()) {
-    findings.failed_read(head.header.head_bytes, last.status());
+    findings.failed_search(head.header.head_bytes, last.status());
     return false;
   }
   grown = *last && (!head.last_fragment || (*last)->offset > head.last_fragment->offset);

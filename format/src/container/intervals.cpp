@@ -59,17 +59,46 @@ TickRange shown_of(const FileHead& head, const SegmentEntry& segment) {
   return shown_of(segment.base, head.parts[segment.part]);
 }
 
-TickRange needed_of(const IndexNode& node) {
-  constexpr double kNever = std::numeric_limits<double>::infinity();
-  TickRange all{kNever, -kNever};
-  const auto add = [&all](const TickRange& range) {
-    if (range.begin > range.end) return;
-    all = {std::min(all.begin, range.begin), std::max(all.end, range.end)};
+namespace {
+
+constexpr TickRange kNever = {std::numeric_limits<double>::infinity(),
+                              -std::numeric_limits<double>::infinity()};
+
+// Extends a closed range to contain another one.
+void extend(TickRange& all, const TickRange& range) {
+  if (range.begin > range.end) return;
+  all = {std::min(all.begin, range.begin), std::max(all.end, range.end)};
+}
+
+}  // namespace
+
+std::optional<NeededTimes> needed_times(const IndexEntry& entry, const PartEntry& part,
+                                        double frames) {
+  const TickRange shown = shown_of(entry, part);
+  const double last = std::min(shown.end, frames);
+  const bool closed = last < part.shown.end || part.shown.end >= frames;
+  if (shown.begin > last || (shown.begin == last && !closed)) return {};
+  return NeededTimes{{shown.begin, last}, closed};
+}
+
+TickRange needed_in(const std::vector<IndexRun>& runs, double frames) {
+  TickRange all = kNever;
+  const auto add = [&](const IndexEntry& entry, const PartEntry& part) {
+    if (const auto needed = needed_times(entry, part, frames)) extend(all, needed->range);
   };
-  for (const NodeLink& link : node.links) add(link.needed);
+  for (const IndexRun& run : runs) {
+    for (const SegmentEntry& segment : run.segments) add(segment.base, run.part);
+    for (const FurtherEntry& further : run.further) add(further.entry, run.part);
+  }
+  return all;
+}
+
+TickRange needed_of(const IndexNode& node) {
+  TickRange all = kNever;
+  for (const NodeLink& link : node.links) extend(all, link.needed);
   for (const IndexRun& run : node.runs) {
-    for (const SegmentEntry& segment : run.segments) add(shown_of(segment.base, run.part));
-    for (const FurtherEntry& further : run.further) add(shown_of(further.entry, run.part));
+    for (const SegmentEntry& segment : run.segments) extend(all, shown_of(segment.base, run.part));
+    for (const FurtherEntry& further : run.further) extend(all, shown_of(further.entry, run.part));
   }
   return all.begin <= all.end ? all : TickRange{0, 0};
 }

@@ -29,6 +29,11 @@ bool is_known_colour(const SceneMetadata& scene) {
   return is_one_of(scene.primaries, {1, 9, 12}) && is_one_of(scene.transfer, {1, 8, 13});
 }
 
+bool is_finite(const StartCamera& camera) {
+  const float intrinsics[4] = {camera.fx, camera.fy, camera.cx, camera.cy};
+  return all_finite(camera.rotation) && all_finite(camera.translation) && all_finite(intrinsics);
+}
+
 void check_start_camera(const StartCamera& camera, std::uint64_t offset, Findings& findings) {
   const auto side = [](std::uint32_t v) { return v >= 1 && v <= kMaxImageSide; };
   if (!side(camera.width) || !side(camera.height)) {
@@ -37,9 +42,7 @@ void check_start_camera(const StartCamera& camera, std::uint64_t offset, Finding
                    "got {}x{})",
                    kMaxImageSide, camera.width, camera.height);
   }
-  const float intrinsics[4] = {camera.fx, camera.fy, camera.cx, camera.cy};
-  if (!all_finite(camera.translation) || !all_finite(intrinsics) || camera.fx <= 0.0f ||
-      camera.fy <= 0.0f) {
+  if (!is_finite(camera) || camera.fx <= 0.0f || camera.fy <= 0.0f) {
     findings.error(N::kMetadataValue, offset,
                    "metadata: start camera has values that are not finite, or a focal length <= 0");
   }
@@ -174,7 +177,7 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
                      scene.kernel, scene.sh_convention);
   }
   if (!is_known_colour(scene)) {
-    findings.warning(N::kMetadataConvention, offset + 18,
+    findings.warning(N::kColour, offset + 18,
                      "metadata: unknown colour encoding is displayed as sRGB (primaries {}, "
                      "transfer function {})",
                      scene.primaries, scene.transfer);
@@ -183,7 +186,13 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
   metadata.profile = profile <= static_cast<int>(Profile::kNearLossless)
                          ? static_cast<Profile>(profile)
                          : Profile::kUnknown;
-  if (camera.width != 0 || camera.height != 0) scene.start_camera = camera;
+  if (camera.width != 0 || camera.height != 0) {
+    scene.start_camera = camera;
+  } else if (!is_finite(camera)) {
+    findings.error(N::kMetadataValue, offset + 68,
+                   "metadata: values of the start camera that are not finite");
+    return false;
+  }
   if (scene.time_base.numerator == 0 || scene.time_base.denominator == 0 || scene.frames == 0) {
     findings.error(N::kTimeBase, offset, "metadata: invalid duration ({} frames of {}/{} s)",
                    scene.frames, scene.time_base.numerator, scene.time_base.denominator);

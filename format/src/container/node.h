@@ -3,7 +3,9 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <optional>
+#include <set>
 #include <span>
 #include <vector>
 
@@ -33,10 +35,11 @@ bool parse_node(ByteReader& in, const NodePlace& place, const FileHead& head, In
                 Findings& findings);
 bool parse_links(ByteReader& in, const NodePlace& place, const FileHead& head,
                  std::vector<NodeLink>& links, Findings& findings);
-// Adds the segments of a node that `depth` links lead to, and its links as pending ones. `at`: of
-// the node in the file. Returns false if the caller's limits are exceeded.
-bool add_node(const IndexNode& node, std::uint64_t at, int depth, FileHead& head,
-              Findings& findings);
+// Adds the segments of a node that `depth` links lead to, and its links as pending ones before
+// `next`. `record`: offset of its record; 0 for INDX. Returns false if the caller's limits are
+// exceeded.
+bool add_node(const IndexNode& node, std::uint64_t record, int depth,
+              IndexWalk::Links::const_iterator next, FileHead& head, Findings& findings);
 // Reads the payload of INDX.
 bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset, FileHead& head,
                  Findings& findings);
@@ -66,19 +69,24 @@ class FragmentFinder {
   FragmentFinder(const ByteSource& source, const FileHead& head);
   // Returns the one that begins last.
   Result<Found> last();
-  // Returns the one at `offset` if it ends at or before `end`; else `why` has the reason.
-  Result<Found> at(std::uint64_t offset, std::uint64_t end, Findings& why);
-  // Returns the one that begins last of those that end at or before `end`.
+  // Returns the one at `offset`; if there is none, `why` has the reason. kUnsupported if it exceeds
+  // the memory limit.
+  Result<Found> at(std::uint64_t offset, Findings& why);
+  // Returns the one that begins last of those that begin before `end`. Ends without a result after
+  // examining more bytes in vain than the memory limit (conformance 1.5).
   Result<Found> last_before(std::uint64_t end);
 
  private:
+  Result<bool> is_intact(std::uint64_t payload, const RecordHeader& record) const;
   bool parse(std::span<const std::uint8_t> payload, FragmentRecord& fragment,
              Findings& findings) const;
 
   const ByteSource& source_;
   const FileHead& head_;
   std::uint64_t body_at_ = 0;
-  std::uint64_t work_ = 0;  // remaining budget for reading candidates, bytes
+  std::set<std::uint64_t> rejected_;  // offsets of records that are not valid
+  // By the end of a search: the offset of the record that it found, or 0.
+  std::map<std::uint64_t, std::uint64_t> searched_;
 };
 
 }  // namespace stgs

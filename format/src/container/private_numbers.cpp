@@ -85,10 +85,10 @@ void check_private_numbers(const FileHead& head, Findings& findings) {
     need_name(PrivateKind::kProfile, head.metadata.profile_number, kHeaderBytes, head, findings);
   }
   check_private_layouts(head.layouts, kHeaderBytes, head, findings);
-  for (const auto& [entry, part] : head.index.further) {
-    const auto content = static_cast<std::uint16_t>(content_of(entry.layer));
+  for (const FurtherEntry& further : head.index.further) {
+    const auto content = static_cast<std::uint16_t>(content_of(further.entry.layer));
     if (content < kFirstPrivateContent) continue;
-    need_name(PrivateKind::kContent, content, entry.offset, head, findings);
+    need_name(PrivateKind::kContent, content, further.entry.offset, head, findings);
   }
 }
 

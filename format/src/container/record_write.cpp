@@ -7,8 +7,8 @@
 
 namespace stgs {
 
-std::uint32_t checksum(std::span<const std::uint8_t> bytes) {
-  return libdeflate_crc32(0, bytes.data(), bytes.size());
+std::uint32_t checksum(std::span<const std::uint8_t> bytes, std::uint32_t before) {
+  return libdeflate_crc32(before, bytes.data(), bytes.size());
 }
 
 std::vector<std::uint8_t> write_header(const FileHeader& header) {

@@ -10,12 +10,25 @@ namespace {
 
 using N = IssueNumber;
 
+// Reads the first fields. Returns whether those that exist are equal to the index entry's.
 bool same_segment(ByteReader& in, const IndexEntry& expected) {
   const auto level = static_cast<std::int16_t>(in.u16());
   const std::uint16_t layer = in.u16();
-  const std::uint32_t slot = in.u32(), primitives = in.u32();
-  return level == expected.level && layer == expected.layer && slot == expected.slot &&
-         primitives == expected.primitives;
+  const std::uint32_t slot = in.u32();
+  if (in.ok() && (level != expected.level || layer != expected.layer || slot != expected.slot)) {
+    return false;
+  }
+  const std::uint32_t primitives = in.u32();
+  return !in.ok() || primitives == expected.primitives;
+}
+
+bool cut_off(const SegmentRecord& record, std::uint32_t ordinal, std::size_t bytes,
+             Findings& findings) {
+  findings.error(N::kStreamTable, record.payload_at,
+                 "segment {}: payload of {} bytes does not match its fields or the streams of its "
+                 "layout",
+                 ordinal, bytes);
+  return false;
 }
 
 // Checks that this version can decode the layout's streams (spec 6.3).
@@ -152,10 +165,14 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
     return false;
   }
   record.layout = in.u16();
+  if (!in.ok()) return cut_off(record, ordinal, payload.size(), findings);
   record.has_own = record.layout == kOwnLayout;
   if (record.has_own) {
+    Findings found;
     if (!parse_layouts(in, record.payload_at, kMaxOwnTables, head.limits.max_memory - memory,
-                       record.own, findings)) {
+                       record.own, found)) {
+      if (!in.ok()) return cut_off(record, ordinal, payload.size(), findings);
+      findings.append(std::move(found));
       return false;
     }
     memory += record.own.tables.size() * kTableMemory;
@@ -190,10 +207,7 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
     return take_memory(plane_memory(record, record.set(head.layouts), expected.primitives), head,
                        ordinal, record.payload_at, memory, findings);
   }
-  findings.error(N::kStreamTable, record.payload_at,
-                 "segment {}: payload of {} bytes does not match the streams of its layout",
-                 ordinal, payload.size());
-  return false;
+  return cut_off(record, ordinal, payload.size(), findings);
 }
 
 // Reads one record and checks it against its index entry.

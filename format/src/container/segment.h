@@ -69,14 +69,33 @@ struct SegmentRecords {
 bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
                   bool with_sh, SegmentRecords& records, Findings& findings);
 
+// Timed data of a private content (spec 5.7).
+struct FurtherRecord {
+  TickRange times;   // closed; ticks from the beginning of the part
+  std::string type;  // of the data: a media type or a private name
+  std::vector<std::uint8_t> data;
+};
+// Reads and checks a further record. Data of reserved contents is not interpreted.
+bool read_further(const ByteSource& source, const FileHead& head, const FurtherEntry& further,
+                  FurtherRecord& out, Findings& findings);
+
 // Converts the records for a decoder on another device.
 bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                   CodedSegment& out, Findings& findings);
+
+// What the times of decoded primitives count from.
+enum class TimeOrigin {
+  kPart,   // the beginning of their part
+  kRecord  // time_origin_of(), which leaves them their precision in a long part (spec 8.9)
+};
+// Returns the time from which those of a record count, ticks from the beginning of its part.
+double time_origin_of(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal);
 
 // Decodes these attributes into `set`, whose arrays never grow beyond the size the bytes can fill,
 // and validates the primitives (check_primitives()). Attributes that others depend on must be
 // among them; arrays of the others are empty.
 bool decode_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-                    AttributeBits attributes, Gaussians4D& set, Findings& findings);
+                    AttributeBits attributes, Gaussians4D& set, Findings& findings,
+                    TimeOrigin origin = TimeOrigin::kPart);
 
 }  // namespace stgs

@@ -55,8 +55,7 @@ std::vector<std::uint8_t> write_steps(const Quantisation& rules) {
   return out.take();
 }
 
-bool parse_steps(std::span<const std::uint8_t> payload, std::uint64_t offset, FileHead& head,
-                 Findings& findings) {
+void parse_steps(std::span<const std::uint8_t> payload, FileHead& head) {
   ByteReader in(payload);
   Quantisation rules;
   bool good = true;
@@ -73,12 +72,7 @@ bool parse_steps(std::span<const std::uint8_t> payload, std::uint64_t offset, Fi
   rules.tiers.resize(rules.bounds.size() + 1);
   for (TierSteps& tier : rules.tiers)
     each_step(tier, [&](Step& step) { good = read_step(in, step) && good; });
-  if (!in.ok() || !good || !is_valid(rules)) {
-    findings.error(IssueNumber::kSteps, offset, "steps of the scene: invalid");
-    return false;
-  }
-  head.quantisation = std::move(rules);
-  return true;
+  if (in.ok() && good && is_valid(rules)) head.quantisation = std::move(rules);
 }
 
 }  // namespace stgs

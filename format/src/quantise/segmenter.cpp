@@ -65,12 +65,13 @@ double cost_of(double chunk, const std::vector<PartLifetime>& sample,
 
 }  // namespace
 
-Lifetime lifetime_of(const Gaussians4D& set, std::size_t i, double length, bool widened) {
+Lifetime lifetime_of(const Gaussians4D& set, std::size_t i, double length, bool widened,
+                     double origin) {
   const float opacity = math::opacity_of(set.opacity_logit[i]);
   const double half = math::support_half_width(opacity * 1.000001f, set.sigma[i], set.radius[i],
                                                math::kAlphaThreshold);
   if (half < 0.0) return {0, 0, true};
-  const double time = set.time[i], reach = half + (widened ? slack(time, half) : 0.0);
+  const double time = origin + set.time[i], reach = half + (widened ? slack(time, half) : 0.0);
   const double begin = std::max(0.0, time - reach);
   const double end = std::min(length, time + reach);
   if (begin >= end) return {0, 0, true};

@@ -18,7 +18,9 @@ struct Lifetime {
 };
 // Returns the lifetime of primitive i in a part of `length` ticks. `widened`: enlarged so that
 // rounding in a renderer cannot exceed it.
-Lifetime lifetime_of(const Gaussians4D& set, std::size_t i, double length, bool widened = true);
+// `origin`: the time from which those of the set count.
+Lifetime lifetime_of(const Gaussians4D& set, std::size_t i, double length, bool widened = true,
+                     double origin = 0);
 
 inline constexpr double kMaxSlots = 4294967295.0;  // of a level (spec 5.3)
 

@@ -104,17 +104,25 @@ std::vector<float> in_segment_order(const std::vector<float>& in_file_order,
 
 }  // namespace
 
+std::optional<std::vector<std::uint8_t>> find_importance(const ByteSource& source,
+                                                         const FileHead& head, Findings& findings) {
+  std::vector<std::uint8_t> payload;
+  std::uint64_t at = 0;
+  if (head.growing() || !TailReader(source, head, findings).read(kImportanceTag, payload, at)) {
+    return {};
+  }
+  (void)parse_importance(payload, head.index.primitives, at, findings);
+  return findings.ok() ? std::optional(std::move(payload)) : std::nullopt;
+}
+
 Result<std::vector<float>> read_importance(const ByteSource& source, const FileHead& head) {
   if (!head.walk.pending.empty()) {
     return usage_error("{}: importances need the complete index", source.name());
   }
   Findings findings;
-  std::vector<std::uint8_t> payload;
-  std::uint64_t at = 0;
+  const auto payload = find_importance(source, head, findings);
   std::vector<float> values;
-  if (TailReader(source, head, findings).read(kImportanceTag, payload, at)) {
-    values = parse_importance(payload, head.index.primitives, at, findings);
-  }
+  if (payload) values = parse_importance(*payload, head.index.primitives, 0, findings);
   if (!findings.ok()) return findings.status(source.name());
   if (!values.empty() && head.listed_primitives != head.index.primitives) {
     return invalid_file("{}: the index is damaged, so that importances cannot be assigned",

@@ -224,7 +224,7 @@ bool SceneReader::is_loaded(double t0, double t1) const {
 
 std::vector<TickRange> SceneReader::unloaded() const {
   std::vector<TickRange> out;
-  for (const auto& [offset, pending] : state_->head.walk.pending)
+  for (const IndexWalk::Link& pending : state_->head.walk.pending)
     out.push_back(pending.link.needed);
   return out;
 }
@@ -349,10 +349,6 @@ const char* profile_name(Profile profile) {
 
 Result<Gaussians4D> SceneReader::decode_intact(std::uint32_t segment, Status& sh_status) const {
   sh_status = {};
-  if (segment < segments().size() && !segments()[segment].sh_available) {
-    sh_status = invalid_file("segment {}: SH are missing, the file is truncated", segment);
-    return decode(segment, false);
-  }
   Result<Gaussians4D> complete = decode(segment, true);
   const StatusCode code = complete.status().code();
   const bool is_damage = code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported;

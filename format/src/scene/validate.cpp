@@ -2,14 +2,12 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
-#include <limits>
-#include <set>
 
 #include "codec/values.h"
 #include "container/node.h"
 #include "container/segment.h"
 #include "quantise/segmenter.h"
-#include "scene/validate_index.h"
+#include "scene/validate.h"
 
 namespace stgs {
 namespace {
@@ -17,8 +15,9 @@ namespace {
 using N = IssueNumber;
 constexpr double kIntervalTolerance = 0.01;  // ticks, spec 5.8
 
-void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t segment,
-                  Findings& findings) {
+// `time_origin`: the time from which those of the set count.
+void check_values(const Gaussians4D& set, double time_origin, const FileHead& head,
+                  std::uint32_t segment, Findings& findings) {
   const SegmentEntry& entry = head.index.segments[segment];
   const SceneMetadata& scene = head.metadata.scene;
   const std::uint64_t at = entry.base.offset;
@@ -27,7 +26,8 @@ void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t se
   const PartEntry& part = head.parts[entry.part];
   check_each(n, N::kOutsideSegment, true, segment, at, "visible outside the segment's interval",
              findings, [&](std::size_t i) {
-               const Lifetime lifetime = lifetime_of(set, i, part.end - part.begin, false);
+               const Lifetime lifetime =
+                   lifetime_of(set, i, part.end - part.begin, false, time_origin);
                return !lifetime.never && (lifetime.begin < interval.begin - kIntervalTolerance ||
                                           lifetime.end > interval.end + kIntervalTolerance);
              });
@@ -52,35 +52,69 @@ bool fits_memory(const RecordHeader& record, const FileHead& head, std::uint64_t
   return false;
 }
 
-// What is known about the records of a body.
-struct Walk {
-  const std::set<std::uint64_t>& copies;  // offsets of the copies of nodes
-  std::uint32_t frames = 0;               // that the last FRAG record stated
+// What the records of the body have stated so far.
+struct Body {
+  std::uint32_t frames = 0;     // of the last FRAG record
+  bool has_importance = false;  // IMPO
+  bool after_segments = false;  // of the index
 };
 
-// Checks a FRAG record that may be one of the index (spec 9.2).
+// Checks a FRAG record of a growing file (spec 9.2, 9.3).
 void check_fragment(std::span<const std::uint8_t> payload, const FileHead& head, std::uint64_t at,
-                    Walk& walk, Findings& findings) {
+                    Body& body, Findings& findings) {
   ByteReader in(payload);
-  if (in.u64() != at || !in.ok()) return;
+  const std::uint64_t stated = in.u64();
   const std::uint32_t now = in.u32(), flags = in.u32();
-  if (!in.ok()) return;
-  if ((flags & kFragmentClosed) != 0 && head.last_fragment && at != head.last_fragment->offset) {
-    findings.error(N::kFragment, at, "fragment marked as the last one is followed by others");
-  }
-  if (now < walk.frames) {
-    findings.error(N::kFragment, at, "fragment with {} frames follows one with {}", now,
-                   walk.frames);
-  }
   if (head.walk.followed.count(at) == 0)
-    findings.warning(N::kUnlistedRecord, at, "fragment is not linked to by the index");
-  walk.frames = now;
+    findings.error(N::kFragment, at, "fragment is not valid, or no link leads to it");
+  if (!in.ok() || stated != at) return;
+  const bool is_last = head.last_fragment && at == head.last_fragment->offset;
+  if (const std::uint32_t unknown = flags & kCriticalFragmentFlags & ~kFragmentClosed;
+      unknown != 0 && !is_last) {
+    findings.unsupported(N::kUnknownCritical, at, "fragment has unknown critical flags {:#x}",
+                         unknown);
+  }
+  if ((flags & kFragmentClosed) != 0 && !is_last)
+    findings.error(N::kFragment, at, "fragment marked as the last one is followed by others");
+  if (now < body.frames) {
+    findings.error(N::kFragment, at, "fragment with {} frames follows one with {}", now,
+                   body.frames);
+  }
+  body.frames = now;
+}
+
+// Returns whether a link leads to a PAGE record or its copy.
+bool is_linked_page(const FileHead& head, std::uint64_t at) {
+  for (const auto& [record, node] : head.walk.nodes) {
+    for (const NodeLink& link : node.links) {
+      if (link.offset == at || link.copy == at) return true;
+    }
+  }
+  return false;
+}
+
+// Checks a record that is not critical, at a place outside of segments.
+void check_other(const RecordHeader& record, std::span<const std::uint8_t> payload,
+                 const FileHead& head, std::uint64_t at, Body& body, Findings& findings) {
+  if (head.growing())
+    findings.error(N::kFragment, at, "record '{}' within a fragment", tag_text(record.tag));
+  if (record.flags == 0 && record.tag == kImportanceTag && body.after_segments) {
+    if (body.has_importance) findings.error(N::kDuplicateRecord, at, "duplicate 'IMPO' record");
+    (void)parse_importance(payload, head.index.primitives, at, findings);
+    body.has_importance = true;
+  }
+  if (record.flags == 0 && record.tag == kCopyTag) check_head_copy(head, at, payload, findings);
+  if (record.flags == 0 && (record.tag == kWindowTag || record.tag == kPrivateTag ||
+                            record.tag == kStepTag || record.tag == kErrorTag)) {
+    findings.warning(N::kWrongArea, at, "record '{}' outside of the head", tag_text(record.tag));
+  }
+  check_private_record(record, payload, at, findings);
 }
 
 // Checks the records in [at, end) of the body, which the index does not list, as far as they are
 // available.
 void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t at,
-                   std::uint64_t end, Walk& walk, Findings& findings) {
+                   std::uint64_t end, Body& body, Findings& findings) {
   while (at < end) {
     const std::uint64_t left = head.available_bytes - std::min(at, head.available_bytes);
     if (left < std::min(end - at, kRecordHeaderBytes)) return;  // already reported
@@ -105,18 +139,11 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
       return findings.failed_read(at, status);
     }
     const bool intact = check_payload(record, bytes, at + kRecordHeaderBytes, findings);
-    if (intact && fragment) {
-      check_fragment(bytes, head, at, walk, findings);
-    }
-    if (intact && page && head.walk.followed.count(at) == 0 && walk.copies.count(at) == 0)
-      findings.warning(N::kUnlistedRecord, at, "node is not linked to by the index");
-    if (intact && record.tag == kImportanceTag && record.flags == 0) {
-      (void)parse_importance(bytes, head.index.primitives, at, findings);
-    }
-    if (intact && record.tag == kCopyTag && record.flags == 0) {
-      check_head_copy(head, at, bytes, findings);
-    }
-    if (intact) check_private_record(record, bytes, at, findings);
+    if (intact && fragment) check_fragment(bytes, head, at, body, findings);
+    if (page && !is_linked_page(head, at))
+      findings.warning(N::kUnlistedRecord, at, "PAGE record to which no link leads");
+    if (intact && (record.flags & kCritical) == 0)
+      check_other(record, bytes, head, at, body, findings);
     // Content added by later versions is not reported (spec 5.5, 6.5).
     if (segment && bytes.size() >= 4 && bytes[3] <= static_cast<int>(Content::kSh)) {
       findings.warning(N::kUnlistedRecord, at, "segment record is not listed in the index");
@@ -125,90 +152,32 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
   }
 }
 
-// Checks the content after the last complete fragment of a growing file: complete records, and one
-// that is being written or was truncated.
-void walk_tail(const ByteSource& source, const FileHead& head, std::uint64_t from,
-               Findings& findings) {
-  const std::uint64_t size = source.size();
-  if (from >= size) return;
-  findings.warning(N::kIncompleteTail, from, "{} bytes after the last complete fragment",
-                   size - from);
-  for (std::uint64_t at = from; size - at >= kRecordHeaderBytes;) {
-    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
-    if (Status status = source.read(at, bytes); !status.ok()) {
-      return findings.failed_read(at, status);
-    }
-    RecordHeader record;
-    const std::uint64_t no_end = std::numeric_limits<std::uint64_t>::max();
-    if (!parse_record_header(bytes, at, no_end, record, findings)) return;
-    at += kRecordHeaderBytes;
-    if (record.length > size - at) return;
-    if (!fits_memory(record, head, at, findings)) return;
-    bytes.resize(record.length);
-    if (Status status = source.read(at, bytes); !status.ok()) {
-      return findings.failed_read(at, status);
-    }
-    check_payload(record, bytes, at, findings);
-    at += record.length;
-  }
-}
-
 // Checks the records of the body between and after those listed in the index.
-void walk_body(const ByteSource& source, FileHead& head, const std::set<std::uint64_t>& copies,
-               Findings& findings) {
+void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
   std::uint64_t at = head.header.head_bytes;
-  Walk walk{copies, 0};
+  Body body;
   for (const IndexEntry* record : records_of(head.index)) {
     if (record->offset < at) {
-      findings.error(N::kSegmentRange, record->offset, "records of two segments overlap");
+      findings.error(N::kPlace, record->offset, "records of two segments overlap");
     } else {
-      walk_unlisted(source, head, at, record->offset, walk, findings);
+      walk_unlisted(source, head, at, record->offset, body, findings);
     }
     at = std::max(at, record->offset + record->bytes);
   }
-  walk_unlisted(source, head, at, head.header.file_bytes, walk, findings);
-  if (head.growing() && !head.closed) walk_tail(source, head, head.header.file_bytes, findings);
+  body.after_segments = true;
+  walk_unlisted(source, head, at, head.header.file_bytes, body, findings);
+  const std::uint64_t end = head.header.file_bytes;
+  if (head.growing() && !head.closed && end < source.size()) {  // being written, or cut off
+    findings.warning(N::kIncompleteTail, end, "{} bytes after the last complete fragment",
+                     source.size() - end);
+  }
 }
 
-// Checks that timed data states its times and lies in a segment that contains them (spec 5.7).
-void check_timed(ByteReader& in, const FurtherEntry& record, const FileHead& head,
-                 Findings& findings) {
-  if (content_of(record.entry.layer) < kFirstPrivateContent) return;
-  const double begin = in.f64(), end = in.f64();
-  const TickRange interval = interval_of(head, record.entry, record.part);
-  if (in.ok() && interval.begin <= begin && begin <= end && end <= interval.end) return;
-  findings.error(
-      N::kTimedData, record.entry.offset,
-      "timed data is truncated or outside its segment (ticks {} to {}, segment {} to {})", begin,
-      end, interval.begin, interval.end);
-}
-
-// Checks that records of unknown content match the index (spec 5.7).
+// Checks records of unknown content, as far as they are available (spec 5.7).
 void check_further(const ByteSource& source, const FileHead& head, Findings& findings) {
   for (const FurtherEntry& further : head.index.further) {
-    const IndexEntry& entry = further.entry;
-    constexpr std::uint64_t kBytes = kRecordHeaderBytes + 8 + 2 * 8;
-    if (!head.has(entry)) continue;  // truncated: already reported
-    std::vector<std::uint8_t> bytes(std::min(entry.bytes, kBytes));
-    if (Status status = source.read(entry.offset, bytes); !status.ok()) {
-      findings.failed_read(entry.offset, status);
-      continue;
-    }
-    RecordHeader record;
-    if (!parse_record_header(bytes, entry.offset, entry.offset + entry.bytes, record, findings)) {
-      continue;
-    }
-    ByteReader in{std::span<const std::uint8_t>(bytes).subspan(kRecordHeaderBytes)};
-    const auto level = static_cast<std::int16_t>(in.u16());
-    const std::uint16_t layer = in.u16();
-    const std::uint32_t slot = in.u32();
-    if (in.ok() && record.tag == kSegmentTag && level == entry.level && layer == entry.layer &&
-        slot == entry.slot) {
-      check_timed(in, further, head, findings);
-      continue;
-    }
-    findings.error(N::kSegmentMismatch, entry.offset,
-                   "record of content {} does not match its index entry", content_of(entry.layer));
+    FurtherRecord record;
+    if (head.has(further.entry)) (void)read_further(source, head, further, record, findings);
   }
 }
 
@@ -226,10 +195,11 @@ void walk_head_records(const FileHead& head, Findings& findings) {
         record.tag == kErrorTag) {
       continue;  // already checked
     }
-    if (record.tag == kCopyTag) {
-      findings.warning(N::kForeignCopy, payload_at - kRecordHeaderBytes, "head copy within a head");
+    if (record.flags == 0 && (record.tag == kCopyTag || record.tag == kImportanceTag)) {
+      findings.warning(N::kWrongArea, payload_at - kRecordHeaderBytes, "record '{}' in the head",
+                       tag_text(record.tag));
     }
-    if (!check_payload(record, payload, payload_at, findings)) continue;
+    if (checksum(payload) != record.checksum) continue;  // already reported
     check_private_record(record, payload, payload_at, findings);
   }
 }
@@ -246,28 +216,49 @@ void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t
   for (const SegmentRecord* record : {&records.base, &records.sh}) {
     check_private_layouts(record->own, record->payload_at, head, findings);
   }
-  good = good && decode_segment(records, head, ordinal, kAllAttributes, set, findings);
+  good = good &&
+         decode_segment(records, head, ordinal, kAllAttributes, set, findings, TimeOrigin::kRecord);
   if (!good && has_sh && segment.sh.bytes > 0) {
     Findings reported;
     good = read_segment(source, head, ordinal, false, records = {}, reported) && reported.ok() &&
-           decode_segment(records, head, ordinal, kAllAttributes, set = {}, reported);
+           decode_segment(records, head, ordinal, kAllAttributes, set = {}, reported,
+                          TimeOrigin::kRecord);
   }
-  if (good) check_values(set, head, ordinal, findings);
+  if (good) check_values(set, time_origin_of(records, head, ordinal), head, ordinal, findings);
+}
+
+// Checks a layout of the head, which no record may use.
+void check_layout(const Layout& layout, Findings& findings) {
+  if (layout.problem != 0)
+    findings.error(static_cast<N>(layout.problem), layout.problem_at, "{}", layout.why);
+  for (const StreamRow& row : layout.streams) {
+    if (row.known || row.optional()) continue;
+    findings.unsupported(
+        N::kStreamUnsupported, kHeaderBytes,
+        "layouts: unknown attribute {} with mapping {}, prediction {} and coder {}", row.attribute,
+        row.mapping, row.prediction, row.coder);
+  }
+}
+
+// Checks that a near-lossless file states its error bounds (spec 11.1).
+void check_error_bounds(const FileHead& head, Findings& findings) {
+  if (head.metadata.profile == Profile::kNearLossless && head.error_bounds.empty()) {
+    findings.error(N::kErrorBounds, kHeaderBytes,
+                   "a near-lossless file without a valid record of error bounds");
+  }
 }
 
 void check_segments(const ByteSource& source, FileHead& head, Findings& findings) {
   for (std::uint32_t i = 0; i < head.index.segments.size(); ++i) {
     check_segment(source, head, i, findings);
   }
-  for (const Layout& layout : head.layouts.layouts) {
-    if (layout.problem == 0) continue;
-    findings.error(static_cast<N>(layout.problem), layout.problem_at, "{}", layout.why);
-  }
+  for (const Layout& layout : head.layouts.layouts) check_layout(layout, findings);
   check_further(source, head, findings);
-  const std::set<std::uint64_t> copies = check_index(source, head, findings);
-  walk_body(source, head, copies, findings);
+  check_index(head, findings);
+  walk_body(source, head, findings);
   walk_head_records(head, findings);
   check_private_numbers(head, findings);
+  check_error_bounds(head, findings);
 }
 
 }  // namespace

@@ -1,124 +1,107 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "scene/validate_index.h"
-
 #include <algorithm>
+#include <limits>
+#include <map>
+#include <set>
 #include <tuple>
 
-#include "container/node.h"
+#include "scene/validate.h"
 
 namespace stgs {
 namespace {
 
 using N = IssueNumber;
 
-// Visits the nodes of an index. Damaged ones have been reported and are skipped.
-class TreeChecker {
- public:
-  TreeChecker(const ByteSource& source, const FileHead& head, Findings& findings)
-      : source_(source), head_(head), findings_(findings), fragments_(source, head) {}
-
-  void check(std::span<const NodeLink> links, int depth) {
-    for (const NodeLink& link : links) {
-      if (!seen_.insert(link.offset).second) {
-        findings_.error(N::kLink, link.offset, "two links lead to the same record");
-        continue;
-      }
-      std::optional<IndexNode> node = head_.growing() ? read_fragment(link) : read_page(link);
-      if (!node) continue;
-      check_times(link, *node);
-      if (depth < kMaxLinkDepth) check(node->links, depth + 1);
-    }
+// Checks that no record is linked to twice (spec 5.2, 9.3).
+void check_repeated(const FileHead& head, Findings& findings) {
+  std::map<std::uint64_t, std::size_t> links;  // by the offset of their record
+  for (const auto& [record, node] : head.walk.nodes) {
+    for (const NodeLink& link : node.links) ++links[link.offset];
   }
-
-  std::set<std::uint64_t> copies() { return std::move(copies_); }
-
- private:
-  std::optional<IndexNode> read_fragment(const NodeLink& link) {
-    Findings ignored;
-    auto found = fragments_.at(link.offset, link.offset + kRecordHeaderBytes + link.bytes, ignored);
-    if (!found.ok() || !*found) return {};
-    return std::move((*found)->node);
-  }
-
-  // Returns the payload of a record of this length, or nothing if it is damaged.
-  std::optional<std::vector<std::uint8_t>> payload_at(std::uint64_t at, std::uint64_t bytes) const {
-    const std::uint64_t end = std::min(head_.header.file_bytes, head_.available_bytes);
-    const auto record = complete_record_at(source_, at, end);
-    if (!record.ok() || !*record || (*record)->length != bytes) return {};
-    std::vector<std::uint8_t> payload(bytes);
-    if (!source_.read(at + kRecordHeaderBytes, payload).ok()) return {};
-    if (checksum(payload) != (*record)->checksum) return {};
-    return payload;
-  }
-
-  std::optional<IndexNode> read_page(const NodeLink& link) {
-    auto payload = payload_at(link.offset, link.bytes);
-    if (link.copy != 0) {
-      copies_.insert(link.copy);
-      auto copy = payload_at(link.copy, link.bytes);
-      if (payload && copy && *payload != *copy)
-        findings_.error(N::kLink, link.copy, "copy of a node differs from it");
-      if (!payload) payload = std::move(copy);
-    }
-    if (!payload) return {};
-    ByteReader in(*payload);
-    Findings ignored;
-    IndexNode node;
-    const NodePlace place = {link.offset, link.offset + kRecordHeaderBytes, head_.header.head_bytes,
-                             head_.header.file_bytes};
-    if (!parse_node(in, place, head_, node, ignored)) return {};
-    return node;
-  }
-
-  // Checks that a link states the times of its node.
-  void check_times(const NodeLink& link, const IndexNode& node) {
-    if (node.links.empty() && node.runs.empty()) return;
-    const double frames = head_.metadata.scene.frames;
-    const TickRange needed = needed_of(node);
-    if (link.needed.begin <= needed.begin && std::min(needed.end, frames) <= link.needed.end)
-      return;
-    findings_.error(N::kLink, link.offset,
-                    "link states ticks {} to {}, but its node is needed at ticks {} to {}",
-                    link.needed.begin, link.needed.end, needed.begin, needed.end);
-  }
-
-  const ByteSource& source_;
-  const FileHead& head_;
-  Findings& findings_;
-  FragmentFinder fragments_;
-  std::set<std::uint64_t> seen_, copies_;
-};
-
-// Checks that the segments of a part have places of their own.
-void check_places(const FileHead& head, Findings& findings) {
-  std::set<std::tuple<std::uint32_t, int, std::uint32_t, int>> places;  // part, level, slot, tier
-  for (const SegmentEntry& segment : head.index.segments) {
-    const IndexEntry& base = segment.base;
-    if (places.emplace(segment.part, base.level, base.slot, base.layer).second) continue;
-    findings.error(N::kSegmentOrder, base.offset, "index: two segments of part {} have one place",
-                   head.parts[segment.part].number);
+  for (const NodeLink& link : head.walk.earlier) ++links[link.offset];
+  for (const auto& [record, count] : links) {
+    if (count < 2) continue;
+    findings.error(head.growing() ? N::kFragment : N::kLink, record,
+                   "index: {} links lead to one record (expected 1)", count);
   }
 }
 
-}  // namespace
+// Checks that links state the times of all that they lead to (spec 5.2).
+class LinkTimes {
+ public:
+  LinkTimes(const FileHead& head, Findings& findings) : nodes_(head.walk.nodes) {
+    for (const auto& [record, node] : nodes_) check(node.links, findings);
+    check(head.walk.earlier, findings);
+  }
 
-std::set<std::uint64_t> check_index(const ByteSource& source, const FileHead& head,
-                                    Findings& findings) {
+ private:
+  void check(const std::vector<NodeLink>& links, Findings& findings) {
+    for (const NodeLink& link : links) {
+      if (nodes_.count(link.offset) == 0) continue;  // not read
+      const TickRange needed = needed_below(link.offset);
+      if (needed.begin > needed.end ||
+          (link.needed.begin <= needed.begin && needed.end <= link.needed.end)) {
+        continue;
+      }
+      findings.error(N::kLink, link.offset,
+                     "index: a link states ticks {} to {} for a node of ticks {} to {}",
+                     link.needed.begin, link.needed.end, needed.begin, needed.end);
+    }
+  }
+
+  // Returns the times at which segments of a node and below it are needed. Links lead in one
+  // direction, and nodes that were read are at most kMaxLinkDepth links deep.
+  const TickRange& needed_below(std::uint64_t record) {
+    const auto [known, is_new] = needed_.try_emplace(record);
+    if (!is_new) return known->second;
+    TickRange all = nodes_.at(record).needed;
+    for (const NodeLink& link : nodes_.at(record).links) {
+      if (nodes_.count(link.offset) == 0) continue;
+      const TickRange below = needed_below(link.offset);
+      if (below.begin > below.end) continue;
+      all = {std::min(all.begin, below.begin), std::max(all.end, below.end)};
+    }
+    return needed_[record] = all;
+  }
+
+  const std::map<std::uint64_t, IndexWalk::Node>& nodes_;
+  std::map<std::uint64_t, TickRange> needed_;  // by record
+};
+
+// Checks that no two segments have one place, and no two parts one number (spec 5.3).
+void check_places(const FileHead& head, Findings& findings) {
   std::set<std::uint32_t> numbers;
   for (const PartEntry& part : head.parts) {
     if (numbers.insert(part.number).second) continue;
     findings.error(N::kParts, kHeaderBytes, "index: two runs of part {} state different times",
                    part.number);
   }
+  // By part, level and slot: the number of the segment.
+  std::map<std::tuple<std::uint32_t, int, std::uint32_t>, std::uint32_t> places;
+  const auto add = [&](const IndexEntry& entry, std::uint32_t part, std::uint32_t number) {
+    const std::uint32_t of_part = head.parts[part].number;
+    const auto [at, is_new] = places.emplace(std::tuple(of_part, entry.level, entry.slot), number);
+    if (is_new || at->second == number) return;
+    at->second = number;
+    findings.error(N::kPlace, entry.offset, "index: two segments of part {} have one place",
+                   of_part);
+  };
+  for (const SegmentEntry& tier : head.index.segments) add(tier.base, tier.part, tier.number);
+  for (const FurtherEntry& further : head.index.further)
+    add(further.entry, further.part, further.number);
+}
+
+}  // namespace
+
+void check_index(const FileHead& head, Findings& findings) {
   check_places(head, findings);
+  check_repeated(head, findings);
+  LinkTimes(head, findings);
   if (head.lost_fragments.empty() && head.listed_primitives != head.index.primitives) {
     findings.error(N::kPrimitiveTotal, kHeaderBytes,
                    "index: primitive count mismatch (total states {}, segments have {})",
                    head.index.primitives, head.listed_primitives);
   }
-  TreeChecker tree(source, head, findings);
-  tree.check(head.walk.root, 1);
-  return tree.copies();
 }
 
 }  // namespace stgs
