@@ -224,9 +224,9 @@ void set_origin(const Integers& integers, StreamPlan& plan) {
 }
 
 std::vector<Prediction> predictions_of(std::span<const Integers* const> records,
-                                       const std::vector<std::uint32_t>& minimum) {
+                                       const std::vector<std::uint32_t>& minimum, bool morton) {
   const Integers& first = *records.front();
-  if (first.morton) return {Prediction::kMorton};
+  if (morton) return {Prediction::kMorton};
   if (first.mapping == Mapping::kInteger) return {Prediction::kPlain};
   bool negative = false;
   for (const Integers* record : records) {
@@ -277,15 +277,19 @@ StreamPlan plan_stream(std::span<const Integers* const> records, Coder coder) {
   StreamPlan plan;
   plan.minimum = minimum_of(records);
   plan.row.attribute = static_cast<std::uint16_t>(first.attribute);
-  plan.row.components = static_cast<std::uint8_t>(first.morton ? 1 : first.components);
-  if (first.morton) plan.row.low = static_cast<std::uint8_t>(low_bits_of(records));
+  const int low = first.morton ? low_bits_of(records) : 0;
+  // Planes of bytes have digits of 8 bits, also those of the low bits (spec 8.1).
+  const int stored_low = coder == Coder::kRans || low == 0 ? low : std::max(low, 8);
+  const bool morton = first.morton && (coder == Coder::kRans || stored_low <= 8);
+  plan.row.components = static_cast<std::uint8_t>(morton ? 1 : first.components);
+  plan.row.low = static_cast<std::uint8_t>(morton ? stored_low : 0);
   plan.row.mapping = static_cast<std::uint8_t>(first.mapping);
   plan.row.step = first.step;
   set_origin(first, plan);
   std::size_t total = 0;
   for (const Integers* record : records) total += record->size();
   Digits best;
-  for (const Prediction prediction : predictions_of(records, plan.minimum)) {
+  for (const Prediction prediction : predictions_of(records, plan.minimum, morton)) {
     std::vector<Sample> samples;
     int bits = 0;
     for (std::size_t c = 0; c < plan.row.components; ++c) {
@@ -293,7 +297,7 @@ StreamPlan plan_stream(std::span<const Integers* const> records, Coder coder) {
       bits = std::max(bits, samples.back().bits);
     }
     const auto values = static_cast<double>(total);
-    const std::size_t max_digits = first.morton ? kMaxKeyDigits : kMaxValueDigits;
+    const std::size_t max_digits = morton ? kMaxKeyDigits : kMaxValueDigits;
     Digits digits = coder == Coder::kRans ? best_digits(samples, values, bits, max_digits)
                                           : byte_digits(samples, values, bits);
     const std::uint64_t raw_bits = 8 * ((bits + 7) / 8) * samples.size() * total;
@@ -309,6 +313,8 @@ StreamPlan plan_stream(std::span<const Integers* const> records, Coder coder) {
     plan.row.coder = static_cast<std::uint8_t>(chosen);
     plan.row.prediction = static_cast<std::uint8_t>(prediction);
   }
+  if (plan.row.coder != static_cast<std::uint8_t>(coder) && plan.row.low % 8 != 0)
+    return plan_stream(records, Coder::kBytes);
   plan.row.digits = static_cast<std::uint8_t>(best.widths.size());
   std::copy(best.widths.begin(), best.widths.end(), plan.row.digit_bits.begin());
   return plan;
