@@ -7,9 +7,16 @@
 #include <vector>
 
 #include "stgs/format/camera.h"
+#include "stgs/format/math/colour.h"
+#include "stgs/format/scene_file.h"
 #include "stgs/player/renderer.h"
 
 namespace stgs::player {
+
+// Returns how the colours of a scene are encoded (math/colour.h).
+inline int encoding_of(const SceneMetadata& metadata) {
+  return math::colour_encoding(metadata.primaries, metadata.transfer);
+}
 
 // Returns kUsage for too few or too many views, or if the size or fovea of a view is invalid.
 inline Status check_views(const std::vector<View>& views) {

@@ -9,9 +9,10 @@
 #include <functional>
 
 #include "../fixtures/copy_fixture.h"
+#include "../fixtures/ftgs_fixture.h"
 #include "../fixtures/scene_fixture.h"
 #ifdef STGS_HAS_SOG
-#include "../fixtures/sog_fixture.h"
+#include "../fixtures/sogst_fixture.h"
 #endif
 #include "../fixtures/fourdgs_fixture.h"
 #include "../fixtures/splatv_fixture.h"
@@ -199,7 +200,14 @@ Status write_models(const std::string& folder) {
   testing::random_sog(30, 1, 1).write_bundle(folder + "/model.sog");
   testing::random_sog(20, 0, 2).write_folder(folder + "/chunks/0_0");
   testing::random_sog(25, 0, 3).write_folder(folder + "/chunks/0_1");
+  testing::random_sogst(40, 1, 1, 4).write_bundle(folder + "/linear.sogst");
+  testing::streamed(testing::random_sogst(40, 0, 2, 5)).write_bundle(folder + "/curved.sogst");
+  testing::continuous_tsog(30, 1, 2, 6).write_bundle(folder + "/clip.tsog");
 #endif
+  const std::string ftgs = testing::ftgs_file(9).bytes();
+  STGS_TRY(
+      write_file_atomically(folder + "/clip.ftgs.ply",
+                            {reinterpret_cast<const std::uint8_t*>(ftgs.data()), ftgs.size()}));
   std::vector<testing::SplatvRecord> records(12);
   for (std::size_t i = 0; i < records.size(); ++i) {
     records[i].position[0] = static_cast<float>(i);

@@ -172,3 +172,76 @@ class ConvertingSog(CliTest):
     def test_a_build_without_sog_reports_it(self):
         self.write("a.sog", b"PK\x03\x04")
         self.fails(6, "lacks libwebp or libzip", "convert", "a.sog", "a.stgs")
+
+
+class ConvertingTimedFormats(CliTest):
+    @unittest.skipUnless(built_in("sog"), "needs libwebp and libzip")
+    def test_linear_motion_of_a_sogst_is_exact(self):
+        result = self.json_of("convert", self.fixture("linear.sogst"), "a.stgs")
+        self.assertEqual((result["input_format"], result["frames"], result["sh_degree"]),
+                         ("sogst", 20, 1))
+        self.assertEqual(result["notes"], [])
+        self.assertEqual((result["curves"]["curved"], result["curves"]["pieces"]), (0, 0))
+        self.assertAlmostEqual(self.json_of("info", "a.stgs")["fps"], 10)
+        self.fails(1, "--fps applies to", "convert", self.fixture("linear.sogst"), "b.stgs",
+                   "--fps", "10")
+
+    @unittest.skipUnless(built_in("sog"), "needs libwebp and libzip")
+    def test_curved_paths_of_a_sogst_are_divided_within_the_tolerance(self):
+        result = self.json_of("convert", self.fixture("curved.sogst"), "a.stgs")
+        curves = result["curves"]
+        self.assertEqual(curves["curved"], 40)
+        self.assertGreater(curves["pieces"], curves["divided"])
+        self.assertEqual(result["primitives_in"], 40 - curves["divided"] + curves["pieces"])
+        self.assertGreater(curves["divided"], 0)
+        self.assertLessEqual(curves["opacity_max"], 0.0201)
+        if curves["above_bound"] == 0:
+            self.assertLessEqual(curves["position_relative_max"], 0.1001)
+        self.assertRegex(result["notes"][0], "approximated 40 curved paths by lines: error")
+        self.assertRegex(result["notes"][1], r"divided \d+ of 40 primitives into \d+ pieces")
+        loose = self.json_of("convert", self.fixture("curved.sogst"), "b.stgs",
+                             "--tolerance", "100")["curves"]
+        self.assertLess(loose["pieces"], curves["pieces"])
+        self.succeeds("validate", "a.stgs", "b.stgs")
+
+    @unittest.skipUnless(built_in("sog"), "needs libwebp and libzip")
+    def test_a_tsog_gets_its_timing_from_the_options(self):
+        result = self.json_of("convert", self.fixture("clip.tsog"), "a.stgs", "--frames", "40",
+                              "--fps", "20")
+        self.assertEqual((result["input_format"], result["frames"]), ("tsog", 40))
+        self.assertIsNone(result["curves"])
+        self.assertAlmostEqual(self.json_of("info", "a.stgs")["duration_s"], 2)
+        self.succeeds("validate", "a.stgs")
+
+    def test_an_ftgs_ply_keeps_its_frames(self):
+        result = self.json_of("convert", self.fixture("clip.ftgs.ply"), "a.stgs", "--fps", "60")
+        self.assertEqual((result["input_format"], result["frames"], result["primitives"]),
+                         ("FTGS PLY", 61, 9))
+        self.assertAlmostEqual(self.json_of("info", "a.stgs")["fps"], 60)
+        self.fails(1, "states its number of frames .61.", "convert", self.fixture("clip.ftgs.ply"),
+                   "b.stgs", "--frames", "10")
+        with open(self.fixture("clip.ftgs.ply"), "rb") as file:
+            data = file.read()
+        self.fails(3, "cut.ply", "convert", self.write("cut.ply", data[:-1]), "b.stgs")
+
+
+class ConvertingToUsd(CliTest):
+    def test_a_clip_has_samples_and_a_single_time_has_none(self):
+        result = self.json_of("convert", self.fixture("tiny.stgs"), "clip.usda")
+        self.assertEqual((result["output_format"], result["frames"], result["time_s"]),
+                         ("USD", 6, None))
+        self.assertIsNone(result["errors"])
+        self.assertTrue(any("the start camera" in note for note in result["notes"]))
+        with open(self.path("clip.usda")) as file:
+            text = file.read()
+        self.assertTrue(text.startswith("#usda 1.0\n"))
+        self.assertIn("endTimeCode = 5", text)
+        self.assertIn("opacities.timeSamples", text)
+        self.assertEqual(text.count("{"), text.count("}"))
+        still = self.json_of("convert", self.fixture("tiny.stgs"), "still.usda", "--time", "0.1")
+        self.assertEqual(still["time_s"], 0.1)
+        with open(self.path("still.usda")) as file:
+            self.assertNotIn("timeSamples", file.read())
+        self.fails(5, "cannot read USD, only write it", "convert", "clip.usda", "a.stgs")
+        self.fails(1, "--quality applies to .stgs", "convert", self.fixture("tiny.stgs"), "a.usda",
+                   "--quality", "80")

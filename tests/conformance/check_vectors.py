@@ -82,7 +82,7 @@ def program_results(program, paths, limits):
     run = subprocess.run([program, *arguments, *paths], capture_output=True, text=True, check=False)
     if run.returncode != 0:
         sys.exit(f"{program} exited with {run.returncode}: {run.stderr.strip()}")
-    blocks = {}
+    blocks, lines = {}, []
     for line in run.stdout.splitlines():
         if line.startswith("  "):
             lines.append(line.strip())

@@ -13,6 +13,7 @@ import sys
 
 from expected_floats import expected_floats, is_outside
 from vector_list import VECTORS
+from vectors_broken_groups import broken_groups
 from vectors_broken_head import broken_head
 from vectors_broken_index import broken_index
 from vectors_broken_records import broken_records
@@ -28,7 +29,7 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "../../spec/reference_decoder"))
 
 for make in (valid_container, valid_index, valid_records, valid_streams, valid_growing, damaged_growing,
-             damage, broken_head, broken_index, broken_records, broken_streams):
+             damage, broken_head, broken_index, broken_records, broken_groups, broken_streams):
     make()
 
 

@@ -8,6 +8,7 @@ usage: mutate.py [--workers N] [--only TEXT] [--every N]
 Prints the share of mutants that are found and the others; those that change nothing (equivalent.txt) do not
 count. Exit code 1: less than 97 %, or a line of equivalent.txt that names no mutant that survives.
 """
+import fractions  # noqa: F401  imported here, so that each process need not
 import hashlib
 import importlib.util
 import json
@@ -20,9 +21,6 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 DECODER = os.path.join(HERE, "../../spec/reference_decoder")
 sys.dont_write_bytecode = True
 sys.path.insert(0, DECODER)
-
-import dataclasses  # noqa: E402,F401  imported here, so that each process need not
-import fractions  # noqa: E402,F401
 
 from mutants import mutants  # noqa: E402
 
@@ -88,7 +86,7 @@ def finder(module, source, vectors, sources):
         return i
 
 
-def run(found, vectors, workers):
+def run(found, vectors, workers, known):
     """Returns the keys of the surviving mutants, and prints them. The vectors that found other mutants of a module
     are tried first."""
     left, running, survivors = list(reversed(found)), {}, []
@@ -114,7 +112,7 @@ def run(found, vectors, workers):
             name = pipe.read()
         if name == "\n":
             survivors.append(key)
-            print("survives:", key, flush=True)
+            print("survives:" if key not in known else "survives, equivalent:", key, flush=True)
         scores[module][name.strip()] = scores[module].get(name.strip(), 0) + 1
     return survivors
 
@@ -147,7 +145,7 @@ def main(arguments):
     vectors = load_vectors()
     found = [m for m in mutants(DECODER) if only in m[0]][::every]
     known = equivalents()
-    survivors = run(found, vectors, workers)
+    survivors = run(found, vectors, workers, known)
     counted = [m[0] for m in found if m[0] not in known]
     missed = [key for key in survivors if key not in known]
     wrong = [] if only or every > 1 else sorted(set(known) - set(survivors))

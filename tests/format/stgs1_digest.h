@@ -106,7 +106,7 @@ inline std::string scene_digest(const Scene& scene) {
   for (const std::uint32_t v : {camera.width, camera.height}) out.u32(v);
   for (const std::string* v : {&m.generator, &m.title, &m.audio}) out.string(*v);
   out.f64(m.audio_begin);
-  for (const std::uint8_t v : {m.kernel, m.colour, m.sh_convention}) out.u8(v);
+  for (const std::uint8_t v : {m.kernel, std::uint8_t{0}, m.sh_convention}) out.u8(v);
   const CaptureWindow window = m.window.value_or(CaptureWindow{});
   for (const std::uint32_t v : {window.first_frame, window.capture_frames}) out.u32(v);
   for (const std::uint64_t v : {window.capture, window.training}) out.u64(v);

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// PLY, binary and ASCII, and PlayCanvas' packed PLY.
+// PLY, binary and ASCII, PlayCanvas' packed PLY, and .ftgs.ply.
 #include <string>
 #include <string_view>
 
+#include "../fixtures/ftgs_fixture.h"
 #include "imported.h"
+#include "stgs/format/timed_formats.h"
 
 using namespace stgs;
 using namespace stgs::fuzz;
@@ -38,7 +40,8 @@ Bytes packed_ply(std::size_t vertices) {
 }
 
 std::vector<Bytes> seeds() {
-  std::vector<Bytes> out = {packed_ply(3), packed_ply(257)};
+  std::vector<Bytes> out = {packed_ply(3), packed_ply(257),
+                            to_bytes(testing::ftgs_file(3).bytes())};
   for (const int degree : {0, 3}) {
     auto bytes = write_ply(testing::random_scene(3, degree, 1, 5).gaussians);
     require(bytes.ok(), "seeds can be written");
@@ -85,5 +88,7 @@ const Target stgs::fuzz::kTarget{"ply", seeds, nullptr, nullptr, units, memory};
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   ConversionNotes notes;
   check_import(read_ply(*memory_source(Bytes(data, data + size), "input"), kImportLimits, &notes));
+  check_import(
+      read_ftgs_ply(*memory_source(Bytes(data, data + size), "input"), {}, kImportLimits, &notes));
   return 0;
 }

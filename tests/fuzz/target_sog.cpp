@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// SOG bundles: a zip archive of JSON and lossless WebP images, read from a path.
-#include "../fixtures/sog_fixture.h"
+// Bundles of SOG, .sogst and .tsog: a zip archive of JSON and lossless WebP images, read from a
+// path.
+#include "../fixtures/sogst_fixture.h"
 #include "../fixtures/temporary_folder.h"
 
 #include <zlib.h>
@@ -8,6 +9,7 @@
 #include <cstring>
 
 #include "imported.h"
+#include "stgs/format/timed_formats.h"
 
 using namespace stgs;
 using namespace stgs::fuzz;
@@ -47,7 +49,9 @@ Bytes bundle(const testing::SogModel& model) {
 std::vector<Bytes> seeds() {
   testing::SogModel small = testing::random_sog(3, 0, 1, 2);
   const testing::SogModel with_sh = testing::random_sog(9, 1, 2, 3);
-  return {bundle(small), bundle(with_sh)};
+  return {bundle(small), bundle(with_sh), bundle(testing::random_sogst(3, 0, 2, 3, 1, 2)),
+          bundle(testing::streamed(testing::random_sogst(9, 1, 1, 4))),
+          bundle(testing::continuous_tsog(3, 0, 2, 5))};
 }
 
 std::uint32_t get_u32(View bytes, std::size_t at) {
@@ -110,5 +114,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       .write(reinterpret_cast<const char*>(data), static_cast<std::streamsize>(size));
   ConversionNotes notes;
   check_import(read_sog(input_path(), kImportLimits, &notes));
+  CurveReport report;
+  check_import(read_sogst(input_path(), {}, kImportLimits, &report, &notes));
+  require(report.opacity_max >= 0 && report.opacity_max <= 1, "the report is in range");
+  check_import(read_tsog(input_path(), {}, kImportLimits, &notes));
   return 0;
 }

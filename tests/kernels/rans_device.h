@@ -70,7 +70,7 @@ struct DeviceGroup {
     group.tables = table_numbers.data();
     group.symbols = symbols.data();
     group.damaged = damaged.data();
-    group.primitives = static_cast<std::uint32_t>(n);
+    group.count = static_cast<std::uint32_t>(n);
     group.planes = static_cast<std::uint32_t>(tables.size());
   }
 
@@ -90,7 +90,7 @@ class DeviceDecoder {
     std::vector<std::uint32_t> sizes;
     for (const DeviceGroup& g : groups) {
       all.push_back(g.group);
-      sizes.push_back(g.group.primitives);
+      sizes.push_back(g.group.count);
     }
     const auto work = player::cuda::rans_work(sizes);
     groups_ = DeviceValues<player::cuda::RansGroup>(all);

@@ -191,6 +191,21 @@ TEST_CASE("quantised scenes match the CPU renderer") {
   check_matches_cpu(*timeline, 1.3, {make_view(320, 180)}, *device);
 }
 
+TEST_CASE("scenes in other colour encodings match the CPU renderer") {
+  const auto device = device_renderer();
+  for (const auto& [primaries, transfer] : {std::pair{9, 1}, {12, 13}, {1, 8}}) {
+    Scene scene = random_scene(2000, 1, kFrames, 32);
+    scene.metadata.primaries = static_cast<std::uint8_t>(primaries);
+    scene.metadata.transfer = static_cast<std::uint8_t>(transfer);
+    auto bytes = encode_scene(scene, {});
+    check(bytes.status());
+    auto reader = SceneReader::open(memory_source(std::move(*bytes)));
+    check(reader.status());
+    const auto timeline = Timeline::from_reader(std::move(*reader));
+    check_matches_cpu(*timeline, 1.3, {make_view(160, 90)}, *device);
+  }
+}
+
 TEST_CASE("a large frame of many primitives matches the CPU renderer", "[large]") {
   const auto device = device_renderer();
   const auto timeline = make_timeline(random_scene(400000, 3, kFrames, 41), 0.5);

@@ -4,6 +4,7 @@
 
 #include "catch.h"
 #include "stgs/format/math/blend.h"
+#include "stgs/format/math/colour.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/project.h"
 #include "stgs/format/math/screen_splat.h"
@@ -16,6 +17,28 @@ TEST_CASE("visibility is 1 within the radius and falls as a Gaussian beyond it")
   CHECK(visibility(-5.0f, 2.0f, 5.0f) == 1.0f);
   CHECK(visibility(7.0f, 2.0f, 5.0f) == Approx(std::exp(-1.0f)));
   CHECK(visibility(-9.0f, 2.0f, 5.0f) == Approx(std::exp(-4.0f)));
+}
+
+TEST_CASE("colours of other encodings are converted to sRGB, and sRGB itself is unchanged") {
+  const auto shown = [](Vec3 c, int primaries, int transfer) {
+    return displayed(c, colour_encoding(primaries, transfer));
+  };
+  CHECK(colour_encoding(kPrimariesBt709, kTransferSrgb) == 0);
+  CHECK(colour_encoding(99, kTransferSrgb) == 0);
+  const Vec3 same = shown({-0.5f, 0.3f, 1.7f}, kPrimariesBt709, kTransferSrgb);
+  CHECK((same.x == -0.5f && same.y == 0.3f && same.z == 1.7f));
+  for (const int primaries : {kPrimariesBt709, kPrimariesBt2020, kPrimariesP3}) {
+    const Vec3 white = shown({1.0f, 1.0f, 1.0f}, primaries, kTransferSrgb);
+    CHECK(white.x == Approx(1.0f).margin(1e-4));
+    CHECK(white.z == Approx(1.0f).margin(1e-4));
+    const Vec3 grey = shown({0.5f, 0.5f, 0.5f}, primaries, kTransferBt709);
+    CHECK(grey.y == Approx(0.5466f).margin(1e-3));
+  }
+  CHECK(shown({0.2140f, 0.2140f, 0.2140f}, kPrimariesBt709, kTransferLinear).x ==
+        Approx(0.5f).margin(1e-3));
+  // The green of Display P3 is outside BT.709: red and blue are clipped.
+  const Vec3 green = shown({0.0f, 1.0f, 0.0f}, kPrimariesP3, kTransferSrgb);
+  CHECK((green.x == 0.0f && green.y == 1.0f && green.z == 0.0f));
 }
 
 TEST_CASE("the support ends where the opacity reaches the threshold") {

@@ -31,9 +31,10 @@ TEST_CASE(
   for (std::size_t device = 0; device < vulkan->devices().size(); ++device) {
     INFO("device: " << vulkan->devices()[device]);
     std::vector<ParityResult> results(inputs.size());
-    REQUIRE(vulkan->run(device, kSpirv, std::as_bytes(std::span(inputs)),
-                        std::as_writable_bytes(std::span(results)),
-                        (kPrimitives + kGroupSize - 1) / kGroupSize) == "");
+    const ComputeBuffer buffers[] = {{std::as_bytes(std::span(inputs)), {}},
+                                     {{}, std::as_writable_bytes(std::span(results))}};
+    REQUIRE(vulkan->run(device, kSpirv, buffers, (kPrimitives + kGroupSize - 1) / kGroupSize) ==
+            "");
     const std::vector<ParityRow> rows = compare_parity(inputs, results);
     std::printf("GLSL on %s against C++, %zu primitives\n%s", vulkan->devices()[device].c_str(),
                 kPrimitives, parity_table(rows).c_str());

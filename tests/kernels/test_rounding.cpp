@@ -100,14 +100,20 @@ TEST_CASE("steps out of range are rejected, also in a file") {
     CHECK(encode_scene(changed, {}).status().code() == StatusCode::kUsage);
   }
   // The record of the file with every byte changed in turn, and valid checksums.
-  const std::vector<std::uint8_t> payload = write_quantisation(*scene.quantisation);
+  const auto parsed_from = [](const std::vector<std::uint8_t>& record) {
+    FileHead head;
+    Findings findings;
+    parse_steps(record, 0, head, findings);
+    return head.quantisation;
+  };
+  const std::vector<std::uint8_t> payload = write_steps(*scene.quantisation);
   for (std::size_t at = 0; at < payload.size(); ++at) {
     std::vector<std::uint8_t> changed = payload;
     changed[at] ^= 0x55;
-    const std::optional<Quantisation> parsed = parse_quantisation(changed);
+    const std::optional<Quantisation> parsed = parsed_from(changed);
     CHECK((!parsed || is_valid(*parsed)));
     changed.resize(at);
-    CHECK_FALSE(parse_quantisation(changed));
+    CHECK_FALSE(parsed_from(changed));
   }
 }
 

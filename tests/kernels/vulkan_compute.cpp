@@ -3,8 +3,9 @@
 
 #include <fmt/format.h>
 
-#include <array>
+#include <algorithm>
 #include <cstring>
+#include <deque>
 
 #include "vulkan_host/host_device.h"
 
@@ -13,10 +14,6 @@ namespace {
 
 using tools::structure;
 using tools::vk_status;
-
-constexpr std::array<VkDescriptorSetLayoutBinding, 2> kBindings{
-    {{0, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, nullptr},
-     {1, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, nullptr}}};
 
 // The objects of one run; the device must outlive it.
 class Run {
@@ -30,23 +27,28 @@ class Run {
     vkDestroyPipelineLayout(device_.device, layout_, nullptr);
   }
 
-  Status make_pipeline(std::span<const std::uint32_t> spirv);
-  // Creates the buffer of a binding. `bytes`: as the shader sees it.
-  Status make_buffer(std::size_t binding, std::size_t bytes);
-  std::uint8_t* data(std::size_t binding) const { return buffers_[binding].data(); }
+  Status make_pipeline(std::span<const std::uint32_t> spirv, std::size_t bindings);
+  // Creates and fills the buffer of the next binding.
+  Status make_buffer(const ComputeBuffer& contents);
+  const std::uint8_t* data(std::size_t binding) const { return buffers_[binding].data(); }
   Status submit(std::uint32_t groups);
 
  private:
   const tools::DeviceHandles& device_;
-  tools::MappedBuffer buffers_[kBindings.size()];
+  std::vector<VkDescriptorSetLayoutBinding> bindings_;
+  std::deque<tools::MappedBuffer> buffers_;
   tools::DescriptorSet set_;
   VkPipelineLayout layout_ = VK_NULL_HANDLE;
   VkShaderModule shader_ = VK_NULL_HANDLE;
   VkPipeline pipeline_ = VK_NULL_HANDLE;
 };
 
-Status Run::make_pipeline(std::span<const std::uint32_t> spirv) {
-  STGS_TRY(set_.create(device_.device, kBindings));
+Status Run::make_pipeline(std::span<const std::uint32_t> spirv, std::size_t bindings) {
+  for (std::uint32_t i = 0; i < bindings; ++i) {
+    bindings_.push_back(
+        {i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, nullptr});
+  }
+  STGS_TRY(set_.create(device_.device, bindings_));
   STGS_TRY(tools::make_pipeline_layout(device_.device, set_, {}, &layout_));
   STGS_ASSIGN(shader_, tools::make_shader(device_.device, spirv));
   auto info =
@@ -58,11 +60,16 @@ Status Run::make_pipeline(std::span<const std::uint32_t> spirv) {
       "creating a pipeline");
 }
 
-Status Run::make_buffer(std::size_t binding, std::size_t bytes) {
-  tools::MappedBuffer& buffer = buffers_[binding];
+Status Run::make_buffer(const ComputeBuffer& contents) {
+  const std::size_t bytes =
+      std::max({sizeof(std::uint32_t), contents.input.size(), contents.output.size()});
+  tools::MappedBuffer& buffer = buffers_.emplace_back();
   STGS_TRY(buffer.ensure(device_, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, bytes));
+  std::memset(buffer.data(), 0, bytes);
+  if (!contents.input.empty())
+    std::memcpy(buffer.data(), contents.input.data(), contents.input.size());
   const VkDescriptorBufferInfo range{buffer.handle(), 0, bytes};
-  set_.write(kBindings[binding], nullptr, &range);
+  set_.write(bindings_[buffers_.size() - 1], nullptr, &range);
   return {};
 }
 
@@ -81,14 +88,15 @@ Status Run::submit(std::uint32_t groups) {
 }
 
 Status run_on(const tools::DeviceHandles& device, std::span<const std::uint32_t> spirv,
-              std::span<const std::byte> input, std::span<std::byte> output, std::uint32_t groups) {
+              std::span<const ComputeBuffer> buffers, std::uint32_t groups) {
   Run run(device);
-  STGS_TRY(run.make_pipeline(spirv));
-  STGS_TRY(run.make_buffer(0, input.size()));
-  STGS_TRY(run.make_buffer(1, output.size()));
-  std::memcpy(run.data(0), input.data(), input.size());
+  STGS_TRY(run.make_pipeline(spirv, buffers.size()));
+  for (const ComputeBuffer& buffer : buffers) STGS_TRY(run.make_buffer(buffer));
   STGS_TRY(run.submit(groups));
-  std::memcpy(output.data(), run.data(1), output.size());
+  for (std::size_t i = 0; i < buffers.size(); ++i) {
+    if (!buffers[i].output.empty())
+      std::memcpy(buffers[i].output.data(), run.data(i), buffers[i].output.size());
+  }
   return {};
 }
 
@@ -166,10 +174,9 @@ const std::vector<std::string>& VulkanCompute::messages() const {
 }
 
 std::string VulkanCompute::run(std::size_t index, std::span<const std::uint32_t> spirv,
-                               std::span<const std::byte> input, std::span<std::byte> output,
-                               std::uint32_t groups) {
+                               std::span<const ComputeBuffer> buffers, std::uint32_t groups) {
   Status status = state_->host.open(state_->devices[index]);
-  if (status.ok()) status = run_on(state_->host.device(), spirv, input, output, groups);
+  if (status.ok()) status = run_on(state_->host.device(), spirv, buffers, groups);
   state_->host.close();
   return status.message();
 }

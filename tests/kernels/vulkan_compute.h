@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A minimal headless Vulkan host that runs one compute shader over two storage buffers.
+// A minimal headless Vulkan host that runs one compute shader over storage buffers.
 #ifndef STGS_TESTS_VULKAN_COMPUTE_H
 #define STGS_TESTS_VULKAN_COMPUTE_H
 
@@ -10,6 +10,12 @@
 #include <vector>
 
 namespace stgs::test {
+
+// A storage buffer as large as the longer of the two, at least 4 bytes.
+struct ComputeBuffer {
+  std::span<const std::byte> input;  // its first bytes; the others are 0
+  std::span<std::byte> output;       // receives its first bytes afterwards
+};
 
 class VulkanCompute {
  public:
@@ -29,11 +35,10 @@ class VulkanCompute {
   // Returns the warnings and errors that the validation layer has reported.
   const std::vector<std::string>& messages() const;
 
-  // Runs `spirv` (entry point main, storage buffers at bindings 0 and 1 of set 0) once on
-  // device `index` and copies binding 1 back into `output`. Returns an error message or "".
+  // Runs `spirv` (entry point main, storage buffers at the first bindings of set 0) once on device
+  // `index`. Returns an error message or "".
   std::string run(std::size_t index, std::span<const std::uint32_t> spirv,
-                  std::span<const std::byte> input, std::span<std::byte> output,
-                  std::uint32_t groups);
+                  std::span<const ComputeBuffer> buffers, std::uint32_t groups);
 
  private:
   struct State;

@@ -139,14 +139,16 @@ class Convert final : public Command {
     return {
         "convert", "Convert from and to other Gaussian-splat formats",
         "Reads .stgs, .4dgs, 3DGS PLY (also PlayCanvas packed PLY), SPZ 2 to 4, SOG 2 (a bundle\n"
-        "or a folder of models), .splatv, and a folder of PLY frames; the content selects the\n"
-        "format. Splats that are static or move linearly over the frames become one primitive.\n"
-        "Writes, by the extension of OUT, .stgs or .4dgs, or a single time as .ply, .spz\n"
-        "(version 4) or .glb (glTF with KHR_gaussian_splatting). Converts the axes to those of\n"
-        "the target. Reads the output back, except .glb, and reports the errors. Warns on\n"
-        "standard error of data that is lost.",
+        "or a folder of models), .sogst, .tsog, .ftgs.ply, .splatv, and a folder of PLY frames;\n"
+        "the content selects the format. Splats that are static or move linearly over the frames\n"
+        "become one primitive; curved paths of a .sogst become several. Writes, by the extension\n"
+        "of OUT, .stgs, .4dgs, USD as text (.usda), or a single time as .ply, .spz (version 4)\n"
+        "or .glb (glTF with KHR_gaussian_splatting). Converts the axes to those of the target.\n"
+        "Reads the output back, except .glb and .usda, and reports the errors. Warns on standard\n"
+        "error of data that is lost.",
         "  stgs convert scene.stgs frame.ply --time 1.5\n"
         "  stgs convert scene.stgs frame.spz --time 1.5\n"
+        "  stgs convert scene.stgs scene.usda\n"
         "  stgs convert splats.ply splats.stgs --quality 85\n"
         "  stgs convert frames/ clip.stgs --fps 30\n"
         "  stgs convert clip.4dgs clip.stgs --quality 85"};
@@ -262,7 +264,7 @@ class Convert final : public Command {
           "{} of {} primitives are dropped: not visible at that time (opacity below 1/255)",
           work.primitives_in - visible, work.primitives_in));
     }
-    if (work.to == nullptr || work.to->write_scene != nullptr) return;
+    if (work.to == nullptr || work.to->write_scene != nullptr) return;  // adds its own notes
     const SceneMetadata& m = work.scene.metadata;
     std::string lost;
     const auto lose = [&lost](const char* item) {
@@ -293,7 +295,7 @@ class Convert final : public Command {
         return Status(bytes.status().code(),
                       fmt::format("{}: {}", output_, bytes.status().message()));
       }
-      if (work.to->write_scene != nullptr) reorder(work.scene, order);
+      if (work.to->read_back != nullptr) reorder(work.scene, order);
       return bytes;
     }
     if (work.from != nullptr) work.scene.metadata.generator = "stgs " STGS_VERSION;

@@ -28,44 +28,60 @@ Json to_json(const SplatvReport& r) {
           {"rotation_max", r.rotation_max}};
 }
 
+Json to_json(const CurveReport& r) {
+  return {{"curved", r.curved},
+          {"divided", r.divided},
+          {"pieces", r.pieces},
+          {"above_bound", r.above_bound},
+          {"position_max", r.position_max},
+          {"position_relative_max", r.position_relative_max},
+          {"opacity_max", r.opacity_max}};
+}
+
 }  // namespace
 
 void ImportOptions::declare(Arguments& app) {
   const char* group = "Animated formats";
   app.add_option(
          "--fps", fps_,
-         "Frame rate of a folder of PLY frames, of a .splatv or of a .4dgs (default: 30, or\n"
-         "for a .4dgs the rate that it states)")
+         "Frame rate of a folder of PLY frames, a .splatv, a .4dgs, a .ftgs.ply, or a .tsog\n"
+         "that does not state it (default: 30, or for a .4dgs the rate that it states)")
       ->check(number_between(0.001, 1000))
       ->group(group);
   app.add_option("--frames", frames_,
-                 "Number of frames of a .splatv, which does not store it (default: 50)")
+                 "Number of frames of a .splatv, which does not store it (default: 50), or of a\n"
+                 ".ftgs.ply or .tsog that does not state it (default: 300)")
       ->check(number_between(1, 1'000'000))
       ->group(group);
   app.add_option(
          "--tolerance", tolerance_,
          "For a folder of PLY frames and a .4dgs with keyframes: how much a splat may change\n"
          "between frames and remain one primitive, in multiples of 0.02 of its size and 1/255\n"
-         "of colour and opacity (default: 1)")
+         "of colour and opacity. For a .sogst: how far a line may be from a curved path, in\n"
+         "multiples of 0.1 of the splat's size and 0.02 of opacity (default: 1)")
       ->check(number_between(0, 1000))
       ->group(group);
 }
 
 Status ImportOptions::check(const std::string& path, const InterchangeFormat* format) const {
-  const bool sequence = format != nullptr && format->settings_kind == InterchangeFormat::kSequence;
-  const bool splatv = format != nullptr && format->settings_kind == InterchangeFormat::kSplatv;
-  const bool fourdgs = format != nullptr && format->settings_kind == InterchangeFormat::kFourdgs;
+  using Kind = InterchangeFormat::SettingsKind;
+  const Kind kind = format == nullptr ? Kind::kNone : format->settings_kind;
   const char* name = format == nullptr ? "STGS" : format->name;
-  if (fps_ && !sequence && !splatv && !fourdgs) {
-    return usage_error("{}: --fps applies to a folder of PLY frames, .splatv and .4dgs, not to {}",
-                       path, name);
+  if (fps_ && kind != Kind::kSequence && kind != Kind::kSplatv && kind != Kind::kFourdgs &&
+      kind != Kind::kClip) {
+    return usage_error(
+        "{}: --fps applies to a folder of PLY frames, .splatv, .4dgs, .tsog and .ftgs.ply, not to "
+        "{}",
+        path, name);
   }
-  if (frames_ && !splatv) {
-    return usage_error("{}: --frames applies to .splatv, not to {}", path, name);
+  if (frames_ && kind != Kind::kSplatv && kind != Kind::kClip) {
+    return usage_error("{}: --frames applies to .splatv, .tsog and .ftgs.ply, not to {}", path,
+                       name);
   }
-  if (tolerance_ && !sequence && !fourdgs) {
-    return usage_error("{}: --tolerance applies to a folder of PLY frames and to .4dgs, not to {}",
-                       path, name);
+  if (tolerance_ && kind != Kind::kSequence && kind != Kind::kFourdgs && kind != Kind::kCurves) {
+    return usage_error(
+        "{}: --tolerance applies to a folder of PLY frames, .4dgs and .sogst, not to {}", path,
+        name);
   }
   return {};
 }
@@ -75,20 +91,25 @@ ImportSettings ImportOptions::settings() const {
   if (fps_) {
     settings.sequence.frame_time = settings.splatv.frame_time = frame_time_of(*fps_);
     settings.fourdgs.frame_time = settings.sequence.frame_time;
+    settings.clip.frame_time = frame_time_of(*fps_);
   }
   if (frames_) settings.splatv.frames = *frames_;
+  settings.clip.frames = frames_;
   const double factor = tolerance_.value_or(1);
   SequenceTolerances& t = settings.sequence.tolerances;
   for (double* value : {&t.position, &t.log_scale, &t.rotation, &t.opacity, &t.colour}) {
     *value *= factor;
   }
   if (tolerance_) settings.fourdgs.tolerances = t;
+  settings.curves.position *= factor;
+  settings.curves.opacity *= factor;
   return settings;
 }
 
 Json import_json(const ImportReport& report) {
   return {{"sequence", report.sequence ? to_json(*report.sequence) : Json(nullptr)},
-          {"splatv", report.splatv ? to_json(*report.splatv) : Json(nullptr)}};
+          {"splatv", report.splatv ? to_json(*report.splatv) : Json(nullptr)},
+          {"curves", report.curves ? to_json(*report.curves) : Json(nullptr)}};
 }
 
 std::string import_text(const ImportReport& report) {

@@ -24,7 +24,7 @@ class ImportOptions {
   std::optional<std::uint32_t> frames_;
 };
 
-// Returns the JSON fields "sequence" and "splatv"; null for other formats.
+// Returns the JSON fields "sequence", "splatv" and "curves"; null for other formats.
 Json import_json(const ImportReport& report);
 // Returns the same as lines of text; "" for other formats.
 std::string import_text(const ImportReport& report);

@@ -29,11 +29,12 @@ const std::vector<KnownExtensions>& foreign_extensions() {
   static const std::vector<KnownExtensions> all = {
       {"'stgs render' writes video", {".mp4", ".y4m"}},
       {"'stgs render' writes images", {".png", ".exr"}},
-      {"'stgs convert' writes other formats of Gaussian splats", {".ply", ".spz", ".glb", ".4dgs"}},
-      {"", {".mov",    ".mkv", ".webm", ".avi",  ".m4v",  ".gif",  ".jpg",    ".jpeg",
-            ".webp",   ".bmp", ".tif",  ".tiff", ".gltf", ".sog",  ".splatv", ".splat",
-            ".ksplat", ".obj", ".fbx",  ".usd",  ".usdz", ".json", ".jsonl",  ".html",
-            ".txt",    ".csv", ".ckpt", ".zip",  ".tar",  ".gz",   ".zst"}},
+      {"'stgs convert' writes other formats of Gaussian splats",
+       {".ply", ".spz", ".glb", ".4dgs", ".usda"}},
+      {"", {".mov",    ".mkv",  ".webm", ".avi",  ".m4v",  ".gif",   ".jpg",   ".jpeg",   ".webp",
+            ".bmp",    ".tif",  ".tiff", ".gltf", ".sog",  ".sogst", ".tsog",  ".splatv", ".splat",
+            ".ksplat", ".obj",  ".fbx",  ".usd",  ".usdz", ".json",  ".jsonl", ".html",   ".txt",
+            ".csv",    ".ckpt", ".zip",  ".tar",  ".gz",   ".zst"}},
   };
   return all;
 }

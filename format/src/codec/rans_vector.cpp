@@ -179,7 +179,7 @@ void decode_planes(PlaneOfBlock* const (&planes)[kCount]) {
   full ? decode_steps<true>(planes) : decode_steps<false>(planes);
 }
 
-// Decodes what is left of a plane.
+// Decodes the rest of a plane.
 void finish_plane(PlaneOfBlock& plane, const RansLookup& lookup) {
   PlaneOfBlock* const one[1] = {&plane};
   decode_planes(one);

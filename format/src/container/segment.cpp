@@ -136,7 +136,8 @@ std::uint64_t plane_memory(const SegmentRecord& record, const LayoutSet& set,
   return bytes;
 }
 
-// Reads what follows the layout (spec 6.5). Returns false if it contradicts itself or the payload.
+// Reads the fields after the layout (spec 6.5). Returns false if it contradicts itself or the
+// payload.
 bool read_units(ByteReader& in, const Layout& layout, int sh_degree, std::uint32_t primitives,
                 SegmentRecord& record) {
   std::uint32_t most = primitives;

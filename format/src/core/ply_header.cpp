@@ -79,7 +79,12 @@ class HeaderParser {
     if (keyword == "format") return format(next_word(rest));
     if (keyword == "element") return element(rest);
     if (keyword == "property") return property(rest);
-    if (keyword.empty() || keyword == "comment" || keyword == "obj_info") return {};
+    if (keyword == "comment") {
+      rest.remove_prefix(std::min(rest.find_first_not_of(" \t"), rest.size()));
+      header_.comments.emplace_back(rest);
+      return {};
+    }
+    if (keyword.empty() || keyword == "obj_info") return {};
     return invalid_file("{}: PLY header, line {}: unknown keyword '{}'", file_, line_number_,
                         keyword);
   }

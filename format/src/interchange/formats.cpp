@@ -14,7 +14,7 @@ namespace {
 
 using Head = std::span<const std::uint8_t>;
 
-constexpr std::size_t kHeadBytes = 64;
+constexpr std::size_t kHeadBytes = 4096;
 
 bool starts_with(Head head, std::string_view magic) {
   return head.size() >= magic.size() &&
@@ -34,6 +34,18 @@ bool is_spz(const std::string&, Head head) {
 bool is_sog(const std::string& path, Head head) {
   return starts_with(head, "PK\x03\x04") || is_sog_folder(path) ||
          (starts_with(head, "{") && file_extension(path) == ".json");
+}
+bool is_sogst(const std::string& path, Head head) {
+  return starts_with(head, "PK\x03\x04") && sog_kind(path) == SogKind::kSogst;
+}
+bool is_tsog(const std::string& path, Head head) {
+  return starts_with(head, "PK\x03\x04") && sog_kind(path) == SogKind::kTsog;
+}
+bool is_ftgs_file(const std::string&, Head head) {
+  return is_ftgs_ply(head);
+}
+bool is_usda(const std::string&, Head head) {
+  return starts_with(head, "#usda");
 }
 bool is_splatv_file(const std::string&, Head head) {
   return is_splatv(head);
@@ -64,6 +76,19 @@ Result<Scene> read_sog_models(const std::string& path, const ImportSettings&,
                               const ReadLimits& limits, ImportReport& report) {
   return read_sog(path, limits, &report.notes);
 }
+Result<Scene> read_sogst_clip(const std::string& path, const ImportSettings& settings,
+                              const ReadLimits& limits, ImportReport& report) {
+  return read_sogst(path, settings.curves, limits, &report.curves.emplace(), &report.notes);
+}
+Result<Scene> read_tsog_clip(const std::string& path, const ImportSettings& settings,
+                             const ReadLimits& limits, ImportReport& report) {
+  return read_tsog(path, settings.clip, limits, &report.notes);
+}
+Result<Scene> read_ftgs_clip(const std::string& path, const ImportSettings& settings,
+                             const ReadLimits& limits, ImportReport& report) {
+  STGS_ASSIGN(const auto source, open_file(path));
+  return read_ftgs_ply(*source, settings.clip, limits, &report.notes);
+}
 Result<Scene> read_splatv_clip(const std::string& path, const ImportSettings& settings,
                                const ReadLimits& limits, ImportReport& report) {
   STGS_ASSIGN(const auto source, open_file(path));
@@ -83,11 +108,19 @@ Result<Scene> read_frames(const std::string& path, const ImportSettings& setting
                            &report.notes);
 }
 
+Result<std::vector<std::uint8_t>> write_usda_scene(const Scene& scene, ConversionNotes* notes,
+                                                   std::vector<std::uint32_t>*) {
+  return write_usda(scene, notes);
+}
+
 using Format = InterchangeFormat;
 constexpr std::array kFormats = {
     Format{"STGS 1", "", is_stgs1_file, read_stgs1, nullptr, nullptr},
+    Format{"FTGS PLY", ".ftgs.ply", is_ftgs_file, nullptr, read_ftgs_clip, nullptr, Format::kClip},
     Format{"PLY", ".ply", is_ply, read_ply, nullptr, write_ply_set},
     Format{"SPZ", ".spz", is_spz, read_spz, nullptr, write_spz_set},
+    Format{"sogst", ".sogst", is_sogst, nullptr, read_sogst_clip, nullptr, Format::kCurves},
+    Format{"tsog", ".tsog", is_tsog, nullptr, read_tsog_clip, nullptr, Format::kClip},
     Format{"SOG", ".sog", is_sog, nullptr, read_sog_models, nullptr},
     Format{"splatv", ".splatv", is_splatv_file, nullptr, read_splatv_clip, nullptr,
            Format::kSplatv},
@@ -95,6 +128,7 @@ constexpr std::array kFormats = {
     Format{"glTF", ".glb", is_gltf, nullptr, nullptr, write_glb_set},
     Format{"4dgs", ".4dgs", is_4dgs_file, nullptr, read_4dgs_clip, nullptr, Format::kFourdgs,
            write_4dgs, read_back_4dgs},
+    Format{"USD", ".usda", is_usda, nullptr, nullptr, nullptr, Format::kNone, write_usda_scene},
 };
 
 }  // namespace

@@ -9,6 +9,7 @@
 #include "interchange/lifespan_fit.h"
 #include "stgs/format/differences.h"
 #include "stgs/format/math/blend.h"
+#include "stgs/format/math/sh.h"
 #include "stgs/format/parallel.h"
 
 namespace stgs::fourdgs {

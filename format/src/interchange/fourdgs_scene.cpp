@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "interchange/import.h"
+#include "stgs/format/math/sh.h"
 #include "stgs/format/text.h"
 
 namespace stgs::fourdgs {

@@ -12,6 +12,14 @@ namespace stgs {
 // Logit of an opacity stored as exactly 1: that of about 1 - 1e-7.
 inline constexpr float kOpaqueLogit = 16.0f;
 
+// Greatest sigma of imported primitives, in units of the clip: the visibility is then constant.
+inline constexpr double kMaxClipSigma = 65504;
+
+// Lifespans that end at a frame have this sigma, ticks, so that successive primitives cross-fade,
+// and end kEdgeWidth earlier: sigma sqrt(ln 255), where even opacity 1 is invisible.
+inline constexpr double kEdgeSigma = 1.0 / 1024;
+inline constexpr double kEdgeWidth = 2.3541 * kEdgeSigma;
+
 // Checks that `count` primitives of this SH degree are within the limits. `name` is for the
 // message.
 Status check_import_size(const std::string& name, std::uint64_t count, int sh_degree,

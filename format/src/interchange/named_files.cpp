@@ -73,7 +73,8 @@ class ZipFiles final : public NamedFiles {
     }
     if (stat.size > max_bytes) return too_large(label(name), stat.size, max_bytes);
     // DEFLATE expands by a factor of at most 1032.
-    if (stat.size / 1032 > stat.comp_size) {
+    const bool is_stored = (stat.valid & ZIP_STAT_COMP_METHOD) && stat.comp_method == ZIP_CM_STORE;
+    if (stat.size / 1032 > stat.comp_size || (is_stored && stat.size != stat.comp_size)) {
       return invalid_file("{}: stated size of {} bytes is impossible for {} compressed bytes",
                           label(name), stat.size, stat.comp_size);
     }

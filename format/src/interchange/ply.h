@@ -11,6 +11,11 @@ namespace stgs {
 // there is none.
 int sh_degree_of(std::uint64_t rest_coefficients);
 
+// Reads the vertices of a 3DGS PLY, with lifespans that are 0. Properties besides those of 3DGS are
+// skipped.
+Result<Gaussians4D> read_ply_vertices(const ByteSource& source, const PlyHeader& header,
+                                      const ReadLimits& limits, ConversionNotes* notes);
+
 // Returns whether the header is that of a packed PLY of PlayCanvas.
 bool is_packed_ply(const PlyHeader& header);
 Result<Gaussians4D> read_packed_ply(const ByteSource& source, const PlyHeader& header,

@@ -189,8 +189,19 @@ Result<std::string> ascii_body(const ByteSource& source, const PlyHeader& header
   return body;
 }
 
-Result<Gaussians4D> read_vertices(const ByteSource& source, const PlyHeader& header,
-                                  const ReadLimits& limits, ConversionNotes* notes) {
+}  // namespace
+
+int sh_degree_of(std::uint64_t rest_coefficients) {
+  for (int degree = 0; degree <= 4; ++degree) {
+    if (rest_coefficients + 1 == static_cast<std::uint64_t>((degree + 1) * (degree + 1))) {
+      return degree;
+    }
+  }
+  return -1;
+}
+
+Result<Gaussians4D> read_ply_vertices(const ByteSource& source, const PlyHeader& header,
+                                      const ReadLimits& limits, ConversionNotes* notes) {
   const PlyElement* vertex = header.find("vertex");
   if (vertex == nullptr) return unsupported("{}: PLY without an element 'vertex'", source.name());
   if (vertex->has_lists || !vertex->offset_known) {
@@ -212,24 +223,13 @@ Result<Gaussians4D> read_vertices(const ByteSource& source, const PlyHeader& hea
   return set;
 }
 
-}  // namespace
-
-int sh_degree_of(std::uint64_t rest_coefficients) {
-  for (int degree = 0; degree <= 4; ++degree) {
-    if (rest_coefficients + 1 == static_cast<std::uint64_t>((degree + 1) * (degree + 1))) {
-      return degree;
-    }
-  }
-  return -1;
-}
-
 Result<Scene> read_ply(const ByteSource& source, const ReadLimits& limits, ConversionNotes* notes) {
   STGS_ASSIGN(const PlyHeader header, read_ply_header(source));
   if (is_packed_ply(header)) {
     STGS_ASSIGN(Gaussians4D set, read_packed_ply(source, header, limits));
     return finish_import(std::move(set), notes);
   }
-  STGS_ASSIGN(Gaussians4D set, read_vertices(source, header, limits, notes));
+  STGS_ASSIGN(Gaussians4D set, read_ply_vertices(source, header, limits, notes));
   return finish_import(std::move(set), notes);
 }
 

@@ -19,9 +19,6 @@ constexpr double kMaxOrderedStep = 32;  // in largest standard deviations, for f
 constexpr double kMaxNearbyStep = 4;    // in typical largest standard deviations, otherwise
 constexpr int kMaxRounds = 4;           // of resolving conflicts between splats
 constexpr int kMaxCandidates = 4096;    // runs considered per splat
-// Sigma of the ends of lifespans, frames: successive primitives cross-fade.
-constexpr double kFade = 1.0 / 1024;
-constexpr double kFadeWidth = 2.3541 * kFade;  // sigma sqrt(ln 255): even O = 1 is invisible here
 // Relative rounding error of binary32 positions.
 constexpr double kRounding = 4.0 / (1 << 23);
 // Greatest |Y| of each degree: sqrt((2 l + 1) / (4 pi)).
@@ -359,8 +356,8 @@ Gaussians4D SequenceMatcher::finish(SequenceReport& report) {
   const double clip = frames_;
   for (std::size_t i = 0; i < set_.size(); ++i) {
     const double first = set_.time[i], last = first + double{set_.radius[i]} - 1;
-    double begin = first - 0.5, end = last + 0.5 - kFadeWidth;
-    double sigma = kFade;
+    double begin = first - 0.5, end = last + 0.5 - kEdgeWidth;
+    double sigma = kEdgeSigma;
     if (first == 0 && last == clip - 1) {
       // Same lifespan as set_static_lifespan(), so that a static model is stored as such.
       begin = -clip / 2;

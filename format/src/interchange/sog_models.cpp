@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "stgs/format/interchange_formats.h"
+
 namespace stgs {
 
 Result<std::vector<std::string>> sog_models(const std::string& path) {
@@ -41,6 +43,12 @@ bool is_sog_folder(const std::string& folder) {
   if (!std::filesystem::is_directory(folder, error)) return false;
   return sog_models(folder).ok() ||
          std::filesystem::exists(std::filesystem::path(folder) / "lod-meta.json", error);
+}
+
+SogKind sog_kind_of_extension(const std::string& path) {
+  const std::string extension = file_extension(path);
+  if (extension == ".sogst") return SogKind::kSogst;
+  return extension == ".tsog" ? SogKind::kTsog : SogKind::kSog;
 }
 
 }  // namespace stgs

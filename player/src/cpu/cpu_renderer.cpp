@@ -6,6 +6,7 @@
 #include <new>
 #include <utility>
 
+#include "stgs/format/parallel.h"
 #include "views.h"
 
 namespace stgs::player {
@@ -19,6 +20,22 @@ double lap(Clock::time_point& start) {
   const double ms = std::chrono::duration<double, std::milli>(now - start).count();
   start = now;
   return ms;
+}
+
+// Converts an image in the encoding of its scene to sRGB.
+void to_output(int encoding, Image& colour) {
+  const std::size_t pixels =
+      static_cast<std::size_t>(colour.width) * static_cast<std::size_t>(colour.height);
+  float *red = colour.plane(0), *green = colour.plane(1), *blue = colour.plane(2);
+  parallel_for(std::size_t{0}, static_cast<std::size_t>(colour.height), [&](std::size_t y) {
+    const std::size_t width = pixels / static_cast<std::size_t>(colour.height);
+    for (std::size_t p = y * width; p < (y + 1) * width; ++p) {
+      const math::Vec3 shown = math::displayed({red[p], green[p], blue[p]}, encoding);
+      red[p] = shown.x;
+      green[p] = shown.y;
+      blue[p] = shown.z;
+    }
+  });
 }
 
 class CpuRenderer final : public Renderer {
@@ -36,7 +53,11 @@ class CpuRenderer final : public Renderer {
     for (const auto& one : active.segments) sums.active += one.candidates->size();
     try {
       frames_.resize(views.size());
-      for (std::size_t i = 0; i < views.size(); ++i) draw(active, views[i], frames_[i], sums);
+      const int encoding = encoding_of(timeline.metadata());
+      for (std::size_t i = 0; i < views.size(); ++i) {
+        draw(active, views[i], frames_[i], sums);
+        if (encoding != 0) to_output(encoding, frames_[i].colour);
+      }
     } catch (const std::bad_alloc&) {
       return {StatusCode::kNoMemory,
               fmt::format("{}: cannot render {} s: out of memory", timeline.name(), seconds)};

@@ -6,6 +6,7 @@
 #include "cuda/footprint.cuh"
 #include "cuda/launch.cuh"
 #include "cuda/look_back.cuh"
+#include "stgs/format/math/colour.h"
 #include "stgs/format/math/cuda.cuh"
 #include "stgs/format/math/fovea.h"
 
@@ -105,9 +106,13 @@ __device__ void write_pixel(const Pixel& pixel, int x, int y, const ViewInput& v
   const std::size_t plane = static_cast<std::size_t>(view.width) * view.height;
   float* const to = view.planes + static_cast<std::size_t>(y) * view.width + x;
   const float t = fabsf(pixel.transmittance), alpha = 1.0f - t;
-  to[0] = fmaf(t, view.background.x, pixel.red);
-  to[plane] = fmaf(t, view.background.y, pixel.green);
-  to[2 * plane] = fmaf(t, view.background.z, pixel.blue);
+  const math::Vec3 colour = math::displayed(
+      {fmaf(t, view.background.x, pixel.red), fmaf(t, view.background.y, pixel.green),
+       fmaf(t, view.background.z, pixel.blue)},
+      view.encoding);
+  to[0] = colour.x;
+  to[plane] = colour.y;
+  to[2 * plane] = colour.z;
   to[3 * plane] = alpha;
   to[4 * plane] = alpha > 0.0f ? pixel.depth / alpha : 0.0f;
 }

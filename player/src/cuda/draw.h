@@ -55,6 +55,7 @@ struct ViewInput {
   std::uint32_t first_tile;  // among the frame's tiles; views are contiguous
   math::Vec2 fovea;          // centre, pixels
   float fovea_radius;        // pixels
+  int encoding;              // of the colours (math/colour.h)
   float* planes;             // 3 colours, alpha, depth
 };
 

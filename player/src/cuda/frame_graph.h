@@ -17,8 +17,10 @@ namespace stgs::player::cuda {
 class FrameGraph {
  public:
   // Starts rendering the parts. The previous frame must have completed.
-  Status start(std::span<const View> views, std::span<const Part> parts, int sh_degree,
-               const Grids& grids, const FrameBuffers& buffers, bool as_graph, cudaStream_t stream);
+  // `encoding`: of the colours (math/colour.h).
+  Status start(std::span<const View> views, std::span<const Part> parts, int encoding,
+               int sh_degree, const Grids& grids, const FrameBuffers& buffers, bool as_graph,
+               cudaStream_t stream);
   // Requires, like the following functions, that the stream has been synchronised.
   // Returns the counters of the frame.
   const Counters& counters() const { return *reinterpret_cast<const Counters*>(counters_.data()); }
@@ -54,7 +56,7 @@ class FrameGraph {
 
   void lay_out_images(std::span<const View> views);
   Status ensure_buffers(const Config& config);
-  void fill_input(std::span<const View> views, std::span<const Part> parts);
+  void fill_input(std::span<const View> views, std::span<const Part> parts, int encoding);
   Status capture(const Grids& grids, const FrameBuffers& buffers, cudaStream_t stream);
   // Enqueues all steps, with events between them.
   Status enqueue(const Grids& grids, const FrameBuffers& buffers, Measure measure,

@@ -4,6 +4,7 @@
 #ifndef STGS_PLAYER_SHADERS_FRAME_LAYOUT_H
 #define STGS_PLAYER_SHADERS_FRAME_LAYOUT_H
 
+#include "stgs/format/math/colour.h"
 #include "stgs/format/math/project.h"
 
 #if defined(GL_core_profile)
@@ -94,6 +95,7 @@ struct ViewInput {
   uint first_tile;     // among the frame's tiles, which are those of its views in sequence
   Vec2 fovea;          // centre, pixels
   float fovea_radius;  // pixels
+  int encoding;        // of the colours (math/colour.h)
 };
 
 // The input of a frame; its parts follow it. Each view has all chunks: splat s belongs to view

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Conversion from and to formats of static Gaussian splats: 3DGS PLY, packed PLY, SPZ, SOG, glTF.
+// Conversion from and to formats of static Gaussian splats: 3DGS PLY, packed PLY, SPZ, SOG, glTF;
+// and export to USD.
 //
 // A static set is a Scene of one frame whose primitives have the static lifespan (see below). Axes:
 // .stgs scenes and 3DGS PLY files use OpenCV's (x right, y down, z forward). The axes of another
@@ -82,6 +83,14 @@ Result<std::vector<std::uint8_t>> write_spz(Gaussians4D set, ConversionNotes* no
 // y up, z forward. kUnsupported for a set without primitives, and for one that exceeds the 4 GiB of
 // a .glb.
 Result<std::vector<std::uint8_t>> write_glb(Gaussians4D set);
+
+// Writes a scene as USD text (.usda) with prims of the schema ParticleField3DGaussianSplat (OpenUSD
+// 26.03). Axes: x right, y up, z back. A frame is a time code; primitives are visible and move as
+// time samples describe, which USD interpolates linearly. Static primitives have no samples; those
+// whose opacity changes by at most 1/255 and that move by at most 0.04 of their size are written as
+// static. Opacities with samples have steps of 1e-4, other floats are exact. `notes` receives the
+// greatest errors, and the omissions. kUnsupported if the text would exceed about 4 GiB.
+Result<std::vector<std::uint8_t>> write_usda(const Scene& scene, ConversionNotes* notes = nullptr);
 
 // Differences between a set and the result of writing it and reading it back, per primitive.
 struct ConversionErrors {

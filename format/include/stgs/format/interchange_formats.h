@@ -12,6 +12,7 @@
 #include "stgs/format/interchange.h"
 #include "stgs/format/ply_sequence.h"
 #include "stgs/format/splatv.h"
+#include "stgs/format/timed_formats.h"
 
 namespace stgs {
 
@@ -20,6 +21,8 @@ struct ImportSettings {
   SequenceSettings sequence;
   SplatvSettings splatv;
   FourdgsSettings fourdgs;
+  CurveSettings curves;
+  ClipSettings clip;
 };
 
 // The report of an import.
@@ -28,11 +31,12 @@ struct ImportReport {
   // Set for a PLY sequence and for .4dgs with the temporal model keyframe-delta.
   std::optional<SequenceReport> sequence;
   std::optional<SplatvReport> splatv;  // set for .splatv
+  std::optional<CurveReport> curves;   // set for .sogst
 };
 
 struct InterchangeFormat {
   // The member of ImportSettings that reading uses.
-  enum SettingsKind { kNone, kSequence, kSplatv, kFourdgs };
+  enum SettingsKind { kNone, kSequence, kSplatv, kFourdgs, kCurves, kClip };
 
   const char* name;       // "SPZ"
   const char* extension;  // of file names, lower case, with its dot; "" for folders
@@ -49,7 +53,8 @@ struct InterchangeFormat {
   Result<std::vector<std::uint8_t>> (*write)(const Gaussians4D& set, ConversionNotes* notes);
   SettingsKind settings_kind = kNone;
   // Writes a complete scene; null for formats without time. `order`, unless null, receives for each
-  // primitive of the file its index in the scene, from which some may be omitted.
+  // primitive of the file its index in the scene, from which some may be omitted; only formats with
+  // read_back() set it.
   Result<std::vector<std::uint8_t>> (*write_scene)(const Scene& scene, ConversionNotes* notes,
                                                    std::vector<std::uint32_t>* order) = nullptr;
   // Reads a file of write_scene() for a comparison: in its order, without parts.

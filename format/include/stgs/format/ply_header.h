@@ -39,6 +39,7 @@ struct PlyHeader {
   bool ascii = false;
   std::uint64_t bytes = 0;  // length of the header
   std::vector<PlyElement> elements;
+  std::vector<std::string> comments;  // the text after the keyword
 
   // Returns the element of that name, or null.
   const PlyElement* find(std::string_view element) const;

@@ -16,7 +16,8 @@ namespace stgs::player {
 
 inline constexpr std::size_t kMaxViews = 4;  // per call
 
-// Colour, alpha and depth of one view; channels as in RasterOutput.
+// Colour, alpha and depth of one view; channels as in RasterOutput. Colours are sRGB with the
+// primaries of BT.709: those of a scene with another encoding are converted (spec 4.4).
 struct Frame {
   Image colour, alpha, depth;
 };
@@ -54,7 +55,7 @@ struct RenderProfile {
 // A viewpoint.
 struct View {
   math::PinholeCamera camera;
-  math::Vec3 background{0.0f, 0.0f, 0.0f};  // sRGB-encoded
+  math::Vec3 background{0.0f, 0.0f, 0.0f};  // in the encoding of the scene
   std::optional<Fovea> fovea = {};  // region of full resolution; not set: the complete image
 };
 
