@@ -290,7 +290,22 @@ __global__ void __launch_bounds__(kThreads) map_kernel(const MapJob* jobs, const
   if (!valid) *job.is_invalid = 1;
 }
 
+constexpr unsigned kClearBlocks = 16;  // per range
+
+__global__ void __launch_bounds__(kThreads) clear_kernel(const ClearJob* jobs) {
+  const ClearJob job = jobs[blockIdx.x];
+  const std::uint64_t fours = job.floats / 4;
+  const std::uint64_t first = blockIdx.y * kThreads + threadIdx.x;
+  for (std::uint64_t i = first; i < fours; i += kClearBlocks * kThreads)
+    reinterpret_cast<float4*>(job.to)[i] = make_float4(0.0f, 0.0f, 0.0f, 0.0f);
+  if (first < job.floats % 4) job.to[4 * fours + first] = 0.0f;
+}
+
 }  // namespace
+
+void clear_ranges(const ClearJob* jobs, std::uint32_t count, cudaStream_t stream) {
+  if (count > 0) clear_kernel<<<dim3(count, kClearBlocks), kThreads, 0, stream>>>(jobs);
+}
 
 void sum_differences(const MapJob* jobs, const MapWork* work, std::uint32_t count,
                      const std::uint32_t* summed, std::uint32_t jobs_summed, cudaStream_t stream) {

@@ -63,6 +63,13 @@ constexpr std::uint32_t map_chunks(std::uint32_t values) {
 // `jobs_summed` jobs with indices `summed`.
 void sum_differences(const MapJob* jobs, const MapWork* work, std::uint32_t count,
                      const std::uint32_t* summed, std::uint32_t jobs_summed, cudaStream_t stream);
+// Memory to clear, on the device; 16-byte aligned.
+struct ClearJob {
+  float* to = nullptr;
+  std::uint64_t floats = 0;
+};
+// Starts clearing `count` ranges.
+void clear_ranges(const ClearJob* jobs, std::uint32_t count, cudaStream_t stream);
 // Starts mapping `count` works.
 void map_streams(const MapJob* jobs, const MapWork* work, std::uint32_t count, cudaStream_t stream);
 

@@ -95,9 +95,10 @@ bool is_kept(const CodedStream& stream) {
          stream.attribute == Attribute::kLogScale;
 }
 
-// Memory for a segment, bytes: uploaded, and on the device only.
+// Memory for a segment, bytes: uploaded, and on the device only; and the number of its streams and
+// of the works to map them, at most.
 struct Need {
-  std::size_t upload = 0, scratch = 0;
+  std::size_t upload = 0, scratch = 0, streams = 0, works = 0;
 };
 
 Need need_of(const CodedSegment& segment) {
@@ -111,8 +112,11 @@ Need need_of(const CodedSegment& segment) {
                      sizeof(RansWork) * (group.blocks.size() / kRansWarps + 1);
       need.scratch += aligned(std::size_t{group.symbols} * group.tables.size());
     }
+    need.upload += sizeof(ClearJob);
     for (const CodedStream& stream : record.streams) {
       const std::size_t chunks = map_chunks(stream.symbols);
+      ++need.streams;
+      need.works += chunks * stream.components;
       need.upload += aligned(sizeof(MapPlane) * stream.planes.size()) + sizeof(MapJob) +
                      sizeof(std::uint32_t) + 2 * sizeof(MapWork) * chunks * stream.components +
                      aligned(sizeof(std::uint32_t) * stream.members.size());
@@ -124,7 +128,7 @@ Need need_of(const CodedSegment& segment) {
   return need;
 }
 
-constexpr std::size_t kPlanArrays = 7;  // per plan, each aligned
+constexpr std::size_t kPlanArrays = 8;  // per plan, each aligned
 constexpr int kPhases = 2;              // of mapping
 
 // Returns whether all primitives have all spherical harmonics of the file's degree.
@@ -145,8 +149,12 @@ bool has_sh(const CodedSegment& segment) {
 // Writes the work of several segments to staging memory.
 class SegmentDecoder::Plan {
  public:
-  Plan(Upload upload, std::uint8_t* scratch, const std::uint32_t* tables, std::uint32_t* flags)
-      : upload_(upload), scratch_(scratch), tables_(tables), flags_(flags) {}
+  Plan(Upload upload, std::uint8_t* scratch, const std::uint32_t* tables, std::uint32_t* flags,
+       const Need& need)
+      : upload_(upload), scratch_(scratch), tables_(tables), flags_(flags) {
+    jobs_.reserve(need.streams);
+    work_[0].reserve(need.works);
+  }
 
   void add(const CodedSegment& segment, const DeviceGaussians& to) {
     for (const CodedRecord& record : segment.records) {
@@ -170,8 +178,17 @@ class SegmentDecoder::Plan {
     ++flags_;
   }
 
+  // Clears the SH of a segment that does not have all of them.
+  void clear_sh(const CodedSegment& segment, const DeviceGaussians& to) {
+    const auto coefficients =
+        static_cast<std::uint64_t>((segment.sh_degree + 1) * (segment.sh_degree + 1));
+    clears_.push_back({to.sh, 3 * coefficients * segment.primitives});
+  }
+
   Launch finish() {
     Launch out;
+    out.clears = upload_.add(clears_);
+    out.clear_count = size_of(clears_);
     const std::vector<RansWork> rans = rans_work(group_sizes_);
     out.groups = upload_.add(groups_);
     out.rans = upload_.add(rans);
@@ -218,7 +235,8 @@ class SegmentDecoder::Plan {
 
   const MapPlane* add_planes(const CodedStream& stream, const std::uint8_t* symbols,
                              const std::uint8_t* stored) {
-    std::vector<MapPlane> planes;
+    std::vector<MapPlane>& planes = planes_;
+    planes.clear();
     for (const CodedPlane& plane : stream.planes) {
       switch (plane.source) {
         case CodedPlane::Source::kConstant:
@@ -303,6 +321,8 @@ class SegmentDecoder::Plan {
   std::uint32_t* kept_[3] = {};  // of the segment: sigma, radius and log scales
   std::vector<MapJob> jobs_;
   std::vector<std::uint32_t> summed_;  // indices of jobs with sums
+  std::vector<MapPlane> planes_;       // of the stream being added
+  std::vector<ClearJob> clears_;
   std::vector<MapWork> sum_work_, work_[kPhases];
   std::vector<RansGroup> groups_;
   std::vector<std::uint32_t> group_sizes_;
@@ -317,11 +337,14 @@ Status SegmentDecoder::set_tables(std::span<const RansLookup> tables) {
 
 Status SegmentDecoder::prepare(std::span<const CodedSegment* const> segments,
                                std::span<const DeviceGaussians> to) {
-  Need need{kArrayAlign * kPlanArrays, 0};
+  Need need;
+  need.upload = kArrayAlign * kPlanArrays;
   for (const CodedSegment* segment : segments) {
     const Need one = need_of(*segment);
     need.upload += one.upload;
     need.scratch += one.scratch;
+    need.streams += one.streams;
+    need.works += one.works;
   }
   const std::size_t flag_bytes = sizeof(std::uint32_t) * segments.size();
   STGS_TRY(staging_.ensure(need.upload));
@@ -330,17 +353,13 @@ Status SegmentDecoder::prepare(std::span<const CodedSegment* const> segments,
   STGS_TRY(flags_.ensure(flag_bytes));
   STGS_TRY(host_flags_.ensure(flag_bytes));
   segments_ = segments.size();
-  cleared_.clear();
   Plan plan({staging_.data(), input_.data()}, scratch_.data(),
             reinterpret_cast<const std::uint32_t*>(tables_.data()),
-            reinterpret_cast<std::uint32_t*>(flags_.data()));
+            reinterpret_cast<std::uint32_t*>(flags_.data()), need);
   for (std::size_t k = 0; k < segments.size(); ++k) {
     const CodedSegment& segment = *segments[k];
     plan.add(segment, to[k]);
-    if (has_sh(segment)) continue;
-    const auto coefficients =
-        static_cast<std::size_t>((segment.sh_degree + 1) * (segment.sh_degree + 1));
-    cleared_.push_back({to[k].sh, sizeof(float) * 3 * coefficients * segment.primitives});
+    if (!has_sh(segment)) plan.clear_sh(segment, to[k]);
   }
   launch_ = plan.finish();
   return {};
@@ -349,14 +368,11 @@ Status SegmentDecoder::prepare(std::span<const CodedSegment* const> segments,
 Status SegmentDecoder::launch(cudaStream_t stream) {
   stream_ = stream;
   const std::size_t flag_bytes = sizeof(std::uint32_t) * segments_;
-  for (const Cleared& cleared : cleared_) {
-    STGS_TRY(cuda_status(cudaMemsetAsync(cleared.at, 0, cleared.bytes, stream),
-                         "clearing spherical harmonics"));
-  }
   STGS_TRY(cuda_status(cudaMemsetAsync(flags_.data(), 0, flag_bytes, stream), "clearing flags"));
   STGS_TRY(cuda_status(cudaMemcpyAsync(input_.data(), staging_.data(), launch_.upload,
                                        cudaMemcpyHostToDevice, stream),
                        "uploading segments"));
+  clear_ranges(launch_.clears, launch_.clear_count, stream);
   decode_rans(launch_.groups, launch_.rans, launch_.rans_count, stream);
   sum_differences(launch_.jobs, launch_.sums, launch_.sum_count, launch_.summed,
                   launch_.summed_count, stream);

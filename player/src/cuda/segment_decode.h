@@ -42,25 +42,22 @@ class SegmentDecoder {
  private:
   // The arguments of the kernels, in device memory.
   struct Launch {
+    const ClearJob* clears = nullptr;
     const RansGroup* groups = nullptr;
     const RansWork* rans = nullptr;
     const MapJob* jobs = nullptr;
     const MapWork* sums = nullptr;
     const std::uint32_t* summed = nullptr;  // indices of jobs with sums
     const MapWork* maps[2] = {};            // streams that depend on others come second
-    std::uint32_t rans_count = 0, sum_count = 0, summed_count = 0, map_count[2] = {};
+    std::uint32_t clear_count = 0, rans_count = 0, sum_count = 0, summed_count = 0,
+                  map_count[2] = {};
     std::size_t upload = 0;  // bytes
-  };
-  struct Cleared {
-    float* at = nullptr;
-    std::size_t bytes = 0;
   };
   class Plan;
 
   cudaStream_t stream_ = nullptr;
   std::size_t segments_ = 0;
   Launch launch_;
-  std::vector<Cleared> cleared_;
   DeviceBuffer tables_, input_, scratch_, flags_;
   PinnedBuffer staging_, host_flags_;
 };
