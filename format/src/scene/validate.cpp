@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <set>
 
 #include "codec/values.h"
 #include "container/node.h"
@@ -54,9 +55,10 @@ bool fits_memory(const RecordHeader& record, const FileHead& head, std::uint64_t
 
 // What the records of the body have stated so far.
 struct Body {
-  std::uint32_t frames = 0;     // of the last FRAG record
-  bool has_importance = false;  // IMPO
-  bool after_segments = false;  // of the index
+  std::uint32_t frames = 0;            // of the last FRAG record
+  bool has_importance = false;         // IMPO
+  bool after_segments = false;         // of the index
+  std::set<std::uint64_t> pages = {};  // offsets of those that are linked to, and of their copies
 };
 
 // Checks a FRAG record of a growing file (spec 9.2, 9.3).
@@ -83,14 +85,13 @@ void check_fragment(std::span<const std::uint8_t> payload, const FileHead& head,
   body.frames = now;
 }
 
-// Returns whether a link leads to a PAGE record or its copy.
-bool is_linked_page(const FileHead& head, std::uint64_t at) {
+// Returns the offsets of the PAGE records to which links lead, and of their copies.
+std::set<std::uint64_t> linked_pages(const FileHead& head) {
+  std::set<std::uint64_t> out;
   for (const auto& [record, node] : head.walk.nodes) {
-    for (const NodeLink& link : node.links) {
-      if (link.offset == at || link.copy == at) return true;
-    }
+    for (const NodeLink& link : node.links) out.insert({link.offset, link.copy});
   }
-  return false;
+  return out;
 }
 
 // Checks a record that is not critical, at a place outside of segments.
@@ -140,7 +141,7 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
     }
     const bool intact = check_payload(record, bytes, at + kRecordHeaderBytes, findings);
     if (intact && fragment) check_fragment(bytes, head, at, body, findings);
-    if (page && !is_linked_page(head, at))
+    if (page && body.pages.count(at) == 0)
       findings.warning(N::kUnlistedRecord, at, "PAGE record to which no link leads");
     if (intact && (record.flags & kCritical) == 0)
       check_other(record, bytes, head, at, body, findings);
@@ -156,6 +157,7 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
 void walk_body(const ByteSource& source, FileHead& head, Findings& findings) {
   std::uint64_t at = head.header.head_bytes;
   Body body;
+  body.pages = linked_pages(head);
   for (const IndexEntry* record : records_of(head.index)) {
     if (record->offset < at) {
       findings.error(N::kPlace, record->offset, "records of two segments overlap");
@@ -254,7 +256,7 @@ void check_segments(const ByteSource& source, FileHead& head, Findings& findings
   }
   for (const Layout& layout : head.layouts.layouts) check_layout(layout, findings);
   check_further(source, head, findings);
-  check_index(head, findings);
+  check_index(source, head, findings);
   walk_body(source, head, findings);
   walk_head_records(head, findings);
   check_private_numbers(head, findings);

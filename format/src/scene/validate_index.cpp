@@ -68,6 +68,26 @@ class LinkTimes {
   std::map<std::uint64_t, TickRange> needed_;  // by record
 };
 
+// Checks that the copies of nodes are identical to them (spec 5.2). Damage is reported elsewhere.
+void check_copies(const ByteSource& source, const FileHead& head, Findings& findings) {
+  const std::uint64_t end = std::min(head.header.file_bytes, head.available_bytes);
+  for (const auto& [record, node] : head.walk.nodes) {
+    for (const NodeLink& link : node.links) {
+      if (link.copy == 0 || head.walk.nodes.count(link.offset) == 0) continue;
+      const auto page = complete_record_at(source, link.offset, end);
+      const auto copy = complete_record_at(source, link.copy, end);
+      for (const auto* read : {&page, &copy}) {
+        if (!read->ok()) return findings.failed_read(link.offset, read->status());
+      }
+      if (!*page || !*copy) continue;
+      if ((*page)->tag != (*copy)->tag || (*page)->flags != (*copy)->flags ||
+          (*page)->length != (*copy)->length || (*page)->checksum != (*copy)->checksum) {
+        findings.error(N::kLink, link.copy, "index: the copy of a node differs from it");
+      }
+    }
+  }
+}
+
 // Checks that no two segments have one place, and no two parts one number (spec 5.3).
 void check_places(const FileHead& head, Findings& findings) {
   std::set<std::uint32_t> numbers;
@@ -93,9 +113,10 @@ void check_places(const FileHead& head, Findings& findings) {
 
 }  // namespace
 
-void check_index(const FileHead& head, Findings& findings) {
+void check_index(const ByteSource& source, const FileHead& head, Findings& findings) {
   check_places(head, findings);
   check_repeated(head, findings);
+  check_copies(source, head, findings);
   LinkTimes(head, findings);
   if (head.lost_fragments.empty() && head.listed_primitives != head.index.primitives) {
     findings.error(N::kPrimitiveTotal, kHeaderBytes,
