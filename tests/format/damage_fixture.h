@@ -16,11 +16,13 @@ namespace stgs::testing {
 using Bytes = std::vector<std::uint8_t>;
 
 // Without the copy of its head, so that damage to the head is not repaired.
-inline Bytes small_file(Profile profile, std::size_t n = 40, bool own_layouts = false) {
+inline Bytes small_file(Profile profile, std::size_t n = 40, bool own_layouts = false,
+                        SceneCoder coder = SceneCoder::kRans) {
   WriteSettings settings;
   settings.profile = profile;
   settings.chunk_seconds = 0.5;
   settings.own_layouts = own_layouts;
+  settings.coder = coder;
   auto bytes = encode_scene(random_scene(n, 1, 30, 21), settings);
   REQUIRE(bytes.ok());
   return without_copy(std::move(*bytes));

@@ -182,6 +182,17 @@ TEST_CASE("a damaged node is read from its copy, and without one its times are l
   CHECK(report.any());
 }
 
+TEST_CASE("the validator compares a node with its copy") {
+  Bytes bytes = long_file();
+  const NodeLink link = root_links(bytes)[1];
+  bytes[link.copy + kRecordHeaderBytes + link.bytes - 1] ^= 1;
+  seal_record(bytes, link.copy);
+  const auto reader = SceneReader::open(memory_source(bytes));
+  REQUIRE(reader.ok());
+  CHECK((*reader)->damage().empty());
+  CHECK(issues_of(bytes) == std::set<int>{316});
+}
+
 TEST_CASE("invalid links are reported by number") {
   const Bytes intact = long_file();
   FileHead head = head_of(intact);

@@ -97,11 +97,29 @@ TEST_CASE("a fragment that stays visible is recorded once and lasts as long as s
   }
 }
 
+namespace {
+
+// The bytes of a recording without its FRAG records, which contain copies of the head.
+Bytes without_fragments(const Bytes& bytes) {
+  Bytes out;
+  for (std::size_t at = kHeader; at < bytes.size();) {
+    const std::size_t end = at + kRecord + get<std::uint64_t>(bytes, at + 8);
+    REQUIRE(end <= bytes.size());
+    if (get<std::uint32_t>(bytes, at) != kFragmentTag)
+      out.insert(out.end(), bytes.begin() + static_cast<std::ptrdiff_t>(at),
+                 bytes.begin() + static_cast<std::ptrdiff_t>(end));
+    at = end;
+  }
+  return out;
+}
+
+}  // namespace
+
 TEST_CASE("finalize preserves unknown records") {
   const TemporaryFolder folder;
   const std::string vectors = std::string(STGS_TEST_DATA) + "/../conformance/vectors/";
-  for (const char* name : {"growing_timed_data", "growing_with_further_records",
-                           "growing_with_layouts", "growing_lasting", "growing_eight"}) {
+  for (const char* name : {"growing_further_records", "growing_17", "growing_lasting",
+                           "growing_links", "growing_eight_deep"}) {
     INFO(name);
     const std::string path = vectors + name + ".stgs", finished = folder / "finished.stgs";
     finalize_intact(path, finished);
@@ -127,7 +145,7 @@ TEST_CASE("finalize preserves unknown records") {
       return found;
     };
     for (const char* text : {"SEGM", "PRIV", "POSE", "audio/opus", "LAYT"}) {
-      CHECK(count(without_copy(after), text) == count(before, text));
+      CHECK(count(without_copy(after), text) == count(without_fragments(before), text));
     }
     CHECK(count(after, "FRAG") == 0);
   }

@@ -119,12 +119,12 @@ TEST_CASE("content listed only by a damaged fragment is reported with its times"
   REQUIRE(finalize_scene(memory_source(bytes), folder / "out.stgs", report).ok());
   CHECK(report.lost_fragments == (*reader)->lost_fragments());
   REQUIRE(report.damage.size() == 1);
-  CHECK(report.damage[0].number == 112);
+  CHECK(report.damage[0].number == 313);
   CHECK(issues_of(bytes_of(folder / "out.stgs")).empty());
   DamageReport read;
   REQUIRE(recover_scene(memory_source(bytes), read).ok());
   const auto lines = describe_damage(read, (*reader)->metadata().time_base);
   REQUIRE(lines.size() == 2);
-  CHECK(lines[0].find("issue 112") != std::string::npos);
+  CHECK(lines[0].find("issue 313") != std::string::npos);
   CHECK(lines[1].find("content shown 3.000 to 3.333 s is lost") != std::string::npos);
 }

@@ -104,10 +104,6 @@ bool parse_growing_sizes(std::uint64_t source_bytes, const FileHeader& header, F
   return false;
 }
 
-}  // namespace
-
-namespace {
-
 // Returns whether a file begins as one of format 1.x does, whose header has another checksum.
 bool is_format_1(std::span<const std::uint8_t> bytes) {
   return bytes.size() >= kHeaderBytes && std::equal(kMagic.begin(), kMagic.end(), bytes.begin()) &&
@@ -162,19 +158,13 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
     return false;
   }
   header = *fields;
-  if (header.major == 0) {
-    findings.unsupported(N::kVersion, 8,
-                         "unsupported format version (expected {}.x, got the pre-release version "
-                         "0.{}); create the file again with 'stgs train', 'pack' or 'convert'",
-                         kFormatMajor, header.minor);
-    return false;
-  }
   if (header.major != kFormatMajor) {
+    const bool early = header.major == 0;
     findings.unsupported(
-        N::kVersion, 8,
-        "unsupported format version (expected {}.x, got {}.{}); use a later version "
-        "of this program",
-        kFormatMajor, header.major, header.minor);
+        N::kVersion, 8, "unsupported format version (expected {}.x, got {}{}.{}); {}", kFormatMajor,
+        early ? "the pre-release version " : "", header.major, header.minor,
+        early ? "create the file again with 'stgs train', 'pack' or 'convert'"
+              : "use a later version of this program");
     return false;
   }
   if ((header.flags & kCriticalHeaderFlags & ~kGrowing) != 0) {
