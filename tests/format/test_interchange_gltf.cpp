@@ -110,8 +110,8 @@ TEST_CASE("glTF export writes every attribute, with flipped axes") {
 TEST_CASE("every format has an extension and can be read or written") {
   for (const InterchangeFormat& format : interchange_formats()) {
     CHECK((format.extension[0] == '.' || format.settings_kind == InterchangeFormat::kSequence));
-    CHECK((format.read != nullptr || format.read_path != nullptr || format.write != nullptr));
-    if (format.write != nullptr)
+    CHECK((format.read != nullptr || format.read_path != nullptr || format.is_writable()));
+    if (format.is_writable())
       CHECK(format_for_output(std::string("a") + format.extension) == &format);
   }
   CHECK(format_for_output("A.PLY") != nullptr);

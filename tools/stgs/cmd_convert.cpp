@@ -213,7 +213,8 @@ class Convert final : public Command {
       std::error_code error;
       if (std::filesystem::is_directory(input_, error)) {
         return invalid_file(
-            "{}: this folder has neither PLY frames (00000.ply, 00001.ply, ...) nor a SOG model",
+            "{}: this folder has neither PLY frames (00000.ply, 00001.ply, ...) nor a SOG, .sogst "
+            "or .tsog model",
             input_);
       }
       STGS_ASSIGN(const std::unique_ptr<SceneReader> reader, open_scene(session, input_));
@@ -265,21 +266,7 @@ class Convert final : public Command {
           work.primitives_in - visible, work.primitives_in));
     }
     if (work.to == nullptr || work.to->write_scene != nullptr) return;  // adds its own notes
-    const SceneMetadata& m = work.scene.metadata;
-    std::string lost;
-    const auto lose = [&lost](const char* item) {
-      lost += fmt::format("{}{}", lost.empty() ? "" : ", ", item);
-    };
-    if (m.start_camera) lose("the start camera");
-    if (std::any_of(m.background, m.background + 3, [](float v) { return v != 0.0f; })) {
-      lose("the background colour");
-    }
-    if (!m.title.empty()) lose("the title");
-    if (m.metres_per_unit > 0) lose("the metres per unit");
-    if (std::any_of(m.up, m.up + 3, [](float v) { return v != 0.0f; })) {
-      lose("the up direction and the floor");
-    }
-    if (!m.audio.empty()) lose("the audio location");
+    const std::string lost = list_metadata(work.scene.metadata, "the start camera", true);
     if (!lost.empty())
       work.report.notes.push_back(fmt::format("{} cannot hold {}", work.to->name, lost));
   }

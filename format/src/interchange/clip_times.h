@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "interchange/import.h"
 #include "stgs/format/timed_formats.h"
@@ -38,6 +39,15 @@ inline Result<ClipTimes> clip_times(std::optional<std::uint32_t> frames, std::op
   times.frames = frames ? *frames : settings.frames.value_or(300);
   times.frame_time = fps ? frame_time_of(*fps) : settings.frame_time.value_or(TimeBase{1, 30});
   return times;
+}
+
+// Returns the scene of a clip.
+inline Scene clip_scene(const ClipTimes& times, Gaussians4D set) {
+  Scene scene;
+  scene.metadata.time_base = times.frame_time;
+  scene.metadata.frames = times.frames;
+  scene.gaussians = std::move(set);
+  return scene;
 }
 
 // Makes primitive i visible in one frame of the clip, from half a frame before it to half a frame

@@ -64,8 +64,8 @@ class Scanner {
   Place here(const BodyRecord& record) const { return {out_.file, record.offset}; }
 
   Status truncated() const {
-    return invalid_file("{}: the file is truncated (no footer in its {} bytes)", out_.file,
-                        source_.size());
+    return invalid_file("{}: the file is truncated (no footer in its {} bytes); copy it again",
+                        out_.file, source_.size());
   }
 
   Status check_magic() const {

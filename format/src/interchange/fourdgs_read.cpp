@@ -20,7 +20,7 @@ Result<Scene> read_4dgs(const ByteSource& source, const FourdgsSettings& setting
     return fourdgs::read_keyframes(source, contents, settings, limits, out, notes);
   }
   if (settings.tolerances) {
-    return usage_error("{}: has the temporal model {}, to which tolerances do not apply",
+    return usage_error("{}: has the temporal model {}, to which tolerances do not apply; omit them",
                        source.name(), fourdgs::kBirth);
   }
   std::optional<TimeBase> base = settings.frame_time;

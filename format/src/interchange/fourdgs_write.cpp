@@ -279,15 +279,7 @@ class Writer {
 
 // Notes the metadata that the format cannot hold.
 void note_lost_metadata(const SceneMetadata& m, ConversionNotes* notes) {
-  const auto any = [](const float* v) { return v[0] != 0 || v[1] != 0 || v[2] != 0; };
-  std::string lost;
-  const auto lose = [&lost](const char* item) {
-    lost += fmt::format("{}{}", lost.empty() ? "" : ", ", item);
-  };
-  if (any(m.background)) lose("the background colour");
-  if (any(m.up)) lose("the up direction and the floor");
-  if (!m.audio.empty()) lose("the audio location");
-  if (m.start_camera) lose("the image size and roll of the start camera");
+  const std::string lost = list_metadata(m, "the image size and roll of the start camera", false);
   if (!lost.empty()) note(notes, fmt::format("4dgs cannot hold {}", lost));
 }
 

@@ -155,11 +155,7 @@ Result<Scene> read_ftgs_ply(const ByteSource& source, const ClipSettings& settin
   if (clip.opacity_floor * 255 >= 1) {
     note(notes, fmt::format("primitives fade to opacity 0, not to {:.4g}", clip.opacity_floor));
   }
-  Scene scene;
-  scene.metadata.time_base = times.frame_time;
-  scene.metadata.frames = times.frames;
-  scene.gaussians = std::move(set);
-  return scene;
+  return clip_scene(times, std::move(set));
 }
 
 }  // namespace stgs

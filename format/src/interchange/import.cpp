@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
+#include <vector>
 
 namespace stgs {
 namespace {
@@ -26,6 +28,18 @@ bool is_renderable(const Gaussians4D& set, std::size_t i) {
 }
 
 }  // namespace
+
+std::string list_metadata(const SceneMetadata& metadata, const char* camera, bool described) {
+  const auto is_set = [](const float(&v)[3]) { return v[0] != 0 || v[1] != 0 || v[2] != 0; };
+  std::vector<std::string_view> items;
+  if (metadata.start_camera) items.emplace_back(camera);
+  if (is_set(metadata.background)) items.emplace_back("the background colour");
+  if (described && !metadata.title.empty()) items.emplace_back("the title");
+  if (described && metadata.metres_per_unit > 0) items.emplace_back("the metres per unit");
+  if (is_set(metadata.up)) items.emplace_back("the up direction and the floor");
+  if (!metadata.audio.empty()) items.emplace_back("the audio location");
+  return fmt::format("{}", fmt::join(items, ", "));
+}
 
 Status check_import_size(const std::string& name, std::uint64_t count, int sh_degree,
                          const ReadLimits& limits) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/format/splatv.h"
+#include "stgs/format/math/sh.h"
 
 #include <algorithm>
 #include <array>
@@ -26,7 +27,6 @@ constexpr std::size_t kPixelBytes = 16;  // the records are stored as an image o
 constexpr std::uint32_t kMaxHeaderBytes = 64 << 20;
 constexpr std::size_t kBlockRecords = 1 << 16;
 constexpr int kSamples = 17;  // times at which a path is evaluated
-constexpr double kShDc = 0.28209479177387814;
 
 float half_to_float(std::uint32_t half) {
   const float sign = half & 0x8000 ? -1.0f : 1.0f;
@@ -303,7 +303,7 @@ class Importer {
       set_.position.push_back(static_cast<float>(r.position[c] + line.offset[c]));
       set_.velocity.push_back(static_cast<float>(line.velocity[c] / frames));
       set_.log_scale.push_back(std::log(r.scale[c]));
-      set_.sh.push_back(static_cast<float>((r.rgba[c] / 255.0 - 0.5) / kShDc));
+      set_.sh.push_back(static_cast<float>((r.rgba[c] / 255.0 - 0.5) / math::kSh00));
     }
     for (double v : q) set_.rotation.push_back(static_cast<float>(v));
     set_.opacity_logit.push_back(logit);

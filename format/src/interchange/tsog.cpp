@@ -239,11 +239,7 @@ Result<Scene> read_tsog(const std::string& path, const ClipSettings& settings,
   drop_invalid(set, notes);
   if (meta.audio) note(notes, "the audio track is not converted");
   if (meta.rate != 1) note(notes, fmt::format("the playback rate {} is not converted", meta.rate));
-  Scene scene;
-  scene.metadata.time_base = times.frame_time;
-  scene.metadata.frames = times.frames;
-  scene.gaussians = std::move(set);
-  return scene;
+  return clip_scene(times, std::move(set));
 }
 
 }  // namespace stgs

@@ -258,18 +258,7 @@ void note_losses(const Scene& scene, const UsdaStatistics& statistics, Conversio
     note(notes, fmt::format("dropped {} of {} primitives that are visible only between frames",
                             statistics.between_frames, scene.gaussians.size()));
   }
-  std::string lost;
-  const auto lose = [&lost](const char* item) {
-    lost += fmt::format("{}{}", lost.empty() ? "" : ", ", item);
-  };
-  if (m.start_camera) lose("the start camera");
-  if (std::any_of(m.background, m.background + 3, [](float v) { return v != 0.0f; })) {
-    lose("the background colour");
-  }
-  if (std::any_of(m.up, m.up + 3, [](float v) { return v != 0.0f; })) {
-    lose("the up direction and the floor");
-  }
-  if (!m.audio.empty()) lose("the audio location");
+  const std::string lost = list_metadata(m, "the start camera", false);
   if (!lost.empty()) note(notes, fmt::format("does not contain {}", lost));
 }
 

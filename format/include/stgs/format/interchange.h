@@ -27,6 +27,11 @@ namespace stgs {
 // Changes and omissions of a conversion, one sentence each, for display. Functions append to it.
 using ConversionNotes = std::vector<std::string>;
 
+// Returns the metadata of a scene as a list for a note, such as "the background colour, the audio
+// location"; "" if there is none. `camera`: the name of the start camera in the list. `described`:
+// whether the list includes the title and the metres per unit.
+std::string list_metadata(const SceneMetadata& metadata, const char* camera, bool described);
+
 // Makes primitives static and fully visible over a clip of `frames` ticks: T = frames / 2, u = 0,
 // sigma = 1, r = frames.
 void set_static_lifespan(Gaussians4D& set, std::uint32_t frames = 1);
