@@ -32,7 +32,7 @@ stgs_compile_options(stgs_encoder_sdk)
 target_link_libraries(stgs_encoder_sdk INTERFACE stgs_sdk)
 add_library(stgs_encoder_sdk_static STATIC
   $<TARGET_OBJECTS:stgs_encoder_sdk_objects> ${module_objects})
-set(libraries)
+set(libraries xxhash)
 if(STGS_HAS_PREPARE)
   foreach(module core imgproc imgcodecs videoio video calib3d features2d flann)
     list(APPEND libraries opencv_${module})

@@ -8,12 +8,12 @@
 #version 450
 layout(local_size_x = 32) in;
 
-const uint kLanes = 32u;                            // invocations; lanes of a long block
-const uint kBlock = 8192u;                          // symbols of a plane in a block (7.1)
-const uint kTotal = 4096u;                          // of the frequencies of a table (7.2)
-const uint kLow = 65536u;                           // the least state (7.3)
-const uint kKeys = 1u << 30u;                       // keys are below (8.4)
-const uint kBytes = 0u, kRans = 1u;                 // coders (6.4)
+const uint kLanes = 32u;                             // invocations; lanes of a long block
+const uint kBlock = 8192u;                           // symbols of a plane in a block (7.1)
+const uint kTotal = 4096u;                           // of the frequencies of a table (7.2)
+const uint kLow = 65536u;                            // the least state (7.3)
+const uint kKeys = 1u << 30u;                        // keys are below (8.4)
+const uint kBytes = 0u, kRans = 1u;                  // coders (6.4)
 const uint kZigzag = 1u, kDelta = 2u, kMorton = 3u;  // predictions (8.3)
 
 struct Unit {
@@ -31,17 +31,31 @@ struct Stream {
   uint bits[8];         // of each digit
 };
 
-layout(std430, binding = 0) readonly buffer Bytes { uint bytes[]; };  // four in each, lowest first
+layout(std430, binding = 0) readonly buffer Bytes {
+  uint bytes[];
+};  // four in each, lowest first
 // 4096 entries for each table, by slot (7.2). An entry has slot - start[s] in bits 0 to 11,
 // f[s] - 1 in bits 12 to 23 and the slot's symbol s in bits 24 to 31.
-layout(std430, binding = 1) readonly buffer Lookups { uint lookups[]; };
-layout(std430, binding = 2) readonly buffer Units { Unit units[]; };
-layout(std430, binding = 3) readonly buffer Streams { Stream streams[]; };
-layout(std430, binding = 4) readonly buffer Tables { uint tables[]; };  // by plane, for coder 1
-layout(std430, binding = 5) coherent buffer Integers { uint q[]; };  // two's complement
+layout(std430, binding = 1) readonly buffer Lookups {
+  uint lookups[];
+};
+layout(std430, binding = 2) readonly buffer Units {
+  Unit units[];
+};
+layout(std430, binding = 3) readonly buffer Streams {
+  Stream streams[];
+};
+layout(std430, binding = 4) readonly buffer Tables {
+  uint tables[];
+};  // by plane, for coder 1
+layout(std430, binding = 5) coherent buffer Integers {
+  uint q[];
+};  // two's complement
 // By unit: 0 initially, then the failed checks. 1: sizes or states (6.4, 7.1, 7.3), 2: the end of a
 // block (7.4), 4: keys (8.4). If it is not 0, the record is refused and the integers are arbitrary.
-layout(std430, binding = 6) buffer Damage { uint damage[]; };
+layout(std430, binding = 6) buffer Damage {
+  uint damage[];
+};
 
 uint lane;       // of this invocation
 uint x;          // its state
@@ -51,12 +65,20 @@ uint next, end;  // of the block's words: the offset of the next in `bytes`, and
 shared uint needy[3];
 uint turn = 0u;
 
-uint byte_at(uint i) { return bytes[i / 4u] >> (8u * (i % 4u)) & 255u; }
-uint u16_at(uint i) { return byte_at(i) | byte_at(i + 1u) << 8u; }
-uint u32_at(uint i) { return u16_at(i) | u16_at(i + 2u) << 16u; }
+uint byte_at(uint i) {
+  return bytes[i / 4u] >> (8u * (i % 4u)) & 255u;
+}
+uint u16_at(uint i) {
+  return byte_at(i) | byte_at(i + 1u) << 8u;
+}
+uint u32_at(uint i) {
+  return u16_at(i) | u16_at(i + 2u) << 16u;
+}
 
 // Returns whether a table has one symbol: its planes are constant, and not in the group (7.2).
-bool is_constant(uint table) { return lookups[kTotal * table] / kTotal % kTotal == kTotal - 1u; }
+bool is_constant(uint table) {
+  return lookups[kTotal * table] / kTotal % kTotal == kTotal - 1u;
+}
 
 // Returns the number of planes in the bytes of a unit.
 uint stored_planes(Unit unit) {
@@ -179,8 +201,8 @@ void main() {
   uint n = unit.symbols, planes = stored_planes(unit), blocks = n / kBlock + min(1u, n % kBlock);
   bool coded = unit.coder == kRans && planes > 0u && n > 0u;
   // If not, the unit has a byte for each symbol: none with coder 1.
-  bool fits = planes == 0u ? unit.size == 0u
-                           : coded || unit.size / planes == n && unit.size % planes == 0u;
+  bool fits =
+      planes == 0u ? unit.size == 0u : coded || unit.size / planes == n && unit.size % planes == 0u;
   if (lane < 3u) needy[lane] = 0u;
   barrier();
   for (uint block = 0u; fits && block < blocks; ++block) {

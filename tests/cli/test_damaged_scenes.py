@@ -145,7 +145,7 @@ class DamagedScenes(CliTest):
              self.fixture("newer_major.stgs")),
             (UNSUPPORTED, r"experiment.stgs.*pre-release version 0.6.*create the file again",
              self.fixture("experiment.stgs")),
-            (INVALID, "huge_count.stgs.*4294967295 primitives are too many",
+            (UNSUPPORTED, "huge_count.stgs.*4294967296 primitives exceed the limit of 200000000",
              self.fixture("huge_count.stgs")),
             (INVALID, r"huge_bytes.stgs: .*outside the body", self.fixture("huge_bytes.stgs")),
         ]

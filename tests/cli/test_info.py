@@ -18,7 +18,7 @@ class Info(CliTest):
         size = os.path.getsize(tiny)
         kbps = 8 * size / 0.2 / 1000
         lines = self.lines(tiny)
-        self.assertRegex(lines[0], rf"^{tiny}: STGS 1\.\d+, lossless, \S+ kB \({size} bytes\)$")
+        self.assertRegex(lines[0], rf"^{tiny}: STGS 2\.\d+, lossless, \S+ kB \({size} bytes\)$")
         self.assertRegex(lines[1], rf"^  duration +0\.200 s, 6 frames at 30 fps, {kbps:.0f} kbit/s$")
         self.assertRegex(lines[2], r"^  primitives +400, SH degree \d, \S+ bytes each$")
         self.assertRegex(lines[3], r"^  segments +\d+ in \d tiers?, head \S+ k?B, decoder level \d$")

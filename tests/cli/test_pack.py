@@ -7,7 +7,7 @@ import unittest
 import harness
 from harness import CliTest, built_in
 
-USAGE, IO, INVALID, NOT_BUILT = 1, 2, 3, 6
+USAGE, IO, INVALID, UNSUPPORTED, NOT_BUILT = 1, 2, 3, 5, 6
 
 
 class Packing(CliTest):
@@ -124,7 +124,7 @@ class Packing(CliTest):
                    "--profile", "lossless")
         self.fails(USAGE, "--output is required", "pack", tiny)
         self.fails(IO, "none.stgs: cannot open", "pack", "none.stgs", "-o", "o.stgs")
-        self.fails(INVALID, "huge_count.stgs", "pack", self.fixture("huge_count.stgs"), "-o",
+        self.fails(UNSUPPORTED, "huge_count.stgs", "pack", self.fixture("huge_count.stgs"), "-o",
                    "o.stgs")
         self.fails(IO, "cannot create", "pack", tiny, "-o", "/proc/o.stgs")
         self.assertEqual(os.listdir(self.work), [])

@@ -65,7 +65,7 @@ class Reading(CliTest):
         self.assertNotIn("motion", self.json_of("info", self.fixture("tiny.stgs")))
         text = self.succeeds("info", self.fixture("tiny.stgs"), "--lifespans").stdout.decode()
         self.assertRegex(text, rf"static +{motion['static']['primitives']} ")
-        self.fails(3, "huge_count.stgs", "info", self.fixture("huge_count.stgs"), "--lifespans")
+        self.fails(5, "huge_count.stgs", "info", self.fixture("huge_count.stgs"), "--lifespans")
 
     def test_recordings_are_read_and_finalized(self):
         """Recordings are readable, truncated or not; finalize writes a finished file."""

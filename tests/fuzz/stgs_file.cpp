@@ -2,14 +2,12 @@
 #include "stgs_file.h"
 
 #include <libdeflate.h>
-#include <zstd.h>
 
 #include <algorithm>
 #include <cstring>
 #include <string_view>
 
 #include "../fixtures/scene_fixture.h"
-#include "codec/draco_points.h"
 #include "codec/layout.h"
 #include "core/bytes.h"
 
@@ -17,7 +15,7 @@ namespace stgs::fuzz {
 namespace {
 
 constexpr std::size_t kHeader = 32, kRecord = 24;  // spec 2.1, 3.1
-constexpr std::size_t kMaxPlaneBytes = 1 << 20;    // larger segments keep their checksum
+constexpr std::size_t kMaxPlaneBytes = 1 << 20;    // larger groups are not repaired
 constexpr std::uint64_t kTablesMemory = kMaxTables * kTableMemory;
 
 template <typename Value>
@@ -74,94 +72,100 @@ std::vector<Record> records_by_header(View file) {
   return out;
 }
 
-// Parses the payload of a SEGM record (spec 6.1) up to the end of its bytes.
+// A SEGM record's payload (spec 6.5), as far as it can be parsed.
 class ParsedSegment {
  public:
-  ParsedSegment(View payload, const LayoutSet& file_layouts) : in_(payload) {
+  ParsedSegment(View payload, const LayoutSet& file_layouts) : payload_(payload), in_(payload) {
     in_.bytes(8);
     n_ = in_.u32();
     std::uint16_t number = in_.u16();
-    in_.u64();
     Findings findings;
+    set_ = &file_layouts;
     if (number == kOwnLayout) {
       if (!parse_layouts(in_, 0, kMaxOwnTables, kTablesMemory, own_, findings)) return;
       number = 0;
       set_ = &own_;
-    } else {
-      set_ = &file_layouts;
     }
     if (!in_.ok() || number >= set_->layouts.size()) return;
-    if (set_->layouts[number].problem != 0) return;
-    layout_ = &set_->layouts[number];
-    if (layout_->has_first_key()) in_.u64();
+    const Layout& layout = set_->layouts[number];
+    if (layout.problem != 0) return;
+    if (layout.has_sh_degree()) read_band_counts(layout);
+    if (layout.has_first_key()) in_.u32();
     sizes_at_ = in_.position();
-    for (const StreamRow& row : layout_->streams) sizes_.push_back(is_coded(row) ? 0 : in_.u64());
+    layout_ = &layout;
+    units_ = layout.units();
+    for (std::size_t i = 0; i < units_.size(); ++i) sizes_.push_back(in_.u32());
   }
 
-  // Returns the offset of the last stated stream size and the size that fills the payload; false if
-  // a group takes the remaining bytes.
-  bool fill_last_stream(std::size_t& at, std::uint64_t& size) const {
-    if (layout_ == nullptr || !in_.ok() || sizes_.empty() || layout_->has_group()) return false;
-    std::uint64_t others = 0;
-    for (std::size_t i = 0; i + 1 < sizes_.size(); ++i) others += sizes_[i];
-    at = sizes_at_ + 8 * (sizes_.size() - 1);
-    size = in_.left() - others;
-    return others <= in_.left();
-  }
-
-  // Decodes the planes that the checksum of the record covers; returns false if they cannot be
-  // decoded.
-  bool planes(Bytes& out) {
-    if (layout_ == nullptr || !in_.ok()) return false;
-    std::vector<View> streams;
-    for (const std::uint64_t size : sizes_) streams.push_back(in_.bytes(size));
-    std::vector<RansGroupDecoder> group;
-    if (layout_->has_group()) {
-      auto opened = RansGroupDecoder::open(in_.bytes(in_.left()), n_);
-      if (!opened.ok()) return false;
-      group.push_back(std::move(*opened));
+  // Returns the payload with groups that decode to the same symbols and end correctly (spec 7.4),
+  // and a size of the last unit that fills the payload.
+  Bytes repaired() {
+    if (layout_ == nullptr || !in_.ok()) return {payload_.begin(), payload_.end()};
+    ByteWriter units, out;
+    out.bytes(payload_.first(sizes_at_));
+    for (std::size_t i = 0; i < units_.size(); ++i) {
+      const bool last = i + 1 == units_.size();
+      const View unit = in_.bytes(last ? in_.left() : std::min<std::size_t>(sizes_[i], in_.left()));
+      const Bytes bytes = with_correct_end(units_[i], unit);
+      out.u32(static_cast<std::uint32_t>(bytes.size()));
+      units.bytes(bytes);
     }
-    for (std::size_t i = 0; i < streams.size() && in_.ok(); ++i) {
-      const StreamRow& row = layout_->streams[i];
-      if (row.attribute >= kOptionalAttributes) continue;
-      if (out.size() + n_ * row.planes() > kMaxPlaneBytes) return false;
-      if (!is_coded(row)) {
-        append_bytes(streams[i], n_, row, out);
-        continue;
-      }
-      for (const std::uint16_t table : row.tables) {
-        if (set_->only[table] >= 0) continue;
-        out.resize(out.size() + n_);
-        group[0].next_plane(set_->lookups[table], out.data() + out.size() - n_);
-      }
-    }
-    return in_.ok();
+    out.bytes(units.view());
+    return out.take();
   }
 
  private:
-  static bool is_coded(const StreamRow& row) {
-    return static_cast<Coder>(row.coder) == Coder::kRans;
-  }
-  // Streams that do not unpack count as zeros; readers reject them before the checksum.
-  static void append_bytes(View stored, std::size_t n, const StreamRow& row, Bytes& out) {
-    const std::size_t begin = out.size(), size = n * row.planes();
-    out.resize(begin + size);
-    if (static_cast<Coder>(row.coder) == Coder::kDraco) {
-      if (size == 9 * n && draco_fits(stored, n))
-        (void)draco_decode(stored, n, std::span(out).subspan(begin));
-    } else if (stored.size() == size) {
-      std::copy(stored.begin(), stored.end(), out.begin() + static_cast<std::ptrdiff_t>(begin));
-    } else {
-      ZSTD_decompress(out.data() + begin, size, stored.data(), stored.size());
+  void read_band_counts(const Layout& layout) {
+    for (const StreamRow& row : layout.streams) {
+      const int band = band_of(static_cast<Attribute>(row.attribute));
+      if (band > 0 && band <= kShBands) bands_.resize(static_cast<std::size_t>(band));
     }
+    for (std::uint32_t& count : bands_) count = in_.u32();
+  }
+  std::size_t symbols_of(const StreamRow& row) const {
+    const auto band = static_cast<std::size_t>(band_of(static_cast<Attribute>(row.attribute)));
+    return band == 0 || band > bands_.size() ? n_ : bands_[band - 1];
   }
 
+  // Returns the bytes of a unit, or, if it is a group that can be decoded, those that encode its
+  // symbols.
+  Bytes with_correct_end(const Layout::Unit& unit, View bytes) const {
+    const Bytes same(bytes.begin(), bytes.end());
+    const std::span rows = std::span(layout_->streams).subspan(unit.first, unit.count);
+    if (!rows[0].in_group() ||
+        (band_of(static_cast<Attribute>(rows[0].attribute)) > 0 && !layout_->has_sh_degree())) {
+      return same;
+    }
+    const std::size_t n = symbols_of(rows[0]);
+    std::vector<std::uint16_t> tables;
+    for (const StreamRow& row : rows) {
+      for (const std::uint16_t table : row.tables) {
+        if (set_->only[table] < 0) tables.push_back(table);
+      }
+    }
+    if (n == 0 || n * tables.size() > kMaxPlaneBytes) return same;
+    auto group = RansGroupDecoder::open(bytes, n);
+    if (!group.ok()) return same;
+    Bytes symbols(n * tables.size());
+    std::vector<RansPlane> planes;
+    for (std::size_t i = 0; i < tables.size(); ++i) {
+      group->next_plane(set_->lookups[tables[i]], symbols.data() + n * i);
+      planes.push_back({View(symbols).subspan(n * i, n), &set_->tables[tables[i]]});
+    }
+    if (group->finish()) return same;
+    auto encoded = rans_encode(planes, n);
+    return encoded.ok() ? std::move(*encoded) : same;
+  }
+
+  View payload_;
   ByteReader in_;
   std::size_t n_ = 0, sizes_at_ = 0;
   LayoutSet own_;
   const LayoutSet* set_ = nullptr;
   const Layout* layout_ = nullptr;
-  std::vector<std::uint64_t> sizes_;
+  std::vector<std::uint32_t> bands_;  // primitives with a degree of at least 1, 2 and 3
+  std::vector<Layout::Unit> units_;
+  std::vector<std::uint32_t> sizes_;
 };
 
 LayoutSet read_layouts(View file, const std::vector<Record>& records) {
@@ -176,19 +180,23 @@ LayoutSet read_layouts(View file, const std::vector<Record>& records) {
   return set;
 }
 
-// Repairs the checksum of the planes of a segment and the size of its last stream.
-void repair_segment(Bytes& file, const Record& record, const LayoutSet& layouts, Repair repair) {
-  const std::size_t payload = record.begin + kRecord;
-  std::size_t at = 0;
-  std::uint64_t size = 0;
-  if (repair == Repair::kSizes &&
-      ParsedSegment(record.payload(file), layouts).fill_last_stream(at, size)) {
-    put(file, payload + at, size);
+// Returns the file with repaired payloads of its segments.
+Bytes with_repaired_segments(View file) {
+  const std::vector<Record> records = records_by_header(file);
+  const LayoutSet layouts = read_layouts(file, records);
+  Bytes out;
+  std::size_t copied = 0;
+  for (const Record& record : records) {
+    if (record.tag(file) != "SEGM") continue;
+    const std::size_t payload = record.begin + kRecord;
+    const Bytes repaired = ParsedSegment(record.payload(file), layouts).repaired();
+    out.insert(out.end(), file.begin() + static_cast<std::ptrdiff_t>(copied),
+               file.begin() + static_cast<std::ptrdiff_t>(payload));
+    out.insert(out.end(), repaired.begin(), repaired.end());
+    copied = record.end;
   }
-  Bytes planes;
-  if (ParsedSegment(record.payload(file), layouts).planes(planes)) {
-    put<std::uint64_t>(file, payload + 14, hash(planes));
-  }
+  out.insert(out.end(), file.begin() + static_cast<std::ptrdiff_t>(copied), file.end());
+  return out;
 }
 
 // Returns the index with the offsets, sizes and counts of the present segments, in their order
@@ -324,14 +332,12 @@ std::vector<Unit> stgs_units(View file) {
 Bytes repair_stgs(Bytes file, Repair repair) {
   if (repair == Repair::kNothing || file.size() < kHeader) return file;
   const bool sizes = repair == Repair::kSizes;
-  if (sizes) file = with_repaired_index(std::move(file));
+  if (sizes) file = with_repaired_index(with_repaired_segments(file));
   const std::vector<Record> records = sizes ? records_by_header(file) : records_by_length(file);
   for (const Record& record : records) {
     if (sizes) put<std::uint64_t>(file, record.begin + 8, record.payload(file).size());
   }
-  const LayoutSet layouts = read_layouts(file, records);
   for (const Record& record : records) {
-    if (record.tag(file) == "SEGM") repair_segment(file, record, layouts, repair);
     put(file, record.begin + 16, hash(record.payload(file)));
     put(file, record.begin + 20, hash(View(file).subspan(record.begin, 20)));
   }

@@ -102,8 +102,7 @@ TEST_CASE("steps out of range are rejected, also in a file") {
   // The record of the file with every byte changed in turn, and valid checksums.
   const auto parsed_from = [](const std::vector<std::uint8_t>& record) {
     FileHead head;
-    Findings findings;
-    parse_steps(record, 0, head, findings);
+    parse_steps(record, head);
     return head.quantisation;
   };
   const std::vector<std::uint8_t> payload = write_steps(*scene.quantisation);

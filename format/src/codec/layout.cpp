@@ -296,13 +296,14 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
                    kMaxLayouts, layouts);
     return false;
   }
-  std::size_t rows = 0;
+  std::size_t entries = 0;
   for (std::size_t i = 0; i < layouts && in.ok(); ++i) {
     Layout layout;
-    rows += read_layout(in, offset, set, layout);
-    if (rows > kFreeRows && rows - kFreeRows > memory / kRowMemory) {
+    entries += 1 + read_layout(in, offset, set, layout);
+    if (entries > kFreeRows && entries - kFreeRows > memory / kRowMemory) {
       findings.unsupported(N::kMemoryLimit, offset,
-                           "layouts: {} rows exceed the memory limit of {} bytes", rows, memory);
+                           "layouts: {} layouts and rows exceed the memory limit of {} bytes",
+                           entries, memory);
       return false;
     }
     set.layouts.push_back(std::move(layout));

@@ -17,7 +17,8 @@ inline constexpr std::size_t kMaxTables = 1024;
 inline constexpr std::size_t kMaxOwnTables = 256;  // of a record's own layout
 // Memory charged for a table with its lookup (conformance 1.5).
 inline constexpr std::uint64_t kTableMemory = sizeof(RansLookup);
-// Memory charged for each row of layouts, and the number of rows free of charge (conformance 1.5).
+// Memory charged for each layout and each row, and the number of them free of charge (conformance
+// 1.5).
 inline constexpr std::uint64_t kRowMemory = 128, kFreeRows = 1024;
 inline constexpr std::size_t kMaxLayouts = 65534;
 inline constexpr std::uint16_t kOwnLayout = 0xFFFF;  // the record contains its layout

@@ -67,7 +67,6 @@ enum class IssueNumber : int {
   kStreamUnsupported = 403,   // unknown attribute, mapping, prediction or coder
   kStreamShape = 404,         // components, planes or exponent not allowed by the mapping
   kStreamCorrupt = 405,       // the coder fails, or the decoded size is wrong
-  kStreamChecksum = 406,      // checksum of decoded planes differs
   kStreamValue = 407,         // integer out of the range of the mapping
   kLayouts = 409,             // truncated, an invalid table, or an unknown table or layout number
   kProfile = 410,             // mapping or coder not allowed by the profile

@@ -194,9 +194,9 @@ class FrameGraphRenderer final : public CudaRenderer {
                          "waiting for copies of the previous images"));
     for (;;) {
       STGS_TRY(ensure_buffers(need));
-      const Status started = frame_.start(views, parts_, encoding_of(timeline.metadata()), degree_,
-                                          grids_[degree_], buffers_, settings_.use_graph,
-                                          stream_.get());
+      const Status started =
+          frame_.start(views, parts_, encoding_of(timeline.metadata()), degree_, grids_[degree_],
+                       buffers_, settings_.use_graph, stream_.get());
       // Also after an error, since kernels that have started use the buffers.
       const cudaError_t ended = cudaStreamSynchronize(stream_.get());
       STGS_TRY(started);

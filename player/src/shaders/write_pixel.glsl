@@ -32,9 +32,9 @@ void write_pixel(uint x, uint y, vec4 sums, float t) {
   uint to = y * uint(frame.view[push.view].width) + x;
   float alpha = 1.0f - t;
   Vec3 behind = frame.view[push.view].background;
-  Vec3 shown = displayed(vec3_of(fma(t, behind.x, sums.x), fma(t, behind.y, sums.y),
-                                 fma(t, behind.z, sums.z)),
-                         frame.view[push.view].encoding);
+  Vec3 shown = displayed(
+      vec3_of(fma(t, behind.x, sums.x), fma(t, behind.y, sums.y), fma(t, behind.z, sums.z)),
+      frame.view[push.view].encoding);
   vec4 colour = vec4(shown.x, shown.y, shown.z, alpha);
   float depth = alpha > 0.0f ? sums.w / alpha : 0.0f;
   if (push.pixels == kPixelPlanes) {
