@@ -62,8 +62,8 @@ def read_shared(payload, memory):  # 6.1, conformance.md 1.5
     out, total = Layouts(tables), 0
     for _ in range(count):
         rows = [fields.bytes(fields.u16()) for _ in range(fields.u8())]
-        total += len(rows)
-        need(128 * (total - 1024) <= memory, "conformance 1.5", 308, f"{total} rows of layouts")
+        total += 1 + len(rows)
+        need(128 * (total - 1024) <= memory, "conformance 1.5", 308, f"{total} layouts and rows")
         try:
             out.layouts.append(read_layout(rows, tables))
         except Refused as error:

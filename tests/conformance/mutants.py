@@ -136,7 +136,7 @@ def mutants(folder):
     the change."""
     out, seen = [], {}
     for file in sorted(os.listdir(folder)):
-        if not file.endswith(".py"):
+        if not file.endswith(".py") or file == "annotate.py":  # which decodes nothing
             continue
         with open(os.path.join(folder, file), encoding="utf-8") as handle:
             tree = ast.parse(handle.read())

@@ -55,7 +55,7 @@ class Sources:
     def __init__(self):
         self.code = {}
         for file in sorted(os.listdir(DECODER)):
-            if file.endswith(".py") and file != "annotate.py":  # prints the examples, decodes nothing
+            if file.endswith(".py"):
                 with open(os.path.join(DECODER, file), encoding="utf-8") as handle:
                     self.code[file[:-3]] = compile(handle.read(), file, "exec")
 

@@ -140,7 +140,9 @@ def limits():
     damaged = flipped(plain(n=1, copy=copy_record, last_records=long_note()).bytes(), 3)
     must_fail("limit_of_a_copied_head", "conformance 1.5", "a head from its copy, more than the limit", damaged,
               {"max_memory": head_bytes - 1})
-    both_sides("rows", "1,275 rows of layouts", 128 * 251, plain(layouts=many_rows(5)).bytes())
+    both_sides("rows", "1,275 rows of 5 layouts", 128 * 256, plain(layouts=many_rows(5)).bytes())
+    both_sides("layouts", "1,280 layouts of no rows", 128 * 256,
+               plain(layouts=struct.pack("<HH", 0, 1280) + bytes(1280)).bytes())
     both_sides("primitives", "3 primitives", 3, plain().bytes(), key="max_primitives")
     must_fail("limit_of_stated_primitives", "conformance 1.5", "INDX states 4 primitives", plain(total=4), {"max_primitives": 3})
     must_fail("limit_of_listed_primitives", "conformance 1.5", "INDX states 1 primitive and lists 3", plain(total=1),

@@ -225,7 +225,7 @@ TEST_CASE("index entries and layout rows count towards the memory limit") {
   CHECK(rejected.code() == StatusCode::kUnsupported);
   CHECK(rejected.message().find("issue 308") != std::string::npos);
 
-  // 10 layouts of 255 rows of an unknown attribute.
+  // 10 layouts of 255 rows of an unknown attribute: 2560 entries.
   ByteWriter rows;
   rows.u16(0);
   rows.u16(10);
@@ -240,6 +240,6 @@ TEST_CASE("index entries and layout rows count towards the memory limit") {
   const Bytes layouts = write_record(kLayoutTag, rows.take());
   const Bytes one = write_record(kIndexTag, write_index({}, {}));
   const Bytes wide = file_of({meta, layouts, one});
-  CHECK(opening(wide, (2550 - 1024) * 128).ok());
-  CHECK(opening(wide, (2550 - 1024) * 128 - 1).code() == StatusCode::kUnsupported);
+  CHECK(opening(wide, (2560 - 1024) * 128).ok());
+  CHECK(opening(wide, (2560 - 1024) * 128 - 1).code() == StatusCode::kUnsupported);
 }

@@ -154,8 +154,9 @@ TEST_CASE("rounding twice changes nothing") {
 }
 
 TEST_CASE("the scale of displacements is a power of two of the lifespan") {
-  for (const float lifespan : {1e-3f, 0.5f, 0.999f, 1.0f, 1.5f, 2.0f, 59.9f, 1e6f}) {
-    const float scale = math::displacement_scale(0.5f * lifespan, 0.0f, 1e9f);
+  for (const float sigma : {1e-3f, 0.5f, 0.999f, 1.0f, 1.5f, 2.0f, 59.9f, 1e6f}) {
+    const float lifespan = std::max(2.0f * sigma, 1.0f);  // that of a radius of 0 is 1
+    const float scale = math::displacement_scale(sigma, 0.0f, 1e9f);
     CHECK(lifespan * scale >= 1.0f);
     CHECK(lifespan * scale < 2.0f);
     CHECK(std::exp2(std::round(std::log2(scale))) == scale);

@@ -138,14 +138,14 @@ class Convert final : public Command {
   Help help() const override {
     return {
         "convert", "Convert from and to other Gaussian-splat formats",
-        "Reads .stgs, .4dgs, 3DGS PLY (also PlayCanvas packed PLY), SPZ 2 to 4, SOG 2 (a bundle\n"
-        "or a folder of models), .sogst, .tsog, .ftgs.ply, .splatv, and a folder of PLY frames;\n"
-        "the content selects the format. Splats that are static or move linearly over the frames\n"
-        "become one primitive; curved paths of a .sogst become several. Writes, by the extension\n"
-        "of OUT, .stgs, .4dgs, USD as text (.usda), or a single time as .ply, .spz (version 4)\n"
-        "or .glb (glTF with KHR_gaussian_splatting). Converts the axes to those of the target.\n"
-        "Reads the output back, except .glb and .usda, and reports the errors. Warns on standard\n"
-        "error of data that is lost.",
+        "Reads .stgs (also of format 1.x), .4dgs, 3DGS PLY (also PlayCanvas packed PLY), SPZ 2\n"
+        "to 4, SOG 2 (a bundle or a folder of models), .sogst, .tsog, .ftgs.ply, .splatv, and a\n"
+        "folder of PLY frames; the content selects the format. Splats that are static or move\n"
+        "linearly over the frames become one primitive; curved paths of a .sogst become several.\n"
+        "Writes, by the extension of OUT, .stgs, .4dgs, USD as text (.usda), or a single time as\n"
+        ".ply, .spz (version 4) or .glb (glTF with KHR_gaussian_splatting). Converts the axes to\n"
+        "those of the target. Reads the output back, except .glb and .usda, and reports the\n"
+        "errors. Warns on standard error of data that is lost.",
         "  stgs convert scene.stgs frame.ply --time 1.5\n"
         "  stgs convert scene.stgs frame.spz --time 1.5\n"
         "  stgs convert scene.stgs scene.usda\n"
