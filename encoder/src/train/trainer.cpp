@@ -42,6 +42,7 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
   STGS_ASSIGN(const TrainingChoice choice, choose_training(settings));
   trainer->parameters_ = choice.parameters;
   trainer->ablation_ = choice.ablation;
+  trainer->growth_ = growth_parameters(choice.parameters, settings, capture);
   STGS_ASSIGN(trainer->backend_, make_backend(settings.backend, log, settings.ranks));
   STGS_ASSIGN(trainer->perceptual_, PerceptualTerm::create(settings, choice.parameters,
                                                            *trainer->backend_, trainer->log_));
@@ -58,7 +59,7 @@ Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
 
 Status Trainer::prepare_state() {
   if (settings_.resume.empty()) {
-    STGS_ASSIGN(state_, initial_state(capture_, parameters_, ablation_, settings_.seed));
+    STGS_ASSIGN(state_, initial_state(capture_, growth_, ablation_, settings_.seed));
   } else {
     STGS_TRY(resume());
   }
@@ -119,7 +120,7 @@ Status Trainer::prepare_ranks() {
 
 Status Trainer::prepare_backend() {
   log_(2, fmt::format("training on {}", backend_->name()));
-  return backend_->reserve(train_plan({parameters_, ablation_}, perceptual_, capture_.cameras));
+  return backend_->reserve(train_plan({growth_, ablation_}, perceptual_, capture_.cameras));
 }
 
 // Called last, because it takes longest.
@@ -253,7 +254,7 @@ Status Trainer::densify() {
                                settings_.seed};
   const bool reset = plan.grow && static_cast<int>(state_.opacity_resets) < plan.resets_due;
   STGS_ASSIGN(const DensifyCounts counts,
-              backend_->densify({&parameters_, context, plan.replace, reset}));
+              backend_->densify({&growth_, context, plan.replace, reset}));
   if (reset) ++state_.opacity_resets;
   if (counts.non_finite > 0) {
     log_(1, fmt::format("iteration {}: removed {} primitive{} with non-finite values",

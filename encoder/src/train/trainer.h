@@ -127,6 +127,7 @@ class Trainer {
   Fingerprint image_fingerprint_;  // when the run began
   TrainSettings settings_;
   HyperParameters parameters_;
+  HyperParameters growth_;  // growth_parameters()
   Ablation ablation_;
   PerceptualTerm perceptual_;
   ProgressSink progress_;

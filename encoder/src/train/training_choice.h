@@ -18,6 +18,12 @@ struct TrainingChoice {
 // Resolves the settings. kUsage for an invalid setting or one that has no effect.
 Result<TrainingChoice> choose_training(const TrainSettings& settings);
 
+// Returns the parameters of a run that grows. A limit of the file also limits the primitives before
+// the compaction, unless their number is set: from many more than remain in the end, it would have
+// to remove primitives that the others then cannot replace.
+HyperParameters growth_parameters(const HyperParameters& parameters, const TrainSettings& settings,
+                                  const PreparedCapture& capture);
+
 // Returns settings_id() of a run with resolved settings.
 std::uint64_t settings_id_of(const TrainSettings& settings, const TrainingChoice& choice,
                              const PerceptualTerm& perceptual);
