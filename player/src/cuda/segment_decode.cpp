@@ -2,36 +2,11 @@
 #include "cuda/segment_decode.h"
 
 #include <algorithm>
-#include <cstring>
+
+#include "cuda/upload.h"
 
 namespace stgs::player::cuda {
 namespace {
-
-constexpr std::size_t kArrayAlign = 16;
-
-constexpr std::size_t aligned(std::size_t bytes) {
-  return (bytes + kArrayAlign - 1) / kArrayAlign * kArrayAlign;
-}
-
-// Host memory with a device copy of the same layout.
-class Upload {
- public:
-  Upload(std::uint8_t* host, std::uint8_t* device) : host_(host), device_(device) {}
-
-  // Appends a copy of `values`. Returns its device address.
-  template <typename T>
-  T* add(const std::vector<T>& values) {
-    const std::size_t at = used_, bytes = sizeof(T) * values.size();
-    if (bytes > 0) std::memcpy(host_ + at, values.data(), bytes);
-    used_ += aligned(bytes);
-    return reinterpret_cast<T*>(device_ + at);
-  }
-  std::size_t used() const { return used_; }
-
- private:
-  std::uint8_t *host_, *device_;
-  std::size_t used_ = 0;
-};
 
 struct View {
   float* data = nullptr;
@@ -202,6 +177,7 @@ class SegmentDecoder::Plan {
       out.maps[phase] = upload_.add(work_[phase]);
       out.map_count[phase] = size_of(work_[phase]);
     }
+    upload_.copy_large();
     out.upload = upload_.used();
     return out;
   }
