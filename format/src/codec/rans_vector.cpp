@@ -179,56 +179,103 @@ void decode_planes(PlaneOfBlock* const (&planes)[kCount]) {
   full ? decode_steps<true>(planes) : decode_steps<false>(planes);
 }
 
-// Decodes the rest of a plane.
-void finish_plane(PlaneOfBlock& plane, const RansLookup& lookup) {
-  PlaneOfBlock* const one[1] = {&plane};
-  decode_planes(one);
-  rans_decode_scalar(*plane.block, lookup, plane.done, plane.count, plane.out);
+// Returns whether a step of the plane's block would store past the plane's end.
+bool ends_soon(const PlaneOfBlock& plane) {
+  const std::size_t vectors = (plane.block->lanes + kVectorLanes - 1) / kVectorLanes;
+  return plane.done + vectors * kVectorLanes > plane.count;
+}
+
+// Decodes the next `active` symbols of a plane, at most as many as its block has lanes. Stores no
+// others.
+void decode_some(PlaneOfBlock& plane, std::size_t active) {
+  const States d;
+  RansBlock& block = *plane.block;
+  if (!block.moved && static_cast<std::size_t>(block.end - block.next) < kStepBytes)
+    move_to_tail(block);
+  const std::uint8_t* next = block.next;
+  for (std::size_t first = 0; first < active; first += kVectorLanes) {
+    const std::size_t used = std::min(kVectorLanes, active - first);
+    const StateVec before = hn::LoadU(d, block.state + first);
+    StateVec x = before;
+    std::uint8_t symbols[kVectorLanes];
+    next = step<false>(x, used, plane.lookup, next, symbols);
+    hn::StoreU(hn::IfThenElse(hn::FirstN(d, used), x, before), d, block.state + first);
+    std::memcpy(plane.out + plane.done + first, symbols, used);
+  }
+  block.overrun = block.overrun || next > block.end;  // words past the end were 0
+  block.next = std::min(next, block.end);
+  plane.done += active;
+}
+
+// Decodes the rest of a plane that ends soon.
+void finish_plane(PlaneOfBlock& plane) {
+  while (plane.done < plane.count)
+    decode_some(plane, std::min(plane.block->lanes, plane.count - plane.done));
 }
 
 void decode_plane(RansBlock& block, const RansLookup& lookup, std::size_t count,
                   std::uint8_t* out) {
   PlaneOfBlock plane{&block, lookup.data(), out, count};
-  finish_plane(plane, lookup);
+  PlaneOfBlock* const one[1] = {&plane};
+  decode_planes(one);
+  finish_plane(plane);
 }
 
 // Planes decoded at once: the states of all must fit into registers.
-constexpr std::size_t kTogether = kVectors <= 2 ? 4 : kVectors <= 4 ? 2 : 1;
+constexpr std::size_t kTogether = kVectors <= 2 ? 8 : kVectors <= 4 ? 2 : 1;
 
-// Decodes the next plane of each cursor.
+// A block with planes to decode, and the one that is being decoded.
+struct ActiveBlock {
+  RansCursor* cursor = nullptr;
+  PlaneOfBlock plane;
+};
+
+// Decodes the planes of `used` blocks, at most kCount, until one of them ends soon.
 template <std::size_t kCount>
-void decode_together(RansCursor* const* cursors, std::size_t first) {
-  PlaneOfBlock planes[kCount];
-  PlaneOfBlock* pointers[kCount];
-  for (std::size_t k = 0; k < kCount; ++k) {
-    const RansPlaneTask& task = *cursors[k]->next;
-    planes[k] = {cursors[k]->block, task.lookup->data(), task.out + first, cursors[k]->count};
-    pointers[k] = &planes[k];
+void decode_together(ActiveBlock* active, std::size_t used) {
+  if constexpr (kCount > 1) {
+    if (used < kCount) return decode_together<kCount - 1>(active, used);
   }
-  decode_planes(pointers);
-  for (std::size_t k = 0; k < kCount; ++k) finish_plane(planes[k], *cursors[k]->next++->lookup);
+  PlaneOfBlock* planes[kCount];
+  for (std::size_t k = 0; k < kCount; ++k) planes[k] = &active[k].plane;
+  decode_planes(planes);
 }
 
-// Decodes the next plane of `used` cursors, at most kCount.
-template <std::size_t kCount>
-void decode_next(RansCursor* const* cursors, std::size_t used, std::size_t first) {
-  if constexpr (kCount > 1) {
-    if (used < kCount) return decode_next<kCount - 1>(cursors, used, first);
+// Begins the next plane of a block; returns false if there is none.
+bool begin_plane(ActiveBlock& active, std::size_t first) {
+  RansCursor& cursor = *active.cursor;
+  if (cursor.next == cursor.end) return false;
+  const RansPlaneTask& task = *cursor.next++;
+  active.plane = {cursor.block, task.lookup->data(), task.out + first, cursor.count};
+  return true;
+}
+
+// Finishes the planes that end soon and begins the next ones; returns false after the last.
+bool advance(ActiveBlock& active, std::size_t first) {
+  while (ends_soon(active.plane)) {
+    finish_plane(active.plane);
+    if (!begin_plane(active, first)) return false;
   }
-  decode_together<kCount>(cursors, first);
+  return true;
 }
 
 void decode_blocks(std::span<RansCursor> cursors, std::size_t first) {
-  RansCursor* active[kTogether];
+  ActiveBlock active[kTogether];
   std::size_t used = 0;
   for (auto waiting = cursors.begin();;) {
-    used = static_cast<std::size_t>(
-        std::remove_if(active, active + used, [](auto* c) { return c->next == c->end; }) - active);
     for (; used < kTogether && waiting != cursors.end(); ++waiting) {
-      if (waiting->next != waiting->end) active[used++] = &*waiting;
+      active[used].cursor = &*waiting;
+      if (begin_plane(active[used], first) && advance(active[used], first)) ++used;
     }
     if (used == 0) return;
-    decode_next<kTogether>(active, used, first);
+    decode_together<kTogether>(active, used);
+    for (std::size_t k = 0; k < used;) {
+      if (advance(active[k], first)) {
+        ++k;
+      } else {
+        active[k] = active[--used];
+      }
+    }
   }
 }
 
