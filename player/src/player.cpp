@@ -8,6 +8,7 @@
 #include <stop_token>
 #include <utility>
 
+#include "recycling_memory.h"
 #include "stream/snapshot_source.h"
 #include "stream/stream_player.h"
 #include "stream/transfer_events.h"
@@ -35,7 +36,7 @@ Result<std::unique_ptr<Player>> make_player(std::unique_ptr<ByteSource> source,
                                             std::function<void()> interrupt,
                                             std::shared_ptr<TransferEvents> transfers) {
   std::pmr::memory_resource* const memory =
-      settings.memory != nullptr ? settings.memory.get() : std::pmr::get_default_resource();
+      settings.memory != nullptr ? settings.memory.get() : &segment_memory();
   const std::shared_ptr<Budget> budget = make_budget(settings);
   const auto ranges = std::make_shared<RangeSource>(std::move(source), memory, budget);
   try {

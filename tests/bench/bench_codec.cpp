@@ -15,6 +15,7 @@
 
 #include "../fixtures/scene_fixture.h"
 #include "coder_table.h"
+#include "recycling_memory.h"
 #include "stgs/format/raster.h"
 
 using namespace stgs;
@@ -84,10 +85,12 @@ nlohmann::json measure(const Scene& scene, const WriteSettings& settings) {
     auto result = read_scene(memory_source(bytes));
     if (result.ok()) decoded = std::move(*result);
   });
-  const auto reader = SceneReader::open(memory_source(bytes));
+  const auto reader =
+      SceneReader::open(memory_source(bytes), ReadLimits(), &player::segment_memory());
   if (!reader.ok() || !decoded) return {{"error", reader.status().message()}};
   const auto n = static_cast<double>((*reader)->primitives());
-  // Decodes like a player: each segment into its own arrays, ready to be rendered.
+  // Decodes like a player: each segment into its own arrays, ready to be rendered, in memory that
+  // earlier segments have used.
   bool complete = true;
   const auto segments = static_cast<std::uint32_t>((*reader)->segments().size());
   const Time by_segment = min_time(

@@ -5,6 +5,7 @@
 #include <exception>
 #include <utility>
 
+#include "recycling_memory.h"
 #include "stream/clock_seconds.h"
 #include "stream/no_memory.h"
 
@@ -19,8 +20,7 @@ Follower::Follower(SegmentStore& store, std::shared_ptr<RangeSource> source, Ind
       retry_seconds_(settings.retry_seconds),
       polls_(polls),
       limits_(settings.limits),
-      memory_(settings.memory != nullptr ? settings.memory.get()
-                                         : std::pmr::get_default_resource()),
+      memory_(settings.memory != nullptr ? settings.memory.get() : &segment_memory()),
       on_replaced_(std::move(on_replaced)),
       cache_(std::move(cache)),
       reader_(store.snapshot().reader),

@@ -86,7 +86,8 @@ struct PlayerSettings {
   // A file larger than this when it is opened is rejected before any of it is read.
   std::uint64_t max_file_bytes = std::numeric_limits<std::int64_t>::max();
   TaskRunner* task_runner = nullptr;  // runs decoding; outlives the player; null: internal threads
-  // Allocates fetched and decoded data, from several threads at once. Null: the heap.
+  // Allocates fetched and decoded data, from several threads at once. Null: the heap; up to 32 MiB
+  // of it that are freed are kept for all players of the process.
   std::shared_ptr<std::pmr::memory_resource> memory;
 };
 
