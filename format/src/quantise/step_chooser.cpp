@@ -31,12 +31,12 @@ constexpr double kMaxOctaves = 3.0;       // greatest effect of importance on a 
 constexpr std::size_t kTypicalSize = 25;  // the percentile
 constexpr double kOutlier = 16.0;         // multiple of the 90th percentile beyond which one is far
 constexpr double kMinRotationStep = -12.0, kMaxRotationStep = -2.5;
-// Near-lossless steps, in octaves: each attribute alone changes a render by less than half a step
-// of 8 bits, and its further octaves cost 0.4 bytes per primitive (SH: 6). The unit of the position
-// is the size of a small primitive: the kSmallSize-th percentile.
+// Near-lossless steps, in octaves. Measured: no attribute has much more effect on renders than the
+// others; an octave costs 0.4 bytes per primitive (SH: 6). The unit of the position is the size of
+// a small primitive: the kSmallSize-th percentile.
 constexpr std::size_t kSmallSize = 5;
 constexpr double kMinPosition = -90.0;  // scene units, within the range of exponents
-constexpr double kFinePosition = -7.0, kFineLogScale = -8.0, kFineRotation = -10.0;
+constexpr double kFinePosition = -8.0, kFineLogScale = -8.0, kFineRotation = -10.0;
 constexpr double kFineOpacity = -7.0, kFineSh = -9.0;             // logit, SH coefficients
 constexpr double kFineTime = -8.0, kFineLifespan = 13.0;          // ticks, units in the last place
 constexpr double kFineConstantOpacity = -10.0, kFineEdge = -7.0;  // as above
@@ -96,7 +96,7 @@ StepChooser::StepChooser(const Gaussians4D& set, std::span<const float> importan
   rules_.max_error = goal.max_error;
   rules_.longest_part = longest_part;
   rules_.near_lossless = goal.near_lossless;
-  rules_.quality = goal.near_lossless ? 100.0 : goal.quality;
+  rules_.quality = goal.near_lossless ? 0.0 : goal.quality;
   if (goal.near_lossless) {
     choose_near_lossless(set);
   } else {
