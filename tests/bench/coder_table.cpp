@@ -13,6 +13,7 @@
 #include "codec/rans.h"
 #include "min_time.h"
 #include "quantise/quantise.h"
+#include "quantise/step_chooser.h"
 
 namespace stgs::bench {
 namespace {
@@ -107,7 +108,8 @@ nlohmann::json coder_table(const Scene& scene) {
   const std::uint32_t frames = scene.metadata.frames;
   const std::vector<float> importance =
       scene.importance.empty() ? importance_by_size(scene.gaussians, frames) : scene.importance;
-  const StepChooser chooser(scene.gaussians, importance, scene.importance.empty(), frames, 85, 0);
+  const StepChooser chooser(scene.gaussians, importance, scene.importance.empty(), frames,
+                            {.quality = 85});
   Quantisation rules = chooser.rules();
   set_tiers(chooser, {}, importance, rules);
   const Quantiser quantiser(rules);

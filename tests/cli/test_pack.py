@@ -90,6 +90,41 @@ class Packing(CliTest):
         self.assertIn(b"stgs: warning: one.stgs: already packed", again.stderr)
         self.assertEqual(json.loads(again.stdout)["input_profile"], "quantised")
 
+    def test_the_near_lossless_profile_shows_no_difference(self):
+        tiny = self.fixture("tiny.stgs")
+        best = self.json_of("pack", tiny, "-o", "best.stgs", "--quality", "100")
+        report = self.json_of("pack", tiny, "-o", "near.stgs", "--profile", "near-lossless")
+        self.assertIsNone(report["quality"])
+        self.assertLess(best["bytes_out"], report["bytes_out"])
+        self.assertLess(report["errors"]["colour_rms"], 0.5 * best["errors"]["colour_rms"])
+        self.assertEqual(self.json_of("info", "near.stgs")["profile"], "near-lossless")
+        self.json_of("validate", "near.stgs")
+        self.succeeds("compare", tiny, "near.stgs", "--min-psnr", "60")
+        text = self.succeeds("pack", tiny, "-o", "near.stgs", "--profile", "near-lossless").stdout.decode()
+        self.assertRegex(text, r"\nnear-lossless, [0-9]+ kbit/s; ")
+        bound = self.json_of("pack", tiny, "-o", "bound.stgs", "--profile", "near-lossless", "--max-error", "0.01")
+        self.assertLessEqual(bound["errors"]["position_max"], 1e-5)
+        for more in (("--quality", "90"), ("--target-kbps", "100"), ("--target-size", "1000"), ("--target-psnr", "50")):
+            self.fails(USAGE, "near-lossless takes neither --quality nor a target", "pack", tiny, "-o", "none.stgs",
+                       "--profile", "near-lossless", *more)
+            self.fails(USAGE, "near-lossless takes neither", "encode", harness.sample(), "-o", "none.stgs",
+                       "--profile", "near-lossless", *more)
+        self.assertFalse(os.path.exists(self.path("none.stgs")))
+
+    def test_a_packed_file_states_its_errors(self):
+        def errors(name):
+            return {s["name"]: s["max_error"] for s in self.json_of("info", name)["streams"]}
+        tiny = self.fixture("tiny.stgs")
+        self.assertEqual(set(errors(tiny).values()), {None})
+        self.succeeds("pack", tiny, "-o", "q.stgs")
+        self.succeeds("pack", tiny, "-o", "near.stgs", "--profile", "near-lossless")
+        packed, near = errors("q.stgs"), errors("near.stgs")
+        for name in ("position", "log_scale", "rotation", "opacity", "sh0"):
+            self.assertGreater(packed[name], near[name])
+            self.assertGreater(near[name], 0)
+        self.assertRegex(self.succeeds("info", "q.stgs", "--segments").stdout.decode(),
+                         r"position .* errors up to [0-9.e-]+, rms [0-9.e-]+")
+
     @unittest.skipUnless(built_in("draco"), "needs libdraco")
     def test_the_draco_profile_contains_the_same_scene(self):
         tiny = self.fixture("tiny.stgs")

@@ -101,6 +101,19 @@ Scene make_static_scene() {
 
 }  // namespace
 
+TEST_CASE("renders of a near-lossless file differ by a fraction of a step of 8 bits") {
+  for (int sh_degree = 0; sh_degree <= 3; ++sh_degree) {
+    const Scene scene = random_scene(4000, sh_degree, 30, 17);
+    WriteSettings settings;
+    settings.profile = Profile::kNearLossless;
+    auto file = encode_scene(scene, settings);
+    REQUIRE(file.ok());
+    const auto read = read_scene(memory_source(std::move(*file)));
+    REQUIRE(read.ok());
+    CHECK(psnr(scene.gaussians, read->gaussians, scene.metadata.frames) > 65);
+  }
+}
+
 TEST_CASE("a huge or distant primitive does not coarsen the steps of the others") {
   const Scene plain = make_static_scene();
   const Errors reference = errors_of_first(3000, plain);

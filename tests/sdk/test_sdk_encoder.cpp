@@ -219,6 +219,13 @@ TEST_CASE("cancelled packing leaves the existing output", "[sdk]") {
   stgs_pack_settings settings = pack_settings();
   settings.target_kbps = 0.01;
   CHECK(pack_one(encoder, scene, output, &settings) == STGS_ERROR_ARGUMENT);
+  settings.profile = STGS_PROFILE_NEAR_LOSSLESS;
+  CHECK(pack_one(encoder, scene, output, &settings) == STGS_ERROR_ARGUMENT);
+  settings.target_kbps = 0;
+  auto report = empty_output<stgs_pack_report>();
+  CHECK(pack_one(encoder, scene, output, &settings, &report) == STGS_OK);
+  CHECK(report.quality == 0);
+  CHECK(report.images_psnr > 60);
   settings = pack_settings();
   settings.floor[1] = 1;
   settings.has_floor = 1;

@@ -109,7 +109,7 @@ TEST_CASE("invalid prepare and pack settings are rejected with their name and ra
     return pack_one(encoder, work / "none.stgs", work / "out.stgs", &settings);
   };
   const std::pair<std::string, std::function<void(Packing&)>> pack_cases[] = {
-      {"profile is 2 (expected 0 to 1)", [](Packing& s) { s.profile = 2; }},
+      {"profile is 3 (expected 0 to 2)", [](Packing& s) { s.profile = 3; }},
       {"tiers is 17 (expected 0 for an automatic choice, or 1 to 16)",
        [](Packing& s) { s.tiers = 17; }},
       {"or 0.1 to 100)", [](Packing& s) { s.quality = 101; }},

@@ -99,6 +99,7 @@ TEST_CASE("invalid record settings are rejected with the name of the field", "[s
   check_rejected([](auto& s) { s.time_base_denominator = 0; }, "time_base_denominator is 0");
   check_rejected([](auto& s) { s.sh_degree = 4; }, "sh_degree is 4");
   check_rejected([](auto& s) { s.profile = 7; }, "profile is 7");
+  check_rejected([](auto& s) { s.profile = STGS_PROFILE_NEAR_LOSSLESS; }, "profile is 2");
   check_rejected([](auto& s) { s.tiers = -1; }, "tiers is -1");
   check_rejected([](auto& s) { s.quality = 101; }, "quality is 101");
   check_rejected([](auto& s) { s.max_error = -1; }, "max_error is -1");

@@ -72,8 +72,7 @@ class Encode final : public Command {
                         keep_work_));
     STGS_TRY(check_resumable(training));
     STGS_TRY(check_can_write(output_));
-    STGS_TRY(check_profile(pack_.settings().profile));
-    STGS_TRY(encoder::check_up_and_floor(pack_.settings()));
+    STGS_TRY(encoder::check_packing(pack_.settings()));
     // Before the long prepare; again once the size of the images is known.
     STGS_TRY(encoder::check_training(training, nullptr));
     if (!training.resume.empty()) STGS_TRY(check_prepared());

@@ -16,14 +16,16 @@ class Pack final : public Command {
     return {
         "pack", "Compress a trained scene, or merge training windows",
         "Writes the quantised profile: lifespan segments, bounded errors, one stream per\n"
-        "attribute. Decodes the result and reports its cost: the errors of the primitives, the\n"
-        "PSNR of 8 renders from and around the start camera against those of SCENE, and with\n"
-        "--against the PSNR that the test cameras lose (8 images). Warns if SCENE was packed\n"
-        "before. Merges the windows of a long capture, given in any order, into one file: each\n"
-        "is shown up to the middle of the frames that it shares with the next.",
+        "attribute; or, for archives, the profile near-lossless. The file states the errors that\n"
+        "'stgs info --segments' prints. Decodes the result and reports its cost: the errors of\n"
+        "the primitives, the PSNR of 8 renders from and around the start camera against those of\n"
+        "SCENE, and with --against the PSNR that the test cameras lose (8 images). Warns if SCENE\n"
+        "was packed before. Merges the windows of a long capture, given in any order, into one\n"
+        "file: each is shown up to the middle of the frames that it shares with the next.",
         "  stgs pack trained.stgs -o scene.stgs\n"
         "  stgs pack trained.stgs -o small.stgs --quality 60 --against prepared/\n"
         "  stgs pack trained.stgs -o stream.stgs --target-kbps 8000\n"
+        "  stgs pack trained.stgs -o archive.stgs --profile near-lossless\n"
         "  stgs pack parts/*.stgs -o scene.stgs"};
   }
   Shared shared() const override { return {.progress = true, .log_level = true, .threads = true}; }

@@ -21,9 +21,11 @@ void PackOptions::declare(Arguments& app) {
   const char* group = "Packing";
   with_choices(
       app.add_option("--profile", profile_,
-                     "quantised, or draco: positions coded as Draco point clouds, for comparison;\n"
-                     "decoding then needs libdraco"),
-      {profile_name(Profile::kQuantised), profile_name(Profile::kDraco)})
+                     "quantised, near-lossless: no visible difference, for archives, or draco:\n"
+                     "positions coded as Draco point clouds, for comparison; decoding then needs\n"
+                     "libdraco"),
+      {profile_name(Profile::kQuantised), profile_name(Profile::kNearLossless),
+       profile_name(Profile::kDraco)})
       ->capture_default_str()
       ->group(group);
   const auto options = declare_parameters<encoder::PackParameters>(app, settings_, group);
@@ -46,7 +48,9 @@ void PackOptions::declare(Arguments& app) {
 
 encoder::PackSettings PackOptions::settings() const {
   encoder::PackSettings settings = settings_;
-  if (profile_ == profile_name(Profile::kDraco)) settings.profile = Profile::kDraco;
+  for (const Profile profile : {Profile::kNearLossless, Profile::kDraco}) {
+    if (profile_ == profile_name(profile)) settings.profile = profile;
+  }
   const auto point = [](const std::vector<float>& v) {
     return v.size() == 3 ? std::optional(std::array{v[0], v[1], v[2]}) : std::nullopt;
   };
@@ -82,7 +86,7 @@ Json to_json(const encoder::PackReport& report) {
           {"bytes_out", report.bytes_out},
           {"damaged", {{"segments", report.damaged_segments}, {"sh", report.damaged_sh_segments}}},
           {"bytes_per_primitive", report.bytes_per_primitive},
-          {"quality", report.quality},
+          {"quality", report.quality > 0 ? Json(report.quality) : Json(nullptr)},
           {"kbps", report.kbps},
           {"images_psnr", report.images_psnr ? Json(*report.images_psnr) : Json(nullptr)},
           {"held_out",
@@ -100,7 +104,9 @@ Json to_json(const encoder::PackReport& report) {
 }
 
 std::string quality_text(const encoder::PackReport& report) {
-  std::string out = fmt::format("quality {:g}, {:.0f} kbit/s; ", report.quality, report.kbps);
+  std::string out =
+      report.quality > 0 ? fmt::format("quality {:g}, ", report.quality) : "near-lossless, ";
+  out += fmt::format("{:.0f} kbit/s; ", report.kbps);
   if (report.left_out > 0) {
     out += fmt::format("{} left out for the limit; ",
                        plural(report.left_out, "primitive of least importance"));

@@ -73,8 +73,9 @@ Result<Packed> pack_at(const Scene& scene, const PackSettings& settings, double 
   for (int attempt = 0; attempt <= kMaxTightenings; ++attempt, write.max_error *= 0.5) {
     STGS_TRY(before_attempt());
     Packed packed;
-    packed.quality =
-        write.own_steps && scene.quantisation ? scene.quantisation->quality : write.quality;
+    if (settings.profile != Profile::kNearLossless)
+      packed.quality =
+          write.own_steps && scene.quantisation ? scene.quantisation->quality : write.quality;
     STGS_ASSIGN(packed.bytes, encode_scene(scene, write, &packed.order));
     WorstPrimitive worst;
     STGS_TRY(decode(scene, packed, worst));
@@ -94,8 +95,9 @@ Status unreachable_error(const Scene& scene, const PackSettings& settings,
       worst.by_motion
           ? fmt::format("because primitive {} moves by {:.3g} units per frame", worst.primitive,
                         std::hypot(double{u[0]}, double{u[1]}, double{u[2]}))
-          : fmt::format("because primitive {} is at ({:g}, {:g}, {:g}) and positions have 21 bits",
-                        worst.primitive, worst.position.x, worst.position.y, worst.position.z);
+          : fmt::format("because primitive {} is at ({:g}, {:g}, {:g}) and positions have {} bits",
+                        worst.primitive, worst.position.x, worst.position.y, worst.position.z,
+                        settings.profile == Profile::kNearLossless ? 24 : 21);
   return unsupported(
       "--max-error {:g} cannot be met: the smallest possible error is {:.3g} thousandths of a "
       "scene "

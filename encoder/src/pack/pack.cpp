@@ -117,9 +117,28 @@ Status apply_metadata(const PackSettings& settings, SceneMetadata& metadata) {
   return {};
 }
 
+// Checks that no setting is without effect in the near-lossless profile.
+Status check_near_lossless(const PackSettings& settings) {
+  if (settings.profile != Profile::kNearLossless) return {};
+  const bool sized = settings.target_kbps > 0 || settings.target_size > 0;
+  if (settings.quality == 0 && !sized && settings.target_psnr == 0) return {};
+  return usage_error(
+      "the profile {} takes neither --quality nor a target; use it alone or with --max-error, or "
+      "use the profile {}",
+      profile_name(Profile::kNearLossless), profile_name(Profile::kQuantised));
+}
+
+Status check_numbers(const PackSettings& settings) {
+  STGS_TRY(check_profile(settings.profile));
+  STGS_TRY(check_parameters<PackParameters>(settings));
+  STGS_TRY(check_limits(settings));
+  return check_near_lossless(settings);
+}
+
 }  // namespace
 
-Status check_up_and_floor(const PackSettings& settings) {
+Status check_packing(const PackSettings& settings) {
+  STGS_TRY(check_numbers(settings));
   SceneMetadata metadata;
   return apply_metadata(settings, metadata);
 }
@@ -172,9 +191,7 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
     if (!progress || progress({"pack", done, -1, detail})) return {};
     return runtime_error("{}: packing stopped; nothing was written", output_path);
   };
-  STGS_TRY(check_profile(settings.profile));
-  STGS_TRY(check_parameters<PackParameters>(settings));
-  STGS_TRY(check_limits(settings));
+  STGS_TRY(check_numbers(settings));
   STGS_TRY(report_progress(0, "reading"));
   PackReport found;
   STGS_ASSIGN(Scene scene, read_inputs(scene_paths, log, found));

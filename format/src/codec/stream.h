@@ -23,7 +23,12 @@ enum class Coder : std::uint8_t {
   kDraco = 2,  // a Draco point cloud of the positions
 };
 
-inline constexpr int kPositionBits = 21;  // of a position, per axis: what Draco codes
+// Bits of a position in steps, per axis: what Draco codes, and what a near-lossless file may have,
+// whose steps are powers of two.
+inline constexpr int kPositionBits = 21, kFinePositionBits = kKeyBits + kMaxLowBits;
+constexpr int position_bits(bool near_lossless) {
+  return near_lossless ? kFinePositionBits : kPositionBits;
+}
 // Integers |q| below this are exact in float32.
 inline constexpr std::int64_t kMaxInteger = std::int64_t{1} << 24;
 

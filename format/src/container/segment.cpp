@@ -96,9 +96,8 @@ bool check_profile_of(const Layout& layout, Profile profile, std::uint32_t ordin
     const auto mapping = static_cast<Mapping>(row.mapping);
     const bool mapped =
         mapping != Mapping::kInteger && (mapping != Mapping::kFloat || row.step != Step{});
-    const bool fits = profile == Profile::kLossless    ? !mapped && !draco
-                      : profile == Profile::kQuantised ? !draco
-                                                       : true;
+    const bool quantised = profile == Profile::kQuantised || profile == Profile::kNearLossless;
+    const bool fits = profile == Profile::kLossless ? !mapped && !draco : !quantised || !draco;
     if (fits) continue;
     findings.error(N::kProfile, offset,
                    "segment {}, {}: mapping {} with coder {} is not allowed by the profile {}",

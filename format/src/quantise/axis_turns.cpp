@@ -126,7 +126,8 @@ ShapeDifference shape_difference(const Gaussians4D& a, std::size_t i, const Gaus
   out.angle = 4.0 * std::asin(std::min(1.0, 0.5 * std::sqrt(chord)));
   for (std::size_t k = 0; k < 3; ++k) {
     const double d = double{a.log_scale[3 * i + k]} - b.log_scale[3 * j + turned_axes()[turn][k]];
-    out.log_scale = std::max(out.log_scale, std::abs(d));
+    out.log_scales[k] = std::abs(d);
+    out.log_scale = std::max(out.log_scale, out.log_scales[k]);
   }
   return out;
 }

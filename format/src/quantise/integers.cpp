@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <numeric>
 
@@ -10,6 +11,8 @@
 
 namespace stgs {
 namespace {
+
+constexpr int kSortedBits = 21;  // of a position, per axis, in the keys by which they are sorted
 
 Integers begin(Attribute attribute, Mapping mapping, Step step, int components, std::size_t n) {
   Integers out;
@@ -113,7 +116,7 @@ Integers colour_integers(const Gaussians4D& part, Attribute attribute, Step step
   return out;
 }
 
-Integers position_integers(const Gaussians4D& part, Step step, const float (&origin)[3],
+Integers position_integers(const Gaussians4D& part, Step step, const float (&origin)[3], int bits,
                            std::vector<std::uint32_t>& order) {
   const std::size_t n = part.size();
   Integers out = begin(Attribute::kPosition, Mapping::kLinear, step, 3, n);
@@ -121,15 +124,22 @@ Integers position_integers(const Gaussians4D& part, Step step, const float (&ori
   std::copy_n(origin, 3, out.origin);
   std::vector<std::uint64_t> keys(n);
   std::vector<std::array<std::uint32_t, 3>> positions(n);
+  std::uint32_t all = 0;
   for (std::size_t i = 0; i < n; ++i) {
     std::array<std::uint32_t, 3>& q = positions[i];
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const double from_origin =
           static_cast<double>(part.position[3 * i + axis]) - out.origin[axis];
       q[axis] = static_cast<std::uint32_t>(
-          std::clamp<std::int64_t>(nearest(from_origin, out.step), 0, (1 << kPositionBits) - 1));
+          std::clamp<std::int64_t>(nearest(from_origin, out.step), 0, (1 << bits) - 1));
+      all |= q[axis];
     }
-    keys[i] = morton_key(q[0], q[1], q[2]);
+  }
+  // The bits left out are below those of the file's keys, which have fewer bits.
+  const int left_out = std::max(0, static_cast<int>(std::bit_width(all)) - kSortedBits);
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::array<std::uint32_t, 3>& q = positions[i];
+    keys[i] = morton_key(q[0] >> left_out, q[1] >> left_out, q[2] >> left_out);
   }
   order.resize(n);
   std::iota(order.begin(), order.end(), 0u);

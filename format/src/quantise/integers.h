@@ -22,8 +22,8 @@ Integers displacement_integers(const Gaussians4D& part, Step step, int part_expo
 Integers rotation_integers(const Gaussians4D& part, const Integers& log_scales, Step step);
 // kColour: converts each coefficient to luma and two chroma integers, centred at zero (spec 8.5).
 Integers colour_integers(const Gaussians4D& part, Attribute attribute, Step step);
-// kLinear: returns positions in Morton order, and sets `order` to it.
-Integers position_integers(const Gaussians4D& part, Step step, const float (&origin)[3],
+// kLinear: returns positions of `bits` bits per axis in Morton order, and sets `order` to it.
+Integers position_integers(const Gaussians4D& part, Step step, const float (&origin)[3], int bits,
                            std::vector<std::uint32_t>& order);
 
 }  // namespace stgs

@@ -17,7 +17,6 @@ constexpr int kTimeBits = 23, kFineTimeBits = 19;  // of T in steps
 // Bound of |T| from the beginning of a part: in multiples of the part's length, and at least in
 // ticks.
 constexpr double kReach = 4.0, kMinReach = 4096.0;
-constexpr float kLogitLimit = 12.0f;
 constexpr float kSigmaMin = 1.0f / 1024.0f;  // ticks
 constexpr float kSigmaMax = 1e9f;
 // At least half of a part of up to 2^32 ticks, but below 2^32, where a radius needs more than 24
@@ -30,7 +29,6 @@ constexpr int kMinLifespanStep = 4;
 // Ticks. A lower sigma fades out between two frames, because sigma sqrt(ln 255) < 1: a hard edge.
 constexpr float kHardSigma = 0.42f;
 constexpr double kEdgeMargin = 1.0 / 16.0;  // distance of a hard edge from a frame, ticks
-constexpr double kEdgeVisibility = 0.25;    // tolerance of l at a frame within a hard edge
 
 // Returns a step finer by 2^halvings, but not below the given exponent.
 Step finer(Step step, int halvings, int min_exponent) {
@@ -77,23 +75,23 @@ TickRange radii_for(const TickRange& visible, const FrameRange& frames, double t
   return {std::max(0.0, low), high - kEdgeMargin - fade};
 }
 
-// Returns whether `is` is visible at the frames of `visible`, as `was` is, with similar values of
-// l.
+// Returns whether `is` is visible at the frames of `visible`, as `was` is, with values of l that
+// differ by at most `tolerance`.
 bool same_frames(const Lifespan& was, const Lifespan& is, const TickRange& visible,
-                 const FrameRange& frames) {
+                 const FrameRange& frames, double tolerance) {
   const TickRange now = visible_frames(is, frames);
   if (visible.begin > visible.end) return now.begin > now.end;
   if (now.begin != visible.begin || now.end != visible.end) return false;
   const auto close = [&](double t) {
-    return std::abs(was.visibility(t) - is.visibility(t)) <= kEdgeVisibility;
+    return std::abs(was.visibility(t) - is.visibility(t)) <= tolerance;
   };
   return close(visible.begin) && close(visible.end);
 }
 
-// Returns `life` with T and r on these grids, visible at the same frames as `was`, and as near as
-// possible to it.
+// Returns `life` with T and r on these grids, visible at the same frames as `was`, with values of l
+// that differ by at most `tolerance`, and as near as possible to it.
 std::optional<Lifespan> hard_edged(const Lifespan& was, Lifespan life, const FrameRange& frames,
-                                   Step time, Step lifespan) {
+                                   double tolerance, Step time, Step lifespan) {
   const TickRange visible = visible_frames(was, frames);
   const bool none = visible.begin > visible.end;
   const double fade = life.fade();
@@ -105,7 +103,7 @@ std::optional<Lifespan> hard_edged(const Lifespan& was, Lifespan life, const Fra
     for (const double target : {double{was.radius}, middle}) {
       life.radius = on_lifespan_grid(static_cast<float>(target) + 1.0f, lifespan) - 1.0f;
       if (!none && !(life.radius >= radii.begin && life.radius <= radii.end)) continue;
-      if (same_frames(was, life, visible, frames)) return life;
+      if (same_frames(was, life, visible, frames, tolerance)) return life;
     }
   }
   return std::nullopt;
@@ -144,9 +142,16 @@ void set_time(double time, std::size_t i, Gaussians4D& set) {
   set.time[i] = static_cast<float>(time);
 }
 
-// Gives a primitive the same opacity throughout its part, with T in the middle.
-void set_constant_opacity(double length, double opacity, std::size_t i, Gaussians4D& set) {
-  set.opacity_logit[i] = static_cast<float>(std::log(opacity / (1.0 - opacity)));
+// Returns the logit of the share l, 0..1, of an opacity, from the logit of that.
+double logit_of_share(double logit, double l) {
+  if (l == 1.0) return logit;
+  return logit > 0.0 ? std::log(l) - std::log((1.0 - l) + std::exp(-logit))
+                     : logit + std::log(l) - std::log1p((1.0 - l) * std::exp(logit));
+}
+
+// Gives a primitive the same share of its opacity throughout its part, with T in the middle.
+void set_constant_opacity(double length, double l, std::size_t i, Gaussians4D& set) {
+  set.opacity_logit[i] = static_cast<float>(logit_of_share(set.opacity_logit[i], l));
   set_time(0.5 * length, i, set);
   set.sigma[i] = 1.0f;
   set.radius[i] = static_cast<float>(length);
@@ -164,7 +169,9 @@ void make_constant(double length, const LifespanBounds& bounds, std::size_t i, G
   // Averaging would blur a hard edge.
   const bool edge = life.sigma < kHardSigma && low < high;
   if (edge || life.opacity * (high - low) > 2.0 * bounds.opacity || way > bounds.motion) return;
-  set_constant_opacity(length, life.opacity * 0.5 * (high + low), i, set);
+  const double logit = set.opacity_logit[i];
+  if (!(logit_of_share(logit, high) - logit_of_share(logit, low) <= 2.0 * bounds.logit)) return;
+  set_constant_opacity(length, 0.5 * (high + low), i, set);
   std::fill_n(u, 3, 0.0f);
 }
 
@@ -187,7 +194,7 @@ void normalise(double length, std::size_t i, Gaussians4D& set) {
 void limit_time(double length, double reach, std::size_t i, Gaussians4D& set) {
   if (std::abs(set.time[i]) <= reach) return;
   const Lifespan life = lifespan_of(set, i);
-  set_constant_opacity(length, life.opacity * life.visibility(0.5 * length), i, set);
+  set_constant_opacity(length, life.visibility(0.5 * length), i, set);
 }
 
 }  // namespace
@@ -235,7 +242,7 @@ void LifespanGrids::snap(const TickRange& interval, std::size_t i, bool simplify
   limit_time(length, reach_, i, set);
   const Lifespan was = lifespan_of(set, i);
   float& logit = set.opacity_logit[i];
-  logit = on_grid(std::clamp(logit, -kLogitLimit, kLogitLimit), opacity_);
+  logit = on_grid(std::clamp(logit, -bounds_.max_logit, bounds_.max_logit), opacity_);
   while (math::opacity_of(logit) < math::kAlphaThreshold) {
     logit += static_cast<float>(size_of(opacity_));
   }
@@ -256,7 +263,8 @@ Lifespan LifespanGrids::rounded(const Lifespan& was, Lifespan life,
   for (int halved = 0; halved <= kMaxHalvings; ++halved) {
     const Step time = finer_time(time_, std::min(halved, finest_time_));
     if (was.sigma < kHardSigma) {
-      const auto found = hard_edged(was, life, frames, time, finer_lifespan(lifespan_, halved));
+      const auto found =
+          hard_edged(was, life, frames, bounds_.hard_edge, time, finer_lifespan(lifespan_, halved));
       if (found) return *found;
       continue;
     }

@@ -20,9 +20,12 @@ struct LifespanSteps {
 // Tolerances. A primitive that changes and moves less than this becomes constant; the edges of the
 // others keep their time within `edge`.
 struct LifespanBounds {
-  double motion = 0;   // of a constant primitive over its part, scene units
-  double opacity = 0;  // error of a constant opacity, 0..1
-  double edge = 0;     // error of T - r and T + r, in sigmas, or one step of T if that is more
+  double motion = 0;     // of a constant primitive over its part, scene units
+  double opacity = 0;    // error of a constant opacity, 0..1
+  double logit = 0;      // error of a constant opacity, as its logit
+  double edge = 0;       // error of T - r and T + r, in sigmas, or one step of T if that is more
+  double hard_edge = 0;  // error of l at the first and last frame between hard edges
+  float max_logit = 0;   // of an opacity and of its complement
 };
 
 // The flat top of a lifespan.

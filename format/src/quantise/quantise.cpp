@@ -7,56 +7,28 @@
 #include <limits>
 
 #include "quantise/axis_turns.h"
+#include "quantise/extents.h"
 #include "quantise/integers.h"
+#include "quantise/step_chooser.h"
 #include "stgs/format/math/blend.h"
 
 namespace stgs {
 namespace {
 
-// Quality to octaves of step size, 0 at kReference: 12.5 units of quality per octave below it, and
-// 6 above. Below kPoor images fall apart, so that a unit has less effect.
-constexpr double kReference = 85.0, kPoor = 55.0;
-constexpr double kUnits = 12.5, kFinerUnits = 6.0, kPoorUnits = 25.0;
-// Coarsest steps, in octaves: opacity (logit), T (ticks), log scale. Coarser ones would cost more
-// image quality than the same bytes saved elsewhere. Likewise the greatest error of a constant
-// opacity.
-constexpr double kCoarsestOpacity = -0.5, kCoarsestTime = -0.5, kCoarsestLogScale = -0.75;
-constexpr double kMaxConstantOpacity = -3.5;
-constexpr double kConstantOpacity = -5.0;             // error of a constant opacity, octaves
-constexpr double kEdge = -2.0, kCoarsestEdge = -1.0;  // error of an edge in sigmas, octaves
-// Exponents of importance in steps, measured; lower than the ideal 0.5. An estimate by size is less
-// reliable, in particular for positions: small primitives need them as exactly as large ones.
-constexpr double kPower = 0.3;
-constexpr double kPowerBySize = 0.2, kPositionPowerBySize = 0.1;
-constexpr double kMaxOctaves = 3.0;  // greatest effect of importance on a step
-// Steps as shares of max_error; position and displacement may each use half of it. The error of a
-// position is half the diagonal of a step. So is that of a displacement, over 2^E ticks. With M <
-// 2^(E+1) the greater of 2 sigma and r + 1 (spec 8.6), a primitive is visible for at most r + 2.36
-// sigma < 2.18 M after T, where its opacity falls to 1/255.
-constexpr double kPositionShare = 0.5 / 0.867;
-constexpr double kDisplacementShare = 0.5 / (0.867 * 4.36);
 // Bits of a displacement in steps: its product with a multiplier stays below 2^23.
 constexpr int kDisplacementBits = 22, kFineDisplacementBits = 19;
-constexpr double kOutlier = 16.0;         // multiple of the 90th percentile beyond which one is far
-constexpr double kDistanceOctaves = 4.0;  // range of outliers that share a layout
-constexpr int kMaxDistances = 12;         // limits the tiers of a segment (spec 5.7)
+constexpr double kHardEdge = 0.25, kFineHardEdge = 0x1p-6;  // error of l at hard edges
+constexpr float kMaxLogit = 12.0f, kFineMaxLogit = 24.0f;   // beyond it, floats are 0 or 1
+constexpr double kDistanceOctaves = 4.0;                    // range of outliers that share a layout
+constexpr int kMaxDistances = 12;  // limits the tiers of a segment (spec 5.7)
 // Bound of the importance by size, as a multiple of the 90th percentile. A sky dome covers a
 // million times the area of a splat and would dominate the mean.
 constexpr float kMaxImportance = 64.0f;
 constexpr double kTrainedSh = 1.0;  // octaves by which SH steps are coarser if trained for them
-constexpr double kMinRotationStep = -12.0, kMaxRotationStep = -2.5;
 
 // Returns the smallest power of two with which numbers up to `largest` fit into `bits` bits.
 Step step_for(double largest, int bits) {
   return power_above(largest > 0.0 ? std::ceil(std::log2(largest)) - bits : kMinExponent);
-}
-
-// Returns a percentile; 0 if there are no values.
-float percentile(std::vector<float> values, std::size_t hundredths) {
-  if (values.empty()) return 0.0f;
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(values.size() * hundredths / 100);
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
 }
 
 struct Extent {
@@ -85,48 +57,6 @@ Extent extent_of(const Gaussians4D& set, const std::vector<std::uint32_t>* membe
   return out;
 }
 
-// Returns the median position per axis, which outliers do not affect.
-std::array<float, 3> median_of(const Gaussians4D& set) {
-  std::array<float, 3> out{};
-  std::vector<float> line(set.size());
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    for (std::size_t i = 0; i < line.size(); ++i) line[i] = set.position[3 * i + axis];
-    out[axis] = percentile(line, 50);
-  }
-  return out;
-}
-
-// Returns the distance of a primitive from a point along the axis with the greatest one; scene
-// units.
-double distance_from(const std::array<float, 3>& point, const Gaussians4D& set, std::size_t i) {
-  double out = 0.0;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    out = std::max(out, std::abs(double{set.position[3 * i + axis]} - point[axis]));
-  }
-  return out;
-}
-
-// Returns the size relative to which position errors are measured: the 25th percentile of the mean
-// log scales.
-double typical_log_scale(const Gaussians4D& set) {
-  std::vector<float> sizes(set.size());
-  for (std::size_t i = 0; i < sizes.size(); ++i) {
-    const float* s = set.log_scale.data() + 3 * i;
-    sizes[i] = (s[0] + s[1] + s[2]) / 3.0f;
-  }
-  return percentile(std::move(sizes), 25);
-}
-
-// Returns the greatest displacement along an axis over a lifespan, scene units (spec 8.6).
-double displacement_of(const Gaussians4D& set, std::size_t i, int part_exponent) {
-  double out = 0.0;
-  const int life = lifespan_exponent_of(set.sigma[i], set.radius[i], part_exponent);
-  for (std::size_t c = 0; c < 3; ++c) {
-    out = std::max(out, std::ldexp(std::abs(double{set.velocity[3 * i + c]}), life));
-  }
-  return out;
-}
-
 double max_displacement(const Gaussians4D& set, const std::vector<std::uint32_t>& members,
                         int part_exponent) {
   double out = 0.0;
@@ -134,118 +64,23 @@ double max_displacement(const Gaussians4D& set, const std::vector<std::uint32_t>
   return out;
 }
 
-double octaves_coarser(double quality) {
-  if (quality >= kReference) return (kReference - quality) / kFinerUnits;
-  const double poor = std::max(0.0, kPoor - quality);
-  return (kReference - quality - poor) / kUnits + poor / kPoorUnits;
-}
-
-double mean_of(std::span<const float> values) {
-  double sum = 0.0;
-  for (const float v : values) sum += v;
-  return values.empty() ? 0.0 : sum / static_cast<double>(values.size());
-}
-
-// Returns kOutlier times the 90th percentile of measure(i).
-template <typename Measure>
-double outlier_bound(const Gaussians4D& set, const Measure& measure) {
-  std::vector<float> values(set.size());
-  constexpr double kMax = std::numeric_limits<float>::max();
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    values[i] = static_cast<float>(std::min(measure(i), kMax));
-  }
-  return kOutlier * percentile(std::move(values), 90);
-}
-
-// Returns a step near 2^octaves that is at most this share of a bound, if there is one.
-Step bounded(double octaves, double bound, double share, int in_octave) {
-  const Step step = step_near(octaves, in_octave);
-  if (bound == 0.0) return step;
-  const Step largest = step_below(std::log2(bound * share), in_octave);
-  return size_of(largest) < size_of(step) ? largest : step;
+LifespanBounds bounds_of(const Quantisation& rules) {
+  const LifespanRounding& rounding = rules.lifespans;
+  const bool fine = rules.near_lossless;
+  return {rounding.motion,
+          rounding.opacity,
+          fine ? 0.5 * size_of(rules.opacity) : HUGE_VAL,
+          rounding.edge,
+          fine ? kFineHardEdge : kHardEdge,
+          fine ? kFineMaxLogit : kMaxLogit};
 }
 
 }  // namespace
 
-StepChooser::StepChooser(const Gaussians4D& set, std::span<const float> importance, bool by_size,
-                         double longest_part, double quality, double max_error)
-    : power_(by_size ? kPowerBySize : kPower),
-      position_power_(by_size ? kPositionPowerBySize : kPower),
-      coarser_(octaves_coarser(quality)),
-      importance_(mean_of(importance)) {
-  rules_.quality = quality;
-  rules_.max_error = max_error;
-  rules_.longest_part = longest_part;
-  const double size = typical_log_scale(set) / std::log(2.0);
-  // Measured at equal loss. With estimated importance, colour counts less relative to position.
-  octaves_.position = std::clamp(size - (by_size ? 3.3 : 3.1), -90.0, 90.0);
-  octaves_.displacement = octaves_.position + 0.8;
-  octaves_.log_scale = -3.4;
-  octaves_.rotation = -5.2;
-  octaves_.sh[0] = by_size ? -4.35 : -4.65;
-  octaves_.sh[1] = octaves_.sh[2] = octaves_.sh[3] = by_size ? -4.6 : -4.9;
-  rules_.opacity = step_near(std::min(-1.5 + coarser_, kCoarsestOpacity), kFineSteps);
-  double motion = std::exp2(octaves_.displacement + coarser_);
-  if (max_error > 0.0) motion = std::min(motion, max_error);  // half of it in each direction
-  rules_.lifespans = {std::min(-2.0 + coarser_, kCoarsestTime),
-                      std::clamp(21.0 + coarser_, 16.0, 22.0), motion,
-                      std::exp2(std::min(kConstantOpacity + coarser_, kMaxConstantOpacity)),
-                      std::exp2(std::min(kEdge + coarser_, kCoarsestEdge))};
-  // Limits of outliers: the range of the steps, an octave of which is reserved for importance, and
-  // the bulk of the primitives.
-  rules_.middle = median_of(set);
-  const Step position =
-      bounded(octaves_.position + coarser_, max_error, kPositionShare, kCoarseSteps);
-  rules_.near_distance =
-      std::max(std::ldexp(size_of(position), kPositionBits - 2),
-               outlier_bound(set, [&](auto i) { return distance_from(rules_.middle, set, i); }));
-  const Step displacement =
-      bounded(octaves_.displacement + coarser_, max_error, kDisplacementShare, kFineSteps);
-  const int longest = part_exponent_of(longest_part);
-  rules_.near_displacement =
-      std::max(std::ldexp(size_of(displacement), kFineDisplacementBits - 1),
-               outlier_bound(set, [&](auto i) { return displacement_of(set, i, longest); }));
-}
-
-TierSteps StepChooser::steps_for(double importance) const {
-  const double ratio = importance > 0 && importance_ > 0 ? importance_ / importance : 1.0;
-  const auto coarser_by = [&](double power) {
-    return coarser_ + std::clamp(power * std::log2(ratio), -kMaxOctaves, kMaxOctaves);
-  };
-  const double coarser = coarser_by(power_), max_error = rules_.max_error;
-  TierSteps out;
-  out.position = bounded(octaves_.position + coarser_by(position_power_), max_error, kPositionShare,
-                         kCoarseSteps);
-  out.displacement =
-      bounded(octaves_.displacement + coarser, max_error, kDisplacementShare, kFineSteps);
-  out.log_scale = step_near(std::min(octaves_.log_scale + coarser, kCoarsestLogScale), kFineSteps);
-  out.rotation = step_near(
-      std::clamp(octaves_.rotation + coarser, kMinRotationStep, kMaxRotationStep), kCoarseSteps);
-  for (std::size_t band = 0; band < 4; ++band)
-    out.sh[band] = step_near(octaves_.sh[band] + coarser, kFineSteps);
-  return out;
-}
-
-void set_tiers(const StepChooser& chooser, const TierPlan& plan, std::span<const float> importance,
-               Quantisation& quantisation) {
-  quantisation.bounds = plan.bounds;
-  quantisation.graded = plan.graded;
-  std::vector<double> sums(plan.bounds.size() + 1, 0.0), counts(sums.size(), 0.0);
-  for (const float x : importance) {
-    const auto t = static_cast<std::size_t>(quantisation.tier_of(x));
-    sums[t] += x;
-    ++counts[t];
-  }
-  quantisation.tiers.clear();
-  for (std::size_t t = 0; t < sums.size(); ++t) {
-    quantisation.tiers.push_back(chooser.steps_for(counts[t] > 0 ? sums[t] / counts[t] : 0.0));
-  }
-}
-
 Quantiser::Quantiser(const Quantisation& rules)
     : rules_(rules),
       lifespans_(rules.longest_part, rules.lifespans.time, rules.lifespans.lifespan, rules.opacity,
-                 {rules.lifespans.motion, rules.lifespans.opacity, rules.lifespans.edge}) {}
+                 bounds_of(rules)) {}
 
 Step Quantiser::displacement_step(Step step, double farthest) const {
   if (size_of(step) >= size_of(step_for(farthest, kFineDisplacementBits))) return step;
@@ -278,8 +113,9 @@ GroupSteps Quantiser::steps_of(const Gaussians4D& set, const std::vector<std::ui
   const int longest = part_exponent_of(rules_.longest_part);
   GroupSteps out;
   out.lifespan = lifespans_.steps_of(set, members);
-  // One value fewer than 2^21, because the origin is rounded down.
-  out.position = coarser_of(steps.position, step_for(extent.largest() * 1.000001, kPositionBits));
+  // One value fewer than the bits have, because the origin is rounded down.
+  out.position = coarser_of(
+      steps.position, step_for(extent.largest() * 1.000001, position_bits(rules_.near_lossless)));
   for (std::size_t axis = 0; axis < 3; ++axis)
     out.origin[axis] = on_grid(extent.low[axis], out.position);
   out.displacement = displacement_step(steps.displacement, max_displacement(set, members, longest));
@@ -293,7 +129,8 @@ std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSt
                                           double segment_begin, int part_exponent,
                                           std::vector<std::uint32_t>& order) const {
   std::vector<Integers> out;
-  out.push_back(position_integers(part, steps.position, steps.origin, order));
+  out.push_back(position_integers(part, steps.position, steps.origin,
+                                  position_bits(rules_.near_lossless), order));
   Gaussians4D sorted = part.gather(order);
   minimise_rotations(sorted);
   out.push_back(time_integers(sorted, steps.lifespan.time, segment_begin));
@@ -313,7 +150,8 @@ std::vector<Integers> Quantiser::quantise(const Gaussians4D& part, const GroupSt
 }
 
 float Quantiser::position_step(const Gaussians4D& set) const {
-  Step coarsest = step_for(extent_of(set, nullptr).largest() * 1.000001, kPositionBits);
+  Step coarsest =
+      step_for(extent_of(set, nullptr).largest() * 1.000001, position_bits(rules_.near_lossless));
   for (const TierSteps& steps : rules_.tiers) coarsest = coarser_of(coarsest, steps.position);
   return static_cast<float>(size_of(coarsest));
 }
@@ -329,7 +167,7 @@ bool is_valid(const Quantisation& quantisation) {
   };
   bool good = in(quantisation.quality, 0, 100) && quantisation.longest_part > 0 &&
               quantisation.longest_part <= kMaxChunk && quantisation.max_error == 0 &&
-              is_step(quantisation.opacity) &&
+              !quantisation.near_lossless && is_step(quantisation.opacity) &&
               in(size_of(quantisation.opacity), kMinOpacityStep, kMaxOpacityStep) &&
               in(quantisation.lifespans.time, -16, 16) &&
               in(quantisation.lifespans.lifespan, 4, 23) && quantisation.lifespans.motion >= 0 &&
@@ -349,7 +187,7 @@ bool is_valid(const Quantisation& quantisation) {
 
 Quantisation choose_quantisation(const Gaussians4D& set, std::span<const float> importance,
                                  double ticks, double quality) {
-  const StepChooser chooser(set, importance, false, ticks, quality, 0.0);
+  const StepChooser chooser(set, importance, false, ticks, {quality});
   Quantisation out = chooser.rules();
   const PartRange part{0, static_cast<std::uint32_t>(set.size()), {0.0, ticks}, {}};
   const std::span<const PartRange> parts(&part, 1);

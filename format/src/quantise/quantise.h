@@ -2,7 +2,6 @@
 // The quantised profile: the step of each attribute, and the integers (spec 8).
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -11,7 +10,6 @@
 #include "quantise/lifespans.h"
 #include "quantise/segmenter.h"
 #include "quantise/steps.h"
-#include "quantise/tiers.h"
 #include "stgs/format/quantisation.h"
 
 namespace stgs {
@@ -23,40 +21,6 @@ struct GroupSteps {
   Step sh[4];
   float origin[3] = {0, 0, 0};
 };
-
-// Chooses the steps of a set, whose times count from the beginnings of parts that last at most
-// `longest_part` ticks.
-// - `importance` (N): Scene::importance or, with `by_size`, importance_by_size() of the set
-// - `quality`: 0..100
-// - `max_error`: greatest displacement of a primitive while it is visible, scene units; 0: given by
-//   the quality. Guaranteed if 21 bits suffice for the extent of a layout's positions.
-class StepChooser {
- public:
-  StepChooser(const Gaussians4D& set, std::span<const float> importance, bool by_size,
-              double longest_part, double quality, double max_error);
-
-  // Returns everything but the tiers.
-  Quantisation rules() const { return rules_; }
-  // Returns the steps of primitives by their mean importance: the lower, the coarser.
-  TierSteps steps_for(double importance) const;
-
- private:
-  // log2 of the steps for primitives of mean importance, in the unit of the attribute.
-  struct Octaves {
-    double position = 0, displacement = 0, log_scale = 0, rotation = 0, sh[4] = {0, 0, 0, 0};
-  };
-
-  Quantisation rules_;
-  Octaves octaves_;
-  // Exponents of importance in the steps of all attributes but position, and of position.
-  double power_ = 0, position_power_ = 0;
-  double coarser_ = 0;     // octaves, given by the quality
-  double importance_ = 0;  // mean over the set
-};
-
-// Sets the tiers of a quantisation and their steps. `importance`: of all primitives.
-void set_tiers(const StepChooser& chooser, const TierPlan& plan, std::span<const float> importance,
-               Quantisation& quantisation);
 
 // Converts primitives to integers.
 class Quantiser {

@@ -75,6 +75,7 @@ class BodyWriter {
         group_of_(segments.size()),
         integers_(segments.size()),
         planes_(segments.size()),
+        errors_(segments.size()),
         coded_bytes_(attributes_.size()),
         stored_bytes_(segments.size(), std::vector<double>(attributes_.size())) {
     for (std::size_t g = 0; g < groups_.size(); ++g) {
@@ -96,6 +97,7 @@ class BodyWriter {
     each_segment([&](std::size_t s) {
       if (!quantised) quantise(s);
       split(s);
+      if (encoding_.source != nullptr) measure(s);
       count(s);
       if (!quantised) planes_[s].clear();  // computed again below: they are as large as the scene
     });
@@ -117,6 +119,7 @@ class BodyWriter {
           {static_cast<std::uint16_t>(attributes_[a]), static_cast<std::uint64_t>(sum)});
     }
     if (!encoding_.own_layouts) body_.layouts = std::move(sets_.front());
+    for (const CodingErrors& errors : errors_) body_.errors.add(errors);
   }
 
  private:
@@ -210,6 +213,17 @@ class BodyWriter {
         integers = {};
       }
     }
+  }
+
+  // Measures the differences between a segment's planes and the source.
+  void measure(std::size_t s) {
+    const IndexEntry& entry = body_.index.segments[s].base;
+    const PartEntry& in = body_.parts[body_.index.segments[s].part];
+    const Gaussians4D coded =
+        map_planes(planes_[s], groups_[group_of_[s]].plans, encoding_.set->sh_degree,
+                   begin_of(entry.level, entry.slot, encoding_.chunk_ticks),
+                   part_exponent_of(in.end - in.begin));
+    errors_[s].add(*encoding_.source, segments_[s].segment.members, coded, in.end - in.begin);
   }
 
   // Counts the symbols of a segment's planes.
@@ -348,6 +362,7 @@ class BodyWriter {
   std::vector<std::size_t> group_of_;              // by segment
   std::vector<std::vector<Integers>> integers_;    // by segment and attribute
   std::vector<std::vector<RecordPlanes>> planes_;  // by segment and kind of record
+  std::vector<CodingErrors> errors_;               // by segment
   std::vector<LayoutSet> sets_;                    // one, or one for each group and kind
   std::mutex counting_;
   std::vector<std::vector<SymbolCounts>> counts_;  // by group and kind, and plane

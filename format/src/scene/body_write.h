@@ -11,12 +11,14 @@
 #include "quantise/quantise.h"
 #include "quantise/segmenter.h"
 #include "quantise/tiers.h"
+#include "scene/coding_errors.h"
 
 namespace stgs {
 
 // The input of encode_body(). Pointers and spans are not owned.
 struct Encoding {
   const Gaussians4D* set = nullptr;
+  const Gaussians4D* source = nullptr;   // measure the differences to this set; null: do not
   std::span<const float> importance;     // empty: lossless, one tier
   const Quantiser* quantiser = nullptr;  // null: lossless
   double chunk_ticks = 0;
@@ -34,7 +36,8 @@ struct Body {
   std::vector<PartEntry> parts;
   std::vector<std::vector<std::uint8_t>> bases, sh;  // records, by segment
   std::vector<std::uint32_t>
-      order;  // of the primitives, segment after segment: indices in the scene
+      order;            // of the primitives, segment after segment: indices in the scene
+  CodingErrors errors;  // if Encoding has a source
 };
 
 // Encodes all segments of these parts, on all threads.

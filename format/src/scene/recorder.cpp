@@ -34,6 +34,16 @@ struct Recorded {
   }
 };
 
+Status check_recorded_profile(Profile profile) {
+  STGS_TRY(check_profile(profile));
+  if (profile != Profile::kNearLossless) return {};
+  return usage_error(
+      "cannot record in the profile {}: its errors are known only at the end; record in the "
+      "profile "
+      "{}",
+      profile_name(profile), profile_name(Profile::kLossless));
+}
+
 }  // namespace
 
 class SceneRecorder::State {
@@ -66,7 +76,7 @@ class SceneRecorder::State {
                          profile_name(head.metadata.profile),
                          profile_name(settings_.write.profile));
     }
-    STGS_TRY(check_profile(settings_.write.profile));
+    STGS_TRY(check_recorded_profile(settings_.write.profile));
     metadata_ = head.metadata;
     recorded_.chunk_ticks = chunk_of_settings();
     head_ = head.bytes;
@@ -165,7 +175,7 @@ class SceneRecorder::State {
     check.chunk_seconds = 0;  // already checked; must not be checked against the whole timeline
     STGS_TRY(check_scene(scene, check));
     STGS_ASSIGN(EncodedScene encoded,
-                encode_records(scene, settings_.write, recorded_.chunk_ticks));
+                encode_records(scene, settings_.write, recorded_.chunk_ticks, false));
     Recorded after = recorded_;
     after.add(encoded, end_frame);
     STGS_TRY(append_fragment(encoded.body, after));
@@ -283,6 +293,7 @@ Result<std::unique_ptr<SceneRecorder>> SceneRecorder::create(const std::string& 
                                                              int sh_degree,
                                                              const RecordSettings& settings) {
   if (metadata.window) return usage_error("{}: a recording cannot be a window of a capture", path);
+  STGS_TRY(check_recorded_profile(settings.write.profile));
   try {
     FileMetadata head{metadata, settings.write.profile, sh_degree};
     head.scene.frames = 1;  // the FRAG records have the actual values

@@ -54,7 +54,7 @@ bool fits_memory(const RecordHeader& record, const FileHead& head, std::uint64_t
 }
 
 // What the records of the body have stated so far.
-struct Body {
+struct BodyState {
   std::set<std::uint64_t> copies;  // offsets of the copies of nodes
   std::uint32_t frames = 0;        // of the last FRAG record
   bool has_importance = false;     // IMPO
@@ -63,7 +63,7 @@ struct Body {
 
 // Checks a FRAG record of a growing file (spec 9.2, 9.3).
 void check_fragment(std::span<const std::uint8_t> payload, const FileHead& head, std::uint64_t at,
-                    Body& body, Findings& findings) {
+                    BodyState& body, Findings& findings) {
   ByteReader in(payload);
   const std::uint64_t stated = in.u64();
   const std::uint32_t now = in.u32(), flags = in.u32();
@@ -87,7 +87,7 @@ void check_fragment(std::span<const std::uint8_t> payload, const FileHead& head,
 
 // Checks a record that is not critical, at a place outside of segments.
 void check_other(const RecordHeader& record, std::span<const std::uint8_t> payload,
-                 const FileHead& head, std::uint64_t at, Body& body, Findings& findings) {
+                 const FileHead& head, std::uint64_t at, BodyState& body, Findings& findings) {
   if (head.growing())
     findings.error(N::kFragment, at, "record '{}' within a fragment", tag_text(record.tag));
   if (record.flags == 0 && record.tag == kImportanceTag && body.after_segments) {
@@ -106,7 +106,7 @@ void check_other(const RecordHeader& record, std::span<const std::uint8_t> paylo
 // Checks the records in [at, end) of the body, which the index does not list, as far as they are
 // available.
 void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t at,
-                   std::uint64_t end, Body& body, Findings& findings) {
+                   std::uint64_t end, BodyState& body, Findings& findings) {
   while (at < end) {
     const std::uint64_t left = head.available_bytes - std::min(at, head.available_bytes);
     if (left < std::min(end - at, kRecordHeaderBytes)) return;  // already reported
@@ -148,7 +148,7 @@ void walk_unlisted(const ByteSource& source, const FileHead& head, std::uint64_t
 void walk_body(const ByteSource& source, FileHead& head, std::set<std::uint64_t> copies,
                Findings& findings) {
   std::uint64_t at = head.header.head_bytes;
-  Body body;
+  BodyState body;
   body.copies = std::move(copies);
   for (const IndexEntry* record : records_of(head.index)) {
     if (record->offset < at) {

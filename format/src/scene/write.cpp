@@ -9,6 +9,7 @@
 #include "codec/draco_points.h"
 #include "container/body_plan.h"
 #include "core/bytes.h"
+#include "quantise/step_chooser.h"
 #include "scene/write.h"
 #include "stgs/format/output_file.h"
 
@@ -191,7 +192,8 @@ double longest_of(std::span<const PartRange> parts) {
 // Returns whether a scene is packed with the steps that it was trained for.
 bool uses_own_steps(const Scene& scene, const WriteSettings& settings) {
   return scene.quantisation && settings.own_steps && !scene.importance.empty() &&
-         settings.max_error == 0.0 && settings.tiers == 0;
+         settings.max_error == 0.0 && settings.tiers == 0 &&
+         settings.profile != Profile::kNearLossless;
 }
 
 // Returns the primitives of all segments in this order, as indices in the scene.
@@ -224,8 +226,10 @@ std::vector<std::uint8_t> assemble(const FileMetadata& metadata, const Scene& sc
   // Needed for packing the scene later; quantised scenes do not need it.
   const bool packable = metadata.profile == Profile::kLossless && !scene.importance.empty();
   const std::uint64_t other_bytes = packable ? kRecordHeaderBytes + 4 * scene.importance.size() : 0;
-  std::vector<std::uint8_t> records =
-      write_head_records(metadata, body.layouts, packable ? scene.quantisation : std::nullopt);
+  std::vector<ErrorBound> errors;
+  if (metadata.profile != Profile::kLossless) errors = body.errors.bounds(metadata.sh_degree);
+  std::vector<std::uint8_t> records = write_head_records(
+      metadata, body.layouts, packable ? scene.quantisation : std::nullopt, errors);
   const BodyPlan plan(body.index, body.parts, metadata.scene.frames, kHeaderBytes + records.size(),
                       other_bytes);
   const std::vector<std::uint8_t> index = plan.index_record();
@@ -264,7 +268,7 @@ std::vector<std::uint8_t> assemble(const FileMetadata& metadata, const Scene& sc
 }  // namespace
 
 Status check_profile(Profile profile) {
-  if (profile == Profile::kUnknown || profile == Profile::kNearLossless)
+  if (profile == Profile::kUnknown)
     return usage_error("cannot write the profile {}", profile_name(profile));
   return profile == Profile::kDraco ? check_draco() : Status();
 }
@@ -280,11 +284,12 @@ Status check_scene(const Scene& scene, const WriteSettings& settings) {
 }
 
 Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& settings,
-                                    double chunk_ticks) {
+                                    double chunk_ticks, bool measure) {
   EncodedScene out;
   out.metadata = {scene.metadata, settings.profile, scene.gaussians.sh_degree};
   const std::vector<PartRange> parts = ranges_of(scene);
   const bool lossless = settings.profile == Profile::kLossless;
+  const bool near_lossless = settings.profile == Profile::kNearLossless;
   std::vector<float> importance;
   std::optional<StepChooser> chooser;
   Quantisation quantisation;
@@ -302,12 +307,13 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
       quantisation = *scene.quantisation;
     } else {
       chooser.emplace(scene.gaussians, importance, scene.importance.empty(), longest_of(parts),
-                      settings.quality, settings.max_error);
+                      StepGoal{settings.quality, settings.max_error, near_lossless});
       quantisation = chooser->rules();
     }
     // Segments are based on the values that a decoder reconstructs.
     snapped = Quantiser(quantisation).snap_lifespans(scene.gaussians, parts, chooser.has_value());
     encoding.set = &snapped;
+    if (measure) encoding.source = &scene.gaussians;
     encoding.importance = importance;
     encoding.draco = settings.profile == Profile::kDraco;
   }
@@ -336,7 +342,8 @@ Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& set
 }
 
 std::vector<std::uint8_t> write_head_records(const FileMetadata& metadata, const LayoutSet& layouts,
-                                             const std::optional<Quantisation>& steps) {
+                                             const std::optional<Quantisation>& steps,
+                                             std::span<const ErrorBound> errors) {
   std::vector<std::uint8_t> out = write_record(kMetadataTag, write_metadata(metadata));
   const auto add = [&out](std::uint32_t tag, std::span<const std::uint8_t> payload,
                           std::uint32_t flags) {
@@ -350,6 +357,7 @@ std::vector<std::uint8_t> write_head_records(const FileMetadata& metadata, const
   }
   if (metadata.scene.window) add(kWindowTag, write_window(*metadata.scene.window), 0);
   if (steps) add(kStepTag, write_steps(*steps), 0);
+  if (!errors.empty()) add(kErrorTag, write_error_bounds(errors), 0);
   return out;
 }
 
@@ -358,7 +366,7 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
   STGS_TRY(check_scene(scene, settings));
   try {
     const double chunk = to_chunk(scene.metadata.time_base.ticks(settings.chunk_seconds));
-    STGS_ASSIGN(EncodedScene encoded, encode_records(scene, settings, chunk));
+    STGS_ASSIGN(EncodedScene encoded, encode_records(scene, settings, chunk, true));
     std::vector<std::uint8_t> bytes = assemble(encoded.metadata, scene, encoded.body);
     if (order != nullptr) *order = std::move(encoded.body.order);
     return bytes;

@@ -18,12 +18,14 @@ struct EncodedScene {
   FileMetadata metadata;  // with the bounds
   Body body;
 };
-// Encodes the records of a checked scene. A chunk of 0 ticks is chosen automatically.
+// Encodes the records of a checked scene. A chunk of 0 ticks is chosen automatically. `measure`:
+// set the errors of the body, unless the scene is coded without loss.
 Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& settings,
-                                    double chunk_ticks);
+                                    double chunk_ticks, bool measure);
 
-// Returns the records META, LAYT if there are layouts, WNDW if there is a window, and STEP if there
-// are steps.
+// Returns the records META, LAYT if there are layouts, WNDW if there is a window, STEP if there are
+// steps, and ERRB if there are errors.
 std::vector<std::uint8_t> write_head_records(const FileMetadata& metadata, const LayoutSet& layouts,
-                                             const std::optional<Quantisation>& steps = {});
+                                             const std::optional<Quantisation>& steps = {},
+                                             std::span<const ErrorBound> errors = {});
 }  // namespace stgs

@@ -261,8 +261,11 @@ STGS_API stgs_result stgs_encoder_check_training(stgs_encoder* encoder,
 /* Coding of a packed file. */
 typedef int32_t stgs_profile;
 enum {
-  STGS_PROFILE_QUANTISED = 0, /* quantised attributes, entropy coded */
-  STGS_PROFILE_DRACO = 1      /* positions coded by Draco (otherwise STGS_ERROR_NOT_BUILT) */
+  STGS_PROFILE_QUANTISED = 0,    /* quantised attributes, entropy coded */
+  STGS_PROFILE_DRACO = 1,        /* positions coded by Draco (otherwise STGS_ERROR_NOT_BUILT) */
+  STGS_PROFILE_NEAR_LOSSLESS = 2 /* quantised so finely that renders do not reveal it, for archives;
+                                  * not with quality, target_kbps, target_size or target_psnr, nor
+                                  * for recordings */
 };
 
 /* Settings of stgs_encoder_pack. */
@@ -306,7 +309,7 @@ typedef struct stgs_pack_report {
       damaged_sh_segments; /* written without view-dependent colour, unreadable in the inputs */
   uint64_t bytes_in;       /* size of the inputs */
   uint64_t bytes_out;      /* size of the output */
-  double quality;          /* quality used */
+  double quality;          /* quality used; 0: near-lossless */
   double kbps;             /* mean bit rate, kbit/s */
   double position_max;     /* largest position error, scene units, at its worst time */
   double position_rms;     /* root mean square of the same */

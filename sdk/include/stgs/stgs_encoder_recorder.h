@@ -34,7 +34,7 @@ typedef struct stgs_record_settings {
   uint32_t time_base_numerator;   /* a frame lasts numerator / denominator seconds; */
   uint32_t time_base_denominator; /* default 1 / 30 */
   int32_t sh_degree;              /* of all fragments, 0 to 3; default 0 */
-  stgs_profile profile;           /* default STGS_PROFILE_QUANTISED */
+  stgs_profile profile;           /* default STGS_PROFILE_QUANTISED; or STGS_PROFILE_DRACO */
   int32_t tiers;                  /* as in stgs_pack_settings, 1 to 16; 0 (default): automatic */
   double quality;                 /* 0 to 100; default 87 */
   double max_error;               /* upper bound of position errors, thousandths of a scene unit,

@@ -22,7 +22,8 @@ bool is_zero(const float* v) {
 }
 
 Outcome check(const stgs_pack_settings& s) {
-  STGS_SDK_TRY(check_range("profile", s.profile, STGS_PROFILE_QUANTISED, STGS_PROFILE_DRACO));
+  STGS_SDK_TRY(
+      check_range("profile", s.profile, STGS_PROFILE_QUANTISED, STGS_PROFILE_NEAR_LOSSLESS));
   STGS_SDK_TRY(check_ranges<encoder::PackParameters>(s));
   for (const float x : s.up) STGS_SDK_TRY(check_range(encoder::kUp, x));
   STGS_SDK_TRY(check_flag("has_floor", s.has_floor));
@@ -30,9 +31,15 @@ Outcome check(const stgs_pack_settings& s) {
   return {};
 }
 
+Profile profile_of(stgs_profile profile) {
+  return profile == STGS_PROFILE_DRACO           ? Profile::kDraco
+         : profile == STGS_PROFILE_NEAR_LOSSLESS ? Profile::kNearLossless
+                                                 : Profile::kQuantised;
+}
+
 encoder::PackSettings packing_of(const stgs_pack_settings& s) {
   encoder::PackSettings settings;
-  settings.profile = s.profile == STGS_PROFILE_DRACO ? Profile::kDraco : Profile::kQuantised;
+  settings.profile = profile_of(s.profile);
   copy_parameters<encoder::PackParameters>(s, settings);
   settings.against = text_of(s.against);
   if (!is_zero(s.up)) settings.up = {s.up[0], s.up[1], s.up[2]};

@@ -18,7 +18,9 @@ namespace stgs::encoder {
 
 // PackParameters describes the numbers.
 struct PackSettings {
-  Profile profile = Profile::kQuantised;  // or kDraco; kNotBuilt in a build without libdraco
+  // Or kDraco (kNotBuilt in a build without libdraco), or kNearLossless, which takes neither a
+  // quality nor a limit or target.
+  Profile profile = Profile::kQuantised;
   // 0: the steps that the scene was trained for or, without any, WriteSettings::quality. Ignored if
   // there is a limit.
   double quality = 0;
@@ -88,9 +90,9 @@ struct PackParameters {
   }
 };
 
-// Checks `up` and `floor` as pack() does for a scene that has neither. Returns kUsage if pack()
-// would reject them.
-Status check_up_and_floor(const PackSettings& settings);
+// Checks the settings as pack() does before it reads a scene; `up` and `floor` for a scene that has
+// neither. Returns kUsage or kNotBuilt if pack() would reject them.
+Status check_packing(const PackSettings& settings);
 
 // A merged window: the frames at which its primitives are rendered.
 struct PackedPart {
@@ -107,7 +109,7 @@ struct PackReport {
   std::uint64_t damaged_segments = 0, damaged_sh_segments = 0;
   std::uint64_t bytes_in = 0, bytes_out = 0;
   double bytes_per_primitive = 0;
-  double quality = 0;             // 0..100, used or found for a limit
+  double quality = 0;             // used or found for a limit; 0: near-lossless
   std::uint64_t left_out = 0;     // for the limit: primitives of least importance
   double kbps = 0;                // mean bit rate
   std::vector<PackedPart> parts;  // in time order; empty for a single scene

@@ -33,9 +33,10 @@ struct LifespanRounding {
 };
 
 struct Quantisation {
-  double quality = 0;       // 0..100, for which the steps were chosen
-  double max_error = 0;     // greatest displacement of a primitive, scene units; 0: no bound
-  double longest_part = 0;  // ticks
+  double quality = 0;          // 0..100, for which the steps were chosen
+  double max_error = 0;        // greatest displacement of a primitive, scene units; 0: no bound
+  double longest_part = 0;     // ticks
+  bool near_lossless = false;  // of Profile::kNearLossless: chosen for no quality
   LifespanRounding lifespans;
   Step opacity;  // of the logit
   // Primitives farther than near_distance from the middle, or that move by more than

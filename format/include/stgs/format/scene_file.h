@@ -26,17 +26,18 @@ inline constexpr std::uint16_t kFormatMinor = 0;
 
 // The coding of a file's primitives.
 enum class Profile : std::uint16_t {
-  kLossless = 0,      // every float unchanged
-  kQuantised = 1,     // bounded error, tiers by importance, Morton order
-  kDraco = 2,         // kQuantised with positions as Draco point clouds
-  kNearLossless = 3,  // kQuantised with steps so fine that the file states the bounds
+  kLossless = 0,   // every float unchanged
+  kQuantised = 1,  // bounded error, tiers by importance, Morton order
+  kDraco = 2,      // kQuantised with positions as Draco point clouds
+  // kQuantised with steps whose errors no render reveals, the same for all tiers; states the bounds
+  kNearLossless = 3,
   kUnknown = 0xFFFF,  // of a later version; is read as kQuantised and cannot be written
 };
 
 // Returns "lossless", "quantised", "draco", "near-lossless" or "unknown".
 const char* profile_name(Profile profile);
 // Checks that this build can write the profile and decode its segments; kNotBuilt otherwise, kUsage
-// for kNearLossless and kUnknown.
+// for kUnknown.
 Status check_profile(Profile profile);
 
 // A pinhole camera to start playback from; world-to-camera, OpenCV axes.
@@ -85,7 +86,8 @@ struct SceneMetadata {
 };
 
 // Differences of an attribute to the source that was coded, over all primitives, in the attribute's
-// unit; radians for rotations (spec 4.7).
+// unit: lengths of vectors for positions and velocities, radians for rotations. Spec 4.7 defines
+// which properties of a source are compared.
 struct ErrorBound {
   Attribute attribute = Attribute::kPosition;
   float greatest = 0, rms = 0;
@@ -308,8 +310,8 @@ class SceneReader {
   Result<std::vector<float>> importance() const;
   // Returns Scene::quantisation, if the file has a valid one. Valid until refresh().
   const std::optional<Quantisation>& quantisation() const;
-  // Returns the errors that the writer measured; empty if the file states none. Valid until
-  // refresh().
+  // Returns the errors that the writer measured; empty if the file states none, as lossless files
+  // and recordings. Valid until refresh().
   const std::vector<ErrorBound>& error_bounds() const;
 
  private:
@@ -341,9 +343,9 @@ inline constexpr Parameter kTiers = {
 struct WriteSettings {
   Profile profile = Profile::kLossless;
   double chunk_seconds = 0;  // chunk of the timeline; 0: chosen for the lifespans of the scene
-  double quality = 87;       // kQuality; ignored by the lossless profile
+  double quality = 87;       // kQuality; ignored by the lossless and the near-lossless profile
   // Use Scene::quantisation, if there is one, in place of `quality`. Ignored if max_error or tiers
-  // are set.
+  // are set, and by the near-lossless profile.
   bool own_steps = false;
   // Greatest displacement of a primitive while it is visible, scene units; 0: given by the quality.
   // Ignored by the lossless profile.
@@ -356,7 +358,8 @@ struct WriteSettings {
   std::stop_token stop;      // makes encode_scene() return early, with kRuntime
 };
 
-// Encodes a complete file in memory. `order`, unless null, receives for each primitive of the file
+// Encodes a complete file in memory. All profiles except the lossless one state the errors
+// (SceneReader::error_bounds()). `order`, unless null, receives for each primitive of the file
 // its index in `scene`. All profiles except the lossless one omit primitives that are never visible
 // within the clip. kNotBuilt as check_profile().
 Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSettings& settings,

@@ -27,8 +27,9 @@ struct RecordSettings {
 class SceneRecorder {
  public:
   // Creates a file, which must not exist, and writes its head. After an error there is no file.
-  // Frames and bounds of the metadata are ignored; a window is rejected (kUsage). If the settings
-  // leave the chunk open, the first fragment determines it.
+  // Frames and bounds of the metadata are ignored; a window is rejected (kUsage), and so is the
+  // near-lossless profile: the head, which states the errors, is written before they are known. If
+  // the settings leave the chunk open, the first fragment determines it.
   static Result<std::unique_ptr<SceneRecorder>> create(const std::string& path,
                                                        const SceneMetadata& metadata, int sh_degree,
                                                        const RecordSettings& settings = {});
