@@ -14,21 +14,22 @@ import sys
 import bench_data
 
 WIDTH, HEIGHT, MARGIN = 420, 320, 52
-CAPTURE = "basketball_best_test_"
+CAPTURES = (("basketball", "CMU Panoptic basketball"), ("workshop", "workshop"))
 PANELS = (("psnr_db", "PSNR"), ("psnr_cc_db", "PSNR after colour map"),
           ("psnr_moving_db", "PSNR of moving pixels"))
 SERIES = (("before", "#8a8a8a", "primitives x quality, before"), ("size", "#0b6fa4", "--target-size"))
 
 
-def points():
-    """File size and metrics of each measured file, by series."""
+def points(capture):
+    """File size and metrics of each file of a capture as it was last measured, by series."""
+    prefix = f"{capture}_best_test_"
     files = collections.defaultdict(dict)
     for row in bench_data.read_results():
-        if row.benchmark == "rate" and row.case.startswith(CAPTURE):
-            files[row.case, row.command][row.metric] = float(row.value)
+        if row.benchmark == "rate" and row.case.startswith(prefix):
+            files[row.case][row.metric] = float(row.value)
     series = {"before": [], "size": []}
-    for (case, _), metrics in files.items():
-        name = case[len(CAPTURE):]
+    for case, metrics in files.items():
+        name = case[len(prefix):]
         if name.startswith("n") and name.endswith("_before"):
             series["before"].append(metrics)
         elif name.startswith("size"):
@@ -46,7 +47,7 @@ def frontier(found, metric):
     return line
 
 
-def panel(series, metric, title, left):
+def panel(series, metric, title, left, above):
     sizes = [m["file_bytes"] for found in series.values() for m in found]
     values = [m[metric] for found in series.values() for m in found]
     low, high = math.log2(min(sizes)) - 0.2, math.log2(max(sizes)) + 0.2
@@ -56,9 +57,9 @@ def panel(series, metric, title, left):
         return left + MARGIN + (math.log2(size) - low) / (high - low) * (WIDTH - MARGIN - 12)
 
     def y(value):
-        return 28 + (top - value) / (top - bottom) * (HEIGHT - 28 - MARGIN)
+        return above + 28 + (top - value) / (top - bottom) * (HEIGHT - 28 - MARGIN)
 
-    out = [f'<text x="{left + WIDTH / 2:.0f}" y="16" text-anchor="middle">{title}, dB</text>']
+    out = [f'<text x="{left + WIDTH / 2:.0f}" y="{above + 16}" text-anchor="middle">{title}, dB</text>']
     for value in range(bottom, top + 1):
         out.append(f'<path d="M{x(2 ** low):.1f} {y(value):.1f}H{x(2 ** high):.1f}" stroke="#ddd"/>'
                    f'<text x="{x(2 ** low) - 6:.1f}" y="{y(value) + 4:.1f}" '
@@ -75,7 +76,7 @@ def panel(series, metric, title, left):
         out.append(f'<path d="M{path}" fill="none" stroke="{colour}" stroke-width="2"/>')
         out += [f'<circle cx="{x(m["file_bytes"]):.1f}" cy="{y(m[metric]):.1f}" r="2.5" '
                 f'fill="{colour}"/>' for m in series[name]]
-        at = HEIGHT - 12
+        at = above + HEIGHT - 12
         out.append(f'<circle cx="{left + MARGIN + 190 * k}" cy="{at - 4}" r="4" fill="{colour}"/>'
                    f'<text x="{left + MARGIN + 190 * k + 8}" y="{at}">{label}</text>')
     return "\n".join(out)
@@ -84,11 +85,14 @@ def panel(series, metric, title, left):
 def main():
     if len(sys.argv) != 2:
         raise SystemExit(__doc__)
-    series = points()
-    parts = [panel(series, metric, title, k * WIDTH) for k, (metric, title) in enumerate(PANELS)]
+    parts = []
+    for row, (capture, name) in enumerate(CAPTURES):
+        series = points(capture)
+        parts += [panel(series, metric, f"{name}: {title}", k * WIDTH, row * HEIGHT)
+                  for k, (metric, title) in enumerate(PANELS)]
     with open(sys.argv[1], "w", encoding="utf-8") as file:
         file.write(f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH * len(PANELS)}" '
-                   f'height="{HEIGHT}" font-family="sans-serif" font-size="11">\n'
+                   f'height="{HEIGHT * len(CAPTURES)}" font-family="sans-serif" font-size="11">\n'
                    '<rect width="100%" height="100%" fill="white"/>\n' + "\n".join(parts) +
                    "\n</svg>\n")
 
