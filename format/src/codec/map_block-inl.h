@@ -113,7 +113,7 @@ HWY_INLINE bool map_rotation(int multiplier, const Numbers* q, const int (&expon
   return bad == 0;
 }
 
-// Converts luma and chroma to RGB in integers (spec 7.5.6).
+// Converts luma and chroma to RGB in integers (spec 8.5).
 HWY_INLINE void map_colour(const StreamRow& row, const Numbers* q, Floats* out) {
   Numbers red, green, blue;
   for (std::size_t i = 0; i < kBlock; ++i) {

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The entropy coder of planes: 32-lane interleaved rANS with static tables (spec 7).
+// The entropy coder of planes: interleaved rANS with static tables (spec 7).
 //
 // A plane has n symbols of 0 to 255 and a table. A group codes several planes of n symbols. The
 // symbols are split into blocks that decode independently, with up to 32 lanes per block, so that a
-// vector unit or a warp advances all lanes at once. The integers and
-// their order are normative: all decoders give the same bytes, even for damaged input.
+// vector unit or a warp advances all lanes at once. The integers and their order are normative: all
+// decoders give the same bytes, even for damaged input.
 #pragma once
 
 #include <array>

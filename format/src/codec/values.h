@@ -34,7 +34,7 @@ void check_each(std::size_t n, IssueNumber number, bool error, std::uint32_t seg
 void check_primitives(const Gaussians4D& set, std::uint32_t segment, std::uint64_t offset,
                       Findings& findings);
 
-// Parses the payload of IMPO (spec 5.11): an importance for each of `primitives`. Returns nothing
+// Parses the payload of IMPO (spec 11.9): an importance for each of `primitives`. Returns nothing
 // and reports an error if it is invalid. `offset` is the record's.
 std::vector<float> parse_importance(std::span<const std::uint8_t> payload, std::uint64_t primitives,
                                     std::uint64_t offset, Findings& findings);

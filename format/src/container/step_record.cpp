@@ -13,7 +13,7 @@ void write_step(Step step, ByteWriter& out) {
   out.u8(static_cast<std::uint8_t>(step.multiplier));
 }
 
-// Reads a step. Returns false if it is not one of spec 7.5.
+// Reads a step. Returns false if it is not one of spec 8.5.
 bool read_step(ByteReader& in, Step& step) {
   step.exponent = in.i8();
   step.multiplier = in.u8();

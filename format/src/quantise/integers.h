@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Conversion of attributes to integers (spec 7.5), the inverse of the mappings of a decoder.
+// Conversion of attributes to integers (spec 8.5), the inverse of the mappings of a decoder.
 #pragma once
 
 #include <cstdint>

@@ -24,7 +24,7 @@ constexpr float kSigmaMax = 1e9f;
 constexpr float kRadiusMax = 0x1.fp31f;
 constexpr int kMaxHalvings = 12;  // of the step of T
 // log2 of the finest lifespan step, units in the last place: keeps the greatest radius within 24
-// bits (spec 7.5).
+// bits (spec 8.5).
 constexpr int kMinLifespanStep = 4;
 // Ticks. A lower sigma fades out between two frames, because sigma sqrt(ln 255) < 1: a hard edge.
 constexpr float kHardSigma = 0.42f;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Quantisation steps of the encoder: small multiples of powers of two, so that decoding is exact
-// (spec 7.5), with several steps per octave, so that file size follows quality smoothly.
+// (spec 8.5), with several steps per octave, so that file size follows quality smoothly.
 #pragma once
 
 #include <cstdint>

@@ -126,7 +126,7 @@ Status check_values(const Scene& scene) {
   return {};
 }
 
-// Checks that the steps of a quantised profile can represent the farthest position (spec 7.5).
+// Checks that the steps of a quantised profile can represent the farthest position (spec 8.5).
 Status check_extent(const Gaussians4D& set) {
   for (std::size_t i = 0; i < set.position.size(); ++i) {
     if (std::abs(set.position[i]) <= kFarthest) continue;

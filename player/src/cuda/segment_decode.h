@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Decodes segments on an NVIDIA GPU: rANS groups, predictions and mappings, bit-identical to the
-// decoder of format (spec 7). Data that is not rANS-coded is decompressed when the segment is read.
+// decoder of format (spec 7, 8). Positions coded by Draco are decoded when the segment is read.
 #pragma once
 
 #include <cuda_runtime_api.h>

@@ -16,7 +16,7 @@ namespace stgs {
 // The steps of the primitives of a tier, in the units of the attributes.
 struct TierSteps {
   Step position;      // scene units
-  Step displacement;  // scene units over a lifespan (spec 7.5.4)
+  Step displacement;  // scene units over a lifespan (spec 8.6)
   Step log_scale, rotation;
   std::array<Step, 4> sh;  // by SH degree
   bool operator==(const TierSteps&) const = default;
