@@ -170,6 +170,8 @@ def limits():
     sizes = [24 + struct.unpack_from("<Q", rest, i + 8)[0] for i in range(len(rest)) if rest.startswith(b"SEGM", i)]
     must_fail("order_limit_and_sh", ORDER, "a record of content 1 with a damaged header exceeds the limit", flipped(
         rest, rest.rindex(b"SEGM") + 9), {"max_memory": 9 * (4 * 29 + 80) + sum(sizes) - 1}, clause_of=LIMIT)
+    must_fail("order_sh_cut", ORDER, "a record of content 1 that is cut off exceeds the limit", rest[:-1],
+              {"max_memory": 9 * (4 * 29 + 80) + sum(sizes) - 1}, clause_of="2.4", reports=True)
     streams = float_streams(3, 0, 1)
     streams[7].stored = bytes(11)
     made = plain(body=Body(streams, 3))

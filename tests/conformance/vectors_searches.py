@@ -82,6 +82,9 @@ def lengths():
            {"max_memory": size})
     vector("fragment_in_the_head", "9.4", "a recording without fragments, whose head contains the header of a FRAG record of "
            "3 kB: no search examines it", growing([], last_records=noted(3000)) + bytes(4000), {"max_memory": 2999})
+    data = growing([], last_records=noted(3000)) + bytes(4000)
+    vector("fragment_in_the_head_located", "9.4", "the same, and the last 8 bytes of the file locate that header", data + struct.pack(
+        "<Q", len(data) + 8 - 24 - data.index(b"FRAG")), {"max_memory": 2999})
     made = Recording()
     first = made.add(recorded(1)[0])
     made.add(Fragment([recorded_run(1)], links=[], earlier=[first.link()] * 1100))
