@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import growing
 import layouts
 import metadata
-from fields import RECORD, Fields, Refused, intact_record, need, record_header
+from fields import LIMIT, RECORD, Fields, Refused, check_available, check_payload, need, need_memory, record_header
 from head import head_records, open_head
-from index import read_node
+from index import Entries, read_node
 
 DEPTH = 8  # 5.2
 
@@ -41,8 +41,11 @@ class File:
     reports: list = field(default_factory=list)   # Refused: errors after which reading continues
     lost: list = field(default_factory=list)      # (tag, offset, Refused) of nodes
     seen: set = field(default_factory=set)        # offsets of linked records
+    used_earlier: set = field(default_factory=set)  # offsets of fragments whose earlier links were followed
     node_bytes: int = 0
-    entries: int = 0
+    complete_bytes: int = 0      # of nodes whose bytes are all there
+    entries: Entries = None
+    listed: int = 0              # primitives of all nodes that were read
 
     def runs(self):
         return [run for node in self.nodes for run in node.runs]
@@ -52,12 +55,11 @@ def open_file(data, limits):
     reports = []
 
     def fragment_head():
-        found = growing.last_fragment(data, None, limits.max_memory)
+        found = growing.Fragments(data, None, limits.max_memory).last()
         return found.head if found else b""
 
-    header, head = open_head(data, fragment_head, reports)
-    file = File(data, limits, header.file_bytes, head, reports=reports)
-    need(len(head) <= limits.max_memory, "conformance 1.5", 308, f"a head of {len(head)} bytes")
+    header, head = open_head(data, limits.max_memory, fragment_head, reports)
+    file = File(data, limits, header.file_bytes, head, reports=reports, entries=Entries(limits.max_memory))
     have = head_records(head, header.growing(), reports)
     file.meta = metadata.read_meta(have[b"META"])
     file.frames, file.bounds = file.meta.frames, file.meta.bounds
@@ -71,7 +73,6 @@ def open_file(data, limits):
             reports.append(Refused("2.4", 106, f"{len(data)} bytes instead of {file.end}"))
         read_index(file, have[b"INDX"])
     read_aside(file, have)
-    check_limits(file)
     return file
 
 
@@ -101,7 +102,8 @@ def read_index(file, payload):  # 5.1
     for _ in range(totals):
         need(fields.number() <= 65535, "5.1", 300, "an attribute above 65535")
         fields.number()
-    node = read_node(fields, 0, (len(file.head), file.end))
+    check_primitives(file, file.total)
+    node = read_node(fields, 0, (len(file.head), file.end), file.limits.max_memory)
     add_node(file, node)
     for link in node.links:
         follow_page(file, link, 1)
@@ -110,25 +112,34 @@ def read_index(file, payload):  # 5.1
 def add_node(file, node):
     file.nodes.append(node)
     file.links += node.links
-    file.entries += node.entries()
-    need(512 * (file.entries - 1024) <= file.limits.max_memory, "conformance 1.5", 308,
-         f"{file.entries} entries of the index")
+    file.entries.take(node.entries())
+    file.listed += sum(tier.n for run in node.runs for s in run.segments for tier in s.tiers)
+    check_primitives(file, file.listed)
 
 
-def count_bytes(file, size):  # conformance.md 1.5
+def check_primitives(file, count):  # conformance.md 1.5
+    need(count <= file.limits.max_primitives, "conformance 1.5", 307, f"{count} primitives")
+
+
+def count_bytes(file, at, size):  # conformance.md 1.5
     file.node_bytes += size
-    need(file.node_bytes <= file.limits.max_memory, "conformance 1.5", 308, f"{file.node_bytes} bytes of nodes")
+    need_memory(file.node_bytes, file.limits.max_memory, f"{file.node_bytes} bytes of nodes")
+    if at + RECORD + size <= len(file.data):
+        file.complete_bytes += size
+    need_memory(file.complete_bytes, len(file.data), f"{file.complete_bytes} bytes of nodes that overlap")
 
 
 def follow_page(file, link, depth):  # 5.2
     if link.offset in file.seen:
         return
     file.seen.add(link.offset)
-    count_bytes(file, link.bytes)
     try:
         need(depth <= DEPTH, "5.2", 316, f"more than {DEPTH} links follow each other")
+        count_bytes(file, link.offset, link.bytes)
         node = read_page(file, link)
     except Refused as error:
+        if error.number == LIMIT:
+            raise
         file.lost.append(("page", link.offset, error))
         return
     add_node(file, node)
@@ -145,18 +156,20 @@ def read_page(file, link):
         except Refused:
             raise damage from None
         file.reports.append(Refused("5.2", 118, f"the PAGE record at {link.offset} was read from its copy"))
-    return read_node(Fields(payload, "5.2", 300), link.offset, (len(file.head), file.end))
+    return read_node(Fields(payload, "5.2", 300), link.offset, (len(file.head), file.end), file.limits.max_memory)
 
 
 def page_payload(file, at, size):
-    tag, flags, payload = intact_record(file.data, at, file.end)
-    need((tag, flags, len(payload)) == (b"PAGE", 1, size), "5.2", 317, f"no PAGE record of {size} bytes at {at}")
-    return payload
+    check_available(file.data, at, size)
+    tag, flags, length, _ = record_header(file.data, at, file.end)
+    need((tag, flags, length) == (b"PAGE", 1, size), "5.2", 317, f"no PAGE record of {size} bytes at {at}")
+    return check_payload(file.data, at)
 
 
 def read_growing(file):  # 9
     file.state = "growing"
-    last = growing.last_fragment(file.data, file.head, file.limits.max_memory)
+    fragments = growing.Fragments(file.data, file.head, file.limits.max_memory)
+    last = fragments.last()
     if last is None:  # before the first fragment
         file.end = len(file.head)
         return
@@ -166,57 +179,62 @@ def read_growing(file):  # 9
         file.state = "closed"
         if file.end < len(file.data):
             file.reports.append(Refused("9.4", 106, "bytes after a closed fragment"))
-    count_bytes(file, last.end - last.at - RECORD)
-    use_node(file, last, 0)
-    use_earlier(file, last, 0)
+    check_primitives(file, file.total)
+    use_fragment(file, fragments, last, 0)
 
 
-def use_node(file, fragment, depth):  # 9.3
+def use_fragment(file, fragments, fragment, depth):
+    """Uses the node of the last fragment, or of one that 9.5 names, and its earlier links (9.3)."""
+    count_bytes(file, fragment.at, fragment.end - fragment.at - RECORD)
+    use_node(file, fragments, fragment, depth)
+    use_earlier(file, fragments, fragment, depth)
+
+
+def use_node(file, fragments, fragment, depth):  # 9.3
     add_node(file, fragment.node)
     for link in fragment.node.links:
-        follow_fragment(file, link, depth + 1)
+        follow_fragment(file, fragments, link, depth + 1)
 
 
-def use_earlier(file, fragment, depth):  # 9.3, 9.5
+def use_earlier(file, fragments, fragment, depth):  # 9.3, 9.5
+    if fragment.at in file.used_earlier:
+        return
+    file.used_earlier.add(fragment.at)
     file.links += fragment.earlier
+    file.entries.take(len(fragment.earlier))
     for link in fragment.earlier:
-        follow_fragment(file, link, depth + 1)
+        follow_fragment(file, fragments, link, depth + 1)
 
 
-def follow_fragment(file, link, depth):
+def follow_fragment(file, fragments, link, depth):
     if link.offset in file.seen:
         return
     file.seen.add(link.offset)
-    count_bytes(file, link.bytes)
     if depth > DEPTH:
         error = Refused("5.2", 316, f"more than {DEPTH} links follow each other")
         file.lost.append(("fragment", link.offset, error))
         return
+    count_bytes(file, link.offset, link.bytes)
     try:
-        fragment = growing.read_fragment(file.data, link.offset, file.head)
-        need(fragment.end == link.offset + RECORD + link.bytes, "9.4", 313, "a FRAG record of another length")
+        fragment = fragments.read(link.offset, link.bytes)
     except Refused as error:
+        if error.number == LIMIT:
+            raise
         file.lost.append(("fragment", link.offset, Refused("9.5", 313, str(error))))
-        follow_instead(file, link.offset, depth)
+        follow_instead(file, fragments, link.offset, depth)
         return
-    use_node(file, fragment, depth)
+    use_node(file, fragments, fragment, depth)
 
 
-def follow_instead(file, offset, depth):  # 9.5
-    found = growing.last_before(file.data, offset, file.head, file.limits.max_memory)
+def follow_instead(file, fragments, offset, depth):  # 9.5
+    found = fragments.last_before(offset)
     if found is None:
         return
-    if found.at not in file.seen:
+    if found.at in file.seen:
+        use_earlier(file, fragments, found, depth)
+    else:
         file.seen.add(found.at)
-        count_bytes(file, found.end - found.at - RECORD)
-        use_node(file, found, depth)
-    use_earlier(file, found, depth)
-
-
-def check_limits(file):  # conformance.md 1.5
-    listed = sum(tier.n for run in file.runs() for s in run.segments for tier in s.tiers)
-    need(max(listed, file.total) <= file.limits.max_primitives, "conformance 1.5", 307,
-         f"{max(listed, file.total)} primitives")
+        use_fragment(file, fragments, found, depth)
 
 
 def read_importance(file):
@@ -231,7 +249,9 @@ def read_importance(file):
     while at < file.end:
         tag, flags, length, _ = record_header(file.data, at, file.end)
         if (tag, flags) == (b"IMPO", 0):
-            payload = intact_record(file.data, at, file.end)[2]
+            check_available(file.data, at, length)
+            need_memory(length, file.limits.max_memory, f"{length} bytes of importance")
+            payload = check_payload(file.data, at)
             need(len(payload) == 4 * file.total, "11.9", 312, f"{len(payload)} bytes of importance")
             for value in struct.unpack(f"<{file.total}f", payload):
                 need(0 <= value < math.inf, "11.9", 312, f"an importance of {value}")

@@ -15,9 +15,16 @@ class Refused(Exception):
         self.clause, self.number = clause, number
 
 
+LIMIT = 308  # more memory than the limit (conformance.md 1.5)
+
+
 def need(holds, clause, number, reason):
     if not holds:
         raise Refused(clause, number, reason)
+
+
+def need_memory(bytes_, memory, reason):  # conformance.md 1.5
+    need(bytes_ <= memory, "conformance 1.5", LIMIT, reason)
 
 
 def checksum(data):  # 1.5
@@ -100,13 +107,23 @@ def record_header(data, at, end):
     tag, flags, length, payload_sum = head.bytes(4), head.u32(), head.u64(), head.u32()
     need(head.u32() == checksum(data[at:at + 20]), "3.1", 110, f"checksum of the record header at {at}")
     need(length <= end - at - RECORD, "3.2", 111, f"the record at {at} extends past its area")
-    need(at + RECORD + length <= len(data), "2.4", 106, f"the record at {at} is cut off")
     return tag, flags, length, payload_sum
+
+
+def check_available(data, at, length):
+    """Checks that a truncated file contains the record at `at`, of `length` bytes of payload (2.4)."""
+    need(at + RECORD + length <= len(data), "2.4", 106, f"the record at {at} is missing or cut off")
+
+
+def check_payload(data, at):
+    """Returns the payload of the record at `at`, whose header has been checked and which is there (3.1)."""
+    length, payload_sum = struct.unpack_from("<QI", data, at + 8)
+    payload = data[at + RECORD:at + RECORD + length]
+    need(checksum(payload) == payload_sum, "3.1", 112, f"checksum of the payload at {at}")
+    return payload
 
 
 def intact_record(data, at, end):
     """Returns tag, flags and payload of the record at `at`, if it is intact (3.2)."""
-    tag, flags, length, payload_sum = record_header(data, at, end)
-    payload = data[at + RECORD:at + RECORD + length]
-    need(checksum(payload) == payload_sum, "3.1", 112, f"checksum of the payload at {at}")
-    return tag, flags, payload
+    tag, flags, _, _ = record_header(data, at, end)
+    return tag, flags, check_payload(data, at)

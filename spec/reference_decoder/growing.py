@@ -2,9 +2,9 @@
 """Clause 9: the fragments of growing files."""
 from dataclasses import dataclass
 
-from fields import RECORD, Fields, Refused, intact_record, need, record_header
+from fields import LIMIT, RECORD, Fields, Refused, check_payload, need, need_memory, record_header
 from head import HEADER, intact_head
-from index import Node, read_links, read_node
+from index import Entries, Node, read_links, read_node
 from metadata import check_bounds
 
 
@@ -21,50 +21,65 @@ class Fragment:  # 9.2
     node: Node
 
 
-def read_fragment(data, at, head=None):
-    """Returns the FRAG record at `at`, if it is valid (9.4). `head` is that of the file; None if it is
-    damaged (10.2)."""
-    tag, flags, payload = intact_record(data, at, len(data))
-    need((tag, flags) == (b"FRAG", 1), "9.4", 313, f"no FRAG record at {at}")
-    f = Fields(payload, "9.2", 313)
-    need(f.u64() == at, "9.4", 313, f"the fragment at {at} states another offset")
-    frames, flags, bounds, total = f.u32(), f.u32(), f.f32s(6), f.number()
-    copy = f.bytes(f.u32())
-    if head is None:
-        header, copied = intact_head(copy)
-        need(header.growing() and len(copied) == len(copy), "9.4", 313, f"the head in the fragment at {at}")
-    need(copy == (copy if head is None else head) and at >= len(copy), "9.4", 313,
-         f"the fragment at {at} belongs to another file")
-    need(frames > 0, "9.2", 313, "a duration of no frames")
-    check_bounds(bounds, "9.2", 313)
-    earlier = read_links(f, at, (len(copy), at), True)
-    node = read_node(f, at, (len(copy), at), True)
-    end = at + RECORD + len(payload)
-    need(f.left() >= 8 and payload[-8:] == len(payload).to_bytes(8, "little"), "9.2", 313,
-         f"the last bytes of the fragment at {at}")
-    return Fragment(at, end, frames, flags, bounds, total, copy, earlier, node)
+class Fragments:
+    """The FRAG records of a growing file. `head` is that of the file; None if it is damaged (10.2)."""
 
+    def __init__(self, data, head, memory):
+        self.data, self.head, self.memory = data, head, memory
+        self.first = HEADER if head is None else len(head)  # of the body
+        self.in_vain = {}  # bytes of the payloads of records that searches have examined in vain, by offset
 
-def last_before(data, end, head, limit):
-    """Returns the valid FRAG record that begins last of those before `end`, or None. It reads at most
-    `limit` bytes of payloads (conformance.md 1.5)."""
-    at = end
-    while (at := data.rfind(b"FRAG", HEADER, at)) >= 0:
+    def read(self, at, stated=None):
+        """Returns the FRAG record at `at`, of `stated` bytes of payload, if it is valid (9.4)."""
+        need(at >= self.first, "9.4", 313, f"no FRAG record at {at}")
+        tag, flags, length, _ = record_header(self.data, at, len(self.data))
+        need(tag == b"FRAG" and stated in (None, length), "9.4", 313, f"no FRAG record of {stated} bytes at {at}")
+        need_memory(length, self.memory, f"a FRAG record of {length} bytes")
+        need(flags == 1, "9.4", 313, f"flags {flags} of the FRAG record at {at}")
+        payload = check_payload(self.data, at)
+        f = Fields(payload, "9.2", 313)
+        need(f.u64() == at, "9.4", 313, f"the fragment at {at} states another offset")
+        frames, flags, bounds, total = f.u32(), f.u32(), f.f32s(6), f.number()
+        copy = f.bytes(f.u32())
+        if self.head is None:
+            header, copied = intact_head(copy, self.memory)
+            need(header.growing() and len(copied) == len(copy), "9.4", 313, f"the head in the fragment at {at}")
+        need(copy == (copy if self.head is None else self.head) and at >= len(copy), "9.4", 313,
+             f"the fragment at {at} belongs to another file")
+        need(frames > 0, "9.2", 313, "a duration of no frames")
+        check_bounds(bounds, "9.2", 313)
+        earlier = read_links(f, at, (len(copy), at), Entries(self.memory), True)
+        node = read_node(f, at, (len(copy), at), self.memory, True)
+        end = at + RECORD + len(payload)
+        need(f.left() >= 8 and payload[-8:] == len(payload).to_bytes(8, "little"), "9.2", 313,
+             f"the last bytes of the fragment at {at}")
+        return Fragment(at, end, frames, flags, bounds, total, copy, earlier, node)
+
+    def last_before(self, end):
+        """Returns the valid FRAG record that begins last of those before `end`, or None."""
+        at = end
+        while self.may_examine() and (at := self.data.rfind(b"FRAG", self.first, at)) >= 0:
+            try:
+                length = record_header(self.data, at, len(self.data))[2]
+            except Refused:
+                continue
+            try:
+                return self.read(at)
+            except Refused as error:
+                if error.number == LIMIT:
+                    raise
+                self.in_vain[at] = length
+        return None
+
+    def may_examine(self):  # conformance.md 1.5
+        return sum(self.in_vain.values()) <= len(self.data)
+
+    def last(self):  # 9.4
         try:
-            limit -= record_header(data, at, len(data))[2]
-            return read_fragment(data, at, head)
-        except Refused:
-            pass
-        if limit < 0:
-            break
-    return None
-
-
-def last_fragment(data, head, limit):  # 9.4
-    try:
-        found = read_fragment(data, len(data) - RECORD - int.from_bytes(data[-8:], "little"), head)
-        if found.end == len(data):
-            return found
-    except Refused:
-        pass
-    return last_before(data, len(data), head, limit)
+            found = self.read(len(self.data) - RECORD - int.from_bytes(self.data[-8:], "little"))
+            if found.end == len(self.data):
+                return found
+        except Refused as error:
+            if error.number == LIMIT:
+                raise
+        return self.last_before(len(self.data))

@@ -2,7 +2,8 @@
 """Clauses 2 and 3: the header and the records of the head; 10.2: a damaged head."""
 from dataclasses import dataclass
 
-from fields import RECORD, Fields, Refused, checksum, intact_record, need, record_header
+from fields import (LIMIT, RECORD, Fields, Refused, check_payload, checksum, intact_record, need, need_memory,
+                    record_header)
 
 HEADER = 32
 MAGIC = b"\x89STG\r\n\x1a\n"
@@ -58,11 +59,11 @@ def check_records(head):
     return tolerable
 
 
-def intact_head(data):
-    """Returns the header and the bytes of an undamaged head that `data` begins with."""
+def intact_head(data, memory):
+    """Returns the header and the bytes of an undamaged head that `data` begins with (10.2)."""
     header = read_header(data)
-    check_header(header)
     need(header.head_bytes <= len(data), "2.4", 106, "the file ends within its head")
+    need_memory(header.head_bytes, memory, f"a head of {header.head_bytes} bytes")
     head = data[:header.head_bytes]
     error = check_records(head)
     if error:
@@ -70,35 +71,41 @@ def intact_head(data):
     return header, head
 
 
-def head_in_copy(data):
+def head_in_copy(data, memory):
     """Returns the header and the head in the COPY record that ends the file (10.2, step 2)."""
     length = int.from_bytes(data[-8:], "little")
     need(length <= len(data) - RECORD, "10.2", 119, "no COPY record")
-    tag, flags, payload = intact_record(data, len(data) - RECORD - length, len(data))
-    need((tag, flags) == (b"COPY", 0), "10.2", 119, "no COPY record")
-    header, head = intact_head(payload[:-8])
+    at = len(data) - RECORD - length
+    tag, flags, found, _ = record_header(data, at, len(data))
+    need((tag, flags, found) == (b"COPY", 0, length), "10.2", 119, "no COPY record")
+    need_memory(length - 8, memory, f"a copy of {length - 8} bytes")
+    payload = check_payload(data, at)
+    header, head = intact_head(payload[:-8], memory)
     need(len(head) == len(payload) - 8, "10.2", 119, "a copy of another length")
     need(header.file_bytes == len(data), "10.2", 119, "a copy of another file")  # 0 in a growing one
     return header, head
 
 
-def open_head(data, fragment_head, reports):
+def open_head(data, memory, fragment_head, reports):
     """Returns the header and the head to be used (10.2). fragment_head() returns the head in the last
-    fragment, or None."""
+    fragment; none: no bytes."""
     try:
-        return intact_head(data)
+        check_header(read_header(data))
+        return intact_head(data, memory)
     except Refused as error:
-        if error.number in (104, 105, 107):
+        if error.number in (104, 105, 107, LIMIT):
             raise
         damage = error
-    for find in (head_in_copy, lambda _: intact_head(fragment_head())):
+    for find in (lambda: head_in_copy(data, memory), lambda: intact_head(fragment_head(), memory)):
         try:
-            found = find(data)
-            reports.append(Refused("10.2", 118, f"the head is damaged and was read from a copy: {damage}"))
-            return found
+            header, head = find()
         except Refused as error:
-            if error.number in (104, 105):
+            if error.number == LIMIT:
                 raise
+            continue
+        check_header(header)
+        reports.append(Refused("10.2", 118, f"the head is damaged and was read from a copy: {damage}"))
+        return header, head
     header = read_header(data)  # step 4
     need(header.head_bytes <= len(data), "2.4", 106, "the file ends within its head")
     head = data[:header.head_bytes]

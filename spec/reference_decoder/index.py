@@ -4,7 +4,7 @@ in units of 2^-20 ticks, those of segments in units of 2^-21 ticks."""
 import math
 from dataclasses import dataclass, field
 
-from fields import RECORD, need
+from fields import RECORD, need, need_memory
 
 UNIT = 2.0 ** 20
 
@@ -57,6 +57,17 @@ class Node:  # 5.2
         return len(self.links) + sum(1 + len(s.tiers) + len(s.further) for r in self.runs for s in r.segments)
 
 
+class Entries:
+    """Counts entries of the index; those beyond 1,024 take memory (conformance.md 1.5)."""
+
+    def __init__(self, memory):
+        self.count, self.memory = 0, memory
+
+    def take(self, count=1):
+        self.count += count
+        need_memory(512 * (self.count - 1024), self.memory, f"{self.count} entries of the index")
+
+
 def count_of(fields):
     """Reads a count of items of at least one byte each."""
     count = fields.number()
@@ -64,7 +75,7 @@ def count_of(fields):
     return count
 
 
-def read_links(fields, own, body, growing):
+def read_links(fields, own, body, entries, growing):
     """Reads links of the record at `own`; `body` is the beginning and the end of the area in which
     records are."""
     links = []
@@ -78,13 +89,15 @@ def read_links(fields, own, body, growing):
             need(link.copy == 0, "9.3", 316, "a copy of a FRAG record")
         else:
             need(link.offset > own, "5.2", 316, f"a link from {own} back to {link.offset}")
+        entries.take()
         links.append(link)
     return links
 
 
-def read_node(fields, own, body, growing=False):  # 5.2
-    links = read_links(fields, own, body, growing)
-    return Node(links, [read_run(fields, body) for _ in range(count_of(fields))])
+def read_node(fields, own, body, memory, growing=False):  # 5.2
+    entries = Entries(memory)
+    links = read_links(fields, own, body, entries, growing)
+    return Node(links, [read_run(fields, body, entries) for _ in range(count_of(fields))])
 
 
 def ticks(value, number):
@@ -93,7 +106,7 @@ def ticks(value, number):
     return int(value * UNIT)
 
 
-def read_run(fields, body):  # 5.3
+def read_run(fields, body, entries):  # 5.3
     part = fields.number()
     need(part < 1 << 32, "5.3", 300, f"part {part}")
     times = [fields.f64() for _ in range(4)]
@@ -109,7 +122,7 @@ def read_run(fields, body):  # 5.3
     need(count >= 1, "5.3", 300, "a run of no segments")
     last_slot, last_order = {}, None
     for _ in range(count):
-        segment, at = read_segment(fields, run, last_slot, at, body[1])
+        segment, at = read_segment(fields, run, last_slot, at, body[1], entries)
         # 5.6: by beginning; of two that begin together the longer first, a persistent one before all
         order = (segment.start, -math.inf if segment.level < 0 else -segment.level)
         need(last_order is None or last_order < order, "5.6", 303, "segments out of order")
@@ -118,8 +131,9 @@ def read_run(fields, body):  # 5.3
     return run
 
 
-def read_segment(fields, run, last_slot, at, end):  # 5.3
+def read_segment(fields, run, last_slot, at, end, entries):  # 5.3
     place, shape = fields.number(), fields.number()
+    entries.take()
     level, d = place % 32 - 1, place // 32
     slot = d + last_slot[level] + 1 if level in last_slot else d
     last_slot[level] = slot
@@ -134,6 +148,7 @@ def read_segment(fields, run, last_slot, at, end):  # 5.3
         need(1 <= n < 1 << 32, "5.3", 305, f"a tier of {n} primitives")
         need(n <= size, "5.5", 305, f"{n} primitives in {size} bytes")
         records.append(Record(size, i, n))
+        entries.take()
     for i in range(tiers * apart):
         records.append(Record(fields.number(), 256 + i, records[i].n))
     count = count_of(fields) if more else 0
@@ -143,6 +158,7 @@ def read_segment(fields, run, last_slot, at, end):  # 5.3
         before, layer = layer, fields.number()
         need(before < layer <= 65535, "5.6", 303, f"a further record of layer {layer}")
         records.append(Record(fields.number(), layer))
+        entries.take()
     for r in records:
         r.offset, at = at, at + RECORD + r.bytes
         need(at <= end, "5.3", 304, "a record outside the body")

@@ -2,10 +2,10 @@
 """Clause 6.5: SEGM records, and further records (5.7)."""
 import struct
 
-from fields import RECORD, Fields, Refused, intact_record, need, record_header
+from fields import RECORD, Fields, Refused, check_available, check_payload, need, need_memory, record_header
 from layouts import MORTON, RANS, SH, SH_DEGREE, check_attributes, check_profile, read_own
 from rans import decode_group
-from streams import check_values, integers, predicted, values
+from streams import check_finite, check_values, integers, predicted, values
 
 
 class Memory:  # conformance.md 1.5
@@ -22,6 +22,7 @@ def decode_tier(file, run, segment, tier):
     None (10.1)."""
     base, apart = segment.tiers[tier], segment.sh != []
     need(file.meta.degree > 0 or not apart, "5.5", 402, "SH of degree 0 in a record of its own")
+    check_available(file.data, base.offset, base.bytes)
     memory = Memory(file.limits.max_memory)
     memory.take(4 * (17 + 3 * (file.meta.degree + 1) ** 2) * base.n)
     out = decode_record(file, run, segment, base, apart, memory)
@@ -39,14 +40,14 @@ def open_record(file, segment, record):
     need(tag == b"SEGM" and length == record.bytes, "5.3", 400, f"record {tag} of {length} bytes")
     need(flags & 1 == 1, "3.3", 116, "SEGM is not marked critical")
     need(flags == 1, "3.4", 113, f"SEGM with flags {flags:#x}")
-    payload = intact_record(file.data, record.offset, record.offset + RECORD + length)[2]
-    f = Fields(payload, "6.5", 401)
+    f = Fields(check_payload(file.data, record.offset), "6.5", 401)
     stated = f.i16(), f.u16(), f.u32()
     need(stated == (segment.level, record.layer, segment.slot), "6.5", 400, f"the record states {stated}")
     return f
 
 
 def decode_record(file, run, segment, record, apart, memory):
+    check_available(file.data, record.offset, record.bytes)
     memory.take(RECORD + record.bytes)
     f = open_record(file, segment, record)
     n = f.u32()
@@ -100,14 +101,14 @@ def count_of(row, counts):
 
 def check_units(units, stored, tables, counts, memory):
     """Checks sizes before memory is needed for planes (12.1, conformance.md 1.5)."""
-    for rows, data in zip(units, stored):
-        if rows[0].optional():
-            continue
-        n = count_of(rows[0], counts)
+    required = [(rows, data) for rows, data in zip(units, stored) if not rows[0].optional()]
+    for rows, _ in required:
         for row in rows:
             planes = row.planes() if row.coder != RANS else sum(tables[t].only is None for t in row.tables)
-            memory.take(planes * n)
-        need(rows[0].coder == RANS or len(data) == planes * n, "6.4", 405, f"{len(data)} bytes of planes")
+            memory.take(planes * count_of(row, counts))
+    for (row, *_), data in required:
+        need(row.coder == RANS or len(data) == row.planes() * count_of(row, counts), "6.4", 405,
+             f"{len(data)} bytes of planes")
 
 
 def unit_planes(rows, data, tables, counts):
@@ -130,16 +131,20 @@ def decode_streams(file, run, segment, planes, layout, counts, first_key):  # 8
             continue
         q = predicted(row, values(row, planes[row.attribute], count_of(row, counts)), first_key)
         out[row.attribute] = integers(row, q, out, segment, run, file.meta.degree)
-        check_values(row.attribute, out[row.attribute])
     if SH_DEGREE in out:
         degrees = out[SH_DEGREE].q[0]
         for k in range(1, file.meta.degree + 1):
             need(sum(d >= k for d in degrees) == counts[k], "6.3", 407, f"primitives of degree {k} or more")
+    check_finite(out)
+    for attribute, stream in out.items():
+        check_values(attribute, stream)
     return out
 
 
 def read_further(file, segment, record):
     """Returns begin, end, type and bytes of a private further record (5.7)."""
+    check_available(file.data, record.offset, record.bytes)
+    need_memory(record.bytes, file.limits.max_memory, f"a further record of {record.bytes} bytes")
     f = open_record(file, segment, record)
     f.clause, f.issue = "5.7", 315
     begin, end, kind = f.f64(), f.f64(), f.text()

@@ -133,11 +133,20 @@ def shaped(log_scale):  # s of 8.8
     return [3 - sum(step * span >= t for t in (1, 4, 10, 19, 30, 40)) for span in spans]
 
 
+def floats_of(stream):
+    return [[as_float(b) for b in component] for component in stream.q]
+
+
+def check_finite(streams):  # 6.3
+    for stream in streams.values():
+        need(stream.row.mapping != 0 or all(math.isfinite(v) for component in floats_of(stream) for v in component),
+             "6.3", 500, "a value that is not finite")
+
+
 def check_values(attribute, stream):  # 6.3
     mapping, origin = stream.row.mapping, stream.row.origin
     if mapping == 0:
-        floats = [[as_float(b) for b in component] for component in stream.q]
-        need(all(math.isfinite(v) for component in floats for v in component), "6.3", 500, "a value that is not finite")
+        floats = floats_of(stream)
         need(attribute != 7 or all(any(q) for q in zip(*floats)), "6.3", 503, "a quaternion of length 0")
     if attribute in (SIGMA, RADIUS):
         lives = floats[0] if mapping == 0 else [as_float(b) - origin[1] for b in truncated_bits(stream)]

@@ -23,13 +23,16 @@ from vectors_damage import damage
 from vectors_growing import damaged_growing, valid_growing
 from vectors_index import valid_index
 from vectors_mappings import valid_streams
+from vectors_order import orders
 from vectors_records import valid_records
+from vectors_searches import searches
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "../../spec/reference_decoder"))
 
 for make in (valid_container, valid_index, valid_records, valid_streams, valid_growing, damaged_growing,
-             damage, broken_head, broken_index, broken_records, broken_groups, broken_streams):
+             searches, damage, broken_head, broken_index, broken_records, broken_groups, broken_streams,
+             orders):
     make()
 
 

@@ -35,8 +35,8 @@ def must_fail(name, clause, about, file, limits=None, **more):
     vector(name, clause, about, file, limits, fails=True, **more)
 
 
-def must_report(name, clause, about, file, **more):
-    vector(name, clause, about, file, reports=True, **more)
+def must_report(name, clause, about, file, limits=None, **more):
+    vector(name, clause, about, file, limits, reports=True, **more)
 
 
 def plain(n=3, degree=0, seed=1, **more):

@@ -78,6 +78,11 @@ def valid_growing():
     last_fragments()
 
 
+def fragment_sizes(data):
+    """Returns the sizes of the payloads of a recording's FRAG records."""
+    return [struct.unpack_from("<Q", data, i + 8)[0] for i in range(len(data)) if data.startswith(b"FRAG", i)]
+
+
 def nested():
     """Links in nodes and earlier links, with explicit shapes."""
     made = Recording()
@@ -150,8 +155,14 @@ def last_fragments():
     probe = recording(recorded(1))
     probe.add(Fragment([recorded_run(1)], extra=b"12345678"))
     within = probe.out.rindex(b"12345678") - 8
-    vector("fragment_within_a_fragment", "9.4", "a valid FRAG record within the additions of the last one",
-           fragment_within(within))
+    data = fragment_within(within)
+    vector("fragment_within_a_fragment", "9.4", "a valid FRAG record within the additions of the last one", data)
+    must_fail("limit_of_a_fragment_around", "conformance 1.5", "the last FRAG record exceeds the limit, the valid one within its "
+              "additions does not", data, {"max_memory": int.from_bytes(data[-8:], "little") - 1})
+    data = growing(recorded(2))
+    last = data.rindex(b"FRAG")
+    vector("fragment_tag", "9.4", "a record of another tag with the payload of a FRAG record at the end", data[:last] + record(
+        b"FRAX", data[last + 24:]))
 
 
 def overlapping_size():

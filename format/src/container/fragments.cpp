@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // FRAG records: the index of a growing file (spec 9).
 #include <algorithm>
+#include <utility>
 
 #include "container/node.h"
 
@@ -45,9 +46,11 @@ std::vector<std::uint8_t> write_fragment(const FragmentRecord& fragment) {
   return write_record(kFragmentTag, out.view());
 }
 
-FragmentFinder::FragmentFinder(const ByteSource& source, const FileHead& head)
+FragmentFinder::FragmentFinder(const ByteSource& source, const FileHead& head,
+                               FragmentSearch& search)
     : source_(source),
       head_(head),
+      search_(search),
       body_at_(std::max<std::uint64_t>(head.bytes.size(), kHeaderBytes)) {}
 
 // Reads the payload of an intact FRAG record. Reports why it is not valid.
@@ -90,19 +93,10 @@ bool FragmentFinder::parse(std::span<const std::uint8_t> payload, FragmentRecord
   return false;
 }
 
-// Compares the checksum of a payload, without memory for all of it.
-Result<bool> FragmentFinder::is_intact(std::uint64_t payload, const RecordHeader& record) const {
-  std::vector<std::uint8_t> bytes;
-  std::uint32_t sum = 0;
-  for (std::uint64_t done = 0; done < record.length; done += bytes.size()) {
-    bytes.resize(std::min(record.length - done, kFirstSearchWindow));
-    STGS_TRY(source_.read(payload + done, bytes));
-    sum = checksum(bytes, sum);
-  }
-  return sum == record.checksum;
-}
-
-Result<FragmentFinder::Found> FragmentFinder::at(std::uint64_t offset, Findings& why) {
+Result<FragmentFinder::Found> FragmentFinder::at(std::uint64_t offset,
+                                                 std::optional<std::uint64_t> stated,
+                                                 Findings& why) {
+  if (recent_ && recent_->offset == offset && !stated) return std::exchange(recent_, {});
   const std::uint64_t size = source_.size();
   if (offset < body_at_ || offset > size) {
     why.error(N::kFragment, offset, "no fragment at byte {}", offset);
@@ -112,19 +106,20 @@ Result<FragmentFinder::Found> FragmentFinder::at(std::uint64_t offset, Findings&
   STGS_TRY(source_.read(offset, bytes));
   RecordHeader record;
   if (!parse_record_header(bytes, offset, size, record, why)) return Found();
-  if (!is_fragment(record)) {
-    why.error(N::kFragment, offset, "record '{}' is no fragment", tag_text(record.tag));
+  if (record.tag != kFragmentTag || (stated && record.length != *stated)) {
+    why.error(N::kFragment, offset, "record '{}' of {} bytes is not the fragment that is linked to",
+              tag_text(record.tag), record.length);
     return Found();
   }
   const std::uint64_t limit = head_.limits.max_memory;
   if (record.length > limit) {
-    STGS_ASSIGN(const bool intact, is_intact(offset + kRecordHeaderBytes, record));
-    if (!intact) {
-      why.error(N::kFragment, offset, "fragment is damaged");
-      return Found();
-    }
     return unsupported("index fragment of {} bytes exceeds the memory limit of {} bytes",
                        record.length, limit);
+  }
+  if (!is_fragment(record)) {
+    why.error(N::kFragment, offset, "fragment with flags {:#x} and {} bytes is not valid",
+              record.flags, record.length);
+    return Found();
   }
   bytes.resize(record.length);
   STGS_TRY(source_.read(offset + kRecordHeaderBytes, bytes));
@@ -145,55 +140,65 @@ Result<FragmentFinder::Found> FragmentFinder::at(std::uint64_t offset, Findings&
 
 Result<FragmentFinder::Found> FragmentFinder::last() {
   const std::uint64_t size = source_.size();
+  Findings ignored;
   // A complete file ends with its last FRAG record, whose last bytes give its length.
   if (size >= body_at_ + kRecordHeaderBytes + kLengthBytes) {
     std::vector<std::uint8_t> bytes(kLengthBytes);
     STGS_TRY(source_.read(size - kLengthBytes, bytes));
     const std::uint64_t length = ByteReader(bytes).u64();
     if (length <= size - body_at_ - kRecordHeaderBytes) {
-      Findings ignored;
-      STGS_ASSIGN(Found found, at(size - kRecordHeaderBytes - length, ignored));
+      STGS_ASSIGN(Found found, at(size - kRecordHeaderBytes - length, {}, ignored));
       if (found && found->end == size) return found;
     }
   }
-  return last_before(size);
+  STGS_ASSIGN(const FragmentSearch::Found found, last_before(size));
+  return found.offset == 0 ? Found() : at(found.offset, {}, ignored);
 }
 
-// Searches backwards in windows of increasing size.
-Result<FragmentFinder::Found> FragmentFinder::last_before(std::uint64_t end) {
-  const auto known = searched_.lower_bound(end);
-  if (known != searched_.end() && known->second < end) {
-    Findings ignored;
-    return known->second == 0 ? Found() : at(known->second, ignored);
-  }
+Result<FragmentSearch::Found> FragmentFinder::last_before(std::uint64_t end) {
+  const auto known = search_.results.lower_bound(end);
+  if (search_.has_ended || end <= body_at_) return FragmentSearch::Found();
+  if (known != search_.results.end() && known->second.offset < end) return known->second;
+  const bool is_first = known == search_.results.begin();
+  const std::uint64_t low = is_first ? body_at_ : std::prev(known)->first;
+  STGS_ASSIGN(FragmentSearch::Found found, search(low, end));
+  if (search_.has_ended) return FragmentSearch::Found();
+  if (found.offset == 0 && !is_first) found = std::prev(known)->second;
+  search_.results[end] = found;
+  return found;
+}
+
+// Searches [low, high) backwards, in windows of increasing size.
+Result<FragmentSearch::Found> FragmentFinder::search(std::uint64_t low, std::uint64_t high) {
   std::vector<std::uint8_t> bytes;
-  std::uint64_t window = kFirstSearchWindow, left = head_.limits.max_memory;
-  for (std::uint64_t high = end; high > body_at_;) {
-    const std::uint64_t low = high - std::min(high - body_at_, window);
+  std::uint64_t window = kFirstSearchWindow;
+  while (high > low) {
+    const std::uint64_t first = high - std::min(high - low, window);
     // Includes the rest of a header that begins before `high`.
-    bytes.resize(std::min(source_.size(), high + kRecordHeaderBytes - 1) - low);
-    STGS_TRY(source_.read(low, bytes));
-    for (std::uint64_t begin = high; begin-- > low;) {
+    bytes.resize(std::min(source_.size(), high + kRecordHeaderBytes - 1) - first);
+    STGS_TRY(source_.read(first, bytes));
+    for (std::uint64_t begin = high; begin-- > first;) {
       RecordHeader record;
-      if (!looks_like_one(std::span(bytes).subspan(begin - low), source_.size() - begin, record))
+      if (!looks_like_one(std::span(bytes).subspan(begin - first), source_.size() - begin, record))
         continue;
-      if (rejected_.count(begin) == 0) {
-        Findings ignored;
-        STGS_ASSIGN(Found found, at(begin, ignored));
-        if (found) {
-          searched_[end] = begin;
-          return found;
-        }
-        rejected_.insert(begin);
-      }
-      if (record.length > left) return Found();  // conformance 1.5
-      left -= record.length;
+      STGS_ASSIGN(const FragmentSearch::Found found, examine(begin, record));
+      if (found.offset != 0 || search_.has_ended) return found;
     }
-    high = low;
+    high = first;
     window = std::min(2 * window, kMaxSearchWindow);
   }
-  searched_[end] = 0;
-  return Found();
+  return FragmentSearch::Found();
+}
+
+// Returns the record at `offset` if it is valid.
+Result<FragmentSearch::Found> FragmentFinder::examine(std::uint64_t offset,
+                                                      const RecordHeader& record) {
+  Findings ignored;
+  STGS_ASSIGN(recent_, at(offset, {}, ignored));
+  if (recent_) return FragmentSearch::Found{offset, recent_->end, recent_->frames};
+  search_.in_vain += record.length;
+  search_.has_ended = search_.in_vain > source_.size();
+  return FragmentSearch::Found();
 }
 
 }  // namespace stgs

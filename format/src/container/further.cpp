@@ -17,10 +17,10 @@ bool read_listed(const ByteSource& source, const FileHead& head, const IndexEntr
                    entry.bytes);
     return false;
   }
-  if (entry.bytes > head.limits.max_memory) {
+  if (entry.bytes - kRecordHeaderBytes > head.limits.max_memory) {
     findings.unsupported(N::kMemoryLimit, entry.offset,
-                         "record of {} bytes exceeds the memory limit of {} bytes", entry.bytes,
-                         head.limits.max_memory);
+                         "record of {} bytes exceeds the memory limit of {} bytes",
+                         entry.bytes - kRecordHeaderBytes, head.limits.max_memory);
     return false;
   }
   bytes.resize(entry.bytes);

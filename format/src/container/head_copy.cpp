@@ -65,7 +65,7 @@ Result<FoundCopy> find_head_copy(const ByteSource& source, const ReadLimits& lim
   FileHead none;
   none.limits = limits;
   none.header.flags = kGrowing;
-  STGS_ASSIGN(FragmentFinder::Found last, FragmentFinder(source, none).last());
+  STGS_ASSIGN(FragmentFinder::Found last, FragmentFinder(source, none, none.walk.search).last());
   if (!last) return FoundCopy();
   return FoundCopy({last->offset, std::move(last->head)});
 }

@@ -102,6 +102,19 @@ struct IndexNode {
   std::vector<IndexRun> runs;
 };
 
+// What searches backwards for FRAG records have found (spec 9.4, 9.5).
+struct FragmentSearch {
+  // A valid FRAG record; offset 0: there is none.
+  struct Found {
+    std::uint64_t offset = 0, end = 0;
+    std::uint32_t frames = 0;
+  };
+  // By the offsets from which searches went backwards: the first valid record of each.
+  std::map<std::uint64_t, Found> results;
+  std::uint64_t in_vain = 0;  // bytes of payloads of records that are not valid (conformance 1.5)
+  bool has_ended = false;     // because of the limit on `in_vain`
+};
+
 // The state of following the links of an index.
 struct IndexWalk {
   struct Link {
@@ -122,11 +135,13 @@ struct IndexWalk {
   std::set<std::uint64_t> followed;          // offsets of records, which may be damaged
   std::map<PartEntry, std::uint32_t> parts;  // their indices
   std::uint64_t entries = 0, bytes = 0;      // of the nodes read (conformance 1.5)
+  std::uint64_t complete_bytes = 0;          // of those that lie within the source
   std::uint32_t segments = 0;                // of the nodes read
   std::map<std::uint64_t, Node> nodes;       // by the offset of their record; INDX: 0
   std::vector<NodeLink> earlier;             // links of fragments besides those of their nodes
   std::set<std::uint64_t> used_earlier;      // offsets of these fragments
   std::vector<Lost> lost;                    // in the order of following
+  FragmentSearch search;
 };
 
 // A chunk is a multiple of kChunkGrain and at most kMaxChunk, ticks, so that arithmetic on

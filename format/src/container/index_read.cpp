@@ -74,13 +74,14 @@ class NodeReader {
     return false;
   }
 
-  // Checks that one more entry stays within the memory limit (conformance 1.5).
+  // Checks that one more entry of this list or node stays within the memory limit; add_node() and
+  // its caller check their sum (conformance 1.5).
   bool take_entry(std::uint64_t at) {
-    const std::uint64_t entries = head_.walk.entries + ++entries_;
     const std::uint64_t limit = head_.limits.max_memory;
-    if (entries <= kFreeEntries || entries - kFreeEntries <= limit / kEntryMemory) return true;
+    ++entries_;
+    if (entries_ <= kFreeEntries || entries_ - kFreeEntries <= limit / kEntryMemory) return true;
     findings_.unsupported(N::kMemoryLimit, at,
-                          "index: {} entries exceed the memory limit of {} bytes", entries, limit);
+                          "index: {} entries exceed the memory limit of {} bytes", entries_, limit);
     return false;
   }
 

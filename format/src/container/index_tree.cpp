@@ -18,12 +18,25 @@ void add_links(std::span<const NodeLink> links, int depth, Position next, FileHe
   }
 }
 
+// Counts entries of the index (conformance 1.5).
+bool take_entries(std::uint64_t count, std::uint64_t at, FileHead& head, Findings& findings) {
+  head.walk.entries += count;
+  const std::uint64_t limit = head.limits.max_memory;
+  if (head.walk.entries <= kFreeEntries || head.walk.entries - kFreeEntries <= limit / kEntryMemory)
+    return true;
+  findings.unsupported(N::kMemoryLimit, at, "index: {} entries exceed the memory limit of {} bytes",
+                       head.walk.entries, limit);
+  return false;
+}
+
 // Adds the earlier links of a fragment (spec 9.3, 9.5) once.
-void add_earlier(const FragmentRecord& fragment, int depth, Position next, FileHead& head) {
-  if (!head.walk.used_earlier.insert(fragment.offset).second) return;
+bool add_earlier(const FragmentRecord& fragment, int depth, Position next, FileHead& head,
+                 Findings& findings) {
+  if (!head.walk.used_earlier.insert(fragment.offset).second) return true;
   add_links(fragment.earlier, depth, next, head);
   head.walk.earlier.insert(head.walk.earlier.end(), fragment.earlier.begin(),
                            fragment.earlier.end());
+  return take_entries(fragment.earlier.size(), fragment.offset, head, findings);
 }
 
 // Returns the index of a part, which is added if it is new.
@@ -36,11 +49,20 @@ std::uint32_t take_part(const PartEntry& part, FileHead& head) {
 
 // Counts the bytes of a node (conformance 1.5).
 bool take_node(std::uint64_t at, std::uint64_t payload, FileHead& head, Findings& findings) {
-  head.walk.bytes += payload;
-  head.index_bytes += kRecordHeaderBytes + payload;
-  if (head.walk.bytes <= head.limits.max_memory) return true;
-  findings.unsupported(N::kMemoryLimit, at, "index exceeds the memory limit of {} bytes",
-                       head.limits.max_memory);
+  IndexWalk& walk = head.walk;
+  const std::uint64_t bytes = kRecordHeaderBytes + payload;
+  walk.bytes += payload;
+  head.index_bytes += bytes;
+  if (walk.bytes > head.limits.max_memory) {
+    findings.unsupported(N::kMemoryLimit, at, "index exceeds the memory limit of {} bytes",
+                         head.limits.max_memory);
+    return false;
+  }
+  const std::uint64_t size = head.available_bytes;
+  if (at <= size && bytes <= size - at) walk.complete_bytes += payload;
+  if (walk.complete_bytes <= size) return true;
+  findings.unsupported(N::kMemoryLimit, at, "nodes of {} bytes in a file of {} bytes overlap",
+                       walk.complete_bytes, size);
   return false;
 }
 
@@ -56,7 +78,10 @@ bool check_fragment_flags(const FragmentRecord& fragment, Findings& findings) {
 class Loader {
  public:
   Loader(const ByteSource& source, FileHead& head, Findings& findings)
-      : source_(source), head_(head), findings_(findings), fragments_(source, head) {}
+      : source_(source),
+        head_(head),
+        findings_(findings),
+        fragments_(source, head, head.walk.search) {}
 
   // Loads the nodes with segments that are needed at times of [t0, t1].
   bool load(double t0, double t1) {
@@ -146,9 +171,8 @@ class Loader {
     };
     std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
     RecordHeader record;
-    if (!is_available(payload) || !read(at, bytes, why) ||
-        !parse_record_header(bytes, at, head_.header.file_bytes, record, why) ||
-        !is_available(payload + record.length)) {
+    if (!is_available(payload + link.bytes) || !read(at, bytes, why) ||
+        !parse_record_header(bytes, at, head_.header.file_bytes, record, why)) {
       return false;
     }
     if (record.tag != kPageTag || record.flags != kCritical || record.length != link.bytes) {
@@ -168,38 +192,46 @@ class Loader {
   }
 
   bool follow_fragment(const NodeLink& link, int depth) {
-    const std::uint64_t end = link.offset + kRecordHeaderBytes + link.bytes;
     Findings why;
-    auto found = fragments_.at(link.offset, why);
-    if (found.ok() && *found && (*found)->end == end)
-      return add_node((*found)->node, link.offset, depth, next_, head_, findings_);
-    if (found.ok() && *found)
-      why.error(N::kFragment, link.offset, "fragment has another length than its link states");
-    if (found.ok()) found = fragments_.last_before(link.offset);
-    if (!found.ok()) {
-      findings_.failed_search(link.offset, found.status());
-      return false;
-    }
+    const auto record = fragments_.at(link.offset, link.bytes, why);
+    if (!record.ok()) return failed_search(link, record.status());
+    if (*record) return add_node((*record)->node, link.offset, depth, next_, head_, findings_);
+    const auto before = fragments_.last_before(link.offset);
+    if (!before.ok()) return failed_search(link, before.status());
     LostFragment lost{link.needed, head_.header.head_bytes, 0};
-    if (*found) {  // content of a fragment is not needed before its beginning (spec 9.6)
-      lost.range.begin = std::max(lost.range.begin, static_cast<double>((*found)->frames));
+    if (before->offset != 0) {  // content of a fragment is not needed before it begins (spec 9.6)
+      lost.range.begin = std::max(lost.range.begin, static_cast<double>(before->frames));
       lost.range.end = std::max(lost.range.begin, lost.range.end);
-      lost.offset = (*found)->end;
+      lost.offset = before->end;
     }
     lost.bytes = link.offset - std::min(lost.offset, link.offset);
     lose(link, lost, N::kFragment, std::move(why));
-    return !*found || follow_instead(**found, depth);
+    return before->offset == 0 || follow_instead(link, before->offset, depth);
   }
 
-  bool follow_instead(const FragmentRecord& fragment, int depth) {  // spec 9.5
-    const bool is_new = head_.walk.followed.insert(fragment.offset).second;
-    const std::uint64_t payload = fragment.end - fragment.offset - kRecordHeaderBytes;
-    if (is_new && (!take_node(fragment.offset, payload, head_, findings_) ||
-                   !add_node(fragment.node, fragment.offset, depth, next_, head_, findings_))) {
+  bool failed_search(const NodeLink& link, const Status& status) {
+    findings_.failed_search(link.offset, status);
+    return false;
+  }
+
+  // Follows the valid FRAG record at `offset` instead of that of a link (spec 9.5).
+  bool follow_instead(const NodeLink& link, std::uint64_t offset, int depth) {
+    const bool is_new = head_.walk.followed.insert(offset).second;
+    if (!is_new && head_.walk.used_earlier.count(offset) != 0) return true;
+    Findings why;
+    const auto record = fragments_.at(offset, {}, why);
+    if (!record.ok()) return failed_search(link, record.status());
+    if (!*record) {  // the source changes while it is read
+      findings_.append(std::move(why));
       return false;
     }
-    add_earlier(fragment, depth + 1, next_, head_);
-    return true;
+    const FragmentRecord& fragment = **record;
+    const std::uint64_t payload = fragment.end - offset - kRecordHeaderBytes;
+    if (is_new && (!take_node(offset, payload, head_, findings_) ||
+                   !add_node(fragment.node, offset, depth, next_, head_, findings_))) {
+      return false;
+    }
+    return add_earlier(fragment, depth + 1, next_, head_, findings_);
   }
 
   const ByteSource& source_;
@@ -229,10 +261,10 @@ bool add_last(FragmentRecord& fragment, FileHead& head, Findings& findings) {
   head.walk.followed.insert(fragment.offset);
   const Position next = head.walk.pending.begin();
   if (!take_node(fragment.offset, bytes - kRecordHeaderBytes, head, findings) ||
-      !add_node(fragment.node, fragment.offset, 0, next, head, findings)) {
+      !add_node(fragment.node, fragment.offset, 0, next, head, findings) ||
+      !add_earlier(fragment, 1, next, head, findings)) {
     return false;
   }
-  add_earlier(fragment, 1, next, head);
   head.last_fragment = LastFragment{fragment.offset,
                                     bytes,
                                     fragment.checksum,
@@ -263,7 +295,7 @@ bool is_continued(const ByteSource& source, const FileHead& head, Findings& find
 bool add_node(const IndexNode& node, std::uint64_t record, int depth, Position next, FileHead& head,
               Findings& findings) {
   add_links(node.links, depth + 1, next, head);
-  head.walk.entries += node.links.size();
+  std::uint64_t entries = node.links.size();
   for (const IndexRun& run : node.runs) {
     const std::uint32_t part = take_part(run.part, head), first = head.walk.segments;
     for (const SegmentEntry& segment : run.segments) {
@@ -274,9 +306,10 @@ bool add_node(const IndexNode& node, std::uint64_t record, int depth, Position n
       head.index.further.push_back({further.entry, part, first + further.number});
     }
     head.walk.segments += run.count;
-    head.walk.entries += run.count + run.segments.size() + run.further.size();
+    entries += run.count + run.segments.size() + run.further.size();
   }
   head.walk.nodes[record] = {node.links, needed_in(node.runs, head.metadata.scene.frames)};
+  if (!take_entries(entries, record, head, findings)) return false;
   if (head.listed_primitives <= head.limits.max_primitives) return true;
   findings.unsupported(N::kPrimitiveLimit, record, "index: {} primitives exceed the limit of {}",
                        head.listed_primitives, head.limits.max_primitives);
@@ -291,7 +324,9 @@ bool load_index(const ByteSource& source, double t0, double t1, FileHead& head,
 bool read_growth(const ByteSource& source, FileHead& head, bool& grown, Findings& findings) {
   grown = false;
   head.available_bytes = source.size();
-  Result<std::optional<FragmentRecord>> last = FragmentFinder(source, head).last();
+  head.walk.search = {};  // records that were cut off may be complete now
+  Result<std::optional<FragmentRecord>> last =
+      FragmentFinder(source, head, head.walk.search).last();
   if (!last.ok()) {
     findings.failed_search(head.header.head_bytes, last.status());
     return false;

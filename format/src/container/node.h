@@ -61,32 +61,35 @@ inline constexpr std::uint32_t kCriticalFragmentFlags = 0xFFFF;
 // Returns a FRAG record.
 std::vector<std::uint8_t> write_fragment(const FragmentRecord& fragment);
 
-// Finds valid FRAG records of a file (spec 9.4).
+// Finds valid FRAG records of a file (spec 9.4). All functions return kUnsupported if a record
+// exceeds the memory limit.
 class FragmentFinder {
  public:
   using Found = std::optional<FragmentRecord>;
-  // `head`: the head of the file; it has no bytes if they are damaged. Not copied.
-  FragmentFinder(const ByteSource& source, const FileHead& head);
+  // `head`: the head of the file; it has no bytes if they are damaged. `search`: of this source.
+  // Neither is copied.
+  FragmentFinder(const ByteSource& source, const FileHead& head, FragmentSearch& search);
   // Returns the one that begins last.
   Result<Found> last();
-  // Returns the one at `offset`; if there is none, `why` has the reason. kUnsupported if it exceeds
-  // the memory limit.
-  Result<Found> at(std::uint64_t offset, Findings& why);
-  // Returns the one that begins last of those that begin before `end`. Ends without a result after
-  // examining more bytes in vain than the memory limit (conformance 1.5).
-  Result<Found> last_before(std::uint64_t end);
+  // Returns the one at `offset`, of a payload of `bytes` if that is stated; if there is none, `why`
+  // has the reason.
+  Result<Found> at(std::uint64_t offset, std::optional<std::uint64_t> bytes, Findings& why);
+  // Returns the one that begins last of those that begin before `end`. All searches together
+  // examine at most as many bytes in vain as the source has, and then end without a result
+  // (conformance 1.5).
+  Result<FragmentSearch::Found> last_before(std::uint64_t end);
 
  private:
-  Result<bool> is_intact(std::uint64_t payload, const RecordHeader& record) const;
   bool parse(std::span<const std::uint8_t> payload, FragmentRecord& fragment,
              Findings& findings) const;
+  Result<FragmentSearch::Found> search(std::uint64_t low, std::uint64_t high);
+  Result<FragmentSearch::Found> examine(std::uint64_t offset, const RecordHeader& record);
 
   const ByteSource& source_;
   const FileHead& head_;
+  FragmentSearch& search_;
   std::uint64_t body_at_ = 0;
-  std::set<std::uint64_t> rejected_;  // offsets of records that are not valid
-  // By the end of a search: the offset of the record that it found, or 0.
-  std::map<std::uint64_t, std::uint64_t> searched_;
+  Found recent_;  // the last one that a search found, until it is returned
 };
 
 }  // namespace stgs

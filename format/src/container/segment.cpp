@@ -210,16 +210,22 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
   return cut_off(record, ordinal, payload.size(), findings);
 }
 
+bool is_available(const FileHead& head, std::uint32_t ordinal, const IndexEntry& entry,
+                  Findings& findings) {
+  if (head.has(entry)) return true;
+  findings.error(N::kFileSize, entry.offset,
+                 "segment {}: the file is truncated within its {} bytes", ordinal, entry.bytes);
+  return false;
+}
+
 // Reads one record and checks it against its index entry.
 bool read_record(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
                  const IndexEntry& entry, SegmentRecord& record, std::uint64_t& memory,
                  Findings& findings) {
-  if (!head.has(entry)) {
-    findings.error(N::kFileSize, entry.offset,
-                   "segment {}: the file is truncated within its {} bytes", ordinal, entry.bytes);
+  if (!is_available(head, ordinal, entry, findings) ||
+      !take_memory(entry.bytes, head, ordinal, entry.offset, memory, findings)) {
     return false;
   }
-  if (!take_memory(entry.bytes, head, ordinal, entry.offset, memory, findings)) return false;
   record.bytes.resize(entry.bytes);
   if (Status status = source.read(entry.offset, record.bytes); !status.ok()) {
     findings.failed_read(entry.offset, status);
@@ -257,7 +263,8 @@ bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t 
                   bool with_sh, SegmentRecords& records, Findings& findings) {
   const SegmentEntry& segment = head.index.segments[ordinal];
   records.memory = 0;
-  if (!take_memory(4 * floats_per_primitive(head.metadata.sh_degree) * segment.base.primitives,
+  if (!is_available(head, ordinal, segment.base, findings) ||
+      !take_memory(4 * floats_per_primitive(head.metadata.sh_degree) * segment.base.primitives,
                    head, ordinal, segment.base.offset, records.memory, findings) ||
       !read_record(source, head, ordinal, segment.base, records.base, records.memory, findings)) {
     return false;
