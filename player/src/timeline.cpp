@@ -132,9 +132,8 @@ class SegmentTimeline final : public Timeline {
   bool is_unlisted(double ticks) const {
     const double frames = metadata().frames, at = std::clamp(ticks, 0.0, frames);
     const std::vector<LostFragment>& lost = reader_->lost_fragments();
-    return std::any_of(lost.begin(), lost.end(), [at, frames](const LostFragment& fragment) {
-      const auto [begin, end] = fragment.range;
-      return begin <= at && (at < end || end >= frames);
+    return std::any_of(lost.begin(), lost.end(), [at](const LostFragment& fragment) {
+      return fragment.range.begin <= at && at <= fragment.range.end;
     });
   }
 

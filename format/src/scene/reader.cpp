@@ -15,10 +15,11 @@ std::vector<SegmentInfo> segments_from(const FileHead& head) {
   std::vector<SegmentInfo> out;
   for (const SegmentEntry& segment : head.index.segments) {
     const IndexEntry &base = segment.base, &sh = segment.sh;
-    const TickRange interval = shown_of(head, segment);
-    out.push_back({base.level, interval.begin, interval.end, base.primitives, base.offset,
-                   base.bytes, segment.part, tier_of(base.layer), sh.offset, sh.bytes,
-                   head.has(base), head.has(sh)});
+    const TickRange shown = shown_of(head, segment);
+    out.push_back({base.level, shown.begin, shown.end, base.primitives, base.offset, base.bytes,
+                   segment.part, tier_of(base.layer), sh.offset, sh.bytes, head.has(base),
+                   head.has(sh),
+                   is_end_shown(shown, head.parts[segment.part], head.metadata.scene.frames)});
   }
   return out;
 }

@@ -139,7 +139,7 @@ struct ReadLimits {
   std::uint64_t max_memory = std::uint64_t{16} << 30;
 };
 
-// A segment: the primitives of one tier that are rendered only inside [begin_ticks, end_ticks).
+// A segment: the primitives of one tier that are rendered only within [begin_ticks, end_ticks].
 // Tier 0 has the most important ones. The first tiers, in any number and with or without their SH,
 // give a complete image.
 struct SegmentInfo {
@@ -154,9 +154,14 @@ struct SegmentInfo {
   std::uint64_t sh_offset = 0, sh_bytes = 0;
   // False: beyond the end of a truncated file. sh_available is true if there is no SH record.
   bool available = true, sh_available = true;
+  // Whether end_ticks is one of the shown times: unless the part ends there before the timeline
+  // does (spec 5.4).
+  bool shown_at_end = false;
 
   // Returns whether the segment is shown at any time.
-  bool is_shown() const { return begin_ticks < end_ticks; }
+  bool is_shown() const {
+    return begin_ticks < end_ticks || (begin_ticks == end_ticks && shown_at_end);
+  }
 };
 
 // Content that the remaining index does not list, because a node of it is damaged (spec 9.5, 10.1).
