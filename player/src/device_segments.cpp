@@ -46,15 +46,18 @@ Result<std::vector<Timeline::SegmentRef>> DeviceSegments::make_resident(Timeline
     }
     return !is_resident;
   });
+  for (Timeline::SegmentRef& ref : refs) ref.ticks -= resident_.at(ref.segment).time_origin;
   return refs;
 }
 
-void DeviceSegments::insert(std::uint32_t segment, std::uint64_t primitives, std::uint64_t bytes) {
+void DeviceSegments::insert(std::uint32_t segment, std::uint64_t primitives, std::uint64_t bytes,
+                            double time_origin) {
   if (const auto before = resident_.find(segment); before != resident_.end()) {
     bytes_ -= before->second.bytes;
     primitives_ -= before->second.primitives;
   }
-  resident_.insert_or_assign(segment, Resident{bytes, primitives, {call_, Priority::kActive}, {}});
+  resident_.insert_or_assign(
+      segment, Resident{bytes, primitives, time_origin, {call_, Priority::kActive}, {}});
   bytes_ += bytes;
   primitives_ += primitives;
 }

@@ -27,9 +27,9 @@ class DeviceSegments {
   virtual ~DeviceSegments() = default;
   // Makes the segments that are active at `seconds` resident, evicts the least recently used ones
   // if the budget requires it, and returns those to render: all active ones that are resident,
-  // ascending. Segments of another timeline are evicted. Work that uses segments must have
-  // completed, or precede this call's work in the device's queue. Errors: those of Timeline::at(),
-  // and of the device.
+  // ascending, with `ticks` that count as the times on the device. Segments of another timeline are
+  // evicted. Work that uses segments must have completed, or precede this call's work in the
+  // device's queue. Errors: those of Timeline::at(), and of the device.
   Result<std::vector<Timeline::SegmentRef>> make_resident(Timeline& timeline, double seconds);
   // Returns the number of primitives in the resident segments.
   std::uint64_t stored_primitives() const { return primitives_; }
@@ -51,8 +51,10 @@ class DeviceSegments {
   int sh_degree() const { return sh_degree_; }
   // Primitives per upload.
   static constexpr std::size_t kMaxUploadPrimitives = std::size_t{1} << 16;
-  // Registers a segment as resident with its size in bytes. Replaces its previous version.
-  void insert(std::uint32_t segment, std::uint64_t primitives, std::uint64_t bytes);
+  // Registers a segment as resident with its size in bytes and its Gaussians4D::time_origin.
+  // Replaces its previous version.
+  void insert(std::uint32_t segment, std::uint64_t primitives, std::uint64_t bytes,
+              double time_origin);
   // Decodes a segment on the CPU and uploads it. Applies the timeline's damage policy.
   Status decode_on_cpu(Timeline& timeline, std::uint32_t segment);
   // Uploads all of a decoded segment.
@@ -84,6 +86,7 @@ class DeviceSegments {
   };
   struct Resident {
     std::uint64_t bytes = 0, primitives = 0;
+    double time_origin = 0;                // of the times on the device, ticks of the part
     Use used;                              // last
     std::weak_ptr<const Gaussians4D> set;  // SegmentRef::set, if it had one
   };

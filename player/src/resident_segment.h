@@ -13,17 +13,17 @@
 
 namespace stgs::player {
 
-// A decoded segment with the support of each primitive, [begin, end] in ticks of its part. Scanning
-// the supports of all active segments takes time proportional to the active primitives, because the
-// primitives of a lifespan segment are active for a large part of its span.
+// A decoded segment with the support of each primitive, [begin, end] in ticks that count as
+// `set.time`. Scanning the supports of all active segments takes time proportional to the active
+// primitives, because the primitives of a lifespan segment are active for a large part of its span.
 struct ResidentSegment {
   ResidentSegment() = default;
   // `memory`, if given, owns the allocations of `decoded`.
   explicit ResidentSegment(Gaussians4D decoded,
                            std::shared_ptr<std::pmr::memory_resource> memory = nullptr);
 
-  // Returns the primitives whose opacity at `ticks` of the part reaches the rendering threshold,
-  // within a rounding error, ascending.
+  // Returns the primitives whose opacity at `ticks`, which count as `set.time`, reaches the
+  // rendering threshold, within a rounding error, ascending.
   void find_candidates(float ticks, std::vector<std::uint32_t>& candidates) const;
 
   std::shared_ptr<std::pmr::memory_resource> owner;  // first, since it must outlive the arrays

@@ -85,14 +85,17 @@ class SegmentTimeline final : public Timeline {
       std::vector<Resident*> resident;
       resident.reserve(refs.size());
       for (const SegmentRef& ref : refs) resident.push_back(&resident_.at(ref.segment));
+      const auto ticks_in = [&](std::size_t i) {
+        return refs[i].ticks - resident[i]->decoded.set.time_origin;
+      };
       parallel_for(std::size_t{0}, resident.size(), [&](std::size_t i) {
-        resident[i]->decoded.find_candidates(static_cast<float>(refs[i].ticks),
+        resident[i]->decoded.find_candidates(static_cast<float>(ticks_in(i)),
                                              resident[i]->candidates);
       });
       for (std::size_t i = 0; i < resident.size(); ++i) {
         if (resident[i]->candidates.empty()) continue;
         active.segments.push_back({refs[i].segment, &resident[i]->decoded.set,
-                                   &resident[i]->candidates, refs[i].ticks, refs[i].id_base});
+                                   &resident[i]->candidates, ticks_in(i), refs[i].id_base});
       }
     } catch (const std::exception& e) {
       return Status(code_of(e), fmt::format("{}: cannot load the segments active at {} s: {}",
@@ -127,14 +130,12 @@ class SegmentTimeline final : public Timeline {
     }
   }
 
-  // Returns whether a damaged node of the index listed segments that first become active around
-  // `ticks`.
+  // Returns whether a damaged node of the index listed segments that may be active at `ticks`.
   bool is_unlisted(double ticks) const {
-    const double frames = metadata().frames, at = std::clamp(ticks, 0.0, frames);
+    const double at = std::clamp(ticks, 0.0, static_cast<double>(metadata().frames));
     const std::vector<LostFragment>& lost = reader_->lost_fragments();
-    return std::any_of(lost.begin(), lost.end(), [at, frames](const LostFragment& fragment) {
-      const auto [begin, end] = fragment.range;
-      return begin <= at && (at < end || end >= frames);
+    return std::any_of(lost.begin(), lost.end(), [at](const LostFragment& fragment) {
+      return fragment.range.begin <= at && at <= fragment.range.end;
     });
   }
 
@@ -177,8 +178,9 @@ class SegmentTimeline final : public Timeline {
 
   // Decodes a segment according to the damage policy.
   Result<Gaussians4D> decode_intact(std::uint32_t segment, Status& sh_status) const {
-    return policy_ == DamagePolicy::kReject ? reader_->decode(segment)
-                                            : reader_->decode_intact(segment, sh_status);
+    const TimeOrigin origin = reader_->render_origin(segment);
+    return policy_ == DamagePolicy::kReject ? reader_->decode(segment, true, origin)
+                                            : reader_->decode_intact(segment, sh_status, origin);
   }
 
   Status decode(const std::vector<std::uint32_t>& missing) {

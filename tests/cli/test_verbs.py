@@ -94,7 +94,19 @@ class Reading(CliTest):
                 self.succeeds("render", scene, "--time", "0.05", "-o", name)
             with open(self.path("a.png"), "rb") as a, open(self.path("b.png"), "rb") as b:
                 self.assertEqual(a.read(), b.read())
+        # Neither a recording nor what finalize makes of it states the bytes of its streams.
+        for path in (recorded, cut, "out.stgs"):
+            streams = self.json_of("info", path)["streams"]
+            self.assertEqual({s["bytes"] for s in streams}, {None})
+            self.assertTrue(all(s["raw_bytes"] > 0 for s in streams))
+            text = self.succeeds("info", path, "--segments").stdout.decode()
+            self.assertRegex(text, r"(?m)^  position +not stated +- +-$")
         tiny = self.fixture("tiny.stgs")
+        streams = self.json_of("info", tiny)["streams"]
+        self.assertTrue(all(isinstance(s["bytes"], int) for s in streams))
+        text = self.succeeds("info", tiny, "--segments").stdout.decode()
+        self.assertRegex(text, r"(?m)^  position +[1-9][0-9]* +[0-9.]+ % +[0-9.]+ %$")
+        self.assertNotIn("not stated", text)
         self.fails(1, "already finished; nothing to do", "finalize", tiny, "-o", "x.stgs")
         self.fails(1, "is the recording itself", "finalize", recorded, "-o", recorded)
         self.assertFalse(os.path.exists(self.path("x.stgs")))

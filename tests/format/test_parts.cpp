@@ -115,6 +115,35 @@ TEST_CASE("the segments at a time are those of one part") {
   CHECK(parts_at(1e6) == last);
 }
 
+TEST_CASE("a segment is needed at the end of its interval while its part is displayed") {
+  constexpr double kPartEnd = 30, kFrom = 9;  // chunks of 3 ticks end at both
+  Scene scene = random_scene(1200, 1, kFrames, 3);
+  scene.parts = {{0, kPartEnd, 1200, TickRange{kFrom, kPartEnd}}};
+  const auto reader = reader_of(scene, Profile::kQuantised);
+  const auto is_needed = [&](std::uint32_t segment, double t) {
+    const std::vector<std::uint32_t> all = reader->segments_between(t, t);
+    return std::binary_search(all.begin(), all.end(), segment);
+  };
+  int inner = 0, at_part_end = 0, at_one_time = 0;
+  for (std::uint32_t s = 0; s < reader->segments().size(); ++s) {
+    const SegmentInfo& segment = reader->segments()[s];
+    if (!segment.is_shown()) continue;
+    const bool inside = segment.end_ticks < kPartEnd;
+    CHECK(segment.shown_at_end == inside);
+    CHECK(is_needed(s, segment.begin_ticks));
+    CHECK(is_needed(s, segment.end_ticks) == inside);
+    CHECK_FALSE(is_needed(s, segment.end_ticks + 1e-6));
+    CHECK_FALSE(is_needed(s, segment.begin_ticks - 1e-6));
+    (inside ? inner : at_part_end) += 1;
+    if (segment.begin_ticks < segment.end_ticks) continue;
+    CHECK(segment.begin_ticks == kFrom);
+    ++at_one_time;
+  }
+  CHECK(inner > 5);
+  CHECK(at_part_end > 0);
+  CHECK(at_one_time > 0);
+}
+
 TEST_CASE("a scene without parts has one part, the complete timeline") {
   Scene scene = random_scene(50, 0, kFrames, 3);
   const std::vector<ScenePart> timeline = {{0, kFrames, 50}};

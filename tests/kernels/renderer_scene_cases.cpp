@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A device's renderer against the CPU renderer (spec/representation.md, 7.2): scenes.
+#include "fixtures/long_part.h"
 #include "renderer_cases.h"
 
 using namespace stgs;
@@ -38,6 +39,31 @@ TEST_CASE("a part far into a long timeline matches the CPU renderer") {
   const auto device = device_renderer();
   for (const double seconds : {0.0, 7.3, 44.001, 59.5}) {
     check_matches_cpu(*timeline, kLate + seconds, {make_view(96, 64)}, *device);
+  }
+}
+
+TEST_CASE("content far into a long part is rendered as at the beginning of a short one") {
+  const FarContent content = make_far_content(3000);
+  const auto timeline_of = [](const std::vector<std::uint8_t>& bytes) {
+    auto reader = SceneReader::open(memory_source(bytes));
+    check(reader.status());
+    return player::Timeline::from_reader(std::move(*reader));
+  };
+  const auto near = timeline_of(content.near), far = timeline_of(content.far);
+  const auto on_near = device_renderer(), on_far = device_renderer();
+  const std::vector<player::View> views = {make_view(160, 90)};
+  RenderStats stats;
+  for (const double ticks : {100.0, 101.375, 112.0, 118.53125}) {
+    const auto expected = render_views(*on_near, *near, ticks, views, &stats);
+    const auto found = render_views(*on_far, *far, ticks + content.shift, views);
+    float greatest = 0;
+    for (std::size_t p = 0; p < expected[0].colour.data.size(); ++p) {
+      greatest = std::max(greatest, std::abs(expected[0].colour.data[p] - found[0].colour.data[p]));
+    }
+    INFO("tick " << ticks << ": differences up to " << greatest);
+    CHECK(stats.splats > 100);
+    CHECK(greatest <= 1e-3f);
+    check_matches_cpu(*far, ticks + content.shift, views, *on_far);
   }
 }
 

@@ -6,6 +6,7 @@
 
 #include "catch.h"
 #include "device_gaussians.h"
+#include "fixtures/long_part.h"
 #include "fixtures/scene_fixture.h"
 #include "stgs/format/scene_file.h"
 
@@ -37,12 +38,13 @@ struct SegmentCounts {
 };
 
 // Decodes all segments of a file in one launch and compares them with the CPU.
-void check_decode(const SceneReader& reader, bool with_sh, SegmentCounts& counts) {
+void check_decode(const SceneReader& reader, bool with_sh, SegmentCounts& counts,
+                  TimeOrigin origin = TimeOrigin::kPart) {
   std::vector<CodedSegment> coded;
   std::vector<Result<Gaussians4D>> expected;
   for (std::uint32_t s = 0; s < reader.segments().size(); ++s) {
-    Result<CodedSegment> segment = reader.read(s, with_sh);
-    Result<Gaussians4D> set = reader.decode(s, with_sh);
+    Result<CodedSegment> segment = reader.read(s, with_sh, origin);
+    Result<Gaussians4D> set = reader.decode(s, with_sh, origin);
     if (!segment.ok()) {
       CHECK_FALSE(set.ok());
       ++counts.unreadable;
@@ -70,6 +72,7 @@ void check_decode(const SceneReader& reader, bool with_sh, SegmentCounts& counts
     if (expected[k].ok()) {
       CHECK((*intact)[k]);
       CHECK(same_bits(sets[k].read(), *expected[k]));
+      CHECK(coded[k].time_origin == expected[k]->time_origin);
       ++counts.intact;
     } else {
       INFO(expected[k].status().message());
@@ -112,6 +115,15 @@ TEST_CASE(
               counts.unreadable);
   CHECK(files > 60);
   CHECK(counts.intact > 60);
+}
+
+TEST_CASE("times far into a long part match the CPU bit for bit, from either origin") {
+  const auto reader = SceneReader::open(memory_source(make_far_content(3000).far));
+  check(reader.status());
+  SegmentCounts counts;
+  check_decode(**reader, true, counts, TimeOrigin::kPart);
+  check_decode(**reader, true, counts, TimeOrigin::kRecord);
+  CHECK(counts.intact > 10);
 }
 
 TEST_CASE(

@@ -141,7 +141,7 @@ class CountingDevice final : public DeviceSegments {
     arriving.erase(segment);
     resident.insert(segment);
     ++uploaded;
-    insert(segment, set.size(), kPrimitiveBytes * set.size());
+    insert(segment, set.size(), kPrimitiveBytes * set.size(), set.time_origin);
     return {};
   }
   void cancel_upload(std::uint32_t segment) override { CHECK(arriving.erase(segment) == 1); }

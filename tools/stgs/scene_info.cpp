@@ -44,6 +44,11 @@ std::vector<SceneLayer> SceneInfo::layers() const {
   return layers;
 }
 
+bool SceneInfo::has_stream_bytes() const {
+  return std::any_of(streams.begin(), streams.end(),
+                     [](const stgs_stream& stream) { return stream.bytes > 0; });
+}
+
 std::optional<double> SceneInfo::mean_kbps() const {
   if (scene.frames <= 1) return std::nullopt;
   return 8e-3 * static_cast<double>(scene.file_bytes) / scene.duration_seconds;

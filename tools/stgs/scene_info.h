@@ -40,6 +40,8 @@ struct SceneInfo {
   std::vector<SceneLayer> layers() const;
   // Returns the mean bit rate in kbit/s; none for a file of a single frame.
   std::optional<double> mean_kbps() const;
+  // Returns whether the file states the bytes of its streams. Recordings do not.
+  bool has_stream_bytes() const;
   // Returns 0 if the file has no primitives.
   double bytes_per_primitive() const;
 };

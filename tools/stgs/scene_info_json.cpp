@@ -110,7 +110,7 @@ Json streams_json(const SceneInfo& info) {
   for (const stgs_stream& stream : info.streams) {
     const auto error = [](double v) { return v >= 0 ? Json(v) : Json(nullptr); };
     streams.push_back({{"name", stream.name},
-                       {"bytes", stream.bytes},
+                       {"bytes", info.has_stream_bytes() ? Json(stream.bytes) : Json(nullptr)},
                        {"raw_bytes", stream.raw_bytes},
                        {"max_error", error(stream.max_error)},
                        {"rms_error", error(stream.rms_error)}});

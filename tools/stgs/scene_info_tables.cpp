@@ -45,8 +45,10 @@ std::string layer_table(const SceneInfo& info) {
 std::string stream_table(const SceneInfo& info) {
   std::string out = "\n  stream                  bytes   share   of raw\n";
   for (const stgs_stream& s : info.streams) {
-    out += fmt::format("  {:<16} {:>12}  {:4.1f} %   {:4.1f} %", s.name, s.bytes,
-                       percent(s.bytes, info.scene.file_bytes), percent(s.bytes, s.raw_bytes));
+    out += info.has_stream_bytes()
+               ? fmt::format("  {:<16} {:>12}  {:4.1f} %   {:4.1f} %", s.name, s.bytes,
+                             percent(s.bytes, info.scene.file_bytes), percent(s.bytes, s.raw_bytes))
+               : fmt::format("  {:<16} {:>12}  {:>6}   {:>6}", s.name, "not stated", "-", "-");
     if (s.max_error >= 0)
       out += fmt::format("   errors up to {:.3g}, rms {:.3g}", s.max_error, s.rms_error);
     out += "\n";

@@ -22,15 +22,27 @@ Step log_scale_step(const Layout& layout) {
   return {};
 }
 
+// Returns the time from which those of a record count, ticks from the beginning of its part. Times
+// that are stored as floats count from there.
+double time_origin_of(const Layout& layout, double segment_begin) {
+  for (const StreamRow& row : layout.streams) {
+    if (!row.optional() && static_cast<Mapping>(row.mapping) == Mapping::kTime)
+      return time_base(segment_begin, row.step);
+  }
+  return 0;
+}
+
 SegmentContext context_of(const SegmentRecords& records, const FileHead& head,
-                          std::uint32_t ordinal) {
+                          std::uint32_t ordinal, TimeOrigin origin) {
   const SegmentEntry& segment = head.index.segments[ordinal];
   const PartEntry& part = head.parts[segment.part];
   SegmentContext out;
   out.part_exponent = part_exponent_of(part.end - part.begin);
   out.begin = begin_of(segment.base.level, segment.base.slot, head.chunk_of(segment.part));
+  const Layout& layout = records.base.layout_in(head.layouts);
+  if (origin == TimeOrigin::kRecord) out.time_origin = time_origin_of(layout, out.begin);
   out.first_key = records.base.first_key;
-  out.shape_bounds = shape_bounds(log_scale_step(records.base.layout_in(head.layouts)));
+  out.shape_bounds = shape_bounds(log_scale_step(layout));
   return out;
 }
 
@@ -63,14 +75,15 @@ void map_all(const std::vector<StreamTask>& tasks, const SegmentContext& context
 }  // namespace
 
 bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-                  CodedSegment& out, Findings& findings) {
+                  TimeOrigin origin, CodedSegment& out, Findings& findings) {
   Findings found;
   std::vector<RecordDecoder> decoders = open_records(records, head, ordinal, found);
-  const SegmentContext context = context_of(records, head, ordinal);
+  const SegmentContext context = context_of(records, head, ordinal, origin);
   out.primitives = head.index.segments[ordinal].base.primitives;
   out.sh_degree = head.metadata.sh_degree;
   out.part_exponent = context.part_exponent;
   out.begin = context.begin;
+  out.time_origin = context.time_origin;
   out.first_key = context.first_key;
   out.shape_bounds = context.shape_bounds;
   for (RecordDecoder& decoder : decoders) {
@@ -81,17 +94,9 @@ bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint
   return good;
 }
 
-double time_origin_of(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal) {
-  for (const StreamRow& row : records.base.layout_in(head.layouts).streams) {
-    if (!row.optional() && static_cast<Mapping>(row.mapping) == Mapping::kTime)
-      return time_base(context_of(records, head, ordinal).begin, row.step);
-  }
-  return 0;
-}
-
 bool decode_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-                    AttributeBits attributes, Gaussians4D& set, Findings& findings,
-                    TimeOrigin origin) {
+                    AttributeBits attributes, TimeOrigin origin, Gaussians4D& set,
+                    Findings& findings) {
   const IndexEntry& entry = head.index.segments[ordinal].base;
   Findings found;
   std::vector<RecordDecoder> decoders = open_records(records, head, ordinal, found);
@@ -105,8 +110,8 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
         decoders[d].add_tasks(attributes, rows[d], tasks);
     }
     if (found.ok()) {
-      SegmentContext context = context_of(records, head, ordinal);
-      if (origin == TimeOrigin::kRecord) context.begin = 0;
+      const SegmentContext context = context_of(records, head, ordinal, origin);
+      set.time_origin = context.time_origin;
       map_all(tasks, context, ordinal, entry, set, found);
     }
   }

@@ -79,6 +79,7 @@ struct Integers {
 struct SegmentContext {
   int part_exponent = 0;                        // floor(log2) of the length of its part
   double begin = 0;                             // of the segment, before cutting; ticks of its part
+  double time_origin = 0;                       // Gaussians4D::time_origin
   std::uint32_t first_key = 0;                  // of the record (spec 8.4)
   std::array<std::uint32_t, 6> shape_bounds{};  // of the step of the log scales
 };

@@ -123,8 +123,8 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
   const auto mapping = static_cast<Mapping>(row.mapping);
   const auto prediction = static_cast<Prediction>(row.prediction);
   const AttributeView<float> view = view_of(set, attribute);
-  const auto base =
-      static_cast<float>(mapping == Mapping::kTime ? time_base(context.begin, row.step) : 0.0);
+  const auto base = static_cast<float>(
+      mapping == Mapping::kTime ? time_base(context.begin, row.step) - context.time_origin : 0.0);
   const bool rotation = mapping == Mapping::kRotation || mapping == Mapping::kShapedRotation;
   const bool together = rotation || mapping == Mapping::kColour;
   const std::size_t width = rotation ? 4 : row.components;

@@ -165,6 +165,9 @@ TickRange shown_of(const IndexEntry& entry, const PartEntry& part);
 // As above for an interval that counts from the beginning of a part with this range and cut.
 TickRange shown_of(const TickRange& interval, const TickRange& part,
                    const std::optional<TickRange>& cut);
+// Returns whether the end of `shown`, the result of shown_of() for a segment of `part`, is one of
+// the times at which the segment is shown.
+bool is_end_shown(const TickRange& shown, const PartEntry& part, double frames);
 // Times of the timeline at which a segment is needed (spec 5.4).
 struct NeededTimes {
   TickRange range;

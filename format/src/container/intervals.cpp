@@ -59,6 +59,10 @@ TickRange shown_of(const FileHead& head, const SegmentEntry& segment) {
   return shown_of(segment.base, head.parts[segment.part]);
 }
 
+bool is_end_shown(const TickRange& shown, const PartEntry& part, double frames) {
+  return shown.end < part.shown.end || part.shown.end >= frames;
+}
+
 namespace {
 
 constexpr TickRange kNever = {std::numeric_limits<double>::infinity(),
@@ -74,11 +78,11 @@ void extend(TickRange& all, const TickRange& range) {
 
 std::optional<NeededTimes> needed_times(const IndexEntry& entry, const PartEntry& part,
                                         double frames) {
-  const TickRange shown = shown_of(entry, part);
-  const double last = std::min(shown.end, frames);
-  const bool closed = last < part.shown.end || part.shown.end >= frames;
-  if (shown.begin > last || (shown.begin == last && !closed)) return {};
-  return NeededTimes{{shown.begin, last}, closed};
+  TickRange shown = shown_of(entry, part);
+  shown.end = std::min(shown.end, frames);
+  const bool closed = is_end_shown(shown, part, frames);
+  if (shown.begin > shown.end || (shown.begin == shown.end && !closed)) return {};
+  return NeededTimes{shown, closed};
 }
 
 TickRange needed_in(const std::vector<IndexRun>& runs, double frames) {

@@ -265,4 +265,19 @@ void check_window(SceneMetadata& metadata, Findings& findings) {
   metadata.window.reset();
 }
 
+math::PinholeCamera pinhole_of(const StartCamera& camera, float near_plane) {
+  const float *r = camera.rotation, *t = camera.translation;
+  math::PinholeCamera out;
+  out.rotation = {r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]};
+  out.translation = {t[0], t[1], t[2]};
+  out.fx = camera.fx;
+  out.fy = camera.fy;
+  out.cx = camera.cx;
+  out.cy = camera.cy;
+  out.width = static_cast<float>(camera.width);
+  out.height = static_cast<float>(camera.height);
+  out.near_plane = near_plane;
+  return out;
+}
+
 }  // namespace stgs

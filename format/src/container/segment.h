@@ -81,21 +81,13 @@ bool read_further(const ByteSource& source, const FileHead& head, const FurtherE
 
 // Converts the records for a decoder on another device.
 bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-                  CodedSegment& out, Findings& findings);
-
-// What the times of decoded primitives count from.
-enum class TimeOrigin {
-  kPart,   // the beginning of their part
-  kRecord  // time_origin_of(), which leaves them their precision in a long part (spec 8.9)
-};
-// Returns the time from which those of a record count, ticks from the beginning of its part.
-double time_origin_of(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal);
+                  TimeOrigin origin, CodedSegment& out, Findings& findings);
 
 // Decodes these attributes into `set`, whose arrays never grow beyond the size the bytes can fill,
 // and validates the primitives (check_primitives()). Attributes that others depend on must be
 // among them; arrays of the others are empty.
 bool decode_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-                    AttributeBits attributes, Gaussians4D& set, Findings& findings,
-                    TimeOrigin origin = TimeOrigin::kPart);
+                    AttributeBits attributes, TimeOrigin origin, Gaussians4D& set,
+                    Findings& findings);
 
 }  // namespace stgs

@@ -15,13 +15,14 @@ class SegmentTimes {
   // `frames` is the end of the timeline, ticks.
   SegmentTimes(const std::vector<SegmentInfo>& segments, double frames);
 
-  // Returns the indices of the segments shown at some time in [t0, t1], ascending. Segments that
-  // reach the end of the timeline are shown at that end too (spec 5.4).
+  // Returns the indices of the segments shown at some time in [t0, t1], ascending. Times outside
+  // the timeline count as its nearest end.
   std::vector<std::uint32_t> between(double t0, double t1) const;
 
  private:
   struct Entry {
     double begin = 0, end = 0;
+    bool shown_at_end = false;
     std::uint32_t segment = 0;
   };
   // Segments of similar length: those shown at a time begin shortly before it.

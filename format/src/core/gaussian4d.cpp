@@ -38,7 +38,8 @@ Gaussians4D::Gaussians4D(std::pmr::memory_resource* memory)
 double TimeBase::ticks(double seconds) const {
   const double exact = seconds * denominator / numerator, whole = std::round(exact);
   // Tolerates a few roundings, here and where the caller computed the seconds.
-  return std::abs(exact - whole) <= 1e-12 * std::abs(whole) ? whole : exact;
+  const double tolerance = std::min(1e-12 * std::abs(whole), 1e-4);
+  return std::abs(exact - whole) <= tolerance ? whole : exact;
 }
 
 TimeBase frame_time_of(double fps) {
@@ -77,6 +78,7 @@ void Gaussians4D::append(const Gaussians4D& other, std::size_t i) {
 Gaussians4D Gaussians4D::gather(const std::vector<std::uint32_t>& indices) const {
   Gaussians4D out;
   out.sh_degree = sh_degree;
+  out.time_origin = time_origin;
   for_each_attribute(out, *this, [&indices](auto& to, const auto& from, int components) {
     to.reserve(indices.size() * static_cast<std::size_t>(components));
     for (std::uint32_t i : indices) {

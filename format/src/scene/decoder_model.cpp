@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <functional>
 #include <queue>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -86,20 +87,25 @@ std::vector<std::uint32_t> by_beginning(const std::vector<SegmentInfo>& segments
   return order;
 }
 
-// Clause 2.1. The number of segments can only increase where one begins.
+// Clause 2.1. The number of segments can only increase where one begins. Those that end there are
+// still needed at that time, unless their part is not displayed any more.
 void sweep(const std::vector<SegmentInfo>& segments, const std::vector<std::uint32_t>& order,
            DecoderNeeds& needs) {
-  using Ending = std::pair<double, std::uint32_t>;
+  using Ending = std::tuple<double, bool, std::uint32_t>;  // end, is shown at it, segment
   std::priority_queue<Ending, std::vector<Ending>, std::greater<>> endings;
   ActiveSegments active(segments);
   for (std::size_t i = 0; i < order.size();) {
     const double t = segments[order[i]].begin_ticks;
-    for (; !endings.empty() && endings.top().first <= t; endings.pop()) {
-      active.remove(endings.top().second);
+    while (!endings.empty()) {
+      const auto [end, shown_at_end, segment] = endings.top();
+      if (end > t || (end == t && shown_at_end)) break;
+      active.remove(segment);
+      endings.pop();
     }
     for (; i < order.size() && segments[order[i]].begin_ticks == t; ++i) {
       active.add(order[i]);
-      endings.emplace(segments[order[i]].end_ticks, order[i]);
+      const SegmentInfo& segment = segments[order[i]];
+      endings.emplace(segment.end_ticks, segment.shown_at_end, order[i]);
     }
     active.note(needs);
   }

@@ -15,10 +15,11 @@ std::vector<SegmentInfo> segments_from(const FileHead& head) {
   std::vector<SegmentInfo> out;
   for (const SegmentEntry& segment : head.index.segments) {
     const IndexEntry &base = segment.base, &sh = segment.sh;
-    const TickRange interval = shown_of(head, segment);
-    out.push_back({base.level, interval.begin, interval.end, base.primitives, base.offset,
-                   base.bytes, segment.part, tier_of(base.layer), sh.offset, sh.bytes,
-                   head.has(base), head.has(sh)});
+    const TickRange shown = shown_of(head, segment);
+    out.push_back({base.level, shown.begin, shown.end, base.primitives, base.offset, base.bytes,
+                   segment.part, tier_of(base.layer), sh.offset, sh.bytes, head.has(base),
+                   head.has(sh),
+                   is_end_shown(shown, head.parts[segment.part], head.metadata.scene.frames)});
   }
   return out;
 }
@@ -127,6 +128,15 @@ struct SceneReader::State {
       return Status(code_of(e),
                     fmt::format("{}: segment {}: {}", source->name(), segment, e.what()));
     }
+  }
+
+  Result<Gaussians4D> decode(std::uint32_t segment, bool with_sh, AttributeBits attributes,
+                             TimeOrigin origin) const {
+    const auto make = [=](const auto& records, const auto& file, auto ordinal, auto& set,
+                          auto& findings) {
+      return decode_segment(records, file, ordinal, attributes, origin, set, findings);
+    };
+    return with_records(segment, with_sh, make, Gaussians4D(memory));
   }
 
   std::unique_ptr<ByteSource> source;
@@ -277,26 +287,31 @@ std::vector<std::uint32_t> SceneReader::segments_between(double t0, double t1) c
   return state_->times.between(t0, t1);
 }
 
-Result<Gaussians4D> SceneReader::decode(std::uint32_t segment, bool with_sh) const {
-  const auto decode = [](const auto& records, const auto& head, auto ordinal, auto& set,
-                         auto& findings) {
-    return decode_segment(records, head, ordinal, kAllAttributes, set, findings);
-  };
-  return state_->with_records(segment, with_sh, decode, Gaussians4D(state_->memory));
+TimeOrigin SceneReader::render_origin(std::uint32_t segment) const {
+  constexpr double kMaxExactTicks = 0x1p14;  // the unit in the last place is then at most 2^-10
+  if (segment >= segments().size()) return TimeOrigin::kPart;  // decoding reports it
+  const ScenePart& part = parts()[segments()[segment].part];
+  return part.end_ticks - part.begin_ticks <= kMaxExactTicks ? TimeOrigin::kPart
+                                                             : TimeOrigin::kRecord;
+}
+
+Result<Gaussians4D> SceneReader::decode(std::uint32_t segment, bool with_sh,
+                                        TimeOrigin origin) const {
+  return state_->decode(segment, with_sh, kAllAttributes, origin);
 }
 
 Result<Placement> SceneReader::decode_placement(std::uint32_t segment) const {
-  const auto decode = [](const auto& records, const auto& head, auto ordinal, auto& set,
-                         auto& findings) {
-    return decode_segment(records, head, ordinal, kPlacement, set, findings);
-  };
-  STGS_ASSIGN(Gaussians4D set,
-              state_->with_records(segment, false, decode, Gaussians4D(state_->memory)));
+  STGS_ASSIGN(Gaussians4D set, state_->decode(segment, false, kPlacement, TimeOrigin::kPart));
   return Placement{std::move(set.position), std::move(set.time)};
 }
 
-Result<CodedSegment> SceneReader::read(std::uint32_t segment, bool with_sh) const {
-  return state_->with_records(segment, with_sh, code_segment, CodedSegment());
+Result<CodedSegment> SceneReader::read(std::uint32_t segment, bool with_sh,
+                                       TimeOrigin origin) const {
+  const auto code = [origin](const auto& records, const auto& head, auto ordinal, auto& coded,
+                             auto& findings) {
+    return code_segment(records, head, ordinal, origin, coded, findings);
+  };
+  return state_->with_records(segment, with_sh, code, CodedSegment());
 }
 
 std::span<const RansLookup> SceneReader::tables() const {
@@ -315,21 +330,6 @@ const std::vector<ErrorBound>& SceneReader::error_bounds() const {
   return state_->head.error_bounds;
 }
 
-math::PinholeCamera pinhole_of(const StartCamera& camera, float near_plane) {
-  const float *r = camera.rotation, *t = camera.translation;
-  math::PinholeCamera out;
-  out.rotation = {r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]};
-  out.translation = {t[0], t[1], t[2]};
-  out.fx = camera.fx;
-  out.fy = camera.fy;
-  out.cx = camera.cx;
-  out.cy = camera.cy;
-  out.width = static_cast<float>(camera.width);
-  out.height = static_cast<float>(camera.height);
-  out.near_plane = near_plane;
-  return out;
-}
-
 const char* profile_name(Profile profile) {
   switch (profile) {
     case Profile::kLossless:
@@ -346,13 +346,14 @@ const char* profile_name(Profile profile) {
   return "unknown";
 }
 
-Result<Gaussians4D> SceneReader::decode_intact(std::uint32_t segment, Status& sh_status) const {
+Result<Gaussians4D> SceneReader::decode_intact(std::uint32_t segment, Status& sh_status,
+                                               TimeOrigin origin) const {
   sh_status = {};
-  Result<Gaussians4D> complete = decode(segment, true);
+  Result<Gaussians4D> complete = decode(segment, true, origin);
   const StatusCode code = complete.status().code();
   const bool is_damage = code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported;
   if (!is_damage || segments()[segment].sh_bytes == 0) return complete;
-  Result<Gaussians4D> base = decode(segment, false);
+  Result<Gaussians4D> base = decode(segment, false, origin);
   if (!base.ok()) return base;
   sh_status = complete.status();
   return base;

@@ -36,6 +36,23 @@ std::size_t end_of_batch(const SceneReader& reader, std::size_t begin, std::uint
   return end;
 }
 
+// Checks that single precision is sufficient for the times of a scene's primitives, which count
+// from the beginning of their part. Times that are stored as floats stay as they are.
+Status check_times(const SceneReader& reader, const std::string& name) {
+  constexpr double kMaxTicks = 0x1p20;
+  if (reader.profile() == Profile::kLossless) return {};
+  for (const SegmentInfo& segment : reader.segments()) {
+    const double at = segment.begin_ticks - reader.parts()[segment.part].begin_ticks;
+    if (segment.level < 0 || !segment.is_shown() || at <= kMaxTicks) continue;
+    return unsupported(
+        "{}: cannot be loaded as a whole: primitives are {:.0f} ticks after the beginning of their "
+        "part, and single precision rounds times beyond {:.0f} ticks to multiples of 1/8 tick or "
+        "more; play or render the file, which decodes it segment by segment",
+        name, at, kMaxTicks);
+  }
+  return {};
+}
+
 // The result of decoding a segment.
 struct Outcome {
   Status base, sh;
@@ -148,6 +165,7 @@ Result<Scene> recover_scene(const SceneReader& reader, const std::string& name,
     return unsupported("{}: {} primitives need {} bytes of memory, more than the limit of {}", name,
                        listed_primitives(reader), bytes, limits.max_memory);
   }
+  STGS_TRY(check_times(reader, name));
   try {
     Scene scene;
     scene.metadata = reader.metadata();

@@ -16,9 +16,8 @@ namespace {
 using N = IssueNumber;
 constexpr double kIntervalTolerance = 0.01;  // ticks, spec 5.8
 
-// `time_origin`: the time from which those of the set count.
-void check_values(const Gaussians4D& set, double time_origin, const FileHead& head,
-                  std::uint32_t segment, Findings& findings) {
+void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t segment,
+                  Findings& findings) {
   const SegmentEntry& entry = head.index.segments[segment];
   const SceneMetadata& scene = head.metadata.scene;
   const std::uint64_t at = entry.base.offset;
@@ -28,7 +27,7 @@ void check_values(const Gaussians4D& set, double time_origin, const FileHead& he
   check_each(n, N::kOutsideSegment, true, segment, at, "visible outside the segment's interval",
              findings, [&](std::size_t i) {
                const Lifetime lifetime =
-                   lifetime_of(set, i, part.end - part.begin, false, time_origin);
+                   lifetime_of(set, i, part.end - part.begin, false, set.time_origin);
                return !lifetime.never && (lifetime.begin < interval.begin - kIntervalTolerance ||
                                           lifetime.end > interval.end + kIntervalTolerance);
              });
@@ -210,15 +209,17 @@ void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t
   for (const SegmentRecord* record : {&records.base, &records.sh}) {
     check_private_layouts(record->own, record->payload_at, head, findings);
   }
-  good = good &&
-         decode_segment(records, head, ordinal, kAllAttributes, set, findings, TimeOrigin::kRecord);
+  const auto decode = [&](Findings& found) {
+    set = {};
+    return decode_segment(records, head, ordinal, kAllAttributes, TimeOrigin::kRecord, set, found);
+  };
+  good = good && decode(findings);
   if (!good && has_sh && segment.sh.bytes > 0) {
     Findings reported;
     good = read_segment(source, head, ordinal, false, records = {}, reported) && reported.ok() &&
-           decode_segment(records, head, ordinal, kAllAttributes, set = {}, reported,
-                          TimeOrigin::kRecord);
+           decode(reported);
   }
-  if (good) check_values(set, time_origin_of(records, head, ordinal), head, ordinal, findings);
+  if (good) check_values(set, head, ordinal, findings);
 }
 
 // Checks a layout of the head, which no record may use.

@@ -53,6 +53,10 @@ Status check_sizes(const Scene& scene) {
     return usage_error("number of importances does not match (expected {}, got {})", n,
                        scene.importance.size());
   }
+  if (set.time_origin != 0) {
+    return usage_error("times must count from the beginning of their parts (got an origin of {})",
+                       set.time_origin);
+  }
   if (n > 0xFFFFFFFF) return usage_error("too many primitives (at most 2^32 - 1, got {})", n);
   return {};
 }

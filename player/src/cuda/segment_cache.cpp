@@ -104,10 +104,10 @@ void SegmentCache::release(std::uint32_t segment) {
   if (const auto found = resident_.extract(segment)) free(found.mapped());
 }
 
-void SegmentCache::replace(std::uint32_t segment, std::uint64_t primitives, std::uint8_t* fresh) {
+void SegmentCache::replace(std::uint32_t segment, const CodedSegment& coded, std::uint8_t* fresh) {
   release(segment);
   resident_.emplace(segment, fresh);
-  insert(segment, primitives, bytes_of(primitives));
+  insert(segment, coded.primitives, bytes_of(coded.primitives), coded.time_origin);
 }
 
 Status SegmentCache::upload(std::uint32_t segment, const Gaussians4D& set, std::size_t first) {
@@ -123,7 +123,7 @@ Status SegmentCache::upload(std::uint32_t segment, const Gaussians4D& set, std::
   STGS_TRY(cuda_status(cudaStreamSynchronize(stream_.get()), "packing a segment"));
   release(segment);
   resident_.insert(incomplete_.extract(segment));
-  insert(segment, n, bytes_of(n));
+  insert(segment, n, bytes_of(n), set.time_origin);
   return {};
 }
 
@@ -134,8 +134,9 @@ void SegmentCache::cancel_upload(std::uint32_t segment) {
 Status SegmentCache::decode(Timeline& timeline, std::span<const std::uint32_t> segments) {
   const SceneReader& reader = timeline.reader();
   std::vector<std::optional<Result<CodedSegment>>> read(segments.size());
-  parallel_for(std::size_t{0}, read.size(),
-               [&](std::size_t k) { read[k].emplace(reader.read(segments[k], true)); });
+  parallel_for(std::size_t{0}, read.size(), [&](std::size_t k) {
+    read[k].emplace(reader.read(segments[k], true, reader.render_origin(segments[k])));
+  });
   std::vector<CodedSegment> coded;
   std::vector<std::uint32_t> numbers;
   for (std::size_t k = 0; k < read.size(); ++k) {
@@ -170,7 +171,7 @@ Status SegmentCache::decode_batch(Timeline& timeline, std::span<const CodedSegme
   const Result<std::vector<bool>> intact = decode_into(fresh, coded);
   for (std::size_t k = 0; k < fresh.size(); ++k) {
     if (intact.ok() && (*intact)[k]) {
-      replace(segments[k], coded[k].primitives, fresh[k]);
+      replace(segments[k], coded[k], fresh[k]);
     } else {
       free(fresh[k]);
     }

@@ -45,7 +45,7 @@ class SegmentCache final : public DeviceSegments {
   Status upload_range(const Gaussians4D& set, const PrimitiveRange& range, std::uint8_t* fresh);
   Status allocate(std::uint32_t primitives, std::uint8_t*& fresh);
   void free(std::uint8_t* memory);
-  void replace(std::uint32_t segment, std::uint64_t primitives, std::uint8_t* fresh);
+  void replace(std::uint32_t segment, const CodedSegment& coded, std::uint8_t* fresh);
 
   Stream stream_;
   MemoryPool pool_;

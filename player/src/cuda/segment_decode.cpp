@@ -260,8 +260,10 @@ class SegmentDecoder::Plan {
     job.is_invalid = flags_;
     job.first_key = segment.first_key;
     std::copy(stream.origin.begin(), stream.origin.end(), job.origin);
-    if (stream.mapping == Mapping::kTime)
-      job.time_base = static_cast<float>(time_base(segment.begin, stream.step));
+    if (stream.mapping == Mapping::kTime) {
+      job.time_base =
+          static_cast<float>(time_base(segment.begin, stream.step) - segment.time_origin);
+    }
     job.values = stream.symbols;
     job.chunks = chunks;
     job.step = stream.step;

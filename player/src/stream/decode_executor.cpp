@@ -31,8 +31,9 @@ std::uint64_t DecodeExecutor::scratch_bytes(const SceneReader& reader,
 }
 
 Status SegmentDecoder::decode(const DecodeJob& job, DecodeResult& out) const {
-  Result<Gaussians4D> set = job.with_sh ? job.reader->decode_intact(job.segment, out.sh)
-                                        : job.reader->decode(job.segment, false);
+  const TimeOrigin origin = job.reader->render_origin(job.segment);
+  Result<Gaussians4D> set = job.with_sh ? job.reader->decode_intact(job.segment, out.sh, origin)
+                                        : job.reader->decode(job.segment, false, origin);
   STGS_TRY(set.status());
   out.decoded = std::make_shared<const ResidentSegment>(std::move(set).value(), memory_);
   return {};

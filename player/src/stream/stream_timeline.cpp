@@ -76,14 +76,17 @@ class StreamTimeline final : public Timeline {
     STGS_ASSIGN(active_, resident_at(seconds));
     Active active;
     active.ticks = metadata().time_base.ticks(seconds);
+    const auto ticks_in = [](const ActiveSegment& one) {
+      return one.ticks - one.resident->set.time_origin;
+    };
     parallel_for(std::size_t{0}, active_.size(), [&](std::size_t i) {
-      active_[i].resident->find_candidates(static_cast<float>(active_[i].ticks),
+      active_[i].resident->find_candidates(static_cast<float>(ticks_in(active_[i])),
                                            active_[i].candidates);
     });
     for (const ActiveSegment& one : active_) {
       if (one.candidates.empty()) continue;
       active.segments.push_back(
-          {one.segment, &one.resident->set, &one.candidates, one.ticks, id_base_[one.segment]});
+          {one.segment, &one.resident->set, &one.candidates, ticks_in(one), id_base_[one.segment]});
     }
     return active;
   }

@@ -82,8 +82,9 @@ void SegmentCache::cancel_upload(std::uint32_t segment) {
 Status SegmentCache::decode(Timeline& timeline, std::span<const std::uint32_t> segments) {
   const SceneReader& reader = timeline.reader();
   std::vector<std::optional<Result<Gaussians4D>>> read(segments.size());
-  parallel_for(std::size_t{0}, read.size(),
-               [&](std::size_t k) { read[k].emplace(reader.decode(segments[k])); });
+  parallel_for(std::size_t{0}, read.size(), [&](std::size_t k) {
+    read[k].emplace(reader.decode(segments[k], true, reader.render_origin(segments[k])));
+  });
   for (std::size_t k = 0; k < read.size(); ++k) {
     STGS_TRY(read[k]->ok() ? upload_all(segments[k], **read[k])
                            : decode_on_cpu(timeline, segments[k]));
@@ -110,7 +111,7 @@ Status SegmentCache::upload(std::uint32_t segment, const Gaussians4D& set, std::
   std::uint64_t bytes = 0;
   for (const Upload& one : uploads) bytes += one.allocation.bytes;
   resident_.insert(incomplete_.extract(segment));
-  insert(segment, set.size(), bytes);
+  insert(segment, set.size(), bytes, set.time_origin);
   return {};
 }
 

@@ -76,7 +76,7 @@ typedef struct stgs_segment {
   int32_t level;        /* -1: spans its part; otherwise 2^level times chunk_seconds long */
   int32_t tier;         /* 0: the most important primitives */
   double begin_seconds; /* start of the range */
-  double end_seconds;   /* end of the range */
+  double end_seconds;   /* end of the range, included unless its part ends there */
   uint64_t offset;      /* of its primitives in the file */
   uint64_t bytes;       /* of its primitives in the file */
   uint64_t sh_offset;   /* of its SH above degree 0, if they are stored separately; else 0 */

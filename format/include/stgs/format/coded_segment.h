@@ -137,6 +137,7 @@ struct CodedSegment {
   int sh_degree = 0;            // of the file
   int part_exponent = 0;        // floor(log2) of the length of its part, ticks
   double begin = 0;             // ticks from the beginning of its part, before cutting
+  double time_origin = 0;       // of its decoded times: Gaussians4D::time_origin
   std::uint32_t first_key = 0;  // of positions with Prediction::kMorton
   std::array<std::uint32_t, 6> shape_bounds{};  // of the step of the log scales
   std::vector<CodedRecord> records;  // the base record, then the SH record if there is one

@@ -39,7 +39,7 @@ std::vector<std::string> describe_damage(const DamageReport& report, const TimeB
 // Reads the intact records of all segments; primitives in file order. SH that cannot be read are 0;
 // segments that cannot be read are omitted with their importances. Fails if no primitive of a
 // non-empty file can be read, if the source fails, or if the file needs a feature that this build
-// lacks.
+// lacks. Times and their limit are as for read_scene().
 Result<Scene> recover_scene(std::unique_ptr<ByteSource> source, DamageReport& report,
                             const ReadLimits& limits = {});
 // As above, from a path.

@@ -26,6 +26,12 @@ struct TimeBase {
 // 30000/1001) or multiples of 1/1000 fps.
 TimeBase frame_time_of(double fps);
 
+// From where the times of decoded primitives count.
+enum class TimeOrigin {
+  kPart,   // the beginning of their part
+  kRecord  // a time of their record, which leaves them their precision in a long part (spec 8.9)
+};
+
 // The components of one attribute.
 using FloatArray = std::pmr::vector<float>;
 
@@ -37,10 +43,13 @@ struct Gaussians4D {
   FloatArray rotation;       // N x 4, quaternion w x y z of any nonzero length
   FloatArray opacity_logit;  // N
   FloatArray sh;             // N x (sh_degree+1)^2 x 3, coefficient then channel
-  FloatArray time;           // N, centre T; ticks from the beginning of its part
+  FloatArray time;           // N, centre T; ticks from `time_origin`
   FloatArray velocity;       // N x 3, effective velocity u = v / f; scene units per tick
   FloatArray sigma;          // N, > 0; ticks
   FloatArray radius;         // N, >= 0; ticks
+  // From where `time` counts, ticks from the beginning of the part. 0 unless TimeOrigin::kRecord
+  // was requested; writers accept no other value.
+  double time_origin = 0;
 
   // Creates an empty set in heap memory.
   Gaussians4D() = default;
@@ -56,9 +65,9 @@ struct Gaussians4D {
   void resize(std::size_t n);
   // Allocates memory for N primitives in total.
   void reserve(std::size_t n);
-  // Appends primitive i of `other`, which must have the same sh_degree.
+  // Appends primitive i of `other`, which must have the same sh_degree and time_origin.
   void append(const Gaussians4D& other, std::size_t i);
-  // Appends all primitives of `other`, which must have the same sh_degree.
+  // Appends all primitives of `other`, which must have the same sh_degree and time_origin.
   void append(const Gaussians4D& other);
   // Returns the listed primitives in that order. Each index must be below size().
   Gaussians4D gather(const std::vector<std::uint32_t>& indices) const;

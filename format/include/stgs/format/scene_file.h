@@ -141,7 +141,7 @@ struct ReadLimits {
   std::uint64_t max_memory = std::uint64_t{16} << 30;
 };
 
-// A segment: the primitives of one tier that are rendered only inside [begin_ticks, end_ticks).
+// A segment: the primitives of one tier that are rendered only within [begin_ticks, end_ticks].
 // Tier 0 has the most important ones. The first tiers, in any number and with or without their SH,
 // give a complete image.
 struct SegmentInfo {
@@ -156,9 +156,14 @@ struct SegmentInfo {
   std::uint64_t sh_offset = 0, sh_bytes = 0;
   // False: beyond the end of a truncated file. sh_available is true if there is no SH record.
   bool available = true, sh_available = true;
+  // Whether end_ticks is one of the shown times: unless the part ends there before the timeline
+  // does (spec 5.4).
+  bool shown_at_end = false;
 
   // Returns whether the segment is shown at any time.
-  bool is_shown() const { return begin_ticks < end_ticks; }
+  bool is_shown() const {
+    return begin_ticks < end_ticks || (begin_ticks == end_ticks && shown_at_end);
+  }
 };
 
 // Content that the remaining index does not list, because a node of it is damaged (spec 9.5, 10.1).
@@ -288,21 +293,29 @@ class SceneReader {
   // Returns the indices, ascending, of the loaded segments that contain primitives active at some
   // time in [t0, t1], ticks. Uses the index alone.
   std::vector<std::uint32_t> segments_between(double t0, double t1) const;
-  // Decodes one segment. Times count from the beginning of its part. With `with_sh` false, SH above
-  // degree 0 that are stored separately are not read and become 0.
-  Result<Gaussians4D> decode(std::uint32_t segment, bool with_sh) const;
+  // Returns the origin with which the times of a segment are exact enough for rendering: kPart in a
+  // part of at most 2^14 ticks, which rounds them by at most 2^-11 ticks, and kRecord in a longer
+  // one.
+  TimeOrigin render_origin(std::uint32_t segment) const;
+  // Decodes one segment. With `with_sh` false, SH above degree 0 that are stored separately are not
+  // read and become 0. Times that count from the beginning of the part are rounded to single
+  // precision: at 2^k ticks, by up to 2^(k-24) ticks.
+  Result<Gaussians4D> decode(std::uint32_t segment, bool with_sh,
+                             TimeOrigin origin = TimeOrigin::kPart) const;
   // Decodes the positions and times of one segment alone, in a fraction of the time: enough to sort
   // its primitives.
   Result<Placement> decode_placement(std::uint32_t segment) const;
-  // Decodes one segment with its SH.
+  // Decodes one segment with its SH. Times count from the beginning of its part.
   Result<Gaussians4D> decode(std::uint32_t segment) const { return decode(segment, true); }
   // Decodes the intact records of a segment (spec 10.1). If only its SH record is damaged, missing
   // or of a later version, SH above degree 0 are 0 and `sh_status` has the reason; otherwise
   // `sh_status` is ok.
-  Result<Gaussians4D> decode_intact(std::uint32_t segment, Status& sh_status) const;
+  Result<Gaussians4D> decode_intact(std::uint32_t segment, Status& sh_status,
+                                    TimeOrigin origin = TimeOrigin::kPart) const;
   // Reads one segment without decoding it, for a decoder on another device. Verifies the checksums
   // of its records, but not those of the planes, which are not decoded here.
-  Result<CodedSegment> read(std::uint32_t segment, bool with_sh) const;
+  Result<CodedSegment> read(std::uint32_t segment, bool with_sh,
+                            TimeOrigin origin = TimeOrigin::kPart) const;
   // Returns the tables of the file, which its records refer to by number. Valid until refresh().
   std::span<const RansLookup> tables() const;
   // Reads Scene::importance, segment after segment; empty if the file has none. kUsage unless the
@@ -367,7 +380,10 @@ Result<std::vector<std::uint8_t>> encode_scene(const Scene& scene, const WriteSe
 // Encodes a scene and writes it with write_file_atomically().
 Status write_scene(const std::string& path, const Scene& scene, const WriteSettings& settings);
 // Reads all segments of a file; primitives in file order. Fails if any record is damaged. Does not
-// report SceneReader::damage(); recover_scene() (damage_report.h) does.
+// report SceneReader::damage(); recover_scene() (damage_report.h) does. Times are rounded to single
+// precision: at 2^k ticks after the beginning of a part, by up to 2^(k-24) ticks. kUnsupported if
+// segments with quantised times begin more than 2^20 ticks, 4.9 hours at 60 ticks per second, after
+// that of their part: SceneReader::decode() with TimeOrigin::kRecord is exact.
 Result<Scene> read_scene(const std::string& path, const ReadLimits& limits = {});
 // As above, from a source.
 Result<Scene> read_scene(std::unique_ptr<ByteSource> source, const ReadLimits& limits = {});

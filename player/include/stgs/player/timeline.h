@@ -66,7 +66,7 @@ class Timeline {
       std::uint32_t segment;
       const Gaussians4D* set;
       const std::vector<std::uint32_t>* candidates;
-      double ticks;  // the time relative to the beginning of the segment's part
+      double ticks;  // the time, counted as set->time
       // Index of the first primitive of `set`, counting all primitives in segment order.
       std::uint32_t id_base;
     };
@@ -83,7 +83,7 @@ class Timeline {
   // A segment that may be active, for backends that cache segments themselves.
   struct SegmentRef {
     std::uint32_t segment;
-    double ticks;           // as in Active::Segment
+    double ticks;           // the time relative to the beginning of the segment's part
     std::uint32_t id_base;  // as in Active::Segment
     // Null: not decoded; the caller decodes it. Differs from an earlier call if the segment has
     // changed.
@@ -95,7 +95,8 @@ class Timeline {
   // Returns the reader of the file.
   virtual const SceneReader& reader() const = 0;
   // Decodes a segment as at() does, without caching it, for backends that cannot decode it
-  // themselves. Empty if the segment is skipped, which segment_damage() lists, or has not arrived.
+  // themselves. Times count as render_origin() of the reader states. Empty if the segment is
+  // skipped, which segment_damage() lists, or has not arrived.
   virtual Result<std::optional<Gaussians4D>> decode(std::uint32_t segment) = 0;
   // Returns the memory budget, bytes.
   virtual std::uint64_t memory_budget() const = 0;
