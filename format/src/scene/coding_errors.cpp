@@ -69,7 +69,10 @@ double greatest_opacity(const Gaussians4D& set, std::size_t i, double part_ticks
 Gaussians4D map_planes(std::span<const RecordPlanes> planes, std::span<const StreamPlan> plans,
                        int sh_degree, double segment_begin, int part_exponent) {
   const std::size_t n = planes.front().n;
-  SegmentContext context{part_exponent, segment_begin, planes.front().first_key, {}};
+  SegmentContext context;
+  context.part_exponent = part_exponent;
+  context.begin = segment_begin;
+  context.first_key = planes.front().first_key;
   std::array<std::vector<std::uint32_t>, kShBands> members;
   std::vector<std::vector<Plane>> of_streams(plans.size());
   std::vector<StreamTask> tasks;
