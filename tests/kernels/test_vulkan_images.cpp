@@ -137,7 +137,7 @@ TEST_CASE("segments are loaded and evicted while frames in flight use them") {
   check(bytes.status());
   auto reader = SceneReader::open(memory_source(std::move(*bytes)));
   check(reader.status());
-  const auto tight = Timeline::from_reader(std::move(*reader), "the scene", 600'000);
+  const auto tight = Timeline::from_reader(std::move(*reader), "the scene", 700'000);
   std::vector<HostImage> images;
   std::vector<double> times;
   for (int k = 0, i = 11; k < 30; ++k, i = (i + 37) % 60) {
