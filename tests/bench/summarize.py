@@ -31,6 +31,10 @@ HEADLINES = {
          "psnr_db_min"),
     ),
     "Size": (
+        ("basketball, best, packed: file", "h100", "rate", "basketball_best_test", "file_bytes"),
+        ("basketball, best, packed: PSNR", "h100", "rate", "basketball_best_test", "psnr_db"),
+        ("basketball, best, packed: PSNR of moving pixels", "h100", "rate",
+         "basketball_best_test", "psnr_moving_db"),
         ("taebak_lod2, quality 87.5: file", "xeon2", "convert", "taebak_q87.5", "file_bytes"),
         ("taebak_lod2, quality 87.5: PSNR to source", "xeon2", "convert", "taebak_q87.5",
          "psnr_to_source_db"),
@@ -93,8 +97,10 @@ HEADLINES = {
         ("live: join, p95", "xeon2", "telepresence", "fragments_0.5s", "join_s_p95"),
     ),
     "CPU": (
-        ("decode, basketball, one core", "xeon2", "decode", "basketball_q85_1_thread",
+        ("decode, basketball, best, one core", "epyc2", "decode", "basketball_best_1_thread",
          "decode_mprims_per_cpu_s"),
+        ("decode, taebak_lod2, CUDA, with uploads", "h100", "decode_cuda", "taebak_q87.5_1_copy",
+         "decode_mprims_per_s"),
         ("decode, taebak_lod2, one core", "xeon2", "decode", "taebak_q88_1_thread",
          "decode_mprims_per_cpu_s"),
         ("encode, basketball, two cores", "xeon2", "encode_scene", "basketball_q85",
