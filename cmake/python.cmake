@@ -3,7 +3,7 @@
 # that can import the modules below, or else the first at all. Another by -DPython3_EXECUTABLE=FILE.
 include_guard()
 
-set(STGS_PYTHON_MODULES jsonschema numpy xxhash zstandard)
+set(STGS_PYTHON_MODULES jsonschema numpy)
 
 # stgs_missing_modules(RESULT PYTHON): the names of STGS_PYTHON_MODULES that PYTHON cannot import.
 function(stgs_missing_modules result python)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The draco profile: the quantised profile with positions coded by Draco (spec C).
+// The draco profile: the quantised profile with positions coded by Draco (spec, annex C).
 #include <algorithm>
 #include <random>
 

@@ -136,7 +136,7 @@ class Packages(unittest.TestCase):
     def test_packages_have_the_expected_dependencies(self):
         needs = {name: depends(path) for name, path in self.packages.items()}
         self.assertIn("libc6", needs["libstgs0"])
-        self.assertIn("libzstd1", needs["libstgs0"])
+        self.assertIn("libdeflate0", needs["libstgs0"])
         encoder_only = {word for word in needs["libstgs0"]
                         if re.match(r"libopencv|libglfw|libopenexr|libopenmpi|libpython", word)}
         self.assertEqual(encoder_only, set(), "libstgs0 depends on libraries of the encoder")

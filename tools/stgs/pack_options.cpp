@@ -108,8 +108,7 @@ std::string quality_text(const encoder::PackReport& report) {
       report.quality > 0 ? fmt::format("quality {:g}, ", report.quality) : "near-lossless, ";
   out += fmt::format("{:.0f} kbit/s; ", report.kbps);
   if (report.left_out > 0) {
-    out += fmt::format("{} left out for the limit; ",
-                       plural(report.left_out, "primitive of least importance"));
+    out += fmt::format("{} of least importance left out; ", plural(report.left_out, "primitive"));
   }
   out += report.images_psnr
              ? fmt::format("PSNR against the trained scene {:.1f} dB", *report.images_psnr)

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <span>
+#include <string_view>
+#include <utility>
 
 #include "scene_info.h"
 
@@ -42,6 +44,19 @@ std::string layer_table(const SceneInfo& info) {
   return out;
 }
 
+// Returns the unit of an attribute's errors (spec 4.7), with a space before it; SH have none.
+std::string_view error_unit(std::string_view stream) {
+  constexpr std::pair<std::string_view, std::string_view> kUnits[] = {
+      {"position", " units"},   {"velocity", " units per frame"},
+      {"time", " frames"},      {"sigma", " frames"},
+      {"radius", " frames"},    {"log_scale", " (natural logarithm)"},
+      {"rotation", " radians"}, {"opacity", " (logit)"}};
+  for (const auto& [name, unit] : kUnits) {
+    if (name == stream) return unit;
+  }
+  return {};
+}
+
 std::string stream_table(const SceneInfo& info) {
   std::string out = "\n  stream                  bytes   share   of raw\n";
   for (const stgs_stream& s : info.streams) {
@@ -49,8 +64,10 @@ std::string stream_table(const SceneInfo& info) {
                ? fmt::format("  {:<16} {:>12}  {:4.1f} %   {:4.1f} %", s.name, s.bytes,
                              percent(s.bytes, info.scene.file_bytes), percent(s.bytes, s.raw_bytes))
                : fmt::format("  {:<16} {:>12}  {:>6}   {:>6}", s.name, "not stated", "-", "-");
-    if (s.max_error >= 0)
-      out += fmt::format("   errors up to {:.3g}, rms {:.3g}", s.max_error, s.rms_error);
+    if (s.max_error >= 0) {
+      out += fmt::format("   errors up to {:.3g}, rms {:.3g}{}", s.max_error, s.rms_error,
+                         error_unit(s.name));
+    }
     out += "\n";
   }
   return out;

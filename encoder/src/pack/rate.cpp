@@ -30,7 +30,8 @@ class LimitedPacking {
     ranked_ = rank_by_importance(scene);
   }
 
-  // Finds the best file within the limit: the greatest quality down to kMinWorthwhile; else as many
+  // Finds the best file within the limit. A scene with steps of its own keeps them, and as many
+  // primitives as fit. Otherwise: the greatest quality down to kMinWorthwhile; else as many
   // primitives as fit at that quality; else a lower quality of the least share of them.
   Result<Packed> find() {
     if (scene_.quantisation) {  // no steps are better than those that the scene was trained for
@@ -140,6 +141,12 @@ class FaithfulPacking {
     }
     if (!best_.bytes.empty()) return std::move(best_);
     if (too_far_) return unreachable_error(scene_, settings_, *too_far_);
+    if (own) {
+      return usage_error(
+          "--target-psnr {:g} cannot be reached with the steps that the scene was trained for "
+          "({:.1f} dB); use --quality 100 or --profile near-lossless",
+          settings_.target_psnr, psnr_);
+    }
     return usage_error("--target-psnr {:g} cannot be reached: the best file has {:.1f} dB",
                        settings_.target_psnr, psnr_);
   }

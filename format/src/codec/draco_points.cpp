@@ -101,7 +101,7 @@ std::vector<std::uint8_t> draco_encode(std::span<const std::uint8_t> planes, std
   return out;
 }
 
-bool draco_fits(std::span<const std::uint8_t> stored, std::size_t n) {  // spec C
+bool draco_fits(std::span<const std::uint8_t> stored, std::size_t n) {  // spec, annex C
   // Magic, version 2.3, point cloud, kd-tree coding, no flags. After the point count: one decoder
   // with one attribute, a position of 3 u32, not normalised, with id 0.
   constexpr std::uint8_t kForm[] = {'D', 'R', 'A', 'C', 'O', 2, 3, 0, 1, 0, 0};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The position coder of the draco profile (spec C). Draco does not preserve the order of
+// The position coder of the draco profile (spec, annex C). Draco does not preserve the order of
 // points, so records store them in ascending order of Morton key.
 #pragma once
 

@@ -144,7 +144,7 @@ std::unique_ptr<BodyPlan::Node> BodyPlan::divide(std::vector<std::uint32_t> item
   return node;
 }
 
-// Sizes depend on offsets and offsets on sizes; both only grow, so that this ends.
+// Sizes depend on offsets and offsets on sizes. Repeats until none changes; they only grow.
 void BodyPlan::lay_out(std::uint64_t head_bytes, std::uint64_t other_bytes) {
   do {
     std::uint64_t at = head_bytes + kRecordHeaderBytes + root_->payload.size();

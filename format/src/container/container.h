@@ -21,8 +21,8 @@ inline constexpr std::array<std::uint8_t, 8> kMagic = {0x89, 'S', 'T', 'G', 0x0D
 inline constexpr std::uint64_t kHeaderBytes = 32;
 inline constexpr std::uint64_t kRecordHeaderBytes = 24;
 inline constexpr std::uint32_t kCritical = 1;  // record flag, spec 3.1
-// Greatest number of primitives per byte of a record (spec 5.5). rANS stays below it: a block of
-// 2048 primitives takes at least 132 bytes.
+// Greatest number of primitives per byte of a record (spec 5.5). Groups can have more (8192 take
+// 128 bytes), so that a writer appends bytes.
 inline constexpr std::uint64_t kMaxPrimitivesPerByte = 1;
 inline constexpr std::uint32_t kCriticalHeaderFlags = 0xFFFF;  // spec 2.2
 inline constexpr std::uint32_t kGrowing = 1;                   // header flag, spec 2.1
@@ -75,7 +75,7 @@ struct FileMetadata {
 
 // The kind of a private number (spec 3.5).
 enum class PrivateKind : std::uint16_t { kAttribute = 0, kProfile = 1, kContent = 2 };
-// The vendor's name of a private number.
+// The owner's name of a private number.
 struct PrivateName {
   PrivateKind kind = PrivateKind::kAttribute;
   std::uint16_t number = 0;
@@ -184,7 +184,7 @@ bool parse_error_bounds(std::span<const std::uint8_t> payload, std::uint64_t off
                         Findings& findings);
 bool parse_private_names(std::span<const std::uint8_t> payload, std::uint64_t offset,
                          FileHead& head, Findings& findings);
-// Checks for the validator that the vendors of private numbers are named: in the payload of a
+// Checks for the validator that the owners of private numbers are named: in the payload of a
 // private record, or in PRIV for attributes, profiles and contents.
 void check_private_record(const RecordHeader& record, std::span<const std::uint8_t> payload,
                           std::uint64_t offset, Findings& findings);

@@ -30,7 +30,7 @@ enum class IssueNumber : int {
   kDuplicateRecord = 114,     // a second record of the head with the same tag
   kMissingRecord = 115,       // no META or INDX
   kNotCritical = 116,         // a record without the critical bit that its tag needs
-  kPrivate = 117,             // private number without the name of its vendor
+  kPrivate = 117,             // private number without the name of its owner
   kRepairedHead = 118,        // damaged head or PAGE, read from its copy
   kForeignCopy = 119,         // warning: a head copy that readers do not use
   kWrongArea = 120,           // warning: a record that is not critical in the wrong area

@@ -48,7 +48,7 @@ struct SegmentEntry {
   std::uint32_t number = 0;  // of the segment, in the order of reading; equal in its tiers
 };
 
-// A record of unknown content in a segment, such as timed data (spec 5.7).
+// A further record of a segment (spec 5.7).
 struct FurtherEntry {
   IndexEntry entry;
   std::uint32_t part = 0;

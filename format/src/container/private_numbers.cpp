@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Private numbers and the names of their vendors (spec 3.5).
+// Private numbers and the names of their owners (spec 3.5).
 #include <algorithm>
 #include <cctype>
 
@@ -66,7 +66,7 @@ void check_private_record(const RecordHeader& record, std::span<const std::uint8
   ByteReader in(payload);
   const std::string name = in.string();
   if (in.ok() && is_name(name)) return;
-  findings.error(N::kPrivate, offset, "private record '{}' does not begin with its vendor's name",
+  findings.error(N::kPrivate, offset, "private record '{}' does not begin with its owner's name",
                  tag_text(record.tag));
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// STEP, the record of Scene::quantisation (spec 11.9).
+// STEP, the record of Scene::quantisation (spec, annex D).
 #include <cmath>
 
 #include "container/container.h"

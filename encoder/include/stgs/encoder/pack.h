@@ -24,8 +24,9 @@ struct PackSettings {
   // 0: the steps that the scene was trained for or, without any, WriteSettings::quality. Ignored if
   // there is a limit.
   double quality = 0;
-  // Limits and target of the file, of which at most one is set. For a limit the quality falls, but
-  // not below 70, then the primitives of least importance are left out.
+  // Limits and target of the file, of which at most one is set. For a limit, a scene with steps of
+  // its own keeps them, and the primitives of least importance are left out. Otherwise the quality
+  // falls first, but not below 70.
   double target_kbps = 0;
   double target_size = 0;  // bytes
   double target_psnr = 0;  // dB, of renders against those of the scene: the smallest such file

@@ -313,7 +313,7 @@ class SceneReader {
   Result<Gaussians4D> decode_intact(std::uint32_t segment, Status& sh_status,
                                     TimeOrigin origin = TimeOrigin::kPart) const;
   // Reads one segment without decoding it, for a decoder on another device. Verifies the checksums
-  // of its records, but not those of the planes, which are not decoded here.
+  // of its records; damage that only decoding reveals (spec 7.4) is left to the decoder.
   Result<CodedSegment> read(std::uint32_t segment, bool with_sh,
                             TimeOrigin origin = TimeOrigin::kPart) const;
   // Returns the tables of the file, which its records refer to by number. Valid until refresh().

@@ -2,7 +2,7 @@
 // Reading .stgs files of format version 1.0 and 1.1, for conversion.
 //
 // This folder depends on no other code for .stgs files. Its clause numbers are those of the text of
-// format version 1.1 (spec/stgs-format.md, text version 12).
+// format version 1.1 (spec/stgs-format.md of release 0.1.0).
 #pragma once
 
 #include "stgs/format/byte_source.h"
