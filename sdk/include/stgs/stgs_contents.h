@@ -97,11 +97,11 @@ typedef struct stgs_stream {
   const char* name;   /* such as "position"; belongs to the scene, valid until it is destroyed */
   uint64_t bytes;     /* in the file; 0: not stated, as in a recording */
   uint64_t raw_bytes; /* uncompressed */
-  double max_error;   /* greatest difference to the source of the coding: scene units (position, at
-                       * its   own time), scene units per tick (velocity), ticks (time, sigma, radius),
-                       * natural logarithm (log_scale), radians (rotation), logit (opacity); -1: not
-                       * stated */
-  double rms_error;   /* root mean square of the same; -1: not stated */
+  /* Differences to the source of the coding: the greatest, and the root mean square; -1: not
+   * stated. Scene units (position, at its own time), scene units per tick (velocity), ticks (time,
+   * sigma, radius), natural logarithm (log_scale), radians (rotation), logit (opacity). */
+  double max_error;
+  double rms_error;
 } stgs_stream;
 
 /* Returns a stream. `index` is 0 to stgs_contents.streams - 1. */
