@@ -44,6 +44,7 @@ class File:
     used_earlier: set = field(default_factory=set)  # offsets of fragments whose earlier links were followed
     node_bytes: int = 0
     complete_bytes: int = 0      # of nodes whose bytes are all there
+    record_bytes: int = 0        # of the payloads of listed records whose bytes are all there
     entries: Entries = None
     listed: int = 0              # primitives of all nodes that were read
 
@@ -115,6 +116,8 @@ def add_node(file, node):
     file.entries.take(node.entries())
     file.listed += sum(tier.n for run in node.runs for s in run.segments for tier in s.tiers)
     check_primitives(file, file.listed)
+    file.record_bytes += sum(r.bytes for r in node.records() if r.offset + RECORD + r.bytes <= len(file.data))
+    need_memory(file.record_bytes, len(file.data), f"{file.record_bytes} bytes of records that overlap")
 
 
 def check_primitives(file, count):  # conformance.md 1.5
@@ -124,8 +127,11 @@ def check_primitives(file, count):  # conformance.md 1.5
 def count_bytes(file, at, size):  # conformance.md 1.5
     file.node_bytes += size
     need_memory(file.node_bytes, file.limits.max_memory, f"{file.node_bytes} bytes of nodes")
-    if at + RECORD + size <= len(file.data):
-        file.complete_bytes += size
+    count_complete(file, size if at + RECORD + size <= len(file.data) else 0)
+
+
+def count_complete(file, size):
+    file.complete_bytes += size
     need_memory(file.complete_bytes, len(file.data), f"{file.complete_bytes} bytes of nodes that overlap")
 
 
@@ -156,6 +162,8 @@ def read_page(file, link):
         except Refused:
             raise damage from None
         file.reports.append(Refused("5.2", 118, f"the PAGE record at {link.offset} was read from its copy"))
+        if link.offset + RECORD + link.bytes > len(file.data):
+            count_complete(file, link.bytes)
     return read_node(Fields(payload, "5.2", 300), link.offset, (len(file.head), file.end), file.limits.max_memory)
 
 

@@ -56,6 +56,9 @@ class Node:  # 5.2
     def entries(self):  # conformance.md 1.5
         return len(self.links) + sum(1 + len(s.tiers) + len(s.further) for r in self.runs for s in r.segments)
 
+    def records(self):
+        return [r for run in self.runs for s in run.segments for r in s.tiers + s.sh + s.further]
+
 
 class Entries:
     """Counts entries of the index; those beyond 1,024 take memory (conformance.md 1.5)."""

@@ -262,6 +262,20 @@ def links():
         must_fail(f"link_copy_{name}", "5.2", f"a copy that {about}", File(root, Meta(profile=0)))
 
 
+def shared_record(more):
+    """Returns a file of two parts whose segments are one record. Its payload, counted twice, has as many bytes as the
+    file, or one more than it if `more` is -1."""
+    runs = [Run([Segment(-1, 0, [Body(float_streams(40, 0, 3), 40)])], part=part) for part in range(2)]
+    pad = at = 0
+    for _ in range(4):
+        runs[1].shift = at
+        data = File(Node(runs), Meta(profile=0), body=[runs[0], record(b"NOTE", bytes(pad), 0)], total=80).bytes()
+        at = data.index(b"SEGM")
+        size = struct.unpack_from("<Q", data, at + 8)[0]
+        pad += 2 * size + more - len(data)
+    return data
+
+
 def overlapping():
     """PAGE records within one another (1.5)."""
     inner = record(b"PAGE", b"\0\0" + bytes(600))
@@ -285,6 +299,10 @@ def overlapping():
     must_fail("overlapping_pages", LIMIT, "three PAGE records within one another of a byte more than the file has", of(pad - 1))
     must_fail("overlapping_pages_cut", "2.4", "three PAGE records within one another that are cut off", of(pad - 1)[:-1],
               reports=True)
+    for name, more in (("_kept", 0), ("", -1)):
+        (must_fail if more else vector)(f"overlapping_records{name}", LIMIT, "two parts share a record: the listed bytes are "
+                                        f"those of the file{' and one more' * -more}", shared_record(more),
+                                        **({} if more else {"validator": [318]}))
     data = File(tree(extra=bytes(1500))[0], Meta(profile=0)).bytes()
     must_fail("truncated_before_pages", "2.4", "the file ends with its head; its pages have more bytes", data[:struct.unpack_from(
         "<I", data, 24)[0]], reports=True)

@@ -82,7 +82,7 @@ class ParsedSegment {
     Findings findings;
     set_ = &file_layouts;
     if (number == kOwnLayout) {
-      if (!parse_layouts(in_, 0, kMaxOwnTables, kTablesMemory, own_, findings)) return;
+      if (!parse_layouts(in_, 0, kMaxOwnTables, 1, kTablesMemory, own_, findings)) return;
       number = 0;
       set_ = &own_;
     }
@@ -175,7 +175,8 @@ LayoutSet read_layouts(View file, const std::vector<Record>& records) {
     ByteReader in(record.payload(file));
     Findings findings;
     LayoutSet parsed;
-    if (parse_layouts(in, 0, kMaxTables, kTablesMemory, parsed, findings)) set = std::move(parsed);
+    if (parse_layouts(in, 0, kMaxTables, kMaxLayouts, kTablesMemory, parsed, findings))
+      set = std::move(parsed);
   }
   return set;
 }

@@ -263,7 +263,8 @@ void write_layouts(const LayoutSet& set, ByteWriter& out) {  // spec 6.1
 }
 
 bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
-                   std::uint64_t memory, LayoutSet& set, Findings& findings) {
+                   std::size_t max_layouts, std::uint64_t memory, LayoutSet& set,
+                   Findings& findings) {
   const std::size_t tables = in.u16();
   if (tables > max_tables) {
     findings.error(N::kLayouts, offset, "layouts: too many tables (expected at most {}, got {})",
@@ -291,9 +292,9 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
     if (set.only.back() < 0) rans_lookup(*table, set.lookups.back());
   }
   const std::size_t layouts = in.u16();
-  if (layouts > kMaxLayouts) {
+  if (layouts > max_layouts) {
     findings.error(N::kLayouts, offset, "layouts: too many layouts (expected at most {}, got {})",
-                   kMaxLayouts, layouts);
+                   max_layouts, layouts);
     return false;
   }
   std::size_t entries = 0;

@@ -62,9 +62,11 @@ struct LayoutSet {
 std::int16_t only_symbol(const RansTable& table);
 
 void write_layouts(const LayoutSet& set, ByteWriter& out);
-// Reads a set of at most `max_tables` tables from `in`, which starts at byte `offset` of the file.
-// `memory`: bytes that the tables may take. The problem of a row is stored in its layout.
+// Reads a set of at most `max_tables` tables and `max_layouts` layouts from `in`, which starts at
+// byte `offset` of the file. `memory`: bytes that the tables may take. The problem of a row is
+// stored in its layout.
 bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
-                   std::uint64_t memory, LayoutSet& set, Findings& findings);
+                   std::size_t max_layouts, std::uint64_t memory, LayoutSet& set,
+                   Findings& findings);
 
 }  // namespace stgs

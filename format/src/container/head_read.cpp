@@ -26,7 +26,8 @@ void read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::
   if (tag == kErrorTag) (void)parse_error_bounds(payload, payload_at, out, findings);
   if (tag == kLayoutTag) {
     ByteReader in(payload);
-    (void)parse_layouts(in, payload_at, kMaxTables, limits.max_memory, out.layouts, findings);
+    (void)parse_layouts(in, payload_at, kMaxTables, kMaxLayouts, limits.max_memory, out.layouts,
+                        findings);
   }
   if (tag == kIndexTag) (void)parse_index(payload, payload_at, out, findings);
 }

@@ -47,6 +47,25 @@ std::uint32_t take_part(const PartEntry& part, FileHead& head) {
   return found->second;
 }
 
+// Returns whether a record lies within the bytes that are there.
+bool is_complete(std::uint64_t at, std::uint64_t bytes, const FileHead& head) {
+  return at <= head.available_bytes && bytes <= head.available_bytes - at;
+}
+
+// Checks that records together have at most the bytes of the file; otherwise they overlap.
+bool fits(std::uint64_t bytes, const char* what, std::uint64_t at, const FileHead& head,
+          Findings& findings) {
+  if (bytes <= head.available_bytes) return true;
+  findings.unsupported(N::kMemoryLimit, at, "{} of {} bytes in a file of {} bytes overlap", what,
+                       bytes, head.available_bytes);
+  return false;
+}
+
+bool take_complete(std::uint64_t at, std::uint64_t payload, FileHead& head, Findings& findings) {
+  head.walk.complete_bytes += payload;
+  return fits(head.walk.complete_bytes, "nodes", at, head, findings);
+}
+
 // Counts the bytes of a node (conformance 1.5).
 bool take_node(std::uint64_t at, std::uint64_t payload, FileHead& head, Findings& findings) {
   IndexWalk& walk = head.walk;
@@ -58,12 +77,24 @@ bool take_node(std::uint64_t at, std::uint64_t payload, FileHead& head, Findings
                          head.limits.max_memory);
     return false;
   }
-  const std::uint64_t size = head.available_bytes;
-  if (at <= size && bytes <= size - at) walk.complete_bytes += payload;
-  if (walk.complete_bytes <= size) return true;
-  findings.unsupported(N::kMemoryLimit, at, "nodes of {} bytes in a file of {} bytes overlap",
-                       walk.complete_bytes, size);
-  return false;
+  return take_complete(at, is_complete(at, bytes, head) ? payload : 0, head, findings);
+}
+
+// Counts the payloads of records that a node lists (conformance 1.5).
+bool take_records(const IndexNode& node, std::uint64_t at, FileHead& head, Findings& findings) {
+  std::uint64_t& sum = head.walk.record_bytes;
+  const auto take = [&](const IndexEntry& entry) {
+    if (entry.bytes > 0 && is_complete(entry.offset, entry.bytes, head))
+      sum += entry.bytes - kRecordHeaderBytes;
+  };
+  for (const IndexRun& run : node.runs) {
+    for (const SegmentEntry& segment : run.segments) {
+      take(segment.base);
+      take(segment.sh);
+    }
+    for (const FurtherEntry& further : run.further) take(further.entry);
+  }
+  return fits(sum, "records", at, head, findings);
 }
 
 bool check_fragment_flags(const FragmentRecord& fragment, Findings& findings) {
@@ -138,6 +169,9 @@ class Loader {
                        "index is damaged (issue {}) and was read from its copy at byte {}",
                        why.take().front().number, link.copy);
       why = {};
+      const std::uint64_t bytes = kRecordHeaderBytes + link.bytes;
+      const bool counted = is_complete(link.offset, bytes, head_);
+      if (!take_complete(link.copy, counted ? 0 : link.bytes, head_, findings_)) return false;
     }
     const std::uint64_t payload = link.offset + kRecordHeaderBytes;
     IndexNode node;
@@ -310,7 +344,8 @@ bool add_node(const IndexNode& node, std::uint64_t record, int depth, Position n
   }
   head.walk.nodes[record] = {node.links, needed_in(node.runs, head.metadata.scene.frames)};
   if (!take_entries(entries, record, head, findings)) return false;
-  if (head.listed_primitives <= head.limits.max_primitives) return true;
+  if (head.listed_primitives <= head.limits.max_primitives)
+    return take_records(node, record, head, findings);
   findings.unsupported(N::kPrimitiveLimit, record, "index: {} primitives exceed the limit of {}",
                        head.listed_primitives, head.limits.max_primitives);
   return false;

@@ -169,7 +169,7 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
   record.has_own = record.layout == kOwnLayout;
   if (record.has_own) {
     Findings found;
-    if (!parse_layouts(in, record.payload_at, kMaxOwnTables, head.limits.max_memory - memory,
+    if (!parse_layouts(in, record.payload_at, kMaxOwnTables, 1, head.limits.max_memory - memory,
                        record.own, found)) {
       if (!in.ok()) return cut_off(record, ordinal, payload.size(), findings);
       findings.append(std::move(found));

@@ -179,7 +179,7 @@ bool is_valid(const Quantisation& quantisation) {
   for (const TierSteps& tier : quantisation.tiers) {
     good = good && is_step(tier.position) && is_step(tier.displacement) &&
            is_step(tier.log_scale) && is_step(tier.rotation) &&
-           in(tier.rotation.exponent, kMinRotationExponent, 0) &&
+           in(tier.rotation.exponent, kMinRotationExponent, kMaxRotationExponent) &&
            std::all_of(tier.sh.begin(), tier.sh.end(), is_step);
   }
   return good;
