@@ -91,17 +91,16 @@ typedef struct stgs_segment {
 STGS_API stgs_result stgs_scene_get_segment(stgs_scene* scene, uint32_t index,
                                             stgs_segment* segment);
 
-/* The bytes of one attribute, over all segments, and its error. */
+/* The bytes of one attribute, over all segments, and its error: in scene units (position, at its
+ * own time), scene units per tick (velocity), ticks (time, sigma, radius), radians (rotation), as
+ * natural logarithm (log_scale), as logit (opacity). */
 typedef struct stgs_stream {
   size_t struct_size;
   const char* name;   /* such as "position"; belongs to the scene, valid until it is destroyed */
   uint64_t bytes;     /* in the file; 0: not stated, as in a recording */
   uint64_t raw_bytes; /* uncompressed */
-  /* Differences to the source of the coding: the greatest, and the root mean square; -1: not
-   * stated. Scene units (position, at its own time), scene units per tick (velocity), ticks (time,
-   * sigma, radius), natural logarithm (log_scale), radians (rotation), logit (opacity). */
-  double max_error;
-  double rms_error;
+  double max_error;   /* greatest difference to the source of the coding; -1: not stated */
+  double rms_error;   /* root mean square of the same; -1: not stated */
 } stgs_stream;
 
 /* Returns a stream. `index` is 0 to stgs_contents.streams - 1. */
