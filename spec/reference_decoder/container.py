@@ -162,8 +162,7 @@ def read_page(file, link):
         except Refused:
             raise damage from None
         file.reports.append(Refused("5.2", 118, f"the PAGE record at {link.offset} was read from its copy"))
-        if link.offset + RECORD + link.bytes > len(file.data):
-            count_complete(file, link.bytes)
+        count_complete(file, link.bytes)
     return read_node(Fields(payload, "5.2", 300), link.offset, (len(file.head), file.end), file.limits.max_memory)
 
 

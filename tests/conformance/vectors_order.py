@@ -276,6 +276,20 @@ def shared_record(more):
     return data
 
 
+def shared_copy(more):
+    """Returns a truncated file whose four links lead to PAGE records that are not completely there. They have one copy, and
+    four times its payload are as many bytes as are there, or one more than these if `more` is -1."""
+    page = record(b"PAGE", b"\0\0" + bytes(600))
+    size, pad, head = len(page) - 24, 0, 0
+    end = 0
+    for _ in range(5):
+        links = [Link(Node(), (0.0, 1.0), offset=max(0, end - len(page) + 1) + i, copy=head, bytes=size) for i in range(4)]
+        data = File(Node([], links), Meta(profile=0), body=[page, record(b"NOTE", bytes(pad), 0)], file_bytes=1000).bytes()
+        head, end = struct.unpack_from("<I", data, 24)[0], len(data)
+        pad += 4 * size + more - len(data)
+    return data
+
+
 def overlapping():
     """PAGE records within one another (1.5)."""
     inner = record(b"PAGE", b"\0\0" + bytes(600))
@@ -303,6 +317,14 @@ def overlapping():
         (must_fail if more else vector)(f"overlapping_records{name}", LIMIT, "two parts share a record: the listed bytes are "
                                         f"those of the file{' and one more' * -more}", shared_record(more),
                                         **({} if more else {"validator": [318]}))
+    data = shared_record(0)
+    end = data.index(b"SEGM") + 24 + struct.unpack_from("<Q", data, data.index(b"SEGM") + 8)[0]
+    must_fail("overlapping_records_end", LIMIT, "two parts share a record, with which the bytes that are there end", data[:end])
+    must_fail("overlapping_records_cut", "2.4", "two parts share a record that is cut off", data[:end - 1], reports=True)
+    must_fail("copies_beyond_the_end_kept", LIMIT, "four links beyond the end share a copy: four times its bytes are those of "
+              "the file", shared_copy(0), reports=True)
+    must_fail("copies_beyond_the_end", LIMIT, "four links beyond the end share a copy: four times its bytes are those of the "
+              "file and one more", shared_copy(-1))
     data = File(tree(extra=bytes(1500))[0], Meta(profile=0)).bytes()
     must_fail("truncated_before_pages", "2.4", "the file ends with its head; its pages have more bytes", data[:struct.unpack_from(
         "<I", data, 24)[0]], reports=True)

@@ -169,9 +169,7 @@ class Loader {
                        "index is damaged (issue {}) and was read from its copy at byte {}",
                        why.take().front().number, link.copy);
       why = {};
-      const std::uint64_t bytes = kRecordHeaderBytes + link.bytes;
-      const bool counted = is_complete(link.offset, bytes, head_);
-      if (!take_complete(link.copy, counted ? 0 : link.bytes, head_, findings_)) return false;
+      if (!take_complete(link.copy, link.bytes, head_, findings_)) return false;
     }
     const std::uint64_t payload = link.offset + kRecordHeaderBytes;
     IndexNode node;
