@@ -57,7 +57,7 @@ TEST_CASE("a view with more tile instances than a frame can list fails, as on th
 TEST_CASE("segments are loaded and evicted within the memory budget of the timeline") {
   const Scene scene = random_scene(6000, 1, kFrames, 21);
   const auto ample = make_timeline(scene);
-  const auto tight = make_timeline(scene, 0.3, 600'000);
+  const auto tight = make_timeline(scene, 0.3, 680'000);
   const auto one = device_renderer(), other = device_renderer();
   const View view = make_view(90, 60);
   std::size_t max_stored = 0;
