@@ -102,8 +102,9 @@ struct TickRange {
 // A run of successive primitives that is rendered only at times in [begin_ticks, end_ticks), or in
 // `cut` (spec 5.4). A part that reaches the end of the timeline includes that end. The times of
 // its primitives count from begin_ticks, so single precision is sufficient however late the part
-// is. A part may begin before the timeline and end after it, but is shown within it. All times are
-// multiples of 2^-20, at most 2^32, and no part is longer than that.
+// is; read_scene() states how long it may be. A part may begin before the timeline and end after
+// it, but is shown within it. All times are multiples of 2^-20, at most 2^32, and no part is longer
+// than that.
 struct ScenePart {
   double begin_ticks = 0, end_ticks = 0;
   std::uint64_t primitives = 0;
