@@ -29,7 +29,7 @@ def predictions():
     vector("zigzag", "8.3", "prediction 1: 0, 1, 2, and the greatest of 24 bits",
            replaced(Stream(8, 1, -20, [[0, 1, 2, (1 << 25) - 2, (1 << 25) - 3]], 1), n=5))
     vector("delta", "8.3", "prediction 2 of three components",
-           replaced(Stream(6, 1, -20, [[11, 4, 3, 20, 0, 1], [0] * 6, [(1 << 25) - 2, 3, 1, 2, 1, 0]], 2), n=6))
+           replaced(Stream(6, 1, -22, [[11, 4, 3, 20, 0, 1], [0] * 6, [(1 << 25) - 2, 3, 1, 2, 1, 0]], 2), n=6))
     for name, about, v, low, bits, key in (
             ("morton", "no low bits", [[0, 5, 1000]], 0, (8, 8), 12345),
             ("morton_low_1", "1 low bit", [[0, 5, 1000], [1, 0, 1], [0, 1, 1], [1, 1, 0]], 1, (8, 8), 7),

@@ -226,11 +226,11 @@ __global__ void __launch_bounds__(kThreads)
   }
 }
 
-// Maps Morton keys and low bits to positions (spec 8.4). Returns false if a key has more than 30
-// bits or a value is invalid.
+// Maps Morton keys and low bits to positions (spec 8.4). Returns false if the first key, a
+// difference or a key has more than 30 bits, or a value is invalid.
 __device__ bool map_keys(const MapJob& job, std::uint32_t chunk) {
   std::uint32_t before = job.sums[chunk];
-  bool valid = true;
+  bool valid = job.first_key >> (3 * kKeyBits) == 0;
   for (std::uint32_t r = 0; r < kRounds; ++r) {
     const std::uint32_t i = chunk * kMapChunk + r * kThreads + threadIdx.x;
     const bool inside = i < job.values;
