@@ -177,6 +177,8 @@ def read_growing(file):  # 9
     file.state = "growing"
     fragments = growing.Fragments(file.data, file.head, file.limits.max_memory)
     last = fragments.last()
+    if (last is None or last.end < len(file.data)) and fragments.damaged():
+        file.reports.append(Refused("9.4", 313, "a damaged FRAG record after the last fragment"))
     if last is None:  # before the first fragment
         file.end = len(file.head)
         return

@@ -27,6 +27,7 @@ class Fragments:
     def __init__(self, data, head, memory):
         self.data, self.head, self.memory = data, head, memory
         self.first = HEADER if head is None else len(head)  # of the body
+        self.is_located = False  # a damaged record, by the last 8 bytes (9.4)
         self.in_vain = {}  # bytes of the payloads of records that searches have examined in vain, by offset
 
     def read(self, at, stated=None):
@@ -75,11 +76,26 @@ class Fragments:
         return sum(self.in_vain.values()) <= len(self.data)
 
     def last(self):  # 9.4
+        size = int.from_bytes(self.data[-8:], "little")
+        at = len(self.data) - RECORD - size
         try:
-            found = self.read(len(self.data) - RECORD - int.from_bytes(self.data[-8:], "little"))
+            found = self.read(at)
             if found.end == len(self.data):
                 return found
         except Refused as error:
             if error.number == LIMIT:
                 raise
+            stated = self.data[at + RECORD:at + RECORD + 8]
+            self.is_located = size >= 40 and at >= self.first and stated == at.to_bytes(8, "little")
         return self.last_before(len(self.data))
+
+    def damaged(self):
+        """Returns whether a FRAG record after the last fragment, which last() has looked for, is damaged (9.4)."""
+        return self.is_located or any(map(self.is_own, self.in_vain))
+
+    def is_own(self, at):
+        """Returns whether a record is not intact or states its own offset; others are of another file."""
+        try:
+            return check_payload(self.data, at)[:8] == at.to_bytes(8, "little")
+        except Refused:
+            return True

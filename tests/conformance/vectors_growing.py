@@ -124,11 +124,11 @@ def last_fragments():
             ("links", "a link to a later record", dict(earlier=[struct.pack("<dd", 0, 1) + b"\xff\x7f\0\1"])),
             ("record_flags", "flags 3 of the record", dict(record_flags=3))):
         fragments = [*recorded(2), Fragment([recorded_run(2)], **more)]
-        vector(f"fragment_invalid_{name}", "9.4", f"the last FRAG record states {about}: the one before is the last "
+        (vector if name == "offset" else must_report)(f"fragment_invalid_{name}", "9.4", f"the last FRAG record states {about}: the one before is the last "
                "fragment", growing(fragments))
     run = recorded_run(2)
     run.shift = 1000
-    vector("fragment_invalid_run", "9.4", "a run of the last FRAG record extends past it: the one before is the last "
+    must_report("fragment_invalid_run", "9.4", "a run of the last FRAG record extends past it: the one before is the last "
            "fragment", growing([*recorded(2), Fragment([run])]))
     must_fail("fragment_flags", "9.2", "an unknown flag of the last fragment",
               growing([*recorded(1), Fragment([recorded_run(1)], flags=2)]))
@@ -142,8 +142,8 @@ def last_fragments():
                 growing([*recorded(1), Fragment([], flags=1)], b"x"))
     vector("growing_more_frames_before", "9.2", "20 frames, then 15", growing(
         [*recorded(2), Fragment([recorded_run(2)], frames=15)]), validator=[313])
-    vector("fragment_of_seven_bytes_less", "9.2", "the size at the end of the last FRAG record begins in its node: the one "
-           "before is the last fragment", overlapping_size())
+    must_report("fragment_of_seven_bytes_less", "9.2", "the size at the end of the last FRAG record begins in its node: the one "
+           "before is the last fragment", overlapping_size(), clause_of="9.4")
     data = growing(recorded(3))
     first = data.index(b"FRAG")
     tail = record(b"NOTE", struct.pack("<Q", len(data) + 32 - 24 - first), 0)
@@ -161,7 +161,19 @@ def last_fragments():
               "additions does not", data, {"max_memory": int.from_bytes(data[-8:], "little") - 1})
     data = growing(recorded(2))
     last = data.rindex(b"FRAG")
-    vector("fragment_tag", "9.4", "a record of another tag with the payload of a FRAG record at the end", data[:last] + record(
+    for name, at in (("tag", last), ("length", last + 8), ("header_checksum", last + 20), ("payload", last + 24 + 12)):
+        must_report(f"fragment_last_{name}_flipped", "9.4", f"a flipped bit of the last FRAG record: {name.replace('_', ' of the ')}",
+                    flipped(data, at))
+    must_report("fragment_only_flipped", "9.4", "a flipped bit of the only FRAG record", flipped(growing(recorded(1)), -20))
+    for size, about in ((39, "too few"), (40, "enough")):
+        cut = data[:last] + data[last:last + 24 + size - 8] + struct.pack("<Q", size)
+        (vector if size < 40 else must_report)(
+            f"fragment_last_of_{size}_bytes", "9.4",
+            f"a damaged FRAG record, by its last 8 bytes, of {size} bytes: {about}", flipped(cut, last))
+    empty = growing([Fragment([])])
+    must_report("fragment_first_tag_flipped", "9.4", "a flipped bit of the tag of a FRAG record with which the body begins",
+                flipped(empty, empty.rindex(b"FRAG")))
+    must_report("fragment_tag", "9.4", "a record of another tag with the payload of a FRAG record at the end", data[:last] + record(
         b"FRAX", data[last + 24:]))
 
 
@@ -208,7 +220,7 @@ def damaged_growing():
             out = flipped(out, made.offsets[i - 1] + 60)
         must_fail(f"fragments_{name}", "9.5", f"the FRAG records {damaged} of 34 are damaged", out)
     last = flipped(made.out, made.offsets[33] + 60)
-    vector("fragment_last_damaged", "9.4", "the last FRAG record is damaged: the one before is the last fragment", last)
+    must_report("fragment_last_damaged", "9.4", "the last FRAG record is damaged: the one before is the last fragment", last)
     wrong = Recording()
     first = wrong.add(recorded(1)[0])
     wrong.add(Fragment([recorded_run(1)], earlier=[first.link(size=first.size - 1)]))
@@ -224,8 +236,8 @@ def damaged_growing():
     wrong = Recording()
     first = wrong.add(recorded(1)[0])
     wrong.add(Fragment([recorded_run(1)], earlier=[first.link(copy=len(wrong.head))]))
-    vector("fragment_link_with_a_copy", "9.3", "a link of the last FRAG record has a copy: the one before is the last "
-           "fragment", wrong.out)
+    must_report("fragment_link_with_a_copy", "9.3", "a link of the last FRAG record has a copy: the one before is the last "
+           "fragment", wrong.out, clause_of="9.4")
     for name, about, more in (("states_its_size", "file_bytes in a growing file", dict(file_bytes=1)),):
         must_fail(f"growing_{name}", "2.1", about, growing(recorded(1), **more))
     must_fail("growing_cut_head", "2.4", "shorter than its head", growing([])[:-1])

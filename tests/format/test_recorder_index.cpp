@@ -125,9 +125,29 @@ TEST_CASE("a damaged fragment affects only the segments that it lists") {
       CHECK((*reader)->parts().size() == kCount - 1);
       CHECK((*reader)->decode(0).ok());
       CHECK_FALSE(issues_of(damaged).empty());
-      // A damaged last one counts as not yet written.
-      CHECK((*reader)->damage().size() == (i + 1 == kCount ? 0 : 1));
+      CHECK((*reader)->damage().size() == 1);
     }
+  }
+}
+
+TEST_CASE(
+    "a changed byte of the last fragment is damage, a missing one is a record being written") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
+  record(path, 2, false, Profile::kLossless, 6);
+  const Bytes intact = bytes_of(path);
+  const std::size_t last = std::string(intact.begin(), intact.end()).rfind("FRAG");
+  for (std::size_t at = last; at < intact.size(); ++at) {
+    Bytes damaged = intact;
+    damaged[at] ^= 0x10;
+    const auto reader = SceneReader::open(memory_source(damaged));
+    REQUIRE(reader.ok());
+    CHECK((*reader)->parts().size() == 1);
+    if ((*reader)->damage().size() != 1) FAIL("byte " << at - last);
+    const auto cut = SceneReader::open(
+        memory_source(Bytes(intact.begin(), intact.begin() + static_cast<std::ptrdiff_t>(at))));
+    REQUIRE(cut.ok());
+    if (!(*cut)->damage().empty()) FAIL("cut at byte " << at - last);
   }
 }
 

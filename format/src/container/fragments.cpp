@@ -116,26 +116,34 @@ Result<FragmentFinder::Found> FragmentFinder::at(std::uint64_t offset,
     return unsupported("index fragment of {} bytes exceeds the memory limit of {} bytes",
                        record.length, limit);
   }
+  bytes.resize(record.length);
+  STGS_TRY(source_.read(offset + kRecordHeaderBytes, bytes));
+  Findings found;
+  const bool is_intact = check_payload(record, bytes, offset + kRecordHeaderBytes, found);
+  is_foreign_ = is_intact && ByteReader(bytes).u64() != offset;
   if (!is_fragment(record)) {
     why.error(N::kFragment, offset, "fragment with flags {:#x} and {} bytes is not valid",
               record.flags, record.length);
     return Found();
   }
-  bytes.resize(record.length);
-  STGS_TRY(source_.read(offset + kRecordHeaderBytes, bytes));
   FragmentRecord fragment;
   fragment.offset = offset;
   fragment.end = offset + kRecordHeaderBytes + record.length;
   fragment.checksum = record.checksum;
-  Findings found;
-  if (check_payload(record, bytes, offset + kRecordHeaderBytes, found) &&
-      parse(bytes, fragment, found)) {
-    return Found(std::move(fragment));
-  }
+  if (is_intact && parse(bytes, fragment, found)) return Found(std::move(fragment));
   Status status = found.status(source_.name());
   if (status.code() == StatusCode::kUnsupported) return status;
   why.append(std::move(found));
   return Found();
+}
+
+// Sets FragmentSearch::damaged if the bytes after a record header here state its offset, as those
+// of a FRAG record do.
+Status FragmentFinder::check_own_offset(std::uint64_t offset) {
+  std::vector<std::uint8_t> bytes(sizeof offset);
+  STGS_TRY(source_.read(offset + kRecordHeaderBytes, bytes));
+  if (ByteReader(bytes).u64() == offset) search_.damaged = offset;
+  return {};
 }
 
 Result<FragmentFinder::Found> FragmentFinder::last() {
@@ -147,11 +155,15 @@ Result<FragmentFinder::Found> FragmentFinder::last() {
     STGS_TRY(source_.read(size - kLengthBytes, bytes));
     const std::uint64_t length = ByteReader(bytes).u64();
     if (length <= size - body_at_ - kRecordHeaderBytes) {
-      STGS_ASSIGN(Found found, at(size - kRecordHeaderBytes - length, {}, ignored));
-      if (found && found->end == size) return found;
+      const std::uint64_t offset = size - kRecordHeaderBytes - length;
+      STGS_ASSIGN(Found found, at(offset, {}, ignored));
+      search_.has_last = found && found->end == size;
+      if (search_.has_last) return found;
+      if (!found && length >= kFixedBytes) STGS_TRY(check_own_offset(offset));
     }
   }
   STGS_ASSIGN(const FragmentSearch::Found found, last_before(size));
+  search_.has_last = true;
   return found.offset == 0 ? Found() : at(found.offset, {}, ignored);
 }
 
@@ -197,6 +209,7 @@ Result<FragmentSearch::Found> FragmentFinder::examine(std::uint64_t offset,
   STGS_ASSIGN(recent_, at(offset, {}, ignored));
   if (recent_) return FragmentSearch::Found{offset, recent_->end, recent_->frames};
   search_.in_vain += record.length;
+  if (!search_.has_last && !is_foreign_) search_.damaged = offset;
   search_.has_ended = search_.in_vain > source_.size();
   return FragmentSearch::Found();
 }

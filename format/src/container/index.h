@@ -113,6 +113,8 @@ struct FragmentSearch {
   std::map<std::uint64_t, Found> results;
   std::uint64_t in_vain = 0;  // bytes of payloads of records that are not valid (conformance 1.5)
   bool has_ended = false;     // because of the limit on `in_vain`
+  bool has_last = false;      // last() has returned
+  std::uint64_t damaged = 0;  // offset of a damaged record after the last valid one; 0: none
 };
 
 // The state of following the links of an index.
@@ -143,6 +145,7 @@ struct IndexWalk {
   std::set<std::uint64_t> used_earlier;      // offsets of these fragments
   std::vector<Lost> lost;                    // in the order of following
   FragmentSearch search;
+  std::uint64_t damaged = 0;  // FragmentSearch::damaged as it was last reported
 };
 
 // A chunk is a multiple of kChunkGrain and at most kMaxChunk, ticks, so that arithmetic on

@@ -306,6 +306,20 @@ bool add_last(FragmentRecord& fragment, FileHead& head, Findings& findings) {
   return true;
 }
 
+// Reports a damaged FRAG record after the last valid one, once (spec 9.4).
+void report_damaged(const std::optional<FragmentRecord>& last, FileHead& head, Findings& findings) {
+  const std::uint64_t at = head.walk.search.damaged;
+  if (at == 0 || at == head.walk.damaged) return;
+  head.walk.damaged = at;
+  findings.damage(N::kFragment, at,
+                  "a fragment is damaged; content that was added from it on is lost");
+  const double begin = last ? last->frames : 0.0;
+  const std::uint64_t from = last ? last->end : head.header.head_bytes;
+  head.lost_fragments.push_back({{begin, std::max(begin, double{head.metadata.scene.frames})},
+                                 from,
+                                 head.available_bytes - from});
+}
+
 // Returns whether the known last fragment is still there.
 bool is_continued(const ByteSource& source, const FileHead& head, Findings& findings) {
   if (!head.last_fragment) return true;
@@ -364,6 +378,7 @@ bool read_growth(const ByteSource& source, FileHead& head, bool& grown, Findings
     findings.failed_search(head.header.head_bytes, last.status());
     return false;
   }
+  report_damaged(*last, head, findings);
   grown = *last && (!head.last_fragment || (*last)->offset > head.last_fragment->offset);
   if (grown && (!is_continued(source, head, findings) || !add_last(**last, head, findings)))
     return false;

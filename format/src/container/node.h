@@ -69,7 +69,7 @@ class FragmentFinder {
   // `head`: the head of the file; it has no bytes if they are damaged. `search`: of this source.
   // Neither is copied.
   FragmentFinder(const ByteSource& source, const FileHead& head, FragmentSearch& search);
-  // Returns the one that begins last.
+  // Returns the one that begins last. Sets FragmentSearch::damaged.
   Result<Found> last();
   // Returns the one at `offset`, of a payload of `bytes` if that is stated; if there is none, `why`
   // has the reason.
@@ -82,6 +82,7 @@ class FragmentFinder {
  private:
   bool parse(std::span<const std::uint8_t> payload, FragmentRecord& fragment,
              Findings& findings) const;
+  Status check_own_offset(std::uint64_t offset);
   Result<FragmentSearch::Found> search(std::uint64_t low, std::uint64_t high);
   Result<FragmentSearch::Found> examine(std::uint64_t offset, const RecordHeader& record);
 
@@ -89,7 +90,8 @@ class FragmentFinder {
   const FileHead& head_;
   FragmentSearch& search_;
   std::uint64_t body_at_ = 0;
-  Found recent_;  // the last one that a search found, until it is returned
+  Found recent_;             // the last one that a search found, until it is returned
+  bool is_foreign_ = false;  // the last record that was read is intact and states another offset
 };
 
 }  // namespace stgs

@@ -72,7 +72,7 @@ void parse_steps(std::span<const std::uint8_t> payload, FileHead& head) {
   rules.tiers.resize(rules.bounds.size() + 1);
   for (TierSteps& tier : rules.tiers)
     each_step(tier, [&](Step& step) { good = read_step(in, step) && good; });
-  if (in.ok() && good && is_valid(rules)) head.quantisation = std::move(rules);
+  if (in.ok() && in.left() == 0 && good && is_valid(rules)) head.quantisation = std::move(rules);
 }
 
 }  // namespace stgs

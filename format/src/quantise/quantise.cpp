@@ -158,6 +158,8 @@ float Quantiser::position_step(const Gaussians4D& set) const {
 
 bool is_valid(const Quantisation& quantisation) {
   constexpr double kMaxOpacityStep = 4.0, kMinOpacityStep = 0x1p-8;
+  // Finer steps could not represent common values: integers of the mapping end at 2^22 of them.
+  constexpr int kMinFineExponent = -16, kMaxTimeBits = 22;
   const auto in = [](double value, double low, double high) {
     return value >= low && value <= high;
   };
@@ -170,6 +172,7 @@ bool is_valid(const Quantisation& quantisation) {
               !quantisation.near_lossless && is_step(quantisation.opacity) &&
               in(size_of(quantisation.opacity), kMinOpacityStep, kMaxOpacityStep) &&
               in(quantisation.lifespans.time, -16, 16) &&
+              quantisation.longest_part <= std::exp2(quantisation.lifespans.time + kMaxTimeBits) &&
               in(quantisation.lifespans.lifespan, 4, 23) && quantisation.lifespans.motion >= 0 &&
               quantisation.lifespans.opacity >= 0 && quantisation.lifespans.edge >= 0 &&
               quantisation.near_distance > 0 && quantisation.near_displacement > 0 &&
@@ -177,10 +180,13 @@ bool is_valid(const Quantisation& quantisation) {
               quantisation.tiers.size() == quantisation.bounds.size() + 1 &&
               quantisation.tiers.size() <= 256;
   for (const TierSteps& tier : quantisation.tiers) {
+    const auto is_fine_step = [&](Step step) {
+      return is_step(step) && step.exponent >= kMinFineExponent;
+    };
     good = good && is_step(tier.position) && is_step(tier.displacement) &&
-           is_step(tier.log_scale) && is_step(tier.rotation) &&
+           is_fine_step(tier.log_scale) && is_step(tier.rotation) &&
            in(tier.rotation.exponent, kMinRotationExponent, kMaxRotationExponent) &&
-           std::all_of(tier.sh.begin(), tier.sh.end(), is_step);
+           std::all_of(tier.sh.begin(), tier.sh.end(), is_fine_step);
   }
   return good;
 }
