@@ -72,13 +72,14 @@ Status check_parts(const Scene& scene) {
   std::uint64_t primitives = 0;
   for (const ScenePart& part : scene.parts) {
     primitives += part.primitives;
-    TickRange shown = part.shown_range();
-    if (!part.cut) shown.begin = std::max(shown.begin, 0.0);
-    if (!is_valid_part({0, part.begin_ticks, part.end_ticks, shown, 0})) {
+    TickRange displayed = part.displayed_range();
+    if (!part.cut) displayed.begin = std::max(displayed.begin, 0.0);
+    if (!is_valid_part({0, part.begin_ticks, part.end_ticks, displayed, 0})) {
       return usage_error(
-          "invalid part (ticks {} to {}, shown from {} to {}): ranges must be in order, not before "
+          "invalid part (ticks {} to {}, displayed from {} to {}): ranges must be in order, not "
+          "before "
           "the timeline, at most 2^32 ticks long and multiples of 2^-20 ticks",
-          part.begin_ticks, part.end_ticks, shown.begin, shown.end);
+          part.begin_ticks, part.end_ticks, displayed.begin, displayed.end);
     }
   }
   if (!scene.parts.empty() && primitives != scene.gaussians.size()) {

@@ -109,7 +109,7 @@ STGS_API stgs_result stgs_scene_get_stream(stgs_scene* scene, uint32_t index, st
 /* Content that the index does not list any more, because a part of it is damaged. */
 typedef struct stgs_lost_fragment {
   size_t struct_size;
-  double begin_seconds; /* start of the times at which it would be shown */
+  double begin_seconds; /* start of the times at which it would be needed */
   double end_seconds;   /* end of these times */
   uint64_t offset;      /* of the lost bytes in the file */
   uint64_t bytes;       /* of a recording's fragment, or of the damaged part of the index alone */
@@ -138,7 +138,7 @@ typedef struct stgs_decoder_needs {
   size_t struct_size;
   int32_t level;                /* the lowest decoder level that suffices; 0: none does */
   int32_t reserved;             /* 0 */
-  uint64_t primitives;          /* peak, of the segments shown at one time */
+  uint64_t primitives;          /* peak, of the segments needed at one time */
   uint64_t segments;            /* their number */
   uint64_t bytes;               /* of these segments in the file */
   uint64_t decoded_bytes;       /* of these segments in memory */
