@@ -36,7 +36,7 @@ class TruncatedScene(CliTest):
         self.assertTrue(os.path.exists(self.path("out.png")))
         run = self.succeeds("pack", cut, "-o", "packed.stgs")
         self.assertIn("the file is truncated", run.stderr.decode())
-        self.assertRegex(run.stderr.decode(), r"cannot read 1 of \d+ segments")
+        self.assertRegex(run.stderr.decode(), r"cannot read 1 of \d+ tiers of segments")
 
 
 class DamagedSegments(CliTest):

@@ -86,7 +86,7 @@ class DamagedRecordings(WarningTest):
             scene = self.write("damaged.stgs", flipped(recording, middle))
             for verb, lines in self.rewrite_warnings(scene).items():
                 self.assertEqual(len(lines), 1, (verb, lines))
-                self.assertRegex(lines[0], rf"1 of {len(segments)} segments \("
+                self.assertRegex(lines[0], rf"1 of {len(segments)} tiers of segments \("
                                            rf"{segment['primitives']} primitives\): \d+ bytes, needed at "
                                            rf"{segment['begin_s']:.3f} to ", verb)
             finished = self.json_of("finalize", scene, "-o", "f.stgs")
@@ -109,7 +109,7 @@ class DamagedRecordings(WarningTest):
         self.assertEqual(report["damaged"]["segments"], 1)
         self.assertEqual((report["frames"], report["primitives"]), (3, 400))
         lines = self.warnings("finalize", scene, "-o", "f.stgs")
-        self.assertRegex(lines[0], r"1 of 2 segments \(400 primitives\)")
+        self.assertRegex(lines[0], r"1 of 2 tiers of segments \(400 primitives\)")
         self.succeeds("validate", "f.stgs")
 
     def test_ignored_trailing_bytes_are_reported(self):

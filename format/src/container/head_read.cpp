@@ -275,7 +275,7 @@ void report_truncation(const FileHead& head, Findings& findings) {
   }
   findings.damage(
       N::kFileSize, 16,
-      "the file is truncated (expected {} bytes, got {}): {} of {} segments missing, {} "
+      "the file is truncated (expected {} bytes, got {}): {} of {} tiers of segments missing, {} "
       "without their SH; copy or download it again",
       head.header.file_bytes, head.available_bytes, missing, segments.size(), without_sh);
 }

@@ -32,11 +32,11 @@ std::string records_text(const DamageReport& report, const TimeBase& time_base) 
   std::string text;
   const auto add = [&text](const std::string& part) { text += (text.empty() ? "" : ", ") + part; };
   if (report.segments > 0) {
-    add(fmt::format("{} of {} segments ({} primitives)", report.segments,
+    add(fmt::format("{} of {} tiers of segments ({} primitives)", report.segments,
                     report.total_segments, report.primitives));
   }
   if (report.segments_without_sh > 0) {
-    add(fmt::format("the SH of {} of {} segments", report.segments_without_sh,
+    add(fmt::format("the SH of {} of {} tiers of segments", report.segments_without_sh,
                     report.total_segments));
   }
   if (report.further > 0) {

@@ -142,7 +142,7 @@ struct ReadLimits {
   std::uint64_t max_memory = std::uint64_t{16} << 30;
 };
 
-// A segment: the primitives of one tier that are rendered only within [begin_ticks, end_ticks].
+// A tier of a segment: primitives that are rendered only within [begin_ticks, end_ticks].
 // Tier 0 has the most important ones. The first tiers, in any number and with or without their SH,
 // give a complete image.
 struct SegmentInfo {
