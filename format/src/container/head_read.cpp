@@ -129,9 +129,10 @@ bool parse_finished_sizes(std::uint64_t source_bytes, const FileHeader& header,
 // Checks that these are at least as many bytes as a header, and begin with the magic number.
 bool check_magic(std::span<const std::uint8_t> bytes, Findings& findings) {
   if (bytes.size() < kHeaderBytes) {
-    findings.error(N::kTooShort, 0,
-                   "too short for an .stgs file (expected at least {} bytes, got {})", kHeaderBytes,
-                   bytes.size());
+    const std::string content = describe_foreign_content(bytes);
+    findings.error(
+        N::kTooShort, 0, "too short for an .stgs file (expected at least {} bytes, got {}); {}",
+        kHeaderBytes, bytes.size(), content.empty() ? "copy or download it again" : content);
     return false;
   }
   if (std::equal(kMagic.begin(), kMagic.end(), bytes.begin())) return true;
@@ -140,7 +141,8 @@ bool check_magic(std::span<const std::uint8_t> bytes, Findings& findings) {
     findings.error(N::kMagic, 0, "damaged by a text-mode transfer; copy the file in binary mode");
   } else {
     const std::string content = describe_foreign_content(bytes);
-    findings.error(N::kMagic, 0, "not an .stgs file{}{}", content.empty() ? "" : "; ", content);
+    findings.error(N::kMagic, 0, "not an .stgs file; {}",
+                   content.empty() ? "its content is unknown; check the name" : content);
   }
   return false;
 }
