@@ -64,7 +64,7 @@ class DamagedRecordings(WarningTest):
         for verb, lines in self.rewrite_warnings(scene).items():
             text = "\n".join(lines)
             self.assertIn("index is damaged", text, verb)
-            self.assertRegex(text, r"shown 0\.100 to 0\.200 s is lost .*\d+ bytes", verb)
+            self.assertRegex(text, r"needed at 0\.100 to 0\.200 s is lost .*\d+ bytes", verb)
         info = self.json_of("info", scene)
         self.assertEqual(info["frames"], 6)
         self.assertEqual([(round(s["begin_s"], 3), round(s["end_s"], 3)) for s in info["lost_fragments"]],
