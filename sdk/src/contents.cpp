@@ -62,9 +62,13 @@ stgs_contents to_c(const Timeline& timeline) {
 }
 
 stgs_part to_c(const stgs::ScenePart& part, const stgs::TimeBase& base) {
-  const stgs::TickRange shown = part.shown_range();
-  return {sizeof(stgs_part),         base.seconds(part.begin_ticks), base.seconds(part.end_ticks),
-          base.seconds(shown.begin), base.seconds(shown.end),        part.primitives};
+  const stgs::TickRange displayed = part.displayed_range();
+  return {sizeof(stgs_part),
+          base.seconds(part.begin_ticks),
+          base.seconds(part.end_ticks),
+          base.seconds(displayed.begin),
+          base.seconds(displayed.end),
+          part.primitives};
 }
 
 stgs_segment to_c(const stgs::SegmentInfo& segment, const stgs::TimeBase& base) {

@@ -27,6 +27,19 @@ class BadInputs(CliTest):
         self.fails(IO, "missing.json: no such file or folder", "render", self.fixture("tiny.stgs"),
                    "--cameras", self.path("missing.json"), "--time", "0", "-o", "null")
 
+    def test_errors_of_the_memory_limit_name_the_option(self):
+        names = "x y z scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 opacity f_dc_0 f_dc_1 f_dc_2".split()
+        count = 20000
+        header = f"ply\nformat binary_little_endian 1.0\nelement vertex {count}\n"
+        header += "".join(f"property float {name}\n" for name in names) + "end_header\n"
+        splats = b"".join(struct.pack("<14f", k % 97, k % 89, k % 83, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0)
+                          for k in range(count))
+        self.write("many.ply", header.encode() + splats)
+        self.succeeds("convert", "many.ply", "many.stgs")
+        camera = self.write("camera.json", self.succeeds("info", self.fixture("tiny.stgs"), "--format", "json").stdout)
+        self.fails(UNSUPPORTED, "many.stgs: .*memory.*; use a larger --memory", "render", "many.stgs",
+                   "--time", "0", "--camera", camera, "-o", "null", "--memory", "1M")
+
     def test_invalid_capture_json_is_rejected(self):
         with open(os.path.join(self.fixture("prepared"), "capture.json"), encoding="utf-8") as file:
             good = json.load(file)

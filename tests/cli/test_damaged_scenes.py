@@ -36,7 +36,7 @@ class TruncatedScene(CliTest):
         self.assertTrue(os.path.exists(self.path("out.png")))
         run = self.succeeds("pack", cut, "-o", "packed.stgs")
         self.assertIn("the file is truncated", run.stderr.decode())
-        self.assertRegex(run.stderr.decode(), r"cannot read 1 of \d+ segments")
+        self.assertRegex(run.stderr.decode(), r"cannot read 1 of \d+ tiers of segments")
 
 
 class DamagedSegments(CliTest):
@@ -78,7 +78,7 @@ class DamagedSegments(CliTest):
         self.assertIn("3 without SH", self.succeeds("info", half).stdout.decode())
         report, warnings = self.render(half, "half.png")
         self.assertEqual(report["damaged"], {"segments": 0, "sh": len(segments)})
-        self.assertIn("rendered 3 segments without SH", warnings)
+        self.assertIn("rendered 3 tiers of segments without SH", warnings)
         self.render(self.fixture("steady_plain.stgs"), "plain.png")
         self.render(self.fixture("steady.stgs"), "complete.png")
         self.assert_similar("half.png", "plain.png")
@@ -116,7 +116,7 @@ class DamagedSegments(CliTest):
         scene = self.write("one.stgs", flipped(data, sum(first) // 2))
         report, warnings = self.render(scene, "one.png", 0.15)  # two segments are active
         self.assertEqual(report["damaged"], {"segments": 1, "sh": 0})
-        self.assertIn("skipped 1 damaged segment", warnings)
+        self.assertIn("skipped 1 damaged tier of segments", warnings)
 
 
 class DamagedScenes(CliTest):
@@ -128,16 +128,18 @@ class DamagedScenes(CliTest):
     def test_unusable_files_are_rejected_by_every_verb(self):
         without_copy = flipped(self.good, len(self.good) - 20)  # damages the copy of the head
         cases = [
-            (IO, "missing.stgs: cannot open: No such file", self.path("missing.stgs")),
+            (IO, "missing.stgs: cannot open: No such file or directory; check the name", self.path("missing.stgs")),
             (IO, "this is a folder; name a file in it", self.work),
             (IO, "not a regular file", "/dev/null"),
-            (INVALID, "empty.stgs: too short for an .stgs file", self.write("empty.stgs", b"")),
+            (INVALID, "empty.stgs: too short for an .stgs file .*; copy or download it again", self.write("empty.stgs", b"")),
             (INVALID, r"short.stgs: too short for an .stgs file \(expected at least 32 bytes, got 17",
              self.write("short.stgs", self.good[:17])),
             (INVALID, "cut.stgs: the file is truncated within its head .*got 100",
              self.write("cut.stgs", self.good[:100])),
-            (INVALID, "text.stgs: not an .stgs file", self.write("text.stgs", "no scene " * 50)),
-            (INVALID, "magic.stgs: not an .stgs file",
+            (INVALID, "words.stgs: too short for an .stgs file .*; this is a text file",
+             self.write("words.stgs", "no scene")),
+            (INVALID, "text.stgs: not an .stgs file; this is a text file", self.write("text.stgs", "no scene " * 50)),
+            (INVALID, "magic.stgs: not an .stgs file; its content is unknown",
              self.write("magic.stgs", flipped(without_copy, 1))),
             (INVALID, "meta.stgs: record 'META' is damaged",
              self.write("meta.stgs", flipped(without_copy, 80))),
@@ -176,7 +178,7 @@ class DamagedScenes(CliTest):
         path = self.write("body.stgs", flipped(self.good, last - 40))
         self.succeeds("info", path)
         run = self.succeeds("render", path, "--frames", "0:6", "-o", "null")
-        self.assertRegex(run.stderr.decode(), r"skipped 1 damaged segment.*body.stgs: .*checksum")
+        self.assertRegex(run.stderr.decode(), r"skipped 1 damaged tier of segments.*body.stgs: .*checksum")
         self.fails(INVALID, r"body.stgs: .*checksum.* \(rendering 0(\.\d+)? s\)$", "evaluate", path,
                    "--against", self.fixture("prepared"))
 

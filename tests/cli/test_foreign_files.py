@@ -51,6 +51,9 @@ class ForeignFiles(CliTest):
                 with self.subTest(verb=verb):
                     self.fails(INVALID, f"{name}: not an .stgs file; {text}", *verb)
         self.fails(INVALID, "this is a PNG image", "convert", "a.png", "x.stgs")
+        self.write("b.txt", self.KINDS["b.txt"][0])
+        self.fails(INVALID, r"this is a text file; convert reads STGS, FTGS PLY, PLY, SPZ, .*\(byte 0, issue 102\)$",
+                   "convert", "b.txt", "x.stgs")
         self.assertFalse(os.path.exists(self.path("x.stgs")))
 
     @unittest.skipIf(not built_in("play"), "play is not built in")

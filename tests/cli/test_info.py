@@ -38,7 +38,7 @@ class Info(CliTest):
         text = "\n".join(self.lines(tiny, "--segments"))
         self.assertEqual(self.lines(tiny, "--segments")[:5], self.lines(tiny)[:5])
         self.assertRegex(text, r"\n  decoder +level \d: peak \d+ primitives? \(")
-        for head in (r"\n  segment  level +tier", r"\n  layer +tier", r"\n  stream +bytes +share"):
+        for head in (r"\n   number  level +tier", r"\n  layer +tier", r"\n  stream +bytes +share"):
             self.assertRegex(text, head)
 
     def test_several_files_are_listed_in_order(self):

@@ -27,8 +27,8 @@ class Outputs(CliTest):
         self.write("file", b"")
         os.symlink("/dev/full", self.path("full.png"))
         cases = [
-            ("folder 'nowhere' does not exist", "nowhere/out.png"),
-            ("'file' is not a folder", "file/out.png"),
+            ("folder 'nowhere' does not exist; create it", "nowhere/out.png"),
+            ("'file' is not a folder; choose another path", "file/out.png"),
             ("'.*prepared' is not a folder|does not exist", "file/more/out.png"),
             ("cannot create", "/proc/out.png"),
             ("exists and is not a regular file", "full.png"),

@@ -64,7 +64,7 @@ class DamagedRecordings(WarningTest):
         for verb, lines in self.rewrite_warnings(scene).items():
             text = "\n".join(lines)
             self.assertIn("index is damaged", text, verb)
-            self.assertRegex(text, r"shown 0\.100 to 0\.200 s is lost .*\d+ bytes", verb)
+            self.assertRegex(text, r"needed at 0\.100 to 0\.200 s is lost .*\d+ bytes", verb)
         info = self.json_of("info", scene)
         self.assertEqual(info["frames"], 6)
         self.assertEqual([(round(s["begin_s"], 3), round(s["end_s"], 3)) for s in info["lost_fragments"]],
@@ -86,8 +86,8 @@ class DamagedRecordings(WarningTest):
             scene = self.write("damaged.stgs", flipped(recording, middle))
             for verb, lines in self.rewrite_warnings(scene).items():
                 self.assertEqual(len(lines), 1, (verb, lines))
-                self.assertRegex(lines[0], rf"1 of {len(segments)} segments \("
-                                           rf"{segment['primitives']} primitives\): \d+ bytes, shown "
+                self.assertRegex(lines[0], rf"1 of {len(segments)} tiers of segments \("
+                                           rf"{segment['primitives']} primitives\): \d+ bytes, needed at "
                                            rf"{segment['begin_s']:.3f} to ", verb)
             finished = self.json_of("finalize", scene, "-o", "f.stgs")
             self.assertEqual(finished["damaged"], {"segments": 1, "sh": 0})
@@ -109,7 +109,7 @@ class DamagedRecordings(WarningTest):
         self.assertEqual(report["damaged"]["segments"], 1)
         self.assertEqual((report["frames"], report["primitives"]), (3, 400))
         lines = self.warnings("finalize", scene, "-o", "f.stgs")
-        self.assertRegex(lines[0], r"1 of 2 segments \(400 primitives\)")
+        self.assertRegex(lines[0], r"1 of 2 tiers of segments \(400 primitives\)")
         self.succeeds("validate", "f.stgs")
 
     def test_ignored_trailing_bytes_are_reported(self):
@@ -120,13 +120,13 @@ class DamagedRecordings(WarningTest):
 
 class NotConverted(WarningTest):
     def test_content_that_is_not_copied_is_reported(self):
-        """Timed data, private records and private numbers are not copied to a rewritten file."""
+        """Further records, private records and private numbers are not copied to a rewritten file."""
         expected = {
-            "further_alone": ["timed data 'audio/opus' of content 200 (org.example.sound)"],
+            "further_alone": ["further records 'audio/opus' of content 200 (org.example.sound)"],
             "private_records": ["'liGT' 'org.example.lights'", "'pose' 'org.example.poses'"],
             "optional_stream": ["primitive attribute 0x8001"],
-            "further_reserved": ["timed data 'audio/opus' of content 192 (a)", "timed data of content 2:",
-                                 "timed data of content 3:", "timed data of content 191:"],
+            "further_reserved": ["further records 'audio/opus' of content 192 (a)", "further records of content 2:",
+                                 "further records of content 3:", "further records of content 191:"],
         }
         for name, parts in expected.items():
             for args in (["convert", self.vector(name), "c.stgs"],

@@ -36,7 +36,7 @@ void describe_parts(const FileHead& head, Description& out) {
   std::set<std::array<std::int64_t, 6>> parts;
   for (const PartEntry& part : head.parts) {
     parts.insert({part.number, to_units(part.begin, 20), to_units(part.end, 20),
-                  to_units(part.shown.begin, 20), to_units(part.shown.end, 20),
+                  to_units(part.displayed.begin, 20), to_units(part.displayed.end, 20),
                   to_units(part.chunk_ticks, 20)});
   }
   for (const auto& [number, begin, end, from, to, chunk] : parts)

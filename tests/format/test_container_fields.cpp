@@ -19,8 +19,8 @@ TEST_CASE("every field of the header is validated") {
     return std::make_pair(read_all(bytes), numbers_of(issues_of(bytes)));
   };
   CHECK(read_all({}).message() ==
-        "x.stgs: too short for an .stgs file (expected at least 32 bytes, got 0) (byte 0, issue "
-        "101)");
+        "x.stgs: too short for an .stgs file (expected at least 32 bytes, got 0); copy or download "
+        "it again (byte 0, issue 101)");
   CHECK(change(0, std::uint8_t{0x88}).second == std::set<int>{102});
   CHECK(change(5, std::uint8_t{0x0D}).first.message().find("text-mode transfer") !=
         std::string::npos);

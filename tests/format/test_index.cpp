@@ -138,15 +138,15 @@ TEST_CASE("the reader rejects an index that contradicts the file before allocati
   CHECK(first_issue(original, [](FileHead& h) { --h.index.segments[0].base.offset; }) == 304);
   CHECK(first_issue(original, [](FileHead& h) { h.parts[0].end = kFrames + 0x1p-21; }) == 311);
   CHECK(first_issue(original, [](FileHead& h) { h.parts[0].end = 0x1p33; }) == 311);
-  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].shown = {-1, 10}; }) == 311);
-  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].shown = {10, 10}; }) == 311);
-  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].shown = {0, kFrames + 1}; }) == 311);
+  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].displayed = {-1, 10}; }) == 311);
+  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].displayed = {10, 10}; }) == 311);
+  CHECK(first_issue(original, [](FileHead& h) { h.parts[0].displayed = {0, kFrames + 1}; }) == 311);
   CHECK(first_issue(original, [](FileHead& h) { h.parts[0].begin = NAN; }) == 311);
   CHECK(first_issue(original, [](FileHead& h) { h.parts[0].chunk_ticks = 0x1p33; }) == 301);
   CHECK(first_issue(original, [](FileHead& h) { h.parts[0].chunk_ticks = 0x1p-21; }) == 301);
   CHECK(first_issue(original, [](FileHead& h) { h.parts[0].begin = kFrames; }) == 311);
   CHECK(first_issue(original, [](FileHead& h) {
-          h.parts[0].begin = h.parts[0].shown.begin = kFrames - 0.5;
+          h.parts[0].begin = h.parts[0].displayed.begin = kFrames - 0.5;
         }) == 302);
   CHECK(first_issue(original, [](FileHead& h) {
           std::swap(h.index.segments[1].base.level, h.index.segments.back().base.level);
@@ -292,7 +292,7 @@ TEST_CASE("the segments in an interval are those that a linear search finds") {
     segment.begin_ticks = std::floor(kEnd * uniform(random));
     const double length = std::floor(std::exp2(10 * uniform(random))) - 1;  // 0: at most one time
     segment.end_ticks = std::min(segment.begin_ticks + length, kEnd);
-    segment.shown_at_end = segment.end_ticks == kEnd || uniform(random) < 0.5;
+    segment.needed_at_end = segment.end_ticks == kEnd || uniform(random) < 0.5;
   }
   const SegmentTimes times(segments, kEnd);
   std::size_t found = 0, last = 0;
@@ -303,8 +303,8 @@ TEST_CASE("the segments in an interval are those that a linear search finds") {
       for (std::uint32_t i = 0; i < segments.size(); ++i) {
         const SegmentInfo& segment = segments[i];
         const bool ends_after =
-            first < segment.end_ticks || (first == segment.end_ticks && segment.shown_at_end);
-        if (segment.is_shown() && segment.begin_ticks <= end && ends_after) expected.push_back(i);
+            first < segment.end_ticks || (first == segment.end_ticks && segment.needed_at_end);
+        if (segment.is_needed() && segment.begin_ticks <= end && ends_after) expected.push_back(i);
       }
       REQUIRE(times.between(t0, t0 + length) == expected);
       found += expected.size();

@@ -127,9 +127,9 @@ TEST_CASE("a segment is needed at the end of its interval while its part is disp
   int inner = 0, at_part_end = 0, at_one_time = 0;
   for (std::uint32_t s = 0; s < reader->segments().size(); ++s) {
     const SegmentInfo& segment = reader->segments()[s];
-    if (!segment.is_shown()) continue;
+    if (!segment.is_needed()) continue;
     const bool inside = segment.end_ticks < kPartEnd;
-    CHECK(segment.shown_at_end == inside);
+    CHECK(segment.needed_at_end == inside);
     CHECK(is_needed(s, segment.begin_ticks));
     CHECK(is_needed(s, segment.end_ticks) == inside);
     CHECK_FALSE(is_needed(s, segment.end_ticks + 1e-6));
@@ -167,8 +167,8 @@ TEST_CASE("parts are cut and moved by editing the index alone") {
       part.begin -= shift;
       part.end -= shift;
     }
-    head.parts[0].shown = {0, 3.25};
-    head.parts[1].shown = {3.5, 18.5};
+    head.parts[0].displayed = {0, 3.25};
+    head.parts[1].displayed = {3.5, 18.5};
     const Bytes edited = testing::with_index(*bytes, head);
     const auto issues = validate_scene(*memory_source(edited));
     REQUIRE(issues.ok());
@@ -180,7 +180,7 @@ TEST_CASE("parts are cut and moved by editing the index alone") {
     CHECK(after->gaussians.time == before->gaussians.time);
     CHECK(after->gaussians.velocity == before->gaussians.velocity);
     CHECK(after->parts[0].begin_ticks == -10);
-    CHECK(after->parts[0].shown_range() == TickRange{0, 3.25});
+    CHECK(after->parts[0].displayed_range() == TickRange{0, 3.25});
     const auto reader = SceneReader::open(memory_source(edited));
     const auto parts_at = [&](double t) {
       std::set<std::uint32_t> parts;

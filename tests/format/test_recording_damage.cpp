@@ -41,7 +41,7 @@ TEST_CASE("finalize drops a fragment without any intact record") {
   const auto lines = describe_damage(report, recording_metadata().time_base);
   REQUIRE(lines.size() == 1);
   CHECK(lines[0].find("(60 primitives)") != std::string::npos);
-  CHECK(lines[0].find(fmt::format(": {} bytes, shown", damaged_bytes)) != std::string::npos);
+  CHECK(lines[0].find(fmt::format(": {} bytes, needed", damaged_bytes)) != std::string::npos);
 }
 
 TEST_CASE("finalize preserves intact records, and the damaged one, of a fragment") {
@@ -126,5 +126,5 @@ TEST_CASE("content listed only by a damaged fragment is reported with its times"
   const auto lines = describe_damage(read, (*reader)->metadata().time_base);
   REQUIRE(lines.size() == 2);
   CHECK(lines[0].find("issue 313") != std::string::npos);
-  CHECK(lines[1].find("content shown 3.000 to 3.333 s is lost") != std::string::npos);
+  CHECK(lines[1].find("content needed at 3.000 to 3.333 s is lost") != std::string::npos);
 }

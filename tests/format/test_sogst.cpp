@@ -6,6 +6,7 @@
 #include "fixtures/scene_fixture.h"
 #include "fixtures/sogst_fixture.h"
 #include "fixtures/temporary_folder.h"
+#include "fixtures/truncated_archive.h"
 #include "stgs/format/interchange_formats.h"
 
 using namespace stgs;
@@ -290,15 +291,6 @@ TEST_CASE("sogst: content selects the reader of an archive") {
 }
 
 TEST_CASE("sogst: a truncated archive is rejected at every byte") {
-  const TemporaryFolder folder;
-  const std::string path = folder / "a.sogst";
-  random_sogst(3, 0, 2, 9, 1, 2).write_bundle(path);
-  std::ifstream file(path, std::ios::binary);
-  const std::string complete{std::istreambuf_iterator<char>(file), {}};
-  REQUIRE(read_sogst(path).ok());
-  for (std::size_t length = 0; length < complete.size(); ++length) {
-    std::ofstream(path, std::ios::binary | std::ios::trunc) << complete.substr(0, length);
-    const StatusCode code = read_sogst(path).status().code();
-    if (code != StatusCode::kInvalidFile) FAIL("length " << length << ": " << int(code));
-  }
+  check_truncations(random_sogst(3, 0, 2, 9, 1, 2), "a.sogst",
+                    [](const std::string& path) { return read_sogst(path).status(); });
 }

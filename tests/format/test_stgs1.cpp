@@ -127,7 +127,7 @@ TEST_CASE("notes number the parts that are omitted") {
   CHECK(has_note(notes_of("truncated_in_a_segment"), "copy or download it again"));
   CHECK(has_note(notes_of("truncated_in_a_segment"), "omitted the importance"));
   CHECK(has_note(notes_of("optional_stream"), "attribute 0x8001"));
-  CHECK(has_note(notes_of("private_numbers"), "timed data of content 200"));
+  CHECK(has_note(notes_of("private_numbers"), "further records of content 200"));
   CHECK(has_note(notes_of("private_numbers"), "record 'liGT'"));
   CHECK(notes_of("coded_degree_3").empty());
 }

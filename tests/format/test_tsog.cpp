@@ -4,6 +4,7 @@
 #include "catch.h"
 #include "fixtures/sogst_fixture.h"
 #include "fixtures/temporary_folder.h"
+#include "fixtures/truncated_archive.h"
 #include "stgs/format/timed_formats.h"
 
 using namespace stgs;
@@ -213,15 +214,6 @@ TEST_CASE("tsog: inconsistent metadata is rejected") {
 }
 
 TEST_CASE("tsog: a truncated archive is rejected at every byte") {
-  const TemporaryFolder folder;
-  const std::string path = folder / "a.tsog";
-  continuous_tsog(3, 0, 1, 9).write_bundle(path);
-  std::ifstream file(path, std::ios::binary);
-  const std::string complete{std::istreambuf_iterator<char>(file), {}};
-  REQUIRE(read_tsog(path).ok());
-  for (std::size_t length = 0; length < complete.size(); ++length) {
-    std::ofstream(path, std::ios::binary | std::ios::trunc) << complete.substr(0, length);
-    const StatusCode status = read_tsog(path).status().code();
-    if (status != StatusCode::kInvalidFile) FAIL("length " << length << ": " << int(status));
-  }
+  check_truncations(continuous_tsog(3, 0, 1, 9), "a.tsog",
+                    [](const std::string& path) { return read_tsog(path).status(); });
 }

@@ -13,17 +13,17 @@ namespace {
 void check_head(const SceneReader& reader) {
   const double frames = reader.metadata().frames;
   std::uint64_t primitives = 0;
-  std::size_t shown_segments = 0;
+  std::size_t needed_segments = 0;
   for (const SegmentInfo& segment : reader.segments()) {
     primitives += segment.primitives;
-    shown_segments += segment.is_shown() && segment.begin_ticks <= frames ? 1 : 0;
+    needed_segments += segment.is_needed() && segment.begin_ticks <= frames ? 1 : 0;
     require(segment.begin_ticks >= 0 && segment.end_ticks <= 0x1p32,
             "the times of a segment are in range");
     require(segment.offset + segment.bytes <= reader.file_bytes(), "segments lie within the file");
     require(segment.part < reader.parts().size(), "the part of a segment exists");
   }
   require(primitives <= kStgsLimits.max_primitives, "the limit on primitives holds");
-  require(reader.segments_between(0, frames).size() == shown_segments,
+  require(reader.segments_between(0, frames).size() == needed_segments,
           "segments_between returns every visible segment of the clip");
   (void)reader.segments_between(frames / 2, frames / 2);
   (void)reader.streams();

@@ -8,25 +8,20 @@
 #include <set>
 
 #include "catch.h"
-#include "catch_runner.h"
 #include "codec/attributes.h"
+#include "compute_cases.h"
 #include "decode_units.h"
 #include "fixtures/scene_fixture.h"
-#include "vulkan_compute.h"
 
 using namespace stgs;
 using namespace stgs::testing;
 using test::ComputeBuffer;
-using test::VulkanCompute;
 
 namespace {
 
 constexpr std::uint32_t kSpirv[] = {
 #include "decode.spv.inc"
 };
-constexpr int kSkipped = 77;
-
-VulkanCompute* vulkan = nullptr;
 
 void check(const Status& status) {
   INFO(status.message());
@@ -54,7 +49,8 @@ ShaderResult run_shader(std::size_t device, ShaderBuffers buffers) {
                                {bytes_of(buffers.tables), {}},
                                {{}, std::as_writable_bytes(std::span(out.q))},
                                {{}, std::as_writable_bytes(std::span(out.damage))}};
-  REQUIRE(vulkan->run(device, kSpirv, all, static_cast<std::uint32_t>(buffers.units.size())) == "");
+  REQUIRE(compute().run(device, kSpirv, all, static_cast<std::uint32_t>(buffers.units.size())) ==
+          "");
   return out;
 }
 
@@ -151,7 +147,7 @@ void check_scene(const std::vector<std::uint8_t>& bytes, Compared& compared) {
     check(set.status());
     ++compared.segments;
     for (const CodedRecord& record : segment->records) {
-      for (std::size_t device = 0; device < vulkan->devices().size(); ++device)
+      for (std::size_t device = 0; device < compute().devices().size(); ++device)
         check_record(device, *segment, record, lookups_of(record, *reader), *set, compared);
     }
   }
@@ -212,7 +208,7 @@ TEST_CASE("the shader rejects the groups that the decoder rejects, and no others
         buffers.add(other, lookups, segment->first_key);
       }
     }
-    for (std::size_t device = 0; device < vulkan->devices().size(); ++device) {
+    for (std::size_t device = 0; device < compute().devices().size(); ++device) {
       const ShaderResult found = run_shader(device, buffers);
       for (std::size_t u = 0; u < damaged.size(); ++u) {
         const bool good = !scalar_integers(damaged[u], record, lookups, segment->first_key).empty();
@@ -250,13 +246,5 @@ TEST_CASE("the shader computes with unsigned 32-bit integers alone") {
 }
 
 int main(int argc, char** argv) {
-  VulkanCompute compute;
-  if (!compute.missing().empty()) {
-    std::printf("skipped: %s\n", compute.missing().c_str());
-    return kSkipped;
-  }
-  vulkan = &compute;
-  const int failed = run_cases(argc, argv);
-  for (const std::string& message : compute.messages()) std::printf("%s\n", message.c_str());
-  return failed != 0 ? failed : static_cast<int>(!compute.messages().empty());
+  return run_compute_cases(argc, argv);
 }

@@ -3,13 +3,13 @@
 #include <cstdio>
 
 #include "catch.h"
-#include "catch_runner.h"
+#include "compute_cases.h"
 #include "math_parity_check.h"
-#include "vulkan_compute.h"
 
 using namespace stgs::test;
 using stgs::math::ParityInput;
 using stgs::math::ParityResult;
+using stgs::testing::compute;
 
 namespace {
 
@@ -18,34 +18,26 @@ constexpr std::uint32_t kSpirv[] = {
 };
 constexpr std::size_t kPrimitives = 10000;
 constexpr std::uint32_t kGroupSize = 64;
-constexpr int kSkipped = 77;
-
-VulkanCompute* vulkan = nullptr;
 
 }  // namespace
 
-TEST_CASE(
-    "format/math in GLSL matches C++ within the specified tolerances, without validation "
-    "messages") {
+TEST_CASE("format/math in GLSL matches C++ within the specified tolerances") {
   const std::vector<ParityInput> inputs = random_parity_inputs(kPrimitives, 1);
-  for (std::size_t device = 0; device < vulkan->devices().size(); ++device) {
-    INFO("device: " << vulkan->devices()[device]);
+  for (std::size_t device = 0; device < compute().devices().size(); ++device) {
+    INFO("device: " << compute().devices()[device]);
     std::vector<ParityResult> results(inputs.size());
     const ComputeBuffer buffers[] = {{std::as_bytes(std::span(inputs)), {}},
                                      {{}, std::as_writable_bytes(std::span(results))}};
-    REQUIRE(vulkan->run(device, kSpirv, buffers, (kPrimitives + kGroupSize - 1) / kGroupSize) ==
+    REQUIRE(compute().run(device, kSpirv, buffers, (kPrimitives + kGroupSize - 1) / kGroupSize) ==
             "");
     const std::vector<ParityRow> rows = compare_parity(inputs, results);
-    std::printf("GLSL on %s against C++, %zu primitives\n%s", vulkan->devices()[device].c_str(),
+    std::printf("GLSL on %s against C++, %zu primitives\n%s", compute().devices()[device].c_str(),
                 kPrimitives, parity_table(rows).c_str());
     for (const ParityRow& row : rows) {
       INFO(row.quantity << ", primitive " << row.worst_index);
       CHECK(row.worst <= 1.0);
     }
   }
-  if (!vulkan->validated())
-    std::printf("Vulkan validation layers not found; running without them\n");
-  for (const std::string& message : vulkan->messages()) FAIL_CHECK(message);
 }
 
 TEST_CASE("the parity comparison names every quantity that differs") {
@@ -63,11 +55,5 @@ TEST_CASE("the parity comparison names every quantity that differs") {
 }
 
 int main(int argc, char** argv) {
-  VulkanCompute compute;
-  if (!compute.missing().empty()) {
-    std::printf("skipped: %s\n", compute.missing().c_str());
-    return kSkipped;
-  }
-  vulkan = &compute;
-  return stgs::testing::run_cases(argc, argv);
+  return stgs::testing::run_compute_cases(argc, argv);
 }

@@ -11,6 +11,7 @@
 #include "stgs/encoder/camera_json.h"
 #include "stgs/format/camera.h"
 #include "stgs/format/scene_file.h"
+#include "stgs/format/text.h"
 
 namespace stgs::tools {
 namespace {
@@ -22,11 +23,11 @@ Result<std::string> read_text(const std::string& path) {
   }
   std::error_code none;
   if (std::filesystem::is_directory(path, none)) {
-    return io_error("{}: cannot open camera file: this is a folder", path);
+    return io_error("{}: cannot open camera file: this is a folder; name a file in it", path);
   }
   errno = 0;
   std::ifstream file(path);
-  if (!file) return io_error("{}: cannot open camera file: {}", path, system_message(errno));
+  if (!file) return io_error("{}: cannot open camera file: {}", path, file_problem(errno));
   return std::string(std::istreambuf_iterator<char>(file), {});
 }
 

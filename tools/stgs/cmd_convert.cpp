@@ -217,7 +217,9 @@ class Convert final : public Command {
             "or .tsog model",
             input_);
       }
-      STGS_ASSIGN(const std::unique_ptr<SceneReader> reader, open_scene(session, input_));
+      auto opened = open_scene(session, input_);
+      if (!opened.ok()) return with_readable_formats(opened.status());
+      const std::unique_ptr<SceneReader> reader = std::move(*opened);
       if (work.to == nullptr && reader->profile() != Profile::kLossless) {
         work.report.notes.push_back("the input was packed before: its quantisation errors remain");
       }
@@ -241,6 +243,11 @@ class Convert final : public Command {
                          input_, metadata.time_base.seconds(metadata.frames), work.to->name);
     }
     work.seconds = seconds_.value_or(0.0);
+    const double end = metadata.time_base.seconds(metadata.frames);
+    if (!(*work.seconds >= 0.0 && *work.seconds <= end)) {
+      return usage_error("--time {} is out of range; {} lasts from 0 to {:.6g} s", *work.seconds,
+                         input_, end);
+    }
     const bool is_static = !moves_or_fades(work.scene);
     const double ticks = metadata.time_base.ticks(*work.seconds);
     STGS_ASSIGN(Gaussians4D set, snapshot_at(work.scene, ticks));

@@ -14,11 +14,11 @@ class Info final : public Command {
             "for any file size.\n"
             "Prints five lines per file: format and size; duration, frame rate "
             "and mean bit rate;\n"
-            "primitives; segments and decoder level; start camera and bounds. "
-            "Metadata and damage\n"
-            "follow if there are any. --segments adds tables of the bytes by "
-            "segment, layer and\n"
-            "attribute. --lifespans reads the entire file and prints the "
+            "primitives; segments, tiers and decoder level; start camera and "
+            "bounds. Metadata and\n"
+            "damage follow if there are any. --segments adds tables of the "
+            "bytes by tier of a\n"
+            "segment, layer and attribute. --lifespans reads the entire file and prints the "
             "lifespans (the time with\n"
             "O l(t) >= 1/255), the speeds, and the static primitives: visible "
             "in every frame and\n"
@@ -38,7 +38,8 @@ class Info final : public Command {
   void declare(Arguments& app) override {
     app.add_option("FILE", locations_, "The .stgs files: paths, URLs, or - for standard input")
         ->required();
-    app.add_flag("--segments", segments_, "Print tables of segments, layers and streams");
+    app.add_flag("--segments", segments_,
+                 "Print tables of the tiers of segments, layers and streams");
     app.add_flag("--lifespans", lifespans_,
                  "Print lifespans, speeds and the share of static primitives");
   }

@@ -18,7 +18,8 @@ void warn_of_damage(Session& session, const player::Timeline& timeline);
 void warn_of_damage(Session& session, const std::string& file, const DamageReport& damage,
                     const TimeBase& time_base);
 
-// Returns the number of damaged segments as {"segments", "sh"}: skipped, and without SH only.
+// Returns the number of damaged tiers of segments as {"segments", "sh"}: skipped, and without SH
+// only.
 Json damage_json(const player::Timeline& timeline);
 Json damage_json(const DamageReport& damage);
 

@@ -12,11 +12,11 @@ void warn_of_damage(Session& session, const std::string& file, const DamageCount
   if (damage.skipped + damage.without_sh == 0) return;
   std::string text;
   if (damage.skipped > 0) {
-    text = fmt::format("skipped {}", plural(damage.skipped, "damaged segment"));
+    text = fmt::format("skipped {} of segments", plural(damage.skipped, "damaged tier"));
   }
   if (damage.without_sh > 0) {
-    text += fmt::format("{}rendered {} without SH", text.empty() ? "" : ", ",
-                        plural(damage.without_sh, "segment"));
+    text += fmt::format("{}rendered {} of segments without SH", text.empty() ? "" : ", ",
+                        plural(damage.without_sh, "tier"));
   }
   session.log(1, fmt::format("{}: {}; first: {}", file, text, damage.first));
 }

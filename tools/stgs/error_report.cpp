@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "error_report.h"
 
+#include <algorithm>
 #include <charconv>
 #include <optional>
 #include <string_view>
@@ -110,6 +111,31 @@ Json error_json(const Status& status, const std::vector<std::string>& arguments)
             {"path", path_json(message, arguments)},
             {"issue", place ? Json(place->issue) : Json(nullptr)},
             {"offset", place ? Json(place->offset) : Json(nullptr)}}}};
+}
+
+Status with_advice(const Status& status, const std::string& advice) {
+  std::string message = status.message();
+  const std::size_t place = place_in(message) ? message.rfind(" (byte ") : std::string::npos;
+  message.insert(std::min(place, message.size()), "; " + advice);
+  return {status.code(), std::move(message)};
+}
+
+bool has_issue(const Status& status, std::uint64_t issue) {
+  const std::optional<Place> place = place_in(status.message());
+  return place && place->issue == issue;
+}
+
+Status with_memory_option(const Status& status) {
+  constexpr std::uint64_t kMemoryLimit = 308;  // spec/conformance.md, 2
+  constexpr const char* kAdvice = "use a larger --memory";
+  // The advice of the libraries, to programs.
+  for (const std::string_view advice : {"allow more memory", "raise memory_budget"}) {
+    std::string message = status.message();
+    const std::size_t at = message.find(advice);
+    if (at == std::string::npos) continue;
+    return {status.code(), message.replace(at, advice.size(), kAdvice)};
+  }
+  return has_issue(status, kMemoryLimit) ? with_advice(status, kAdvice) : status;
 }
 
 bool wants_json(const std::vector<std::string>& arguments) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "import_options.h"
 
+#include "error_report.h"
 #include "options.h"
 
 namespace stgs::tools {
@@ -110,6 +111,18 @@ Json import_json(const ImportReport& report) {
   return {{"sequence", report.sequence ? to_json(*report.sequence) : Json(nullptr)},
           {"splatv", report.splatv ? to_json(*report.splatv) : Json(nullptr)},
           {"curves", report.curves ? to_json(*report.curves) : Json(nullptr)}};
+}
+
+Status with_readable_formats(const Status& status) {
+  constexpr std::uint64_t kTooShort = 101, kNoMagic = 102;  // spec/conformance.md, 2
+  if (!has_issue(status, kTooShort) && !has_issue(status, kNoMagic)) return status;
+  std::string text = "convert reads STGS";
+  for (const InterchangeFormat& format : interchange_formats()) {
+    // One that is read without an extension is STGS of version 1.
+    if (format.read_path != nullptr || (format.read != nullptr && *format.extension != '\0'))
+      text += fmt::format(", {}", format.name);
+  }
+  return with_advice(status, text);
 }
 
 std::string import_text(const ImportReport& report) {

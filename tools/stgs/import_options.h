@@ -24,6 +24,10 @@ class ImportOptions {
   std::optional<std::uint32_t> frames_;
 };
 
+// Names the formats that can be read in the error of a file that is not an .stgs file. Returns
+// other errors as they are.
+Status with_readable_formats(const Status& status);
+
 // Returns the JSON fields "sequence", "splatv" and "curves"; null for other formats.
 Json import_json(const ImportReport& report);
 // Returns the same as lines of text; "" for other formats.

@@ -132,12 +132,13 @@ std::vector<std::string> with_config_first(int argc, char** argv) {
   return config;
 }
 
-int run_verb(Command& command, Session& session) {
+int run_verb(const Verb& verb, Session& session) {
   install_signal_handlers();
   set_up_opencv(session.options);
   Status status = session.start();
-  if (status.ok()) status = command.run(session);
-  return session.conclude(status);
+  if (status.ok()) status = verb.command->run(session);
+  const bool has_memory_option = verb.app->get_option_no_throw("--memory") != nullptr;
+  return session.conclude(has_memory_option ? with_memory_option(status) : status);
 }
 
 }  // namespace
@@ -178,7 +179,7 @@ int run_program(int argc, char** argv) {
   for (const Verb& verb : verbs) {
     if (!verb.app->parsed()) continue;
     const std::string empty = empty_value_message(*verb.app);
-    return empty.empty() ? run_verb(*verb.command, session) : usage(session, empty);
+    return empty.empty() ? run_verb(verb, session) : usage(session, empty);
   }
   fmt::print(stderr, "{}", app.help());
   return usage(session, "no verb is given");

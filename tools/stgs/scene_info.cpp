@@ -22,6 +22,12 @@ bool SceneInfo::has_up() const {
   return std::any_of(scene.up, scene.up + 3, [](float v) { return v != 0.0f; });
 }
 
+std::size_t SceneInfo::count_segments() const {
+  return static_cast<std::size_t>(
+      std::count_if(segments.begin(), segments.end(),
+                    [](const stgs_segment& segment) { return segment.tier == 0; }));
+}
+
 std::vector<SceneLayer> SceneInfo::layers() const {
   std::vector<SceneLayer> primitives, sh;
   for (const stgs_segment& segment : segments) {

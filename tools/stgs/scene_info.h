@@ -28,7 +28,7 @@ struct SceneInfo {
   std::vector<stgs_issue> issues;
   std::vector<stgs_lost_fragment> lost_fragments;
   std::vector<stgs_part> parts;
-  std::vector<stgs_segment> segments;
+  std::vector<stgs_segment> segments;  // their tiers; those of a segment begin with tier 0
   std::vector<stgs_stream> streams;
 
   // Duration of a frame, seconds.
@@ -36,6 +36,7 @@ struct SceneInfo {
     return 1.0 * scene.time_base_numerator / scene.time_base_denominator;
   }
   bool has_up() const;
+  std::size_t count_segments() const;
   // Returns the layers in the order of fetch priority.
   std::vector<SceneLayer> layers() const;
   // Returns the mean bit rate in kbit/s; none for a file of a single frame.
@@ -54,7 +55,7 @@ Json statistics_json(const stgs_scene_statistics& statistics);
 
 // Returns five lines about the scene, followed by one line for each optional field and for damage.
 std::string info_text(const SceneInfo& info);
-// Returns the decoder requirements and the tables of parts, segments, layers and streams.
+// Returns the decoder requirements and the tables of parts, tiers of segments, layers and streams.
 std::string tables_text(const SceneInfo& info);
 std::string statistics_text(const stgs_scene_statistics& statistics);
 

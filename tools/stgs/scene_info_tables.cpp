@@ -21,14 +21,14 @@ std::string omitted_rows(std::size_t rows, const char* noun) {
 
 std::string segment_table(const SceneInfo& info) {
   std::string out =
-      "\n  segment  level       tier      from s        to s  primitives       bytes    SH bytes\n";
+      "\n   number  level       tier      from s        to s  primitives       bytes    SH bytes\n";
   for (std::size_t i = 0; i < std::min(info.segments.size(), kMaxRows); ++i) {
     const stgs_segment& s = info.segments[i];
     out += fmt::format("  {:>7}  {:>10}  {:>4}  {:>10.3f}  {:>10.3f}  {:>10}  {:>10}  {:>10}\n", i,
                        s.level < 0 ? std::string("persistent") : std::to_string(s.level), s.tier,
                        s.begin_seconds, s.end_seconds, s.primitives, s.bytes, s.sh_bytes);
   }
-  return out + omitted_rows(info.segments.size(), "segments");
+  return out + omitted_rows(info.segments.size(), "tiers of segments");
 }
 
 double percent(std::uint64_t part, std::uint64_t total) {

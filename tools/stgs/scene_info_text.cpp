@@ -33,7 +33,7 @@ std::string summary(const SceneInfo& info) {
       info.name, m.format_major, m.format_minor, info.profile, size, m.duration_seconds,
       plural(m.frames, "frame"), 1.0 / info.frame_seconds(),
       kbps ? fmt::format(", {:.0f} kbit/s", *kbps) : "", m.primitives, m.sh_degree,
-      info.bytes_per_primitive(), info.segments.size(), plural(info.contents.tiers, "tier"),
+      info.bytes_per_primitive(), info.count_segments(), plural(info.contents.tiers, "tier"),
       human_bytes(info.contents.head_bytes), level_text(info.decoder), camera, m.bounds_min[0],
       m.bounds_min[1], m.bounds_min[2], m.bounds_max[0], m.bounds_max[1], m.bounds_max[2]);
 }
@@ -76,9 +76,10 @@ std::string truncation_text(const SceneInfo& info) {
     without_sh += available && !sh_available ? 1 : 0;
   }
   return fmt::format(
-      "  truncated        {} missing; {} of {} complete, {} without SH; complete up to {:.3f} s\n",
-      plural(info.contents.missing_bytes, "byte"), complete,
-      plural(info.segments.size(), "segment"), without_sh, info.scene.complete_seconds);
+      "  truncated        {} missing; {} of {} of segments complete, {} without SH; complete up to "
+      "{:.3f} s\n",
+      plural(info.contents.missing_bytes, "byte"), complete, plural(info.segments.size(), "tier"),
+      without_sh, info.scene.complete_seconds);
 }
 
 std::string recording_text(const SceneInfo& info) {

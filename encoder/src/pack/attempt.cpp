@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "stgs/format/coded_segment.h"
 #include "stgs/format/differences.h"
 
 namespace stgs::encoder {
@@ -97,7 +98,7 @@ Status unreachable_error(const Scene& scene, const PackSettings& settings,
                         std::hypot(double{u[0]}, double{u[1]}, double{u[2]}))
           : fmt::format("because primitive {} is at ({:g}, {:g}, {:g}) and positions have {} bits",
                         worst.primitive, worst.position.x, worst.position.y, worst.position.z,
-                        settings.profile == Profile::kNearLossless ? 24 : 21);
+                        position_bits(settings.profile == Profile::kNearLossless));
   return unsupported(
       "--max-error {:g} cannot be met: the smallest possible error is {:.3g} thousandths of a "
       "scene "

@@ -23,7 +23,7 @@ struct RenderBuffers {
   RasterOutput output;
 };
 
-// Renders the scene at t: the primitives of the parts that are shown at this time.
+// Renders the scene at t: the primitives of the parts that are displayed at this time.
 void render_scene(const Scene& scene, double t, const math::PinholeCamera& camera,
                   RenderBuffers& buffers) {
   RasterSettings settings;

@@ -172,19 +172,13 @@ bool RecordDecoder::find_members(DecodedRows& rows) {
   if (row == layout_.streams.end()) return true;
   const auto number = static_cast<std::size_t>(row - layout_.streams.begin());
   const std::vector<Plane>& planes = rows.planes[number - rows.first];
-  for (std::size_t k = 0; k < kShBands; ++k) rows.members[k].reserve(record_.sh[k]);
-  for (std::uint32_t i = 0; i < n_; ++i) {
-    std::uint32_t degree = 0;
-    int shift = 0;
-    for (std::size_t d = 0; d < planes.size(); shift += row->digit_bits[d++])
-      degree |= std::uint32_t{planes[d].symbols ? planes[d].symbols[i] : planes[d].only} << shift;
-    if (degree > static_cast<std::uint32_t>(sh_degree_)) {
-      findings_.error(N::kStreamValue, record_.payload_at,
-                      "segment {}: SH degree {} in a scene of degree {}", ordinal_, degree,
-                      sh_degree_);
-      return false;
-    }
-    for (std::uint32_t k = 0; k < degree; ++k) rows.members[k].push_back(i);
+  const auto excess = stgs::find_members(*row, planes, n_, static_cast<std::uint32_t>(sh_degree_),
+                                         record_.sh, rows.members);
+  if (excess) {
+    findings_.error(N::kStreamValue, record_.payload_at,
+                    "segment {}: SH degree {} in a scene of degree {}", ordinal_, *excess,
+                    sh_degree_);
+    return false;
   }
   for (std::size_t k = 0; k < kShBands; ++k) {
     if (rows.members[k].size() == record_.sh[k]) continue;

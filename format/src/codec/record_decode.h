@@ -2,7 +2,6 @@
 // Decoding the units of a record to planes (spec 6.5, 7).
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -10,13 +9,11 @@
 #include <vector>
 
 #include "codec/rans.h"
+#include "codec/sh_members.h"
 #include "codec/stream.h"
 #include "container/segment.h"
 
 namespace stgs {
-
-// The primitives with an SH degree of at least 1, 2 and 3.
-using ShMembers = std::array<std::vector<std::uint32_t>, kShBands>;
 
 // Decoded rows of a layout.
 struct DecodedRows {

@@ -23,11 +23,6 @@ enum class Coder : std::uint8_t {
   kDraco = 2,  // a Draco point cloud of the positions
 };
 
-// Bits of a position in steps, per axis: what Draco codes, and what a near-lossless file may have.
-inline constexpr int kPositionBits = 21, kFinePositionBits = kKeyBits + kMaxLowBits;
-constexpr int position_bits(bool near_lossless) {
-  return near_lossless ? kFinePositionBits : kPositionBits;
-}
 // A stream of a layout (spec 6.2). Unknown streams have the attribute, mapping, prediction and
 // coder only.
 struct StreamRow {

@@ -141,39 +141,62 @@ bool check_row(const StreamRow& row, std::uint64_t offset, Findings& findings) {
   return false;
 }
 
-MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& context,
-                      std::size_t n, Gaussians4D& set) {
-  const std::size_t chunks = (n + kMapGrain - 1) / kMapGrain;
-  // For each chunk, the sums of all differences before it.
-  std::vector<Carries> carries(chunks * tasks.size(), Carries{});
-  const auto is_sum = [&](std::size_t t) {
-    return static_cast<Prediction>(tasks[t].row->prediction) >= Prediction::kDelta;
-  };
-  const auto size_of_task = [&](std::size_t t) {
-    return tasks[t].members.empty() ? n : tasks[t].members.size();
-  };
+namespace {
+
+// Returns the values of a component of a task for n primitives.
+std::size_t values_of(const StreamTask& task, std::size_t n) {
+  return task.members.empty() ? n : task.members.size();
+}
+
+// Returns the carries before each chunk of n primitives, by task: the sums of all differences
+// before it.
+std::vector<Carries> carries_of(std::span<const StreamTask> tasks, std::uint32_t first_key,
+                                std::size_t chunks, std::size_t n) {
+  std::vector<Carries> out(chunks * tasks.size(), Carries{});
   parallel_for(std::size_t{0}, (chunks - 1) * tasks.size(), [&](std::size_t job) {
-    const std::size_t chunk = job / tasks.size(), t = job % tasks.size();
-    if (!is_sum(t)) return;
-    sum_task(tasks[t], chunk * kMapGrain, std::min(size_of_task(t), (chunk + 1) * kMapGrain),
-             carries[job + tasks.size()].data());
+    const std::size_t chunk = job / tasks.size();
+    const StreamTask& task = tasks[job % tasks.size()];
+    if (static_cast<Prediction>(task.row->prediction) < Prediction::kDelta) return;
+    sum_task(task, chunk * kMapGrain, std::min(values_of(task, n), (chunk + 1) * kMapGrain),
+             out[job + tasks.size()].data());
   });
   for (std::size_t t = 0; t < tasks.size(); ++t) {
     const auto prediction = static_cast<Prediction>(tasks[t].row->prediction);
-    if (prediction == Prediction::kMorton) carries[t][0] = context.first_key;
-    for (std::size_t k = t + tasks.size(); k < carries.size(); k += tasks.size()) {
-      for (std::size_t c = 0; c < kMaxComponents; ++c)
-        carries[k][c] += carries[k - tasks.size()][c];
+    if (prediction == Prediction::kMorton) out[t][0] = first_key;
+    for (std::size_t k = t + tasks.size(); k < out.size(); k += tasks.size()) {
+      for (std::size_t c = 0; c < kMaxComponents; ++c) out[k][c] += out[k - tasks.size()][c];
     }
   }
-  std::uint32_t floats = 0, attributes = 0;
+  return out;
+}
+
+// Sets of attributes, by attribute_bit().
+struct MappedAttributes {
+  std::uint32_t all = 0;     // of the tasks
+  std::uint32_t floats = 0;  // those with the mapping kFloat
+  // Of `floats`, SH above degree 0, whose runs are of other primitives.
+  std::uint32_t floats_of_sh() const { return floats & ~(attribute_bit(Attribute::kShDegree) - 1); }
+};
+
+MappedAttributes mapped_attributes(std::span<const StreamTask> tasks) {
+  MappedAttributes out;
   for (const StreamTask& task : tasks) {
     const std::uint32_t bit = attribute_bit(static_cast<Attribute>(task.row->attribute));
-    attributes |= bit;
-    if (static_cast<Mapping>(task.row->mapping) == Mapping::kFloat) floats |= bit;
+    out.all |= bit;
+    if (static_cast<Mapping>(task.row->mapping) == Mapping::kFloat) out.floats |= bit;
   }
-  // Runs of SH above degree 0 are of other primitives.
-  const std::uint32_t sh = floats & ~(attribute_bit(Attribute::kShDegree) - 1);
+  return out;
+}
+
+}  // namespace
+
+MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& context,
+                      std::size_t n, Gaussians4D& set) {
+  const std::size_t chunks = (n + kMapGrain - 1) / kMapGrain;
+  std::vector<Carries> carries = carries_of(tasks, context.first_key, chunks, n);
+  const MappedAttributes attributes = mapped_attributes(tasks);
+  const std::uint32_t sh = attributes.floats_of_sh();
+  // By chunk: a flag for each task that is out of range, and one if it is not renderable.
   std::vector<std::uint8_t> bad(chunks * (tasks.size() + 1), 0);
   const auto map_chunk = [&](std::size_t chunk) {
     const std::size_t end = std::min(n, (chunk + 1) * kMapGrain);
@@ -181,12 +204,13 @@ MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& c
     MapRun run;
     for (std::size_t first = chunk * kMapGrain; first < end; first += kMapRun) {
       for (std::size_t t = 0; t < tasks.size(); ++t) {
-        const std::size_t last = std::min({end, first + kMapRun, size_of_task(t)});
+        const std::size_t last = std::min({end, first + kMapRun, values_of(tasks[t], n)});
         std::uint32_t* const carry = carries[chunk * tasks.size() + t].data();
         if (first < last && !map_task(tasks[t], context, first, last, carry, run, set))
           found[t] = 1;
       }
-      if (!all_renderable(set, attributes, floats & ~sh, first, std::min(end, first + kMapRun)))
+      if (!all_renderable(set, attributes.all, attributes.floats & ~sh, first,
+                          std::min(end, first + kMapRun)))
         found[tasks.size()] = 1;
     }
   };

@@ -86,10 +86,10 @@ std::vector<BodyPlan::Item> BodyPlan::items_of(std::uint32_t frames) const {
   std::vector<Item> out;
   for (auto& [key, item] : items) {
     item.bytes += 4 + varint_bytes(item.tiers.size());
-    const TickRange shown = shown_of(item.place(), parts_[item.part]);
+    const TickRange needed = needed_of(item.place(), parts_[item.part]);
     const double end = frames;
-    item.needed.begin = std::clamp(shown.begin, 0.0, end);
-    item.needed.end = std::clamp(shown.end, item.needed.begin, end);
+    item.needed.begin = std::clamp(needed.begin, 0.0, end);
+    item.needed.end = std::clamp(needed.end, item.needed.begin, end);
     out.push_back(std::move(item));
   }
   return out;

@@ -123,8 +123,8 @@ struct FileHead {
 
 // Returns the interval of a segment, ticks from the beginning of its part (spec 5.4).
 TickRange interval_of(const FileHead& head, const IndexEntry& entry, std::uint32_t part);
-// Returns the times of the timeline at which a segment is shown; begin >= end: never.
-TickRange shown_of(const FileHead& head, const SegmentEntry& segment);
+// Returns the times of the timeline at which a segment is needed; begin >= end: never.
+TickRange needed_of(const FileHead& head, const SegmentEntry& segment);
 
 // Writing.
 

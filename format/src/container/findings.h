@@ -57,7 +57,7 @@ enum class IssueNumber : int {
   kImportance = 312,          // IMPO of the wrong size or with an invalid value
   kFragment = 313,            // unusable fragment of a growing file
   kIncompleteTail = 314,      // warning: bytes after the last complete fragment
-  kTimedData = 315,           // truncated, or with times outside its segment
+  kFurtherRecord = 315,       // truncated, or with times outside its segment
   kLink = 316,                // invalid link of a node, or too many that follow each other
   kPage = 317,                // a link leads to no PAGE record of its length
   kPlace = 318,               // two segments of one place, or with overlapping records

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Further records: timed data of a private content (spec 5.7).
+// Further records of a private content (spec 5.7).
 #include "container/segment.h"
 #include "core/bytes.h"
 #include "stgs/format/text.h"
@@ -71,8 +71,8 @@ bool read_further(const ByteSource& source, const FileHead& head, const FurtherE
   if (!in.ok() || !is_utf8(out.type) || !(interval.begin <= out.times.begin) ||
       !(out.times.begin <= out.times.end) || !(out.times.end <= interval.end)) {
     findings.error(
-        N::kTimedData, entry.offset,
-        "timed data is truncated, of an invalid type or outside its segment (ticks {} to "
+        N::kFurtherRecord, entry.offset,
+        "further record is truncated, of an invalid type or outside its segment (ticks {} to "
         "{}, segment {} to {})",
         out.times.begin, out.times.end, interval.begin, interval.end);
     return false;

@@ -105,6 +105,65 @@ bool parse_growing_sizes(std::uint64_t source_bytes, const FileHeader& header, F
   return false;
 }
 
+bool parse_finished_sizes(std::uint64_t source_bytes, const FileHeader& header,
+                          Findings& findings) {
+  if (header.file_bytes < source_bytes) {
+    findings.damage(N::kFileSize, 16,
+                    "extra bytes after the end of the file (expected {} bytes, got {}); copy or "
+                    "download it again",
+                    header.file_bytes, source_bytes);
+  }
+  if (header.head_bytes < kHeaderBytes || header.head_bytes > header.file_bytes) {
+    findings.error(N::kHeadSize, 24, "invalid head size ({} bytes in a file of {} bytes)",
+                   header.head_bytes, header.file_bytes);
+    return false;
+  }
+  if (header.head_bytes <= source_bytes) return true;
+  findings.error(N::kFileSize, 16,
+                 "the file is truncated within its head (expected {} bytes, got {}); copy or "
+                 "download it again",
+                 header.file_bytes, source_bytes);
+  return false;
+}
+
+// Checks that these are at least as many bytes as a header, and begin with the magic number.
+bool check_magic(std::span<const std::uint8_t> bytes, Findings& findings) {
+  if (bytes.size() < kHeaderBytes) {
+    const std::string content = describe_foreign_content(bytes);
+    findings.error(
+        N::kTooShort, 0, "too short for an .stgs file (expected at least {} bytes, got {}); {}",
+        kHeaderBytes, bytes.size(), content.empty() ? "copy or download it again" : content);
+    return false;
+  }
+  if (std::equal(kMagic.begin(), kMagic.end(), bytes.begin())) return true;
+  const bool text_damage = std::equal(kMagic.begin(), kMagic.begin() + 4, bytes.begin());
+  if (text_damage) {
+    findings.error(N::kMagic, 0, "damaged by a text-mode transfer; copy the file in binary mode");
+  } else {
+    const std::string content = describe_foreign_content(bytes);
+    findings.error(N::kMagic, 0, "not an .stgs file; {}",
+                   content.empty() ? "its content is unknown; check the name" : content);
+  }
+  return false;
+}
+
+// Checks version and flags of an intact header.
+bool check_version(const FileHeader& header, Findings& findings) {
+  if (header.major != kFormatMajor) {
+    const bool early = header.major == 0;
+    findings.unsupported(
+        N::kVersion, 8, "unsupported format version (expected {}.x, got {}{}.{}); {}", kFormatMajor,
+        early ? "the pre-release version " : "", header.major, header.minor,
+        early ? "create the file again with 'stgs train', 'pack' or 'convert'"
+              : "use a later version of this program");
+    return false;
+  }
+  if ((header.flags & kCriticalHeaderFlags & ~kGrowing) == 0) return true;
+  findings.unsupported(N::kHeaderFlags, 12, "file header has unknown critical flags {:#x}",
+                       header.flags & kCriticalHeaderFlags);
+  return false;
+}
+
 // Returns whether a file begins as one of format 1.x does, whose header has another checksum.
 bool is_format_1(std::span<const std::uint8_t> bytes) {
   return bytes.size() >= kHeaderBytes && std::equal(kMagic.begin(), kMagic.end(), bytes.begin()) &&
@@ -130,23 +189,7 @@ std::optional<FileHeader> intact_header(std::span<const std::uint8_t> bytes) {
 
 bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_bytes,
                   FileHeader& header, Findings& findings) {
-  if (bytes.size() < kHeaderBytes) {
-    findings.error(N::kTooShort, 0,
-                   "too short for an .stgs file (expected at least {} bytes, got {})", kHeaderBytes,
-                   bytes.size());
-    return false;
-  }
-  if (!std::equal(kMagic.begin(), kMagic.end(), bytes.begin())) {
-    const bool text_damage = std::equal(kMagic.begin(), kMagic.begin() + 4, bytes.begin());
-    if (text_damage) {
-      findings.error(N::kMagic, 0, "damaged by a text-mode transfer; copy the file in binary mode");
-    } else {
-      const std::string content = describe_foreign_content(bytes);
-      findings.error(N::kMagic, 0, "not an .stgs file{}{}", content.empty() ? "" : "; ", content);
-    }
-    return false;
-  }
-  const std::optional<FileHeader> fields = intact_header(bytes);
+  if (!check_magic(bytes, findings)) return false;
   if (is_format_1(bytes)) {
     findings.unsupported(N::kVersion, 8,
                          "unsupported format version (expected {}.x, got 1.x); use 'stgs convert' "
@@ -154,43 +197,15 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
                          kFormatMajor);
     return false;
   }
+  const std::optional<FileHeader> fields = intact_header(bytes);
   if (!fields) {
     findings.error(N::kHeaderChecksum, 28, "file header is damaged (checksum mismatch)");
     return false;
   }
   header = *fields;
-  if (header.major != kFormatMajor) {
-    const bool early = header.major == 0;
-    findings.unsupported(
-        N::kVersion, 8, "unsupported format version (expected {}.x, got {}{}.{}); {}", kFormatMajor,
-        early ? "the pre-release version " : "", header.major, header.minor,
-        early ? "create the file again with 'stgs train', 'pack' or 'convert'"
-              : "use a later version of this program");
-    return false;
-  }
-  if ((header.flags & kCriticalHeaderFlags & ~kGrowing) != 0) {
-    findings.unsupported(N::kHeaderFlags, 12, "file header has unknown critical flags {:#x}",
-                         header.flags & kCriticalHeaderFlags);
-    return false;
-  }
-  if ((header.flags & kGrowing) != 0) return parse_growing_sizes(source_bytes, header, findings);
-  if (header.file_bytes < source_bytes) {
-    findings.damage(N::kFileSize, 16,
-                    "extra bytes after the end of the file (expected {} bytes, got {}); copy or "
-                    "download it again",
-                    header.file_bytes, source_bytes);
-  }
-  if (header.head_bytes < kHeaderBytes || header.head_bytes > header.file_bytes) {
-    findings.error(N::kHeadSize, 24, "invalid head size ({} bytes in a file of {} bytes)",
-                   header.head_bytes, header.file_bytes);
-    return false;
-  }
-  if (header.head_bytes <= source_bytes) return true;
-  findings.error(N::kFileSize, 16,
-                 "the file is truncated within its head (expected {} bytes, got {}); copy or "
-                 "download it again",
-                 header.file_bytes, source_bytes);
-  return false;
+  if (!check_version(header, findings)) return false;
+  return (header.flags & kGrowing) != 0 ? parse_growing_sizes(source_bytes, header, findings)
+                                        : parse_finished_sizes(source_bytes, header, findings);
 }
 
 bool parse_record_header(std::span<const std::uint8_t> bytes, std::uint64_t offset,
@@ -275,7 +290,7 @@ void report_truncation(const FileHead& head, Findings& findings) {
   }
   findings.damage(
       N::kFileSize, 16,
-      "the file is truncated (expected {} bytes, got {}): {} of {} segments missing, {} "
+      "the file is truncated (expected {} bytes, got {}): {} of {} tiers of segments missing, {} "
       "without their SH; copy or download it again",
       head.header.file_bytes, head.available_bytes, missing, segments.size(), without_sh);
 }

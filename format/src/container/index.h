@@ -59,11 +59,11 @@ struct FurtherEntry {
 struct PartEntry {
   std::uint32_t number = 0;   // identifies it in the file
   double begin = 0, end = 0;  // ticks
-  TickRange shown;            // the times at which it is displayed
+  TickRange displayed;        // the times at which it is displayed
   double chunk_ticks = 0;
   bool operator<(const PartEntry& other) const {
     const auto key = [](const PartEntry& p) {
-      return std::tie(p.number, p.begin, p.end, p.shown.begin, p.shown.end, p.chunk_ticks);
+      return std::tie(p.number, p.begin, p.end, p.displayed.begin, p.displayed.end, p.chunk_ticks);
     };
     return key(*this) < key(other);
   }
@@ -127,7 +127,7 @@ struct IndexWalk {
   // What a node states, for the validator.
   struct Node {
     std::vector<NodeLink> links;
-    TickRange needed;  // closed: times at which its own segments are shown; begin > end: never
+    TickRange needed;  // closed: times at which its own segments are needed; begin > end: never
   };
   struct Lost {
     std::uint64_t record = 0;  // offset of a record that a link leads to
@@ -163,15 +163,15 @@ bool is_valid_part(const PartEntry& part);
 double begin_of(int level, std::uint32_t slot, double chunk_ticks);
 // Returns the interval of a segment, from the beginning of its part, which lasts `length`.
 TickRange interval_of(int level, std::uint32_t slot, double chunk_ticks, double length);
-// Returns the times of the timeline at which a segment is shown; begin >= end: never.
-TickRange shown_of(const IndexEntry& entry, const PartEntry& part);
+// Returns the times of the timeline at which a segment is needed; begin >= end: never.
+TickRange needed_of(const IndexEntry& entry, const PartEntry& part);
 
 // As above for an interval that counts from the beginning of a part with this range and cut.
-TickRange shown_of(const TickRange& interval, const TickRange& part,
-                   const std::optional<TickRange>& cut);
-// Returns whether the end of `shown`, the result of shown_of() for a segment of `part`, is one of
-// the times at which the segment is shown.
-bool is_end_shown(const TickRange& shown, const PartEntry& part, double frames);
+TickRange needed_of(const TickRange& interval, const TickRange& part,
+                    const std::optional<TickRange>& cut);
+// Returns whether the end of `needed`, the result of needed_of() for a segment of `part`, is one of
+// the times at which the segment is needed.
+bool is_end_needed(const TickRange& needed, const PartEntry& part, double frames);
 // Times of the timeline at which a segment is needed (spec 5.4).
 struct NeededTimes {
   TickRange range;

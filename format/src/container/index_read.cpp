@@ -91,8 +91,8 @@ class NodeReader {
     PartEntry& part = run.part;
     part.begin = in_.f64();
     part.end = in_.f64();
-    part.shown.begin = in_.f64();
-    part.shown.end = in_.f64();
+    part.displayed.begin = in_.f64();
+    part.displayed.end = in_.f64();
     part.chunk_ticks = in_.f64();
     at_ = in_.varint();
     const std::uint64_t segments = in_.varint();
@@ -108,9 +108,10 @@ class NodeReader {
       return false;
     }
     if (!is_valid_part(part)) {
-      findings_.error(N::kParts, at,
-                      "index: part {} has an invalid range (ticks {} to {}, shown from {} to {})",
-                      number, part.begin, part.end, part.shown.begin, part.shown.end);
+      findings_.error(
+          N::kParts, at,
+          "index: part {} has an invalid range (ticks {} to {}, displayed from {} to {})", number,
+          part.begin, part.end, part.displayed.begin, part.displayed.end);
       return false;
     }
     part.number = static_cast<std::uint32_t>(number);

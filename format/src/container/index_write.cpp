@@ -96,8 +96,8 @@ void write_node(const IndexNode& node, ByteWriter& out) {
   out.varint(node.runs.size());
   for (const IndexRun& run : node.runs) {
     out.varint(run.part.number);
-    for (const double v : {run.part.begin, run.part.end, run.part.shown.begin, run.part.shown.end,
-                           run.part.chunk_ticks}) {
+    for (const double v : {run.part.begin, run.part.end, run.part.displayed.begin,
+                           run.part.displayed.end, run.part.chunk_ticks}) {
       out.f64(v);
     }
     out.varint(first_offset(run));

@@ -26,7 +26,7 @@ bool is_valid_time(double ticks) {
 }
 
 bool is_valid_part(const PartEntry& part) {
-  const auto [from, to] = part.shown;
+  const auto [from, to] = part.displayed;
   return is_valid_time(part.begin) && is_valid_time(part.end) && is_valid_time(from) &&
          is_valid_time(to) && part.begin < part.end && part.end - part.begin <= kMaxChunk &&
          0.0 <= from && part.begin <= from && from < to && to <= part.end;
@@ -43,24 +43,24 @@ TickRange interval_of(const FileHead& head, const IndexEntry& entry, std::uint32
                      head.parts[part].end - head.parts[part].begin);
 }
 
-TickRange shown_of(const TickRange& interval, const TickRange& part,
-                   const std::optional<TickRange>& cut) {
-  const TickRange shown = cut.value_or(TickRange{std::max(part.begin, 0.0), part.end});
-  return {std::max(part.begin + interval.begin, shown.begin),
-          std::min(part.begin + interval.end, shown.end)};
+TickRange needed_of(const TickRange& interval, const TickRange& part,
+                    const std::optional<TickRange>& cut) {
+  const TickRange displayed = cut.value_or(TickRange{std::max(part.begin, 0.0), part.end});
+  return {std::max(part.begin + interval.begin, displayed.begin),
+          std::min(part.begin + interval.end, displayed.end)};
 }
 
-TickRange shown_of(const IndexEntry& entry, const PartEntry& part) {
-  return shown_of(interval_of(entry.level, entry.slot, part.chunk_ticks, part.end - part.begin),
-                  {part.begin, part.end}, part.shown);
+TickRange needed_of(const IndexEntry& entry, const PartEntry& part) {
+  return needed_of(interval_of(entry.level, entry.slot, part.chunk_ticks, part.end - part.begin),
+                   {part.begin, part.end}, part.displayed);
 }
 
-TickRange shown_of(const FileHead& head, const SegmentEntry& segment) {
-  return shown_of(segment.base, head.parts[segment.part]);
+TickRange needed_of(const FileHead& head, const SegmentEntry& segment) {
+  return needed_of(segment.base, head.parts[segment.part]);
 }
 
-bool is_end_shown(const TickRange& shown, const PartEntry& part, double frames) {
-  return shown.end < part.shown.end || part.shown.end >= frames;
+bool is_end_needed(const TickRange& needed, const PartEntry& part, double frames) {
+  return needed.end < part.displayed.end || part.displayed.end >= frames;
 }
 
 namespace {
@@ -78,11 +78,11 @@ void extend(TickRange& all, const TickRange& range) {
 
 std::optional<NeededTimes> needed_times(const IndexEntry& entry, const PartEntry& part,
                                         double frames) {
-  TickRange shown = shown_of(entry, part);
-  shown.end = std::min(shown.end, frames);
-  const bool closed = is_end_shown(shown, part, frames);
-  if (shown.begin > shown.end || (shown.begin == shown.end && !closed)) return {};
-  return NeededTimes{shown, closed};
+  TickRange needed = needed_of(entry, part);
+  needed.end = std::min(needed.end, frames);
+  const bool closed = is_end_needed(needed, part, frames);
+  if (needed.begin > needed.end || (needed.begin == needed.end && !closed)) return {};
+  return NeededTimes{needed, closed};
 }
 
 TickRange needed_in(const std::vector<IndexRun>& runs, double frames) {
@@ -101,8 +101,8 @@ TickRange needed_of(const IndexNode& node) {
   TickRange all = kNever;
   for (const NodeLink& link : node.links) extend(all, link.needed);
   for (const IndexRun& run : node.runs) {
-    for (const SegmentEntry& segment : run.segments) extend(all, shown_of(segment.base, run.part));
-    for (const FurtherEntry& further : run.further) extend(all, shown_of(further.entry, run.part));
+    for (const SegmentEntry& segment : run.segments) extend(all, needed_of(segment.base, run.part));
+    for (const FurtherEntry& further : run.further) extend(all, needed_of(further.entry, run.part));
   }
   return all.begin <= all.end ? all : TickRange{0, 0};
 }

@@ -128,25 +128,32 @@ void check_metadata_values(const FileMetadata& metadata, std::uint64_t offset, F
   }
 }
 
-bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
-                    FileMetadata& metadata, Findings& findings) {  // spec 4.2
-  ByteReader in(payload);
+namespace {
+
+// The fields of META as they are stored (spec 4.2), besides those of the scene.
+struct MetadataFields {
+  std::uint8_t axes = 0;
+  StartCamera camera;  // of 0x0 pixels: none
+};
+
+MetadataFields read_fields(ByteReader& in, FileMetadata& metadata) {
+  MetadataFields out;
   SceneMetadata& scene = metadata.scene;
   scene.time_base.numerator = in.u32();
   scene.time_base.denominator = in.u32();
   scene.frames = in.u32();
   scene.kernel = in.u8();
-  const std::uint8_t axes = in.u8();
+  out.axes = in.u8();
   scene.sh_convention = in.u8();
   metadata.sh_degree = in.u8();
-  const std::uint16_t profile = in.u16();
+  metadata.profile_number = in.u16();
   scene.primaries = in.u8();
   scene.transfer = in.u8();
   for (float& v : scene.background) v = in.f32();
   for (float& v : scene.bounds_min) v = in.f32();
   for (float& v : scene.bounds_max) v = in.f32();
   scene.near_plane = in.f32();
-  StartCamera camera;
+  StartCamera& camera = out.camera;
   camera.width = in.u32();
   camera.height = in.u32();
   for (float& v : camera.rotation) v = in.f32();
@@ -159,10 +166,12 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
   for (float& v : scene.floor) v = in.f32();
   scene.audio = in.string();
   scene.audio_begin = in.f64();
-  if (!in.ok()) {
-    findings.error(N::kMetadataLayout, offset, "metadata: too short ({} bytes)", payload.size());
-    return false;
-  }
+  return out;
+}
+
+// Checks the conventions of kernel, axes, SH and colours (spec 4.3, 4.4).
+bool check_conventions(const SceneMetadata& scene, std::uint8_t axes, std::uint64_t offset,
+                       Findings& findings) {
   const auto unknown = [](std::uint8_t v) { return v != 0 && v < kFirstShownAsZero; };
   if (axes != 0 || unknown(scene.kernel) || unknown(scene.sh_convention)) {
     findings.unsupported(
@@ -182,9 +191,23 @@ bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
                      "transfer function {})",
                      scene.primaries, scene.transfer);
   }
-  metadata.profile_number = profile;
-  metadata.profile = profile <= static_cast<int>(Profile::kNearLossless)
-                         ? static_cast<Profile>(profile)
+  return true;
+}
+
+}  // namespace
+
+bool parse_metadata(std::span<const std::uint8_t> payload, std::uint64_t offset,
+                    FileMetadata& metadata, Findings& findings) {  // spec 4.2
+  ByteReader in(payload);
+  SceneMetadata& scene = metadata.scene;
+  const auto [axes, camera] = read_fields(in, metadata);
+  if (!in.ok()) {
+    findings.error(N::kMetadataLayout, offset, "metadata: too short ({} bytes)", payload.size());
+    return false;
+  }
+  if (!check_conventions(scene, axes, offset, findings)) return false;
+  metadata.profile = metadata.profile_number <= static_cast<int>(Profile::kNearLossless)
+                         ? static_cast<Profile>(metadata.profile_number)
                          : Profile::kUnknown;
   if (camera.width != 0 || camera.height != 0) {
     scene.start_camera = camera;

@@ -69,7 +69,7 @@ struct SegmentRecords {
 bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
                   bool with_sh, SegmentRecords& records, Findings& findings);
 
-// Timed data of a private content (spec 5.7).
+// A further record of a private content (spec 5.7).
 struct FurtherRecord {
   TickRange times;   // closed; ticks from the beginning of the part
   std::string type;  // of the data: a media type or a private name

@@ -13,11 +13,11 @@ SegmentTimes::SegmentTimes(const std::vector<SegmentInfo>& segments, double fram
   std::map<int, Group> groups;  // by the power of two of their length
   for (std::uint32_t i = 0; i < segments.size(); ++i) {
     const SegmentInfo& segment = segments[i];
-    if (!segment.is_shown()) continue;
+    if (!segment.is_needed()) continue;
     const double length = segment.end_ticks - segment.begin_ticks;
     Group& group = groups[std::ilogb(length)];
     group.longest = std::max(group.longest, length);
-    group.by_begin.push_back({segment.begin_ticks, segment.end_ticks, segment.shown_at_end, i});
+    group.by_begin.push_back({segment.begin_ticks, segment.end_ticks, segment.needed_at_end, i});
   }
   for (auto& [power, group] : groups) {
     std::sort(group.by_begin.begin(), group.by_begin.end(),
@@ -37,7 +37,7 @@ std::vector<std::uint32_t> SegmentTimes::between(double t0, double t1) const {
         std::lower_bound(group.by_begin.begin(), group.by_begin.end(), earliest,
                          [](const Entry& entry, double begin) { return entry.begin < begin; });
     for (; at != group.by_begin.end() && at->begin <= last; ++at) {
-      if (first < at->end || (first == at->end && at->shown_at_end)) out.push_back(at->segment);
+      if (first < at->end || (first == at->end && at->needed_at_end)) out.push_back(at->segment);
     }
   }
   std::sort(out.begin(), out.end());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lookup of the segments shown at a time, without visiting all segments of a long file.
+// Lookup of the segments needed at a time, without visiting all segments of a long file.
 #pragma once
 
 #include <cstdint>
@@ -15,17 +15,17 @@ class SegmentTimes {
   // `frames` is the end of the timeline, ticks.
   SegmentTimes(const std::vector<SegmentInfo>& segments, double frames);
 
-  // Returns the indices of the segments shown at some time in [t0, t1], ascending. Times outside
+  // Returns the indices of the segments needed at some time in [t0, t1], ascending. Times outside
   // the timeline count as its nearest end.
   std::vector<std::uint32_t> between(double t0, double t1) const;
 
  private:
   struct Entry {
     double begin = 0, end = 0;
-    bool shown_at_end = false;
+    bool needed_at_end = false;
     std::uint32_t segment = 0;
   };
-  // Segments of similar length: those shown at a time begin shortly before it.
+  // Segments of similar length: those needed at a time begin shortly before it.
   struct Group {
     double longest = 0;
     std::vector<Entry> by_begin;

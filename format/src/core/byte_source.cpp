@@ -9,6 +9,8 @@
 #include <atomic>
 #include <cerrno>
 
+#include "stgs/format/text.h"
+
 namespace stgs {
 namespace {
 
@@ -128,9 +130,7 @@ Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
   // O_NONBLOCK: opening a pipe would wait for a writer. It has no effect on files.
   const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
   if (fd < 0) {
-    const int error = errno;
-    return io_error("{}: cannot open: {}{}", path, system_message(error),
-                    error == ENOENT ? "; check the name" : "");
+    return io_error("{}: cannot open: {}", path, file_problem(errno));
   }
   return descriptor_source(fd, path);
 }

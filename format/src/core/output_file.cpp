@@ -12,6 +12,8 @@
 #include <cstdio>
 #include <filesystem>
 
+#include "stgs/format/text.h"
+
 namespace stgs {
 namespace {
 
@@ -114,7 +116,7 @@ Status OutputFile::open(const std::string& path) {
   fd_ = ::open(target.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
   if (fd_ < 0) {
     temporary_.clear();
-    return io_error("{}: cannot create: {}", path, system_message(errno));
+    return io_error("{}: cannot create: {}", path, file_problem(errno));
   }
   return {};
 }
@@ -181,7 +183,7 @@ Status AppendedFile::create(const std::string& path, std::span<const std::uint8_
                             bool sync) {
   path_ = path;
   fd_ = ::open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666);
-  if (fd_ < 0) return io_error("{}: cannot create: {}", path, system_message(errno));
+  if (fd_ < 0) return io_error("{}: cannot create: {}", path, file_problem(errno));
   unfinished_ = true;
   Status status = lock();
   if (status.ok()) status = append(bytes, sync);
@@ -195,7 +197,7 @@ Status AppendedFile::open(const std::string& path) {
   path_ = path;
   // O_NONBLOCK: do not block on a pipe, which source() rejects.
   fd_ = ::open(path.c_str(), O_RDWR | O_APPEND | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
-  if (fd_ < 0) return io_error("{}: cannot open for appending: {}", path, system_message(errno));
+  if (fd_ < 0) return io_error("{}: cannot open for appending: {}", path, file_problem(errno));
   STGS_TRY(lock());
   if (!is_named(fd_, path)) return io_error("{}: replaced while being opened; try again", path);
   return {};

@@ -8,6 +8,7 @@
 #include <filesystem>
 
 #include "stgs/format/output_file.h"
+#include "stgs/format/text.h"
 
 namespace stgs {
 namespace {
@@ -20,10 +21,12 @@ Status check_parent(const std::string& path) {
   if (parent.empty()) parent = ".";
   const fs::file_status status = fs::status(parent, error);
   if (status.type() == fs::file_type::not_found) {
-    return io_error("{}: cannot create: folder '{}' does not exist", path, parent.string());
+    return io_error("{}: cannot create: folder '{}' does not exist; create it", path,
+                    parent.string());
   }
   if (status.type() != fs::file_type::directory) {
-    return io_error("{}: cannot create: '{}' is not a folder", path, parent.string());
+    return io_error("{}: cannot create: '{}' is not a folder; choose another path", path,
+                    parent.string());
   }
   return {};
 }
@@ -49,7 +52,7 @@ Status check_can_write(const std::string& path) {
   }
   const std::string probe = temporary_name(path);
   const int fd = ::open(probe.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0666);
-  if (fd < 0) return io_error("{}: cannot create: {}", path, system_message(errno));
+  if (fd < 0) return io_error("{}: cannot create: {}", path, file_problem(errno));
   ::close(fd);
   ::unlink(probe.c_str());
   return {};

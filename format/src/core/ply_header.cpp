@@ -70,8 +70,10 @@ class HeaderParser {
       }
       STGS_TRY(take(keyword, line));
     }
-    return invalid_file("{}: PLY header is truncated (no 'end_header' within {} bytes)", file_,
-                        size);
+    return invalid_file(
+        "{}: PLY header is truncated (no 'end_header' within {} bytes); copy "
+        "or download it again",
+        file_, size);
   }
 
  private:
@@ -166,7 +168,7 @@ Status locate_elements(const ByteSource& source, PlyHeader& header) {
     if (element.count > left / element.stride) {
       return invalid_file(
           "{}: the file is truncated ({} records '{}' of {} bytes stated, {} bytes left at byte "
-          "{})",
+          "{}); copy or download it again",
           source.name(), element.count, element.name, element.stride, left, at);
     }
     at += element.count * element.stride;

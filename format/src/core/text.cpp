@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/format/text.h"
 
+#include <cerrno>
 #include <cstddef>
 #include <cstdint>
+
+#include "stgs/format/status.h"
 
 namespace stgs {
 
@@ -28,6 +31,22 @@ bool is_utf8(std::string_view text) {
     i += length;
   }
   return true;
+}
+
+std::string file_problem(int error) {
+  const std::string text = system_message(error);
+  switch (error) {
+    case ENOENT:
+      return text + "; check the name";
+    case EACCES:
+    case EPERM:
+      return text + "; check the permissions";
+    case EROFS:
+    case ENOSPC:
+      return text + "; choose another folder";
+    default:
+      return text;
+  }
 }
 
 }  // namespace stgs

@@ -63,10 +63,10 @@ class Encoder {
   }
 
  private:
-  // A primitive's lifespan in ticks of the timeline, and where it is shown.
+  // A primitive's lifespan in ticks of the timeline, and where it is displayed.
   struct Lifespan {
     double time = 0;
-    TickRange shown;
+    TickRange displayed;
   };
 
   void fit_all() {
@@ -77,10 +77,10 @@ class Encoder {
       for (; i < set_.size(); ++i) lifespans_[i] = {set_.time[i], {0, frames}};
     }
     for (const ScenePart& part : scene_.parts) {
-      const TickRange range = part.shown_range();
-      const TickRange shown = {std::max(0.0, range.begin), std::min(frames, range.end)};
+      const TickRange range = part.displayed_range();
+      const TickRange displayed = {std::max(0.0, range.begin), std::min(frames, range.end)};
       for (const std::size_t last = i + part.primitives; i < last; ++i) {
-        lifespans_[i] = {set_.time[i] + part.begin_ticks, shown};
+        lifespans_[i] = {set_.time[i] + part.begin_ticks, displayed};
       }
     }
     fits_.resize(set_.size());
@@ -88,7 +88,7 @@ class Encoder {
                     [&](std::size_t first, std::size_t last) {
                       for (std::size_t k = first; k < last; ++k) {
                         const Lifespan& l = lifespans_[k];
-                        fits_[k] = fit_lifespan(l.time, set_.sigma[k], set_.radius[k], l.shown);
+                        fits_[k] = fit_lifespan(l.time, set_.sigma[k], set_.radius[k], l.displayed);
                       }
                     });
     for (std::size_t k = 0; k < set_.size(); ++k) {
@@ -98,8 +98,8 @@ class Encoder {
 
   bool is_visible(std::size_t i) const {
     const Lifespan& l = lifespans_[i];
-    if (!(l.shown.begin < l.shown.end)) return false;
-    const double nearest = std::clamp(l.time, l.shown.begin, l.shown.end);
+    if (!(l.displayed.begin < l.displayed.end)) return false;
+    const double nearest = std::clamp(l.time, l.displayed.begin, l.displayed.end);
     const double beyond =
         std::max(0.0, std::abs(nearest - l.time) - set_.radius[i]) / double{set_.sigma[i]};
     return math::opacity_of(set_.opacity_logit[i]) * std::exp(-beyond * beyond) >=

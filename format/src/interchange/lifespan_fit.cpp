@@ -79,14 +79,15 @@ double fitted_sigma(double sigma, double radius) {
   return width * std::lerp(table[node], table[node + 1], share);
 }
 
-LifespanFit fit_lifespan(double time, double sigma, double radius, const TickRange& shown) {
+LifespanFit fit_lifespan(double time, double sigma, double radius, const TickRange& displayed) {
   LifespanFit fade;
-  fade.begin = shown.begin;
-  fade.end = shown.end;
+  fade.begin = displayed.begin;
+  fade.end = displayed.end;
   fade.time = time;
   fade.sigma = radius > 0 ? fitted_sigma(sigma, radius) : sigma;
   const double reach = std::max(radius + kReach * sigma, kReach * fade.sigma);
-  const TickRange range = {std::max(shown.begin, time - reach), std::min(shown.end, time + reach)};
+  const TickRange range = {std::max(displayed.begin, time - reach),
+                           std::min(displayed.end, time + reach)};
   if (!(range.begin < range.end)) return fade;
   measure(fade, range, time, sigma, radius,
           [&](double t) { return flat_top(t - time, fade.sigma, 0); });
@@ -95,10 +96,10 @@ LifespanFit fit_lifespan(double time, double sigma, double radius, const TickRan
   LifespanFit edges = {};
   edges.never_fades = true;
   // Halfway between frames, so that few different windows are needed.
-  edges.begin = std::max(shown.begin, std::ceil(time - half) - 0.5);
-  edges.end = std::min(shown.end, std::floor(time + half) + 0.5);
-  if (time - half <= shown.begin) edges.begin = shown.begin;
-  if (time + half >= shown.end - 1) edges.end = shown.end;
+  edges.begin = std::max(displayed.begin, std::ceil(time - half) - 0.5);
+  edges.end = std::min(displayed.end, std::floor(time + half) + 0.5);
+  if (time - half <= displayed.begin) edges.begin = displayed.begin;
+  if (time + half >= displayed.end - 1) edges.end = displayed.end;
   if (!(edges.begin < edges.end)) return fade;
   edges.time = (edges.begin + edges.end) / 2;
   edges.sigma = sigma;

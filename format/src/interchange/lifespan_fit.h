@@ -9,11 +9,11 @@ namespace stgs {
 // Times in ticks.
 struct LifespanFit {
   bool never_fades = false;
-  double begin = 0, end = 0;  // hard edges, within the shown range: visible in [begin, end)
+  double begin = 0, end = 0;  // hard edges, within the displayed range: visible in [begin, end)
   // Of the fade exp(-((t - time) / sigma)^2). Without one, `time` is the middle of the edges.
   double time = 0, sigma = 0;
-  // Differences between the two visibilities over the shown range while either is visible: greatest
-  // and integrated squared, and the length of that range.
+  // Differences between the two visibilities over the displayed range while either is visible:
+  // greatest and integrated squared, and the length of that range.
   double error_max = 0, error_squares = 0, ticks = 0;
 };
 
@@ -21,9 +21,9 @@ struct LifespanFit {
 // difference to the flat top (sigma, radius).
 double fitted_sigma(double sigma, double radius);
 
-// Approximates a lifespan at `time` that is shown in `shown`, by a Gaussian or by full visibility
-// over the frames at which it is at least half visible, whichever has the smaller integrated
-// squared error in the shown range.
-LifespanFit fit_lifespan(double time, double sigma, double radius, const TickRange& shown);
+// Approximates a lifespan at `time` of a part displayed in `displayed`, by a Gaussian or by full
+// visibility over the frames at which it is at least half visible, whichever has the smaller
+// integrated squared error in the displayed range.
+LifespanFit fit_lifespan(double time, double sigma, double radius, const TickRange& displayed);
 
 }  // namespace stgs

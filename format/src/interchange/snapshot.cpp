@@ -13,8 +13,8 @@
 namespace stgs {
 namespace {
 
-// Primitives [first, last) of a part that is shown at a time (spec 5.4), and that time in ticks of
-// the part.
+// Primitives [first, last) of a part that is displayed at a time (spec 5.4), and that time in ticks
+// of the part.
 struct ShownPart {
   std::size_t first = 0, last = 0;
   double ticks = 0;

@@ -97,15 +97,15 @@ Demand measure_demand(std::span<const PartRange> parts,
   const double ticks = ticks_of(parts);
   for (std::size_t p = 0; p < parts.size(); ++p) {
     for (const SegmentMembers& segment : segments[p]) {
-      const TickRange shown =
-          shown_of(interval_of(segment.key.level, segment.key.slot, chunk_ticks, parts[p].length()),
-                   parts[p].interval, parts[p].cut);
-      if (!(shown.begin < shown.end)) continue;
-      const auto share = static_cast<float>((shown.end - shown.begin) / ticks);
+      const TickRange needed = needed_of(
+          interval_of(segment.key.level, segment.key.slot, chunk_ticks, parts[p].length()),
+          parts[p].interval, parts[p].cut);
+      if (!(needed.begin < needed.end)) continue;
+      const auto share = static_cast<float>((needed.end - needed.begin) / ticks);
       for (const std::uint32_t i : segment.members) out.shares[i] = share;
       const auto members = static_cast<double>(segment.members.size());
-      changes[shown.begin] += members;
-      changes[shown.end] -= members;
+      changes[needed.begin] += members;
+      changes[needed.end] -= members;
     }
   }
   double now = 0;

@@ -99,19 +99,11 @@ void for_each_tile(const SplatFrame& frame, const Splat& s, Visit visit) {
   }
 }
 
-}  // namespace
-
-void bin(SplatFrame& frame) {
+// Lists the tiles of the splats: each chunk lists, for each splat, the number of its tiles and the
+// tiles; it also counts per tile. Throws std::length_error beyond kMaxInstances.
+void list_tiles(SplatFrame& frame, std::size_t chunk, std::size_t chunks) {
   SplatFrame::Scratch& scratch = frame.scratch;
   const std::size_t tiles = static_cast<std::size_t>(frame.tiles_x) * frame.tiles_y;
-  const std::size_t chunk = chunk_size(frame.splats.size());
-  const std::size_t chunks = (frame.splats.size() + chunk - 1) / chunk;
-  sort_by_depth(frame.splats, scratch);
-  if (scratch.bin_chunks.size() < chunks) scratch.bin_chunks.resize(chunks);
-  scratch.counts.assign(chunks * tiles, 0);
-
-  // Each chunk lists, for each splat, the number of its tiles and the tiles; it also counts per
-  // tile.
   std::atomic<std::size_t> listed{0};
   parallel_for(std::size_t{0}, chunks, [&](std::size_t c) {
     auto& list = scratch.bin_chunks[c];
@@ -140,19 +132,39 @@ void bin(SplatFrame& frame) {
         "tile lists exceed 2^26 entries: the splats of this view are too large; render at a lower "
         "resolution");
   }
+}
 
-  // Turns counts into the first position of each chunk in the list of each tile.
+// Turns counts into the first position of each chunk in the list of each tile. Returns the number
+// of entries of all lists.
+std::uint32_t place_lists(SplatFrame& frame, std::size_t chunks) {
+  std::vector<std::uint32_t>& counts = frame.scratch.counts;
+  const std::size_t tiles = static_cast<std::size_t>(frame.tiles_x) * frame.tiles_y;
   std::uint32_t total = 0;
   frame.tile_begin.resize(tiles + 1);
   for (std::size_t tile = 0; tile < tiles; ++tile) {
     frame.tile_begin[tile] = total;
     for (std::size_t c = 0; c < chunks; ++c) {
-      const std::uint32_t n = scratch.counts[c * tiles + tile];
-      scratch.counts[c * tiles + tile] = total;
+      const std::uint32_t n = counts[c * tiles + tile];
+      counts[c * tiles + tile] = total;
       total += n;
     }
   }
   frame.tile_begin[tiles] = total;
+  return total;
+}
+
+}  // namespace
+
+void bin(SplatFrame& frame) {
+  SplatFrame::Scratch& scratch = frame.scratch;
+  const std::size_t tiles = static_cast<std::size_t>(frame.tiles_x) * frame.tiles_y;
+  const std::size_t chunk = chunk_size(frame.splats.size());
+  const std::size_t chunks = (frame.splats.size() + chunk - 1) / chunk;
+  sort_by_depth(frame.splats, scratch);
+  if (scratch.bin_chunks.size() < chunks) scratch.bin_chunks.resize(chunks);
+  scratch.counts.assign(chunks * tiles, 0);
+  list_tiles(frame, chunk, chunks);
+  const std::uint32_t total = place_lists(frame, chunks);
   // Frees the old entries first, and allocates exactly the new size.
   if (frame.instances.capacity() < total) std::vector<std::uint32_t>().swap(frame.instances);
   frame.instances.resize(total);

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "codec/sh_members.h"
 #include "quantise/axis_turns.h"
 #include "quantise/lifespans.h"
 #include "stgs/format/math/blend.h"
@@ -12,17 +13,6 @@
 
 namespace stgs {
 namespace {
-
-// Returns the primitives with an SH degree of at least 1, 2 and 3, from the plane of the degrees.
-std::array<std::vector<std::uint32_t>, kShBands> members_of(const std::uint8_t* degrees,
-                                                            const RecordPlanes& planes) {
-  std::array<std::vector<std::uint32_t>, kShBands> out;
-  for (std::size_t k = 0; k < kShBands; ++k) out[k].reserve(planes.sh[k]);
-  for (std::uint32_t i = 0; i < planes.n; ++i) {
-    for (std::size_t k = 0; k < degrees[i]; ++k) out[k].push_back(i);
-  }
-  return out;
-}
 
 // Returns the smallest float not below x, which is finite and at least 0.
 float rounded_up(double x) {
@@ -73,7 +63,7 @@ Gaussians4D map_planes(std::span<const RecordPlanes> planes, std::span<const Str
   context.part_exponent = part_exponent;
   context.begin = segment_begin;
   context.first_key = planes.front().first_key;
-  std::array<std::vector<std::uint32_t>, kShBands> members;
+  ShMembers members;
   std::vector<std::vector<Plane>> of_streams(plans.size());
   std::vector<StreamTask> tasks;
   const std::size_t base = planes.size() == 1 ? plans.size() : streams_of(0).size();
@@ -84,8 +74,10 @@ Gaussians4D map_planes(std::span<const RecordPlanes> planes, std::span<const Str
     const StreamRow& row = plans[a].row;
     const auto attribute = static_cast<Attribute>(row.attribute);
     const std::size_t symbols = record.symbols_of(attribute);
-    if (attribute == Attribute::kShDegree) members = members_of(at, record);
     for (std::size_t p = 0; p < row.planes(); ++p, at += symbols) of_streams[a].push_back({at, 0});
+    if (attribute == Attribute::kShDegree)
+      find_members(row, of_streams[a], static_cast<std::uint32_t>(record.n), kShBands, record.sh,
+                   members);
     if (attribute == Attribute::kLogScale) context.shape_bounds = shape_bounds(row.step);
     if (attribute == Attribute::kShDegree || symbols == 0) continue;
     tasks.push_back({&row, of_streams[a].data(), {}});

@@ -9,7 +9,7 @@
 
 namespace stgs {
 
-// Adds a record of `bytes` that is shown during `range` and cannot be read because of `reason`.
+// Adds a record of `bytes` that is needed during `range` and cannot be read because of `reason`.
 inline void count_damage(DamageReport& report, const TickRange& range, std::uint64_t bytes,
                          const Status& reason) {
   report.bytes += bytes;

@@ -16,7 +16,7 @@ std::string seconds_text(const TickRange& range, const TimeBase& time_base) {
 std::string seconds_text(const std::vector<TickRange>& ranges, const TimeBase& time_base) {
   std::string text;
   for (std::size_t i = 0; i < std::min(ranges.size(), kMaxRanges); ++i) {
-    text += (i > 0 ? ", " : "") + seconds_text(ranges[i], time_base);
+    text += (i > 0 ? ", " : "at ") + seconds_text(ranges[i], time_base);
   }
   if (ranges.size() > kMaxRanges)
     text += fmt::format(" and {} more ranges", ranges.size() - kMaxRanges);
@@ -24,7 +24,7 @@ std::string seconds_text(const std::vector<TickRange>& ranges, const TimeBase& t
 }
 
 std::string fragment_text(const LostFragment& fragment, const TimeBase& time_base) {
-  return fmt::format("content shown {} is lost because the index is damaged ({} bytes)",
+  return fmt::format("content needed at {} is lost because the index is damaged ({} bytes)",
                      seconds_text(fragment.range, time_base), fragment.bytes);
 }
 
@@ -32,18 +32,17 @@ std::string records_text(const DamageReport& report, const TimeBase& time_base) 
   std::string text;
   const auto add = [&text](const std::string& part) { text += (text.empty() ? "" : ", ") + part; };
   if (report.segments > 0) {
-    add(fmt::format("{} of {} segments ({} primitives)", report.segments, report.total_segments,
-                    report.primitives));
+    add(fmt::format("{} of {} tiers of segments ({} primitives)", report.segments,
+                    report.total_segments, report.primitives));
   }
   if (report.segments_without_sh > 0) {
-    add(fmt::format("the SH of {} of {} segments", report.segments_without_sh,
+    add(fmt::format("the SH of {} of {} tiers of segments", report.segments_without_sh,
                     report.total_segments));
   }
   if (report.further > 0) {
-    add(fmt::format("{} {} of timed data", report.further,
-                    report.further == 1 ? "record" : "records"));
+    add(fmt::format("{} further {}", report.further, report.further == 1 ? "record" : "records"));
   }
-  return fmt::format("cannot read {}: {} bytes, shown {}; first error: {}", text, report.bytes,
+  return fmt::format("cannot read {}: {} bytes, needed {}; first error: {}", text, report.bytes,
                      seconds_text(report.ranges, time_base), report.reason.message());
 }
 

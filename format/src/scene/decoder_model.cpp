@@ -42,7 +42,7 @@ std::uint64_t work_of(const SegmentInfo& segment, bool own_layouts) {
   return std::max<std::uint64_t>(segment.primitives, kMinSegmentWork) + tables;
 }
 
-// The segments shown at a time that advances. Neighbours in the file form one range.
+// The segments needed at a time that advances. Neighbours in the file form one range.
 class ActiveSegments {
  public:
   explicit ActiveSegments(const std::vector<SegmentInfo>& segments)
@@ -79,7 +79,7 @@ class ActiveSegments {
 std::vector<std::uint32_t> by_beginning(const std::vector<SegmentInfo>& segments) {
   std::vector<std::uint32_t> order;
   for (std::uint32_t s = 0; s < segments.size(); ++s) {
-    if (segments[s].is_shown()) order.push_back(s);
+    if (segments[s].is_needed()) order.push_back(s);
   }
   std::stable_sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
     return segments[a].begin_ticks < segments[b].begin_ticks;
@@ -91,21 +91,21 @@ std::vector<std::uint32_t> by_beginning(const std::vector<SegmentInfo>& segments
 // still needed at that time, unless their part is not displayed any more.
 void sweep(const std::vector<SegmentInfo>& segments, const std::vector<std::uint32_t>& order,
            DecoderNeeds& needs) {
-  using Ending = std::tuple<double, bool, std::uint32_t>;  // end, is shown at it, segment
+  using Ending = std::tuple<double, bool, std::uint32_t>;  // end, is needed at it, segment
   std::priority_queue<Ending, std::vector<Ending>, std::greater<>> endings;
   ActiveSegments active(segments);
   for (std::size_t i = 0; i < order.size();) {
     const double t = segments[order[i]].begin_ticks;
     while (!endings.empty()) {
-      const auto [end, shown_at_end, segment] = endings.top();
-      if (end > t || (end == t && shown_at_end)) break;
+      const auto [end, needed_at_end, segment] = endings.top();
+      if (end > t || (end == t && needed_at_end)) break;
       active.remove(segment);
       endings.pop();
     }
     for (; i < order.size() && segments[order[i]].begin_ticks == t; ++i) {
       active.add(order[i]);
       const SegmentInfo& segment = segments[order[i]];
-      endings.emplace(segment.end_ticks, segment.shown_at_end, order[i]);
+      endings.emplace(segment.end_ticks, segment.needed_at_end, order[i]);
     }
     active.note(needs);
   }

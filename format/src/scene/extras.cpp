@@ -88,7 +88,7 @@ class Extras {
       if (content >= kFirstPrivateContent && bytes.size() > kBefore) {
         kind = quoted(ByteReader(std::span<const std::uint8_t>(bytes).subspan(kBefore)));
       }
-      count(fmt::format("timed data{} of content {}{}", kind, content,
+      count(fmt::format("further records{} of content {}{}", kind, content,
                         private_name(head_, PrivateKind::kContent, content)),
             entry.bytes);
     }

@@ -178,16 +178,16 @@ class Finalizer {
       return found == damaged_.end() ? Status() : found->second;
     };
     for (const SegmentEntry& segment : head_.index.segments) {
-      const TickRange shown = shown_of(head_, segment);
+      const TickRange needed = needed_of(head_, segment);
       if (const Status base = why(segment.base); !base.ok()) {
         ++report_.segments;
         report_.primitives += segment.base.primitives;
         unreadable_primitives_ += segment.base.primitives;
         // SH are useless without the base record.
-        count_damage(report_, shown, segment.base.bytes + segment.sh.bytes, base);
+        count_damage(report_, needed, segment.base.bytes + segment.sh.bytes, base);
       } else if (const Status sh = why(segment.sh); !sh.ok()) {
         ++report_.segments_without_sh;
-        count_damage(report_, shown, segment.sh.bytes, sh);
+        count_damage(report_, needed, segment.sh.bytes, sh);
       }
     }
     for (const FurtherEntry& further : head_.index.further) {

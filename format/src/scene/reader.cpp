@@ -15,11 +15,11 @@ std::vector<SegmentInfo> segments_from(const FileHead& head) {
   std::vector<SegmentInfo> out;
   for (const SegmentEntry& segment : head.index.segments) {
     const IndexEntry &base = segment.base, &sh = segment.sh;
-    const TickRange shown = shown_of(head, segment);
-    out.push_back({base.level, shown.begin, shown.end, base.primitives, base.offset, base.bytes,
+    const TickRange needed = needed_of(head, segment);
+    out.push_back({base.level, needed.begin, needed.end, base.primitives, base.offset, base.bytes,
                    segment.part, tier_of(base.layer), sh.offset, sh.bytes, head.has(base),
                    head.has(sh),
-                   is_end_shown(shown, head.parts[segment.part], head.metadata.scene.frames)});
+                   is_end_needed(needed, head.parts[segment.part], head.metadata.scene.frames)});
   }
   return out;
 }
@@ -27,8 +27,9 @@ std::vector<SegmentInfo> segments_from(const FileHead& head) {
 std::vector<ScenePart> parts_from(const FileHead& head) {
   std::vector<ScenePart> out;
   for (const PartEntry& part : head.parts) {
-    const bool complete = part.shown == TickRange{std::max(part.begin, 0.0), part.end};
-    out.push_back({part.begin, part.end, 0, complete ? std::nullopt : std::optional(part.shown)});
+    const bool complete = part.displayed == TickRange{std::max(part.begin, 0.0), part.end};
+    out.push_back(
+        {part.begin, part.end, 0, complete ? std::nullopt : std::optional(part.displayed)});
   }
   for (const SegmentEntry& segment : head.index.segments) {
     out[segment.part].primitives += segment.base.primitives;
@@ -42,7 +43,7 @@ double complete_ticks_of(const FileHead& head, const std::vector<SegmentInfo>& s
   for (const LostFragment& lost : head.lost_fragments) ticks = std::min(ticks, lost.range.begin);
   for (const SegmentInfo& segment : segments) {
     const bool complete = segment.available && segment.sh_available;
-    if (segment.is_shown() && !complete) ticks = std::min(ticks, segment.begin_ticks);
+    if (segment.is_needed() && !complete) ticks = std::min(ticks, segment.begin_ticks);
   }
   return ticks;
 }

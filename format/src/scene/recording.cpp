@@ -46,10 +46,11 @@ Result<bool> drop_last_fragment(const ByteSource& source, const FileHead& head,
     if (copy_record(source, segment.base, bytes, found)) return false;
     Status status = found.status(source.name());
     if (status.code() != StatusCode::kInvalidFile) return status;
-    const TickRange shown = shown_of(head, segment);
+    const TickRange needed = needed_of(head, segment);
     ++dropped.segments;
     dropped.primitives += segment.base.primitives;
-    count_damage(dropped, {shown.begin, shown.end}, segment.base.bytes + segment.sh.bytes, status);
+    count_damage(dropped, {needed.begin, needed.end}, segment.base.bytes + segment.sh.bytes,
+                 status);
   }
   if (dropped.segments == 0) return false;
   dropped.damage = std::move(report.damage);

@@ -43,7 +43,7 @@ Status check_times(const SceneReader& reader, const std::string& name) {
   if (reader.profile() == Profile::kLossless) return {};
   for (const SegmentInfo& segment : reader.segments()) {
     const double at = segment.begin_ticks - reader.parts()[segment.part].begin_ticks;
-    if (segment.level < 0 || !segment.is_shown() || at <= kMaxTicks) continue;
+    if (segment.level < 0 || !segment.is_needed() || at <= kMaxTicks) continue;
     return unsupported(
         "{}: cannot be loaded as a whole: primitives are {:.0f} ticks after the beginning of their "
         "part, and single precision rounds times beyond {:.0f} ticks to multiples of 1/8 tick or "

@@ -91,9 +91,9 @@ ShownFrames shown_frames(const Scene& scene, std::size_t i) {
   for (const ScenePart& part : scene.parts) {
     end += part.primitives;
     if (i >= end) continue;
-    const double first = std::max(0.0, std::ceil(part.shown_range().begin));
+    const double first = std::max(0.0, std::ceil(part.displayed_range().begin));
     // The end is exclusive, except that of the timeline.
-    const double end_frame = std::min(last, std::ceil(part.shown_range().end) - 1);
+    const double end_frame = std::min(last, std::ceil(part.displayed_range().end) - 1);
     return {first, std::max(first, end_frame), part.begin_ticks};
   }
   return {0, last, 0};

@@ -6,7 +6,6 @@
 #include <map>
 #include <numeric>
 
-#include "codec/draco_points.h"
 #include "container/body_plan.h"
 #include "core/bytes.h"
 #include "quantise/step_chooser.h"
@@ -15,133 +14,6 @@
 
 namespace stgs {
 namespace {
-
-constexpr float kFarthest = 0x1p99f;  // scene units
-
-Status check_settings(const SceneMetadata& metadata, const WriteSettings& settings) {
-  if (metadata.time_base.numerator == 0 || metadata.time_base.denominator == 0 ||
-      metadata.frames == 0) {
-    return usage_error(
-        "invalid duration: a scene needs a time base and at least one frame (got {} frames of "
-        "{}/{} "
-        "s)",
-        metadata.frames, metadata.time_base.numerator, metadata.time_base.denominator);
-  }
-  STGS_TRY(check_parameter(kQuality, settings.quality));
-  STGS_TRY(check_parameter(kTiers, settings.tiers));
-  const double ticks = metadata.time_base.ticks(settings.chunk_seconds);
-  if (!std::isfinite(ticks) || ticks < 0.0 || ticks > kMaxChunk ||
-      (ticks != 0.0 && ticks * 1e6 < metadata.frames)) {
-    return usage_error("invalid chunk length of {} s for a timeline of {} frames",
-                       settings.chunk_seconds, metadata.frames);
-  }
-  return {};
-}
-
-Status check_sizes(const Scene& scene) {
-  const Gaussians4D& set = scene.gaussians;
-  if (set.sh_degree < 0 || set.sh_degree > 3) {
-    return usage_error("invalid SH degree (expected 0 to 3, got {})", set.sh_degree);
-  }
-  const std::size_t n = set.size();
-  const std::size_t sh = n * 3 * static_cast<std::size_t>(set.sh_coefficients());
-  const bool good = set.position.size() == 3 * n && set.log_scale.size() == 3 * n &&
-                    set.rotation.size() == 4 * n && set.sh.size() == sh && set.time.size() == n &&
-                    set.velocity.size() == 3 * n && set.sigma.size() == n && set.radius.size() == n;
-  if (!good) return usage_error("array lengths do not match (for {} primitives)", n);
-  if (!scene.importance.empty() && scene.importance.size() != n) {
-    return usage_error("number of importances does not match (expected {}, got {})", n,
-                       scene.importance.size());
-  }
-  if (set.time_origin != 0) {
-    return usage_error("times must count from the beginning of their parts (got an origin of {})",
-                       set.time_origin);
-  }
-  if (n > 0xFFFFFFFF) return usage_error("too many primitives (at most 2^32 - 1, got {})", n);
-  return {};
-}
-
-Status check_quantisation(const Scene& scene) {
-  if (!scene.quantisation) return {};
-  if (scene.importance.empty()) return usage_error("the steps of a scene need importances");
-  if (is_valid(*scene.quantisation)) return {};
-  return usage_error("the steps of the scene are out of range");
-}
-
-Status check_parts(const Scene& scene) {
-  std::uint64_t primitives = 0;
-  for (const ScenePart& part : scene.parts) {
-    primitives += part.primitives;
-    TickRange shown = part.shown_range();
-    if (!part.cut) shown.begin = std::max(shown.begin, 0.0);
-    if (!is_valid_part({0, part.begin_ticks, part.end_ticks, shown, 0})) {
-      return usage_error(
-          "invalid part (ticks {} to {}, shown from {} to {}): ranges must be in order, not before "
-          "the timeline, at most 2^32 ticks long and multiples of 2^-20 ticks",
-          part.begin_ticks, part.end_ticks, shown.begin, shown.end);
-    }
-  }
-  if (!scene.parts.empty() && primitives != scene.gaussians.size()) {
-    return usage_error("the parts do not cover all primitives (expected {}, got {})",
-                       scene.gaussians.size(), primitives);
-  }
-  const std::optional<CaptureWindow>& window = scene.metadata.window;
-  if (window &&
-      std::uint64_t{window->first_frame} + scene.metadata.frames > window->capture_frames) {
-    return usage_error("window of {} frames from frame {} exceeds the capture of {} frames",
-                       scene.metadata.frames, window->first_frame, window->capture_frames);
-  }
-  return {};
-}
-
-Status check_values(const Scene& scene) {
-  const Gaussians4D& set = scene.gaussians;
-  for (std::size_t i = 0; i < scene.importance.size(); ++i) {
-    if (scene.importance[i] >= 0.0f && std::isfinite(scene.importance[i])) continue;
-    return usage_error("invalid importance of primitive {} (expected a number >= 0, got {})", i,
-                       scene.importance[i]);
-  }
-  for (Attribute attribute : attributes_of(set.sh_degree)) {
-    const AttributeView<const float> view = view_of(set, attribute);
-    const auto components = static_cast<std::size_t>(components_of(attribute));
-    for (std::size_t i = 0; i < set.size(); ++i) {
-      for (std::size_t c = 0; c < components; ++c) {
-        const float v = view.data[i * view.stride + c];
-        if (!std::isfinite(v)) {
-          return usage_error("invalid {}[{}] of primitive {} (expected a finite number, got {})",
-                             name_of(attribute), c, i, v);
-        }
-      }
-    }
-  }
-  for (std::size_t i = 0; i < set.size(); ++i) {
-    if (!(set.sigma[i] > 0.0f)) {
-      return usage_error("invalid sigma of primitive {} (expected > 0, got {})", i, set.sigma[i]);
-    }
-    if (!(set.radius[i] >= 0.0f)) {
-      return usage_error("invalid radius of primitive {} (expected >= 0, got {})", i,
-                         set.radius[i]);
-    }
-    const float* q = set.rotation.data() + 4 * i;
-    if (q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f) {
-      return usage_error("invalid rotation of primitive {} (quaternion of length 0)", i);
-    }
-  }
-  return {};
-}
-
-// Checks that the steps of a quantised profile can represent the farthest position (spec 8.5).
-Status check_extent(const Gaussians4D& set) {
-  for (std::size_t i = 0; i < set.position.size(); ++i) {
-    if (std::abs(set.position[i]) <= kFarthest) continue;
-    const float* x = set.position.data() + i / 3 * 3;
-    return unsupported(
-        "position ({:g}, {:g}, {:g}) exceeds the quantised range of {:g}; remove the primitive or "
-        "use the lossless profile",
-        x[0], x[1], x[2], kFarthest);
-  }
-  return {};
-}
 
 // Checks metadata as a reader does.
 Status check_metadata(const FileMetadata& metadata) {
@@ -198,6 +70,41 @@ bool uses_own_steps(const Scene& scene, const WriteSettings& settings) {
   return scene.quantisation && settings.own_steps && !scene.importance.empty() &&
          settings.max_error == 0.0 && settings.tiers == 0 &&
          settings.profile != Profile::kNearLossless;
+}
+
+// A scene of a quantised profile and the steps chosen for it.
+struct SteppedScene {
+  std::vector<float> importance;
+  std::optional<StepChooser> chooser;  // none: the steps are the scene's own
+  Quantisation quantisation;
+  Gaussians4D snapped;  // with the lifespans that a decoder reconstructs
+};
+
+// Chooses the steps, apart from the tiers, and rounds the lifespans, on which segments are based.
+void choose_steps(const Scene& scene, const WriteSettings& settings,
+                  const std::vector<PartRange>& parts, SteppedScene& out) {
+  out.importance = scene.importance.empty() ? importance_by_size(scene.gaussians, ticks_of(parts))
+                                            : scene.importance;
+  if (uses_own_steps(scene, settings)) {
+    out.quantisation = *scene.quantisation;
+  } else {
+    out.chooser.emplace(
+        scene.gaussians, out.importance, scene.importance.empty(), longest_of(parts),
+        StepGoal{settings.quality, settings.max_error, settings.profile == Profile::kNearLossless});
+    out.quantisation = out.chooser->rules();
+  }
+  out.snapped =
+      Quantiser(out.quantisation).snap_lifespans(scene.gaussians, parts, out.chooser.has_value());
+}
+
+// Chooses the tiers of the segments and their steps, unless the scene has its own.
+void choose_tiers(const WriteSettings& settings, const std::vector<PartRange>& parts,
+                  const Encoding& encoding, SteppedScene& stepped) {
+  if (!stepped.chooser) return;
+  const auto demand =
+      measure_demand(parts, encoding.segments, encoding.chunk_ticks, encoding.set->size());
+  set_tiers(*stepped.chooser, plan_tiers(stepped.importance, demand, settings.tiers),
+            stepped.importance, stepped.quantisation);
 }
 
 // Returns the primitives of all segments in this order, as indices in the scene.
@@ -271,74 +178,37 @@ std::vector<std::uint8_t> assemble(const FileMetadata& metadata, const Scene& sc
 
 }  // namespace
 
-Status check_profile(Profile profile) {
-  if (profile == Profile::kUnknown)
-    return usage_error("cannot write the profile {}", profile_name(profile));
-  return profile == Profile::kDraco ? check_draco() : Status();
-}
-
-Status check_scene(const Scene& scene, const WriteSettings& settings) {
-  STGS_TRY(check_profile(settings.profile));
-  STGS_TRY(check_settings(scene.metadata, settings));
-  STGS_TRY(check_sizes(scene));
-  STGS_TRY(check_values(scene));
-  STGS_TRY(check_quantisation(scene));
-  if (settings.profile != Profile::kLossless) STGS_TRY(check_extent(scene.gaussians));
-  return check_parts(scene);
-}
-
 Result<EncodedScene> encode_records(const Scene& scene, const WriteSettings& settings,
                                     double chunk_ticks, bool measure) {
   EncodedScene out;
   out.metadata = {scene.metadata, settings.profile, scene.gaussians.sh_degree};
   const std::vector<PartRange> parts = ranges_of(scene);
   const bool lossless = settings.profile == Profile::kLossless;
-  const bool near_lossless = settings.profile == Profile::kNearLossless;
-  std::vector<float> importance;
-  std::optional<StepChooser> chooser;
-  Quantisation quantisation;
+  SteppedScene stepped;
   std::optional<Quantiser> quantiser;
-  Gaussians4D snapped;
   Encoding encoding;
   encoding.set = &scene.gaussians;
   encoding.own_layouts = settings.own_layouts;
   encoding.stop = settings.stop;
   encoding.coder = settings.coder == SceneCoder::kRans ? Coder::kRans : Coder::kBytes;
   if (!lossless) {
-    importance = scene.importance.empty() ? importance_by_size(scene.gaussians, ticks_of(parts))
-                                          : scene.importance;
-    if (uses_own_steps(scene, settings)) {
-      quantisation = *scene.quantisation;
-    } else {
-      chooser.emplace(scene.gaussians, importance, scene.importance.empty(), longest_of(parts),
-                      StepGoal{settings.quality, settings.max_error, near_lossless});
-      quantisation = chooser->rules();
-    }
-    // Segments are based on the values that a decoder reconstructs.
-    snapped = Quantiser(quantisation).snap_lifespans(scene.gaussians, parts, chooser.has_value());
-    encoding.set = &snapped;
+    choose_steps(scene, settings, parts, stepped);
+    encoding.set = &stepped.snapped;
     if (measure) encoding.source = &scene.gaussians;
-    encoding.importance = importance;
+    encoding.importance = stepped.importance;
     encoding.draco = settings.profile == Profile::kDraco;
   }
   encoding.chunk_ticks = chunk_ticks > 0 ? chunk_ticks : choose_chunk(*encoding.set, parts);
   for (const PartRange& part : parts) {
     encoding.segments.push_back(segments_of(*encoding.set, part, encoding.chunk_ticks, lossless));
   }
-  if (chooser) {
-    set_tiers(*chooser,
-              plan_tiers(importance,
-                         measure_demand(parts, encoding.segments, encoding.chunk_ticks,
-                                        encoding.set->size()),
-                         settings.tiers),
-              importance, quantisation);
-  }
   if (!lossless) {
-    encoding.tiers = {quantisation.bounds, quantisation.graded};
-    quantiser.emplace(quantisation);
+    choose_tiers(settings, parts, encoding, stepped);
+    encoding.tiers = {stepped.quantisation.bounds, stepped.quantisation.graded};
+    quantiser.emplace(stepped.quantisation);
     encoding.quantiser = &*quantiser;
   }
-  set_bounds(*encoding.set, quantiser ? quantiser->position_step(snapped) : 0.0f,
+  set_bounds(*encoding.set, quantiser ? quantiser->position_step(stepped.snapped) : 0.0f,
              out.metadata.scene);
   STGS_TRY(check_metadata(out.metadata));
   out.body = encode_body(encoding, parts);

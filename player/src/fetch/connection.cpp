@@ -133,6 +133,9 @@ struct Connection::Reply {
   std::size_t since_progress = 0;                  // bytes of the body since then
   char error[CURL_ERROR_SIZE] = {};
 
+  // Sets the outcome, the reason and the code of a request that was not stopped. `conditional`: it
+  // asked for a file that has changed.
+  void judge(CURLcode result, bool conditional, Attempt& attempt) const;
   long status() const {
     long value = 0;
     curl_easy_getinfo(easy, CURLINFO_RESPONSE_CODE, &value);
@@ -283,6 +286,37 @@ CURLcode Connection::perform(Reply& reply, const std::function<bool()>& should_c
   return result;
 }
 
+void Connection::Reply::judge(CURLcode result, bool conditional, Attempt& attempt) const {
+  const long http = status();
+  const std::uint64_t expected =
+      attempt.total > offset ? std::min<std::uint64_t>(out.size(), attempt.total - offset) : 0;
+  if (!rejection.empty()) {
+    attempt.reason = rejection;
+    attempt.code = code;
+  } else if (result != CURLE_OK && http < 400) {
+    attempt.reason = error[0] != 0 ? error : curl_easy_strerror(result);
+    if (!is_fatal(result)) attempt.outcome = Attempt::Outcome::kRetryable;
+  } else if (http == 304 && conditional) {
+    attempt.outcome = Attempt::Outcome::kDone;
+    attempt.unchanged = true;
+  } else if (http == 206 || http == 416) {
+    if (http == 206 && attempt.total == 0) {
+      attempt.reason = "the server does not state the size of the file";
+      attempt.code = StatusCode::kUnsupported;
+    } else if (received < expected) {
+      attempt.outcome = Attempt::Outcome::kRetryable;
+      attempt.reason = "the server sent less data than requested";
+    } else {
+      attempt.outcome = Attempt::Outcome::kDone;
+    }
+  } else {
+    attempt.reason = fmt::format("the server responded with status {}", http);
+    if (http == 404 || http == 410) attempt.reason += ": the file does not exist";
+    if (http == 401 || http == 403) attempt.reason += ": access denied";
+    if (is_temporary(http)) attempt.outcome = Attempt::Outcome::kRetryable;
+  }
+}
+
 Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out, const std::string& known,
                         const std::function<bool()>& should_continue) {
   Reply reply;
@@ -315,35 +349,10 @@ Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out, const
   if (curl_easy_getinfo(easy_, CURLINFO_RETRY_AFTER, &after) == CURLE_OK) {
     attempt.retry_after = static_cast<double>(after);
   }
-  const long status = reply.status();
-  const std::uint64_t expected =
-      attempt.total > offset ? std::min<std::uint64_t>(out.size(), attempt.total - offset) : 0;
   if (stopped) {
     attempt.outcome = Attempt::Outcome::kStopped;
-  } else if (!reply.rejection.empty()) {
-    attempt.reason = reply.rejection;
-    attempt.code = reply.code;
-  } else if (result != CURLE_OK && status < 400) {
-    attempt.reason = reply.error[0] != 0 ? reply.error : curl_easy_strerror(result);
-    if (!is_fatal(result)) attempt.outcome = Attempt::Outcome::kRetryable;
-  } else if (status == 304 && headers != nullptr) {
-    attempt.outcome = Attempt::Outcome::kDone;
-    attempt.unchanged = true;
-  } else if (status == 206 || status == 416) {
-    if (status == 206 && attempt.total == 0) {
-      attempt.reason = "the server does not state the size of the file";
-      attempt.code = StatusCode::kUnsupported;
-    } else if (reply.received < expected) {
-      attempt.outcome = Attempt::Outcome::kRetryable;
-      attempt.reason = "the server sent less data than requested";
-    } else {
-      attempt.outcome = Attempt::Outcome::kDone;
-    }
   } else {
-    attempt.reason = fmt::format("the server responded with status {}", status);
-    if (status == 404 || status == 410) attempt.reason += ": the file does not exist";
-    if (status == 401 || status == 403) attempt.reason += ": access denied";
-    if (is_temporary(status)) attempt.outcome = Attempt::Outcome::kRetryable;
+    reply.judge(result, headers != nullptr, attempt);
   }
   return attempt;
 }

@@ -30,7 +30,7 @@ class Deadlines {
   std::uint64_t jumps() const { return jumps_; }
   double layer_lead_seconds() const { return lead_; }
 
-  // Returns when a segment is shown next.
+  // Returns when a segment is needed next.
   Need need(std::uint32_t segment) const {
     const SegmentInfo& info = index_.info(segment);
     return need_of(info.begin_ticks, info.end_ticks, playhead_);

@@ -24,7 +24,7 @@ constexpr double kExclusiveSeconds = 1;
 // Returns whether a layer is missing and needed within the prefetch horizon, or will be at its
 // retry_at().
 bool FetchScheduler::is_fetchable(const SegmentLayer& layer, double now) const {
-  if (!index_.info(layer.segment).is_shown()) return false;
+  if (!index_.info(layer.segment).is_needed()) return false;
   const LoadState state = residency_.state(layer);
   if (state != LoadState::kMissing &&
       !(state == LoadState::kFailed && now >= residency_.retry_at(layer)))

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// When each segment is shown next: decides what to fetch first and what to evict first.
+// When each segment is needed next: decides what to fetch first and what to evict first.
 #pragma once
 
 #include <cstdint>
@@ -17,13 +17,13 @@ struct Playhead {
   bool stationary = false;      // the position stays where it is for an unknown time
 };
 
-// When a segment is shown, seconds from now.
+// When a segment is needed, seconds from now.
 struct Need {
-  double from = 0;   // until its first time is shown; infinity: never
-  double until = 0;  // until its last time is shown, before the next loop; infinity: unknown
+  double from = 0;   // until its first time is displayed; infinity: never
+  double until = 0;  // until its last time is displayed, before the next loop; infinity: unknown
 };
 
-// Returns when times in [begin, end], ticks, are shown.
+// Returns when times in [begin, end], ticks, are displayed.
 Need need_of(double begin, double end, const Playhead& playhead);
 
 // The base of a segment, or its spherical harmonics if they are stored separately. The same parts

@@ -138,7 +138,7 @@ bool Residency::is_base_final(std::uint32_t segment) const {
   // Playback does not wait for a base that failed before, even while it is retried.
   const Entry& entry = entries_[segment];
   return entry.resident != nullptr || entry.base.state == LoadState::kFailed ||
-         entry.base.backoff > 0 || !index_.info(segment).is_shown();
+         entry.base.backoff > 0 || !index_.info(segment).is_needed();
 }
 
 bool Residency::is_sh_final(std::uint32_t segment) const {

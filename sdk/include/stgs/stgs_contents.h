@@ -44,7 +44,7 @@ typedef struct stgs_contents {
   uint64_t capture_id;         /* equal for windows of one capture; 0: no window */
   uint64_t training_id;        /* equal for windows trained with the same settings; 0: no window */
   uint32_t parts;              /* number for stgs_scene_get_part */
-  uint32_t segments;           /* number for stgs_scene_get_segment */
+  uint32_t segments;           /* number for stgs_scene_get_segment: tiers of segments */
   uint32_t streams;            /* number for stgs_scene_get_stream */
   uint32_t lost_fragments;     /* number for stgs_scene_get_lost_fragment */
   uint32_t damaged_segments;   /* number for stgs_scene_get_damaged_segment, found so far */
@@ -70,7 +70,8 @@ typedef struct stgs_part {
 /* Returns a part. `index` is 0 to stgs_contents.parts - 1. */
 STGS_API stgs_result stgs_scene_get_part(stgs_scene* scene, uint32_t index, stgs_part* part);
 
-/* A segment: the primitives of one tier that are rendered during one range of time. */
+/* A tier of a segment: primitives of similar importance that are rendered during one range of time.
+ * Below, a segment of several tiers counts once for each. */
 typedef struct stgs_segment {
   size_t struct_size;
   int32_t level;        /* -1: spans its part; otherwise 2^level times chunk_seconds long */
@@ -81,13 +82,13 @@ typedef struct stgs_segment {
   uint64_t bytes;       /* of its primitives in the file */
   uint64_t sh_offset;   /* of its SH above degree 0, if they are stored separately; else 0 */
   uint64_t sh_bytes;    /* as sh_offset */
-  uint32_t primitives;  /* in the segment */
+  uint32_t primitives;  /* in the tier */
   uint32_t part;        /* index of its part */
   int32_t available;    /* 0: beyond the end of a truncated file */
   int32_t sh_available; /* 0: its SH are beyond the end of a truncated file */
 } stgs_segment;
 
-/* Returns a segment. `index` is 0 to stgs_contents.segments - 1. */
+/* Returns a tier of a segment. `index` is 0 to stgs_contents.segments - 1. */
 STGS_API stgs_result stgs_scene_get_segment(stgs_scene* scene, uint32_t index,
                                             stgs_segment* segment);
 
@@ -109,7 +110,7 @@ STGS_API stgs_result stgs_scene_get_stream(stgs_scene* scene, uint32_t index, st
 /* Content that the index does not list any more, because a part of it is damaged. */
 typedef struct stgs_lost_fragment {
   size_t struct_size;
-  double begin_seconds; /* start of the times at which it would be shown */
+  double begin_seconds; /* start of the times at which it would be needed */
   double end_seconds;   /* end of these times */
   uint64_t offset;      /* of the lost bytes in the file */
   uint64_t bytes;       /* of a recording's fragment, or of the damaged part of the index alone */
@@ -119,15 +120,15 @@ typedef struct stgs_lost_fragment {
 STGS_API stgs_result stgs_scene_get_lost_fragment(stgs_scene* scene, uint32_t index,
                                                   stgs_lost_fragment* fragment);
 
-/* A segment that rendering has skipped, at least in part. */
+/* A tier of a segment that rendering has skipped, at least in part. */
 typedef struct stgs_damaged_segment {
   size_t struct_size;
-  uint32_t segment;    /* index of the segment */
+  uint32_t segment;    /* index for stgs_scene_get_segment */
   int32_t sh_only;     /* 1: rendered without its SH above degree 0; 0: not rendered */
   const char* message; /* the reason; belongs to the scene, valid until it is destroyed */
 } stgs_damaged_segment;
 
-/* Returns a damaged segment, in the order in which they were found. `index` is 0 to
+/* Returns a damaged tier of a segment, in the order in which they were found. `index` is 0 to
  * stgs_contents.damaged_segments - 1. */
 STGS_API stgs_result stgs_scene_get_damaged_segment(stgs_scene* scene, uint32_t index,
                                                     stgs_damaged_segment* damaged);
@@ -138,7 +139,7 @@ typedef struct stgs_decoder_needs {
   size_t struct_size;
   int32_t level;                /* the lowest decoder level that suffices; 0: none does */
   int32_t reserved;             /* 0 */
-  uint64_t primitives;          /* peak, of the segments shown at one time */
+  uint64_t primitives;          /* peak, of the segments needed at one time */
   uint64_t segments;            /* their number */
   uint64_t bytes;               /* of these segments in the file */
   uint64_t decoded_bytes;       /* of these segments in memory */

@@ -302,20 +302,19 @@ STGS_API stgs_result stgs_pack_settings_defaults(stgs_pack_settings* settings, s
 /* Result of stgs_encoder_pack. Errors are measured by decoding the output. */
 typedef struct stgs_pack_report {
   size_t struct_size;
-  uint64_t primitives;       /* written */
-  uint64_t dropped;          /* omitted: never visible within the clip */
-  uint64_t damaged_segments; /* omitted: unreadable in damaged inputs */
-  uint64_t
-      damaged_sh_segments; /* written without view-dependent colour, unreadable in the inputs */
-  uint64_t bytes_in;       /* size of the inputs */
-  uint64_t bytes_out;      /* size of the output */
-  double quality;          /* quality used; 0: near-lossless */
-  double kbps;             /* mean bit rate, kbit/s */
-  double position_max;     /* largest position error, scene units, at its worst time */
-  double position_rms;     /* root mean square of the same */
-  double colour_rms;       /* error of the degree-0 colour, sRGB-encoded, 0 to 1 */
-  double opacity_max;      /* largest opacity error, 0 to 1 */
-  double visibility_max;   /* largest error of opacity times lifespan at a frame, 0 to 1 */
+  uint64_t primitives;          /* written */
+  uint64_t dropped;             /* omitted: never visible within the clip */
+  uint64_t damaged_segments;    /* tiers of segments, omitted: unreadable in damaged inputs */
+  uint64_t damaged_sh_segments; /* tiers of segments, written without SH: these are unreadable */
+  uint64_t bytes_in;            /* size of the inputs */
+  uint64_t bytes_out;           /* size of the output */
+  double quality;               /* quality used; 0: near-lossless */
+  double kbps;                  /* mean bit rate, kbit/s */
+  double position_max;          /* largest position error, scene units, at its worst time */
+  double position_rms;          /* root mean square of the same */
+  double colour_rms;            /* error of the degree-0 colour, sRGB-encoded, 0 to 1 */
+  double opacity_max;           /* largest opacity error, 0 to 1 */
+  double visibility_max;        /* largest error of opacity times lifespan at a frame, 0 to 1 */
   /* Largest errors of the lifespans, for primitives that are not visible throughout: */
   double time_max;        /* centre, frames */
   double radius_max;      /* half-width of the flat top, frames */

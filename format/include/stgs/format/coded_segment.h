@@ -56,7 +56,13 @@ enum class Prediction : std::uint8_t {
 inline constexpr std::size_t kMaxDigits = 8;  // of a value
 inline constexpr int kKeyBits = 10;           // of a Morton key, per axis
 inline constexpr int kMaxLowBits = 14;        // of a position below its key, per axis
-inline constexpr int kShBands = 3;            // above degree 0
+// Bits of a position in steps, per axis: what Draco codes, and what a near-lossless file may have.
+inline constexpr int kPositionBits = 21, kFinePositionBits = kKeyBits + kMaxLowBits;
+// Returns the bits that a quantised or a near-lossless file may have.
+constexpr int position_bits(bool near_lossless) {
+  return near_lossless ? kFinePositionBits : kPositionBits;
+}
+inline constexpr int kShBands = 3;  // above degree 0
 // Range of a step's exponent (spec 8.5). Within it no result is subnormal or infinite and every
 // product is exact, so flushing subnormals or fusing multiply-adds does not change the result.
 inline constexpr int kMinExponent = -100, kMaxExponent = 100;

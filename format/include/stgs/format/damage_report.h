@@ -21,9 +21,9 @@ struct DamageReport {
   // records are damaged, missing or of a later version.
   std::uint64_t total_segments = 0, segments = 0, segments_without_sh = 0;
   std::uint64_t primitives = 0;   // of `segments`
-  std::uint64_t further = 0;      // damaged records of timed data (spec 5.7)
+  std::uint64_t further = 0;      // damaged further records (spec 5.7)
   std::uint64_t bytes = 0;        // of all these records
-  std::vector<TickRange> ranges;  // times at which they would be shown; ascending, disjoint
+  std::vector<TickRange> ranges;  // times at which they would be needed; ascending, disjoint
   Status reason;                  // why the first of them cannot be read; ok: none
   Status importance;  // why the importances cannot be read; ok: they were, or none exist
 
@@ -50,9 +50,9 @@ Result<Scene> recover_scene(const SceneReader& reader, const std::string& name,
                             DamageReport& report, const ReadLimits& limits = {});
 
 // Lists content of a file that a Scene cannot represent and that rewriting would drop, one line
-// each, with names and bytes: timed data, private records and numbers, content of later versions
-// (spec 3.5, 5.7, 6.2). Reads the records of all segments but decodes none. If records are damaged
-// the list covers the readable ones.
+// each, with names and bytes: further records, private records and numbers, content of later
+// versions (spec 3.5, 5.7, 6.2). Reads the records of all segments but decodes none. If records are
+// damaged the list covers the readable ones.
 Result<std::vector<std::string>> scene_extras(const std::string& path,
                                               const ReadLimits& limits = {});
 

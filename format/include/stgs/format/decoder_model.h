@@ -9,7 +9,7 @@
 namespace stgs {
 
 struct DecoderNeeds {
-  // Peak over all times, summed over the segments shown at one time, with all tiers and SH.
+  // Peak over all times, summed over the segments needed at one time, with all tiers and SH.
   std::uint64_t primitives = 0, segments = 0;
   std::uint64_t bytes = 0;           // of their records: the bytes that a seek fetches
   std::uint64_t decoded_bytes = 0;   // of their floats

@@ -40,7 +40,7 @@ Scene static_scene(Gaussians4D set);
 
 // Returns the primitives visible at a time, in the order of the scene, as a static set: positions
 // are moved, opacities are multiplied by l(t), and lifespans are static. Omits primitives whose
-// opacity is then below 1/255, and those of parts that are not shown at that time. kUsage if
+// opacity is then below 1/255, and those of parts that are not displayed at that time. kUsage if
 // `ticks` is outside [0, frames].
 Result<Gaussians4D> snapshot_at(const Scene& scene, double ticks);
 

@@ -103,19 +103,19 @@ struct TickRange {
 // `cut` (spec 5.4). A part that reaches the end of the timeline includes that end. The times of
 // its primitives count from begin_ticks, so single precision is sufficient however late the part
 // is; read_scene() states how long it may be. A part may begin before the timeline and end after
-// it, but is shown within it. All times are multiples of 2^-20, at most 2^32, and no part is longer
-// than that.
+// it, but is displayed within it. All times are multiples of 2^-20, at most 2^32, and no part is
+// longer than that.
 struct ScenePart {
   double begin_ticks = 0, end_ticks = 0;
   std::uint64_t primitives = 0;
-  // The shown times, if they are not the complete range; at or after 0.
+  // The times at which it is displayed, if they are not the complete range; at or after 0.
   std::optional<TickRange> cut = {};
 
-  // Returns the times at which the part is shown.
-  TickRange shown_range() const { return cut.value_or(TickRange{begin_ticks, end_ticks}); }
+  // Returns the times at which the part is displayed.
+  TickRange displayed_range() const { return cut.value_or(TickRange{begin_ticks, end_ticks}); }
   // Returns whether the primitives are rendered at a time of a timeline of `frames` frames.
   bool shows(double ticks, std::uint32_t frames) const {
-    const TickRange range = shown_range();
+    const TickRange range = displayed_range();
     return ticks >= range.begin && (ticks < range.end || (range.end >= frames && ticks <= frames));
   }
   bool operator==(const ScenePart&) const = default;
@@ -142,13 +142,13 @@ struct ReadLimits {
   std::uint64_t max_memory = std::uint64_t{16} << 30;
 };
 
-// A segment: the primitives of one tier that are rendered only within [begin_ticks, end_ticks].
+// A tier of a segment: primitives that are rendered only within [begin_ticks, end_ticks].
 // Tier 0 has the most important ones. The first tiers, in any number and with or without their SH,
 // give a complete image.
 struct SegmentInfo {
   // -1: persistent, spans its part; otherwise it spans chunk * 2^level.
   std::int32_t level = 0;
-  double begin_ticks = 0, end_ticks = 0;  // the shown times; see is_shown()
+  double begin_ticks = 0, end_ticks = 0;  // the times at which it is needed; see is_needed()
   std::uint32_t primitives = 0;
   std::uint64_t offset = 0, bytes = 0;  // of its records in the file
   std::uint32_t part = 0;               // index into SceneReader::parts()
@@ -157,19 +157,19 @@ struct SegmentInfo {
   std::uint64_t sh_offset = 0, sh_bytes = 0;
   // False: beyond the end of a truncated file. sh_available is true if there is no SH record.
   bool available = true, sh_available = true;
-  // Whether end_ticks is one of the shown times: unless the part ends there before the timeline
+  // Whether end_ticks is one of these times: unless the part ends there before the timeline
   // does (spec 5.4).
-  bool shown_at_end = false;
+  bool needed_at_end = false;
 
-  // Returns whether the segment is shown at any time.
-  bool is_shown() const {
-    return begin_ticks < end_ticks || (begin_ticks == end_ticks && shown_at_end);
+  // Returns whether the segment is needed at any time.
+  bool is_needed() const {
+    return begin_ticks < end_ticks || (begin_ticks == end_ticks && needed_at_end);
   }
 };
 
 // Content that the remaining index does not list, because a node of it is damaged (spec 9.5, 10.1).
 struct LostFragment {
-  TickRange range;  // closed; times at which the content would be shown, ticks
+  TickRange range;  // closed; times at which the content would be needed, ticks
   // Bytes of the file that are lost: of a recording's fragment, or of the node alone.
   std::uint64_t offset = 0, bytes = 0;
   bool operator==(const LostFragment&) const = default;

@@ -198,7 +198,7 @@ class IndexParser {
       Location record;
       STGS_TRY(take_record(record));
       STGS_TRY(take_entry());
-      file_.omit(fmt::format("timed data of content {}", layer >> 8), record.bytes);
+      file_.omit(fmt::format("further records of content {}", layer >> 8), record.bytes);
     }
     return {};
   }

@@ -22,7 +22,7 @@ bool is_stgs1(std::span<const std::uint8_t> head);
 // - SH above degree 0 that cannot be read, which become 0
 // - damaged fragments and incomplete bytes of a growing file
 // - damaged records of the importance, the training window and private names
-// - content that a Scene cannot represent: timed data, private records and attributes
+// - content that a Scene cannot represent: further records, private records and attributes
 //
 // kInvalidFile if the file is damaged beyond that, or no primitive of a non-empty file can be read;
 // kUnsupported for content of later versions, and for a file that exceeds the limits; kNotBuilt for
