@@ -94,12 +94,11 @@ HWY_INLINE bool map_rotation(int multiplier, const Numbers* q, const int (&expon
   for (std::size_t i = 0; i < kBlock; ++i) {
     const std::uint32_t x = m * q[0][i], y = m * q[1][i], z = m * q[2][i];
     const std::uint32_t limit = 1u << -exponents[i];
-    const bool inside = x + limit - 1 <= 2 * limit - 2 && y + limit - 1 <= 2 * limit - 2 &&
-                        z + limit - 1 <= 2 * limit - 2;
-    const auto rest = static_cast<std::int32_t>(limit * limit - x * x - y * y - z * z);
-    const bool good = inside && rest > 0;
-    bad |= good ? 0u : 1u;
-    out[0][i] = static_cast<float>(good ? rest : 0);
+    const std::uint32_t widest = std::max({x + limit - 1, y + limit - 1, z + limit - 1});
+    auto rest = static_cast<std::int32_t>(limit * limit - x * x - y * y - z * z);
+    rest = widest <= 2 * limit - 2 ? std::max(rest, 0) : 0;
+    bad |= rest == 0 ? 1u : 0u;
+    out[0][i] = static_cast<float>(rest);
   }
   for (std::size_t i = 0; i < kBlock; ++i) {
     out[0][i] = power_of_two(exponents[i]) * std::sqrt(out[0][i]);

@@ -26,6 +26,16 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 constexpr std::size_t kAhead = 2 * kBlock;  // prefetch distance in a plane, symbols
 
+// Adds a digit of each number.
+HWY_INLINE void add_digit(const std::uint8_t* symbols, int shift, Numbers& out) {
+  const hn::CappedTag<std::uint32_t, 16> d;
+  const hn::Rebind<std::uint8_t, decltype(d)> d8;
+  for (std::size_t i = 0; i < kBlock; i += hn::MaxLanes(d)) {
+    const auto digit = hn::PromoteTo(d, hn::LoadU(d8, symbols + i));
+    hn::Store(hn::Or(hn::Load(d, out + i), hn::ShiftLeftSame(digit, shift)), d, out + i);
+  }
+}
+
 // Loads values [first, first + count) with these planes of digits, padded with zeros.
 HWY_INLINE void load(const Plane* planes, const std::uint8_t* digit_bits, std::size_t digits,
                      std::size_t first, std::size_t count, Numbers& out) {
@@ -38,16 +48,16 @@ HWY_INLINE void load(const Plane* planes, const std::uint8_t* digit_bits, std::s
   shift = 0;
   for (std::size_t d = 0; d < digits; shift += digit_bits[d++]) {
     if (planes[d].symbols == nullptr) continue;
-    std::uint8_t symbols[kBlock];
+    const std::uint8_t* symbols = planes[d].symbols + first;
     // There are too many planes for the CPU's hardware prefetcher.
-    __builtin_prefetch(planes[d].symbols + first + kAhead);
-    if (count == kBlock) {  // a copy of constant size becomes a load
-      std::memcpy(symbols, planes[d].symbols + first, kBlock);
-    } else {
-      std::memset(symbols, 0, kBlock);
-      std::memcpy(symbols, planes[d].symbols + first, count);
+    __builtin_prefetch(symbols + kAhead);
+    HWY_ALIGN std::uint8_t padded[kBlock];
+    if (count < kBlock) {
+      std::memset(padded, 0, kBlock);
+      std::memcpy(padded, symbols, count);
+      symbols = padded;
     }
-    for (std::size_t i = 0; i < kBlock; ++i) out[i] |= std::uint32_t{symbols[i]} << shift;
+    add_digit(symbols, shift, out);
   }
   for (std::size_t i = count; i < kBlock; ++i) out[i] = 0;
 }
@@ -104,16 +114,6 @@ HWY_INLINE void keep(Attribute attribute, const Numbers* q, std::size_t at, MapR
   }
 }
 
-// Stores `width` floats of each of these primitives.
-HWY_INLINE void store_members(const Floats* from, std::size_t width, const std::uint32_t* members,
-                              std::size_t count, AttributeView<float> view) {
-  float rows[kBlock * kMaxComponents];
-  store_all(from, width, count, rows, width);
-  for (std::size_t i = 0; i < count; ++i)
-    std::memcpy(view.data + std::size_t{members[i]} * view.stride, rows + i * width,
-                width * sizeof(float));
-}
-
 // Maps the values [begin, end) of a stream of floats or integers. `carry`: the sum of the values
 // before `begin`; updated to that before `end`.
 bool map_values(const StreamTask& task, const SegmentContext& context, std::size_t begin,
@@ -158,7 +158,9 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
     if (task.members.empty()) {
       store_all(floats, width, count, view.data + first * view.stride, view.stride);
     } else {
-      store_members(floats, width, task.members.data() + first, count, view);
+      const std::uint32_t* const members = task.members.data() + first;
+      store_wide(floats, width, count,
+                 [&](std::size_t i) { return view.data + members[i] * view.stride; });
     }
   }
   return good;
@@ -188,7 +190,7 @@ bool map_keys(const StreamTask& task, std::size_t begin, std::size_t end, std::u
       good &= in_range(q, limit);
       map_linear(row.origin[axis], size_of(row.step), q, floats[axis]);
     }
-    store<3>(floats, count, set.position.data() + 3 * first, 3);
+    store_three(floats, count, set.position.data() + 3 * first, 3);
   }
   return good && overflow >> (3 * kKeyBits) == 0;
 }
