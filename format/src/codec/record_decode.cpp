@@ -10,6 +10,42 @@ namespace {
 
 using N = IssueNumber;
 
+// Returns the SH degree of primitive i from the planes of sh_degree.
+std::uint32_t degree_at(const StreamRow& row, const std::vector<Plane>& planes, std::size_t i) {
+  std::uint32_t degree = 0;
+  int shift = 0;
+  for (std::size_t d = 0; d < planes.size(); shift += row.digit_bits[d++])
+    degree |= std::uint32_t{planes[d].symbols ? planes[d].symbols[i] : planes[d].only} << shift;
+  return degree;
+}
+
+// Returns the SH degrees of n primitives, those above 255 as 255, in a plane or in `buffer`.
+std::span<const std::uint8_t> degrees_of(const StreamRow& row, const std::vector<Plane>& planes,
+                                         std::size_t n, std::vector<std::uint8_t>& buffer) {
+  if (planes.size() == 1 && planes[0].symbols != nullptr) return {planes[0].symbols, n};
+  buffer.resize(n);
+  for (std::size_t i = 0; i < n; ++i)
+    buffer[i] = static_cast<std::uint8_t>(std::min(255u, degree_at(row, planes, i)));
+  return buffer;
+}
+
+// Returns those of `count` candidates, candidate(0), candidate(1)..., whose degree is at least
+// `least`: `found` of them.
+template <typename Candidate>
+std::vector<std::uint32_t> select(std::span<const std::uint8_t> degrees, std::uint32_t least,
+                                  std::size_t count, std::size_t found,
+                                  const Candidate& candidate) {
+  std::vector<std::uint32_t> out(found + 1);  // each is written, and kept by the next index
+  std::size_t kept = 0;
+  for (std::size_t k = 0; k < count; ++k) {
+    const std::uint32_t i = candidate(k);
+    out[kept] = i;
+    kept += degrees[i] >= least ? 1 : 0;
+  }
+  out.pop_back();
+  return out;
+}
+
 }  // namespace
 
 RecordDecoder::RecordDecoder(const SegmentRecord& record, const FileHead& head,
@@ -172,26 +208,37 @@ bool RecordDecoder::find_members(DecodedRows& rows) {
   if (row == layout_.streams.end()) return true;
   const auto number = static_cast<std::size_t>(row - layout_.streams.begin());
   const std::vector<Plane>& planes = rows.planes[number - rows.first];
-  for (std::size_t k = 0; k < kShBands; ++k) rows.members[k].reserve(record_.sh[k]);
-  for (std::uint32_t i = 0; i < n_; ++i) {
-    std::uint32_t degree = 0;
-    int shift = 0;
-    for (std::size_t d = 0; d < planes.size(); shift += row->digit_bits[d++])
-      degree |= std::uint32_t{planes[d].symbols ? planes[d].symbols[i] : planes[d].only} << shift;
-    if (degree > static_cast<std::uint32_t>(sh_degree_)) {
+  std::vector<std::uint8_t> buffer;
+  const std::span<const std::uint8_t> degrees = degrees_of(*row, planes, n_, buffer);
+  const auto limit = static_cast<std::uint8_t>(sh_degree_);
+  std::uint8_t greatest = 0;
+  for (const std::uint8_t degree : degrees) greatest = std::max(greatest, degree);
+  if (greatest > limit) {
+    const auto wrong = std::find_if(degrees.begin(), degrees.end(),
+                                    [limit](std::uint8_t degree) { return degree > limit; });
+    findings_.error(N::kStreamValue, record_.payload_at,
+                    "segment {}: SH degree {} in a scene of degree {}", ordinal_,
+                    degree_at(*row, planes, static_cast<std::size_t>(wrong - degrees.begin())),
+                    sh_degree_);
+    return false;
+  }
+  for (std::uint32_t k = 0; k < kShBands; ++k) {
+    const auto found = static_cast<std::size_t>(std::count_if(
+        degrees.begin(), degrees.end(), [k](std::uint8_t degree) { return degree > k; }));
+    if (found != record_.sh[k]) {
       findings_.error(N::kStreamValue, record_.payload_at,
-                      "segment {}: SH degree {} in a scene of degree {}", ordinal_, degree,
-                      sh_degree_);
+                      "segment {}: {} primitives have SH of degree {} (expected {})", ordinal_,
+                      found, k + 1, record_.sh[k]);
       return false;
     }
-    for (std::uint32_t k = 0; k < degree; ++k) rows.members[k].push_back(i);
-  }
-  for (std::size_t k = 0; k < kShBands; ++k) {
-    if (rows.members[k].size() == record_.sh[k]) continue;
-    findings_.error(N::kStreamValue, record_.payload_at,
-                    "segment {}: {} primitives have SH of degree {} (expected {})", ordinal_,
-                    rows.members[k].size(), k + 1, record_.sh[k]);
-    return false;
+    if (k == 0) {
+      rows.members[0] = select(degrees, 1, n_, found,
+                               [](std::size_t i) { return static_cast<std::uint32_t>(i); });
+    } else {
+      const std::vector<std::uint32_t>& before = rows.members[k - 1];
+      rows.members[k] = select(degrees, k + 1, before.size(), found,
+                               [&before](std::size_t i) { return before[i]; });
+    }
   }
   return true;
 }

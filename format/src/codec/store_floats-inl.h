@@ -8,9 +8,11 @@
 #define STGS_STORE_FLOATS_INL_H
 #endif
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <utility>
 
 #include <hwy/highway.h>
 
@@ -69,6 +71,40 @@ HWY_INLINE void store_square(const Floats* from, std::size_t i, float* const (&t
   hn::StoreU(hn::BitCast(f, hn::InterleaveLower(two, ab_high, cd_high)), f, to[2] + column);
   hn::StoreU(hn::BitCast(f, hn::InterleaveUpper(two, ab_high, cd_high)), f, to[3] + column);
 #endif
+}
+
+// Sets kStride floats to 0, in stores that the compiler does not replace by a call.
+template <std::size_t kStride, std::size_t... k>
+HWY_INLINE void clear_row(float* row, std::index_sequence<k...>) {
+  const hn::CappedTag<float, 8> d;
+  (hn::StoreU(hn::Zero(d), d, row + std::min(k * hn::MaxLanes(d), kStride - hn::MaxLanes(d))), ...);
+}
+
+// Stores three floats of each primitive and sets the others of its row of kStride to 0. Uses a
+// fourth component of `from`.
+template <std::size_t kStride>
+HWY_INLINE void store_first_three(Floats* from, std::size_t count, float* to) {
+  constexpr std::size_t kLanes = hn::MaxLanes(hn::CappedTag<float, 8>());
+  const std::make_index_sequence<(kStride + kLanes - 1) / kLanes> stores;
+  std::fill_n(from[3], kBlock, 0.0f);
+  std::size_t i = 0;
+  for (; i + 4 <= count; i += 4, to += 4 * kStride) {
+    float* const rows[4] = {to, to + kStride, to + 2 * kStride, to + 3 * kStride};
+    for (float* const row : rows) clear_row<kStride>(row, stores);
+    store_square(from, i, rows, 0);
+  }
+  for (; i < count; ++i, to += kStride) {
+    clear_row<kStride>(to, stores);
+    for (std::size_t c = 0; c < 3; ++c) to[c] = from[c][i];
+  }
+}
+
+// Stores the SH of degree 0, and sets those above to 0.
+HWY_INLINE void store_sh0(Floats* from, std::size_t count, float* to, std::size_t stride) {
+  if (stride == 12) return store_first_three<12>(from, count, to);
+  if (stride == 27) return store_first_three<27>(from, count, to);
+  if (stride == 48) return store_first_three<48>(from, count, to);
+  store_three(from, count, to, stride);
 }
 
 // Stores `width` >= 4 floats of each primitive, those of primitive i at row(i). The last four may

@@ -175,25 +175,33 @@ MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& c
   // Runs of SH above degree 0 are of other primitives.
   const std::uint32_t sh = floats & ~(attribute_bit(Attribute::kShDegree) - 1);
   std::vector<std::uint8_t> bad(chunks * (tasks.size() + 1), 0);
-  const auto map_chunk = [&](std::size_t chunk) {
+  const auto is_partial = [](const StreamTask& task) { return !task.members.empty(); };
+  const auto map_chunk = [&](std::size_t chunk, bool partial) {
     const std::size_t end = std::min(n, (chunk + 1) * kMapGrain);
     std::uint8_t* const found = bad.data() + chunk * (tasks.size() + 1);
     MapRun run;
     for (std::size_t first = chunk * kMapGrain; first < end; first += kMapRun) {
       for (std::size_t t = 0; t < tasks.size(); ++t) {
+        if (is_partial(tasks[t]) != partial) continue;
         const std::size_t last = std::min({end, first + kMapRun, size_of_task(t)});
         std::uint32_t* const carry = carries[chunk * tasks.size() + t].data();
         if (first < last && !map_task(tasks[t], context, first, last, carry, run, set))
           found[t] = 1;
       }
-      if (!all_renderable(set, attributes, floats & ~sh, first, std::min(end, first + kMapRun)))
+      if (!partial &&
+          !all_renderable(set, attributes, floats & ~sh, first, std::min(end, first + kMapRun))) {
         found[tasks.size()] = 1;
+      }
     }
   };
-  if (chunks == 1) {
-    map_chunk(0);
-  } else {
-    parallel_for(std::size_t{0}, chunks, map_chunk);
+  // SH that some primitives lack are stored last, because SH of degree 0 set them to 0.
+  for (const bool partial : {false, true}) {
+    if (partial && std::none_of(tasks.begin(), tasks.end(), is_partial)) break;
+    if (chunks == 1) {
+      map_chunk(0, partial);
+    } else {
+      parallel_for(std::size_t{0}, chunks, [&](std::size_t c) { map_chunk(c, partial); });
+    }
   }
   MapResult out;
   out.in_range.assign(tasks.size(), true);
