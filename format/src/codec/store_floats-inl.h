@@ -73,10 +73,13 @@ HWY_INLINE void store_square(const Floats* from, std::size_t i, float* const (&t
 #endif
 }
 
+template <std::size_t kStride>
+using RowTag = hn::CappedTag<float, (kStride < 16 ? 8 : 16)>;
+
 // Sets kStride floats to 0, in stores that the compiler does not replace by a call.
 template <std::size_t kStride, std::size_t... k>
 HWY_INLINE void clear_row(float* row, std::index_sequence<k...>) {
-  const hn::CappedTag<float, 8> d;
+  const RowTag<kStride> d;
   (hn::StoreU(hn::Zero(d), d, row + std::min(k * hn::MaxLanes(d), kStride - hn::MaxLanes(d))), ...);
 }
 
@@ -84,7 +87,7 @@ HWY_INLINE void clear_row(float* row, std::index_sequence<k...>) {
 // fourth component of `from`.
 template <std::size_t kStride>
 HWY_INLINE void store_first_three(Floats* from, std::size_t count, float* to) {
-  constexpr std::size_t kLanes = hn::MaxLanes(hn::CappedTag<float, 8>());
+  constexpr std::size_t kLanes = hn::MaxLanes(RowTag<kStride>());
   const std::make_index_sequence<(kStride + kLanes - 1) / kLanes> stores;
   std::fill_n(from[3], kBlock, 0.0f);
   std::size_t i = 0;

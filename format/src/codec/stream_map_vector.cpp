@@ -58,18 +58,16 @@ HWY_INLINE void locate(const Plane* planes, const std::uint8_t* digit_bits, std:
   }
 }
 
-// Loads values [first, first + count) with these planes of digits, padded with zeros. kSigned:
-// undoes their zigzag coding.
-template <bool kSigned>
-HWY_INLINE void load(const Plane* planes, const std::uint8_t* digit_bits, std::size_t digits,
-                     std::size_t first, std::size_t count, Numbers& out) {
+// Combines the digits of a block, kCount of which vary, or more if it is kMaxDigits. kSigned:
+// undoes zigzag coding.
+template <bool kSigned, std::size_t kCount>
+HWY_INLINE void combine(const Digits& from, Numbers& out) {
   const hn::CappedTag<std::uint32_t, 16> d;
   const hn::Rebind<std::uint8_t, decltype(d)> d8;
-  Digits from;
-  locate(planes, digit_bits, digits, first, count, from);
+  const std::size_t digits = kCount == kMaxDigits ? from.count : kCount;
   for (std::size_t i = 0; i < kBlock; i += hn::MaxLanes(d)) {
     auto v = hn::Set(d, from.same);
-    for (std::size_t k = 0; k < from.count; ++k) {
+    for (std::size_t k = 0; k < digits; ++k) {
       const auto digit = hn::PromoteTo(d, hn::LoadU(d8, from.symbols[k] + i));
       v = hn::Or(v, hn::ShiftLeftSame(digit, from.shift[k]));
     }
@@ -79,7 +77,23 @@ HWY_INLINE void load(const Plane* planes, const std::uint8_t* digit_bits, std::s
     }
     hn::Store(v, d, out + i);
   }
-  std::fill(out + count, out + kBlock, 0u);
+}
+
+// Loads values [first, first + count) with these planes of digits, padded with zeros. kSigned:
+// undoes their zigzag coding.
+template <bool kSigned>
+HWY_INLINE void load(const Plane* planes, const std::uint8_t* digit_bits, std::size_t digits,
+                     std::size_t first, std::size_t count, Numbers& out) {
+  Digits from;
+  locate(planes, digit_bits, digits, first, count, from);
+  if (from.count == 1) {
+    combine<kSigned, 1>(from, out);
+  } else if (from.count == 2) {
+    combine<kSigned, 2>(from, out);
+  } else {
+    combine<kSigned, kMaxDigits>(from, out);
+  }
+  if (count < kBlock) std::fill(out + count, out + kBlock, 0u);
 }
 
 // Loads values of component c of a stream.
@@ -253,30 +267,39 @@ void sum_task(const StreamTask& task, std::size_t begin, std::size_t end, std::u
 
 bool all_finite(const FloatArray& values, std::size_t begin, std::size_t end) {
   std::uint32_t bad = 0;
+  const float* const v = values.data();
   for (std::size_t i = begin; i < end; ++i) {
-    const std::uint32_t bits = std::bit_cast<std::uint32_t>(values[i]) & 0x7F800000;
+    const std::uint32_t bits = std::bit_cast<std::uint32_t>(v[i]) & 0x7F800000;
     bad |= bits == 0x7F800000 ? 1u : 0u;
+  }
+  return bad == 0;
+}
+
+// Returns whether no primitive has a quaternion of length 0.
+bool all_turned(const float* rotation, std::size_t begin, std::size_t end) {
+  std::uint32_t bad = 0;
+  for (std::size_t i = begin; i < end; ++i) {
+    const float* const q = rotation + 4 * i;
+    bad |= q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f ? 1u : 0u;
   }
   return bad == 0;
 }
 
 bool all_renderable(const Gaussians4D& set, std::uint32_t attributes, std::uint32_t floats,
                     std::size_t begin, std::size_t end) {
-  const auto has = [&](Attribute attribute) {
-    return (attributes & attribute_bit(attribute)) != 0;
+  const auto is_in = [](std::uint32_t bits, Attribute attribute) {
+    return (bits & attribute_bit(attribute)) != 0;
   };
+  const float *const sigma = set.sigma.data(), *const radius = set.radius.data();
   std::uint32_t bad = 0;
-  for (std::size_t i = begin; has(Attribute::kSigma) && i < end; ++i)
-    bad |= set.sigma[i] > 0.0f ? 0u : 1u;
-  for (std::size_t i = begin; has(Attribute::kRadius) && i < end; ++i)
-    bad |= set.radius[i] >= 0.0f ? 0u : 1u;
-  for (std::size_t i = begin; has(Attribute::kRotation) && i < end; ++i) {
-    const float* q = set.rotation.data() + 4 * i;
-    bad |= q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f ? 1u : 0u;
-  }
+  for (std::size_t i = begin; is_in(attributes, Attribute::kSigma) && i < end; ++i)
+    bad |= sigma[i] > 0.0f ? 0u : 1u;
+  for (std::size_t i = begin; is_in(attributes, Attribute::kRadius) && i < end; ++i)
+    bad |= radius[i] >= 0.0f ? 0u : 1u;
+  // Mapped rotations have w > 0, or components out of range.
+  if (is_in(floats, Attribute::kRotation) && !all_turned(set.rotation.data(), begin, end)) bad = 1;
   const auto finite = [&](Attribute attribute, const FloatArray& values, std::size_t width) {
-    return (floats & attribute_bit(attribute)) == 0 ||
-           all_finite(values, width * begin, width * end);
+    return !is_in(floats, attribute) || all_finite(values, width * begin, width * end);
   };
   const auto sh = static_cast<std::size_t>(3 * set.sh_coefficients());
   const std::uint32_t any_sh = attribute_bit(Attribute::kSh0) | attribute_bit(Attribute::kSh1) |
