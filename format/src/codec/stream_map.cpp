@@ -181,6 +181,11 @@ MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& c
     std::uint8_t* const found = bad.data() + chunk * (tasks.size() + 1);
     MapRun run;
     for (std::size_t first = chunk * kMapGrain; first < end; first += kMapRun) {
+      if (!partial && !set.sh.empty()) {
+        const auto stride = static_cast<std::size_t>(3 * set.sh_coefficients());
+        run.sh = set.sh.data() + first * stride;
+        run.sh_end = set.sh.data() + std::min(end, first + kMapRun) * stride;
+      }
       for (std::size_t t = 0; t < tasks.size(); ++t) {
         if (is_partial(tasks[t]) != partial) continue;
         const std::size_t last = std::min({end, first + kMapRun, size_of_task(t)});

@@ -15,6 +15,9 @@ inline constexpr std::size_t kMapRun = 128;
 
 // Integers of a run of primitives on which later streams depend.
 struct MapRun {
+  // SH rows of the run that are not in the cache yet. They are fetched while other attributes are
+  // mapped, because storing them takes as long as their memory does.
+  const float *sh = nullptr, *sh_end = nullptr;
   std::uint32_t sigma[kMapRun] = {}, radius[kMapRun] = {};  // bits b (spec 8.6)
   std::uint32_t spread[kMapRun] = {};                       // of the log scales (spec 8.8)
 };
