@@ -10,8 +10,8 @@
 namespace stgs {
 
 inline constexpr std::size_t kMaxComponents = 21;  // of an attribute
-// Primitives mapped for all streams in turn: their values fit the cache.
-inline constexpr std::size_t kMapRun = 128;
+// Primitives mapped for all streams in turn: their values fit the second-level cache.
+inline constexpr std::size_t kMapRun = 512;
 
 // Integers of a run of primitives on which later streams depend.
 struct MapRun {

@@ -158,7 +158,7 @@ HWY_INLINE void keep(Attribute attribute, const Numbers* q, std::size_t at, MapR
 
 // Fetches some of the SH rows of a run into the cache.
 HWY_INLINE void fetch_sh(MapRun& run) {
-  constexpr int kLines = 8;  // 50 calls, for the components of 128 primitives, fetch all rows
+  constexpr int kLines = 8;  // 24 calls, one for each component, fetch the rows of a block
   constexpr std::ptrdiff_t kFloats = 64 / sizeof(float);
   for (int k = 0; k < kLines && run.sh < run.sh_end; ++k, run.sh += kFloats)
     __builtin_prefetch(run.sh, 1);
