@@ -99,18 +99,20 @@ int components_of(Attribute attribute) {
   return row_of(attribute).components;
 }
 void resize_attributes(Gaussians4D& set, AttributeBits attributes, std::size_t n) {
-  const auto size = [&](Attribute attribute, std::size_t components) {
-    return (attributes & attribute_bit(attribute)) != 0 ? components * n : 0;
+  const auto resize = [&](FloatArray& array, Attribute attribute, int components) {
+    const bool used = (attributes & attribute_bit(attribute)) != 0;
+    array =
+        unset_floats(used ? static_cast<std::size_t>(components) * n : 0, array.get_allocator());
   };
-  set.position.assign(size(Attribute::kPosition, 3), 0.0f);
-  set.time.assign(size(Attribute::kTime, 1), 0.0f);
-  set.sigma.assign(size(Attribute::kSigma, 1), 0.0f);
-  set.radius.assign(size(Attribute::kRadius, 1), 0.0f);
-  set.velocity.assign(size(Attribute::kVelocity, 3), 0.0f);
-  set.log_scale.assign(size(Attribute::kLogScale, 3), 0.0f);
-  set.rotation.assign(size(Attribute::kRotation, 4), 0.0f);
-  set.opacity_logit.assign(size(Attribute::kOpacity, 1), 0.0f);
-  set.sh.assign(size(Attribute::kSh0, 3 * static_cast<std::size_t>(set.sh_coefficients())), 0.0f);
+  resize(set.position, Attribute::kPosition, 3);
+  resize(set.time, Attribute::kTime, 1);
+  resize(set.sigma, Attribute::kSigma, 1);
+  resize(set.radius, Attribute::kRadius, 1);
+  resize(set.velocity, Attribute::kVelocity, 3);
+  resize(set.log_scale, Attribute::kLogScale, 3);
+  resize(set.rotation, Attribute::kRotation, 4);
+  resize(set.opacity_logit, Attribute::kOpacity, 1);
+  resize(set.sh, Attribute::kSh0, 3 * set.sh_coefficients());
 }
 AttributeView<const float> view_of(const Gaussians4D& set, Attribute attribute) {
   return view<const float>(set, attribute);

@@ -34,7 +34,8 @@ inline constexpr AttributeBits kAllAttributes = 0xFFFFFFFF;
 // Where and when primitives are: position and time.
 inline constexpr AttributeBits kPlacement =
     attribute_bit(Attribute::kPosition) | attribute_bit(Attribute::kTime);
-// Sets the size of these attributes of a set, with values of 0, and empties the others.
+// Sets the size of these attributes of a set, whose values are then to be written, and empties the
+// others.
 void resize_attributes(Gaussians4D& set, AttributeBits attributes, std::size_t n);
 
 // An attribute of a set: component c of primitive i is data[i * stride + c].

@@ -35,22 +35,33 @@ HWY_INLINE float size_of(Step step) {
   return static_cast<float>(step.multiplier) * power_of_two(step.exponent);
 }
 
-// Returns whether all |q| are at most `limit`.
-HWY_INLINE bool in_range(const Numbers& q, std::uint32_t limit) {
-  std::uint32_t bad = 0;
-  for (std::size_t i = 0; i < kBlock; ++i) bad |= q[i] + limit > 2 * limit ? 1u : 0u;
-  return bad == 0;
-}
-
-HWY_INLINE void to_floats(const Numbers& q, Floats& out) {
-  for (std::size_t i = 0; i < kBlock; ++i) {
-    out[i] = static_cast<float>(static_cast<std::int32_t>(q[i]));
+// Checks that all |q| of a stream are at most `limit`.
+class Range {
+ public:
+  explicit Range(std::uint32_t limit) : limit_(limit) {}
+  HWY_INLINE void add(std::size_t i, std::uint32_t q) {
+    greatest_[i] = std::max(greatest_[i], q + limit_);
   }
+  HWY_INLINE void add(const Numbers& q) {
+    for (std::size_t i = 0; i < kBlock; ++i) add(i, q[i]);
+  }
+  HWY_INLINE bool good() const {
+    std::uint32_t greatest = 0;
+    for (const std::uint32_t v : greatest_) greatest = std::max(greatest, v);
+    return greatest <= 2 * limit_;
+  }
+
+ private:
+  std::uint32_t limit_;
+  HWY_ALIGN Numbers greatest_ = {};  // q + limit, modulo 2^32
+};
+
+HWY_INLINE float to_float(std::uint32_t q) {
+  return static_cast<float>(static_cast<std::int32_t>(q));
 }
 
 HWY_INLINE void map_linear(float origin, float step, const Numbers& q, Floats& out) {
-  to_floats(q, out);
-  for (std::size_t i = 0; i < kBlock; ++i) out[i] = origin + step * out[i];
+  for (std::size_t i = 0; i < kBlock; ++i) out[i] = origin + step * to_float(q[i]);
 }
 
 // Replaces q by the bits b (spec 8.5).
@@ -89,51 +100,54 @@ HWY_INLINE void rotation_exponents(const StreamRow& row, const SegmentContext& c
 // Computes w, x, y, z (spec 8.7). R is below 2^28; only its conversion to float rounds.
 HWY_INLINE bool map_rotation(int multiplier, const Numbers* q, const int (&exponents)[kBlock],
                              Floats* out) {
-  std::uint32_t bad = 0;
-  const auto m = static_cast<std::uint32_t>(multiplier);
-  for (std::size_t i = 0; i < kBlock; ++i) {
-    const std::uint32_t x = m * q[0][i], y = m * q[1][i], z = m * q[2][i];
-    const std::uint32_t limit = 1u << -exponents[i];
-    const bool inside = x + limit - 1 <= 2 * limit - 2 && y + limit - 1 <= 2 * limit - 2 &&
-                        z + limit - 1 <= 2 * limit - 2;
-    const auto rest = static_cast<std::int32_t>(limit * limit - x * x - y * y - z * z);
-    const bool good = inside && rest > 0;
-    bad |= good ? 0u : 1u;
-    out[0][i] = static_cast<float>(good ? rest : 0);
+  const hn::CappedTag<std::uint32_t, 16> d;
+  const hn::RebindToSigned<decltype(d)> di;
+  const hn::RebindToFloat<decltype(d)> df;
+  const auto one = hn::Set(d, 1), m = hn::Set(d, static_cast<std::uint32_t>(multiplier));
+  auto bad = hn::Zero(di);
+  for (std::size_t i = 0; i < kBlock; i += hn::MaxLanes(d)) {
+    const auto x = hn::Mul(m, hn::Load(d, q[0] + i)), y = hn::Mul(m, hn::Load(d, q[1] + i));
+    const auto z = hn::Mul(m, hn::Load(d, q[2] + i));
+    const auto limit = hn::Shl(one, hn::BitCast(d, hn::Neg(hn::Load(di, exponents + i))));
+    // |v| < limit if v + (limit - 1) <= 2 (limit - 1), modulo 2^32.
+    const auto most = hn::Sub(limit, one), twice = hn::Add(most, most);
+    const auto greatest = hn::Max(hn::Max(hn::Add(x, most), hn::Add(y, most)), hn::Add(z, most));
+    const auto inside = hn::Eq(hn::Max(greatest, twice), twice);
+    const auto squares = hn::Add(hn::Add(hn::Mul(x, x), hn::Mul(y, y)), hn::Mul(z, z));
+    const auto rest = hn::Sub(hn::Mul(limit, limit), squares);
+    const auto found = hn::BitCast(di, hn::IfThenElseZero(inside, rest));
+    const auto good = hn::Max(found, hn::Zero(di));
+    bad = hn::Or(bad, hn::VecFromMask(di, hn::Eq(good, hn::Zero(di))));
+    hn::Store(hn::ConvertTo(df, good), df, out[0] + i);
   }
   for (std::size_t i = 0; i < kBlock; ++i) {
     out[0][i] = power_of_two(exponents[i]) * std::sqrt(out[0][i]);
   }
   for (std::size_t c = 0; c < 3; ++c) {
-    to_floats(q[c], out[c + 1]);
     for (std::size_t i = 0; i < kBlock; ++i) {
-      out[c + 1][i] *= size_of({exponents[i], multiplier});
+      out[c + 1][i] = to_float(q[c][i]) * size_of({exponents[i], multiplier});
     }
   }
-  return bad == 0;
+  return hn::AllTrue(di, hn::Eq(bad, hn::Zero(di)));
 }
 
 // Converts luma and chroma to RGB in integers (spec 8.5).
 HWY_INLINE void map_colour(const StreamRow& row, const Numbers* q, Floats* out) {
-  Numbers red, green, blue;
+  const float step = size_of(row.step);
   for (std::size_t i = 0; i < kBlock; ++i) {
     const std::uint32_t luma = q[0][i], orange = q[1][i], chroma = q[2][i];
-    red[i] = luma - chroma + orange;
-    green[i] = luma + chroma;
-    blue[i] = luma - chroma - orange;
+    // 0 + x is x, except that it is never -0.
+    out[0][i] = 0.0f + step * to_float(luma - chroma + orange);
+    out[1][i] = 0.0f + step * to_float(luma + chroma);
+    out[2][i] = 0.0f + step * to_float(luma - chroma - orange);
   }
-  const float step = size_of(row.step);
-  map_linear(0.0f, step, red, out[0]);
-  map_linear(0.0f, step, green, out[1]);
-  map_linear(0.0f, step, blue, out[2]);
 }
 
 // Maps a block of one component. `base`: of times. `steps`: of displacements. Sigma and radius
-// leave their bits in q.
-bool map_component(const StreamRow& row, std::size_t component, float base, const Floats& steps,
-                   Numbers& q, Floats& out) {
-  const std::uint32_t limit = max_steps(static_cast<Mapping>(row.mapping), row.step.multiplier);
-  const bool good = in_range(q, limit);
+// leave their bits in q. Returns false if an integer exceeds another limit than that of `range`.
+HWY_INLINE bool map_component(const StreamRow& row, std::size_t component, float base,
+                              const Floats& steps, Numbers& q, Range& range, Floats& out) {
+  const float origin = row.origin[component % 3], step = size_of(row.step);
   switch (static_cast<Mapping>(row.mapping)) {
     case Mapping::kFloat:
       for (std::size_t i = 0; i < kBlock; ++i) {
@@ -142,31 +156,36 @@ bool map_component(const StreamRow& row, std::size_t component, float base, cons
       }
       return true;
     case Mapping::kTruncated:
-      return map_truncated(row, q, out) && good;
+      range.add(q);
+      return map_truncated(row, q, out);
     case Mapping::kDisplacement:
-      to_floats(q, out);
-      for (std::size_t i = 0; i < kBlock; ++i) out[i] *= steps[i];
-      return good;
+      for (std::size_t i = 0; i < kBlock; ++i) {
+        range.add(i, q[i]);
+        out[i] = to_float(q[i]) * steps[i];
+      }
+      return true;
     case Mapping::kTime:
-      map_linear(row.origin[0], size_of(row.step), q, out);
+      range.add(q);
+      map_linear(row.origin[0], step, q, out);
       for (std::size_t i = 0; i < kBlock; ++i) out[i] += base;
-      return good;
+      return true;
     default:
-      map_linear(row.origin[component % 3], size_of(row.step), q, out);
-      return good;
+      for (std::size_t i = 0; i < kBlock; ++i) {
+        range.add(i, q[i]);
+        out[i] = origin + step * to_float(q[i]);
+      }
+      return true;
   }
 }
 
 // Maps three components that give three or four floats together.
-bool map_three(const StreamRow& row, const int (&exponents)[kBlock], const Numbers* q,
-               Floats* out) {
-  const std::uint32_t limit = max_steps(static_cast<Mapping>(row.mapping), row.step.multiplier);
-  const bool good = in_range(q[0], limit) && in_range(q[1], limit) && in_range(q[2], limit);
-  if (static_cast<Mapping>(row.mapping) != Mapping::kColour) {
-    return map_rotation(row.step.multiplier, q, exponents, out) && good;
-  }
+HWY_INLINE bool map_three(const StreamRow& row, const int (&exponents)[kBlock], const Numbers* q,
+                          Range& range, Floats* out) {
+  for (std::size_t c = 0; c < 3; ++c) range.add(q[c]);
+  if (static_cast<Mapping>(row.mapping) != Mapping::kColour)
+    return map_rotation(row.step.multiplier, q, exponents, out);
   map_colour(row, q, out);
-  return good;
+  return true;
 }
 
 }  // namespace

@@ -172,21 +172,22 @@ bool RecordDecoder::find_members(DecodedRows& rows) {
   if (row == layout_.streams.end()) return true;
   const auto number = static_cast<std::size_t>(row - layout_.streams.begin());
   const std::vector<Plane>& planes = rows.planes[number - rows.first];
-  const auto excess = stgs::find_members(*row, planes, n_, static_cast<std::uint32_t>(sh_degree_),
-                                         record_.sh, rows.members);
-  if (excess) {
+  const ShDegrees degrees(*row, planes, n_);
+  if (degrees.greatest() > static_cast<std::uint32_t>(sh_degree_)) {
     findings_.error(N::kStreamValue, record_.payload_at,
-                    "segment {}: SH degree {} in a scene of degree {}", ordinal_, *excess,
-                    sh_degree_);
+                    "segment {}: SH degree {} in a scene of degree {}", ordinal_,
+                    degrees.greatest(), sh_degree_);
     return false;
   }
-  for (std::size_t k = 0; k < kShBands; ++k) {
-    if (rows.members[k].size() == record_.sh[k]) continue;
+  for (std::uint32_t k = 0; k < kShBands; ++k) {
+    const std::size_t found = degrees.count(k + 1);
+    if (found == record_.sh[k]) continue;
     findings_.error(N::kStreamValue, record_.payload_at,
-                    "segment {}: {} primitives have SH of degree {} (expected {})", ordinal_,
-                    rows.members[k].size(), k + 1, record_.sh[k]);
+                    "segment {}: {} primitives have SH of degree {} (expected {})", ordinal_, found,
+                    k + 1, record_.sh[k]);
     return false;
   }
+  rows.members = degrees.members();
   return true;
 }
 

@@ -3,8 +3,8 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -15,12 +15,22 @@ namespace stgs {
 // The primitives with an SH degree of at least 1, 2 and 3, ascending.
 using ShMembers = std::array<std::vector<std::uint32_t>, kShBands>;
 
-// Finds the members among n primitives from the planes of row sh_degree. `counts`: the expected
-// number of each, for allocation only. If a degree is greater than `max_degree`, which is at most
-// kShBands, the function stops and returns it.
-std::optional<std::uint32_t> find_members(const StreamRow& row, std::span<const Plane> planes,
-                                          std::uint32_t n, std::uint32_t max_degree,
-                                          std::span<const std::uint32_t, kShBands> counts,
-                                          ShMembers& members);
+// The SH degrees of a record's primitives.
+class ShDegrees {
+ public:
+  // `planes`: those of row sh_degree, of n symbols, which outlive this object.
+  ShDegrees(const StreamRow& row, std::span<const Plane> planes, std::uint32_t n);
+
+  std::uint32_t greatest() const { return greatest_; }
+  // Returns the number of primitives of at least this degree, 1 to kShBands.
+  std::size_t count(std::uint32_t degree) const;
+  // Takes 4 bytes for each primitive that count() counts.
+  ShMembers members() const;
+
+ private:
+  std::vector<std::uint8_t> combined_;     // of several digits
+  std::span<const std::uint8_t> degrees_;  // those above 255 as 255
+  std::uint32_t greatest_ = 0;
+};
 
 }  // namespace stgs

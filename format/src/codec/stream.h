@@ -91,9 +91,9 @@ struct MapResult {
   std::vector<bool> in_range;  // by task: all integers are within the range of the mapping
   bool renderable = true;      // all primitives pass check_primitives() (values.h)
 };
-// Maps planes of n primitives to floats in `set`, whose arrays have their final size and are 0.
-// Velocity depends on sigma and radius, rotation on the log scales: tasks are in the order of
-// attributes.
+// Maps planes of n primitives to floats in `set`, whose arrays have their final size. With SH of
+// degree 0, SH without a value become 0. Velocity depends on sigma and radius, rotation on the log
+// scales: tasks are in the order of attributes.
 MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& context,
                       std::size_t n, Gaussians4D& set);
 

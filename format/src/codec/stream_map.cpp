@@ -188,50 +188,93 @@ MappedAttributes mapped_attributes(std::span<const StreamTask> tasks) {
   return out;
 }
 
+// Maps the tasks of n primitives, chunk by chunk.
+class StreamMapper {
+ public:
+  StreamMapper(std::span<const StreamTask> tasks, const SegmentContext& context, std::size_t n,
+               Gaussians4D& set)
+      : tasks_(tasks),
+        context_(context),
+        n_(n),
+        set_(set),
+        chunks_((n + kMapGrain - 1) / kMapGrain),
+        carries_(carries_of(tasks, context.first_key, chunks_, n)),
+        attributes_(mapped_attributes(tasks)),
+        bad_(chunks_ * (tasks.size() + 1), 0) {}
+
+  // SH that some primitives lack are stored last, because SH of degree 0 set them to 0.
+  MapResult map() {
+    map_tasks(false);
+    if (std::any_of(tasks_.begin(), tasks_.end(), is_partial)) map_tasks(true);
+    MapResult out;
+    out.in_range.assign(tasks_.size(), true);
+    const std::uint32_t sh = attributes_.floats_of_sh();
+    out.renderable = sh == 0 || all_renderable(set_, 0, sh, 0, n_);
+    for (std::size_t k = 0; k < bad_.size(); ++k) {
+      const std::size_t t = k % (tasks_.size() + 1);
+      if (bad_[k] == 0) continue;
+      if (t == tasks_.size()) {
+        out.renderable = false;
+      } else {
+        out.in_range[t] = false;
+      }
+    }
+    return out;
+  }
+
+ private:
+  // Returns whether some primitives have no values.
+  static bool is_partial(const StreamTask& task) { return !task.members.empty(); }
+
+  void map_tasks(bool partial) {
+    if (chunks_ == 1) {
+      map_chunk(0, partial);
+    } else {
+      parallel_for(std::size_t{0}, chunks_, [&](std::size_t chunk) { map_chunk(chunk, partial); });
+    }
+  }
+
+  // Maps the values of a chunk of those tasks that are partial, or of the others.
+  void map_chunk(std::size_t chunk, bool partial) {
+    const std::size_t end = std::min(n_, (chunk + 1) * kMapGrain);
+    std::uint8_t* const found = bad_.data() + chunk * (tasks_.size() + 1);
+    MapRun run;
+    for (std::size_t first = chunk * kMapGrain; first < end; first += kMapRun) {
+      const std::size_t run_end = std::min(end, first + kMapRun);
+      if (!partial && !set_.sh.empty()) {
+        const auto stride = static_cast<std::size_t>(3 * set_.sh_coefficients());
+        run.sh = set_.sh.data() + first * stride;
+        run.sh_end = set_.sh.data() + run_end * stride;
+      }
+      for (std::size_t t = 0; t < tasks_.size(); ++t) {
+        if (is_partial(tasks_[t]) != partial) continue;
+        const std::size_t last = std::min(run_end, values_of(tasks_[t], n_));
+        std::uint32_t* const carry = carries_[chunk * tasks_.size() + t].data();
+        if (first < last && !map_task(tasks_[t], context_, first, last, carry, run, set_))
+          found[t] = 1;
+      }
+      const std::uint32_t floats = attributes_.floats & ~attributes_.floats_of_sh();
+      if (!partial && !all_renderable(set_, attributes_.all, floats, first, run_end))
+        found[tasks_.size()] = 1;
+    }
+  }
+
+  const std::span<const StreamTask> tasks_;
+  const SegmentContext& context_;
+  const std::size_t n_;
+  Gaussians4D& set_;
+  const std::size_t chunks_;
+  std::vector<Carries> carries_;
+  const MappedAttributes attributes_;
+  // By chunk: a flag for each task that is out of range, and one if it is not renderable.
+  std::vector<std::uint8_t> bad_;
+};
+
 }  // namespace
 
 MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& context,
                       std::size_t n, Gaussians4D& set) {
-  const std::size_t chunks = (n + kMapGrain - 1) / kMapGrain;
-  std::vector<Carries> carries = carries_of(tasks, context.first_key, chunks, n);
-  const MappedAttributes attributes = mapped_attributes(tasks);
-  const std::uint32_t sh = attributes.floats_of_sh();
-  // By chunk: a flag for each task that is out of range, and one if it is not renderable.
-  std::vector<std::uint8_t> bad(chunks * (tasks.size() + 1), 0);
-  const auto map_chunk = [&](std::size_t chunk) {
-    const std::size_t end = std::min(n, (chunk + 1) * kMapGrain);
-    std::uint8_t* const found = bad.data() + chunk * (tasks.size() + 1);
-    MapRun run;
-    for (std::size_t first = chunk * kMapGrain; first < end; first += kMapRun) {
-      for (std::size_t t = 0; t < tasks.size(); ++t) {
-        const std::size_t last = std::min({end, first + kMapRun, values_of(tasks[t], n)});
-        std::uint32_t* const carry = carries[chunk * tasks.size() + t].data();
-        if (first < last && !map_task(tasks[t], context, first, last, carry, run, set))
-          found[t] = 1;
-      }
-      if (!all_renderable(set, attributes.all, attributes.floats & ~sh, first,
-                          std::min(end, first + kMapRun)))
-        found[tasks.size()] = 1;
-    }
-  };
-  if (chunks == 1) {
-    map_chunk(0);
-  } else {
-    parallel_for(std::size_t{0}, chunks, map_chunk);
-  }
-  MapResult out;
-  out.in_range.assign(tasks.size(), true);
-  out.renderable = sh == 0 || all_renderable(set, 0, sh, 0, n);
-  for (std::size_t k = 0; k < bad.size(); ++k) {
-    const std::size_t t = k % (tasks.size() + 1);
-    if (bad[k] == 0) continue;
-    if (t == tasks.size()) {
-      out.renderable = false;
-    } else {
-      out.in_range[t] = false;
-    }
-  }
-  return out;
+  return StreamMapper(tasks, context, n, set).map();
 }
 
 }  // namespace stgs

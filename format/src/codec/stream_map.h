@@ -10,11 +10,14 @@
 namespace stgs {
 
 inline constexpr std::size_t kMaxComponents = 21;  // of an attribute
-// Primitives mapped for all streams in turn: their values fit the cache.
-inline constexpr std::size_t kMapRun = 128;
+// Primitives mapped for all streams in turn: their values fit the second-level cache.
+inline constexpr std::size_t kMapRun = 512;
 
 // Integers of a run of primitives on which later streams depend.
 struct MapRun {
+  // SH rows of the run that are not in the cache yet. They are fetched while other attributes are
+  // mapped, because storing them takes as long as their memory does.
+  const float *sh = nullptr, *sh_end = nullptr;
   std::uint32_t sigma[kMapRun] = {}, radius[kMapRun] = {};  // bits b (spec 8.6)
   std::uint32_t spread[kMapRun] = {};                       // of the log scales (spec 8.8)
 };

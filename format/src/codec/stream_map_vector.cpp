@@ -26,37 +26,82 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 constexpr std::size_t kAhead = 2 * kBlock;  // prefetch distance in a plane, symbols
 
-// Loads values [first, first + count) with these planes of digits, padded with zeros.
-HWY_INLINE void load(const Plane* planes, const std::uint8_t* digit_bits, std::size_t digits,
-                     std::size_t first, std::size_t count, Numbers& out) {
-  std::uint32_t same = 0;
+// Digits of a block of values.
+struct Digits {
+  const std::uint8_t* symbols[kMaxDigits];  // of the digits that vary
+  int shift[kMaxDigits];
+  std::size_t count = 0;   // of these digits
+  std::uint32_t same = 0;  // the others
+  HWY_ALIGN std::uint8_t padded[kMaxDigits][kBlock];
+};
+
+// Locates the digits of values [first, first + count) in these planes. Pads them with zeros.
+HWY_INLINE void locate(const Plane* planes, const std::uint8_t* digit_bits, std::size_t digits,
+                       std::size_t first, std::size_t count, Digits& out) {
   int shift = 0;
   for (std::size_t d = 0; d < digits; shift += digit_bits[d++]) {
-    if (planes[d].symbols == nullptr) same |= std::uint32_t{planes[d].only} << shift;
-  }
-  for (std::uint32_t& v : out) v = same;
-  shift = 0;
-  for (std::size_t d = 0; d < digits; shift += digit_bits[d++]) {
-    if (planes[d].symbols == nullptr) continue;
-    std::uint8_t symbols[kBlock];
-    // There are too many planes for the CPU's hardware prefetcher.
-    __builtin_prefetch(planes[d].symbols + first + kAhead);
-    if (count == kBlock) {  // a copy of constant size becomes a load
-      std::memcpy(symbols, planes[d].symbols + first, kBlock);
-    } else {
-      std::memset(symbols, 0, kBlock);
-      std::memcpy(symbols, planes[d].symbols + first, count);
+    if (planes[d].symbols == nullptr) {
+      out.same |= std::uint32_t{planes[d].only} << shift;
+      continue;
     }
-    for (std::size_t i = 0; i < kBlock; ++i) out[i] |= std::uint32_t{symbols[i]} << shift;
+    const std::uint8_t* symbols = planes[d].symbols + first;
+    // There are too many planes for the CPU's hardware prefetcher.
+    __builtin_prefetch(symbols + kAhead);
+    if (count < kBlock) {
+      std::uint8_t* const padded = out.padded[out.count];
+      std::memset(padded, 0, kBlock);
+      std::memcpy(padded, symbols, count);
+      symbols = padded;
+    }
+    out.symbols[out.count] = symbols;
+    out.shift[out.count++] = shift;
   }
-  for (std::size_t i = count; i < kBlock; ++i) out[i] = 0;
+}
+
+// Combines the digits of a block, kCount of which vary, or more if it is kMaxDigits. kSigned:
+// undoes zigzag coding.
+template <bool kSigned, std::size_t kCount>
+HWY_INLINE void combine(const Digits& from, Numbers& out) {
+  const hn::CappedTag<std::uint32_t, 16> d;
+  const hn::Rebind<std::uint8_t, decltype(d)> d8;
+  const std::size_t digits = kCount == kMaxDigits ? from.count : kCount;
+  for (std::size_t i = 0; i < kBlock; i += hn::MaxLanes(d)) {
+    auto v = hn::Set(d, from.same);
+    for (std::size_t k = 0; k < digits; ++k) {
+      const auto digit = hn::PromoteTo(d, hn::LoadU(d8, from.symbols[k] + i));
+      v = hn::Or(v, hn::ShiftLeftSame(digit, from.shift[k]));
+    }
+    if constexpr (kSigned) {
+      const auto sign = hn::Sub(hn::Zero(d), hn::And(v, hn::Set(d, 1)));
+      v = hn::Xor(hn::ShiftRight<1>(v), sign);
+    }
+    hn::Store(v, d, out + i);
+  }
+}
+
+// Loads values [first, first + count) with these planes of digits, padded with zeros. kSigned:
+// undoes their zigzag coding.
+template <bool kSigned>
+HWY_INLINE void load(const Plane* planes, const std::uint8_t* digit_bits, std::size_t digits,
+                     std::size_t first, std::size_t count, Numbers& out) {
+  Digits from;
+  locate(planes, digit_bits, digits, first, count, from);
+  if (from.count == 1) {
+    combine<kSigned, 1>(from, out);
+  } else if (from.count == 2) {
+    combine<kSigned, 2>(from, out);
+  } else {
+    combine<kSigned, kMaxDigits>(from, out);
+  }
+  if (count < kBlock) std::fill(out + count, out + kBlock, 0u);
 }
 
 // Loads values of component c of a stream.
+template <bool kSigned>
 HWY_INLINE void load_component(const StreamTask& task, std::size_t c, std::size_t first,
                                std::size_t count, Numbers& out) {
   const StreamRow& row = *task.row;
-  load(task.planes + c * row.digits, row.digit_bits.data(), row.digits, first, count, out);
+  load<kSigned>(task.planes + c * row.digits, row.digit_bits.data(), row.digits, first, count, out);
 }
 
 // Replaces each number by the sum of `before` and all numbers up to it. Returns the last one.
@@ -79,10 +124,17 @@ HWY_INLINE std::uint32_t running_sums(std::uint32_t before, Numbers& q) {
 #endif
 }
 
-HWY_INLINE void undo_prediction(Prediction prediction, std::uint32_t& carry, Numbers& q) {
-  if (prediction == Prediction::kPlain) return;
-  for (std::size_t i = 0; i < kBlock; ++i) q[i] = unzigzag(q[i]);
-  if (prediction == Prediction::kDelta) carry = running_sums(carry, q);
+// Loads the integers of component c, padded with the last one. `carry`: the one before.
+HWY_INLINE void load_integers(const StreamTask& task, std::size_t c, std::size_t first,
+                              std::size_t count, std::uint32_t& carry, Numbers& out) {
+  const auto prediction = static_cast<Prediction>(task.row->prediction);
+  if (prediction == Prediction::kPlain) {
+    load_component<false>(task, c, first, count, out);
+  } else {
+    load_component<true>(task, c, first, count, out);
+  }
+  if (prediction == Prediction::kDelta) carry = running_sums(carry, out);
+  if (count < kBlock) std::fill(out + count, out + kBlock, out[count - 1]);
 }
 
 // Returns whether all values of these planes are 0.
@@ -104,14 +156,12 @@ HWY_INLINE void keep(Attribute attribute, const Numbers* q, std::size_t at, MapR
   }
 }
 
-// Stores `width` floats of each of these primitives.
-HWY_INLINE void store_members(const Floats* from, std::size_t width, const std::uint32_t* members,
-                              std::size_t count, AttributeView<float> view) {
-  float rows[kBlock * kMaxComponents];
-  store_all(from, width, count, rows, width);
-  for (std::size_t i = 0; i < count; ++i)
-    std::memcpy(view.data + std::size_t{members[i]} * view.stride, rows + i * width,
-                width * sizeof(float));
+// Fetches some of the SH rows of a run into the cache.
+HWY_INLINE void fetch_sh(MapRun& run) {
+  constexpr int kLines = 8;  // 24 calls, one for each component, fetch the rows of a block
+  constexpr std::ptrdiff_t kFloats = 64 / sizeof(float);
+  for (int k = 0; k < kLines && run.sh < run.sh_end; ++k, run.sh += kFloats)
+    __builtin_prefetch(run.sh, 1);
 }
 
 // Maps the values [begin, end) of a stream of floats or integers. `carry`: the sum of the values
@@ -121,7 +171,6 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
   const StreamRow& row = *task.row;
   const auto attribute = static_cast<Attribute>(row.attribute);
   const auto mapping = static_cast<Mapping>(row.mapping);
-  const auto prediction = static_cast<Prediction>(row.prediction);
   const AttributeView<float> view = view_of(set, attribute);
   const auto base = static_cast<float>(
       mapping == Mapping::kTime ? time_base(context.begin, row.step) - context.time_origin : 0.0);
@@ -131,6 +180,7 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
   HWY_ALIGN Numbers q[3];
   HWY_ALIGN Floats floats[kMaxComponents], steps;
   HWY_ALIGN int exponents[kBlock];
+  Range range(max_steps(mapping, row.step.multiplier));
   bool good = true;
   for (std::size_t first = begin; first < end; first += kBlock) {
     const std::size_t count = std::min(kBlock, end - first), at = first - begin;
@@ -145,23 +195,26 @@ bool map_values(const StreamTask& task, const SegmentContext& context, std::size
         continue;
       }
       Numbers& block = q[c % 3];
-      load_component(task, c, first, count, block);
-      undo_prediction(prediction, carry[c], block);
-      if (count < kBlock) std::fill(block + count, block + kBlock, block[count - 1]);
+      fetch_sh(run);
+      load_integers(task, c, first, count, carry[c], block);
       if (!together) {
-        good &= map_component(row, c, base, steps, block, floats[c]);
+        good &= map_component(row, c, base, steps, block, range, floats[c]);
       } else if (c % 3 == 2) {
-        good &= map_three(row, exponents, q, floats + (c - 2));
+        good &= map_three(row, exponents, q, range, floats + (c - 2));
       }
     }
     keep(attribute, q, at, run);
-    if (task.members.empty()) {
+    if (attribute == Attribute::kSh0) {
+      store_sh0(floats, count, view.data + first * view.stride, view.stride);
+    } else if (task.members.empty()) {
       store_all(floats, width, count, view.data + first * view.stride, view.stride);
     } else {
-      store_members(floats, width, task.members.data() + first, count, view);
+      const std::uint32_t* const members = task.members.data() + first;
+      store_wide(floats, width, count,
+                 [&](std::size_t i) { return view.data + members[i] * view.stride; });
     }
   }
-  return good;
+  return good && (mapping == Mapping::kFloat || range.good());
 }
 
 // As above for positions in Morton order (spec 8.4).
@@ -172,25 +225,27 @@ bool map_keys(const StreamTask& task, std::size_t begin, std::size_t end, std::u
   const std::uint8_t low_bits[] = {8, 8};
   HWY_ALIGN Numbers keys, q;
   HWY_ALIGN Floats floats[3];
-  const std::uint32_t limit = max_steps(Mapping::kLinear, row.step.multiplier);
+  const float step = size_of(row.step);
+  Range range(max_steps(Mapping::kLinear, row.step.multiplier));
   std::uint32_t overflow = *carry;
-  bool good = true;
   for (std::size_t first = begin; first < end; first += kBlock) {
     const std::size_t count = std::min(kBlock, end - first);
-    load_component(task, 0, first, count, keys);
+    load_component<false>(task, 0, first, count, keys);
     for (const std::uint32_t v : keys) overflow |= v;
     *carry = running_sums(*carry, keys);
     for (const std::uint32_t key : keys) overflow |= key;
     const Plane* planes = task.planes + row.digits;
     for (std::size_t axis = 0; axis < 3; ++axis, planes += low_digits) {
-      load(planes, low_bits, low_digits, first, count, q);
-      for (std::size_t i = 0; i < kBlock; ++i) q[i] += compact3(keys[i] >> axis) << row.low;
-      good &= in_range(q, limit);
-      map_linear(row.origin[axis], size_of(row.step), q, floats[axis]);
+      load<false>(planes, low_bits, low_digits, first, count, q);
+      for (std::size_t i = 0; i < kBlock; ++i) {
+        const std::uint32_t position = q[i] + (compact3(keys[i] >> axis) << row.low);
+        range.add(i, position);
+        floats[axis][i] = row.origin[axis] + step * to_float(position);
+      }
     }
-    store<3>(floats, count, set.position.data() + 3 * first, 3);
+    store_three(floats, count, set.position.data() + 3 * first, 3);
   }
-  return good && overflow >> (3 * kKeyBits) == 0;
+  return range.good() && overflow >> (3 * kKeyBits) == 0;
 }
 
 bool map_task(const StreamTask& task, const SegmentContext& context, std::size_t begin,
@@ -207,9 +262,13 @@ void sum_task(const StreamTask& task, std::size_t begin, std::size_t end, std::u
   for (std::size_t first = begin; first < end; first += kBlock) {
     const std::size_t count = std::min(kBlock, end - first);
     for (std::size_t c = 0; c < row.components; ++c) {
-      load_component(task, c, first, count, q);
+      if (keys) {
+        load_component<false>(task, c, first, count, q);
+      } else {
+        load_component<true>(task, c, first, count, q);
+      }
       std::uint32_t sum = 0;
-      for (const std::uint32_t v : q) sum += keys ? v : unzigzag(v);
+      for (const std::uint32_t v : q) sum += v;
       sums[c] += sum;
     }
   }
@@ -217,30 +276,39 @@ void sum_task(const StreamTask& task, std::size_t begin, std::size_t end, std::u
 
 bool all_finite(const FloatArray& values, std::size_t begin, std::size_t end) {
   std::uint32_t bad = 0;
+  const float* const v = values.data();
   for (std::size_t i = begin; i < end; ++i) {
-    const std::uint32_t bits = std::bit_cast<std::uint32_t>(values[i]) & 0x7F800000;
+    const std::uint32_t bits = std::bit_cast<std::uint32_t>(v[i]) & 0x7F800000;
     bad |= bits == 0x7F800000 ? 1u : 0u;
+  }
+  return bad == 0;
+}
+
+// Returns whether no primitive has a quaternion of length 0.
+bool all_turned(const float* rotation, std::size_t begin, std::size_t end) {
+  std::uint32_t bad = 0;
+  for (std::size_t i = begin; i < end; ++i) {
+    const float* const q = rotation + 4 * i;
+    bad |= q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f ? 1u : 0u;
   }
   return bad == 0;
 }
 
 bool all_renderable(const Gaussians4D& set, std::uint32_t attributes, std::uint32_t floats,
                     std::size_t begin, std::size_t end) {
-  const auto has = [&](Attribute attribute) {
-    return (attributes & attribute_bit(attribute)) != 0;
+  const auto is_in = [](std::uint32_t bits, Attribute attribute) {
+    return (bits & attribute_bit(attribute)) != 0;
   };
+  const float *const sigma = set.sigma.data(), *const radius = set.radius.data();
   std::uint32_t bad = 0;
-  for (std::size_t i = begin; has(Attribute::kSigma) && i < end; ++i)
-    bad |= set.sigma[i] > 0.0f ? 0u : 1u;
-  for (std::size_t i = begin; has(Attribute::kRadius) && i < end; ++i)
-    bad |= set.radius[i] >= 0.0f ? 0u : 1u;
-  for (std::size_t i = begin; has(Attribute::kRotation) && i < end; ++i) {
-    const float* q = set.rotation.data() + 4 * i;
-    bad |= q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f ? 1u : 0u;
-  }
+  for (std::size_t i = begin; is_in(attributes, Attribute::kSigma) && i < end; ++i)
+    bad |= sigma[i] > 0.0f ? 0u : 1u;
+  for (std::size_t i = begin; is_in(attributes, Attribute::kRadius) && i < end; ++i)
+    bad |= radius[i] >= 0.0f ? 0u : 1u;
+  // Mapped rotations have w > 0, or components out of range.
+  if (is_in(floats, Attribute::kRotation) && !all_turned(set.rotation.data(), begin, end)) bad = 1;
   const auto finite = [&](Attribute attribute, const FloatArray& values, std::size_t width) {
-    return (floats & attribute_bit(attribute)) == 0 ||
-           all_finite(values, width * begin, width * end);
+    return !is_in(floats, attribute) || all_finite(values, width * begin, width * end);
   };
   const auto sh = static_cast<std::size_t>(3 * set.sh_coefficients());
   const std::uint32_t any_sh = attribute_bit(Attribute::kSh0) | attribute_bit(Attribute::kSh1) |

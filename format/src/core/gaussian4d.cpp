@@ -3,10 +3,30 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <utility>
 
 namespace stgs {
 namespace {
+
+// Iterates over floats without values.
+struct UnsetIterator {
+  using iterator_category = std::random_access_iterator_tag;
+  using value_type = UnsetFloat;
+  using difference_type = std::ptrdiff_t;
+  using pointer = void;
+  using reference = UnsetFloat;
+
+  std::ptrdiff_t at = 0;
+
+  UnsetFloat operator*() const { return {}; }
+  UnsetIterator& operator++() {
+    ++at;
+    return *this;
+  }
+  friend std::ptrdiff_t operator-(UnsetIterator a, UnsetIterator b) { return a.at - b.at; }
+  bool operator==(const UnsetIterator&) const = default;
+};
 
 // Calls visit(array of a, array of b, components) for every attribute of two sets.
 template <typename A, typename B, typename Visit>
@@ -23,6 +43,11 @@ void for_each_attribute(A& a, B& b, Visit visit) {
 }
 
 }  // namespace
+
+FloatArray unset_floats(std::size_t size, const FloatAllocator& allocator) {
+  const UnsetIterator end{static_cast<std::ptrdiff_t>(size)};
+  return FloatArray(UnsetIterator(), end, allocator);
+}
 
 Gaussians4D::Gaussians4D(std::pmr::memory_resource* memory)
     : position(memory),

@@ -76,8 +76,7 @@ Gaussians4D map_planes(std::span<const RecordPlanes> planes, std::span<const Str
     const std::size_t symbols = record.symbols_of(attribute);
     for (std::size_t p = 0; p < row.planes(); ++p, at += symbols) of_streams[a].push_back({at, 0});
     if (attribute == Attribute::kShDegree)
-      find_members(row, of_streams[a], static_cast<std::uint32_t>(record.n), kShBands, record.sh,
-                   members);
+      members = ShDegrees(row, of_streams[a], static_cast<std::uint32_t>(record.n)).members();
     if (attribute == Attribute::kLogScale) context.shape_bounds = shape_bounds(row.step);
     if (attribute == Attribute::kShDegree || symbols == 0) continue;
     tasks.push_back({&row, of_streams[a].data(), {}});

@@ -7,6 +7,8 @@
 #include <memory_resource>
 #include <vector>
 
+#include "stgs/format/float_array.h"
+
 namespace stgs {
 
 // The duration of one tick, as a fraction of a second. For a trainer a tick is one captured frame.
@@ -31,9 +33,6 @@ enum class TimeOrigin {
   kPart,   // the beginning of their part
   kRecord  // a time of their record, which leaves them their precision in a long part (spec 8.9)
 };
-
-// The components of one attribute.
-using FloatArray = std::pmr::vector<float>;
 
 // N primitives. Each array stores all components of one primitive before those of the next.
 struct Gaussians4D {
