@@ -96,8 +96,8 @@ Json camera_to_json(const Camera& camera) {
 }
 
 Result<Camera> parse_camera(std::string_view text, const std::string& where) {
+  STGS_ASSIGN(const Json json, parse_json_text<Json>(text, where + ": cannot read camera"));
   try {
-    const Json json = Json::parse(text);
     const auto start = json.is_object() ? json.find("start_camera") : json.end();
     if (start == json.end()) return camera_from_json(json, where);
     if (!start->is_null()) return camera_from_json(*start, where);

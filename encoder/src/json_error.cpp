@@ -12,12 +12,7 @@ constexpr std::size_t kMaxText = 400;  // bytes; std::regex recurses for every o
 }  // namespace
 
 std::string json_error(const std::exception& error) {
-  std::string text = error.what();  // with tokens of the file, of any length
-  if (text.size() > kMaxText) {
-    std::size_t end = kMaxText;
-    while (end > 0 && (static_cast<unsigned char>(text[end]) & 0xC0) == 0x80) --end;  // UTF-8
-    text = text.substr(0, end) + "...";
-  }
+  std::string text = short_text(error.what(), kMaxText);  // with tokens of the file, of any length
   if (dynamic_cast<const nlohmann::json::exception*>(&error) == nullptr) return text;
   // "[json.exception.out_of_range.403] key 'height' not found"
   if (const std::size_t end = text.find("] "); end != std::string::npos) text.erase(0, end + 2);

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Error texts for JSON files.
+// Parsing of JSON files, and their error texts.
 #pragma once
 
 #include <exception>
 #include <string>
+#include <string_view>
+
+#include "stgs/format/json_text.h"
 
 namespace stgs::encoder {
 
@@ -11,5 +14,17 @@ namespace stgs::encoder {
 // "not valid JSON at line 3, column 9: unexpected ']'", "\"K\" is missing". The JSON library's
 // "[json.exception...]" prefix is removed; other exceptions are returned unchanged.
 std::string json_error(const std::exception& error);
+
+// Parses JSON of at most kMaxJsonNesting levels. kInvalidFile begins with `where`. `Json` is
+// nlohmann::json or ordered_json. Every reader of JSON in the encoder calls it.
+template <typename Json>
+Result<Json> parse_json_text(std::string_view text, const std::string& where) {
+  STGS_TRY(check_json_nesting(text, where));
+  try {
+    return Json::parse(text);
+  } catch (const typename Json::exception& error) {
+    return invalid_file("{}: {}", where, json_error(error));
+  }
+}
 
 }  // namespace stgs::encoder

@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "json_error.h"
 #include "single_precision.h"
 #include "stgs/encoder/camera_json.h"
 #include "stgs/encoder/image_file.h"
+#include "stgs/format/byte_source.h"
 #include "stgs/format/output_file.h"
 
 namespace stgs::encoder {
@@ -19,6 +19,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr int kCaptureVersion = 1;
+constexpr std::uint64_t kMaxCaptureJson = 64 << 20;  // bytes
 
 Result<PreparedCapture> capture_from_json(const Json& json, const std::string& folder,
                                           const std::string& path) {
@@ -98,28 +99,40 @@ std::string PreparedCapture::mask_path(const Camera& camera, int frame) const {
   return fmt::format("{}/masks/{}/{:06}.png", folder, camera.name, frame + frame_offset());
 }
 
+namespace {
+
+// Returns why there is no capture.json.
+Status explain_missing(const std::string& folder, const std::string& path, const Status& status) {
+  std::error_code none;
+  const auto found = std::filesystem::status(folder, none);
+  if (!std::filesystem::exists(found)) {
+    return io_error("{}: no such file or folder; 'stgs prepare' writes prepared captures", folder);
+  }
+  if (!std::filesystem::is_directory(found)) {
+    return invalid_file(
+        "{}: not a prepared capture (expected a folder, got a file); make one with "
+        "'stgs prepare'",
+        folder);
+  }
+  if (std::filesystem::exists(path, none)) return status;
+  return invalid_file("{}: not a prepared capture (no {}); make one with 'stgs prepare'", folder,
+                      path);
+}
+
+}  // namespace
+
 Result<PreparedCapture> read_prepared_capture(const std::string& folder) {
   const std::string path = folder + "/capture.json";
-  std::ifstream file(path);
-  if (!file) {
-    std::error_code none;
-    const auto status = std::filesystem::status(folder, none);
-    if (!std::filesystem::exists(status)) {
-      return io_error("{}: no such file or folder; 'stgs prepare' writes prepared captures",
-                      folder);
-    }
-    if (!std::filesystem::is_directory(status)) {
-      return invalid_file(
-          "{}: not a prepared capture (expected a folder, got a file); make one with "
-          "'stgs prepare'",
-          folder);
-    }
-    if (std::filesystem::exists(path, none)) return io_error("{}: cannot open the file", path);
-    return invalid_file("{}: not a prepared capture (no {}); make one with 'stgs prepare'", folder,
-                        path);
+  const Result<std::unique_ptr<ByteSource>> file = open_file(path);
+  if (!file.ok()) return explain_missing(folder, path, file.status());
+  const std::uint64_t size = file.value()->size();
+  if (size > kMaxCaptureJson) {
+    return invalid_file("{}: file too large: {} bytes (limit {})", path, size, kMaxCaptureJson);
   }
+  std::string text(static_cast<std::size_t>(size), ' ');
+  STGS_TRY(file.value()->read(0, {reinterpret_cast<std::uint8_t*>(text.data()), text.size()}));
+  STGS_ASSIGN(const Json json, parse_json_text<Json>(text, path));
   try {
-    const Json json = Json::parse(file);
     if (json.at("stgs_capture").get<int>() != kCaptureVersion) {
       return unsupported("{}: unknown version {} (expected {}); prepare the capture again", path,
                          json.at("stgs_capture").get<int>(), kCaptureVersion);

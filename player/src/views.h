@@ -4,12 +4,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <vector>
 
 #include "stgs/format/camera.h"
 #include "stgs/format/math/colour.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/player/renderer.h"
+#include "stgs/player/timeline.h"
 
 namespace stgs::player {
 
@@ -18,8 +20,26 @@ inline int encoding_of(const SceneMetadata& metadata) {
   return math::colour_encoding(metadata.primaries, metadata.transfer);
 }
 
-// Returns kUsage for too few or too many views, or if the size or fovea of a view is invalid.
-inline Status check_views(const std::vector<View>& views) {
+// Memory of the images of a frame that is always allowed, bytes: that of 7680x4320 pixels.
+inline constexpr std::uint64_t kMinFrameMemory = std::uint64_t{1} << 30;
+
+// Returns the memory of the images of a frame, bytes: colour, alpha and depth of all views, and
+// transmittance, last splat and tile lists of the largest one while the CPU renders it.
+inline std::uint64_t frame_memory(const std::vector<View>& views) {
+  constexpr std::uint64_t kBytesPerPixel = 20, kBytesOfLargest = 9;
+  std::uint64_t all = 0, largest = 0;
+  for (const View& view : views) {
+    const auto pixels = static_cast<std::uint64_t>(double{view.camera.width} * view.camera.height);
+    all += pixels;
+    largest = std::max(largest, pixels);
+  }
+  return all * kBytesPerPixel + largest * kBytesOfLargest;
+}
+
+// Returns kUsage for too few or too many views, or if the size or fovea of a view is invalid, and
+// kLimit if their images exceed the memory budget of the timeline and kMinFrameMemory: the size may
+// come from a file.
+inline Status check_views(const std::vector<View>& views, const Timeline& timeline) {
   if (views.empty() || views.size() > kMaxViews) {
     return usage_error("a call renders 1 to {} views, got {}", kMaxViews, views.size());
   }
@@ -35,7 +55,14 @@ inline Status check_views(const std::vector<View>& views) {
           "the fovea of a view must have a finite centre and a radius of 0 or more, in pixels");
     }
   }
-  return {};
+  const std::uint64_t limit = std::max(timeline.memory_budget(), kMinFrameMemory);
+  const std::uint64_t bytes = frame_memory(views);
+  if (bytes <= limit) return {};
+  return {
+      StatusCode::kLimit,
+      fmt::format("{}: an image of {}x{} pixels needs too much memory (limit {} bytes, need {}); "
+                  "render fewer pixels or raise memory_budget",
+                  timeline.name(), views[0].camera.width, views[0].camera.height, limit, bytes)};
 }
 
 // Returns the fovea of a view, limited to coordinates at which floats can distinguish squares. If

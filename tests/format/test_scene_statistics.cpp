@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <chrono>
 #include <cmath>
 
 #include "catch.h"
@@ -92,4 +93,23 @@ TEST_CASE("an empty scene has valid statistics") {
   CHECK(s.primitives == 0);
   CHECK(s.static_share() == 0.0);
   CHECK(sum(s.lifespans) == 0);
+}
+
+TEST_CASE("the frames of primitives take logarithmic time in the number of parts") {
+  constexpr std::uint32_t kParts = 300000;  // a search through all parts takes minutes
+  Scene scene = scene_of(std::vector<Primitive>(kParts, {0, 0.9f, 1, 1, 0, 0}), kParts);
+  for (std::uint32_t i = 0; i < kParts; ++i) {
+    ScenePart part;
+    part.primitives = 1;
+    part.begin_ticks = i;
+    part.end_ticks = i + 1;
+    scene.parts.push_back(part);
+  }
+  const auto begin = std::chrono::steady_clock::now();
+  CHECK(scene_statistics(scene).whole_clip == kParts);
+  CHECK(std::chrono::steady_clock::now() - begin < std::chrono::seconds(20));
+  const ShownFrameTable table(scene);
+  CHECK(table.frames(12345).first == 12345);
+  CHECK(table.frames(12345).last == 12345);
+  CHECK(table.frames(kParts - 1).part_begin == kParts - 1);
 }

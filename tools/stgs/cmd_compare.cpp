@@ -4,6 +4,7 @@
 #include "camera_file.h"
 #include "command.h"
 #include "image_io.h"
+#include "memory_option.h"
 #include "options.h"
 #include "scene_input.h"
 #include "stgs/encoder/metrics.h"
@@ -53,6 +54,7 @@ class Compare final : public Command {
     app.add_option("--num-frames", num_frames_, "For .stgs files: number of frames, evenly spaced")
         ->check(number_between(1, 1000))
         ->capture_default_str();
+    memory_.declare(app);
   }
 
   Status run(Session& session) override {
@@ -81,10 +83,14 @@ class Compare final : public Command {
   }
 
   Status compare_scenes(Session& session) {
-    STGS_ASSIGN(auto first, open_scene(session, a_));
-    STGS_ASSIGN(auto second, open_scene(session, b_));
-    const auto a = player::Timeline::from_reader(std::move(first), display_name(a_));
-    const auto b = player::Timeline::from_reader(std::move(second), display_name(b_));
+    const ReadLimits limits = memory_.limits();
+    STGS_ASSIGN(auto first, open_scene(session, a_, limits));
+    STGS_ASSIGN(auto second, open_scene(session, b_, limits));
+    const auto timeline = [&](std::unique_ptr<SceneReader> reader, const std::string& location) {
+      return player::Timeline::from_reader(std::move(reader), display_name(location),
+                                           limits.max_memory);
+    };
+    const auto a = timeline(std::move(first), a_), b = timeline(std::move(second), b_);
     Json json = {{"a", a->name()},
                  {"b", b->name()},
                  {"kind", "scenes"},
@@ -158,6 +164,7 @@ class Compare final : public Command {
     return {};
   }
 
+  MemoryOption memory_;
   std::string a_, b_, camera_;
   double min_psnr_ = 0;
   int num_frames_ = 5;

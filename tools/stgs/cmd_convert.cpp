@@ -7,6 +7,7 @@
 #include "command.h"
 #include "damage.h"
 #include "import_options.h"
+#include "memory_option.h"
 #include "options.h"
 #include "output_path.h"
 #include "scene_input.h"
@@ -165,6 +166,7 @@ class Convert final : public Command {
         ->check(number_between(0, 100));
     app.add_option("--title", title_, "For .stgs: title of the scene (default: that of IN)");
     import_.declare(app);
+    memory_.declare(app);
   }
 
   Status run(Session& session) override {
@@ -217,17 +219,17 @@ class Convert final : public Command {
             "or .tsog model",
             input_);
       }
-      auto opened = open_scene(session, input_);
+      auto opened = open_scene(session, input_, limits());
       if (!opened.ok()) return with_readable_formats(opened.status());
       const std::unique_ptr<SceneReader> reader = std::move(*opened);
       if (work.to == nullptr && reader->profile() != Profile::kLossless) {
         work.report.notes.push_back("the input was packed before: its quantisation errors remain");
       }
-      STGS_ASSIGN(work.scene, recover_scene(input_, work.damage));
-      STGS_ASSIGN(work.extras, scene_extras(input_));
+      STGS_ASSIGN(work.scene, recover_scene(input_, work.damage, limits()));
+      STGS_ASSIGN(work.extras, scene_extras(input_, limits()));
     } else {
       STGS_ASSIGN(work.scene,
-                  read_interchange(*work.from, input_, import_.settings(), {}, work.report));
+                  read_interchange(*work.from, input_, import_.settings(), limits(), work.report));
     }
     work.bytes_in = bytes_at(input_);
     work.primitives_in = work.scene.gaussians.size();
@@ -314,13 +316,13 @@ class Convert final : public Command {
     if (work.to != nullptr && work.to->read == nullptr && work.to->read_back == nullptr) return {};
     Scene decoded;
     if (work.to == nullptr) {
-      STGS_ASSIGN(decoded, read_scene(memory_source(bytes, output_)));
+      STGS_ASSIGN(decoded, read_scene(memory_source(bytes, output_), limits()));
     } else if (work.to->read_back != nullptr) {
-      STGS_ASSIGN(decoded, work.to->read_back(*memory_source(bytes, output_), {}));
+      STGS_ASSIGN(decoded, work.to->read_back(*memory_source(bytes, output_), limits()));
       decoded.parts = work.scene.parts;
       to_times_of_parts(decoded);
     } else {
-      STGS_ASSIGN(decoded, work.to->read(*memory_source(bytes, output_), {}, nullptr));
+      STGS_ASSIGN(decoded, work.to->read(*memory_source(bytes, output_), limits(), nullptr));
     }
     STGS_ASSIGN(work.errors, conversion_errors(work.scene.gaussians, decoded));
     note_rounding(work);
@@ -376,8 +378,11 @@ class Convert final : public Command {
     return session.emit(json, text);
   }
 
+  ReadLimits limits() const { return memory_.limits(); }
+
   std::string input_, output_;
   ImportOptions import_;
+  MemoryOption memory_;
   std::optional<double> seconds_;
   std::optional<double> quality_;
   std::optional<std::string> title_;

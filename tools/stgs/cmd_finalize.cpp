@@ -3,6 +3,7 @@
 
 #include "command.h"
 #include "damage.h"
+#include "memory_option.h"
 #include "output_path.h"
 #include "scene_input.h"
 #include "stgs/format/scene_recorder.h"
@@ -26,6 +27,7 @@ class Finalize final : public Command {
   void declare(Arguments& app) override {
     app.add_option("FILE", input_, "The recording (.stgs)")->required();
     app.add_option("-o,--output", output_, "Output file (.stgs)")->required();
+    memory_.declare(app);
   }
   Status run(Session& session) override {
     STGS_TRY(check_is_path(input_));
@@ -35,11 +37,11 @@ class Finalize final : public Command {
     if (std::filesystem::equivalent(input_, output_, missing)) {
       return usage_error("{}: this is the recording itself; use another output", output_);
     }
-    STGS_ASSIGN(const auto recording, open_scene(session, input_));
+    STGS_ASSIGN(const auto recording, open_scene(session, input_, memory_.limits()));
     STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(input_));
     DamageReport damage;
-    STGS_TRY(finalize_scene(std::move(source), output_, damage));
-    STGS_ASSIGN(const auto finished, SceneReader::open(output_));
+    STGS_TRY(finalize_scene(std::move(source), output_, damage, memory_.limits()));
+    STGS_ASSIGN(const auto finished, SceneReader::open(output_, memory_.limits()));
     warn_of_damage(session, input_, damage, finished->metadata().time_base);
     const bool closed = recording->form() != SceneForm::kGrowing;
     const Json json = {{"input", input_},
@@ -62,6 +64,7 @@ class Finalize final : public Command {
 
  private:
   std::string input_, output_;
+  MemoryOption memory_;
 };
 
 }  // namespace

@@ -4,6 +4,7 @@
 
 #include "command.h"
 #include "encode_options.h"
+#include "memory_option.h"
 #include "output_path.h"
 #include "scene_input.h"
 
@@ -35,13 +36,14 @@ class Pack final : public Command {
     app.add_option("--against", against_,
                    "Prepared capture: also measure the PSNR of its test cameras");
     options_.declare(app);
+    memory_.declare(app);
   }
   Status run(Session& session) override {
     STGS_TRY(check_extension(output_, "pack", ".stgs"));
     STGS_TRY(check_can_write(output_));
     for (const std::string& input : inputs_) {
       STGS_TRY(check_is_path(input));
-      STGS_TRY(check_is_scene(session, input));
+      STGS_TRY(check_is_scene(session, input, memory_.limits()));
       std::error_code missing;  // an output that does not exist is a different file
       if (std::filesystem::equivalent(input, output_, missing)) {
         return usage_error("{}: this is the input scene itself; use another output", output_);
@@ -51,6 +53,7 @@ class Pack final : public Command {
     const double begin = now_seconds();
     encoder::PackSettings settings = options_.settings();
     settings.against = against_;
+    settings.limits = memory_.limits();
     STGS_TRY(encoder::pack(inputs_, output_, settings, &report, session.progress_sink(),
                            session.log_sink()));
     Json json = {{"inputs", inputs_}, {"output", output_}, {"seconds", now_seconds() - begin}};
@@ -74,6 +77,7 @@ class Pack final : public Command {
   std::vector<std::string> inputs_;
   std::string output_, against_;
   PackOptions options_;
+  MemoryOption memory_;
 };
 
 }  // namespace

@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "command.h"
+#include "memory_option.h"
 #include "scene_input.h"
 #include "stgs/format/scene_file.h"
 
@@ -30,7 +31,7 @@ struct Verdict {
   bool valid() const { return unreadable.ok() && errors() == 0; }
 };
 
-Verdict validate_file(Session& session, const std::string& path) {
+Verdict validate_file(Session& session, const std::string& path, const ReadLimits& limits) {
   Verdict verdict;
   verdict.name = display_name(path);
   auto source = open_source(session, path);
@@ -38,7 +39,7 @@ Verdict validate_file(Session& session, const std::string& path) {
     verdict.unreadable = source.status();
     return verdict;
   }
-  auto issues = validate_scene(**source);
+  auto issues = validate_scene(**source, limits);
   if (issues.ok()) {
     verdict.issues = std::move(issues).value();
   } else {
@@ -91,10 +92,12 @@ class Validate final : public Command {
   void declare(Arguments& app) override {
     app.add_option("FILE", paths_, "The .stgs files: paths, URLs, or - for standard input")
         ->required();
+    memory_.declare(app);
   }
   Status run(Session& session) override {
     std::vector<Verdict> verdicts;
-    for (const std::string& path : paths_) verdicts.push_back(validate_file(session, path));
+    for (const std::string& path : paths_)
+      verdicts.push_back(validate_file(session, path, memory_.limits()));
     STGS_TRY(session.emit(to_json(verdicts), to_text(verdicts)));
     // The status of one file becomes that of the program, which reports it.
     auto worst = std::find_if(verdicts.begin(), verdicts.end(),
@@ -112,6 +115,7 @@ class Validate final : public Command {
 
  private:
   std::vector<std::string> paths_;
+  MemoryOption memory_;
 };
 
 }  // namespace

@@ -77,6 +77,7 @@ void SceneFile::log(void* self, stgs_log_level level, const char* message) {
 Status SceneFile::open(const std::string& location, std::uint64_t memory) {
   const bool is_stdin = is_standard_input(location);
   name_ = display_name(location);
+  memory_ = memory;
   stgs_scene_settings settings;
   if (stgs_scene_settings_defaults(&settings, sizeof(settings)) != STGS_OK) {
     return runtime_error("the library is older than the program");

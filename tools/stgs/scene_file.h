@@ -58,6 +58,8 @@ class SceneFile {
   const std::string& name() const { return name_; }
   // Converts the result of a call on the scene.
   Status check(stgs_result result) const;
+  // Returns the limits of open(), bytes.
+  std::uint64_t memory() const { return memory_; }
   // Returns a text of the file, or "".
   std::string text(stgs_text which) const { return text_of(get(), which); }
   // Warns of the damage found when the file was opened.
@@ -76,6 +78,7 @@ class SceneFile {
 
   Session& session_;
   bool log_warnings_ = false;
+  std::uint64_t memory_ = kMaxMemory;
   std::string name_;
   std::unique_ptr<stgs_scene, Destroy> scene_;
   std::optional<std::stop_callback<std::function<void()>>> cancel_;  // destroyed before the scene

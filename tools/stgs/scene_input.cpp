@@ -23,9 +23,10 @@ Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::str
   return player::open_location(location, settings);
 }
 
-Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& location) {
+Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& location,
+                                                const ReadLimits& limits) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_source(session, location));
-  return SceneReader::open(std::move(source));
+  return SceneReader::open(std::move(source), limits);
 }
 
 Result<Scene> load_scene(Session& session, const std::string& location) {
@@ -37,8 +38,8 @@ Result<Scene> load_scene(Session& session, const std::string& location) {
   return scene;
 }
 
-Status check_is_scene(Session& session, const std::string& location) {
-  return open_scene(session, location).status();
+Status check_is_scene(Session& session, const std::string& location, const ReadLimits& limits) {
+  return open_scene(session, location, limits).status();
 }
 
 }  // namespace stgs::tools

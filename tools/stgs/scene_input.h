@@ -15,10 +15,11 @@ namespace stgs::tools {
 // are retried are reported as warnings. The session must outlive the result.
 Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::string& location);
 // Opens a scene: reads its head, not its segments.
-Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& location);
+Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& location,
+                                                const ReadLimits& limits = {});
 // Reads the entire scene. Reports damage as warnings.
 Result<Scene> load_scene(Session& session, const std::string& location);
 // Checks that another module can open a scene: reads its head.
-Status check_is_scene(Session& session, const std::string& location);
+Status check_is_scene(Session& session, const std::string& location, const ReadLimits& limits = {});
 
 }  // namespace stgs::tools

@@ -8,6 +8,13 @@
 namespace stgs::tools {
 namespace {
 
+// Memory of an image while it is rendered, bytes per pixel: buffers of the renderer, as stgs_render
+// states them, and of the program.
+constexpr std::uint64_t kRenderedBytes = 29, kBytesPerPixel8 = kRenderedBytes + 4 + 3,
+                        kBytesPerPixelFloat = kRenderedBytes + 20;
+// Always allowed, bytes: images of 7680x4320 pixels with 8 bits.
+constexpr std::uint64_t kMinImageMemory = std::uint64_t{5} << 28;
+
 // Index: stgs_backend.
 constexpr std::array kBackends = {"auto", "cpu", "cuda", "vulkan"};
 
@@ -37,6 +44,17 @@ stgs_image empty_image() {
 Status no_memory(const SceneFile& file, double seconds) {
   return {StatusCode::kNoMemory,
           fmt::format("{}: cannot render {:.6g} s: out of memory", file.name(), seconds)};
+}
+
+// Checks the memory of an image before it is allocated: its size may come from the file.
+Status check_memory(const SceneFile& file, const stgs_view& view, std::uint64_t bytes_per_pixel) {
+  const std::uint64_t bytes = bytes_per_pixel * view.width * view.height;
+  if (bytes <= std::max(file.memory(), kMinImageMemory)) return {};
+  return {StatusCode::kLimit,
+          fmt::format("{}: an image of {}x{} pixels needs {}, more than the memory limit of {}; "
+                      "reduce it with --size, or allow more memory",
+                      file.name(), view.width, view.height, human_bytes(bytes),
+                      human_bytes(file.memory()))};
 }
 
 }  // namespace
@@ -85,6 +103,7 @@ Status SceneRenderer::render(const SceneFile& file, double seconds, const stgs_v
 
 Result<encoder::Image8> SceneRenderer::render_8bit(const SceneFile& file, double seconds,
                                                    const stgs_view& view) {
+  STGS_TRY(check_memory(file, view, kBytesPerPixel8));
   const std::size_t pixels = std::size_t{view.width} * view.height;
   try {
     std::vector<std::uint8_t> rgba(4 * pixels);
@@ -107,6 +126,7 @@ Result<encoder::Image8> SceneRenderer::render_8bit(const SceneFile& file, double
 
 Result<FloatFrame> SceneRenderer::render_float(const SceneFile& file, double seconds,
                                                const stgs_view& view) {
+  STGS_TRY(check_memory(file, view, kBytesPerPixelFloat));
   const int width = static_cast<int>(view.width), height = static_cast<int>(view.height);
   try {
     FloatFrame frame;

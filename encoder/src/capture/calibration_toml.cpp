@@ -10,6 +10,8 @@
 //   translation   world to camera
 // The unit of the translation is not stated.
 #include <toml++/toml.h>
+
+#include <algorithm>
 #include <cmath>
 
 #include "calibration.h"
@@ -18,6 +20,32 @@
 
 namespace stgs::encoder {
 namespace {
+
+// Greatest number of parts of a dotted key. Each part is a table, and toml++ recurses over them. It
+// limits the nesting of values itself.
+constexpr int kMaxKeyParts = 16;
+
+// Counts the dots between separators, as of a key. A key ends on its line; if the line has quotes,
+// they may contain separators, so all its dots count.
+Status check_keys(std::string_view text, const std::string& path) {
+  while (!text.empty()) {
+    const std::string_view line = text.substr(0, text.find('\n'));
+    text.remove_prefix(std::min(line.size() + 1, text.size()));
+    const std::size_t first = line.find_first_not_of(" \t");
+    if (first == std::string_view::npos || line[first] == '#') continue;  // empty or a comment
+    const bool has_quotes = line.find_first_of("\"'") != std::string_view::npos;
+    int dots = 0;
+    for (const char c : line) {
+      const bool separates =
+          !has_quotes && std::string_view(",=[]{}#").find(c) != std::string_view::npos;
+      dots = separates ? 0 : dots + (c == '.');
+      if (dots >= kMaxKeyParts) {
+        return invalid_file("{}: a key has more than {} parts", path, kMaxKeyParts);
+      }
+    }
+  }
+  return {};
+}
 
 // Appends the finite numbers of a nested array, row by row. Returns false for other content.
 bool flatten(const toml::node& node, std::vector<double>& out) {
@@ -67,9 +95,11 @@ Result<SourceCamera> read_camera(const toml::table& table, std::string_view name
 
 Result<Calibration> read_toml_calibration(const std::string& path) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  STGS_TRY(check_keys(text, path));
   toml::table root;
   try {
-    root = toml::parse(std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+    root = toml::parse(text);
   } catch (const toml::parse_error& error) {
     return invalid_file("{}: not valid TOML at line {}: {}", path, error.source().begin.line,
                         error.description());

@@ -185,11 +185,8 @@ Result<std::vector<std::uint8_t>> read_whole_file(const std::string& path) {
 
 Result<nlohmann::json> read_json(const std::string& path) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
-  try {
-    return nlohmann::json::parse(bytes.begin(), bytes.end());
-  } catch (const std::exception& error) {
-    return invalid_file("{}: {}", path, json_error(error));
-  }
+  return parse_json_text<nlohmann::json>(
+      {reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path);
 }
 
 Result<std::vector<double>> json_numbers(const nlohmann::json& json, const std::string& what) {
@@ -205,7 +202,7 @@ Result<std::vector<double>> json_numbers(const nlohmann::json& json, const std::
     } else if (top.is_number() && std::isfinite(top.get<double>())) {
       numbers.push_back(top.get<double>());
     } else {
-      return invalid_file("{}: expected finite numbers, got {}", what, top.dump());
+      return invalid_file("{}: expected finite numbers, got {}", what, short_json(top));
     }
   }
   return numbers;

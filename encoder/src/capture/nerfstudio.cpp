@@ -110,12 +110,16 @@ bool same_camera(const SourceCamera& a, const SourceCamera& b) {
          std::equal(a.translation, a.translation + 3, b.translation, near);
 }
 
-std::string label_of(const Json& entry) {
+Result<std::string> label_of(const Json& entry, const std::string& where) {
   for (const char* key : {"camera", "camera_label"}) {
     if (!entry.contains(key)) continue;
-    return entry.at(key).is_string() ? entry.at(key).get<std::string>() : entry.at(key).dump();
+    const Json& label = entry.at(key);
+    if (label.is_string()) return label.get<std::string>();
+    if (label.is_number()) return label.dump();
+    return invalid_file("{}: {}: expected a name or a number, got {}", where, key,
+                        short_json(label));
   }
-  return "";
+  return std::string();
 }
 
 Status add_entry(const Json& entry, const Json& top, const std::string& folder,
@@ -129,7 +133,7 @@ Status add_entry(const Json& entry, const Json& top, const std::string& folder,
     groups.push_back({camera, stem_of(path), {}, false});
     return {};
   }
-  const std::string label = label_of(entry);
+  STGS_ASSIGN(const std::string label, label_of(entry, where));
   auto group = std::find_if(groups.begin(), groups.end(), [&](const Group& g) {
     return g.camera.video.empty() && g.label == label &&
            (!label.empty() || same_camera(g.camera, camera));

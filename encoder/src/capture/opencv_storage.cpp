@@ -6,6 +6,7 @@
 #include <opencv2/calib3d.hpp>
 
 #include "capture_files.h"
+#include "storage_nesting.h"
 
 namespace stgs::encoder {
 namespace {
@@ -28,9 +29,10 @@ bool flatten(const cv::FileNode& node, std::vector<double>& out) {
 
 Result<cv::FileStorage> open_storage(const std::string& path) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+  const std::string text(bytes.begin(), bytes.end());
+  STGS_TRY(check_storage_nesting(text, path));
   try {
-    cv::FileStorage file(std::string(bytes.begin(), bytes.end()),
-                         cv::FileStorage::READ | cv::FileStorage::MEMORY);
+    cv::FileStorage file(text, cv::FileStorage::READ | cv::FileStorage::MEMORY);
     if (file.isOpened()) return file;
   } catch (const cv::Exception& error) {
     return invalid_file("{}: OpenCV cannot read this file: {}", path, error.err);

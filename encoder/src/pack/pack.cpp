@@ -47,11 +47,11 @@ void measure_errors(const Gaussians4D& original, const Scene& packed,
 }
 
 // Reads a single scene or merges all windows. Reports their bytes, parts and damage.
-Result<Scene> read_inputs(const std::vector<std::string>& paths, const LogSink& log,
-                          PackReport& report) {
+Result<Scene> read_inputs(const std::vector<std::string>& paths, const ReadLimits& limits,
+                          const LogSink& log, PackReport& report) {
   std::vector<WindowScene> windows;
   for (const std::string& path : paths) {
-    STGS_ASSIGN(const std::unique_ptr<SceneReader> input, SceneReader::open(path));
+    STGS_ASSIGN(const std::unique_ptr<SceneReader> input, SceneReader::open(path, limits));
     report.bytes_in += input->file_bytes();
     if (input->profile() != Profile::kLossless) {
       report.input_profile = input->profile();
@@ -62,11 +62,11 @@ Result<Scene> read_inputs(const std::vector<std::string>& paths, const LogSink& 
       }
     }
     DamageReport damage;
-    STGS_ASSIGN(Scene scene, recover_scene(path, damage));
+    STGS_ASSIGN(Scene scene, recover_scene(path, damage, limits));
     for (const std::string& line : describe_damage(damage, scene.metadata.time_base)) {
       if (log) log(1, fmt::format("{}: {}", path, line));
     }
-    STGS_ASSIGN(const std::vector<std::string> extras, scene_extras(path));
+    STGS_ASSIGN(const std::vector<std::string> extras, scene_extras(path, limits));
     for (const std::string& extra : extras) {
       if (log) log(1, fmt::format("{}: not copied to the output: {}", path, extra));
     }
@@ -194,7 +194,7 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
   STGS_TRY(check_numbers(settings));
   STGS_TRY(report_progress(0, "reading"));
   PackReport found;
-  STGS_ASSIGN(Scene scene, read_inputs(scene_paths, log, found));
+  STGS_ASSIGN(Scene scene, read_inputs(scene_paths, settings.limits, log, found));
   STGS_TRY(apply_metadata(settings, scene.metadata));
   std::optional<HeldOutViews> views;
   if (!settings.against.empty()) {

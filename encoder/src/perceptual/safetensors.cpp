@@ -9,6 +9,8 @@
 #include <optional>
 #include <set>
 
+#include "stgs/format/json_text.h"
+
 namespace stgs::encoder {
 namespace {
 
@@ -120,6 +122,7 @@ Result<Safetensors::Tensors> Safetensors::parse(const std::string& file, const s
     }
     return true;
   };
+  STGS_TRY(check_json_nesting(header, file + ": the header"));
   const nlohmann::json json = nlohmann::json::parse(header, note_names, false);
   if (!json.is_object()) return invalid_file("{}: the header is not a JSON object", file);
   if (!repeated.empty()) return invalid_file("{}: tensor '{}' occurs twice", file, repeated);

@@ -8,6 +8,8 @@
 #include <nlohmann/json.hpp>
 #include <vector>
 
+#include "stgs/format/json_text.h"
+
 namespace stgs::encoder {
 namespace {
 
@@ -87,11 +89,12 @@ std::string fingerprint_text(const Fingerprint& fingerprint) {
 }
 
 Result<Fingerprint> read_fingerprint(const std::string& text) {
+  STGS_TRY(check_json_nesting(text, "the fingerprint"));
   const Json json = Json::parse(text, nullptr, false);
   if (!json.is_object()) return invalid_file("no fingerprint of the run that it belongs to");
   Fingerprint out;
   for (const auto& [name, value] : json.items()) {
-    out.emplace_back(name, value.is_string() ? value.get<std::string>() : value.dump());
+    out.emplace_back(name, value.is_string() ? value.get<std::string>() : short_json(value));
   }
   return out;
 }

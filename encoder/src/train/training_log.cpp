@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "stgs/format/byte_source.h"
+#include "stgs/format/json_text.h"
 #include "stgs/format/output_file.h"
 #include "train/log_writer.h"
 
@@ -64,6 +65,7 @@ Status for_each_line(const std::string& path, std::string_view text, Visit visit
   for (int number = 1;; ++number) {
     const std::size_t end = text.find('\n');
     if (end == std::string_view::npos) return {};
+    STGS_TRY(check_json_nesting(text.substr(0, end), fmt::format("{}, line {}", path, number)));
     try {
       visit(Json::parse(text.substr(0, end)), text.substr(0, end + 1));
     } catch (const nlohmann::json::exception&) {

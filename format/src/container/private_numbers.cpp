@@ -2,6 +2,8 @@
 // Private numbers and the names of their owners (spec 3.5).
 #include <algorithm>
 #include <cctype>
+#include <map>
+#include <set>
 
 #include "container/container.h"
 #include "core/bytes.h"
@@ -23,16 +25,20 @@ bool is_private(std::uint32_t tag) {
   return std::islower(static_cast<unsigned char>(tag & 0xFF)) != 0;
 }
 
-void need_name(PrivateKind kind, std::uint16_t number, std::uint64_t offset, const FileHead& head,
-               Findings& findings) {
-  const auto names_it = [=](const PrivateName& name) {
-    return name.kind == kind && name.number == number;
-  };
-  const std::vector<PrivateName>& names = head.private_names;
-  if (std::any_of(names.begin(), names.end(), names_it)) return;
+std::uint32_t private_key(PrivateKind kind, std::uint16_t number) {
+  return static_cast<std::uint32_t>(kind) << 16 | number;
+}
+
+// Reports each number that has no name once.
+void need_names(PrivateKind kind, const std::set<std::uint16_t>& numbers, std::uint64_t offset,
+                const FileHead& head, Findings& findings) {
   constexpr const char* kKinds[] = {"attribute", "profile", "content"};
-  findings.error(N::kPrivate, offset, "private {} {:#x} is not named in PRIV",
-                 kKinds[static_cast<int>(kind)], number);
+  const std::vector<std::uint32_t>& keys = head.private_keys;
+  for (const std::uint16_t number : numbers) {
+    if (std::binary_search(keys.begin(), keys.end(), private_key(kind, number))) continue;
+    findings.error(N::kPrivate, offset, "private {} {:#x} is not named in PRIV",
+                   kKinds[static_cast<int>(kind)], number);
+  }
 }
 
 }  // namespace
@@ -52,8 +58,12 @@ bool parse_private_names(std::span<const std::uint8_t> payload, std::uint64_t of
     name.kind = static_cast<PrivateKind>(kind);
     head.private_names.push_back(std::move(name));
   }
+  for (const PrivateName& name : head.private_names)
+    head.private_keys.push_back(private_key(name.kind, name.number));
+  std::sort(head.private_keys.begin(), head.private_keys.end());
   if (good) return true;
   head.private_names.clear();
+  head.private_keys.clear();
   findings.error(N::kPrivate, offset,
                  "private names: {} entries do not fit in {} bytes, or a name is invalid", count,
                  payload.size());
@@ -72,23 +82,27 @@ void check_private_record(const RecordHeader& record, std::span<const std::uint8
 
 void check_private_layouts(const LayoutSet& set, std::uint64_t offset, const FileHead& head,
                            Findings& findings) {
+  std::set<std::uint16_t> numbers;
   for (const Layout& layout : set.layouts) {
     for (const StreamRow& row : layout.streams) {
-      if (row.attribute < kFirstPrivateNumber) continue;
-      need_name(PrivateKind::kAttribute, row.attribute, offset, head, findings);
+      if (row.attribute >= kFirstPrivateNumber) numbers.insert(row.attribute);
     }
   }
+  need_names(PrivateKind::kAttribute, numbers, offset, head, findings);
 }
 
 void check_private_numbers(const FileHead& head, Findings& findings) {
   if (head.metadata.profile_number >= kFirstPrivateNumber) {
-    need_name(PrivateKind::kProfile, head.metadata.profile_number, kHeaderBytes, head, findings);
+    need_names(PrivateKind::kProfile, {head.metadata.profile_number}, kHeaderBytes, head, findings);
   }
   check_private_layouts(head.layouts, kHeaderBytes, head, findings);
+  std::map<std::uint16_t, std::uint64_t> contents;  // and the first record of each
   for (const FurtherEntry& further : head.index.further) {
     const auto content = static_cast<std::uint16_t>(content_of(further.entry.layer));
-    if (content < kFirstPrivateContent) continue;
-    need_name(PrivateKind::kContent, content, further.entry.offset, head, findings);
+    if (content >= kFirstPrivateContent) contents.emplace(content, further.entry.offset);
+  }
+  for (const auto& [content, offset] : contents) {
+    need_names(PrivateKind::kContent, {content}, offset, head, findings);
   }
 }
 

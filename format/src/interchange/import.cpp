@@ -41,14 +41,18 @@ std::string list_metadata(const SceneMetadata& metadata, const char* camera, boo
   return fmt::format("{}", fmt::join(items, ", "));
 }
 
+std::uint64_t import_bytes(std::uint64_t count, int sh_degree) {
+  const int coefficients = (sh_degree + 1) * (sh_degree + 1);
+  return count * sizeof(float) * static_cast<unsigned>(17 + 3 * coefficients);
+}
+
 Status check_import_size(const std::string& name, std::uint64_t count, int sh_degree,
-                         const ReadLimits& limits) {
+                         const ReadLimits& limits, std::uint64_t further_bytes) {
   if (count > limits.max_primitives || count > kMaxCount) {
     return unsupported("{}: too many primitives (at most {} allowed, got {})", name,
                        std::min<std::uint64_t>(limits.max_primitives, kMaxCount), count);
   }
-  const int coefficients = (sh_degree + 1) * (sh_degree + 1);
-  const std::uint64_t bytes = count * sizeof(float) * static_cast<unsigned>(17 + 3 * coefficients);
+  const std::uint64_t bytes = import_bytes(count, sh_degree) + further_bytes;
   if (bytes > limits.max_memory) {
     return unsupported("{}: {} primitives exceed the memory limit of {} bytes (need {} bytes)",
                        name, count, limits.max_memory, bytes);

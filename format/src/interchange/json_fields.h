@@ -9,13 +9,15 @@
 #include <string>
 #include <vector>
 
+#include "stgs/format/json_text.h"
 #include "stgs/format/status.h"
 
 namespace stgs {
 
-// Parses JSON. `label` is for messages.
+// Parses JSON of at most kMaxJsonNesting levels. `label` is for messages.
 inline Result<nlohmann::json> parse_json(std::span<const std::uint8_t> text,
                                          const std::string& label) {
+  STGS_TRY(check_json_nesting({reinterpret_cast<const char*>(text.data()), text.size()}, label));
   nlohmann::json json = nlohmann::json::parse(text.begin(), text.end(), nullptr, false);
   if (json.is_discarded()) return invalid_file("{}: not valid JSON", label);
   return json;

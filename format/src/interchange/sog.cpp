@@ -27,7 +27,8 @@ Result<SogLayout> parse_sog_meta(std::span<const std::uint8_t> text, const std::
     return invalid_file("{}: not the description of a SOG model (no version)", label);
   }
   if (version != 2) {
-    return unsupported("{}: unsupported SOG version (expected 2, got {})", label, version.dump());
+    return unsupported("{}: unsupported SOG version (expected 2, got {})", label,
+                       short_json(version));
   }
   return sog_layout(root, CodebookRule::kMissingFirst, label, limits);
 }
@@ -82,21 +83,25 @@ SogKind sog_kind(const std::string& path) {
 Result<Scene> read_sog(const std::string& path, const ReadLimits& limits, ConversionNotes* notes) {
   STGS_ASSIGN(const std::vector<std::string> paths, sog_models(path));
   std::vector<SogModel> models;
-  std::uint64_t total = 0;
+  std::uint64_t total = 0, image_bytes = 0;
   int degree = 0;
   for (const std::string& model_path : paths) {
     STGS_ASSIGN(SogModel model, open_model(model_path, limits));
     total += model.layout.count;
+    STGS_ASSIGN(const std::uint64_t bytes,
+                check_sog_count(*model.files, model.layout, model.layout.count, "", limits));
+    image_bytes = std::max(image_bytes, bytes);
     degree = std::max(degree, model.layout.sh_degree());
     models.push_back(std::move(model));
   }
-  STGS_TRY(check_import_size(path, total, degree, limits));
+  STGS_TRY(check_import_size(path, total, degree, limits, image_bytes));
   Gaussians4D set;
   set.sh_degree = degree;
   set.resize(static_cast<std::size_t>(total));
+  const ReadLimits rest = limits_beside(limits, total, degree);
   std::size_t first = 0;
   for (const SogModel& model : models) {
-    STGS_TRY(read_model(model, limits, set, first));
+    STGS_TRY(read_model(model, rest, set, first));
     first += model.layout.count;
   }
   return finish_import(std::move(set), notes);

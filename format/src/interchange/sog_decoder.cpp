@@ -14,7 +14,13 @@ constexpr std::size_t kPaletteRow = 64;  // palette entries per row of the image
 
 Result<ImageRgba> decode(NamedFiles& files, const std::string& name, const ReadLimits& limits) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, files.read(name, limits.max_memory));
-  return decode_lossless_webp(bytes, files.label(name), limits.max_memory);
+  return decode_lossless_webp(bytes, files.label(name), limits.max_memory - bytes.size());
+}
+
+Status check_pixels(const ImageSize& size, std::size_t count, const std::string& label) {
+  if (size.pixels() >= count) return {};
+  return invalid_file("{}: image too small ({} x {} pixels for {} splats)", label, size.width,
+                      size.height, count);
 }
 
 // One axis of a range, at q of `max`.
@@ -25,6 +31,22 @@ float exponential(const SogRange& range, std::size_t axis, std::size_t q) {
 }
 
 }  // namespace
+
+Result<std::uint64_t> check_sog_count(NamedFiles& files, const SogLayout& layout, std::size_t count,
+                                      const std::string& folder, const ReadLimits& limits) {
+  constexpr std::uint64_t kImages = 2;  // low and high bytes are decoded together
+  const std::string& name = layout.means.files[0];
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, files.read(folder + name, limits.max_memory));
+  STGS_ASSIGN(const ImageSize size, lossless_webp_size(bytes, files.label(folder + name)));
+  STGS_TRY(check_pixels(size, count, files.label(folder + name)));
+  return kImages * size.bytes() + bytes.size();
+}
+
+ReadLimits limits_beside(const ReadLimits& limits, std::uint64_t count, int sh_degree) {
+  ReadLimits rest = limits;
+  rest.max_memory -= import_bytes(count, sh_degree);
+  return rest;
+}
 
 Result<ImageRgba> sog_centroids(NamedFiles& files, const SogPalette& palette,
                                 const ReadLimits& limits) {
@@ -57,19 +79,16 @@ Status SogDecoder::read_into(Gaussians4D& set, std::size_t first) {
 }
 
 Result<ImageRgba> SogDecoder::splat_image(const std::string& name) {
-  STGS_ASSIGN(ImageRgba image, decode(files_, folder_ + name, limits_));
-  if (image.size() < count_) {
-    return invalid_file("{}: image too small ({} x {} pixels for {} splats)", label(name),
-                        image.width, image.height, count_);
-  }
-  if (width_ == 0) {
-    width_ = image.width;
-    height_ = image.height;
-  } else if (image.width != width_ || image.height != height_) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes,
+              files_.read(folder_ + name, limits_.max_memory));
+  STGS_ASSIGN(const ImageSize size, lossless_webp_size(bytes, label(name)));
+  STGS_TRY(check_pixels(size, count_, label(name)));
+  if (!size_) size_ = size;
+  if (size != *size_) {
     return invalid_file("{}: image size differs within the model (expected {} x {}, got {} x {})",
-                        label(name), width_, height_, image.width, image.height);
+                        label(name), size_->width, size_->height, size.width, size.height);
   }
-  return image;
+  return decode_lossless_webp(bytes, label(name), limits_.max_memory - bytes.size());
 }
 
 Status SogDecoder::read_logarithms(const SogRange& range, const char* label, float* out) {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "interchange/named_files.h"
@@ -15,6 +16,14 @@ namespace stgs {
 // The image of the palette entries, which all groups of a model share.
 Result<ImageRgba> sog_centroids(NamedFiles& files, const SogPalette& palette,
                                 const ReadLimits& limits);
+
+// Checks that the images of `count` splats in `folder` have as many pixels. Returns the memory that
+// SogDecoder needs at most for them, bytes. Decodes nothing: call it before allocating splats.
+Result<std::uint64_t> check_sog_count(NamedFiles& files, const SogLayout& layout, std::size_t count,
+                                      const std::string& folder, const ReadLimits& limits);
+
+// Returns what the limits leave beside `count` primitives, which check_import_size() has checked.
+ReadLimits limits_beside(const ReadLimits& limits, std::uint64_t count, int sh_degree);
 
 // Decodes `count` splats, which have images of their own. Images of splats are in `folder` of the
 // set of files ("" or "name/"). The references must outlive the decoder. `centroids` may be null if
@@ -58,7 +67,7 @@ class SogDecoder {
   const ReadLimits& limits_;
   std::size_t count_;
   std::string folder_;
-  int width_ = 0, height_ = 0;  // of each image with a pixel per splat
+  std::optional<ImageSize> size_;  // of each image with a pixel per splat
 };
 
 }  // namespace stgs

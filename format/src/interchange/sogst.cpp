@@ -126,11 +126,11 @@ Result<SogstMeta> parse_sogst_meta(std::span<const std::uint8_t> text, const std
   const json &version = member(root, "version"), &format = member(root, "format");
   if (format != "sogst") {
     return invalid_file("{}: not the description of a .sogst (format is {}, expected \"sogst\")",
-                        label, format.dump(-1, ' ', false, json::error_handler_t::replace));
+                        label, short_json(format));
   }
   if (version != 1) {
     return unsupported("{}: unsupported .sogst version (expected 1, got {})", label,
-                       version.dump(-1, ' ', false, json::error_handler_t::replace));
+                       short_json(version));
   }
   SogstMeta meta;
   STGS_ASSIGN(meta.layout, sog_layout(root, CodebookRule::kComplete, label, limits));
@@ -186,18 +186,27 @@ Result<Scene> read_sogst(const std::string& path, const CurveSettings& settings,
   STGS_ASSIGN(const std::vector<std::uint8_t> text,
               files->read("meta.json", max_sog_meta_bytes(limits)));
   STGS_ASSIGN(const SogstMeta meta, parse_sogst_meta(text, files->label("meta.json"), limits));
-  STGS_TRY(check_import_size(path, meta.layout.count, meta.layout.sh_degree(), limits));
+  const std::size_t count = meta.layout.count;
+  std::uint64_t further_bytes = 0;
+  for (const Group& group : meta.groups) {
+    STGS_ASSIGN(const std::uint64_t bytes,
+                check_sog_count(*files, meta.layout, group.count, group.folder, limits));
+    further_bytes = std::max(further_bytes, bytes);
+  }
+  if (meta.acceleration) further_bytes += 3 * sizeof(float) * std::uint64_t{count};
+  STGS_TRY(check_import_size(path, count, meta.layout.sh_degree(), limits, further_bytes));
+  const ReadLimits rest = limits_beside(limits, count, meta.layout.sh_degree());
   Gaussians4D set;
   set.sh_degree = meta.layout.sh_degree();
-  set.resize(meta.layout.count);
+  set.resize(count);
   std::vector<float> acceleration(meta.acceleration ? 3 * set.size() : 0);
   ImageRgba centroids;
   if (meta.layout.palette) {
-    STGS_ASSIGN(centroids, sog_centroids(*files, *meta.layout.palette, limits));
+    STGS_ASSIGN(centroids, sog_centroids(*files, *meta.layout.palette, rest));
   }
   std::size_t first = 0;
   for (const Group& group : meta.groups) {
-    SogDecoder decoder(*files, meta.layout, &centroids, limits, group.count, group.folder);
+    SogDecoder decoder(*files, meta.layout, &centroids, rest, group.count, group.folder);
     STGS_TRY(read_group(decoder, *files, meta, group, first, set, acceleration));
     first += group.count;
   }

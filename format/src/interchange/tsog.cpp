@@ -46,7 +46,7 @@ Status parse_timeline(const json& timeline, const std::string& label, TsogMeta& 
   }
   if (type != 1) {
     return unsupported("{}.type: expected 0 (frames) or 1 (continuous), got {}", label,
-                       type.dump(-1, ' ', false, json::error_handler_t::replace));
+                       short_json(type));
   }
   meta.timeline = TsogTimeline::kContinuous;
   STGS_ASSIGN(const auto mins, number_list(member(timeline, "mins"), 2, label + ".mins"));
@@ -113,16 +113,15 @@ Status parse_playback(const json& root, const std::string& label, TsogMeta& meta
 Result<TsogMeta> parse_tsog_meta(std::span<const std::uint8_t> text, const std::string& label,
                                  const ReadLimits& limits) {
   STGS_ASSIGN(const json root, parse_json(text, label));
-  const auto shown = [](const json& value) {
-    return value.dump(-1, ' ', false, json::error_handler_t::replace);
-  };
   if (const json& version = member(root, "version"); version != 4) {
-    return unsupported("{}: unsupported .tsog version (expected 4, got {})", label, shown(version));
+    return unsupported("{}: unsupported .tsog version (expected 4, got {})", label,
+                       short_json(version));
   }
   if (root.contains("profile")) {
     const json& profile = member(root, "profile");
     if (member(profile, "id") != "org.opsiclear.tsog-playback" || member(profile, "version") != 1) {
-      return unsupported("{}: unsupported .tsog profile {}", label, shown(profile));
+      return unsupported("{}: unsupported .tsog profile (id {}, version {})", label,
+                         short_json(member(profile, "id")), short_json(member(profile, "version")));
     }
   }
   TsogMeta meta;
@@ -218,15 +217,19 @@ Result<Scene> read_tsog(const std::string& path, const ClipSettings& settings,
               files->read("meta.json", max_sog_meta_bytes(limits)));
   STGS_ASSIGN(const TsogMeta meta, parse_tsog_meta(text, files->label("meta.json"), limits));
   STGS_ASSIGN(const ClipTimes times, times_of(meta, path, settings));
-  STGS_TRY(check_import_size(path, meta.layout.count, meta.layout.sh_degree(), limits));
+  const std::size_t count = meta.layout.count;
+  STGS_ASSIGN(const std::uint64_t image_bytes,
+              check_sog_count(*files, meta.layout, count, "", limits));
+  STGS_TRY(check_import_size(path, count, meta.layout.sh_degree(), limits, image_bytes));
+  const ReadLimits rest = limits_beside(limits, count, meta.layout.sh_degree());
   Gaussians4D set;
   set.sh_degree = meta.layout.sh_degree();
-  set.resize(meta.layout.count);
+  set.resize(count);
   ImageRgba centroids;
   if (meta.layout.palette) {
-    STGS_ASSIGN(centroids, sog_centroids(*files, *meta.layout.palette, limits));
+    STGS_ASSIGN(centroids, sog_centroids(*files, *meta.layout.palette, rest));
   }
-  SogDecoder decoder(*files, meta.layout, &centroids, limits, set.size());
+  SogDecoder decoder(*files, meta.layout, &centroids, rest, set.size());
   STGS_TRY(decoder.read_into(set, 0));
   if (meta.timeline == TsogTimeline::kStatic) {
     set_static_lifespan(set);

@@ -5,8 +5,8 @@
 
 namespace stgs {
 
-Result<ImageRgba> decode_lossless_webp(std::span<const std::uint8_t> bytes,
-                                       const std::string& label, std::uint64_t max_bytes) {
+Result<ImageSize> lossless_webp_size(std::span<const std::uint8_t> bytes,
+                                     const std::string& label) {
   WebPBitstreamFeatures features;
   const VP8StatusCode status = WebPGetFeatures(bytes.data(), bytes.size(), &features);
   if (status == VP8_STATUS_NOT_ENOUGH_DATA) {
@@ -17,16 +17,20 @@ Result<ImageRgba> decode_lossless_webp(std::span<const std::uint8_t> bytes,
   if (features.format != 2) {
     return invalid_file("{}: lossy WebP (expected lossless, because pixels are data)", label);
   }
-  ImageRgba image;
-  image.width = features.width;
-  image.height = features.height;
-  const std::uint64_t size = std::uint64_t{4} * static_cast<std::uint64_t>(image.width) *
-                             static_cast<std::uint64_t>(image.height);
-  if (size > max_bytes) {
+  return ImageSize{features.width, features.height};
+}
+
+Result<ImageRgba> decode_lossless_webp(std::span<const std::uint8_t> bytes,
+                                       const std::string& label, std::uint64_t max_bytes) {
+  STGS_ASSIGN(const ImageSize size, lossless_webp_size(bytes, label));
+  if (size.bytes() > max_bytes) {
     return unsupported("{}: {} x {} pixels need {} bytes, more than the memory limit of {} bytes",
-                       label, image.width, image.height, size, max_bytes);
+                       label, size.width, size.height, size.bytes(), max_bytes);
   }
-  image.pixels.resize(static_cast<std::size_t>(size));
+  ImageRgba image;
+  image.width = size.width;
+  image.height = size.height;
+  image.pixels.resize(static_cast<std::size_t>(size.bytes()));
   if (WebPDecodeRGBAInto(bytes.data(), bytes.size(), image.pixels.data(), image.pixels.size(),
                          4 * image.width) == nullptr) {
     return invalid_file("{}: image is damaged or truncated", label);

@@ -19,6 +19,20 @@ struct ImageRgba {
   const std::uint8_t* pixel(std::size_t i) const { return pixels.data() + 4 * i; }
 };
 
+struct ImageSize {
+  int width = 0, height = 0;  // pixels, 1 to 16383
+
+  std::uint64_t pixels() const {
+    return static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height);
+  }
+  std::uint64_t bytes() const { return 4 * pixels(); }  // of the decoded image
+  bool operator==(const ImageSize&) const = default;
+};
+
+// Returns the size of an image without decoding it. Rejects lossy and animated images. `label` is
+// for messages.
+Result<ImageSize> lossless_webp_size(std::span<const std::uint8_t> bytes, const std::string& label);
+
 // Decodes an image. `label` is for messages. Rejects lossy and animated images and, before
 // allocating, images of more than `max_bytes` when decoded.
 Result<ImageRgba> decode_lossless_webp(std::span<const std::uint8_t> bytes,

@@ -36,9 +36,8 @@ float distance_in(const math::PinholeCamera& camera, math::Vec3 first, math::Vec
 }
 
 // Returns the mean drift over the cameras that cover primitive i, or kNotCovered.
-double drift_of(const Scene& scene, std::size_t i,
+double drift_of(const Scene& scene, const ShownFrames& frames, std::size_t i,
                 const std::vector<math::PinholeCamera>& cameras) {
-  const ShownFrames frames = shown_frames(scene, i);
   const math::Vec3 first = centre_at(scene.gaussians, i, frames.first - frames.part_begin);
   const math::Vec3 last = centre_at(scene.gaussians, i, frames.last - frames.part_begin);
   double sum = 0;
@@ -53,9 +52,8 @@ double drift_of(const Scene& scene, std::size_t i,
 }
 
 // Returns the number of cameras that cover primitive i, counted up to 2.
-std::uint8_t cameras_covering(const Scene& scene, std::size_t i,
+std::uint8_t cameras_covering(const Scene& scene, const ShownFrames& frames, std::size_t i,
                               const std::vector<math::PinholeCamera>& cameras) {
-  const ShownFrames frames = shown_frames(scene, i);
   const double nearest =
       std::clamp(static_cast<double>(scene.gaussians.time[i]), frames.first - frames.part_begin,
                  frames.last - frames.part_begin);
@@ -72,11 +70,13 @@ std::uint8_t cameras_covering(const Scene& scene, std::size_t i,
 
 ImageDrift image_drift(const Scene& scene, const std::vector<math::PinholeCamera>& cameras) {
   const Gaussians4D& set = scene.gaussians;
+  const ShownFrameTable table(scene);
   std::vector<double> drifts(set.size(), double{kNotCovered});
   parallel_blocks(std::size_t{0}, set.size(), std::size_t{4096},
                   [&](std::size_t first, std::size_t last) {
                     for (std::size_t i = first; i < last; ++i) {
-                      if (covers_clip(scene, i)) drifts[i] = drift_of(scene, i, cameras);
+                      if (table.covers_clip(i))
+                        drifts[i] = drift_of(scene, table.frames(i), i, cameras);
                     }
                   });
   ImageDrift out;
@@ -104,11 +104,12 @@ ImageDrift image_drift(const Scene& scene, const std::vector<math::PinholeCamera
 CameraCoverage camera_coverage(const Scene& scene,
                                const std::vector<math::PinholeCamera>& cameras) {
   const Gaussians4D& set = scene.gaussians;
+  const ShownFrameTable table(scene);
   std::vector<std::uint8_t> counts(set.size(), 0);  // up to 2
   parallel_blocks(std::size_t{0}, set.size(), std::size_t{4096},
                   [&](std::size_t first, std::size_t last) {
                     for (std::size_t i = first; i < last; ++i)
-                      counts[i] = cameras_covering(scene, i, cameras);
+                      counts[i] = cameras_covering(scene, table.frames(i), i, cameras);
                   });
   CameraCoverage out;
   for (const std::uint8_t count : counts) {

@@ -217,9 +217,9 @@ class Finalizer {
 }  // namespace
 
 Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& output,
-                      DamageReport& report) {
+                      DamageReport& report, const ReadLimits& limits) {
   try {
-    STGS_ASSIGN(FileHead head, read_recording(*recording, report));
+    STGS_ASSIGN(FileHead head, read_recording(*recording, limits, report));
     if (!head.growing()) return repair_head(*recording, head, output);
     return Finalizer(*recording, head, report).write(output);
   } catch (const std::exception& e) {

@@ -168,10 +168,11 @@ Result<FileHead> read_resumable(const ByteSource& source) {
   }
 }
 
-Result<FileHead> read_recording(const ByteSource& source, DamageReport& report) {
+Result<FileHead> read_recording(const ByteSource& source, const ReadLimits& limits,
+                                DamageReport& report) {
   Findings findings;
   FileHead head;
-  read_head(source, {}, IndexLoading::kComplete, head, findings);
+  read_head(source, limits, IndexLoading::kComplete, head, findings);
   if (!findings.ok()) return findings.status(source.name());
   if (!head.growing() && !head.repaired) {
     if (source.size() < head.header.file_bytes) {
@@ -191,7 +192,7 @@ Result<FileHead> read_recording(const ByteSource& source, DamageReport& report) 
   if (!dropped) return head;
   const PrefixSource prefix(source, head.last_fragment->offset);
   FileHead before;
-  read_head(prefix, {}, IndexLoading::kComplete, before, findings);
+  read_head(prefix, limits, IndexLoading::kComplete, before, findings);
   if (!findings.ok()) return findings.status(source.name());
   return before;
 }

@@ -47,6 +47,7 @@ Result<FileHead> read_resumable(const ByteSource& source);
 // Reads the complete content of a recording, without a last fragment of which no record reached the
 // disk. `report` receives the problems found when opening, and the segments of that fragment.
 // kUsage if the file is not a recording.
-Result<FileHead> read_recording(const ByteSource& source, DamageReport& report);
+Result<FileHead> read_recording(const ByteSource& source, const ReadLimits& limits,
+                                DamageReport& report);
 
 }  // namespace stgs

@@ -85,25 +85,27 @@ double SceneStatistics::static_share() const {
   return visible == 0 ? 0 : static_cast<double>(static_primitives) / static_cast<double>(visible);
 }
 
-ShownFrames shown_frames(const Scene& scene, std::size_t i) {
-  const double last = std::max(0.0, static_cast<double>(scene.metadata.frames) - 1);
+ShownFrameTable::ShownFrameTable(const Scene& scene) : scene_(scene) {
   std::uint64_t end = 0;
-  for (const ScenePart& part : scene.parts) {
-    end += part.primitives;
-    if (i >= end) continue;
-    const double first = std::max(0.0, std::ceil(part.displayed_range().begin));
-    // The end is exclusive, except that of the timeline.
-    const double end_frame = std::min(last, std::ceil(part.displayed_range().end) - 1);
-    return {first, std::max(first, end_frame), part.begin_ticks};
-  }
-  return {0, last, 0};
+  for (const ScenePart& part : scene.parts) ends_.push_back(end += part.primitives);
 }
 
-bool covers_clip(const Scene& scene, std::size_t i) {
-  const ShownFrames frames = shown_frames(scene, i);
-  const double time = frames.part_begin + scene.gaussians.time[i];
-  const double half = half_width_of(scene.gaussians, i);
-  return half >= 0 && time - half <= frames.first && time + half >= frames.last;
+ShownFrames ShownFrameTable::frames(std::size_t i) const {
+  const double last = std::max(0.0, static_cast<double>(scene_.metadata.frames) - 1);
+  const auto end = std::upper_bound(ends_.begin(), ends_.end(), i);
+  if (end == ends_.end()) return {0, last, 0};
+  const ScenePart& part = scene_.parts[static_cast<std::size_t>(end - ends_.begin())];
+  const double first = std::max(0.0, std::ceil(part.displayed_range().begin));
+  // The end is exclusive, except that of the timeline.
+  const double end_frame = std::min(last, std::ceil(part.displayed_range().end) - 1);
+  return {first, std::max(first, end_frame), part.begin_ticks};
+}
+
+bool ShownFrameTable::covers_clip(std::size_t i) const {
+  const ShownFrames shown = frames(i);
+  const double time = shown.part_begin + scene_.gaussians.time[i];
+  const double half = half_width_of(scene_.gaussians, i);
+  return half >= 0 && time - half <= shown.first && time + half >= shown.last;
 }
 
 SceneStatistics scene_statistics(const Scene& scene) {
@@ -126,16 +128,17 @@ SceneStatistics scene_statistics(const Scene& scene) {
 
   std::vector<double> all, within, speeds;
   double drift = 0;
+  const ShownFrameTable table(scene);
   for (std::size_t k = 0; k < visible.size(); ++k) {
     const double half = half_widths[k];
     const double speed = speed_of(set, visible[k]);  // scene units per tick
     all.push_back(base.seconds(2 * half));
     speeds.push_back(speed / base.seconds(1));
-    if (!covers_clip(scene, visible[k])) {
+    if (!table.covers_clip(visible[k])) {
       within.push_back(all.back());
       continue;
     }
-    const ShownFrames frames = shown_frames(scene, visible[k]);
+    const ShownFrames frames = table.frames(visible[k]);
     const double path = speed * (frames.last - frames.first);
     ++out.whole_clip;
     drift += path;

@@ -6,6 +6,7 @@
 #include <map>
 #include <set>
 #include <tuple>
+#include <utility>
 
 namespace stgs {
 namespace {
@@ -80,21 +81,50 @@ std::optional<std::vector<std::uint8_t>> page_at(const ByteSource& source, const
   return payload;
 }
 
-// Checks that intact copies of nodes are identical to them (spec 5.2). Returns their offsets.
-std::set<std::uint64_t> check_copies(const ByteSource& source, const FileHead& head,
-                                     Findings& findings) {
-  std::set<std::uint64_t> copies;
-  for (const auto& [record, node] : head.walk.nodes) {
-    for (const NodeLink& link : node.links) {
-      if (link.copy == 0 || !copies.insert(link.copy).second) continue;
-      if (head.walk.nodes.count(link.offset) == 0) continue;  // not read
-      const auto page = page_at(source, head, link.offset, link.bytes),
-                 copy = page_at(source, head, link.copy, link.bytes);
-      if (page && copy && *page != *copy)
-        findings.error(N::kLink, link.copy, "copy of a node differs from it");
+// A record of a node, as a link states it.
+struct NodePlace {
+  std::uint64_t offset = 0, bytes = 0;  // bytes: of its payload
+  auto operator<=>(const NodePlace&) const = default;
+};
+
+// Returns the copies that do not overlap, by the node that they belong to, so that no byte of the
+// file is read twice.
+std::map<NodePlace, std::vector<std::uint64_t>> separate_copies(
+    const std::map<std::uint64_t, NodePlace>& nodes, Findings& findings) {
+  std::map<NodePlace, std::vector<std::uint64_t>> copies;
+  std::uint64_t end = 0;
+  bool reported = false;
+  for (const auto& [copy, node] : nodes) {
+    if (copy >= end) {
+      copies[node].push_back(copy);
+      end = copy + kRecordHeaderBytes + node.bytes;
+    } else if (!std::exchange(reported, true)) {
+      findings.error(N::kLink, copy, "copies of nodes overlap");
     }
   }
   return copies;
+}
+
+// Checks that intact copies of nodes are identical to them (spec 5.2). Returns their offsets.
+std::set<std::uint64_t> check_copies(const ByteSource& source, const FileHead& head,
+                                     Findings& findings) {
+  std::set<std::uint64_t> offsets;
+  std::map<std::uint64_t, NodePlace> nodes;  // that were read, by the offset of the copy
+  for (const auto& [record, node] : head.walk.nodes) {
+    for (const NodeLink& link : node.links) {
+      if (link.copy == 0 || !offsets.insert(link.copy).second) continue;
+      if (head.walk.nodes.count(link.offset) == 0) continue;
+      nodes[link.copy] = {link.offset, link.bytes};
+    }
+  }
+  for (const auto& [node, copies] : separate_copies(nodes, findings)) {
+    const auto page = page_at(source, head, node.offset, node.bytes);
+    for (const std::uint64_t at : copies) {
+      const auto copy = page ? page_at(source, head, at, node.bytes) : std::nullopt;
+      if (copy && *page != *copy) findings.error(N::kLink, at, "copy of a node differs from it");
+    }
+  }
+  return offsets;
 }
 
 // Checks that no two segments have one place, and no two parts one number (spec 5.3).

@@ -44,7 +44,7 @@ class CpuRenderer final : public Renderer {
 
   Status draw(Timeline& timeline, double seconds, const std::vector<View>& views,
               RenderStats* stats) override {
-    STGS_TRY(check_views(views));
+    STGS_TRY(check_views(views, timeline));
     RenderStats sums;
     auto clock = Clock::now();
     STGS_ASSIGN(const Timeline::Active active, timeline.at(seconds));

@@ -57,7 +57,7 @@ class FrameGraphRenderer final : public CudaRenderer {
 
   Status draw(Timeline& timeline, double seconds, const std::vector<View>& views,
               RenderStats* stats) override {
-    STGS_TRY(check_views(views));
+    STGS_TRY(check_views(views, timeline));
     STGS_TRY(check_device());
     has_frame_ = false;
     try {

@@ -51,7 +51,7 @@ class ComputeRenderer final : public VulkanRenderer {
 
   Status draw(Timeline& timeline, double seconds, const std::vector<View>& views,
               RenderStats* stats) override {
-    STGS_TRY(check_views(views));
+    STGS_TRY(check_views(views, timeline));
     rendered_.clear();
     try {
       STGS_TRY(wait());
@@ -91,7 +91,7 @@ class ComputeRenderer final : public VulkanRenderer {
 
   Result<std::uint64_t> submit(Timeline& timeline, double seconds, const std::vector<View>& views,
                                const VulkanSubmission& to) override {
-    STGS_TRY(check_views(views));
+    STGS_TRY(check_views(views, timeline));
     STGS_TRY(check_submission(device_, views, to));
     rendered_.clear();
     try {

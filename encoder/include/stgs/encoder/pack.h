@@ -43,6 +43,7 @@ struct PackSettings {
   // Location of the scene's audio (SceneMetadata::audio), and the time at which it begins.
   std::optional<std::string> audio;
   double audio_begin = 0;
+  ReadLimits limits = {};  // of each scene
 };
 
 // Bounds of the components of vectors in metadata.

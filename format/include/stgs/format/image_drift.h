@@ -14,7 +14,7 @@ namespace stgs {
 // Bound on the mean drift of static content, in pixels over the clip.
 inline constexpr double kStaticDrift = 0.05;
 
-// Drift of the primitives whose support covers the clip (covers_clip() in scene_statistics.h). The
+// Drift of the primitives whose support covers the clip (ShownFrameTable::covers_clip()). The
 // drift of a primitive is the mean over the cameras that cover it. A camera covers a primitive if
 // the centre lies inside the image in the first or the last frame and beyond the near plane in
 // both; occlusion is ignored. The centre moves along a straight line, and so does its projection,

@@ -90,10 +90,10 @@ class SceneRecorder {
 //   recording if all its records are damaged, as after a power failure.
 // - A finished file with a damaged head is repaired from the copy of its head (spec 10.2).
 //
-// `report` receives damaged and omitted content. `output` is written completely or not at all.
-// Errors: kUsage if the file is finished and intact; kInvalidFile if it has primitives and none can
-// be read.
+// `limits` apply to the head and the index. `report` receives damaged and omitted content. `output`
+// is written completely or not at all. Errors: kUsage if the file is finished and intact;
+// kInvalidFile if it has primitives and none can be read.
 Status finalize_scene(std::unique_ptr<ByteSource> recording, const std::string& output,
-                      DamageReport& report);
+                      DamageReport& report, const ReadLimits& limits = {});
 
 }  // namespace stgs

@@ -56,11 +56,22 @@ struct ShownFrames {
   double first = 0, last = 0;
   double part_begin = 0;  // the primitive's time counts from here
 };
-// Returns the frames at which primitive i can be shown.
-ShownFrames shown_frames(const Scene& scene, std::size_t i);
 
-// Returns whether the support of primitive i, |t - T| <= r + sigma sqrt(ln(O / threshold)),
-// contains all of its shown_frames().
-bool covers_clip(const Scene& scene, std::size_t i);
+// Finds the frames of primitives, in O(log parts) each. The scene must outlive it and keep its
+// parts. Thread-safe.
+class ShownFrameTable {
+ public:
+  explicit ShownFrameTable(const Scene& scene);
+
+  // Returns the frames at which primitive i can be shown.
+  ShownFrames frames(std::size_t i) const;
+  // Returns whether the support of primitive i, |t - T| <= r + sigma sqrt(ln(O / threshold)),
+  // contains all of its frames().
+  bool covers_clip(std::size_t i) const;
+
+ private:
+  const Scene& scene_;
+  std::vector<std::uint64_t> ends_;  // of the primitives of each part
+};
 
 }  // namespace stgs

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Small files that state much: memory is limited, and work grows with the bytes of the file."""
+import json
+import os
+import resource
+import struct
+import subprocess
+import sys
+import unittest
+import zipfile
+
+import harness
+from harness import CliTest, built_in
+
+INVALID, UNSUPPORTED = 3, 5
+GIB = 1 << 30
+SECONDS = 30  # for runs that take less than one, and took minutes
+
+
+class HostileScenes(CliTest):
+    @classmethod
+    def setUpClass(cls):
+        sys.path.insert(0, os.path.join(harness.SOURCE, "tests", "conformance"))
+        import vector_file
+        import vector_records
+        import vector_scenes
+        cls.file, cls.records, cls.scenes = vector_file, vector_records, vector_scenes
+
+    def validate(self, name, timeout=SECONDS):
+        return subprocess.run([harness.STGS, "validate", name], cwd=self.work, timeout=timeout,
+                              capture_output=True, text=True, check=False)
+
+    def one_primitive(self, **more):
+        body = self.records.Body(self.scenes.float_streams(1, 0, 1), 1)
+        run = self.file.Run([self.file.Segment(-1, 0, [body])])
+        return self.file.File([run], **more)
+
+    def test_images_of_the_start_camera_are_limited(self):
+        meta = self.file.Meta(profile=0, size=(32768, 32768), lens=(20000, 20000, 16384, 16384))
+        self.write("a.stgs", self.one_primitive(meta=meta).bytes())
+        too_large = "a.stgs: .*image of 32768x32768 pixels needs .*--memory"
+        for output in "null", "a.exr":
+            with self.subTest(output=output):
+                self.fails(UNSUPPORTED, too_large + "|--size.*--memory", "render", "a.stgs", "--time",
+                           "0", "-o", output, preexec_fn=lambda: limit_memory(4))
+        self.fails(UNSUPPORTED, "a.stgs: .*32768x32768 pixels needs .*--memory", "compare", "a.stgs",
+                   "a.stgs", "--backend", "cpu", "--memory", "4G", preexec_fn=lambda: limit_memory(4))
+        self.succeeds("render", "a.stgs", "--time", "0", "--size", "64x64", "-o", "null",
+                      "--memory", "1M")
+
+    def test_many_private_names_and_numbers(self):
+        names, layouts = 39000, 85000 // 255
+        private = struct.pack("<H", names) + b"".join(
+            struct.pack("<HH", 0, i % 0x3FFF) + self.records.text("a") for i in range(names))
+        row = struct.pack("<H", 5) + struct.pack("<HBBB", 0xFFFF, 0, 0, 0)
+        table = struct.pack("<HH", 0, layouts) + (b"\xff" + row * 255) * layouts
+        self.write("a.stgs", self.one_primitive(
+            meta=self.file.Meta(profile=0), layouts=table,
+            last_records=self.records.record(b"PRIV", private, 0)).bytes())
+        result = self.validate("a.stgs")
+        self.assertEqual(result.returncode, INVALID, result.stderr)
+        self.assertEqual(result.stdout.count("private attribute 0xffff is not named"), 1)
+
+    def test_many_copies_of_one_node(self):
+        number, record = self.records.number, self.records.record
+        page = number(0) + number(0) + bytes(480000)
+        links, at = 10000, 0
+        for _ in range(9):  # until the length of the index is that of its own offsets
+            index = number(0) + number(0) + number(links) + b"".join(
+                struct.pack("<dd", 0, 30) + number(at) + number(at + 1 + i) + number(len(page))
+                for i in range(links)) + number(0)
+            records = record(b"META", self.file.Meta(profile=1, frames=30).payload()) + \
+                record(b"INDX", index)
+            if 32 + len(records) == at:
+                break
+            at = 32 + len(records)
+        body = record(b"PAGE", page) + record(
+            b"aaaa", self.records.text("a") + bytes(len(page) + links), 0)
+        self.write("a.stgs", self.file.header(2, 0, 0, at + len(body), at) + records + body)
+        result = self.validate("a.stgs")
+        self.assertEqual(result.returncode, INVALID, result.stderr)
+        self.assertIn("10000 links lead to one record", result.stdout)
+        self.assertEqual(result.stdout.count("copies of nodes overlap"), 1)
+
+
+def limit_memory(gib):
+    resource.setrlimit(resource.RLIMIT_AS, (gib * GIB, gib * GIB))
+
+
+@unittest.skipUnless(built_in("sog"), "needs a build with SOG")
+class HostileModels(CliTest):
+    # Lossless WebP of 1 x 1 pixel.
+    PIXEL = bytes.fromhex("524946461a000000574542505650384c0d0000002f00000010071011118888fe0700")
+
+    def write_model(self, name, count, **more):
+        codebook = {"codebook": [i / 256 for i in range(256)]}
+        corners = {"mins": [0, 0, 0], "maxs": [1, 1, 1]}
+        meta = {"version": 2, "count": count, "means": {**corners, "files": ["l.webp", "u.webp"]},
+                "scales": {**codebook, "files": ["s.webp"]}, "quats": {"files": ["q.webp"]},
+                "sh0": {**codebook, "files": ["c.webp"]}, **more}
+        with zipfile.ZipFile(self.path(name), "w") as file:
+            file.writestr("meta.json", json.dumps(meta))
+            for image in "l", "u", "s", "q", "c":
+                file.writestr(image + ".webp", self.PIXEL)
+
+    def test_counts_beyond_the_images_allocate_nothing(self):
+        codebook = {"codebook": [1] * 256}
+        motion = {"mins": [0, 0, 0], "maxs": [1, 1, 1], "files": ["l.webp", "u.webp"], "degree": 1}
+        for name, more in (
+                ("a.sog", {}), ("a.tsog", {"version": 4}),
+                ("a.sogst", {"version": 1, "format": "sogst",
+                             "time": {"min": 0, "max": 1, "fps": 10}, "motion": motion,
+                             "trbf": {"center": codebook, "sigma": codebook, "files": ["s.webp"]}})):
+            with self.subTest(name=name):
+                self.write_model(name, 100000000, **more)
+                self.fails(INVALID, r"l.webp: image too small \(1 x 1 pixels for 100000000 splats\)$",
+                           "convert", name, "out.stgs", preexec_fn=lambda: limit_memory(4))
+
+
+class MemoryOptions(CliTest):
+    def test_verbs_pass_the_limit_to_the_reader(self):
+        scene = self.fixture("tiny.stgs")
+        ply = "ply\nformat ascii 1.0\nelement vertex 20000\n" + "".join(
+            f"property float {name}\n" for name in
+            "x y z scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 opacity f_dc_0 f_dc_1 f_dc_2"
+            .split()) + "end_header\n" + "0 0 0 0 0 0 1 0 0 0 1 0 0 0\n" * 20000
+        self.write("many.ply", ply)
+        self.succeeds("convert", "many.ply", "many.stgs")
+        for arguments in (("convert", "many.ply", "out.stgs"), ("convert", "many.stgs", "out.stgs"),
+                          ("pack", "many.stgs", "-o", "out.stgs")):
+            with self.subTest(arguments=arguments):
+                self.fails(UNSUPPORTED, "memory", *arguments, "--memory", "1M")
+                self.assertFalse(os.path.exists(self.path("out.stgs")))
+        result = self.fails(INVALID, "1 error", "validate", "many.stgs", "--memory", "1M")
+        self.assertIn(b"issue 308", result.stdout)
+        for arguments in ("validate", scene), ("compare", scene, scene):
+            self.succeeds(*arguments, "--memory", "64M")
+
+
+if __name__ == "__main__":
+    unittest.main()
