@@ -15,12 +15,21 @@ namespace {
 
 constexpr int kSizeSteps = 8;  // of a bisection for the size of the file
 constexpr double kMinKeep = 0.002, kMaxQuality = 95;
+// Fraction that a round keeps, unless there would be too many rounds. Removing a third at a time is
+// 0.05 to 0.2 dB worse: what the removal of a primitive uncovers is seen in the next round.
+constexpr double kRoundKeep = 0.9;
 // With a target PSNR: rounds, the fraction that each keeps, images that are compared, and the
 // quality of a scene that does not reach the target.
 constexpr std::uint32_t kTargetRounds = 16;
 constexpr double kTargetKeep = 0.8;
 constexpr int kTargetViews = 16;
 constexpr double kFineQuality = 90;
+
+// Returns the rounds that remove all but the fraction `keep`.
+std::uint32_t rounds_for(double keep, int most) {
+  const double rounds = std::floor(std::log(keep) / std::log(kRoundKeep));
+  return static_cast<std::uint32_t>(std::clamp(rounds, 1.0, static_cast<double>(most)));
+}
 
 // Returns the indices of the `count` largest values, ascending; of equal ones the first.
 std::vector<std::uint32_t> largest(const std::vector<float>& values, std::size_t count) {
@@ -47,10 +56,10 @@ Status Trainer::compact() {
   if (parameters_.compact_share == 0 || growth_progress() < 1.0) return {};
   const double progress = compaction_progress(), until = parameters_.compact_prune_share;
   const bool targeted = settings_.target_psnr > 0;
-  const auto rounds =
-      targeted ? kTargetRounds : static_cast<std::uint32_t>(parameters_.compact_rounds);
   CompactionState& compaction = state_.compaction;
   if (compaction.prunings == 0) STGS_TRY(choose_size());
+  const std::uint32_t rounds =
+      targeted ? kTargetRounds : rounds_for(compaction.keep, parameters_.compact_rounds);
   while (compaction.prunings < rounds && progress >= until * compaction.prunings / rounds) {
     double psnr = 0;
     if (targeted) {

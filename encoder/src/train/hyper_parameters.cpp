@@ -111,7 +111,9 @@ struct HyperParameterTable {
                "least are removed and the others are trained for packing; the fractions of a run "
                "above refer to the iterations before it");
     STGS_VISIT(visit, compact_keep, 0.001, 1, "Compaction: fraction of the primitives to keep");
-    STGS_VISIT(visit, compact_rounds, 1, 100, "Compaction: rounds of removal");
+    STGS_VISIT(visit, compact_rounds, 1, 100,
+               "Compaction: greatest number of rounds of removal; each but the only one removes at "
+               "least a tenth");
     STGS_VISIT(visit, compact_prune_share, 0, 1,
                "Compaction: fraction of it in which primitives are removed");
     STGS_VISIT(visit, compact_moving, 0, 2,

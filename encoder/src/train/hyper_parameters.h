@@ -88,7 +88,7 @@ struct HyperParameters {
   // trained with quantisation in the loop.
   double compact_share = 0.2;
   double compact_keep = 0.5;
-  int compact_rounds = 4;
+  int compact_rounds = 16;
   double compact_prune_share = 0.3;
   double compact_moving = 0.5;
   double compact_quality = 80;
