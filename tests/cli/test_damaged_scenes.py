@@ -188,7 +188,7 @@ class DamagedScenes(CliTest):
             resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
         self.fails(RUNTIME, r"tiny.stgs: cannot render 0\.1 s: out of memory; .*30000x30000 pixels.*--size",
                    "render", self.fixture("tiny.stgs"), "--time", "0.1", "--size", "30000x30000",
-                   "-o", "null", "--threads", "2", preexec_fn=limit)
+                   "-o", "null", "--threads", "2", "--memory", "64G", preexec_fn=limit)
 
     def test_invalid_start_cameras_are_rejected(self):
         for name, message in (("wide_start", "2147483712"), ("skew_start", "rotation")):
