@@ -16,7 +16,7 @@ namespace {
 constexpr int kSizeSteps = 8;  // of a bisection for the size of the file
 constexpr double kMinKeep = 0.002, kMaxQuality = 95;
 // Fraction that a round keeps, unless there would be too many rounds. Removing a third at a time is
-// 0.05 to 0.2 dB worse: what the removal of a primitive uncovers is seen in the next round.
+// 0.05 to 0.2 dB worse: the next round computes the importance of uncovered primitives.
 constexpr double kRoundKeep = 0.9;
 // With a target PSNR: rounds, the fraction that each keeps, images that are compared, and the
 // quality of a scene that does not reach the target.

@@ -112,7 +112,7 @@ struct HyperParameterTable {
                "above refer to the iterations before it");
     STGS_VISIT(visit, compact_keep, 0.001, 1, "Compaction: fraction of the primitives to keep");
     STGS_VISIT(visit, compact_rounds, 1, 100,
-               "Compaction: greatest number of rounds of removal; each but the only one removes at "
+               "Compaction: maximum number of rounds of removal; each of several rounds removes at "
                "least a tenth");
     STGS_VISIT(visit, compact_prune_share, 0, 1,
                "Compaction: fraction of it in which primitives are removed");
