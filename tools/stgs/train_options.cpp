@@ -93,7 +93,9 @@ Status TrainOptions::check_writable(const std::string& new_folder,
       STGS_TRY(prepare_output(*path, log));
   }
   if (report_.empty() || is_in_new_folder(report_, new_folder)) return {};
-  return check_can_make_folder(report_);
+  STGS_TRY(check_can_make_folder(report_));
+  clear_leftovers(report_ + "/index.html", log);
+  return {};
 }
 
 Status TrainOptions::add_overrides(encoder::TrainSettings& settings) const {
