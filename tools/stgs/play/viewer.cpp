@@ -241,6 +241,7 @@ class PlayWindow {
                                     "be read, or exceeds --memory",
                                     name_at_time(file(), report_.seconds)));
       }
+      clear_leftovers(settings_.screenshot, session_.log_sink());
       return write_png(settings_.screenshot, shown);
     }
     save_ = false;
