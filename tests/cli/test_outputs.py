@@ -96,6 +96,11 @@ class Outputs(CliTest):
                 self.assertEqual(result.stderr.count(b"left over from a run that was killed"), 2,
                                  result.stderr)
 
+    def test_a_pipe_is_rejected_as_an_image(self):
+        for name in ("pipe.png", *(["pipe.exr"] if harness.built_in("exr") else [])):
+            os.mkfifo(self.path(name))
+            self.fails(IO, f"{name}: not a regular file", "compare", name, name)
+
     def test_full_standard_output_is_an_error(self):
         with open("/dev/full", "wb") as full:
             self.fails(IO, "standard output: cannot write: No space left", "info",
