@@ -120,7 +120,7 @@ Result<TsogMeta> parse_tsog_meta(std::span<const std::uint8_t> text, const std::
   if (root.contains("profile")) {
     const json& profile = member(root, "profile");
     if (member(profile, "id") != "org.opsiclear.tsog-playback" || member(profile, "version") != 1) {
-      return unsupported("{}: unsupported .tsog profile (id {}, version {})", label,
+      return unsupported("{}: unsupported .tsog profile {} version {}", label,
                          short_json(member(profile, "id")), short_json(member(profile, "version")));
     }
   }
