@@ -21,6 +21,7 @@
 #include "printable.h"
 #include "scene_capture.h"
 #include "scene_file.h"
+#include "stgs/format/output_path.h"
 
 namespace stgs::tools {
 namespace {
