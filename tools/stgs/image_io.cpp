@@ -102,6 +102,12 @@ Status write_png(const std::string& path, const encoder::Image8& image) {
   return write_file_atomically(path, bytes);
 }
 
+Status write_single_png(const std::string& path, const encoder::Image8& image,
+                        const encoder::LogSink& log) {
+  clear_leftovers(path, log);
+  return write_png(path, image);
+}
+
 Status write_exr(const std::string& path, const FloatFrame& frame) {
   STGS_TRY(check_can_write(path));
   WorkFolder folder;

@@ -21,7 +21,6 @@
 #include "printable.h"
 #include "scene_capture.h"
 #include "scene_file.h"
-#include "stgs/format/output_path.h"
 
 namespace stgs::tools {
 namespace {
@@ -242,8 +241,7 @@ class PlayWindow {
                                     "be read, or exceeds --memory",
                                     name_at_time(file(), report_.seconds)));
       }
-      clear_leftovers(settings_.screenshot, session_.log_sink());
-      return write_png(settings_.screenshot, shown);
+      return write_single_png(settings_.screenshot, shown, session_.log_sink());
     }
     save_ = false;
     saver_.save(std::move(shown));
