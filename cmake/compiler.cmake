@@ -27,6 +27,7 @@ if(STGS_FUZZER)
   endif()
   add_compile_options(-fsanitize=fuzzer-no-link)
 endif()
+include(${CMAKE_CURRENT_LIST_DIR}/hardening.cmake)
 if(STGS_COVERAGE)
   # Counters are updated atomically: several threads run the same lines.
   add_compile_options($<$<COMPILE_LANGUAGE:C,CXX>:--coverage> $<$<COMPILE_LANGUAGE:C,CXX>:-fprofile-update=atomic>)

@@ -9,8 +9,7 @@ add_library(stgs_encoder_sdk_objects OBJECT
   src/encoder/train.cpp)
 target_include_directories(stgs_encoder_sdk_objects PRIVATE include src)
 target_link_libraries(stgs_encoder_sdk_objects PRIVATE stgs_encoder TBB::tbb)
-set_target_properties(stgs_encoder_sdk_objects PROPERTIES POSITION_INDEPENDENT_CODE ON
-                      CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
+set_target_properties(stgs_encoder_sdk_objects PROPERTIES POSITION_INDEPENDENT_CODE ON)
 stgs_compile_options(stgs_encoder_sdk_objects)
 set(modules stgs_encoder)
 set(module_objects $<TARGET_OBJECTS:stgs_encoder> $<TARGET_OBJECTS:stgs_capture>)
@@ -26,7 +25,7 @@ target_include_directories(stgs_encoder_sdk PRIVATE include src)
 target_link_libraries(stgs_encoder_sdk PRIVATE ${modules} TBB::tbb)
 target_link_options(stgs_encoder_sdk PRIVATE LINKER:--version-script=${map})
 set_target_properties(stgs_encoder_sdk PROPERTIES VERSION ${PROJECT_VERSION} SOVERSION 0
-                      LINK_DEPENDS ${map} CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
+                      LINK_DEPENDS ${map})
 stgs_compile_options(stgs_encoder_sdk)
 # libstgs names its results, opens its scenes, and contains the modules that both share.
 target_link_libraries(stgs_encoder_sdk INTERFACE stgs_sdk)

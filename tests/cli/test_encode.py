@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`stgs train` and `stgs encode`: arguments they reject, files they write, and interruptions."""
+import fcntl
 import json
 import os
 import re
@@ -135,7 +136,7 @@ class Training(ReportTest):
             self.assertGreater(iteration, before)
             self.assertLess(iteration, 2000)
         # The next run removes a partial checkpoint that a killed process left.
-        self.write(f".run.{process.pid}.tmp.ckpt", b"half a checkpoint")
+        self.write(".run.abcdefghijkl.tmp.ckpt", b"half a checkpoint")
         self.succeeds(*self.train(*options, "--resume", "run.ckpt"))
         self.assertEqual(self.read("out.stgs"), self.read("uninterrupted.stgs"))
         self.assertEqual(self.log("log.jsonl"), self.log("uninterrupted.jsonl"))
@@ -304,12 +305,15 @@ class Encoding(ReportTest):
         self.assertEqual(self.read("out.stgs"), b"old")
         left = [name for name in os.listdir(self.work) if name != "out.stgs"]
         self.assertEqual(len(left), 1)
-        self.assertRegex(left[0], r"^\.out\.stgs\.\d+\.tmp\.work$")
-        # Similar names that stay: of a live process, of another output, without a process id.
-        unrelated = [f".out.stgs.{os.getpid()}.tmp.work", left[0].replace("out", "in"),
+        self.assertRegex(left[0], r"^\.out\.stgs\.[a-z2-7]{12}\.tmp\.work$")
+        # Similar names that stay: in use, of another output, of another form.
+        unrelated = [".out.stgs.abcdefghijkl.tmp.work", left[0].replace("out", "in"),
                      ".out.stgs.x1.tmp.work"]
         for name in unrelated:
             os.mkdir(self.path(name))
+        lock = open(self.path(unrelated[0], "lock"), "wb")
+        self.addCleanup(lock.close)
+        fcntl.flock(lock, fcntl.LOCK_EX)
         for stage in ("train", "pack"):
             with self.subTest(stage=stage):
                 code, error = self.signalled(signal.SIGINT, stage)

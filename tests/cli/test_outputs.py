@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Outputs that cannot be written, that exist already, or that are the input."""
+import fcntl
 import os
 import resource
 import shutil
@@ -61,6 +62,44 @@ class Outputs(CliTest):
         self.assertEqual(result.returncode, IO, result.stderr)
         self.assertFalse(os.path.exists(self.path("frames")))
         self.assert_no_leftovers()
+
+    def leftovers_of(self, output):
+        """Creates what a killed run with this output leaves: a file and a folder."""
+        stem, extension = os.path.splitext(output)
+        file = self.write(f".{stem}.abcdefghijkl.tmp{extension}", b"half")
+        folder = self.path(f".{output}.abcdefghijkl.tmp.work")
+        os.makedirs(folder + "/inner")
+        self.write(folder + "/lock", b"")
+        return [file, folder]
+
+    def test_leftovers_of_killed_runs_are_removed_by_the_next(self):
+        shutil.copy(self.fixture("steady.stgs"), self.path("scene.stgs"))
+        fast = ["--iterations", "5", "--preset", "fast"]
+        cases = [("out.stgs", ["pack", "scene.stgs"]), ("out.ply", ["convert", "scene.stgs"]),
+                 ("final.stgs", ["finalize", self.fixture("recorded.stgs")]),
+                 ("trained.stgs", ["train", self.fixture("prepared"), *fast])]
+        names = {"out.png": None, "out.y4m": None, "out.mp4": "prepare", "out.exr": "exr", "out/": None}
+        for name, feature in names.items():
+            if feature is None or harness.built_in(feature):
+                cases.append((name, self.render(name)[:-2]))
+        for output, args in cases:
+            with self.subTest(output=output):
+                args += [output, "--time", "0"] if args[0] == "convert" else ["-o", output]
+                left = self.leftovers_of(output.strip("/"))
+                with open(left[0], "rb") as file, open(left[1] + "/lock", "rb") as lock:
+                    fcntl.flock(file, fcntl.LOCK_EX)
+                    fcntl.flock(lock, fcntl.LOCK_EX)
+                    result = self.stgs(*args)
+                    self.assertEqual(result.returncode, 0, result.stderr)
+                    self.assertTrue(os.path.exists(left[0]) and os.path.exists(left[1] + "/inner"))
+                result = self.succeeds(*args)  # checks that nothing is left
+                self.assertEqual(result.stderr.count(b"left over from a run that was killed"), 2,
+                                 result.stderr)
+
+    def test_a_pipe_is_rejected_as_an_image(self):
+        for name in ("pipe.png", *(["pipe.exr"] if harness.built_in("exr") else [])):
+            os.mkfifo(self.path(name))
+            self.fails(IO, f"{name}: not a regular file", "compare", name, name)
 
     def test_full_standard_output_is_an_error(self):
         with open("/dev/full", "wb") as full:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`stgs prepare`: captures and arguments that it rejects, and interruptions."""
+import json
 import os
 import shutil
 import signal
@@ -10,7 +11,7 @@ import unittest
 import harness
 from harness import CliTest
 
-USAGE, IO, INVALID, RUNTIME, NOT_BUILT = 1, 2, 3, 4, 6
+USAGE, IO, INVALID, RUNTIME, UNSUPPORTED, NOT_BUILT = 1, 2, 3, 4, 5, 6
 
 
 class Preparing(CliTest):
@@ -111,11 +112,57 @@ class Preparing(CliTest):
         return error
 
     def test_the_folder_of_a_killed_prepare_is_removed(self):
-        stale = "out.partial-999999999"  # no process has this id
-        os.makedirs(self.path(stale, "frames"))
+        args = [harness.STGS, "prepare", harness.sample(), "-o", "out", "--progress", "json"]
+        with subprocess.Popen(args, cwd=self.work, stderr=subprocess.PIPE) as process:
+            process.stderr.readline()
+            process.kill()
+        left = [name for name in os.listdir(self.work) if name.endswith(".tmp.work")]
+        self.assertEqual(len(left), 1)
         os.makedirs(self.path("out.partial-notes"))
         self.fails(USAGE, "frames", "prepare", harness.sample(), "-o", "out", "--frames", "0:999")
         self.assertEqual(os.listdir(self.work), ["out.partial-notes"])
+
+    def test_two_prepares_of_one_folder_in_two_containers(self):
+        """Both processes have the id 1 in their container. The second reports that the folder is in
+        use, and leaves the work of the first."""
+        inside = ["unshare", "--user", "--map-root-user", "--pid", "--fork", "--kill-child"]
+        if subprocess.run([*inside, "true"], check=False, capture_output=True).returncode != 0:
+            self.skipTest("namespaces are not allowed here")
+        args = [*inside, harness.STGS, "prepare", harness.sample(), "-o", "out", "--scale", "0.25",
+                "--frames", "0:2"]
+        with subprocess.Popen([*args, "--progress", "json"], cwd=self.work,
+                              stderr=subprocess.PIPE) as first:
+            first.stderr.readline()
+            second = subprocess.run(args, cwd=self.work, capture_output=True, check=False)
+            self.assertIsNone(first.poll())  # it still works while the second is refused
+            error = first.stderr.read().decode()
+        self.assertEqual(second.returncode, USAGE, second.stderr)
+        self.assertIn(b"out: another process is writing it", second.stderr)
+        self.assertEqual(first.returncode, 0, error)
+        self.assertTrue(os.path.exists(self.path("out", "capture.json")))
+        self.assertEqual(os.listdir(self.work), ["out"])
+
+    def test_pipes_are_rejected_as_videos(self):
+        os.mkdir(self.path("capture"))
+        os.mkfifo(self.path("capture/cam0.mp4"))
+        frames = [{"file_path": f"cam{k}.mp4", "transform_matrix": [
+            [1, 0, 0, k], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]} for k in range(2)]
+        shutil.copy(os.path.join(harness.sample(), "cam03.mp4"), self.path("capture/cam1.mp4"))
+        self.write("capture/transforms.json", json.dumps({
+            "fl_x": 500, "fl_y": 500, "cx": 320, "cy": 240, "w": 640, "h": 480, "frames": frames}))
+        self.fails(IO, "cam0.mp4: video of camera 'cam0': not a regular file", "prepare", "capture",
+                   "-o", "out")
+
+    def test_a_module_that_every_user_can_replace_is_not_loaded(self):
+        os.mkdir(self.path("bin"))
+        program = shutil.copy(harness.STGS, self.path("bin"))
+        shutil.copy(os.path.join(os.path.dirname(harness.STGS), "stgs_opencv.so"), self.path("bin"))
+        args = [program, "prepare", harness.sample(), "-o", "out", "--frames", "0:999"]
+        for mode, code, message in ((0o755, USAGE, b"frames"), (0o777, UNSUPPORTED, b"not loaded")):
+            os.chmod(self.path("bin"), mode)
+            result = subprocess.run(args, cwd=self.work, capture_output=True, check=False)
+            self.assertEqual(result.returncode, code, result.stderr)
+            self.assertIn(message, result.stderr)
 
     def test_an_interrupted_prepare_leaves_nothing(self):
         args = [harness.STGS, "prepare", harness.sample(), "-o", "out", "--progress", "json"]

@@ -219,13 +219,16 @@ TEST_CASE("a camera name that is not UTF-8 is rejected before any work") {
 TEST_CASE("a folder that cannot be replaced stays unchanged") {
   const TemporaryFolder folder;
   write_text(folder / "out/capture.json", "old");
-  CHECK(fails_with(replace_folder(folder / "nothing", folder / "out"),
+  CHECK(fails_with(replace_folder(folder / "nothing", folder / "out", true),
                    {"/out", "cannot move the result"}));
   CHECK(fs::exists(folder / "out/capture.json"));
   write_text(folder / "made/new.json", "new");
-  REQUIRE(replace_folder(folder / "made", folder / "out").ok());
+  CHECK(fails_with(replace_folder(folder / "made", folder / "out", false),
+                   {"/out", "created by another program"}));
+  CHECK(fs::exists(folder / "out/capture.json"));
+  REQUIRE(replace_folder(folder / "made", folder / "out", true).ok());
   CHECK(fs::exists(folder / "out/new.json"));
-  CHECK(std::distance(fs::directory_iterator(folder.path), fs::directory_iterator()) == 1);
+  CHECK_FALSE(fs::exists(folder / "out/capture.json"));
 }
 
 TEST_CASE("a failed prepare removes every folder that it created, including parents") {

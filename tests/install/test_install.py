@@ -14,6 +14,7 @@ import subprocess
 import tempfile
 import unittest
 
+from hardening import ElfFile, is_elf
 from outside import read_png, read_ppm, run
 
 ARGUMENTS = None
@@ -160,6 +161,16 @@ class Install(unittest.TestCase):
         self.assertRegex(output, r"^\d+ primitives, \d+ bytes, PSNR \d+\.\d dB against")
         run(ARGUMENTS.minimal, self.at("draft.stgs"), "0", self.at("draft.png"))
         self.assertGreater(len(set(read_png(self.at("draft.png"))[2])), 50)
+
+    def test_the_installed_files_are_hardened(self):
+        files = [path for path in glob.glob(self.at("prefix/**"), recursive=True)
+                 if os.path.isfile(path) and not path.endswith((".a", ".o")) and is_elf(path)]
+        self.assertGreaterEqual(len(files), 3)
+        for path in files:
+            with self.subTest(file=os.path.basename(path)):
+                file = ElfFile("readelf", path)
+                self.assertEqual(file.link_problems(), [])
+                self.assertTrue(file.has_stack_protector())
 
     def test_the_shared_libraries_have_their_sonames(self):
         names = {os.path.basename(path) for path in glob.glob(os.path.join(self.library, "*.so*"))}

@@ -297,4 +297,32 @@ TEST_CASE("training windows are trained separately and packed together", "[sdk]"
   CHECK(info.frames == 6);
 }
 
+TEST_CASE("four encoders of one process write one output", "[sdk]") {
+  const PreparedCapture prepared;
+  const ObservedEncoder trainer;
+  const stgs_train_settings settings = short_training(5);
+  const std::string trained = prepared.path("trained.stgs");
+  REQUIRE(stgs_encoder_train(trainer.get(), prepared.folder().c_str(), trained.c_str(), &settings,
+                             nullptr) == STGS_OK);
+  const std::vector<std::string> before = file_names_in(prepared.path("."));
+  const std::string output = prepared.path("packed.stgs");
+  std::atomic<int> failed{0};
+  std::vector<std::thread> threads;
+  for (int k = 0; k < 4; ++k) {
+    threads.emplace_back([&] {
+      const ObservedEncoder encoder;
+      const char* const scene = trained.c_str();
+      for (int run = 0; run < 5; ++run) {
+        failed += stgs_encoder_pack(encoder.get(), &scene, 1, output.c_str(), nullptr, nullptr) !=
+                  STGS_OK;
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  CHECK(failed == 0);
+  const ScenePtr opened = make_scene();
+  CHECK(stgs_scene_open(opened.get(), output.c_str()) == STGS_OK);
+  CHECK(file_names_in(prepared.path(".")).size() == before.size() + 1);  // no temporary file
+}
+
 }  // namespace stgs::testing

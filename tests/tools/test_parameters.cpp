@@ -235,7 +235,7 @@ TEST_CASE("the program has the options of the tables") {
       [](const PrepareOptions& options) { return *options.settings({}); });
 #endif
   const TemporaryFolder work;
-  const Session session;
+  Session session;
   check_options<encoder::TrainParameters, TrainOptions>(
       encoder::TrainSettings{}, {"--checkpoint", work / "run.ckpt"},
       [&](const TrainOptions& options) { return *options.settings(session, {}, ""); });

@@ -173,7 +173,7 @@ class Convert final : public Command {
     const double begin = now_seconds();
     Conversion work;
     STGS_TRY(check_is_path(input_));
-    STGS_TRY(check_paths(work));
+    STGS_TRY(check_paths(session, work));
     STGS_TRY(read(session, work));
     warn_of_damage(session, input_, work.damage, work.scene.metadata.time_base);
     for (const std::string& extra : work.extras) {
@@ -192,7 +192,7 @@ class Convert final : public Command {
   }
 
  private:
-  Status check_paths(Conversion& work) const {
+  Status check_paths(Session& session, Conversion& work) const {
     work.to = format_for_output(output_);
     if (work.to == nullptr && file_extension(output_) != ".stgs") {
       return usage_error("{}: unknown output format; expected a name that ends in {}", output_,
@@ -204,8 +204,8 @@ class Convert final : public Command {
     if (work.to != nullptr && title_) {
       return usage_error("--title applies to .stgs output, not to {}", work.to->name);
     }
-    STGS_TRY(check_can_write(output_));
-    return check_distinct({{"IN", input_}, {"OUT", output_}});
+    STGS_TRY(check_distinct({{"IN", input_}, {"OUT", output_}}));
+    return prepare_output(output_, session.log_sink());
   }
 
   Status read(Session& session, Conversion& work) const {

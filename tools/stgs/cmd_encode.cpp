@@ -6,7 +6,6 @@
 #include "command.h"
 #include "encode_options.h"
 #include "output_path.h"
-#include "removed_path.h"
 
 namespace stgs::tools {
 namespace {
@@ -71,19 +70,17 @@ class Encode final : public Command {
                         {{"--output", output_}, work_path("/prepared"), work_path("/trained.stgs")},
                         keep_work_));
     STGS_TRY(check_resumable(training));
-    STGS_TRY(check_can_write(output_));
+    STGS_TRY(prepare_output(output_, session.log_sink()));
     STGS_TRY(encoder::check_packing(pack_.settings()));
     // Before the long prepare; again once the size of the images is known.
     STGS_TRY(encoder::check_training(training, nullptr));
     if (!training.resume.empty()) STGS_TRY(check_prepared());
-    for (const std::string& folder : remove_stale_work(output_)) {
-      session.log(2, fmt::format("{}: removed; left over from a killed encode", folder));
-    }
-    const std::string work = keep_work_.empty() ? work_name(output_) : keep_work_;
+    WorkFolder folder;
+    if (keep_work_.empty()) STGS_TRY(folder.create(output_));
+    const std::string work = keep_work_.empty() ? folder.path() : keep_work_;
     std::error_code error;
     std::filesystem::create_directories(work, error);
     if (error) return io_error("{}: cannot create: {}", work, error.message());
-    RemovedPath removed(keep_work_.empty() ? work : "");
     const std::string prepared = work + "/prepared", trained = work + "/trained.stgs";
     encoder::TrainReport train_report;
     encoder::PackReport pack_report;

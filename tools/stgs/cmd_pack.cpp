@@ -40,7 +40,7 @@ class Pack final : public Command {
   }
   Status run(Session& session) override {
     STGS_TRY(check_extension(output_, "pack", ".stgs"));
-    STGS_TRY(check_can_write(output_));
+    STGS_TRY(prepare_output(output_, session.log_sink()));
     for (const std::string& input : inputs_) {
       STGS_TRY(check_is_path(input));
       STGS_TRY(check_is_scene(session, input, memory_.limits()));

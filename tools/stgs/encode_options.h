@@ -48,7 +48,7 @@ class TrainOptions {
   // Returns the settings. kUsage if two paths are the same, of these options and of `outputs`, the
   // other outputs of the verb. The process that writes also checks that its files can be written.
   // Files may lie in `new_folder`, which the verb creates; "": it creates none.
-  Result<encoder::TrainSettings> settings(const Session& session, std::vector<NamedPath> outputs,
+  Result<encoder::TrainSettings> settings(Session& session, std::vector<NamedPath> outputs,
                                           const std::string& new_folder) const;
   const std::string& preset() const { return settings_.preset; }
   const std::string& report() const { return report_; }
@@ -60,7 +60,7 @@ class TrainOptions {
  private:
   Status add_overrides(encoder::TrainSettings& settings) const;
   Status check_paths(const std::string& log_path, std::vector<NamedPath> paths) const;
-  Status check_writable(const std::string& new_folder) const;
+  Status check_writable(const std::string& new_folder, const encoder::LogSink& log) const;
 
   encoder::TrainSettings settings_;
   std::string frame_memory_, report_, title_;

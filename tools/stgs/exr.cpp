@@ -13,6 +13,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <vector>
 #endif
 
@@ -72,6 +73,10 @@ Status write_exr_file(const std::string& path, const std::string& display_path,
 }
 
 Result<Image> read_exr_file(const std::string& path) {
+  std::error_code none;
+  if (std::filesystem::is_fifo(path, none)) {  // it would block
+    return io_error("{}: not a regular file", path);
+  }
   try {
     Imf::InputFile file(path.c_str());
     const Imath::Box2i window = file.header().dataWindow();

@@ -10,7 +10,6 @@
 
 #include "exr.h"
 #include "options.h"
-#include "removed_path.h"
 #include "stgs/encoder/image_file.h"
 #include "stgs/encoder/metrics.h"
 #include "stgs/format/output_file.h"
@@ -103,13 +102,19 @@ Status write_png(const std::string& path, const encoder::Image8& image) {
   return write_file_atomically(path, bytes);
 }
 
+Status write_single_png(const std::string& path, const encoder::Image8& image,
+                        const encoder::LogSink& log) {
+  clear_leftovers(path, log);
+  return write_png(path, image);
+}
+
 Status write_exr(const std::string& path, const FloatFrame& frame) {
   STGS_TRY(check_can_write(path));
-  RemovedPath temporary(temporary_name(path));
-  STGS_TRY(write_exr_file(temporary.path(), path, frame));
-  STGS_TRY(rename_over(temporary.path(), path));
-  temporary.keep();
-  return {};
+  WorkFolder folder;
+  STGS_TRY(folder.create(path));
+  const std::string file = folder.path() + "/image.exr";
+  STGS_TRY(write_exr_file(file, path, frame));
+  return rename_over(file, path);
 }
 
 Result<Image> read_image(const std::string& path) {

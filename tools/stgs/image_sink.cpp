@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "output_path.h"
-#include "removed_path.h"
 #include "stgs/format/output_file.h"
 #include "stgs/format/output_path.h"
 
@@ -75,39 +74,39 @@ class VideoSink final : public EightBitSink {
 // that folder to FOLDER, or moves its files if FOLDER exists.
 class FolderSink final : public EightBitSink {
  public:
-  explicit FolderSink(const std::string& folder)
-      : folder_(folder), temporary_(temporary_name(folder)) {}
+  explicit FolderSink(const std::string& folder) : folder_(folder) {}
   using EightBitSink::add;
 
   Status add(const ImageName& name, const encoder::Image8& image) override {
     const std::string file = name.camera.empty()
                                  ? fmt::format("{:06}.png", name.frame)
                                  : fmt::format("{}/{:06}.png", name.camera, name.frame);
+    if (made_.empty()) {
+      STGS_TRY(work_.create(folder_));
+      made_ = work_.path() + "/frames";
+    }
     std::error_code error;
-    fs::create_directories((fs::path(temporary_.path()) / file).parent_path(), error);
+    fs::create_directories((fs::path(made_) / file).parent_path(), error);
     if (error) return io_error("{}: cannot create: {}", folder_, error.message());
     files_.push_back(file);
-    return write_png(temporary_.path() + "/" + file, image);
+    return write_png(made_ + "/" + file, image);
   }
 
   Status finish() override {
-    if (!fs::exists(folder_)) {
-      STGS_TRY(rename_over(temporary_.path(), folder_));
-      temporary_.keep();
-      return {};
-    }
+    if (!fs::exists(folder_)) return rename_over(made_, folder_);
     for (const std::string& file : files_) {
       std::error_code error;
       fs::create_directories((fs::path(folder_) / file).parent_path(), error);
       if (error) return io_error("{}: cannot create: {}", folder_, error.message());
-      STGS_TRY(rename_over(temporary_.path() + "/" + file, folder_ + "/" + file));
+      STGS_TRY(rename_over(made_ + "/" + file, folder_ + "/" + file));
     }
     return {};
   }
 
  private:
   std::string folder_;
-  RemovedPath temporary_;
+  WorkFolder work_;
+  std::string made_;  // in the work folder; "" before the first image
   std::vector<std::string> files_;
 };
 
@@ -125,7 +124,9 @@ Result<std::unique_ptr<ImageSink>> make_image_sink(const std::string& output, Ti
   if (output == "null") return Sink(std::make_unique<NullSink>());
   if (!output.empty() && (output.back() == '/' || fs::is_directory(output))) {
     STGS_TRY(check_can_make_folder(output));
-    return Sink(std::make_unique<FolderSink>(without_slashes(output)));
+    const std::string folder = without_slashes(output);
+    clear_leftovers(folder, log);
+    return Sink(std::make_unique<FolderSink>(folder));
   }
   const std::string end = output == "-" ? ".y4m" : extension_of(output);
   const bool image = end == ".png" || end == ".exr", video = end == ".mp4" || end == ".y4m";
@@ -143,7 +144,7 @@ Result<std::unique_ptr<ImageSink>> make_image_sink(const std::string& output, Ti
   if (video && cameras != 1) {
     return usage_error("'{}' holds one camera, not {}; choose one with --which", output, cameras);
   }
-  if (output != "-") STGS_TRY(check_can_write(output));
+  if (output != "-") STGS_TRY(prepare_output(output, log));
   if (end == ".png") return Sink(std::make_unique<PngSink>(output));
   if (end == ".exr") return Sink(std::make_unique<ExrSink>(output));
   if (end == ".y4m") return Sink(std::make_unique<VideoSink>(make_y4m_writer(output, time_base)));

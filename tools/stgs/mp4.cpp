@@ -5,7 +5,6 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 
-#include "removed_path.h"
 #include "stgs/format/output_file.h"
 #include "stgs/format/output_path.h"
 
@@ -16,10 +15,7 @@ namespace {
 class Mp4Writer final : public VideoWriter {
  public:
   Mp4Writer(const std::string& path, TimeBase time_base, encoder::LogSink log)
-      : path_(path),
-        temporary_(temporary_name(path)),
-        fps_(1.0 / time_base.seconds(1)),
-        log_(std::move(log)) {}
+      : path_(path), fps_(1.0 / time_base.seconds(1)), log_(std::move(log)) {}
 
   Status add(const encoder::Image8& frame) override {
     try {
@@ -39,7 +35,7 @@ class Mp4Writer final : public VideoWriter {
   Status finish() override {
     try {
       writer_.release();
-      cv::VideoCapture check(temporary_.path(), cv::CAP_FFMPEG);
+      cv::VideoCapture check(made_, cv::CAP_FFMPEG);
       const int found =
           check.isOpened() ? static_cast<int>(check.get(cv::CAP_PROP_FRAME_COUNT)) : 0;
       if (found != frames_) {
@@ -49,9 +45,7 @@ class Mp4Writer final : public VideoWriter {
     } catch (const std::exception& error) {
       return io_error("{}: cannot write: {}", path_, error.what());
     }
-    STGS_TRY(rename_over(temporary_.path(), path_));
-    temporary_.keep();
-    return {};
+    return rename_over(made_, path_);
   }
 
  private:
@@ -61,10 +55,12 @@ class Mp4Writer final : public VideoWriter {
                          width, height);
     }
     STGS_TRY(check_can_write(path_));
+    STGS_TRY(work_.create(path_));
+    made_ = work_.path() + "/video.mp4";
     const cv::Size size(width, height);
     const auto try_codec = [&](const char* c) {
-      return writer_.open(temporary_.path(), cv::CAP_FFMPEG,
-                          cv::VideoWriter::fourcc(c[0], c[1], c[2], c[3]), fps_, size);
+      return writer_.open(made_, cv::CAP_FFMPEG, cv::VideoWriter::fourcc(c[0], c[1], c[2], c[3]),
+                          fps_, size);
     };
     if (try_codec("avc1")) return {};
     if (try_codec("mp4v")) {
@@ -75,7 +71,8 @@ class Mp4Writer final : public VideoWriter {
   }
 
   std::string path_;
-  RemovedPath temporary_;
+  WorkFolder work_;
+  std::string made_;  // the video, in the work folder
   double fps_;
   encoder::LogSink log_;
   cv::VideoWriter writer_;

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "output_path.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <filesystem>
 #include <string_view>
@@ -39,27 +37,7 @@ const std::vector<KnownExtensions>& foreign_extensions() {
   return all;
 }
 
-// A work folder is named by a process id between these two parts.
-struct NameParts {
-  std::string before, after;
-};
-NameParts work_parts(const fs::path& path) {
-  return {fmt::format(".{}.", path.filename().string()), ".tmp.work"};
-}
-
 }  // namespace
-
-std::string work_name(const std::string& path) {
-  const fs::path full(path);
-  const NameParts parts = work_parts(full);
-  return (full.parent_path() / fmt::format("{}{}{}", parts.before, ::getpid(), parts.after))
-      .string();
-}
-
-std::vector<std::string> remove_stale_work(const std::string& path) {
-  const NameParts parts = work_parts(path);
-  return remove_stale(path, parts.before, parts.after, fs::file_type::directory);
-}
 
 Status check_extension(const std::string& path, const char* verb, const std::string& extension) {
   const std::string own = file_extension(without_slashes(path));

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <string>
-#include <vector>
 
 #include "stgs/format/output_file.h"
 #include "stgs/format/output_path.h"
@@ -11,11 +10,6 @@
 
 namespace stgs::tools {
 
-// Returns the temporary folder of this process for an output at `path`.
-std::string work_name(const std::string& path);
-// Removes work folders of `path` whose process on this machine has ended, and returns their names.
-// Folders that cannot be removed stay.
-std::vector<std::string> remove_stale_work(const std::string& path);
 // Returns kUsage if the extension of an output `path` is that of another known format. `verb` and
 // `extension`, for example "train" and ".stgs", are for the message; "" for a verb that writes a
 // folder. Unknown extensions and names without one pass.

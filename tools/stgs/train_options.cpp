@@ -86,12 +86,16 @@ Status TrainOptions::check_paths(const std::string& log_path, std::vector<NamedP
   return check_distinct(paths);
 }
 
-Status TrainOptions::check_writable(const std::string& new_folder) const {
+Status TrainOptions::check_writable(const std::string& new_folder,
+                                    const encoder::LogSink& log) const {
   for (const std::string* path : {&settings_.checkpoint, &settings_.log_path}) {
-    if (!path->empty() && !is_in_new_folder(*path, new_folder)) STGS_TRY(check_can_write(*path));
+    if (!path->empty() && !is_in_new_folder(*path, new_folder))
+      STGS_TRY(prepare_output(*path, log));
   }
   if (report_.empty() || is_in_new_folder(report_, new_folder)) return {};
-  return check_can_make_folder(report_);
+  STGS_TRY(check_can_make_folder(report_));
+  clear_leftovers(report_ + "/index.html", log);
+  return {};
 }
 
 Status TrainOptions::add_overrides(encoder::TrainSettings& settings) const {
@@ -126,7 +130,7 @@ Status TrainOptions::add_overrides(encoder::TrainSettings& settings) const {
   return {};
 }
 
-Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
+Result<encoder::TrainSettings> TrainOptions::settings(Session& session,
                                                       std::vector<NamedPath> outputs,
                                                       const std::string& new_folder) const {
   const CommonOptions& common = session.options;
@@ -141,7 +145,7 @@ Result<encoder::TrainSettings> TrainOptions::settings(const Session& session,
   if (!report_.empty() && !has_log()) settings.log_path = report_ + "/training.jsonl";
   settings.ranks = session.world();
   STGS_TRY(check_paths(settings.log_path, std::move(outputs)));
-  if (session.is_first()) STGS_TRY(check_writable(new_folder));
+  if (session.is_first()) STGS_TRY(check_writable(new_folder, session.log_sink()));
   return settings;
 }
 
@@ -183,11 +187,6 @@ Status train_to_file(const encoder::PreparedCapture& capture, const std::string&
                      const std::string& title, const std::string& report_folder,
                      const encoder::TrainSettings& settings, Session& session,
                      encoder::TrainReport& report) {
-  if (!settings.checkpoint.empty() && session.is_first()) {
-    for (const std::string& file : remove_stale_files(settings.checkpoint)) {
-      session.log(2, fmt::format("{}: removed; left over from a killed training", file));
-    }
-  }
   if (!report_folder.empty() && session.is_first()) {
     std::error_code error;
     std::filesystem::create_directories(report_folder, error);

@@ -11,6 +11,7 @@
 #include "stgs/encoder/metrics.h"
 #include "stgs/encoder/report_page.h"
 #include "stgs/encoder/training_log.h"
+#include "stgs/format/output_path.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/scene_statistics.h"
 
@@ -135,8 +136,13 @@ Status add_renders(const std::string& folder, const TrainReportInput& input,
     const double psnr = encoder::psnr_of(
         encoder::mean_squared_error(output.colour, encoder::to_float(ground_truth)));
     const std::string name = fmt::format("{}_{:06}.png", camera.name, view.frame);
-    STGS_TRY(write_png(fmt::format("{}/render_{}", folder, name), to_8bit(output.colour)));
-    STGS_TRY(write_png(fmt::format("{}/ground_truth_{}", folder, name), ground_truth));
+    const auto write = [&](const char* kind, const encoder::Image8& image) {
+      const std::string path = fmt::format("{}/{}_{}", folder, kind, name);
+      clear_leftovers(path, {});
+      return write_png(path, image);
+    };
+    STGS_TRY(write("render", to_8bit(output.colour)));
+    STGS_TRY(write("ground_truth", ground_truth));
     const std::string caption = fmt::format("{}, frame {}", camera.name, view.frame);
     page.image("render_" + name, fmt::format("{}: render, {:.2f} dB", caption, psnr));
     page.image("ground_truth_" + name, caption + ": ground truth");

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Calibrates static cameras with COLMAP from one frame of each.
-#include <stdlib.h>
-
 #include <algorithm>
-#include <cerrno>
 #include <filesystem>
 #include <opencv2/imgcodecs.hpp>
 
@@ -12,27 +9,20 @@
 #include "frame_reader.h"
 #include "plural.h"
 #include "run_program.h"
+#include "stgs/format/output_path.h"
+#include "stgs/format/temporary.h"
 
 namespace stgs::encoder {
 namespace {
 
 namespace fs = std::filesystem;
 
-struct TemporaryFolder {
-  std::string path;
-  ~TemporaryFolder() {
-    std::error_code ignored;
-    if (!path.empty()) fs::remove_all(path, ignored);
-  }
-};
-
-Status make_folder(TemporaryFolder& folder) {
-  std::string name = (fs::temp_directory_path() / "stgs-calibrate-XXXXXX").string();
-  if (::mkdtemp(name.data()) == nullptr)
-    return io_error("{}: cannot create a temporary folder: {}", name, system_message(errno));
-  folder.path = name;
-  fs::create_directory(name + "/images");
-  fs::create_directory(name + "/sparse");
+Status make_folder(WorkFolder& folder, const LogSink& log) {
+  const std::string name = (fs::temp_directory_path() / "stgs-calibrate").string();
+  clear_leftovers(name, log);
+  STGS_TRY(folder.create(name));
+  fs::create_directory(folder.path() + "/images");
+  fs::create_directory(folder.path() + "/sparse");
   return {};
 }
 
@@ -93,13 +83,13 @@ Result<ColmapModel> best_model(const std::string& folder) {
 Status calibrate(int frame, SourceCapture& capture, const ProgressSink& progress,
                  const LogSink& log) {
   log(2, capture.folder + ": no calibration found; calibrating with COLMAP");
-  TemporaryFolder folder;
-  STGS_TRY(make_folder(folder));
+  WorkFolder folder;
+  STGS_TRY(make_folder(folder, log));
   for (const SourceCamera& camera : capture.cameras) {
-    STGS_TRY(write_first_frame(camera, frame, folder.path));
+    STGS_TRY(write_first_frame(camera, frame, folder.path()));
   }
-  STGS_TRY(run_colmap(folder.path, progress, log));
-  STGS_ASSIGN(ColmapModel model, best_model(folder.path));
+  STGS_TRY(run_colmap(folder.path(), progress, log));
+  STGS_ASSIGN(ColmapModel model, best_model(folder.path()));
   SourceCapture placed;
   STGS_TRY(cameras_from_colmap(model, capture.folder, placed, nullptr));
   std::string unplaced;

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "capture_files.h"
 
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
+#include <cstdio>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -155,21 +158,26 @@ Result<bool> find_masks(const std::string& folder, const std::string& name, Sour
   return true;
 }
 
-Status replace_folder(const std::string& made, const std::string& folder) {
-  const std::string old = fmt::format("{}.replaced-{}", folder, ::getpid());
-  std::error_code error, ignored;
-  const bool replaces = fs::exists(folder, ignored);
-  if (replaces) fs::rename(folder, old, error);
-  if (error) return io_error("{}: cannot replace the folder: {}", folder, error.message());
-  fs::rename(made, folder, error);
-  if (!error) {
-    fs::remove_all(old, ignored);
+Status replace_folder(const std::string& made, const std::string& folder, bool overwrite) {
+  if (::rename(made.c_str(), folder.c_str()) == 0) return {};  // there is none, or it is empty
+  int error = errno;
+  const bool exists = error == ENOTEMPTY || error == EEXIST || error == ENOTDIR;
+  if (exists && !overwrite) {
+    return io_error("{}: cannot move the result here: created by another program meanwhile",
+                    folder);
+  }
+  // Exchanged, so that `folder` is complete at any time.
+  const std::string old = made + ".old";
+  if (exists &&
+      ::renameat2(AT_FDCWD, made.c_str(), AT_FDCWD, folder.c_str(), RENAME_EXCHANGE) == 0) {
     return {};
   }
-  std::error_code not_restored;
-  if (replaces) fs::rename(old, folder, not_restored);
-  return io_error("{}: cannot move the result here: {}{}", folder, error.message(),
-                  not_restored ? fmt::format("; the previous folder is now {}", old) : "");
+  if (exists && ::rename(folder.c_str(), old.c_str()) == 0) {  // not all file systems exchange
+    if (::rename(made.c_str(), folder.c_str()) == 0) return {};
+    error = errno;
+    ::rename(old.c_str(), folder.c_str());
+  }
+  return io_error("{}: cannot move the result here: {}", folder, system_message(error));
 }
 
 Result<std::vector<std::uint8_t>> read_whole_file(const std::string& path) {

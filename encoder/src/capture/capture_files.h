@@ -40,8 +40,9 @@ std::vector<SourceCamera> find_cameras(const std::string& folder);
 // kIo for a frame without a mask.
 Result<bool> find_masks(const std::string& folder, const std::string& name, SourceCamera& camera);
 
-// Moves the folder `made` to `folder`. Deletes the previous contents only after the move succeeds.
-Status replace_folder(const std::string& made, const std::string& folder);
+// Moves the folder `made` to `folder`. With `overwrite`, a folder that is not empty is then at
+// `made` or `made`.old, for the caller to delete; without it that is an error.
+Status replace_folder(const std::string& made, const std::string& folder, bool overwrite);
 
 // Reads a file of at most 4 GiB.
 Result<std::vector<std::uint8_t>> read_whole_file(const std::string& path);

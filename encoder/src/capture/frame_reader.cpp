@@ -18,6 +18,9 @@ Result<cv::VideoCapture> open_video(const SourceCamera& camera) {
   if (!std::filesystem::exists(camera.video)) {
     return io_error("{}: video of camera '{}' not found", camera.video, camera.name);
   }
+  if (!std::filesystem::is_regular_file(camera.video)) {  // a pipe would block
+    return io_error("{}: video of camera '{}': not a regular file", camera.video, camera.name);
+  }
   cv::VideoCapture video(camera.video, cv::CAP_FFMPEG);
   if (!video.isOpened()) {
     return invalid_file(

@@ -11,7 +11,8 @@
 #include "init/init.h"
 #include "plural.h"
 #include "source_capture.h"
-#include "stgs/format/output_file.h"
+#include "stgs/format/output_path.h"
+#include "stgs/format/temporary.h"
 #include "write_frames.h"
 
 namespace stgs::encoder {
@@ -19,36 +20,31 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Creates a folder and its missing parents. The destructor deletes the folder with its contents,
-// and each created parent that is empty.
-class Temporary {
+// Creates the missing parents of a path. The destructor deletes each of them that is empty.
+class Parents {
  public:
-  explicit Temporary(std::string folder) : folder_(std::move(folder)) {
-    for (fs::path above = fs::absolute(folder_).parent_path(); !fs::exists(above);
-         above = above.parent_path()) {
-      created_parents_.push_back(above);
+  explicit Parents(const std::string& path) {
+    const fs::path parent = fs::absolute(path).parent_path();
+    for (fs::path above = parent; !fs::exists(above); above = above.parent_path()) {
+      created_.push_back(above);
     }
-    fs::create_directories(folder_, error_);
+    fs::create_directories(parent, error_);
   }
-  ~Temporary() {
-    std::error_code ignored;
-    fs::remove_all(folder_, ignored);
-    for (const fs::path& above : created_parents_) fs::remove(above, ignored);
+  ~Parents() {
+    for (const fs::path& above : created_) ::rmdir(above.c_str());
   }
-  Temporary(const Temporary&) = delete;
-  Temporary& operator=(const Temporary&) = delete;
+  Parents(const Parents&) = delete;
+  Parents& operator=(const Parents&) = delete;
 
-  const std::string& folder() const { return folder_; }
-  // kIo if the folder could not be created. The message names `target`, its final path.
-  Status created(const std::string& target) const {
+  // kIo if a parent could not be created. The message names `path`.
+  Status created(const std::string& path) const {
     if (!error_) return {};
-    return io_error("{}: cannot create: {}", target, error_.message());
+    return io_error("{}: cannot create: {}", path, error_.message());
   }
 
  private:
-  std::string folder_;
   std::error_code error_;
-  std::vector<fs::path> created_parents_;  // innermost first
+  std::vector<fs::path> created_;  // innermost first
 };
 
 Status check(const PrepareSettings& settings) {
@@ -115,14 +111,19 @@ Status prepare(const std::string& capture, const std::string& folder,
   try {
     const std::string target = (fs::path(folder) / "").parent_path().string();
     STGS_TRY(check_target(capture, target, settings.overwrite));
-    const std::string prefix = fs::path(target).filename().string() + ".partial-";
-    for (const std::string& stale : remove_stale(target, prefix, "", fs::file_type::directory)) {
-      log_or_none(2, fmt::format("{}: removed (left by an interrupted prepare)", stale));
-    }
-    const Temporary partial(fmt::format("{}.partial-{}", target, ::getpid()));
-    STGS_TRY(partial.created(target));
-    STGS_TRY(prepare_into(capture, partial.folder(), settings, progress, log_or_none));
-    return replace_folder(partial.folder(), target);
+    const Parents parents(target);
+    STGS_TRY(parents.created(target));
+    OutputLock lock;
+    STGS_TRY(lock.take(target));
+    // Again: before the lock was taken another prepare may have finished.
+    STGS_TRY(check_target(capture, target, settings.overwrite));
+    clear_leftovers(target, log_or_none);
+    WorkFolder work;
+    STGS_TRY(work.create(target));
+    const std::string made = work.path() + "/prepared";
+    fs::create_directory(made);
+    STGS_TRY(prepare_into(capture, made, settings, progress, log_or_none));
+    return replace_folder(made, target, settings.overwrite);
   } catch (const fs::filesystem_error& error) {
     return io_error("{}: {}", error.path1().string(), error.code().message());
   } catch (const std::exception& error) {

@@ -56,7 +56,8 @@ struct Descriptor {
 // thread. Returns 0 or an errno.
 int start_program(char* const* argv, const std::string& log_path, pid_t& child) {
   const Descriptor input(::open("/dev/null", O_RDONLY | O_CLOEXEC));
-  const Descriptor output(::open(log_path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666));
+  const Descriptor output(
+      ::open(log_path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0666));
   if (input.number < 0 || output.number < 0) return errno;
   int ends[2];
   if (::pipe2(ends, O_CLOEXEC) != 0) return errno;

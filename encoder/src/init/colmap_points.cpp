@@ -11,6 +11,7 @@
 #include <sstream>
 
 #include "capture/run_program.h"
+#include "stgs/format/temporary.h"
 
 namespace stgs::encoder::init {
 namespace {
@@ -20,15 +21,6 @@ namespace fs = std::filesystem;
 constexpr int kMaxSide = 960;       // longer side of the images given to COLMAP, pixels
 constexpr int kMaxFeatures = 1500;  // per image
 constexpr double kMaxError = 1.5;   // reprojection error, pixels
-
-// Deletes a folder with its contents on destruction.
-struct WorkFolder {
-  fs::path path;
-  ~WorkFolder() {
-    std::error_code ignored;
-    fs::remove_all(path, ignored);
-  }
-};
 
 // Runs the steps of COLMAP. A step is killed on timeout or when `abandoned` becomes true.
 struct Colmap {
@@ -153,13 +145,14 @@ Result<std::vector<SurfacePoint>> colmap_points(const PreparedCapture& capture, 
   const std::vector<View> all = training_views(capture, kMaxSide);
   std::vector<View> views;
   for (const int i : spread(all, max_views)) views.push_back(all[i]);
-  const WorkFolder folder{fs::path(capture.folder) / ".colmap"};
-  fs::remove_all(folder.path);
-  STGS_TRY(write_images(capture, views, masked, folder.path));
-  STGS_TRY(write_model(views, folder.path / "known"));
-  fs::create_directories(folder.path / "out");
-  const auto path = [&](const char* name) { return (folder.path / name).string(); };
-  const Colmap colmap{folder.path.string(), path("log.txt"), seconds, abandoned};
+  WorkFolder work;
+  STGS_TRY(work.create(capture.folder + "/colmap"));
+  const fs::path folder = work.path();
+  STGS_TRY(write_images(capture, views, masked, folder));
+  STGS_TRY(write_model(views, folder / "known"));
+  fs::create_directories(folder / "out");
+  const auto path = [&](const char* name) { return (folder / name).string(); };
+  const Colmap colmap{folder.string(), path("log.txt"), seconds, abandoned};
   STGS_TRY(
       colmap.run({"feature_extractor", "--database_path", path("database.db"), "--image_path",
                   path("images"), "--ImageReader.mask_path", path("masks"),
@@ -177,7 +170,7 @@ Result<std::vector<SurfacePoint>> colmap_points(const PreparedCapture& capture, 
   STGS_TRY(triangulated);
   STGS_TRY(colmap.run({"model_converter", "--input_path", path("out"), "--output_path", path("out"),
                        "--output_type", "TXT"}));
-  return read_model(folder.path / "out" / "points3D.txt", views.size() > 3 ? 3 : 2);
+  return read_model(folder / "out" / "points3D.txt", views.size() > 3 ? 3 : 2);
 }
 
 }  // namespace stgs::encoder::init

@@ -21,6 +21,10 @@ Result<std::string> find_flow(const std::string& folder, const std::string& came
 }
 
 Result<cv::Mat> read_flow(const std::string& path) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) {  // a pipe would block
+    return io_error("{}: the flow file is not a regular file", path);
+  }
   std::ifstream file(path, std::ios::binary);
   if (!file) return io_error("{}: cannot open the flow file", path);
   char header[12];
@@ -36,7 +40,6 @@ Result<cv::Mat> read_flow(const std::string& path) {
                         height);
   }
   const std::uintmax_t bytes = std::uintmax_t(width) * height * 8;
-  std::error_code error;
   if (std::filesystem::file_size(path, error) < bytes + 12 || error) {
     return invalid_file("{}: truncated (expected {} bytes for {}x{} flow)", path, bytes + 12, width,
                         height);

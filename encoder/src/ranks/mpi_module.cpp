@@ -104,7 +104,8 @@ void describe(int error, char* text, std::size_t size) {
 }  // namespace
 }  // namespace stgs::encoder
 
-extern "C" const stgs::encoder::MpiFunctions* stgs_mpi_functions_1() {
+extern "C" __attribute__((visibility("default"))) const stgs::encoder::MpiFunctions*
+stgs_mpi_functions_1() {
   using namespace stgs::encoder;
   static const MpiFunctions functions = {init,      gather_begin, gather_done, note_send,
                                          note_poll, finalize,     abort,       describe};

@@ -2,36 +2,22 @@
 #include "stgs/format/output_file.h"
 
 #include <fcntl.h>
-#include <signal.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
-#include <charconv>
 #include <cstdio>
 #include <filesystem>
+#include <utility>
 
+#include "os/file_lock.h"
 #include "stgs/format/text.h"
 
 namespace stgs {
 namespace {
 
 namespace fs = std::filesystem;
-
-// Returns whether `name` is prefix, process id, suffix, and that process has ended. An entry with
-// our own process id is stale too: this is called before our own is created.
-bool is_stale(const std::string& name, const std::string& prefix, const std::string& suffix) {
-  if (name.size() <= prefix.size() + suffix.size()) return false;
-  if (name.compare(0, prefix.size(), prefix) != 0) return false;
-  const std::size_t end = name.size() - suffix.size();
-  if (name.compare(end, std::string::npos, suffix) != 0) return false;
-  pid_t pid = 0;
-  const char* last = name.data() + end;
-  const auto read = std::from_chars(name.data() + prefix.size(), last, pid);
-  if (read.ec != std::errc() || read.ptr != last || pid <= 0) return false;
-  return pid == ::getpid() || (::kill(pid, 0) != 0 && errno == ESRCH);
-}
 
 // Returns 0 or an errno.
 int write_all(int fd, std::span<const std::uint8_t> bytes) {
@@ -43,14 +29,6 @@ int write_all(int fd, std::span<const std::uint8_t> bytes) {
     done += static_cast<std::size_t>(wrote);
   }
   return 0;
-}
-
-// Returns whether the path still names the descriptor's file.
-bool is_named(int fd, const std::string& path) {
-  struct stat open {
-  }, named{};
-  return ::fstat(fd, &open) == 0 && ::stat(path.c_str(), &named) == 0 &&
-         open.st_dev == named.st_dev && open.st_ino == named.st_ino;
 }
 
 // Syncs the folder of `path`, so that the file's name is on disk.
@@ -67,33 +45,6 @@ Status sync_folder(const std::string& path) {
 
 }  // namespace
 
-std::string temporary_name(const std::string& path) {
-  const std::filesystem::path full_path(path);
-  const std::string name = fmt::format(".{}.{}.tmp{}", full_path.stem().string(), ::getpid(),
-                                       full_path.extension().string());
-  return (full_path.parent_path() / name).string();
-}
-
-std::vector<std::string> remove_stale(const std::string& path, const std::string& prefix,
-                                      const std::string& suffix, fs::file_type type) {
-  const fs::path full_path(path);
-  const fs::path parent = full_path.has_parent_path() ? full_path.parent_path() : fs::path(".");
-  std::vector<fs::path> stale;
-  std::error_code error;
-  for (fs::directory_iterator it(parent, error), end; !error && it != end; it.increment(error)) {
-    std::error_code ignored;  // entries without a status are not ours
-    const bool fits = it->symlink_status(ignored).type() == type;
-    if (fits && is_stale(it->path().filename().string(), prefix, suffix))
-      stale.push_back(it->path());
-  }
-  std::vector<std::string> removed;
-  for (const fs::path& found : stale) {
-    fs::remove_all(found, error);
-    if (!error) removed.push_back(found.lexically_normal().string());
-  }
-  return removed;
-}
-
 Status rename_over(const std::string& from, const std::string& to) {
   if (std::rename(from.c_str(), to.c_str()) != 0) {
     return io_error("{}: cannot replace: {}", to, system_message(errno));
@@ -102,55 +53,44 @@ Status rename_over(const std::string& from, const std::string& to) {
 }
 
 OutputFile::~OutputFile() {
-  if (fd_ >= 0 && !borrowed_) ::close(fd_);
-  if (!temporary_.empty()) ::unlink(temporary_.c_str());
+  if (device_ >= 0 && !borrowed_) ::close(device_);
 }
 
 Status OutputFile::open(const std::string& path) {
   path_ = path;
-  std::string target = path;
   struct stat info {};
-  const bool exists = ::stat(path.c_str(), &info) == 0;
-  if (exists && S_ISDIR(info.st_mode)) return io_error("{}: is a folder; name a file", path);
-  if (!exists || S_ISREG(info.st_mode)) target = temporary_ = temporary_name(path);
-  fd_ = ::open(target.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-  if (fd_ < 0) {
-    temporary_.clear();
-    return io_error("{}: cannot create: {}", path, file_problem(errno));
+  if (::stat(path.c_str(), &info) != 0 || S_ISREG(info.st_mode)) return temporary_.create(path);
+  if (S_ISDIR(info.st_mode)) return io_error("{}: is a folder; name a file", path);
+  if (!S_ISCHR(info.st_mode) && !S_ISFIFO(info.st_mode)) {
+    return io_error("{}: is a disk or a socket; name a file", path);
   }
+  device_ = ::open(path.c_str(), O_WRONLY | O_NOCTTY | O_CLOEXEC);
+  if (device_ < 0) return io_error("{}: cannot create: {}", path, file_problem(errno));
   return {};
 }
 
 void OutputFile::borrow(int descriptor, const std::string& name) {
   path_ = name;
-  fd_ = descriptor;
+  device_ = descriptor;
   borrowed_ = true;
 }
 
 Status OutputFile::write(std::span<const std::uint8_t> bytes) {
-  const int error = write_all(fd_, bytes);
+  const int error = write_all(descriptor(), bytes);
   if (error != 0) return io_error("{}: cannot write: {}", path_, system_message(error));
-  return {};
-}
-
-Status OutputFile::close() {
-  const int fd = std::exchange(fd_, -1);
-  // Devices and pipes cannot be synced.
-  const bool synced = ::fsync(fd) == 0 || errno == EINVAL || errno == EROFS;
-  const int sync_error = errno;
-  if (::close(fd) != 0 && synced) {
-    return io_error("{}: cannot write: {}", path_, system_message(errno));
-  }
-  if (!synced) return io_error("{}: cannot write: {}", path_, system_message(sync_error));
   return {};
 }
 
 Status OutputFile::commit() {
   if (borrowed_) return {};
-  STGS_TRY(close());
-  if (temporary_.empty()) return {};
-  STGS_TRY(rename_over(temporary_, path_));
-  temporary_.clear();
+  // Devices and pipes cannot be synced.
+  if (::fsync(descriptor()) != 0 && errno != EINVAL && errno != EROFS) {
+    return io_error("{}: cannot write: {}", path_, system_message(errno));
+  }
+  if (device_ < 0) return temporary_.commit();
+  if (::close(std::exchange(device_, -1)) != 0) {
+    return io_error("{}: cannot write: {}", path_, system_message(errno));
+  }
   return {};
 }
 
@@ -168,7 +108,7 @@ AppendedFile::~AppendedFile() {
 void AppendedFile::release() {
   if (fd_ < 0) return;
   // Unlinks while the lock is held, so that nobody resumes the file.
-  if (unfinished_ && is_named(fd_, path_)) ::unlink(path_.c_str());
+  if (unfinished_ && os::is_named(fd_, path_)) ::unlink(path_.c_str());
   unfinished_ = false;
   ::close(std::exchange(fd_, -1));
 }
@@ -199,7 +139,7 @@ Status AppendedFile::open(const std::string& path) {
   fd_ = ::open(path.c_str(), O_RDWR | O_APPEND | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
   if (fd_ < 0) return io_error("{}: cannot open for appending: {}", path, file_problem(errno));
   STGS_TRY(lock());
-  if (!is_named(fd_, path)) return io_error("{}: replaced while being opened; try again", path);
+  if (!os::is_named(fd_, path)) return io_error("{}: replaced while being opened; try again", path);
   return {};
 }
 

@@ -1,14 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/format/output_path.h"
 
-#include <fcntl.h>
-#include <unistd.h>
-
-#include <cerrno>
 #include <filesystem>
 
-#include "stgs/format/output_file.h"
-#include "stgs/format/text.h"
+#include "stgs/format/temporary.h"
 
 namespace stgs {
 namespace {
@@ -33,13 +28,6 @@ Status check_parent(const std::string& path) {
 
 }  // namespace
 
-std::vector<std::string> remove_stale_files(const std::string& path) {
-  const fs::path full_path(path);
-  return remove_stale(path, fmt::format(".{}.", full_path.stem().string()),
-                      fmt::format(".tmp{}", full_path.extension().string()),
-                      fs::file_type::regular);
-}
-
 Status check_can_write(const std::string& path) {
   STGS_TRY(check_parent(path));
   std::error_code error;
@@ -50,11 +38,21 @@ Status check_can_write(const std::string& path) {
   if (fs::exists(status) && status.type() != fs::file_type::regular) {
     return io_error("{}: exists and is not a regular file; name another path", path);
   }
-  const std::string probe = temporary_name(path);
-  const int fd = ::open(probe.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0666);
-  if (fd < 0) return io_error("{}: cannot create: {}", path, file_problem(errno));
-  ::close(fd);
-  ::unlink(probe.c_str());
+  TemporaryFile probe;
+  return probe.create(path);
+}
+
+void clear_leftovers(const std::string& path,
+                     const std::function<void(int, const std::string&)>& log) {
+  for (const std::string& name : remove_leftovers(path)) {
+    if (log) log(2, fmt::format("{}: removed; left over from a run that was killed", name));
+  }
+}
+
+Status prepare_output(const std::string& path,
+                      const std::function<void(int, const std::string&)>& log) {
+  STGS_TRY(check_can_write(path));
+  clear_leftovers(path, log);
   return {};
 }
 

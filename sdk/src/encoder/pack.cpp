@@ -66,7 +66,7 @@ Status pack(const std::vector<std::string>& scenes, const char* output, const st
   for (const std::string& scene : scenes) {
     STGS_TRY(check_distinct({{"scenes", scene}, {"output", output}}));
   }
-  STGS_TRY(check_can_write(output));
+  STGS_TRY(prepare_output(output, log));
   return encoder::pack(scenes, output, packing_of(s), &report, progress, log);
 }
 

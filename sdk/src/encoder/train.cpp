@@ -68,7 +68,8 @@ encoder::TrainSettings training_of(const stgs_train_settings& s) {
 }
 
 // Checks that the output paths are writable and distinct. `resume` may equal `checkpoint`.
-Status check_paths(const std::string& scene, const encoder::TrainSettings& settings) {
+Status check_paths(const std::string& scene, const encoder::TrainSettings& settings,
+                   const encoder::LogSink& log) {
   std::vector<NamedPath> paths = {
       {"scene", scene}, {"checkpoint", settings.checkpoint}, {"log_path", settings.log_path}};
   if (check_distinct({paths[1], {"resume", settings.resume}}).ok()) {
@@ -76,7 +77,7 @@ Status check_paths(const std::string& scene, const encoder::TrainSettings& setti
   }
   STGS_TRY(check_distinct(paths));
   for (const std::string* path : {&scene, &settings.checkpoint, &settings.log_path}) {
-    if (!path->empty()) STGS_TRY(check_can_write(*path));
+    if (!path->empty()) STGS_TRY(prepare_output(*path, log));
   }
   return {};
 }
@@ -92,13 +93,8 @@ Status train(const char* prepared, const std::string& scene, const stgs_train_se
              const encoder::ProgressSink& progress, const encoder::LogSink& log,
              encoder::TrainReport& report) {
   const encoder::TrainSettings settings = training_of(s);
-  STGS_TRY(check_paths(scene, settings));
+  STGS_TRY(check_paths(scene, settings, log));
   STGS_ASSIGN(const encoder::PreparedCapture capture, capture_of(prepared, s));
-  if (!settings.checkpoint.empty()) {
-    for (const std::string& file : remove_stale_files(settings.checkpoint)) {
-      log(2, fmt::format("{}: removed a file left by a training run that was killed", file));
-    }
-  }
   STGS_ASSIGN(const Scene trained, encoder::train(capture, settings, progress, log, &report));
   WriteSettings writing;
   writing.profile = Profile::kLossless;

@@ -241,7 +241,7 @@ class PlayWindow {
                                     "be read, or exceeds --memory",
                                     name_at_time(file(), report_.seconds)));
       }
-      return write_png(settings_.screenshot, shown);
+      return write_single_png(settings_.screenshot, shown, session_.log_sink());
     }
     save_ = false;
     saver_.save(std::move(shown));

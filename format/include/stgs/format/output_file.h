@@ -1,26 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Atomic output: files are written under a temporary name and renamed when complete.
+// Atomic output: files are written under a temporary name (temporary.h) and renamed when complete.
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <span>
 #include <string>
-#include <vector>
 
 #include "stgs/format/byte_source.h"
 #include "stgs/format/status.h"
+#include "stgs/format/temporary.h"
 
 namespace stgs {
-
-// Returns the temporary name of `path` in this process: same folder, same extension, hidden.
-std::string temporary_name(const std::string& path);
-
-// Removes leftovers of processes that ended on this machine: entries of the given type in the
-// folder of `path` that are named `prefix`, a process id, `suffix`. Returns the names removed.
-// Entries that cannot be removed stay.
-std::vector<std::string> remove_stale(const std::string& path, const std::string& prefix,
-                                      const std::string& suffix, std::filesystem::file_type type);
 
 // Renames a file, replacing an existing one.
 Status rename_over(const std::string& from, const std::string& to);
@@ -33,8 +23,8 @@ class OutputFile {
   OutputFile(const OutputFile&) = delete;
   OutputFile& operator=(const OutputFile&) = delete;
 
-  // Opens a temporary file for `path`. A device or a pipe is written directly, because a rename
-  // would replace it by a file.
+  // Opens a temporary file for `path`. A character device or a pipe is written directly, because a
+  // rename would replace it by a file. Disks and sockets are refused.
   Status open(const std::string& path);
   // Writes to a descriptor owned by the caller, such as standard output. `name` is for messages.
   void borrow(int descriptor, const std::string& name);
@@ -44,10 +34,11 @@ class OutputFile {
   Status commit();
 
  private:
-  Status close();
+  int descriptor() const { return device_ >= 0 ? device_ : temporary_.descriptor(); }
 
-  std::string path_, temporary_;
-  int fd_ = -1;
+  std::string path_;
+  TemporaryFile temporary_;
+  int device_ = -1;  // or a borrowed descriptor
   bool borrowed_ = false;
 };
 

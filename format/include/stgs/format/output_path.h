@@ -2,6 +2,7 @@
 // Checks of output paths before long work starts, so that it cannot fail at the end.
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -12,9 +13,13 @@ namespace stgs {
 // Checks that a file can be created at `path`: its folder exists and is writable, and the path is
 // free or names a regular file.
 Status check_can_write(const std::string& path);
-// Removes files that temporary_name(path) named for processes that ended on this machine without
-// removing them. Returns their names. Files that cannot be removed stay.
-std::vector<std::string> remove_stale_files(const std::string& path);
+// Removes what killed runs with the output `path` have left (temporary.h), and reports each file
+// and folder to `log`, which may be empty, at level 2.
+void clear_leftovers(const std::string& path,
+                     const std::function<void(int, const std::string&)>& log);
+// check_can_write(), then clear_leftovers().
+Status prepare_output(const std::string& path,
+                      const std::function<void(int, const std::string&)>& log);
 
 // A path, and the option or setting that it comes from; both appear in messages.
 struct NamedPath {

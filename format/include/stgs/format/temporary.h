@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// Temporary files and folders next to an output, and the lock of an output.
+//
+// Names are random, so each object has its own, in all processes and on all machines that share the
+// folder. An object locks its file (flock) while it exists. What a killed process leaves behind is
+// recognised by its free lock, which also works between containers, where process ids do not. On a
+// file system without locks leftovers stay.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "stgs/format/status.h"
+
+namespace stgs {
+
+// A new file that replaces `path` when it is complete. The destructor removes it otherwise. One
+// thread at a time.
+class TemporaryFile {
+ public:
+  TemporaryFile() = default;
+  ~TemporaryFile() { remove(); }
+  TemporaryFile(const TemporaryFile&) = delete;
+  TemporaryFile& operator=(const TemporaryFile&) = delete;
+
+  // Creates the file in the folder of `path`, hidden, with the extension of `path`. Call once.
+  Status create(const std::string& path);
+  // Returns the descriptor, open for reading and writing; -1 before create() and after commit().
+  // The object owns it.
+  int descriptor() const { return descriptor_; }
+  // Renames the file to `path`, replacing an existing file, and closes it.
+  Status commit();
+
+ private:
+  void remove() noexcept;
+
+  std::string path_, name_;
+  int descriptor_ = -1;
+};
+
+// A new folder that only this user can enter, for files that others write by name. The destructor
+// deletes it with its contents; it follows no links. One thread at a time.
+class WorkFolder {
+ public:
+  WorkFolder() = default;
+  ~WorkFolder();
+  WorkFolder(const WorkFolder&) = delete;
+  WorkFolder& operator=(const WorkFolder&) = delete;
+
+  // Creates the folder next to `path`, hidden. It contains a file `lock`. Call once.
+  Status create(const std::string& path);
+  // Returns the folder; "" before create().
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+  int lock_ = -1;
+};
+
+// Makes a run the only one that writes an output, from take() until the destructor.
+class OutputLock {
+ public:
+  OutputLock() = default;
+  ~OutputLock();
+  OutputLock(const OutputLock&) = delete;
+  OutputLock& operator=(const OutputLock&) = delete;
+
+  // kUsage if another object has the lock of `path`, in any process. The folder of `path` must
+  // exist; a hidden file in it, `.NAME.lock`, carries the lock. Call once.
+  Status take(const std::string& path);
+
+ private:
+  std::string name_;
+  int lock_ = -1;
+};
+
+// Removes the temporary files and work folders of `path` that no process uses, and returns their
+// names. Those that cannot be removed stay.
+std::vector<std::string> remove_leftovers(const std::string& path);
+
+}  // namespace stgs

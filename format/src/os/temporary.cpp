@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stgs/format/temporary.h"
+
+#include <fcntl.h>
+#include <sys/random.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstdint>
+#include <cstdio>
+#include <filesystem>
+#include <string_view>
+#include <utility>
+
+#include "os/file_lock.h"
+#include "stgs/format/text.h"
+
+namespace stgs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kMaxAttempts = 16;  // names tried
+constexpr std::string_view kDigits = "abcdefghijklmnopqrstuvwxyz234567";
+constexpr std::size_t kRandomDigits = 12;  // 60 bits
+
+// The name of a temporary is random between these two parts.
+struct NameParts {
+  std::string before, after;
+
+  std::string name(const std::string& random) const { return before + random + after; }
+  bool fits(std::string_view name) const {
+    if (name.size() != before.size() + kRandomDigits + after.size()) return false;
+    const std::string_view random = name.substr(before.size(), kRandomDigits);
+    return name.starts_with(before) && name.ends_with(after) &&
+           random.find_first_not_of(kDigits) == std::string_view::npos;
+  }
+};
+
+NameParts file_parts(const fs::path& path) {
+  return {fmt::format(".{}.", path.stem().string()),
+          fmt::format(".tmp{}", path.extension().string())};
+}
+
+NameParts folder_parts(const fs::path& path) {
+  return {fmt::format(".{}.", path.filename().string()), ".tmp.work"};
+}
+
+Result<std::string> random_digits(const std::string& path) {
+  std::array<std::uint8_t, kRandomDigits> bytes{};
+  ssize_t got = 0;
+  do {
+    got = ::getrandom(bytes.data(), bytes.size(), 0);
+  } while (got < 0 && errno == EINTR);
+  if (got != static_cast<ssize_t>(bytes.size())) {
+    return io_error("{}: cannot create: no random name: {}", path, system_message(errno));
+  }
+  std::string digits;
+  for (const std::uint8_t byte : bytes) digits += kDigits[byte % kDigits.size()];
+  return digits;
+}
+
+Result<std::string> unique_name(const std::string& path, const NameParts& parts) {
+  STGS_ASSIGN(const std::string random, random_digits(path));
+  return (fs::path(path).parent_path() / parts.name(random)).string();
+}
+
+Status no_name(const std::string& path) {
+  return io_error("{}: cannot create a temporary file; try again", path);
+}
+
+// Removes a file that no process uses.
+bool remove_free_file(const std::string& name) {
+  const int file = ::open(name.c_str(), O_RDWR | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
+  if (file < 0) return false;
+  const bool removed = os::try_lock(file) == os::LockResult::kTaken && os::is_named(file, name) &&
+                       ::unlink(name.c_str()) == 0;
+  ::close(file);
+  return removed;
+}
+
+// Removes a folder that no process uses. One without a lock was created just now or was removed in
+// part: with the lock from here WorkFolder::create() tries another name.
+bool remove_free_folder(const std::string& name) {
+  const std::string lock = name + "/lock";
+  const int file =
+      ::open(lock.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0600);
+  if (file < 0) return false;
+  const bool removed = os::try_lock(file) == os::LockResult::kTaken && os::is_named(file, lock) &&
+                       os::remove_folder(name);
+  ::close(file);
+  return removed;
+}
+
+}  // namespace
+
+Status TemporaryFile::create(const std::string& path) {
+  for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
+    STGS_ASSIGN(const std::string name, unique_name(path, file_parts(path)));
+    const int file = ::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
+    if (file < 0 && errno == EEXIST) continue;
+    if (file < 0) return io_error("{}: cannot create: {}", path, file_problem(errno));
+    // Before the lock is taken, remove_leftovers() of another process may have removed the file.
+    if (os::try_lock(file) != os::LockResult::kBusy && os::is_named(file, name)) {
+      path_ = path;
+      name_ = name;
+      descriptor_ = file;
+      return {};
+    }
+    ::close(file);
+  }
+  return no_name(path);
+}
+
+Status TemporaryFile::commit() {
+  // Renamed before it is closed: without the lock it would look like a leftover.
+  if (std::rename(name_.c_str(), path_.c_str()) != 0) {
+    return io_error("{}: cannot replace: {}", path_, system_message(errno));
+  }
+  name_.clear();
+  if (::close(std::exchange(descriptor_, -1)) != 0) {
+    return io_error("{}: cannot write: {}", path_, system_message(errno));
+  }
+  return {};
+}
+
+void TemporaryFile::remove() noexcept {
+  if (!name_.empty() && os::is_named(descriptor_, name_)) ::unlink(name_.c_str());
+  if (descriptor_ >= 0) ::close(std::exchange(descriptor_, -1));
+}
+
+Status WorkFolder::create(const std::string& path) {
+  for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
+    STGS_ASSIGN(const std::string name, unique_name(path, folder_parts(path)));
+    if (::mkdir(name.c_str(), 0700) != 0) {
+      if (errno == EEXIST) continue;
+      return io_error("{}: cannot create: {}", path, file_problem(errno));
+    }
+    const std::string lock = name + "/lock";
+    const int file = ::open(lock.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600);
+    const int error = errno;
+    if (file >= 0 && os::try_lock(file) != os::LockResult::kBusy && os::is_named(file, lock)) {
+      path_ = name;
+      lock_ = file;
+      return {};
+    }
+    if (file >= 0) {
+      ::close(file);
+    } else if (error != EEXIST && error != ENOENT) {  // those: removed as a leftover meanwhile
+      ::rmdir(name.c_str());
+      return io_error("{}: cannot create: {}", path, file_problem(error));
+    }
+  }
+  return no_name(path);
+}
+
+WorkFolder::~WorkFolder() {
+  if (lock_ < 0) return;
+  os::remove_folder(path_);
+  ::close(lock_);
+}
+
+Status OutputLock::take(const std::string& path) {
+  const fs::path full(path);
+  const std::string name =
+      (full.parent_path() / fmt::format(".{}.lock", full.filename().string())).string();
+  for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
+    const int file = ::open(
+        name.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC, 0666);
+    if (file < 0) return io_error("{}: cannot create: {}", path, file_problem(errno));
+    const os::LockResult result = os::try_lock(file);
+    if (result == os::LockResult::kBusy) {
+      ::close(file);
+      return usage_error("{}: another process is writing it; wait for it, or name another output",
+                         path);
+    }
+    if (os::is_named(file, name)) {
+      name_ = name;
+      lock_ = file;
+      return {};
+    }
+    ::close(file);  // its last owner removed it meanwhile
+  }
+  return no_name(path);
+}
+
+OutputLock::~OutputLock() {
+  if (lock_ < 0) return;
+  if (os::is_named(lock_, name_)) ::unlink(name_.c_str());
+  ::close(lock_);
+}
+
+std::vector<std::string> remove_leftovers(const std::string& path) {
+  const fs::path full_path(path);
+  const fs::path parent = full_path.has_parent_path() ? full_path.parent_path() : fs::path(".");
+  const NameParts file = file_parts(full_path), folder = folder_parts(full_path);
+  std::vector<fs::path> found;
+  std::error_code error;
+  for (fs::directory_iterator it(parent, error), end; !error && it != end; it.increment(error)) {
+    const std::string name = it->path().filename().string();
+    if (file.fits(name) || folder.fits(name)) found.push_back(it->path());
+  }
+  std::vector<std::string> removed;
+  for (const fs::path& entry : found) {
+    const fs::file_type type = fs::symlink_status(entry, error).type();
+    const bool gone = type == fs::file_type::regular     ? remove_free_file(entry.string())
+                      : type == fs::file_type::directory ? remove_free_folder(entry.string())
+                                                         : false;
+    if (gone) removed.push_back(entry.lexically_normal().string());
+  }
+  std::sort(removed.begin(), removed.end());
+  return removed;
+}
+
+}  // namespace stgs
