@@ -8,6 +8,7 @@
 
 #include "interchange/import.h"
 #include "interchange/sequence_match.h"
+#include "os/folder.h"
 
 namespace stgs {
 namespace {
@@ -42,11 +43,11 @@ Result<std::uint64_t> number_of(const fs::path& path) {
 // Returns the frames in order. Their numbers must have equal steps, which detects missing frames.
 Result<std::vector<FrameFile>> frame_files(const std::string& folder) {
   std::vector<FrameFile> files;
-  std::error_code error;
-  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
-    if (is_ply(it->path())) files.push_back({0, it->path().string()});
+  STGS_ASSIGN(const std::vector<std::string> names, os::list_folder(folder));
+  for (const std::string& name : names) {
+    const fs::path path = fs::path(folder) / name;
+    if (is_ply(path)) files.push_back({0, path.string()});
   }
-  if (error) return io_error("{}: cannot list the folder: {}", folder, error.message());
   if (files.empty()) return io_error("{}: no .ply files in the folder", folder);
   if (files.size() == 1) return files;
   for (FrameFile& file : files) {
@@ -78,11 +79,10 @@ double SequenceReport::matched() const {
 }
 
 bool is_ply_sequence(const std::string& folder) {
-  std::error_code error;
-  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
-    if (is_ply(it->path())) return true;
-  }
-  return false;
+  const Result<std::vector<std::string>> names = os::list_folder(folder);
+  return names.ok() &&
+         std::any_of(names.value().begin(), names.value().end(),
+                     [&](const std::string& name) { return is_ply(fs::path(folder) / name); });
 }
 
 Result<Scene> read_ply_sequence(const std::string& folder, const SequenceSettings& settings,

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "os/folder.h"
 #include "stgs/format/interchange_formats.h"
 
 namespace stgs {
@@ -23,16 +24,15 @@ Result<std::vector<std::string>> sog_models(const std::string& path) {
         path);
   }
   std::vector<std::string> found;
-  for (fs::directory_iterator it(path, error), end; !error && it != end; it.increment(error)) {
-    const fs::path meta = it->path() / "meta.json";
-    std::error_code missing;
-    if (fs::is_regular_file(meta, missing)) {
+  STGS_ASSIGN(const std::vector<std::string> names, os::list_folder(path));
+  for (const std::string& name : names) {
+    const fs::path entry = fs::path(path) / name, meta = entry / "meta.json";
+    if (fs::is_regular_file(meta, error)) {
       found.push_back(meta.string());
-    } else if (it->path().extension() == ".sog" && it->is_regular_file(missing)) {
-      found.push_back(it->path().string());
+    } else if (entry.extension() == ".sog" && fs::is_regular_file(entry, error)) {
+      found.push_back(entry.string());
     }
   }
-  if (error) return io_error("{}: cannot list the folder: {}", path, error.message());
   if (found.empty()) return io_error("{}: no SOG model in the folder (meta.json not found)", path);
   std::sort(found.begin(), found.end());
   return found;

@@ -6,7 +6,6 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstdint>
@@ -16,6 +15,7 @@
 #include <utility>
 
 #include "os/file_lock.h"
+#include "os/folder.h"
 #include "stgs/format/text.h"
 
 namespace stgs {
@@ -197,21 +197,19 @@ std::vector<std::string> remove_leftovers(const std::string& path) {
   const fs::path full_path(path);
   const fs::path parent = full_path.has_parent_path() ? full_path.parent_path() : fs::path(".");
   const NameParts file = file_parts(full_path), folder = folder_parts(full_path);
-  std::vector<fs::path> found;
-  std::error_code error;
-  for (fs::directory_iterator it(parent, error), end; !error && it != end; it.increment(error)) {
-    const std::string name = it->path().filename().string();
-    if (file.fits(name) || folder.fits(name)) found.push_back(it->path());
-  }
   std::vector<std::string> removed;
-  for (const fs::path& entry : found) {
-    const fs::file_type type = fs::symlink_status(entry, error).type();
-    const bool gone = type == fs::file_type::regular     ? remove_free_file(entry.string())
-                      : type == fs::file_type::directory ? remove_free_folder(entry.string())
-                                                         : false;
-    if (gone) removed.push_back(entry.lexically_normal().string());
+  const Result<std::vector<std::string>> names = os::list_folder(parent.string());
+  if (!names.ok()) return removed;
+  for (const std::string& name : names.value()) {
+    if (!file.fits(name) && !folder.fits(name)) continue;
+    const std::string entry = (parent / name).lexically_normal().string();
+    struct stat status {};
+    if (::lstat(entry.c_str(), &status) != 0) continue;
+    const bool gone = S_ISREG(status.st_mode)   ? remove_free_file(entry)
+                      : S_ISDIR(status.st_mode) ? remove_free_folder(entry)
+                                                : false;
+    if (gone) removed.push_back(entry);
   }
-  std::sort(removed.begin(), removed.end());
   return removed;
 }
 
