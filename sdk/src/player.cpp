@@ -74,7 +74,7 @@ std::string out_of_range(const stgs_player_settings& s) {
 stgs::player::PlayerSettings open_settings_of(const stgs_player_settings& s) {
   stgs::player::PlayerSettings out;
   out.memory_budget = s.memory_budget;
-  out.limits = {s.max_primitives, s.max_memory};
+  out.limits = stgs::ReadLimits::of(s.max_primitives, s.max_memory);
   out.max_file_bytes = s.max_file_bytes;
   out.prefetch_seconds = s.prefetch_seconds;
   out.resume_seconds = s.resume_seconds;

@@ -45,7 +45,8 @@ Outcome open_source(stgs_scene& scene, std::unique_ptr<stgs::ByteSource> source)
   const std::string name = source->name();
   STGS_SDK_TRY(check_file_bytes(scene, name, source->size()));
   auto reader = stgs::SceneReader::open(
-      std::move(source), {settings.max_primitives, settings.max_memory}, scene.memory.get());
+      std::move(source), stgs::ReadLimits::of(settings.max_primitives, settings.max_memory),
+      scene.memory.get());
   if (!reader.ok()) return reader.status();
   auto timeline = stgs::player::Timeline::from_reader(
       std::move(reader).value(), name, settings.memory_budget,

@@ -17,7 +17,7 @@ DEPTH = 8  # 5.2
 @dataclass
 class Limits:  # conformance.md 1.5
     max_primitives: int = 200_000_000
-    max_memory: int = 16 << 30
+    max_memory: int = 4 << 30
 
 
 @dataclass

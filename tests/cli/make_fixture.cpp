@@ -96,7 +96,7 @@ Status write_changed_head(const std::vector<std::uint8_t>& copied, const std::st
   const std::uint64_t old_head = head.header.head_bytes;
   change(head);
   ByteWriter layouts;
-  write_layouts(head.layouts, layouts);
+  write_layouts(*head.layouts, layouts);
   std::vector<std::uint8_t> records;
   const auto add = [&records](const std::vector<std::uint8_t>& record) {
     records.insert(records.end(), record.begin(), record.end());

@@ -11,11 +11,11 @@ namespace {
 
 // Returns the payload of the first STEP record of a head, which readers need not interpret.
 std::span<const std::uint8_t> find_step(const FileHead& head, bool& exists) {
-  for (std::uint64_t at = kHeaderBytes; at < head.bytes.size();) {
-    const auto rest = std::span(head.bytes).subspan(at);
+  for (std::uint64_t at = kHeaderBytes; at < head.bytes->size();) {
+    const auto rest = std::span(*head.bytes).subspan(at);
     RecordHeader record;
     Findings ignored;
-    if (!parse_record_header(rest, at, head.bytes.size(), record, ignored)) break;
+    if (!parse_record_header(rest, at, head.bytes->size(), record, ignored)) break;
     const auto payload = rest.subspan(kRecordHeaderBytes, record.length);
     exists = record.tag == kStepTag && record.flags == 0 && checksum(payload) == record.checksum;
     if (exists) return payload;

@@ -98,7 +98,7 @@ void describe_record(const OpenFile& file, std::uint32_t ordinal, const SegmentR
   DecodedRows rows;
   if (!decoder.open() || !decoder.decode(kAllAttributes, rows))
     return out.line("mismatch: {}", findings.status({}).message());
-  const std::vector<StreamRow>& streams = record.layout_in(file.head.layouts).streams;
+  const std::vector<StreamRow>& streams = record.layout_in(*file.head.layouts).streams;
   tier.segment.first_key = record.first_key;
   RecordIntegers integers;
   for (std::size_t r = 0; r < streams.size(); ++r) {

@@ -48,6 +48,7 @@ Status open(const std::string& path, const ReadLimits& limits, OpenFile& file) {
   STGS_ASSIGN(file.source, open_file(path));
   STGS_ASSIGN(file.reader, SceneReader::open(path, limits));
   Findings findings;
+  file.head.walk.keeps_nodes = true;
   read_head(*file.source, limits, IndexLoading::kComplete, file.head, findings);
   return findings.status(path);
 }

@@ -252,7 +252,8 @@ TEST_CASE("an index of 600,000 parts is read in linear time") {
     head.index.segments.push_back({{-1, 0, 0, 0, kRecordHeaderBytes + 1, 1}, {}, i});
   }
   const auto reader =
-      SceneReader::open(memory_source(testing::file_with(head, kFrames, filler(kMany, 1))));
+      SceneReader::open(memory_source(testing::file_with(head, kFrames, filler(kMany, 1))),
+                        ReadLimits::of(kMany, std::uint64_t{16} << 30));
   INFO(reader.status().message());
   REQUIRE(reader.ok());
   CHECK((*reader)->parts().size() == kMany);

@@ -291,11 +291,10 @@ TEST_CASE("a long recording is opened with few bytes, and followed") {
   const auto at_35 = open_on_demand(std::make_unique<CountedSource>(prefix(35), count));
   CHECK(count < 4096);
   CHECK(at_35->segments().size() < 10);
-  const auto reader = at_35->clone(memory_source(bytes));
-  const auto grown = reader->refresh();
+  const auto grown = at_35->refreshed(memory_source(bytes));
   INFO(grown.status().message());
   REQUIRE(grown.ok());
-  CHECK(*grown);
+  SceneReader* const reader = grown->get();
   CHECK(reader->metadata().frames == 400);
   const auto complete = open_scene(path);
   for (const double t : {395.0, 5.0, 123.0, 345.0, 355.0}) {
@@ -307,6 +306,23 @@ TEST_CASE("a long recording is opened with few bytes, and followed") {
   CHECK(reader->damage().empty());
   // Another recording in its place is not mistaken for its continuation.
   record(folder / "other.stgs", 45, false, Profile::kQuantised, 5);
-  const auto replaced = at_35->clone(memory_source(bytes_of(folder / "other.stgs")));
-  CHECK(replaced->refresh().status().code() == StatusCode::kInvalidFile);
+  const auto replaced = at_35->refreshed(memory_source(bytes_of(folder / "other.stgs")));
+  CHECK(replaced.status().code() == StatusCode::kInvalidFile);
+}
+
+TEST_CASE("loading a long recording bit by bit takes few steps") {
+  const TemporaryFolder folder;
+  const std::string path = folder / "live.stgs";
+  record(path, 300, false, Profile::kQuantised, 5);
+  const auto complete = open_scene(path);
+  const auto reader = open_on_demand(memory_source(bytes_of(path)));
+  int loads = 0;
+  for (; !reader->unloaded().empty(); ++loads) {
+    const double t = reader->unloaded().front().begin;
+    REQUIRE(reader->load(t, t).ok());
+  }
+  CHECK(loads > 5);
+  CHECK(loads < 60);
+  CHECK(reader->segments().size() == complete->segments().size());
+  CHECK(reader->damage().empty());
 }

@@ -7,7 +7,7 @@
 #include <fstream>
 #include <iterator>
 
-#include "standard_input.h"
+#include "standard_streams.h"
 #include "stgs/encoder/camera_json.h"
 #include "stgs/format/camera.h"
 #include "stgs/format/scene_file.h"

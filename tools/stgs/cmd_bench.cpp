@@ -115,7 +115,8 @@ class Bench final : public Command {
       STGS_ASSIGN(auto playback, playback_of(std::move(source), budget, play_.rate));
       return run_play(session, *playback, *renderer);
     }
-    STGS_ASSIGN(auto reader, SceneReader::open(std::move(source)));
+    const ReadLimits limits = ReadLimits::of(ReadLimits().max_primitives, budget);
+    STGS_ASSIGN(auto reader, SceneReader::open(std::move(source), limits));
     auto timeline = player::Timeline::from_reader(std::move(reader), shown_file(), budget,
                                                   player::DamagePolicy::kSkip);
     if (pipeline_ == "timeline") {

@@ -4,6 +4,7 @@
 #include "camera_file.h"
 #include "command.h"
 #include "image_io.h"
+#include "memory_option.h"
 #include "moving.h"
 #include "options.h"
 #include "scene_input.h"
@@ -132,10 +133,11 @@ class Evaluate final : public Command {
     app.add_option("--every", every_, "Evaluate every Nth frame, from the first")
         ->check(number_between(1, 1e9))
         ->capture_default_str();
+    memory_.declare(app);
   }
 
   Status run(Session& session) override {
-    STGS_ASSIGN(auto reader, open_scene(session, file_));
+    STGS_ASSIGN(auto reader, open_scene(session, file_, memory_.limits()));
     const auto timeline = player::Timeline::from_reader(std::move(reader), shown_file());
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(folder_));
     STGS_ASSIGN(capture_, encoder::capture_for_scene(capture, timeline->metadata(), shown_file()));
@@ -208,7 +210,7 @@ class Evaluate final : public Command {
 
   // Measures the drift and the coverage, by the training cameras.
   Status measure_static(Session& session) {
-    STGS_ASSIGN(const Scene scene, load_scene(session, file_));
+    STGS_ASSIGN(const Scene scene, load_scene(session, file_, memory_.limits()));
     std::vector<math::PinholeCamera> training;
     for (const encoder::Camera& camera : capture_.cameras) {
       if (!camera.test) training.push_back(camera.pinhole(scene.metadata.near_plane));
@@ -282,6 +284,7 @@ class Evaluate final : public Command {
     return session.emit(json, text);
   }
 
+  MemoryOption memory_;
   std::string file_, folder_, which_ = "test";
   int every_ = 1;
   encoder::PreparedCapture capture_;

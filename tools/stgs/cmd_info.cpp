@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "command.h"
+#include "options.h"
 #include "scene_file.h"
 #include "scene_info.h"
 
@@ -38,6 +39,9 @@ class Info final : public Command {
   void declare(Arguments& app) override {
     app.add_option("FILE", locations_, "The .stgs files: paths, URLs, or - for standard input")
         ->required();
+    app.add_option("--memory", memory_, "Memory for reading a file, for example 512M or 8G")
+        ->check(accepted_by<parse_memory>)
+        ->capture_default_str();
     app.add_flag("--segments", segments_,
                  "Print tables of the tiers of segments, layers and streams");
     app.add_flag("--lifespans", lifespans_,
@@ -64,7 +68,8 @@ class Info final : public Command {
 
  private:
   Status add(Session& session, const std::string& location, Json& files, std::string& text) const {
-    STGS_ASSIGN(const auto file, SceneFile::open(session, location));
+    STGS_ASSIGN(const std::uint64_t memory, parse_memory(memory_));
+    STGS_ASSIGN(const auto file, SceneFile::open(session, location, memory));
     STGS_ASSIGN(const SceneInfo info, read_info(*file));
     std::optional<stgs_scene_statistics> statistics;
     if (lifespans_) {
@@ -83,6 +88,7 @@ class Info final : public Command {
   }
 
   std::vector<std::string> locations_;
+  std::string memory_ = "4G";
   bool segments_ = false, lifespans_ = false;
 };
 

@@ -6,7 +6,7 @@
 #include "location.h"
 #include "options.h"
 #include "scene_file.h"
-#include "standard_input.h"
+#include "standard_streams.h"
 #ifdef STGS_HAS_PLAY
 #include "play/viewer.h"
 #endif

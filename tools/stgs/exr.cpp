@@ -7,14 +7,18 @@
 #include <ImathBox.h>
 #include <OpenEXR/ImfChannelList.h>
 #include <OpenEXR/ImfFrameBuffer.h>
+#include <OpenEXR/ImfIO.h>
 #include <OpenEXR/ImfInputFile.h>
 #include <OpenEXR/ImfOutputFile.h>
 #include <OpenEXR/ImfStandardAttributes.h>
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
-#include <vector>
+#include <memory>
+#include <stdexcept>
+#include <utility>
+
+#include "stgs/format/byte_source.h"
 #endif
 
 namespace stgs::tools {
@@ -36,10 +40,48 @@ Imf::Slice slice_over(Imf::PixelType type, const T* data, int width) {
                     sizeof(T) * static_cast<std::size_t>(width));
 }
 
+// OpenEXR's own file streams do not report a full disk.
+class BytesWriter final : public Imf::OStream {
+ public:
+  explicit BytesWriter(const std::string& name) : OStream(name.c_str()) {}
+  void write(const char bytes[], int count) override {
+    const std::size_t end = at_ + static_cast<std::size_t>(count);
+    if (end > bytes_.size()) bytes_.resize(end);
+    std::copy_n(bytes, count, bytes_.begin() + static_cast<std::ptrdiff_t>(at_));
+    at_ = end;
+  }
+  std::uint64_t tellp() override { return at_; }
+  void seekp(std::uint64_t at) override { at_ = static_cast<std::size_t>(at); }
+  std::vector<std::uint8_t> take() { return std::move(bytes_); }
+
+ private:
+  std::vector<std::uint8_t> bytes_;
+  std::size_t at_ = 0;
+};
+
+class SourceReader final : public Imf::IStream {
+ public:
+  explicit SourceReader(const ByteSource& source)
+      : IStream(source.name().c_str()), source_(source) {}
+  // Returns whether more bytes follow.
+  bool read(char bytes[], int count) override {
+    const auto size = static_cast<std::size_t>(count);
+    const Status status = source_.read(at_, {reinterpret_cast<std::uint8_t*>(bytes), size});
+    if (!status.ok()) throw std::runtime_error(status.message());
+    at_ += size;
+    return at_ < source_.size();
+  }
+  std::uint64_t tellg() override { return at_; }
+  void seekg(std::uint64_t at) override { at_ = at; }
+
+ private:
+  const ByteSource& source_;
+  std::uint64_t at_ = 0;
+};
+
 }  // namespace
 
-Status write_exr_file(const std::string& path, const std::string& display_path,
-                      const FloatFrame& frame) {
+Result<std::vector<std::uint8_t>> encode_exr(const FloatFrame& frame, const std::string& name) {
   const int width = frame.colour.width, height = frame.colour.height;
   const std::size_t pixels = static_cast<std::size_t>(width) * height;
   static constexpr const char* kNames[] = {"R", "G", "B", "A"};
@@ -63,22 +105,23 @@ Status write_exr_file(const std::string& path, const std::string& display_path,
     }
     header.channels().insert("Z", Imf::Channel(Imf::FLOAT));
     buffer.insert("Z", slice_over(Imf::FLOAT, frame.depth.data.data(), width));
-    Imf::OutputFile file(path.c_str(), header);
-    file.setFrameBuffer(buffer);
-    file.writePixels(height);
+    BytesWriter bytes(name);
+    {
+      Imf::OutputFile file(bytes, header);
+      file.setFrameBuffer(buffer);
+      file.writePixels(height);
+    }  // which completes the bytes
+    return bytes.take();
   } catch (const std::exception& error) {
-    return io_error("{}: cannot write EXR: {}", display_path, error.what());
+    return Status(code_of(error), fmt::format("{}: cannot encode as EXR: {}", name, error.what()));
   }
-  return {};
 }
 
 Result<Image> read_exr_file(const std::string& path) {
-  std::error_code none;
-  if (std::filesystem::is_fifo(path, none)) {  // it would block
-    return io_error("{}: not a regular file", path);
-  }
   try {
-    Imf::InputFile file(path.c_str());
+    STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(path));
+    SourceReader stream(*source);
+    Imf::InputFile file(stream);
     const Imath::Box2i window = file.header().dataWindow();
     const int width = window.max.x - window.min.x + 1, height = window.max.y - window.min.y + 1;
     STGS_TRY(encoder::check_image_size(width, height, path));
@@ -102,6 +145,8 @@ Result<Image> read_exr_file(const std::string& path) {
     file.readPixels(window.min.y, window.max.y);
     for (float& v : image.data) v = encoded_of(v);
     return image;
+  } catch (const std::bad_alloc&) {
+    throw;
   } catch (const std::exception& error) {
     return invalid_file("{}: cannot read EXR: {}", path, error.what());
   }
@@ -109,11 +154,11 @@ Result<Image> read_exr_file(const std::string& path) {
 
 #else
 
-Status write_exr_file(const std::string&, const std::string& display_path, const FloatFrame&) {
+Result<std::vector<std::uint8_t>> encode_exr(const FloatFrame&, const std::string& name) {
   return not_built(
       "{}: this build has no EXR (OpenEXR was not found); write .png, or rebuild with "
       "libopenexr-dev",
-      display_path);
+      name);
 }
 
 Result<Image> read_exr_file(const std::string& path) {

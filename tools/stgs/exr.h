@@ -2,7 +2,9 @@
 // OpenEXR files. All functions return kNotBuilt in a build without OpenEXR.
 #pragma once
 
+#include <cstdint>
 #include <string>
+#include <vector>
 
 #include "image_io.h"
 #include "stgs/format/raster.h"
@@ -10,10 +12,9 @@
 
 namespace stgs::tools {
 
-// Writes to `path`. Messages name `display_path` instead.
-Status write_exr_file(const std::string& path, const std::string& display_path,
-                      const FloatFrame& frame);
-// Reads R, G and B as sRGB-encoded planes.
+// Returns the bytes of a file. `name`: of the file, in messages.
+Result<std::vector<std::uint8_t>> encode_exr(const FloatFrame& frame, const std::string& name);
+// Reads R, G and B of a regular file as sRGB-encoded planes.
 Result<Image> read_exr_file(const std::string& path);
 
 }  // namespace stgs::tools

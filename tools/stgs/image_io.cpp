@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "image_io.h"
 
-#include <stb_image_write.h>
-
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -10,6 +8,7 @@
 
 #include "exr.h"
 #include "options.h"
+#include "png.h"
 #include "stgs/encoder/image_file.h"
 #include "stgs/encoder/metrics.h"
 #include "stgs/format/output_file.h"
@@ -52,12 +51,6 @@ encoder::Image8 scaled_to_height(const encoder::Image8& image, int height) {
   return out;
 }
 
-void append_bytes(void* context, void* data, int size) {
-  auto* bytes = static_cast<std::vector<std::uint8_t>*>(context);
-  const auto* from = static_cast<const std::uint8_t*>(data);
-  bytes->insert(bytes->end(), from, from + size);
-}
-
 }  // namespace
 
 encoder::Image8 to_8bit(const Image& colour) {
@@ -94,12 +87,8 @@ encoder::Image8 side_by_side(const encoder::Image8& left, const encoder::Image8&
 }
 
 Status write_png(const std::string& path, const encoder::Image8& image) {
-  std::vector<std::uint8_t> bytes;
-  const int written = stbi_write_png_to_func(append_bytes, &bytes, image.width, image.height, 3,
-                                             image.data.data(), image.width * 3);
-  if (written == 0) return runtime_error("{}: cannot encode as PNG: out of memory", path);
   STGS_TRY(check_can_write(path));
-  return write_file_atomically(path, bytes);
+  return write_file_atomically(path, encode_png(image));
 }
 
 Status write_single_png(const std::string& path, const encoder::Image8& image,
@@ -110,11 +99,8 @@ Status write_single_png(const std::string& path, const encoder::Image8& image,
 
 Status write_exr(const std::string& path, const FloatFrame& frame) {
   STGS_TRY(check_can_write(path));
-  WorkFolder folder;
-  STGS_TRY(folder.create(path));
-  const std::string file = folder.path() + "/image.exr";
-  STGS_TRY(write_exr_file(file, path, frame));
-  return rename_over(file, path);
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, encode_exr(frame, path));
+  return write_file_atomically(path, bytes);
 }
 
 Result<Image> read_image(const std::string& path) {

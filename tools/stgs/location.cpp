@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "location.h"
 
-#include "standard_input.h"
+#include "standard_streams.h"
 #include "stgs/player/source.h"
 
 namespace stgs::tools {

@@ -17,15 +17,13 @@ class MemoryOption {
         ->check(accepted_by<parse_memory>)
         ->capture_default_str();
   }
+  // Returns the bytes. The option has been parsed.
+  std::uint64_t bytes() const { return parse_memory(text_).value(); }
   // Returns the limits of reading. The option has been parsed.
-  ReadLimits limits() const {
-    ReadLimits limits;
-    limits.max_memory = parse_memory(text_).value();
-    return limits;
-  }
+  ReadLimits limits() const { return ReadLimits::of(ReadLimits().max_primitives, bytes()); }
 
  private:
-  std::string text_ = "16G";
+  std::string text_ = "4G";
 };
 
 }  // namespace stgs::tools

@@ -2,7 +2,7 @@
 #include "scene_file.h"
 
 #include "location.h"
-#include "standard_input.h"
+#include "standard_streams.h"
 
 namespace stgs::tools {
 

@@ -45,7 +45,7 @@ std::string text_of(stgs_scene* scene, stgs_text which);
 class SceneFile {
  public:
   // Of decoded data, bytes: the default of open().
-  static constexpr std::uint64_t kMaxMemory = std::uint64_t{16} << 30;
+  static constexpr std::uint64_t kMaxMemory = std::uint64_t{4} << 30;
   // Opens a path, a URL or "-". SIGINT and SIGTERM cancel reads from a URL. `memory` bounds the
   // decoded data, and the memory for decoding, bytes. The session must outlive the result.
   static Result<std::unique_ptr<SceneFile>> open(Session& session, const std::string& location,

@@ -2,7 +2,7 @@
 #include "scene_input.h"
 
 #include "damage.h"
-#include "standard_input.h"
+#include "standard_streams.h"
 #include "stgs/player/source.h"
 
 namespace stgs::tools {
@@ -29,10 +29,10 @@ Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::str
   return SceneReader::open(std::move(source), limits);
 }
 
-Result<Scene> load_scene(Session& session, const std::string& location) {
+Result<Scene> load_scene(Session& session, const std::string& location, const ReadLimits& limits) {
   STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_source(session, location));
   DamageReport damage;
-  Result<Scene> scene = recover_scene(std::move(source), damage);
+  Result<Scene> scene = recover_scene(std::move(source), damage, limits);
   if (!scene.ok()) return scene;
   warn_of_damage(session, display_name(location), damage, scene->metadata.time_base);
   return scene;

@@ -18,7 +18,8 @@ Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::str
 Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& location,
                                                 const ReadLimits& limits = {});
 // Reads the entire scene. Reports damage as warnings.
-Result<Scene> load_scene(Session& session, const std::string& location);
+Result<Scene> load_scene(Session& session, const std::string& location,
+                         const ReadLimits& limits = {});
 // Checks that another module can open a scene: reads its head.
 Status check_is_scene(Session& session, const std::string& location, const ReadLimits& limits = {});
 

@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <csignal>
@@ -18,6 +17,7 @@
 
 #include "error_report.h"
 #include "printable.h"
+#include "standard_streams.h"
 #include "stgs/format/parallel.h"
 
 namespace stgs::tools {
@@ -113,12 +113,7 @@ void Session::report_error(const Status& status) {
 
 Status Session::emit(const Json& json, const std::string& text) const {
   const std::string out = this->json() ? json_text(json, 1) + "\n" : printable(text);
-  errno = 0;
-  const bool written = std::fwrite(out.data(), 1, out.size(), stdout) == out.size();
-  if (!written || std::fflush(stdout) != 0) {
-    return io_error("standard output: cannot write: {}", system_message(errno));
-  }
-  return {};
+  return write_standard_output({reinterpret_cast<const std::uint8_t*>(out.data()), out.size()});
 }
 
 void Session::emit_to_stderr(const Json& json, const std::string& text) const {

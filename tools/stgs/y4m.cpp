@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <unistd.h>
-
 #include <algorithm>
 #include <cmath>
+#include <span>
 #include <vector>
 
 #include "output_path.h"
+#include "standard_streams.h"
 #include "video.h"
 
 namespace stgs::tools {
@@ -43,22 +43,23 @@ class Y4mWriter final : public VideoWriter {
       planes_[pixels + i] = code(128.0f + 224.0f * (b - y) / (2.0f * (1.0f - kBlue)));
       planes_[2 * pixels + i] = code(128.0f + 224.0f * (r - y) / (2.0f * (1.0f - kRed)));
     }
-    return file_.write(planes_);
+    return write(planes_);
   }
 
-  Status finish() override { return file_.commit(); }
+  Status finish() override { return is_stream() ? Status() : file_.commit(); }
 
  private:
+  bool is_stream() const { return path_ == "-"; }
   Status open() {
-    if (path_ == "-") {
-      file_.borrow(STDOUT_FILENO, "standard output");
-      return {};
-    }
+    if (is_stream()) return {};
     STGS_TRY(check_can_write(path_));
     return file_.open(path_);
   }
+  Status write(std::span<const std::uint8_t> bytes) {
+    return is_stream() ? write_standard_output(bytes) : file_.write(bytes);
+  }
   Status write_text(const std::string& text) {
-    return file_.write({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
+    return write({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
   }
 
   std::string path_;

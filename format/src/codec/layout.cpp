@@ -297,10 +297,9 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
                    max_layouts, layouts);
     return false;
   }
-  std::size_t entries = 0;
   for (std::size_t i = 0; i < layouts && in.ok(); ++i) {
     Layout layout;
-    entries += 1 + read_layout(in, offset, set, layout);
+    const std::uint64_t entries = set.entries += 1 + read_layout(in, offset, set, layout);
     if (entries > kFreeRows && entries - kFreeRows > memory / kRowMemory) {
       findings.unsupported(N::kMemoryLimit, offset,
                            "layouts: {} layouts and rows exceed the memory limit of {} bytes",

@@ -56,6 +56,8 @@ struct LayoutSet {
   // one.
   std::vector<std::int16_t> only;
   std::vector<RansLookup> lookups;
+  // Layouts and rows together, set by parse_layouts().
+  std::uint64_t entries = 0;
 };
 
 // Returns the only symbol of a table, or -1 if it has several.

@@ -239,7 +239,10 @@ void rans_lookup(const RansTable& table, RansLookup& lookup) {
   for (std::uint32_t s = 0; s < 256; ++s) {
     const std::uint32_t f = table.frequency[s];
     const std::uint32_t entry = s << 24 | (f - 1) % kRansTotal << kRansBits;
-    for (std::uint32_t i = 0; i < f && slot < kRansTotal; ++i) lookup[slot++] = entry | i;
+    const std::uint32_t count = std::min(f, kRansTotal - slot);
+    std::uint32_t* const out = lookup.data() + slot;
+    for (std::uint32_t i = 0; i < count; ++i) out[i] = entry | i;
+    slot += count;
   }
 }
 

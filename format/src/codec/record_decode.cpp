@@ -15,8 +15,8 @@ using N = IssueNumber;
 RecordDecoder::RecordDecoder(const SegmentRecord& record, const FileHead& head,
                              std::uint32_t ordinal, Findings& findings)
     : record_(record),
-      set_(record.set(head.layouts)),
-      layout_(record.layout_in(head.layouts)),
+      set_(record.set(*head.layouts)),
+      layout_(record.layout_in(*head.layouts)),
       ordinal_(ordinal),
       n_(head.index.segments[ordinal].base.primitives),
       sh_degree_(head.metadata.sh_degree),

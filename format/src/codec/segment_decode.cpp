@@ -39,7 +39,7 @@ SegmentContext context_of(const SegmentRecords& records, const FileHead& head,
   SegmentContext out;
   out.part_exponent = part_exponent_of(part.end - part.begin);
   out.begin = begin_of(segment.base.level, segment.base.slot, head.chunk_of(segment.part));
-  const Layout& layout = records.base.layout_in(head.layouts);
+  const Layout& layout = records.base.layout_in(*head.layouts);
   if (origin == TimeOrigin::kRecord) out.time_origin = time_origin_of(layout, out.begin);
   out.first_key = records.base.first_key;
   out.shape_bounds = shape_bounds(log_scale_step(layout));

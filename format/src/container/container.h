@@ -11,6 +11,7 @@
 #include "codec/layout.h"
 #include "container/findings.h"
 #include "container/index.h"
+#include "core/shared_value.h"
 #include "stgs/format/byte_source.h"
 #include "stgs/format/scene_file.h"
 
@@ -96,7 +97,7 @@ struct FileHead {
   ReadLimits limits;  // limits of reading it
   FileHeader header;
   FileMetadata metadata;
-  LayoutSet layouts;
+  Shared<LayoutSet> layouts;
   std::optional<Quantisation> quantisation;  // STEP
   std::vector<ErrorBound> error_bounds;      // ERRB
   std::vector<PrivateName> private_names;
@@ -108,10 +109,10 @@ struct FileHead {
   std::vector<LostFragment> lost_fragments;  // content of damaged nodes
   bool closed = true;                        // nothing will be appended
   std::optional<LastFragment> last_fragment;
-  std::uint64_t index_bytes = 0;      // bytes read: the head, and the nodes beyond it
-  std::uint64_t available_bytes = 0;  // length of the source
-  std::vector<std::uint8_t> bytes;    // of the head, or of its copy
-  bool repaired = false;              // they are those of a copy
+  std::uint64_t index_bytes = 0;            // bytes read: the head, and the nodes beyond it
+  std::uint64_t available_bytes = 0;        // length of the source
+  Shared<std::vector<std::uint8_t>> bytes;  // of the head, or of its copy
+  bool repaired = false;                    // they are those of a copy
 
   // Returns whether a record lies within the source (spec 2.4). True for an entry without a record.
   bool has(const IndexEntry& entry) const {
@@ -222,6 +223,10 @@ bool read_head(const ByteSource& source, const ReadLimits& limits, IndexLoading 
 // Loads the index as far as it concerns times of [t0, t1], ticks. Segments are added at the end.
 // Returns false if the source fails or a limit is exceeded; then a part of the index is loaded.
 bool load_index(const ByteSource& source, double t0, double t1, FileHead& head, Findings& findings);
+// Loads more of the index until it has `entries` entries (IndexWalk::entries): what is needed at
+// `ticks` or soonest after it, then what is needed earlier. Otherwise as load_index().
+bool load_ahead(const ByteSource& source, double ticks, std::uint64_t entries, FileHead& head,
+                Findings& findings);
 // Reads what was appended to a growing file since `head` was read. Segments are added at the end.
 // Sets `grown` to whether there is a later fragment. Returns false also if the known last fragment
 // is gone.

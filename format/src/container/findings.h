@@ -15,6 +15,7 @@ namespace stgs {
 
 // Numbers are never reused for another problem.
 enum class IssueNumber : int {
+  kMoreFindings = 99,         // warning: more problems than are listed
   kUnreadable = 100,          // the source failed
   kTooShort = 101,            // fewer bytes than a header
   kMagic = 102,               // not an .stgs file, or damaged by a text-mode transfer
@@ -81,47 +82,47 @@ enum class IssueNumber : int {
 // Collects problems. The first error determines status().
 class Findings {
  public:
+  // At most this many errors are listed, and as many warnings.
+  static constexpr std::size_t kMaxListed = 5000;
+
   template <typename... Args>
   void error(IssueNumber number, std::uint64_t offset, fmt::format_string<Args...> text,
              Args&&... args) {
-    add(number, true, StatusCode::kInvalidFile, offset,
-        fmt::format(text, std::forward<Args>(args)...));
+    fail(number, StatusCode::kInvalidFile, offset,
+         [&] { return fmt::format(text, std::forward<Args>(args)...); });
   }
   template <typename... Args>
   void unsupported(IssueNumber number, std::uint64_t offset, fmt::format_string<Args...> text,
                    Args&&... args) {
-    add(number, true, StatusCode::kUnsupported, offset,
-        fmt::format(text, std::forward<Args>(args)...));
+    fail(number, StatusCode::kUnsupported, offset,
+         [&] { return fmt::format(text, std::forward<Args>(args)...); });
   }
   // Adds an error that a reader can continue after; status() stays ok.
   template <typename... Args>
   void damage(IssueNumber number, std::uint64_t offset, fmt::format_string<Args...> text,
               Args&&... args) {
-    issues_.push_back(
-        {static_cast<int>(number), true, offset, fmt::format(text, std::forward<Args>(args)...)});
+    list(true, number, offset, [&] { return fmt::format(text, std::forward<Args>(args)...); });
   }
   // Adds an error for content that needs a library missing in this build, named in `status`.
   void not_built(IssueNumber number, std::uint64_t offset, const Status& status) {
-    add(number, true, StatusCode::kNotBuilt, offset, status.message());
+    fail(number, StatusCode::kNotBuilt, offset, [&] { return status.message(); });
   }
   template <typename... Args>
   void warning(IssueNumber number, std::uint64_t offset, fmt::format_string<Args...> text,
                Args&&... args) {
-    add(number, false, StatusCode::kOk, offset, fmt::format(text, std::forward<Args>(args)...));
+    list(false, number, offset, [&] { return fmt::format(text, std::forward<Args>(args)...); });
   }
   // Adds the problems of a record that a reader can do without (spec 3.4); status() stays ok.
-  void damage(Findings record) {
-    for (Issue& issue : record.issues_) issues_.push_back(std::move(issue));
-  }
+  void damage(Findings record) { adopt(std::move(record)); }
   // Adds an error of the source.
   void failed_read(std::uint64_t offset, const Status& status) {
-    add(IssueNumber::kUnreadable, true, status.code(), offset, status.message());
+    fail(IssueNumber::kUnreadable, status.code(), offset, [&] { return status.message(); });
   }
   // Adds an error of the source, or of a limit on memory (kUnsupported).
   void failed_search(std::uint64_t offset, const Status& status) {
     const bool limit = status.code() == StatusCode::kUnsupported;
-    add(limit ? IssueNumber::kMemoryLimit : IssueNumber::kUnreadable, true, status.code(), offset,
-        status.message());
+    fail(limit ? IssueNumber::kMemoryLimit : IssueNumber::kUnreadable, status.code(), offset,
+         [&] { return status.message(); });
   }
 
   bool ok() const { return status_.ok(); }
@@ -130,25 +131,51 @@ class Findings {
     if (ok() || status_.message().starts_with(file + ": ")) return status_;  // a failed read
     return {status_.code(), fmt::format("{}: {}", file, status_.message())};
   }
-  // Moves the problems out.
-  std::vector<Issue> take() { return std::move(issues_); }
+  // Moves the problems out. If some were not listed, the last one is a warning that states their
+  // number.
+  std::vector<Issue> take() {
+    if (const std::uint64_t more = std::exchange(omitted_, 0); more > 0) {
+      issues_.push_back({static_cast<int>(IssueNumber::kMoreFindings), false, 0,
+                         fmt::format("{} more problems, which are not listed", more)});
+    }
+    return std::move(issues_);
+  }
   void append(Findings other) {
     if (ok()) status_ = other.status_;
-    for (Issue& issue : other.issues_) issues_.push_back(std::move(issue));
+    adopt(std::move(other));
   }
 
  private:
-  void add(IssueNumber number, bool is_error, StatusCode code, std::uint64_t offset,
-           std::string message) {
-    if (is_error && ok()) {
+  // Returns whether one more problem is listed.
+  bool takes(bool is_error) {
+    if (listed_[is_error] < kMaxListed) return ++listed_[is_error], true;
+    ++omitted_;
+    return false;
+  }
+  // `text` returns the message of a problem that is listed.
+  template <typename Text>
+  void list(bool is_error, IssueNumber number, std::uint64_t offset, const Text& text) {
+    if (takes(is_error)) issues_.push_back({static_cast<int>(number), is_error, offset, text()});
+  }
+  template <typename Text>
+  void fail(IssueNumber number, StatusCode code, std::uint64_t offset, const Text& text) {
+    if (ok()) {
       status_ = {code,
-                 fmt::format("{} (byte {}, issue {})", message, offset, static_cast<int>(number))};
+                 fmt::format("{} (byte {}, issue {})", text(), offset, static_cast<int>(number))};
     }
-    issues_.push_back({static_cast<int>(number), is_error, offset, std::move(message)});
+    list(true, number, offset, text);
+  }
+  void adopt(Findings other) {
+    omitted_ += other.omitted_;
+    for (Issue& issue : other.issues_) {
+      if (takes(issue.error)) issues_.push_back(std::move(issue));
+    }
   }
 
   Status status_;
   std::vector<Issue> issues_;
+  std::size_t listed_[2] = {0, 0};  // warnings, errors
+  std::uint64_t omitted_ = 0;
 };
 
 }  // namespace stgs

@@ -51,7 +51,7 @@ FragmentFinder::FragmentFinder(const ByteSource& source, const FileHead& head,
     : source_(source),
       head_(head),
       search_(search),
-      body_at_(std::max<std::uint64_t>(head.bytes.size(), kHeaderBytes)) {}
+      body_at_(std::max<std::uint64_t>(head.bytes->size(), kHeaderBytes)) {}
 
 // Reads the payload of an intact FRAG record. Reports why it is not valid.
 bool FragmentFinder::parse(std::span<const std::uint8_t> payload, FragmentRecord& fragment,
@@ -64,9 +64,9 @@ bool FragmentFinder::parse(std::span<const std::uint8_t> payload, FragmentRecord
   for (float& v : fragment.bounds_max) v = in.f32();
   fragment.primitives = in.varint();
   const auto copy = in.bytes(in.u32());
-  const bool own = head_.bytes.empty() ? is_usable_copy(copy, true, 0)
-                                       : std::equal(copy.begin(), copy.end(), head_.bytes.begin(),
-                                                    head_.bytes.end());
+  const bool own = head_.bytes->empty() ? is_usable_copy(copy, true, 0)
+                                        : std::equal(copy.begin(), copy.end(), head_.bytes->begin(),
+                                                     head_.bytes->end());
   if (!in.ok() || offset != fragment.offset || !own || offset < copy.size()) {
     findings.error(N::kFragment, fragment.offset, "fragment belongs to another file or place");
     return false;
@@ -111,12 +111,18 @@ Result<FragmentFinder::Found> FragmentFinder::at(std::uint64_t offset,
               tag_text(record.tag), record.length);
     return Found();
   }
+  return read(offset, record, why);
+}
+
+// Returns the record of tag FRAG at `offset` whose header has been read.
+Result<FragmentFinder::Found> FragmentFinder::read(std::uint64_t offset, const RecordHeader& record,
+                                                   Findings& why) {
   const std::uint64_t limit = head_.limits.max_memory;
   if (record.length > limit) {
     return unsupported("index fragment of {} bytes exceeds the memory limit of {} bytes",
                        record.length, limit);
   }
-  bytes.resize(record.length);
+  std::vector<std::uint8_t> bytes(record.length);
   STGS_TRY(source_.read(offset + kRecordHeaderBytes, bytes));
   Findings found;
   const bool is_intact = check_payload(record, bytes, offset + kRecordHeaderBytes, found);
@@ -206,7 +212,7 @@ Result<FragmentSearch::Found> FragmentFinder::search(std::uint64_t low, std::uin
 Result<FragmentSearch::Found> FragmentFinder::examine(std::uint64_t offset,
                                                       const RecordHeader& record) {
   Findings ignored;
-  STGS_ASSIGN(recent_, at(offset, {}, ignored));
+  STGS_ASSIGN(recent_, read(offset, record, ignored));
   if (recent_) return FragmentSearch::Found{offset, recent_->end, recent_->frames};
   search_.in_vain += record.length;
   if (!search_.has_last && !is_foreign_) search_.damaged = offset;

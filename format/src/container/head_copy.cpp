@@ -79,7 +79,7 @@ void check_head_copy(const FileHead& head, std::uint64_t at, std::span<const std
   const std::size_t size = payload.size() - std::min<std::size_t>(payload.size(), kCopyLengthBytes);
   const bool same = ByteReader(payload.subspan(size)).u64() == payload.size() &&
                     std::equal(payload.begin(), payload.begin() + static_cast<std::ptrdiff_t>(size),
-                               head.bytes.begin(), head.bytes.end());
+                               head.bytes->begin(), head.bytes->end());
   if (!same) findings.warning(N::kForeignCopy, at, "head copy does not match this file's head");
 }
 

@@ -7,6 +7,7 @@
 
 #include "container/foreign_content.h"
 #include "container/node.h"
+#include "container/opening.h"
 
 namespace stgs {
 namespace {
@@ -26,7 +27,8 @@ void read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::
   if (tag == kErrorTag) (void)parse_error_bounds(payload, payload_at, out, findings);
   if (tag == kLayoutTag) {
     ByteReader in(payload);
-    (void)parse_layouts(in, payload_at, kMaxTables, kMaxLayouts, limits.max_memory, out.layouts,
+    (void)parse_layouts(in, payload_at, kMaxTables, kMaxLayouts,
+                        std::min(limits.max_memory, opening_limit(out)), out.layouts.edit(),
                         findings);
   }
   if (tag == kIndexTag) (void)parse_index(payload, payload_at, out, findings);
@@ -34,7 +36,7 @@ void read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::
 
 // Reads the records of the head.
 bool walk_head(const ReadLimits& limits, FileHead& out, Findings& findings) {
-  const std::span<const std::uint8_t> head = out.bytes;
+  const std::span<const std::uint8_t> head = *out.bytes;
   std::set<std::uint32_t> have;
   for (std::uint64_t at = kHeaderBytes; at < head.size();) {
     RecordHeader record;
@@ -74,15 +76,6 @@ bool walk_head(const ReadLimits& limits, FileHead& out, Findings& findings) {
 }
 
 }  // namespace
-
-std::string tag_text(std::uint32_t tag) {
-  std::string text;
-  for (int i = 0; i < 4; ++i) {
-    const auto c = static_cast<char>(tag >> (8 * i) & 0xFF);
-    text.push_back(c >= 0x20 && c < 0x7F ? c : '.');
-  }
-  return text;
-}
 
 std::uint64_t floats_per_primitive(int sh_degree) {
   return 17 + 3 * static_cast<std::uint64_t>((sh_degree + 1) * (sh_degree + 1));
@@ -208,83 +201,13 @@ bool parse_header(std::span<const std::uint8_t> bytes, std::uint64_t source_byte
                                         : parse_finished_sizes(source_bytes, header, findings);
 }
 
-bool parse_record_header(std::span<const std::uint8_t> bytes, std::uint64_t offset,
-                         std::uint64_t area_end, RecordHeader& header, Findings& findings) {
-  if (bytes.size() < kRecordHeaderBytes || area_end - offset < kRecordHeaderBytes) {
-    findings.error(N::kRecordHeader, offset, "truncated record header");
-    return false;
-  }
-  ByteReader in(bytes);
-  header.tag = in.u32();
-  header.flags = in.u32();
-  header.length = in.u64();
-  header.checksum = in.u32();
-  if (in.u32() != checksum(bytes.first(kRecordHeaderBytes - 4))) {
-    findings.error(N::kRecordHeader, offset, "header of record '{}' is damaged (checksum mismatch)",
-                   tag_text(header.tag));
-    return false;
-  }
-  if (header.length > area_end - offset - kRecordHeaderBytes) {
-    findings.error(N::kRecordLength, offset, "record '{}' of {} bytes extends past byte {}",
-                   tag_text(header.tag), header.length, area_end);
-    return false;
-  }
-  return true;
-}
-
-Result<std::optional<RecordHeader>> complete_record_at(const ByteSource& source,
-                                                       std::uint64_t offset, std::uint64_t end) {
-  std::optional<RecordHeader> none;
-  if (offset > end || end - offset < kRecordHeaderBytes) return none;
-  std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
-  STGS_TRY(source.read(offset, bytes));
-  Findings ignored;
-  RecordHeader header;
-  if (!parse_record_header(bytes, offset, end, header, ignored)) return none;
-  return std::optional(header);
-}
-
-namespace {
-
-// Returns whether records with this tag must be marked critical (spec 3.3).
-bool is_critical(std::uint32_t tag) {
-  return tag == kMetadataTag || tag == kLayoutTag || tag == kIndexTag || tag == kPageTag ||
-         tag == kFragmentTag || tag == kSegmentTag;
-}
-
-}  // namespace
-
-bool check_flags(const RecordHeader& header, bool known_tag, std::uint64_t offset,
-                 Findings& findings) {  // spec 3.3, 3.4
-  if (known_tag && header.flags == kCritical) return true;
-  if ((header.flags & kCritical) != 0) {
-    findings.unsupported(N::kUnknownCritical, offset,
-                         "unknown critical record '{}' (flags {:#x}); a later version is needed",
-                         tag_text(header.tag), header.flags);
-  } else if (known_tag || is_critical(header.tag)) {
-    findings.error(N::kNotCritical, offset, "record '{}' is not marked critical",
-                   tag_text(header.tag));
-  }
-  return false;
-}
-
-bool check_payload(const RecordHeader& header, std::span<const std::uint8_t> payload,
-                   std::uint64_t offset, Findings& findings) {
-  if (checksum(payload) == header.checksum) return true;
-  findings.error(N::kRecordChecksum, offset,
-                 "record '{}' is damaged (checksum mismatch over {} bytes)", tag_text(header.tag),
-                 payload.size());
-  return false;
-}
-
 namespace {
 
 // Reports a truncated file whose head is complete: the segments up to its end are available (spec
 // 2.4).
 void report_truncation(const FileHead& head, Findings& findings) {
-  const std::vector<SegmentEntry>& segments = head.index.segments;
   std::size_t missing = 0, without_sh = 0;
-  for (const SegmentEntry& segment : segments) {
+  for (const SegmentEntry& segment : head.index.segments) {
     missing += head.has(segment.base) ? 0 : 1;
     without_sh += head.has(segment.base) && !head.has(segment.sh) ? 1 : 0;
   }
@@ -292,21 +215,23 @@ void report_truncation(const FileHead& head, Findings& findings) {
       N::kFileSize, 16,
       "the file is truncated (expected {} bytes, got {}): {} of {} tiers of segments missing, {} "
       "without their SH; copy or download it again",
-      head.header.file_bytes, head.available_bytes, missing, segments.size(), without_sh);
+      head.header.file_bytes, head.available_bytes, missing, head.index.segments.size(),
+      without_sh);
 }
 
 // Reads the head that the header states.
 bool read_stated_head(const ByteSource& source, const ReadLimits& limits, FileHead& head,
                       Findings& findings) {
-  if (!parse_header(head.bytes, source.size(), head.header, findings)) return false;
+  if (!parse_header(*head.bytes, source.size(), head.header, findings)) return false;
   if (head.header.head_bytes > limits.max_memory) {
     findings.unsupported(N::kMemoryLimit, 24,
                          "head of {} bytes exceeds the memory limit of {} bytes",
                          head.header.head_bytes, limits.max_memory);
     return false;
   }
-  head.bytes.resize(head.header.head_bytes);
-  const Status status = source.read(0, head.bytes);
+  std::vector<std::uint8_t>& bytes = head.bytes.edit();
+  bytes.resize(head.header.head_bytes);
+  const Status status = source.read(0, bytes);
   if (!status.ok()) findings.failed_read(0, status);
   return status.ok();
 }
@@ -321,22 +246,23 @@ bool is_damage(const Findings& found) {
 // Reads the bytes of the head or, if they are damaged, those of an intact copy.
 bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead& head,
                     Findings& findings) {
-  head.bytes.resize(std::min<std::uint64_t>(kHeaderBytes, source.size()));
-  if (Status status = source.read(0, head.bytes); !status.ok()) {
+  std::vector<std::uint8_t>& bytes = head.bytes.edit();
+  bytes.resize(std::min<std::uint64_t>(kHeaderBytes, source.size()));
+  if (Status status = source.read(0, bytes); !status.ok()) {
     findings.failed_read(0, status);
     return false;
   }
-  const std::vector<std::uint8_t> first = head.bytes;
+  const std::vector<std::uint8_t> first = bytes;
   if (first.size() == kHeaderBytes &&
       !std::equal(kMagic.begin(), kMagic.end(), first.begin())) {  // for the message
-    head.bytes.resize(std::min<std::uint64_t>(kForeignBytes, source.size()));
-    if (!source.read(0, head.bytes).ok()) head.bytes = first;
+    bytes.resize(std::min<std::uint64_t>(kForeignBytes, source.size()));
+    if (!source.read(0, bytes).ok()) bytes = first;
   }
   Findings found;
   const bool read = read_stated_head(source, limits, head, found);
   Findings damage;
   Result<std::optional<HeadCopy>> copy = std::optional<HeadCopy>();
-  if (read ? !is_intact_head(head.bytes, HeadDamage::kAny, damage) : is_damage(found))
+  if (read ? !is_intact_head(bytes, HeadDamage::kAny, damage) : is_damage(found))
     copy = find_head_copy(source, limits);
   if (!copy.ok()) {
     findings.failed_search(0, copy.status());
@@ -344,7 +270,7 @@ bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead
   }
   if (!*copy) {  // the caller reports the damage
     findings.append(std::move(found));
-    return read && is_intact_head(head.bytes, HeadDamage::kUnusable, findings);
+    return read && is_intact_head(bytes, HeadDamage::kUnusable, findings);
   }
   if ((*copy)->head.empty()) {
     findings.unsupported(N::kMemoryLimit, (*copy)->offset,
@@ -357,9 +283,9 @@ bool read_or_repair(const ByteSource& source, const ReadLimits& limits, FileHead
       "head is damaged and was read from its copy at byte {} (issue {}: {}); copy or download the "
       "file again, or repair it with 'stgs finalize'",
       (*copy)->offset, why.number, why.message);
-  head.bytes = std::move((*copy)->head);
+  bytes = std::move((*copy)->head);
   head.repaired = true;
-  return parse_header(head.bytes, source.size(), head.header, findings);
+  return parse_header(bytes, source.size(), head.header, findings);
 }
 
 // Sorts a completely loaded index.
@@ -377,8 +303,8 @@ bool read_head(const ByteSource& source, const ReadLimits& limits, IndexLoading 
   head.limits = limits;
   head.available_bytes = source.size();
   if (!read_or_repair(source, limits, head, findings)) return false;
-  if (!walk_head(limits, head, findings)) return false;
   head.index_bytes = head.header.head_bytes;
+  if (!walk_head(limits, head, findings)) return false;
   if (head.growing()) {
     head.closed = false;
     bool grown = false;

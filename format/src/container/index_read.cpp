@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "container/node.h"
+#include "container/opening.h"
 #include "container/segment_keys.h"
 
 namespace stgs {
@@ -13,6 +14,8 @@ namespace {
 using N = IssueNumber;
 
 constexpr std::uint64_t kMaxTotals = 1024;  // spec 5.1
+// Bytes charged between checks of the limit on opening.
+constexpr std::uint64_t kCheckedBytes = 64 << 10;
 
 class NodeReader {
  public:
@@ -30,7 +33,7 @@ class NodeReader {
       link.copy = in_.varint();
       link.bytes = in_.varint();
       if (!in_.ok()) break;
-      if (!check_link(link, at) || !take_entry(at)) return false;
+      if (!check_link(link, at) || !take_entry(at) || !charge(kOpeningLink, at)) return false;
       links.push_back(link);
     }
     return in_.ok() || cut_off();
@@ -85,8 +88,17 @@ class NodeReader {
     return false;
   }
 
+  // Charges bytes of this node to the limit on opening.
+  bool charge(std::uint64_t bytes, std::uint64_t at) {
+    opening_ += bytes;
+    if (opening_ - checked_ < kCheckedBytes) return true;
+    checked_ = opening_;
+    return fits_opening(head_, opening_, at, findings_);
+  }
+
   bool read_run(IndexRun& run) {  // spec 5.3
     const std::uint64_t at = here();
+    if (!charge(kOpeningRun, at)) return false;
     const std::uint64_t number = in_.varint();
     PartEntry& part = run.part;
     part.begin = in_.f64();
@@ -144,7 +156,7 @@ class NodeReader {
     const std::uint64_t at = here();
     const std::uint64_t place = in_.varint(), shape = in_.varint();
     if (!in_.ok()) return cut_off();
-    if (!take_entry(at)) return false;
+    if (!take_entry(at) || !charge(kOpeningSegment, at)) return false;
     IndexEntry base;
     const double chunk = run.part.chunk_ticks, length = run.part.end - run.part.begin;
     if (!keys_.decode(place, base) || !(begin_of(base.level, base.slot, chunk) < length)) {
@@ -170,7 +182,7 @@ class NodeReader {
     for (std::uint64_t t = 0; t < tiers; ++t) {
       base.layer = layer_of(Content::kPrimitives, static_cast<int>(t));
       if (!take_primitives(base, at) || !take_record(base, at) || !enough_bytes(base, at) ||
-          !take_entry(at)) {
+          !take_entry(at) || !charge(kOpeningTier, at)) {
         return false;
       }
       run.segments.push_back({base, {}, 0, run.count - 1});
@@ -203,7 +215,7 @@ class NodeReader {
       entry.layer = static_cast<std::uint16_t>(layer);
       last = layer;
       entry.primitives = 0;
-      if (!take_record(entry, at) || !take_entry(at)) return false;
+      if (!take_record(entry, at) || !take_entry(at) || !charge(kOpeningFurther, at)) return false;
       run.further.push_back({entry, 0, run.count - 1});
     }
     return true;
@@ -235,7 +247,8 @@ class NodeReader {
   const FileHead& head_;
   Findings& findings_;
   std::uint64_t entries_ = 0;
-  std::uint64_t at_ = 0;  // offset of the next record of the run
+  std::uint64_t opening_ = 0, checked_ = 0;  // bytes charged; those when they were last checked
+  std::uint64_t at_ = 0;                     // offset of the next record of the run
   SegmentKeyCoder keys_;
   std::optional<IndexEntry> last_;  // place of the previous segment of the run
 };

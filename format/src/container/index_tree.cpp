@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "container/node.h"
+#include "container/opening.h"
 
 namespace stgs {
 namespace {
@@ -23,20 +24,10 @@ bool take_entries(std::uint64_t count, std::uint64_t at, FileHead& head, Finding
   head.walk.entries += count;
   const std::uint64_t limit = head.limits.max_memory;
   if (head.walk.entries <= kFreeEntries || head.walk.entries - kFreeEntries <= limit / kEntryMemory)
-    return true;
+    return fits_opening(head, 0, at, findings);
   findings.unsupported(N::kMemoryLimit, at, "index: {} entries exceed the memory limit of {} bytes",
                        head.walk.entries, limit);
   return false;
-}
-
-// Adds the earlier links of a fragment (spec 9.3, 9.5) once.
-bool add_earlier(const FragmentRecord& fragment, int depth, Position next, FileHead& head,
-                 Findings& findings) {
-  if (!head.walk.used_earlier.insert(fragment.offset).second) return true;
-  add_links(fragment.earlier, depth, next, head);
-  head.walk.earlier.insert(head.walk.earlier.end(), fragment.earlier.begin(),
-                           fragment.earlier.end());
-  return take_entries(fragment.earlier.size(), fragment.offset, head, findings);
 }
 
 // Returns the index of a part, which is added if it is new.
@@ -45,6 +36,12 @@ std::uint32_t take_part(const PartEntry& part, FileHead& head) {
       head.walk.parts.try_emplace(part, static_cast<std::uint32_t>(head.parts.size()));
   if (is_new) head.parts.push_back(part);
   return found->second;
+}
+
+// Reserves room for `more` segments. A list grows by half, or exactly if that is more.
+void make_room(std::size_t more, std::vector<SegmentEntry>& segments) {
+  const std::size_t size = segments.size() + more;
+  if (size > segments.capacity()) segments.reserve(std::max(size, segments.size() * 3 / 2));
 }
 
 // Returns whether a record lies within the bytes that are there.
@@ -66,20 +63,6 @@ bool take_complete(std::uint64_t at, std::uint64_t payload, FileHead& head, Find
   return fits(head.walk.complete_bytes, "nodes", at, head, findings);
 }
 
-// Counts the bytes of a node (conformance 1.5).
-bool take_node(std::uint64_t at, std::uint64_t payload, FileHead& head, Findings& findings) {
-  IndexWalk& walk = head.walk;
-  const std::uint64_t bytes = kRecordHeaderBytes + payload;
-  walk.bytes += payload;
-  head.index_bytes += bytes;
-  if (walk.bytes > head.limits.max_memory) {
-    findings.unsupported(N::kMemoryLimit, at, "index exceeds the memory limit of {} bytes",
-                         head.limits.max_memory);
-    return false;
-  }
-  return take_complete(at, is_complete(at, bytes, head) ? payload : 0, head, findings);
-}
-
 // Counts the payloads of records that a node lists (conformance 1.5).
 bool take_records(const IndexNode& node, std::uint64_t at, FileHead& head, Findings& findings) {
   std::uint64_t& sum = head.walk.record_bytes;
@@ -97,14 +80,6 @@ bool take_records(const IndexNode& node, std::uint64_t at, FileHead& head, Findi
   return fits(sum, "records", at, head, findings);
 }
 
-bool check_fragment_flags(const FragmentRecord& fragment, Findings& findings) {
-  const std::uint32_t unknown = fragment.flags & kCriticalFragmentFlags & ~kFragmentClosed;
-  if (unknown == 0) return true;
-  findings.unsupported(N::kUnknownCritical, fragment.offset,
-                       "fragment has unknown critical flags {:#x}", unknown);
-  return false;
-}
-
 // Loads nodes beyond the root.
 class Loader {
  public:
@@ -117,18 +92,12 @@ class Loader {
   // Loads the nodes with segments that are needed at times of [t0, t1].
   bool load(double t0, double t1) {
     IndexWalk::Links& pending = head_.walk.pending;
-    for (auto next = pending.begin(); next != pending.end();) {
-      const auto [link, depth] = *next;
+    for (Position next = pending.begin(); next != pending.end();) {
+      const NodeLink& link = next->link;
       if (head_.walk.followed.count(link.offset) != 0) {
         next = pending.erase(next);
       } else if (link.needed.begin <= t1 && t0 <= link.needed.end) {
-        head_.walk.followed.insert(link.offset);
-        const bool is_first = next == pending.begin();
-        next = pending.erase(next);
-        const auto before = is_first ? next : std::prev(next);
-        next_ = next;
-        if (!follow(link, depth)) return false;
-        next = is_first ? pending.begin() : std::next(before);  // following adds links
+        if (!take(next)) return false;
       } else {
         ++next;
       }
@@ -136,15 +105,48 @@ class Loader {
     return true;
   }
 
+  // Loads nodes until the index has `entries` entries: those that are needed at `ticks` or soonest
+  // after it, and then earlier ones.
+  bool load_ahead(double ticks, std::uint64_t entries) {
+    IndexWalk::Links& pending = head_.walk.pending;
+    std::vector<Position> order;
+    for (auto link = pending.begin(); link != pending.end(); ++link) order.push_back(link);
+    std::stable_sort(order.begin(), order.end(), [=](Position a, Position b) {
+      const TickRange &x = a->link.needed, &y = b->link.needed;
+      const bool is_past = x.end < ticks;
+      if (is_past != (y.end < ticks)) return !is_past;
+      return is_past ? x.end > y.end : x.begin < y.begin;
+    });
+    for (Position at : order) {
+      if (head_.walk.entries >= entries) break;
+      if (head_.walk.followed.count(at->link.offset) != 0) continue;
+      if (!take(at)) return false;
+    }
+    return true;
+  }
+
  private:
+  // Follows a pending link and removes it. Returns in `at` the first link that it adds, or the one
+  // after it.
+  bool take(Position& at) {
+    IndexWalk::Links& pending = head_.walk.pending;
+    const auto [link, depth] = *at;
+    head_.walk.followed.insert(link.offset);
+    const bool is_first = at == pending.begin();
+    next_ = pending.erase(at);
+    const Position before = is_first ? next_ : std::prev(next_);
+    if (!follow(link, depth)) return false;
+    at = is_first ? pending.begin() : std::next(before);
+    return true;
+  }
+
   bool follow(const NodeLink& link, int depth) {
     if (depth <= kMaxLinkDepth) {
       if (!take_node(link.offset, link.bytes, head_, findings_)) return false;
       return head_.growing() ? follow_fragment(link, depth) : follow_page(link, depth);
     }
-    Findings why;
-    why.error(N::kLink, link.offset, "more than {} links follow each other", kMaxLinkDepth);
-    lose(link, lost_by(link), N::kLink, std::move(why));
+    lose(link, lost_by(link), N::kLink,
+         fmt::format("more than {} links follow each other", kMaxLinkDepth));
     return true;
   }
 
@@ -153,14 +155,21 @@ class Loader {
   }
 
   // Reports content that only a damaged node lists.
-  void lose(const NodeLink& link, const LostFragment& lost, N number, Findings why) {
+  void lose(const NodeLink& link, const LostFragment& lost, N number, std::string_view why) {
     findings_.damage(number, link.offset, "index is damaged: {}; content listed only there is lost",
-                     why.take().front().message);
+                     why);
     head_.lost_fragments.push_back(lost);
     head_.walk.lost.push_back({link.offset, static_cast<int>(number)});
   }
 
   bool follow_page(const NodeLink& link, int depth) {
+    const auto is_there = [&](std::uint64_t at) {
+      return is_complete(at, kRecordHeaderBytes + link.bytes, head_);
+    };
+    if (!is_there(link.offset) && (link.copy == 0 || !is_there(link.copy))) {
+      lose(link, lost_by(link), N::kFileSize, kTruncated);
+      return true;
+    }
     std::vector<std::uint8_t> page;
     Findings why, ignored;
     if (!read_page(link, link.offset, page, why) && !is_fatal(why) && link.copy != 0 &&
@@ -174,7 +183,8 @@ class Loader {
     const std::uint64_t payload = link.offset + kRecordHeaderBytes;
     IndexNode node;
     if (why.ok()) {
-      ByteReader in(page);
+      const std::span<const std::uint8_t> payload_bytes = page;
+      ByteReader in(payload_bytes.subspan(kRecordHeaderBytes));
       const NodePlace place = {link.offset, payload, head_.header.head_bytes,
                                head_.header.file_bytes};
       parse_node(in, place, head_, node, why);
@@ -182,8 +192,8 @@ class Loader {
     if (is_fatal(ignored)) return findings_.append(std::move(ignored)), false;
     if (is_fatal(why)) return findings_.append(std::move(why)), false;
     if (why.ok()) return add_node(node, link.offset, depth, next_, head_, findings_);
-    const int number = Findings(why).take().front().number;
-    lose(link, lost_by(link), static_cast<N>(number), std::move(why));
+    const Issue reason = why.take().front();
+    lose(link, lost_by(link), static_cast<N>(reason.number), reason.message);
     return true;
   }
 
@@ -192,19 +202,19 @@ class Loader {
     return !findings.ok() && findings.status({}).code() != StatusCode::kInvalidFile;
   }
 
-  // Reads the payload of the PAGE record at `at`, which is that of the link or its copy.
+  // Reads the PAGE record at `at`, which is that of the link or its copy.
   bool read_page(const NodeLink& link, std::uint64_t at, std::vector<std::uint8_t>& page,
                  Findings& why) const {
     const std::uint64_t payload = at + kRecordHeaderBytes;
     const auto is_available = [&](std::uint64_t end) {
-      if (end > head_.available_bytes)
-        why.error(N::kFileSize, at, "the file is truncated within a node of the index");
+      if (end > head_.available_bytes) why.error(N::kFileSize, at, "{}", kTruncated);
       return end <= head_.available_bytes;
     };
-    std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
+    if (!is_available(payload + link.bytes)) return false;
+    page.resize(kRecordHeaderBytes + link.bytes);
     RecordHeader record;
-    if (!is_available(payload + link.bytes) || !read(at, bytes, why) ||
-        !parse_record_header(bytes, at, head_.header.file_bytes, record, why)) {
+    if (!read(at, page, why) ||
+        !parse_record_header(page, at, head_.header.file_bytes, record, why)) {
       return false;
     }
     if (record.tag != kPageTag || record.flags != kCritical || record.length != link.bytes) {
@@ -212,12 +222,10 @@ class Loader {
                 tag_text(record.tag), record.length, link.bytes);
       return false;
     }
-    page.resize(link.bytes);
-    return read(payload, page, why) && check_payload(record, page, payload, why);
+    return check_payload(record, std::span(page).subspan(kRecordHeaderBytes), payload, why);
   }
 
   bool read(std::uint64_t at, std::span<std::uint8_t> bytes, Findings& why) const {
-    if (bytes.empty()) return true;
     const Status status = source_.read(at, bytes);
     if (!status.ok()) why.failed_read(at, status);
     return status.ok();
@@ -237,7 +245,7 @@ class Loader {
       lost.offset = before->end;
     }
     lost.bytes = link.offset - std::min(lost.offset, link.offset);
-    lose(link, lost, N::kFragment, std::move(why));
+    lose(link, lost, N::kFragment, why.take().front().message);
     return before->offset == 0 || follow_instead(link, before->offset, depth);
   }
 
@@ -266,6 +274,8 @@ class Loader {
     return add_earlier(fragment, depth + 1, next_, head_, findings_);
   }
 
+  static constexpr const char* kTruncated = "the file is truncated within a node of the index";
+
   const ByteSource& source_;
   FileHead& head_;
   Findings& findings_;
@@ -273,70 +283,30 @@ class Loader {
   Position next_;  // the link after the one that is followed
 };
 
-// Takes frames, bounds and counts from the last FRAG record, and adds its node.
-bool add_last(FragmentRecord& fragment, FileHead& head, Findings& findings) {
-  if (!check_fragment_flags(fragment, findings)) return false;
-  head.header.file_bytes = fragment.end;
-  head.closed = (fragment.flags & kFragmentClosed) != 0;
-  SceneMetadata& scene = head.metadata.scene;
-  scene.frames = fragment.frames;
-  std::copy_n(fragment.bounds_min, 3, scene.bounds_min);
-  std::copy_n(fragment.bounds_max, 3, scene.bounds_max);
-  head.index.primitives = fragment.primitives;
-  if (fragment.primitives > head.limits.max_primitives) {
-    findings.unsupported(N::kPrimitiveLimit, fragment.offset,
-                         "index: {} primitives exceed the limit of {}", fragment.primitives,
-                         head.limits.max_primitives);
-    return false;
-  }
-  const std::uint64_t bytes = fragment.end - fragment.offset;
-  head.walk.followed.insert(fragment.offset);
-  const Position next = head.walk.pending.begin();
-  if (!take_node(fragment.offset, bytes - kRecordHeaderBytes, head, findings) ||
-      !add_node(fragment.node, fragment.offset, 0, next, head, findings) ||
-      !add_earlier(fragment, 1, next, head, findings)) {
-    return false;
-  }
-  head.last_fragment = LastFragment{fragment.offset,
-                                    bytes,
-                                    fragment.checksum,
-                                    fragment.frames,
-                                    std::move(fragment.earlier),
-                                    needed_of(fragment.node)};
-  return true;
-}
-
-// Reports a damaged FRAG record after the last valid one, once (spec 9.4).
-void report_damaged(const std::optional<FragmentRecord>& last, FileHead& head, Findings& findings) {
-  const std::uint64_t at = head.walk.search.damaged;
-  if (at == 0 || at == head.walk.damaged) return;
-  head.walk.damaged = at;
-  findings.damage(N::kFragment, at,
-                  "a fragment is damaged; content that was added from it on is lost");
-  const double begin = last ? last->frames : 0.0;
-  const std::uint64_t from = last ? last->end : head.header.head_bytes;
-  head.lost_fragments.push_back({{begin, std::max(begin, double{head.metadata.scene.frames})},
-                                 from,
-                                 head.available_bytes - from});
-}
-
-// Returns whether the known last fragment is still there.
-bool is_continued(const ByteSource& source, const FileHead& head, Findings& findings) {
-  if (!head.last_fragment) return true;
-  const LastFragment& known = *head.last_fragment;
-  const auto record = complete_record_at(source, known.offset, source.size());
-  if (!record.ok()) {
-    findings.failed_read(known.offset, record.status());
-    return false;
-  }
-  const bool same = *record && (*record)->tag == kFragmentTag &&
-                    (*record)->checksum == known.checksum &&
-                    (*record)->length == known.bytes - kRecordHeaderBytes;
-  if (!same) findings.error(N::kFragment, known.offset, "another recording has taken its place");
-  return same;
-}
-
 }  // namespace
+
+bool take_node(std::uint64_t at, std::uint64_t payload, FileHead& head, Findings& findings) {
+  IndexWalk& walk = head.walk;
+  const std::uint64_t bytes = kRecordHeaderBytes + payload;
+  walk.bytes += payload;
+  head.index_bytes += bytes;
+  if (walk.bytes > head.limits.max_memory) {
+    findings.unsupported(N::kMemoryLimit, at, "index exceeds the memory limit of {} bytes",
+                         head.limits.max_memory);
+    return false;
+  }
+  return take_complete(at, is_complete(at, bytes, head) ? payload : 0, head, findings);
+}
+
+bool add_earlier(const FragmentRecord& fragment, int depth, Position next, FileHead& head,
+                 Findings& findings) {
+  if (!head.walk.used_earlier.insert(fragment.offset).second) return true;
+  add_links(fragment.earlier, depth, next, head);
+  head.walk.earlier.insert(head.walk.earlier.end(), fragment.earlier.begin(),
+                           fragment.earlier.end());
+  head.walk.opening_bytes += kOpeningLink * fragment.earlier.size();
+  return take_entries(fragment.earlier.size(), fragment.offset, head, findings);
+}
 
 bool add_node(const IndexNode& node, std::uint64_t record, int depth, Position next, FileHead& head,
               Findings& findings) {
@@ -344,6 +314,7 @@ bool add_node(const IndexNode& node, std::uint64_t record, int depth, Position n
   std::uint64_t entries = node.links.size();
   for (const IndexRun& run : node.runs) {
     const std::uint32_t part = take_part(run.part, head), first = head.walk.segments;
+    make_room(run.segments.size(), head.index.segments);
     for (const SegmentEntry& segment : run.segments) {
       head.listed_primitives += segment.base.primitives;
       head.index.segments.push_back({segment.base, segment.sh, part, first + segment.number});
@@ -354,7 +325,10 @@ bool add_node(const IndexNode& node, std::uint64_t record, int depth, Position n
     head.walk.segments += run.count;
     entries += run.count + run.segments.size() + run.further.size();
   }
-  head.walk.nodes[record] = {node.links, needed_in(node.runs, head.metadata.scene.frames)};
+  if (head.walk.keeps_nodes) {
+    head.walk.nodes[record] = {node.links, needed_in(node.runs, head.metadata.scene.frames)};
+  }
+  head.walk.opening_bytes += opening_bytes(node);
   if (!take_entries(entries, record, head, findings)) return false;
   if (head.listed_primitives <= head.limits.max_primitives)
     return take_records(node, record, head, findings);
@@ -368,29 +342,9 @@ bool load_index(const ByteSource& source, double t0, double t1, FileHead& head,
   return Loader(source, head, findings).load(t0, t1);
 }
 
-bool read_growth(const ByteSource& source, FileHead& head, bool& grown, Findings& findings) {
-  grown = false;
-  head.available_bytes = source.size();
-  head.walk.search = {};  // records that were cut off may be complete now
-  Result<std::optional<FragmentRecord>> last =
-      FragmentFinder(source, head, head.walk.search).last();
-  if (!last.ok()) {
-    findings.failed_search(head.header.head_bytes, last.status());
-    return false;
-  }
-  report_damaged(*last, head, findings);
-  grown = *last && (!head.last_fragment || (*last)->offset > head.last_fragment->offset);
-  if (grown && (!is_continued(source, head, findings) || !add_last(**last, head, findings)))
-    return false;
-  if (!head.last_fragment) head.header.file_bytes = head.header.head_bytes;  // nothing is complete
-  if (head.closed && source.size() > head.header.file_bytes) {
-    findings.damage(N::kFileSize, head.header.file_bytes,
-                    "extra bytes after the end of the file (expected {} bytes, got {}); copy or "
-                    "download it again",
-                    head.header.file_bytes, source.size());
-  }
-  if (grown) check_window(head.metadata.scene, findings);
-  return true;
+bool load_ahead(const ByteSource& source, double ticks, std::uint64_t entries, FileHead& head,
+                Findings& findings) {
+  return Loader(source, head, findings).load_ahead(ticks, entries);
 }
 
 }  // namespace stgs

@@ -40,6 +40,9 @@ bool parse_links(ByteReader& in, const NodePlace& place, const FileHead& head,
 // exceeded.
 bool add_node(const IndexNode& node, std::uint64_t record, int depth,
               IndexWalk::Links::const_iterator next, FileHead& head, Findings& findings);
+// Counts the bytes of a node at `at` (conformance 1.5). Returns false if the caller's limits are
+// exceeded.
+bool take_node(std::uint64_t at, std::uint64_t payload, FileHead& head, Findings& findings);
 // Reads the payload of INDX.
 bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset, FileHead& head,
                  Findings& findings);
@@ -58,6 +61,10 @@ struct FragmentRecord {
 inline constexpr std::uint32_t kFragmentClosed = 1;  // fragment flag, spec 9.2
 inline constexpr std::uint32_t kCriticalFragmentFlags = 0xFFFF;
 
+// Adds the earlier links of a fragment (spec 9.3, 9.5), once, as pending ones before `next`.
+// `depth`: number of links that lead to them. Returns false if the caller's limits are exceeded.
+bool add_earlier(const FragmentRecord& fragment, int depth, IndexWalk::Links::const_iterator next,
+                 FileHead& head, Findings& findings);
 // Returns a FRAG record.
 std::vector<std::uint8_t> write_fragment(const FragmentRecord& fragment);
 
@@ -80,6 +87,7 @@ class FragmentFinder {
   Result<FragmentSearch::Found> last_before(std::uint64_t end);
 
  private:
+  Result<Found> read(std::uint64_t offset, const RecordHeader& record, Findings& why);
   bool parse(std::span<const std::uint8_t> payload, FragmentRecord& fragment,
              Findings& findings) const;
   Status check_own_offset(std::uint64_t offset);

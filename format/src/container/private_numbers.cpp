@@ -95,7 +95,7 @@ void check_private_numbers(const FileHead& head, Findings& findings) {
   if (head.metadata.profile_number >= kFirstPrivateNumber) {
     need_names(PrivateKind::kProfile, {head.metadata.profile_number}, kHeaderBytes, head, findings);
   }
-  check_private_layouts(head.layouts, kHeaderBytes, head, findings);
+  check_private_layouts(*head.layouts, kHeaderBytes, head, findings);
   std::map<std::uint16_t, std::uint64_t> contents;  // and the first record of each
   for (const FurtherEntry& further : head.index.further) {
     const auto content = static_cast<std::uint16_t>(content_of(further.entry.layer));

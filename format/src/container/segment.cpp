@@ -178,7 +178,7 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
     memory += record.own.tables.size() * kTableMemory;
     record.layout = 0;
   }
-  const std::vector<Layout>& layouts = record.set(head.layouts).layouts;
+  const std::vector<Layout>& layouts = record.set(*head.layouts).layouts;
   if (record.layout >= layouts.size() || (record.has_own && layouts.size() != 1)) {
     findings.error(N::kLayouts, record.payload_at,
                    "segment {}: invalid layout number {} (there are {} layouts)", ordinal,
@@ -204,7 +204,7 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
     return false;
   }
   if (read_units(in, layout, head.metadata.sh_degree, expected.primitives, record)) {
-    return take_memory(plane_memory(record, record.set(head.layouts), expected.primitives), head,
+    return take_memory(plane_memory(record, record.set(*head.layouts), expected.primitives), head,
                        ordinal, record.payload_at, memory, findings);
   }
   return cut_off(record, ordinal, payload.size(), findings);
@@ -269,7 +269,7 @@ bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t 
       !read_record(source, head, ordinal, segment.base, records.base, records.memory, findings)) {
     return false;
   }
-  const bool partial = is_partial(records.base.layout_in(head.layouts), head.metadata.sh_degree);
+  const bool partial = is_partial(records.base.layout_in(*head.layouts), head.metadata.sh_degree);
   const bool own = segment.sh.bytes > 0;
   if (partial != own) {
     findings.error(N::kStreamMissing, segment.base.offset, "segment {}: SH above degree 0 are {}",

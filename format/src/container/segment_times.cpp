@@ -10,12 +10,21 @@ namespace stgs {
 
 SegmentTimes::SegmentTimes(const std::vector<SegmentInfo>& segments, double frames)
     : frames_(frames) {
-  std::map<int, Group> groups;  // by the power of two of their length
+  // By the power of two of their length.
+  const auto power_of = [](const SegmentInfo& segment) {
+    return std::ilogb(segment.end_ticks - segment.begin_ticks);
+  };
+  std::map<int, std::size_t> counts;
+  for (const SegmentInfo& segment : segments) {
+    if (segment.is_needed()) ++counts[power_of(segment)];
+  }
+  std::map<int, Group> groups;
+  for (const auto& [power, count] : counts) groups[power].by_begin.reserve(count);
   for (std::uint32_t i = 0; i < segments.size(); ++i) {
     const SegmentInfo& segment = segments[i];
     if (!segment.is_needed()) continue;
     const double length = segment.end_ticks - segment.begin_ticks;
-    Group& group = groups[std::ilogb(length)];
+    Group& group = groups[power_of(segment)];
     group.longest = std::max(group.longest, length);
     group.by_begin.push_back({segment.begin_ticks, segment.end_ticks, segment.needed_at_end, i});
   }

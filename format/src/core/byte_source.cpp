@@ -9,6 +9,7 @@
 #include <atomic>
 #include <cerrno>
 
+#include "os/regular_file.h"
 #include "stgs/format/text.h"
 
 namespace stgs {
@@ -127,22 +128,15 @@ Status check_range(const std::string& name, std::uint64_t size, std::uint64_t of
 }
 
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path) {
-  // O_NONBLOCK: opening a pipe would wait for a writer. It has no effect on files.
-  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
-  if (fd < 0) {
-    return io_error("{}: cannot open: {}", path, file_problem(errno));
-  }
-  return descriptor_source(fd, path);
+  STGS_ASSIGN(const int descriptor, os::open_regular(path));
+  return descriptor_source(descriptor, path);
 }
 
 Result<std::unique_ptr<ByteSource>> descriptor_source(int fd, const std::string& path) {
   Descriptor ours{fd};
   struct stat info {};  // of no type if it cannot be read
   (void)::fstat(fd, &info);
-  if (S_ISDIR(info.st_mode)) {
-    return io_error("{}: this is a folder; name a file in it", path);
-  }
-  if (!S_ISREG(info.st_mode)) return io_error("{}: not a regular file", path);
+  STGS_TRY(os::check_regular(fd, path));
   auto source = std::make_unique<FileSource>(fd, info, path);
   ours.fd = -1;
   return std::unique_ptr<ByteSource>(std::move(source));

@@ -53,7 +53,7 @@ Status rename_over(const std::string& from, const std::string& to) {
 }
 
 OutputFile::~OutputFile() {
-  if (device_ >= 0 && !borrowed_) ::close(device_);
+  if (device_ >= 0) ::close(device_);
 }
 
 Status OutputFile::open(const std::string& path) {
@@ -69,12 +69,6 @@ Status OutputFile::open(const std::string& path) {
   return {};
 }
 
-void OutputFile::borrow(int descriptor, const std::string& name) {
-  path_ = name;
-  device_ = descriptor;
-  borrowed_ = true;
-}
-
 Status OutputFile::write(std::span<const std::uint8_t> bytes) {
   const int error = write_all(descriptor(), bytes);
   if (error != 0) return io_error("{}: cannot write: {}", path_, system_message(error));
@@ -82,7 +76,6 @@ Status OutputFile::write(std::span<const std::uint8_t> bytes) {
 }
 
 Status OutputFile::commit() {
-  if (borrowed_) return {};
   // Devices and pipes cannot be synced.
   if (::fsync(descriptor()) != 0 && errno != EINVAL && errno != EROFS) {
     return io_error("{}: cannot write: {}", path_, system_message(errno));

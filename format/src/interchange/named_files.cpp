@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "interchange/named_files.h"
 
+#include <unistd.h>
 #include <zip.h>
 
 #include <algorithm>
 #include <filesystem>
+#include <new>
 
+#include "os/regular_file.h"
 #include "stgs/format/byte_source.h"
 
 namespace stgs {
@@ -46,6 +49,15 @@ class FolderFiles final : public NamedFiles {
   std::string folder_;
 };
 
+// Returns the status of an error of libzip. `what` failed.
+Status status_of(zip_error_t& error, const std::string& what) {
+  const int code = zip_error_code_zip(&error);
+  if (code == ZIP_ER_MEMORY) throw std::bad_alloc();
+  const char* const text = zip_error_strerror(&error);
+  const bool is_io = code == ZIP_ER_OPEN || code == ZIP_ER_READ || code == ZIP_ER_SEEK;
+  return is_io ? io_error("{}: {}", what, text) : invalid_file("{}: {}", what, text);
+}
+
 struct CloseArchive {
   void operator()(zip_t* archive) const { zip_discard(archive); }
 };
@@ -81,14 +93,13 @@ class ZipFiles final : public NamedFiles {
     const std::unique_ptr<zip_file_t, CloseMember> member(
         zip_fopen(archive_.get(), name.c_str(), 0));
     if (!member) {
-      return invalid_file("{}: cannot open: {}", label(name), zip_strerror(archive_.get()));
+      return status_of(*zip_get_error(archive_.get()), label(name) + ": cannot open");
     }
     std::vector<std::uint8_t> bytes(static_cast<std::size_t>(stat.size));
     std::uint8_t past_the_end = 0;  // libzip verifies the checksum when the end is read
     if (zip_fread(member.get(), bytes.data(), bytes.size()) != zip_int64_t(bytes.size()) ||
         zip_fread(member.get(), &past_the_end, 1) != 0) {
-      return invalid_file("{}: damaged in the archive: {}", label(name),
-                          zip_file_strerror(member.get()));
+      return status_of(*zip_file_get_error(member.get()), label(name) + ": damaged in the archive");
     }
     return bytes;
   }
@@ -105,15 +116,16 @@ std::unique_ptr<NamedFiles> folder_files(const std::string& folder) {
 }
 
 Result<std::unique_ptr<NamedFiles>> zip_files(const std::string& path) {
-  STGS_ASSIGN(const std::unique_ptr<ByteSource> exists, open_file(path));
+  STGS_ASSIGN(const int file, os::open_regular(path));
   int code = 0;
-  zip_t* archive = zip_open(path.c_str(), ZIP_RDONLY, &code);
+  zip_t* archive = zip_fdopen(file, 0, &code);  // which then owns the descriptor
   if (archive == nullptr) {
+    ::close(file);
     zip_error_t error;
     zip_error_init_with_code(&error, code);
-    const std::string message = zip_error_strerror(&error);
+    const Status status = status_of(error, path + ": cannot read as a zip archive");
     zip_error_fini(&error);
-    return invalid_file("{}: cannot read as a zip archive: {}", path, message);
+    return status;
   }
   return std::unique_ptr<NamedFiles>(std::make_unique<ZipFiles>(archive, path));
 }

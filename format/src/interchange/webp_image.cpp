@@ -3,6 +3,8 @@
 
 #include <webp/decode.h>
 
+#include <new>
+
 namespace stgs {
 
 Result<ImageSize> lossless_webp_size(std::span<const std::uint8_t> bytes,
@@ -31,10 +33,14 @@ Result<ImageRgba> decode_lossless_webp(std::span<const std::uint8_t> bytes,
   image.width = size.width;
   image.height = size.height;
   image.pixels.resize(static_cast<std::size_t>(size.bytes()));
-  if (WebPDecodeRGBAInto(bytes.data(), bytes.size(), image.pixels.data(), image.pixels.size(),
-                         4 * image.width) == nullptr) {
-    return invalid_file("{}: image is damaged or truncated", label);
-  }
+  WebPDecoderConfig config;
+  WebPInitDecoderConfig(&config);
+  config.output.colorspace = MODE_RGBA;
+  config.output.is_external_memory = 1;
+  config.output.u.RGBA = {image.pixels.data(), 4 * image.width, image.pixels.size()};
+  const VP8StatusCode status = WebPDecode(bytes.data(), bytes.size(), &config);
+  if (status == VP8_STATUS_OUT_OF_MEMORY) throw std::bad_alloc();
+  if (status != VP8_STATUS_OK) return invalid_file("{}: image is damaged or truncated", label);
   return image;
 }
 

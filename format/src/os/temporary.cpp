@@ -98,15 +98,15 @@ bool remove_free_folder(const std::string& name) {
 }  // namespace
 
 Status TemporaryFile::create(const std::string& path) {
+  path_ = path;
   for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
-    STGS_ASSIGN(const std::string name, unique_name(path, file_parts(path)));
+    STGS_ASSIGN(std::string name, unique_name(path, file_parts(path)));
     const int file = ::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
     if (file < 0 && errno == EEXIST) continue;
     if (file < 0) return io_error("{}: cannot create: {}", path, file_problem(errno));
     // Before the lock is taken, remove_leftovers() of another process may have removed the file.
     if (os::try_lock(file) != os::LockResult::kBusy && os::is_named(file, name)) {
-      path_ = path;
-      name_ = name;
+      name_ = std::move(name);
       descriptor_ = file;
       return {};
     }
@@ -134,16 +134,17 @@ void TemporaryFile::remove() noexcept {
 
 Status WorkFolder::create(const std::string& path) {
   for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
-    STGS_ASSIGN(const std::string name, unique_name(path, folder_parts(path)));
+    STGS_ASSIGN(std::string name, unique_name(path, folder_parts(path)));
+    std::string lock = name + "/lock";
     if (::mkdir(name.c_str(), 0700) != 0) {
       if (errno == EEXIST) continue;
       return io_error("{}: cannot create: {}", path, file_problem(errno));
     }
-    const std::string lock = name + "/lock";
     const int file = ::open(lock.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600);
     const int error = errno;
     if (file >= 0 && os::try_lock(file) != os::LockResult::kBusy && os::is_named(file, lock)) {
-      path_ = name;
+      path_ = std::move(name);
+      lock_name_ = std::move(lock);
       lock_ = file;
       return {};
     }
@@ -159,13 +160,16 @@ Status WorkFolder::create(const std::string& path) {
 
 WorkFolder::~WorkFolder() {
   if (lock_ < 0) return;
-  os::remove_folder(path_);
+  if (!os::remove_folder(path_)) {  // no descriptor was left to list it
+    ::unlink(lock_name_.c_str());
+    ::rmdir(path_.c_str());
+  }
   ::close(lock_);
 }
 
 Status OutputLock::take(const std::string& path) {
   const fs::path full(path);
-  const std::string name =
+  std::string name =
       (full.parent_path() / fmt::format(".{}.lock", full.filename().string())).string();
   for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
     const int file = ::open(
@@ -178,7 +182,7 @@ Status OutputLock::take(const std::string& path) {
                          path);
     }
     if (os::is_named(file, name)) {
-      name_ = name;
+      name_ = std::move(name);
       lock_ = file;
       return {};
     }

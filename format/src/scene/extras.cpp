@@ -42,7 +42,7 @@ class Extras {
 
   Result<std::vector<std::string>> find() {
     STGS_TRY(find_further());
-    const std::unique_ptr<ByteSource> in_head = memory_source(head_.bytes);
+    const std::unique_ptr<ByteSource> in_head = memory_source(*head_.bytes);
     STGS_TRY(find_records(*in_head, kHeaderBytes, head_.header.head_bytes));
     std::uint64_t at = head_.header.head_bytes;
     for (const IndexEntry* record : records_of(head_.index)) {
@@ -131,7 +131,7 @@ class Extras {
         }
       }
     };
-    take(head_.layouts);
+    take(*head_.layouts);
     parallel_for(std::size_t{0}, head_.index.segments.size(), [&](std::size_t i) {
       Findings damaged;
       SegmentRecords records;

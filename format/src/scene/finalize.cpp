@@ -38,7 +38,7 @@ Status copy(const ByteSource& source, const Range& area, OutputFile& file) {
 Status repair_head(const ByteSource& source, const FileHead& head, const std::string& output) {
   OutputFile file;
   STGS_TRY(file.open(output));
-  STGS_TRY(file.write(head.bytes));
+  STGS_TRY(file.write(*head.bytes));
   STGS_TRY(copy(source, {head.header.head_bytes, head.header.file_bytes}, file));
   return file.commit();
 }
@@ -116,7 +116,7 @@ class Finalizer {
 
   // Returns all records of the head, with the last fragment's frames and bounds in META.
   std::vector<std::uint8_t> head_records() const {
-    std::vector<std::uint8_t> out(head_.bytes.begin() + kHeaderBytes, head_.bytes.end());
+    std::vector<std::uint8_t> out(head_.bytes->begin() + kHeaderBytes, head_.bytes->end());
     std::uint64_t size = 0;
     for (std::uint64_t at = 0; at < out.size(); at += size) {
       const std::span<std::uint8_t> rest = std::span(out).subspan(at);

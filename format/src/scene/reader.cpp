@@ -5,92 +5,59 @@
 #include <exception>
 
 #include "container/segment.h"
-#include "container/segment_times.h"
 #include "scene/importance.h"
+#include "scene/reader_lists.h"
 
 namespace stgs {
 namespace {
 
-std::vector<SegmentInfo> segments_from(const FileHead& head) {
-  std::vector<SegmentInfo> out;
-  for (const SegmentEntry& segment : head.index.segments) {
-    const IndexEntry &base = segment.base, &sh = segment.sh;
-    const TickRange needed = needed_of(head, segment);
-    out.push_back({base.level, needed.begin, needed.end, base.primitives, base.offset, base.bytes,
-                   segment.part, tier_of(base.layer), sh.offset, sh.bytes, head.has(base),
-                   head.has(sh),
-                   is_end_needed(needed, head.parts[segment.part], head.metadata.scene.frames)});
-  }
-  return out;
-}
-
-std::vector<ScenePart> parts_from(const FileHead& head) {
-  std::vector<ScenePart> out;
-  for (const PartEntry& part : head.parts) {
-    const bool complete = part.displayed == TickRange{std::max(part.begin, 0.0), part.end};
-    out.push_back(
-        {part.begin, part.end, 0, complete ? std::nullopt : std::optional(part.displayed)});
-  }
-  for (const SegmentEntry& segment : head.index.segments) {
-    out[segment.part].primitives += segment.base.primitives;
-  }
-  return out;
-}
-
-// Returns the time up to which nothing is missing.
-double complete_ticks_of(const FileHead& head, const std::vector<SegmentInfo>& segments) {
-  double ticks = head.metadata.scene.frames;
-  for (const LostFragment& lost : head.lost_fragments) ticks = std::min(ticks, lost.range.begin);
-  for (const SegmentInfo& segment : segments) {
-    const bool complete = segment.available && segment.sh_available;
-    if (segment.is_needed() && !complete) ticks = std::min(ticks, segment.begin_ticks);
-  }
-  return ticks;
+// Loads the index for [t0, t1], and an eighth more than before.
+void load_more(const ByteSource& source, double t0, double t1, FileHead& head, Findings& findings) {
+  const std::uint64_t before = head.walk.entries;
+  if (load_index(source, t0, t1, head, findings) && head.walk.entries > before)
+    load_ahead(source, t1, before + before / 8, head, findings);
 }
 
 }  // namespace
 
 struct SceneReader::State {
-  // Extends the head with `extend`, and keeps it as it is after an error.
+  // Extends the head with `extend`, a function of the head and the findings. After an error only
+  // the head has changed.
   template <typename Extend>
-  Status change(const Extend& extend) {
+  Status extend(const Extend& extend) {
     try {
       Findings findings;
-      FileHead found = head;
-      extend(found, findings);
+      extend(head, findings);
       if (!findings.ok()) return findings.status(source->name());
-      take(std::move(found), std::move(findings));
+      ReaderLists listed(head);
+      std::vector<Issue> issues = findings.take();
+      damage.insert(damage.end(), std::make_move_iterator(issues.begin()),
+                    std::make_move_iterator(issues.end()));
+      lists = std::move(listed);
       return {};
     } catch (const std::exception& e) {
       return Status(code_of(e), fmt::format("{}: {}", source->name(), e.what()));
     }
   }
 
-  Status load(double t0, double t1) {
-    if (head.walk.pending.empty()) return {};
-    return change(
-        [&](FileHead& found, Findings& findings) { load_index(*source, t0, t1, found, findings); });
+  // As extend(), but keeps the head as it is after an error.
+  template <typename Extend>
+  Status change(const Extend& extension) {
+    FileHead before = head;
+    const Status status = extend(extension);
+    if (!status.ok()) head = std::move(before);
+    return status;
   }
 
-  // Adopts a head that was extended, with further problems.
-  void take(FileHead extended, Findings findings) {
-    head = std::move(extended);
-    for (Issue& issue : findings.take()) damage.push_back(std::move(issue));
-    list_segments();
+  // Returns a copy that reads from `other`, without lists.
+  std::unique_ptr<State> copy(std::unique_ptr<ByteSource> other) const {
+    return std::make_unique<State>(
+        State{std::move(other), limits, loading, memory, head, damage, {}});
   }
 
-  // Derives segments, parts and times from the head.
-  void list_segments() {
-    segments = segments_from(head);
-    times = {segments, static_cast<double>(head.metadata.scene.frames)};
-    parts = parts_from(head);
-    complete_ticks = complete_ticks_of(head, segments);
-    latest_begin = 0;
-    for (const ScenePart& part : parts) latest_begin = std::max(latest_begin, part.begin_ticks);
-  }
-
-  Result<bool> refresh() {
-    if (head.closed) return false;
+  // Checks whether a growing file has more bytes.
+  Status check_growth() {
+    if (head.closed) return {};
     STGS_ASSIGN(const ByteSource::Change changed, source->refresh(head.header.file_bytes));
     if (changed == ByteSource::Change::kReplaced) {
       return invalid_file("{}: replaced or truncated below its {} complete bytes; open it again",
@@ -100,22 +67,25 @@ struct SceneReader::State {
       return invalid_file("{}: shrank from {} to {} complete bytes; open it again", source->name(),
                           head.header.file_bytes, source->size());
     }
-    bool grown = false;
-    STGS_TRY(change([&](FileHead& found, Findings& findings) {
-      if (read_growth(*source, found, grown, findings) && grown &&
+    return {};
+  }
+
+  // Returns an extension that reads what was added to a growing file.
+  auto growth(bool& grown) const {
+    return [this, &grown](FileHead& found, Findings& findings) {
+      if (!found.closed && read_growth(*source, found, grown, findings) && grown &&
           loading == IndexLoading::kComplete) {
         load_index(*source, 0, found.metadata.scene.frames, found, findings);
       }
-    }));
-    return grown;
+    };
   }
 
   // Reads the records of a segment and converts them with `make`, into `out`.
   template <typename T, typename Make>
   Result<T> with_records(std::uint32_t segment, bool with_sh, const Make& make, T out) const {
-    if (segment >= segments.size()) {
+    if (segment >= lists.segments.size()) {
       return usage_error("{}: invalid segment index {} (the file has {} segments)", source->name(),
-                         segment, segments.size());
+                         segment, lists.segments.size());
     }
     try {
       Findings findings;
@@ -146,11 +116,7 @@ struct SceneReader::State {
   std::pmr::memory_resource* memory;  // of decoded sets
   FileHead head;
   std::vector<Issue> damage;
-  // Derived from the head by list_segments().
-  std::vector<SegmentInfo> segments = {};
-  SegmentTimes times = {};
-  double complete_ticks = 0, latest_begin = 0;
-  std::vector<ScenePart> parts = {};
+  ReaderLists lists;  // of the head
 };
 
 SceneReader::SceneReader(std::unique_ptr<State> state) : state_(std::move(state)) {}
@@ -216,15 +182,23 @@ const std::vector<LostFragment>& SceneReader::lost_fragments() const {
 }
 
 double SceneReader::complete_ticks() const {
-  return state_->complete_ticks;
+  return state_->lists.complete_ticks;
 }
 
 Result<bool> SceneReader::refresh() {
-  return state_->refresh();
+  State& state = *state_;
+  bool grown = false;
+  STGS_TRY(state.check_growth());
+  if (!state.head.closed) STGS_TRY(state.change(state.growth(grown)));
+  return grown;
 }
 
 Status SceneReader::load(double t0, double t1) {
-  return state_->load(t0, t1);
+  State& state = *state_;
+  if (state.head.walk.pending.empty()) return {};
+  return state.change([&](FileHead& head, Findings& findings) {
+    load_more(*state.source, t0, t1, head, findings);
+  });
 }
 
 bool SceneReader::is_loaded(double t0, double t1) const {
@@ -239,15 +213,26 @@ std::vector<TickRange> SceneReader::unloaded() const {
   return out;
 }
 
-std::unique_ptr<SceneReader> SceneReader::clone(std::unique_ptr<ByteSource> source) const {
-  auto state = std::make_unique<State>(State{std::move(source), state_->limits, state_->loading,
-                                             state_->memory, state_->head, state_->damage});
-  state->list_segments();
+Result<std::unique_ptr<SceneReader>> SceneReader::loaded(std::unique_ptr<ByteSource> source,
+                                                         double t0, double t1) const {
+  std::unique_ptr<State> state = state_->copy(std::move(source));
+  STGS_TRY(state->extend([&](FileHead& head, Findings& findings) {
+    load_more(*state->source, t0, t1, head, findings);
+  }));
+  return std::unique_ptr<SceneReader>(new SceneReader(std::move(state)));
+}
+
+Result<std::unique_ptr<SceneReader>> SceneReader::refreshed(
+    std::unique_ptr<ByteSource> source) const {
+  std::unique_ptr<State> state = state_->copy(std::move(source));
+  bool grown = false;
+  STGS_TRY(state->check_growth());
+  STGS_TRY(state->extend(state->growth(grown)));
   return std::unique_ptr<SceneReader>(new SceneReader(std::move(state)));
 }
 
 double SceneReader::latest_begin_ticks() const {
-  return state_->latest_begin;
+  return state_->lists.latest_begin;
 }
 
 double SceneReader::chunk_ticks() const {
@@ -255,15 +240,15 @@ double SceneReader::chunk_ticks() const {
 }
 
 bool SceneReader::has_layouts() const {
-  return !state_->head.layouts.layouts.empty();
+  return !state_->head.layouts->layouts.empty();
 }
 
 const std::vector<SegmentInfo>& SceneReader::segments() const {
-  return state_->segments;
+  return state_->lists.segments;
 }
 
 const std::vector<ScenePart>& SceneReader::parts() const {
-  return state_->parts;
+  return state_->lists.parts;
 }
 
 std::vector<StreamInfo> SceneReader::streams() const {
@@ -285,7 +270,7 @@ std::vector<StreamInfo> SceneReader::streams() const {
 }
 
 std::vector<std::uint32_t> SceneReader::segments_between(double t0, double t1) const {
-  return state_->times.between(t0, t1);
+  return state_->lists.times.between(t0, t1);
 }
 
 TimeOrigin SceneReader::render_origin(std::uint32_t segment) const {
@@ -316,7 +301,7 @@ Result<CodedSegment> SceneReader::read(std::uint32_t segment, bool with_sh,
 }
 
 std::span<const RansLookup> SceneReader::tables() const {
-  return state_->head.layouts.lookups;
+  return state_->head.layouts->lookups;
 }
 
 Result<std::vector<float>> SceneReader::importance() const {
@@ -369,9 +354,11 @@ Result<std::unique_ptr<SceneReader>> SceneReader::open(std::unique_ptr<ByteSourc
     FileHead head;
     read_head(*source, limits, loading, head, findings);
     if (!findings.ok()) return findings.status(source->name());
-    auto state = std::make_unique<State>(
-        State{std::move(source), limits, loading, memory, std::move(head), findings.take()});
-    state->list_segments();
+    // Later the caller's limit counts: a long file is loaded bit by bit.
+    head.limits.max_opening = std::max(limits.max_opening, limits.max_memory);
+    ReaderLists lists(head);
+    auto state = std::make_unique<State>(State{std::move(source), limits, loading, memory,
+                                               std::move(head), findings.take(), std::move(lists)});
     return std::unique_ptr<SceneReader>(new SceneReader(std::move(state)));
   } catch (const std::exception& e) {
     return Status(code_of(e), fmt::format("cannot open the file: {}", e.what()));

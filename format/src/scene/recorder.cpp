@@ -79,7 +79,7 @@ class SceneRecorder::State {
     STGS_TRY(check_recorded_profile(settings_.write.profile));
     metadata_ = head.metadata;
     recorded_.chunk_ticks = chunk_of_settings();
-    head_ = head.bytes;
+    head_ = *head.bytes;
     if (head.last_fragment) {
       const SceneMetadata& scene = metadata_.scene;
       recorded_.frames = scene.frames;

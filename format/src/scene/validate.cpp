@@ -7,6 +7,7 @@
 #include "codec/values.h"
 #include "container/node.h"
 #include "container/segment.h"
+#include "core/read_ahead.h"
 #include "quantise/segmenter.h"
 #include "scene/validate_index.h"
 
@@ -176,10 +177,10 @@ void check_further(const ByteSource& source, const FileHead& head, Findings& fin
 
 // Checks the records of the head that reading skips.
 void walk_head_records(const FileHead& head, Findings& findings) {
-  for (std::uint64_t at = kHeaderBytes; at < head.bytes.size();) {
-    const auto rest = std::span(head.bytes).subspan(at);
+  for (std::uint64_t at = kHeaderBytes; at < head.bytes->size();) {
+    const auto rest = std::span(*head.bytes).subspan(at);
     RecordHeader record;
-    if (!parse_record_header(rest, at, head.bytes.size(), record, findings)) return;
+    if (!parse_record_header(rest, at, head.bytes->size(), record, findings)) return;
     const std::uint64_t payload_at = at + kRecordHeaderBytes;
     at = payload_at + record.length;
     if ((record.flags & kCritical) != 0) continue;
@@ -247,7 +248,7 @@ void check_segments(const ByteSource& source, FileHead& head, Findings& findings
   for (std::uint32_t i = 0; i < head.index.segments.size(); ++i) {
     check_segment(source, head, i, findings);
   }
-  for (const Layout& layout : head.layouts.layouts) check_layout(layout, findings);
+  for (const Layout& layout : head.layouts->layouts) check_layout(layout, findings);
   check_further(source, head, findings);
   walk_body(source, head, check_index(source, head, findings), findings);
   walk_head_records(head, findings);
@@ -257,10 +258,12 @@ void check_segments(const ByteSource& source, FileHead& head, Findings& findings
 
 }  // namespace
 
-Result<std::vector<Issue>> validate_scene(const ByteSource& source, const ReadLimits& limits) {
+Result<std::vector<Issue>> validate_scene(const ByteSource& file, const ReadLimits& limits) {
+  const ReadAhead source(file);  // most records are read in order
   try {
     Findings findings;
     FileHead head;
+    head.walk.keeps_nodes = true;
     // Beyond the limits nothing is decoded.
     const bool reachable = read_head(source, limits, IndexLoading::kComplete, head, findings);
     Status status = findings.status(source.name());
@@ -268,9 +271,10 @@ Result<std::vector<Issue>> validate_scene(const ByteSource& source, const ReadLi
     if (reachable && status.code() != StatusCode::kUnsupported) {
       check_segments(source, head, findings);
     }
-    // Not an issue of the file.
+    // Not issues of the file.
     Status checked = findings.status(source.name());
-    if (checked.code() == StatusCode::kNotBuilt) return checked;
+    if (checked.code() == StatusCode::kNotBuilt || checked.code() == StatusCode::kIo)
+      return checked;
     return findings.take();
   } catch (const std::exception& e) {
     return Status(code_of(e), fmt::format("{}: {}", source.name(), e.what()));

@@ -97,9 +97,10 @@ Status Follower::load_next(bool& loaded) {
   const std::optional<TickRange> times = store_.unknown_times();
   loaded = times.has_value();
   if (!loaded) return {};
-  STGS_ASSIGN(auto reader, extend_snapshot(*reader_, source_, cache_, [&](SceneReader& copy) {
-                return copy.load(times->begin, times->end);
-              }));
+  const auto load = [&](const SceneReader& reader, std::unique_ptr<ByteSource> source) {
+    return reader.loaded(std::move(source), times->begin, times->end);
+  };
+  STGS_ASSIGN(auto reader, extend_snapshot(*reader_, source_, cache_, load));
   // What looks like damage may be another file, and the right one may be restored.
   const bool is_damaged = reader->damage().size() > reader_->damage().size();
   if (is_damaged && (source_->has_shrunk() || source_->was_modified())) {
@@ -156,8 +157,10 @@ bool Follower::poll() {
 
 // Reads what was added to the file; the complete file if another recording has taken its place.
 Result<std::shared_ptr<const SceneReader>> Follower::read_snapshot() {
-  auto extended = extend_snapshot(*reader_, source_, cache_,
-                                  [](SceneReader& copy) { return copy.refresh().status(); });
+  const auto refresh = [](const SceneReader& reader, std::unique_ptr<ByteSource> source) {
+    return reader.refreshed(std::move(source));
+  };
+  auto extended = extend_snapshot(*reader_, source_, cache_, refresh);
   if (extended.ok() || extended.status().code() != StatusCode::kInvalidFile) return extended;
   cache_.clear();
   return open_snapshot(source_, cache_, limits_, memory_, IndexLoading::kOnDemand);

@@ -84,13 +84,20 @@ void SegmentIndex::adopt(Update update) noexcept {
   for (std::size_t s = first; s < size(); ++s)
     tiers_ = std::max(tiers_, reader().segments()[s].tier + 1);
   file_index_.resize(2 * size());
-  const auto known = static_cast<std::ptrdiff_t>(file_order_.size());
+  const auto before = [this](const SegmentLayer& a, const SegmentLayer& b) {
+    return file_offset(a) < file_offset(b);
+  };
+  std::size_t known = file_order_.size();
   file_order_.insert(file_order_.end(), update.added.begin(), update.added.end());
-  std::inplace_merge(file_order_.begin(), file_order_.begin() + known, file_order_.end(),
-                     [this](const SegmentLayer& a, const SegmentLayer& b) {
-                       return file_offset(a) < file_offset(b);
-                     });
-  for (std::size_t i = 0; i < file_order_.size(); ++i) {
+  // A recording only adds layers at its end.
+  if (known > 0 && known < file_order_.size() &&
+      before(file_order_[known], file_order_[known - 1])) {
+    std::inplace_merge(file_order_.begin(),
+                       file_order_.begin() + static_cast<std::ptrdiff_t>(known), file_order_.end(),
+                       before);
+    known = 0;
+  }
+  for (std::size_t i = known; i < file_order_.size(); ++i) {
     const SegmentLayer& layer = file_order_[i];
     file_index_[2 * std::size_t{layer.segment} + (layer.sh ? 1 : 0)] = i;
   }

@@ -154,14 +154,10 @@ Result<std::shared_ptr<const SceneReader>> open_snapshot(const std::shared_ptr<R
 
 Result<std::shared_ptr<const SceneReader>> extend_snapshot(
     const SceneReader& reader, const std::shared_ptr<RangeSource>& source, IndexCache& cache,
-    const std::function<Status(SceneReader&)>& extend) {
-  return with_cache(
-      source, cache,
-      [&](std::unique_ptr<ByteSource> snapshot) -> Result<std::unique_ptr<SceneReader>> {
-        std::unique_ptr<SceneReader> copy = reader.clone(std::move(snapshot));
-        STGS_TRY(extend(*copy));
-        return copy;
-      });
+    const Extension& extend) {
+  return with_cache(source, cache, [&](std::unique_ptr<ByteSource> snapshot) {
+    return extend(reader, std::move(snapshot));
+  });
 }
 
 }  // namespace stgs::player

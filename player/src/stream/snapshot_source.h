@@ -64,9 +64,12 @@ Result<std::shared_ptr<const SceneReader>> open_snapshot(const std::shared_ptr<R
                                                          const ReadLimits& limits,
                                                          std::pmr::memory_resource* memory,
                                                          IndexLoading loading);
-// Returns a copy of a reader that `extend` has changed, with the bytes that the file has now.
+// Makes a copy of a reader that reads from a source, SceneReader::loaded() or refreshed().
+using Extension = std::function<Result<std::unique_ptr<SceneReader>>(
+    const SceneReader& reader, std::unique_ptr<ByteSource> source)>;
+// Returns what `extend` makes of a reader, with the bytes that the file has now.
 Result<std::shared_ptr<const SceneReader>> extend_snapshot(
     const SceneReader& reader, const std::shared_ptr<RangeSource>& source, IndexCache& cache,
-    const std::function<Status(SceneReader&)>& extend);
+    const Extension& extend);
 
 }  // namespace stgs::player

@@ -123,7 +123,9 @@ typedef struct stgs_scene_settings {
   uint64_t max_file_bytes; /* larger files fail to open; default 2^63 - 1 */
   uint64_t max_primitives; /* files with more primitives fail to open; default 200 million */
   uint64_t max_memory;     /* for the file index, for decoding a segment, and for the statistics of
-                            * the complete file, bytes, at least 1 MiB; default 4 GiB */
+                            * the complete file, bytes, at least 1 MiB; default 4 GiB. Up to there,
+                            * opening takes at most 64 MiB and 4 bytes for each byte that it reads;
+                            * with a larger value, that value */
   int32_t reject_damage;   /* 1: a damaged file is an error; 0 (default): render the intact part
                             * and log the damage */
   stgs_log_fn log;         /* NULL (default): no log. Retries of transfers from a URL are logged on

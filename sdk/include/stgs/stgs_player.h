@@ -48,7 +48,7 @@ typedef struct stgs_player_settings {
                             * 2^63 - 1 */
   uint64_t max_primitives; /* files with more primitives fail to open; default 200 million */
   uint64_t max_memory;     /* for the file index, and for decoding a segment, bytes, at least 1 MiB;
-                            * default 4 GiB */
+                            * default 4 GiB. Opening as stgs_scene_settings.max_memory */
   double prefetch_seconds; /* data is fetched this long before it is needed, at the current rate;
                             * default 10 */
   double resume_seconds;   /* data available before playback resumes after a stall; default 0.3 */

@@ -26,8 +26,6 @@ class OutputFile {
   // Opens a temporary file for `path`. A character device or a pipe is written directly, because a
   // rename would replace it by a file. Disks and sockets are refused.
   Status open(const std::string& path);
-  // Writes to a descriptor owned by the caller, such as standard output. `name` is for messages.
-  void borrow(int descriptor, const std::string& name);
   // Appends bytes.
   Status write(std::span<const std::uint8_t> bytes);
   // Syncs and renames. After an error (full disk, read-only folder) no file is left behind.
@@ -38,8 +36,7 @@ class OutputFile {
 
   std::string path_;
   TemporaryFile temporary_;
-  int device_ = -1;  // or a borrowed descriptor
-  bool borrowed_ = false;
+  int device_ = -1;
 };
 
 // Writes a complete file with OutputFile. Afterwards `path` is the old file or the complete new

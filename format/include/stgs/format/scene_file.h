@@ -16,6 +16,7 @@
 #include "stgs/format/math/project.h"
 #include "stgs/format/parameter.h"
 #include "stgs/format/quantisation.h"
+#include "stgs/format/read_limits.h"
 #include "stgs/format/status.h"
 
 namespace stgs {
@@ -132,14 +133,6 @@ struct Scene {
   // The steps that the scene was trained for; requires importances. Its values are multiples of
   // them.
   std::optional<Quantisation> quantisation;
-};
-
-// Limits that a reader enforces before it allocates memory.
-struct ReadLimits {
-  std::uint64_t max_primitives = 200'000'000;
-  // Bytes for one segment, including everything needed to decode it. When a complete scene is read,
-  // also for its floats (spec/conformance.md, 1.5).
-  std::uint64_t max_memory = std::uint64_t{16} << 30;
 };
 
 // A tier of a segment: primitives that are rendered only within [begin_ticks, end_ticks].
@@ -260,9 +253,10 @@ class SceneReader {
   // Returns the time up to which the scene is complete, ticks: the earliest time of a segment that
   // is missing, lacks its SH, or is lost; the duration if there is none.
   double complete_ticks() const;
-  // Loads the segments that are needed at times of [t0, t1], ticks. New segments follow the
-  // existing ones; references become invalid as by refresh(). No other thread may use the reader
-  // meanwhile. After an error the reader is unchanged.
+  // Loads the segments that are needed at times of [t0, t1], ticks, and later ones so that the
+  // loaded index grows by an eighth: the time of all calls is proportional to its size. New
+  // segments follow the existing ones; references become invalid as by refresh(). No other thread
+  // may use the reader meanwhile. After an error the reader is unchanged.
   Status load(double t0, double t1);
   // Returns whether all segments that are needed at times of [t0, t1] are loaded, or known to be
   // lost.
@@ -270,8 +264,11 @@ class SceneReader {
   // Returns the times, as closed ranges that may overlap, at which more segments may be needed than
   // are loaded.
   std::vector<TickRange> unloaded() const;
-  // Returns a copy that reads from another source of the same file.
-  std::unique_ptr<SceneReader> clone(std::unique_ptr<ByteSource> source) const;
+  // Returns a copy that reads from another source of the same file, after load(t0, t1).
+  Result<std::unique_ptr<SceneReader>> loaded(std::unique_ptr<ByteSource> source, double t0,
+                                              double t1) const;
+  // Returns a copy that reads from another source of the same file, after refresh().
+  Result<std::unique_ptr<SceneReader>> refreshed(std::unique_ptr<ByteSource> source) const;
   // Checks whether a growing file has grown. Returns true if there are new segments, which follow
   // the existing ones, and a larger metadata().frames. References returned by metadata(),
   // segments() and parts() become invalid; segment indices stay valid. No other thread may use the

@@ -53,7 +53,7 @@ class WorkFolder {
   const std::string& path() const { return path_; }
 
  private:
-  std::string path_;
+  std::string path_, lock_name_;
   int lock_ = -1;
 };
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Standard input as a file, for the argument "-".
+// Standard input and output as files, for the argument "-". After SIGINT or SIGTERM neither waits
+// for another program any more (kRuntime).
 #pragma once
 
 #include <cstdint>
@@ -18,5 +19,7 @@ inline bool is_standard_input(const std::string& argument) {
 // Returns all bytes of standard input, read on the first call; they stay valid. kUsage if it is a
 // terminal, kIo if it cannot be read.
 Result<std::span<const std::uint8_t>> read_standard_input();
+// Writes to standard output.
+Status write_standard_output(std::span<const std::uint8_t> bytes);
 
 }  // namespace stgs::tools

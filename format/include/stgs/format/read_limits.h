@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+
+namespace stgs {
+
+// Limits that a reader enforces before it allocates memory. The defaults are meant for files of
+// strangers.
+struct ReadLimits {
+  static constexpr std::uint64_t kDefaultMemory = std::uint64_t{4} << 30;
+
+  std::uint64_t max_primitives = 200'000'000;
+  // Bytes for one segment, including everything needed to decode it. When a complete scene is read,
+  // also for its floats (spec/conformance.md, 1.5).
+  std::uint64_t max_memory = kDefaultMemory;
+  // Bytes for opening or validating a file, without decoding. 0: 64 MiB and 4 for each byte of the
+  // head and the index that is read.
+  std::uint64_t max_opening = 0;
+
+  // Returns the limits of a caller who allows `memory` bytes: for opening as well, if that is more
+  // than the default.
+  static ReadLimits of(std::uint64_t primitives, std::uint64_t memory) {
+    return {primitives, memory, memory > kDefaultMemory ? memory : 0};
+  }
+};
+
+}  // namespace stgs

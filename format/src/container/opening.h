@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// The limit on the memory for opening and validating a file (SECURITY.md).
+//
+// Each item that a file can ask for is charged with what it takes at most, which
+// tests/resources measures.
+#pragma once
+
+#include <cstdint>
+
+#include "container/container.h"
+
+namespace stgs {
+
+// Bytes for a link, a run, a segment, one of its tiers, and a further record.
+inline constexpr std::uint64_t kOpeningLink = 256, kOpeningRun = 416, kOpeningSegment = 32,
+                               kOpeningTier = 224, kOpeningFurther = 128;
+
+// Returns the bytes for a node.
+std::uint64_t opening_bytes(const IndexNode& node);
+// Returns the bytes that opening may take: ReadLimits::max_opening.
+std::uint64_t opening_limit(const FileHead& head);
+// Checks that what has been read takes at most these bytes together with `more`. `at`: the record,
+// for the message.
+bool fits_opening(const FileHead& head, std::uint64_t more, std::uint64_t at, Findings& findings);
+
+}  // namespace stgs

@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+
+#include "stgs/format/status.h"
+
+namespace stgs::os {
+
+// Opens a regular file for reading and returns its descriptor, which the caller owns. Never waits:
+// pipes, sockets and devices are refused (kIo).
+Result<int> open_regular(const std::string& path);
+// Checks that a descriptor is that of a regular file. `path`: for the message.
+Status check_regular(int descriptor, const std::string& path);
+
+}  // namespace stgs::os

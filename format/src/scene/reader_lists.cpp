@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "scene/reader_lists.h"
+
+#include <algorithm>
+
+namespace stgs {
+namespace {
+
+std::vector<SegmentInfo> segments_from(const FileHead& head) {
+  std::vector<SegmentInfo> out;
+  out.reserve(head.index.segments.size());
+  for (const SegmentEntry& segment : head.index.segments) {
+    const IndexEntry &base = segment.base, &sh = segment.sh;
+    const TickRange needed = needed_of(head, segment);
+    out.push_back({base.level, needed.begin, needed.end, base.primitives, base.offset, base.bytes,
+                   segment.part, tier_of(base.layer), sh.offset, sh.bytes, head.has(base),
+                   head.has(sh),
+                   is_end_needed(needed, head.parts[segment.part], head.metadata.scene.frames)});
+  }
+  return out;
+}
+
+std::vector<ScenePart> parts_from(const FileHead& head) {
+  std::vector<ScenePart> out;
+  for (const PartEntry& part : head.parts) {
+    const bool complete = part.displayed == TickRange{std::max(part.begin, 0.0), part.end};
+    out.push_back(
+        {part.begin, part.end, 0, complete ? std::nullopt : std::optional(part.displayed)});
+  }
+  for (const SegmentEntry& segment : head.index.segments) {
+    out[segment.part].primitives += segment.base.primitives;
+  }
+  return out;
+}
+
+// Returns the time up to which nothing is missing.
+double complete_ticks_of(const FileHead& head, const std::vector<SegmentInfo>& segments) {
+  double ticks = head.metadata.scene.frames;
+  for (const LostFragment& lost : head.lost_fragments) ticks = std::min(ticks, lost.range.begin);
+  for (const SegmentInfo& segment : segments) {
+    const bool complete = segment.available && segment.sh_available;
+    if (segment.is_needed() && !complete) ticks = std::min(ticks, segment.begin_ticks);
+  }
+  return ticks;
+}
+
+}  // namespace
+
+ReaderLists::ReaderLists(const FileHead& head)
+    : segments(segments_from(head)),
+      times(segments, static_cast<double>(head.metadata.scene.frames)),
+      parts(parts_from(head)),
+      complete_ticks(complete_ticks_of(head, segments)) {
+  for (const ScenePart& part : parts) latest_begin = std::max(latest_begin, part.begin_ticks);
+}
+
+}  // namespace stgs

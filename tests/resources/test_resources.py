@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Opening and validating hostile files stays within the promised memory (SECURITY.md).
+
+usage: test_resources.py MEASURE_SCENE
+Every case of hostile.py, with the arguments at both ends of their ranges and with the worst ones
+that search.py found, as a small and as a large file.
+"""
+import sys
+
+import hostile
+from search import LIMIT, PER_BYTE, measure
+
+WORST = {  # found by search.py
+    "entries": {"segments": 1000, "tiers": 255},
+    "further_entries": {"records": 4096},
+    "pages": {"entries_each": 4, "damaged": 0},
+    "layouts": {"rows": 255, "extra": 0},
+    "fragments": {"tables_each": 4, "damaged": 1},
+}
+OK, INVALID, UNSUPPORTED = 0, 3, 5
+
+
+def arguments_of(name, case):
+    ends = [{k: v[i] for k, v in case.ranges.items()} for i in (0, 1)]
+    return [a for i, a in enumerate(ends) if a not in ends[:i]] + [WORST[n] for n in WORST if n == name]
+
+
+def problems(program, name, size, arguments):
+    for f in measure(program, hostile.CASES[name].make(size, **arguments)):
+        about = f"{name} {arguments}, {f.size} bytes, {f.step}"
+        if f.peak > LIMIT + PER_BYTE * f.read:
+            yield f"{about}: {f.peak} bytes of memory for {f.read} bytes read"
+        if f.read > 2.5 * f.size + 4096:
+            yield f"{about}: reads {f.read} bytes"
+        if f.status not in (OK, INVALID, UNSUPPORTED):
+            yield f"{about}: status {f.status}"
+
+
+def check_refusals(program):
+    """The limit takes effect: a long index is refused when it is opened, and a short one is not."""
+    many = measure(program, hostile.links(8_000_000, copies=0))[0]
+    few = measure(program, hostile.links(1_000_000, copies=0))[0]
+    assert (many.status, few.status) == (UNSUPPORTED, OK), (many, few)
+
+
+def main():
+    program = sys.argv[1]
+    found = [problem for name, case in hostile.CASES.items() for size in (200_000, 6_000_000)
+             for arguments in arguments_of(name, case) for problem in problems(program, name, size, arguments)]
+    print("\n".join(found))
+    check_refusals(program)
+    sys.exit(1 if found else 0)
+
+
+if __name__ == "__main__":
+    main()
