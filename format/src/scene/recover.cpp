@@ -20,16 +20,37 @@ std::uint64_t listed_primitives(const SceneReader& reader) {
   return count;
 }
 
-// Returns the end of a batch of segments, at least one, that can be decoded at once within the
-// limit: their bytes, their floats, and planes of no more bytes than the floats (spec 8.1).
+// Returns those of segments whose bytes are there, of which each primitive takes one (spec 5.5).
+std::uint64_t available_primitives(const SceneReader& reader) {
+  std::uint64_t count = 0;
+  for (const SegmentInfo& segment : reader.segments())
+    count += segment.available ? segment.primitives : 0;
+  return count;
+}
+
+// Returns the memory for decoding a segment: its bytes, its floats, and planes of no more bytes
+// than the floats (spec 8.1).
+std::uint64_t decode_bytes(const SceneReader& reader, const SegmentInfo& segment) {
+  return segment.bytes + segment.sh_bytes +
+         8 * floats_per_primitive(reader.sh_degree()) * std::uint64_t{segment.primitives};
+}
+
+// Returns the memory for decoding the segment that takes most.
+std::uint64_t largest_decode(const SceneReader& reader) {
+  std::uint64_t largest = 0;
+  for (const SegmentInfo& segment : reader.segments()) {
+    if (segment.available) largest = std::max(largest, decode_bytes(reader, segment));
+  }
+  return largest;
+}
+
+// Returns the end of a batch of segments, at least one, that can be decoded at once.
 std::size_t end_of_batch(const SceneReader& reader, std::size_t begin, std::uint64_t max_memory) {
   const std::vector<SegmentInfo>& segments = reader.segments();
   std::uint64_t left = max_memory;
   std::size_t end = begin;
   for (; end < segments.size(); ++end) {
-    const std::uint64_t need =
-        segments[end].bytes + segments[end].sh_bytes +
-        8 * floats_per_primitive(reader.sh_degree()) * std::uint64_t{segments[end].primitives};
+    const std::uint64_t need = decode_bytes(reader, segments[end]);
     if (need > left && end > begin) break;
     left -= std::min(left, need);
   }
@@ -58,13 +79,13 @@ struct Outcome {
   Status base, sh;
 };
 
-// Appends the intact content of all segments to `all`. Memory is allocated for decoded content, not
-// for the counts in the index (spec 5.5).
-std::vector<Outcome> read_all(const SceneReader& reader, std::uint64_t max_memory,
+// Appends the intact content of all segments to `all`. `batch_memory`: for decoding. Memory for all
+// is allocated once something is intact, so that it is never needed twice.
+std::vector<Outcome> read_all(const SceneReader& reader, std::uint64_t batch_memory,
                               Gaussians4D& all) {
   const std::size_t count = reader.segments().size();
   const std::uint64_t batch_bytes =
-      std::min(max_memory, kBatchBytes * static_cast<std::uint64_t>(concurrency()));
+      std::min(batch_memory, kBatchBytes * static_cast<std::uint64_t>(concurrency()));
   all.sh_degree = reader.sh_degree();
   std::vector<Outcome> outcomes(count);
   for (std::size_t begin = 0, end = 0; begin < count; begin = end) {
@@ -76,13 +97,10 @@ std::vector<Outcome> read_all(const SceneReader& reader, std::uint64_t max_memor
       outcomes[i].base = part.status();
       if (part.ok()) decoded[i - begin] = std::move(part).value();
     });
-    std::size_t need = all.size();
-    for (const Gaussians4D& part : decoded) need += part.size();
-    // Doubles the capacity, except for the last batch.
-    if (need > all.position.capacity() / 3) {
-      all.reserve(std::clamp<std::uint64_t>(2 * all.size(), need, listed_primitives(reader)));
+    for (const Gaussians4D& part : decoded) {
+      if (all.size() == 0 && part.size() > 0) all.reserve(available_primitives(reader));
+      all.append(part);
     }
-    for (const Gaussians4D& part : decoded) all.append(part);
   }
   return outcomes;
 }
@@ -159,17 +177,19 @@ Result<Scene> recover_scene(const SceneReader& reader, const std::string& name,
   report.damage = reader.damage();
   report.lost_fragments = reader.lost_fragments();
   report.incomplete_bytes = reader.incomplete_bytes();
-  const std::uint64_t bytes =
-      listed_primitives(reader) * 4 * floats_per_primitive(reader.sh_degree());
+  const std::uint64_t floats =
+      available_primitives(reader) * 4 * floats_per_primitive(reader.sh_degree());
+  const std::uint64_t bytes = floats + largest_decode(reader);
   if (bytes > limits.max_memory) {
     return unsupported("{}: {} primitives need {} bytes of memory, more than the limit of {}", name,
-                       listed_primitives(reader), bytes, limits.max_memory);
+                       available_primitives(reader), bytes, limits.max_memory);
   }
   STGS_TRY(check_times(reader, name));
   try {
     Scene scene;
     scene.metadata = reader.metadata();
-    const std::vector<Outcome> outcomes = read_all(reader, limits.max_memory, scene.gaussians);
+    const std::vector<Outcome> outcomes =
+        read_all(reader, limits.max_memory - floats, scene.gaussians);
     STGS_TRY(count_outcomes(reader, outcomes, report));
     STGS_TRY(read_importance(reader, report, scene));
     scene.parts = reader.parts();
