@@ -2,6 +2,7 @@
 // Primitives at one time, for applications that render or measure them on their own.
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "scene.h"
 #include "stgs/format/math/blend.h"
@@ -17,6 +18,12 @@ stgs_primitives default_primitives() {
   stgs_primitives primitives{};
   primitives.struct_size = sizeof(primitives);
   return primitives;
+}
+
+// Returns the nearest finite value. Files state finite values, whose products can be infinite.
+float in_range(float v) {
+  constexpr float kGreatest = std::numeric_limits<float>::max();
+  return std::clamp(v, -kGreatest, kGreatest);
 }
 
 // Writes primitives one after another, up to the capacity, and counts all of them.
@@ -39,9 +46,11 @@ class Writer {
     for (std::size_t c = 0; c < 3; ++c) {
       const float velocity = set.velocity[3 * i + c];
       if (to_.position != nullptr)
-        to_.position[3 * at + c] = set.position[3 * i + c] + velocity * age;
-      if (to_.velocity != nullptr) to_.velocity[3 * at + c] = velocity * ticks_per_second_;
-      if (to_.scale != nullptr) to_.scale[3 * at + c] = std::exp(set.log_scale[3 * i + c]);
+        to_.position[3 * at + c] = in_range(set.position[3 * i + c] + velocity * age);
+      if (to_.velocity != nullptr)
+        to_.velocity[3 * at + c] = in_range(velocity * ticks_per_second_);
+      if (to_.scale != nullptr)
+        to_.scale[3 * at + c] = in_range(std::exp(set.log_scale[3 * i + c]));
     }
     if (to_.rotation != nullptr) add_rotation(&set.rotation[4 * i], to_.rotation + 4 * at);
     if (to_.sh != nullptr) add_sh(set, i, to_.sh + sh_floats_ * at);

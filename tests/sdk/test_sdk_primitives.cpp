@@ -99,6 +99,27 @@ TEST_CASE("a scene returns the primitives that are visible at the time", "[sdk]"
   CHECK(std::equal(got.sh.begin(), got.sh.end(), expected->sh.begin(), expected->sh.end()));
 }
 
+TEST_CASE("primitives beyond the range of float are finite", "[sdk]") {
+  Scene scene = random_scene(3, 0, 30, 3);
+  for (float& v : scene.gaussians.log_scale) v = 100;  // e^100 is infinite in single precision
+  for (float& v : scene.gaussians.velocity) v = 3e38f;
+  for (float& v : scene.gaussians.sigma) v = 1000;
+  for (float& v : scene.gaussians.opacity_logit) v = 5;
+  const auto file = encode_scene(scene, {});
+  REQUIRE(file.ok());
+  const ScenePtr opened = open_scene(*file);
+  const std::uint64_t count = count_of(opened.get(), kTime);
+  REQUIRE(count == 3);
+  Arrays got(count);
+  const stgs_primitives output = got.output(count);
+  std::uint64_t again = 0;
+  REQUIRE(stgs_scene_get_primitives(opened.get(), kTime, &output, &again) == STGS_OK);
+  for (const std::vector<float>* values : {&got.position, &got.velocity, &got.scale}) {
+    for (const float v : *values) CHECK(std::isfinite(v));
+  }
+  CHECK(got.scale[0] == std::numeric_limits<float>::max());
+}
+
 TEST_CASE("arrays receive at most as many primitives as their capacity", "[sdk]") {
   const auto file = sdk_file();
   const ScenePtr scene = open_scene(file);
