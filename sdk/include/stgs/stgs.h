@@ -132,15 +132,15 @@ typedef struct stgs_scene_settings {
   const stgs_allocator* allocator; /* copied; NULL (default): the heap */
   const char* name; /* of data in memory and of application sources, in messages; copied; NULL
                      * (default): "memory" or "application source" */
-  /* URLs: limit of a read, with name lookup, connecting, redirections, headers, attempts and
-   * pauses, 0.1 to 1e6 s; longer by the time that the bytes received take at
-   * url_min_bytes_per_second, 1 to 1e9. Defaults 60 and 1000 */
-  double url_timeout_seconds;
-  double url_min_bytes_per_second;
-  /* URLs: 1: public host names and redirections may lead to addresses of private networks; 0
-   * (default): only the URL itself may name such a host, by its address, as localhost, as a single
-   * label or below .local. Behind a proxy, addresses are not known */
-  int32_t url_allow_private;
+  double url_timeout_seconds; /* URLs: limit of a read, with name lookup, connecting, redirections,
+                               * headers, all attempts and pauses, 0.1 to 1e6 s, and longer by the
+                               * time that the bytes received take at url_min_bytes_per_second;
+                               * default 60 */
+  double url_min_bytes_per_second; /* URLs: 1 to 1e9; default 1000 */
+  int32_t url_allow_private; /* URLs: 1: public host names and redirections may lead to addresses of
+                              * private networks; 0 (default): only the host of the URL may be
+                              * there, given as an address, localhost, a single label or a name
+                              * below .local. The addresses behind a proxy are not known */
 } stgs_scene_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */

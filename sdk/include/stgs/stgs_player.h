@@ -79,9 +79,9 @@ typedef struct stgs_player_settings {
   double live_stall_seconds;   /* without new data for this long: STGS_EVENT_STALLED; default 5 */
   double live_skip_seconds;    /* playback further than this behind its target skips ahead; default
                                 * 3 */
-  double url_timeout_seconds;  /* URLs: as in stgs_scene_settings */
-  double url_min_bytes_per_second;
-  int32_t url_allow_private;
+  double url_timeout_seconds;  /* URLs: limit of a read, as in stgs_scene_settings; default 60 */
+  double url_min_bytes_per_second; /* as in stgs_scene_settings; default 1000 */
+  int32_t url_allow_private;       /* as in stgs_scene_settings; default 0 */
 } stgs_player_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */
