@@ -38,6 +38,7 @@ class FaultyServer:
         self.etag = '"1"'
         self.faults = list(faults)
         self.ranges = []
+        self.authorizations = []
         self.connections = set()
         self.lock = threading.Lock()
         outer = self
@@ -75,6 +76,7 @@ class FaultyServer:
             fault = fault(self) if callable(fault) else fault
             data, etag = self.data, self.etag
             self.ranges.append(request.headers.get("Range"))
+            self.authorizations.append(request.headers.get("Authorization"))
             self.connections.add(request.client_address)
         if "do" in fault:
             fault["do"](self)

@@ -116,12 +116,12 @@ bool Reply::is_redirect(CURLcode result) const {
 }
 
 std::string Reply::summary(double seconds) const {
-  if (!connected_) return fmt::format("no connection to the server within {:.3g} s", seconds);
-  if (responses_ == 0) return fmt::format("the server did not respond within {:.3g} s", seconds);
+  if (!connected_) return fmt::format("no connection to the server within {:.1f} s", seconds);
+  if (responses_ == 0) return fmt::format("the server did not respond within {:.1f} s", seconds);
   if (received_ == 0 && since_progress_ == 0) {
-    return fmt::format("the server sent headers, but no data within {:.3g} s", seconds);
+    return fmt::format("the server sent headers, but no data within {:.1f} s", seconds);
   }
-  return fmt::format("the server sent {} byte{} of the file within {:.3g} s", received_,
+  return fmt::format("the server sent {} byte{} of the file within {:.1f} s", received_,
                      received_ == 1 ? "" : "s", seconds);
 }
 
