@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "structs.h"
+#include "transfer_settings.h"
 
 using stgs::player::PlayerEvent;
 using stgs::player::PlayerState;
@@ -40,6 +41,7 @@ stgs_player_settings default_player_settings() {
   settings.live_poll_seconds = defaults.live.poll_seconds;
   settings.live_stall_seconds = defaults.live.stall_seconds;
   settings.live_skip_seconds = defaults.live.skip_seconds;
+  stgs::sdk::fill_transfer_settings(defaults.http, settings);
   return settings;
 }
 
@@ -61,7 +63,11 @@ std::string out_of_range(const stgs_player_settings& s) {
                 {"live_latency_seconds", s.live_latency_seconds, 0, kMax},
                 {"live_poll_seconds", s.live_poll_seconds, 0, kMax},
                 {"live_stall_seconds", s.live_stall_seconds, 0, kMax},
-                {"live_skip_seconds", s.live_skip_seconds, 0, kMax}};
+                {"live_skip_seconds", s.live_skip_seconds, 0, kMax},
+                {"url_timeout_seconds", s.url_timeout_seconds, stgs::player::kMinRequestSeconds,
+                 stgs::player::kMaxRequestSeconds},
+                {"url_min_bytes_per_second", s.url_min_bytes_per_second,
+                 stgs::player::kMinBytesPerSecond, stgs::player::kMaxBytesPerSecond}};
   for (const auto& [name, value, min, max] : ranges) {
     if (value >= min && value <= max) continue;
     const std::string range =
@@ -89,6 +95,7 @@ stgs::player::PlayerSettings open_settings_of(const stgs_player_settings& s) {
   out.live.poll_seconds = s.live_poll_seconds;
   out.live.stall_seconds = s.live_stall_seconds;
   out.live.skip_seconds = s.live_skip_seconds;
+  stgs::sdk::read_transfer_settings(s, out.http);
   return out;
 }
 

@@ -9,6 +9,7 @@
 #include "source.h"
 #include "stgs/player/source.h"
 #include "structs.h"
+#include "transfer_settings.h"
 
 using stgs::sdk::guarded;
 using stgs::sdk::Outcome;
@@ -21,7 +22,29 @@ stgs_scene_settings default_scene_settings() {
   settings.max_file_bytes = INT64_MAX;
   settings.max_primitives = stgs::ReadLimits{}.max_primitives;
   settings.memory_budget = settings.max_memory = stgs::player::kDefaultMemoryBudget;
+  stgs::sdk::fill_transfer_settings(stgs::player::HttpSettings{}, settings);
   return settings;
+}
+
+// Returns a message about the first setting that is out of range; empty if there is none.
+std::string out_of_range(const stgs_scene_settings& s) {
+  for (const auto& [name, bytes] :
+       {std::pair{"memory_budget", s.memory_budget}, std::pair{"max_memory", s.max_memory}}) {
+    if (bytes >= stgs::sdk::kMinMemoryBudget) continue;
+    return fmt::format("settings: {} is too small (expected at least 1 MiB)", name);
+  }
+  const struct {
+    const char* name;
+    double value, min, max;
+  } ranges[] = {{"url_timeout_seconds", s.url_timeout_seconds, stgs::player::kMinRequestSeconds,
+                 stgs::player::kMaxRequestSeconds},
+                {"url_min_bytes_per_second", s.url_min_bytes_per_second,
+                 stgs::player::kMinBytesPerSecond, stgs::player::kMaxBytesPerSecond}};
+  for (const auto& [name, value, min, max] : ranges) {
+    if (value >= min && value <= max) continue;  // not NaN
+    return fmt::format("settings: {} is {} (expected {} to {})", name, value, min, max);
+  }
+  return {};
 }
 
 Outcome check_closed(const stgs_scene& scene) {
@@ -67,6 +90,7 @@ Outcome open_source(stgs_scene& scene, std::unique_ptr<stgs::ByteSource> source)
 // Reports retries as the caller's log permits: one at a time, from any thread.
 stgs::player::HttpSettings transfer_settings(const stgs_scene& scene) {
   stgs::player::HttpSettings settings;
+  stgs::sdk::read_transfer_settings(scene.settings, settings);
   settings.stop = scene.stop.get_token();
   settings.on_event = [log = scene.log, mutex = std::make_shared<std::mutex>()](
                           const stgs::player::TransferEvent& event) {
@@ -169,11 +193,8 @@ stgs_result stgs_scene_create(const stgs_scene_settings* settings, stgs_scene** 
     if (const stgs_result bad = stgs::sdk::copy_in(settings, known); bad != STGS_OK) return bad;
   }
   const stgs::sdk::Log log = {known.log, known.log_user};
-  for (const auto& [name, bytes] : {std::pair{"memory_budget", known.memory_budget},
-                                    std::pair{"max_memory", known.max_memory}}) {
-    if (bytes >= stgs::sdk::kMinMemoryBudget) continue;
-    log(STGS_LOG_ERROR,
-        fmt::format("settings: {} is too small (expected at least 1 MiB)", name).c_str());
+  if (const std::string wrong = out_of_range(known); !wrong.empty()) {
+    log(STGS_LOG_ERROR, wrong);
     return STGS_ERROR_ARGUMENT;
   }
   if (const stgs_result bad = stgs::sdk::check_allocator(known.allocator, log); bad != STGS_OK) {

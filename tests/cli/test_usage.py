@@ -140,6 +140,8 @@ class Help(CliTest):
             "--backend": rendering | training,
             "--threads": rendering | training | {"prepare", "pack", "validate", "convert", "play"},
             "--seed": training | {"prepare", "bench"},
+            "--timeout": rendering | {"info", "validate", "play"},
+            "--allow-private": rendering | {"info", "validate", "play"},
         }
         for verb in self.verbs():
             text = self.succeeds(verb, "--help").stdout.decode()

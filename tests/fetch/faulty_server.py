@@ -18,7 +18,7 @@ class FaultyServer:
     cut:         bytes of the body after which the connection is reset
     stall:       as cut, but the reset comes after 20 s of silence
     delay:       seconds before the response
-    drip:        seconds between the bytes of the body
+    drip:        seconds between the bytes of the body; or between pieces of `piece` bytes
     complete:    ignore the range
     shift:       bytes by which the range in the response begins later
     encode:      state the content encoding gzip
@@ -26,6 +26,10 @@ class FaultyServer:
     anonymous:   send no ETag
     redirect:    redirect to this URL
     no_total:    omit the total size
+    header_drip: seconds between the lines of headers without an end
+    interim:     seconds between responses 100 without an end
+    huge_header: bytes of the headers, in lines of `line` bytes (default: one line)
+    endless:     a response of this status, whose body has no end
     do:          call this function with the server before responding
     """
 
@@ -34,12 +38,14 @@ class FaultyServer:
         self.etag = '"1"'
         self.faults = list(faults)
         self.ranges = []
+        self.authorizations = []
         self.connections = set()
         self.lock = threading.Lock()
         outer = self
 
         class Handler(http.server.BaseHTTPRequestHandler):
             protocol_version = "HTTP/1.1"
+            disable_nagle_algorithm = True
 
             def log_message(self, *_):
                 pass
@@ -70,18 +76,45 @@ class FaultyServer:
             fault = fault(self) if callable(fault) else fault
             data, etag = self.data, self.etag
             self.ranges.append(request.headers.get("Range"))
+            self.authorizations.append(request.headers.get("Authorization"))
             self.connections.add(request.client_address)
         if "do" in fault:
             fault["do"](self)
             data, etag = self.data, self.etag
         time.sleep(fault.get("delay", 0))
-        if "redirect" in fault:
+        if {"header_drip", "interim", "huge_header", "endless"} & fault.keys():
+            self.misbehave(request, fault, len(data))
+        elif "redirect" in fault:
             self.plain(request, 302, {"Location": fault["redirect"]})
         elif "status" in fault:
             after = {"Retry-After": fault["retry_after"]} if "retry_after" in fault else {}
             self.plain(request, fault["status"], after, fault.get("slowly", 0))
         else:
             self.file(request, fault, data, etag)
+
+    @staticmethod
+    def misbehave(request, fault, size):
+        """Sends a response that has no end, or a far one, until the client disconnects."""
+        begin = int(re.match(r"bytes=(\d+)-", request.headers["Range"]).group(1))
+        def send(data, pause=0.0):
+            request.wfile.write(data)
+            request.wfile.flush()
+            time.sleep(pause)
+
+        status = fault.get("endless", 206)
+        head = (b"HTTP/1.1 %d Status\r\nETag: \"1\"\r\nContent-Range: bytes %d-%d/%d\r\n"
+                % (status, begin, size - 1, size))
+        while "interim" in fault:
+            send(b"HTTP/1.1 100 Continue\r\n\r\n", fault["interim"])
+        send(head)
+        while "header_drip" in fault:
+            send(b"X-More: 1\r\n", fault["header_drip"])
+        if "huge_header" in fault:
+            line = fault.get("line", fault["huge_header"])
+            send((b"X-Huge: " + b"x" * line + b"\r\n") * (fault["huge_header"] // line))
+        send(b"Transfer-Encoding: chunked\r\n\r\n")
+        while "endless" in fault:
+            send(b"4000\r\n" + bytes(0x4000) + b"\r\n")
 
     @staticmethod
     def plain(request, status, headers, pause=0):
@@ -127,11 +160,14 @@ class FaultyServer:
         request.send_header("Content-Length", str(len(body)))
         request.end_headers()
         if "drip" in fault:
-            for k in range(len(body)):
-                request.wfile.write(body[k:k + 1])
+            piece = fault.get("piece", 1)
+            for k in range(0, fault.get("cut", len(body)), piece):
+                request.wfile.write(body[k:k + piece])
                 request.wfile.flush()
                 time.sleep(fault["drip"])
-            return
+            if "cut" not in fault:
+                return
+            body = b""
         sent = fault.get("cut", fault.get("stall"))
         if sent is None:
             request.wfile.write(body)

@@ -164,6 +164,16 @@ class Ranges(unittest.TestCase):
             with FaultyServer(DATA, [{"redirect": "file:///etc/hostname"}]) as server:
                 self.assertEqual(probe(server.url)["open"]["code"], 2)
 
+    def test_passwords_are_sent_to_their_own_origin(self):
+        with FaultyServer(DATA) as other:
+            faults = [{"redirect": "/moved"}, {}, {"redirect": other.url}] * 2
+            with FaultyServer(DATA, faults) as server:
+                out = probe(server.url.replace("//", "//me:secret@"), "1000:10", "2000:10")
+                self.assert_read(out, 1, 2000, 10)
+                basic = "Basic bWU6c2VjcmV0"
+                self.assertEqual(server.authorizations, [basic] * 5)
+                self.assertEqual(other.authorizations, [None])
+
     def test_a_replaced_file_is_an_error(self):
         def other(server):
             server.data, server.etag = bytes(len(DATA)), '"2"'

@@ -15,8 +15,10 @@ std::atomic<bool> requested{false}, released{false};
 
 }  // namespace
 
-// Replaces the C library's function for libcurl, and blocks until released.
-extern "C" int getaddrinfo(const char*, const char*, const addrinfo*, addrinfo**) {
+// Replaces the C library's function for libcurl, and blocks until released. Exported by the
+// program, whose symbols are hidden otherwise.
+extern "C" __attribute__((visibility("default"))) int getaddrinfo(const char*, const char*,
+                                                                  const addrinfo*, addrinfo**) {
   requested = true;
   requested.notify_all();
   released.wait(false);

@@ -12,10 +12,12 @@ namespace stgs::fuzz {
 stgs_result SdkCalls::create_player(std::uint8_t argument) {
   using Settings = stgs_player_settings;
   constexpr double Settings::*kSeconds[] = {
-      &Settings::prefetch_seconds,   &Settings::resume_seconds,    &Settings::layer_lead_seconds,
-      &Settings::retry_seconds,      &Settings::live_poll_seconds, &Settings::live_latency_seconds,
-      &Settings::live_stall_seconds, &Settings::live_skip_seconds, &Settings::url_stall_seconds,
-      &Settings::url_connect_seconds};
+      &Settings::prefetch_seconds,    &Settings::resume_seconds,
+      &Settings::layer_lead_seconds,  &Settings::retry_seconds,
+      &Settings::live_poll_seconds,   &Settings::live_latency_seconds,
+      &Settings::live_stall_seconds,  &Settings::live_skip_seconds,
+      &Settings::url_stall_seconds,   &Settings::url_connect_seconds,
+      &Settings::url_timeout_seconds, &Settings::url_min_bytes_per_second};
   Settings settings;
   stgs_player_settings_defaults(&settings, sizeof settings);
   settings.memory_budget = settings.max_memory = (argument & 1) != 0 ? 1 << 20 : 64 << 20;

@@ -15,9 +15,8 @@
 namespace stgs::tools {
 namespace {
 
-constexpr double kPoll = 0.001;  // seconds
-// Seconds without a byte after which playback fails to begin; the shorter after a failed read.
-constexpr double kStartTimeout = 60, kFailedReadTimeout = 10;
+constexpr double kPoll = 0.001;            // seconds
+constexpr double kFailedReadTimeout = 10;  // at most, without a byte after a failed read, seconds
 constexpr double kMaxRefreshes = 1e7;
 
 void sleep(double seconds) {
@@ -45,7 +44,8 @@ class PlayerPlayback final : public MeasuredPlayback {
  public:
   using Event = player::PlayerEvent;
 
-  explicit PlayerPlayback(std::unique_ptr<player::Player> player) : player_(std::move(player)) {}
+  PlayerPlayback(std::unique_ptr<player::Player> player, double timeout)
+      : player_(std::move(player)), timeout_(timeout) {}
   player::Timeline& timeline() override { return player_->timeline(); }
   Result<double> advance(double passed) override {
     if (player_->state() == player::PlayerState::kPaused) STGS_TRY(begin());
@@ -89,9 +89,11 @@ class PlayerPlayback final : public MeasuredPlayback {
         fetched = so_far;
         last_bytes = now;
       }
-      if (now - last_bytes > (events_.empty() ? kStartTimeout : kFailedReadTimeout)) {
+      // A pending read fails at its own limit, with a reason.
+      const double limit = events_.empty() ? timeout_ + 1 : std::min(timeout_, kFailedReadTimeout);
+      if (now - last_bytes > limit) {
         if (!events_.empty()) return io_error("playback cannot begin: {}", events_.back().message);
-        return runtime_error("playback has not begun: no data for {} s", kStartTimeout);
+        return runtime_error("playback has not begun: no data for {:g} s", timeout_);
       }
       sleep(kPoll);
     }
@@ -106,6 +108,7 @@ class PlayerPlayback final : public MeasuredPlayback {
   }
 
   std::unique_ptr<player::Player> player_;
+  double timeout_;             // seconds
   std::vector<Event> events_;  // not yet reported
   bool has_failed_ = false, warned_of_memory_ = false;
   double passed_ = 0;  // argument of the last advance()
@@ -119,14 +122,16 @@ std::unique_ptr<MeasuredPlayback> playback_of(std::unique_ptr<player::Timeline> 
 }
 
 Result<std::unique_ptr<MeasuredPlayback>> playback_of(std::unique_ptr<ByteSource> source,
-                                                      std::uint64_t memory_budget, double rate) {
+                                                      std::uint64_t memory_budget, double rate,
+                                                      double timeout) {
   player::PlayerSettings settings;
   settings.memory_budget = memory_budget;
   settings.live.follow = false;  // play a growing file from its beginning
   STGS_ASSIGN(auto player, player::Player::from_source(std::move(source), settings));
   STGS_TRY(player->set_rate(rate));
   player->set_loop(true);
-  return std::unique_ptr<MeasuredPlayback>(std::make_unique<PlayerPlayback>(std::move(player)));
+  return std::unique_ptr<MeasuredPlayback>(
+      std::make_unique<PlayerPlayback>(std::move(player), timeout));
 }
 
 Result<Played> play(Session& session, MeasuredPlayback& playback, player::Renderer& renderer,

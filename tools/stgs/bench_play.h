@@ -24,8 +24,7 @@ class MeasuredPlayback {
   virtual ~MeasuredPlayback() = default;
   virtual player::Timeline& timeline() = 0;
   // Returns the time to render `passed` seconds after playback began. The first call, at 0, blocks
-  // until playback can begin: kIo if its first data cannot be read, kRuntime if nothing arrives for
-  // a minute.
+  // until playback can begin: kIo if its first data cannot be read, kRuntime if nothing arrives.
   virtual Result<double> advance(double passed) = 0;
   // Returns whether playback was buffering after the last advance().
   virtual bool is_buffering() const = 0;
@@ -39,8 +38,10 @@ class MeasuredPlayback {
 std::unique_ptr<MeasuredPlayback> playback_of(std::unique_ptr<player::Timeline> timeline,
                                               double rate);
 // "player": segments are fetched and decoded ahead, on CPU threads.
+// `timeout`: without data, after which playback fails to begin, seconds.
 Result<std::unique_ptr<MeasuredPlayback>> playback_of(std::unique_ptr<ByteSource> source,
-                                                      std::uint64_t memory_budget, double rate);
+                                                      std::uint64_t memory_budget, double rate,
+                                                      double timeout);
 
 struct Played {
   Pass pass;             // timings of the rendered frames

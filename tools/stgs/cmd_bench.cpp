@@ -54,7 +54,7 @@ class Bench final : public Command {
   }
 
   Shared shared() const override {
-    return {.progress = true, .backend = "Renderer", .threads = true};
+    return {.progress = true, .backend = "Renderer", .threads = true, .urls = true};
   }
   void declare(Arguments& app) override {
     app.add_option("FILE", file_, "The .stgs file: a path, a URL, or - for standard input")
@@ -112,7 +112,8 @@ class Bench final : public Command {
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_ASSIGN(const std::uint64_t budget, parse_memory(memory_));
     if (pipeline_ == "player") {
-      STGS_ASSIGN(auto playback, playback_of(std::move(source), budget, play_.rate));
+      STGS_ASSIGN(auto playback,
+                  playback_of(std::move(source), budget, play_.rate, session.options.timeout));
       return run_play(session, *playback, *renderer);
     }
     const ReadLimits limits = ReadLimits::of(ReadLimits().max_primitives, budget);

@@ -42,7 +42,7 @@ class Compare final : public Command {
   }
 
   Shared shared() const override {
-    return {.progress = true, .backend = "Renderer", .threads = true};
+    return {.progress = true, .backend = "Renderer", .threads = true, .urls = true};
   }
   void declare(Arguments& app) override {
     app.add_option("A", a_, "An image, or a .stgs file: a path, a URL, or - for standard input")

@@ -122,7 +122,7 @@ class Evaluate final : public Command {
   }
 
   Shared shared() const override {
-    return {.progress = true, .backend = "Renderer", .threads = true};
+    return {.progress = true, .backend = "Renderer", .threads = true, .urls = true};
   }
   void declare(Arguments& app) override {
     app.add_option("FILE", file_, "The .stgs file: a path, a URL, or - for standard input")

@@ -35,7 +35,7 @@ class Info final : public Command {
             "  stgs info *.stgs\n"
             "  stgs info scene.stgs --lifespans --format json"};
   }
-  Shared shared() const override { return {}; }
+  Shared shared() const override { return {.urls = true}; }
   void declare(Arguments& app) override {
     app.add_option("FILE", locations_, "The .stgs files: paths, URLs, or - for standard input")
         ->required();

@@ -31,7 +31,7 @@ class Play final : public Command {
         "  stgs play scene.stgs --time 0.5 --paused --screenshot window.png"};
   }
 
-  Shared shared() const override { return {.log_level = true, .threads = true}; }
+  Shared shared() const override { return {.log_level = true, .threads = true, .urls = true}; }
 
   void declare(Arguments& app) override {
     app.add_option("FILE", file_, "The .stgs file, or its URL")->required();

@@ -50,7 +50,8 @@ class Render final : public Command {
   }
 
   Shared shared() const override {
-    return {.progress = true, .log_level = true, .backend = "Renderer", .threads = true};
+    return {
+        .progress = true, .log_level = true, .backend = "Renderer", .threads = true, .urls = true};
   }
   void declare(Arguments& app) override {
     app.add_option("FILE", o_.file, "The .stgs file: a path, a URL, or - for standard input")

@@ -2,12 +2,15 @@
 #include <algorithm>
 
 #include "command.h"
+#include "error_report.h"
 #include "memory_option.h"
 #include "scene_input.h"
 #include "stgs/format/scene_file.h"
 
 namespace stgs::tools {
 namespace {
+
+constexpr int kUnreadable = 100;  // spec/conformance.md, 2
 
 struct Verdict {
   std::string name;
@@ -18,9 +21,18 @@ struct Verdict {
     return static_cast<int>(
         std::count_if(issues.begin(), issues.end(), [](const Issue& i) { return i.error; }));
   }
+  // Returns whether reading has failed, and no error is one of the file.
+  bool is_unread() const {
+    return std::all_of(issues.begin(), issues.end(),
+                       [](const Issue& i) { return !i.error || i.number == kUnreadable; });
+  }
   // States the number of errors, at least one, and the first of them unless the report on standard
   // output lists them as text.
   Status error(bool is_listed) const {
+    const Status status = description(is_listed);
+    return is_unread() ? Status(StatusCode::kIo, status.message()) : status;
+  }
+  Status description(bool is_listed) const {
     const std::string count = plural(errors(), "error");
     if (is_listed) return invalid_file("{}: {}", name, count);
     const Issue& first =
@@ -42,6 +54,7 @@ Verdict validate_file(Session& session, const std::string& path, const ReadLimit
   auto issues = validate_scene(**source, limits);
   if (issues.ok()) {
     verdict.issues = std::move(issues).value();
+    for (Issue& issue : verdict.issues) issue.message = with_url_option(std::move(issue.message));
   } else {
     verdict.unreadable = issues.status();
   }
@@ -85,10 +98,12 @@ class Validate final : public Command {
   Help help() const override {
     return {"validate", "Check .stgs files against the format specification",
             "Checks structure, checksums, limits and values. Lists issues by number\n"
-            "(spec/conformance.md). Exit code 3 if a file has errors, 2 if one cannot be read.",
+            "(spec/conformance.md). Exit code 3 if a file has errors, 2 if it has none but cannot "
+            "be read\n"
+            "completely.",
             "  stgs validate scene.stgs other.stgs"};
   }
-  Shared shared() const override { return {.threads = true}; }
+  Shared shared() const override { return {.threads = true, .urls = true}; }
   void declare(Arguments& app) override {
     app.add_option("FILE", paths_, "The .stgs files: paths, URLs, or - for standard input")
         ->required();

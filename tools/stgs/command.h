@@ -26,6 +26,7 @@ struct Shared {
   const char* backend = nullptr;  // label of --backend in the help; null: no --backend
   bool trains = false;            // --backend accepts the training backends only
   bool threads = false, seed = false;
+  bool urls = false;  // the verb reads URLs: --timeout and --allow-private
 };
 
 class Command {

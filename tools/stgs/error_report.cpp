@@ -138,6 +138,18 @@ Status with_memory_option(const Status& status) {
   return has_issue(status, kMemoryLimit) ? with_advice(status, kAdvice) : status;
 }
 
+std::string with_url_option(std::string message) {
+  // The advice of the library, to programs.
+  constexpr std::pair<std::string_view, std::string_view> kAdvice[] = {
+      {"raise url_timeout_seconds", "use a larger --timeout"},
+      {"set url_allow_private", "use --allow-private"}};
+  for (const auto& [of_library, of_program] : kAdvice) {
+    const std::size_t at = message.rfind(of_library);
+    if (at != std::string::npos) message.replace(at, of_library.size(), of_program);
+  }
+  return message;
+}
+
 bool wants_json(const std::vector<std::string>& arguments) {
   for (std::size_t i = 0; i < arguments.size(); ++i) {
     if (arguments[i] == "--format=json") return true;

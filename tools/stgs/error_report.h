@@ -27,6 +27,10 @@ bool has_issue(const Status& status, std::uint64_t issue);
 // Names the option --memory in the error of a memory limit. Returns other errors as they are.
 Status with_memory_option(const Status& status);
 
+// Names the options --timeout and --allow-private in the message of a failed read from a URL.
+// Returns other messages as they are.
+std::string with_url_option(std::string message);
+
 // Returns whether the arguments select --format json; for errors of the command line itself.
 bool wants_json(const std::vector<std::string>& arguments);
 

@@ -9,6 +9,7 @@
 #include "error_report.h"
 #include "opencv.h"
 #include "options.h"
+#include "stgs/player/source.h"
 #include "usage.h"
 #include "version.h"
 
@@ -67,6 +68,17 @@ void declare_shared(CLI::App& app, const Shared& shared, CommonOptions& options)
                    "Maximum number of threads; 0: all cores. Does not change results")
         ->check(number_between(0, 4096))
         ->capture_default_str()
+        ->group(group);
+  }
+  if (shared.urls) {
+    app.add_option("--timeout", options.timeout,
+                   "URLs: limit of a read with all its attempts, seconds; longer by 1 ms for each "
+                   "byte that arrives")
+        ->check(number_between(player::kMinRequestSeconds, player::kMaxRequestSeconds))
+        ->capture_default_str()
+        ->group(group);
+    app.add_flag("--allow-private", options.allow_private,
+                 "URLs: public host names and redirections may lead to private networks")
         ->group(group);
   }
   if (shared.seed) {

@@ -83,6 +83,8 @@ Status SceneFile::open(const std::string& location, std::uint64_t memory) {
     return runtime_error("the library is older than the program");
   }
   settings.memory_budget = settings.max_memory = memory;
+  settings.url_timeout_seconds = session_.options.timeout;
+  settings.url_allow_private = session_.options.allow_private ? 1 : 0;
   settings.log = log;
   settings.log_user = this;
   settings.name = name_.c_str();

@@ -13,6 +13,8 @@ Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::str
     return memory_source({bytes.begin(), bytes.end()}, display_name(location));
   }
   player::HttpSettings settings;
+  settings.request_seconds = session.options.timeout;
+  settings.allow_private = session.options.allow_private;
   if (player::is_url(location)) settings.stop = session.stop_token();
   settings.on_event = [&session](const player::TransferEvent& event) {
     // Other events end the transfer: the verb reports them as its error.

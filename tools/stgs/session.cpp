@@ -102,7 +102,8 @@ int Session::conclude(Status status) {
   return exit_code(status.code());
 }
 
-void Session::report_error(const Status& status) {
+void Session::report_error(const Status& error) {
+  const Status status(error.code(), with_url_option(error.message()));
   if (!json()) return log(0, status.message());
   if (silent_) return;
   const std::lock_guard lock(stderr_mutex_);
@@ -126,8 +127,8 @@ void Session::log(int level, const std::string& line) {
   if (silent_ || level > level_of(options.log_level)) return;
   const std::lock_guard lock(stderr_mutex_);
   clear_bar();
-  const std::string out =
-      fmt::format("stgs: {}{}\n", kNames[std::clamp(level, 0, 3)], printable(line));
+  const std::string out = fmt::format("stgs: {}{}\n", kNames[std::clamp(level, 0, 3)],
+                                      printable(with_url_option(line)));
   std::fwrite(out.data(), 1, out.size(), stderr);
 }
 

@@ -29,9 +29,11 @@ struct CommonOptions {
   std::string progress = "auto";   // auto, bar, json or none
   std::string log_level = "info";  // error, warning, info or debug
   std::string backend = "auto";
-  std::string config;      // never set: the program handles it
-  int threads = 0;         // 0: all
-  std::uint64_t seed = 1;  // for all random choices
+  std::string config;          // never set: the program handles it
+  int threads = 0;             // 0: all
+  std::uint64_t seed = 1;      // for all random choices
+  double timeout = 60;         // of a read from a URL, seconds
+  bool allow_private = false;  // URLs may lead to private networks
 };
 
 class Session {
@@ -61,7 +63,7 @@ class Session {
   void emit_to_stderr(const Json& json, const std::string& text) const;
 
   // Prints an error to standard error: as JSON with --format json, else as a line of text.
-  void report_error(const Status& status);
+  void report_error(const Status& error);
   // Thread-safe. Levels as in LogSink: 0 error, 1 warning, 2 information, 3 debug.
   void log(int level, const std::string& line);
   encoder::LogSink log_sink();

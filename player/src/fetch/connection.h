@@ -4,6 +4,7 @@
 
 #include <curl/curl.h>
 
+#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -12,9 +13,14 @@
 #include <stop_token>
 #include <string>
 
+#include "fetch/deadline.h"
+#include "fetch/redirect.h"
 #include "stgs/player/source.h"
 
 namespace stgs::player {
+
+// Interval for checking time limits and should_continue(). A stop request wakes a wait at once.
+inline constexpr std::chrono::milliseconds kPollInterval{50};
 
 // The outcome of an attempt.
 struct Attempt {
@@ -29,36 +35,48 @@ struct Attempt {
   std::string reason;
   bool unchanged = false;    // of kDone: the known ETag is still valid, and no body was sent
   std::size_t received = 0;  // bytes, from the beginning of the range
-  bool progressed = false;   // bytes arrived, and not too slowly to count
+  bool progressed = false;   // many bytes arrived, or not much slower than the minimum rate
   std::uint64_t total = 0;   // file size, from Content-Range; 0: not stated
   std::string validator;     // ETag, else Last-Modified, else empty
   double retry_after = 0;    // seconds that the server asks to wait
 };
 
+class Reply;
+
 // A keep-alive connection. One thread at a time.
 class Connection {
  public:
-  static std::unique_ptr<Connection> open(const std::string& url, const HttpSettings& settings);
+  // Adds the bytes of the file that arrive to `received`, which outlives the connection.
+  static std::unique_ptr<Connection> open(const std::string& url, const HttpSettings& settings,
+                                          std::atomic<std::uint64_t>& received);
   ~Connection();
   Connection(const Connection&) = delete;
   Connection& operator=(const Connection&) = delete;
 
-  // Requests `out.size()` bytes, at least one, from `offset` on. With the ETag `known`, if it is
-  // not empty, requests them only if the ETag has changed, bypassing caches. Stops once
-  // `should_continue`, which may be empty, returns false.
-  Attempt get(std::uint64_t offset, std::span<std::uint8_t> out, const std::string& known = {},
-              const std::function<bool()>& should_continue = {});
+  // Requests `out.size()` bytes, at least one, from `offset` on, and follows redirections. With the
+  // ETag `known`, if it is not empty, requests them only if the ETag has changed, bypassing caches.
+  // Ends at the deadline, and once `should_continue`, which may be empty, returns false.
+  Attempt get(std::uint64_t offset, std::span<std::uint8_t> out, Deadline& deadline,
+              const std::string& known = {}, const std::function<bool()>& should_continue = {});
 
  private:
-  struct Reply;
+  Connection(std::string url, const HttpSettings& settings, std::atomic<std::uint64_t>& received);
+  // Requests the URL and follows redirections. `conditional`: the headers ask for a changed file.
+  Attempt follow(std::uint64_t offset, std::span<std::uint8_t> out, Deadline& deadline,
+                 bool conditional, const std::function<bool()>& should_continue);
+  CURLcode perform(Reply& reply, const Deadline& deadline,
+                   const std::function<bool()>& should_continue, bool& stopped);
+  // Opens a socket unless the address is private and must not be. libcurl's callback.
+  static curl_socket_t open_socket(void* self, curlsocktype purpose, curl_sockaddr* address);
 
-  Connection() = default;
-  CURLcode perform(Reply& reply, const std::function<bool()>& should_continue, bool& stopped);
-
+  std::string first_url_, url_;  // of the file; of the current request
+  HostRules rules_;
+  std::string refused_;  // why the last address was refused; empty: it was not
+  std::atomic<std::uint64_t>& received_;
   CURLM* multi_ = nullptr;
   CURL* easy_ = nullptr;
   std::stop_token stop_;
-  std::chrono::milliseconds stall_{0}, connect_{0};
+  std::chrono::milliseconds stall_, connect_;
 };
 
 }  // namespace stgs::player

@@ -15,8 +15,9 @@ namespace {
 
 constexpr double kMaxBackoff = 5;      // seconds between attempts, unless the server
 constexpr double kMaxRetryAfter = 30;  // asks for a longer wait, up to this
-// Interval for checking should_continue() while waiting.
-constexpr std::chrono::milliseconds kPollInterval{250};
+// After a read has run out of time, reads fail at once for this long, seconds, unless one succeeds:
+// a reader that continues after failed reads would wait for each of them.
+constexpr double kOutage = 5;
 constexpr std::size_t kMaxComparedHead = 4096;  // bytes by which refresh() recognises the file
 
 }  // namespace
@@ -101,18 +102,40 @@ class HttpSource::Impl {
   // Borrows a connection of the source; waits if all are in use.
   class Lease {
    public:
-    explicit Lease(const Impl& source) : source_(source) {
+    enum class Outcome { kOpen, kStopped, kTimedOut, kNoMemory };
+
+    Lease(const Impl& source, Deadline& deadline, const std::function<bool()>& should_continue)
+        : source_(source) {
       std::unique_lock lock(source.mutex_);
-      source.freed_.wait(lock, source.settings_.stop, [&] {
+      const auto is_free = [&] {
         return !source.free_.empty() || source.opened_ < source.settings_.max_connections;
-      });
+      };
+      std::uint64_t received = source.received_;
+      while (!is_free()) {
+        if (source.settings_.stop.stop_requested()) return;
+        source.freed_.wait_for(lock, source.settings_.stop, kPollInterval, is_free);
+        // While the reads that have the connections proceed, this one waits.
+        const std::uint64_t now = source.received_;
+        deadline.add_bytes(now - std::exchange(received, now));
+        lock.unlock();
+        const bool is_wanted = !should_continue || should_continue();
+        lock.lock();
+        if (!is_wanted) return;
+        if (!is_free() && deadline.has_passed()) {
+          outcome_ = Outcome::kTimedOut;
+          return;
+        }
+      }
+      if (source.settings_.stop.stop_requested()) return;
+      outcome_ = Outcome::kNoMemory;
       if (!source.free_.empty()) {
         connection_ = std::move(source.free_.back());
         source.free_.pop_back();
-      } else if (source.opened_ < source.settings_.max_connections) {
-        connection_ = Connection::open(source.url_, source.settings_);
+      } else {
+        connection_ = Connection::open(source.url_, source.settings_, source.received_);
         if (connection_ != nullptr) ++source.opened_;
       }
+      if (connection_ != nullptr) outcome_ = Outcome::kOpen;
     }
     ~Lease() {
       if (connection_ == nullptr) return;
@@ -122,10 +145,12 @@ class HttpSource::Impl {
     }
     Lease(const Lease&) = delete;
     Lease& operator=(const Lease&) = delete;
-    Connection* get() const { return connection_.get(); }
+    Connection* get() const { return connection_.get(); }  // null unless kOpen
+    Outcome outcome() const { return outcome_; }
 
    private:
     const Impl& source_;
+    Outcome outcome_ = Outcome::kStopped;
     std::unique_ptr<Connection> connection_;
   };
 
@@ -170,13 +195,14 @@ class HttpSource::Impl {
   Result<Response> fetch(std::uint64_t offset, std::span<std::uint8_t> out, Check check,
                          const std::string& etag = {},
                          const std::function<bool()>& should_continue = {}) const {
-    const Lease lease(*this);
-    if (settings_.stop.stop_requested()) return stopped();
-    if (lease.get() == nullptr) return runtime_error("{}: libcurl is out of memory", name_);
+    STGS_TRY(check_outage());
+    Deadline deadline(settings_);
+    const Lease lease(*this, deadline, should_continue);
+    if (lease.get() == nullptr) return not_leased(lease, offset, deadline);
     std::size_t done = 0;
     for (int failures = 0;;) {
       const Snapshot expected = snapshot();
-      const Attempt attempt = lease.get()->get(offset + done, out.subspan(done),
+      const Attempt attempt = lease.get()->get(offset + done, out.subspan(done), deadline,
                                                done == 0 ? etag : std::string(), should_continue);
       done += attempt.received;
       count(attempt);
@@ -189,6 +215,7 @@ class HttpSource::Impl {
       } else if (attempt.outcome == Attempt::Outcome::kDone ||
                  (attempt.outcome == Attempt::Outcome::kRetryable && done == out.size())) {
         if (check == Check::kNothing || done == out.size()) {
+          end_outage();
           return Response{done, attempt.total, attempt.validator, attempt.unchanged};
         }
         failure = replaced();
@@ -197,12 +224,16 @@ class HttpSource::Impl {
         failure = {attempt.code, fmt::format("{}: {}", name_, attempt.reason)};
       } else {
         failures = attempt.progressed ? 1 : failures + 1;
-        if (failures < settings_.max_attempts) {
-          STGS_TRY(wait(offset + done, failures, attempt, should_continue));
+        const double pause = pause_after(failures, attempt);
+        const bool has_time = pause < deadline.remaining();
+        if (failures < settings_.max_attempts && has_time) {
+          STGS_TRY(wait(offset + done, pause, attempt, should_continue));
           continue;
         }
-        failure = io_error("{}: {} (gave up after {} attempt{}) [byte {}]", name_, attempt.reason,
-                           failures, failures == 1 ? "" : "s", offset + done);
+        failure = has_time
+                      ? io_error("{}: {} (gave up after {} attempt{}) [byte {}]", name_,
+                                 attempt.reason, failures, failures == 1 ? "" : "s", offset + done)
+                      : timed_out(reason_with_pause(attempt), offset + done, deadline);
       }
       report(kind, offset + done, 0, failure.message());
       return failure;
@@ -216,27 +247,69 @@ class HttpSource::Impl {
     if (attempt.outcome == Attempt::Outcome::kRetryable) ++statistics_.retries;
   }
 
-  // Waits before the next attempt: exponential backoff with jitter, at least as long as the server
-  // asks for.
-  Status wait(std::uint64_t offset, int failures, const Attempt& attempt,
+  // Returns the error of a read without a connection.
+  Status not_leased(const Lease& lease, std::uint64_t offset, const Deadline& deadline) const {
+    if (lease.outcome() == Lease::Outcome::kStopped) return stopped();
+    if (lease.outcome() == Lease::Outcome::kNoMemory) {
+      return runtime_error("{}: libcurl is out of memory", name_);
+    }
+    const Status failure = timed_out("other reads use all connections", offset, deadline);
+    report(TransferEvent::Kind::kFailed, offset, 0, failure.message());
+    return failure;
+  }
+
+  // Returns the error of a read that has no time left for another attempt, and of those that
+  // follow.
+  Status timed_out(const std::string& reason, std::uint64_t offset,
+                   const Deadline& deadline) const {
+    const std::lock_guard lock(mutex_);
+    outage_ = io_error("{}: {} (gave up after {:.1f} s); raise url_timeout_seconds [byte {}]",
+                       name_, reason, deadline.elapsed(), offset);
+    outage_end_ = Deadline::Clock::now() +
+                  std::chrono::duration_cast<Deadline::Clock::duration>(
+                      std::chrono::duration<double>(std::min(kOutage, settings_.request_seconds)));
+    return outage_;
+  }
+
+  Status check_outage() const {
+    const std::lock_guard lock(mutex_);
+    return Deadline::Clock::now() < outage_end_ ? outage_ : Status();
+  }
+
+  void end_outage() const {
+    const std::lock_guard lock(mutex_);
+    outage_end_ = {};
+  }
+
+  static std::string reason_with_pause(const Attempt& attempt) {
+    if (attempt.retry_after <= 0) return attempt.reason;
+    return fmt::format("{} and asks to wait {:.0f} s", attempt.reason, attempt.retry_after);
+  }
+
+  // Returns the seconds to wait before the next attempt: exponential backoff with jitter, at least
+  // as long as the server asks for.
+  double pause_after(int failures, const Attempt& attempt) const {
+    const int doublings = std::min(failures - 1, 30);
+    const double backoff = std::min(std::ldexp(settings_.backoff_seconds, doublings), kMaxBackoff);
+    const std::lock_guard lock(mutex_);
+    const double jitter = std::uniform_real_distribution<double>(0.75, 1.0)(random_);
+    return std::max(backoff * jitter, std::min(attempt.retry_after, kMaxRetryAfter));
+  }
+
+  // Waits before the next attempt.
+  Status wait(std::uint64_t offset, double seconds, const Attempt& attempt,
               const std::function<bool()>& should_continue) const {
-    std::unique_lock lock(mutex_);
-    double seconds =
-        std::min(settings_.backoff_seconds * std::ldexp(1.0, failures - 1), kMaxBackoff);
-    seconds *= std::uniform_real_distribution<double>(0.75, 1.0)(random_);
-    seconds = std::max(seconds, std::min(attempt.retry_after, kMaxRetryAfter));
-    lock.unlock();
     report(TransferEvent::Kind::kRetry, offset, seconds,
            fmt::format("{}: {}", name_, attempt.reason));
-    const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
+    const auto end = Deadline::Clock::now() + std::chrono::duration<double>(seconds);
     std::mutex none;
-    std::unique_lock pause(none);
+    std::unique_lock lock(none);
     std::condition_variable_any never;
-    while (std::chrono::steady_clock::now() < end) {
+    while (Deadline::Clock::now() < end) {
       if (settings_.stop.stop_requested() || (should_continue && !should_continue()))
         return stopped();
-      const auto next_check = std::chrono::steady_clock::now() + kPollInterval;
-      never.wait_until(pause, settings_.stop, std::min<decltype(end)>(end, next_check),
+      const auto next_check = Deadline::Clock::now() + kPollInterval;
+      never.wait_until(lock, settings_.stop, std::min<decltype(end)>(end, next_check),
                        [] { return false; });
     }
     return settings_.stop.stop_requested() ? stopped() : Status();
@@ -252,6 +325,9 @@ class HttpSource::Impl {
   mutable std::condition_variable_any freed_;
   mutable std::vector<std::unique_ptr<Connection>> free_;
   mutable int opened_ = 0;
+  mutable std::atomic<std::uint64_t> received_ = 0;  // bytes of the file, so far
+  mutable Status outage_;                            // of the last read that ran out of time
+  mutable Deadline::Clock::time_point outage_end_;
   mutable TransferStatistics statistics_;
   mutable std::minstd_rand random_{std::random_device{}()};
 };
@@ -298,6 +374,16 @@ bool is_http_built() {
 
 Result<std::unique_ptr<HttpSource>> open_url(const std::string& url, const HttpSettings& settings) {
   if (!is_url(url)) return usage_error("{}: not an HTTP URL (expected http:// or https://)", url);
+  const auto is_within = [](double value, double min, double max) {
+    return value >= min && value <= max;  // false for NaN
+  };
+  if (!is_within(settings.request_seconds, kMinRequestSeconds, kMaxRequestSeconds) ||
+      !is_within(settings.min_bytes_per_second, kMinBytesPerSecond, kMaxBytesPerSecond)) {
+    return usage_error(
+        "transfer settings out of range (expected request_seconds {:g} to {:g}, "
+        "min_bytes_per_second {:g} to {:g})",
+        kMinRequestSeconds, kMaxRequestSeconds, kMinBytesPerSecond, kMaxBytesPerSecond);
+  }
   auto impl = std::make_unique<HttpSource::Impl>(url, settings);
   STGS_TRY(impl->open());
   return std::make_unique<HttpSource>(std::move(impl));

@@ -14,14 +14,27 @@ bool is_url(const std::string& location) {
   return scheme.starts_with("http://") || scheme == "https://";
 }
 
+// A password may contain unescaped characters that end the authority, '/', '?' and '#', although no
+// URL does (RFC 3986, 3.2). An authority that looks like "user:pass", followed by an '@' further
+// on, is hidden up to the last such '@'.
 std::string display_location(const std::string& location) {
   if (!is_url(location)) return location;
   const std::size_t host = location.find("//") + 2;
-  std::string shown =
-      location.substr(0, std::min(location.find_first_of("?#", host), location.size()));
-  const std::size_t path = std::min(shown.find('/', host), shown.size());
-  const std::size_t user = shown.rfind('@', path);
+  std::string shown = location;
+  const auto authority_end = [&] {
+    return std::min(shown.find_first_of("/?#", host), shown.size());
+  };
+  const std::size_t user = shown.rfind('@', authority_end());
   if (user != std::string::npos && user >= host) shown.erase(host, user + 1 - host);
+  const std::size_t end = authority_end();
+  const bool has_colon = shown.find(':', host) < end;
+  if (has_colon && end < shown.size()) {
+    // A query of a URL with a path may contain an '@'.
+    const std::size_t last = shown[end] == '/' ? shown.find_first_of("?#", end) : shown.size();
+    const std::size_t at = shown.substr(0, last).rfind('@');
+    if (at != std::string::npos && at > end) shown.replace(host, at - host, "***");
+  }
+  shown.resize(std::min(shown.find_first_of("?#", host), shown.size()));
   return shown;
 }
 

@@ -229,6 +229,9 @@ stgs_player_settings settings_of(const py::kwargs& given) {
   set("live_poll_seconds", &Settings::live_poll_seconds);
   set("live_stall_seconds", &Settings::live_stall_seconds);
   set("live_skip_seconds", &Settings::live_skip_seconds);
+  set("url_timeout_seconds", &Settings::url_timeout_seconds);
+  set("url_min_bytes_per_second", &Settings::url_min_bytes_per_second);
+  set("url_allow_private", &Settings::url_allow_private);
   for (const auto& [name, value] : given) {
     if (known.count(name.cast<std::string>()) != 0) continue;
     throw py::type_error("Player: unknown setting '" + name.cast<std::string>() +

@@ -112,7 +112,10 @@ Primitives primitives_at(Scene& scene, double seconds) {
 std::unique_ptr<Scene> open(const py::object& source, std::optional<std::uint64_t> memory_budget,
                             std::optional<std::uint64_t> max_file_bytes,
                             std::optional<std::uint64_t> max_primitives,
-                            std::optional<std::uint64_t> max_memory, bool reject_damage) {
+                            std::optional<std::uint64_t> max_memory, bool reject_damage,
+                            std::optional<double> url_timeout_seconds,
+                            std::optional<double> url_min_bytes_per_second,
+                            bool url_allow_private) {
   stgs_scene_settings settings;
   stgs_scene_settings_defaults(&settings, sizeof settings);
   settings.memory_budget = memory_budget.value_or(settings.memory_budget);
@@ -120,6 +123,10 @@ std::unique_ptr<Scene> open(const py::object& source, std::optional<std::uint64_
   settings.max_primitives = max_primitives.value_or(settings.max_primitives);
   settings.max_memory = max_memory.value_or(settings.max_memory);
   settings.reject_damage = reject_damage ? 1 : 0;
+  settings.url_timeout_seconds = url_timeout_seconds.value_or(settings.url_timeout_seconds);
+  settings.url_min_bytes_per_second =
+      url_min_bytes_per_second.value_or(settings.url_min_bytes_per_second);
+  settings.url_allow_private = url_allow_private ? 1 : 0;
   return std::make_unique<Scene>(source, settings);
 }
 
@@ -248,7 +255,9 @@ void declare_scene(py::module_& module) {
   scene
       .def(py::init(&open), py::arg("source"), py::kw_only(), py::arg("memory_budget") = py::none(),
            py::arg("max_file_bytes") = py::none(), py::arg("max_primitives") = py::none(),
-           py::arg("max_memory") = py::none(), py::arg("reject_damage") = false)
+           py::arg("max_memory") = py::none(), py::arg("reject_damage") = false,
+           py::arg("url_timeout_seconds") = py::none(),
+           py::arg("url_min_bytes_per_second") = py::none(), py::arg("url_allow_private") = false)
       .def_property_readonly("info", &info_of)
       .def_property_readonly("title", [](Scene& s) { return text_of(s, STGS_TEXT_TITLE); })
       .def_property_readonly("generator", [](Scene& s) { return text_of(s, STGS_TEXT_GENERATOR); })

@@ -134,13 +134,23 @@ typedef struct stgs_scene_settings {
   const stgs_allocator* allocator; /* copied; NULL (default): the heap */
   const char* name; /* of data in memory and of application sources, in messages; copied; NULL
                      * (default): "memory" or "application source" */
+  double url_timeout_seconds; /* URLs: limit of a read, with name lookup, connecting, redirections,
+                               * headers, all attempts and pauses, 0.1 to 1e6 s, and longer by the
+                               * time that the bytes received take at url_min_bytes_per_second;
+                               * default 60 */
+  double url_min_bytes_per_second; /* URLs: 1 to 1e9; default 1000 */
+  int32_t url_allow_private; /* URLs: 1: public host names and redirections may lead to addresses of
+                              * private networks; 0 (default): only the host of the URL may be
+                              * there, given as an address, localhost, a single label or a name
+                              * below .local. The addresses behind a proxy are not known */
 } stgs_scene_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */
 STGS_API stgs_result stgs_scene_settings_defaults(stgs_scene_settings* settings,
                                                   size_t struct_size);
 
-/* Creates a scene without a file. NULL settings: the defaults. */
+/* Creates a scene without a file. NULL settings: the defaults. The log receives the message of an
+ * error. */
 STGS_API stgs_result stgs_scene_create(const stgs_scene_settings* settings, stgs_scene** out);
 
 /* Destroys a scene and everything that belongs to it. No other thread may be using the scene. Does

@@ -57,14 +57,15 @@ typedef struct stgs_player_settings {
   double retry_seconds;      /* delay before a failed read is retried; doubles with each failure,
                               * up to 10 s; default 1 */
   uint32_t max_reads_in_flight; /* concurrent reads, 1 to 64; default 4 */
-  uint32_t url_max_attempts;  /* URLs: consecutive attempts without any data before a read fails, 1
-                               * to 1000; default 5 */
-  double url_connect_seconds; /* URLs: an attempt fails if connecting takes longer; default 10 */
-  double url_stall_seconds;   /* URLs: an attempt fails after this long without data, or below 100
-                               * bytes per second; at least 0.1, smaller values count as 0.1;
-                               * default 10 */
-  stgs_log_fn log;            /* NULL (default): no log */
-  void* log_user;             /* first argument of `log` */
+  uint32_t url_max_attempts;    /* URLs: consecutive attempts that bring less than 64 KiB, and less
+                                 * than url_min_bytes_per_second, before a read fails, 1 to 1000;
+                                 * default 5 */
+  double url_connect_seconds;   /* URLs: an attempt fails if connecting takes longer; default 10 */
+  double url_stall_seconds;     /* URLs: an attempt fails after this long without data, or below 100
+                                 * bytes per second; at least 0.1, smaller values count as 0.1;
+                                 * default 10 */
+  stgs_log_fn log;              /* NULL (default): no log */
+  void* log_user;               /* first argument of `log` */
   /* Runs decoding; copied. Reads stay on threads of the player because they block. NULL (default):
    * threads of the library. */
   const stgs_task_runner* task_runner;
@@ -78,6 +79,9 @@ typedef struct stgs_player_settings {
   double live_stall_seconds;   /* without new data for this long: STGS_EVENT_STALLED; default 5 */
   double live_skip_seconds;    /* playback further than this behind its target skips ahead; default
                                 * 3 */
+  double url_timeout_seconds;  /* URLs: limit of a read, as in stgs_scene_settings; default 60 */
+  double url_min_bytes_per_second; /* as in stgs_scene_settings; default 1000 */
+  int32_t url_allow_private;       /* as in stgs_scene_settings; default 0 */
 } stgs_player_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */

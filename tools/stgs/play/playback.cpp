@@ -36,6 +36,8 @@ Status Playback::create() {
   }
   settings.memory_budget = settings_.memory;
   settings.max_memory = SceneFile::kMaxMemory;
+  settings.url_timeout_seconds = session_.options.timeout;
+  settings.url_allow_private = session_.options.allow_private ? 1 : 0;
   stgs_player* player = nullptr;
   const stgs_result created = stgs_player_create(&settings, &player);
   if (created != STGS_OK) {
@@ -58,6 +60,7 @@ Result<bool> Playback::is_open(double now) {
   STGS_TRY(check(stgs_player_wait_open(player_.get())));  // the result of opening
   STGS_TRY(begin());
   is_open_ = true;
+  opened_at_ = now;
   return true;
 }
 
@@ -93,7 +96,15 @@ Result<double> Playback::advance(double now) {
   if (played && status_.state == STGS_PLAYER_BUFFERING) ++stalls_;
   if (live().following != 0) rate_ = 1;
   STGS_TRY(take_events(now));
+  STGS_TRY(check_start(now));
   return status_.seconds;
+}
+
+Status Playback::check_start(double now) {
+  has_shown_ = has_shown_ || status_.ready != 0 || status_.layers > 0;
+  const double waited = now - opened_at_;
+  if (has_shown_ || failed_read_.empty() || waited < session_.options.timeout) return {};
+  return io_error("{}; nothing could be shown for {:.1f} s", failed_read_, waited);
 }
 
 Status Playback::update_info() {
@@ -235,6 +246,9 @@ Status Playback::skip_opening_damage() {
 }
 
 void Playback::report(double now, const stgs_player_event& event) {
+  if (event.kind == STGS_EVENT_READ_FAILED || event.kind == STGS_EVENT_REPLACED) {
+    failed_read_ = event.message;
+  }
   notices_.push_back({now, fmt::format("{}: {}", event_text(event.kind), event.message)});
   warn_of_event(session_, event.kind, event.offset, event.message);
 }

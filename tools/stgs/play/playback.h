@@ -33,9 +33,11 @@ class Playback {
       : session_(session), settings_(settings) {}
 
   // Returns whether the file is open at `now`, in seconds of any clock. An error if it cannot be
-  // opened or played. The functions below are valid once it is open.
+  // opened. The functions below are valid once it is open.
   Result<bool> is_open(double now);
-  // Advances playback to `now`, of the same clock. Returns the time to render.
+  // Advances playback to `now`, of the same clock. Returns the time to render. kIo if reads have
+  // failed and nothing could be shown for --timeout since the file is open; later, failed reads are
+  // retried without end.
   Result<double> advance(double now);
 
   stgs_scene* scene() const { return stgs_player_scene(player_.get()); }
@@ -90,6 +92,7 @@ class Playback {
   Status take_opening_events();
   Status skip_opening_damage();
   void report(double now, const stgs_player_event& event);
+  Status check_start(double now);
 
   Session& session_;
   const PlaybackSettings settings_;
@@ -100,6 +103,9 @@ class Playback {
   double rate_ = 1;
   bool loop_ = false;
   std::uint64_t stalls_ = 0;
+  double opened_at_ = 0;     // of the clock of is_open()
+  bool has_shown_ = false;   // some layer of some time was resident
+  std::string failed_read_;  // message of the last; empty: none
   struct Notice {
     double when;
     std::string text;

@@ -27,14 +27,30 @@ struct TransferEvent {
   std::string message;
 };
 
+// Ranges of HttpSettings::request_seconds and min_bytes_per_second.
+inline constexpr double kMinRequestSeconds = 0.1, kMaxRequestSeconds = 1e6;
+inline constexpr double kMinBytesPerSecond = 1, kMaxBytesPerSecond = 1e9;
+
 // Settings of an HttpSource.
 struct HttpSettings {
+  // Limit of one read, all its attempts included, from the beginning of the call to the last byte:
+  // name lookup, connecting, redirections, headers, pauses (also those that the server asks for)
+  // and the wait for a free connection count. The limit grows by the time that the bytes received
+  // take at the minimum rate, so that large reads from a slow server succeed. There is no way to
+  // have no limit.
+  double request_seconds = 60;
+  double min_bytes_per_second = 1000;
+  // Whether a public host name, or a redirection, may lead to an address of a private network. The
+  // host of the URL may be there in any case if it is an address, localhost, a single label or a
+  // name below .local, also after redirections. The addresses behind a proxy are not known.
+  bool allow_private = false;
   int max_connections = 4;      // open at once and kept alive; further reads wait for one
   double connect_seconds = 10;  // timeout of connecting; then the attempt fails
-  // Timeout without data, or with fewer than 100 bytes/s; then the attempt fails. Clamped to at
-  // least 0.1.
+  // Timeout without data of the body, or with fewer than 100 bytes/s; then the attempt fails.
+  // Clamped to at least 0.1.
   double stall_seconds = 10;
-  // Consecutive attempts that bring no data, or bring it too slowly, before a read fails.
+  // Consecutive attempts that bring less than 64 KiB, and bring it below the minimum rate, before a
+  // read fails.
   int max_attempts = 5;
   double backoff_seconds = 0.2;  // before the second attempt; doubles with each further one, to 5 s
   std::uint64_t head_bytes = 64 << 10;  // of the file, read when it is opened and cached
@@ -51,7 +67,10 @@ struct TransferStatistics {
 };
 
 // A file behind a server that supports range requests (RFC 9110, 14). If an attempt fails, the
-// bytes received are retained and the next attempt requests the rest.
+// bytes received are retained and the next attempt requests the rest. A read ends within a second
+// of HttpSettings::request_seconds, extended as stated there, whatever the server does, and within
+// 0.1 s of a stop request. (A libcurl without a resolver thread of its own waits for name lookup.)
+// After a read has run out of time, reads fail at once for up to 5 s, unless one succeeds.
 //
 // Reads fail with kIo if the file
 // - is smaller than it was, or than the prefix that refresh() was given, or
@@ -88,13 +107,15 @@ bool is_http_built();
 bool is_url(const std::string& location);
 
 // Returns `location` for use in messages: a URL without its userinfo, and without its query, which
-// may be a secret.
+// may be a secret. Hides all before an '@' that may end a password with a '/', '?' or '#', too
+// ("http://***@host").
 std::string display_location(const std::string& location);
 
-// Opens a URL and reads its first HttpSettings::head_bytes. Follows redirections; uses the proxies
-// that libcurl finds in the environment. Errors: kIo if the server does not respond or the file
-// does not exist, kUnsupported if the server does not support ranges, kNotBuilt without libcurl,
-// kUsage if `url` is not an HTTP URL.
+// Opens a URL and reads its first HttpSettings::head_bytes. Follows up to 5 redirections, but not
+// from https to http; uses the proxies that libcurl finds in the environment. Errors: kIo if the
+// server does not respond in time, leads to a private network, or the file does not exist;
+// kUnsupported if the server does not support ranges; kNotBuilt without libcurl; kUsage if `url` is
+// not an HTTP URL or the settings are out of range.
 Result<std::unique_ptr<HttpSource>> open_url(const std::string& url,
                                              const HttpSettings& settings = {});
 

@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+// How fast reads from URLs end when they are stopped. The promise is 100 ms; the tests allow more,
+// for busy machines, and print what they measure.
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <functional>
+#include <future>
+#include <vector>
+
+#include "catch.h"
+#include "small_server.h"
+#include "stgs/player/source.h"
+
+namespace stgs::player {
+namespace {
+
+using testing::kFourBytes;
+using testing::SmallServer;
+using Clock = std::chrono::steady_clock;
+
+constexpr double kAllowed = 0.5;  // seconds
+
+// Starts `read`, stops it once `may_stop` returns, and returns how long it then took, seconds.
+double seconds_to_stop(const char* name, const std::function<bool()>& read,
+                       const std::function<void()>& may_stop, const std::function<void()>& stop) {
+  auto reading = std::async(std::launch::async, read);
+  may_stop();
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  CHECK(reading.wait_for(std::chrono::seconds(0)) == std::future_status::timeout);
+  const auto begin = Clock::now();
+  stop();
+  CHECK_FALSE(reading.get());
+  const double seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+  std::printf("stopped %s after %.1f ms\n", name, 1e3 * seconds);
+  return seconds;
+}
+
+// Measures stopping the opening of a URL.
+double seconds_to_stop_opening(const char* name, const SmallServer& server) {
+  std::stop_source stop;
+  HttpSettings settings;
+  settings.stop = stop.get_token();
+  return seconds_to_stop(
+      name, [&] { return open_url(server.url(), settings).ok(); },
+      [&] { server.wait_for_requests(1); }, [&] { stop.request_stop(); });
+}
+
+TEST_CASE("a stop request ends the wait for a response within 100 ms") {
+  const SmallServer server;
+  CHECK(seconds_to_stop_opening("the wait for a response", server) < kAllowed);
+}
+
+TEST_CASE("a stop request ends the pause that a server asks for within 100 ms") {
+  const SmallServer server({"HTTP/1.1 503 Busy\r\nRetry-After: 20\r\nContent-Length: 0\r\n\r\n"});
+  CHECK(seconds_to_stop_opening("a pause", server) < kAllowed);
+}
+
+// A source with one connection, which a read uses without end.
+class BusySource {
+ public:
+  BusySource() {
+    HttpSettings settings;
+    settings.head_bytes = 4;
+    settings.max_connections = 1;
+    settings.stop = stop_.get_token();
+    source_ = std::move(open_url(server_.url(), settings)).value();
+    first_ = std::async(std::launch::async, [this] { return read(); });
+    server_.wait_for_requests(2);
+  }
+  void stop() { stop_.request_stop(); }
+  bool read(const std::function<bool()>& should_continue = {}) const {
+    std::vector<std::uint8_t> out(1000);
+    return source_->read_while(should_continue, 100, out).ok();
+  }
+  ~BusySource() { stop(); }
+
+ private:
+  const SmallServer server_{{kFourBytes}};
+  std::stop_source stop_;
+  std::unique_ptr<HttpSource> source_;
+  std::future<bool> first_;
+};
+
+TEST_CASE("a stop request ends the wait for a free connection within 100 ms") {
+  BusySource source;
+  CHECK(seconds_to_stop(
+            "the wait for a connection", [&] { return source.read(); }, [] {},
+            [&] { source.stop(); }) < kAllowed);
+}
+
+TEST_CASE("a read that is not wanted any more ends within 100 ms") {
+  BusySource source;
+  std::atomic<bool> is_wanted = true;
+  const auto ask = [&] { return is_wanted.load(); };
+  CHECK(seconds_to_stop(
+            "a read that waits for a connection", [&] { return source.read(ask); }, [] {},
+            [&] { is_wanted = false; }) < kAllowed);
+
+  const SmallServer server({kFourBytes});
+  HttpSettings settings;
+  settings.head_bytes = 4;
+  const auto idle = std::move(open_url(server.url(), settings)).value();
+  is_wanted = true;
+  std::vector<std::uint8_t> out(1000);
+  CHECK(seconds_to_stop(
+            "a read that waits for a response",
+            [&] { return idle->read_while(ask, 100, out).ok(); },
+            [&] { server.wait_for_requests(2); }, [&] { is_wanted = false; }) < kAllowed);
+}
+
+TEST_CASE("a read fails if no connection is free in time") {
+  const SmallServer server({kFourBytes});
+  HttpSettings settings;
+  settings.head_bytes = 4;
+  settings.max_connections = 1;
+  settings.request_seconds = 0.3;
+  const auto source = std::move(open_url(server.url(), settings)).value();
+  const auto read = [&] {
+    std::vector<std::uint8_t> out(1000);
+    return source->read(100, out);
+  };
+  auto first = std::async(std::launch::async, read);
+  server.wait_for_requests(2);
+  const Status second = read();
+  CHECK(second.code() == StatusCode::kIo);
+  // The first read may have ended just before, so that the second has the connection.
+  CHECK_THAT(second.message(), Catch::Contains("gave up after 0."));
+  CHECK_THAT(first.get().message(), Catch::Contains("the server did not respond within 0."));
+}
+
+TEST_CASE("settings without a limit are refused") {
+  for (const double seconds : {0.0, -1.0, 1e7, HUGE_VAL, std::nan("")}) {
+    HttpSettings settings;
+    settings.request_seconds = seconds;
+    CHECK(open_url("http://127.0.0.1:1/", settings).status().code() == StatusCode::kUsage);
+    settings = {};
+    settings.min_bytes_per_second = seconds > 1 ? 10 * seconds * seconds : seconds;
+    CHECK(open_url("http://127.0.0.1:1/", settings).status().code() == StatusCode::kUsage);
+  }
+}
+
+}  // namespace
+}  // namespace stgs::player
