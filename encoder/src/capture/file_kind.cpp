@@ -138,7 +138,7 @@ Size size_of(Kind kind, Bytes bytes) {
 bool begins_with_box(Bytes begin) {
   constexpr std::array<std::string_view, 7> kBoxes = {"ftyp", "moov", "mdat", "wide",
                                                       "free", "skip", "pnot"};
-  // A box of 16 MiB or more would leave room for the text of a script. The first byte 0 ends it.
+  // A box of 16 MiB or more could begin with the text of a script. The first byte 0 ends it.
   return !begin.empty() && begin[0] == 0 &&
          std::any_of(kBoxes.begin(), kBoxes.end(),
                      [&](std::string_view box) { return has(begin, 4, box); });
@@ -156,37 +156,39 @@ bool begins_with_matroska(Bytes begin) {
 
 }  // namespace
 
-Status check_image_kind(std::span<const std::uint8_t> bytes, const std::string& path) {
+Status check_image_kind(std::span<const std::uint8_t> bytes, const std::string& path,
+                        const std::string& what) {
   const Kind kind = kind_of(bytes), expected = kind_of_extension(path);
   const auto name = [](Kind k) { return kNames[static_cast<std::size_t>(k)]; };
   if (expected == Kind::kNone) {
     return invalid_file(
-        "{}: not an image by its extension (expected .png, .jpg, .jpeg, .bmp, .tif, .tiff or "
+        "{}: {}: not an image by its extension (expected .png, .jpg, .jpeg, .bmp, .tif, .tiff or "
         ".webp)",
-        path);
+        path, what);
   }
   if (kind == Kind::kNone) {
-    return invalid_file("{}: cannot decode the image: this is not a {} file", path, name(expected));
+    return invalid_file("{}: cannot decode {}: this is not a {} file", path, what, name(expected));
   }
   if (kind != expected) {
-    return invalid_file("{}: this is a {} image, but its extension is that of {}; rename it", path,
-                        name(kind), name(expected));
+    return invalid_file("{}: {}: this is a {} image, but its extension is that of {}; rename it",
+                        path, what, name(kind), name(expected));
   }
   const Size size = size_of(kind, bytes);
   if (size.width == 0 || size.height == 0) {
-    return invalid_file("{}: cannot decode the image: its header is truncated or damaged", path);
+    return invalid_file("{}: cannot decode {}: its header is truncated or damaged", path, what);
   }
   return check_image_size(static_cast<std::int64_t>(size.width),
                           static_cast<std::int64_t>(size.height), path);
 }
 
-Status check_video_kind(std::span<const std::uint8_t> begin, const std::string& path) {
+Status check_video_kind(std::span<const std::uint8_t> begin, const std::string& path,
+                        const std::string& what) {
   const bool avi = has(begin, 0, "RIFF") && has(begin, 8, "AVI ");
   if (avi || begins_with_box(begin) || begins_with_matroska(begin)) return {};
   return invalid_file(
-      "{}: not an MP4, MOV, Matroska, WebM or AVI video by its first bytes; copy it into one of "
-      "these containers (ffmpeg -i INPUT -c copy OUTPUT.mkv)",
-      path);
+      "{}: {}: not an MP4, MOV, Matroska, WebM or AVI video by its first bytes; copy it into one "
+      "of these containers (ffmpeg -i INPUT -c copy OUTPUT.mkv)",
+      path, what);
 }
 
 }  // namespace stgs::encoder

@@ -25,7 +25,7 @@ Result<cv::VideoCapture> open_video(const CaptureFolder& files, const SourceCame
   const ssize_t got = ::pread(file.descriptor(), begin.data(), begin.size(), 0);
   if (got < 0) return io_error("{}: cannot read: {}", path, system_message(errno));
   begin.resize(static_cast<std::size_t>(got));
-  STGS_TRY(check_video_kind(begin, path));
+  STGS_TRY(check_video_kind(begin, path, fmt::format("video of camera '{}'", camera.name)));
   // By the descriptor, so that FFmpeg reads the file that was checked.
   cv::VideoCapture video(file.name(), cv::CAP_FFMPEG);
   if (!video.isOpened()) {
@@ -108,8 +108,7 @@ Result<cv::Mat> decode_file(const CaptureFolder& files, const std::string& path,
   if (!files.exists(path)) return io_error("{}: {} not found", path, what);
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, files.read(path, kCaptureLimits.file_bytes));
   STGS_TRY(check_complete(bytes, path, what));
-  const Status kind = check_image_kind(bytes, path);
-  if (!kind.ok()) return Status(kind.code(), fmt::format("{} ({})", kind.message(), what));
+  STGS_TRY(check_image_kind(bytes, path, what));
   try {
     cv::Mat image = cv::imdecode(bytes, flags);
     if (!image.empty()) return image;

@@ -92,7 +92,8 @@ Status copy_image(const CameraJob& job, int frame) {
   }
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes,
               job.files.read(path, kCaptureLimits.file_bytes));
-  STGS_TRY(check_image_kind(bytes, path));
+  STGS_TRY(
+      check_image_kind(bytes, path, fmt::format("camera '{}' frame {}", job.source.name, number)));
   // Training decodes these bytes with the same decoder.
   const Result<Image8> image = decode_image8(bytes, 3, path);
   if (!image.ok()) {
