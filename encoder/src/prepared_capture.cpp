@@ -55,9 +55,9 @@ Status check_capture_camera(const Camera& camera, const std::string& path) {
                       camera.name.find('/') != std::string::npos || !is_printable(camera.name);
   if (unsafe) {
     return invalid_file(
-        "{}: camera name '{}' cannot be a folder name (no '/', '..', '.' at the start or control "
+        "{}: camera name {} cannot be a folder name (no '/', '..', '.' at the start or control "
         "characters)",
-        path, camera.name);
+        path, short_json(Json(camera.name)));
   }
   return check_camera(camera, path);
 }

@@ -178,7 +178,7 @@ Status check_image_kind(std::span<const std::uint8_t> bytes, const std::string& 
     return invalid_file("{}: cannot decode {}: its header is truncated or damaged", path, what);
   }
   return check_image_size(static_cast<std::int64_t>(size.width),
-                          static_cast<std::int64_t>(size.height), path);
+                          static_cast<std::int64_t>(size.height), path + ": " + what);
 }
 
 Status check_video_kind(std::span<const std::uint8_t> begin, const std::string& path,

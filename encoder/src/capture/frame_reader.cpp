@@ -20,6 +20,9 @@ constexpr int kImageFlags = cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION;
 Result<cv::VideoCapture> open_video(const CaptureFolder& files, const SourceCamera& camera) {
   const std::string& path = camera.video;
   if (!files.exists(path)) return io_error("{}: video of camera '{}' not found", path, camera.name);
+  if (files.kind(path) == CaptureFolder::Kind::kOther) {
+    return io_error("{}: video of camera '{}': not a regular file", path, camera.name);
+  }
   STGS_ASSIGN(const CaptureFile file, files.open_file(path));
   std::vector<std::uint8_t> begin(kVideoProbeBytes);
   const ssize_t got = ::pread(file.descriptor(), begin.data(), begin.size(), 0);

@@ -9,6 +9,7 @@
 #include <set>
 
 #include "capture_files.h"
+#include "stgs/format/json_text.h"
 #include "stgs/format/text.h"
 
 namespace stgs::encoder {
@@ -123,8 +124,8 @@ Status check(SourceCapture& capture) {
                              camera.name.find('/') == std::string::npos &&
                              is_printable(camera.name);
     if (!folder_name) {
-      return invalid_file("{}: camera name '{}' cannot be a folder name; rename the camera",
-                          capture.folder, camera.name);
+      return invalid_file("{}: camera name {} cannot be a folder name; rename the camera",
+                          capture.folder, short_json(nlohmann::json(camera.name)));
     }
     STGS_TRY(check_frame_limit(camera.images.size(),
                                fmt::format("{}: camera '{}'", capture.folder, camera.name)));
