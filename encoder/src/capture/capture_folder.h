@@ -25,9 +25,10 @@ namespace stgs::encoder {
 struct CaptureLimits {
   std::size_t cameras = 1000;
   int frames = 1'000'000;  // of a camera
-  // Of a table or calibration (JSON, YAML, XML, TOML, NumPy).
+  // Of a table or calibration (JSON, YAML, XML, TOML, NumPy) and of a file of a text model of
+  // COLMAP.
   std::uint64_t table_bytes = std::uint64_t{64} << 20;
-  // Of an image, a COLMAP model or a flow file.
+  // Of an image, a file of a binary model of COLMAP, or a flow file.
   std::uint64_t file_bytes = std::uint64_t{1} << 30;
 };
 inline constexpr CaptureLimits kCaptureLimits;

@@ -150,7 +150,7 @@ Status read_points_binary(const CaptureFolder& files, const std::string& path, C
 // of an image may be empty.
 Result<std::vector<std::pair<int, std::string>>> text_lines(const CaptureFolder& files,
                                                             const std::string& path) {
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, files.read(path, kCaptureLimits.file_bytes));
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_table(files, path));
   std::istringstream stream(std::string(bytes.begin(), bytes.end()));
   std::vector<std::pair<int, std::string>> lines;
   std::string line;

@@ -144,12 +144,12 @@ bool begins_with_box(Bytes begin) {
                      [&](std::string_view box) { return has(begin, 4, box); });
 }
 
-// An EBML header with one of the two document types that FFmpeg's own probe prefers.
+// An EBML header with a document type that FFmpeg's own probe looks for in the same way.
 bool begins_with_matroska(Bytes begin) {
   constexpr std::size_t kHeader = 128;
   if (!has(begin, 0, "\x1a\x45\xdf\xa3")) return false;
   for (std::size_t at = 4; at < std::min(begin.size(), kHeader); ++at) {
-    if (has(begin, at, "\x42\x82\x88matroska") || has(begin, at, "\x42\x82\x84webm")) return true;
+    if (has(begin, at, "matroska") || has(begin, at, "webm")) return true;
   }
   return false;
 }

@@ -25,6 +25,10 @@ Result<cv::Mat> read_flow(const CaptureFolder& files, const std::string& path) {
   std::uint8_t header[kHeader];
   float magic = 0;
   std::int32_t width = 0, height = 0;
+  if (source->size() > kCaptureLimits.file_bytes) {
+    return invalid_file("{}: file too large: {} bytes (limit {})", path, source->size(),
+                        kCaptureLimits.file_bytes);
+  }
   if (source->size() < kHeader) return invalid_file("{}: truncated .flo header", path);
   STGS_TRY(source->read(0, header));
   std::memcpy(&magic, header, 4);

@@ -297,6 +297,7 @@ typedef struct stgs_pack_settings {
                            * target_kbps */
   double target_psnr; /* the smallest file whose renders have this PSNR against those of the scene,
                        * 1 to 100 dB; 0 (default): no target; not with a limit */
+  int32_t allow_outside; /* 1: links in `against` may lead out of it; default 0 */
 } stgs_pack_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */
