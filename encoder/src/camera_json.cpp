@@ -47,9 +47,11 @@ void read_numbers(const Json& json, const char* key, std::span<double> out) {
 // Checks the range before the conversion, which is undefined for values that no int represents.
 int read_side(const Json& json, const char* key) {
   const double value = read_number(json, key);
-  if (value >= 0 && value <= kMaxImageSide) return static_cast<int>(value);
-  throw std::runtime_error(
-      fmt::format("\"{}\" is {} (expected 1 to {} pixels)", key, value, kMaxImageSide));
+  if (value >= 0 && value <= kMaxImageSide && value == std::floor(value)) {
+    return static_cast<int>(value);
+  }
+  throw std::runtime_error(fmt::format("\"{}\" is {} (expected an integer from 1 to {} pixels)",
+                                       key, value, kMaxImageSide));
 }
 
 }  // namespace

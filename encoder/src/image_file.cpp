@@ -3,7 +3,6 @@
 
 #include <memory>
 
-#include "stgs/format/byte_source.h"
 #include "stgs/format/camera.h"
 
 #pragma GCC diagnostic push
@@ -24,37 +23,6 @@ namespace stgs::encoder {
 namespace {
 
 constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 30;  // fits the int that stb takes
-
-Result<Image8> decode(const std::vector<std::uint8_t>& bytes, int channels,
-                      const std::string& path) {
-  if (is_truncated_jpeg(bytes)) {
-    return invalid_file(
-        "{}: truncated JPEG (no end-of-image marker in {} bytes); copy the file again, or "
-        "re-encode "
-        "it if its writer omits the marker",
-        path, bytes.size());
-  }
-  const int size = static_cast<int>(bytes.size());
-  Image8 image;
-  if (stbi_info_from_memory(bytes.data(), size, &image.width, &image.height, &image.channels) ==
-      0) {
-    return invalid_file("{}: cannot decode the image: {} (expected PNG or JPEG)", path,
-                        stbi_failure_reason());
-  }
-  STGS_TRY(check_image_size(image.width, image.height, path));
-  const std::unique_ptr<stbi_uc, decltype(&stbi_image_free)> pixels(
-      stbi_load_from_memory(bytes.data(), size, &image.width, &image.height, &image.channels,
-                            channels),
-      &stbi_image_free);
-  if (!pixels) {
-    return invalid_file("{}: cannot decode the image: {} (expected PNG or JPEG)", path,
-                        stbi_failure_reason());
-  }
-  image.channels = channels;
-  image.data.assign(pixels.get(),
-                    pixels.get() + std::size_t{1} * image.width * image.height * channels);
-  return image;
-}
 
 }  // namespace
 
@@ -92,17 +60,57 @@ bool is_truncated_jpeg(std::span<const std::uint8_t> bytes) {
 
 Result<Image8> read_image8(const std::string& path, int channels) {
   STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(path));
-  if (source->size() > kMaxFileBytes) {
-    return unsupported("{}: image file too large: {} bytes (limit {})", path, source->size(),
+  return read_image8(*source, channels);
+}
+
+Result<Image8> read_image8(const ByteSource& file, int channels) {
+  const std::string& path = file.name();
+  if (file.size() > kMaxFileBytes) {
+    return unsupported("{}: image file too large: {} bytes (limit {})", path, file.size(),
                        kMaxFileBytes);
   }
   try {
-    std::vector<std::uint8_t> bytes(source->size());
-    STGS_TRY(source->read(0, bytes));
-    return decode(bytes, channels, path);
+    std::vector<std::uint8_t> bytes(file.size());
+    STGS_TRY(file.read(0, bytes));
+    return decode_image8(bytes, channels, path);
   } catch (const std::bad_alloc&) {
     return runtime_error("{}: not enough memory to decode the image", path);
   }
+}
+
+Result<Image8> decode_image8(const std::vector<std::uint8_t>& bytes, int channels,
+                             const std::string& path) {
+  if (bytes.size() > kMaxFileBytes) {
+    return unsupported("{}: image file too large: {} bytes (limit {})", path, bytes.size(),
+                       kMaxFileBytes);
+  }
+  if (is_truncated_jpeg(bytes)) {
+    return invalid_file(
+        "{}: truncated JPEG (no end-of-image marker in {} bytes); copy the file again, or "
+        "re-encode "
+        "it if its writer omits the marker",
+        path, bytes.size());
+  }
+  const int size = static_cast<int>(bytes.size());
+  Image8 image;
+  if (stbi_info_from_memory(bytes.data(), size, &image.width, &image.height, &image.channels) ==
+      0) {
+    return invalid_file("{}: cannot decode the image: {} (expected PNG or JPEG)", path,
+                        stbi_failure_reason());
+  }
+  STGS_TRY(check_image_size(image.width, image.height, path));
+  const std::unique_ptr<stbi_uc, decltype(&stbi_image_free)> pixels(
+      stbi_load_from_memory(bytes.data(), size, &image.width, &image.height, &image.channels,
+                            channels),
+      &stbi_image_free);
+  if (!pixels) {
+    return invalid_file("{}: cannot decode the image: {} (expected PNG or JPEG)", path,
+                        stbi_failure_reason());
+  }
+  image.channels = channels;
+  image.data.assign(pixels.get(),
+                    pixels.get() + std::size_t{1} * image.width * image.height * channels);
+  return image;
 }
 
 }  // namespace stgs::encoder

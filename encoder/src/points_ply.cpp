@@ -112,11 +112,16 @@ bool finite(const InitialPoint& point) {
 }  // namespace
 
 Result<std::vector<InitialPoint>> read_points(const std::string& path) {
-  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
-  STGS_ASSIGN(const PlyHeader header, read_ply_header(*source));
+  STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(path));
+  return read_points(*source);
+}
+
+Result<std::vector<InitialPoint>> read_points(const ByteSource& file) {
+  const std::string& path = file.name();
+  STGS_ASSIGN(const PlyHeader header, read_ply_header(file));
   STGS_ASSIGN(const PlyLayout layout, layout_of(header, path));
   std::vector<std::uint8_t> bytes(layout.count * layout.stride);
-  STGS_TRY(source->read(layout.begin, bytes));
+  STGS_TRY(file.read(layout.begin, bytes));
   std::vector<InitialPoint> points(layout.count);
   for (std::size_t i = 0; i < points.size(); ++i) {
     points[i] = decode_point(bytes.data() + i * layout.stride, layout);

@@ -6,7 +6,9 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "capture/capture_folder.h"
 #include "json_error.h"
+#include "json_read.h"
 #include "single_precision.h"
 #include "stgs/encoder/camera_json.h"
 #include "stgs/encoder/image_file.h"
@@ -19,16 +21,20 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr int kCaptureVersion = 1;
-constexpr std::uint64_t kMaxCaptureJson = 64 << 20;  // bytes
+constexpr int kMaxFirstFrame = 1'000'000'000;
+constexpr std::uint32_t kMaxTimeBase = 0xffffffff;
 
 Result<PreparedCapture> capture_from_json(const Json& json, const std::string& folder,
                                           const std::string& path) {
   PreparedCapture capture;
   capture.folder = folder;
-  capture.first_frame = json.at("first_frame").get<int>();
-  capture.frames = json.at("frames").get<int>();
-  capture.time_base.numerator = json.at("time_base").at(0).get<std::uint32_t>();
-  capture.time_base.denominator = json.at("time_base").at(1).get<std::uint32_t>();
+  STGS_ASSIGN(capture.first_frame, exact<int>(json, "first_frame", 0, kMaxFirstFrame, path));
+  STGS_ASSIGN(capture.frames, exact<int>(json, "frames", 1, kCaptureLimits.frames, path));
+  std::uint32_t* const parts[] = {&capture.time_base.numerator, &capture.time_base.denominator};
+  for (std::size_t i = 0; i < 2; ++i) {
+    STGS_ASSIGN(*parts[i], exact_value<std::uint32_t>(json.at("time_base").at(i), 0, kMaxTimeBase,
+                                                      "time_base", path));
+  }
   capture.metric = json.at("metric").get<bool>();
   capture.frame_extension = json.at("frame_extension").get<std::string>();
   capture.source = json.at("source").get<std::string>();
@@ -36,6 +42,7 @@ Result<PreparedCapture> capture_from_json(const Json& json, const std::string& f
   capture.extent = json.at("extent").get<float>();
   capture.scene_radius = json.at("scene_radius").get<double>();
   for (int i = 0; i < 3; ++i) capture.scene_centre[i] = json.at("scene_centre").at(i).get<double>();
+  STGS_TRY(check_camera_limit(json.at("cameras").size(), path));
   for (const Json& entry : json.at("cameras")) {
     STGS_ASSIGN(capture.cameras.emplace_back(), camera_from_json(entry, path));
   }
@@ -43,19 +50,29 @@ Result<PreparedCapture> capture_from_json(const Json& json, const std::string& f
 }
 
 Status check_capture_camera(const Camera& camera, const std::string& path) {
-  const bool unsafe = camera.name.empty() || camera.name.find("..") != std::string::npos ||
-                      camera.name.find('/') != std::string::npos;
+  const bool unsafe = camera.name.empty() || camera.name.front() == '.' ||
+                      camera.name.find("..") != std::string::npos ||
+                      camera.name.find('/') != std::string::npos || !is_printable(camera.name);
   if (unsafe) {
-    return invalid_file("{}: camera name '{}' cannot be a folder name (no '/' or '..')", path,
-                        camera.name);
+    return invalid_file(
+        "{}: camera name {} cannot be a folder name (no '/', '..', '.' at the start or control "
+        "characters)",
+        path, short_json(Json(camera.name)));
   }
   return check_camera(camera, path);
 }
 
 Status check(const PreparedCapture& capture, const std::string& path) {
   if (capture.cameras.empty()) return invalid_file("{}: contains no cameras", path);
-  if (capture.frames < 1)
-    return invalid_file("{}: \"frames\" is {} (expected at least 1)", path, capture.frames);
+  STGS_TRY(check_camera_limit(capture.cameras.size(), path));
+  if (capture.frames < 1 || capture.frames > kCaptureLimits.frames) {
+    return invalid_file("{}: \"frames\" is {} (expected 1 to {})", path, capture.frames,
+                        kCaptureLimits.frames);
+  }
+  if (capture.frame_extension != "png" && capture.frame_extension != "jpg") {
+    return invalid_file("{}: frame_extension is '{}' (expected png or jpg)", path,
+                        capture.frame_extension);
+  }
   if (capture.time_base.numerator == 0 || capture.time_base.denominator == 0) {
     return invalid_file("{}: time_base is {}/{} (expected two positive numbers)", path,
                         capture.time_base.numerator, capture.time_base.denominator);
@@ -121,28 +138,54 @@ Status explain_missing(const std::string& folder, const std::string& path, const
 
 }  // namespace
 
-Result<PreparedCapture> read_prepared_capture(const std::string& folder) {
+Result<PreparedCapture> read_prepared_capture(const std::string& folder, bool allow_outside) {
   const std::string path = folder + "/capture.json";
-  const Result<std::unique_ptr<ByteSource>> file = open_file(path);
-  if (!file.ok()) return explain_missing(folder, path, file.status());
-  const std::uint64_t size = file.value()->size();
-  if (size > kMaxCaptureJson) {
-    return invalid_file("{}: file too large: {} bytes (limit {})", path, size, kMaxCaptureJson);
-  }
-  std::string text(static_cast<std::size_t>(size), ' ');
-  STGS_TRY(file.value()->read(0, {reinterpret_cast<std::uint8_t*>(text.data()), text.size()}));
+  const Result<std::shared_ptr<const CaptureFolder>> files =
+      CaptureFolder::open(folder, allow_outside);
+  if (!files.ok()) return explain_missing(folder, path, files.status());
+  const Result<std::vector<std::uint8_t>> bytes = (*files)->read(path, kCaptureLimits.table_bytes);
+  if (!bytes.ok()) return explain_missing(folder, path, bytes.status());
+  const std::string_view text(reinterpret_cast<const char*>(bytes->data()), bytes->size());
   STGS_ASSIGN(const Json json, parse_json_text<Json>(text, path));
   try {
-    if (json.at("stgs_capture").get<int>() != kCaptureVersion) {
+    const Json version = json.at("stgs_capture");
+    if (!version.is_number() || version.get<double>() != kCaptureVersion) {
       return unsupported("{}: unknown version {} (expected {}); prepare the capture again", path,
-                         json.at("stgs_capture").get<int>(), kCaptureVersion);
+                         short_json(version), kCaptureVersion);
     }
     STGS_ASSIGN(PreparedCapture capture, capture_from_json(json, folder, path));
     STGS_TRY(check(capture, path));
+    capture.files = *files;
     return capture;
   } catch (const std::exception& error) {
     return invalid_file("{}: {}", path, json_error(error));
   }
+}
+
+Result<std::unique_ptr<ByteSource>> open_file_of(const PreparedCapture& capture,
+                                                 const std::string& path) {
+  return capture.files ? capture.files->open_source(path) : open_file(path);
+}
+
+Status check_frame_files(const PreparedCapture& capture, const std::vector<Camera>& cameras) {
+  if (!capture.files) return {};
+  const auto check_exists = [&](const Camera& camera, int frame) -> Status {
+    const std::string path = capture.frame_path(camera, frame);
+    if (capture.files->exists(path)) return {};
+    return io_error(
+        "{}: no such file: frame {} of camera '{}', of {} that capture.json states; copy the "
+        "capture again, or run 'stgs prepare' again",
+        path, frame, camera.name, capture.frames);
+  };
+  for (const Camera& camera : cameras) {
+    STGS_TRY(check_exists(camera, 0));
+    STGS_TRY(check_exists(camera, capture.frames - 1));
+    const std::string folder = fmt::format("{}/frames/{}", capture.folder, camera.name);
+    STGS_ASSIGN(const auto entries, capture.files->list(folder));
+    if (entries->size() >= static_cast<std::size_t>(capture.frames)) continue;
+    for (int frame = 0; frame < capture.frames; ++frame) STGS_TRY(check_exists(camera, frame));
+  }
+  return {};
 }
 
 Status write_prepared_capture(const PreparedCapture& capture) {
@@ -174,7 +217,8 @@ Status write_prepared_capture(const PreparedCapture& capture) {
 
 Result<Image8> load_frame(const PreparedCapture& capture, const Camera& camera, int frame) {
   const std::string path = capture.frame_path(camera, frame);
-  STGS_ASSIGN(Image8 image, read_image8(path, 3));
+  STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file_of(capture, path));
+  STGS_ASSIGN(Image8 image, read_image8(*file, 3));
   if (image.width != camera.width || image.height != camera.height) {
     return invalid_file("{}: camera '{}' frame {} has the wrong size (expected {}x{}, got {}x{})",
                         path, camera.name, frame, camera.width, camera.height, image.width,
@@ -185,8 +229,10 @@ Result<Image8> load_frame(const PreparedCapture& capture, const Camera& camera, 
 
 Result<Image8> load_mask(const PreparedCapture& capture, const Camera& camera, int frame) {
   const std::string path = capture.mask_path(camera, frame);
-  if (!std::filesystem::exists(path)) return Image8{};
-  STGS_ASSIGN(Image8 mask, read_image8(path, 1));
+  const bool exists = capture.files ? capture.files->exists(path) : std::filesystem::exists(path);
+  if (!exists) return Image8{};
+  STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file_of(capture, path));
+  STGS_ASSIGN(Image8 mask, read_image8(*file, 1));
   if (mask.width != camera.width || mask.height != camera.height) {
     return invalid_file(
         "{}: mask of camera '{}' frame {} has the wrong size (expected {}x{}, got {}x{})", path,

@@ -65,7 +65,8 @@ def line_of(name, trained, measured):
 def variant(line, captures, args):
     name, capture, every, options = [part.strip() for part in line.split("|")]
     scene = args.work / f"{name}.stgs"
-    common = ["--backend", args.backend, "--format", "json", "--progress", "none"]
+    # The folds link to the frames of the capture.
+    common = ["--backend", args.backend, "--format", "json", "--progress", "none", "--allow-outside"]
     trained = run([args.stgs, "train", str(captures[capture]), "-o", str(scene), "--num-evals", "0",
                    *common, *shlex.split(options)])
     measured = run([args.stgs, "evaluate", str(scene), "--against", str(captures[capture]),

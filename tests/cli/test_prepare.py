@@ -51,7 +51,7 @@ class Preparing(CliTest):
         shutil.copytree(harness.sample(), self.path("capture"))
         self.write("capture/cam03.mp4", b"no video at all" * 100)
         args = ["prepare", "capture", "-o", "out"]
-        result = self.fails(INVALID, "cam03.mp4: cannot open the video of camera 'cam03'", *args)
+        result = self.fails(INVALID, "cam03.mp4: video of camera 'cam03': not an MP4, MOV", *args)
         self.assertEqual(self.foreign_lines(result), [])
         self.assertFalse(os.path.exists(self.path("out")))
         # The index is complete, but the frames are not.

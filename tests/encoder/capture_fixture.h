@@ -13,6 +13,7 @@
 
 #include "catch.h"
 #include "fixtures/temporary_folder.h"
+#include "src/capture/capture_folder.h"
 #include "src/capture/source_capture.h"
 #include "src/capture/write_frames.h"
 
@@ -100,6 +101,10 @@ void append(std::string& bytes, T value) {
 // Removes the last `bytes` bytes of a file.
 inline void shorten(const std::string& path, std::uintmax_t bytes) {
   fs::resize_file(path, fs::file_size(path) - bytes);
+}
+
+inline std::shared_ptr<const CaptureFolder> files_of(const TemporaryFolder& folder) {
+  return *CaptureFolder::open(folder.path, false);
 }
 
 inline std::vector<std::string>& log_lines() {

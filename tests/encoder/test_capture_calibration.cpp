@@ -101,7 +101,7 @@ TEST_CASE("Anipose: a fisheye lens, arrays over several lines") {
              "  [ 0.0, 60.0, 23.5,],\r\n [ 0.0, 0.0, 1.0,],]\n"
              "distortions = [\n 0.1,\n 0.0, 0.0, 0.0\n]\nrotation = [ 0, 0, 0,]\n"
              "translation = [ +1.5, 0, -2,]\nfisheye = true\n[metadata]\n");
-  const auto calibration = read_toml_calibration(folder / "calibration.toml");
+  const auto calibration = read_toml_calibration(*files_of(folder), folder / "calibration.toml");
   INFO(calibration.status().message());
   REQUIRE(calibration.ok());
   REQUIRE(calibration->cameras.size() == 1);
@@ -154,7 +154,7 @@ TEST_CASE("a TOML file cut anywhere is read or refused") {
   const std::string whole = pose2sim_file();
   for (std::size_t kept = 0; kept < whole.size(); kept += 3) {
     write_text(folder / "a.toml", whole.substr(0, kept));
-    const auto read = read_toml_calibration(folder / "a.toml");
+    const auto read = read_toml_calibration(*files_of(folder), folder / "a.toml");
     if (!read.ok()) CHECK(read.status().code() == StatusCode::kInvalidFile);
   }
 }
@@ -222,7 +222,7 @@ TEST_CASE("damaged Qualisys calibrations are named") {
   refused(changed("left=\"2\"", "left=\"900\""), {"cam_1", "image size"});
   for (std::size_t kept = 0; kept < whole.size(); kept += 7) {
     write_text(folder / "b.qca.txt", whole.substr(0, kept));
-    (void)read_qualisys(folder / "b.qca.txt", [](int, const std::string&) {});
+    (void)read_qualisys(*files_of(folder), folder / "b.qca.txt", [](int, const std::string&) {});
   }
 }
 

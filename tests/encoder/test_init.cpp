@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "capture/capture_folder.h"
 #include "init/init.h"
 
 #include <tbb/global_control.h>
@@ -240,6 +241,7 @@ TEST_CASE("initialisation can be cancelled") {
 TEST_CASE("invalid flow files are rejected") {
   const TemporaryFolder folder;
   const std::string path = folder / "a.flo";
+  const auto files = *CaptureFolder::open(folder.path, false);
   const auto write = [&](float magic, std::int32_t width, std::int32_t height, int floats) {
     std::ofstream file(path, std::ios::binary);
     file.write(reinterpret_cast<const char*>(&magic), 4);
@@ -251,18 +253,18 @@ TEST_CASE("invalid flow files are rejected") {
     }
   };
   write(202021.25f, 3, 2, 12);
-  const auto good = init::read_flow(path);
+  const auto good = init::read_flow(*files, path);
   REQUIRE(good.ok());
   CHECK(good->at<cv::Vec2f>(1, 2) == cv::Vec2f(10, 11));
   write(202021.25f, 3, 2, 11);
-  CHECK(init::read_flow(path).status().message().find("truncated") != std::string::npos);
+  CHECK(init::read_flow(*files, path).status().message().find("truncated") != std::string::npos);
   write(202021.25f, 30000, 30000, 12);
-  CHECK_FALSE(init::read_flow(path).ok());
+  CHECK_FALSE(init::read_flow(*files, path).ok());
   write(1.0f, 3, 2, 12);
-  CHECK_FALSE(init::read_flow(path).ok());
+  CHECK_FALSE(init::read_flow(*files, path).ok());
   write(202021.25f, -3, 2, 12);
-  CHECK_FALSE(init::read_flow(path).ok());
-  CHECK_FALSE(init::read_flow(folder / "none.flo").ok());
+  CHECK_FALSE(init::read_flow(*files, path).ok());
+  CHECK_FALSE(init::read_flow(*files, folder / "none.flo").ok());
 }
 
 }  // namespace

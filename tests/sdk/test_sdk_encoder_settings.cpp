@@ -54,6 +54,7 @@ TEST_CASE("invalid training settings are rejected with their name and range", "[
       {"checkpoint_interval is 0", "1 to", [](Settings& s) { s.checkpoint_interval = 0; }},
       {"held_out_evaluations is 2000000", "to 1000000",
        [](Settings& s) { s.held_out_evaluations = 2000000; }},
+      {"allow_outside is 2", "0 or 1", [](Settings& s) { s.allow_outside = 2; }},
       {"parameters is NULL", "parameter_count is 1", [](Settings& s) { s.parameter_count = 1; }},
       {"parameters[0]", "NULL", [&](Settings& s) { s.parameters = &null, s.parameter_count = 1; }},
       {"no_such_rate", "expected one of: iterations",
@@ -98,6 +99,7 @@ TEST_CASE("invalid prepare and pack settings are rejected with their name and ra
       {"separate_motion is -1", [](Preparing& s) { s.separate_motion = -1; }},
       {"max_static_points is", [](Preparing& s) { s.max_static_points = UINT32_MAX; }},
       {"overwrite is 5 (expected 0 or 1)", [](Preparing& s) { s.overwrite = 5; }},
+      {"allow_outside is 2 (expected 0 or 1)", [](Preparing& s) { s.allow_outside = 2; }},
   };
   for (const auto& [expected, change] : prepare_cases) {
     const std::string message = rejection_message<Preparing>(encoder, preparing, change, prepare);
@@ -187,6 +189,25 @@ TEST_CASE("missing and conflicting paths are rejected before training starts", "
   CHECK(stgs_encoder_pack(encoder.get(), nullptr, 1, scene.c_str(), nullptr, nullptr) ==
         STGS_ERROR_ARGUMENT);
   CHECK(std::string(encoder.error().message).find("scenes") != std::string::npos);
+}
+
+TEST_CASE("links that leave a prepared capture are followed only if it is trusted", "[sdk]") {
+  const test::SyntheticCapture synthetic(3, 2);
+  const TemporaryFolder work;
+  const encoder::PreparedCapture& capture = synthetic.capture;
+  const std::string frame = capture.frame_path(capture.cameras[1], 0);
+  fs::rename(frame, work / "outside");
+  fs::create_symlink(work / "outside", frame);
+  const ObservedEncoder encoder;
+  stgs_train_settings settings = short_training();
+  const auto train = [&] {
+    return stgs_encoder_train(encoder.get(), capture.folder.c_str(), (work / "scene.stgs").c_str(),
+                              &settings, nullptr);
+  };
+  CHECK(train() == STGS_ERROR_INVALID_FILE);
+  CHECK(std::string(encoder.error().message).find("leads out of") != std::string::npos);
+  settings.allow_outside = 1;
+  CHECK(train() == STGS_OK);
 }
 
 TEST_CASE("packing rejects a pipe without waiting for a writer", "[sdk]") {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 
+#include "allow_outside.h"
 #include "camera_file.h"
 #include "command.h"
 #include "image_io.h"
@@ -128,6 +129,7 @@ class Evaluate final : public Command {
     app.add_option("FILE", file_, "The .stgs file: a path, a URL, or - for standard input")
         ->required();
     app.add_option("--against", folder_, "Prepared capture to compare with")->required();
+    add_allow_outside(app, allow_outside_);
     app.add_option("--cameras", which_, "Cameras: test, train, all, or comma-separated names")
         ->capture_default_str();
     app.add_option("--every", every_, "Evaluate every Nth frame, from the first")
@@ -139,12 +141,13 @@ class Evaluate final : public Command {
   Status run(Session& session) override {
     STGS_ASSIGN(auto reader, open_scene(session, file_, memory_.limits()));
     const auto timeline = player::Timeline::from_reader(std::move(reader), shown_file());
-    STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(folder_));
+    STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(folder_, allow_outside_));
     STGS_ASSIGN(capture_, encoder::capture_for_scene(capture, timeline->metadata(), shown_file()));
     STGS_TRY(encoder::check_same_times(capture_, timeline->metadata(), shown_file()));
     encoder::warn_if_other_capture(capture_, timeline->metadata(), shown_file(),
                                    session.log_sink());
     STGS_ASSIGN(cameras_, choose_cameras(capture_, which_));
+    STGS_TRY(encoder::check_frame_files(capture_, cameras_));
     STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_TRY(find_backgrounds(session));
     STGS_TRY(measure(session, *timeline, *renderer));
@@ -286,6 +289,7 @@ class Evaluate final : public Command {
 
   MemoryOption memory_;
   std::string file_, folder_, which_ = "test";
+  bool allow_outside_ = false;
   int every_ = 1;
   encoder::PreparedCapture capture_;
   std::vector<encoder::Camera> cameras_;

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <filesystem>
 
+#include "allow_outside.h"
 #include "command.h"
 #include "encode_options.h"
 #include "memory_option.h"
@@ -35,6 +36,7 @@ class Pack final : public Command {
     app.add_option("-o,--output", output_, "Output file (.stgs)")->required();
     app.add_option("--against", against_,
                    "Prepared capture: also measure the PSNR of its test cameras");
+    add_allow_outside(app, allow_outside_);
     options_.declare(app);
     memory_.declare(app);
   }
@@ -53,6 +55,7 @@ class Pack final : public Command {
     const double begin = now_seconds();
     encoder::PackSettings settings = options_.settings();
     settings.against = against_;
+    settings.allow_outside = allow_outside_;
     settings.limits = memory_.limits();
     STGS_TRY(encoder::pack(inputs_, output_, settings, &report, session.progress_sink(),
                            session.log_sink()));
@@ -76,6 +79,7 @@ class Pack final : public Command {
  private:
   std::vector<std::string> inputs_;
   std::string output_, against_;
+  bool allow_outside_ = false;
   PackOptions options_;
   MemoryOption memory_;
 };

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 
+#include "allow_outside.h"
 #include "camera_file.h"
 #include "command.h"
 #include "image_sink.h"
@@ -22,6 +23,7 @@ struct RenderTime {
 };
 
 struct Options {
+  bool allow_outside = false;
   std::string file, camera, cameras, which = "test", frames, size, background, output;
   double time = 0;
   std::string memory = "4G";
@@ -60,6 +62,7 @@ class Render final : public Command {
     auto* cameras =
         app.add_option("--cameras", o_.cameras, "Use the cameras of this prepared capture")
             ->excludes(camera);
+    add_allow_outside(app, o_.allow_outside)->needs(cameras);
     app.add_option("--which", o_.which,
                    "Cameras of --cameras: test, train, all, or comma-separated names")
         ->capture_default_str()
@@ -144,7 +147,7 @@ class Render final : public Command {
   Result<std::vector<encoder::Camera>> find_cameras() {
     std::vector<encoder::Camera> cameras;
     if (!o_.cameras.empty()) {
-      STGS_ASSIGN(capture_, encoder::read_prepared_capture(o_.cameras));
+      STGS_ASSIGN(capture_, encoder::read_prepared_capture(o_.cameras, o_.allow_outside));
       if (o_.side_by_side) {
         STGS_ASSIGN(capture_, capture_of_scene(capture_, *file_));
       }

@@ -53,6 +53,9 @@ void set_up_opencv(const CommonOptions& options) {
   settings_of_process() = {options.threads, options.log_level != "debug"};
   // OpenCV reads it when it first opens a video; -8 is AV_LOG_QUIET. A value set by the user stays.
   if (options.log_level != "debug") ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
+  // Likewise. Behind the check of a video's first bytes, FFmpeg refuses other demuxers and URLs.
+  ::setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
+           "protocol_whitelist;file|format_whitelist;mov,mp4,matroska,webm,avi", 0);
 }
 
 Status prepare_capture(const std::string& capture, const std::string& folder,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "encode_options.h"
 
+#include "allow_outside.h"
 #include "opencv.h"
 #include "options.h"
 #include "parameter_options.h"
@@ -27,6 +28,7 @@ void PrepareOptions::declare(Arguments& app) {
       ->group(group);
   app.add_flag("--overwrite", settings_.overwrite, "Replace an existing prepared capture")
       ->group(group);
+  add_allow_outside(app, settings_.allow_outside)->group(group);
 }
 
 Result<encoder::PrepareSettings> PrepareOptions::settings(const CommonOptions& common) const {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "allow_outside.h"
 #include "encode_options.h"
 #include "options.h"
 #include "output_path.h"
@@ -81,6 +82,7 @@ Status train_window(const encoder::PreparedCapture& window, const std::string& p
 }  // namespace
 
 void WindowOptions::declare(Arguments& app) {
+  add_allow_outside(app, allow_outside_);
   const char* group = "Long captures";
   auto* frames = app.add_option("--frames", frames_,
                                 "Train only frames FIRST:END, as one window of the capture")
@@ -105,7 +107,8 @@ void WindowOptions::declare(Arguments& app) {
 }
 
 Result<encoder::PreparedCapture> WindowOptions::capture(const std::string& folder) const {
-  STGS_ASSIGN(encoder::PreparedCapture capture, encoder::read_prepared_capture(folder));
+  STGS_ASSIGN(encoder::PreparedCapture capture,
+              encoder::read_prepared_capture(folder, allow_outside_));
   if (frames_.empty()) return capture;
   STGS_ASSIGN(const FrameRange range, parse_frames(frames_, capture.frames));
   return encoder::extract_window(capture, {range.begin, range.end});

@@ -28,6 +28,7 @@ class WindowOptions {
 
  private:
   std::string frames_;
+  bool allow_outside_ = false;
   int length_ = 0, overlap_ = 0, index_ = -1;
 };
 

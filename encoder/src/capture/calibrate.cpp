@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Calibrates static cameras with COLMAP from one frame of each.
 #include <algorithm>
+#include <chrono>
 #include <filesystem>
 #include <opencv2/imgcodecs.hpp>
 
@@ -17,6 +18,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr std::chrono::hours kTimeLimit{1};  // of all steps of COLMAP
+
 Status make_folder(WorkFolder& folder, const LogSink& log) {
   const std::string name = (fs::temp_directory_path() / "stgs-calibrate").string();
   clear_leftovers(name, log);
@@ -26,17 +29,18 @@ Status make_folder(WorkFolder& folder, const LogSink& log) {
   return {};
 }
 
-Status write_first_frame(const SourceCamera& camera, int frame, const std::string& folder) {
-  STGS_ASSIGN(const FrameInfo info, probe_frames(camera));
+Status write_first_frame(const CaptureFolder& files, const SourceCamera& camera, int frame,
+                         const std::string& folder) {
+  STGS_ASSIGN(const FrameInfo info, probe_frames(files, camera));
   if (frame >= info.frames) {
     return usage_error("camera '{}' has no frame {} (it has {}); choose others with --frames",
                        camera.name, frame, plural(info.frames, "frame"));
   }
   cv::Mat image;
   if (camera.video.empty()) {
-    STGS_ASSIGN(image, read_image(camera, frame, info.width, info.height));
+    STGS_ASSIGN(image, read_image(files, camera, frame, info.width, info.height));
   } else {
-    STGS_ASSIGN(const std::unique_ptr<VideoReader> video, VideoReader::open(camera, frame));
+    STGS_ASSIGN(const std::unique_ptr<VideoReader> video, VideoReader::open(files, camera, frame));
     STGS_ASSIGN(image, video->next(info.width, info.height));
   }
   const std::string path = folder + "/images/" + camera.name + ".png";
@@ -56,10 +60,11 @@ Status run_colmap(const std::string& folder, const ProgressSink& progress, const
       {"colmap", "mapper", "--database_path", database, "--image_path", images, "--output_path",
        folder + "/sparse"}};
   double done = 0;
+  const auto deadline = std::chrono::steady_clock::now() + kTimeLimit;
   for (const std::vector<std::string>& command : commands) {
     int exit_code = 0;
-    Status status =
-        run_program(command, folder + "/log.txt", "calibrate", done, progress, &exit_code);
+    Status status = run_program(command, folder + "/log.txt", "calibrate", done, progress, deadline,
+                                &exit_code);
     if (!status.ok() && (command[1] != "mapper" || exit_code <= 0)) return status;
     if (!status.ok()) log(1, status.message());
     done += 1.0 / static_cast<double>(commands.size());
@@ -70,9 +75,11 @@ Status run_colmap(const std::string& folder, const ProgressSink& progress, const
 // Returns the reconstruction with the most images. The mapper starts a new one whenever it cannot
 // extend the current one.
 Result<ColmapModel> best_model(const std::string& folder) {
+  STGS_ASSIGN(const auto files, CaptureFolder::open(folder, false));
+  STGS_ASSIGN(const std::vector<std::string> models, list_folders(*files, folder + "/sparse"));
   ColmapModel best;
-  for (const std::string& path : list_folders(folder + "/sparse")) {
-    STGS_ASSIGN(ColmapModel model, read_colmap_model(path));
+  for (const std::string& path : models) {
+    STGS_ASSIGN(ColmapModel model, read_colmap_model(*files, path));
     if (model.images.size() > best.images.size()) best = std::move(model);
   }
   return best;
@@ -86,7 +93,7 @@ Status calibrate(int frame, SourceCapture& capture, const ProgressSink& progress
   WorkFolder folder;
   STGS_TRY(make_folder(folder, log));
   for (const SourceCamera& camera : capture.cameras) {
-    STGS_TRY(write_first_frame(camera, frame, folder.path()));
+    STGS_TRY(write_first_frame(*capture.files, camera, frame, folder.path()));
   }
   STGS_TRY(run_colmap(folder.path(), progress, log));
   STGS_ASSIGN(ColmapModel model, best_model(folder.path()));

@@ -39,15 +39,15 @@ bool has_element(const std::string& text, const std::string& name) {
   return contains(text, "<" + name + ">") || contains(text, "<" + name + " ");
 }
 
-bool is_qualisys(const std::string& path) {
+bool is_qualisys(const CaptureFolder& files, const std::string& path) {
   const std::string name = file_name(path), extension = fs::path(name).extension().string();
   if (contains(name, ".qca.") && is_one_of(extension, {".txt", ".xml"})) return true;
   if (!contains(name, "calib") || extension != ".xml") return false;
-  const Result<std::vector<std::uint8_t>> bytes = read_whole_file(path);
+  const Result<std::vector<std::uint8_t>> bytes = read_table(files, path);
   return bytes.ok() && has_element(std::string(bytes->begin(), bytes->end()), "calibration");
 }
 
-bool is_toml_calibration(const std::string& path) {
+bool is_toml_calibration(const CaptureFolder&, const std::string& path) {
   const std::string name = file_name(path);
   return contains(name, "calib") && fs::path(name).extension() == ".toml";
 }
@@ -97,11 +97,11 @@ std::string list_names(const std::vector<SourceCamera>& cameras) {
 }
 
 // Returns the only candidate, or an empty path. kInvalidFile if there are several.
-Result<std::string> only_one(const std::vector<std::string>& files,
-                             bool (*is_kind)(const std::string& path)) {
+Result<std::string> only_one(const CaptureFolder& files, const std::vector<std::string>& paths,
+                             bool (*is_kind)(const CaptureFolder& files, const std::string& path)) {
   std::string found;
-  for (const std::string& path : files) {
-    if (!is_kind(path)) continue;
+  for (const std::string& path : paths) {
+    if (!is_kind(files, path)) continue;
     if (!found.empty()) {
       return invalid_file("{}: several calibrations ({} is another); keep only the right one", path,
                           found);
@@ -186,17 +186,17 @@ Status check_poses(const std::string& path, const std::vector<SourceCamera>& cam
 
 // Reads the files that are named after cameras. Files that are no calibration are ignored, but
 // damaged ones only if no other file is a calibration.
-Status read_opencv_cameras(const std::string& folder, const std::vector<std::string>& files,
+Status read_opencv_cameras(const CaptureFolder& files, const std::vector<std::string>& paths,
                            const std::vector<SourceCamera>& cameras, CalibrationSearch& search) {
   Status damaged;
   std::map<std::string, std::string> path_of;  // by camera
-  for (const std::string& path : files) {
+  for (const std::string& path : paths) {
     const std::string stem = stem_of(path);
     const auto fits = [&](const SourceCamera& c) { return same_camera_name(stem, c.name); };
     if (!may_be_opencv(file_name(path)) || std::none_of(cameras.begin(), cameras.end(), fits)) {
       continue;
     }
-    Result<Calibration> read = read_opencv_camera(path, stem);
+    Result<Calibration> read = read_opencv_camera(files, path, stem);
     if (!read.ok() && damaged.ok()) damaged = read.status();
     if (!read.ok() || read->cameras.empty()) {
       search.ignored.push_back(path);
@@ -214,25 +214,25 @@ Status read_opencv_cameras(const std::string& folder, const std::vector<std::str
     search.calibration.cameras.push_back(std::move(read->cameras.front()));
   }
   if (search.calibration.cameras.empty()) return {};
-  search.path = folder;
+  search.path = files.path();
   return damaged;
 }
 
 // Reads the calibration of the most specific kind into `search`. Sets search.path if there is one.
-Status read_calibration(const std::string& folder, const std::vector<std::string>& files,
+Status read_calibration(const CaptureFolder& files, const std::vector<std::string>& paths,
                         const std::vector<SourceCamera>& cameras, const LogSink& log,
                         CalibrationSearch& search) {
-  STGS_ASSIGN(search.path, only_one(files, is_qualisys));
+  STGS_ASSIGN(search.path, only_one(files, paths, is_qualisys));
   if (!search.path.empty()) {
-    STGS_ASSIGN(search.calibration, read_qualisys(search.path, log));
+    STGS_ASSIGN(search.calibration, read_qualisys(files, search.path, log));
     return {};
   }
-  STGS_ASSIGN(search.path, only_one(files, is_toml_calibration));
+  STGS_ASSIGN(search.path, only_one(files, paths, is_toml_calibration));
   if (!search.path.empty()) {
-    STGS_ASSIGN(search.calibration, read_toml_calibration(search.path));
+    STGS_ASSIGN(search.calibration, read_toml_calibration(files, search.path));
     return {};
   }
-  return read_opencv_cameras(folder, files, cameras, search);
+  return read_opencv_cameras(files, paths, cameras, search);
 }
 
 }  // namespace
@@ -245,24 +245,25 @@ bool same_camera_name(const std::string& a, const std::string& b) {
          std::search(longer.begin(), longer.end(), shorter.begin(), shorter.end()) != longer.end();
 }
 
-Result<CalibrationSearch> find_calibration(const std::string& folder,
+Result<CalibrationSearch> find_calibration(const CaptureFolder& files,
                                            const std::vector<SourceCamera>& cameras,
                                            const LogSink& log) {
-  std::vector<std::string> files;
+  std::vector<std::string> paths;
   for (const char* below : {"", "/videos", "/images", "/calibration"}) {
-    const std::vector<std::string> found = list_files(folder + below);
-    files.insert(files.end(), found.begin(), found.end());
+    STGS_ASSIGN(const std::vector<std::string> found, list_files(files, files.path() + below));
+    paths.insert(paths.end(), found.begin(), found.end());
   }
   CalibrationSearch search;
-  STGS_TRY(read_calibration(folder, files, cameras, log, search));
+  STGS_TRY(read_calibration(files, paths, cameras, log, search));
   if (!search.path.empty()) {
+    STGS_TRY(check_camera_limit(search.calibration.cameras.size(), search.path));
     STGS_TRY(match_cameras(search.path, cameras, log, search.calibration));
     STGS_TRY(check_poses(search.path, search.calibration.cameras));
     log(2, fmt::format("{}: calibration of {}", search.path,
                        plural(search.calibration.cameras.size(), "camera")));
     return search;
   }
-  for (const std::string& path : files) {
+  for (const std::string& path : paths) {
     if (suggests_calibration(file_name(path))) search.ignored.push_back(path);
   }
   std::sort(search.ignored.begin(), search.ignored.end());

@@ -28,18 +28,20 @@ struct CalibrationSearch {
   std::vector<std::string> ignored;  // files that look like a calibration but were not read
 };
 
-// Searches `folder` for the calibration of `cameras` and matches it to them by name. Logs ignored
-// files and cameras. kInvalidFile if a calibration is damaged, if there are several of one kind, or
-// if it does not fit the cameras; kNotBuilt if this build cannot read it.
-Result<CalibrationSearch> find_calibration(const std::string& folder,
+// Searches the capture for the calibration of `cameras` and matches it to them by name. Logs
+// ignored files and cameras. kInvalidFile if a calibration is damaged, if there are several of one
+// kind, or if it does not fit the cameras; kNotBuilt if this build cannot read it.
+Result<CalibrationSearch> find_calibration(const CaptureFolder& files,
                                            const std::vector<SourceCamera>& cameras,
                                            const LogSink& log);
 
 // Readers of one file. They set names, intrinsics, lenses and poses.
-Result<Calibration> read_qualisys(const std::string& path, const LogSink& log);
-Result<Calibration> read_toml_calibration(const std::string& path);
+Result<Calibration> read_qualisys(const CaptureFolder& files, const std::string& path,
+                                  const LogSink& log);
+Result<Calibration> read_toml_calibration(const CaptureFolder& files, const std::string& path);
 // Returns no camera if the file has no camera matrix or no pose.
-Result<Calibration> read_opencv_camera(const std::string& path, const std::string& name);
+Result<Calibration> read_opencv_camera(const CaptureFolder& files, const std::string& path,
+                                       const std::string& name);
 
 // Returns true if two names denote the same camera: their letters and numbers are equal, or those
 // of one contain those of the other in sequence. Case, separators and leading zeros are ignored, so

@@ -68,8 +68,9 @@ Result<Calibration> read_file(const cv::FileStorage& file, const std::string& pa
 
 }  // namespace
 
-Result<Calibration> read_opencv_camera(const std::string& path, const std::string& name) {
-  STGS_ASSIGN(const cv::FileStorage file, open_storage(path));
+Result<Calibration> read_opencv_camera(const CaptureFolder& files, const std::string& path,
+                                       const std::string& name) {
+  STGS_ASSIGN(const cv::FileStorage file, open_storage(files, path));
   try {
     return read_file(file, path, name);
   } catch (const cv::Exception& error) {  // a list in place of keys, for example

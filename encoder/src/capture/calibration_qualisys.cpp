@@ -81,8 +81,9 @@ Status set_qualisys_pose(const pugi::xml_node& node, const std::string& where,
 
 }  // namespace
 
-Result<Calibration> read_qualisys(const std::string& path, const LogSink& log) {
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+Result<Calibration> read_qualisys(const CaptureFolder& files, const std::string& path,
+                                  const LogSink& log) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_table(files, path));
   pugi::xml_document document;
   const pugi::xml_parse_result parsed = document.load_buffer(bytes.data(), bytes.size());
   if (!parsed) {

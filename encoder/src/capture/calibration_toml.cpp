@@ -93,8 +93,8 @@ Result<SourceCamera> read_camera(const toml::table& table, std::string_view name
 
 }  // namespace
 
-Result<Calibration> read_toml_calibration(const std::string& path) {
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+Result<Calibration> read_toml_calibration(const CaptureFolder& files, const std::string& path) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_table(files, path));
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   STGS_TRY(check_keys(text, path));
   toml::table root;

@@ -10,12 +10,10 @@
 #include <cstdio>
 #include <filesystem>
 #include <map>
-#include <memory>
 
 #include "frame_numbers.h"
 #include "json_error.h"
 #include "plural.h"
-#include "stgs/format/byte_source.h"
 #include "stgs/format/camera.h"
 
 namespace stgs::encoder {
@@ -34,16 +32,28 @@ bool has_extension(const std::string& path, std::initializer_list<const char*> e
                      [&](const char* e) { return extension == e; });
 }
 
+// Lists the entries of kind `kind`, and those outside, whose names `accept` accepts.
 template <typename Predicate>
-std::vector<std::string> list(const std::string& folder, Predicate accept) {
+Result<std::vector<std::string>> list(const CaptureFolder& files, const std::string& folder,
+                                      CaptureFolder::Kind kind, Predicate accept) {
+  STGS_ASSIGN(const auto entries, files.list(folder));
   std::vector<std::string> paths;
-  if (!fs::is_directory(folder)) return paths;
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
-    if (entry.path().filename().string().front() == '.') continue;
-    if (accept(entry)) paths.push_back(entry.path().string());
+  for (const CaptureFolder::Entry& entry : *entries) {
+    if (entry.kind != kind && entry.kind != CaptureFolder::Kind::kOutside) continue;
+    if (accept(entry.name)) paths.push_back(folder + "/" + entry.name);
   }
   std::sort(paths.begin(), paths.end(), natural_less);
   return paths;
+}
+
+bool any_name(const std::string&) {
+  return true;
+}
+
+// Returns whether a file name is `stem` and an extension. Faster than stem_of().
+bool has_stem(const std::string& name, const std::string& stem) {
+  return name.size() > stem.size() && name[stem.size()] == '.' &&
+         name.compare(0, stem.size(), stem) == 0 && name.find('.', stem.size() + 1) == name.npos;
 }
 
 }  // namespace
@@ -77,64 +87,78 @@ bool is_image(const std::string& path) {
   return has_extension(path, {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"});
 }
 
-std::vector<std::string> list_videos(const std::string& folder) {
-  return list(folder, [](const fs::directory_entry& entry) {
-    return entry.is_regular_file() && is_video(entry.path().string());
-  });
+Result<std::vector<std::string>> list_videos(const CaptureFolder& files,
+                                             const std::string& folder) {
+  return list(files, folder, CaptureFolder::Kind::kFile, is_video);
 }
 
-std::vector<std::string> list_images(const std::string& folder) {
-  return list(folder, [](const fs::directory_entry& entry) {
-    return entry.is_regular_file() && is_image(entry.path().string());
-  });
+Result<std::vector<std::string>> list_images(const CaptureFolder& files,
+                                             const std::string& folder) {
+  return list(files, folder, CaptureFolder::Kind::kFile, is_image);
 }
 
-std::vector<std::string> list_folders(const std::string& folder) {
-  return list(folder, [](const fs::directory_entry& entry) { return entry.is_directory(); });
+Result<std::vector<std::string>> list_folders(const CaptureFolder& files,
+                                              const std::string& folder) {
+  return list(files, folder, CaptureFolder::Kind::kFolder, any_name);
 }
 
-std::vector<std::string> list_files(const std::string& folder) {
-  return list(folder, [](const fs::directory_entry& entry) { return entry.is_regular_file(); });
+Result<std::vector<std::string>> list_files(const CaptureFolder& files, const std::string& folder) {
+  return list(files, folder, CaptureFolder::Kind::kFile, any_name);
 }
 
 std::string stem_of(const std::string& path) {
   return fs::path(path).stem().string();
 }
 
-bool find_frames(const std::string& folder, const std::string& name, SourceCamera& camera) {
-  for (const std::string& path : list_videos(folder)) {
-    if (stem_of(path) != name) continue;
-    camera.video = path;
+Result<bool> find_frames(const CaptureFolder& files, const std::string& folder,
+                         const std::string& name, SourceCamera& camera) {
+  STGS_ASSIGN(const std::vector<std::string> videos,
+              list(files, folder, CaptureFolder::Kind::kFile, [&](const std::string& file) {
+                return has_stem(file, name) && is_video(file);
+              }));
+  if (!videos.empty()) {
+    camera.video = videos.front();
     return true;
   }
-  camera.images = list_images(folder + "/" + name);
-  if (camera.images.empty()) camera.images = list_images(folder + "/" + name + "/images");
+  STGS_ASSIGN(camera.images, list_images(files, folder + "/" + name));
+  if (camera.images.empty()) {
+    STGS_ASSIGN(camera.images, list_images(files, folder + "/" + name + "/images"));
+  }
   camera.numbered = true;
+  STGS_TRY(check_frame_limit(camera.images.size(), folder + "/" + name));
   return !camera.images.empty();
 }
 
-std::vector<SourceCamera> find_cameras(const std::string& folder) {
+Result<std::vector<SourceCamera>> find_cameras(const CaptureFolder& files) {
   std::vector<SourceCamera> cameras;
   for (const char* below : {"/videos", "/images", ""}) {
-    for (const std::string& path : list_videos(folder + below)) {
+    const std::string folder = files.path() + below;
+    STGS_ASSIGN(const std::vector<std::string> videos, list_videos(files, folder));
+    STGS_TRY(check_camera_limit(videos.size(), folder));
+    for (const std::string& path : videos) {
       cameras.emplace_back().name = stem_of(path);
       cameras.back().video = path;
     }
     if (!cameras.empty()) return cameras;
-    for (const std::string& path : list_folders(folder + below)) {
+    STGS_ASSIGN(const std::vector<std::string> folders, list_folders(files, folder));
+    for (const std::string& path : folders) {
       SourceCamera camera;
       camera.name = fs::path(path).filename().string();
       const bool reserved = camera.name == "masks" || camera.name == "flow" ||
                             camera.name == "images" || camera.name == "calibration";
-      if (!reserved && find_frames(folder + below, camera.name, camera)) cameras.push_back(camera);
+      if (reserved) continue;
+      STGS_ASSIGN(const bool found, find_frames(files, folder, camera.name, camera));
+      if (found) cameras.push_back(std::move(camera));
+      STGS_TRY(check_camera_limit(cameras.size(), folder));
     }
     if (!cameras.empty()) return cameras;
   }
   return cameras;
 }
 
-Result<bool> find_masks(const std::string& folder, const std::string& name, SourceCamera& camera) {
-  const std::vector<std::string> found = list_images(folder + "/" + name);
+Result<bool> find_masks(const CaptureFolder& files, const std::string& folder,
+                        const std::string& name, SourceCamera& camera) {
+  STGS_ASSIGN(const std::vector<std::string> found, list_images(files, folder + "/" + name));
   if (found.empty()) return false;
   camera.masks.clear();
   if (camera.images.empty()) {
@@ -180,19 +204,12 @@ Status replace_folder(const std::string& made, const std::string& folder, bool o
   return io_error("{}: cannot move the result here: {}", folder, system_message(error));
 }
 
-Result<std::vector<std::uint8_t>> read_whole_file(const std::string& path) {
-  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_file(path));
-  constexpr std::uint64_t kMaxBytes = std::uint64_t{4} << 30;
-  if (source->size() > kMaxBytes) {
-    return invalid_file("{}: file too large: {} bytes (limit 4 GiB)", path, source->size());
-  }
-  std::vector<std::uint8_t> bytes(source->size());
-  STGS_TRY(source->read(0, bytes));
-  return bytes;
+Result<std::vector<std::uint8_t>> read_table(const CaptureFolder& files, const std::string& path) {
+  return files.read(path, kCaptureLimits.table_bytes);
 }
 
-Result<nlohmann::json> read_json(const std::string& path) {
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+Result<nlohmann::json> read_json(const CaptureFolder& files, const std::string& path) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_table(files, path));
   return parse_json_text<nlohmann::json>(
       {reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path);
 }

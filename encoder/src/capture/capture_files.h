@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "capture_folder.h"
 #include "source_capture.h"
 
 namespace stgs::encoder {
@@ -17,37 +18,41 @@ bool natural_less(const std::string& a, const std::string& b);
 bool is_video(const std::string& path);
 bool is_image(const std::string& path);
 
-// Return paths in natural order, without hidden files. Empty if the folder does not exist.
-std::vector<std::string> list_videos(const std::string& folder);
-std::vector<std::string> list_images(const std::string& folder);
-std::vector<std::string> list_folders(const std::string& folder);
-std::vector<std::string> list_files(const std::string& folder);
+// Return paths in natural order, without hidden files. Empty if the folder does not exist. Links to
+// the outside are included: opening them is an error.
+Result<std::vector<std::string>> list_videos(const CaptureFolder& files, const std::string& folder);
+Result<std::vector<std::string>> list_images(const CaptureFolder& files, const std::string& folder);
+Result<std::vector<std::string>> list_folders(const CaptureFolder& files,
+                                              const std::string& folder);
+Result<std::vector<std::string>> list_files(const CaptureFolder& files, const std::string& folder);
 
 // Returns the file name without folder and extension.
 std::string stem_of(const std::string& path);
 
 // Sets the frames of `camera` to the video folder/NAME.* or to the images in folder/NAME/ or
 // folder/NAME/images/. Returns false if there are none.
-bool find_frames(const std::string& folder, const std::string& name, SourceCamera& camera);
+Result<bool> find_frames(const CaptureFolder& files, const std::string& folder,
+                         const std::string& name, SourceCamera& camera);
 
-// Returns the uncalibrated cameras of a folder, one for each video or image folder. Searches
+// Returns the uncalibrated cameras of a capture, one for each video or image folder. Searches
 // videos/, images/ and the folder itself, and stops at the first that has any. Sets name and
 // frames.
-std::vector<SourceCamera> find_cameras(const std::string& folder);
+Result<std::vector<SourceCamera>> find_cameras(const CaptureFolder& files);
 
 // Sets the masks of `camera` to the images in folder/NAME/ and returns true if there are any. Masks
 // match image frames by file name. For a video they are numbered from 0 or 1, without gaps.
 // kIo for a frame without a mask.
-Result<bool> find_masks(const std::string& folder, const std::string& name, SourceCamera& camera);
+Result<bool> find_masks(const CaptureFolder& files, const std::string& folder,
+                        const std::string& name, SourceCamera& camera);
 
 // Moves the folder `made` to `folder`. With `overwrite`, a folder that is not empty is then at
 // `made` or `made`.old, for the caller to delete; without it that is an error.
 Status replace_folder(const std::string& made, const std::string& folder, bool overwrite);
 
-// Reads a file of at most 4 GiB.
-Result<std::vector<std::uint8_t>> read_whole_file(const std::string& path);
+// Reads a table or calibration, of at most kCaptureLimits.table_bytes.
+Result<std::vector<std::uint8_t>> read_table(const CaptureFolder& files, const std::string& path);
 // Reads and parses a JSON file. kInvalidFile for a syntax error.
-Result<nlohmann::json> read_json(const std::string& path);
+Result<nlohmann::json> read_json(const CaptureFolder& files, const std::string& path);
 
 // Flattens a nested or flat JSON array of finite numbers, row by row. The error names `what`.
 Result<std::vector<double>> json_numbers(const nlohmann::json& json, const std::string& what);

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <map>
 #include <opencv2/core.hpp>
 
 #include "capture_files.h"
@@ -42,13 +43,7 @@ Status set_lens(const ColmapCamera& from, const std::string& where, SourceCamera
   std::vector<double> distortion(p.begin() + static_cast<std::ptrdiff_t>(at) + 2, p.end());
   if (one_focal) distortion.resize(4);  // k1 [k2], no tangential part
   STGS_TRY(set_distortion(distortion, from.model == "OPENCV_FISHEYE", where, camera));
-  if (from.width == 0 || from.height == 0 || from.width > 32768 || from.height > 32768) {
-    return invalid_file("{}: invalid image size {}x{} (expected 1 to 32768 pixels per side)", where,
-                        from.width, from.height);
-  }
-  camera.width = static_cast<int>(from.width);
-  camera.height = static_cast<int>(from.height);
-  return {};
+  return set_size(static_cast<double>(from.width), static_cast<double>(from.height), where, camera);
 }
 
 Status set_rotation(const ColmapImage& image, const std::string& where, SourceCamera& camera) {
@@ -79,12 +74,17 @@ cv::Vec3d centre_of(const SourceCamera& camera) {
   return -(cv::Matx33d(camera.rotation).t() * cv::Vec3d(camera.translation));
 }
 
-bool find_camera_frames(const std::string& folder, const std::string& image, SourceCamera& camera) {
+Result<bool> find_camera_frames(const CaptureFolder& files, const std::string& image,
+                                const std::string& model, SourceCamera& camera) {
+  STGS_TRY(files.path_of(image, model + ": image name").status());
   const fs::path path(image);
   const std::string name =
       path.has_parent_path() ? path.parent_path().generic_string() : stem_of(image);
-  return find_frames(folder + "/images", name, camera) ||
-         find_frames(folder + "/videos", name, camera) || find_frames(folder, name, camera);
+  for (const char* below : {"/images", "/videos", ""}) {
+    STGS_ASSIGN(const bool found, find_frames(files, files.path() + below, name, camera));
+    if (found) return true;
+  }
+  return false;
 }
 
 // Checks that the remaining images of every camera have the pose of its first image.
@@ -111,9 +111,9 @@ Status check_static(const SourceCapture& capture,
 
 }  // namespace
 
-std::string colmap_model_folder(const std::string& folder) {
+std::string colmap_model_folder(const CaptureFolder& files) {
   for (const char* below : {"/sparse/0", "/sparse", ""}) {
-    if (is_colmap_model(folder + below)) return folder + below;
+    if (is_colmap_model(files, files.path() + below)) return files.path() + below;
   }
   return "";
 }
@@ -121,6 +121,7 @@ std::string colmap_model_folder(const std::string& folder) {
 Status cameras_from_colmap(const ColmapModel& model, const std::string& where,
                            SourceCapture& capture, std::vector<std::string>* first_images) {
   std::vector<std::pair<std::size_t, SourceCamera>> others;
+  std::map<std::string, std::size_t> index_of;  // by name
   for (const ColmapImage& image : model.images) {
     const auto it = model.cameras.find(image.camera);
     if (it == model.cameras.end()) {
@@ -130,13 +131,13 @@ Status cameras_from_colmap(const ColmapModel& model, const std::string& where,
     SourceCamera camera;
     camera.name = camera_name(image.name);
     STGS_TRY(set_rotation(image, where, camera));
-    const auto known = std::find_if(capture.cameras.begin(), capture.cameras.end(),
-                                    [&](const SourceCamera& c) { return c.name == camera.name; });
-    if (known != capture.cameras.end()) {
+    const auto [known, added] = index_of.emplace(camera.name, capture.cameras.size());
+    if (!added) {
       camera.name = image.name;
-      others.emplace_back(known - capture.cameras.begin(), camera);
+      others.emplace_back(known->second, camera);
       continue;
     }
+    STGS_TRY(check_camera_limit(index_of.size(), where));
     const std::string here = fmt::format("{}: camera {} ('{}')", where, image.camera, camera.name);
     STGS_TRY(set_lens(it->second, here, camera));
     capture.cameras.push_back(std::move(camera));
@@ -145,21 +146,23 @@ Status cameras_from_colmap(const ColmapModel& model, const std::string& where,
   return check_static(capture, others, where);
 }
 
-Result<SourceCapture> load_colmap(const std::string& folder) {
-  const std::string where = colmap_model_folder(folder);
+Result<SourceCapture> load_colmap(const CaptureFolder& files) {
+  const std::string& folder = files.path();
+  const std::string where = colmap_model_folder(files);
   if (where.empty()) {
     return io_error(
         "{}: no COLMAP model found (looked for cameras and images, .bin or .txt, in sparse/0, "
         "sparse and the folder itself)",
         folder);
   }
-  STGS_ASSIGN(ColmapModel model, read_colmap_model(where));
+  STGS_ASSIGN(ColmapModel model, read_colmap_model(files, where));
   SourceCapture capture;
   std::vector<std::string> images;
   STGS_TRY(cameras_from_colmap(model, where, capture, &images));
   for (std::size_t i = 0; i < images.size(); ++i) {
     SourceCamera& camera = capture.cameras[i];
-    if (!find_camera_frames(folder, images[i], camera)) {
+    STGS_ASSIGN(const bool found, find_camera_frames(files, images[i], where, camera));
+    if (!found) {
       return io_error(
           "{}: no frames for camera '{}' (image '{}' of the model); looked for an image folder or "
           "video of that name in images/, videos/ and the folder itself",

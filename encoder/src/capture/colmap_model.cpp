@@ -3,15 +3,12 @@
 
 #include <algorithm>
 #include <cstring>
-#include <filesystem>
 #include <sstream>
 
 #include "capture_files.h"
 
 namespace stgs::encoder {
 namespace {
-
-namespace fs = std::filesystem;
 
 struct ModelKind {
   const char* name;
@@ -84,8 +81,9 @@ Status truncated(const std::string& path, const char* what, std::uint64_t index,
                       index, count, cursor.at());
 }
 
-Status read_cameras_binary(const std::string& path, ColmapModel& model) {
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+Status read_cameras_binary(const CaptureFolder& files, const std::string& path,
+                           ColmapModel& model) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, files.read(path, kCaptureLimits.file_bytes));
   Cursor cursor(bytes);
   const auto count = cursor.read<std::uint64_t>();
   if (!cursor.fits(count, 24)) return truncated(path, "camera", 0, count, cursor);
@@ -110,8 +108,8 @@ Status read_cameras_binary(const std::string& path, ColmapModel& model) {
   return {};
 }
 
-Status read_images_binary(const std::string& path, ColmapModel& model) {
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+Status read_images_binary(const CaptureFolder& files, const std::string& path, ColmapModel& model) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, files.read(path, kCaptureLimits.file_bytes));
   Cursor cursor(bytes);
   const auto count = cursor.read<std::uint64_t>();
   if (!cursor.fits(count, 73)) return truncated(path, "image", 0, count, cursor);
@@ -129,8 +127,8 @@ Status read_images_binary(const std::string& path, ColmapModel& model) {
   return {};
 }
 
-Status read_points_binary(const std::string& path, ColmapModel& model) {
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+Status read_points_binary(const CaptureFolder& files, const std::string& path, ColmapModel& model) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, files.read(path, kCaptureLimits.file_bytes));
   Cursor cursor(bytes);
   const auto count = cursor.read<std::uint64_t>();
   if (!cursor.fits(count, 51)) return truncated(path, "point", 0, count, cursor);
@@ -150,8 +148,9 @@ Status read_points_binary(const std::string& path, ColmapModel& model) {
 
 // Returns the numbered lines that are not comments. Empty lines remain, because the feature line
 // of an image may be empty.
-Result<std::vector<std::pair<int, std::string>>> text_lines(const std::string& path) {
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+Result<std::vector<std::pair<int, std::string>>> text_lines(const CaptureFolder& files,
+                                                            const std::string& path) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_table(files, path));
   std::istringstream stream(std::string(bytes.begin(), bytes.end()));
   std::vector<std::pair<int, std::string>> lines;
   std::string line;
@@ -162,8 +161,8 @@ Result<std::vector<std::pair<int, std::string>>> text_lines(const std::string& p
   return lines;
 }
 
-Status read_cameras_text(const std::string& path, ColmapModel& model) {
-  STGS_ASSIGN(const auto lines, text_lines(path));
+Status read_cameras_text(const CaptureFolder& files, const std::string& path, ColmapModel& model) {
+  STGS_ASSIGN(const auto lines, text_lines(files, path));
   for (const auto& [number, line] : lines) {
     if (line.empty()) continue;
     std::istringstream words(line);
@@ -181,8 +180,8 @@ Status read_cameras_text(const std::string& path, ColmapModel& model) {
   return {};
 }
 
-Status read_images_text(const std::string& path, ColmapModel& model) {
-  STGS_ASSIGN(const auto lines, text_lines(path));
+Status read_images_text(const CaptureFolder& files, const std::string& path, ColmapModel& model) {
+  STGS_ASSIGN(const auto lines, text_lines(files, path));
   for (std::size_t i = 0; i < lines.size(); i += 2) {  // every second line lists features
     std::istringstream words(lines[i].second);
     ColmapImage image;
@@ -202,8 +201,8 @@ Status read_images_text(const std::string& path, ColmapModel& model) {
   return {};
 }
 
-Status read_points_text(const std::string& path, ColmapModel& model) {
-  STGS_ASSIGN(const auto lines, text_lines(path));
+Status read_points_text(const CaptureFolder& files, const std::string& path, ColmapModel& model) {
+  STGS_ASSIGN(const auto lines, text_lines(files, path));
   for (const auto& [number, line] : lines) {
     if (line.empty()) continue;
     std::istringstream words(line);
@@ -226,23 +225,23 @@ Status read_points_text(const std::string& path, ColmapModel& model) {
 
 }  // namespace
 
-bool is_colmap_model(const std::string& folder) {
-  const auto has = [&](const char* name) { return fs::exists(folder + "/" + name); };
+bool is_colmap_model(const CaptureFolder& files, const std::string& folder) {
+  const auto has = [&](const char* name) { return files.exists(folder + "/" + name); };
   return (has("cameras.bin") && has("images.bin")) || (has("cameras.txt") && has("images.txt"));
 }
 
-Result<ColmapModel> read_colmap_model(const std::string& folder) {
+Result<ColmapModel> read_colmap_model(const CaptureFolder& files, const std::string& folder) {
   ColmapModel model;
-  if (fs::exists(folder + "/cameras.bin")) {
-    STGS_TRY(read_cameras_binary(folder + "/cameras.bin", model));
-    STGS_TRY(read_images_binary(folder + "/images.bin", model));
+  if (files.exists(folder + "/cameras.bin")) {
+    STGS_TRY(read_cameras_binary(files, folder + "/cameras.bin", model));
+    STGS_TRY(read_images_binary(files, folder + "/images.bin", model));
     const std::string points = folder + "/points3D.bin";
-    if (fs::exists(points)) STGS_TRY(read_points_binary(points, model));
+    if (files.exists(points)) STGS_TRY(read_points_binary(files, points, model));
   } else {
-    STGS_TRY(read_cameras_text(folder + "/cameras.txt", model));
-    STGS_TRY(read_images_text(folder + "/images.txt", model));
+    STGS_TRY(read_cameras_text(files, folder + "/cameras.txt", model));
+    STGS_TRY(read_images_text(files, folder + "/images.txt", model));
     const std::string points = folder + "/points3D.txt";
-    if (fs::exists(points)) STGS_TRY(read_points_text(points, model));
+    if (files.exists(points)) STGS_TRY(read_points_text(files, points, model));
   }
   std::sort(
       model.images.begin(), model.images.end(),

@@ -31,11 +31,11 @@ struct ColmapModel {
 };
 
 // Returns true if the folder has the cameras and images files of a model.
-bool is_colmap_model(const std::string& folder);
+bool is_colmap_model(const CaptureFolder& files, const std::string& folder);
 
 // Reads the model in `folder`. Binary files take precedence over text files. Every stated count is
 // checked against the remaining bytes.
-Result<ColmapModel> read_colmap_model(const std::string& folder);
+Result<ColmapModel> read_colmap_model(const CaptureFolder& files, const std::string& folder);
 
 // Adds the cameras of the model to `capture`, without frames: one for each folder of images, and
 // one for each image outside a folder. If `first_images` is not null, entry i becomes the image

@@ -4,7 +4,6 @@
 //   intri.yml: names, the list of cameras XX; K_XX; D_XX or dist_XX; optional H_XX and W_XX.
 //   extri.yml: T_XX; Rot_XX, or R_XX as a rotation vector; world to camera.
 //   Frames are in images/XX/ or videos/XX.*, masks in masks/XX/ or mask/XX/.
-#include <filesystem>
 #include <opencv2/core.hpp>
 
 #include "capture_files.h"
@@ -20,8 +19,9 @@ struct Yaml {
   cv::FileStorage file;
 };
 
-Result<Yaml> open_yaml(const std::string& path) {
-  STGS_ASSIGN(const cv::FileStorage file, open_storage(path));
+Result<Yaml> open_yaml(const CaptureFolder& files, const std::string& name) {
+  const std::string path = files.path() + "/" + name;
+  STGS_ASSIGN(const cv::FileStorage file, open_storage(files, path));
   return Yaml{path, file};
 }
 
@@ -41,8 +41,26 @@ Status set_extrinsics(const Yaml& extri, const std::string& where, SourceCamera&
   return set_opencv_pose(rotation, t, where, camera);
 }
 
-Result<SourceCamera> read_camera(const std::string& folder, const std::string& name,
+// Sets the frames and the masks in mask/.
+Status attach_frames(const CaptureFolder& files, SourceCamera& camera) {
+  const std::string &folder = files.path(), &name = camera.name;
+  bool found = false;
+  for (const char* below : {"/images", "/videos"}) {
+    if (found) break;
+    STGS_ASSIGN(found, find_frames(files, folder + below, name, camera));
+  }
+  if (!found) {
+    return io_error("{}: no frames for camera '{}' (looked for images/{}/ and videos/{}.mp4)",
+                    folder, name, name, name);
+  }
+  if (files.is_folder(folder + "/masks/" + name)) return {};
+  return find_masks(files, folder + "/mask", name, camera).status();
+}
+
+Result<SourceCamera> read_camera(const CaptureFolder& files, const std::string& name,
                                  const Yaml& intri, const Yaml& extri) {
+  const std::string& folder = files.path();
+  STGS_TRY(files.path_of(name, intri.path + ": names").status());
   SourceCamera camera;
   camera.name = name;
   const std::string where = folder + "/intri.yml: camera '" + name + "'";
@@ -53,42 +71,42 @@ Result<SourceCamera> read_camera(const std::string& folder, const std::string& n
   STGS_ASSIGN(const std::vector<double> height, numbers(intri, {"H_" + name}));
   STGS_ASSIGN(const std::vector<double> width, numbers(intri, {"W_" + name}));
   if (height.size() == 1 && width.size() == 1 && height[0] > 0 && width[0] > 0) {
-    camera.height = static_cast<int>(height[0]);
-    camera.width = static_cast<int>(width[0]);
+    STGS_TRY(set_size(width[0], height[0], where, camera));
   }
   STGS_TRY(set_extrinsics(extri, folder + "/extri.yml: camera '" + name + "'", camera));
-  if (!find_frames(folder + "/images", name, camera) &&
-      !find_frames(folder + "/videos", name, camera)) {
-    return io_error("{}: no frames for camera '{}' (looked for images/{}/ and videos/{}.mp4)",
-                    folder, name, name, name);
-  }
-  if (!std::filesystem::is_directory(folder + "/masks/" + name)) {
-    STGS_TRY(find_masks(folder + "/mask", name, camera).status());
-  }
+  STGS_TRY(attach_frames(files, camera));
   return camera;
 }
 
-Result<SourceCapture> read_capture(const std::string& folder) {
-  STGS_ASSIGN(const Yaml intri, open_yaml(folder + "/intri.yml"));
-  STGS_ASSIGN(const Yaml extri, open_yaml(folder + "/extri.yml"));
+// Returns a camera name: a text, or an integer as EasyMocap writes it.
+Result<std::string> name_of(const cv::FileNode& node, const std::string& path) {
+  if (node.isString()) return node.string();
+  if (node.isInt()) return std::to_string(static_cast<int>(node));
+  return invalid_file("{}: 'names' is not a list of camera names", path);
+}
+
+Result<SourceCapture> read_capture(const CaptureFolder& files) {
+  STGS_ASSIGN(const Yaml intri, open_yaml(files, "intri.yml"));
+  STGS_ASSIGN(const Yaml extri, open_yaml(files, "extri.yml"));
   SourceCapture capture;
-  for (const cv::FileNode& node : intri.file["names"]) {
-    const std::string name = node.isString() ? node.string() : std::to_string(int(node.real()));
-    STGS_ASSIGN(SourceCamera camera, read_camera(folder, name, intri, extri));
+  const cv::FileNode names = intri.file["names"];
+  STGS_TRY(check_camera_limit(names.size(), intri.path));
+  for (const cv::FileNode& node : names) {
+    STGS_ASSIGN(const std::string name, name_of(node, intri.path));
+    STGS_ASSIGN(SourceCamera camera, read_camera(files, name, intri, extri));
     capture.cameras.push_back(std::move(camera));
   }
-  if (capture.cameras.empty())
-    return invalid_file("{}/intri.yml: 'names' lists no cameras", folder);
+  if (capture.cameras.empty()) return invalid_file("{}: 'names' lists no cameras", intri.path);
   return capture;
 }
 
 }  // namespace
 
-Result<SourceCapture> load_easyvolcap(const std::string& folder) {
+Result<SourceCapture> load_easyvolcap(const CaptureFolder& files) {
   try {
-    return read_capture(folder);
+    return read_capture(files);
   } catch (const cv::Exception& error) {
-    return invalid_file("{}/intri.yml: 'names' is not a list of camera names: {}", folder,
+    return invalid_file("{}/intri.yml: 'names' is not a list of camera names: {}", files.path(),
                         error.err);
   }
 }

@@ -17,22 +17,28 @@ struct FrameInfo {
 };
 
 // Decodes an image file with the flags of cv::imread. `what` describes the image in errors, which
-// start with the path. kIo if the file is missing, kInvalidFile if it cannot be decoded.
-Result<cv::Mat> decode_file(const std::string& path, const std::string& what, int flags);
+// start with the path. kIo if the file is missing, kInvalidFile if it cannot be decoded or
+// check_image_kind() (file_kind.h) refuses it.
+Result<cv::Mat> decode_file(const CaptureFolder& files, const std::string& path,
+                            const std::string& what, int flags);
 
 // Decodes the first frame and returns the properties of all. Errors name file and camera.
-Result<FrameInfo> probe_frames(const SourceCamera& camera);
+// kInvalidFile for more than kCaptureLimits.frames, and for a video that check_video_kind()
+// refuses.
+Result<FrameInfo> probe_frames(const CaptureFolder& files, const SourceCamera& camera);
 
 // Decodes an image frame to 8-bit BGR. EXIF orientation is ignored, as calibration tools and other
 // decoders ignore it. kInvalidFile if the size is not width x height.
-Result<cv::Mat> read_image(const SourceCamera& camera, int frame, int width, int height);
+Result<cv::Mat> read_image(const CaptureFolder& files, const SourceCamera& camera, int frame,
+                           int width, int height);
 
 // Reads a video from front to back. Not thread-safe; separate readers are independent.
 class VideoReader {
  public:
   // Opens the video of the camera, positioned before frame `first`. Decodes the preceding frames,
   // because seeking is inexact. Keeps a reference to `camera`.
-  static Result<std::unique_ptr<VideoReader>> open(const SourceCamera& camera, int first);
+  static Result<std::unique_ptr<VideoReader>> open(const CaptureFolder& files,
+                                                   const SourceCamera& camera, int first);
   virtual ~VideoReader() = default;
   // Decodes the next frame to 8-bit BGR. kInvalidFile at the end of the video, or if the size is
   // not width x height.

@@ -13,6 +13,7 @@
 
 #include "capture_files.h"
 #include "plural.h"
+#include "stgs/format/camera.h"
 
 namespace stgs::encoder {
 namespace {
@@ -46,8 +47,8 @@ std::vector<double> numbers_from(const std::uint8_t* bytes, std::size_t count) {
 }
 
 // Reads a little-endian N x 17 float array, row by row.
-Result<std::vector<double>> read_poses(const std::string& path) {
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+Result<std::vector<double>> read_poses(const CaptureFolder& files, const std::string& path) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_table(files, path));
   if (bytes.size() < 10 || std::memcmp(bytes.data(), "\x93NUMPY", 6) != 0) {
     return invalid_file("{}: not a NumPy .npy file", path);
   }
@@ -83,7 +84,8 @@ Result<std::vector<double>> read_poses(const std::string& path) {
 Status set_camera(const double* row, const std::string& where, SourceCamera& camera) {
   const bool finite = std::all_of(row, row + kRow, [](double v) { return std::isfinite(v); });
   const double height = row[4], width = row[9], focal = row[14];
-  if (!finite || !(height >= 1 && height <= 32768 && width >= 1 && width <= 32768 && focal > 0)) {
+  if (!finite || !(height >= 1 && height <= kMaxImageSide && width >= 1 && width <= kMaxImageSide &&
+                   focal > 0)) {
     return invalid_file(
         "{}: invalid image size or focal length (got height {}, width {}, focal length {})", where,
         height, width, focal);
@@ -104,11 +106,13 @@ Status set_camera(const double* row, const std::string& where, SourceCamera& cam
   return set_pose_from_camera_to_world(c2w, where, camera);
 }
 
-std::vector<std::string> camera_names(const std::string& folder) {
+Result<std::vector<std::string>> camera_names(const CaptureFolder& files) {
   std::vector<std::string> names;
-  for (const std::string& path : list_videos(folder)) names.push_back(stem_of(path));
+  STGS_ASSIGN(const std::vector<std::string> videos, list_videos(files, files.path()));
+  for (const std::string& path : videos) names.push_back(stem_of(path));
   if (!names.empty()) return names;
-  for (const std::string& path : list_folders(folder)) {
+  STGS_ASSIGN(const std::vector<std::string> folders, list_folders(files, files.path()));
+  for (const std::string& path : folders) {
     const std::string name = std::filesystem::path(path).filename().string();
     if (name.rfind("cam", 0) == 0) names.push_back(name);
   }
@@ -117,10 +121,12 @@ std::vector<std::string> camera_names(const std::string& folder) {
 
 }  // namespace
 
-Result<SourceCapture> load_n3dv(const std::string& folder) {
+Result<SourceCapture> load_n3dv(const CaptureFolder& files) {
+  const std::string& folder = files.path();
   const std::string poses_path = folder + "/poses_bounds.npy";
-  STGS_ASSIGN(const std::vector<double> rows, read_poses(poses_path));
-  const std::vector<std::string> names = camera_names(folder);
+  STGS_ASSIGN(const std::vector<double> rows, read_poses(files, poses_path));
+  STGS_TRY(check_camera_limit(rows.size() / kRow, poses_path));
+  STGS_ASSIGN(const std::vector<std::string> names, camera_names(files));
   if (names.size() != rows.size() / kRow) {
     return invalid_file(
         "{}: {} but {} in the folder ({}); the file must have one row per video, in the order of "
@@ -135,7 +141,8 @@ Result<SourceCapture> load_n3dv(const std::string& folder) {
     camera.name = names[i];
     STGS_TRY(set_camera(rows.data() + i * kRow,
                         fmt::format("{}: row {} (camera '{}')", poses_path, i, names[i]), camera));
-    if (!find_frames(folder, names[i], camera)) {
+    STGS_ASSIGN(const bool found, find_frames(files, folder, names[i], camera));
+    if (!found) {
       return io_error("{}/{}: no frames for camera '{}'", folder, names[i], names[i]);
     }
     camera.test = i == 0;

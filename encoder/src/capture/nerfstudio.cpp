@@ -16,7 +16,7 @@
 #include <filesystem>
 #include <iterator>
 #include <map>
-#include <opencv2/core.hpp>
+#include <set>
 
 #include "capture_files.h"
 #include "json_error.h"
@@ -51,9 +51,7 @@ Status set_lens(const Json& entry, const Json& top, const std::string& where,
                 SourceCamera& camera) {
   const double nan = std::nan("");
   const double width = number(entry, top, "w", 0), height = number(entry, top, "h", 0);
-  if (!(width >= 1 && height >= 1 && width <= 32768 && height <= 32768)) {
-    return invalid_file("{}: w and h must be 1 to 32768 pixels (got {}x{})", where, width, height);
-  }
+  STGS_TRY(set_size(width, height, where + ": w and h", camera));
   double fx = number(entry, top, "fl_x", nan);
   const double angle = number(entry, top, "camera_angle_x", nan);
   if (std::isnan(fx) && angle > 0 && angle < 3.1415) fx = 0.5 * width / std::tan(0.5 * angle);
@@ -62,8 +60,6 @@ Status set_lens(const Json& entry, const Json& top, const std::string& where,
   const double cx = number(entry, top, "cx", 0.5 * width);
   const double cy = number(entry, top, "cy", 0.5 * height);
   STGS_TRY(set_intrinsics({fx, 0, cx, 0, fy, cy, 0, 0, 1}, 0.5, where, camera));
-  camera.width = static_cast<int>(width);
-  camera.height = static_cast<int>(height);
   const std::string model = entry.value("camera_model", top.value("camera_model", "OPENCV"));
   const bool fisheye = model == "OPENCV_FISHEYE";
   if (!fisheye && model != "OPENCV" && model != "PINHOLE" && model != "SIMPLE_PINHOLE") {
@@ -122,24 +118,33 @@ Result<std::string> label_of(const Json& entry, const std::string& where) {
   return std::string();
 }
 
-Status add_entry(const Json& entry, const Json& top, const std::string& folder,
-                 std::vector<Group>& groups) {
-  const std::string file = entry.at("file_path").get<std::string>();
-  const std::string where = fmt::format("{}/transforms.json: frame '{}'", folder, file);
-  STGS_ASSIGN(SourceCamera camera, read_camera(entry, top, where));
-  const std::string path = (fs::path(folder) / file).lexically_normal().string();
-  if (is_video(path)) {
-    camera.video = path;
-    groups.push_back({camera, stem_of(path), {}, false});
-    return {};
-  }
-  STGS_ASSIGN(const std::string label, label_of(entry, where));
-  auto group = std::find_if(groups.begin(), groups.end(), [&](const Group& g) {
+// Returns the group of an image; groups.end() if it is the first. The limit of cameras bounds the
+// search.
+std::vector<Group>::iterator find_group(std::vector<Group>& groups, const std::string& label,
+                                        const SourceCamera& camera) {
+  return std::find_if(groups.begin(), groups.end(), [&](const Group& g) {
     return g.camera.video.empty() && g.label == label &&
            (!label.empty() || same_camera(g.camera, camera));
   });
+}
+
+Status add_entry(const Json& entry, const Json& top, const CaptureFolder& files,
+                 std::vector<Group>& groups) {
+  const std::string table = files.path() + "/transforms.json";
+  const std::string file = entry.at("file_path").get<std::string>();
+  STGS_ASSIGN(const std::string path, files.path_of(file, table + ": file_path"));
+  const std::string where = fmt::format("{}: frame '{}'", table, file);
+  STGS_ASSIGN(SourceCamera camera, read_camera(entry, top, where));
+  if (is_video(path)) {
+    camera.video = path;
+    groups.push_back({camera, stem_of(path), {}, false});
+    return check_camera_limit(groups.size(), table);
+  }
+  STGS_ASSIGN(const std::string label, label_of(entry, where));
+  auto group = find_group(groups, label, camera);
   if (group == groups.end()) {
     groups.push_back({camera, label, {}, false});
+    STGS_TRY(check_camera_limit(groups.size(), table));
     group = std::prev(groups.end());
   }
   if (!same_camera(group->camera, camera)) {
@@ -204,17 +209,34 @@ Status order_images(const std::string& folder, std::vector<Group>& groups) {
   return {};
 }
 
+// Holds out the cameras that have a file of the list.
+Status hold_out(const Json& names, const CaptureFolder& files, const std::string& table,
+                std::vector<SourceCamera>& cameras) {
+  std::set<std::string> held_out;
+  for (const Json& name : names) {
+    STGS_ASSIGN(std::string path,
+                files.path_of(name.get<std::string>(), table + ": test_filenames"));
+    held_out.insert(std::move(path));
+  }
+  const auto listed = [&](const std::string& path) { return held_out.count(path) != 0; };
+  for (SourceCamera& camera : cameras) {
+    camera.test =
+        listed(camera.video) || std::any_of(camera.images.begin(), camera.images.end(), listed);
+  }
+  return {};
+}
+
 }  // namespace
 
-Result<SourceCapture> load_nerfstudio(const std::string& folder, const LogSink& log) {
-  const std::string path = folder + "/transforms.json";
-  STGS_ASSIGN(const Json top, read_json(path));
+Result<SourceCapture> load_nerfstudio(const CaptureFolder& files, const LogSink& log) {
+  const std::string path = files.path() + "/transforms.json";
+  STGS_ASSIGN(const Json top, read_json(files, path));
   try {
     std::vector<Group> groups;
     SourceCapture capture;
     bool masks = false;
     for (const Json& entry : top.at("frames")) {
-      STGS_TRY(add_entry(entry, top, folder, groups));
+      STGS_TRY(add_entry(entry, top, files, groups));
       if (!entry.contains("mask_path")) continue;
       masks = true;
       const fs::path mask = fs::path(entry.at("mask_path").get<std::string>()).lexically_normal();
@@ -222,17 +244,11 @@ Result<SourceCapture> load_nerfstudio(const std::string& folder, const LogSink& 
     }
     if (masks) log(1, path + ": mask_path marks valid pixels, not motion; ignored");
     name_groups(groups);
-    STGS_TRY(order_images(folder, groups));
+    STGS_TRY(order_images(files.path(), groups));
     capture.fps = top.value("fps", 0.0);
     for (Group& group : groups) capture.cameras.push_back(std::move(group.camera));
     capture.split_known = top.contains("test_filenames");
-    for (const Json& name : top.value("test_filenames", Json::array())) {
-      const std::string file = (fs::path(folder) / name.get<std::string>()).lexically_normal();
-      for (SourceCamera& camera : capture.cameras) {
-        camera.test |= camera.video == file ||
-                       std::count(camera.images.begin(), camera.images.end(), file) > 0;
-      }
-    }
+    STGS_TRY(hold_out(top.value("test_filenames", Json::array()), files, path, capture.cameras));
     return capture;
   } catch (const Json::exception& error) {
     return invalid_file("{}: {}", path, json_error(error));

@@ -27,8 +27,8 @@ bool flatten(const cv::FileNode& node, std::vector<double>& out) {
 
 }  // namespace
 
-Result<cv::FileStorage> open_storage(const std::string& path) {
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
+Result<cv::FileStorage> open_storage(const CaptureFolder& files, const std::string& path) {
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_table(files, path));
   const std::string text(bytes.begin(), bytes.end());
   STGS_TRY(check_storage_nesting(text, path));
   try {

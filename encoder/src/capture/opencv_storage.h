@@ -11,7 +11,7 @@
 namespace stgs::encoder {
 
 // Opens a file for reading. kInvalidFile if OpenCV cannot parse it.
-Result<cv::FileStorage> open_storage(const std::string& path);
+Result<cv::FileStorage> open_storage(const CaptureFolder& files, const std::string& path);
 
 // Returns the numbers of the first key that exists, row by row, or an empty list if none exists.
 // The value is a number, a matrix (opencv-matrix), or a nested list. The error names the file.

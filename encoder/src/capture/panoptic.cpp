@@ -11,13 +11,17 @@
 
 #include "capture_files.h"
 #include "json_error.h"
+#include "json_read.h"
 #include "plural.h"
+#include "stgs/format/camera.h"
 
 namespace stgs::encoder {
 namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
+
+constexpr int kMaxCameraNumber = 1'000'000'000;
 
 bool same(const std::vector<double>& a, const std::vector<double>& b) {
   return std::equal(a.begin(), a.end(), b.begin(), b.end(),
@@ -34,7 +38,12 @@ Result<Entry> read_entry(const Json& meta, std::size_t frame, std::size_t index,
                          const std::string& where) {
   Entry entry;
   const Json& id = meta.at("cam_id").at(frame).at(index);
-  entry.camera = id.is_string() ? id.get<std::string>() : std::to_string(id.get<int>());
+  if (id.is_string()) {
+    entry.camera = id.get<std::string>();
+  } else {
+    STGS_ASSIGN(const int number, exact_value<int>(id, 0, kMaxCameraNumber, "cam_id", where));
+    entry.camera = std::to_string(number);
+  }
   entry.image = meta.at("fn").at(frame).at(index).get<std::string>();
   const std::string here = fmt::format("{}: camera '{}' frame {}", where, entry.camera, frame);
   STGS_ASSIGN(entry.k, json_numbers(meta.at("k").at(frame).at(index), here + ": k"));
@@ -42,10 +51,11 @@ Result<Entry> read_entry(const Json& meta, std::size_t frame, std::size_t index,
   return entry;
 }
 
-Status add_mask(const std::string& folder, const std::string& image, SourceCamera& camera) {
+Status add_mask(const CaptureFolder& files, const std::string& image, SourceCamera& camera) {
+  const std::string folder = files.path();
   const std::string path = folder + "/seg/" + fs::path(image).replace_extension(".png").string();
   const std::size_t frame = camera.images.size() - 1;
-  if (fs::exists(path)) {
+  if (files.exists(path)) {
     camera.masks.push_back(path);
   } else if (!camera.masks.empty()) {
     return io_error(
@@ -62,23 +72,35 @@ Status add_mask(const std::string& folder, const std::string& image, SourceCamer
   return {};
 }
 
-Status read_meta(const std::string& folder, const std::string& name, bool test,
+// Appends the image of a frame, and its mask.
+Status add_image(const CaptureFolder& files, const std::string& image, const std::string& table,
+                 SourceCamera& camera) {
+  STGS_ASSIGN(std::string path, files.path_of("ims/" + image, table + ": fn"));
+  // Also seg/ is named by `image`.
+  STGS_TRY(files.path_of(image, table + ": fn").status());
+  camera.images.push_back(std::move(path));
+  return add_mask(files, image, camera);
+}
+
+Status read_meta(const CaptureFolder& files, const std::string& name, bool test,
                  SourceCapture& capture) {
-  const std::string path = folder + "/" + name;
-  STGS_ASSIGN(const Json meta, read_json(path));
+  const std::string path = files.path() + "/" + name;
+  STGS_ASSIGN(const Json meta, read_json(files, path));
   try {
     std::map<std::string, std::size_t> known;
     std::vector<Entry> first;
     const std::size_t begin = capture.cameras.size();
+    STGS_TRY(check_frame_limit(meta.at("fn").size(), path));
     for (std::size_t frame = 0; frame < meta.at("fn").size(); ++frame) {
       const std::size_t cameras = meta.at("fn").at(frame).size();
+      STGS_TRY(check_camera_limit(cameras, path));
       for (std::size_t i = 0; i < cameras; ++i) {
         STGS_ASSIGN(Entry entry, read_entry(meta, frame, i, path));
         if (frame == 0) {
           SourceCamera camera;
           camera.name = entry.camera;
-          camera.width = meta.at("w").get<int>();
-          camera.height = meta.at("h").get<int>();
+          STGS_ASSIGN(camera.width, exact<int>(meta, "w", 1, kMaxImageSide, path));
+          STGS_ASSIGN(camera.height, exact<int>(meta, "h", 1, kMaxImageSide, path));
           camera.test = test;
           STGS_TRY(set_intrinsics(entry.k, 0.5, path + ": camera '" + entry.camera + "'", camera));
           STGS_TRY(set_pose(entry.w2c, path + ": camera '" + entry.camera + "'", camera));
@@ -103,8 +125,7 @@ Status read_meta(const std::string& folder, const std::string& name, bool test,
           return invalid_file("{}: camera '{}' has {} in frames 0 to {} (expected one per frame)",
                               path, camera.name, plural(camera.images.size() + 1, "image"), frame);
         }
-        camera.images.push_back(folder + "/ims/" + entry.image);
-        STGS_TRY(add_mask(folder, entry.image, camera));
+        STGS_TRY(add_image(files, entry.image, path, camera));
       }
     }
   } catch (const Json::exception& error) {
@@ -115,12 +136,12 @@ Status read_meta(const std::string& folder, const std::string& name, bool test,
 
 }  // namespace
 
-Result<SourceCapture> load_panoptic(const std::string& folder) {
+Result<SourceCapture> load_panoptic(const CaptureFolder& files) {
   SourceCapture capture;
   capture.fps = 30;
-  STGS_TRY(read_meta(folder, "train_meta.json", false, capture));
-  if (fs::exists(folder + "/test_meta.json")) {
-    STGS_TRY(read_meta(folder, "test_meta.json", true, capture));
+  STGS_TRY(read_meta(files, "train_meta.json", false, capture));
+  if (files.exists(files.path() + "/test_meta.json")) {
+    STGS_TRY(read_meta(files, "test_meta.json", true, capture));
     capture.split_known = true;
   }
   std::sort(

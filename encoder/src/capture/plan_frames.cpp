@@ -21,7 +21,7 @@ Result<std::vector<FrameInfo>> probe_all(const SourceCapture& source) {
   std::vector<std::optional<Result<FrameInfo>>> found(count);
   parallel_for(std::size_t{0}, count, [&](std::size_t i) {
     try {
-      found[i] = probe_frames(source.cameras[i]);
+      found[i] = probe_frames(*source.files, source.cameras[i]);
     } catch (const std::exception& error) {
       found[i] = invalid_file("camera '{}': {}", source.cameras[i].name, error.what());
     }
@@ -130,7 +130,8 @@ Status check_flow(const SourceCapture& source, const PreparedCapture& capture) {
   for (const Camera& camera : capture.cameras) {
     for (int frame = 0; !camera.test && frame + 1 < capture.frames; ++frame) {
       STGS_ASSIGN([[maybe_unused]] const std::string path,
-                  init::find_flow(source.flow_folder, camera.name, capture.first_frame + frame));
+                  init::find_flow(*source.files, source.flow_folder, camera.name,
+                                  capture.first_frame + frame));
     }
   }
   return {};

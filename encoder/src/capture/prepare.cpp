@@ -97,6 +97,7 @@ Status prepare_into(const std::string& capture, const std::string& folder,
   init.max_static_points = settings.max_static_points;
   init.seed = settings.seed;
   init.flow_folder = source.flow_folder;
+  init.flow_files = source.files;
   init.points = source.points;
   STGS_TRY(initialise(prepared, init, progress, log));
   return write_prepared_capture(prepared);

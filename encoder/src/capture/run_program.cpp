@@ -4,9 +4,11 @@
 #include <fcntl.h>
 #include <signal.h>
 #include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cctype>
 #include <cerrno>
 #include <chrono>
@@ -19,7 +21,9 @@ namespace stgs::encoder {
 namespace {
 
 constexpr int kMaxLinesShown = 8;
-constexpr std::size_t kMaxLine = 1000;  // characters of a line of the log
+constexpr rlim_t kMaxWritten = rlim_t{64} << 30;  // bytes of a file that the program writes
+constexpr std::streamoff kMaxLog = 1 << 20;       // bytes read from the end of the log
+constexpr std::size_t kMaxLine = 1000;            // characters of a line of the log
 
 // An owned file descriptor.
 struct Descriptor {
@@ -42,6 +46,12 @@ struct Descriptor {
   // The kernel kills the child when the forking thread ends, even by SIGKILL. The check of the
   // parent's id covers a parent that ended before this call.
   ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+  // A group of its own, so that its children are killed with it. A terminal's signals do not reach
+  // the group; the caller cancels.
+  ::setpgid(0, 0);
+  const rlimit files{kMaxWritten, kMaxWritten}, cores{0, 0};
+  ::setrlimit(RLIMIT_FSIZE, &files);
+  ::setrlimit(RLIMIT_CORE, &cores);
   if (::getppid() != parent) ::_exit(127);
   if (::dup2(input, 0) == 0 && ::dup2(output, 1) == 1 && ::dup2(output, 2) == 2) {
     ::execvp(argv[0], argv);
@@ -67,6 +77,7 @@ int start_program(char* const* argv, const std::string& log_path, pid_t& child) 
   child = ::fork();
   if (child < 0) return errno;
   if (child == 0) exec_child(argv, input.number, output.number, parent, error_sink.number);
+  ::setpgid(child, child);  // also here: it may be killed before it runs
   // A successful exec closes the pipe without data.
   error_sink.close();
   int error = 0;
@@ -79,13 +90,21 @@ int start_program(char* const* argv, const std::string& log_path, pid_t& child) 
   return got == sizeof(error) ? error : EIO;
 }
 
+// Returns false once the child has ended. It stays a zombie.
+bool is_running(pid_t child) {
+  siginfo_t info{};
+  return ::waitid(P_PID, static_cast<id_t>(child), &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
+         info.si_pid == 0;
+}
+
 }  // namespace
 
 std::string failure_reason(const std::string& log_path) {
   // glog writes "F20240102 03:04:05.678901 1234 file.cc:56] message" for a fatal error (E for an
   // error), then a stack trace. COLMAP's own error lines start with ERROR.
   static const std::regex error_line(R"(^(?:[EF]\d{4,8} .*?\] |\s*ERROR: )(.*)$)");
-  std::ifstream file(log_path);
+  std::ifstream file(log_path, std::ios::binary | std::ios::ate);
+  file.seekg(std::max(std::streamoff{0}, std::streamoff{file.tellg()} - kMaxLog));
   std::vector<std::string> lines;
   std::string error;
   for (std::string line; std::getline(file, line);) {
@@ -106,7 +125,7 @@ std::string failure_reason(const std::string& log_path) {
 
 Status run_program(const std::vector<std::string>& arguments, const std::string& log_path,
                    const std::string& stage, double done, const ProgressSink& progress,
-                   int* exit_code) {
+                   std::chrono::steady_clock::time_point deadline, int* exit_code) {
   if (exit_code != nullptr) *exit_code = -1;
   std::vector<char*> argv;
   argv.reserve(arguments.size() + 1);
@@ -120,15 +139,20 @@ Status run_program(const std::vector<std::string>& arguments, const std::string&
   }
   if (error != 0) return runtime_error("{}: cannot run: {}", arguments[0], system_message(error));
   const std::string detail = arguments[0] + (arguments.size() > 1 ? " " + arguments[1] : "");
-  bool cancelled = false;
-  int result = 0;
-  while (::waitpid(child, &result, WNOHANG) == 0) {
+  bool cancelled = false, late = false;
+  while (is_running(child)) {
     std::this_thread::sleep_for(std::chrono::milliseconds(50));
-    if (cancelled || !progress || progress({stage, done, -1, detail})) continue;
-    cancelled = true;
-    ::kill(child, SIGKILL);  // the caller deletes the folder with its partial output
+    if (cancelled || late) continue;
+    late = std::chrono::steady_clock::now() > deadline;
+    cancelled = progress && !progress({stage, done, -1, detail});
+    if (late || cancelled) ::kill(-child, SIGKILL);  // the caller deletes its partial output
+  }
+  ::kill(-child, SIGKILL);  // children that it left behind; its id is taken until waitpid()
+  int result = 0;
+  while (::waitpid(child, &result, 0) < 0 && errno == EINTR) {
   }
   if (cancelled) return runtime_error("{}: cancelled", stage);
+  if (late) return runtime_error("{}: stopped by its time limit", detail);
   if (exit_code != nullptr && WIFEXITED(result)) *exit_code = WEXITSTATUS(result);
   if (WIFEXITED(result) && WEXITSTATUS(result) == 0) return {};
   return runtime_error("{}: failed ({} {}){}", detail, WIFEXITED(result) ? "exit code" : "signal",

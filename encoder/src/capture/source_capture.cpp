@@ -9,6 +9,7 @@
 #include <set>
 
 #include "capture_files.h"
+#include "stgs/format/json_text.h"
 #include "stgs/format/text.h"
 
 namespace stgs::encoder {
@@ -32,8 +33,8 @@ constexpr std::array<LayoutEntry, 6> kLayouts = {{
      "itself"},
 }};
 
-bool matches(Layout layout, const std::string& folder) {
-  const auto has = [&](const char* name) { return fs::exists(folder + "/" + name); };
+Result<bool> matches(Layout layout, const CaptureFolder& files) {
+  const auto has = [&](const char* name) { return files.exists(files.path() + "/" + name); };
   switch (layout) {
     case Layout::kPanoptic:
       return has("train_meta.json");
@@ -44,45 +45,51 @@ bool matches(Layout layout, const std::string& folder) {
     case Layout::kNerfstudio:
       return has("transforms.json");
     case Layout::kColmap:
-      return !colmap_model_folder(folder).empty();
-    case Layout::kVideos:
-      return has("cameras.json") || find_cameras(folder).size() >= 2;
+      return !colmap_model_folder(files).empty();
+    case Layout::kVideos: {
+      if (has("cameras.json")) return true;
+      STGS_ASSIGN(const std::vector<SourceCamera> cameras, find_cameras(files));
+      return cameras.size() >= 2;
+    }
     case Layout::kAuto:
       break;
   }
   return false;
 }
 
-Result<Layout> detect(const std::string& folder) {
+Result<Layout> detect(const CaptureFolder& files) {
   std::string evidence;
   for (const LayoutEntry& entry : kLayouts) {
-    if (matches(entry.layout, folder)) return entry.layout;
+    STGS_ASSIGN(const bool found, matches(entry.layout, files));
+    if (found) return entry.layout;
     evidence += fmt::format("\n  {}: {}", layout_name(entry.layout), entry.evidence);
   }
-  STGS_TRY(check_camera_count(folder, find_cameras(folder)));
-  return invalid_file("{}: unknown capture layout (see --layout); looked for:{}", folder, evidence);
+  STGS_ASSIGN(const std::vector<SourceCamera> cameras, find_cameras(files));
+  STGS_TRY(check_camera_count(files.path(), cameras));
+  return invalid_file("{}: unknown capture layout (see --layout); looked for:{}", files.path(),
+                      evidence);
 }
 
-Result<SourceCapture> load(Layout layout, const std::string& folder,
+Result<SourceCapture> load(Layout layout, const std::shared_ptr<const CaptureFolder>& files,
                            const PrepareSettings& settings, const ProgressSink& progress,
                            const LogSink& log) {
   switch (layout) {
     case Layout::kPanoptic:
-      return load_panoptic(folder);
+      return load_panoptic(*files);
     case Layout::kN3dv:
-      return load_n3dv(folder);
+      return load_n3dv(*files);
     case Layout::kEasyVolcap:
-      return load_easyvolcap(folder);
+      return load_easyvolcap(*files);
     case Layout::kNerfstudio:
-      return load_nerfstudio(folder, log);
+      return load_nerfstudio(*files, log);
     case Layout::kColmap:
-      return load_colmap(folder);
+      return load_colmap(*files);
     case Layout::kVideos:
-      return load_videos(folder, settings.first_frame, progress, log);
+      return load_videos(files, settings.first_frame, progress, log);
     case Layout::kAuto:
       break;
   }
-  return usage_error("{}: no layout selected", folder);
+  return usage_error("{}: no layout selected", files->path());
 }
 
 // Replaces the rotation by the nearest rotation matrix. kInvalidFile if it is not close to one.
@@ -110,14 +117,18 @@ Status make_rigid(SourceCamera& camera, const std::string& folder) {
 
 Status check(SourceCapture& capture) {
   if (capture.cameras.empty()) return invalid_file("{}: no cameras found", capture.folder);
+  STGS_TRY(check_camera_limit(capture.cameras.size(), capture.folder));
   std::set<std::string> names;
   for (SourceCamera& camera : capture.cameras) {
     const bool folder_name = !camera.name.empty() && camera.name.front() != '.' &&
-                             camera.name.find('/') == std::string::npos;
+                             camera.name.find('/') == std::string::npos &&
+                             is_printable(camera.name);
     if (!folder_name) {
-      return invalid_file("{}: camera name '{}' cannot be a folder name; rename the camera",
-                          capture.folder, camera.name);
+      return invalid_file("{}: camera name {} cannot be a folder name; rename the camera",
+                          capture.folder, short_json(nlohmann::json(camera.name)));
     }
+    STGS_TRY(check_frame_limit(camera.images.size(),
+                               fmt::format("{}: camera '{}'", capture.folder, camera.name)));
     if (!is_utf8(camera.name)) {
       return invalid_file("{}: camera name '{}' is not valid UTF-8; rename its folder or video",
                           capture.folder, camera.name);
@@ -149,7 +160,8 @@ Status check_names(const SourceCapture& capture, const std::string& folder, bool
         "cameras, or remove it",
         folder, folder, capture.cameras.front().name);
   }
-  for (const std::string& path : list_folders(folder)) {
+  STGS_ASSIGN(const std::vector<std::string> folders, list_folders(*capture.files, folder));
+  for (const std::string& path : folders) {
     const std::string name = fs::path(path).filename().string();
     if (!has_camera(capture, name)) {
       log(1, fmt::format("{}: ignored (no camera '{}')", path, name));
@@ -161,10 +173,10 @@ Status check_names(const SourceCapture& capture, const std::string& folder, bool
 // Attaches masks/CAMERA/, which exists for any layout and overrides the masks of the layout.
 Status attach_masks(SourceCapture& capture, const LogSink& log) {
   const std::string folder = capture.folder + "/masks";
-  if (!fs::is_directory(folder) || capture.masks_are_not_motion) return {};
+  if (!capture.files->is_folder(folder) || capture.masks_are_not_motion) return {};
   bool used = false;
   for (SourceCamera& camera : capture.cameras) {
-    STGS_ASSIGN(const bool found, find_masks(folder, camera.name, camera));
+    STGS_ASSIGN(const bool found, find_masks(*capture.files, folder, camera.name, camera));
     used |= found;
   }
   return check_names(capture, folder, used, log);
@@ -172,11 +184,11 @@ Status attach_masks(SourceCapture& capture, const LogSink& log) {
 
 Status attach_flow(SourceCapture& capture, const LogSink& log) {
   const std::string folder = capture.folder + "/flow";
-  if (!fs::is_directory(folder)) return {};
+  if (!capture.files->is_folder(folder)) return {};
   capture.flow_folder = folder;
   bool used = false;
   for (const SourceCamera& camera : capture.cameras) {
-    if (!fs::is_directory(folder + "/" + camera.name)) continue;
+    if (!capture.files->is_folder(folder + "/" + camera.name)) continue;
     used = true;
     if (camera.lens == LensModel::kPinhole) continue;
     return unsupported(
@@ -217,33 +229,53 @@ std::string_view layout_name(Layout layout) {
   return kLayoutNames.at(static_cast<std::size_t>(layout));
 }
 
-Result<SourceCapture> load_source(const std::string& folder, const PrepareSettings& settings,
-                                  const ProgressSink& progress, const LogSink& log) {
-  if (!fs::exists(folder)) {
-    return io_error("{}: no such file or folder; name the folder with the videos or images",
-                    folder);
-  }
-  if (!fs::is_directory(folder)) {
-    return invalid_file("{}: is not a folder; name the folder with the videos or images", folder);
-  }
-  if (fs::exists(folder + "/capture.json")) {
-    return usage_error("{}: this is a prepared capture; use 'stgs train'", folder);
-  }
+namespace {
+
+Result<SourceCapture> load_checked(const std::shared_ptr<const CaptureFolder>& files,
+                                   const PrepareSettings& settings, const ProgressSink& progress,
+                                   const LogSink& log) {
+  const std::string& folder = files->path();
   Layout layout = settings.layout;
   if (layout == Layout::kAuto) {
-    STGS_ASSIGN(layout, detect(folder));
+    STGS_ASSIGN(layout, detect(*files));
     log(2, fmt::format("{}: detected layout '{}'", folder, layout_name(layout)));
   }
-  Result<SourceCapture> capture = load(layout, folder, settings, progress, log);
+  Result<SourceCapture> capture = load(layout, files, settings, progress, log);
   if (!capture.ok()) return capture;
   capture->layout = layout;
   capture->folder = folder;
+  capture->files = files;
   STGS_TRY(check(*capture));
   STGS_TRY(attach_masks(*capture, log));
   STGS_TRY(attach_flow(*capture, log));
   const bool own_split = settings.default_test_cameras && settings.test_cameras.empty();
   if (own_split) choose_test_camera(*capture, log);
   return capture;
+}
+
+}  // namespace
+
+Result<SourceCapture> load_source(const std::string& folder, const PrepareSettings& settings,
+                                  const ProgressSink& progress, const LogSink& log) {
+  try {
+    if (!fs::exists(folder)) {
+      return io_error("{}: no such file or folder; name the folder with the videos or images",
+                      folder);
+    }
+    if (!fs::is_directory(folder)) {
+      return invalid_file("{}: is not a folder; name the folder with the videos or images", folder);
+    }
+    STGS_ASSIGN(const auto files, CaptureFolder::open(folder, settings.allow_outside));
+    if (files->exists(folder + "/capture.json")) {
+      return usage_error("{}: this is a prepared capture; use 'stgs train'", folder);
+    }
+    return load_checked(files, settings, progress, log);
+  } catch (const cv::Exception& error) {  // its what() has several lines
+    return invalid_file("{}: cannot read the capture: {}", folder, error.err);
+  } catch (const std::exception& error) {
+    return Status(code_of(error),
+                  fmt::format("{}: cannot read the capture: {}", folder, error.what()));
+  }
 }
 
 }  // namespace stgs::encoder

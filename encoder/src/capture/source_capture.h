@@ -14,9 +14,11 @@
 //                 0                      calibrations of other tools; see calibration.h
 #pragma once
 
+#include <memory>
 #include <string>
 #include <vector>
 
+#include "capture_folder.h"
 #include "stgs/encoder/prepare.h"
 
 namespace stgs::encoder {
@@ -46,6 +48,7 @@ struct SourceCamera {
 struct SourceCapture {
   Layout layout = Layout::kAuto;
   std::string folder;
+  std::shared_ptr<const CaptureFolder> files;  // of `folder`; opens every path below
   std::vector<SourceCamera> cameras;
   bool split_known = false;  // the layout states the held-out cameras, possibly none
   double fps = 0;            // stated by the layout; 0: not stated (videos state their own)
@@ -63,6 +66,8 @@ std::string_view layout_name(Layout layout);
 //   - at least one camera, with unique names that are valid folder names;
 //   - a frame source and a rigid pose for each camera;
 //   - the masks/ and flow/ next to the frames, which are independent of the layout.
+// Errors include a capture beyond kCaptureLimits, and a path or link that leaves the folder unless
+// settings.allow_outside.
 // Errors include masks/ or flow/ without anything for any camera, and flow of a camera with lens
 // distortion (frames are undistorted, flow is not). `progress` and `log` also serve the calibration
 // of uncalibrated videos, which uses settings.first_frame.
@@ -72,21 +77,24 @@ Result<SourceCapture> load_source(const std::string& folder, const PrepareSettin
 // kInvalidFile for a capture of one camera, which has no depth.
 Status check_camera_count(const std::string& folder, const std::vector<SourceCamera>& cameras);
 
-// The layout loaders. They may throw OpenCV and filesystem exceptions.
-Result<SourceCapture> load_n3dv(const std::string& folder);
-Result<SourceCapture> load_panoptic(const std::string& folder);
-Result<SourceCapture> load_easyvolcap(const std::string& folder);
-Result<SourceCapture> load_colmap(const std::string& folder);
-Result<SourceCapture> load_nerfstudio(const std::string& folder, const LogSink& log);
-Result<SourceCapture> load_videos(const std::string& folder, int first_frame,
-                                  const ProgressSink& progress, const LogSink& log);
+// The layout loaders. They may throw; load_source() catches.
+Result<SourceCapture> load_n3dv(const CaptureFolder& files);
+Result<SourceCapture> load_panoptic(const CaptureFolder& files);
+Result<SourceCapture> load_easyvolcap(const CaptureFolder& files);
+Result<SourceCapture> load_colmap(const CaptureFolder& files);
+Result<SourceCapture> load_nerfstudio(const CaptureFolder& files, const LogSink& log);
+Result<SourceCapture> load_videos(const std::shared_ptr<const CaptureFolder>& files,
+                                  int first_frame, const ProgressSink& progress,
+                                  const LogSink& log);
 
-// Sets intrinsics, lens, pose and points by running COLMAP on one frame of each camera. kRuntime
-// names the cameras that COLMAP could not place; kNotBuilt if COLMAP is not installed.
+// Sets intrinsics, lens, pose and points by running COLMAP on one frame of each camera, for at most
+// an hour. kRuntime names the cameras that COLMAP could not place; kNotBuilt if COLMAP is not
+// installed.
 Status calibrate(int frame, SourceCapture& capture, const ProgressSink& progress,
                  const LogSink& log);
 
-// Returns the folder of the COLMAP model: sparse/0, sparse or `folder`. Empty if there is none.
-std::string colmap_model_folder(const std::string& folder);
+// Returns the folder of the COLMAP model: sparse/0, sparse or the folder itself. Empty if there is
+// none.
+std::string colmap_model_folder(const CaptureFolder& files);
 
 }  // namespace stgs::encoder

@@ -16,11 +16,12 @@
 //                      as in OpenCV calibrations
 //   "test"             optional, true: held out
 #include <algorithm>
-#include <filesystem>
 
 #include "calibration.h"
 #include "capture_files.h"
 #include "json_error.h"
+#include "json_read.h"
+#include "stgs/format/camera.h"
 
 namespace stgs::encoder {
 namespace {
@@ -47,9 +48,13 @@ Result<SourceCamera> read_camera(const Json& json, const std::string& name, doub
               json_numbers(json.value("dist", Json::array()), where + ": dist"));
   const bool fisheye = json.value("fisheye", false);
   if (fisheye || !dist.empty()) STGS_TRY(set_distortion(dist, fisheye, where, camera));
-  camera.width = json.value("width", 0);
-  camera.height = json.value("height", 0);
-  if ((camera.width == 0) != (camera.height == 0) || camera.width < 0 || camera.height < 0) {
+  if (json.contains("width")) {
+    STGS_ASSIGN(camera.width, exact<int>(json, "width", 0, kMaxImageSide, where));
+  }
+  if (json.contains("height")) {
+    STGS_ASSIGN(camera.height, exact<int>(json, "height", 0, kMaxImageSide, where));
+  }
+  if ((camera.width == 0) != (camera.height == 0)) {
     return invalid_file("{}: invalid size {}x{} (expected both width and height, or none)", where,
                         camera.width, camera.height);
   }
@@ -57,8 +62,8 @@ Result<SourceCamera> read_camera(const Json& json, const std::string& name, doub
   return camera;
 }
 
-Status read_cameras(const std::string& path, SourceCapture& capture) {
-  STGS_ASSIGN(const Json top, read_json(path));
+Status read_cameras(const CaptureFolder& files, const std::string& path, SourceCapture& capture) {
+  STGS_ASSIGN(const Json top, read_json(files, path));
   try {
     const bool wrapped = top.is_object() && top.contains("cameras");
     const Json& cameras = wrapped ? top.at("cameras") : top;
@@ -66,6 +71,7 @@ Status read_cameras(const std::string& path, SourceCapture& capture) {
       return invalid_file(
           "{}: no cameras (expected a list of cameras, or an object from names to cameras)", path);
     }
+    STGS_TRY(check_camera_limit(cameras.size(), path));
     const double pixel_centre = wrapped ? top.value("pixel_centre", 0.5) : 0.5;
     if (wrapped) {
       capture.fps = top.value("fps", 0.0);
@@ -124,13 +130,16 @@ Status with_ignored_files(const Status& status, const std::vector<std::string>& 
 
 }  // namespace
 
-Result<SourceCapture> load_videos(const std::string& folder, int first_frame,
-                                  const ProgressSink& progress, const LogSink& log) {
+Result<SourceCapture> load_videos(const std::shared_ptr<const CaptureFolder>& files,
+                                  int first_frame, const ProgressSink& progress,
+                                  const LogSink& log) {
+  const std::string& folder = files->path();
   SourceCapture capture;
   capture.folder = folder;
-  std::vector<SourceCamera> found = find_cameras(folder);
-  if (std::filesystem::exists(folder + "/cameras.json")) {
-    STGS_TRY(read_cameras(folder + "/cameras.json", capture));
+  capture.files = files;
+  STGS_ASSIGN(std::vector<SourceCamera> found, find_cameras(*files));
+  if (files->exists(folder + "/cameras.json")) {
+    STGS_TRY(read_cameras(*files, folder + "/cameras.json", capture));
     STGS_TRY(attach_frames(folder, found, capture, log));
   } else {
     STGS_TRY(check_camera_count(folder, found));
@@ -138,7 +147,7 @@ Result<SourceCapture> load_videos(const std::string& folder, int first_frame,
       return io_error(
           "{}: no videos or image folders found in videos/, images/ and the folder itself", folder);
     }
-    STGS_ASSIGN(CalibrationSearch search, find_calibration(folder, found, log));
+    STGS_ASSIGN(CalibrationSearch search, find_calibration(*files, found, log));
     if (!search.path.empty()) {
       capture.cameras = std::move(search.calibration.cameras);
       capture.metric = search.calibration.metric;

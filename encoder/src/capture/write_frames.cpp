@@ -9,7 +9,7 @@
 #include <mutex>
 #include <opencv2/imgcodecs.hpp>
 
-#include "capture_files.h"
+#include "file_kind.h"
 #include "reporting.h"
 #include "stgs/encoder/image_file.h"
 #include "stgs/format/parallel.h"
@@ -71,6 +71,7 @@ bool all_png(const std::vector<std::string>& paths) {
 
 // Input and output of one camera.
 struct CameraJob {
+  const CaptureFolder& files;
   const SourceCamera& source;
   const CameraPlan& plan;
   const PreparedCapture& capture;
@@ -86,11 +87,15 @@ struct CameraJob {
 Status copy_image(const CameraJob& job, int frame) {
   const int number = job.capture.first_frame + frame;
   const std::string& path = job.source.images[static_cast<std::size_t>(number)];
-  if (!fs::exists(path)) {
+  if (!job.files.exists(path)) {
     return io_error("{}: camera '{}' frame {} not found", path, job.source.name, number);
   }
+  STGS_ASSIGN(const std::vector<std::uint8_t> bytes,
+              job.files.read(path, kCaptureLimits.file_bytes));
+  STGS_TRY(
+      check_image_kind(bytes, path, fmt::format("camera '{}' frame {}", job.source.name, number)));
   // Training decodes these bytes with the same decoder.
-  const Result<Image8> image = read_image8(path, 3);
+  const Result<Image8> image = decode_image8(bytes, 3, path);
   if (!image.ok()) {
     return invalid_file("camera '{}' frame {}: {}", job.source.name, number,
                         image.status().message());
@@ -101,7 +106,6 @@ Status copy_image(const CameraJob& job, int frame) {
         path, job.source.name, number, job.camera.width, job.camera.height, image->width,
         image->height);
   }
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_whole_file(path));
   return write_bytes(job.capture.frame_path(job.camera, frame), bytes);
 }
 
@@ -109,10 +113,10 @@ Status write_mask(const CameraJob& job, int frame) {
   if (job.camera.test || job.source.masks.empty()) return {};
   const int number = job.capture.first_frame + frame;
   const std::string& path = job.source.masks[static_cast<std::size_t>(number)];
-  STGS_ASSIGN(
-      const cv::Mat mask,
-      decode_file(path, fmt::format("mask of camera '{}' frame {}", job.source.name, number),
-                  cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION));
+  STGS_ASSIGN(const cv::Mat mask,
+              decode_file(job.files, path,
+                          fmt::format("mask of camera '{}' frame {}", job.source.name, number),
+                          cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION));
   if (mask.cols != job.plan.source.width || mask.rows != job.plan.source.height) {
     return invalid_file(
         "{}: mask of camera '{}' frame {} differs in size from the frame (expected {}x{}, got "
@@ -127,7 +131,7 @@ Status write_unguarded(const CameraJob& job, bool copies, int frame, cv::Mat dec
   STGS_TRY(write_mask(job, frame));
   if (copies) return copy_image(job, frame);
   if (decoded.empty()) {
-    STGS_ASSIGN(decoded, read_image(job.source, job.capture.first_frame + frame,
+    STGS_ASSIGN(decoded, read_image(job.files, job.source, job.capture.first_frame + frame,
                                     job.plan.source.width, job.plan.source.height));
   }
   return write_png(job.capture.frame_path(job.camera, frame), job.plan.frame(decoded));
@@ -164,7 +168,7 @@ void write_camera(const CameraJob& job, std::size_t index, Counter& counter, Fir
   std::unique_ptr<VideoReader> video;
   if (!job.source.video.empty()) {
     Result<std::unique_ptr<VideoReader>> opened =
-        VideoReader::open(job.source, job.capture.first_frame);
+        VideoReader::open(job.files, job.source, job.capture.first_frame);
     if (!opened.ok()) return error.set(opened.status(), index, 0);
     video = std::move(*opened);
   }
@@ -207,7 +211,7 @@ Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& 
   const std::uint64_t total = plans.size() * static_cast<std::uint64_t>(capture.frames);
   STGS_TRY(run_reporting("frames", total, progress, [&](Counter& counter) -> Status {
     parallel_for(std::size_t{0}, plans.size(), [&](std::size_t i) {
-      const CameraJob job{source.cameras[i], plans[i], capture, capture.cameras[i]};
+      const CameraJob job{*source.files, source.cameras[i], plans[i], capture, capture.cameras[i]};
       write_camera(job, i, counter, error);
     });
     return error.status();

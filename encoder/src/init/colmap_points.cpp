@@ -34,14 +34,8 @@ struct Colmap {
     const std::string step = arguments[0] + " " + arguments[1];
     arguments.insert(arguments.begin(), {"env", "GLOG_log_dir=" + folder});
     const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(seconds);
-    bool late = false;
-    const ProgressSink should_continue = [&](const Progress&) {
-      late = std::chrono::steady_clock::now() > deadline;
-      return !late && !abandoned;
-    };
-    Status status = run_program(arguments, log, step, 0, should_continue);
-    if (late) return runtime_error("{}: stopped after {} s (time limit)", step, seconds);
-    return status;
+    const ProgressSink should_continue = [&](const Progress&) { return !abandoned; };
+    return run_program(arguments, log, step, 0, should_continue, deadline);
   }
 };
 

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,7 @@ struct InitSettings {
   // only without lens distortion. Flow is computed for cameras without a folder there. A camera
   // with a folder must have every file. Empty: no given flow.
   std::string flow_folder;
+  std::shared_ptr<const CaptureFolder> flow_files;  // the capture of flow_folder; set with it
   // Points that came with the capture, in world space. Velocity and frame are ignored.
   std::vector<InitialPoint> points;
   bool use_colmap = true;  // triangulate features with COLMAP if it is installed

@@ -218,11 +218,13 @@ FlowPatch pack_flow(const cv::Mat& flow, const cv::Mat& mask) {
 
 // Returns the given flow at the size of the view. Empty if the camera has none.
 Result<cv::Mat> given_flow(const PreparedCapture& capture, const View& view,
-                           const std::string& folder, int frame) {
-  STGS_ASSIGN(const std::string path,
-              find_flow(folder, view.camera->name, capture.first_frame + frame));
+                           const InitSettings& settings, int frame) {
+  if (settings.flow_folder.empty()) return cv::Mat();
+  const CaptureFolder& files = *settings.flow_files;
+  STGS_ASSIGN(const std::string path, find_flow(files, settings.flow_folder, view.camera->name,
+                                                capture.first_frame + frame));
   if (path.empty()) return cv::Mat();
-  STGS_ASSIGN(cv::Mat flow, read_flow(path));
+  STGS_ASSIGN(cv::Mat flow, read_flow(files, path));
   const double sx = double(view.width) / flow.cols, sy = double(view.height) / flow.rows;
   cv::resize(flow, flow, view.size(), 0, 0, cv::INTER_NEAREST);
   cv::multiply(flow, cv::Scalar(sx, sy), flow);
@@ -290,7 +292,7 @@ Status find_motion(const PreparedCapture& capture, const View& view, const InitS
     cv::Mat next, flow, leaving(view.size(), CV_8U, cv::Scalar(0)), mask;
     if (frame + 1 < capture.frames) {
       STGS_ASSIGN(next, load_image(capture, view, frame + 1));
-      STGS_ASSIGN(flow, given_flow(capture, view, settings.flow_folder, frame));
+      STGS_ASSIGN(flow, given_flow(capture, view, settings, frame));
       if (flow.empty()) flow = checked_flow(*dis, grey_of(image), grey_of(next));
       leaving = moving_by_flow(flow);
     }

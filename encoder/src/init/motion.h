@@ -40,11 +40,13 @@ Status find_motion(const PreparedCapture& capture, const View& view, const InitS
                    const Work& work, ViewMotion* motion);
 
 // Returns the path FOLDER/CAMERA/NNNNNN.flo, where NNNNNN is the source frame, counted from 0.
-// Empty if `folder` is empty or has no folder of the camera. kIo if only the file is missing.
-Result<std::string> find_flow(const std::string& folder, const std::string& camera, int frame);
+// `folder` lies in the capture of `files`. Empty if it has no folder of the camera. kIo if only the
+// file is missing.
+Result<std::string> find_flow(const CaptureFolder& files, const std::string& folder,
+                              const std::string& camera, int frame);
 
 // Reads a Middlebury .flo file: CV_32FC2, pixels. kInvalidFile for a wrong size or a truncated
 // file.
-Result<cv::Mat> read_flow(const std::string& path);
+Result<cv::Mat> read_flow(const CaptureFolder& files, const std::string& path);
 
 }  // namespace stgs::encoder::init

@@ -147,7 +147,8 @@ namespace {
 
 // Loads the test images of the capture that the scene was trained on.
 Result<HeldOutViews> load_held_out_views(const Scene& scene, const std::string& name,
-                                         const std::string& folder, const LogSink& log) {
+                                         const PackSettings& settings, const LogSink& log) {
+  const std::string& folder = settings.against;
   if (scene.parts.size() > 1) {
     return usage_error(
         "the loss against a capture cannot be measured for {} merged windows; run 'stgs evaluate' "
@@ -155,7 +156,8 @@ Result<HeldOutViews> load_held_out_views(const Scene& scene, const std::string& 
         "the packed scene",
         scene.parts.size());
   }
-  STGS_ASSIGN(const PreparedCapture complete, read_prepared_capture(folder));
+  STGS_ASSIGN(const PreparedCapture complete,
+              read_prepared_capture(folder, settings.allow_outside));
   STGS_ASSIGN(const PreparedCapture capture, capture_for_scene(complete, scene.metadata, name));
   STGS_TRY(check_same_times(capture, scene.metadata, name));
   warn_if_other_capture(capture, scene.metadata, name, log);
@@ -198,7 +200,7 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
   STGS_TRY(apply_metadata(settings, scene.metadata));
   std::optional<HeldOutViews> views;
   if (!settings.against.empty()) {
-    STGS_ASSIGN(views, load_held_out_views(scene, scene_paths.front(), settings.against, log));
+    STGS_ASSIGN(views, load_held_out_views(scene, scene_paths.front(), settings, log));
   }
   STGS_TRY(report_progress(0.1, "compressing"));
   double done = 0.1;  // the number of attempts is unknown: each takes a fraction of the remainder

@@ -8,6 +8,7 @@
 #include <nanoflann.hpp>
 
 #include "stgs/encoder/windows.h"
+#include "stgs/format/byte_source.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/sh.h"
 #include "stgs/format/parallel.h"
@@ -78,7 +79,8 @@ void subsample(std::vector<InitialPoint>& points, std::size_t limit, Random rand
 }
 
 // Reads a file that `stgs prepare` always writes, even without points.
-Result<std::vector<InitialPoint>> read_prepared_points(const std::string& path) {
+Result<std::vector<InitialPoint>> read_prepared_points(const PreparedCapture& capture,
+                                                       const std::string& path) {
   std::error_code ignored;
   if (std::filesystem::status(path, ignored).type() == std::filesystem::file_type::not_found) {
     return io_error(
@@ -86,7 +88,8 @@ Result<std::vector<InitialPoint>> read_prepared_points(const std::string& path) 
         "prepare' again",
         path);
   }
-  return read_points(path);
+  STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file_of(capture, path));
+  return read_points(*file);
 }
 
 Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
@@ -94,8 +97,9 @@ Result<std::vector<InitialPoint>> load_points(const PreparedCapture& capture,
                                               const Ablation& ablation, std::uint64_t seed) {
   const std::string dynamic_path = capture.folder + "/points_dynamic.ply";
   STGS_ASSIGN(std::vector<InitialPoint> static_points,
-              read_prepared_points(capture.folder + "/points_static.ply"));
-  STGS_ASSIGN(std::vector<InitialPoint> dynamic_points, read_prepared_points(dynamic_path));
+              read_prepared_points(capture, capture.folder + "/points_static.ply"));
+  STGS_ASSIGN(std::vector<InitialPoint> dynamic_points,
+              read_prepared_points(capture, dynamic_path));
   if (!ablation.initialisation && dynamic_points.empty()) {
     return usage_error(
         "--ablate: initialisation has no effect, because {} has no dynamic points; remove it",

@@ -38,6 +38,7 @@ Trainer::Trainer(const PreparedCapture& capture, const TrainSettings& settings,
 Result<std::unique_ptr<Trainer>> Trainer::create(const PreparedCapture& capture,
                                                  const TrainSettings& settings,
                                                  const ProgressSink& progress, const LogSink& log) {
+  STGS_TRY(check_frame_files(capture, capture.cameras));
   std::unique_ptr<Trainer> trainer(new Trainer(capture, settings, progress, log));
   STGS_ASSIGN(const TrainingChoice choice, choose_training(settings));
   trainer->parameters_ = choice.parameters;

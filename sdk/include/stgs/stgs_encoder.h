@@ -135,6 +135,8 @@ typedef struct stgs_prepare_settings {
   uint32_t max_static_points;      /* up to 10^9; 0 (default): from the image size */
   uint64_t seed;                   /* of random choices; default 1 */
   int32_t overwrite;               /* 1: replace an existing prepared capture; default 0 */
+  int32_t allow_outside;           /* 1: the capture is trusted: its paths and links may leave its
+                                    * folder; default 0 */
 } stgs_prepare_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */
@@ -216,6 +218,7 @@ typedef struct stgs_train_settings {
   double target_size; /* or of at most this many bytes, 1 to 10^15; 0 (default): no limit */
   double target_psnr; /* or removes primitives as long as the training images keep this PSNR, after
                        * the best affine colour map of each, 1 to 100 dB; 0 (default): no target */
+  int32_t allow_outside; /* 1: links in the prepared capture may lead out of it; default 0 */
 } stgs_train_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */
@@ -294,6 +297,7 @@ typedef struct stgs_pack_settings {
                            * target_kbps */
   double target_psnr; /* the smallest file whose renders have this PSNR against those of the scene,
                        * 1 to 100 dB; 0 (default): no target; not with a limit */
+  int32_t allow_outside; /* 1: links in `against` may lead out of it; default 0 */
 } stgs_pack_settings;
 
 /* Fills settings with the defaults. `struct_size` is sizeof(*settings). */

@@ -50,7 +50,8 @@ Outcome check(const stgs_prepare_settings& s) {
   STGS_SDK_TRY(check_ranges<encoder::PrepareParameters>(s));
   STGS_SDK_TRY(check_test_cameras(s));
   STGS_SDK_TRY(check_flag("separate_motion", s.separate_motion));
-  return check_flag("overwrite", s.overwrite);
+  STGS_SDK_TRY(check_flag("overwrite", s.overwrite));
+  return check_flag("allow_outside", s.allow_outside);
 }
 
 #ifdef STGS_HAS_PREPARE
@@ -75,6 +76,7 @@ Outcome prepare(const char* capture, const char* prepared, const stgs_prepare_se
   settings.separate_motion = s.separate_motion != 0;
   settings.seed = s.seed;
   settings.overwrite = s.overwrite != 0;
+  settings.allow_outside = s.allow_outside != 0;
   return encoder::prepare(capture, prepared, settings, progress, log);
 }
 

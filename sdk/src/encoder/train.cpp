@@ -45,6 +45,7 @@ Outcome check(const stgs_train_settings& s) {
   STGS_SDK_TRY(check_range("backend", s.backend, STGS_BACKEND_AUTO, STGS_BACKEND_CUDA));
   STGS_SDK_TRY(check_ranges<encoder::TrainParameters>(s));
   STGS_SDK_TRY(check_frames(s.first_frame, s.end_frame));
+  STGS_SDK_TRY(check_flag("allow_outside", s.allow_outside));
   return check_parameters(s);
 }
 
@@ -83,7 +84,8 @@ Status check_paths(const std::string& scene, const encoder::TrainSettings& setti
 }
 
 Result<encoder::PreparedCapture> capture_of(const char* prepared, const stgs_train_settings& s) {
-  STGS_ASSIGN(encoder::PreparedCapture capture, encoder::read_prepared_capture(prepared));
+  STGS_ASSIGN(encoder::PreparedCapture capture,
+              encoder::read_prepared_capture(prepared, s.allow_outside != 0));
   if (s.first_frame == 0 && s.end_frame == -1) return capture;
   return encoder::extract_window(capture,
                                  {s.first_frame, s.end_frame == -1 ? capture.frames : s.end_frame});

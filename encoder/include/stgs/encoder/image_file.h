@@ -5,8 +5,10 @@
 #include <cstdint>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "stgs/encoder/prepared_capture.h"
+#include "stgs/format/byte_source.h"
 
 namespace stgs::encoder {
 
@@ -24,5 +26,9 @@ bool is_truncated_jpeg(std::span<const std::uint8_t> bytes);
 // Decodes a PNG or JPEG file to `channels` (1 or 3) channels. The header is checked with
 // check_image_size before decoding. kInvalidFile for an undecodable or truncated image.
 Result<Image8> read_image8(const std::string& path, int channels);
+Result<Image8> read_image8(const ByteSource& file, int channels);
+// As read_image8() for the bytes of a file. `path` is for messages.
+Result<Image8> decode_image8(const std::vector<std::uint8_t>& bytes, int channels,
+                             const std::string& path);
 
 }  // namespace stgs::encoder

@@ -43,6 +43,8 @@ struct PrepareSettings {
   int max_static_points = 0;
   std::uint64_t seed = 1;
   bool overwrite = false;  // replace an existing prepared capture at the target
+  // Allow the capture to name files outside its folder, directly or by links: it is trusted.
+  bool allow_outside = false;
   // Called on the calling thread once cameras, image sizes and frames are known, before the long
   // work starts. An error cancels the run and is returned. May be empty.
   std::function<Status(const PreparedCapture&)> accept;

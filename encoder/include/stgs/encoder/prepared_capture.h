@@ -10,6 +10,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -19,7 +20,13 @@
 #include "stgs/format/scene_file.h"
 #include "stgs/format/status.h"
 
+namespace stgs {
+class ByteSource;
+}
+
 namespace stgs::encoder {
+
+class CaptureFolder;
 
 // An undistorted pinhole camera with OpenCV axes: p_camera = rotation * p_world + translation.
 struct Camera {
@@ -43,6 +50,7 @@ struct Image8 {
 // The contents of capture.json. Scene units are the units of the source calibration.
 struct PreparedCapture {
   std::string folder;
+  std::shared_ptr<const CaptureFolder> files;  // opens the files; null: not read from a folder
   std::vector<Camera> cameras;
   int first_frame = 0;  // number of the first frame in the source
   int frames = 0;       // frame i of [0, frames) is at time i, in ticks
@@ -73,9 +81,19 @@ struct InitialPoint {
   int frame;               // index in [0, frames), or -1
 };
 
-// Reads and validates capture.json in `folder`. Does not open the frames.
-// kIo if it cannot be opened, kInvalidFile if it is malformed, kUnsupported for another version.
-Result<PreparedCapture> read_prepared_capture(const std::string& folder);
+// Reads and validates capture.json in `folder`. Does not open the frames. Unless `allow_outside`,
+// files of the capture are refused if a link in the folder leads out of it. The folder itself may
+// be a link. kIo if it cannot be opened, kInvalidFile if it is malformed or exceeds a limit
+// (SECURITY.md), kUnsupported for another version.
+Result<PreparedCapture> read_prepared_capture(const std::string& folder,
+                                              bool allow_outside = false);
+// Checks that the first and the last frame of the cameras exist, and that their folders have enough
+// files for the frames between. Call it before work in proportion to capture.frames, which a
+// damaged or hostile capture.json can overstate. kIo for a missing frame.
+Status check_frame_files(const PreparedCapture& capture, const std::vector<Camera>& cameras);
+// Opens a file of a capture.
+Result<std::unique_ptr<ByteSource>> open_file_of(const PreparedCapture& capture,
+                                                 const std::string& path);
 // Validates `capture` and writes capture.json atomically into capture.folder.
 Status write_prepared_capture(const PreparedCapture& capture);
 
@@ -87,6 +105,7 @@ Result<Image8> load_mask(const PreparedCapture& capture, const Camera& camera, i
 
 // Reads initial points from a binary little-endian PLY file. kInvalidFile for non-finite values.
 Result<std::vector<InitialPoint>> read_points(const std::string& path);
+Result<std::vector<InitialPoint>> read_points(const ByteSource& file);
 // Writes initial points atomically as binary little-endian PLY.
 Status write_points(const std::string& path, const std::vector<InitialPoint>& points);
 
