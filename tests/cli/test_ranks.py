@@ -130,9 +130,9 @@ class Ranks(CliTest):
         os.remove(os.path.join(bad, "frames", "b", "000002.png"))
         good = self.train("--iterations", "50")
         incomplete = self.train("--iterations", "50", capture=bad)
-        self.both_fail(IO, "process 2 of 2, on .*/bad/frames/b/000002.png: cannot open", good,
+        self.both_fail(IO, "process 2 of 2, on .*/bad/frames/b/000002.png: no such file", good,
                        incomplete)
-        self.both_fail(IO, "process 1 of 2, on .*/bad/frames/b/000002.png: cannot open", incomplete,
+        self.both_fail(IO, "process 1 of 2, on .*/bad/frames/b/000002.png: no such file", incomplete,
                        good)
 
     def test_an_error_of_both_processes_is_printed_once(self):

@@ -144,7 +144,7 @@ class WindowTest(unittest.TestCase):
         result = self.run_stgs("play", "scene.stgs", "--time", 1.3, "--paused", "--no-overlay",
                                "--size", f"{WIDTH}x{HEIGHT}", "--screenshot", "window.png",
                                "--format", "json")
-        self.assertEqual(result.returncode, 0, result.stderr)
+        self.assertEqual(result.returncode, 4, result.stderr)
         self.assertIn("damaged, skipped", result.stderr)
         self.assertIn("scene.stgs at 1.3 s: the screenshot is incomplete", result.stderr)
         self.render(json.loads(result.stdout), "expected.png")

@@ -57,7 +57,7 @@ class Play final : public Command {
     auto* screenshot = app.add_option(
         "--screenshot", screenshot_,
         "Write the window to this .png once all layers and the statistics are available, and exit; "
-        "playback continues until then unless --paused is given");
+        "playback continues until then unless --paused is given. Exit code 4 if data is missing");
     app.add_option("--after", after_, "Take the --screenshot no earlier than this frame")
         ->check(number_between(1, 1e9))
         ->capture_default_str()
@@ -132,7 +132,8 @@ class Play final : public Command {
         "{} on {}: {} of {}x{} ({:.1f} fps), {}, peak memory {}\n", display_name(file_),
         report.device, plural(report.frames, "frame"), report.size.width, report.size.height, fps,
         plural(report.stalls, "stall"), human_bytes(peak_memory()));
-    return session.emit(json, text);
+    STGS_TRY(session.emit(json, text));
+    return report.screenshot;
   }
 #endif
 

@@ -1,16 +1,38 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <new>
 
 #include "program.h"
 #include "stgs/format/status.h"
 
+namespace {
+
+constexpr const char* kNoMemory = "stgs: error: not enough memory\n";
+
+// Ends the program as main() would if a library runs out of memory where it cannot report it, as
+// nlohmann::json in its destructor.
+[[noreturn]] void end_without_memory() {
+  try {
+    if (const std::exception_ptr current = std::current_exception())
+      std::rethrow_exception(current);
+  } catch (const std::bad_alloc&) {
+    std::fputs(kNoMemory, stderr);
+    std::_Exit(static_cast<int>(stgs::StatusCode::kRuntime));
+  } catch (...) {  // a defect
+  }
+  std::abort();
+}
+
+}  // namespace
+
 int main(int argc, char** argv) {
+  std::set_terminate(end_without_memory);
   try {
     return stgs::tools::run_program(argc, argv);
   } catch (const std::bad_alloc&) {
-    std::fputs("stgs: error: not enough memory\n", stderr);
+    std::fputs(kNoMemory, stderr);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "stgs: error: %s\n", error.what());
   }

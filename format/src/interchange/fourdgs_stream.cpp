@@ -2,6 +2,7 @@
 // Coding of integers in .4dgs files: zigzag, byte planes, zlib or zstd.
 #include <zlib.h>
 #include <zstd.h>
+#include <zstd_errors.h>
 
 #include <algorithm>
 
@@ -45,6 +46,7 @@ Status inflate_exactly(View packed, Bytes& out, const Place& place) {
     done += space - stream.avail_out;
   }
   inflateEnd(&stream);
+  if (code == Z_MEM_ERROR) throw std::bad_alloc();
   if (code == Z_STREAM_END && done == out.size()) return {};
   return invalid_file("{}: zlib stream is damaged: {}{}", place.file,
                       code == Z_STREAM_END ? "too short"
@@ -156,8 +158,9 @@ CodedSymbols encode(std::span<const std::int32_t> values) {
   }
   uLongf size = compressBound(static_cast<uLong>(planes.size()));
   out.payload.resize(size);
-  compress2(out.payload.data(), &size, planes.data(), static_cast<uLong>(planes.size()),
-            kZlibLevel);
+  const int code = compress2(out.payload.data(), &size, planes.data(),
+                             static_cast<uLong>(planes.size()), kZlibLevel);
+  if (code != Z_OK) throw std::bad_alloc();  // the buffer is large enough
   out.payload.resize(size);
   return out;
 }
@@ -188,6 +191,7 @@ Result<Bytes> decompress(View packed, Codec codec, std::uint64_t bytes, const Pl
   }
   const std::size_t got = ZSTD_decompress(out.data(), out.size(), packed.data(), packed.size());
   if (!ZSTD_isError(got) && got == out.size()) return out;
+  if (ZSTD_getErrorCode(got) == ZSTD_error_memory_allocation) throw std::bad_alloc();
   return invalid_file("{}: zstd stream is damaged: {}{}", place.file,
                       ZSTD_isError(got) ? ZSTD_getErrorName(got) : "too short", place.text());
 }

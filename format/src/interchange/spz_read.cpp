@@ -2,6 +2,7 @@
 // Reading SPZ versions 2, 3 and 4.
 #include <zlib.h>
 #include <zstd.h>
+#include <zstd_errors.h>
 
 #include <algorithm>
 #include <cmath>
@@ -109,6 +110,7 @@ Status allocate_arrays(Content& content, std::uint64_t compressed, std::uint64_t
 Status decompress_frame(View frame, Bytes& array, const std::string& file, std::size_t index) {
   const std::size_t got = ZSTD_decompress(array.data(), array.size(), frame.data(), frame.size());
   if (!ZSTD_isError(got) && got == array.size()) return {};
+  if (ZSTD_getErrorCode(got) == ZSTD_error_memory_allocation) throw std::bad_alloc();
   return invalid_file("{}: SPZ stream {} is damaged: {}", file, index,
                       ZSTD_isError(got) ? ZSTD_getErrorName(got) : "too short");
 }
@@ -186,6 +188,7 @@ class GzipReader {
       fed_ += in - stream_.avail_in;
       done += space - stream_.avail_out;
       ended_ = code == Z_STREAM_END;
+      if (code == Z_MEM_ERROR) throw std::bad_alloc();
       if (code != Z_OK && !ended_) {
         return invalid_file("{}: gzip stream is damaged or truncated (byte {})", file_, fed_);
       }

@@ -237,9 +237,10 @@ class PlayWindow {
                                  name_at_time(file(), report_.seconds), frame_.pending_primitives));
       }
       if (!playback_->is_complete()) {
-        session_.log(1, fmt::format("{}: the screenshot is incomplete: data is damaged, could not "
-                                    "be read, or exceeds --memory",
-                                    name_at_time(file(), report_.seconds)));
+        report_.screenshot = runtime_error(
+            "{}: the screenshot is incomplete: data is damaged, could not be read, or exceeds "
+            "--memory",
+            name_at_time(file(), report_.seconds));
       }
       return write_single_png(settings_.screenshot, shown, session_.log_sink());
     }

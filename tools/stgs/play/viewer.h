@@ -32,6 +32,7 @@ struct ViewerReport {
   double busy_seconds = 0;
   double seconds = 0;      // clip time of the last frame
   encoder::Camera camera;  // of the last frame
+  Status screenshot;       // kRuntime if it was written but is incomplete
 };
 
 // Opens a window, plays the file, and returns when the window is closed. Call on the main thread.
