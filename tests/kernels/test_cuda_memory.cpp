@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The CUDA backend with little GPU memory: steps after other programs have taken it, the cache of
 // ground-truth images, and plans near the limit.
-#include <cuda_runtime_api.h>
-
 #include <cstdio>
 #include <vector>
 
 #include "cuda_steps.h"
+#include "memory_hog.h"
 
 using namespace stgs;
 using namespace stgs::encoder;
@@ -17,27 +16,6 @@ namespace {
 constexpr int kWidth = 640, kHeight = 360;
 constexpr int kFarSteps = 4;    // steps that fit into the initial allocation
 constexpr int kCloseSteps = 6;  // steps that do not
-
-// Allocates all free memory of the device, in blocks of at least 1 MiB.
-class MemoryHog {
- public:
-  MemoryHog() {
-    for (std::size_t bytes = std::size_t{1} << 34; bytes >= std::size_t{1} << 20; bytes /= 2) {
-      for (void* block = nullptr; cudaMalloc(&block, bytes) == cudaSuccess;) {
-        blocks_.push_back(block);
-      }
-    }
-    (void)cudaGetLastError();
-  }
-  MemoryHog(const MemoryHog&) = delete;
-  MemoryHog& operator=(const MemoryHog&) = delete;
-  ~MemoryHog() {
-    for (void* block : blocks_) cudaFree(block);
-  }
-
- private:
-  std::vector<void*> blocks_;
-};
 
 // Large splats: far more tile instances than the first step has capacity for.
 TrainState crowded_state() {

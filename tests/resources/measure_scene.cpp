@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures what opening and validating files takes.
+// Measures what opening, validating and reading files takes.
 //
-// usage: measure_scene FILE...
+// usage: measure_scene MEMORY FILE...   MEMORY: the limit of reading complete files, bytes
 // For each file and step it prints: file, step, status (ok, or the exit code of the problem), bytes
 // of the file, bytes read, peak of the heap above its size before the step, CPU seconds. Counts
 // allocations through operator new; measure_scene is single-threaded except for decoding.
 #include <atomic>
 #include <cstdio>
+#include <cstdlib>
 #include <ctime>
 #include <memory>
 #include <string>
@@ -61,11 +62,16 @@ void measure(const char* path, const char* name, const Step& step) {
 
 int main(int argc, char** argv) {
   using Source = std::unique_ptr<stgs::ByteSource>;
-  for (int i = 1; i < argc; ++i) {
+  stgs::ReadLimits limits;
+  if (argc > 1) limits.max_memory = std::strtoull(argv[1], nullptr, 10);
+  for (int i = 2; i < argc; ++i) {
     stgs::measure(argv[i], "open", [](Source source) {
       return stgs::SceneReader::open(std::move(source)).status();
     });
     stgs::measure(argv[i], "validate",
                   [](Source source) { return stgs::validate_scene(*source).status(); });
+    stgs::measure(argv[i], "read", [&](Source source) {
+      return stgs::read_scene(std::move(source), limits).status();
+    });
   }
 }

@@ -17,17 +17,18 @@ from pathlib import Path
 import hostile
 
 LIMIT, PER_BYTE = 64 << 20, 4
+READ_LIMIT = 64 << 20  # of memory for reading complete files
 Figures = collections.namedtuple("Figures", "step status size read peak seconds")
 
 
 def measure(program, data, timeout=600):
-    """Returns the Figures of opening and of validating a file with these bytes."""
+    """Returns the Figures of opening, validating and reading a file with these bytes."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "hostile.stgs"
         path.write_bytes(data)
-        out = subprocess.run([program, path], check=True, capture_output=True, text=True, timeout=timeout).stdout
+        out = subprocess.run([program, str(READ_LIMIT), path], check=True, capture_output=True, text=True, timeout=timeout).stdout
     lines = [line.split()[1:] for line in out.splitlines()]
-    assert len(lines) == 2, out
+    assert len(lines) == 3, out
     return [Figures(step, int(status), int(size), int(read), int(peak), float(seconds))
             for step, status, size, read, peak, seconds in lines]
 
@@ -55,7 +56,8 @@ class Search:
     def figures(self, arguments):
         key = tuple(sorted(arguments.items()))
         if key not in self.known:
-            self.known[key] = measure(self.program, self.case.make(self.size, **arguments))
+            opening, validating, _ = measure(self.program, self.case.make(self.size, **arguments))
+            self.known[key] = [opening, validating]
         return self.known[key]
 
     def climb(self, arguments, rating, rounds):
@@ -74,7 +76,7 @@ class Search:
         for arguments in ({k: v[0] for k, v in ranges.items()}, {k: v[1] for k, v in ranges.items()}):
             for rating in (share_of_limit, nanoseconds):
                 self.climb(arguments, rating, rounds)
-        return [(dict(key), f) for key, both in self.known.items() for f in both]
+        return [(dict(key), f) for key, figures in self.known.items() for f in figures]
 
 
 def main():
