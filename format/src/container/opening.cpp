@@ -10,12 +10,12 @@ constexpr std::uint64_t kBase = 64 << 20, kPerByte = 4;  // the default limit
 // A table with its lookup; a layout or a row; a name of a private number.
 constexpr std::uint64_t kTable = 18 << 10, kRow = 160, kName = 128;
 
-std::uint64_t used(const FileHead& head) {
+}  // namespace
+
+std::uint64_t opened_bytes(const FileHead& head) {
   return 2 * head.bytes->size() + kTable * head.layouts->tables.size() +
          kRow * head.layouts->entries + kName * head.private_names.size() + head.walk.opening_bytes;
 }
-
-}  // namespace
 
 std::uint64_t opening_bytes(const IndexNode& node) {
   std::uint64_t bytes = kOpeningLink * node.links.size() + kOpeningRun * node.runs.size();
@@ -32,7 +32,7 @@ std::uint64_t opening_limit(const FileHead& head) {
 }
 
 bool fits_opening(const FileHead& head, std::uint64_t more, std::uint64_t at, Findings& findings) {
-  const std::uint64_t bytes = used(head) + more, limit = opening_limit(head);
+  const std::uint64_t bytes = opened_bytes(head) + more, limit = opening_limit(head);
   if (bytes <= limit) return true;
   findings.unsupported(IssueNumber::kMemoryLimit, at,
                        "opening the file takes {} bytes or more, but its limit is {}; allow more "

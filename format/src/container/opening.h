@@ -17,6 +17,8 @@ inline constexpr std::uint64_t kOpeningLink = 256, kOpeningRun = 416, kOpeningSe
 
 // Returns the bytes for a node.
 std::uint64_t opening_bytes(const IndexNode& node);
+// Returns the bytes that what has been read takes at most.
+std::uint64_t opened_bytes(const FileHead& head);
 // Returns the bytes that opening may take: ReadLimits::max_opening.
 std::uint64_t opening_limit(const FileHead& head);
 // Checks that what has been read takes at most these bytes together with `more`. `at`: the record,

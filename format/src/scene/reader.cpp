@@ -4,6 +4,7 @@
 #include <cmath>
 #include <exception>
 
+#include "container/opening.h"
 #include "container/segment.h"
 #include "scene/importance.h"
 #include "scene/reader_lists.h"
@@ -152,6 +153,10 @@ std::uint64_t SceneReader::file_bytes() const {
 
 std::uint64_t SceneReader::head_bytes() const {
   return state_->head.index_bytes;
+}
+
+std::uint64_t SceneReader::memory_bytes() const {
+  return opened_bytes(state_->head);
 }
 
 std::uint64_t SceneReader::final_bytes() const {

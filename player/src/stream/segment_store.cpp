@@ -18,6 +18,7 @@ SegmentStore::SegmentStore(std::shared_ptr<const SceneReader> reader,
       settings_(settings),
       budget_(std::move(budget)),
       on_replaced_(std::move(on_replaced)),
+      index_charge_(budget_->charge(Budget::Pool::kIndex, 0)),
       deadlines_(index_, settings.layer_lead_seconds),
       residency_(index_, deadlines_, *budget_, settings.retry_seconds,
                  [this](std::uint64_t offset) { source_->erase(offset); }),
@@ -73,6 +74,7 @@ void SegmentStore::adopt(std::shared_ptr<const SceneReader> reader) {
     residency_.clear();
     source_->forget_recent();
   }
+  index_charge_.resize(update.reader->memory_bytes());
   index_.adopt(std::move(update));
   residency_.extend();
 }

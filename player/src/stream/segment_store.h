@@ -148,6 +148,7 @@ class SegmentStore final : public Availability {
   const std::function<void(bool)> on_replaced_;
 
   mutable std::mutex mutex_;  // guards the following members
+  Lease index_charge_;        // of the opened index
   SegmentIndex index_;
   Deadlines deadlines_;
   Residency residency_;

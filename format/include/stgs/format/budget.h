@@ -21,7 +21,7 @@ class Budget {
     kSegments,       // fetched and decoded segments
     kDecodeScratch,  // working memory of decoders
     kTransfers,      // bytes in flight, and bytes read that no segment has taken over yet
-    kIndex,          // cached bytes of an index
+    kIndex,          // the opened index, and cached bytes of it
     kCount
   };
   static constexpr std::uint64_t kNoLimit = std::numeric_limits<std::uint64_t>::max();

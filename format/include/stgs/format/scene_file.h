@@ -236,6 +236,8 @@ class SceneReader {
   // Returns the number of bytes of the head and of the index that were read, which is all that is
   // needed to locate the loaded segments.
   std::uint64_t head_bytes() const;
+  // Returns the memory that the reader takes at most for the head and the loaded index, bytes.
+  std::uint64_t memory_bytes() const;
   // Returns the offset up to which nothing of the file is read again when it has grown.
   std::uint64_t final_bytes() const;
   // Returns the layout of the file.
