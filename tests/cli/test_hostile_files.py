@@ -48,6 +48,16 @@ class HostileScenes(CliTest):
         self.succeeds("render", "a.stgs", "--time", "0", "--size", "64x64", "-o", "null",
                       "--memory", "1M")
 
+    def test_the_validator_lists_a_limited_number_of_problems(self):
+        sys.path.insert(0, os.path.join(harness.SOURCE, "tests", "resources"))
+        import hostile
+        self.write("a.stgs", hostile.unlisted_segments(300_000, 4))
+        result = self.stgs("validate", "a.stgs", "--format", "json")
+        issues = json.loads(result.stdout)["files"][0]["issues"]
+        self.assertEqual(len(issues), 5001)
+        self.assertEqual([issues[0]["number"], issues[-1]["number"]], [310, 99])
+        self.assertRegex(issues[-1]["message"], "^[0-9]+ more problems")
+
     def test_many_private_names_and_numbers(self):
         names, layouts = 39000, 85000 // 255
         private = struct.pack("<H", names) + b"".join(
