@@ -4,6 +4,7 @@
 #include <dlfcn.h>
 #include <link.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <filesystem>
 
@@ -17,8 +18,13 @@ namespace fs = std::filesystem;
 constexpr const char* kProgramFolders[] = {".", STGS_MODULE_FOLDER};
 constexpr const char* kLibraryFolders[] = {".", STGS_LIBRARY_MODULE_FOLDER};
 
+struct ModulePlaces {
+  std::vector<fs::path> folders;
+  uid_t owner = 0;  // of the program or library
+};
+
 // Returns the folders that may hold modules.
-Result<std::vector<fs::path>> module_folders() {
+Result<ModulePlaces> module_places() {
   Dl_info info{};
   void* map = nullptr;
   const auto* here = reinterpret_cast<const void*>(&load_program_module);
@@ -33,39 +39,56 @@ Result<std::vector<fs::path>> module_folders() {
     return io_error("{}: cannot read: {}", library.empty() ? "/proc/self/exe" : library,
                     error.message());
   }
-  std::vector<fs::path> folders;
+  ModulePlaces places;
+  struct stat status {};
+  if (::stat(file.c_str(), &status) == 0) places.owner = status.st_uid;
   for (const char* folder : library.empty() ? kProgramFolders : kLibraryFolders) {
-    folders.push_back((file.parent_path() / folder / "").lexically_normal().parent_path());
+    places.folders.push_back((file.parent_path() / folder / "").lexically_normal().parent_path());
   }
-  return folders;
+  return places;
 }
 
-// Returns whether every user can replace files of the folder, or the module itself.
-bool is_open_to_all(const fs::path& path) {
-  struct stat folder {
-  }, file{};
-  if (::stat(path.parent_path().c_str(), &folder) != 0 || ::stat(path.c_str(), &file) != 0) {
+// Returns whether a user other than root, this one and `owner`, that of the program, can change a
+// file or the names in a folder. A sticky folder keeps the names of others, but allows new ones:
+// that is enough for a folder above the module's.
+bool is_changeable(const fs::path& path, uid_t owner, bool allow_sticky) {
+  struct stat status {};
+  if (::stat(path.c_str(), &status) != 0) return true;
+  const bool is_trusted =
+      status.st_uid == 0 || status.st_uid == ::geteuid() || status.st_uid == owner;
+  const bool is_own_group = status.st_gid == 0 || status.st_gid == ::getegid();
+  const bool is_open =
+      (status.st_mode & S_IWOTH) != 0 || ((status.st_mode & S_IWGRP) != 0 && !is_own_group);
+  const bool is_sticky = (status.st_mode & S_ISVTX) != 0;
+  return !is_trusted || (is_open && !(allow_sticky && is_sticky));
+}
+
+// Returns whether another user can replace the module, its folder, or a folder above it.
+bool is_replaceable(const fs::path& path, uid_t owner) {
+  if (is_changeable(path, owner, false) || is_changeable(path.parent_path(), owner, false))
     return true;
+  for (fs::path folder = path.parent_path(); folder.has_relative_path();) {
+    folder = folder.parent_path();
+    if (is_changeable(folder, owner, true)) return true;
   }
-  const bool sticky = (folder.st_mode & S_ISVTX) != 0;
-  return ((folder.st_mode & S_IWOTH) != 0 && !sticky) || (file.st_mode & S_IWOTH) != 0;
+  return false;
 }
 
 }  // namespace
 
 Result<void*> load_program_module(const std::string& file, const char* symbol, bool global) {
-  STGS_ASSIGN(const std::vector<fs::path> places, module_folders());
+  STGS_ASSIGN(const ModulePlaces places, module_places());
   std::error_code error;
   std::string folders;
   std::string problem;
-  for (const fs::path& folder : places) {
+  for (const fs::path& folder : places.folders) {
     const fs::path path = folder / file;
     folders += (folders.empty() ? "" : " or ") + folder.string();
     if (!fs::exists(path, error)) continue;
-    if (is_open_to_all(path)) {
+    if (is_replaceable(path, places.owner)) {
       problem = fmt::format(
-          "{}: not loaded, because every user can replace it; run 'chmod o-w' on "
-          "the file and its folder",
+          "{}: not loaded, because other users can replace it; make you or root the owner of the "
+          "file and of the folders above it, and run 'chmod go-w' on them",
           path.string());
       continue;
     }

@@ -93,5 +93,25 @@ TEST_CASE("the address of a proxy may be private") {
   CHECK(proxy.requests() == 1);
 }
 
+TEST_CASE("a host that needs no proxy may not be private, also at the port of the proxy") {
+  const testing::SmallServer server({testing::kFourBytes});
+  const std::string port = std::to_string(server.port());
+  setenv("http_proxy", ("http://proxy.example.org:" + port).c_str(), 1);
+  HttpSettings settings;
+  settings.head_bytes = 4;
+  for (const char* list : {"scenes.example.org", "a.com, .example.org", "*", "EXAMPLE.org."}) {
+    setenv("no_proxy", list, 1);
+    const Status direct = open_url(url_of("scenes.example.org", server), settings).status();
+    INFO(list);
+    CHECK_THAT(direct.message(), Catch::Contains("has the address 127.0.0.1"));
+  }
+  CHECK(server.requests() == 0);
+  setenv("no_proxy", "example.com,10.0.0.0/8", 1);  // others: the name of the proxy is resolved
+  CHECK(open_url(url_of("scenes.example.org", server), settings).ok());
+  CHECK(server.requests() == 1);
+  unsetenv("http_proxy");
+  unsetenv("no_proxy");
+}
+
 }  // namespace
 }  // namespace stgs::player

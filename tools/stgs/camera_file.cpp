@@ -2,13 +2,12 @@
 #include "camera_file.h"
 
 #include <algorithm>
-#include <cerrno>
-#include <filesystem>
-#include <fstream>
-#include <iterator>
+#include <memory>
+#include <string_view>
 
 #include "standard_streams.h"
 #include "stgs/encoder/camera_json.h"
+#include "stgs/format/byte_source.h"
 #include "stgs/format/camera.h"
 #include "stgs/format/scene_file.h"
 #include "stgs/format/text.h"
@@ -16,19 +15,29 @@
 namespace stgs::tools {
 namespace {
 
+constexpr std::uint64_t kMaxBytes = 1 << 20;
+
 Result<std::string> read_text(const std::string& path) {
   if (is_standard_input(path)) {
     STGS_ASSIGN(const auto bytes, read_standard_input());
     return std::string(bytes.begin(), bytes.end());
   }
-  std::error_code none;
-  if (std::filesystem::is_directory(path, none)) {
-    return io_error("{}: cannot open camera file: this is a folder; name a file in it", path);
+  const Result<std::unique_ptr<ByteSource>> file = open_file(path);
+  if (!file.ok()) {
+    std::string_view why = file.status().message();  // "PATH: ..."
+    why.remove_prefix(std::min(path.size() + 2, why.size()));
+    constexpr std::string_view kCannot = "cannot open: ";
+    if (why.starts_with(kCannot)) why.remove_prefix(kCannot.size());
+    return io_error("{}: cannot open camera file: {}", path, why);
   }
-  errno = 0;
-  std::ifstream file(path);
-  if (!file) return io_error("{}: cannot open camera file: {}", path, file_problem(errno));
-  return std::string(std::istreambuf_iterator<char>(file), {});
+  const std::uint64_t size = (*file)->size();
+  if (size > kMaxBytes) {
+    return invalid_file("{}: a camera file of {} bytes (expected at most {})", path, size,
+                        kMaxBytes);
+  }
+  std::string text(static_cast<std::size_t>(size), '\0');
+  STGS_TRY((*file)->read(0, {reinterpret_cast<std::uint8_t*>(text.data()), text.size()}));
+  return text;
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "location.h"
+#include "printable.h"
 
 namespace stgs::tools {
 namespace {
@@ -56,7 +57,7 @@ Json path_json(const std::string& message, const std::vector<std::string>& argum
     const std::string found = leading_path(message, argument);
     if (found.size() > path.size()) path = found;
   }
-  return path.empty() ? Json(nullptr) : Json(path);
+  return path.empty() ? Json(nullptr) : Json(without_secrets(path));
 }
 
 // Where a file is damaged, and how.
@@ -102,13 +103,13 @@ int exit_code(StatusCode code) {
 }
 
 Json error_json(const Status& status, const std::vector<std::string>& arguments) {
-  const std::string& message = status.message();
+  const std::string message = without_secrets(status.message());
   const std::optional<Place> place = place_in(message);
   return {{"error",
            {{"code", code_name(status.code())},
             {"exit_code", exit_code(status.code())},
             {"message", message},
-            {"path", path_json(message, arguments)},
+            {"path", path_json(status.message(), arguments)},
             {"issue", place ? Json(place->issue) : Json(nullptr)},
             {"offset", place ? Json(place->offset) : Json(nullptr)}}}};
 }

@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include <cctype>
+
 namespace stgs::tools {
 namespace {
 
@@ -24,6 +26,39 @@ std::string escaped(std::string_view text, bool keep_lines) {
 }
 
 }  // namespace
+
+std::string without_secrets(std::string_view text) {
+  constexpr std::string_view kSlashes = "/\\", kEnds = " \t\n\"'<>";
+  std::string out;
+  for (std::size_t at = 0;;) {
+    const std::size_t colon = text.find(':', at);
+    const std::size_t begin =
+        colon == std::string_view::npos
+            ? text.size()
+            : std::min(text.find_first_not_of(kSlashes, colon + 1), text.size());
+    const bool is_scheme = colon != std::string_view::npos && colon > 0 && begin > colon + 1 &&
+                           std::isalnum(static_cast<unsigned char>(text[colon - 1])) != 0;
+    out += text.substr(at, begin - at);
+    if (begin == text.size()) return out;
+    at = begin;
+    if (!is_scheme) continue;
+    const std::size_t end = std::min(text.find_first_of(kEnds, begin), text.size());
+    std::string_view url = text.substr(begin, end - begin);
+    // A password may contain what ends the authority of a URL.
+    const std::size_t user = url.rfind('@');
+    const std::string_view before = url.substr(0, user);
+    if (user != std::string_view::npos && (before.find(':') != std::string_view::npos ||
+                                           before.find_first_of("/?#") == std::string_view::npos)) {
+      url.remove_prefix(user + 1);
+    }
+    const std::size_t query = std::min(url.find('?'), url.size());
+    out += url.substr(0, query);
+    // What follows a query in a message begins with a colon or a semicolon.
+    if (query < url.size() && (url.ends_with(':') || url.ends_with(';') || url.ends_with(',')))
+      out += url.back();
+    at = end;
+  }
+}
 
 std::string printable(std::string_view text) {
   return escaped(text, true);

@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
+#include <iostream>
 
 #include "command.h"
 #include "error_report.h"
@@ -184,7 +185,10 @@ int run_program(int argc, char** argv) {
     app.parse(with_config_first(argc, argv));
   } catch (const CLI::Success& success) {
     app.exit(success);  // --help, --version: prints to standard output
-    return std::fflush(stdout) == 0 ? 0 : static_cast<int>(StatusCode::kIo);
+    std::cout.flush();
+    if (std::cout.good() && std::fflush(stdout) == 0) return 0;
+    session.report_error(io_error("standard output: cannot write"));
+    return static_cast<int>(StatusCode::kIo);
   } catch (const CLI::ParseError& error) {
     return usage(session, usage_message(app, error));
   }

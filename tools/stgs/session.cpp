@@ -128,7 +128,7 @@ void Session::log(int level, const std::string& line) {
   const std::lock_guard lock(stderr_mutex_);
   clear_bar();
   const std::string out = fmt::format("stgs: {}{}\n", kNames[std::clamp(level, 0, 3)],
-                                      printable(with_url_option(line)));
+                                      printable(without_secrets(with_url_option(line))));
   std::fwrite(out.data(), 1, out.size(), stderr);
 }
 

@@ -86,8 +86,11 @@ bool remove_free_file(const std::string& name) {
 // part: with the lock from here WorkFolder::create() tries another name.
 bool remove_free_folder(const std::string& name) {
   const std::string lock = name + "/lock";
+  const int folder = ::open(name.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+  if (folder < 0) return false;
   const int file =
-      ::open(lock.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0600);
+      ::openat(folder, "lock", O_RDWR | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0600);
+  ::close(folder);
   if (file < 0) return false;
   const bool removed = os::try_lock(file) == os::LockResult::kTaken && os::is_named(file, lock) &&
                        os::remove_folder(name);

@@ -8,6 +8,7 @@
 #include <mutex>
 
 #include "fetch/address.h"
+#include "fetch/proxy.h"
 #include "fetch/reply.h"
 
 namespace stgs::player {
@@ -89,7 +90,7 @@ curl_socket_t Connection::open_socket(void* self, curlsocktype, curl_sockaddr* a
   auto& connection = *static_cast<Connection*>(self);
   const std::string host = host_of(connection.url_);
   if (is_private(address->addr) && !connection.rules_.may_be_private(host) &&
-      !is_proxy(address->addr, connection.url_)) {
+      connection.proxy_.empty()) {
     connection.refused_ = private_address_refused(host, address_text(address->addr));
     return CURL_SOCKET_BAD;
   }
@@ -146,6 +147,9 @@ Attempt Connection::follow(std::uint64_t offset, std::span<std::uint8_t> out, De
   for (int redirects = 0;; ++redirects) {
     Reply reply(easy_, offset, out, min_progress, responses, deadline, received_);
     curl_easy_setopt(easy_, CURLOPT_URL, url_.c_str());
+    proxy_ = proxy_of(url_);
+    curl_easy_setopt(easy_, CURLOPT_PROXY, proxy_.c_str());  // "": none
+    curl_easy_setopt(easy_, CURLOPT_NOPROXY, "");            // proxy_of() has decided
     refused_.clear();
     bool stopped = stop_.stop_requested();
     const CURLcode result =

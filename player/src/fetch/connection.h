@@ -71,6 +71,7 @@ class Connection {
 
   std::string first_url_, url_;  // of the file; of the current request
   HostRules rules_;
+  std::string proxy_;    // of the present request, which decides about addresses; empty: none
   std::string refused_;  // why the last address was refused; empty: it was not
   std::atomic<std::uint64_t>& received_;
   CURLM* multi_ = nullptr;

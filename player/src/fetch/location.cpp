@@ -19,7 +19,8 @@ bool is_url(const std::string& location) {
 // on, is hidden up to the last such '@'.
 std::string display_location(const std::string& location) {
   if (!is_url(location)) return location;
-  const std::size_t host = location.find("//") + 2;
+  const std::size_t host =
+      std::min(location.find_first_not_of("/\\", location.find(':') + 1), location.size());
   std::string shown = location;
   const auto authority_end = [&] {
     return std::min(shown.find_first_of("/?#", host), shown.size());
@@ -44,6 +45,11 @@ Result<std::unique_ptr<ByteSource>> open_location(const std::string& location,
     return usage_error("{}: unsupported URL scheme (expected http:// or https://)", location);
   }
   if (!is_url(location)) return open_file(location);
+  const std::size_t host = location.find("//") + 2;
+  if (host == location.size() ||
+      std::string_view("/\\?#").find(location[host]) != std::string_view::npos) {
+    return usage_error("{}: a URL without a host", display_location(location));
+  }
   STGS_ASSIGN(std::unique_ptr<HttpSource> source, open_url(location, settings));
   return std::unique_ptr<ByteSource>(std::move(source));
 }

@@ -48,19 +48,14 @@ class Url {
 
 constexpr std::string_view kHint = "set url_allow_private if you trust the server";
 
-// Returns the first of the environment's variables that is set and not empty, or "".
-std::string environment(std::initializer_list<const char*> names) {
-  for (const char* name : names) {
-    const char* value = std::getenv(name);
-    if (value != nullptr && *value != 0) return value;
-  }
-  return {};
-}
-
 }  // namespace
 
 std::string host_of(const std::string& url) {
   return Url(url).get(CURLUPART_HOST);
+}
+
+std::string scheme_of(const std::string& url) {
+  return Url(url).scheme();
 }
 
 Result<std::string> redirect_target(const std::string& from, const std::string& location) {
@@ -105,26 +100,6 @@ Status HostRules::check_target(const std::string& url) const {
 
 std::string private_address_refused(const std::string& host, const std::string& address) {
   return fmt::format("{} has the address {} of a private network; {}", host, address, kHint);
-}
-
-bool is_proxy(const sockaddr& address, const std::string& url) {
-  const bool is_https = Url(url).scheme() == "https";
-  std::string proxy =
-      is_https ? environment({"https_proxy", "HTTPS_PROXY"}) : environment({"http_proxy"});
-  if (proxy.empty()) proxy = environment({"all_proxy", "ALL_PROXY"});
-  if (proxy.empty()) return false;
-  const Url parsed(proxy, CURLU_GUESS_SCHEME | CURLU_NON_SUPPORT_SCHEME);
-  std::string port = parsed.get(CURLUPART_PORT);
-  if (port.empty()) port = parsed.scheme() == "https" ? "443" : "1080";  // libcurl's defaults
-  std::uint16_t connected = 0;                                           // network byte order
-  if (address.sa_family == AF_INET) {
-    connected = reinterpret_cast<const sockaddr_in&>(address).sin_port;
-  } else if (address.sa_family == AF_INET6) {
-    connected = reinterpret_cast<const sockaddr_in6&>(address).sin6_port;
-  }
-  if (std::to_string(ntohs(connected)) != port) return false;
-  const std::string host = parsed.get(CURLUPART_HOST);
-  return !is_address(host) || is_same_host(host, address_text(address));
 }
 
 }  // namespace stgs::player

@@ -14,6 +14,8 @@ inline constexpr int kMaxRedirects = 5;  // per attempt
 
 // Returns the host of a URL as libcurl reads it, or "".
 std::string host_of(const std::string& url);
+// Returns the scheme of a URL in lower case, or "".
+std::string scheme_of(const std::string& url);
 
 // Resolves the Location header of a response to a request for `from`. The result has no fragment;
 // it has the userinfo of `from` if scheme, host and port are the same, else none. kIo if the
@@ -40,9 +42,5 @@ class HostRules {
 
 // States that a host has an address that it must not have.
 std::string private_address_refused(const std::string& host, const std::string& address);
-
-// Returns whether an address, with its port, is that of the proxy that libcurl finds in the
-// environment for a URL. Names of proxies are not resolved: the port decides.
-bool is_proxy(const sockaddr& address, const std::string& url);
 
 }  // namespace stgs::player
