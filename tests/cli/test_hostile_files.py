@@ -136,6 +136,8 @@ class MemoryOptions(CliTest):
             .split()) + "end_header\n" + "0 0 0 0 0 0 1 0 0 0 1 0 0 0\n" * 20000
         self.write("many.ply", ply)
         self.succeeds("convert", "many.ply", "many.stgs")
+        self.fails(UNSUPPORTED, r"many.ply: .* exceed the memory limit of 1048576 bytes \(need \d+ "
+                   "bytes\\); use a larger --memory", "convert", "many.ply", "out.stgs", "--memory", "1M")
         for arguments in (("convert", "many.ply", "out.stgs"), ("convert", "many.stgs", "out.stgs"),
                           ("pack", "many.stgs", "-o", "out.stgs")):
             with self.subTest(arguments=arguments):

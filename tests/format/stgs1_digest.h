@@ -53,7 +53,8 @@ struct Stgs1Description {
 
 inline Stgs1Description describe_stgs1(const Stgs1Bytes& bytes, const ReadLimits& limits) {
   const auto source = memory_source(bytes, "x.stgs");
-  stgs1::File file{*source, limits};
+  ImportMemory memory(limits, "file");
+  stgs1::File file{*source, memory};
   Stgs1Description out;
   std::string lines;
   if (!stgs1::open_stgs1(file).ok()) return {hash_of({}), {"file"}};
@@ -68,21 +69,22 @@ inline Stgs1Description describe_stgs1(const Stgs1Bytes& bytes, const ReadLimits
     }
     for (std::uint16_t a = 1; a <= stgs1::kSh0 + file.degree; ++a) {
       if (a > stgs1::kSh0 && !sh_status.ok()) break;
-      lines += fmt::format("segment {} {} {}\n", i, stgs1::name_of(a), attribute_hash(*set, a));
+      lines +=
+          fmt::format("segment {} {} {}\n", i, stgs1::name_of(a), attribute_hash(set->value, a));
     }
     if (sh_status.ok()) continue;
     out.refused.push_back(fmt::format("segment {} sh", i));
-    const std::size_t stride = 3 * static_cast<std::size_t>(set->sh_coefficients());
-    for (std::size_t k = 0; k < set->sh.size(); ++k) {
-      out.is_sh_zero = out.is_sh_zero && (k % stride < 3 || set->sh[k] == 0);
+    const std::size_t stride = 3 * static_cast<std::size_t>(set->value.sh_coefficients());
+    for (std::size_t k = 0; k < set->value.sh.size(); ++k) {
+      out.is_sh_zero = out.is_sh_zero && (k % stride < 3 || set->value.sh[k] == 0);
     }
   }
   const auto importance = stgs1::read_importance(file);
   if (!importance.ok()) {
     out.refused.emplace_back("importance");
-  } else if (!importance->empty()) {
+  } else if (!importance->value.empty()) {
     ByteWriter values;
-    for (const float v : *importance) values.f32(v);
+    for (const float v : importance->value) values.f32(v);
     lines += fmt::format("importance {}\n", hash_of(values.view()));
   }
   out.decoded = hash_of({reinterpret_cast<const std::uint8_t*>(lines.data()), lines.size()});

@@ -241,9 +241,12 @@ TEST_CASE("the caller's limits apply to PLY") {
   const auto bytes = *write_ply(fixture_set(3));
   CHECK(read(bytes, nullptr, {.max_primitives = 40}).ok());
   CHECK(read(bytes, nullptr, {.max_primitives = 39}).status().code() == StatusCode::kUnsupported);
-  CHECK(read(bytes, nullptr, {.max_memory = 40 * 4 * 65}).ok());
-  CHECK(read(bytes, nullptr, {.max_memory = 40 * 4 * 65 - 1}).status().code() ==
-        StatusCode::kUnsupported);
+  constexpr std::uint64_t kBytes = 40 * 4 * (65 + 62);  // in memory, and in the file
+  CHECK(read(bytes, nullptr, {.max_memory = kBytes}).ok());
+  const Status status = read(bytes, nullptr, {.max_memory = kBytes - 1}).status();
+  CHECK(status.code() == StatusCode::kUnsupported);
+  CHECK_THAT(status.message(), Contains("memory limit of 20319 bytes (need 20320 bytes)") &&
+                                   Contains("allow more memory"));
 }
 
 namespace {

@@ -4,6 +4,7 @@
 #include <malloc.h>
 
 #include <atomic>
+#include <cstddef>
 #include <cstdio>
 #include <cstdlib>
 #include <limits>
@@ -23,7 +24,8 @@ bool must_fail() {
   return request >= first_failure && request <= last_failure;
 }
 
-void* allocate(std::size_t size) {
+// `alignment`: 0 for that of malloc.
+void* allocate(std::size_t size, std::size_t alignment = 0) {
   if (must_fail()) throw std::bad_alloc();
   // Checks the limit before allocating, because afterwards the memory is already taken.
   const auto requested = static_cast<std::int64_t>(size);
@@ -33,7 +35,10 @@ void* allocate(std::size_t size) {
                  size, static_cast<long long>(used - start), static_cast<long long>(limit - start));
     std::abort();
   }
-  void* const memory = std::malloc(size == 0 ? 1 : size);
+  void* const memory =
+      alignment <= alignof(std::max_align_t)
+          ? std::malloc(size == 0 ? 1 : size)
+          : std::aligned_alloc(alignment, (size + alignment) / alignment * alignment);
   if (memory == nullptr) throw std::bad_alloc();
   const std::int64_t now = used += static_cast<std::int64_t>(malloc_usable_size(memory));
   std::int64_t highest = peak;
@@ -50,7 +55,6 @@ void release(void* memory) {
 
 }  // namespace
 
-// Except the overloads for over-aligned types, which allocate little here.
 void* operator new(std::size_t size) {
   return allocate(size);
 }
@@ -66,6 +70,25 @@ void* operator new(std::size_t size, const std::nothrow_t&) noexcept {
 }
 void* operator new[](std::size_t size, const std::nothrow_t& tag) noexcept {
   return operator new(size, tag);
+}
+// The standard's memory resources, from which sets of primitives allocate, call these.
+void* operator new(std::size_t size, std::align_val_t alignment) {
+  return allocate(size, static_cast<std::size_t>(alignment));
+}
+void* operator new[](std::size_t size, std::align_val_t alignment) {
+  return allocate(size, static_cast<std::size_t>(alignment));
+}
+void operator delete(void* memory, std::align_val_t) noexcept {
+  release(memory);
+}
+void operator delete[](void* memory, std::align_val_t) noexcept {
+  release(memory);
+}
+void operator delete(void* memory, std::size_t, std::align_val_t) noexcept {
+  release(memory);
+}
+void operator delete[](void* memory, std::size_t, std::align_val_t) noexcept {
+  release(memory);
 }
 void operator delete(void* memory) noexcept {
   release(memory);

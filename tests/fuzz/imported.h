@@ -10,12 +10,12 @@
 
 namespace stgs::fuzz {
 
-inline constexpr ReadLimits kImportLimits{20'000, 512 << 10};
+inline constexpr ReadLimits kImportLimits{20'000, 2 << 20};
 
-// Heap for the file, the decoded data, the set twice (renderable primitives are copied) and
-// buffers.
+// Heap for an import: the limit, the file in memory, and 1 MiB for what is not counted, such as the
+// header of a PLY, notes and messages.
 inline std::uint64_t import_memory(View input) {
-  return 4 * kImportLimits.max_memory + 8 * input.size() + (512 << 10);
+  return kImportLimits.max_memory + 2 * input.size() + (1 << 20);
 }
 
 // Checks the guarantees of every reader.

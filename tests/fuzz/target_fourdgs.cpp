@@ -75,10 +75,9 @@ std::vector<Unit> units(View form) {
   return out;
 }
 
-// A window takes 16 bytes in the file and in memory; an entry of the metadata about 100 bytes for
-// 8. States are kept besides the frame and the primitives made from them.
+// Besides the import: the encoding of its scene.
 std::uint64_t memory(View input) {
-  return 2 * import_memory(input) + 32 * input.size();
+  return import_memory(input) + 4 * kImportLimits.max_memory;
 }
 
 }  // namespace

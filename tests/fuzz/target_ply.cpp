@@ -76,14 +76,9 @@ std::vector<Unit> units(View form) {
   return out;
 }
 
-std::uint64_t memory(View input) {
-  // Includes the names of up to 4096 properties in a header of up to 256 KiB.
-  return import_memory(input) + (1 << 20);
-}
-
 }  // namespace
 
-const Target stgs::fuzz::kTarget{"ply", seeds, nullptr, nullptr, units, memory};
+const Target stgs::fuzz::kTarget{"ply", seeds, nullptr, nullptr, units, import_memory};
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   ConversionNotes notes;

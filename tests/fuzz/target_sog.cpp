@@ -100,14 +100,9 @@ Bytes repair(Bytes zip, Repair repair) {
   return zip;
 }
 
-// Besides the set: the images of a model, two at a time, and the JSON.
-std::uint64_t memory(View input) {
-  return import_memory(input) + 2 * kImportLimits.max_memory + 64 * input.size();
-}
-
 }  // namespace
 
-const Target stgs::fuzz::kTarget{"sog", seeds, nullptr, repair, units, memory};
+const Target stgs::fuzz::kTarget{"sog", seeds, nullptr, repair, units, import_memory};
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   std::ofstream(input_path(), std::ios::binary)

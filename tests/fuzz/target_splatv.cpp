@@ -53,14 +53,9 @@ Bytes repair(Bytes form, Repair repair) {
   return form;
 }
 
-// A JSON value takes 16 bytes plus its list entry, for as little as two bytes of text.
-std::uint64_t memory(View input) {
-  return import_memory(input) + 64 * input.size();
-}
-
 }  // namespace
 
-const Target stgs::fuzz::kTarget{"splatv", seeds, nullptr, repair, units, memory};
+const Target stgs::fuzz::kTarget{"splatv", seeds, nullptr, repair, units, import_memory};
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   ConversionNotes notes;

@@ -59,9 +59,9 @@ std::vector<Bytes> seeds() {
   return {Bytes()};
 }
 
-// Tables of a layout, and buffers of a search for fragments.
+// The file is read twice, and the first scene stays.
 std::uint64_t memory(View input) {
-  return import_memory(input) + (2 << 20);
+  return import_memory(input) + kImportLimits.max_memory;
 }
 
 }  // namespace

@@ -66,4 +66,12 @@ void Lease::resize(std::uint64_t bytes) noexcept {
   bytes_ = bytes;
 }
 
+void Lease::merge(Lease other) noexcept {
+  if (budget_ == nullptr) {
+    *this = std::move(other);
+    return;
+  }
+  bytes_ += std::exchange(other.bytes_, 0);
+}
+
 }  // namespace stgs

@@ -238,24 +238,27 @@ class Divider {
 
 }  // namespace
 
-Result<Gaussians4D> divide_curves(const Gaussians4D& set, const std::vector<float>& acceleration,
-                                  std::uint32_t frames, const CurveSettings& settings,
-                                  const std::string& name, const ReadLimits& limits,
-                                  CurveReport& report) {
+Result<Charged<Gaussians4D>> divide_curves(const Gaussians4D& set,
+                                           const std::vector<float>& acceleration,
+                                           std::uint32_t frames, const CurveSettings& settings,
+                                           ImportMemory& memory, CurveReport& report) {
   Divider divider(set, acceleration, frames, settings, report);
+  const std::uint64_t most =
+      std::min(memory.limits().max_primitives, memory.available() / import_bytes(1, set.sh_degree));
   std::uint64_t total = 0;
-  for (std::size_t i = 0; i < set.size() && total <= limits.max_primitives; ++i) {
-    total += divider.count(i);
+  for (std::size_t i = 0; i < set.size() && total <= most; ++i) total += divider.count(i);
+  if (const Status fits = memory.check_count(total); !fits.ok()) {
+    return Status(fits.code(),
+                  fits.message() + " after the division of curved paths; raise the tolerance");
   }
-  if (const Status fits = check_import_size(name, total, set.sh_degree, limits); !fits.ok()) {
-    return Status(
-        fits.code(),
-        fmt::format("{} after the division of curved paths; raise the tolerance", fits.message()));
-  }
-  Gaussians4D out;
-  out.sh_degree = set.sh_degree;
-  out.reserve(static_cast<std::size_t>(total));
-  for (std::size_t i = 0; i < set.size(); ++i) divider.add(i, out);
+  Charged<Gaussians4D> out;
+  STGS_ASSIGN(out.lease,
+              memory.take(import_bytes(total, set.sh_degree),
+                          fmt::format("{}{} primitives after the division of curved paths",
+                                      total > most ? "more than " : "", std::min(total, most))));
+  out.value.sh_degree = set.sh_degree;
+  out.value.reserve(static_cast<std::size_t>(total));
+  for (std::size_t i = 0; i < set.size(); ++i) divider.add(i, out.value);
   return out;
 }
 

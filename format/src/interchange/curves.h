@@ -2,9 +2,9 @@
 // Division of quadratic paths into lines with adjacent lifespans.
 #pragma once
 
-#include <string>
 #include <vector>
 
+#include "interchange/import_memory.h"
 #include "stgs/format/timed_formats.h"
 
 namespace stgs {
@@ -13,12 +13,12 @@ namespace stgs {
 // X + u dt + a dt^2. `acceleration` has N x 3 values a, scene units per tick^2. Times in
 // [0, frames] count. A path whose best line is within the bound keeps its lifespan; others are
 // divided into pieces that are rendered from half a frame before their first frame to half a frame
-// after their last one, in shorter pieces where the bound requires it. `name` is for the message if
-// the result exceeds the limits, which are checked before it is allocated.
-Result<Gaussians4D> divide_curves(const Gaussians4D& set, const std::vector<float>& acceleration,
-                                  std::uint32_t frames, const CurveSettings& settings,
-                                  const std::string& name, const ReadLimits& limits,
-                                  CurveReport& report);
+// after their last one, in shorter pieces where the bound requires it. The result is charged to
+// `memory`, before it is allocated.
+Result<Charged<Gaussians4D>> divide_curves(const Gaussians4D& set,
+                                           const std::vector<float>& acceleration,
+                                           std::uint32_t frames, const CurveSettings& settings,
+                                           ImportMemory& memory, CurveReport& report);
 
 // Appends notes of the errors in a report.
 void note_curves(const CurveReport& report, const CurveSettings& settings, ConversionNotes* notes);

@@ -35,8 +35,17 @@ class Importer {
     scene_.metadata.time_base = base;
     scene_.metadata.frames = frames;
     scene_.gaussians.sh_degree = contents.header.sh_degree;
-    scene_.gaussians.reserve(static_cast<std::size_t>(contents.header.gaussians));
-    part_of_.reserve(static_cast<std::size_t>(contents.header.gaussians));
+  }
+
+  // Allocates the primitives. Call it first.
+  Status reserve(ImportMemory& memory) {
+    const std::uint64_t count = contents_.header.gaussians;
+    STGS_ASSIGN(lease_, memory.take_set(count, contents_.header.sh_degree));
+    STGS_ASSIGN(Lease parts, memory.take(sizeof(part_of_[0]) * count, "the windows of primitives"));
+    lease_.merge(std::move(parts));
+    scene_.gaussians.reserve(static_cast<std::size_t>(count));
+    part_of_.reserve(static_cast<std::size_t>(count));
+    return {};
   }
 
   Status add(const Population& set, const Place& place) {
@@ -54,8 +63,8 @@ class Importer {
     return {};
   }
 
-  Scene finish(ConversionNotes* notes) {
-    split_into_parts();
+  Result<Scene> finish(ImportMemory& memory, ConversionNotes* notes) {
+    STGS_TRY(split_into_parts(memory));
     const auto total = contents_.header.gaussians;
     if (invalid_ > 0) {
       note(notes, fmt::format("dropped {} of {} primitives with values that are not finite",
@@ -145,9 +154,18 @@ class Importer {
   }
 
   // Puts the primitives whose fades are cut off into a part for each window.
-  void split_into_parts() {
+  Status split_into_parts(ImportMemory& memory) {
     Gaussians4D& set = scene_.gaussians;
-    if (std::all_of(part_of_.begin(), part_of_.end(), [](auto p) { return p == kUncut; })) return;
+    if (std::all_of(part_of_.begin(), part_of_.end(), [](auto p) { return p == kUncut; })) {
+      return {};
+    }
+    // A copy in order, the order and the memory to sort it, and the list of parts as it grows.
+    const std::uint64_t parts = std::min<std::uint64_t>(set.size(), contents_.windows.size() + 1);
+    STGS_ASSIGN(const Lease copy, memory.take_set(set.size(), set.sh_degree));
+    STGS_ASSIGN(const Lease lists,
+                memory.take(2 * sizeof(std::uint32_t) * set.size(), "the order of primitives"));
+    STGS_ASSIGN(Lease list, memory.take(3 * sizeof(ScenePart) * parts, "the parts of the scene"));
+    lease_.merge(std::move(list));
     std::vector<std::uint32_t> order(set.size());
     std::iota(order.begin(), order.end(), 0u);
     std::stable_sort(order.begin(), order.end(), [this](std::uint32_t a, std::uint32_t b) {
@@ -161,6 +179,7 @@ class Importer {
       ++part.primitives;
       set.time[i] = static_cast<float>(set.time[i] - part.begin_ticks);
     }
+    return {};
   }
 
   ScenePart part_for(std::uint32_t window) const {
@@ -179,6 +198,7 @@ class Importer {
   bool flat_;
   FourdgsReport& report_;
   Scene scene_;
+  Lease lease_;                         // of the scene, and of the list below
   std::vector<std::uint32_t> part_of_;  // index of the window that cuts a primitive off
   std::uint64_t invalid_ = 0, never_visible_ = 0;
 };
@@ -213,22 +233,22 @@ Status check_objects(const Contents& contents, const Population& set, const Plac
 }
 
 Status read_chunk(const ByteSource& source, const Contents& contents, const BodyRecord& record,
-                  const ReadLimits& limits, Population& out) {
+                  ImportMemory& memory, Population& out) {
   const Place place = place_of(contents, record);
-  STGS_ASSIGN(const Bytes content, read_body(source, record));
-  STGS_ASSIGN(const ChunkFields chunk, parse_chunk(content, place));
-  STGS_ASSIGN(const Bytes block,
-              unpack_chunk(chunk.records, chunk.codec, chunk.bytes, limits, place));
-  return read_population(block, record.count, true, contents.has_keyframes(), place, out);
+  STGS_ASSIGN(const ChargedBytes content, read_body(source, record, memory));
+  STGS_ASSIGN(const ChunkFields chunk, parse_chunk(content.value, place));
+  STGS_ASSIGN(const ChargedBytes block,
+              unpack_chunk(chunk.records, chunk.codec, chunk.bytes, memory, place));
+  return read_population(block.value, record.count, true, contents.has_keyframes(), memory, place,
+                         out);
 }
 
 Result<Scene> read_birth(const ByteSource& source, const Contents& contents, const TimeBase& base,
-                         const ReadLimits& limits, bool flat, FourdgsReport& report,
+                         ImportMemory& memory, bool flat, FourdgsReport& report,
                          ConversionNotes* notes) {
   constexpr std::uint32_t kMaxFrames = 1'000'000;
   STGS_ASSIGN(const std::uint32_t frames, count_frames(contents, base, kMaxFrames));
-  STGS_TRY(check_import_size(contents.file, contents.header.gaussians, contents.header.sh_degree,
-                             limits));
+  STGS_TRY(memory.check_count(contents.header.gaussians));
   // A first pass makes sure that there is data for all of them.
   for (const BodyRecord& record : contents.body) {
     if (record.count / kMaxPerByte <= record.length) continue;
@@ -237,17 +257,20 @@ Result<Scene> read_birth(const ByteSource& source, const Contents& contents, con
   }
   STGS_ASSIGN(ColourConverter colours, ColourConverter::create(contents));
   Importer importer(contents, base, frames, std::move(colours), flat, report);
+  STGS_TRY(importer.reserve(memory));
   for (std::size_t next = 0; next < contents.body.size();) {
     const BodyRecord& record = contents.body[next++];
     Population set;
-    STGS_TRY(read_chunk(source, contents, record, limits, set));
+    STGS_TRY(read_chunk(source, contents, record, memory, set));
     STGS_TRY(check_objects(contents, set, place_of(contents, record)));
+    STGS_ASSIGN(const Lease lease,
+                memory.take(sizeof(std::uint32_t) * set.size(), "the rows of a chunk"));
     std::vector<std::uint32_t> rows(set.size());
     std::iota(rows.begin(), rows.end(), 0u);
-    STGS_TRY(read_sh(source, contents, next, rows, set));
+    STGS_TRY(read_sh(source, contents, next, rows, memory, set));
     STGS_TRY(importer.add(set, place_of(contents, record)));
   }
-  return importer.finish(notes);
+  return importer.finish(memory, notes);
 }
 
 }  // namespace stgs::fourdgs

@@ -43,11 +43,17 @@ void gather(Population& set, const Rows& rows) {
   gather(set.sh, rows, sh);
 }
 
+// Appends without allocating more than needed.
+template <typename T>
+void append(std::vector<T>& values, const std::vector<T>& other) {
+  values.reserve(values.size() + other.size());
+  values.insert(values.end(), other.begin(), other.end());
+}
+
 void append(Population& set, const Population& other, std::size_t sh_bytes) {
-  set.ids.insert(set.ids.end(), other.ids.begin(), other.ids.end());
-  for (std::size_t a = 0; a < kAttributes; ++a) {
-    set.bins[a].insert(set.bins[a].end(), other.bins[a].begin(), other.bins[a].end());
-  }
+  append(set.ids, other.ids);
+  for (std::size_t a = 0; a < kAttributes; ++a) append(set.bins[a], other.bins[a]);
+  set.sh.reserve(set.ids.size() * sh_bytes);
   set.sh.resize(set.ids.size() * sh_bytes);
 }
 
@@ -57,7 +63,7 @@ struct Delta {
 };
 
 Result<Delta> parse_delta(View content, const Contents& contents, const BodyRecord& record,
-                          const ReadLimits& limits) {
+                          ImportMemory& memory) {
   const Place place = place_of(contents, record);
   ByteReader in(content);
   in.bytes(51);  // fields read before
@@ -68,8 +74,8 @@ Result<Delta> parse_delta(View content, const Contents& contents, const BodyReco
     return invalid_file("{}: a delta chunk is shorter than its contents{}", place.file,
                         place.text());
   }
-  STGS_ASSIGN(const Bytes block, unpack_chunk(packed, codec, bytes, limits, place));
-  ByteReader groups(block);
+  STGS_ASSIGN(const ChargedBytes block, unpack_chunk(packed, codec, bytes, memory, place));
+  ByteReader groups(block.value);
   const View updates = groups.bytes(groups.u64()), births = groups.bytes(groups.u64()),
              deaths = groups.bytes(groups.u64());
   if (!groups.ok() || groups.left() > 0) {
@@ -77,9 +83,9 @@ Result<Delta> parse_delta(View content, const Contents& contents, const BodyReco
                         place.text());
   }
   Delta out;
-  STGS_TRY(read_population(updates, record.count, false, true, place, out.updates));
-  STGS_TRY(read_population(births, record.births, true, true, place, out.births));
-  STGS_TRY(read_population(deaths, record.deaths, false, true, place, out.deaths));
+  STGS_TRY(read_population(updates, record.count, false, true, memory, place, out.updates));
+  STGS_TRY(read_population(births, record.births, true, true, memory, place, out.births));
+  STGS_TRY(read_population(deaths, record.deaths, false, true, memory, place, out.deaths));
   const auto& bins = out.updates.bins;
   if (!bins[kSigma].empty() || !bins[kFlags].empty() || !bins[kWindow].empty()) {
     return invalid_file("{}: an update changes the sigma, flags or window of a Gaussian{}",
@@ -93,8 +99,8 @@ Result<Delta> parse_delta(View content, const Contents& contents, const BodyReco
 
 }  // namespace
 
-Composer::Composer(const ByteSource& source, const Contents& contents, const ReadLimits& limits)
-    : source_(source), contents_(contents), limits_(limits) {
+Composer::Composer(const ByteSource& source, const Contents& contents, ImportMemory& memory)
+    : source_(source), contents_(contents), memory_(memory) {
   const auto degree = static_cast<std::size_t>(contents.header.sh_degree);
   sh_bytes_ = 3 * ((degree + 1) * (degree + 1) - 1);
 }
@@ -102,14 +108,31 @@ Composer::Composer(const ByteSource& source, const Contents& contents, const Rea
 // Reads the chunk `next` of the body with its SH, and advances `next` past them.
 Status Composer::read(std::size_t& next) {
   const BodyRecord& record = contents_.body[next++];
+  STGS_ASSIGN(const Lease lease,
+              take_scratch(state_.ids.size() + record.count + record.births + record.deaths));
   Rows stated;  // rows of the state in the order in which the chunk states them
   STGS_TRY(record.opcode == kChunk ? read_keyframe(record, stated) : read_delta(record, stated));
-  STGS_TRY(
-      check_import_size(contents_.file, state_.ids.size(), contents_.header.sh_degree, limits_));
-  state_.sh.resize(state_.ids.size() * sh_bytes_);
-  STGS_TRY(read_sh(source_, contents_, next, stated, state_));
-  if (record.opcode == kChunk && needs_keyframe(next)) keyframe_ = state_;
+  STGS_TRY(read_sh(source_, contents_, next, stated, memory_, state_));
+  if (record.opcode == kChunk && needs_keyframe(next)) STGS_TRY(copy(state_, keyframe_));
   last_ = record;
+  return {};
+}
+
+// Charges the memory for changing a state of `count` Gaussians: a copy of its largest array, and
+// lists of identities and rows as they grow.
+Result<Lease> Composer::take_scratch(std::size_t count) {
+  constexpr std::size_t kLists = 10 * sizeof(std::uint32_t), kLargest = 3 * sizeof(std::int32_t);
+  return memory_.take(std::uint64_t{count} * (kLists + std::max(kLargest, sh_bytes_)),
+                      fmt::format("the changes of {} Gaussians", count));
+}
+
+Status Composer::copy(const Population& from, Population& to) {
+  to = {};
+  STGS_ASSIGN(to.lease, memory_.take(from.bytes(), "the states of Gaussians"));
+  to.ids = from.ids;
+  to.bins = from.bins;
+  to.sh = from.sh;
+  to.objects = from.objects;
   return {};
 }
 
@@ -122,10 +145,11 @@ bool Composer::needs_keyframe(std::size_t next) const {
 }
 
 Status Composer::read_keyframe(const BodyRecord& record, Rows& stated) {
-  STGS_TRY(check_import_size(contents_.file, record.count, contents_.header.sh_degree, limits_));
+  STGS_TRY(memory_.check_count(record.count));
   state_ = {};
+  keyframe_ = {};
   const Place place = place_of(contents_, record);
-  STGS_TRY(read_chunk(source_, contents_, record, limits_, state_));
+  STGS_TRY(read_chunk(source_, contents_, record, memory_, state_));
   STGS_TRY(check_objects(contents_, state_, place));
   STGS_ASSIGN(const Rows rows, sorted_rows(state_.ids, place));
   gather(state_, rows);
@@ -155,10 +179,10 @@ Status Composer::check_reference(const BodyRecord& record) const {
 Status Composer::read_delta(const BodyRecord& record, Rows& stated) {
   STGS_TRY(check_reference(record));
   const std::uint64_t most = std::uint64_t{record.count} + record.births + record.deaths;
-  STGS_TRY(check_import_size(contents_.file, most, contents_.header.sh_degree, limits_));
-  STGS_ASSIGN(const Bytes content, read_body(source_, record));
-  STGS_ASSIGN(const Delta delta, parse_delta(content, contents_, record, limits_));
-  if (!record.chained) state_ = keyframe_;
+  STGS_TRY(memory_.check_count(most));
+  STGS_ASSIGN(const ChargedBytes content, read_body(source_, record, memory_));
+  STGS_ASSIGN(const Delta delta, parse_delta(content.value, contents_, record, memory_));
+  if (!record.chained) STGS_TRY(copy(keyframe_, state_));
   const Place place = place_of(contents_, record);
   std::vector<std::uint32_t> ids = delta.updates.ids;
   for (const auto* more : {&delta.births.ids, &delta.deaths.ids}) {
@@ -213,12 +237,17 @@ Status Composer::remove(const std::vector<std::uint32_t>& ids, const Place& plac
     if (dead[i] == 0) rows.push_back(i);
   }
   gather(state_, rows);
+  state_.lease.resize(state_.bytes());
   return {};
 }
 
 Status Composer::add(const Population& births, const Place& place, Rows& stated) {
   if (births.ids.empty()) return {};
   const std::size_t old = state_.ids.size();
+  STGS_TRY(memory_.check_count(old + births.ids.size()));
+  STGS_ASSIGN(Lease lease, memory_.take(births.bytes() + sh_bytes_ * births.ids.size(),
+                                        "the states of Gaussians"));
+  state_.lease.merge(std::move(lease));
   append(state_, births, sh_bytes_);
   STGS_ASSIGN(const Rows rows, sorted_rows(state_.ids, place));
   gather(state_, rows);

@@ -9,7 +9,7 @@ namespace stgs::fourdgs {
 // Composes the states of a file, one chunk after the other.
 class Composer {
  public:
-  Composer(const ByteSource& source, const Contents& contents, const ReadLimits& limits);
+  Composer(const ByteSource& source, const Contents& contents, ImportMemory& memory);
 
   // Reads the chunk `next` of the body with its SH, and advances `next` past them.
   Status read(std::size_t& next);
@@ -19,6 +19,8 @@ class Composer {
  private:
   using Rows = std::vector<std::uint32_t>;
 
+  Status copy(const Population& from, Population& to);
+  Result<Lease> take_scratch(std::size_t count);
   bool needs_keyframe(std::size_t next) const;
   Status check_reference(const BodyRecord& record) const;
   Status read_keyframe(const BodyRecord& record, Rows& stated);
@@ -30,7 +32,7 @@ class Composer {
 
   const ByteSource& source_;
   const Contents& contents_;
-  const ReadLimits& limits_;
+  ImportMemory& memory_;
   std::size_t sh_bytes_ = 0;  // of one Gaussian
   Population state_, keyframe_;
   std::uint64_t keyframe_at_ = 0;  // offset

@@ -13,6 +13,9 @@ namespace {
 
 constexpr std::size_t kChunkFields = 24, kDeltaFields = 51;
 constexpr std::size_t kCrcBlock = 1 << 20;
+// Memory of a record, while the list of them grows, and of an object. Of a map of strings for each
+// byte of its text: an entry of 8 bytes takes 112 with two short strings.
+constexpr std::uint64_t kRecordMemory = 3 * sizeof(BodyRecord), kObjectMemory = 64, kMapRatio = 14;
 
 std::array<double, 3> read_vector(ByteReader& in) {
   std::array<double, 3> v{};
@@ -27,7 +30,8 @@ std::uint32_t checksum(std::uint32_t crc, View bytes) {
 // Reads one record after the other.
 class Scanner {
  public:
-  Scanner(const ByteSource& source, ConversionNotes* notes) : source_(source), notes_(notes) {
+  Scanner(const ByteSource& source, ImportMemory& memory, ConversionNotes* notes)
+      : source_(source), memory_(memory), notes_(notes) {
     out_.file = source.name();
     out_.bytes = source.size();
   }
@@ -95,8 +99,8 @@ class Scanner {
       case kObjectTrack:
       case kChunkIndex:
       case kFooter: {
-        STGS_ASSIGN(const Bytes content, read_body(source_, record));
-        return parse(record, content);
+        STGS_ASSIGN(const ChargedBytes content, read_body(source_, record, memory_));
+        return parse(record, content.value);
       }
       case kChunk:
       case kDeltaChunk:
@@ -106,8 +110,7 @@ class Scanner {
           return invalid_file("{}: an SH band before the first chunk [byte {}]", out_.file,
                               record.offset);
         }
-        out_.body.push_back(record);
-        return {};
+        return append(record);
       case kStatistics:
       case kSummaryOffset:
         return {};
@@ -133,18 +136,21 @@ class Scanner {
   Status parse(const BodyRecord& record, View content) {
     switch (record.opcode) {
       case kHeader: {
+        STGS_TRY(charge(2 * kMapRatio * content.size()));  // the attributes are metadata too
         STGS_TRY(first(has_header_, "header", record));
         STGS_ASSIGN(out_.header, parse_header(content, here(record)));
         for (const auto& [key, value] : out_.header.attributes) out_.metadata[key] = value;
         return {};
       }
       case kQuantization: {
+        STGS_ASSIGN(const Lease parsed, memory_.take(kMapRatio * content.size(), "the metadata"));
         STGS_TRY(first(has_grid_, "quantisation record", record));
         STGS_ASSIGN(out_.grid, parse_quantization(content, here(record)));
         out_.grid.cutoff = out_.header.cutoff;
         return {};
       }
       case kWindowTable: {
+        STGS_TRY(charge(content.size()));
         STGS_TRY(first(has_windows_, "window table", record));
         STGS_ASSIGN(out_.windows, parse_windows(content, here(record)));
         return {};
@@ -152,6 +158,8 @@ class Scanner {
       case kCamera:
         return parse_camera(record, content);
       case kMetadata: {
+        STGS_TRY(charge(kMapRatio * content.size()));
+        STGS_ASSIGN(const Lease parsed, memory_.take(kMapRatio * content.size(), "the metadata"));
         ByteReader in(content);
         in.string();  // its name
         bool ok = false;
@@ -232,7 +240,9 @@ class Scanner {
       const auto shift = read_vector(in);
       for (std::size_t c = 0; c < 3; ++c) moves |= axis[c] != 0 || shift[c] != 0;
     }
-    if (moves) out_.moving_objects.insert(object);
+    if (!moves) return {};
+    STGS_TRY(charge(kObjectMemory));
+    out_.moving_objects.insert(object);
     return {};
   }
 
@@ -272,8 +282,19 @@ class Scanner {
       record.births = in.u32();
       record.deaths = in.u32();
     }
+    return append(record);
+  }
+
+  Status append(const BodyRecord& record) {
+    STGS_TRY(charge(kRecordMemory));
     out_.body.push_back(record);
     return {};
+  }
+
+  // Charges bytes that the contents take in addition.
+  Status charge(std::uint64_t bytes) {
+    held_ += bytes;
+    return memory_.grow(out_.lease, held_, "the records of the file");
   }
 
   // The index repeats fields of the chunks.
@@ -321,6 +342,9 @@ class Scanner {
     footer_ = true;
     if (start == 0 || expected == 0) return {};
     std::uint32_t crc = 0;
+    STGS_ASSIGN(const Lease lease,
+                memory_.take(std::min<std::uint64_t>(kCrcBlock, record.offset - start),
+                             "the bytes of the index"));
     for (std::uint64_t at = start; at < record.offset;) {
       Bytes block(static_cast<std::size_t>(std::min<std::uint64_t>(kCrcBlock, record.offset - at)));
       STGS_TRY(source_.read(at, block));
@@ -347,37 +371,27 @@ class Scanner {
   }
 
   const ByteSource& source_;
+  ImportMemory& memory_;
   ConversionNotes* notes_;
   Contents out_;
+  std::uint64_t held_ = 0;  // bytes that the contents take
   bool has_header_ = false, has_grid_ = false, has_windows_ = false, footer_ = false;
 };
 
 }  // namespace
 
-Result<Contents> read_contents(const ByteSource& source, ConversionNotes* notes) {
-  return Scanner(source, notes).run();
+Result<Contents> read_contents(const ByteSource& source, ImportMemory& memory,
+                               ConversionNotes* notes) {
+  return Scanner(source, memory, notes).run();
 }
 
-Result<Bytes> read_body(const ByteSource& source, const BodyRecord& record) {
-  Bytes out(static_cast<std::size_t>(record.length));
-  STGS_TRY(source.read(record.offset + kRecordHead, out));
+Result<ChargedBytes> read_body(const ByteSource& source, const BodyRecord& record,
+                               ImportMemory& memory) {
+  ChargedBytes out;
+  STGS_ASSIGN(out.lease, memory.take(record.length, "the bytes of a record"));
+  out.value.resize(static_cast<std::size_t>(record.length));
+  STGS_TRY(source.read(record.offset + kRecordHead, out.value));
   return out;
 }
 
-Place place_of(const Contents& contents, const BodyRecord& record) {
-  return {contents.file, record.offset};
-}
-
 }  // namespace stgs::fourdgs
-
-namespace stgs {
-
-bool is_4dgs(std::span<const std::uint8_t> head) {
-  if (head.size() < fourdgs::kMagic.size()) return false;
-  for (std::size_t i = 0; i < fourdgs::kMagic.size(); ++i) {
-    if (i != fourdgs::kVersionByte && head[i] != fourdgs::kMagic[i]) return false;
-  }
-  return true;
-}
-
-}  // namespace stgs

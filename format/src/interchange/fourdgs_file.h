@@ -56,6 +56,7 @@ struct Contents {
   std::set<std::uint32_t> moving_objects;  // with a pose that is not the identity
   std::vector<BodyRecord> body;
   Omitted omitted;
+  Lease lease;  // of all of these
 
   bool has_keyframes() const { return header.model == kKeyframes; }
 };
@@ -63,11 +64,15 @@ struct Contents {
 // Reads all records but those of the body, and the fixed fields of these. Checks the order and the
 // sizes of all records, and the index against the chunks. A wrong checksum of the index becomes a
 // note: the index is not used.
-Result<Contents> read_contents(const ByteSource& source, ConversionNotes* notes);
+Result<Contents> read_contents(const ByteSource& source, ImportMemory& memory,
+                               ConversionNotes* notes);
 
-// Reads the contents of a record of the body.
-Result<Bytes> read_body(const ByteSource& source, const BodyRecord& record);
+// Reads the contents of a record.
+Result<ChargedBytes> read_body(const ByteSource& source, const BodyRecord& record,
+                               ImportMemory& memory);
 // Returns where a record is, for messages.
-Place place_of(const Contents& contents, const BodyRecord& record);
+inline Place place_of(const Contents& contents, const BodyRecord& record) {
+  return {contents.file, record.offset};
+}
 
 }  // namespace stgs::fourdgs

@@ -12,6 +12,12 @@ bool all_finite(std::initializer_list<double> values) {
 
 }  // namespace
 
+std::uint64_t Population::bytes() const {
+  std::uint64_t words = ids.size() + objects.size();
+  for (const auto& values : bins) words += values.size();
+  return sizeof(std::uint32_t) * words + sh.size();
+}
+
 double Grid::motion_step(std::int64_t sigma_bin, bool never_fades, double window_length) const {
   double half =
       never_fades ? window_length : reach() * std::exp(static_cast<double>(sigma_bin) * log_sigma);

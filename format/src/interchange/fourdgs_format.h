@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "core/bytes.h"
+#include "interchange/import_memory.h"
 #include "stgs/format/byte_source.h"
 #include "stgs/format/scene_file.h"
 
@@ -125,8 +126,11 @@ struct Population {
   std::array<std::vector<std::int32_t>, kAttributes> bins;
   std::vector<std::uint8_t> sh;        // coefficient then channel, without degree 0
   std::vector<std::uint32_t> objects;  // empty: all 0
+  Lease lease;                         // of the arrays of a set that was read
 
   std::size_t size() const { return bins[kOpacity].size(); }
+  // Returns the bytes of all arrays.
+  std::uint64_t bytes() const;
 };
 
 // One Gaussian, dequantised.
@@ -151,6 +155,7 @@ struct Stream {
   std::uint8_t attribute = 0;
   std::size_t channels = 0, count = 0;
   std::vector<std::int32_t> values;
+  Lease lease;  // of the values
 };
 
 // Name and offset of the structure being read, for messages.
@@ -167,19 +172,19 @@ std::string short_text(const std::string& text);
 // The coders of streams and chunks.
 enum Codec : std::uint8_t { kDeflate = 0, kZstd = 1 };
 // Decompresses `packed` to exactly `bytes` bytes, after checking that it can contain that many.
-Result<Bytes> decompress(View packed, Codec codec, std::uint64_t bytes, const Place& place);
+Result<ChargedBytes> decompress(View packed, Codec codec, std::uint64_t bytes, ImportMemory& memory,
+                                const Place& place);
 // Returns the contents of a chunk, which it compresses with the named coder ("": none).
-Result<Bytes> unpack_chunk(View packed, const std::string& codec, std::uint64_t bytes,
-                           const ReadLimits& limits, const Place& place);
-// Reads one stream of `count` elements. Leaves `values` empty for an unknown attribute.
-Result<Stream> read_stream(ByteReader& in, std::size_t count, const Place& place);
+Result<ChargedBytes> unpack_chunk(View packed, const std::string& codec, std::uint64_t bytes,
+                                  ImportMemory& memory, const Place& place);
 // Reads the streams of `count` Gaussians from a block that contains nothing else. `required`: all
 // attributes must be present; otherwise those absent stay empty. `with_ids`: the block must have
-// identities.
+// identities. Charges the arrays to the lease of `out`.
 Status read_population(View block, std::size_t count, bool required, bool with_ids,
-                       const Place& place, Population& out);
+                       ImportMemory& memory, const Place& place, Population& out);
 // Reads an SH band of `count` Gaussians: component-major bytes 0..255.
-Result<Stream> read_band(View content, std::size_t count, int& band, const Place& place);
+Result<Stream> read_band(View content, std::size_t count, int& band, ImportMemory& memory,
+                         const Place& place);
 // Appends a stream, coded in the smallest of the ways that the format has.
 void write_stream(ByteWriter& out, std::uint8_t attribute, std::size_t channels,
                   std::span<const std::int32_t> values);

@@ -22,15 +22,16 @@ constexpr std::uint64_t kMaxSplatsPerByte = 65536;
 class Sampler {
  public:
   Sampler(const Contents& contents, const TimeBase& base, std::uint32_t frames,
-          const SequenceTolerances& tolerances, ColourConverter colours)
+          const SequenceTolerances& tolerances, ColourConverter colours, ImportMemory& memory)
       : contents_(contents),
         base_(base),
         frames_(frames),
-        matcher_(tolerances),
+        memory_(memory),
+        matcher_(tolerances, memory),
         colours_(std::move(colours)) {}
 
   // Adds the frames in [begin, end).
-  Status add(const Population& state, const BodyRecord& record, const ReadLimits& limits) {
+  Status add(const Population& state, const BodyRecord& record) {
     const auto first_after = [this](double seconds) {
       return std::min<double>(frames_, std::ceil(base_.ticks(seconds) - 1e-6));
     };
@@ -39,20 +40,19 @@ class Sampler {
       ++between_frames_;
       return {};
     }
+    // Before the loop: each frame takes time for all Gaussians of the state.
+    splats_ += static_cast<double>(state.ids.size()) * (end - next_);
+    if (splats_ > static_cast<double>(kMaxSplatsPerByte) * static_cast<double>(contents_.bytes)) {
+      return unsupported(
+          "{}: {} Gaussians at each of {} frames are too many for a file of {} bytes; lower the "
+          "frame rate",
+          contents_.file, state.ids.size(), frames_, contents_.bytes);
+    }
     STGS_TRY(load(state, record));
     for (; next_ < end; ++next_) {
-      const Gaussians4D frame = frame_at(base_.seconds(next_), state);
-      splats_ += frame.size();
-      if (splats_ / kMaxSplatsPerByte > contents_.bytes) {
-        return unsupported(
-            "{}: {} Gaussians at each of {} frames are too many for a file of {} bytes; lower the "
-            "frame rate",
-            contents_.file, frame.size(), frames_, contents_.bytes);
-      }
-      if (next_ == 0) first_frame_ = frame.size();
-      matcher_.add(frame, ids_);
-      STGS_TRY(check_import_size(contents_.file, matcher_.primitives(), contents_.header.sh_degree,
-                                 limits));
+      STGS_ASSIGN(const Charged<Gaussians4D> frame, frame_at(base_.seconds(next_), state));
+      if (next_ == 0) first_frame_ = frame.value.size();
+      STGS_TRY(matcher_.add(frame.value, ids_));
     }
     return {};
   }
@@ -81,9 +81,16 @@ class Sampler {
  private:
   // Dequantises a state.
   Status load(const Population& state, const BodyRecord& record) {
-    state_.clear();
+    state_ = {};
     shapes_ = {};
+    state_lease_ = {};
     shapes_.sh_degree = contents_.header.sh_degree;
+    const std::size_t n = state.ids.size();
+    STGS_ASSIGN(state_lease_, memory_.take_set(n, shapes_.sh_degree));
+    STGS_ASSIGN(Lease more, memory_.take(sizeof(Gaussian) * n, "the Gaussians of a state"));
+    state_lease_.merge(std::move(more));
+    state_.reserve(n);
+    shapes_.reserve(n);
     const std::size_t sh = state.ids.empty() ? 0 : state.sh.size() / state.ids.size();
     for (std::size_t i = 0; i < state.ids.size(); ++i) {
       const std::int32_t index = state.bins[kWindow][i];
@@ -101,13 +108,13 @@ class Sampler {
       append_shape(g, shapes_);
       colours_.append(g.rgb, state.sh.data() + sh * i, shapes_.sh);
     }
-    const std::size_t n = state_.size();
     for (FloatArray* array : {&shapes_.position, &shapes_.velocity}) array->resize(3 * n);
     for (FloatArray* array : {&shapes_.time, &shapes_.sigma, &shapes_.radius}) array->resize(n);
     return {};
   }
 
-  Gaussians4D frame_at(double seconds, const Population& state) {
+  Result<Charged<Gaussians4D>> frame_at(double seconds, const Population& state) {
+    STGS_ASSIGN(const Lease lists, memory_.take(kListBytes * state_.size(), "the rows of a frame"));
     std::vector<std::uint32_t> rows;
     ids_.clear();
     // A frame at the beginning of a window is in it, whatever the rounding of both.
@@ -123,7 +130,12 @@ class Sampler {
       ids_.push_back(state.ids[i]);
       logits.push_back(logit_of(opacity));
     }
-    Gaussians4D frame = shapes_.gather(rows);
+    Charged<Gaussians4D> out;
+    STGS_ASSIGN(out.lease, memory_.take_set(rows.size(), shapes_.sh_degree));
+    STGS_TRY(memory_.grow(ids_lease_, sizeof(std::uint32_t) * ids_.capacity(),
+                          "the identities of a frame"));
+    Gaussians4D& frame = out.value;
+    frame = shapes_.gather(rows);
     frame.opacity_logit = std::move(logits);
     for (std::size_t i = 0; i < rows.size(); ++i) {
       const Gaussian& g = state_[rows[i]];
@@ -132,19 +144,24 @@ class Sampler {
         frame.position[3 * i + c] = static_cast<float>(std::clamp(p, -kFarthest, kFarthest));
       }
     }
-    return frame;
+    return out;
   }
 
+  // Rows, identities and opacities, as their lists grow.
+  static constexpr std::uint64_t kListBytes = 3 * 3 * 4;
   static constexpr double kFarthest = 1e30;  // scene units
   const Contents& contents_;
   TimeBase base_;
   std::uint32_t frames_, next_ = 0;
+  ImportMemory& memory_;
+  Lease state_lease_, ids_lease_;
   SequenceMatcher matcher_;
   ColourConverter colours_;
   std::vector<Gaussian> state_;
   Gaussians4D shapes_;              // of the state: everything but positions and opacities
   std::vector<std::uint32_t> ids_;  // of the frame
-  std::uint64_t splats_ = 0, first_frame_ = 0, invalid_ = 0, between_frames_ = 0;
+  double splats_ = 0;               // of all frames, visible or not
+  std::uint64_t first_frame_ = 0, invalid_ = 0, between_frames_ = 0;
 };
 
 // The states must cover the clip without gaps.
@@ -181,19 +198,19 @@ TimeBase frame_time_of_states(const Contents& contents) {
 }  // namespace
 
 Result<Scene> read_keyframes(const ByteSource& source, const Contents& contents,
-                             const FourdgsSettings& settings, const ReadLimits& limits,
+                             const FourdgsSettings& settings, ImportMemory& memory,
                              FourdgsReport& report, ConversionNotes* notes) {
   STGS_TRY(check_tiling(contents));
   const TimeBase base = settings.frame_time.value_or(frame_time_of_states(contents));
   STGS_ASSIGN(const std::uint32_t frames, count_frames(contents, base, kMaxFrames));
   STGS_ASSIGN(ColourConverter colours, ColourConverter::create(contents));
-  Composer composer(source, contents, limits);
+  Composer composer(source, contents, memory);
   Sampler sampler(contents, base, frames, settings.tolerances.value_or(SequenceTolerances{}),
-                  std::move(colours));
+                  std::move(colours), memory);
   for (std::size_t next = 0; next < contents.body.size();) {
     const BodyRecord& record = contents.body[next];
     STGS_TRY(composer.read(next));
-    STGS_TRY(sampler.add(composer.state(), record, limits));
+    STGS_TRY(sampler.add(composer.state(), record));
   }
   return sampler.finish(report, notes);
 }

@@ -3,11 +3,20 @@
 
 namespace stgs {
 
+bool is_4dgs(std::span<const std::uint8_t> head) {
+  if (head.size() < fourdgs::kMagic.size()) return false;
+  for (std::size_t i = 0; i < fourdgs::kMagic.size(); ++i) {
+    if (i != fourdgs::kVersionByte && head[i] != fourdgs::kMagic[i]) return false;
+  }
+  return true;
+}
+
 Result<Scene> read_back_4dgs(const ByteSource& source, const ReadLimits& limits) {
   FourdgsReport report;
-  STGS_ASSIGN(const fourdgs::Contents contents, fourdgs::read_contents(source, nullptr));
+  ImportMemory memory(limits, source.name());
+  STGS_ASSIGN(const fourdgs::Contents contents, fourdgs::read_contents(source, memory, nullptr));
   const TimeBase base = fourdgs::stored_frame_time(contents).value_or(TimeBase{});
-  return fourdgs::read_birth(source, contents, base, limits, true, report, nullptr);
+  return fourdgs::read_birth(source, contents, base, memory, true, report, nullptr);
 }
 
 Result<Scene> read_4dgs(const ByteSource& source, const FourdgsSettings& settings,
@@ -15,9 +24,10 @@ Result<Scene> read_4dgs(const ByteSource& source, const FourdgsSettings& setting
   FourdgsReport unused;
   FourdgsReport& out = report != nullptr ? *report : unused;
   out = {};
-  STGS_ASSIGN(const fourdgs::Contents contents, fourdgs::read_contents(source, notes));
+  ImportMemory memory(limits, source.name());
+  STGS_ASSIGN(const fourdgs::Contents contents, fourdgs::read_contents(source, memory, notes));
   if (contents.has_keyframes()) {
-    return fourdgs::read_keyframes(source, contents, settings, limits, out, notes);
+    return fourdgs::read_keyframes(source, contents, settings, memory, out, notes);
   }
   if (settings.tolerances) {
     return usage_error("{}: has the temporal model {}, to which tolerances do not apply; omit them",
@@ -25,7 +35,7 @@ Result<Scene> read_4dgs(const ByteSource& source, const FourdgsSettings& setting
   }
   std::optional<TimeBase> base = settings.frame_time;
   if (!base) base = fourdgs::stored_frame_time(contents);
-  return fourdgs::read_birth(source, contents, base.value_or(TimeBase{}), limits, false, out,
+  return fourdgs::read_birth(source, contents, base.value_or(TimeBase{}), memory, false, out,
                              notes);
 }
 

@@ -194,17 +194,23 @@ bool is_representable(const Gaussian& g) {
 }
 
 Status read_sh(const ByteSource& source, const Contents& contents, std::size_t& next,
-               const std::vector<std::uint32_t>& rows, Population& out) {
+               const std::vector<std::uint32_t>& rows, ImportMemory& memory, Population& out) {
   const int degree = contents.header.sh_degree;
   const BandRange all = band_range(degree + 1);  // `first` is the number of coefficients
-  out.sh.resize(out.size() * 3 * all.first);
+  const std::size_t sh_bytes = out.size() * 3 * all.first;
+  if (sh_bytes > out.sh.size()) {
+    STGS_ASSIGN(Lease lease, memory.take(sh_bytes, "the SH of Gaussians"));
+    out.sh.reserve(sh_bytes);
+    out.sh.resize(sh_bytes);
+    out.lease.merge(std::move(lease));
+  }
   int bands = 0;
   for (; next < contents.body.size() && contents.body[next].opcode == kBand; ++next) {
     const BodyRecord& record = contents.body[next];
     const Place place = place_of(contents, record);
-    STGS_ASSIGN(const Bytes content, read_body(source, record));
+    STGS_ASSIGN(const ChargedBytes content, read_body(source, record, memory));
     int band = 0;
-    STGS_ASSIGN(const Stream stream, read_band(content, rows.size(), band, place));
+    STGS_ASSIGN(const Stream stream, read_band(content.value, rows.size(), band, memory, place));
     if (band != ++bands || band > degree) {
       return invalid_file("{}: unexpected SH band {} in a file of SH degree {}{}", place.file, band,
                           degree, place.text());

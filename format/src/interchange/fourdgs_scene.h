@@ -36,13 +36,13 @@ bool is_representable(const Gaussian& g);
 
 // Reads the Gaussians of a chunk, without their SH.
 Status read_chunk(const ByteSource& source, const Contents& contents, const BodyRecord& record,
-                  const ReadLimits& limits, Population& out);
+                  ImportMemory& memory, Population& out);
 // kUnsupported if one of the Gaussians belongs to an object that moves.
 Status check_objects(const Contents& contents, const Population& set, const Place& place);
 // Reads the SH bands that follow record `next` - 1 of the body, and advances `next` past them. They
 // belong to the rows listed, in that order.
 Status read_sh(const ByteSource& source, const Contents& contents, std::size_t& next,
-               const std::vector<std::uint32_t>& rows, Population& out);
+               const std::vector<std::uint32_t>& rows, ImportMemory& memory, Population& out);
 
 // Returns the number of frames of the clip. kUnsupported if they are too many.
 Result<std::uint32_t> count_frames(const Contents& contents, const TimeBase& base,
@@ -55,11 +55,11 @@ void finish_scene(const Contents& contents, Scene& scene, ConversionNotes* notes
 // Imports the temporal model gaussian-birth. `flat`: primitives stay in the order of the file and
 // fades are not cut off by windows, so that the scene needs no parts.
 Result<Scene> read_birth(const ByteSource& source, const Contents& contents, const TimeBase& base,
-                         const ReadLimits& limits, bool flat, FourdgsReport& report,
+                         ImportMemory& memory, bool flat, FourdgsReport& report,
                          ConversionNotes* notes);
 // Imports the temporal model keyframe-delta.
 Result<Scene> read_keyframes(const ByteSource& source, const Contents& contents,
-                             const FourdgsSettings& settings, const ReadLimits& limits,
+                             const FourdgsSettings& settings, ImportMemory& memory,
                              FourdgsReport& report, ConversionNotes* notes);
 
 }  // namespace stgs::fourdgs

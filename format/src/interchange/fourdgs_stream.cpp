@@ -55,16 +55,14 @@ Status inflate_exactly(View packed, Bytes& out, const Place& place) {
                       place.text());
 }
 
-// Reverses the shuffle of bytes into planes.
-std::vector<std::int32_t> symbols_of(View planes, std::size_t width) {
+// Reverses the shuffle of bytes into planes. `out` has at least as many elements as a plane.
+void unshuffle(View planes, std::size_t width, std::vector<std::int32_t>& out) {
   const std::size_t n = planes.size() / width;
-  std::vector<std::int32_t> out(n);
   for (std::size_t i = 0; i < n; ++i) {
     std::uint32_t v = 0;
     for (std::size_t j = 0; j < width; ++j) v |= std::uint32_t{planes[j * n + i]} << (8 * j);
     out[i] = unzigzag(v);
   }
-  return out;
 }
 
 // Replaces differences to the previous element by values.
@@ -103,7 +101,7 @@ std::size_t channels_of(std::uint8_t attribute) {
 }
 
 Result<Stream> decode(const StreamHead& h, std::size_t count, std::size_t channels,
-                      const Place& place) {
+                      ImportMemory& memory, const Place& place) {
   if (h.codec > kZstd) {
     return unsupported("{}: unknown coder {} of stream {} (expected 0, zlib, or 1, zstd){}",
                        place.file, h.codec, h.attribute, place.text());
@@ -117,14 +115,16 @@ Result<Stream> decode(const StreamHead& h, std::size_t count, std::size_t channe
         "{}: wrong size of stream {} (expected {} elements of {} channels, got {} of {}){}",
         place.file, h.attribute, count, channels, h.count, h.channels, place.text());
   }
-  Stream out{h.attribute, channels, count, {}};
+  Stream out{h.attribute, channels, count, {}, {}};
   if (count == 0) return out;
   const std::uint64_t symbols = channels * (h.mode == kConstant ? 1 : std::uint64_t{count});
-  STGS_ASSIGN(const Bytes planes,
-              decompress(h.payload, static_cast<Codec>(h.codec), symbols * h.width, place));
-  out.values = symbols_of(planes, h.width);
+  STGS_ASSIGN(const ChargedBytes planes,
+              decompress(h.payload, static_cast<Codec>(h.codec), symbols * h.width, memory, place));
+  STGS_ASSIGN(out.lease, memory.take(sizeof(std::int32_t) * channels * std::uint64_t{count},
+                                     fmt::format("the values of {} Gaussians", count)));
+  out.values.resize(channels * count);
+  unshuffle(planes.value, h.width, out.values);
   if (h.mode == kConstant) {
-    out.values.resize(channels * count);
     for (std::size_t i = channels; i < out.values.size(); ++i)
       out.values[i] = out.values[i - channels];
   } else if (h.mode == kDelta && !accumulate(out)) {
@@ -134,8 +134,9 @@ Result<Stream> decode(const StreamHead& h, std::size_t count, std::size_t channe
   return out;
 }
 
-std::vector<std::uint32_t> as_unsigned(const std::vector<std::int32_t>& values) {
-  return {values.begin(), values.end()};
+Result<std::vector<std::uint32_t>> as_unsigned(const Stream& stream, ImportMemory& memory) {
+  STGS_ASSIGN(const Lease lease, memory.take(stream.lease.bytes(), "the identities of Gaussians"));
+  return std::vector<std::uint32_t>(stream.values.begin(), stream.values.end());
 }
 
 // The coded form of symbols, after zigzag.
@@ -179,42 +180,51 @@ std::optional<std::vector<std::int32_t>> differences(std::span<const std::int32_
 
 }  // namespace
 
-Result<Bytes> decompress(View packed, Codec codec, std::uint64_t bytes, const Place& place) {
+Result<ChargedBytes> decompress(View packed, Codec codec, std::uint64_t bytes, ImportMemory& memory,
+                                const Place& place) {
   if (bytes / (codec == kZstd ? kZstdRatio : kDeflateRatio) > packed.size()) {
     return invalid_file("{}: {} bytes do not fit in {} compressed bytes{}", place.file, bytes,
                         packed.size(), place.text());
   }
-  Bytes out(static_cast<std::size_t>(bytes));
+  ChargedBytes out;
+  const std::uint64_t scratch = codec == kZstd ? kZstdScratch : kInflateScratch;
+  STGS_ASSIGN(out.lease, memory.take(bytes + scratch, fmt::format("{} decoded bytes", bytes)));
+  out.value.resize(static_cast<std::size_t>(bytes));
   if (codec == kDeflate) {
-    STGS_TRY(inflate_exactly(packed, out, place));
-    return out;
+    STGS_TRY(inflate_exactly(packed, out.value, place));
+  } else {
+    const std::size_t got =
+        ZSTD_decompress(out.value.data(), out.value.size(), packed.data(), packed.size());
+    if (ZSTD_getErrorCode(got) == ZSTD_error_memory_allocation) throw std::bad_alloc();
+    if (ZSTD_isError(got) || got != out.value.size()) {
+      return invalid_file("{}: zstd stream is damaged: {}{}", place.file,
+                          ZSTD_isError(got) ? ZSTD_getErrorName(got) : "too short", place.text());
+    }
   }
-  const std::size_t got = ZSTD_decompress(out.data(), out.size(), packed.data(), packed.size());
-  if (!ZSTD_isError(got) && got == out.size()) return out;
-  if (ZSTD_getErrorCode(got) == ZSTD_error_memory_allocation) throw std::bad_alloc();
-  return invalid_file("{}: zstd stream is damaged: {}{}", place.file,
-                      ZSTD_isError(got) ? ZSTD_getErrorName(got) : "too short", place.text());
+  out.lease.resize(bytes);
+  return out;
 }
 
-Result<Bytes> unpack_chunk(View packed, const std::string& codec, std::uint64_t bytes,
-                           const ReadLimits& limits, const Place& place) {
-  if (bytes > limits.max_memory) {
-    return unsupported("{}: a chunk of {} bytes exceeds the memory limit of {} bytes{}", place.file,
-                       bytes, limits.max_memory, place.text());
-  }
-  if (codec == "deflate") return decompress(packed, kDeflate, bytes, place);
-  if (codec == "zstd") return decompress(packed, kZstd, bytes, place);
+Result<ChargedBytes> unpack_chunk(View packed, const std::string& codec, std::uint64_t bytes,
+                                  ImportMemory& memory, const Place& place) {
+  if (codec == "deflate") return decompress(packed, kDeflate, bytes, memory, place);
+  if (codec == "zstd") return decompress(packed, kZstd, bytes, memory, place);
   if (!codec.empty()) {
     return unsupported("{}: unknown coder of a chunk (expected deflate or zstd, got {}){}",
                        place.file, short_text(codec), place.text());
   }
-  if (bytes == packed.size()) return Bytes(packed.begin(), packed.end());
-  return invalid_file("{}: wrong size of a chunk (expected {} bytes, got {}){}", place.file, bytes,
-                      packed.size(), place.text());
+  if (bytes != packed.size()) {
+    return invalid_file("{}: wrong size of a chunk (expected {} bytes, got {}){}", place.file,
+                        bytes, packed.size(), place.text());
+  }
+  ChargedBytes out;
+  STGS_ASSIGN(out.lease, memory.take(bytes, "the bytes of a chunk"));
+  out.value.assign(packed.begin(), packed.end());
+  return out;
 }
 
 Status read_population(View block, std::size_t count, bool required, bool with_ids,
-                       const Place& place, Population& out) {
+                       ImportMemory& memory, const Place& place, Population& out) {
   if (count / kMaxPerByte > block.size()) {
     return invalid_file("{}: {} Gaussians do not fit in {} bytes{}", place.file, count,
                         block.size(), place.text());
@@ -234,14 +244,15 @@ Status read_population(View block, std::size_t count, bool required, bool with_i
       return invalid_file("{}: identities in a file of temporal model {}{}", place.file, kBirth,
                           place.text());
     }
-    STGS_ASSIGN(Stream stream, decode(head, count, channels, place));
+    STGS_ASSIGN(Stream stream, decode(head, count, channels, memory, place));
     if (head.attribute == kGaussianId) {
-      out.ids = as_unsigned(stream.values);
+      STGS_ASSIGN(out.ids, as_unsigned(stream, memory));
     } else if (head.attribute == kObjectId) {
-      out.objects = as_unsigned(stream.values);
+      STGS_ASSIGN(out.objects, as_unsigned(stream, memory));
     } else {
       out.bins[head.attribute] = std::move(stream.values);
     }
+    out.lease.merge(std::move(stream.lease));
   }
   for (std::size_t a = 0; a < kAttributes; ++a) {
     if (!required || seen[a] || count == 0) continue;
@@ -259,7 +270,8 @@ Status read_population(View block, std::size_t count, bool required, bool with_i
   return {};
 }
 
-Result<Stream> read_band(View content, std::size_t count, int& band, const Place& place) {
+Result<Stream> read_band(View content, std::size_t count, int& band, ImportMemory& memory,
+                         const Place& place) {
   ByteReader in(content);
   band = in.u8();
   if (band < 1 || band > kMaxBand) {
@@ -272,7 +284,7 @@ Result<Stream> read_band(View content, std::size_t count, int& band, const Place
                         content.size(), place.text());
   }
   const BandRange range = band_range(band);
-  STGS_ASSIGN(Stream stream, decode(head, count, 3 * (range.last - range.first), place));
+  STGS_ASSIGN(Stream stream, decode(head, count, 3 * (range.last - range.first), memory, place));
   for (const std::int32_t v : stream.values) {
     if (v >= 0 && v <= 255) continue;
     return invalid_file("{}: invalid SH coefficient (expected 0 to 255, got {}){}", place.file, v,

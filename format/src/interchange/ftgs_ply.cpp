@@ -17,7 +17,7 @@
 namespace stgs {
 namespace {
 
-constexpr std::size_t kFtgsBlock = 1 << 14;
+constexpr std::size_t kFtgsBlockBytes = std::size_t{8} << 20;
 
 // The settings of the clip.
 class FtgsComments {
@@ -93,7 +93,7 @@ Result<FtgsClip> parse_clip(const std::string& file, const PlyHeader& header) {
 
 // Reads time, duration and velocity of the vertices into the set, in ticks.
 Status read_lifespans(const ByteSource& source, const PlyElement& vertex, const FtgsClip& clip,
-                      const ClipTimes& times, Gaussians4D& set) {
+                      const ClipTimes& times, ImportMemory& memory, Gaussians4D& set) {
   constexpr std::array kNames = {"time", "log_duration", "velocity_0", "velocity_1", "velocity_2"};
   std::array<const PlyProperty*, kNames.size()> properties;
   for (std::size_t k = 0; k < kNames.size(); ++k) {
@@ -104,9 +104,12 @@ Status read_lifespans(const ByteSource& source, const PlyElement& vertex, const 
   }
   const double span = times.last_tick();
   const auto stride = static_cast<std::size_t>(vertex.stride);
+  const std::size_t block_size = std::max<std::size_t>(1, kFtgsBlockBytes / stride);
+  STGS_ASSIGN(const Lease lease,
+              memory.take(std::min(block_size, set.size()) * stride, "the vertices being read"));
   std::vector<std::uint8_t> block;
-  for (std::size_t begin = 0; begin < set.size(); begin += kFtgsBlock) {
-    const std::size_t count = std::min(kFtgsBlock, set.size() - begin);
+  for (std::size_t begin = 0; begin < set.size(); begin += block_size) {
+    const std::size_t count = std::min(block_size, set.size() - begin);
     block.resize(count * stride);
     STGS_TRY(source.read(vertex.offset + begin * stride, block));
     for (std::size_t i = begin; i < begin + count; ++i) {
@@ -145,12 +148,14 @@ Result<Scene> read_ftgs_ply(const ByteSource& source, const ClipSettings& settin
   }
   STGS_ASSIGN(const FtgsClip clip, parse_clip(source.name(), header));
   STGS_ASSIGN(const ClipTimes times, clip_times(clip.frames, {}, source.name(), settings));
-  STGS_ASSIGN(Gaussians4D set, read_ply_vertices(source, header, limits, notes));
+  ImportMemory memory(limits, source.name());
+  STGS_ASSIGN(Charged<Gaussians4D> read, read_ply_vertices(source, header, memory, notes));
+  Gaussians4D& set = read.value;
   if (set.sh_degree != static_cast<int>(clip.sh_degree)) {
     return invalid_file("{}: the header states SH of degree {}, the vertices have degree {}",
                         source.name(), clip.sh_degree, set.sh_degree);
   }
-  STGS_TRY(read_lifespans(source, *header.find("vertex"), clip, times, set));
+  STGS_TRY(read_lifespans(source, *header.find("vertex"), clip, times, memory, set));
   drop_invalid(set, notes);
   if (clip.opacity_floor * 255 >= 1) {
     note(notes, fmt::format("primitives fade to opacity 0, not to {:.4g}", clip.opacity_floor));

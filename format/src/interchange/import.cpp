@@ -10,7 +10,6 @@ namespace stgs {
 namespace {
 
 constexpr float kFlatLogScale = -30.0f;  // of an axis of size 0: 1e-13 scene units
-constexpr std::size_t kMaxCount = 0xFFFFFFFF;
 
 bool all_finite(const FloatArray& array, std::size_t i, std::size_t components) {
   return std::all_of(array.begin() + static_cast<std::ptrdiff_t>(i * components),
@@ -27,6 +26,23 @@ bool is_renderable(const Gaussians4D& set, std::size_t i) {
          (q[0] != 0.0f || q[1] != 0.0f || q[2] != 0.0f || q[3] != 0.0f);
 }
 
+// Copies primitive `from` to `to`, which is not after it.
+void move_primitive(Gaussians4D& set, std::size_t from, std::size_t to) {
+  if (from == to) return;
+  const auto move = [&](FloatArray& array, std::size_t components) {
+    const auto at = [&](std::size_t i) {
+      return array.begin() + static_cast<std::ptrdiff_t>(i * components);
+    };
+    std::copy(at(from), at(from + 1), at(to));
+  };
+  for (FloatArray* array : {&set.opacity_logit, &set.time, &set.sigma, &set.radius}) {
+    move(*array, 1);
+  }
+  for (FloatArray* array : {&set.position, &set.log_scale, &set.velocity}) move(*array, 3);
+  move(set.rotation, 4);
+  move(set.sh, 3 * static_cast<std::size_t>(set.sh_coefficients()));
+}
+
 }  // namespace
 
 std::string list_metadata(const SceneMetadata& metadata, const char* camera, bool described) {
@@ -39,25 +55,6 @@ std::string list_metadata(const SceneMetadata& metadata, const char* camera, boo
   if (is_set(metadata.up)) items.emplace_back("the up direction and the floor");
   if (!metadata.audio.empty()) items.emplace_back("the audio location");
   return fmt::format("{}", fmt::join(items, ", "));
-}
-
-std::uint64_t import_bytes(std::uint64_t count, int sh_degree) {
-  const int coefficients = (sh_degree + 1) * (sh_degree + 1);
-  return count * sizeof(float) * static_cast<unsigned>(17 + 3 * coefficients);
-}
-
-Status check_import_size(const std::string& name, std::uint64_t count, int sh_degree,
-                         const ReadLimits& limits, std::uint64_t further_bytes) {
-  if (count > limits.max_primitives || count > kMaxCount) {
-    return unsupported("{}: too many primitives (at most {} allowed, got {})", name,
-                       std::min<std::uint64_t>(limits.max_primitives, kMaxCount), count);
-  }
-  const std::uint64_t bytes = import_bytes(count, sh_degree) + further_bytes;
-  if (bytes > limits.max_memory) {
-    return unsupported("{}: {} primitives exceed the memory limit of {} bytes (need {} bytes)",
-                       name, count, limits.max_memory, bytes);
-  }
-  return {};
 }
 
 float logit_of_byte(int value) {
@@ -74,15 +71,16 @@ void drop_invalid(Gaussians4D& set, ConversionNotes* notes) {
   for (float& log_scale : set.log_scale) {
     if (std::isinf(log_scale) && log_scale < 0.0f) log_scale = kFlatLogScale;
   }
-  std::vector<std::uint32_t> valid;
-  for (std::size_t i = 0; i < set.size(); ++i) {
-    if (is_renderable(set, i)) valid.push_back(static_cast<std::uint32_t>(i));
+  const std::size_t all = set.size();
+  std::size_t valid = 0;
+  for (std::size_t i = 0; i < all; ++i) {
+    if (is_renderable(set, i)) move_primitive(set, i, valid++);
   }
-  if (valid.size() < set.size()) {
+  if (valid < all) {
     note(notes, fmt::format("dropped {} of {} primitives with values that are not finite or a "
                             "rotation of length 0",
-                            set.size() - valid.size(), set.size()));
-    set = set.gather(valid);
+                            all - valid, all));
+    set.resize(valid);
   }
 }
 

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <string>
 
+#include "interchange/import_memory.h"
 #include "stgs/format/interchange.h"
 
 namespace stgs {
@@ -20,19 +21,12 @@ inline constexpr double kMaxClipSigma = 65504;
 inline constexpr double kEdgeSigma = 1.0 / 1024;
 inline constexpr double kEdgeWidth = 2.3541 * kEdgeSigma;
 
-// Returns the memory of `count` primitives of this SH degree, bytes. `count` is below 2^32.
-std::uint64_t import_bytes(std::uint64_t count, int sh_degree);
-// Checks that `count` primitives of this SH degree, and `further_bytes` of memory in use at the
-// same time, are within the limits. `name` is for the message.
-Status check_import_size(const std::string& name, std::uint64_t count, int sh_degree,
-                         const ReadLimits& limits, std::uint64_t further_bytes = 0);
-
 // Returns the logit of an opacity stored as a byte, value / 255. 0 and 255 become the middle of the
 // half steps that round to them.
 float logit_of_byte(int value);
 
 // Drops primitives that cannot be rendered, with a note. Infinite opacities and scales, as written
-// by trainers, become finite.
+// by trainers, become finite. Allocates no memory for primitives.
 void drop_invalid(Gaussians4D& set, ConversionNotes* notes);
 // Returns a static scene of the valid primitives.
 Scene finish_import(Gaussians4D set, ConversionNotes* notes);

@@ -9,17 +9,21 @@
 #include <string>
 #include <vector>
 
+#include "interchange/import_memory.h"
 #include "stgs/format/json_text.h"
 #include "stgs/format/status.h"
 
 namespace stgs {
 
 // Parses JSON of at most kMaxJsonNesting levels. `label` is for messages.
-inline Result<nlohmann::json> parse_json(std::span<const std::uint8_t> text,
-                                         const std::string& label) {
+inline Result<Charged<nlohmann::json>> parse_json(std::span<const std::uint8_t> text,
+                                                  const std::string& label, ImportMemory& memory) {
   STGS_TRY(check_json_nesting({reinterpret_cast<const char*>(text.data()), text.size()}, label));
-  nlohmann::json json = nlohmann::json::parse(text.begin(), text.end(), nullptr, false);
-  if (json.is_discarded()) return invalid_file("{}: not valid JSON", label);
+  Charged<nlohmann::json> json;
+  STGS_ASSIGN(json.lease, memory.take(kJsonBytesPerByte * text.size(),
+                                      fmt::format("the values of {} bytes of JSON", text.size())));
+  json.value = nlohmann::json::parse(text.begin(), text.end(), nullptr, false);
+  if (json.value.is_discarded()) return invalid_file("{}: not valid JSON", label);
   return json;
 }
 

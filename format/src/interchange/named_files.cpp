@@ -8,11 +8,18 @@
 #include <filesystem>
 #include <new>
 
+#include "core/bytes.h"
 #include "os/regular_file.h"
 #include "stgs/format/byte_source.h"
 
 namespace stgs {
 namespace {
+
+// Memory of libzip for each byte of the list of members: an entry of at least 46 bytes takes less
+// than 400, with its name and its place in a table.
+constexpr std::uint64_t kBytesPerDirectoryByte = 9;
+// Additions after the fields of the end record of 64-bit archives that are searched for it.
+constexpr std::uint64_t kMaxEnd64Extension = 64 << 10;
 
 // Returns whether a name stays inside the set: relative, without "..", without a zero byte.
 bool stays_inside(const std::string& name) {
@@ -33,16 +40,18 @@ class FolderFiles final : public NamedFiles {
     return (std::filesystem::path(folder_) / name).string();
   }
 
-  Result<std::vector<std::uint8_t>> read(const std::string& name,
-                                         std::uint64_t max_bytes) override {
+  Result<ChargedBytes> read(const std::string& name, ImportMemory& memory,
+                            std::uint64_t max_bytes) override {
     if (!stays_inside(name)) {
       return invalid_file("{}: refers to a file outside the folder: \"{}\"", folder_, name);
     }
     STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file(label(name)));
     if (file->size() > max_bytes) return too_large(label(name), file->size(), max_bytes);
-    std::vector<std::uint8_t> bytes(static_cast<std::size_t>(file->size()));
-    STGS_TRY(file->read(0, bytes));
-    return bytes;
+    ChargedBytes out;
+    STGS_ASSIGN(out.lease, memory.take(file->size(), "the bytes of " + name));
+    out.value.resize(static_cast<std::size_t>(file->size()));
+    STGS_TRY(file->read(0, out.value));
+    return out;
   }
 
  private:
@@ -67,12 +76,13 @@ struct CloseMember {
 
 class ZipFiles final : public NamedFiles {
  public:
-  ZipFiles(zip_t* archive, std::string path) : archive_(archive), path_(std::move(path)) {}
+  ZipFiles(zip_t* archive, std::string path, Lease lease)
+      : lease_(std::move(lease)), archive_(archive), path_(std::move(path)) {}
 
   std::string label(const std::string& name) const override { return path_ + ":" + name; }
 
-  Result<std::vector<std::uint8_t>> read(const std::string& name,
-                                         std::uint64_t max_bytes) override {
+  Result<ChargedBytes> read(const std::string& name, ImportMemory& memory,
+                            std::uint64_t max_bytes) override {
     if (!stays_inside(name)) {
       return invalid_file("{}: refers to a file outside the archive: \"{}\"", path_, name);
     }
@@ -95,19 +105,46 @@ class ZipFiles final : public NamedFiles {
     if (!member) {
       return status_of(*zip_get_error(archive_.get()), label(name) + ": cannot open");
     }
-    std::vector<std::uint8_t> bytes(static_cast<std::size_t>(stat.size));
+    ChargedBytes out;
+    STGS_ASSIGN(out.lease, memory.take(stat.size + kInflateScratch, "the bytes of " + name));
+    std::vector<std::uint8_t>& bytes = out.value;
+    bytes.resize(static_cast<std::size_t>(stat.size));
     std::uint8_t past_the_end = 0;  // libzip verifies the checksum when the end is read
     if (zip_fread(member.get(), bytes.data(), bytes.size()) != zip_int64_t(bytes.size()) ||
         zip_fread(member.get(), &past_the_end, 1) != 0) {
       return status_of(*zip_file_get_error(member.get()), label(name) + ": damaged in the archive");
     }
-    return bytes;
+    out.lease.resize(stat.size);
+    return out;
   }
 
  private:
+  Lease lease_;  // of the list of members
   std::unique_ptr<zip_t, CloseArchive> archive_;
   std::string path_;
 };
+
+// Returns the greatest size of a list of members that the end of a file states, bytes: libzip takes
+// one of those for the list. More than the file has are not read.
+Result<std::uint64_t> directory_bytes(const ByteSource& file) {
+  constexpr std::uint32_t kEnd = 0x06054B50, kEnd64 = 0x06064B50;  // signatures
+  constexpr std::size_t kEndSize = 12, kEnd64Size = 40;            // offsets of the sizes
+  constexpr std::uint64_t kMaxTail = 22 + 65535 + 20 + 56;  // both records, locator and comment
+  std::vector<std::uint8_t> tail(
+      static_cast<std::size_t>(std::min(file.size(), kMaxTail + kMaxEnd64Extension)));
+  STGS_TRY(file.read(file.size() - tail.size(), tail));
+  std::uint64_t most = 0;
+  for (std::size_t at = 0; at + 4 <= tail.size(); ++at) {
+    const std::span<const std::uint8_t> here = std::span(tail).subspan(at);
+    const std::uint32_t signature = ByteReader(here).u32();
+    if (signature == kEnd && here.size() >= kEndSize + 4) {
+      most = std::max<std::uint64_t>(most, ByteReader(here.subspan(kEndSize)).u32());
+    } else if (signature == kEnd64 && here.size() >= kEnd64Size + 8) {
+      most = std::max(most, ByteReader(here.subspan(kEnd64Size)).u64());
+    }
+  }
+  return std::min(most, file.size());
+}
 
 }  // namespace
 
@@ -115,7 +152,11 @@ std::unique_ptr<NamedFiles> folder_files(const std::string& folder) {
   return std::make_unique<FolderFiles>(folder.empty() ? "." : folder);
 }
 
-Result<std::unique_ptr<NamedFiles>> zip_files(const std::string& path) {
+Result<std::unique_ptr<NamedFiles>> zip_files(const std::string& path, ImportMemory& memory) {
+  STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(path));
+  STGS_ASSIGN(const std::uint64_t directory, directory_bytes(*source));
+  STGS_ASSIGN(Lease lease, memory.take(kBytesPerDirectoryByte * directory,
+                                       "the names of the members of the archive"));
   STGS_ASSIGN(const int file, os::open_regular(path));
   int code = 0;
   zip_t* archive = zip_fdopen(file, 0, &code);  // which then owns the descriptor
@@ -127,7 +168,7 @@ Result<std::unique_ptr<NamedFiles>> zip_files(const std::string& path) {
     zip_error_fini(&error);
     return status;
   }
-  return std::unique_ptr<NamedFiles>(std::make_unique<ZipFiles>(archive, path));
+  return std::unique_ptr<NamedFiles>(std::make_unique<ZipFiles>(archive, path, std::move(lease)));
 }
 
 }  // namespace stgs

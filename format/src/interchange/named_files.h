@@ -7,23 +7,24 @@
 #include <string>
 #include <vector>
 
-#include "stgs/format/status.h"
+#include "interchange/import_memory.h"
 
 namespace stgs {
 
 class NamedFiles {
  public:
   virtual ~NamedFiles() = default;
-  // Reads a complete file. Rejects names that lead out of the set and, before allocating, files of
-  // more than `max_bytes`. One thread at a time.
-  virtual Result<std::vector<std::uint8_t>> read(const std::string& name,
-                                                 std::uint64_t max_bytes) = 0;
+  // Reads a complete file and charges its bytes. Rejects names that lead out of the set and, before
+  // allocating, files of more than `max_bytes`. One thread at a time.
+  virtual Result<ChargedBytes> read(const std::string& name, ImportMemory& memory,
+                                    std::uint64_t max_bytes = ~std::uint64_t{0}) = 0;
   // Returns the name of a file for messages.
   virtual std::string label(const std::string& name) const = 0;
 };
 
 std::unique_ptr<NamedFiles> folder_files(const std::string& folder);
-// Opens a zip archive. Members may be stored or deflated; their checksums are verified.
-Result<std::unique_ptr<NamedFiles>> zip_files(const std::string& path);
+// Opens a zip archive. Members may be stored or deflated; their checksums are verified. The list of
+// members is charged to `memory`, which must outlive the object.
+Result<std::unique_ptr<NamedFiles>> zip_files(const std::string& path, ImportMemory& memory);
 
 }  // namespace stgs

@@ -13,12 +13,15 @@ int sh_degree_of(std::uint64_t rest_coefficients);
 
 // Reads the vertices of a 3DGS PLY, with lifespans that are 0. Properties besides those of 3DGS are
 // skipped.
-Result<Gaussians4D> read_ply_vertices(const ByteSource& source, const PlyHeader& header,
-                                      const ReadLimits& limits, ConversionNotes* notes);
+Result<Charged<Gaussians4D>> read_ply_vertices(const ByteSource& source, const PlyHeader& header,
+                                               ImportMemory& memory, ConversionNotes* notes);
+// Reads a PLY of either kind.
+Result<Charged<Scene>> read_ply_scene(const ByteSource& source, ImportMemory& memory,
+                                      ConversionNotes* notes);
 
 // Returns whether the header is that of a packed PLY of PlayCanvas.
 bool is_packed_ply(const PlyHeader& header);
-Result<Gaussians4D> read_packed_ply(const ByteSource& source, const PlyHeader& header,
-                                    const ReadLimits& limits);
+Result<Charged<Gaussians4D>> read_packed_ply(const ByteSource& source, const PlyHeader& header,
+                                             ImportMemory& memory);
 
 }  // namespace stgs

@@ -145,11 +145,14 @@ float unpack_sh(std::uint8_t value) {
   return 8.0f * (t - 0.5f);
 }
 
-Status read_sh(const ByteSource& source, const PackedLayout& layout, Gaussians4D& set) {
+Status read_sh(const ByteSource& source, const PackedLayout& layout, ImportMemory& memory,
+               Gaussians4D& set) {
   const auto rest = static_cast<std::size_t>(set.sh_coefficients() - 1);
   const auto sh = 3 * (rest + 1);
   const std::size_t block_size = kChunk * kChunk;
-  std::vector<std::uint8_t> bytes(std::min(block_size, set.size()) * 3 * rest);
+  const std::size_t block_bytes = std::min(block_size, set.size()) * 3 * rest;
+  STGS_ASSIGN(const Lease lease, memory.take(block_bytes, "the SH being read"));
+  std::vector<std::uint8_t> bytes(block_bytes);
   for (std::size_t begin = 0; begin < set.size(); begin += block_size) {
     const std::size_t count = std::min(block_size, set.size() - begin);
     STGS_TRY(source.read(layout.sh->offset + begin * 3 * rest, {bytes.data(), count * 3 * rest}));
@@ -172,12 +175,16 @@ bool is_packed_ply(const PlyHeader& header) {
          vertex->find("packed_position") != nullptr;
 }
 
-Result<Gaussians4D> read_packed_ply(const ByteSource& source, const PlyHeader& header,
-                                    const ReadLimits& limits) {
+Result<Charged<Gaussians4D>> read_packed_ply(const ByteSource& source, const PlyHeader& header,
+                                             ImportMemory& memory) {
   STGS_ASSIGN(const PackedLayout layout, layout_of(header, source.name()));
-  STGS_TRY(check_import_size(source.name(), layout.vertex->count, layout.sh_degree, limits));
-  Gaussians4D set;
+  Charged<Gaussians4D> out;
+  Gaussians4D& set = out.value;
   set.sh_degree = layout.sh_degree;
+  STGS_ASSIGN(out.lease, memory.take_set(layout.vertex->count, layout.sh_degree));
+  STGS_ASSIGN(const Lease records, memory.take(layout.chunk->count * layout.chunk->stride +
+                                                   layout.vertex->count * layout.vertex->stride,
+                                               "the packed vertices"));
   set.resize(static_cast<std::size_t>(layout.vertex->count));
   std::vector<std::uint8_t> chunks(layout.chunk->count * layout.chunk->stride);
   std::vector<std::uint8_t> vertices(layout.vertex->count * layout.vertex->stride);
@@ -190,9 +197,9 @@ Result<Gaussians4D> read_packed_ply(const ByteSource& source, const PlyHeader& h
                  std::min(set.size(), first + kChunk), set);
   });
   if (layout.sh != nullptr && layout.sh_degree > 0) {
-    STGS_TRY(read_sh(source, layout, set));
+    STGS_TRY(read_sh(source, layout, memory, set));
   }
-  return set;
+  return out;
 }
 
 }  // namespace stgs

@@ -97,10 +97,12 @@ void store(const PlyFields& fields, std::size_t i, Gaussians4D& set, const Value
 }
 
 Status read_binary(const ByteSource& source, const PlyElement& vertex, const PlyFields& fields,
-                   Gaussians4D& set) {
+                   ImportMemory& memory, Gaussians4D& set) {
   const auto stride = static_cast<std::size_t>(vertex.stride);
   const std::size_t block_size = std::max<std::size_t>(1, kBlockBytes / stride);
-  std::vector<std::uint8_t> bytes(std::min(block_size, set.size()) * stride);
+  const std::size_t block_bytes = std::min(block_size, set.size()) * stride;
+  STGS_ASSIGN(const Lease lease, memory.take(block_bytes, "the vertices being read"));
+  std::vector<std::uint8_t> bytes(block_bytes);
   for (std::size_t begin = 0; begin < set.size(); begin += block_size) {
     const std::size_t count = std::min(block_size, set.size() - begin);
     STGS_TRY(source.read(vertex.offset + begin * stride, {bytes.data(), count * stride}));
@@ -165,14 +167,10 @@ Status read_ascii(const std::string& file, std::string_view body, std::uint64_t 
 
 // Reads the complete body of an ASCII file and counts the numbers before the vertices. A number
 // takes at least two bytes including its separator, so that counts are checked before allocating.
-Result<std::string> ascii_body(const ByteSource& source, const PlyHeader& header,
-                               const PlyElement& vertex, const ReadLimits& limits,
-                               std::uint64_t& skipped) {
+Result<Charged<std::string>> ascii_body(const ByteSource& source, const PlyHeader& header,
+                                        const PlyElement& vertex, ImportMemory& memory,
+                                        std::uint64_t& skipped) {
   const std::uint64_t bytes = source.size() - header.bytes;
-  if (bytes > limits.max_memory) {
-    return unsupported("{}: text of {} bytes exceeds the memory limit of {} bytes", source.name(),
-                       bytes, limits.max_memory);
-  }
   std::uint64_t left = bytes / 2 + 1;
   for (const PlyElement& element : header.elements) {
     const std::uint64_t width = element.properties.size();
@@ -184,8 +182,11 @@ Result<std::string> ascii_body(const ByteSource& source, const PlyHeader& header
     if (&element == &vertex) break;
     skipped += element.count * width;
   }
-  std::string body(static_cast<std::size_t>(bytes), '\0');
-  STGS_TRY(source.read(header.bytes, {reinterpret_cast<std::uint8_t*>(body.data()), body.size()}));
+  Charged<std::string> body;
+  STGS_ASSIGN(body.lease, memory.take(bytes, "the bytes of the text"));
+  body.value.resize(static_cast<std::size_t>(bytes));
+  STGS_TRY(source.read(header.bytes,
+                       {reinterpret_cast<std::uint8_t*>(body.value.data()), body.value.size()}));
   return body;
 }
 
@@ -200,37 +201,41 @@ int sh_degree_of(std::uint64_t rest_coefficients) {
   return -1;
 }
 
-Result<Gaussians4D> read_ply_vertices(const ByteSource& source, const PlyHeader& header,
-                                      const ReadLimits& limits, ConversionNotes* notes) {
+Result<Charged<Gaussians4D>> read_ply_vertices(const ByteSource& source, const PlyHeader& header,
+                                               ImportMemory& memory, ConversionNotes* notes) {
   const PlyElement* vertex = header.find("vertex");
   if (vertex == nullptr) return unsupported("{}: PLY without an element 'vertex'", source.name());
   if (vertex->has_lists || !vertex->offset_known) {
     return unsupported("{}: list properties in or before the vertices", source.name());
   }
   STGS_ASSIGN(const PlyFields fields, FieldFinder(source.name(), *vertex).find(notes));
-  STGS_TRY(check_import_size(source.name(), vertex->count, fields.sh_degree, limits));
-  Gaussians4D set;
-  set.sh_degree = fields.sh_degree;
-  if (!header.ascii) {
-    set.resize(static_cast<std::size_t>(vertex->count));
-    STGS_TRY(read_binary(source, *vertex, fields, set));
-    return set;
-  }
   std::uint64_t skipped = 0;
-  STGS_ASSIGN(const std::string body, ascii_body(source, header, *vertex, limits, skipped));
-  set.resize(static_cast<std::size_t>(vertex->count));
-  STGS_TRY(read_ascii(source.name(), body, skipped, *vertex, fields, set));
-  return set;
+  Charged<std::string> body;
+  if (header.ascii) {
+    STGS_ASSIGN(body, ascii_body(source, header, *vertex, memory, skipped));
+  }
+  Charged<Gaussians4D> out;
+  out.value.sh_degree = fields.sh_degree;
+  STGS_ASSIGN(out.lease, memory.take_set(vertex->count, fields.sh_degree));
+  out.value.resize(static_cast<std::size_t>(vertex->count));
+  STGS_TRY(header.ascii ? read_ascii(source.name(), body.value, skipped, *vertex, fields, out.value)
+                        : read_binary(source, *vertex, fields, memory, out.value));
+  return out;
+}
+
+Result<Charged<Scene>> read_ply_scene(const ByteSource& source, ImportMemory& memory,
+                                      ConversionNotes* notes) {
+  STGS_ASSIGN(const PlyHeader header, read_ply_header(source));
+  STGS_ASSIGN(Charged<Gaussians4D> set, is_packed_ply(header)
+                                            ? read_packed_ply(source, header, memory)
+                                            : read_ply_vertices(source, header, memory, notes));
+  return Charged<Scene>{finish_import(std::move(set.value), notes), std::move(set.lease)};
 }
 
 Result<Scene> read_ply(const ByteSource& source, const ReadLimits& limits, ConversionNotes* notes) {
-  STGS_ASSIGN(const PlyHeader header, read_ply_header(source));
-  if (is_packed_ply(header)) {
-    STGS_ASSIGN(Gaussians4D set, read_packed_ply(source, header, limits));
-    return finish_import(std::move(set), notes);
-  }
-  STGS_ASSIGN(Gaussians4D set, read_ply_vertices(source, header, limits, notes));
-  return finish_import(std::move(set), notes);
+  ImportMemory memory(limits, source.name());
+  STGS_ASSIGN(Charged<Scene> scene, read_ply_scene(source, memory, notes));
+  return std::move(scene.value);
 }
 
 }  // namespace stgs

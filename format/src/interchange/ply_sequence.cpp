@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <utility>
 
-#include "interchange/import.h"
+#include "interchange/ply.h"
 #include "interchange/sequence_match.h"
 #include "os/folder.h"
 
@@ -89,23 +89,24 @@ Result<Scene> read_ply_sequence(const std::string& folder, const SequenceSetting
                                 const ReadLimits& limits, SequenceReport* report,
                                 ConversionNotes* notes) {
   STGS_ASSIGN(const std::vector<FrameFile> files, frame_files(folder));
-  SequenceMatcher matcher(settings.tolerances);
+  ImportMemory memory(limits, folder);
+  SequenceMatcher matcher(settings.tolerances, memory);
   int degree = 0;
   std::uint64_t first_frame = 0;
   for (std::size_t i = 0; i < files.size(); ++i) {
     STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(files[i].path));
     ConversionNotes of_file;
-    STGS_ASSIGN(const Scene frame, read_ply(*source, limits, &of_file));
+    STGS_ASSIGN(const Charged<Scene> read, read_ply_scene(*source, memory, &of_file));
+    const Gaussians4D& frame = read.value.gaussians;
     for (const std::string& text : of_file) note(notes, source->name() + ": " + text);
     if (i == 0) {
-      degree = frame.gaussians.sh_degree;
-      first_frame = frame.gaussians.size();
-    } else if (frame.gaussians.sh_degree != degree) {
+      degree = frame.sh_degree;
+      first_frame = frame.size();
+    } else if (frame.sh_degree != degree) {
       return invalid_file("{}: SH degree differs from the first frame (expected {}, got {})",
-                          files[i].path, degree, frame.gaussians.sh_degree);
+                          files[i].path, degree, frame.sh_degree);
     }
-    matcher.add(frame.gaussians);
-    STGS_TRY(check_import_size(folder, matcher.primitives(), degree, limits));
+    STGS_TRY(matcher.add(frame));
   }
   SequenceReport done;
   Scene scene;

@@ -318,8 +318,19 @@ void SequenceMatcher::match_by_identity(const Gaussians4D& frame,
   }
 }
 
-void SequenceMatcher::add(const Gaussians4D& frame, std::span<const std::uint32_t> ids) {
+Status SequenceMatcher::add(const Gaussians4D& frame, std::span<const std::uint32_t> ids) {
+  // Lists that grow take up to three times their entries. A splat has a choice with its run,
+  // and an index in two lists; a run is a point of the grid.
+  constexpr std::uint64_t kPerSplat =
+      sizeof(std::optional<std::pair<std::uint32_t, Step>>) + 2 * 3 * sizeof(std::uint32_t) + 2;
+  constexpr std::uint64_t kPerRun = 3 * sizeof(std::pair<std::uint64_t, std::uint32_t>) + 1;
+  const std::uint64_t runs = std::max(runs_.size(), frame.size());
+  STGS_TRY(memory_.grow(runs_lease_, runs * (2 * sizeof(Run) + sizeof(std::uint32_t)),
+                        "the runs of a sequence"));
+  STGS_ASSIGN(const Lease lease, memory_.take(frame.size() * kPerSplat + runs_.size() * kPerRun,
+                                              "the splats being matched"));
   if (frames_ == 0) set_.sh_degree = frame.sh_degree;
+  next_ = {};  // an assignment would keep the old array while the new one is filled
   next_.assign(frame.size(), {});
   splat_done_.assign(frame.size(), 0);
   run_done_.assign(runs_.size(), 0);
@@ -330,10 +341,13 @@ void SequenceMatcher::add(const Gaussians4D& frame, std::span<const std::uint32_
       match_by_identity(frame, ids);
     }
   }
+  ids_ = {};
   ids_.assign(ids.begin(), ids.end());
   for (std::size_t r = 0; r < runs_.size(); ++r) {
     if (!run_done_[r]) end_run(runs_[r]);
   }
+  const auto born = std::count(splat_done_.begin(), splat_done_.end(), std::uint8_t{0});
+  STGS_TRY(memory_.reserve(set_, set_lease_, set_.size() + static_cast<std::uint64_t>(born)));
   for (std::size_t i = 0; i < frame.size(); ++i) {
     if (!splat_done_[i]) {
       begin_run(frame, i);
@@ -346,6 +360,7 @@ void SequenceMatcher::add(const Gaussians4D& frame, std::span<const std::uint32_
   runs_.swap(next_);
   ++frames_;
   report_.splats += frame.size();
+  return {};
 }
 
 Gaussians4D SequenceMatcher::finish(SequenceReport& report) {

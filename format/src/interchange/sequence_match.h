@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "interchange/import_memory.h"
 #include "stgs/format/ply_sequence.h"
 
 namespace stgs {
@@ -17,16 +18,17 @@ namespace stgs {
 // velocities are an interval per axis, which each frame narrows; no other history is kept.
 class SequenceMatcher {
  public:
-  explicit SequenceMatcher(const SequenceTolerances& tolerances) : tolerances_(tolerances) {}
+  // `memory` must outlive the object. It is charged for the primitives and for the matching.
+  SequenceMatcher(const SequenceTolerances& tolerances, ImportMemory& memory)
+      : tolerances_(tolerances), memory_(memory) {}
 
   // Adds the next frame, which must have the SH degree of the first one. `ids`: identities of its
   // splats, ascending; then a splat continues only the run of its identity, however far it moved.
-  // Either all frames have identities or none.
-  void add(const Gaussians4D& frame, std::span<const std::uint32_t> ids = {});
+  // Either all frames have identities or none. kUnsupported if the memory does not suffice.
+  Status add(const Gaussians4D& frame, std::span<const std::uint32_t> ids = {});
   // Ends all runs and returns the primitives, with lifespans in ticks of one frame. Call it last.
+  // The object still charges their memory.
   Gaussians4D finish(SequenceReport& report);
-
-  std::uint64_t primitives() const { return set_.size(); }
 
  private:
   // A run that includes a splat of the last frame.
@@ -58,6 +60,8 @@ class SequenceMatcher {
   void end_run(const Run& run);
 
   SequenceTolerances tolerances_;
+  ImportMemory& memory_;
+  Lease set_lease_, runs_lease_;
   Gaussians4D set_;  // until finish(), `time` is the first frame and `radius` the number of frames
   std::uint32_t frames_ = 0;
   std::vector<Run> runs_;           // of the splats of the last frame, in its order

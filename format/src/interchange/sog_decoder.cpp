@@ -12,11 +12,6 @@ namespace {
 
 constexpr std::size_t kPaletteRow = 64;  // palette entries per row of the image of centroids
 
-Result<ImageRgba> decode(NamedFiles& files, const std::string& name, const ReadLimits& limits) {
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, files.read(name, limits.max_memory));
-  return decode_lossless_webp(bytes, files.label(name), limits.max_memory - bytes.size());
-}
-
 Status check_pixels(const ImageSize& size, std::size_t count, const std::string& label) {
   if (size.pixels() >= count) return {};
   return invalid_file("{}: image too small ({} x {} pixels for {} splats)", label, size.width,
@@ -32,25 +27,19 @@ float exponential(const SogRange& range, std::size_t axis, std::size_t q) {
 
 }  // namespace
 
-Result<std::uint64_t> check_sog_count(NamedFiles& files, const SogLayout& layout, std::size_t count,
-                                      const std::string& folder, const ReadLimits& limits) {
-  constexpr std::uint64_t kImages = 2;  // low and high bytes are decoded together
+Status check_sog_count(NamedFiles& files, const SogLayout& layout, std::size_t count,
+                       const std::string& folder, ImportMemory& memory) {
   const std::string& name = layout.means.files[0];
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, files.read(folder + name, limits.max_memory));
-  STGS_ASSIGN(const ImageSize size, lossless_webp_size(bytes, files.label(folder + name)));
-  STGS_TRY(check_pixels(size, count, files.label(folder + name)));
-  return kImages * size.bytes() + bytes.size();
-}
-
-ReadLimits limits_beside(const ReadLimits& limits, std::uint64_t count, int sh_degree) {
-  ReadLimits rest = limits;
-  rest.max_memory -= import_bytes(count, sh_degree);
-  return rest;
+  STGS_ASSIGN(const ChargedBytes bytes, files.read(folder + name, memory));
+  STGS_ASSIGN(const ImageSize size, lossless_webp_size(bytes.value, files.label(folder + name)));
+  return check_pixels(size, count, files.label(folder + name));
 }
 
 Result<ImageRgba> sog_centroids(NamedFiles& files, const SogPalette& palette,
-                                const ReadLimits& limits) {
-  STGS_ASSIGN(ImageRgba image, decode(files, palette.centroids, limits));
+                                ImportMemory& memory) {
+  STGS_ASSIGN(const ChargedBytes bytes, files.read(palette.centroids, memory));
+  STGS_ASSIGN(ImageRgba image,
+              decode_lossless_webp(bytes.value, files.label(palette.centroids), memory));
   const auto width = static_cast<std::size_t>(image.width);
   const auto height = static_cast<std::size_t>(image.height);
   if (width != kPaletteRow * palette.coefficients() || height * kPaletteRow < palette.entries) {
@@ -62,11 +51,11 @@ Result<ImageRgba> sog_centroids(NamedFiles& files, const SogPalette& palette,
 }
 
 SogDecoder::SogDecoder(NamedFiles& files, const SogLayout& layout, const ImageRgba* centroids,
-                       const ReadLimits& limits, std::size_t count, std::string folder)
+                       ImportMemory& memory, std::size_t count, std::string folder)
     : files_(files),
       layout_(layout),
       centroids_(centroids),
-      limits_(limits),
+      memory_(memory),
       count_(count),
       folder_(std::move(folder)) {}
 
@@ -79,16 +68,15 @@ Status SogDecoder::read_into(Gaussians4D& set, std::size_t first) {
 }
 
 Result<ImageRgba> SogDecoder::splat_image(const std::string& name) {
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes,
-              files_.read(folder_ + name, limits_.max_memory));
-  STGS_ASSIGN(const ImageSize size, lossless_webp_size(bytes, label(name)));
+  STGS_ASSIGN(const ChargedBytes bytes, files_.read(folder_ + name, memory_));
+  STGS_ASSIGN(const ImageSize size, lossless_webp_size(bytes.value, label(name)));
   STGS_TRY(check_pixels(size, count_, label(name)));
   if (!size_) size_ = size;
   if (size != *size_) {
     return invalid_file("{}: image size differs within the model (expected {} x {}, got {} x {})",
                         label(name), size_->width, size_->height, size.width, size.height);
   }
-  return decode_lossless_webp(bytes, label(name), limits_.max_memory - bytes.size());
+  return decode_lossless_webp(bytes.value, label(name), memory_);
 }
 
 Status SogDecoder::read_logarithms(const SogRange& range, const char* label, float* out) {

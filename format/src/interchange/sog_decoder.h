@@ -14,16 +14,12 @@
 namespace stgs {
 
 // The image of the palette entries, which all groups of a model share.
-Result<ImageRgba> sog_centroids(NamedFiles& files, const SogPalette& palette,
-                                const ReadLimits& limits);
+Result<ImageRgba> sog_centroids(NamedFiles& files, const SogPalette& palette, ImportMemory& memory);
 
-// Checks that the images of `count` splats in `folder` have as many pixels. Returns the memory that
-// SogDecoder needs at most for them, bytes. Decodes nothing: call it before allocating splats.
-Result<std::uint64_t> check_sog_count(NamedFiles& files, const SogLayout& layout, std::size_t count,
-                                      const std::string& folder, const ReadLimits& limits);
-
-// Returns what the limits leave beside `count` primitives, which check_import_size() has checked.
-ReadLimits limits_beside(const ReadLimits& limits, std::uint64_t count, int sh_degree);
+// Checks that the images of `count` splats in `folder` have as many pixels. Decodes nothing: call
+// it before allocating splats.
+Status check_sog_count(NamedFiles& files, const SogLayout& layout, std::size_t count,
+                       const std::string& folder, ImportMemory& memory);
 
 // Decodes `count` splats, which have images of their own. Images of splats are in `folder` of the
 // set of files ("" or "name/"). The references must outlive the decoder. `centroids` may be null if
@@ -31,7 +27,7 @@ ReadLimits limits_beside(const ReadLimits& limits, std::uint64_t count, int sh_d
 class SogDecoder {
  public:
   SogDecoder(NamedFiles& files, const SogLayout& layout, const ImageRgba* centroids,
-             const ReadLimits& limits, std::size_t count, std::string folder = "");
+             ImportMemory& memory, std::size_t count, std::string folder = "");
 
   // Sets position, shape, opacity and colour of primitives [first, first + count) of the set, which
   // exist and are zero.
@@ -64,7 +60,7 @@ class SogDecoder {
   NamedFiles& files_;
   const SogLayout& layout_;
   const ImageRgba* centroids_;
-  const ReadLimits& limits_;
+  ImportMemory& memory_;
   std::size_t count_;
   std::string folder_;
   std::optional<ImageSize> size_;  // of each image with a pixel per splat

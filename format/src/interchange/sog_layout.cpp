@@ -32,26 +32,29 @@ Result<SogPalette> palette_of(const json& property, CodebookRule rule, const std
 
 Result<std::vector<std::string>> sog_files(const json& property, std::size_t count,
                                            const std::string& label) {
-  const json& files = member(property, "files");
+  return sog_files_of(member(property, "files"), count, label);
+}
+
+Result<std::vector<std::string>> sog_files_of(const json& files, std::size_t count,
+                                              const std::string& label) {
   if (!files.is_array() || files.size() != count) {
     return invalid_file("{}.files: expected a list of {} file names", label, count);
   }
   std::vector<std::string> out;
   for (const json& name : files) {
     if (!name.is_string()) return invalid_file("{}.files: expected file names", label);
-    out.push_back(name.get<std::string>());
+    const auto& text = name.get_ref<const std::string&>();
+    if (text.size() > kMaxSogNameBytes) {
+      return invalid_file("{}.files: file name too long (at most {} bytes allowed, got {})", label,
+                          kMaxSogNameBytes, text.size());
+    }
+    out.push_back(text);
   }
   return out;
 }
 
 Result<Codebook> sog_codebook(const json& property, CodebookRule rule, const std::string& label) {
-  json list = member(property, "codebook");
-  if (rule == CodebookRule::kMissingFirst && list.is_array() && list.size() == kMaxCodebook &&
-      list[0].is_null() && list[1].is_number() && list[255].is_number()) {
-    // It lies on the line through entries 1 and 255.
-    const double second = list[1].get<double>();
-    list[0] = second + (second - list[255].get<double>()) / 255;
-  }
+  const json& list = member(property, "codebook");
   std::size_t size = kMaxCodebook;
   if (rule == CodebookRule::kShort) {
     size = list.size();
@@ -59,7 +62,16 @@ Result<Codebook> sog_codebook(const json& property, CodebookRule rule, const std
       return invalid_file("{}.codebook: expected a list of 1 to {} numbers", label, kMaxCodebook);
     }
   }
-  STGS_ASSIGN(const std::vector<double> values, number_list(list, size, label + ".codebook"));
+  json completed;
+  if (rule == CodebookRule::kMissingFirst && list.is_array() && list.size() == kMaxCodebook &&
+      list[0].is_null() && list[1].is_number() && list[255].is_number()) {
+    // It lies on the line through entries 1 and 255.
+    const double second = list[1].get<double>();
+    completed = list;
+    completed[0] = second + (second - list[255].get<double>()) / 255;
+  }
+  STGS_ASSIGN(const std::vector<double> values,
+              number_list(completed.is_null() ? list : completed, size, label + ".codebook"));
   Codebook out;
   std::transform(values.begin(), values.end(), std::back_inserter(out),
                  [](double v) { return static_cast<float>(v); });
@@ -67,12 +79,18 @@ Result<Codebook> sog_codebook(const json& property, CodebookRule rule, const std
 }
 
 Result<SogRange> sog_range(const json& property, std::size_t files, const std::string& label) {
+  return sog_range_of(member(property, "mins"), member(property, "maxs"), member(property, "files"),
+                      files, label);
+}
+
+Result<SogRange> sog_range_of(const json& mins, const json& maxs, const json& files,
+                              std::size_t count, const std::string& label) {
   SogRange range;
-  STGS_ASSIGN(const auto mins, number_list(member(property, "mins"), 3, label + ".mins"));
-  STGS_ASSIGN(const auto maxs, number_list(member(property, "maxs"), 3, label + ".maxs"));
-  std::copy_n(mins.begin(), 3, range.mins.begin());
-  std::copy_n(maxs.begin(), 3, range.maxs.begin());
-  STGS_ASSIGN(range.files, sog_files(property, files, label));
+  STGS_ASSIGN(const auto low, number_list(mins, 3, label + ".mins"));
+  STGS_ASSIGN(const auto high, number_list(maxs, 3, label + ".maxs"));
+  std::copy_n(low.begin(), 3, range.mins.begin());
+  std::copy_n(high.begin(), 3, range.maxs.begin());
+  STGS_ASSIGN(range.files, sog_files_of(files, count, label));
   return range;
 }
 

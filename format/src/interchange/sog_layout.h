@@ -52,19 +52,23 @@ struct SogLayout {
 };
 
 inline constexpr std::uint64_t kMaxSogMetaBytes = 16 << 20;
-inline std::uint64_t max_sog_meta_bytes(const ReadLimits& limits) {
-  return std::min(kMaxSogMetaBytes, limits.max_memory);
-}
+inline constexpr std::size_t kMaxSogNameBytes = 4096;  // of a file, with its folder
 
 // The functions below take a member of the description, and `label` for messages.
 
-// Returns "files", which must be a list of `count` names.
+// Returns a list of `count` names of files, the member "files" of a property.
+Result<std::vector<std::string>> sog_files_of(const nlohmann::json& files, std::size_t count,
+                                              const std::string& label);
 Result<std::vector<std::string>> sog_files(const nlohmann::json& property, std::size_t count,
                                            const std::string& label);
 // Returns "codebook".
 Result<Codebook> sog_codebook(const nlohmann::json& property, CodebookRule rule,
                               const std::string& label);
-// Returns "mins", "maxs" and "files".
+// Returns the range with these members.
+Result<SogRange> sog_range_of(const nlohmann::json& mins, const nlohmann::json& maxs,
+                              const nlohmann::json& files, std::size_t count,
+                              const std::string& label);
+// Returns the range with the members "mins", "maxs" and "files" of a property.
 Result<SogRange> sog_range(const nlohmann::json& property, std::size_t files,
                            const std::string& label);
 // Returns a finite number.

@@ -33,7 +33,9 @@ struct SogstMeta {
   std::string lifespans_file;
   double begin = 0, end = 0, fps = 0;  // seconds, Hz
   std::array<double, 2> footprint = {1, 1};
-  std::vector<Group> groups;  // in the order of the splats
+  std::vector<Group> groups;    // in the order of the splats
+  std::uint64_t in_groups = 0;  // splats
+  Lease lease;                  // of the groups
 };
 
 Status parse_sogst_time(const json& time, const std::string& label, SogstMeta& meta) {
@@ -78,8 +80,7 @@ Status parse_sogst_motion(const json& root, const std::string& label, SogstMeta&
 // Appends the group of splats [first, last), which must follow the groups before. `folder` is its
 // entry of "streams": null if it has no splats.
 Status add_group(const json& range, const json& folder, const std::string& label, SogstMeta& meta) {
-  std::uint64_t at = 0;
-  for (const Group& group : meta.groups) at += group.count;
+  const std::uint64_t at = meta.in_groups;
   if (!range.is_array() || range.size() != 2 || !range[0].is_number_unsigned() ||
       !range[1].is_number_unsigned() || range[0].get<std::uint64_t>() != at ||
       range[1].get<std::uint64_t>() < at || range[1].get<std::uint64_t>() > meta.layout.count) {
@@ -88,11 +89,18 @@ Status add_group(const json& range, const json& folder, const std::string& label
   const std::uint64_t count = range[1].get<std::uint64_t>() - at;
   if (count == 0) return {};
   if (!folder.is_string()) return invalid_file("{}: the group has no images in streams", label);
+  if (folder.get_ref<const std::string&>().size() > kMaxSogNameBytes) {
+    return invalid_file("{}: the folder in streams has a name of more than {} bytes", label,
+                        kMaxSogNameBytes);
+  }
+  meta.in_groups += count;
   meta.groups.push_back({folder.get<std::string>() + "/", static_cast<std::size_t>(count)});
   return {};
 }
 
-Status parse_groups(const json& root, const std::string& label, SogstMeta& meta) {
+// `text_bytes`: of the description, which contains the names of the folders.
+Status parse_groups(const json& root, const std::string& label, std::uint64_t text_bytes,
+                    ImportMemory& memory, SogstMeta& meta) {
   const json &segments = member(root, "segments"), &streams = member(root, "streams");
   if (streams.is_null()) {
     meta.groups = {{"", meta.layout.count}};
@@ -106,23 +114,26 @@ Status parse_groups(const json& root, const std::string& label, SogstMeta& meta)
         "most {}",
         label, kMaxSegments);
   }
+  STGS_ASSIGN(meta.lease, memory.take((list.size() + 1) * sizeof(Group) + 2 * text_bytes,
+                                      "the groups of splats"));
+  meta.groups.reserve(list.size() + 1);
   STGS_TRY(add_group(member(segments, "persistent"), member(streams, "persistent"),
                      label + ": segments.persistent", meta));
   for (std::size_t i = 0; i < list.size(); ++i) {
     STGS_TRY(add_group(member(list[i], "range"), folders[i],
                        fmt::format("{}: segments.list[{}].range", label, i), meta));
   }
-  std::uint64_t total = 0;
-  for (const Group& group : meta.groups) total += group.count;
-  if (total != meta.layout.count) {
-    return invalid_file("{}: the segments have {} of {} splats", label, total, meta.layout.count);
+  if (meta.in_groups != meta.layout.count) {
+    return invalid_file("{}: the segments have {} of {} splats", label, meta.in_groups,
+                        meta.layout.count);
   }
   return {};
 }
 
 Result<SogstMeta> parse_sogst_meta(std::span<const std::uint8_t> text, const std::string& label,
-                                   const ReadLimits& limits) {
-  STGS_ASSIGN(const json root, parse_json(text, label));
+                                   ImportMemory& memory) {
+  STGS_ASSIGN(const Charged<json> parsed, parse_json(text, label, memory));
+  const json& root = parsed.value;
   const json &version = member(root, "version"), &format = member(root, "format");
   if (format != "sogst") {
     return invalid_file("{}: not the description of a .sogst (format is {}, expected \"sogst\")",
@@ -133,14 +144,14 @@ Result<SogstMeta> parse_sogst_meta(std::span<const std::uint8_t> text, const std
                        short_json(version));
   }
   SogstMeta meta;
-  STGS_ASSIGN(meta.layout, sog_layout(root, CodebookRule::kComplete, label, limits));
+  STGS_ASSIGN(meta.layout, sog_layout(root, CodebookRule::kComplete, label, memory.limits()));
   STGS_TRY(parse_sogst_time(member(root, "time"), label, meta));
   STGS_TRY(parse_sogst_motion(root, label, meta));
   if (const json& scale = member(root, "cov2d_scale"); !scale.is_null()) {
     STGS_ASSIGN(const auto factors, number_list(scale, 2, label + ": cov2d_scale"));
     std::copy_n(factors.begin(), 2, meta.footprint.begin());
   }
-  STGS_TRY(parse_groups(root, label, meta));
+  STGS_TRY(parse_groups(root, label, text.size(), memory, meta));
   return meta;
 }
 
@@ -182,32 +193,34 @@ void convert_times(const SogstMeta& meta, const Scene& scene, Gaussians4D& set,
 
 Result<Scene> read_sogst(const std::string& path, const CurveSettings& settings,
                          const ReadLimits& limits, CurveReport* report, ConversionNotes* notes) {
-  STGS_ASSIGN(const std::unique_ptr<NamedFiles> files, zip_files(path));
-  STGS_ASSIGN(const std::vector<std::uint8_t> text,
-              files->read("meta.json", max_sog_meta_bytes(limits)));
-  STGS_ASSIGN(const SogstMeta meta, parse_sogst_meta(text, files->label("meta.json"), limits));
+  ImportMemory memory(limits, path);
+  STGS_ASSIGN(const std::unique_ptr<NamedFiles> files, zip_files(path, memory));
+  STGS_ASSIGN(ChargedBytes text, files->read("meta.json", memory, kMaxSogMetaBytes));
+  STGS_ASSIGN(const SogstMeta meta,
+              parse_sogst_meta(text.value, files->label("meta.json"), memory));
+  text = {};
   const std::size_t count = meta.layout.count;
-  std::uint64_t further_bytes = 0;
   for (const Group& group : meta.groups) {
-    STGS_ASSIGN(const std::uint64_t bytes,
-                check_sog_count(*files, meta.layout, group.count, group.folder, limits));
-    further_bytes = std::max(further_bytes, bytes);
+    STGS_TRY(check_sog_count(*files, meta.layout, group.count, group.folder, memory));
   }
-  if (meta.acceleration) further_bytes += 3 * sizeof(float) * std::uint64_t{count};
-  STGS_TRY(check_import_size(path, count, meta.layout.sh_degree(), limits, further_bytes));
-  const ReadLimits rest = limits_beside(limits, count, meta.layout.sh_degree());
   Gaussians4D set;
   set.sh_degree = meta.layout.sh_degree();
+  STGS_ASSIGN(Lease lease, memory.take_set(count, set.sh_degree));
   set.resize(count);
-  std::vector<float> acceleration(meta.acceleration ? 3 * set.size() : 0);
+  Charged<std::vector<float>> acceleration;
+  if (meta.acceleration) {
+    STGS_ASSIGN(acceleration.lease,
+                memory.take(3 * sizeof(float) * std::uint64_t{count}, "the accelerations"));
+    acceleration.value.resize(3 * count);
+  }
   ImageRgba centroids;
   if (meta.layout.palette) {
-    STGS_ASSIGN(centroids, sog_centroids(*files, *meta.layout.palette, rest));
+    STGS_ASSIGN(centroids, sog_centroids(*files, *meta.layout.palette, memory));
   }
   std::size_t first = 0;
   for (const Group& group : meta.groups) {
-    SogDecoder decoder(*files, meta.layout, &centroids, rest, group.count, group.folder);
-    STGS_TRY(read_group(decoder, *files, meta, group, first, set, acceleration));
+    SogDecoder decoder(*files, meta.layout, &centroids, memory, group.count, group.folder);
+    STGS_TRY(read_group(decoder, *files, meta, group, first, set, acceleration.value));
     first += group.count;
   }
   Scene scene;
@@ -215,13 +228,17 @@ Result<Scene> read_sogst(const std::string& path, const CurveSettings& settings,
   const double ticks = std::ceil(scene.metadata.time_base.ticks(meta.end - meta.begin));
   if (ticks > 0xFFFFFFFF) return unsupported("{}: the clip has too many frames ({})", path, ticks);
   scene.metadata.frames = static_cast<std::uint32_t>(std::max(1.0, ticks));
-  convert_times(meta, scene, set, acceleration);
+  centroids = {};
+  convert_times(meta, scene, set, acceleration.value);
   CurveReport done;
   done.primitives = set.size();
   if (meta.acceleration) {
     done.primitives = 0;
     STGS_ASSIGN(
-        set, divide_curves(set, acceleration, scene.metadata.frames, settings, path, limits, done));
+        Charged<Gaussians4D> divided,
+        divide_curves(set, acceleration.value, scene.metadata.frames, settings, memory, done));
+    set = std::move(divided.value);
+    lease = std::move(divided.lease);
   }
   drop_invalid(set, notes);
   note_curves(done, settings, notes);

@@ -176,6 +176,9 @@ std::optional<StartCamera> start_camera(const json& cameras) {
     if (!row.ok()) return {};
     for (std::size_t j = 0; j < 3; ++j) to_world[3 * i + j] = static_cast<float>((*row)[j]);
   }
+  for (const char* name : {"width", "height", "fx", "fy"}) {
+    if (!member(c, name).is_number()) return {};  // lists are not copied
+  }
   const auto size = number_list({member(c, "width"), member(c, "height")}, 2, "");
   const auto focal = number_list({member(c, "fx"), member(c, "fy")}, 2, "");
   if (!position.ok() || !size.ok() || !focal.ok() || !is_rotation(to_world)) return {};
@@ -201,7 +204,7 @@ std::optional<StartCamera> start_camera(const json& cameras) {
 }
 
 // Reads the list of chunks. The chunks follow the JSON in the order of the list.
-Result<Layout> read_layout(const ByteSource& source) {
+Result<Layout> read_layout(const ByteSource& source, ImportMemory& memory) {
   std::array<std::uint8_t, kHeaderBytes> header;
   STGS_TRY(source.read(0, header));
   ByteReader reader(header);
@@ -211,9 +214,12 @@ Result<Layout> read_layout(const ByteSource& source) {
     return invalid_file("{}: JSON of {} bytes exceeds the remaining {} bytes (byte 4)",
                         source.name(), json_bytes, source.size() - kHeaderBytes);
   }
+  STGS_ASSIGN(const Lease lease, memory.take(json_bytes, "the bytes of the list of chunks"));
   std::vector<std::uint8_t> text(json_bytes);
   STGS_TRY(source.read(kHeaderBytes, text));
-  STGS_ASSIGN(const json chunks, parse_json(text, source.name() + ": the list of chunks"));
+  STGS_ASSIGN(const Charged<json> parsed,
+              parse_json(text, source.name() + ": the list of chunks", memory));
+  const json& chunks = parsed.value;
   if (!chunks.is_array()) return invalid_file("{}: JSON is not a list of chunks", source.name());
   std::optional<Layout> found;
   std::uint64_t at = kHeaderBytes + json_bytes;
@@ -352,12 +358,17 @@ bool is_splatv(std::span<const std::uint8_t> head) {
 Result<Scene> read_splatv(const ByteSource& source, const SplatvSettings& settings,
                           const ReadLimits& limits, SplatvReport* report, ConversionNotes* notes) {
   if (settings.frames == 0) return usage_error("invalid frame count (expected at least 1, got 0)");
-  STGS_ASSIGN(const Layout layout, read_layout(source));
-  STGS_TRY(check_import_size(source.name(), layout.records, 0, limits));
+  ImportMemory memory(limits, source.name());
+  STGS_ASSIGN(const Layout layout, read_layout(source, memory));
+  STGS_ASSIGN(const Lease lease, memory.take_set(layout.records, 0));
+  const std::uint64_t block_bytes =
+      kRecordBytes * std::min<std::uint64_t>(kBlockRecords, layout.records);
+  STGS_ASSIGN(const Lease block_lease, memory.take(block_bytes, "the records being read"));
   Scene scene;
   scene.metadata.time_base = settings.frame_time;
   scene.metadata.frames = settings.frames;
   scene.metadata.start_camera = layout.camera;
+  scene.gaussians.reserve(static_cast<std::size_t>(layout.records));
   Importer importer(settings, scene.gaussians);
   std::vector<std::uint8_t> block;
   for (std::uint64_t done = 0; done < layout.records;) {

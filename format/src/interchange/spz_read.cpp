@@ -22,6 +22,7 @@ using View = std::span<const std::uint8_t>;
 // of 258 bytes at least two bits.
 constexpr std::uint64_t kZstdRatio = 128 * 1024 / 4, kGzipRatio = 1032;
 constexpr std::uint32_t kAxesExtension = 0xADBE0003;  // by Adobe: the axes of a file
+constexpr std::uint64_t kMaxExtensionNotes = 8;
 
 struct Header {
   std::uint32_t version = 0, primitives = 0;
@@ -38,10 +39,11 @@ struct Axes {
 struct Content {
   Header header;
   std::array<Bytes, spz::kArrays> arrays;
+  Lease lease;  // of the arrays, and of their decoders
   Axes axes;
 };
 
-Result<Header> parse_header(View bytes, const std::string& file, const ReadLimits& limits) {
+Result<Header> parse_header(View bytes, const std::string& file, ImportMemory& memory) {
   ByteReader in(bytes);
   Header header;
   if (in.u32() != spz::kMagic) return invalid_file("{}: not an SPZ file", file);
@@ -65,20 +67,23 @@ Result<Header> parse_header(View bytes, const std::string& file, const ReadLimit
     return invalid_file("{}: invalid number of fractional bits (expected at most 30, got {})", file,
                         header.fraction_bits);
   }
-  STGS_TRY(check_import_size(file, header.primitives, header.degree, limits));
+  STGS_TRY(memory.check_count(header.primitives));
   return header;
 }
 
-// Parses records of type, length and payload. Skips unknown ones, with a note.
+// Parses records of type, length and payload. Skips unknown ones, with notes.
 Result<Axes> parse_extensions(View bytes, const std::string& file, ConversionNotes* notes) {
   ByteReader in(bytes);
   Axes axes;
+  std::uint64_t unknown = 0;
   while (in.left() > 0) {
     const std::uint32_t type = in.u32();
     const View payload = in.bytes(in.u32());
     if (!in.ok()) return invalid_file("{}: truncated SPZ extension", file);
     if (type != kAxesExtension) {
-      note(notes, fmt::format("dropped the unknown SPZ extension {:#010x}", type));
+      if (++unknown <= kMaxExtensionNotes) {
+        note(notes, fmt::format("dropped the unknown SPZ extension {:#010x}", type));
+      }
       continue;
     }
     const std::uint32_t value = ByteReader(payload).u32();
@@ -90,19 +95,26 @@ Result<Axes> parse_extensions(View bytes, const std::string& file, ConversionNot
     const std::uint32_t bits = value - 1;
     axes = {bits & 1 ? 1 : -1, bits & 2 ? -1 : 1, bits & 4 ? 1 : -1};
   }
+  if (unknown > kMaxExtensionNotes) {
+    note(notes,
+         fmt::format("dropped {} more unknown SPZ extensions", unknown - kMaxExtensionNotes));
+  }
   return axes;
 }
 
-// Checks that the compressed bytes can contain the arrays, then allocates them.
+// Checks that the compressed bytes can contain the arrays, then allocates them. `scratch`: memory
+// of the decoders.
 Status allocate_arrays(Content& content, std::uint64_t compressed, std::uint64_t ratio,
-                       const std::string& file) {
+                       std::uint64_t scratch, ImportMemory& memory) {
   const auto strides = spz::strides(content.header.version, content.header.degree);
   const std::uint64_t n = content.header.primitives;
   std::uint64_t bytes = 0;
   for (const std::size_t stride : strides) bytes += n * stride;
   if (bytes / ratio > compressed) {
-    return invalid_file("{}: {} primitives do not fit in {} bytes", file, n, compressed);
+    return invalid_file("{}: {} primitives do not fit in {} bytes", memory.name(), n, compressed);
   }
+  STGS_ASSIGN(content.lease,
+              memory.take(bytes + scratch, fmt::format("the arrays of {} primitives", n)));
   for (std::size_t a = 0; a < strides.size(); ++a) content.arrays[a].resize(n * strides[a]);
   return {};
 }
@@ -115,10 +127,10 @@ Status decompress_frame(View frame, Bytes& array, const std::string& file, std::
                       ZSTD_isError(got) ? ZSTD_getErrorName(got) : "too short");
 }
 
-Result<Content> read_version_4(View bytes, const std::string& file, const ReadLimits& limits,
+Result<Content> read_version_4(View bytes, const std::string& file, ImportMemory& memory,
                                ConversionNotes* notes) {
   Content content;
-  STGS_ASSIGN(content.header, parse_header(bytes, file, limits));
+  STGS_ASSIGN(content.header, parse_header(bytes, file, memory));
   const Header& header = content.header;
   if (header.version < 4) {
     return invalid_file("{}: SPZ version {} must be wrapped in gzip", file, header.version);
@@ -132,7 +144,7 @@ Result<Content> read_version_4(View bytes, const std::string& file, const ReadLi
     const View extensions = bytes.subspan(spz::kHeader, header.toc - spz::kHeader);
     STGS_ASSIGN(content.axes, parse_extensions(extensions, file, notes));
   }
-  STGS_TRY(allocate_arrays(content, bytes.size(), kZstdRatio, file));
+  STGS_TRY(allocate_arrays(content, bytes.size(), kZstdRatio, spz::kArrays * kZstdScratch, memory));
   std::vector<Bytes*> arrays;
   for (Bytes& array : content.arrays) {
     if (!array.empty()) arrays.push_back(&array);
@@ -211,7 +223,7 @@ class GzipReader {
 
 constexpr std::size_t kMaxExtensionBytes = 1 << 20;
 
-Result<Content> read_gzipped(View bytes, const std::string& file, const ReadLimits& limits,
+Result<Content> read_gzipped(View bytes, const std::string& file, ImportMemory& memory,
                              ConversionNotes* notes) {
   GzipReader gzip(bytes, file);
   std::array<std::uint8_t, spz::kOldHeader> head{};
@@ -220,8 +232,9 @@ Result<Content> read_gzipped(View bytes, const std::string& file, const ReadLimi
   if (ByteReader(View(head).subspan(4)).u32() > 3) {
     return unsupported("{}: SPZ version above 3 in a gzip wrapper", file);
   }
-  STGS_ASSIGN(content.header, parse_header(head, file, limits));
-  STGS_TRY(allocate_arrays(content, bytes.size(), kGzipRatio, file));
+  STGS_ASSIGN(content.header, parse_header(head, file, memory));
+  STGS_TRY(allocate_arrays(content, bytes.size(), kGzipRatio, kInflateScratch + kMaxExtensionBytes,
+                           memory));
   for (Bytes& array : content.arrays) STGS_TRY(gzip.read(array));
   // Read to the end, which verifies the checksum.
   Bytes extensions(kMaxExtensionBytes);
@@ -297,15 +310,13 @@ void unpack(const Content& content, std::size_t i, Gaussians4D& set) {
 }  // namespace
 
 Result<Scene> read_spz(const ByteSource& source, const ReadLimits& limits, ConversionNotes* notes) {
-  if (source.size() > limits.max_memory) {
-    return unsupported("{}: file of {} bytes exceeds the memory limit of {} bytes", source.name(),
-                       source.size(), limits.max_memory);
-  }
+  ImportMemory memory(limits, source.name());
+  STGS_ASSIGN(const Lease lease, memory.take(source.size(), "the bytes of the file"));
   Bytes bytes(static_cast<std::size_t>(source.size()));
   STGS_TRY(source.read(0, bytes));
   const bool gzipped = bytes.size() >= 2 && bytes[0] == 0x1F && bytes[1] == 0x8B;
-  STGS_ASSIGN(const Content content, gzipped ? read_gzipped(bytes, source.name(), limits, notes)
-                                             : read_version_4(bytes, source.name(), limits, notes));
+  STGS_ASSIGN(const Content content, gzipped ? read_gzipped(bytes, source.name(), memory, notes)
+                                             : read_version_4(bytes, source.name(), memory, notes));
   if ((content.header.flags & spz::kAntialiased) != 0) {
     note(notes,
          "the splats were trained for antialiased rendering (mip splatting), which is not "
@@ -315,6 +326,7 @@ Result<Scene> read_spz(const ByteSource& source, const ReadLimits& limits, Conve
   if (content.header.degree > 3) note(notes, "dropped SH of degree 4");
   Gaussians4D set;
   set.sh_degree = std::min(content.header.degree, 3);
+  STGS_ASSIGN(const Lease floats, memory.take_set(content.header.primitives, set.sh_degree));
   set.resize(content.header.primitives);
   parallel_blocks(std::size_t{0}, set.size(), kPrimitivesPerTask,
                   [&](std::size_t first, std::size_t last) {

@@ -77,9 +77,8 @@ Status parse_tsog_motion(const json& temporal, const std::string& label, TsogMet
     return unsupported("{}.means: motion of order {} (only order 1 is supported)", label,
                        mins.size());
   }
-  const json first = {{"mins", mins[0]}, {"maxs", maxs[0]}, {"files", files}};
   const std::size_t bytes = files.is_array() && files.size() == 1 ? 1 : 2;
-  STGS_ASSIGN(meta.motion, sog_range(first, bytes, label + ".means"));
+  STGS_ASSIGN(meta.motion, sog_range_of(mins[0], maxs[0], files, bytes, label + ".means"));
   return {};
 }
 
@@ -111,8 +110,9 @@ Status parse_playback(const json& root, const std::string& label, TsogMeta& meta
 }
 
 Result<TsogMeta> parse_tsog_meta(std::span<const std::uint8_t> text, const std::string& label,
-                                 const ReadLimits& limits) {
-  STGS_ASSIGN(const json root, parse_json(text, label));
+                                 ImportMemory& memory) {
+  STGS_ASSIGN(const Charged<json> parsed, parse_json(text, label, memory));
+  const json& root = parsed.value;
   if (const json& version = member(root, "version"); version != 4) {
     return unsupported("{}: unsupported .tsog version (expected 4, got {})", label,
                        short_json(version));
@@ -125,7 +125,7 @@ Result<TsogMeta> parse_tsog_meta(std::span<const std::uint8_t> text, const std::
     }
   }
   TsogMeta meta;
-  STGS_ASSIGN(meta.layout, sog_layout(root, CodebookRule::kShort, label, limits));
+  STGS_ASSIGN(meta.layout, sog_layout(root, CodebookRule::kShort, label, memory.limits()));
   STGS_TRY(parse_timeline(member(root, "timeline"), label + ": timeline", meta));
   STGS_TRY(parse_tsog_motion(member(root, "temporal"), label + ": temporal", meta));
   STGS_TRY(parse_playback(root, label, meta));
@@ -212,24 +212,23 @@ Status read_motion(SogDecoder& decoder, const SogRange& motion, const ClipTimes&
 
 Result<Scene> read_tsog(const std::string& path, const ClipSettings& settings,
                         const ReadLimits& limits, ConversionNotes* notes) {
-  STGS_ASSIGN(const std::unique_ptr<NamedFiles> files, zip_files(path));
-  STGS_ASSIGN(const std::vector<std::uint8_t> text,
-              files->read("meta.json", max_sog_meta_bytes(limits)));
-  STGS_ASSIGN(const TsogMeta meta, parse_tsog_meta(text, files->label("meta.json"), limits));
+  ImportMemory memory(limits, path);
+  STGS_ASSIGN(const std::unique_ptr<NamedFiles> files, zip_files(path, memory));
+  STGS_ASSIGN(ChargedBytes text, files->read("meta.json", memory, kMaxSogMetaBytes));
+  STGS_ASSIGN(const TsogMeta meta, parse_tsog_meta(text.value, files->label("meta.json"), memory));
+  text = {};
   STGS_ASSIGN(const ClipTimes times, times_of(meta, path, settings));
   const std::size_t count = meta.layout.count;
-  STGS_ASSIGN(const std::uint64_t image_bytes,
-              check_sog_count(*files, meta.layout, count, "", limits));
-  STGS_TRY(check_import_size(path, count, meta.layout.sh_degree(), limits, image_bytes));
-  const ReadLimits rest = limits_beside(limits, count, meta.layout.sh_degree());
+  STGS_TRY(check_sog_count(*files, meta.layout, count, "", memory));
   Gaussians4D set;
   set.sh_degree = meta.layout.sh_degree();
+  STGS_ASSIGN(const Lease lease, memory.take_set(count, set.sh_degree));
   set.resize(count);
   ImageRgba centroids;
   if (meta.layout.palette) {
-    STGS_ASSIGN(centroids, sog_centroids(*files, *meta.layout.palette, rest));
+    STGS_ASSIGN(centroids, sog_centroids(*files, *meta.layout.palette, memory));
   }
-  SogDecoder decoder(*files, meta.layout, &centroids, rest, set.size());
+  SogDecoder decoder(*files, meta.layout, &centroids, memory, set.size());
   STGS_TRY(decoder.read_into(set, 0));
   if (meta.timeline == TsogTimeline::kStatic) {
     set_static_lifespan(set);

@@ -51,6 +51,10 @@ void UsdaGrouper::add(std::size_t i, const ScenePart* part, UsdaGroups& out,
   const double centre = (part == nullptr ? 0 : part->begin_ticks) + double{set_.time[i]};
   double begin = std::max(0.0, std::ceil(centre + support.begin));
   double end = std::min<double>(last_frame_, std::floor(centre + support.end));
+  if (part != nullptr) {  // a long lifespan may begin many frames before its part
+    begin = std::max(begin, std::ceil(part->displayed_range().begin));
+    end = std::min(end, std::floor(part->displayed_range().end));
+  }
   while (begin <= end && opacity_at(i, part, begin) == 0) ++begin;
   while (begin <= end && opacity_at(i, part, end) == 0) --end;
   if (!(begin <= end)) {

@@ -7,13 +7,14 @@
 #include <string>
 #include <vector>
 
-#include "stgs/format/status.h"
+#include "interchange/import_memory.h"
 
 namespace stgs {
 
 struct ImageRgba {
   int width = 0, height = 0;         // pixels
   std::vector<std::uint8_t> pixels;  // row after row from the top, R G B A
+  Lease lease = {};                  // of the pixels
 
   std::size_t size() const { return pixels.size() / 4; }
   const std::uint8_t* pixel(std::size_t i) const { return pixels.data() + 4 * i; }
@@ -33,9 +34,9 @@ struct ImageSize {
 // for messages.
 Result<ImageSize> lossless_webp_size(std::span<const std::uint8_t> bytes, const std::string& label);
 
-// Decodes an image. `label` is for messages. Rejects lossy and animated images and, before
-// allocating, images of more than `max_bytes` when decoded.
+// Decodes an image. `label` is for messages. Rejects lossy and animated images. Charges the pixels
+// and, while they are decoded, the memory of libwebp.
 Result<ImageRgba> decode_lossless_webp(std::span<const std::uint8_t> bytes,
-                                       const std::string& label, std::uint64_t max_bytes);
+                                       const std::string& label, ImportMemory& memory);
 
 }  // namespace stgs

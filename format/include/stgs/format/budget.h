@@ -22,6 +22,7 @@ class Budget {
     kDecodeScratch,  // working memory of decoders
     kTransfers,      // bytes in flight, and bytes read that no segment has taken over yet
     kIndex,          // the opened index, and cached bytes of it
+    kImport,         // everything that reading another format takes
     kCount
   };
   static constexpr std::uint64_t kNoLimit = std::numeric_limits<std::uint64_t>::max();
@@ -80,6 +81,8 @@ class Lease {
   std::uint64_t bytes() const noexcept { return bytes_; }
   // Changes the bytes charged, even beyond the limit of the pool. A default lease stays empty.
   void resize(std::uint64_t bytes) noexcept;
+  // Takes over the charge of another lease of the same pool and budget.
+  void merge(Lease other) noexcept;
 
  private:
   friend class Budget;

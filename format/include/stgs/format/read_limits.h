@@ -12,7 +12,8 @@ struct ReadLimits {
 
   std::uint64_t max_primitives = 200'000'000;
   // Bytes for one segment, including everything needed to decode it. When a complete scene is read,
-  // also for its floats (spec/conformance.md, 1.5).
+  // also for its floats (spec/conformance.md, 1.5). When a file of another format is imported, for
+  // everything that the import holds at a time.
   std::uint64_t max_memory = kDefaultMemory;
   // Bytes for opening or validating a file, without decoding. 0: 64 MiB and 4 for each byte of the
   // head and the index that is read.

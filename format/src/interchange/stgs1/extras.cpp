@@ -20,7 +20,7 @@ Result<Record> tail_record(const File& file, std::uint64_t at) {
 }
 
 // Returns the payload of the first record with this tag, and flags 0, after the segments.
-Result<std::optional<Bytes>> find_payload(const File& file, std::uint32_t wanted) {
+Result<std::optional<ChargedBytes>> find_payload(const File& file, std::uint32_t wanted) {
   for (std::uint64_t at = file.body_at; at < file.end;) {
     STGS_ASSIGN(const Record record, tail_record(file, at));
     at = record.end();
@@ -28,16 +28,15 @@ Result<std::optional<Bytes>> find_payload(const File& file, std::uint32_t wanted
     if (!file.has({record.payload(), record.length})) {
       return invalid_file("record '{}' is missing, the file is truncated", text_of(wanted));
     }
-    if (record.length > file.limits.max_memory) {
-      return unsupported("record '{}' of {} bytes exceeds the memory limit of {} bytes",
-                         text_of(wanted), record.length, file.limits.max_memory);
+    ChargedBytes payload;
+    STGS_ASSIGN(payload.lease, file.memory.take(record.length, "the bytes of a record"));
+    STGS_TRY(read_bytes(file.source, record.payload(), record.length, payload.value));
+    if (checksum(payload.value) == record.checksum) {
+      return std::optional<ChargedBytes>(std::move(payload));
     }
-    Bytes payload;
-    STGS_TRY(read_bytes(file.source, record.payload(), record.length, payload));
-    if (checksum(payload) == record.checksum) return std::optional<Bytes>(std::move(payload));
     return invalid_file("record '{}' is damaged [byte {}]", text_of(wanted), record.offset);
   }
-  return std::optional<Bytes>();
+  return std::optional<ChargedBytes>();
 }
 
 // Reads the fields of Scene::quantisation, and checks each number by itself.
@@ -91,25 +90,28 @@ class StepsReader {
 
 }  // namespace
 
-Result<std::vector<float>> read_importance(const File& file) {
-  STGS_ASSIGN(const std::optional<Bytes> payload, find_payload(file, kImportanceRecord));
-  if (!payload) return std::vector<float>();
-  if (payload->size() / 4 != file.primitives || payload->size() % 4 != 0) {
-    return invalid_file("the importance has {} bytes for {} primitives", payload->size(),
+Result<Charged<std::vector<float>>> read_importance(const File& file) {
+  STGS_ASSIGN(const std::optional<ChargedBytes> payload, find_payload(file, kImportanceRecord));
+  Charged<std::vector<float>> out;
+  if (!payload) return out;
+  const Bytes& bytes = payload->value;
+  if (bytes.size() / 4 != file.primitives || bytes.size() % 4 != 0) {
+    return invalid_file("the importance has {} bytes for {} primitives", bytes.size(),
                         file.primitives);
   }
-  ByteReader in(*payload);
-  std::vector<float> values(payload->size() / 4);
-  for (float& v : values) v = in.f32();
-  const bool is_valid_range =
-      std::all_of(values.begin(), values.end(), [](float v) { return std::isfinite(v) && v >= 0; });
+  STGS_ASSIGN(out.lease, file.memory.take(bytes.size(), "the importances of primitives"));
+  ByteReader in(bytes);
+  out.value.resize(bytes.size() / 4);
+  for (float& v : out.value) v = in.f32();
+  const bool is_valid_range = std::all_of(out.value.begin(), out.value.end(),
+                                          [](float v) { return std::isfinite(v) && v >= 0; });
   if (!is_valid_range) return invalid_file("an importance is negative or not finite");
-  return values;
+  return out;
 }
 
 Result<std::optional<Quantisation>> read_steps(const File& file) {
-  STGS_ASSIGN(const std::optional<Bytes> payload, find_payload(file, kStepsRecord));
-  return payload ? StepsReader(*payload).read() : std::nullopt;
+  STGS_ASSIGN(const std::optional<ChargedBytes> payload, find_payload(file, kStepsRecord));
+  return payload ? StepsReader(payload->value).read() : std::nullopt;
 }
 
 Status count_omitted(File& file) {

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "interchange/import_memory.h"
 #include "interchange/stgs1/layouts.h"
 #include "stgs/format/byte_source.h"
 #include "stgs/format/scene_file.h"
@@ -68,7 +69,7 @@ struct Omitted {
 
 struct File {
   const ByteSource& source;
-  const ReadLimits& limits;
+  ImportMemory& memory;
   std::uint16_t minor = 0;
   bool is_growing = false;
   std::uint64_t head_bytes = 0;
@@ -82,7 +83,8 @@ struct File {
   std::vector<ScenePart> parts = {};
   std::vector<Tier> tiers = {};
   std::uint64_t primitives = 0;
-  std::uint64_t entries = 0;        // of the index: parts, tiers, further records
+  std::uint64_t entries = 0;  // of the index: parts, tiers, further records
+  Lease entries_lease = {}, layouts_lease = {};
   std::vector<Location> gaps = {};  // ranges of the body that may have records of other tags
   std::map<std::string, Omitted> omitted = {};
   std::vector<std::string> damage = {};  // errors after which reading continues
@@ -100,7 +102,7 @@ struct File {
 
 // Returns the XXH3-64 of the bytes (1.5).
 std::uint64_t checksum(View bytes);
-// Reads bytes of the source.
+// Reads bytes of the source, which the caller charges.
 Status read_bytes(const ByteSource& source, std::uint64_t offset, std::uint64_t count, Bytes& out);
 // Returns the header of a file, or nothing if its magic or checksum is wrong.
 std::optional<Header> valid_header(View bytes);
@@ -116,7 +118,7 @@ bool is_intact_head(View head);
 // Opens a file: reads its head, or its copy, and the index. `file` has source and limits.
 Status open_stgs1(File& file);
 // Returns the head in the usable copy of a damaged one (3.6). `first`: the header as stored.
-Result<std::optional<Bytes>> find_head_copy(const File& file, View first);
+Result<std::optional<ChargedBytes>> find_head_copy(const File& file, View first);
 // Read META, and WNDW or PRIV (4.2, 4.5, 3.5).
 Status read_metadata(View payload, File& file);
 Status read_window(View payload, SceneMetadata& metadata);
@@ -133,15 +135,15 @@ inline std::uint64_t float_bytes(const File& file, std::uint64_t count) {
   return 4 * static_cast<std::uint64_t>(17 + 3 * (file.degree + 1) * (file.degree + 1)) * count;
 }
 
-// Decodes a tier of the index; times count from the beginning of its part. If its SH record alone
-// cannot be read, SH above degree 0 are 0 and `sh_status` has the reason. `skipped` receives the
-// attributes that were skipped (6.5).
-Result<Gaussians4D> decode_tier(const File& file, const Tier& tier, Status& sh_status,
-                                std::vector<std::uint16_t>& skipped);
+// Decodes a tier of the index, and charges what it takes; times count from the beginning of its
+// part. If its SH record alone cannot be read, SH above degree 0 are 0 and `sh_status` has the
+// reason. `skipped` receives the attributes that were skipped (6.5).
+Result<Charged<Gaussians4D>> decode_tier(const File& file, const Tier& tier, Status& sh_status,
+                                         std::vector<std::uint16_t>& skipped);
 
 // Reads Scene::importance from the first IMPO record after the segments (5.11); empty if there is
 // none.
-Result<std::vector<float>> read_importance(const File& file);
+Result<Charged<std::vector<float>>> read_importance(const File& file);
 // Reads Scene::quantisation from a private record after the segments, if there is a valid one.
 Result<std::optional<Quantisation>> read_steps(const File& file);
 // Counts the intact records of the body that a Scene cannot represent in file.omitted. Stops at

@@ -17,7 +17,11 @@ struct Fragment {
   std::uint32_t frames = 0, flags = 0;
   float bounds[6] = {};
   std::uint64_t previous = 0, before = 0;
-  Bytes index;  // with additions of later versions
+  Bytes payload;
+  std::size_t index_at = 0, index_bytes = 0;  // with additions of later versions
+  Lease lease = {};                           // of the payload
+
+  View index() const { return View(payload).subspan(index_at, index_bytes); }
 };
 using FoundFragment = std::optional<Fragment>;
 
@@ -50,16 +54,14 @@ class FragmentSearch {
   Result<FoundFragment> valid_at(std::uint64_t offset, std::uint64_t end) {
     STGS_ASSIGN(const std::optional<Record> record, body_record(offset, end));
     if (!record || !is_fragment(*record)) return FoundFragment();
-    if (record->length > file_.limits.max_memory) {
-      return unsupported("a fragment of {} bytes exceeds the memory limit of {} bytes",
-                         record->length, file_.limits.max_memory);
-    }
     STGS_TRY(spend(record->length));
-    Bytes payload;
+    Fragment found;
+    STGS_ASSIGN(found.lease, file_.memory.take(record->length + 3 * sizeof(Fragment),
+                                               "the fragments of the index"));
+    Bytes& payload = found.payload;
     STGS_TRY(read_bytes(file_.source, record->payload(), record->length, payload));
     if (checksum(payload) != record->checksum) return FoundFragment();
     ByteReader in(payload);
-    Fragment found;
     found.offset = offset;
     found.end = record->end();
     found.frames = in.u32();
@@ -68,13 +70,15 @@ class FragmentSearch {
     const std::uint64_t own = in.u64(), head = in.u64();
     found.previous = in.u64();
     found.before = in.u64();
-    const View index = in.bytes(in.left() - kLast);
-    found.index.assign(index.begin(), index.end());
+    found.index_at = payload.size() - in.left();
+    found.index_bytes = in.left() - kLast;
     return own == offset && head == head_sum_ ? FoundFragment(std::move(found)) : FoundFragment();
   }
 
   // Returns the reachable one that begins last of those that end at or before `end`.
   Result<FoundFragment> last_before(std::uint64_t end) {
+    STGS_ASSIGN(const Lease lease,
+                file_.memory.take(std::min(end, kWindowBytes + kRecord), "the bytes of the body"));
     Bytes bytes;
     for (std::uint64_t high = end; high > file_.head_bytes;) {
       const std::uint64_t low = high - std::min(high - file_.head_bytes, kWindowBytes);
@@ -138,9 +142,9 @@ class FragmentSearch {
   // version 1.0 do not have this rule.
   Result<bool> lists_a_record(const Fragment& fragment, std::uint64_t first) {
     if (file_.minor < 1) return false;
-    File listed{file_.source, file_.limits};
+    File listed{file_.source, file_.memory};
     const std::uint64_t begin = fragment.previous != 0 ? fragment.previous : file_.head_bytes;
-    if (!read_index(fragment.index, begin, fragment.offset, listed).ok()) return false;
+    if (!read_index(fragment.index(), begin, fragment.offset, listed).ok()) return false;
     for (const Tier& tier : listed.tiers) {
       if (tier.base.offset < first) continue;
       STGS_TRY(spend(kRecord));
@@ -185,7 +189,7 @@ Status take_last(const Fragment& last, File& file) {
 
 // Collects the fragments whose parts make up the index, earliest first.
 Status collect(FragmentSearch& search, Fragment last, File& file, std::vector<Fragment>& chain) {
-  std::uint64_t bytes = last.end - last.offset - kRecord;
+  // Each of the chain is charged, with its place in the list.
   chain.push_back(std::move(last));
   while (chain.back().previous != 0) {
     const std::uint64_t previous = chain.back().previous;
@@ -199,11 +203,6 @@ Status collect(FragmentSearch& search, Fragment last, File& file, std::vector<Fr
           "a fragment is damaged; content that it alone lists is lost [byte {}]", previous));
       STGS_ASSIGN(found, search.last_before(previous));
       if (!found) break;
-    }
-    bytes += found->end - found->offset - kRecord;
-    if (bytes > file.limits.max_memory) {
-      return unsupported("an index of {} bytes exceeds the memory limit of {} bytes", bytes,
-                         file.limits.max_memory);
     }
     chain.push_back(std::move(*found));
   }
@@ -237,7 +236,7 @@ Status read_fragments(File& file, std::uint64_t head_sum) {
       return invalid_file("a fragment follows a closed one [byte {}]", fragment.end);
     }
     const std::uint64_t begin = fragment.previous != 0 ? fragment.previous : file.head_bytes;
-    STGS_TRY(read_index(fragment.index, begin, fragment.offset, file));
+    STGS_TRY(read_index(fragment.index(), begin, fragment.offset, file));
   }
   return {};
 }

@@ -36,10 +36,6 @@ Status take_header(const Header& header, File& file) {
         "bytes, head: {} bytes; the file has {} bytes); copy or download it again",
         header.file_bytes, header.head_bytes, size);
   }
-  if (header.head_bytes > file.limits.max_memory) {
-    return unsupported("a head of {} bytes exceeds the memory limit of {} bytes", header.head_bytes,
-                       file.limits.max_memory);
-  }
   file.minor = header.minor;
   file.is_growing = header.is_growing();
   file.head_bytes = header.head_bytes;
@@ -54,7 +50,7 @@ Status take_header(const Header& header, File& file) {
 }
 
 // Reads the head, or its copy if it is damaged.
-Status read_or_repair(File& file, Bytes& head) {
+Status read_or_repair(File& file, ChargedBytes& head) {
   const std::uint64_t size = file.source.size();
   Bytes first;
   STGS_TRY(read_bytes(file.source, 0, std::min(size, kHeader), first));
@@ -65,18 +61,18 @@ Status read_or_repair(File& file, Bytes& head) {
   std::optional<Header> header = valid_header(first);
   if (header && header->major != 1) return take_header(*header, file);
   bool is_damaged = !header;
-  if (header && header->head_bytes >= kHeader &&
-      header->head_bytes <= std::min(size, file.limits.max_memory)) {
-    STGS_TRY(read_bytes(file.source, 0, header->head_bytes, head));
-    is_damaged = !is_intact_head(head);
+  if (header && header->head_bytes >= kHeader && header->head_bytes <= size) {
+    STGS_ASSIGN(head.lease, file.memory.take(header->head_bytes, "the bytes of the head"));
+    STGS_TRY(read_bytes(file.source, 0, header->head_bytes, head.value));
+    is_damaged = !is_intact_head(head.value);
   }
-  std::optional<Bytes> copy;
+  std::optional<ChargedBytes> copy;
   if (is_damaged) {
     STGS_ASSIGN(copy, find_head_copy(file, first));
   }
   if (copy) {
     head = std::move(*copy);
-    header = valid_header(head);
+    header = valid_header(head.value);
     file.damage.push_back("the head is damaged and was read from its copy");
   }
   if (header) return take_header(*header, file);
@@ -154,7 +150,7 @@ Status read_head(View head, File& file) {
   }
   if (records.have.count(tag("LAYT")) != 0) {
     ByteReader in(records.layouts);
-    STGS_TRY(read_layouts(in, file.limits.max_memory, 1024, file.layouts));
+    STGS_TRY(read_layouts(in, file.memory, 1024, file.layouts, file.layouts_lease));
   }
   if (file.is_growing) return read_fragments(file, checksum(head));
   file.body_at = file.head_bytes;
@@ -232,25 +228,16 @@ bool is_intact_head(View head) {
 }
 
 Status open_stgs1(File& file) {
-  Bytes head;
+  ChargedBytes head;
   STGS_TRY(read_or_repair(file, head));
-  STGS_TRY(read_head(head, file));
+  STGS_TRY(read_head(head.value, file));
   SceneMetadata& scene = file.metadata;
   if (scene.window && std::uint64_t{scene.window->first_frame} + scene.frames >
                           scene.window->capture_frames) {  // 4.5
     file.damage.push_back("ignored a training window that exceeds its capture");
     scene.window.reset();
   }
-  if (file.primitives > file.limits.max_primitives) {
-    return unsupported("{} primitives exceed the limit of {}", file.primitives,
-                       file.limits.max_primitives);
-  }
-  for (std::size_t i = 0; i < file.tiers.size(); ++i) {
-    if (float_bytes(file, file.tiers[i].primitives) <= file.limits.max_memory) continue;
-    return unsupported("segment {} of {} primitives exceeds the memory limit of {} bytes", i,
-                       file.tiers[i].primitives, file.limits.max_memory);
-  }
-  return {};
+  return file.memory.check_count(file.primitives);
 }
 
 }  // namespace stgs::stgs1

@@ -10,12 +10,12 @@ namespace {
 constexpr int kMaxSkipped = 64;    // records before the copy
 constexpr std::uint64_t kSum = 8;  // the length that ends the payload
 constexpr std::uint64_t kMinPayload = kHeader + kSum;
-using Found = std::optional<Bytes>;
+using Found = std::optional<ChargedBytes>;
 
 class CopySearch {
  public:
   CopySearch(const File& file, View first)
-      : source_(file.source), limits_(file.limits), first_(first), stated_(valid_header(first)) {}
+      : source_(file.source), memory_(file.memory), first_(first), stated_(valid_header(first)) {}
 
   Result<Found> run() const {
     if (!stated_) {
@@ -31,9 +31,10 @@ class CopySearch {
   Result<Found> at(std::uint64_t offset) const {
     STGS_ASSIGN(const std::optional<Record> record, record_at(source_, offset, source_.size()));
     if (!record || record->tag != tag("COPY") || record->flags != 0 ||
-        record->length < kMinPayload || record->length > limits_.max_memory) {
+        record->length < kMinPayload) {
       return Found();
     }
+    STGS_ASSIGN(const Lease lease, memory_.take(record->length, "the bytes of the copied head"));
     Bytes payload;
     STGS_TRY(read_bytes(source_, record->payload(), record->length, payload));
     const View bytes(payload);
@@ -48,19 +49,22 @@ class CopySearch {
     const bool is_in_position =
         header->is_growing() ? offset == header->head_bytes : record->end() == header->file_bytes;
     if (!is_own || !is_in_position || header->head_bytes < kHeader ||
-        header->head_bytes > std::min(source_.size(), limits_.max_memory)) {
+        header->head_bytes > source_.size()) {
       return Found();
     }
     return head_of(bytes, header->head_bytes);
   }
 
-  static Found head_of(View payload, std::uint64_t head_bytes) {
+  Result<Found> head_of(View payload, std::uint64_t head_bytes) const {
     const View stored = payload.subspan(kHeader, payload.size() - kMinPayload);
-    if (!check_stored(stored, head_bytes - kHeader).ok()) return {};
-    Bytes head(payload.begin(), payload.begin() + kHeader);
-    head.resize(static_cast<std::size_t>(head_bytes));
+    if (!check_stored(stored, head_bytes - kHeader).ok()) return Found();
+    ChargedBytes head;
+    STGS_ASSIGN(head.lease, memory_.take(head_bytes + kZstdScratch, "the bytes of the head"));
+    head.value.reserve(static_cast<std::size_t>(head_bytes));
+    head.value.assign(payload.begin(), payload.begin() + kHeader);
+    head.value.resize(static_cast<std::size_t>(head_bytes));
     const bool is_intact =
-        unpack(stored, std::span(head).subspan(kHeader)).ok() && is_intact_head(head);
+        unpack(stored, std::span(head.value).subspan(kHeader)).ok() && is_intact_head(head.value);
     return is_intact ? Found(std::move(head)) : Found();
   }
 
@@ -86,14 +90,14 @@ class CopySearch {
   }
 
   const ByteSource& source_;
-  const ReadLimits& limits_;
+  ImportMemory& memory_;
   View first_;
   std::optional<Header> stated_;
 };
 
 }  // namespace
 
-Result<std::optional<Bytes>> find_head_copy(const File& file, View first) {
+Result<std::optional<ChargedBytes>> find_head_copy(const File& file, View first) {
   return CopySearch(file, first).run();
 }
 

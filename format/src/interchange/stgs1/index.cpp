@@ -63,11 +63,9 @@ class IndexParser {
   // Checks that one more entry is within the memory limit.
   Status take_entry() {
     ++file_.entries;
-    if (file_.entries <= kFree || file_.entries - kFree <= file_.limits.max_memory / kEntry) {
-      return {};
-    }
-    return unsupported("{} entries of the index exceed the memory limit of {} bytes", file_.entries,
-                       file_.limits.max_memory);
+    if (file_.entries <= kFree) return {};
+    return file_.memory.grow(file_.entries_lease, kEntry * (file_.entries - kFree),
+                             "the entries of the index");
   }
 
   Status advance(std::uint64_t bytes) {

@@ -146,14 +146,13 @@ const char* name_of(std::uint16_t attribute) {
   return attribute <= kSh3 ? kAttributes[attribute].name : "";
 }
 
-Status read_layouts(ByteReader& in, std::uint64_t memory, std::size_t max_tables, LayoutSet& out) {
+Status read_layouts(ByteReader& in, ImportMemory& memory, std::size_t max_tables, LayoutSet& out,
+                    Lease& lease) {
   const std::size_t tables = in.u16();
   if (tables > max_tables) {
     return invalid_file("too many tables (expected at most {}, got {})", max_tables, tables);
   }
-  if (tables > memory / kTableMemory) {
-    return unsupported("{} tables of a layout exceed the memory limit", tables);
-  }
+  STGS_TRY(memory.grow(lease, kTableMemory * tables, "the tables of a layout"));
   for (std::size_t i = 0; i < tables; ++i) STGS_TRY(read_table(in, out.tables.emplace_back()));
   const std::size_t layouts = in.u16();
   if (!in.ok() || layouts > kMaxLayouts) return invalid_file("the layouts are truncated");
@@ -161,8 +160,9 @@ Status read_layouts(ByteReader& in, std::uint64_t memory, std::size_t max_tables
   for (std::size_t i = 0; i < layouts && in.ok(); ++i) {
     const int count = in.u8();
     rows += static_cast<std::uint64_t>(count);
-    if (rows > kFreeRows && rows - kFreeRows > memory / kRowMemory) {
-      return unsupported("{} rows of layouts exceed the memory limit", rows);
+    if (rows > kFreeRows) {
+      STGS_TRY(memory.grow(lease, kTableMemory * tables + kRowMemory * (rows - kFreeRows),
+                           "the rows of layouts"));
     }
     Status problem;
     for (int r = 0; r < count; ++r) {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/bytes.h"
+#include "interchange/import_memory.h"
 #include "stgs/format/status.h"
 
 namespace stgs::stgs1 {
@@ -69,9 +70,10 @@ struct LayoutSet {
   }
 };
 
-// Reads the payload of LAYT, or the layout of a record with max_tables = 256. `memory`: the limit
-// for tables and rows, bytes.
-Status read_layouts(ByteReader& in, std::uint64_t memory, std::size_t max_tables, LayoutSet& out);
+// Reads the payload of LAYT, or the layout of a record with max_tables = 256. `lease` charges the
+// tables and rows.
+Status read_layouts(ByteReader& in, ImportMemory& memory, std::size_t max_tables, LayoutSet& out,
+                    Lease& lease);
 // Reads a table.
 Status read_table(ByteReader& in, Table& out);
 

@@ -10,11 +10,15 @@ namespace {
 
 constexpr int kOwnLayout = 65535;  // 6.1
 constexpr std::size_t kMaxOwnTables = 256;
+// Memory of Draco for a point, and of its keys: points of 12 bytes as integers and as values, an
+// index, and the bits of the coordinates, which are at most as many.
+constexpr std::uint64_t kDracoScratch = 64;
 constexpr std::uint16_t kLossless = 0, kQuantised = 1;  // profiles, 4.2
 
 // An opened record of a segment (6.1).
 struct OpenRecord {
   Bytes payload;
+  Lease lease;  // of the payload, an own layout and the planes
   LayoutSet own;
   const LayoutSet* set = nullptr;  // null: own
   std::size_t number = 0;          // of the layout
@@ -30,12 +34,11 @@ struct OpenRecord {
 
 class TierDecoder {
  public:
-  TierDecoder(const File& file, const Tier& tier) : file_(file), tier_(tier) {
-    memory_ = file.limits.max_memory - float_bytes(file, tier.primitives);
-  }
+  TierDecoder(const File& file, const Tier& tier) : file_(file), tier_(tier) {}
 
-  Result<Gaussians4D> decode(Status& sh_status, std::vector<std::uint16_t>& skipped) {
-    Gaussians4D set;
+  Result<Charged<Gaussians4D>> decode(Status& sh_status, std::vector<std::uint16_t>& skipped) {
+    Charged<Gaussians4D> out;
+    Gaussians4D& set = out.value;
     OpenRecord base, sh;
     STGS_TRY(open(tier_.base, 0, base));
     const bool is_separate = tier_.sh.bytes > 0;
@@ -47,6 +50,7 @@ class TierDecoder {
     }
     STGS_TRY(check_sizes(base));
     set.sh_degree = file_.degree;
+    STGS_ASSIGN(out.lease, file_.memory.take_set(tier_.primitives, file_.degree));
     set.resize(tier_.primitives);
     STGS_TRY(decode_record(base, set));
     if (is_separate) {
@@ -59,22 +63,19 @@ class TierDecoder {
         if (s.is_optional()) skipped.push_back(s.attribute);
       }
     }
-    return set;
+    return out;
   }
 
  private:
-  Status take(std::uint64_t bytes) {  // conformance 1.5
-    if (bytes > memory_) {
-      return unsupported("it exceeds the memory limit of {} bytes", file_.limits.max_memory);
-    }
-    memory_ -= bytes;
-    return {};
+  // Charges bytes to the lease of a record.
+  Status take(std::uint64_t bytes, OpenRecord& record) {
+    return file_.memory.grow(record.lease, record.lease.bytes() + bytes, "the bytes of a segment");
   }
 
   // Reads a record and checks everything but its streams.
   Status open(const Location& at, int content, OpenRecord& out) {
     Bytes payload;
-    STGS_TRY(read_payload(at, payload));
+    STGS_TRY(read_payload(at, payload, out));
     ByteReader in(payload);
     const int level = static_cast<std::int16_t>(in.u16());
     const int layer = in.u16();
@@ -87,8 +88,9 @@ class TierDecoder {
     }
     const bool is_own = number == kOwnLayout;
     if (is_own) {
-      STGS_TRY(read_layouts(in, memory_, kMaxOwnTables, out.own));
-      STGS_TRY(take(kTableMemory * out.own.tables.size()));
+      Lease tables;
+      STGS_TRY(read_layouts(in, file_.memory, kMaxOwnTables, out.own, tables));
+      out.lease.merge(std::move(tables));
       if (out.own.ends.size() != 1) return invalid_file("the record has no single own layout");
     }
     const LayoutSet& set = is_own ? out.own : file_.layouts;
@@ -105,9 +107,9 @@ class TierDecoder {
     return {};
   }
 
-  Status read_payload(const Location& at, Bytes& payload) {
+  Status read_payload(const Location& at, Bytes& payload, OpenRecord& out) {
     if (!file_.has(at)) return invalid_file("it is missing, the file is truncated");
-    STGS_TRY(take(at.bytes));
+    STGS_TRY(take(at.bytes, out));
     const std::uint64_t end = at.offset + at.bytes;
     STGS_ASSIGN(const std::optional<Record> record, record_at(file_.source, at.offset, end));
     if (!record || record->tag != tag("SEGM") || record->end() != end) {
@@ -159,7 +161,7 @@ class TierDecoder {
   // Locates the stored bytes of all streams.
   Status locate(const LayoutSet& set, std::span<const Stream> streams, ByteReader& in,
                 OpenRecord& out) {
-    bool has_key = false;
+    bool has_key = false, has_stored = false;
     for (const Stream& s : streams) {
       has_key = has_key || (s.prediction == kMorton && !s.is_optional());
       out.has_group = out.has_group || s.coder == kRans;
@@ -167,8 +169,12 @@ class TierDecoder {
         return !set.tables[t].is_single;
       });
       STGS_TRY(take(std::uint64_t{tier_.primitives} *
-                    (s.coder == kRans ? static_cast<std::size_t>(coded) : s.planes())));
+                        (s.coder == kRans ? static_cast<std::size_t>(coded) : s.planes()),
+                    out));
+      has_stored = has_stored || s.coder == kStored;
+      if (s.coder == kDraco) STGS_TRY(take(kDracoScratch * tier_.primitives, out));
     }
+    if (has_stored) STGS_TRY(take(kZstdScratch, out));  // one stream after the other
     if (has_key) out.first_key = in.u64();
     std::vector<std::uint64_t> sizes;
     for (const Stream& s : streams) sizes.push_back(s.coder == kRans ? 0 : in.u64());
@@ -274,13 +280,12 @@ class TierDecoder {
 
   const File& file_;
   const Tier& tier_;
-  std::uint64_t memory_ = 0;  // that remains for this tier
 };
 
 }  // namespace
 
-Result<Gaussians4D> decode_tier(const File& file, const Tier& tier, Status& sh_status,
-                                std::vector<std::uint16_t>& skipped) {
+Result<Charged<Gaussians4D>> decode_tier(const File& file, const Tier& tier, Status& sh_status,
+                                         std::vector<std::uint16_t>& skipped) {
   sh_status = {};
   return TierDecoder(file, tier).decode(sh_status, skipped);
 }

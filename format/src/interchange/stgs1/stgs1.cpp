@@ -13,7 +13,9 @@ namespace stgs {
 namespace stgs1 {
 namespace {
 
-bool is_of_the_file(const Status& status) {
+// Returns whether a part of the file is damaged or of a later version, and may be omitted.
+bool is_of_the_file(const Status& status, const ImportMemory& memory) {
+  if (memory.has_refused()) return false;
   return status.code() == StatusCode::kInvalidFile || status.code() == StatusCode::kUnsupported;
 }
 
@@ -22,19 +24,19 @@ class SceneBuilder {
   SceneBuilder(File& file, ConversionNotes* notes) : file_(file), notes_(notes) {}
 
   Result<Scene> build() {
-    const std::uint64_t bytes = float_bytes(file_, file_.primitives);
-    if (bytes > file_.limits.max_memory) {
-      return unsupported("{} primitives need {} bytes of memory, more than the limit of {} bytes",
-                         file_.primitives, bytes, file_.limits.max_memory);
-    }
     for (const auto* list : {&file_.damage, &file_.notes}) {
       for (const std::string& text : *list) note(notes_, text);
     }
     scene_.metadata = file_.metadata;
     scene_.parts = file_.parts;
     scene_.gaussians.sh_degree = file_.degree;
+    STGS_TRY(allocate());
     STGS_TRY(add_importance());
     STGS_TRY(add_tiers());
+    if (!importance_.value.empty()) {
+      importance_.value.resize(scene_.gaussians.size());
+      scene_.importance = std::move(importance_.value);
+    }
     STGS_TRY(count_omitted(file_));
     for (const auto& [name, all] : file_.omitted) {
       note(notes_, fmt::format("omitted {}, which a scene cannot represent ({} {}, {} bytes)", name,
@@ -47,20 +49,30 @@ class SceneBuilder {
   }
 
  private:
+  // Allocates the primitives of a complete file. Those of a truncated one are allocated as they are
+  // decoded.
+  Status allocate() {
+    STGS_ASSIGN(Lease lease, file_.memory.take_set(file_.primitives, file_.degree));
+    if (file_.end > file_.source.size()) return {};
+    scene_.gaussians.reserve(static_cast<std::size_t>(file_.primitives));
+    lease_ = std::move(lease);
+    return {};
+  }
+
   Status add_importance() {
-    Result<std::vector<float>> values = read_importance(file_);
+    Result<Charged<std::vector<float>>> values = read_importance(file_);
     if (values.ok()) {
       importance_ = std::move(values).value();
       Result<std::optional<Quantisation>> steps = read_steps(file_);
       if (steps.ok()) scene_.quantisation = *steps;
-      return steps.ok() || is_of_the_file(steps.status()) ? Status() : steps.status();
+      return steps.ok() || is_of_the_file(steps.status(), file_.memory) ? Status() : steps.status();
     }
-    if (!is_of_the_file(values.status())) return values.status();
+    if (!is_of_the_file(values.status(), file_.memory)) return values.status();
     note(notes_, "omitted the importance: " + values.status().message());
     return {};
   }
 
-  // Appends the intact tiers. Memory is allocated for decoded content, not for counts.
+  // Appends the intact tiers.
   Status add_tiers() {
     Status reason;  // of the first omitted tier
     std::set<std::uint16_t> attributes;
@@ -69,15 +81,15 @@ class SceneBuilder {
       const Tier& tier = file_.tiers[i];
       Status sh_status;
       std::vector<std::uint16_t> skipped;
-      const Result<Gaussians4D> set = decode_tier(file_, tier, sh_status, skipped);
+      const Result<Charged<Gaussians4D>> set = decode_tier(file_, tier, sh_status, skipped);
       if (set.ok()) {
-        append(*set, first);
+        STGS_TRY(append(set->value, first));
         if (!sh_status.ok()) {
-          if (!is_of_the_file(sh_status)) return sh_status;
+          if (!is_of_the_file(sh_status, file_.memory)) return sh_status;
           note(notes_, fmt::format("omitted the SH of segment {}: {}", i, sh_status.message()));
         }
       } else {
-        if (!is_of_the_file(set.status())) return set.status();
+        if (!is_of_the_file(set.status(), file_.memory)) return set.status();
         const std::string& why = set.status().message();
         if (reason.ok()) reason = {set.status().code(), fmt::format("segment {}: {}", i, why)};
         note(notes_, fmt::format("omitted segment {} ({} {}): {}", i, tier.primitives,
@@ -94,22 +106,29 @@ class SceneBuilder {
     return scene_.gaussians.size() == 0 ? reason : Status();
   }
 
-  void append(const Gaussians4D& set, std::uint64_t first) {
-    scene_.gaussians.append(set);
-    if (importance_.empty()) return;
-    const auto begin = importance_.begin() + static_cast<std::ptrdiff_t>(first);
-    scene_.importance.insert(scene_.importance.end(), begin,
-                             begin + static_cast<std::ptrdiff_t>(set.size()));
+  Status append(const Gaussians4D& set, std::uint64_t first) {
+    Gaussians4D& all = scene_.gaussians;
+    STGS_TRY(file_.memory.reserve(all, lease_, all.size() + std::uint64_t{set.size()}));
+    all.append(set);
+    if (importance_.value.empty()) return {};
+    // In place: tiers that are omitted leave gaps, so that nothing moves to a later index.
+    const auto begin = importance_.value.begin() + static_cast<std::ptrdiff_t>(first);
+    const auto to =
+        importance_.value.begin() + static_cast<std::ptrdiff_t>(all.size() - set.size());
+    std::copy(begin, begin + static_cast<std::ptrdiff_t>(set.size()), to);
+    return {};
   }
 
   File& file_;
   ConversionNotes* notes_;
   Scene scene_;
-  std::vector<float> importance_;  // of all primitives of the index
+  Lease lease_;                             // of its primitives
+  Charged<std::vector<float>> importance_;  // of all primitives of the index; then of the scene
 };
 
 Result<Scene> read(const ByteSource& source, const ReadLimits& limits, ConversionNotes* notes) {
-  File file{source, limits};
+  ImportMemory memory(limits, source.name());
+  File file{source, memory};
   STGS_TRY(open_stgs1(file));
   return SceneBuilder(file, notes).build();
 }
