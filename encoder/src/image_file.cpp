@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/encoder/image_file.h"
 
+#include <cstdlib>
 #include <memory>
 
 #include "stgs/format/camera.h"
@@ -15,6 +16,11 @@
 #define STBI_ONLY_PNG
 #define STBI_ONLY_JPEG
 #define STBI_NO_STDIO
+// Zeroed, because a JPEG image may use tables that it does not define, and not all versions of
+// stb_image clear them.
+#define STBI_MALLOC(size) std::calloc(1, size)
+#define STBI_REALLOC(block, size) std::realloc(block, size)
+#define STBI_FREE(block) std::free(block)
 #include <stb_image.h>
 #pragma GCC diagnostic pop
 

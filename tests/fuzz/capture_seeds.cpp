@@ -131,15 +131,15 @@ PackedFiles videos_with_cameras() {
   PackedFiles out{std::string(1, '\6'), {}};
   std::string cameras;
   for (int i = 0; i < 2; ++i) {
-    cameras +=
-        fmt::format(R"({}"{}":{{"K":{},"w2c":{},"dist":[0.1,0,0,0],"width":{},"height":{}}})",
-                    i == 0 ? "" : ",", kNames[i], kK, pose(i), kSeedWidth, kSeedHeight);
+    cameras += fmt::format(R"({}"{}":{{"K":{},"w2c":{},"dist":[{},0,0,0],"width":{},"height":{}}})",
+                           i == 0 ? "" : ",", kNames[i], kK, pose(i), i == 0 ? 0.1 : 0.0,
+                           kSeedWidth, kSeedHeight);
   }
   out.files.push_back({"cameras.json", fmt::format(R"({{"pixel_centre":0,"fps":25,"metric":true,)"
                                                    R"("cameras":{{{}}}}})",
                                                    cameras)});
   add_images(out, "", 2);
-  out.files.push_back({"flow/a/000000.flo", "x"});
+  out.files.push_back({"flow/b/000000.flo", "x"});
   out.files.push_back({"masks/b/000.png", "x"});
   out.files.push_back({"masks/b/001.png", "x"});
   return out;
@@ -243,7 +243,7 @@ std::string yaml_calibration(int camera) {
       "%YAML:1.0\n---\nimage_width: 8\nimage_height: 6\ncamera_matrix: !!opencv-matrix\n   rows: "
       "3\n   cols: 3\n   dt: d\n   data: [ 9., 0., 4., 0., 9., 3., 0., 0., 1. ]\n"
       "dist_coeffs: [ 0.1, 0., 0., 0. ]\nR: [ 0., 0.1, 0. ]\nT: [ {}, 0., 2. ]\n",
-      0.5 * camera);
+      0.25 + camera);
 }
 
 std::string json_calibration(int camera) {

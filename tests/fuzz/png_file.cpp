@@ -73,7 +73,7 @@ std::string tiny_png(int width, int height, int channels) {
     for (int x = 0; x < width * channels; ++x) rows += static_cast<char>(x * 16 + y);
   }
   std::string stream = "\x78\x01\x01";  // one stored block
-  const auto size = static_cast<std::uint16_t>(rows.size());
+  const auto size = static_cast<unsigned>(rows.size());
   for (const unsigned part : {size & 255u, size >> 8u, ~size & 255u, (~size >> 8u) & 255u}) {
     stream += static_cast<char>(part);
   }

@@ -2,8 +2,8 @@
 // Source captures of every layout. An input is a folder (packed_files.h); the first byte of its
 // options is the layout that is asked for.
 //
-// Images are decoded only if they have the header of a seed, because the decoders are those of
-// OpenCV. Videos are never decoded, and COLMAP never runs.
+// COLMAP never runs, but before it would, OpenCV and FFmpeg decode the first frames. Otherwise
+// images are decoded only if they have the header of a seed, and videos never.
 #include <algorithm>
 #include <climits>
 #include <cstdlib>

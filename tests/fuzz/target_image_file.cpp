@@ -44,7 +44,7 @@ std::string jpeg(int width, int height, int channels) {
 // A directory with the entries that state the size.
 std::string tiff() {
   std::string out("II*\0\x8\0\0\0\x2\0", 10);
-  for (const std::uint16_t tag : {256, 257}) {
+  for (const std::uint16_t tag : {std::uint16_t{256}, std::uint16_t{257}}) {
     append_value(out, tag);
     append_value(out, std::uint16_t{3});
     append_value(out, std::uint32_t{1});

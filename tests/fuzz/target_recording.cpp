@@ -52,10 +52,8 @@ std::uint64_t memory(View input) {
   return 3 * stgs_memory(input) + (4 << 20);
 }
 
-bool has_errors(const std::string& path) {
-  const auto file = open_file(path);
-  require(file.ok(), "a written file can be opened");
-  const auto issues = validate_scene(**file, kStgsLimits);
+bool has_errors(const ByteSource& file) {
+  const auto issues = validate_scene(file, kStgsLimits);
   require(issues.ok(), "validation runs on every file");
   return std::any_of(issues->begin(), issues->end(),
                      [](const Issue& issue) { return issue.error; });
@@ -73,11 +71,13 @@ void finalize(const Bytes& input) {
   }
   const auto reader = SceneReader::open(output, kStgsLimits);
   require(reader.ok(), "a finished file can be opened");
-  require(!report.damage.empty() || !report.reason.ok() || !has_errors(output),
-          "a finished file without reported damage is valid");
+  const Bytes finished = content_of(output);
+  require(report.any() || has_errors(*memory_source(input, "input")) ||
+              !has_errors(*memory_source(finished, "finished")),
+          "a valid recording gives a valid file");
   DamageReport again;
-  require(!finalize_scene(memory_source(content_of(output), "again"), folder().beside("again.stgs"),
-                          again, kStgsLimits)
+  require(!finalize_scene(memory_source(finished, "finished"), folder().beside("again.stgs"), again,
+                          kStgsLimits)
                   .ok() ||
               !report.damage.empty(),
           "a finished file is not finalized again");
