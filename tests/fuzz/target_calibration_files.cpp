@@ -27,7 +27,7 @@ std::vector<Bytes> seeds() {
 
 // The parsers keep a node for a few bytes of text.
 std::uint64_t memory(View input) {
-  return 256 * input.size() + (2 << 20);
+  return 256 * input.size() + (128 << 10);
 }
 
 Result<Calibration> read(const CaptureFolder& files, std::size_t kind) {

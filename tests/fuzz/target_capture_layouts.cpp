@@ -34,7 +34,7 @@ std::vector<Unit> units(View input) {
 
 // Twice the files (as read, and as a tree of values), and a plan for each of few cameras.
 std::uint64_t memory(View input) {
-  return 256 * input.size() + (4 << 20);
+  return 256 * input.size() + (512 << 10);
 }
 
 // Returns whether all frames are images with the header of a seed.

@@ -55,7 +55,7 @@ std::vector<Unit> units(View input) {
 
 // Points are decoded to twice their bytes in a file, and written and read again.
 std::uint64_t memory(View input) {
-  return 32 * input.size() + (1 << 20);
+  return 32 * input.size() + (64 << 10);
 }
 
 bool is_same(const InitialPoint& a, const InitialPoint& b) {

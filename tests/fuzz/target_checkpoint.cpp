@@ -101,7 +101,7 @@ std::vector<Unit> units(View form) {
 // The file, its arrays, those that the coupled form determines, the rounded set, and both files of
 // the round trip.
 std::uint64_t memory(View input) {
-  return 64 * input.size() + (256 << 10);
+  return 64 * input.size() + (64 << 10);
 }
 
 }  // namespace

@@ -70,7 +70,7 @@ std::vector<Bytes> seeds() {
 
 // Copies of the texts; the bodies are limited.
 std::uint64_t memory(View input) {
-  return 32 * input.size() + (1 << 20);
+  return 32 * input.size() + (64 << 10);
 }
 
 // A request that is answered by the bytes of the input.

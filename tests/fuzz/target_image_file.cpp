@@ -132,6 +132,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   for (const int channels : {1, 3}) {
     const auto image = decode_image8(file, channels, path);
     check_error(image.status());
+    require(is_printable(image.status().message()), "a message is text");
     if (!image.ok()) continue;
     require(!truncated, "a truncated image is not decoded");
     require(image->channels == channels &&

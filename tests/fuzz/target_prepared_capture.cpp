@@ -80,7 +80,7 @@ std::vector<Unit> units(View input) {
 
 // Values of JSON, one image with its file and the decoder's copy, and points.
 std::uint64_t memory(View input) {
-  return 256 * input.size() + (2 << 20);
+  return 256 * input.size() + (128 << 10);
 }
 
 void check_image(const Camera& camera, const Result<Image8>& image, bool optional) {

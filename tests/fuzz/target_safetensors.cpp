@@ -65,7 +65,7 @@ Bytes repair(Bytes file, Repair repair) {
 
 // The values of the JSON header, the tensors' names and shapes, and one tensor as bytes and floats.
 std::uint64_t memory(View input) {
-  return 192 * input.size() + (256 << 10);
+  return 192 * input.size() + (64 << 10);
 }
 
 void check(const Status& status) {
