@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/encoder/image_file.h"
 
+#include <algorithm>
 #include <cstdlib>
 #include <cstring>
 #include <memory>
@@ -100,7 +101,9 @@ bool has_valid_tables(std::span<const std::uint8_t> bytes) {
 // Returns why stb_image failed. It quotes the type of an unknown chunk, which need not be text.
 std::string_view failure() {
   const std::string_view reason = stbi_failure_reason();
-  return reason.ends_with("PNG chunk not known") ? "unknown PNG chunk" : reason;
+  const bool is_text = !reason.empty() && std::all_of(reason.begin(), reason.end(),
+                                                      [](char c) { return c >= ' ' && c <= '~'; });
+  return is_text ? reason : "unknown PNG chunk";
 }
 
 }  // namespace

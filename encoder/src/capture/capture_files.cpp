@@ -124,7 +124,7 @@ Result<bool> find_frames(const CaptureFolder& files, const std::string& folder,
   if (camera.images.empty()) {
     STGS_ASSIGN(camera.images, list_images(files, folder + "/" + name + "/images"));
   }
-  camera.numbered = true;
+  camera.numbered = !camera.images.empty();
   STGS_TRY(check_frame_limit(camera.images.size(), folder + "/" + name));
   return !camera.images.empty();
 }
