@@ -195,6 +195,40 @@ TEST_CASE("a checkpoint of another backend resumes with a warning") {
   CHECK(warning.find("written with the backend abacus and resumed with cpu") != std::string::npos);
 }
 
+TEST_CASE("a checkpoint whose state is not that of the run is rejected") {
+  const SyntheticCapture synthetic;
+  TrainSettings settings = short_run(4);
+  settings.checkpoint = synthetic.capture.folder + "/train.ckpt";
+  REQUIRE(run(synthetic, settings).ok());
+  const Result<Checkpoint> checkpoint = read_checkpoint(settings.checkpoint);
+  REQUIRE(checkpoint.ok());
+  settings.resume = settings.checkpoint;
+  const auto resume = [&](const TrainState& state) {
+    REQUIRE(write_checkpoint(settings.checkpoint, state, checkpoint->fingerprint).ok());
+    return run(synthetic, settings).status();
+  };
+  CHECK(resume(checkpoint->state).ok());
+  TrainState cameras = checkpoint->state;  // the frames of the last camera would read past the end
+  for (auto* maps : {&cameras.colour, &cameras.colour_first, &cameras.colour_second})
+    maps->pop_back();
+  cameras.colour_updates.pop_back();
+  CHECK(resume(cameras).code() == StatusCode::kInvalidFile);
+  TrainState degree;  // as would the gradients of SH
+  degree.resize(checkpoint->state.size());
+  degree.colour = checkpoint->state.colour;
+  degree.colour_first = checkpoint->state.colour_first;
+  degree.colour_second = checkpoint->state.colour_second;
+  degree.colour_updates = checkpoint->state.colour_updates;
+  CHECK(resume(degree).code() == StatusCode::kInvalidFile);
+  TrainState late = checkpoint->state;
+  late.iteration = std::uint64_t{1} << 40;
+  CHECK(resume(late).code() == StatusCode::kInvalidFile);
+  TrainState nothing = checkpoint->state;
+  nothing.compaction.prunings = 1;  // but none was chosen
+  nothing.compaction.keep = 0;
+  CHECK(resume(nothing).code() == StatusCode::kInvalidFile);
+}
+
 TEST_CASE("resuming a completed run returns its held-out score") {
   const SyntheticCapture synthetic;
   TrainSettings settings = short_run(30);

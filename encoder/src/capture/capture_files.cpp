@@ -124,7 +124,7 @@ Result<bool> find_frames(const CaptureFolder& files, const std::string& folder,
   if (camera.images.empty()) {
     STGS_ASSIGN(camera.images, list_images(files, folder + "/" + name + "/images"));
   }
-  camera.numbered = true;
+  camera.numbered = !camera.images.empty();
   STGS_TRY(check_frame_limit(camera.images.size(), folder + "/" + name));
   return !camera.images.empty();
 }
@@ -237,6 +237,9 @@ Status set_intrinsics(const std::vector<double>& k, double pixel_centre, const s
                       SourceCamera& camera) {
   if (k.size() != 9)
     return invalid_file("{}: K has {} (expected 3x3)", where, plural(k.size(), "number"));
+  if (!std::all_of(k.begin(), k.end(), [](double v) { return std::isfinite(v); })) {
+    return invalid_file("{}: K has a number that is not finite", where);
+  }
   const bool pinhole = k[0] > 0 && k[4] > 0 && std::abs(k[1]) <= 1e-4 * k[0] && k[3] == 0 &&
                        k[6] == 0 && k[7] == 0 && std::abs(k[8] - 1) < 1e-9;
   if (!pinhole) {
@@ -292,6 +295,10 @@ Status set_size(double width, double height, const std::string& where, SourceCam
 
 Status set_distortion(std::vector<double> coefficients, bool fisheye, const std::string& where,
                       SourceCamera& camera) {
+  if (!std::all_of(coefficients.begin(), coefficients.end(),
+                   [](double v) { return std::isfinite(v); })) {
+    return invalid_file("{}: a coefficient of the lens distortion is not finite", where);
+  }
   const bool none =
       std::all_of(coefficients.begin(), coefficients.end(), [](double v) { return v == 0; });
   if (none && !fisheye) return {};

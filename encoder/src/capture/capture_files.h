@@ -58,8 +58,8 @@ Result<nlohmann::json> read_json(const CaptureFolder& files, const std::string& 
 Result<std::vector<double>> json_numbers(const nlohmann::json& json, const std::string& what);
 
 // Sets fx, fy, cx and cy from a row-major 3x3 matrix. `pixel_centre` is the coordinate of the
-// first pixel's centre in the convention of the matrix: 0 or 0.5. kUnsupported for skew or a last
-// row other than 0 0 1.
+// first pixel's centre in the convention of the matrix: 0 or 0.5. kInvalidFile for a number that is
+// not finite, kUnsupported for skew or a last row other than 0 0 1.
 Status set_intrinsics(const std::vector<double>& k, double pixel_centre, const std::string& where,
                       SourceCamera& camera);
 // Sets the pose from a row-major 3x4 or 4x4 world-to-camera matrix.
@@ -71,7 +71,7 @@ Status set_pose_from_camera_to_world(const std::vector<double>& c2w, const std::
 // pixels.
 Status set_size(double width, double height, const std::string& where, SourceCamera& camera);
 // Sets the lens model from OpenCV coefficients: kPinhole if all are zero. kInvalidFile for a number
-// of coefficients that the model does not have.
+// of coefficients that the model does not have, or one that is not finite.
 Status set_distortion(std::vector<double> coefficients, bool fisheye, const std::string& where,
                       SourceCamera& camera);
 

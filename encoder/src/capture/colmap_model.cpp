@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "capture_files.h"
+#include "single_precision.h"
 
 namespace stgs::encoder {
 namespace {
@@ -136,7 +137,13 @@ Status read_points_binary(const CaptureFolder& files, const std::string& path, C
     InitialPoint point{};
     point.frame = -1;
     cursor.read<std::uint64_t>();  // id
-    for (float& v : point.position) v = static_cast<float>(cursor.read<double>());
+    for (float& v : point.position) {
+      const auto value = cursor.read<double>();
+      if (!finite_in_float(value)) {
+        return invalid_file("{}: point {} has a position that is not finite", path, i);
+      }
+      v = static_cast<float>(value);
+    }
     for (std::uint8_t& v : point.colour) v = cursor.read<std::uint8_t>();
     cursor.read<double>();                         // reprojection error
     cursor.skip(cursor.read<std::uint64_t>(), 8);  // track

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
+#include <stdexcept>
 
 #include "capture_files.h"
 #include "storage_nesting.h"
@@ -30,12 +31,14 @@ bool flatten(const cv::FileNode& node, std::vector<double>& out) {
 Result<cv::FileStorage> open_storage(const CaptureFolder& files, const std::string& path) {
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_table(files, path));
   const std::string text(bytes.begin(), bytes.end());
+  STGS_TRY(check_storage_text(text, path));
   STGS_TRY(check_storage_nesting(text, path));
   try {
     cv::FileStorage file(text, cv::FileStorage::READ | cv::FileStorage::MEMORY);
     if (file.isOpened()) return file;
   } catch (const cv::Exception& error) {
     return invalid_file("{}: OpenCV cannot read this file: {}", path, error.err);
+  } catch (const std::logic_error&) {  // of std::string, for example for a key without a name
   }
   return invalid_file("{}: OpenCV cannot read this file", path);
 }

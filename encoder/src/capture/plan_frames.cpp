@@ -7,6 +7,7 @@
 #include "frame_numbers.h"
 #include "init/motion.h"
 #include "plural.h"
+#include "stgs/encoder/camera_json.h"
 #include "stgs/format/parallel.h"
 #include "write_frames.h"
 
@@ -167,6 +168,7 @@ Result<std::vector<CameraPlan>> plan_frames(const SourceCapture& source,
   for (std::size_t i = 0; i < infos.size(); ++i) {
     const SourceCamera& camera = source.cameras[i];
     STGS_ASSIGN(CameraPlan plan, plan_camera(camera, infos[i], settings.scale));
+    STGS_TRY(check_camera(plan.camera, source.folder));  // before the long work
     if (plan.zoom > 1) {
       log(2, fmt::format("camera '{}': undistorted with zoom {:.3f} to avoid an empty border",
                          camera.name, plan.zoom));

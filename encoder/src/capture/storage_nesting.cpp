@@ -127,7 +127,66 @@ YamlNesting yaml_nesting(string_view text) {
   return nesting;
 }
 
+// Returns the offset after a tag, without its '<'. npos if it does not end.
+std::size_t tag_end(string_view text, std::size_t at) {
+  char quote = 0;
+  for (; at < text.size(); ++at) {
+    const char c = text[at];
+    if (quote != 0) {
+      if (c == quote) quote = 0;
+    } else if (c == '"' || c == '\'') {
+      quote = c;
+    } else if (c == '>') {
+      return at + 1;
+    }
+  }
+  return string_view::npos;
+}
+
+// Returns whether all comments, tags and elements of XML end.
+bool is_complete_xml(string_view text) {
+  constexpr string_view kComment = "<!--", kCommentEnd = "-->";
+  int depth = 0;
+  for (std::size_t at = text.find('<'); at < text.size(); at = text.find('<', at)) {
+    if (text.substr(at, kComment.size()) == kComment) {
+      at = text.find(kCommentEnd, at + kComment.size());
+      if (at == string_view::npos) return false;
+      continue;
+    }
+    const std::size_t end = tag_end(text, at + 1);
+    if (end == string_view::npos) return false;
+    const char first = text[at + 1], last = text[end - 2];
+    if (first == '/') {
+      --depth;
+    } else if (first != '?' && first != '!' && last != '/') {
+      ++depth;
+    }
+    at = end;
+  }
+  return depth == 0;
+}
+
 }  // namespace
+
+Status check_storage_text(string_view text, const std::string& path) {
+  if (const std::size_t at = text.find('\0'); at != string_view::npos) {
+    return invalid_file("{}: not a text: it has a zero [byte {}]", path, at);
+  }
+  for (const string_view mark : {string_view("$base64$"), string_view("binary")}) {
+    if (text.find(mark) == string_view::npos) continue;
+    return unsupported("{}: base64 is not supported; write the numbers as text", path);
+  }
+  if (text.find('<') == string_view::npos || text.substr(0, 1) == "{") return {};
+  const string_view start = text.substr(text.find_first_not_of("\xEF\xBB\xBF \t\r\n"));
+  if (start.substr(0, 1) != "<") return {};
+  // Its parser takes a carriage return for the end of a line.
+  for (std::size_t at = text.find('\r'); at < text.size(); at = text.find('\r', at + 1)) {
+    if (text.substr(at + 1, 1) == "\n") continue;
+    return invalid_file("{}: a carriage return within a line [byte {}]", path, at);
+  }
+  if (is_complete_xml(text)) return {};
+  return invalid_file("{}: not valid XML (a comment, a tag or an element has no end)", path);
+}
 
 Status check_storage_nesting(string_view text, const std::string& path) {
   if (text.substr(0, 3) == "\xEF\xBB\xBF") text.remove_prefix(3);

@@ -21,4 +21,8 @@ inline constexpr int kMaxStorageIndentation = 160;
 // or a comment.
 Status check_storage_nesting(std::string_view text, const std::string& path);
 
+// Returns kInvalidFile for a text that crashes OpenCV 4.6: with a zero byte, or XML that ends
+// within a comment, a tag or an element. kUnsupported for base64.
+Status check_storage_text(std::string_view text, const std::string& path);
+
 }  // namespace stgs::encoder

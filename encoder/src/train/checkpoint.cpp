@@ -4,7 +4,9 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
+#include <limits>
 #include <memory>
 #include <type_traits>
 
@@ -112,12 +114,14 @@ void visit_compaction(Compaction& compaction, Archive& archive) {
   archive.value(q.near_distance);
   archive.value(q.near_displacement);
   archive.array(q.bounds);
-  archive.value(q.graded);
+  std::uint8_t graded = q.graded ? 1 : 0;  // reading any other byte into a bool is undefined
+  archive.value(graded);
   archive.array(q.tiers);
   archive.value(compaction.rules);
   archive.array(compaction.importance);
   archive.array(compaction.tier);
   if constexpr (!std::is_const_v<Compaction>) {
+    q.graded = graded != 0;
     if (rounding != 0) compaction.quantisation = std::move(q);
   }
 }
@@ -162,6 +166,22 @@ void restore_derived(TrainState& state) {
   state.log_sigma.resize(n);
 }
 
+// Returns whether a compaction of n primitives has its arrays, and numbers that the following
+// rounds and steps can use.
+bool is_consistent(const CompactionState& compaction, std::size_t n) {
+  const std::size_t rounded = compaction.is_rounding() ? n : 0;
+  if (compaction.importance.size() != rounded || compaction.tier.size() != rounded) return false;
+  const bool chosen = compaction.keep >= 0 && compaction.keep <= 1 && compaction.quality >= 0 &&
+                      compaction.quality <= 100 && !std::isnan(compaction.psnr) &&
+                      (compaction.prunings == 0 || compaction.keep > 0);
+  if (!chosen || !compaction.is_rounding()) return chosen;
+  const Quantisation& quantisation = *compaction.quantisation;
+  const std::size_t tiers = quantisation.tiers.size();
+  return is_valid(quantisation) && tiers <= std::size_t{kMaxRoundingTiers} &&
+         std::all_of(compaction.tier.begin(), compaction.tier.end(),
+                     [tiers](std::uint8_t tier) { return tier < tiers; });
+}
+
 // Returns whether all arrays agree on N and on the number of cameras.
 bool is_consistent(const TrainState& state) {
   const std::size_t n = state.size();
@@ -172,11 +192,7 @@ bool is_consistent(const TrainState& state) {
     same = same && state.values(a).size() == expected &&
            state.moments[a].first.size() == expected && state.moments[a].second.size() == expected;
   }
-  const CompactionState& compaction = state.compaction;
-  const std::size_t rounded = compaction.is_rounding() ? n : 0;
-  same = same && compaction.importance.size() == rounded && compaction.tier.size() == rounded &&
-         std::all_of(compaction.tier.begin(), compaction.tier.end(),
-                     [](std::uint8_t tier) { return tier < kMaxRoundingTiers; });
+  same = same && is_consistent(state.compaction, n);
   const std::size_t cameras = state.colour.size();
   return same && state.updates.size() == n && state.statistics.gradient_sum.size() == n &&
          state.statistics.abs_gradient_sum.size() == n && state.statistics.error_max.size() == n &&
@@ -194,6 +210,21 @@ Status write_checkpoint(const std::string& path, const TrainState& state,
   visit_state(state, writer);
   writer.value(static_cast<std::uint64_t>(XXH3_64bits(writer.bytes.data(), writer.bytes.size())));
   return write_file_atomically(path, writer.bytes);
+}
+
+Status check_state(const std::string& path, const TrainState& state, const PreparedCapture& capture,
+                   int sh_degree, bool coupled) {
+  const auto cameras = std::count_if(capture.cameras.begin(), capture.cameras.end(),
+                                     [](const Camera& camera) { return !camera.test; });
+  if (state.colour.size() == static_cast<std::size_t>(cameras) &&
+      state.set.sh_degree == sh_degree && state.is_coupled() == coupled &&
+      state.iteration <= static_cast<std::uint64_t>(std::numeric_limits<int>::max())) {
+    return {};
+  }
+  return invalid_file(
+      "{}: damaged checkpoint (its state is not that of the run that it states); resume from "
+      "another one or train from the start",
+      path);
 }
 
 std::uint64_t state_hash(const TrainState& state) {

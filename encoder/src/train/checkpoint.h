@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <string>
 
+#include "stgs/encoder/prepared_capture.h"
 #include "stgs/format/status.h"
 #include "train/fingerprint.h"
 #include "train/train_state.h"
@@ -24,6 +25,12 @@ Status write_checkpoint(const std::string& path, const TrainState& state,
 // Reads a checkpoint. kInvalidFile if it is damaged, kUnsupported if it has the layout of another
 // version. check_same_run() checks that it belongs to the run.
 Result<Checkpoint> read_checkpoint(const std::string& path);
+
+// Checks that a state has the arrays of a run, for check_same_run() compares only what the
+// checkpoint states of itself. `coupled`: TrainState::is_coupled() of the run. kInvalidFile if it
+// does not. `path` is the checkpoint's, for the message.
+Status check_state(const std::string& path, const TrainState& state, const PreparedCapture& capture,
+                   int sh_degree, bool coupled);
 
 // Returns a hash of all state that a checkpoint stores.
 std::uint64_t state_hash(const TrainState& state);
