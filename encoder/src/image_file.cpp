@@ -16,6 +16,16 @@ void* copy_bytes(void* to, const void* from, std::size_t count) {
   return count == 0 ? to : std::memcpy(to, from, count);
 }
 
+// The largest block that stb_image may allocate: it expands the data of a PNG image without limit.
+thread_local std::size_t max_block = 0;
+
+void* allocate(std::size_t bytes) {
+  return bytes > max_block ? nullptr : std::calloc(1, bytes);
+}
+void* reallocate(void* block, std::size_t bytes) {
+  return bytes > max_block ? nullptr : std::realloc(block, bytes);
+}
+
 }  // namespace
 
 #pragma GCC diagnostic push
@@ -30,8 +40,8 @@ void* copy_bytes(void* to, const void* from, std::size_t count) {
 #define STBI_NO_STDIO
 // Zeroed, because a JPEG image may use tables that it does not define, and not all versions of
 // stb_image clear them.
-#define STBI_MALLOC(size) std::calloc(1, size)
-#define STBI_REALLOC(block, size) std::realloc(block, size)
+#define STBI_MALLOC(size) allocate(size)
+#define STBI_REALLOC(block, size) reallocate(block, size)
 #define STBI_FREE(block) std::free(block)
 #define memcpy copy_bytes
 #include <stb_image.h>
@@ -44,7 +54,23 @@ namespace {
 
 constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 30;  // fits the int that stb takes
 
-constexpr std::uint8_t kMarker = 0xff, kStartOfImage = 0xd8, kEndOfImage = 0xd9, kHuffman = 0xc4;
+constexpr std::uint8_t kMarker = 0xff, kStartOfImage = 0xd8, kEndOfImage = 0xd9, kHuffman = 0xc4,
+                       kStartOfScan = 0xda;
+// A scan of a few bytes takes a pass over the image. Encoders write about ten.
+constexpr int kMaxScans = 200;
+
+// Returns whether a segment states the size of a JPEG image.
+bool is_frame_header(std::uint8_t code) {
+  return code >= 0xc0 && code <= 0xcf && code != kHuffman && code != 0xc8 && code != 0xcc;
+}
+
+// Returns the largest block that decoding an image needs: samples of 16 bits of 4 channels, or
+// coefficients of JPEG in whole blocks, and twice the size where a buffer grows.
+std::size_t largest_block(int width, int height) {
+  constexpr std::size_t kPerPixel = 16, kMargin = 64, kLeast = std::size_t{1} << 20;
+  return kLeast + kPerPixel * (static_cast<std::size_t>(width) + kMargin) *
+                      (static_cast<std::size_t>(height) + kMargin);
+}
 
 bool is_jpeg(std::span<const std::uint8_t> bytes) {
   return bytes.size() >= 2 && bytes[0] == kMarker && bytes[1] == kStartOfImage;
@@ -88,16 +114,6 @@ bool tables_fit(std::span<const std::uint8_t> bytes) {
   return true;
 }
 
-// Returns whether all Huffman tables of a JPEG file are valid. True for other files.
-bool has_valid_tables(std::span<const std::uint8_t> bytes) {
-  bool valid = true;
-  const auto check = [&](std::uint8_t code, std::size_t at) {
-    if (code == kHuffman) valid = valid && tables_fit(bytes.subspan(at));
-  };
-  if (is_jpeg(bytes)) (void)visit_segments(bytes, check);
-  return valid;
-}
-
 // Returns why stb_image failed. It quotes the type of an unknown chunk, which need not be text.
 std::string_view failure() {
   const std::string_view reason = stbi_failure_reason();
@@ -124,12 +140,30 @@ bool is_truncated_jpeg(std::span<const std::uint8_t> bytes) {
   return is_jpeg(bytes) && !visit_segments(bytes, [](std::uint8_t, std::size_t) {});
 }
 
-Result<Image8> read_image8(const std::string& path, int channels) {
-  STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(path));
-  return read_image8(*source, channels);
+Status check_jpeg(std::span<const std::uint8_t> bytes, const std::string& path) {
+  if (!is_jpeg(bytes)) return {};
+  bool has_valid_tables = true;
+  int scans = 0, frames = 0;
+  (void)visit_segments(bytes, [&](std::uint8_t code, std::size_t at) {
+    if (code == kHuffman) has_valid_tables = has_valid_tables && tables_fit(bytes.subspan(at));
+    if (code == kStartOfScan) ++scans;
+    if (is_frame_header(code)) ++frames;
+  });
+  if (!has_valid_tables) {
+    return invalid_file("{}: cannot decode the image: a Huffman table has too many codes", path);
+  }
+  if (frames > 1) return invalid_file("{}: the JPEG file states its size {} times", path, frames);
+  if (scans <= kMaxScans) return {};
+  return invalid_file("{}: the JPEG file has {} scans (expected at most {})", path, scans,
+                      kMaxScans);
 }
 
-Result<Image8> read_image8(const ByteSource& file, int channels) {
+Result<Image8> read_image8(const std::string& path, int channels, std::uint64_t max_memory) {
+  STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(path));
+  return read_image8(*source, channels, max_memory);
+}
+
+Result<Image8> read_image8(const ByteSource& file, int channels, std::uint64_t max_memory) {
   const std::string& path = file.name();
   if (file.size() > kMaxFileBytes) {
     return unsupported("{}: image file too large: {} bytes (limit {})", path, file.size(),
@@ -138,14 +172,14 @@ Result<Image8> read_image8(const ByteSource& file, int channels) {
   try {
     std::vector<std::uint8_t> bytes(file.size());
     STGS_TRY(file.read(0, bytes));
-    return decode_image8(bytes, channels, path);
+    return decode_image8(bytes, channels, path, max_memory);
   } catch (const std::bad_alloc&) {
     return runtime_error("{}: not enough memory to decode the image", path);
   }
 }
 
 Result<Image8> decode_image8(const std::vector<std::uint8_t>& bytes, int channels,
-                             const std::string& path) {
+                             const std::string& path, std::uint64_t max_memory) {
   if (bytes.size() > kMaxFileBytes) {
     return unsupported("{}: image file too large: {} bytes (limit {})", path, bytes.size(),
                        kMaxFileBytes);
@@ -157,16 +191,24 @@ Result<Image8> decode_image8(const std::vector<std::uint8_t>& bytes, int channel
         "it if its writer omits the marker",
         path, bytes.size());
   }
-  if (!has_valid_tables(bytes)) {
-    return invalid_file("{}: cannot decode the image: a Huffman table has too many codes", path);
-  }
+  STGS_TRY(check_jpeg(bytes, path));
   const int size = static_cast<int>(bytes.size());
   Image8 image;
+  max_block = largest_block(0, 0);
   if (stbi_info_from_memory(bytes.data(), size, &image.width, &image.height, &image.channels) ==
       0) {
     return invalid_file("{}: cannot decode the image: {} (expected PNG or JPEG)", path, failure());
   }
   STGS_TRY(check_image_size(image.width, image.height, path));
+  // Of decoding: the inflated samples, the pixels, and their copy.
+  const std::uint64_t need = bytes.size() + std::uint64_t{12} * static_cast<unsigned>(image.width) *
+                                                static_cast<unsigned>(image.height);
+  if (need > max_memory) {
+    return unsupported(
+        "{}: {}x{} pixels need {} bytes, more than the limit of {}; allow more memory", path,
+        image.width, image.height, need, max_memory);
+  }
+  max_block = largest_block(image.width, image.height);
   const std::unique_ptr<stbi_uc, decltype(&stbi_image_free)> pixels(
       stbi_load_from_memory(bytes.data(), size, &image.width, &image.height, &image.channels,
                             channels),

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import unittest
 import zipfile
+import zlib
 
 import harness
 from harness import CliTest, built_in
@@ -15,6 +16,52 @@ from harness import CliTest, built_in
 INVALID, UNSUPPORTED = 3, 5
 GIB = 1 << 30
 SECONDS = 30  # for runs that take less than one, and took minutes
+
+
+def png(width, height, data):
+    def chunk(tag, content):
+        return (struct.pack(">I", len(content)) + tag + content +
+                struct.pack(">I", zlib.crc32(tag + content)))
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) +
+            chunk(b"IDAT", zlib.compress(data)) + chunk(b"IEND", b""))
+
+
+def jpeg(*segments):
+    return b"\xff\xd8" + b"".join(segments) + b"\xff\xd9"
+
+
+def frame_header(width, height):
+    return b"\xff\xc2" + struct.pack(">HBHHB", 11, 8, height, width, 1) + b"\1\x11\0"
+
+
+SCAN = b"\xff\xda" + struct.pack(">HB", 8, 1) + b"\1\0\0\0\0" + b"\0"
+
+
+class HostileImages(CliTest):
+    def compare(self, code, message, name, *more):
+        return self.fails(code, message, "compare", name, name, *more, preexec_fn=lambda: limit_memory(2))
+
+    def test_data_that_expands_beyond_the_image_is_refused(self):
+        self.write("a.png", png(16, 16, bytes(200_000_000)))
+        self.compare(INVALID, "a.png: cannot decode the image", "a.png")
+
+    def test_scans_and_sizes_of_jpeg_files(self):
+        self.write("a.jpg", jpeg(frame_header(4096, 4096), SCAN * 20000))
+        self.compare(INVALID, "a.jpg: the JPEG file has 20000 scans", "a.jpg")
+        self.write("b.jpg", jpeg(frame_header(20000, 20000), frame_header(64, 64), SCAN))
+        self.compare(INVALID, "b.jpg: the JPEG file states its size 2 times", "b.jpg")
+
+    def test_images_are_limited_by_memory(self):
+        self.write("a.png", png(2000, 2000, bytes(2000 * 6001)))
+        self.compare(UNSUPPORTED, "a.png: 2000x2000 pixels .*larger --memory", "a.png", "--memory", "16M")
+        self.succeeds("compare", "a.png", "a.png", "--memory", "1G")
+
+    def test_camera_files_are_limited_and_never_waited_for(self):
+        os.mkfifo(self.path("camera.json"))
+        arguments = ["render", self.fixture("tiny.stgs"), "--time", "0", "-o", "null", "--camera"]
+        self.fails(2, "camera.json: cannot open camera file: not a regular file", *arguments, "camera.json")
+        self.write("large.json", b" " * 2_000_000)
+        self.fails(INVALID, "large.json: a camera file of 2000000 bytes", *arguments, "large.json")
 
 
 class HostileScenes(CliTest):

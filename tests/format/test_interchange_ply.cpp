@@ -245,8 +245,8 @@ TEST_CASE("the caller's limits apply to PLY") {
   CHECK(read(bytes, nullptr, {.max_memory = kBytes}).ok());
   const Status status = read(bytes, nullptr, {.max_memory = kBytes - 1}).status();
   CHECK(status.code() == StatusCode::kUnsupported);
-  CHECK_THAT(status.message(), Contains("memory limit of 20319 bytes (need 20320 bytes)") &&
-                                   Contains("allow more memory"));
+  CHECK_THAT(status.message(), Catch::Contains("memory limit of 20319 bytes (need 20320 bytes)") &&
+                                   Catch::Contains("allow more memory"));
 }
 
 namespace {

@@ -68,8 +68,8 @@ class Compare final : public Command {
 
  private:
   Status compare_images(Session& session) {
-    STGS_ASSIGN(Image a, read_image(a_));
-    STGS_ASSIGN(Image b, read_image(b_));
+    STGS_ASSIGN(Image a, read_image(a_, memory_.bytes()));
+    STGS_ASSIGN(Image b, read_image(b_, memory_.bytes()));
     if (a.width != b.width || a.height != b.height) {
       return {StatusCode::kDiffers,
               fmt::format("the images differ in size: {} is {}x{}, {} is {}x{}", a_, a.width,

@@ -117,7 +117,7 @@ Result<std::vector<std::uint8_t>> encode_exr(const FloatFrame& frame, const std:
   }
 }
 
-Result<Image> read_exr_file(const std::string& path) {
+Result<Image> read_exr_file(const std::string& path, std::uint64_t max_memory) {
   try {
     STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(path));
     SourceReader stream(*source);
@@ -125,6 +125,11 @@ Result<Image> read_exr_file(const std::string& path) {
     const Imath::Box2i window = file.header().dataWindow();
     const int width = window.max.x - window.min.x + 1, height = window.max.y - window.min.y + 1;
     STGS_TRY(encoder::check_image_size(width, height, path));
+    if (std::uint64_t{12} * static_cast<unsigned>(width) * static_cast<unsigned>(height) >
+        max_memory) {
+      return unsupported("{}: {}x{} pixels exceed the limit of {} bytes; allow more memory", path,
+                         width, height, max_memory);
+    }
     for (const char* name : {"R", "G", "B"}) {
       const Imf::Channel* channel = file.header().channels().findChannel(name);
       if (channel == nullptr || channel->xSampling != 1 || channel->ySampling != 1) {
@@ -161,7 +166,7 @@ Result<std::vector<std::uint8_t>> encode_exr(const FloatFrame&, const std::strin
       name);
 }
 
-Result<Image> read_exr_file(const std::string& path) {
+Result<Image> read_exr_file(const std::string& path, std::uint64_t) {
   return not_built("{}: this build has no EXR (OpenEXR was not found); rebuild with libopenexr-dev",
                    path);
 }

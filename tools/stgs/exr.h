@@ -15,6 +15,7 @@ namespace stgs::tools {
 // Returns the bytes of a file. `name`: of the file, in messages.
 Result<std::vector<std::uint8_t>> encode_exr(const FloatFrame& frame, const std::string& name);
 // Reads R, G and B of a regular file as sRGB-encoded planes.
-Result<Image> read_exr_file(const std::string& path);
+// kUnsupported for more than `max_memory` bytes of floats.
+Result<Image> read_exr_file(const std::string& path, std::uint64_t max_memory);
 
 }  // namespace stgs::tools

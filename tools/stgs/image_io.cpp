@@ -103,9 +103,15 @@ Status write_exr(const std::string& path, const FloatFrame& frame) {
   return write_file_atomically(path, bytes);
 }
 
-Result<Image> read_image(const std::string& path) {
-  if (extension_of(path) == ".exr") return read_exr_file(path);
-  STGS_ASSIGN(const encoder::Image8 image, encoder::read_image8(path, 3));
+Result<Image> read_image(const std::string& path, std::uint64_t max_memory) {
+  if (extension_of(path) == ".exr") return read_exr_file(path, max_memory);
+  STGS_ASSIGN(const encoder::Image8 image, encoder::read_image8(path, 3, max_memory));
+  const std::uint64_t pixels =
+      std::uint64_t{1} * static_cast<unsigned>(image.width) * static_cast<unsigned>(image.height);
+  if (pixels * (3 + 3 * sizeof(float)) > max_memory) {
+    return unsupported("{}: {}x{} pixels exceed the limit of {} bytes; allow more memory", path,
+                       image.width, image.height, max_memory);
+  }
   return encoder::to_float(image);
 }
 

@@ -34,7 +34,8 @@ Status write_single_png(const std::string& path, const encoder::Image8& image,
 Status write_exr(const std::string& path, const FloatFrame& frame);
 
 // Reads a PNG, JPEG or EXR file, chosen by its extension, as planar sRGB-encoded RGB.
-Result<Image> read_image(const std::string& path);
+// kUnsupported if its file and its pixels take more than `max_memory` bytes.
+Result<Image> read_image(const std::string& path, std::uint64_t max_memory);
 // Returns whether read_image() accepts the extension of `path`.
 bool is_image_name(const std::string& path);
 // Returns the extension in lower case, with its dot.

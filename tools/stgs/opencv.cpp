@@ -2,8 +2,10 @@
 #include "opencv.h"
 
 #include <cstdlib>
+#include <string>
 
 #include "opencv_module.h"
+#include "stgs/encoder/image_file.h"
 #include "stgs/encoder/program_module.h"
 
 namespace stgs::tools {
@@ -53,7 +55,10 @@ void set_up_opencv(const CommonOptions& options) {
   settings_of_process() = {options.threads, options.log_level != "debug"};
   // OpenCV reads it when it first opens a video; -8 is AV_LOG_QUIET. A value set by the user stays.
   if (options.log_level != "debug") ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
-  // Likewise. Behind the check of a video's first bytes, FFmpeg refuses other demuxers and URLs.
+  // OpenCV reads it when it is loaded. The encoder checks the size that the header states before.
+  ::setenv("OPENCV_IO_MAX_IMAGE_PIXELS", std::to_string(encoder::kMaxImagePixels).c_str(), 0);
+  // As the first. Behind the check of a video's first bytes, FFmpeg refuses other demuxers and
+  // URLs.
   ::setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
            "protocol_whitelist;file|format_whitelist;mov,mp4,matroska,webm,avi", 0);
 }

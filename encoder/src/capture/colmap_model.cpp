@@ -153,24 +153,40 @@ Status read_points_binary(const CaptureFolder& files, const std::string& path, C
   return {};
 }
 
-// Returns the numbered lines that are not comments. Empty lines remain, because the feature line
-// of an image may be empty.
-Result<std::vector<std::pair<int, std::string>>> text_lines(const CaptureFolder& files,
-                                                            const std::string& path) {
-  STGS_ASSIGN(const std::vector<std::uint8_t> bytes, read_table(files, path));
-  std::istringstream stream(std::string(bytes.begin(), bytes.end()));
-  std::vector<std::pair<int, std::string>> lines;
-  std::string line;
-  for (int number = 1; std::getline(stream, line); ++number) {
-    if (!line.empty() && line.back() == '\r') line.pop_back();
-    if (line.empty() || line[0] != '#') lines.emplace_back(number, line);
+// The lines of a text file that are not comments, one after the other. Empty lines remain, because
+// the feature line of an image may be empty.
+class TextLines {
+ public:
+  static Result<TextLines> open(const CaptureFolder& files, const std::string& path) {
+    TextLines lines;
+    STGS_ASSIGN(lines.bytes_, read_table(files, path));
+    return lines;
   }
-  return lines;
-}
+  // Reads the next line. Returns false at the end.
+  bool next(std::string& line) {
+    do {
+      if (at_ == bytes_.size()) return false;
+      const auto begin = bytes_.begin() + static_cast<std::ptrdiff_t>(at_);
+      const auto end = std::find(begin, bytes_.end(), std::uint8_t{'\n'});
+      line.assign(begin, end);
+      at_ += line.size() + (end == bytes_.end() ? 0 : 1);
+      if (!line.empty() && line.back() == '\r') line.pop_back();
+      ++number_;
+    } while (!line.empty() && line[0] == '#');
+    return true;
+  }
+  // Returns the number of the last line, from 1.
+  int number() const { return number_; }
+
+ private:
+  std::vector<std::uint8_t> bytes_;
+  std::size_t at_ = 0;
+  int number_ = 0;
+};
 
 Status read_cameras_text(const CaptureFolder& files, const std::string& path, ColmapModel& model) {
-  STGS_ASSIGN(const auto lines, text_lines(files, path));
-  for (const auto& [number, line] : lines) {
+  STGS_ASSIGN(TextLines lines, TextLines::open(files, path));
+  for (std::string line; lines.next(line);) {
     if (line.empty()) continue;
     std::istringstream words(line);
     std::uint32_t id = 0;
@@ -180,7 +196,7 @@ Status read_cameras_text(const CaptureFolder& files, const std::string& path, Co
     const ModelKind* kind = kind_of(camera.model);
     if (kind == nullptr || camera.params.size() != kind->params) {
       return invalid_file("{}:{}: not a camera (expected id, model, width, height, parameters)",
-                          path, number);
+                          path, lines.number());
     }
     model.cameras[id] = std::move(camera);
   }
@@ -188,9 +204,10 @@ Status read_cameras_text(const CaptureFolder& files, const std::string& path, Co
 }
 
 Status read_images_text(const CaptureFolder& files, const std::string& path, ColmapModel& model) {
-  STGS_ASSIGN(const auto lines, text_lines(files, path));
-  for (std::size_t i = 0; i < lines.size(); i += 2) {  // every second line lists features
-    std::istringstream words(lines[i].second);
+  STGS_ASSIGN(TextLines lines, TextLines::open(files, path));
+  // Every second line lists features.
+  for (std::string line, features; lines.next(line); (void)lines.next(features)) {
+    std::istringstream words(line);
     ColmapImage image;
     std::uint32_t id = 0;
     words >> id;
@@ -198,10 +215,10 @@ Status read_images_text(const CaptureFolder& files, const std::string& path, Col
     for (double& v : image.translation) words >> v;
     words >> image.camera >> std::ws;
     if (!std::getline(words, image.name) || image.name.empty()) {
-      if (lines[i].second.empty() && i + 1 == lines.size()) break;
+      const int number = lines.number();
+      if (line.empty() && !lines.next(features)) break;
       return invalid_file(
-          "{}:{}: not an image (expected id, quaternion, translation, camera, name)", path,
-          lines[i].first);
+          "{}:{}: not an image (expected id, quaternion, translation, camera, name)", path, number);
     }
     model.images.push_back(std::move(image));
   }
@@ -209,8 +226,8 @@ Status read_images_text(const CaptureFolder& files, const std::string& path, Col
 }
 
 Status read_points_text(const CaptureFolder& files, const std::string& path, ColmapModel& model) {
-  STGS_ASSIGN(const auto lines, text_lines(files, path));
-  for (const auto& [number, line] : lines) {
+  STGS_ASSIGN(TextLines lines, TextLines::open(files, path));
+  for (std::string line; lines.next(line);) {
     if (line.empty()) continue;
     std::istringstream words(line);
     std::uint64_t id = 0;
@@ -220,7 +237,8 @@ Status read_points_text(const CaptureFolder& files, const std::string& path, Col
     words >> id >> point.position[0] >> point.position[1] >> point.position[2];
     for (int& v : colour) words >> v;
     if (!words) {
-      return invalid_file("{}:{}: not a point (expected id, x y z, red green blue)", path, number);
+      return invalid_file("{}:{}: not a point (expected id, x y z, red green blue)", path,
+                          lines.number());
     }
     for (int c = 0; c < 3; ++c) {
       point.colour[c] = static_cast<std::uint8_t>(std::clamp(colour[c], 0, 255));

@@ -67,6 +67,7 @@ Size jpeg_size(Bytes bytes) {
       ++at;
       continue;
     }
+    if (marker == 0) return {};  // decoders search on, and may find another size
     const bool frame = marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 &&
                        marker != 0xcc;  // tables and extensions
     if (frame) return {number(bytes, at + 7, 2, true), number(bytes, at + 5, 2, true)};
@@ -92,9 +93,12 @@ Size tiff_size(Bytes bytes) {
   const std::uint64_t directory = number(bytes, 4, 4, big);
   const std::uint64_t entries = number(bytes, directory, 2, big);
   Size size;
+  std::uint64_t last = 0;
   for (std::uint64_t i = 0; i < entries; ++i) {
     const std::uint64_t at = directory + 2 + i * kEntry;
     const std::uint64_t tag = number(bytes, at, 2, big);
+    if (tag <= last) return {};  // tags ascend: decoders differ in which of two they use
+    last = tag;
     const std::size_t width = number(bytes, at + 2, 2, big) == kShort ? 2 : 4;
     if (tag == kWidth) size.width = number(bytes, at + 8, width, big);
     if (tag == kHeight) size.height = number(bytes, at + 8, width, big);

@@ -112,8 +112,10 @@ Result<cv::Mat> decode_file(const CaptureFolder& files, const std::string& path,
   STGS_ASSIGN(const std::vector<std::uint8_t> bytes, files.read(path, kCaptureLimits.file_bytes));
   STGS_TRY(check_complete(bytes, path, what));
   STGS_TRY(check_image_kind(bytes, path, what));
+  STGS_TRY(check_jpeg(bytes, path));
   try {
     cv::Mat image = cv::imdecode(bytes, flags);
+    if (!image.empty()) STGS_TRY(check_image_size(image.cols, image.rows, path));
     if (!image.empty()) return image;
   } catch (const cv::Exception& error) {  // for example, a size beyond OpenCV's limit
     return invalid_file("{}: cannot decode {}: {}", path, what, error.err);

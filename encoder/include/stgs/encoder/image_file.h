@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <string>
 #include <vector>
@@ -12,6 +13,7 @@
 
 namespace stgs::encoder {
 
+inline constexpr std::uint64_t kNoMemoryLimit = std::numeric_limits<std::uint64_t>::max();
 // The largest number of pixels that an image may have.
 inline constexpr std::int64_t kMaxImagePixels = std::int64_t{1} << 28;
 
@@ -23,12 +25,19 @@ Status check_image_size(std::int64_t width, std::int64_t height, const std::stri
 // omitted the marker; decoders would return a partly grey image. Bytes after the marker are valid.
 bool is_truncated_jpeg(std::span<const std::uint8_t> bytes);
 
+// Checks that a JPEG file states one size, has at most 200 scans, and has valid Huffman tables;
+// kInvalidFile otherwise. Success for other files.
+Status check_jpeg(std::span<const std::uint8_t> bytes, const std::string& path);
+
 // Decodes a PNG or JPEG file to `channels` (1 or 3) channels. The header is checked with
 // check_image_size before decoding. kInvalidFile for an undecodable or truncated image.
-Result<Image8> read_image8(const std::string& path, int channels);
-Result<Image8> read_image8(const ByteSource& file, int channels);
+// kUnsupported if the file and its pixels take more than `max_memory` bytes.
+Result<Image8> read_image8(const std::string& path, int channels,
+                           std::uint64_t max_memory = kNoMemoryLimit);
+Result<Image8> read_image8(const ByteSource& file, int channels,
+                           std::uint64_t max_memory = kNoMemoryLimit);
 // As read_image8() for the bytes of a file. `path` is for messages.
 Result<Image8> decode_image8(const std::vector<std::uint8_t>& bytes, int channels,
-                             const std::string& path);
+                             const std::string& path, std::uint64_t max_memory = kNoMemoryLimit);
 
 }  // namespace stgs::encoder
