@@ -59,7 +59,9 @@ def run(build, name, folders, scratch):
     subprocess.run([program, "--write-seeds", seeds], check=True, env=nowhere)
     files = [path for folder in [seeds, *folders] for path in sorted(glob.glob(os.path.join(folder, "*")))
              if os.path.isfile(path)]
-    subprocess.run([program, *files], check=True, cwd=scratch, env=dict(os.environ, LLVM_PROFILE_FILE=profile))
+    environment = dict(os.environ, LLVM_PROFILE_FILE=profile)
+    if subprocess.run([program, *files], cwd=scratch, env=environment).returncode != 0:
+        sys.exit(f"fuzz_{name} failed on its corpora")
     return profile
 
 
@@ -151,7 +153,7 @@ def report(counts, missing):
         print(f"{count}  {path}{' (' + writers[path] + ')' if path in writers else ''}")
         if path not in writers:
             folders[folder].add(count)
-        if any(part in path for part in missing):
+        if path not in writers and any(part in path for part in missing):
             for number, text in count.missing:
                 print(f"    {number:4d} {text}")
     print("\nWithout exempt files:")

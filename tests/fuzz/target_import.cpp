@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// `stgs convert` up to its writer: files and folders of any name and content, whose format is
-// detected. Covers the readers that need several files: PLY frames and SOG folders.
+// `stgs convert`: files and folders of any name and content, whose format is detected. Covers the
+// readers that need several files, PLY frames and SOG folders. What was read is written in each
+// format.
 //
 // Input: the files, one after another: u8 number of a name, u32 size, content. A first file with
 // a name of kSingleNames is read alone; otherwise a folder with all of them.
@@ -29,6 +30,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kMaxFiles = 24, kFileHead = 5;
+constexpr std::size_t kMaxWritten = 300;  // primitives of scenes that are written
 constexpr std::array kSingleNames = {"input", "input.json", "input.sogst", "input.tsog",
                                      "input.SOG"};
 // Of files in a folder. The images are those of the fixtures.
@@ -166,9 +168,10 @@ std::vector<Unit> units(View input) {
   return out;
 }
 
-// A frame is kept besides the primitives, of SOG models the images and the JSON.
+// A frame is kept besides the primitives, of SOG models the images and the JSON; and the text of a
+// written scene.
 std::uint64_t memory(View input) {
-  return 3 * import_memory(input) + 64 * input.size() + (1 << 20);
+  return 3 * import_memory(input) + 64 * input.size() + (4 << 20);
 }
 
 void check_failure(const Status& status) {
@@ -189,6 +192,38 @@ void check_snapshots(const Scene& scene) {
   }
 }
 
+// Writes a scene in a format and reads it again.
+void check_writer(const InterchangeFormat& format, const Scene& scene, const Gaussians4D& set) {
+  ConversionNotes notes;
+  require(format_for_output(std::string("a") + format.extension) != nullptr,
+          "a format that can be written has an extension");
+  if (format.write != nullptr) {
+    const auto bytes = format.write(set, &notes);
+    if (!bytes.ok()) return check_failure(bytes.status());
+    if (format.read == nullptr) return;
+    const auto again = format.read(*memory_source(*bytes, "output"), {}, &notes);
+    require(again.ok(), "a written file can be read");
+    (void)conversion_errors(set, *again);
+    return;
+  }
+  std::vector<std::uint32_t> order;
+  const auto bytes = format.write_scene(scene, &notes, &order);
+  if (!bytes.ok()) return check_failure(bytes.status());
+  if (format.read_back == nullptr) return;
+  const auto again = format.read_back(*memory_source(*bytes, "output"), {});
+  require(again.ok() && again->gaussians.size() == order.size(), "a written file can be read");
+  (void)conversion_errors(scene.gaussians.gather(order), *again);
+}
+
+void check_writers(const Scene& scene) {
+  if (scene.gaussians.size() > kMaxWritten) return;
+  (void)list_metadata(scene.metadata, "the camera", true);
+  const auto set = snapshot_at(scene, scene.metadata.frames / 2.0);
+  for (const InterchangeFormat& format : interchange_formats()) {
+    if (format.is_writable()) check_writer(format, scene, *set);
+  }
+}
+
 }  // namespace
 
 const Target stgs::fuzz::kTarget{"import", seeds, nullptr, nullptr, units, memory};
@@ -206,6 +241,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (scene.ok()) {
       check_import(scene);
       check_snapshots(*scene);
+      check_writers(*scene);
     } else {
       check_failure(scene.status());
     }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What players and tools do with a file besides opening and decoding it: an index on demand,
 // growth, damaged segments, recovery, statistics, and the continuation of a recording.
+#include <atomic>
 #include <cstring>
 #include <fstream>
 #include <memory_resource>
@@ -18,7 +19,7 @@ using namespace stgs::fuzz;
 
 namespace {
 
-// The beginning of a file, which grows.
+// The beginning of a file, which grows and is cut off again.
 class GrowingSource final : public ByteSource {
  public:
   GrowingSource(const Bytes& bytes, std::uint64_t size) : bytes_(bytes), size_(size), next_(size) {}
@@ -41,6 +42,29 @@ class GrowingSource final : public ByteSource {
  private:
   const Bytes& bytes_;
   std::uint64_t size_, next_;
+  const std::string name_ = "input";
+};
+
+// Bytes of which some cannot be read: the reads from `first` to `last`, counted from 1.
+class FailingSource final : public ByteSource {
+ public:
+  FailingSource(const Bytes& bytes, int first, int last)
+      : bytes_(bytes), first_(first), last_(last) {}
+
+  std::uint64_t size() const override { return bytes_.size(); }
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    STGS_TRY(check_range(name_, bytes_.size(), offset, out.size()));
+    const int read = ++reads_;
+    if (read >= first_ && read <= last_) return io_error("{}: cannot read", name_);
+    std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(offset), out.size(), out.begin());
+    return {};
+  }
+  const std::string& name() const override { return name_; }
+
+ private:
+  const Bytes& bytes_;
+  const int first_, last_;
+  mutable std::atomic<int> reads_{0};
   const std::string name_ = "input";
 };
 
@@ -129,7 +153,7 @@ void check_growth(const Bytes& input) {
   GrowingSource& grown = *source;
   auto reader = SceneReader::open(std::move(source), kStgsLimits);
   if (!reader.ok()) return;
-  for (const std::size_t size : {input.size() * 3 / 4, input.size()}) {
+  for (const std::size_t size : {input.size() * 3 / 4, input.size(), input.size() / 2}) {
     grown.grow(size);
     const std::size_t before = (*reader)->segments().size();
     const auto changed = (*reader)->refresh();
@@ -152,18 +176,66 @@ void check_recovery(const Bytes& input, const SceneReader& reader) {
   }
 }
 
-// Reads the file by path and continues or finishes a recording.
-void check_file(const Bytes& input, SceneForm form, Profile profile) {
+bool is_failure_of_input(const Status& status) {
+  const StatusCode code = status.code();
+  return code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported ||
+         code == StatusCode::kNotBuilt || code == StatusCode::kIo || code == StatusCode::kUsage;
+}
+
+// Reads everything that a source with these limits gives. Failures are those of the input.
+void read_all(const Bytes& input, const ReadLimits& limits, int first_failure, int last_failure) {
+  const auto source = [&] {
+    return std::make_unique<FailingSource>(input, first_failure, last_failure);
+  };
+  const auto issues = validate_scene(*source(), limits);
+  require(issues.ok() || is_failure_of_input(issues.status()), "validation fails for a reason");
+  for (const IndexLoading loading : {IndexLoading::kComplete, IndexLoading::kOnDemand}) {
+    const auto reader =
+        SceneReader::open(source(), limits, std::pmr::get_default_resource(), loading);
+    if (!reader.ok()) {
+      require(is_failure_of_input(reader.status()), "opening fails for a reason of the input");
+      continue;
+    }
+    (void)(*reader)->load(0, (*reader)->metadata().frames);
+    (void)(*reader)->importance();
+    (void)(*reader)->missing_bytes();
+    (void)(*reader)->error_bounds();
+    (void)(*reader)->tables();
+    DamageReport report;
+    const auto scene = recover_scene(**reader, "input", report, limits);
+    require(scene.ok() || is_failure_of_input(scene.status()), "recovery fails for a reason");
+  }
+}
+
+void check_limits_and_failures(const Bytes& input) {
+  for (const std::uint64_t bytes : {400, 2000, 8000}) {
+    read_all(input, {bytes / 100, bytes, bytes}, 0, 0);
+    read_all(input, {kStgsLimits.max_primitives, bytes, 0}, 0, 0);
+  }
+  for (const int first : {1, 2, 3, 4, 6, 9}) {
+    read_all(input, kStgsLimits, first, first);
+    read_all(input, kStgsLimits, first, 1 << 30);
+  }
+}
+
+// Reads the file by path, and finishes or continues a recording.
+void check_file(const Bytes& input) {
   const std::string path = folder() / "input.stgs", finished = folder() / "finished.stgs";
   std::ofstream(path, std::ios::binary)
       .write(reinterpret_cast<const char*>(input.data()),
              static_cast<std::streamsize>(input.size()));
   (void)scene_extras(path, kStgsLimits);
-  if (form == SceneForm::kFinished) return;
   DamageReport report;
-  (void)finalize_scene(memory_source(input, "input"), finished, report, kStgsLimits);
-  if (form != SceneForm::kGrowing) return;
-  auto recorder = SceneRecorder::resume(path, testing::recording_settings(profile));
+  const Status finalized =
+      finalize_scene(memory_source(input, "input"), finished, report, kStgsLimits);
+  if (finalized.ok()) {
+    require(SceneReader::open(finished, kStgsLimits).ok(), "a finished recording can be opened");
+  }
+  const auto reader = SceneReader::open(path, kStgsLimits);
+  if (!reader.ok()) return;
+  (void)profile_name((*reader)->profile());
+  if ((*reader)->form() != SceneForm::kGrowing) return;
+  auto recorder = SceneRecorder::resume(path, testing::recording_settings((*reader)->profile()));
   if (!recorder.ok()) return;
   const std::uint32_t frames = (*recorder)->frames();
   if (frames > 1u << 30) return;
@@ -178,12 +250,13 @@ const Target stgs::fuzz::kTarget{"reader", seeds, nullptr, repair_stgs, stgs_uni
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const Bytes input(data, data + size);
   check_growth(input);
+  check_limits_and_failures(input);
+  check_file(input);
   const auto reader = SceneReader::open(memory_source(input, "input"), kStgsLimits);
   if (!reader.ok()) return 0;
   (void)decoder_needs(**reader);
   check_segments(**reader);
   check_loading(input, **reader);
   check_recovery(input, **reader);
-  check_file(input, (*reader)->form(), (*reader)->profile());
   return 0;
 }
