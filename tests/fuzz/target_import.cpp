@@ -109,6 +109,15 @@ Bytes ply_of(const Gaussians4D& set) {
   return std::move(*bytes);
 }
 
+// Frames that are missing, or have another degree.
+Bytes broken_frames(const std::string& last, int degree) {
+  Bytes input;
+  const Bytes frame = ply_of(testing::random_scene(2, 0, 1, 5).gaussians);
+  for (const char* name : {"frame_1.ply", "frame_2.ply"}) add_file(input, name, frame);
+  add_file(input, last, ply_of(testing::random_scene(2, degree, 1, 5).gaussians));
+  return input;
+}
+
 // Splats that stay, move, change, appear and vanish.
 Bytes ply_frames() {
   Gaussians4D set = testing::random_scene(8, 1, 1, 5).gaussians;
@@ -133,6 +142,15 @@ void add_sog_seeds(std::vector<Bytes>& out) {
   }
   out.push_back(folder);
   out.push_back(nested);
+  static const testing::TemporaryFolder bundles;
+  for (const testing::SogModel& clip :
+       {testing::random_sogst(3, 0, 2, 3, 1, 2), testing::continuous_tsog(3, 0, 2, 5)}) {
+    clip.write_bundle(bundles / "clip");
+    std::ifstream file(bundles / "clip", std::ios::binary);
+    const std::string bytes{std::istreambuf_iterator<char>(file), {}};
+    for (const char* name : {"input", "input.sogst", "input.tsog"})
+      out.push_back(single(name, bytes));
+  }
 }
 #endif
 
@@ -143,6 +161,8 @@ std::vector<Bytes> seeds() {
   auto usda = write_usda(static_scene(set));
   require(spz.ok() && glb.ok() && fourdgs.ok() && usda.ok(), "seeds can be written");
   std::vector<Bytes> out = {ply_frames(),
+                            broken_frames("frame_9.ply", 0),
+                            broken_frames("frame_3.ply", 1),
                             single("frame.ply", ply_of(set)),
                             single("input", ply_of(set)),
                             single("input", *spz),
