@@ -39,6 +39,9 @@ build_libraries() {
                 -DBUILD_REGRESS=OFF -DBUILD_EXAMPLES=OFF -DBUILD_DOC=OFF -DBUILD_OSSFUZZ=OFF
   build_library draco -DDRACO_TESTS=OFF
   export PKG_CONFIG_PATH=$prefix/lib/pkgconfig
+  # Not in a folder that CMake searches.
+  draco_DIR=$(dirname "$(find "$prefix" -name draco-config.cmake)")
+  export draco_DIR
 }
 
 if [ "${STGS_SYSTEM_LIBRARIES:-0}" != 1 ]; then
