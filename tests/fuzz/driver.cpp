@@ -176,9 +176,8 @@ int main(int argc, char** argv) {
                  kTarget.name);
     return 1;
   }
-  const std::vector<Bytes> seeds = kTarget.seeds();
   if (!options.write_seeds.empty()) {
-    write_seeds(options.write_seeds, seeds);
+    write_seeds(options.write_seeds, kTarget.seeds());
     return 0;
   }
   // Each thread takes address space; two are enough to provoke races.
@@ -192,7 +191,7 @@ int main(int argc, char** argv) {
   std::signal(SIGSEGV, save_failing_input);
   std::vector<Bytes> inputs;
   if (options.files.empty()) {
-    inputs = seeds;
+    inputs = kTarget.seeds();
     for (const std::string& folder : options.corpora) {
       for (Bytes& bytes : read_folder(folder)) inputs.push_back(std::move(bytes));
     }

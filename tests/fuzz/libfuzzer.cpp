@@ -1,19 +1,34 @@
 // SPDX-License-Identifier: Apache-2.0
-// Adds the structure-aware mutator to that of libFuzzer.
+// What a target needs under libFuzzer or another engine with its interface: the heap limit of each
+// input, and the structure-aware mutator besides that of the engine.
+#include <tbb/global_control.h>
 #include <algorithm>
 
+#include "heap.h"
 #include "mutator.h"
 
 using namespace stgs::fuzz;
 
-extern "C" std::size_t LLVMFuzzerMutate(std::uint8_t* data, std::size_t size,
-                                        std::size_t max_bytes);
+// Null with an engine that has none.
+extern "C" [[gnu::weak]] std::size_t LLVMFuzzerMutate(std::uint8_t* data, std::size_t size,
+                                                      std::size_t max_bytes);
+extern "C" int __real_LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size);
+
+// The linker makes the engine call this function (--wrap).
+extern "C" int __wrap_LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  // As in the plain driver: two threads are enough to provoke races.
+  static const tbb::global_control threads(tbb::global_control::max_allowed_parallelism, 2);
+  limit_heap(kTarget.max_memory({data, size}));
+  const int result = __real_LLVMFuzzerTestOneInput(data, size);
+  unlimit_heap();
+  return result;
+}
 
 extern "C" std::size_t LLVMFuzzerCustomMutator(std::uint8_t* data, std::size_t size,
                                                std::size_t max_bytes, unsigned seed) {
   Random random(seed);
   Bytes out;
-  if (random.one_in(3) && kTarget.repack != nullptr) {
+  if (random.one_in(3) && kTarget.repack != nullptr && LLVMFuzzerMutate != nullptr) {
     // A mutation of libFuzzer, applied to the unpacked form.
     out = kTarget.unpack != nullptr ? kTarget.unpack({data, size}) : Bytes(data, data + size);
     const std::size_t old_size = out.size();
