@@ -60,8 +60,12 @@ TEST_CASE("a nerfstudio table cannot name files outside the capture") {
     CHECK(is_refused(load(beside.in).status(), {"transforms.json: file_path", file}));
     CHECK(load(beside.in, trusted).status().message().empty());
   }
-  write_transforms(beside.in, {"a/0.png", "./a/../a/0.png"});  // stays inside
+  write_image(beside.in + "/a/1.png", test_image(0, 1));
+  write_transforms(beside.in, {"a/0.png", "./a/../a/1.png"});  // stays inside
   CHECK(load(beside.in).ok());
+  // Frames are decoded and written for each entry.
+  write_transforms(beside.in, {"a/0.png", "./a/../a/0.png"});
+  CHECK(is_refused(load(beside.in).status(), {"another entry names the same image"}));
 }
 
 TEST_CASE("tables of panoptic, easyvolcap and colmap cannot name files outside the capture") {

@@ -53,7 +53,7 @@ std::string without_secrets(std::string_view text) {
     }
     const std::size_t query = std::min(url.find('?'), url.size());
     out += url.substr(0, query);
-    // A message goes on after a query with one of these.
+    // After a query, a message has one of these.
     if (query < url.size() && (url.ends_with(':') || url.ends_with(';') || url.ends_with(',')))
       out += url.back();
     at = end;
