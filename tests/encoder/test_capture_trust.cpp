@@ -65,7 +65,9 @@ TEST_CASE("a nerfstudio table cannot name files outside the capture") {
   CHECK(load(beside.in).ok());
   // Frames are decoded and written for each entry.
   write_transforms(beside.in, {"a/0.png", "./a/../a/0.png"});
-  CHECK(is_refused(load(beside.in).status(), {"another entry names the same image"}));
+  const Status repeated = load(beside.in).status();
+  CHECK(repeated.code() == StatusCode::kInvalidFile);
+  CHECK(repeated.message().find("another entry names the same image") != std::string::npos);
 }
 
 TEST_CASE("tables of panoptic, easyvolcap and colmap cannot name files outside the capture") {
