@@ -50,28 +50,30 @@ Result<ModulePlaces> module_places() {
   return places;
 }
 
-// Returns whether a user other than root, this one and `owner`, that of the program, can change a
-// file or the names in a folder. A sticky folder keeps the names of others, but allows new ones:
-// that is enough for a folder above the module's.
-bool is_changeable(const fs::path& path, uid_t owner, bool allow_sticky) {
+// Returns whether every user can change a file or the names in a folder.
+bool is_open_to_all(const fs::path& path, bool allow_sticky) {
   struct stat status {};
   if (::stat(path.c_str(), &status) != 0) return true;
-  const bool is_trusted =
-      status.st_uid == 0 || status.st_uid == ::geteuid() || status.st_uid == owner;
-  const bool is_own_group = status.st_gid == 0 || status.st_gid == ::getegid();
-  const bool is_open =
-      (status.st_mode & S_IWOTH) != 0 || ((status.st_mode & S_IWGRP) != 0 && !is_own_group);
-  const bool is_sticky = (status.st_mode & S_ISVTX) != 0;
-  return !is_trusted || (is_open && !(allow_sticky && is_sticky));
+  return (status.st_mode & S_IWOTH) != 0 && !(allow_sticky && (status.st_mode & S_ISVTX) != 0);
 }
 
-// Returns whether another user can replace the module, its folder, or a folder above it.
+// Returns whether a file or folder belongs to root, this user, or `owner`.
+bool is_trusted(const fs::path& path, uid_t owner) {
+  struct stat status {};
+  return ::stat(path.c_str(), &status) == 0 &&
+         (status.st_uid == 0 || status.st_uid == ::geteuid() || status.st_uid == owner);
+}
+
+// Returns whether the module can be that of a user other than root, this one and `owner`, that of
+// the program. A sticky folder protects the names in it, but allows new ones: that is enough for a
+// folder above the module's.
 bool is_replaceable(const fs::path& path, uid_t owner) {
-  if (is_changeable(path, owner, false) || is_changeable(path.parent_path(), owner, false))
-    return true;
-  for (fs::path folder = path.parent_path(); folder.has_relative_path();) {
-    folder = folder.parent_path();
-    if (is_changeable(folder, owner, true)) return true;
+  const fs::path folder = path.parent_path();
+  if (!is_trusted(path, owner) || !is_trusted(folder, owner)) return true;
+  if (is_open_to_all(path, false) || is_open_to_all(folder, false)) return true;
+  for (fs::path above = folder; above.has_relative_path();) {
+    above = above.parent_path();
+    if (is_open_to_all(above, true)) return true;
   }
   return false;
 }
@@ -90,7 +92,7 @@ Result<void*> load_program_module(const std::string& file, const char* symbol, b
     if (is_replaceable(path, places.owner)) {
       problem = fmt::format(
           "{}: not loaded, because other users can replace it; make you or root the owner of the "
-          "file and of the folders above it, and run 'chmod go-w' on them",
+          "file and its folder, and run 'chmod o-w' on them and the folders above",
           path.string());
       continue;
     }
