@@ -262,6 +262,30 @@ void write_layouts(const LayoutSet& set, ByteWriter& out) {  // spec 6.1
   }
 }
 
+namespace {
+
+// Makes the lookups of the tables that planes refer to. They cost far more than the bytes of a
+// table.
+void make_lookups(LayoutSet& set) {
+  std::vector<bool> is_used(set.tables.size());
+  std::size_t count = 0;
+  for (const Layout& layout : set.layouts) {
+    for (const StreamRow& row : layout.streams) {
+      for (const std::uint16_t table : row.tables) {
+        if (table >= is_used.size()) continue;  // a problem of the layout
+        is_used[table] = true;
+        count = std::max<std::size_t>(count, table + std::size_t{1});
+      }
+    }
+  }
+  set.lookups.resize(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    if (is_used[i] && set.only[i] < 0) rans_lookup(set.tables[i], set.lookups[i]);
+  }
+}
+
+}  // namespace
+
 bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
                    std::size_t max_layouts, std::uint64_t memory, LayoutSet& set,
                    Findings& findings) {
@@ -279,7 +303,6 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
         tables * kTableMemory, tables, memory);
     return false;
   }
-  set.lookups.reserve(tables);
   for (std::size_t i = 0; i < tables; ++i) {
     auto table = read_rans_table(in);
     if (!table.ok()) {
@@ -288,8 +311,6 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
     }
     set.only.push_back(only_symbol(*table));
     set.tables.push_back(*table);
-    set.lookups.emplace_back();
-    if (set.only.back() < 0) rans_lookup(*table, set.lookups.back());
   }
   const std::size_t layouts = in.u16();
   if (layouts > max_layouts) {
@@ -312,6 +333,7 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
     findings.error(N::kLayouts, offset, "layouts: truncated");
     return false;
   }
+  make_lookups(set);
   return set.layouts.size() == layouts;
 }
 

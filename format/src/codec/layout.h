@@ -52,8 +52,8 @@ struct Layout {
 struct LayoutSet {
   std::vector<RansTable> tables;
   std::vector<Layout> layouts;
-  // By table: its only symbol, or -1; and its lookup, set by parse_layouts() unless it has only
-  // one.
+  // By table: its only symbol, or -1; and its lookup, set by parse_layouts() if a plane refers to
+  // it and it has several. There are none beyond the last table that a plane refers to.
   std::vector<std::int16_t> only;
   std::vector<RansLookup> lookups;
   // Layouts and rows together, set by parse_layouts().
