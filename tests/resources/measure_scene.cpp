@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Measures what opening, validating and reading files takes.
 //
-// usage: measure_scene MEMORY FILE...   MEMORY: the limit of reading complete files, bytes
+// usage: measure_scene MEMORY FILE...   MEMORY: the limit of decoding, bytes
 // For each file and step it prints: file, step, status (ok, or the exit code of the problem), bytes
 // of the file, bytes read, peak of the heap above its size before the step, CPU seconds. Counts
 // allocations through operator new; measure_scene is single-threaded except for decoding.
@@ -69,7 +69,7 @@ int main(int argc, char** argv) {
       return stgs::SceneReader::open(std::move(source)).status();
     });
     stgs::measure(argv[i], "validate",
-                  [](Source source) { return stgs::validate_scene(*source).status(); });
+                  [&](Source source) { return stgs::validate_scene(*source, limits).status(); });
     stgs::measure(argv[i], "read", [&](Source source) {
       return stgs::read_scene(std::move(source), limits).status();
     });

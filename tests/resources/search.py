@@ -17,7 +17,7 @@ from pathlib import Path
 import hostile
 
 LIMIT, PER_BYTE = 64 << 20, 4
-READ_LIMIT = 64 << 20  # of memory for reading complete files
+READ_LIMIT = 64 << 20  # of memory for decoding and for reading complete files
 Figures = collections.namedtuple("Figures", "step status size read peak seconds")
 
 
