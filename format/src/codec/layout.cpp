@@ -284,11 +284,8 @@ void make_lookups(LayoutSet& set) {
   }
 }
 
-}  // namespace
-
-bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
-                   std::size_t max_layouts, std::uint64_t memory, LayoutSet& set,
-                   Findings& findings) {
+bool read_set(ByteReader& in, std::uint64_t offset, std::size_t max_tables, std::size_t max_layouts,
+              std::uint64_t memory, LayoutSet& set, Findings& findings) {
   const std::size_t tables = in.u16();
   if (tables > max_tables) {
     findings.error(N::kLayouts, offset, "layouts: too many tables (expected at most {}, got {})",
@@ -333,8 +330,17 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
     findings.error(N::kLayouts, offset, "layouts: truncated");
     return false;
   }
-  make_lookups(set);
   return set.layouts.size() == layouts;
+}
+
+}  // namespace
+
+bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
+                   std::size_t max_layouts, std::uint64_t memory, LayoutSet& set,
+                   Findings& findings) {
+  const bool read = read_set(in, offset, max_tables, max_layouts, memory, set, findings);
+  make_lookups(set);  // also of what precedes an error: the validator continues with it
+  return read;
 }
 
 }  // namespace stgs
