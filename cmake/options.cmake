@@ -55,6 +55,6 @@ option(STGS_PRECOMPILED_HEADERS "Precompile headers of other libraries, which ha
 option(STGS_CCACHE "Compile through ccache if it is installed" ${PROJECT_IS_TOP_LEVEL})
 option(STGS_COVERAGE "Count executed lines; adds the target coverage (gcovr)" OFF)
 option(STGS_FUZZER "Build the programs of tests/fuzz that a fuzzing engine drives (clang)" OFF)
-set(STGS_FUZZ_ENGINE "-fsanitize=fuzzer" CACHE STRING "What links the engine: a flag, or the path of a library, such as \$LIB_FUZZING_ENGINE of OSS-Fuzz")
+set(STGS_FUZZ_ENGINE "-fsanitize=fuzzer" CACHE STRING "Linker flag or library of the fuzzing engine, such as \$LIB_FUZZING_ENGINE of OSS-Fuzz")
 set(STGS_SANITIZE "" CACHE STRING "Sanitizers, as given to -fsanitize= (address,undefined or thread)")
 option(STGS_BUNDLE_RUNTIME "Copy shared libraries that are not system libraries beside the binary" OFF)

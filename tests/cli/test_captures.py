@@ -54,7 +54,7 @@ class OtherCapture(CliTest):
 
 
 class HostileCapture(CliTest):
-    """Captures of others: nothing outside the folder is read, and what they state is bounded."""
+    """Captures of others: nothing outside the folder is read, and counts and sizes are limited."""
 
     def setUp(self):
         super().setUp()

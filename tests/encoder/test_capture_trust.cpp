@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Captures of others: nothing outside the folder is read, and what they state is bounded.
+// Captures of others: nothing outside the folder is read, and counts and sizes are limited.
 #include <sys/stat.h>
 
 #include <chrono>

@@ -31,7 +31,7 @@ class Scenario:
                  varies=False, sampled=False, slow=False):
         self.name, self.arguments, self.inputs, self.program = name, arguments, inputs, program
         self.allowed = (*ALLOWED, *also)
-        self.resumable = resumable  # a failure leaves what the output has so far
+        self.resumable = resumable  # a failure leaves the output as far as it is complete
         self.varies = varies  # a library stores data uncompressed if it lacks memory
         self.sampled = sampled  # also with --all: a run takes seconds
         self.slow = slow  # only with --all
@@ -83,7 +83,7 @@ def contents(path):
 
 
 def problem_of(scenario, result, left, expected):
-    """Returns what is wrong with a run; None: nothing. `left`: the contents of its folder."""
+    """Returns the problem of a run; None: there is none. `left`: the contents of its folder."""
     code = result.returncode
     if code not in scenario.allowed:
         return f"exit code {code}"

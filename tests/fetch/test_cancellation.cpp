@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How fast reads from URLs end when they are stopped. The promise is 100 ms; the tests allow more,
-// for busy machines, and print what they measure.
+// The delay with which reads from URLs end when they are stopped. The promise is 100 ms; the tests
+// allow more, for busy machines, and print the delay.
 #include <atomic>
 #include <chrono>
 #include <cmath>

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever a server does, verbs end within --timeout plus a second, with the reason.
+"""With any server, verbs end within --timeout plus a second, with the reason.
 
 usage: test_deadlines.py PLAY_PROBE PLAYBACK_PROBE STGS [unittest arguments]
 PLAYBACK_PROBE is empty in builds without `play`.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which hosts a server may lead to, and what messages show of a URL.
+// Hosts to which a server may redirect, and URLs in messages.
 #include <arpa/inet.h>
 #include <netinet/in.h>
 

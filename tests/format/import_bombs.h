@@ -15,8 +15,8 @@ namespace stgs::testing {
 inline constexpr std::uint64_t kBombMiB = 1 << 20;
 inline constexpr ReadLimits kBombLimits{200'000'000, 64 * kBombMiB};
 
-// Checks that an import is refused, and that its heap stays within the limit, a constant for what
-// is not counted, and twice the file. Returns the message.
+// Checks that an import is refused, and that its heap stays within the limit, a constant for
+// uncounted allocations, and twice the file. Returns the message.
 template <typename Import>
 std::string refusal(std::uint64_t file_bytes, const Import& import) {
   fuzz::limit_heap(std::uint64_t{1} << 40);

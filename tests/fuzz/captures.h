@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Shared by the targets of captures: what holds for every camera and path that is read.
+// Properties of every camera and path that is read, for the targets of captures.
 #pragma once
 
 #include <cmath>

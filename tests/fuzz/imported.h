@@ -12,8 +12,8 @@ namespace stgs::fuzz {
 
 inline constexpr ReadLimits kImportLimits{20'000, 2 << 20};
 
-// Heap for an import: the limit, the file in memory, and 1 MiB for what is not counted, such as the
-// header of a PLY, notes and messages.
+// Heap for an import: the limit, the file in memory, and 1 MiB for uncounted allocations, such as
+// the header of a PLY, notes and messages.
 inline std::uint64_t import_memory(View input) {
   return kImportLimits.max_memory + 2 * input.size() + (1 << 20);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a target needs under libFuzzer or another engine with its interface: the heap limit of each
+// Connects a target to libFuzzer or another engine with its interface: the heap limit of each
 // input, and the structure-aware mutator besides that of the engine.
 #include <tbb/global_control.h>
 #include <algorithm>

@@ -106,6 +106,11 @@ void InputFolder::write(const std::vector<PackedFile>& files) const {
   }
 }
 
+const InputFolder& input_folder() {
+  static const InputFolder folder;
+  return folder;
+}
+
 std::string path_of_descriptor(int descriptor) {
   std::array<char, 4096> path;
   const ssize_t size =

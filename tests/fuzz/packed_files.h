@@ -49,6 +49,9 @@ class InputFolder {
   const std::string path_;
 };
 
+// Returns the folder of this program.
+const InputFolder& input_folder();
+
 // Returns the path of an open file.
 std::string path_of_descriptor(int descriptor);
 

@@ -45,7 +45,7 @@ Result<Calibration> read(const CaptureFolder& files, std::size_t kind) {
 const Target stgs::fuzz::kTarget{"calibration_files", seeds, nullptr, nullptr, nullptr, memory};
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  static const InputFolder folder;
+  const InputFolder& folder = input_folder();
   static const auto files = CaptureFolder::open(folder.path(), false);
   require(files.ok(), "the folder can be opened");
   if (size == 0) return 0;

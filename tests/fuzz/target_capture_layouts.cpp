@@ -99,7 +99,7 @@ void plan(const SourceCapture& capture, const PrepareSettings& settings, const L
 const Target stgs::fuzz::kTarget{"capture_layouts", seeds, nullptr, nullptr, units, memory};
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  static const InputFolder folder;
+  const InputFolder& folder = input_folder();
   static const bool is_set = ::setenv("TMPDIR", folder.beside("").c_str(), 1) == 0;
   require(is_set, "temporary files are in the folder");
   const PackedFiles input = unpack_files({data, size});

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Binary tables of captures: initial points (PLY) and optical flow (.flo). The first byte of an
 // input is the kind. NumPy tables are in the target capture_layouts.
-#include <fstream>
-
+#include "../fixtures/file_bytes.h"
 #include "captures.h"
 #include "init/motion.h"
 
@@ -14,11 +13,6 @@ namespace {
 
 enum Kind : std::uint8_t { kPoints, kFlow, kKinds };
 
-const InputFolder& folder() {
-  static const InputFolder folder;
-  return folder;
-}
-
 Bytes input_of(Kind kind, const std::string& content) {
   Bytes out = {kind};
   out.insert(out.end(), content.begin(), content.end());
@@ -26,13 +20,13 @@ Bytes input_of(Kind kind, const std::string& content) {
 }
 
 Bytes points_seed(int frame) {
-  const std::string path = folder().beside("seed.ply");
+  const std::string path = input_folder().beside("seed.ply");
   require(write_points(path, {{{1, 2, 3}, {4, 5, 6}, {0.5f, 0, 0}, frame},
                               {{-1, 0, 1e9f}, {0, 255, 1}, {0, 0, 0}, -1}})
               .ok(),
           "seeds can be written");
-  std::ifstream file(path, std::ios::binary);
-  return input_of(kPoints, {std::istreambuf_iterator<char>(file), {}});
+  const Bytes bytes = testing::bytes_of(path);
+  return input_of(kPoints, {bytes.begin(), bytes.end()});
 }
 
 Bytes flow_seed(std::int32_t width, std::int32_t height) {
@@ -71,7 +65,7 @@ void check_points(View content) {
   // Without a point that moves, velocities are not written.
   const bool moving = std::any_of(points->begin(), points->end(),
                                   [](const InitialPoint& point) { return point.frame >= 0; });
-  const std::string path = folder().beside("again.ply");
+  const std::string path = input_folder().beside("again.ply");
   require(write_points(path, *points).ok(), "points can be written");
   const auto again = read_points(path);
   require(again.ok() && again->size() == points->size(), "written points can be read");
@@ -81,9 +75,9 @@ void check_points(View content) {
 }
 
 void check_flow(View content) {
-  static const auto files = CaptureFolder::open(folder().path(), false);
+  static const auto files = CaptureFolder::open(input_folder().path(), false);
   require(files.ok(), "the folder can be opened");
-  const std::string path = folder().path() + "/000000.flo";
+  const std::string path = input_folder().path() + "/000000.flo";
   write_input(path, {reinterpret_cast<const char*>(content.data()), content.size()});
   const auto flow = init::read_flow(**files, path);
   check_error(flow.status());

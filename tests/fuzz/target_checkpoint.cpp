@@ -3,8 +3,7 @@
 #include <xxhash.h>
 
 #include <cstring>
-#include <fstream>
-
+#include "../fixtures/file_bytes.h"
 #include "packed_files.h"
 #include "train/checkpoint.h"
 #include "train/coupled_state.h"
@@ -16,16 +15,6 @@ using namespace stgs::encoder;
 namespace {
 
 constexpr std::size_t kHash = 8;
-
-const InputFolder& folder() {
-  static const InputFolder folder;
-  return folder;
-}
-
-Bytes content_of(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
 
 TrainState small_state(std::size_t primitives, int sh_degree, std::size_t cameras) {
   TrainState state;
@@ -69,9 +58,9 @@ std::vector<Bytes> seeds() {
   std::vector<Bytes> out;
   for (const TrainState& state :
        {small_state(2, 1, 3), small_state(0, 0, 0), rounded_state(), coupled}) {
-    const std::string path = folder().beside("seed.ckpt");
+    const std::string path = input_folder().beside("seed.ckpt");
     require(write_checkpoint(path, state, fingerprint).ok(), "seeds can be written");
-    out.push_back(content_of(path));
+    out.push_back(testing::bytes_of(path));
     require(read_checkpoint(path).ok(), "seeds can be read");
   }
   return out;
@@ -109,7 +98,8 @@ std::uint64_t memory(View input) {
 const Target stgs::fuzz::kTarget{"checkpoint", seeds, unpack, repack, units, memory};
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  const std::string path = folder().beside("input.ckpt"), again = folder().beside("again.ckpt");
+  const std::string path = input_folder().beside("input.ckpt"),
+                    again = input_folder().beside("again.ckpt");
   write_input(path, {reinterpret_cast<const char*>(data), size});
   const auto checkpoint = read_checkpoint(path);
   if (!checkpoint.ok()) {
@@ -130,9 +120,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto second = read_checkpoint(again);
   require(second.ok() && state_hash(second->state) == state_hash(state),
           "a checkpoint round-trips");
-  const Bytes first_bytes = content_of(again);
+  const Bytes first_bytes = testing::bytes_of(again);
   require(write_checkpoint(again, second->state, second->fingerprint).ok() &&
-              content_of(again) == first_bytes,
+              testing::bytes_of(again) == first_bytes,
           "a checkpoint is written to the same bytes");
   return 0;
 }

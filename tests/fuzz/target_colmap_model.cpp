@@ -29,7 +29,7 @@ std::uint64_t memory(View input) {
 const Target stgs::fuzz::kTarget{"colmap_model", seeds, nullptr, nullptr, units, memory};
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  static const InputFolder folder;
+  const InputFolder& folder = input_folder();
   folder.write(unpack_files({data, size}).files);
   const auto files = CaptureFolder::open(folder.path(), false);
   require(files.ok(), "the folder can be opened");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a server sends: complete responses, as libcurl passes them to a reply, Content-Range
+// Data of a server: complete responses, as libcurl passes them to a reply, Content-Range
 // headers, redirections, hosts and addresses, and URLs in messages. The first byte of an input is
 // the kind.
 #include <netinet/in.h>

@@ -1,18 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Images: the kinds and sizes that headers state, and decoding of PNG and JPEG without OpenCV. The
 // first byte of an input is the extension of the file.
+#include "../fixtures/stb_write.h"
 #include "capture/file_kind.h"
 #include "captures.h"
 #include "png_file.h"
 #include "stgs/encoder/image_file.h"
-
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wconversion"
-#pragma GCC diagnostic ignored "-Wmissing-field-initializers"
-#define STB_IMAGE_WRITE_IMPLEMENTATION
-#define STB_IMAGE_WRITE_STATIC
-#include <stb_image_write.h>
-#pragma GCC diagnostic pop
 
 using namespace stgs;
 using namespace stgs::fuzz;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // `stgs convert`: files and folders of any name and content, whose format is detected. Covers the
-// readers that need several files, PLY frames and SOG folders. What was read is written in each
-// format.
+// readers that need several files, PLY frames and SOG folders. The scene is then written in
+// each format.
 //
 // Input: the files, one after another: u8 number of a name, u32 size, content. A first file with
 // a name of kSingleNames is read alone; otherwise a folder with all of them.
@@ -200,7 +200,7 @@ void check_failure(const Status& status) {
   require(code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported ||
               code == StatusCode::kUsage || code == StatusCode::kIo ||
               code == StatusCode::kNotBuilt,
-          "a reader rejects files only for what they are");
+          "a reader rejects files only because of their content");
   require(!status.message().empty(), "an error has a message");
 }
 

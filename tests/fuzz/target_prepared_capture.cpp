@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Prepared captures: capture.json, frames, masks and points. An input is a folder (packed_files.h).
-#include <fstream>
-
+#include "../fixtures/file_bytes.h"
 #include "captures.h"
 #include "png_file.h"
 #include "stgs/encoder/camera_json.h"
@@ -17,14 +16,9 @@ constexpr int kWidth = 8, kHeight = 6, kFrames = 2;
 constexpr int kFewFrames = 4;              // that are decoded of a camera
 constexpr std::int64_t kFewPixels = 4096;  // of an image that is decoded
 
-const InputFolder& folder() {
-  static const InputFolder folder;
-  return folder;
-}
-
 std::string content_of(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
+  const Bytes bytes = testing::bytes_of(path);
+  return {bytes.begin(), bytes.end()};
 }
 
 PreparedCapture small_capture(const std::string& path) {
@@ -48,17 +42,17 @@ PreparedCapture small_capture(const std::string& path) {
 }
 
 std::vector<Bytes> seeds() {
-  const PreparedCapture capture = small_capture(folder().path());
-  folder().write({});
+  const PreparedCapture capture = small_capture(input_folder().path());
+  input_folder().write({});
   require(write_prepared_capture(capture).ok(), "seeds can be written");
-  const std::string points = folder().path() + "/points_static.ply";
+  const std::string points = input_folder().path() + "/points_static.ply";
   require(write_points(points, {{{1, 2, 3}, {4, 5, 6}, {0, 0, 0}, -1}}).ok(),
           "seeds can be written");
   PackedFiles packed;
-  packed.files = {{"capture.json", content_of(folder().path() + "/capture.json")},
+  packed.files = {{"capture.json", content_of(input_folder().path() + "/capture.json")},
                   {"points_static.ply", content_of(points)}};
   const auto name = [&](const std::string& path) {
-    return path.substr(folder().path().size() + 1);
+    return path.substr(input_folder().path().size() + 1);
   };
   for (const Camera& camera : capture.cameras) {
     for (int frame = 0; frame < kFrames; ++frame) {
@@ -128,7 +122,7 @@ void check_capture(const PreparedCapture& capture) {
 
 // Writes the capture elsewhere and reads it again.
 void check_round_trip(PreparedCapture capture) {
-  capture.folder = folder().beside("");
+  capture.folder = input_folder().beside("");
   const Status written = write_prepared_capture(capture);
   require(written.ok(), "a capture that is read can be written");
   const auto again = read_prepared_capture(capture.folder);
@@ -145,8 +139,8 @@ void check_round_trip(PreparedCapture capture) {
 const Target stgs::fuzz::kTarget{"prepared_capture", seeds, nullptr, nullptr, units, memory};
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  folder().write(unpack_files({data, size}).files);
-  const auto capture = read_prepared_capture(folder().path());
+  input_folder().write(unpack_files({data, size}).files);
+  const auto capture = read_prepared_capture(input_folder().path());
   check_error(capture.status());
   if (!capture.ok()) return 0;
   check_capture(*capture);

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// What players and tools do with a file besides opening and decoding it: an index on demand,
-// growth, damaged segments, recovery, statistics, and the continuation of a recording.
+// Other uses of a file than opening and decoding it: an index on demand, growth, damaged segments,
+// recovery, statistics, and the continuation of a recording.
 #include <atomic>
 #include <cstring>
-#include <fstream>
 #include <memory_resource>
 #include <string>
 
+#include "../fixtures/file_bytes.h"
 #include "../fixtures/fragment_fixture.h"
 #include "../fixtures/temporary_folder.h"
 #include "stgs/format/damage_report.h"
@@ -73,11 +73,6 @@ const testing::TemporaryFolder& folder() {
   return made;
 }
 
-Bytes read_file(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
-
 // Recordings that grow, and that are closed.
 std::vector<Bytes> seeds() {
   std::vector<Bytes> out = stgs_seeds();
@@ -92,11 +87,11 @@ std::vector<Bytes> seeds() {
                     ->append(testing::make_fragment(i, 8), (i + 1) * testing::kFragmentFrames)
                     .ok(),
                 "a recording can be continued");
-        if (i == 2) out.push_back(read_file(path));
+        if (i == 2) out.push_back(testing::bytes_of(path));
       }
       require((*recorder)->close().ok(), "a recording can be closed");
     }
-    out.push_back(read_file(path));
+    out.push_back(testing::bytes_of(path));
     std::remove(path.c_str());
   }
   return out;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Recordings, complete, truncated and damaged: finalizing and resuming.
-#include <fstream>
-
+#include "../fixtures/file_bytes.h"
 #include "../fixtures/fragment_fixture.h"
 #include "packed_files.h"
 #include "stgs/format/scene_recorder.h"
@@ -12,18 +11,8 @@ using namespace stgs::fuzz;
 
 namespace {
 
-const InputFolder& folder() {
-  static const InputFolder folder;
-  return folder;
-}
-
-Bytes content_of(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
-
 Bytes recording(Profile profile, std::uint32_t fragments, bool close) {
-  const std::string path = folder().beside("seed.stgs");
+  const std::string path = input_folder().beside("seed.stgs");
   std::remove(path.c_str());
   auto recorder = SceneRecorder::create(path, testing::recording_metadata(), 1,
                                         testing::recording_settings(profile));
@@ -34,7 +23,7 @@ Bytes recording(Profile profile, std::uint32_t fragments, bool close) {
         "seeds can be written");
   }
   if (close) require((*recorder)->close().ok(), "seeds can be written");
-  return content_of(path);
+  return testing::bytes_of(path);
 }
 
 std::vector<Bytes> seeds() {
@@ -47,7 +36,7 @@ std::vector<Bytes> seeds() {
   return out;
 }
 
-// What reading takes, three times: the finished file, and one of a resumed recording.
+// The memory of reading, three times: the input, the finished file, and a resumed recording.
 std::uint64_t memory(View input) {
   return 3 * stgs_memory(input);
 }
@@ -60,7 +49,7 @@ bool has_errors(const ByteSource& file) {
 }
 
 void finalize(const Bytes& input) {
-  const std::string output = folder().beside("finished.stgs");
+  const std::string output = input_folder().beside("finished.stgs");
   std::remove(output.c_str());
   DamageReport report;
   const Status status = finalize_scene(memory_source(input, "input"), output, report, kStgsLimits);
@@ -71,26 +60,26 @@ void finalize(const Bytes& input) {
   }
   const auto reader = SceneReader::open(output, kStgsLimits);
   require(reader.ok(), "a finished file can be opened");
-  const Bytes finished = content_of(output);
+  const Bytes finished = testing::bytes_of(output);
   require(report.any() || has_errors(*memory_source(input, "input")) ||
               !has_errors(*memory_source(finished, "finished")),
           "a valid recording gives a valid file");
   DamageReport again;
-  require(!finalize_scene(memory_source(finished, "finished"), folder().beside("again.stgs"), again,
-                          kStgsLimits)
+  require(!finalize_scene(memory_source(finished, "finished"), input_folder().beside("again.stgs"),
+                          again, kStgsLimits)
                   .ok() ||
               !report.damage.empty(),
           "a finished file is not finalized again");
 }
 
 void resume(const Bytes& input) {
-  const std::string path = folder().beside("resumed.stgs");
+  const std::string path = input_folder().beside("resumed.stgs");
   write_input(path, {reinterpret_cast<const char*>(input.data()), input.size()});
   std::uint32_t frames = 0;
   {
     auto recorder = SceneRecorder::resume(path, testing::recording_settings(Profile::kLossless));
     if (!recorder.ok()) {
-      require(content_of(path) == input, "a failed call leaves the file unchanged");
+      require(testing::bytes_of(path) == input, "a failed call leaves the file unchanged");
       return;
     }
     frames = (*recorder)->frames();

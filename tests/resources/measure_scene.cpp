@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures what opening, validating and reading files takes.
+// Measures memory and time of opening, validating and reading files.
 //
 // usage: measure_scene MEMORY FILE...   MEMORY: the limit of decoding, bytes
 // For each file and step it prints: file, step, status (ok, or the exit code of the problem), bytes

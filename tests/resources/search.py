@@ -3,8 +3,8 @@
 
 usage: search.py MEASURE_SCENE [--rounds N] [--size BYTES]... [CASE...]
 
-Varies the arguments of the cases in hostile.py by powers of two, one at a time, and keeps what is
-worse. Prints a Markdown table: per record type the largest share of the limit of opening and
+Varies the arguments of the cases in hostile.py by powers of two, one at a time, and keeps the
+worst. Prints a Markdown table: per record type the largest share of the limit of opening and
 validating (64 MiB and 4 bytes for each byte read), and the longest time per byte read.
 """
 import argparse

@@ -26,7 +26,7 @@ encoder::Image8 side_by_side(const encoder::Image8& left, const encoder::Image8&
 
 // Writes an 8-bit RGB PNG atomically.
 Status write_png(const std::string& path, const encoder::Image8& image);
-// The same for the only output of a run: first removes what killed runs left of it, and logs this.
+// The same for the only output of a run: first removes the leftovers of killed runs, and logs this.
 Status write_single_png(const std::string& path, const encoder::Image8& image,
                         const encoder::LogSink& log);
 // Writes R, G, B (linear light, sRGB primaries) and A as half floats, and Z (camera z in scene

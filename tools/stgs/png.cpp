@@ -8,8 +8,8 @@
 
 namespace {
 
-// stb does not check all of its allocations. Here they throw; what an exception leaves behind is
-// freed with the arena. Set while stb encodes.
+// stb does not check all of its allocations. Here they throw, and the arena
+// frees the rest. Set while stb encodes.
 thread_local std::pmr::memory_resource* arena = nullptr;
 
 void* take(std::size_t bytes) {

@@ -44,7 +44,7 @@ std::string without_secrets(std::string_view text) {
     if (!is_scheme) continue;
     const std::size_t end = std::min(text.find_first_of(kEnds, begin), text.size());
     std::string_view url = text.substr(begin, end - begin);
-    // A password may contain what ends the authority of a URL.
+    // A password may contain the characters that end the authority of a URL.
     const std::size_t user = url.rfind('@');
     const std::string_view before = url.substr(0, user);
     if (user != std::string_view::npos && (before.find(':') != std::string_view::npos ||

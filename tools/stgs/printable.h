@@ -8,7 +8,8 @@
 namespace stgs::tools {
 
 // Escapes control characters (C0, DEL, and C1 in UTF-8) as \\xNN, except line feeds and tabs.
-// Hides the userinfo and the query of whatever looks like a URL of any scheme, well-formed or not.
+// Hides userinfo and queries of everything that looks like a URL, of any scheme, well-formed or
+// not.
 std::string without_secrets(std::string_view text);
 std::string printable(std::string_view text);
 // As printable(), but also escapes line feeds and tabs, for text within a line.

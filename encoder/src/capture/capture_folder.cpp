@@ -198,10 +198,16 @@ Result<std::shared_ptr<const CaptureFolder::Entries>> CaptureFolder::list(
   if (folder.descriptor() < 0) {
     const bool none = errno == ENOENT || errno == ENOTDIR || errno == ENAMETOOLONG;
     if (!none) return explain(path, errno);
-  } else if (DIR* opened = ::fdopendir(folder.descriptor())) {
+  } else {
+    DIR* const opened = ::fdopendir(folder.descriptor());
+    if (opened == nullptr) return explain(path, errno);
     (void)folder.release();
     const std::unique_ptr<DIR, int (*)(DIR*)> stream(opened, &::closedir);
-    while (const dirent* entry = ::readdir(opened)) {
+    for (;;) {
+      errno = 0;
+      const dirent* const entry = ::readdir(opened);
+      if (entry == nullptr && errno != 0) return explain(path, errno);
+      if (entry == nullptr) break;
       if (entry->d_name[0] == '.') continue;
       const bool known = entry->d_type == DT_REG || entry->d_type == DT_DIR;
       const Kind kind = known ? (entry->d_type == DT_REG ? Kind::kFile : Kind::kFolder)
@@ -218,10 +224,7 @@ Result<CaptureFile> CaptureFolder::open_file(const std::string& path) const {
   if (kind(path) == Kind::kOther) return io_error("{}: not a regular file", path);
   CaptureFile file(open_below(path, O_RDONLY | kOpenFlags));
   if (file.descriptor() < 0) return explain(path, errno);
-  struct stat info {};
-  (void)::fstat(file.descriptor(), &info);
-  if (S_ISDIR(info.st_mode)) return io_error("{}: this is a folder; name a file in it", path);
-  if (!S_ISREG(info.st_mode)) return io_error("{}: not a regular file", path);
+  STGS_TRY(check_regular(file.descriptor(), path));
   return file;
 }
 

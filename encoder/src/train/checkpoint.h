@@ -26,8 +26,8 @@ Status write_checkpoint(const std::string& path, const TrainState& state,
 // version. check_same_run() checks that it belongs to the run.
 Result<Checkpoint> read_checkpoint(const std::string& path);
 
-// Checks that a state has the arrays of a run, for check_same_run() compares only what the
-// checkpoint states of itself. `coupled`: TrainState::is_coupled() of the run. kInvalidFile if it
+// Checks that a state has the arrays of a run. check_same_run() compares only the fields of the
+// checkpoint. `coupled`: TrainState::is_coupled() of the run. kInvalidFile if it
 // does not. `path` is the checkpoint's, for the message.
 Status check_state(const std::string& path, const TrainState& state, const PreparedCapture& capture,
                    int sh_degree, bool coupled);

@@ -339,7 +339,7 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
                    std::size_t max_layouts, std::uint64_t memory, LayoutSet& set,
                    Findings& findings) {
   const bool read = read_set(in, offset, max_tables, max_layouts, memory, set, findings);
-  make_lookups(set);  // also of what precedes an error: the validator continues with it
+  make_lookups(set);  // also after an error: the validator continues with the layouts before it
   return read;
 }
 

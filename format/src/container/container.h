@@ -223,8 +223,8 @@ bool read_head(const ByteSource& source, const ReadLimits& limits, IndexLoading 
 // Loads the index as far as it concerns times of [t0, t1], ticks. Segments are added at the end.
 // Returns false if the source fails or a limit is exceeded; then a part of the index is loaded.
 bool load_index(const ByteSource& source, double t0, double t1, FileHead& head, Findings& findings);
-// Loads more of the index until it has `entries` entries (IndexWalk::entries): what is needed at
-// `ticks` or soonest after it, then what is needed earlier. Otherwise as load_index().
+// Loads more of the index until it has `entries` entries (IndexWalk::entries): first the nodes
+// needed at `ticks` or soonest after it, then earlier ones. Otherwise as load_index().
 bool load_ahead(const ByteSource& source, double ticks, std::uint64_t entries, FileHead& head,
                 Findings& findings);
 // Reads what was appended to a growing file since `head` was read. Segments are added at the end.

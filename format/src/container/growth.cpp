@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reading what was appended to a growing file (spec 9.4).
+// Reading the fragments appended to a growing file (spec 9.4).
 #include <algorithm>
 #include <utility>
 

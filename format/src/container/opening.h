@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The limit on the memory for opening and validating a file (SECURITY.md).
 //
-// Each item that a file can ask for is charged with what it takes at most, which
-// tests/resources measures.
+// Each item is charged with an upper bound of its memory; tests/resources measures the bounds.
 #pragma once
 
 #include <cstdint>
@@ -17,11 +16,11 @@ inline constexpr std::uint64_t kOpeningLink = 256, kOpeningRun = 416, kOpeningSe
 
 // Returns the bytes for a node.
 std::uint64_t opening_bytes(const IndexNode& node);
-// Returns the bytes that what has been read takes at most.
+// Returns the memory of the head and the nodes read so far, bytes, at most.
 std::uint64_t opened_bytes(const FileHead& head);
 // Returns the bytes that opening may take: ReadLimits::max_opening.
 std::uint64_t opening_limit(const FileHead& head);
-// Checks that what has been read takes at most these bytes together with `more`. `at`: the record,
+// Checks that opened_bytes() and `more` together are within the limit. `at`: offset of the record,
 // for the message.
 bool fits_opening(const FileHead& head, std::uint64_t more, std::uint64_t at, Findings& findings);
 

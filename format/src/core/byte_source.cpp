@@ -136,7 +136,7 @@ Result<std::unique_ptr<ByteSource>> descriptor_source(int fd, const std::string&
   Descriptor ours{fd};
   struct stat info {};  // of no type if it cannot be read
   (void)::fstat(fd, &info);
-  STGS_TRY(os::check_regular(fd, path));
+  STGS_TRY(check_regular(fd, path));
   auto source = std::make_unique<FileSource>(fd, info, path);
   ours.fd = -1;
   return std::unique_ptr<ByteSource>(std::move(source));

@@ -8,9 +8,9 @@
 
 namespace stgs {
 
-// Reads another source in larger pieces while it is read in order: each read that continues the one
-// before doubles what is read ahead, up to 64 KiB. So at most twice as many bytes are read as are
-// asked for, whatever the order. Borrows the source.
+// Reads ahead in another source while reads are sequential: each read that continues the previous
+// one doubles the read-ahead, up to 64 KiB. In any order, at most twice the requested bytes are
+// read. Borrows the source.
 class ReadAhead final : public ByteSource {
  public:
   explicit ReadAhead(const ByteSource& source) : source_(source) {}

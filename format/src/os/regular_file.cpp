@@ -7,9 +7,10 @@
 
 #include <cerrno>
 
+#include "stgs/format/byte_source.h"
 #include "stgs/format/text.h"
 
-namespace stgs::os {
+namespace stgs {
 
 Status check_regular(int descriptor, const std::string& path) {
   struct stat status {};  // of no type if it cannot be read
@@ -21,7 +22,7 @@ Status check_regular(int descriptor, const std::string& path) {
   return {};
 }
 
-Result<int> open_regular(const std::string& path) {
+Result<int> os::open_regular(const std::string& path) {
   // O_NONBLOCK: opening a pipe would wait for a writer. It has no effect on files.
   const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
   if (file < 0) return io_error("{}: cannot open: {}", path, file_problem(errno));
@@ -31,4 +32,4 @@ Result<int> open_regular(const std::string& path) {
   return regular;
 }
 
-}  // namespace stgs::os
+}  // namespace stgs

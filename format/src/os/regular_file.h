@@ -10,7 +10,5 @@ namespace stgs::os {
 // Opens a regular file for reading and returns its descriptor, which the caller owns. Never waits:
 // pipes, sockets and devices are refused (kIo).
 Result<int> open_regular(const std::string& path);
-// Checks that a descriptor is that of a regular file. `path`: for the message.
-Status check_regular(int descriptor, const std::string& path);
 
 }  // namespace stgs::os

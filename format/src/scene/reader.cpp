@@ -71,7 +71,7 @@ struct SceneReader::State {
     return {};
   }
 
-  // Returns an extension that reads what was added to a growing file.
+  // Returns an extension that reads the new fragments of a growing file.
   auto growth(bool& grown) const {
     return [this, &grown](FileHead& found, Findings& findings) {
       if (!found.closed && read_growth(*source, found, grown, findings) && grown &&

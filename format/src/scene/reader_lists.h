@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a reader lists for its callers, derived from the head of a file.
+// The lists that a reader offers its callers, derived from the head of a file.
 #pragma once
 
 #include <vector>

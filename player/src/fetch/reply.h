@@ -52,7 +52,7 @@ class Reply {
   Clock::time_point last_progress() const { return last_progress_; }
   // Returns whether the body has brought bytes since then.
   bool has_trickled() const { return since_progress_ > 0; }
-  // Describes what has arrived, after the deadline has passed.
+  // Describes the progress of a reply whose deadline has passed.
   std::string summary(double seconds) const;
 
   // Ends the attempt with a reason.

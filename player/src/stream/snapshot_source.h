@@ -67,7 +67,7 @@ Result<std::shared_ptr<const SceneReader>> open_snapshot(const std::shared_ptr<R
 // Makes a copy of a reader that reads from a source, SceneReader::loaded() or refreshed().
 using Extension = std::function<Result<std::unique_ptr<SceneReader>>(
     const SceneReader& reader, std::unique_ptr<ByteSource> source)>;
-// Returns what `extend` makes of a reader, with the bytes that the file has now.
+// Returns the result of `extend` for a reader, with the present bytes of the file.
 Result<std::shared_ptr<const SceneReader>> extend_snapshot(
     const SceneReader& reader, const std::shared_ptr<RangeSource>& source, IndexCache& cache,
     const Extension& extend);

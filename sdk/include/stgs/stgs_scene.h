@@ -130,9 +130,9 @@ STGS_API stgs_result stgs_primitives_defaults(stgs_primitives* primitives, size_
  * stgs_render.
  *
  * *count is the number of visible primitives; the arrays receive as many of them as fit, in the
- * order of the file. All values are finite: what exceeds the range of float becomes its greatest
- * value. NULL primitives: count only. After an error the content of the arrays is
- * undefined. STGS_ERROR_LIMIT: as for stgs_render. */
+ * order of the file. All values are finite: those beyond the range of float are clamped to it. NULL
+ * primitives: count only. After an error the content of the arrays is undefined. STGS_ERROR_LIMIT:
+ * as for stgs_render. */
 STGS_API stgs_result stgs_scene_get_primitives(stgs_scene* scene, double seconds,
                                                const stgs_primitives* primitives, uint64_t* count);
 

@@ -61,6 +61,9 @@ class ByteSource {
 Status check_range(const std::string& name, std::uint64_t size, std::uint64_t offset,
                    std::uint64_t bytes);
 
+// Checks that an open descriptor is that of a regular file; kIo otherwise. `path`: for the message.
+Status check_regular(int descriptor, const std::string& path);
+
 // Opens a regular file for reading.
 Result<std::unique_ptr<ByteSource>> open_file(const std::string& path);
 // Wraps a descriptor that is open for reading. Takes ownership of it, even after an error. `path`

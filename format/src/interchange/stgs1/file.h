@@ -135,9 +135,9 @@ inline std::uint64_t float_bytes(const File& file, std::uint64_t count) {
   return 4 * static_cast<std::uint64_t>(17 + 3 * (file.degree + 1) * (file.degree + 1)) * count;
 }
 
-// Decodes a tier of the index, and charges what it takes; times count from the beginning of its
-// part. If its SH record alone cannot be read, SH above degree 0 are 0 and `sh_status` has the
-// reason. `skipped` receives the attributes that were skipped (6.5).
+// Decodes a tier of the index, and charges its memory; times count from the beginning of its part.
+// If its SH record alone cannot be read, SH above degree 0 are 0 and `sh_status` has the reason.
+// `skipped` receives the attributes that were skipped (6.5).
 Result<Charged<Gaussians4D>> decode_tier(const File& file, const Tier& tier, Status& sh_status,
                                          std::vector<std::uint16_t>& skipped);
 

@@ -67,9 +67,9 @@ struct TransferStatistics {
 };
 
 // A file behind a server that supports range requests (RFC 9110, 14). If an attempt fails, the
-// bytes received are retained and the next attempt requests the rest. A read ends within a second
-// of HttpSettings::request_seconds, extended as stated there, whatever the server does, and within
-// 0.1 s of a stop request. (A libcurl without a resolver thread of its own waits for name lookup.)
+// bytes received are retained and the next attempt requests the rest. With any server, a read ends
+// within a second of HttpSettings::request_seconds, extended as stated there, and within 0.1 s of a
+// stop request. (A libcurl without a resolver thread of its own waits for name lookup.)
 // After a read has run out of time, reads fail at once for up to 5 s, unless one succeeds.
 //
 // Reads fail with kIo if the file
