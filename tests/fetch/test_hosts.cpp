@@ -187,6 +187,10 @@ TEST_CASE("the names of URLs in messages contain no secrets") {
        "https://cdn.example.org/package@1.2/x.stgs"},
       {"https://h/x.stgs?mail=me@example.org", "https://h/x.stgs"},
       {"https://h:80/x.stgs?mail=me@example.org", "https://h:80/x.stgs"},
+      {"ftp://u:secret@h/x?key=s", "ftp://h/x"},
+      {"s3://secret@bucket/x", "s3://bucket/x"},
+      {"http:/u:secret@h/x", "http:/h/x"},
+      {"http:///u:secret@h/x", "http:///h/x"},
       {"http://", "http://"}};
   for (const auto& [location, shown] : cases) {
     INFO(location);

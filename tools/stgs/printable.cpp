@@ -3,7 +3,9 @@
 
 #include <fmt/format.h>
 
-#include <cctype>
+#include <algorithm>
+
+#include "stgs/player/source.h"
 
 namespace stgs::tools {
 namespace {
@@ -28,36 +30,20 @@ std::string escaped(std::string_view text, bool keep_lines) {
 }  // namespace
 
 std::string without_secrets(std::string_view text) {
-  constexpr std::string_view kSlashes = "/\\", kEnds = " \t\n\"'<>";
+  constexpr std::string_view kSpaces = " \t\n\"'<>()", kPunctuation = ":;,.";
   std::string out;
-  for (std::size_t at = 0;;) {
-    const std::size_t colon = text.find(':', at);
-    const std::size_t begin =
-        colon == std::string_view::npos
-            ? text.size()
-            : std::min(text.find_first_not_of(kSlashes, colon + 1), text.size());
-    const bool is_scheme = colon != std::string_view::npos && colon > 0 && begin > colon + 1 &&
-                           std::isalnum(static_cast<unsigned char>(text[colon - 1])) != 0;
+  for (std::size_t at = 0; at < text.size();) {
+    const std::size_t begin = std::min(text.find_first_not_of(kSpaces, at), text.size());
+    const std::size_t end = std::min(text.find_first_of(kSpaces, begin), text.size());
+    std::string_view word = text.substr(begin, end - begin);
+    word = word.substr(0, word.find_last_not_of(kPunctuation) + 1);
     out += text.substr(at, begin - at);
-    if (begin == text.size()) return out;
-    at = begin;
-    if (!is_scheme) continue;
-    const std::size_t end = std::min(text.find_first_of(kEnds, begin), text.size());
-    std::string_view url = text.substr(begin, end - begin);
-    // A password may contain the characters that end the authority of a URL.
-    const std::size_t user = url.rfind('@');
-    const std::string_view before = url.substr(0, user);
-    if (user != std::string_view::npos && (before.find(':') != std::string_view::npos ||
-                                           before.find_first_of("/?#") == std::string_view::npos)) {
-      url.remove_prefix(user + 1);
-    }
-    const std::size_t query = std::min(url.find('?'), url.size());
-    out += url.substr(0, query);
-    // After a query, a message has one of these.
-    if (query < url.size() && (url.ends_with(':') || url.ends_with(';') || url.ends_with(',')))
-      out += url.back();
+    out += player::display_location(std::string(word));
+    at = begin + word.size();
+    out += text.substr(at, end - at);
     at = end;
   }
+  return out;
 }
 
 std::string printable(std::string_view text) {

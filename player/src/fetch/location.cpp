@@ -18,9 +18,13 @@ bool is_url(const std::string& location) {
 // URL does (RFC 3986, 3.2). An authority that looks like "user:pass", followed by an '@' further
 // on, is hidden up to the last such '@'.
 std::string display_location(const std::string& location) {
-  if (!is_url(location)) return location;
-  const std::size_t host =
-      std::min(location.find_first_not_of("/\\", location.find(':') + 1), location.size());
+  const std::size_t colon = location.find(':');
+  if (colon == 0 || colon == std::string::npos ||
+      std::isalnum(static_cast<unsigned char>(location[colon - 1])) == 0) {
+    return location;
+  }
+  const std::size_t host = std::min(location.find_first_not_of("/\\", colon + 1), location.size());
+  if (host == colon + 1) return location;
   std::string shown = location;
   const auto authority_end = [&] {
     return std::min(shown.find_first_of("/?#", host), shown.size());
@@ -42,7 +46,8 @@ std::string display_location(const std::string& location) {
 Result<std::unique_ptr<ByteSource>> open_location(const std::string& location,
                                                   const HttpSettings& settings) {
   if (!is_url(location) && location.find("://") != std::string::npos) {
-    return usage_error("{}: unsupported URL scheme (expected http:// or https://)", location);
+    return usage_error("{}: unsupported URL scheme (expected http:// or https://)",
+                       display_location(location));
   }
   if (!is_url(location)) return open_file(location);
   const std::size_t host = location.find("//") + 2;

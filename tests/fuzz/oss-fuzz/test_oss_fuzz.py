@@ -111,7 +111,11 @@ class Build(unittest.TestCase):
                                OUT=out, LIB_FUZZING_ENGINE="-fsanitize=fuzzer", STGS_SYSTEM_LIBRARIES="1",
                                STGS_TARGETS=" ".join(TARGETS), WORK=os.path.join(folder, "work"))
             subprocess.run([os.path.join(HERE, "build.sh")], check=True, env=environment)
-            for name in TARGETS or sorted(targets()):
+            # Those of this configuration, as CMake lists them.
+            with open(os.path.join(folder, "work", "stgs", "tests", "fuzz", "targets.txt"), encoding="utf-8") as file:
+                built = [line.split(";")[0].strip() for line in file]
+            self.assertGreater(len(built), 10)
+            for name in TARGETS or built:
                 with self.subTest(name):
                     self.start(out, name, os.path.join(folder, "corpus", name))
 

@@ -106,8 +106,9 @@ bool is_http_built();
 // Returns whether `location` begins with http:// or https://.
 bool is_url(const std::string& location);
 
-// Returns `location` for use in messages: a URL without its userinfo, and without its query, which
-// may be a secret. Hides all before an '@' that may end a password with a '/', '?' or '#', too
+// Returns `location` for use in messages: a URL, of any scheme and with any number of slashes,
+// without its userinfo and without its query, which may be a secret. Hides all before an '@' that
+// may end a password with a '/', '?' or '#', too
 // ("http://***@host").
 std::string display_location(const std::string& location);
 
