@@ -17,6 +17,7 @@ from vector_records import Body, checksum, layouts_payload, number, record, tabl
 from vector_scenes import few_planes, float_streams, give_tables  # noqa: E402
 
 CASES = {}
+RANS_BLOCK = 8192  # symbols
 BYTES_BEYOND = 1 << 40  # stated size of files whose records lie beyond their end
 
 
@@ -276,9 +277,32 @@ def primitives(size, n, degree):
                        layouts=layouts_payload(tables_of, [streams]))
 
 
-def constant_streams(n, degree):
+@case("SEGM", blocks=(1, 128), degree=(0, 3), joined=(0, 1))
+def frequent_symbols(size, blocks, degree, joined):
+    """Primitives of about one byte: each plane has the same symbol, of a table with a second one."""
+    streams = constant_streams(RANS_BLOCK, degree, joined)
+    tables = [{0: 4095, 1: 1}, {degree: 4096}]
+    for stream in streams:
+        sh_degree = stream.attribute == 10
+        stream.v = [[degree if sh_degree else 0] * RANS_BLOCK for _ in stream.v]
+        stream.tables = [1 if sh_degree else 0] * len(stream.planes())
+    one = Body(streams, RANS_BLOCK, layout=0, tables=tables)
+    units, repeated = one.units(), []
+    for unit in units:  # one block
+        words = max(0, len(unit) - 4 * 32) // 2
+        repeated.append(unit and struct.pack("<I", words) * (blocks - 1) + unit * blocks)
+    n = RANS_BLOCK * blocks
+    payload = struct.pack("<hHIIH", -1, 0, 0, n, 0)
+    payload += struct.pack(f"<{degree}I", *[n] * degree) + bytes(4)  # first key
+    payload += struct.pack(f"<{len(repeated)}I", *map(len, repeated)) + b"".join(repeated)
+    payload += bytes(max(0, n - len(payload)))
+    return one_segment(payload, n, count=max(1, size // (len(payload) + 80)), degree=degree,
+                       layouts=layouts_payload(tables, [streams]))
+
+
+def constant_streams(n, degree, joined=False):
     from vector_scenes import coded_streams
-    streams = coded_streams(n, degree, 1)
+    streams = coded_streams(n, degree, 1, joined=bool(joined))
     for stream in streams:
         stream.v = [[row[0]] * n for row in stream.v]
     return streams

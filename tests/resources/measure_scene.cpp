@@ -11,6 +11,7 @@
 #include <ctime>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "../fuzz/heap.h"
 #include "stgs/format/scene_file.h"
@@ -18,6 +19,7 @@
 namespace stgs {
 namespace {
 
+constexpr int kPrimitiveLimit = 307, kMemoryLimit = 308;  // numbers of issues
 constexpr std::uint64_t kNoHeapLimit = std::uint64_t{1} << 60;
 
 // Counts the bytes that are read from another source.
@@ -57,6 +59,17 @@ void measure(const char* path, const char* name, const Step& step) {
               static_cast<unsigned long long>(fuzz::heap_peak()), seconds);
 }
 
+// Returns the status of the validation, or that of its first error.
+Status validate(const ByteSource& source, const ReadLimits& limits) {
+  STGS_ASSIGN(const std::vector<Issue> issues, validate_scene(source, limits));
+  for (const Issue& issue : issues) {
+    if (!issue.error) continue;
+    const bool limit = issue.number == kPrimitiveLimit || issue.number == kMemoryLimit;
+    return Status(limit ? StatusCode::kUnsupported : StatusCode::kInvalidFile, issue.message);
+  }
+  return {};
+}
+
 }  // namespace
 }  // namespace stgs
 
@@ -69,7 +82,7 @@ int main(int argc, char** argv) {
       return stgs::SceneReader::open(std::move(source)).status();
     });
     stgs::measure(argv[i], "validate",
-                  [&](Source source) { return stgs::validate_scene(*source, limits).status(); });
+                  [&](Source source) { return stgs::validate(*source, limits); });
     stgs::measure(argv[i], "read", [&](Source source) {
       return stgs::read_scene(std::move(source), limits).status();
     });

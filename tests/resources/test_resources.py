@@ -30,8 +30,6 @@ def problems(program, name, size, arguments):
     for f in opening, validating, reading:
         about = f"{name} {arguments}, {f.size} bytes, {f.step}"
         limit = LIMIT + PER_BYTE * f.read
-        if f is validating:  # decodes one segment at a time
-            limit += READ_LIMIT
         if f is reading:
             limit = READ_LIMIT + opening.peak
         if f.peak > limit:
@@ -43,10 +41,13 @@ def problems(program, name, size, arguments):
 
 
 def check_refusals(program):
-    """The limit takes effect: a long index is refused when it is opened, and a short one is not."""
+    """The limits take effect: on a long index when it is opened, and on many values per byte when they are validated."""
     many = measure(program, hostile.links(8_000_000, copies=0))[0]
     few = measure(program, hostile.links(1_000_000, copies=0))[0]
     assert (many.status, few.status) == (UNSUPPORTED, OK), (many, few)
+    dense = measure(program, hostile.frequent_symbols(300_000, blocks=16, degree=3, joined=1))[1]
+    small = measure(program, hostile.frequent_symbols(150_000, blocks=16, degree=3, joined=1))[1]
+    assert (dense.status, small.status) == (UNSUPPORTED, OK), (dense, small)
 
 
 def main():

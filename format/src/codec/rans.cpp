@@ -97,9 +97,10 @@ void RansGroupDecoder::next_plane(const RansLookup& lookup, std::uint8_t* out) {
   }
 }
 
-void decode_groups(std::span<const RansQueue> groups) {
-  std::size_t blocks = 0;
-  for (const RansQueue& queue : groups) blocks = std::max(blocks, rans_blocks(queue.group->n_));
+void decode_groups(std::span<const RansQueue> groups, std::size_t begin, std::size_t end) {
+  std::size_t most = 0;
+  for (const RansQueue& queue : groups) most = std::max(most, queue.group->n_);
+  const std::size_t first = begin / kRansBlock, last = rans_blocks(std::min(end, most));
   const auto decode = [&](std::size_t b) {
     std::vector<RansCursor> cursors;
     for (const RansQueue& queue : groups) {
@@ -108,13 +109,14 @@ void decode_groups(std::span<const RansQueue> groups) {
       cursors.push_back({&queue.group->blocks_[b], queue.planes.data(),
                          queue.planes.data() + queue.planes.size(), block_size(n, b)});
     }
-    rans_decode_blocks(cursors, b * kRansBlock);
+    rans_decode_blocks(cursors, (b - first) * kRansBlock);
   };
-  if (blocks <= 1) {
-    if (blocks == 1) decode(0);
-    return;
+  if (first >= last) return;
+  if (last - first == 1) {
+    decode(first);
+  } else {
+    parallel_for(first, last, decode);
   }
-  parallel_for(std::size_t{0}, blocks, decode);
 }
 
 bool RansGroupDecoder::finish() const {

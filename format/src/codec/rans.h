@@ -10,6 +10,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <span>
 #include <vector>
@@ -75,7 +76,8 @@ class RansGroupDecoder {
   [[nodiscard]] bool finish() const;
 
  private:
-  friend void decode_groups(std::span<const struct RansQueue> groups);
+  friend void decode_groups(std::span<const struct RansQueue> groups, std::size_t begin,
+                            std::size_t end);
   RansGroupDecoder(std::unique_ptr<RansBlock[]> blocks, std::size_t n, bool scalar);
 
   std::unique_ptr<RansBlock[]> blocks_;
@@ -83,7 +85,7 @@ class RansGroupDecoder {
   bool scalar_ = false;
 };
 
-// A plane to decode: its table, and where its n symbols go.
+// A plane to decode: its table, and where its symbols go.
 struct RansPlaneTask {
   const RansLookup* lookup = nullptr;
   std::uint8_t* out = nullptr;
@@ -93,9 +95,12 @@ struct RansQueue {
   RansGroupDecoder* group = nullptr;
   std::span<const RansPlaneTask> planes;
 };
-// Decodes all planes of several groups. Blocks are decoded on several threads, and the
-// planes of different groups in an interleaved way, which hides the latency of table lookups.
-void decode_groups(std::span<const RansQueue> groups);
+// Decodes symbols [begin, end) of all planes of several groups, as far as they have so many, to
+// out[0] and so on. `begin` is a multiple of kRansBlock, and `end`, too, unless it is not less than
+// n; each block is decoded once. Blocks are decoded on several threads, and the planes of different
+// groups in an interleaved way, which hides the latency of table lookups.
+void decode_groups(std::span<const RansQueue> groups, std::size_t begin = 0,
+                   std::size_t end = std::numeric_limits<std::size_t>::max());
 
 // Returns the name of the instruction set that RansGroupDecoder uses.
 const char* rans_vector_target();

@@ -80,122 +80,172 @@ bool RecordDecoder::is_needed(Layout::Unit unit, AttributeBits attributes) const
   });
 }
 
-DecodedRows RecordDecoder::assign_rows(std::size_t first, std::size_t count,
-                                       AttributeBits attributes) const {
-  DecodedRows out;
-  out.first = first;
+std::size_t RecordDecoder::count_in(const DecodeRange& range, const StreamRow& row) const {
+  const std::size_t symbols = symbols_of(row);
+  return std::min(symbols, range.end) - std::min(symbols, range.begin);
+}
+
+void RecordDecoder::assign_rows(std::size_t first, std::size_t count, const DecodeRange& range,
+                                DecodedRows& out) const {
+  std::vector<const std::uint8_t*> stored(layout_.streams.size());  // planes of units of one stream
   std::vector<bool> needed(layout_.streams.size());
   for (const SegmentRecord::Unit& unit : record_.units) {
+    const StreamRow& row = layout_.streams[unit.rows.first];
+    stored[unit.rows.first] =
+        static_cast<Coder>(row.coder) == Coder::kDraco ? points_.data() : unit.bytes.data();
     std::fill_n(needed.begin() + static_cast<std::ptrdiff_t>(unit.rows.first), unit.rows.count,
-                is_needed(unit.rows, attributes));
+                is_needed(unit.rows, range.attributes));
   }
   std::size_t size = 0;
   for (std::size_t i = first; i < first + count; ++i) {
     const StreamRow& row = layout_.streams[i];
-    if (needed[i] && !row.optional()) size += Layout::varying_planes(row, set_) * symbols_of(row);
+    needed[i] = needed[i] && !row.optional();
+    if (needed[i] && row.in_group())
+      size += Layout::varying_planes(row, set_) * count_in(range, row);
   }
-  out.symbols = std::make_unique_for_overwrite<std::uint8_t[]>(size);
+  if (size > out.capacity) {
+    out.symbols = std::make_unique_for_overwrite<std::uint8_t[]>(size);
+    out.capacity = size;
+  }
+  out.first = first;
+  out.areas.assign(count, nullptr);
+  out.planes.assign(count, {});
   std::uint8_t* at = out.symbols.get();
   for (std::size_t i = first; i < first + count; ++i) {
     const StreamRow& row = layout_.streams[i];
-    std::uint8_t* const begin = at;
-    std::vector<Plane>& planes = out.planes.emplace_back();
-    for (std::size_t p = 0; p < row.planes() && needed[i] && !row.optional(); ++p) {
-      const std::int16_t only = row.in_group() ? set_.only[row.tables[p]] : std::int16_t{-1};
-      planes.push_back(only < 0 ? Plane{at, 0} : Plane{nullptr, static_cast<std::uint8_t>(only)});
-      at += only < 0 ? symbols_of(row) : 0;
+    out.areas[i - first] = at;
+    for (std::size_t p = 0; p < row.planes() && needed[i]; ++p) {
+      std::vector<Plane>& planes = out.planes[i - first];
+      if (!row.in_group()) {
+        planes.push_back({stored[i] + p * symbols_of(row) + range.begin, 0});
+      } else if (const std::int16_t only = set_.only[row.tables[p]]; only >= 0) {
+        planes.push_back({nullptr, static_cast<std::uint8_t>(only)});
+      } else {
+        planes.push_back({at, 0});
+        at += count_in(range, row);
+      }
     }
-    out.areas.emplace_back(begin, at);
   }
-  return out;
 }
 
-std::vector<RansPlaneTask> RecordDecoder::tasks_of(std::size_t u, DecodedRows& rows) const {
+std::vector<RansPlaneTask> RecordDecoder::tasks_of(std::size_t u, const DecodeRange& range,
+                                                   const DecodedRows& rows) const {
   std::vector<RansPlaneTask> out;
   const Layout::Unit unit = record_.units[u].rows;
   for (std::size_t i = unit.first; i < unit.first + unit.count; ++i) {
-    std::uint8_t* at = rows.areas[i - rows.first].data();
+    std::uint8_t* at = rows.areas[i - rows.first];
     for (const std::uint16_t table : layout_.streams[i].tables) {
       if (set_.only[table] >= 0) continue;
       out.push_back({&set_.lookups[table], at});
-      at += symbols_of(layout_.streams[i]);
+      at += count_in(range, layout_.streams[i]);
     }
   }
   return out;
 }
 
-bool RecordDecoder::decode_groups_of(std::span<const std::size_t> units, DecodedRows& rows) {
+bool RecordDecoder::decode_groups_of(std::span<const std::size_t> units, const DecodeRange& range,
+                                     const DecodedRows& rows) {
   std::vector<std::vector<RansPlaneTask>> tasks;
-  for (const std::size_t u : units) tasks.push_back(tasks_of(u, rows));
+  for (const std::size_t u : units) tasks.push_back(tasks_of(u, range, rows));
   std::vector<RansQueue> queues;
   for (std::size_t k = 0; k < units.size(); ++k) queues.push_back({&*groups_[units[k]], tasks[k]});
   // The longest first, so that the others fill the gaps.
   std::stable_sort(queues.begin(), queues.end(), [](const RansQueue& a, const RansQueue& b) {
     return a.planes.size() > b.planes.size();
   });
-  decode_groups(queues);
+  decode_groups(queues, range.begin, range.end);
   for (const std::size_t u : units) {
-    if (!groups_[u]->finish())
-      return corrupt(record_.units[u].rows.first, "a block does not end correctly");
+    const std::size_t row = record_.units[u].rows.first;
+    const bool last = range.end >= symbols_of(layout_.streams[row]);
+    if (last && !groups_[u]->finish()) return corrupt(row, "a block does not end correctly");
   }
   return true;
 }
 
-bool RecordDecoder::decode_stored(std::size_t u, DecodedRows& rows) {
+bool RecordDecoder::decode_points(std::size_t u) {
+  if (!points_.empty()) return true;
   const SegmentRecord::Unit& unit = record_.units[u];
   const StreamRow& row = layout_.streams[unit.rows.first];
-  const std::span<std::uint8_t> area = rows.areas[unit.rows.first - rows.first];
-  if (static_cast<Coder>(row.coder) == Coder::kDraco) {
-    const char* const problem = draco_decode(unit.bytes, symbols_of(row), area);
-    return problem == nullptr || corrupt(unit.rows.first, problem);
-  }
-  std::copy(unit.bytes.begin(), unit.bytes.end(), area.begin());
-  return true;
+  points_.resize(row.planes() * symbols_of(row));
+  const char* const problem = draco_decode(unit.bytes, symbols_of(row), points_);
+  return problem == nullptr || corrupt(unit.rows.first, problem);
 }
 
-bool RecordDecoder::decode_units(std::size_t first, std::size_t last, AttributeBits attributes,
+bool RecordDecoder::decode_units(std::size_t first, std::size_t last, const DecodeRange& range,
                                  DecodedRows& rows) {
   std::vector<std::size_t> groups;
   for (std::size_t u = first; u < last; ++u) {
     const StreamRow& row = layout_.streams[record_.units[u].rows.first];
-    if (!is_needed(record_.units[u].rows, attributes)) continue;
+    if (!is_needed(record_.units[u].rows, range.attributes)) continue;
     if (groups_[u]) groups.push_back(u);
-    if (!row.in_group() && !decode_stored(u, rows)) return false;
+    if (static_cast<Coder>(row.coder) == Coder::kDraco && !decode_points(u)) return false;
   }
-  return decode_groups_of(groups, rows);
+  const std::size_t begin = record_.units[first].rows.first;
+  const Layout::Unit end = record_.units[last - 1].rows;
+  assign_rows(begin, end.first + end.count - begin, range, rows);
+  return decode_groups_of(groups, range, rows);
 }
 
-bool RecordDecoder::find_members(DecodedRows& rows) {
+std::uint32_t RecordDecoder::symbols_of(Attribute attribute) const {
+  for (const StreamRow& row : layout_.streams) {
+    if (!row.optional() && static_cast<Attribute>(row.attribute) == attribute)
+      return symbols_of(row);
+  }
+  return 0;
+}
+
+std::size_t RecordDecoder::symbol_bytes(AttributeBits attributes) const {
+  std::size_t out = 0;
+  for (const StreamRow& row : layout_.streams) {
+    if (row.optional() || !row.in_group()) continue;
+    if ((attributes & attribute_bit(static_cast<Attribute>(row.attribute))) != 0)
+      out += Layout::varying_planes(row, set_);
+  }
+  return out;
+}
+
+const StreamRow* RecordDecoder::degree_row() const {
   const auto row = std::find_if(layout_.streams.begin(), layout_.streams.end(), [](const auto& r) {
     return r.attribute == static_cast<std::uint16_t>(Attribute::kShDegree);
   });
-  if (row == layout_.streams.end()) return true;
-  const auto number = static_cast<std::size_t>(row - layout_.streams.begin());
-  const std::vector<Plane>& planes = rows.planes[number - rows.first];
-  const ShDegrees degrees(*row, planes, n_);
-  if (degrees.greatest() > static_cast<std::uint32_t>(sh_degree_)) {
+  return row == layout_.streams.end() ? nullptr : &*row;
+}
+
+bool RecordDecoder::check_degrees(std::uint32_t greatest,
+                                  const std::array<std::size_t, kShBands>& counts) const {
+  if (greatest > static_cast<std::uint32_t>(sh_degree_)) {
     findings_.error(N::kStreamValue, record_.payload_at,
-                    "segment {}: SH degree {} in a scene of degree {}", ordinal_,
-                    degrees.greatest(), sh_degree_);
+                    "segment {}: SH degree {} in a scene of degree {}", ordinal_, greatest,
+                    sh_degree_);
     return false;
   }
-  for (std::uint32_t k = 0; k < kShBands; ++k) {
-    const std::size_t found = degrees.count(k + 1);
-    if (found == record_.sh[k]) continue;
+  for (std::size_t k = 0; k < kShBands; ++k) {
+    if (counts[k] == record_.sh[k]) continue;
     findings_.error(N::kStreamValue, record_.payload_at,
-                    "segment {}: {} primitives have SH of degree {} (expected {})", ordinal_, found,
-                    k + 1, record_.sh[k]);
+                    "segment {}: {} primitives have SH of degree {} (expected {})", ordinal_,
+                    counts[k], k + 1, record_.sh[k]);
     return false;
   }
+  return true;
+}
+
+bool RecordDecoder::find_members(DecodedRows& rows) {
+  const StreamRow* const row = degree_row();
+  if (row == nullptr) return true;
+  const ShDegrees degrees(*row, planes_of(*row, rows), n_);
+  if (!check_degrees(degrees.greatest(), degrees.counts())) return false;
   rows.members = degrees.members();
   return true;
 }
 
 bool RecordDecoder::decode(AttributeBits attributes, DecodedRows& out) {
-  out = assign_rows(0, layout_.streams.size(), attributes);
-  if (!decode_units(0, record_.units.size(), attributes, out)) return false;
+  if (!decode_range({attributes}, out)) return false;
   const bool degrees = (attributes & attribute_bit(Attribute::kShDegree)) != 0;
   return !degrees || find_members(out);
+}
+
+bool RecordDecoder::decode_range(const DecodeRange& range, DecodedRows& out) {
+  return decode_units(0, record_.units.size(), range, out);
 }
 
 void RecordDecoder::add_tasks(AttributeBits attributes, const DecodedRows& rows,
@@ -209,6 +259,7 @@ void RecordDecoder::add_tasks(AttributeBits attributes, const DecodedRows& rows,
     }
     const int band = band_of(attribute);
     tasks.push_back({&row, rows.planes[i].data(), {}});
+    // Rows of a range have no members.
     if (band > 0 && symbols_of(row) < n_)
       tasks.back().members = rows.members[static_cast<std::size_t>(band - 1)];
   }
@@ -223,8 +274,8 @@ bool RecordDecoder::decode_degrees(ShMembers& members) {
         })) {
       continue;
     }
-    DecodedRows decoded = assign_rows(unit.first, unit.count, kAllAttributes);
-    if (!decode_units(u, u + 1, kAllAttributes, decoded) || !find_members(decoded)) return false;
+    DecodedRows decoded;
+    if (!decode_units(u, u + 1, {}, decoded) || !find_members(decoded)) return false;
     members = std::move(decoded.members);
   }
   return true;

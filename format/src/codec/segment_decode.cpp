@@ -14,6 +14,8 @@ namespace stgs {
 namespace {
 
 using N = IssueNumber;
+// Memory of a range of RangeDecoder: it stays in the cache.
+constexpr std::uint64_t kRangeMemory = 8 << 20;
 
 Step log_scale_step(const Layout& layout) {
   for (const StreamRow& row : layout.streams) {
@@ -60,17 +62,138 @@ std::vector<RecordDecoder> open_records(const SegmentRecords& records, const Fil
   return out;
 }
 
-void map_all(const std::vector<StreamTask>& tasks, const SegmentContext& context,
-             std::uint32_t ordinal, const IndexEntry& entry, Gaussians4D& set, Findings& findings) {
-  const std::uint64_t offset = entry.offset;
-  const MapResult result = map_streams(tasks, context, entry.primitives, set);
-  for (std::size_t t = 0; t < tasks.size(); ++t) {
-    if (result.in_range[t]) continue;
+// Reports the attributes that have integers out of range.
+void report_out_of_range(AttributeBits attributes, std::uint32_t ordinal, std::uint64_t offset,
+                         Findings& findings) {
+  for (const Attribute attribute : attributes_of(kShBands)) {
+    if ((attributes & attribute_bit(attribute)) == 0) continue;
     findings.error(N::kStreamValue, offset, "segment {}, {}: integer out of range", ordinal,
-                   name_of(static_cast<Attribute>(tasks[t].row->attribute)));
+                   name_of(attribute));
   }
-  if (!result.renderable) check_primitives(set, ordinal, offset, findings);
 }
+
+// Returns the attributes of tasks that are out of range.
+AttributeBits out_of_range(const std::vector<StreamTask>& tasks, const MapResult& result) {
+  AttributeBits out = 0;
+  for (std::size_t t = 0; t < tasks.size(); ++t) {
+    if (!result.in_range[t]) out |= attribute_bit(static_cast<Attribute>(tasks[t].row->attribute));
+  }
+  return out;
+}
+
+void map_all(const std::vector<StreamTask>& tasks, const SegmentContext& context,
+             AttributeBits attributes, std::uint32_t ordinal, const IndexEntry& entry,
+             Gaussians4D& set, Findings& findings) {
+  const MapResult result = map_streams(tasks, context, entry.primitives, set);
+  report_out_of_range(out_of_range(tasks, result), ordinal, entry.offset, findings);
+  if (result.renderable) return;
+  PrimitiveChecks checks;
+  checks.add(set, attributes, 0, entry.primitives);
+  checks.report(ordinal, entry.offset, findings);
+}
+
+constexpr AttributeBits kBandAttributes = attribute_bit(Attribute::kSh1) |
+                                          attribute_bit(Attribute::kSh2) |
+                                          attribute_bit(Attribute::kSh3);
+
+// Decodes the records of a segment range by range. The attributes below sh1 are decoded together,
+// then each band of SH, of those primitives that have it.
+class RangeDecoder {
+ public:
+  RangeDecoder(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
+               Findings& findings)
+      : head_(head),
+        ordinal_(ordinal),
+        findings_(findings),
+        decoders_(open_records(records, head, ordinal, findings)),
+        rows_(decoders_.size()),
+        good_(decoders_.size(), true) {
+    if (!decoders_.empty()) context_ = context_of(records, head, ordinal, TimeOrigin::kRecord);
+  }
+
+  void decode(const RangeVisitor& visit) {
+    if (decoders_.empty()) return;
+    const IndexEntry& entry = head_.index.segments[ordinal_].base;
+    decode_together(~kBandAttributes, entry.primitives, visit);
+    for (const Attribute band : {Attribute::kSh1, Attribute::kSh2, Attribute::kSh3}) {
+      for (const RecordDecoder& decoder : decoders_)
+        decode_together(attribute_bit(band), decoder.symbols_of(band), nullptr);
+    }
+    for (std::size_t d = 0; d < decoders_.size(); ++d) {
+      const bool degrees = good_[d] && decoders_[d].degree_row() != nullptr;
+      good_[d] = good_[d] && (!degrees || decoders_[d].check_degrees(greatest_, counts_));
+    }
+    if (!all_good()) return;
+    report_out_of_range(out_of_range_, ordinal_, entry.offset, findings_);
+    checks_.report(ordinal_, entry.offset, findings_);
+  }
+
+ private:
+  bool all_good() const {
+    return std::all_of(good_.begin(), good_.end(), [](bool good) { return good; });
+  }
+
+  // Returns the values of each range, of the attributes with this many floats per primitive.
+  std::size_t range_size(AttributeBits attributes) const {
+    std::uint64_t bytes = 4 * floats_per_primitive(head_.metadata.sh_degree);
+    for (const RecordDecoder& decoder : decoders_) bytes += decoder.symbol_bytes(attributes);
+    return std::max<std::size_t>(1, kRangeMemory / (kRansBlock * bytes)) * kRansBlock;
+  }
+
+  // Decodes n values of each of these attributes.
+  void decode_together(AttributeBits attributes, std::size_t n, const RangeVisitor& visit) {
+    const std::size_t size = range_size(attributes);
+    std::vector<Carries> carries;
+    for (std::size_t begin = 0; begin < n; begin += size) {
+      const DecodeRange range{attributes, begin, std::min(begin + size, n)};
+      std::vector<StreamTask> tasks;
+      for (std::size_t d = 0; d < decoders_.size(); ++d) {
+        good_[d] = good_[d] && decoders_[d].decode_range(range, rows_[d]);
+        if (!good_[d]) continue;
+        decoders_[d].add_tasks(attributes, rows_[d], tasks);
+        add_degrees(d, range);
+      }
+      if (!all_good()) continue;  // the others can have further errors
+      if (begin == 0) carries = first_carries(tasks, context_);
+      map(tasks, range, carries, visit);
+    }
+  }
+
+  // Adds the SH degrees of a range to those found.
+  void add_degrees(std::size_t d, const DecodeRange& range) {
+    const StreamRow* const row = decoders_[d].degree_row();
+    if (row == nullptr || (range.attributes & attribute_bit(Attribute::kShDegree)) == 0) return;
+    const auto n = static_cast<std::uint32_t>(range.end - range.begin);
+    const ShDegrees degrees(*row, decoders_[d].planes_of(*row, rows_[d]), n);
+    greatest_ = std::max(greatest_, degrees.greatest());
+    for (std::size_t k = 0; k < kShBands; ++k) counts_[k] += degrees.counts()[k];
+  }
+
+  void map(const std::vector<StreamTask>& tasks, const DecodeRange& range,
+           std::vector<Carries>& carries, const RangeVisitor& visit) {
+    const std::size_t n = range.end - range.begin;
+    set_.sh_degree = head_.metadata.sh_degree;
+    set_.time_origin = context_.time_origin;
+    set_.resize(n);
+    const MapResult result = map_streams(tasks, context_, n, set_, carries);
+    out_of_range_ |= out_of_range(tasks, result);
+    if (!result.renderable) checks_.add(set_, range.attributes, range.begin, n);
+    if (visit) visit(set_, range.begin);
+  }
+
+  const FileHead& head_;
+  const std::uint32_t ordinal_;
+  Findings& findings_;
+  std::vector<RecordDecoder> decoders_;
+  std::vector<DecodedRows> rows_;
+  std::vector<bool> good_;  // by decoder
+  SegmentContext context_;
+  Gaussians4D set_;  // of a range
+  AttributeBits out_of_range_ = 0;
+  PrimitiveChecks checks_;
+  std::uint32_t greatest_ = 0;                  // SH degree
+  std::array<std::size_t, kShBands> counts_{};  // of primitives with at least such a degree
+};
 
 }  // namespace
 
@@ -112,9 +235,18 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
     if (found.ok()) {
       const SegmentContext context = context_of(records, head, ordinal, origin);
       set.time_origin = context.time_origin;
-      map_all(tasks, context, ordinal, entry, set, found);
+      map_all(tasks, context, attributes, ordinal, entry, set, found);
     }
   }
+  const bool good = found.ok();
+  findings.append(std::move(found));
+  return good;
+}
+
+bool decode_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
+                   const RangeVisitor& visit, Findings& findings) {
+  Findings found;
+  RangeDecoder(records, head, ordinal, found).decode(visit);
   const bool good = found.ok();
   findings.append(std::move(found));
   return good;

@@ -50,18 +50,23 @@ ShDegrees::ShDegrees(const StreamRow& row, std::span<const Plane> planes, std::u
   degrees_ = combined_;
 }
 
-std::size_t ShDegrees::count(std::uint32_t degree) const {
-  return static_cast<std::size_t>(std::count_if(
-      degrees_.begin(), degrees_.end(), [degree](std::uint8_t own) { return own >= degree; }));
+std::array<std::size_t, kShBands> ShDegrees::counts() const {
+  std::array<std::size_t, kShBands> out;
+  for (std::uint32_t k = 0; k < kShBands; ++k) {
+    out[k] = static_cast<std::size_t>(
+        std::count_if(degrees_.begin(), degrees_.end(), [k](std::uint8_t own) { return own > k; }));
+  }
+  return out;
 }
 
 ShMembers ShDegrees::members() const {
   ShMembers out;
-  out[0] = select(degrees_, 1, degrees_.size(), count(1),
+  const std::array<std::size_t, kShBands> found = counts();
+  out[0] = select(degrees_, 1, degrees_.size(), found[0],
                   [](std::size_t i) { return static_cast<std::uint32_t>(i); });
   for (std::uint32_t k = 1; k < kShBands; ++k) {
     const std::vector<std::uint32_t>& before = out[k - 1];
-    out[k] = select(degrees_, k + 1, before.size(), count(k + 1),
+    out[k] = select(degrees_, k + 1, before.size(), found[k],
                     [&before](std::size_t i) { return before[i]; });
   }
   return out;

@@ -22,9 +22,9 @@ class ShDegrees {
   ShDegrees(const StreamRow& row, std::span<const Plane> planes, std::uint32_t n);
 
   std::uint32_t greatest() const { return greatest_; }
-  // Returns the number of primitives of at least this degree, 1 to kShBands.
-  std::size_t count(std::uint32_t degree) const;
-  // Takes 4 bytes for each primitive that count() counts.
+  // Returns the numbers of primitives of a degree of at least 1, 2 and 3.
+  std::array<std::size_t, kShBands> counts() const;
+  // Takes 4 bytes for each primitive that counts() counts.
   ShMembers members() const;
 
  private:

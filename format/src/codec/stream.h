@@ -91,9 +91,19 @@ struct MapResult {
   std::vector<bool> in_range;  // by task: all integers are within the range of the mapping
   bool renderable = true;      // all primitives pass check_primitives() (values.h)
 };
+inline constexpr std::size_t kMaxComponents = 21;  // of an attribute
+// The value of each component before the first primitive, for predictions that depend on it.
+using Carries = std::array<std::uint32_t, kMaxComponents>;
+// Returns the carries of tasks at the beginning of a record.
+std::vector<Carries> first_carries(std::span<const StreamTask> tasks,
+                                   const SegmentContext& context);
 // Maps planes of n primitives to floats in `set`, whose arrays have their final size. With SH of
 // degree 0, SH without a value become 0. Velocity depends on sigma and radius, rotation on the log
-// scales: tasks are in the order of attributes.
+// scales: tasks are in the order of attributes. `carries`: of each task, updated to those after the
+// n primitives if none has members.
+MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& context,
+                      std::size_t n, Gaussians4D& set, std::vector<Carries>& carries);
+// Maps all primitives of a record.
 MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& context,
                       std::size_t n, Gaussians4D& set);
 

@@ -13,7 +13,6 @@ namespace {
 
 using N = IssueNumber;
 constexpr std::size_t kMapGrain = 16384;  // primitives per task
-using Carries = std::array<std::uint32_t, kMaxComponents>;
 
 constexpr float min_origin() {
   return std::bit_cast<float>(static_cast<std::uint32_t>(kMinExponent + 127) << 23);
@@ -149,9 +148,10 @@ std::size_t values_of(const StreamTask& task, std::size_t n) {
 }
 
 // Returns the carries before each chunk of n primitives, by task: the sums of all differences
-// before it.
-std::vector<Carries> carries_of(std::span<const StreamTask> tasks, std::uint32_t first_key,
-                                std::size_t chunks, std::size_t n) {
+// before it, and those before the first primitive.
+std::vector<Carries> carries_of(std::span<const StreamTask> tasks,
+                                const std::vector<Carries>& first, std::size_t chunks,
+                                std::size_t n) {
   std::vector<Carries> out(chunks * tasks.size(), Carries{});
   parallel_for(std::size_t{0}, (chunks - 1) * tasks.size(), [&](std::size_t job) {
     const std::size_t chunk = job / tasks.size();
@@ -161,8 +161,7 @@ std::vector<Carries> carries_of(std::span<const StreamTask> tasks, std::uint32_t
              out[job + tasks.size()].data());
   });
   for (std::size_t t = 0; t < tasks.size(); ++t) {
-    const auto prediction = static_cast<Prediction>(tasks[t].row->prediction);
-    if (prediction == Prediction::kMorton) out[t][0] = first_key;
+    out[t] = first[t];
     for (std::size_t k = t + tasks.size(); k < out.size(); k += tasks.size()) {
       for (std::size_t c = 0; c < kMaxComponents; ++c) out[k][c] += out[k - tasks.size()][c];
     }
@@ -192,13 +191,13 @@ MappedAttributes mapped_attributes(std::span<const StreamTask> tasks) {
 class StreamMapper {
  public:
   StreamMapper(std::span<const StreamTask> tasks, const SegmentContext& context, std::size_t n,
-               Gaussians4D& set)
+               Gaussians4D& set, const std::vector<Carries>& carries)
       : tasks_(tasks),
         context_(context),
         n_(n),
         set_(set),
         chunks_((n + kMapGrain - 1) / kMapGrain),
-        carries_(carries_of(tasks, context.first_key, chunks_, n)),
+        carries_(carries_of(tasks, carries, chunks_, n)),
         attributes_(mapped_attributes(tasks)),
         bad_(chunks_ * (tasks.size() + 1), 0) {}
 
@@ -221,6 +220,9 @@ class StreamMapper {
     }
     return out;
   }
+
+  // Returns the carries of the last chunk.
+  std::span<const Carries> carries() const { return std::span(carries_).last(tasks_.size()); }
 
  private:
   // Returns whether some primitives have no values.
@@ -272,9 +274,28 @@ class StreamMapper {
 
 }  // namespace
 
+std::vector<Carries> first_carries(std::span<const StreamTask> tasks,
+                                   const SegmentContext& context) {
+  std::vector<Carries> out(tasks.size(), Carries{});
+  for (std::size_t t = 0; t < tasks.size(); ++t) {
+    const auto prediction = static_cast<Prediction>(tasks[t].row->prediction);
+    if (prediction == Prediction::kMorton) out[t][0] = context.first_key;
+  }
+  return out;
+}
+
+MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& context,
+                      std::size_t n, Gaussians4D& set, std::vector<Carries>& carries) {
+  StreamMapper mapper(tasks, context, n, set, carries);
+  MapResult out = mapper.map();
+  carries.assign(mapper.carries().begin(), mapper.carries().end());
+  return out;
+}
+
 MapResult map_streams(std::span<const StreamTask> tasks, const SegmentContext& context,
                       std::size_t n, Gaussians4D& set) {
-  return StreamMapper(tasks, context, n, set).map();
+  std::vector<Carries> carries = first_carries(tasks, context);
+  return map_streams(tasks, context, n, set, carries);
 }
 
 }  // namespace stgs

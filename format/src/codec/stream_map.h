@@ -9,7 +9,6 @@
 
 namespace stgs {
 
-inline constexpr std::size_t kMaxComponents = 21;  // of an attribute
 // Primitives mapped for all streams in turn: their values fit the second-level cache.
 inline constexpr std::size_t kMapRun = 512;
 

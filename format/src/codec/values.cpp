@@ -2,8 +2,9 @@
 #include "codec/values.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
+
+#include <fmt/format.h>
 
 #include "core/bytes.h"
 
@@ -12,57 +13,67 @@ namespace {
 
 using N = IssueNumber;
 
-bool all_finite(const FloatArray& values) {
-  std::uint32_t bad = 0;
-  for (float v : values) {
-    bad |= (std::bit_cast<std::uint32_t>(v) & 0x7F800000u) == 0x7F800000u ? 1u : 0u;
-  }
-  return bad == 0;
+std::size_t index_of(Attribute attribute) {
+  return static_cast<std::size_t>(attribute);
 }
 
-// Reports one finding per attribute.
-void check_finite(const Gaussians4D& set, std::uint32_t segment, std::uint64_t offset,
-                  Findings& findings) {
-  for (Attribute attribute : attributes_of(set.sh_degree)) {
-    const AttributeView<const float> view = view_of(set, attribute);
-    const auto components = static_cast<std::size_t>(components_of(attribute));
-    std::size_t bad = 0, first = 0;
-    for (std::size_t i = 0; i < set.size(); ++i) {
-      bool finite = true;
-      for (std::size_t c = 0; c < components; ++c) {
-        finite &= std::isfinite(view.data[i * view.stride + c]);
-      }
-      if (!finite && bad++ == 0) first = i;
-    }
-    if (bad > 0) {
-      findings.error(N::kNotFinite, offset,
-                     "segment {}: {} not finite in {} of {} primitives (first: {})", segment,
-                     name_of(attribute), bad, set.size(), first);
-    }
-  }
+bool has(AttributeBits attributes, Attribute attribute) {
+  return (attributes & attribute_bit(attribute)) != 0;
 }
 
 }  // namespace
 
-void check_primitives(const Gaussians4D& set, std::uint32_t segment, std::uint64_t offset,
-                      Findings& findings) {
-  const std::size_t n = set.size();
-  const FloatArray* arrays[] = {&set.position,      &set.log_scale, &set.rotation,
-                                &set.opacity_logit, &set.sh,        &set.time,
-                                &set.velocity,      &set.sigma,     &set.radius};
-  if (!std::all_of(std::begin(arrays), std::end(arrays),
-                   [](const auto* array) { return all_finite(*array); })) {
-    check_finite(set, segment, offset, findings);
+void ProblemCount::report(std::size_t n, IssueNumber number, bool error, std::uint32_t segment,
+                          std::uint64_t offset, std::string_view problem,
+                          Findings& findings) const {
+  if (count == 0) return;
+  if (error) {
+    findings.error(number, offset, "segment {}: {} in {} of {} primitives (first: {})", segment,
+                   problem, count, n, first);
+  } else {
+    findings.warning(number, offset, "segment {}: {} in {} of {} primitives (first: {})", segment,
+                     problem, count, n, first);
   }
-  check_each(n, N::kSigma, true, segment, offset, "sigma <= 0", findings,
-             [&](std::size_t i) { return set.sigma[i] <= 0.0f; });
-  check_each(n, N::kRadius, true, segment, offset, "radius < 0", findings,
-             [&](std::size_t i) { return set.radius[i] < 0.0f; });
-  check_each(n, N::kRotation, true, segment, offset, "quaternion of length 0", findings,
-             [&](std::size_t i) {
-               const float* q = set.rotation.data() + 4 * i;
-               return q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f;
-             });
+}
+
+void PrimitiveChecks::add(const Gaussians4D& set, AttributeBits attributes, std::size_t begin,
+                          std::size_t n) {
+  for (const Attribute attribute : attributes_of(set.sh_degree)) {
+    if (!has(attributes, attribute)) continue;
+    const AttributeView<const float> view = view_of(set, attribute);
+    const auto components = static_cast<std::size_t>(components_of(attribute));
+    values_[index_of(attribute)] += n;
+    not_finite_[index_of(attribute)].add(n, begin, [&](std::size_t i) {
+      const float* const values = view.data + i * view.stride;
+      return !std::all_of(values, values + components, [](float v) { return std::isfinite(v); });
+    });
+  }
+  if (has(attributes, Attribute::kSigma))
+    sigma_.add(n, begin, [&](std::size_t i) { return set.sigma[i] <= 0.0f; });
+  if (has(attributes, Attribute::kRadius))
+    radius_.add(n, begin, [&](std::size_t i) { return set.radius[i] < 0.0f; });
+  if (has(attributes, Attribute::kRotation)) {
+    rotation_.add(n, begin, [&](std::size_t i) {
+      const float* const q = set.rotation.data() + 4 * i;
+      return q[0] == 0.0f && q[1] == 0.0f && q[2] == 0.0f && q[3] == 0.0f;
+    });
+  }
+}
+
+void PrimitiveChecks::report(std::uint32_t segment, std::uint64_t offset,
+                             Findings& findings) const {
+  for (std::size_t a = 0; a < kAttributes; ++a) {
+    if (not_finite_[a].count == 0) continue;
+    not_finite_[a].report(values_[a], N::kNotFinite, true, segment, offset,
+                          fmt::format("{} not finite", name_of(static_cast<Attribute>(a))),
+                          findings);
+  }
+  sigma_.report(values_[index_of(Attribute::kSigma)], N::kSigma, true, segment, offset,
+                "sigma <= 0", findings);
+  radius_.report(values_[index_of(Attribute::kRadius)], N::kRadius, true, segment, offset,
+                 "radius < 0", findings);
+  rotation_.report(values_[index_of(Attribute::kRotation)], N::kRotation, true, segment, offset,
+                   "quaternion of length 0", findings);
 }
 
 std::vector<float> parse_importance(std::span<const std::uint8_t> payload, std::uint64_t primitives,

@@ -2,8 +2,10 @@
 // Checks of decoded values (spec 6.3).
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
-#include <span>
+#include <string_view>
 #include <vector>
 
 #include "codec/attributes.h"
@@ -11,28 +13,37 @@
 
 namespace stgs {
 
-// Reports the primitives for which `wrong(i)` is true in one finding, if there are any.
-template <typename Wrong>
-void check_each(std::size_t n, IssueNumber number, bool error, std::uint32_t segment,
-                std::uint64_t offset, const char* problem, Findings& findings, Wrong wrong) {
-  std::size_t bad = 0, first = 0;
-  for (std::size_t i = 0; i < n; ++i) {
-    if (wrong(i) && bad++ == 0) first = i;
-  }
-  if (bad == 0) return;
-  if (error) {
-    findings.error(number, offset, "segment {}: {} in {} of {} primitives (first: {})", segment,
-                   problem, bad, n, first);
-  } else {
-    findings.warning(number, offset, "segment {}: {} in {} of {} primitives (first: {})", segment,
-                     problem, bad, n, first);
-  }
-}
+// Primitives with a problem, counted a range at a time.
+struct ProblemCount {
+  std::size_t count = 0, first = 0;  // `first`: the number of the first one
 
-// Checks that all values are finite, sigma > 0, radius >= 0 and quaternions are nonzero. `offset`
-// is the segment's.
-void check_primitives(const Gaussians4D& set, std::uint32_t segment, std::uint64_t offset,
-                      Findings& findings);
+  // Adds those primitives i < n for which `wrong(i)` is true. `begin`: the number of primitive 0.
+  template <typename Wrong>
+  void add(std::size_t n, std::size_t begin, Wrong wrong) {
+    for (std::size_t i = 0; i < n; ++i) {
+      if (wrong(i) && count++ == 0) first = begin + i;
+    }
+  }
+  // Reports the problem in one finding, if there are such primitives among the n of the segment.
+  void report(std::size_t n, IssueNumber number, bool error, std::uint32_t segment,
+              std::uint64_t offset, std::string_view problem, Findings& findings) const;
+};
+
+// Checks that all values are finite, sigma > 0, radius >= 0 and quaternions are nonzero.
+class PrimitiveChecks {
+ public:
+  // Adds n values of each of these attributes of `set`, which start with the value of number
+  // `begin`: of SH that some primitives lack, of those that have it.
+  void add(const Gaussians4D& set, AttributeBits attributes, std::size_t begin, std::size_t n);
+  // Reports what was found, by attribute. `offset` is the segment's.
+  void report(std::uint32_t segment, std::uint64_t offset, Findings& findings) const;
+
+ private:
+  static constexpr std::size_t kAttributes = static_cast<std::size_t>(Attribute::kSh3) + 1;
+  std::array<std::size_t, kAttributes> values_{};  // by attribute, that were added
+  std::array<ProblemCount, kAttributes> not_finite_;
+  ProblemCount sigma_, radius_, rotation_;
+};
 
 // Parses the payload of IMPO (spec 11.9): an importance for each of `primitives`. Returns nothing
 // and reports an error if it is invalid. `offset` is the record's.

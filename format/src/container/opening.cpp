@@ -6,7 +6,8 @@
 namespace stgs {
 namespace {
 
-constexpr std::uint64_t kBase = 64 << 20, kPerByte = 4;  // the default limit
+// The default limit. With the primitives that a validator decodes at a time it is 64 MiB.
+constexpr std::uint64_t kBase = 56 << 20, kPerByte = 4;
 // A table with its lookup; a layout or a row; a name of a private number.
 constexpr std::uint64_t kTable = 18 << 10, kRow = 160, kName = 128;
 

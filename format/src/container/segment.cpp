@@ -121,16 +121,20 @@ bool take_memory(std::uint64_t bytes, const FileHead& head, std::uint32_t ordina
   return false;
 }
 
+// Returns the values of a stream that is not optional.
+std::uint64_t values_of(const SegmentRecord& record, const StreamRow& row,
+                        std::uint32_t primitives) {
+  const int band = band_of(static_cast<Attribute>(row.attribute));
+  return band == 0 ? primitives : record.sh[static_cast<std::size_t>(band - 1)];
+}
+
 // Returns the memory of a record's planes that take bytes.
 std::uint64_t plane_memory(const SegmentRecord& record, const LayoutSet& set,
                            std::uint32_t primitives) {
   std::uint64_t bytes = 0;
   for (const StreamRow& row : set.layouts[record.layout].streams) {
-    if (row.optional()) continue;
-    const int band = band_of(static_cast<Attribute>(row.attribute));
-    const std::uint64_t symbols =
-        band == 0 ? primitives : record.sh[static_cast<std::size_t>(band - 1)];
-    bytes += symbols * Layout::varying_planes(row, set);
+    if (!row.optional())
+      bytes += values_of(record, row, primitives) * Layout::varying_planes(row, set);
   }
   return bytes;
 }
@@ -278,6 +282,24 @@ bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t 
   }
   if (!own || !with_sh) return true;
   return read_record(source, head, ordinal, segment.sh, records.sh, records.memory, findings);
+}
+
+std::uint64_t decoded_values(const SegmentRecords& records, const FileHead& head,
+                             std::uint32_t ordinal) {
+  const std::uint32_t primitives = head.index.segments[ordinal].base.primitives;
+  std::uint64_t out = 0;
+  for (const SegmentRecord* record : {&records.base, &records.sh}) {
+    if (record->bytes.empty()) continue;
+    for (const StreamRow& row : record->layout_in(*head.layouts).streams) {
+      if (row.optional()) continue;
+      const auto floats =
+          static_cast<std::size_t>(components_of(static_cast<Attribute>(row.attribute)));
+      const std::size_t symbols = Layout::varying_planes(row, record->set(*head.layouts));
+      const bool draco = static_cast<Coder>(row.coder) == Coder::kDraco;
+      out += values_of(*record, row, primitives) * (draco ? kDracoWork : floats + symbols);
+    }
+  }
+  return out;
 }
 
 }  // namespace stgs

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -89,5 +90,19 @@ bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint
 bool decode_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                     AttributeBits attributes, TimeOrigin origin, Gaussians4D& set,
                     Findings& findings);
+
+// Returns the work of decode_ranges(): the floats and the symbols of planes that are not constant.
+// A position that Draco codes counts as kDracoWork.
+std::uint64_t decoded_values(const SegmentRecords& records, const FileHead& head,
+                             std::uint32_t ordinal);
+inline constexpr std::uint64_t kDracoWork = 128;
+
+// Receives primitives of a segment in their order: `set` has those from number `begin` on, complete
+// but for SH above degree 0, and time_origin as TimeOrigin::kRecord. It is valid during the call.
+using RangeVisitor = std::function<void(const Gaussians4D& set, std::size_t begin)>;
+// Makes the checks of decode_segment() for all attributes, and returns the same, but decodes a
+// range of primitives after the other: 8 MiB of them at a time, positions of Draco excepted.
+bool decode_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
+                   const RangeVisitor& visit, Findings& findings);
 
 }  // namespace stgs

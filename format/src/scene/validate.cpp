@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <optional>
 #include <set>
 
 #include "codec/values.h"
@@ -17,31 +18,49 @@ namespace {
 using N = IssueNumber;
 constexpr double kIntervalTolerance = 0.01;  // ticks, spec 5.8
 
-void check_values(const Gaussians4D& set, const FileHead& head, std::uint32_t segment,
-                  Findings& findings) {
-  const SegmentEntry& entry = head.index.segments[segment];
-  const SceneMetadata& scene = head.metadata.scene;
-  const std::uint64_t at = entry.base.offset;
-  const std::size_t n = set.size();
-  const TickRange interval = interval_of(head, entry.base, entry.part);
-  const PartEntry& part = head.parts[entry.part];
-  check_each(n, N::kOutsideSegment, true, segment, at, "visible outside the segment's interval",
-             findings, [&](std::size_t i) {
-               const Lifetime lifetime =
-                   lifetime_of(set, i, part.end - part.begin, false, set.time_origin);
-               return !lifetime.never && (lifetime.begin < interval.begin - kIntervalTolerance ||
-                                          lifetime.end > interval.end + kIntervalTolerance);
-             });
-  check_each(n, N::kOutsideBounds, false, segment, at, "position outside the stated bounds",
-             findings, [&](std::size_t i) {
-               bool outside = false;
-               for (std::size_t axis = 0; axis < 3; ++axis) {
-                 const float x = set.position[3 * i + axis];
-                 outside |= x < scene.bounds_min[axis] || x > scene.bounds_max[axis];
-               }
-               return outside;
-             });
-}
+// Checks primitives of a segment against what the file states about it.
+class PlacementChecks {
+ public:
+  PlacementChecks(const FileHead& head, std::uint32_t segment)
+      : head_(head),
+        segment_(segment),
+        entry_(head.index.segments[segment]),
+        interval_(interval_of(head, entry_.base, entry_.part)) {}
+
+  void add(const Gaussians4D& set, std::size_t begin) {
+    const PartEntry& part = head_.parts[entry_.part];
+    const SceneMetadata& scene = head_.metadata.scene;
+    outside_segment_.add(set.size(), begin, [&](std::size_t i) {
+      const Lifetime lifetime = lifetime_of(set, i, part.end - part.begin, false, set.time_origin);
+      return !lifetime.never && (lifetime.begin < interval_.begin - kIntervalTolerance ||
+                                 lifetime.end > interval_.end + kIntervalTolerance);
+    });
+    outside_bounds_.add(set.size(), begin, [&](std::size_t i) {
+      bool outside = false;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const float x = set.position[3 * i + axis];
+        outside |= x < scene.bounds_min[axis] || x > scene.bounds_max[axis];
+      }
+      return outside;
+    });
+  }
+
+  void report(Findings& findings) const {
+    const std::uint32_t n = entry_.base.primitives;
+    const std::uint64_t at = entry_.base.offset;
+    outside_segment_.report(n, N::kOutsideSegment, true, segment_, at,
+                            "visible outside the segment's interval", findings);
+    outside_bounds_.report(n, N::kOutsideBounds, false, segment_, at,
+                           "position outside the stated bounds", findings);
+  }
+
+ private:
+  const FileHead& head_;
+  const std::uint32_t segment_;
+  const SegmentEntry& entry_;
+  const TickRange interval_;
+  ProblemCount outside_segment_, outside_bounds_;
+};
 
 // Returns whether the payload of a record, all of which is read, is within the caller's limit.
 bool fits_memory(const RecordHeader& record, const FileHead& head, std::uint64_t at,
@@ -198,21 +217,47 @@ void walk_head_records(const FileHead& head, Findings& findings) {
   }
 }
 
+// Returns the values that are decoded at most: ReadLimits::max_values.
+std::uint64_t decoding_limit(const FileHead& head) {
+  constexpr std::uint64_t kAnyFile = std::uint64_t{1} << 24, kPerByte = 20;
+  const std::uint64_t stated = head.limits.max_values;
+  return stated > 0 ? stated : kAnyFile + kPerByte * head.available_bytes;
+}
+
+// Takes the values of a segment from those `left`. Returns false if there are not as many.
+bool take_values(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
+                 std::uint64_t& left, Findings& findings) {
+  const std::uint64_t values = decoded_values(records, head, ordinal);
+  if (values <= left) {
+    left -= values;
+    return true;
+  }
+  findings.unsupported(N::kMemoryLimit, head.index.segments[ordinal].base.offset,
+                       "segment {}: not decoded, because the file states more than {} values in {} "
+                       "bytes; allow more than 4 GiB of memory to decode them",
+                       ordinal, decoding_limit(head), head.available_bytes);
+  return false;
+}
+
 // Checks the available records of a segment, and its primitives even if its SH are damaged.
+// `values`: those that may still be decoded.
 void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
-                   Findings& findings) {
+                   std::uint64_t& values, Findings& findings) {
   const SegmentEntry& segment = head.index.segments[ordinal];
   if (!head.has(segment.base)) return;  // truncated: already reported
   const bool has_sh = head.has(segment.sh);
   SegmentRecords records;
-  Gaussians4D set;
   bool good = read_segment(source, head, ordinal, has_sh, records, findings);
   for (const SegmentRecord* record : {&records.base, &records.sh}) {
     check_private_layouts(record->own, record->payload_at, head, findings);
   }
+  std::optional<PlacementChecks> placement;
   const auto decode = [&](Findings& found) {
-    set = {};
-    return decode_segment(records, head, ordinal, kAllAttributes, TimeOrigin::kRecord, set, found);
+    if (!take_values(records, head, ordinal, values, found)) return false;
+    PlacementChecks& checks = placement.emplace(head, ordinal);
+    return decode_ranges(
+        records, head, ordinal,
+        [&checks](const Gaussians4D& set, std::size_t begin) { checks.add(set, begin); }, found);
   };
   good = good && decode(findings);
   if (!good && has_sh && segment.sh.bytes > 0) {
@@ -220,7 +265,7 @@ void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t
     good = read_segment(source, head, ordinal, false, records = {}, reported) && reported.ok() &&
            decode(reported);
   }
-  if (good) check_values(set, head, ordinal, findings);
+  if (good) placement->report(findings);
 }
 
 // Checks a layout of the head, which no record may use.
@@ -245,8 +290,9 @@ void check_error_bounds(const FileHead& head, Findings& findings) {
 }
 
 void check_segments(const ByteSource& source, FileHead& head, Findings& findings) {
+  std::uint64_t values = decoding_limit(head);
   for (std::uint32_t i = 0; i < head.index.segments.size(); ++i) {
-    check_segment(source, head, i, findings);
+    check_segment(source, head, i, values, findings);
   }
   for (const Layout& layout : head.layouts->layouts) check_layout(layout, findings);
   check_further(source, head, findings);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 
 namespace stgs {
 
@@ -15,14 +16,18 @@ struct ReadLimits {
   // also for its floats (spec/conformance.md, 1.5). When a file of another format is imported, for
   // everything that the import holds at a time.
   std::uint64_t max_memory = kDefaultMemory;
-  // Bytes for opening or validating a file, without decoding. 0: 64 MiB and 4 for each byte of the
+  // Bytes for opening or validating a file, without decoding. 0: 56 MiB and 4 for each byte of the
   // head and the index that is read.
   std::uint64_t max_opening = 0;
+  // Values that a validator decodes, floats and symbols (spec/conformance.md, 1.5): a few times as
+  // many as files of real scenes have. 0: 2^24 and 20 for each byte of the file.
+  std::uint64_t max_values = 0;
 
-  // Returns the limits of a caller who allows `memory` bytes: for opening as well, if that is more
-  // than the default.
+  // Returns the limits of a caller who allows `memory` bytes. If that is more than the default, it
+  // is for opening as well, and a validator decodes everything.
   static ReadLimits of(std::uint64_t primitives, std::uint64_t memory) {
-    return {primitives, memory, memory > kDefaultMemory ? memory : 0};
+    if (memory <= kDefaultMemory) return {primitives, memory};
+    return {primitives, memory, memory, std::numeric_limits<std::uint64_t>::max()};
   }
 };
 
