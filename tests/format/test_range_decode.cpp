@@ -14,6 +14,7 @@ using stgs::testing::random_scene;
 
 namespace {
 
+constexpr std::uint64_t kAllValues = std::numeric_limits<std::uint64_t>::max();
 constexpr std::size_t kPrimitives = 150'000;  // several ranges
 
 // Primitives of one segment, with SH of degree 0 to 3.
@@ -72,7 +73,9 @@ TEST_CASE("primitives that are decoded in ranges equal those that are decoded to
         ++ranges;
         primitives += range.size();
       };
-      CHECK(decode_ranges(records, head, s, visit, findings));
+      std::uint64_t values = decoded_values(records, head, s);
+      CHECK(decode_ranges(records, head, s, visit, values, findings));
+      CHECK(values == 0);
       CHECK(findings.ok());
     }
     CHECK(primitives == head.index.primitives);
@@ -96,7 +99,8 @@ TEST_CASE("damage in any range of a segment is an error of the segment") {
       last ^= 1;  // the last word of the last block
       Findings found, together;
       Gaussians4D set;
-      CHECK_FALSE(decode_ranges(records, head, 0, nullptr, found));
+      std::uint64_t values = kAllValues;
+      CHECK_FALSE(decode_ranges(records, head, 0, nullptr, values, found));
       CHECK_FALSE(
           decode_segment(records, head, 0, kAllAttributes, TimeOrigin::kRecord, set, together));
       CHECK(found.status("x").message() == together.status("x").message());

@@ -111,8 +111,8 @@ class RangeDecoder {
     if (!decoders_.empty()) context_ = context_of(records, head, ordinal, TimeOrigin::kRecord);
   }
 
+  // Call it if there are no errors so far.
   void decode(const RangeVisitor& visit) {
-    if (decoders_.empty()) return;
     const IndexEntry& entry = head_.index.segments[ordinal_].base;
     decode_together(~kBandAttributes, entry.primitives, visit);
     for (const Attribute band : {Attribute::kSh1, Attribute::kSh2, Attribute::kSh3}) {
@@ -244,9 +244,19 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
 }
 
 bool decode_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-                   const RangeVisitor& visit, Findings& findings) {
+                   const RangeVisitor& visit, std::uint64_t& values, Findings& findings) {
   Findings found;
-  RangeDecoder(records, head, ordinal, found).decode(visit);
+  RangeDecoder decoder(records, head, ordinal, found);
+  const std::uint64_t needed = decoded_values(records, head, ordinal);
+  if (found.ok() && needed > values) {
+    found.unsupported(N::kMemoryLimit, head.index.segments[ordinal].base.offset,
+                      "segment {}: not decoded, because it states {} values, and the size of the "
+                      "file allows {} more; allow more than 4 GiB of memory to decode them",
+                      ordinal, needed, values);
+  } else if (found.ok()) {
+    values -= needed;
+    decoder.decode(visit);
+  }
   const bool good = found.ok();
   findings.append(std::move(found));
   return good;

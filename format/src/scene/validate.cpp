@@ -224,21 +224,6 @@ std::uint64_t decoding_limit(const FileHead& head) {
   return stated > 0 ? stated : kAnyFile + kPerByte * head.available_bytes;
 }
 
-// Takes the values of a segment from those `left`. Returns false if there are not as many.
-bool take_values(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-                 std::uint64_t& left, Findings& findings) {
-  const std::uint64_t values = decoded_values(records, head, ordinal);
-  if (values <= left) {
-    left -= values;
-    return true;
-  }
-  findings.unsupported(N::kMemoryLimit, head.index.segments[ordinal].base.offset,
-                       "segment {}: not decoded, because the file states more than {} values in {} "
-                       "bytes; allow more than 4 GiB of memory to decode them",
-                       ordinal, decoding_limit(head), head.available_bytes);
-  return false;
-}
-
 // Checks the available records of a segment, and its primitives even if its SH are damaged.
 // `values`: those that may still be decoded.
 void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
@@ -253,11 +238,11 @@ void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t
   }
   std::optional<PlacementChecks> placement;
   const auto decode = [&](Findings& found) {
-    if (!take_values(records, head, ordinal, values, found)) return false;
     PlacementChecks& checks = placement.emplace(head, ordinal);
     return decode_ranges(
         records, head, ordinal,
-        [&checks](const Gaussians4D& set, std::size_t begin) { checks.add(set, begin); }, found);
+        [&checks](const Gaussians4D& set, std::size_t begin) { checks.add(set, begin); }, values,
+        found);
   };
   good = good && decode(findings);
   if (!good && has_sh && segment.sh.bytes > 0) {
