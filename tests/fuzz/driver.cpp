@@ -26,6 +26,7 @@ using namespace stgs::fuzz;
 
 namespace {
 
+constexpr int kSkipped = 77;                     // exit code
 constexpr std::size_t kMaxInputBytes = 1 << 16;  // of a mutated input
 // For C libraries, whose allocations bypass operator new. A sanitizer needs terabytes of address
 // space.
@@ -180,9 +181,13 @@ int main(int argc, char** argv) {
     write_seeds(options.write_seeds, kTarget.seeds());
     return 0;
   }
+  if (kTarget.has_device != nullptr && !kTarget.has_device()) {
+    std::printf("%s: no device\n", kTarget.name);
+    return kSkipped;
+  }
   // Each thread takes address space; two are enough to provoke races.
   const tbb::global_control threads(tbb::global_control::max_allowed_parallelism, 2);
-  if (kLimitAddressSpace) {
+  if (kLimitAddressSpace && kTarget.has_device == nullptr) {  // drivers reserve much of it
     const rlimit limit{kAddressSpace, kAddressSpace};
     setrlimit(RLIMIT_AS, &limit);
   }

@@ -40,6 +40,8 @@ struct Target {
   std::vector<Unit> (*units)(View form) = nullptr;
   // Returns the heap limit for reading an input, in bytes.
   std::uint64_t (*max_memory)(View input) = nullptr;
+  // Returns whether the device exists whose driver the target uses. Null: it uses none.
+  bool (*has_device)() = nullptr;
 };
 extern const Target kTarget;
 

@@ -5,15 +5,13 @@
 #include <memory>
 
 #include "catch.h"
-#include "device_gaussians.h"
+#include "compare_decoders.h"
 #include "fixtures/long_part.h"
 #include "fixtures/scene_fixture.h"
 #include "stgs/format/scene_file.h"
 
 using namespace stgs;
 using namespace stgs::testing;
-using player::cuda::DeviceGaussians;
-using player::cuda::SegmentDecoder;
 
 namespace {
 
@@ -22,67 +20,9 @@ void check(const Status& status) {
   REQUIRE(status.ok());
 }
 
-bool same_bits(Gaussians4D a, Gaussians4D b) {
-  const auto of_a = DeviceGaussianArrays::arrays(a), of_b = DeviceGaussianArrays::arrays(b);
-  for (std::size_t k = 0; k < of_a.size(); ++k) {
-    if (of_a[k]->size() != of_b[k]->size()) return false;
-    if (std::memcmp(of_a[k]->data(), of_b[k]->data(), sizeof(float) * of_a[k]->size()) != 0) {
-      return false;
-    }
-  }
-  return true;
-}
-
-struct SegmentCounts {
-  int intact = 0, unreadable = 0;
-};
-
-// Decodes all segments of a file in one launch and compares them with the CPU.
 void check_decode(const SceneReader& reader, bool with_sh, SegmentCounts& counts,
                   TimeOrigin origin = TimeOrigin::kPart) {
-  std::vector<CodedSegment> coded;
-  std::vector<Result<Gaussians4D>> expected;
-  for (std::uint32_t s = 0; s < reader.segments().size(); ++s) {
-    Result<CodedSegment> segment = reader.read(s, with_sh, origin);
-    Result<Gaussians4D> set = reader.decode(s, with_sh, origin);
-    if (!segment.ok()) {
-      CHECK_FALSE(set.ok());
-      ++counts.unreadable;
-      continue;
-    }
-    coded.push_back(std::move(*segment));
-    expected.push_back(std::move(set));
-  }
-  std::vector<DeviceGaussianArrays> sets;
-  std::vector<const CodedSegment*> segments;
-  std::vector<DeviceGaussians> views;
-  for (const CodedSegment& segment : coded) {
-    sets.emplace_back(segment.primitives, segment.sh_degree);
-    segments.push_back(&segment);
-    views.push_back(sets.back().view());
-  }
-  SegmentDecoder decoder;
-  check(decoder.set_tables(reader.tables()));
-  check(decoder.prepare(segments, views));
-  check(decoder.launch(nullptr));
-  const Result<std::vector<bool>> intact = decoder.finish();
-  check(intact.status());
-  for (std::size_t k = 0; k < coded.size(); ++k) {
-    INFO("readable segment " << k << ", " << coded[k].primitives << " primitives");
-    if (expected[k].ok()) {
-      CHECK((*intact)[k]);
-      CHECK(same_bits(sets[k].read(), *expected[k]));
-      CHECK(coded[k].time_origin == expected[k]->time_origin);
-      ++counts.intact;
-    } else {
-      INFO(expected[k].status().message());
-      // The GPU does not verify the checksum of the planes, which stay in GPU memory.
-      const bool plane_checksum =
-          expected[k].status().message().find("decoded planes do not match their checksum") !=
-          std::string::npos;
-      CHECK((plane_checksum || !(*intact)[k]));
-    }
-  }
+  CHECK(compare_decoders(reader, with_sh, origin, counts) == "");
 }
 
 void check_packed(const Scene& scene, const WriteSettings& settings, SegmentCounts& counts) {
