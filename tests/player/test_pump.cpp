@@ -62,7 +62,7 @@ struct Pumped {
   explicit Pumped(const Bytes& bytes = clip().bytes, PlayerSettings settings = {}) {
     auto link = std::make_shared<Link>();
     auto* const memory = std::pmr::get_default_resource();
-    budget = make_budget(settings);
+    budget = make_budget(settings.memory_budget);
     auto ranges =
         std::make_shared<RangeSource>(std::make_unique<LinkSource>(bytes, link), memory, budget);
     IndexCache cache(budget);
