@@ -8,6 +8,7 @@
 
 #include "catch.h"
 #include "live_fixture.h"
+#include "renderer_memory.h"
 #include "stream/snapshot_source.h"
 #include "stream/stream_player.h"
 #include "stream_fixture.h"
