@@ -5,6 +5,7 @@
 #include <optional>
 #include <utility>
 
+#include "renderer_memory.h"
 #include "resident_segment.h"
 #include "stgs/format/decoder_model.h"
 
@@ -62,7 +63,17 @@ void DeviceSegments::insert(std::uint32_t segment, std::uint64_t primitives, std
   primitives_ += primitives;
 }
 
+Result<Lease> DeviceSegments::charge_decoded(std::uint64_t primitives) const {
+  constexpr auto kPool = Budget::Pool::kRenderer;
+  const std::uint64_t bytes = decoded_segment_bytes(primitives, sh_degree_);
+  std::optional<Lease> lease = budget_->try_charge(kPool, bytes);
+  if (lease) return std::move(*lease);
+  const Budget::Usage usage = budget_->usage(kPool);
+  return renderer_limit_error(name_, "decoded segments", usage.used + bytes, usage.limit);
+}
+
 Status DeviceSegments::decode_on_cpu(Timeline& timeline, std::uint32_t segment) {
+  STGS_ASSIGN(const Lease lease, charge_decoded(timeline.reader().segments()[segment].primitives));
   STGS_ASSIGN(const std::optional<Gaussians4D> set, timeline.decode(segment));
   return set ? upload_all(segment, *set) : Status();
 }
@@ -200,6 +211,10 @@ Status DeviceSegments::switch_to(const Timeline& timeline) {
   clear();
   timeline_.reset();
   sh_degree_ = timeline.reader().sh_degree();
+  name_ = timeline.name();
+  memory_budget_ = timeline.memory_budget();
+  charge_ = timeline.budget()->charge(Budget::Pool::kDeviceCopies, 0);
+  budget_ = timeline.budget();
   STGS_TRY(begin(timeline.reader()));
   peak_does_not_fit_ = false;
   find_peak(timeline);
@@ -247,6 +262,8 @@ Status DeviceSegments::upload_missing(Timeline& timeline,
   }
   evict_for(timeline, more, {call_, Priority::kActive});
   fit_prefetch(timeline, more, ahead);
+  for (const Timeline::SegmentRef* ref : ahead) more += bytes_of(segments[ref->segment].primitives);
+  charge_.resize(bytes_ + more);
   std::stable_sort(decoded.begin(), decoded.end(), [&](const auto* a, const auto* b) {
     return segments[a->segment].tier < segments[b->segment].tier;
   });

@@ -8,9 +8,11 @@
 #include <map>
 #include <memory>
 #include <span>
+#include <string>
 #include <tuple>
 #include <vector>
 
+#include "stgs/format/budget.h"
 #include "stgs/player/timeline.h"
 
 namespace stgs::player {
@@ -22,6 +24,9 @@ namespace stgs::player {
 // During playback, the upload of a large segment is spread over several frames, which render the
 // previous version of the segment until the upload is complete. Segments that are needed soon are
 // uploaded in advance.
+//
+// The segments are charged to Budget::Pool::kDeviceCopies of the timeline, and what the CPU decodes
+// for them to kRenderer.
 class DeviceSegments {
  public:
   virtual ~DeviceSegments() = default;
@@ -49,12 +54,16 @@ class DeviceSegments {
 
  protected:
   int sh_degree() const { return sh_degree_; }
+  // Returns the memory budget of the timeline, bytes.
+  std::uint64_t memory_budget() const { return memory_budget_; }
   // Primitives per upload.
   static constexpr std::size_t kMaxUploadPrimitives = std::size_t{1} << 16;
   // Registers a segment as resident with its size in bytes and its Gaussians4D::time_origin.
   // Replaces its previous version.
   void insert(std::uint32_t segment, std::uint64_t primitives, std::uint64_t bytes,
               double time_origin);
+  // Charges primitives that the CPU decodes, for as long as the lease exists, or returns kLimit.
+  Result<Lease> charge_decoded(std::uint64_t primitives) const;
   // Decodes a segment on the CPU and uploads it. Applies the timeline's damage policy.
   Status decode_on_cpu(Timeline& timeline, std::uint32_t segment);
   // Uploads all of a decoded segment.
@@ -133,6 +142,10 @@ class DeviceSegments {
                         double seconds);
   Status decode_batches(Timeline& timeline, std::span<const std::uint32_t> segments);
 
+  std::shared_ptr<Budget> budget_;  // outlives `charge_`
+  Lease charge_;                    // of the segments and uploads of the last call
+  std::string name_;                // of the timeline
+  std::uint64_t memory_budget_ = 0;
   std::weak_ptr<const void> timeline_;  // its identity
   int sh_degree_ = 0;
   Peak peak_;

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "recycling_memory.h"
+#include "renderer_memory.h"
 #include "stream/snapshot_source.h"
 #include "stream/stream_player.h"
 #include "stream/transfer_events.h"
@@ -37,7 +38,7 @@ Result<std::unique_ptr<Player>> make_player(std::unique_ptr<ByteSource> source,
                                             std::shared_ptr<TransferEvents> transfers) {
   std::pmr::memory_resource* const memory =
       settings.memory != nullptr ? settings.memory.get() : &segment_memory();
-  const std::shared_ptr<Budget> budget = make_budget(settings);
+  const std::shared_ptr<Budget> budget = make_budget(settings.memory_budget);
   const auto ranges = std::make_shared<RangeSource>(std::move(source), memory, budget);
   try {
     if (ranges->size() > settings.max_file_bytes) {

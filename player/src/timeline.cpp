@@ -9,6 +9,7 @@
 #include <set>
 #include <utility>
 
+#include "renderer_memory.h"
 #include "resident_segment.h"
 #include "stgs/format/parallel.h"
 #include "stgs/player/source.h"
@@ -26,7 +27,12 @@ class SegmentTimeline final : public Timeline {
  public:
   SegmentTimeline(std::unique_ptr<SceneReader> reader, std::uint64_t budget, std::string name,
                   DamagePolicy policy)
-      : name_(std::move(name)), reader_(std::move(reader)), budget_(budget), policy_(policy) {
+      : name_(std::move(name)),
+        reader_(std::move(reader)),
+        memory_budget_(budget),
+        policy_(policy),
+        budget_(make_budget(budget)),
+        charge_(budget_->charge(Budget::Pool::kSegments, 0)) {
     number_primitives();
   }
 
@@ -44,7 +50,8 @@ class SegmentTimeline final : public Timeline {
   std::uint64_t stored_primitives() const override { return primitives_; }
 
   const SceneReader& reader() const override { return *reader_; }
-  std::uint64_t memory_budget() const override { return budget_; }
+  std::uint64_t memory_budget() const override { return memory_budget_; }
+  const std::shared_ptr<Budget>& budget() const override { return budget_; }
   const std::shared_ptr<const void>& identity() const override { return identity_; }
 
   Result<std::vector<SegmentRef>> visible_segments(double seconds) override {
@@ -159,14 +166,17 @@ class SegmentTimeline final : public Timeline {
         more += bytes_of(segment);
       }
     }
-    if (total > budget_) return over_budget_error(name_, seconds, total, budget_);
+    if (total > memory_budget_) return over_budget_error(name_, seconds, total, memory_budget_);
     evict_for(more);
-    return decode(missing);
+    charge_.resize(bytes_ + more);
+    const Status status = decode(missing);
+    charge_.resize(bytes_);
+    return status;
   }
 
   // Evicts the least recently used segments until `bytes` more fit the budget.
   void evict_for(std::uint64_t bytes) {
-    while (bytes_ + bytes > budget_) {
+    while (bytes_ + bytes > memory_budget_) {
       const auto oldest = std::min_element(
           resident_.begin(), resident_.end(),
           [](const auto& a, const auto& b) { return a.second.used < b.second.used; });
@@ -232,7 +242,7 @@ class SegmentTimeline final : public Timeline {
   std::string name_;
   std::shared_ptr<const void> identity_ = std::make_shared<char>();
   std::unique_ptr<SceneReader> reader_;
-  std::uint64_t budget_ = 0;
+  std::uint64_t memory_budget_ = 0;
   DamagePolicy policy_ = DamagePolicy::kReject;
   std::vector<SegmentDamage> damage_;
   std::map<std::uint32_t, std::size_t>
@@ -241,6 +251,8 @@ class SegmentTimeline final : public Timeline {
   std::uint64_t bytes_ = 0, primitives_ = 0, call_ = 0;
   std::vector<std::uint32_t> id_base_;
   std::map<std::uint32_t, Resident> resident_;
+  std::shared_ptr<Budget> budget_;
+  Lease charge_;  // of `resident_` and of what is being decoded
 };
 
 }  // namespace

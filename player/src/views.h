@@ -20,9 +20,6 @@ inline int encoding_of(const SceneMetadata& metadata) {
   return math::colour_encoding(metadata.primaries, metadata.transfer);
 }
 
-// Memory of the images of a frame that is always allowed, bytes: that of 7680x4320 pixels.
-inline constexpr std::uint64_t kMinFrameMemory = std::uint64_t{1} << 30;
-
 // Returns the memory of the images of a frame, bytes: colour, alpha and depth of all views, and
 // transmittance, last splat and tile lists of the largest one while the CPU renders it.
 inline std::uint64_t frame_memory(const std::vector<View>& views) {
@@ -37,7 +34,7 @@ inline std::uint64_t frame_memory(const std::vector<View>& views) {
 }
 
 // Returns kUsage for too few or too many views, or if the size or fovea of a view is invalid, and
-// kLimit if their images exceed the memory budget of the timeline and kMinFrameMemory: the size may
+// kLimit if their images exceed the memory that renderers of the timeline may take: the size may
 // come from a file.
 inline Status check_views(const std::vector<View>& views, const Timeline& timeline) {
   if (views.empty() || views.size() > kMaxViews) {
@@ -55,7 +52,7 @@ inline Status check_views(const std::vector<View>& views, const Timeline& timeli
           "the fovea of a view must have a finite centre and a radius of 0 or more, in pixels");
     }
   }
-  const std::uint64_t limit = std::max(timeline.memory_budget(), kMinFrameMemory);
+  const std::uint64_t limit = timeline.budget()->usage(Budget::Pool::kRenderer).limit;
   const std::uint64_t bytes = frame_memory(views);
   if (bytes <= limit) return {};
   return {

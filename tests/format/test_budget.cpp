@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Accounting of memory.
 #include <atomic>
+#include <memory>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -59,6 +60,31 @@ TEST_CASE("a lease is charged once, wherever it is moved") {
   other.resize(100);  // charges nothing: it belongs to no budget
   CHECK(used() == 0);
   CHECK(budget.usage(Pool::kTransfers).peak == 20);
+}
+
+TEST_CASE("working memory is charged in steps, and moves to another budget") {
+  const auto one = std::make_shared<Budget>(), other = std::make_shared<Budget>();
+  one->set_limit(Pool::kRenderer, 100);
+  other->set_limit(Pool::kRenderer, 50);
+  {
+    WorkingMemory memory;
+    CHECK(memory.try_charge(30));  // not limited yet
+    CHECK(memory.limit() == Budget::kNoLimit);
+    memory.use(one, Pool::kRenderer);
+    CHECK(one->usage(Pool::kRenderer).used == 30);
+    CHECK_FALSE(memory.try_charge(71));
+    CHECK(memory.try_charge(70));
+    CHECK(memory.bytes() == 100);
+    CHECK(memory.limit() == 100);
+    memory.release(20);
+    memory.use(other, Pool::kRenderer);  // beyond its limit
+    CHECK(one->usage(Pool::kRenderer).used == 0);
+    CHECK(other->usage(Pool::kRenderer).used == 80);
+    CHECK_FALSE(memory.try_charge(1));
+    memory.release(40);
+    CHECK(memory.try_charge(10));
+  }
+  CHECK(other->usage(Pool::kRenderer).used == 0);
 }
 
 TEST_CASE("threads that charge one pool never exceed its limit together") {

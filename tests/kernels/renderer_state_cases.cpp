@@ -177,3 +177,34 @@ TEST_CASE("invalid arguments are rejected, and the renderer stays usable") {
   CHECK(frames.empty());
   render_views(*device, *timeline, 0, {view});
 }
+
+TEST_CASE("a frame beyond the memory limit of the timeline fails, and the next one is drawn") {
+  constexpr std::uint64_t kLimit = std::uint64_t{48} << 20;
+  Scene scene = static_scene(2000);
+  const auto timeline = make_timeline(scene);
+  std::fill(scene.gaussians.log_scale.begin(), scene.gaussians.log_scale.end(), 6.0f);
+  const auto huge = make_timeline(scene);  // 1200 tiles for each primitive
+  const View view = make_view(640, 480);
+  const Frame expected = render_views(*device_renderer(), *timeline, 1.0, {view})[0];
+  const auto usage = [](const Timeline& of, Budget::Pool pool) { return of.budget()->usage(pool); };
+  for (const auto& one : {timeline.get(), huge.get()}) {
+    one->budget()->set_limit(Budget::Pool::kRenderer, kLimit);
+  }
+  auto renderer = device_renderer();
+  for (int repeat = 0; repeat < 2; ++repeat) {
+    const Status status = renderer->draw(*huge, 1.0, {view}, nullptr);
+    INFO(status.message());
+    CHECK(status.code() == StatusCode::kLimit);
+    CHECK(status.message().find("limit 48 MiB") != std::string::npos);
+    CHECK(usage(*huge, Budget::Pool::kRenderer).peak <= kLimit);
+    CHECK(usage(*huge, Budget::Pool::kDeviceCopies).used > 0);
+    CHECK(identical(render_views(*renderer, *timeline, 1.0, {view})[0], expected));
+    CHECK(usage(*huge, Budget::Pool::kRenderer).used == 0);
+    CHECK(usage(*huge, Budget::Pool::kDeviceCopies).used == 0);
+    CHECK(usage(*timeline, Budget::Pool::kRenderer).peak <= kLimit);
+    CHECK(usage(*timeline, Budget::Pool::kDeviceCopies).used > 0);
+  }
+  renderer.reset();
+  CHECK(usage(*timeline, Budget::Pool::kRenderer).used == 0);
+  CHECK(usage(*timeline, Budget::Pool::kDeviceCopies).used == 0);
+}

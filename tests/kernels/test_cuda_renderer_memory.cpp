@@ -21,6 +21,26 @@ bool is_clean(const Status& status) {
 
 }  // namespace
 
+TEST_CASE("a renderer survives any limit of its memory") {
+  const auto timeline = make_timeline(random_scene(200000, 3, kFrames, 12));
+  const View view = make_view(1920, 1080);
+  const Frame expected = render_views(*device_renderer(), *timeline, 1.0, {view})[0];
+  const auto renderer = device_renderer();
+  int failures = 0;
+  for (std::size_t limit = 0; limit <= 512 * kMiB; limit += limit < 64 * kMiB ? kMiB : 32 * kMiB) {
+    INFO("with a limit of " << limit / kMiB << " MiB");
+    const auto limited = make_timeline(random_scene(200000, 3, kFrames, 12));
+    limited->budget()->set_limit(Budget::Pool::kRenderer, limit);
+    const Status drawn = renderer->draw(*limited, 1.0, {view}, nullptr);
+    INFO(drawn.message());
+    CHECK((drawn.ok() || drawn.code() == StatusCode::kLimit));
+    failures += drawn.ok() ? 0 : 1;
+    CHECK(identical(render_views(*renderer, *timeline, 1.0, {view})[0], expected));
+  }
+  std::printf("  %d of the limits were exceeded\n", failures);
+  CHECK(failures > 0);
+}
+
 TEST_CASE("a renderer survives any lack of GPU memory") {
   const auto timeline = make_timeline(random_scene(200000, 3, kFrames, 12));
   const View view = make_view(1920, 1080);

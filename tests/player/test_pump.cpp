@@ -8,6 +8,7 @@
 
 #include "catch.h"
 #include "live_fixture.h"
+#include "renderer_memory.h"
 #include "stream/snapshot_source.h"
 #include "stream/stream_player.h"
 #include "stream_fixture.h"
@@ -62,7 +63,7 @@ struct Pumped {
   explicit Pumped(const Bytes& bytes = clip().bytes, PlayerSettings settings = {}) {
     auto link = std::make_shared<Link>();
     auto* const memory = std::pmr::get_default_resource();
-    budget = make_budget(settings);
+    budget = make_budget(settings.memory_budget);
     auto ranges =
         std::make_shared<RangeSource>(std::make_unique<LinkSource>(bytes, link), memory, budget);
     IndexCache cache(budget);

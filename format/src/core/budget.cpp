@@ -74,4 +74,37 @@ void Lease::merge(Lease other) noexcept {
   bytes_ += std::exchange(other.bytes_, 0);
 }
 
+void WorkingMemory::use(std::shared_ptr<Budget> budget, Budget::Pool pool) {
+  if (budget == budget_ && pool == pool_) return;
+  lease_ = budget != nullptr ? budget->charge(pool, bytes_) : Lease();
+  budget_ = std::move(budget);
+  pool_ = pool;
+}
+
+bool WorkingMemory::try_charge(std::uint64_t bytes) noexcept {
+  const std::lock_guard lock(mutex_);
+  if (budget_ != nullptr) {
+    std::optional<Lease> more = budget_->try_charge(pool_, bytes);
+    if (!more) return false;
+    lease_.merge(std::move(*more));
+  }
+  bytes_ += bytes;
+  return true;
+}
+
+void WorkingMemory::release(std::uint64_t bytes) noexcept {
+  const std::lock_guard lock(mutex_);
+  bytes_ -= bytes;
+  lease_.resize(bytes_);
+}
+
+std::uint64_t WorkingMemory::bytes() const noexcept {
+  const std::lock_guard lock(mutex_);
+  return bytes_;
+}
+
+std::uint64_t WorkingMemory::limit() const noexcept {
+  return budget_ != nullptr ? budget_->usage(pool_).limit : Budget::kNoLimit;
+}
+
 }  // namespace stgs

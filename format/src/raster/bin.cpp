@@ -7,8 +7,8 @@
 #include <bit>
 #include <cmath>
 #include <numeric>
-#include <stdexcept>
 
+#include "raster/frame_memory.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/raster_tiles.h"
 
@@ -27,17 +27,19 @@ std::size_t chunk_size(std::size_t splats) {
 // entry takes 4 bytes in the list of its chunk, which is up to three times larger while it grows,
 // and 4 bytes in the frame: at most 1 GiB, of which up to 12 bytes per entry stay allocated.
 constexpr std::size_t kMaxInstances = std::size_t{1} << 26;
+constexpr const char* kLists = "the tile lists";
 // Entries after which a chunk updates the shared count.
 constexpr std::size_t kReportInterval = std::size_t{1} << 18;
 
 // Stable radix sort of 0..n-1 by depth; depths are positive, so their bits ascend with them.
-void sort_by_depth(const std::vector<Splat>& splats, SplatFrame::Scratch& s) {
+void sort_by_depth(SplatFrame& frame) {
   constexpr int kBits = 11, kPasses = 3, kBuckets = 1 << kBits;
+  const std::vector<Splat>& splats = frame.splats;
+  SplatFrame::Scratch& s = frame.scratch;
   const std::size_t n = splats.size();
-  s.order.resize(n);
-  s.order_next.resize(n);
-  s.keys.resize(n);
-  s.keys_next.resize(n);
+  for (auto* array : {&s.order, &s.order_next, &s.keys, &s.keys_next}) {
+    raster::resize(*array, n, frame.memory, "the splats");
+  }
   std::array<std::array<std::uint32_t, kBuckets>, kPasses> start{};
   for (std::size_t i = 0; i < n; ++i) {
     const std::uint32_t key = std::bit_cast<std::uint32_t>(splats[i].depth);
@@ -84,23 +86,37 @@ bool ellipse_meets(const Splat& s, const PixelBox& box) {
          edge_minimum(s.conic.yy, s.conic.xy, s.conic.xx, y0 > 0.0f ? y0 : y1, x0, x1) <= q;
 }
 
-// Calls visit(tile) for each tile that the splat touches, in ascending order.
-template <typename Visit>
-void for_each_tile(const SplatFrame& frame, const Splat& s, Visit visit) {
+// Returns the tiles of the splat's box: [x0,x1) x [y0,y1).
+PixelBox tiles_of_box(const SplatFrame& frame, const Splat& s) {
   const PixelBox box = raster::covered_pixels(s, {0, 0, frame.width, frame.height});
-  if (box.empty()) return;
-  const int tx0 = box.x0 / kTileSize, tx1 = (box.x1 - 1) / kTileSize;
-  const int ty0 = box.y0 / kTileSize, ty1 = (box.y1 - 1) / kTileSize;
-  for (int ty = ty0; ty <= ty1; ++ty) {
-    for (int tx = tx0; tx <= tx1; ++tx) {
+  if (box.empty()) return {0, 0, 0, 0};
+  return {box.x0 / kTileSize, box.y0 / kTileSize, (box.x1 - 1) / kTileSize + 1,
+          (box.y1 - 1) / kTileSize + 1};
+}
+
+// Calls visit(tile) for each tile of the box that the splat touches, in ascending order.
+template <typename Visit>
+void for_each_tile(const SplatFrame& frame, const Splat& s, const PixelBox& box, Visit visit) {
+  for (int ty = box.y0; ty < box.y1; ++ty) {
+    for (int tx = box.x0; tx < box.x1; ++tx) {
       const int tile = ty * frame.tiles_x + tx;
       if (ellipse_meets(s, raster::tile_pixels(frame, tile))) visit(tile);
     }
   }
 }
 
+// Ensures that the number of the tiles of a splat, and its tiles, can be added to a list.
+void make_capacity(std::vector<std::uint32_t>& list, const PixelBox& tiles, WorkingMemory* memory) {
+  const auto most =
+      static_cast<std::size_t>(tiles.x1 - tiles.x0) * static_cast<std::size_t>(tiles.y1 - tiles.y0);
+  const std::size_t needed = list.size() + 1 + most;
+  if (needed <= list.capacity()) return;
+  raster::reserve(list, std::max(needed, 2 * list.capacity()), memory, kLists);
+}
+
 // Lists the tiles of the splats: each chunk lists, for each splat, the number of its tiles and the
-// tiles; it also counts per tile. Throws std::length_error beyond kMaxInstances.
+// tiles; it also counts per tile. Throws FrameTooLarge beyond kMaxInstances, or if the memory of
+// the frame does not allow the lists.
 void list_tiles(SplatFrame& frame, std::size_t chunk, std::size_t chunks) {
   SplatFrame::Scratch& scratch = frame.scratch;
   const std::size_t tiles = static_cast<std::size_t>(frame.tiles_x) * frame.tiles_y;
@@ -116,9 +132,12 @@ void list_tiles(SplatFrame& frame, std::size_t chunk, std::size_t chunks) {
         if (listed.fetch_add(list.size() - reported) > kMaxInstances) return;
         reported = list.size();
       }
+      const Splat& splat = frame.splats[scratch.order[k]];
+      const PixelBox box = tiles_of_box(frame, splat);
+      make_capacity(list, box, frame.memory);
       const std::size_t head = list.size();
       list.push_back(0);
-      for_each_tile(frame, frame.splats[scratch.order[k]], [&](int tile) {
+      for_each_tile(frame, splat, box, [&](int tile) {
         list.push_back(static_cast<std::uint32_t>(tile));
         ++counts[tile];
       });
@@ -127,11 +146,17 @@ void list_tiles(SplatFrame& frame, std::size_t chunk, std::size_t chunks) {
     listed.fetch_add(list.size() - reported);
   });
   if (listed > kMaxInstances) {
-    scratch.bin_chunks.clear();
-    throw std::length_error(
+    throw FrameTooLarge(
         "tile lists exceed 2^26 entries: the splats of this view are too large; render at a lower "
-        "resolution");
+        "resolution",
+        0);
   }
+}
+
+// Frees the lists of the chunks.
+void free_lists(SplatFrame& frame) noexcept {
+  for (auto& list : frame.scratch.bin_chunks) raster::free_values(list, frame.memory);
+  frame.scratch.bin_chunks.clear();
 }
 
 // Turns counts into the first position of each chunk in the list of each tile. Returns the number
@@ -140,7 +165,7 @@ std::uint32_t place_lists(SplatFrame& frame, std::size_t chunks) {
   std::vector<std::uint32_t>& counts = frame.scratch.counts;
   const std::size_t tiles = static_cast<std::size_t>(frame.tiles_x) * frame.tiles_y;
   std::uint32_t total = 0;
-  frame.tile_begin.resize(tiles + 1);
+  raster::resize(frame.tile_begin, tiles + 1, frame.memory, kLists);
   for (std::size_t tile = 0; tile < tiles; ++tile) {
     frame.tile_begin[tile] = total;
     for (std::size_t c = 0; c < chunks; ++c) {
@@ -160,14 +185,17 @@ void bin(SplatFrame& frame) {
   const std::size_t tiles = static_cast<std::size_t>(frame.tiles_x) * frame.tiles_y;
   const std::size_t chunk = chunk_size(frame.splats.size());
   const std::size_t chunks = (frame.splats.size() + chunk - 1) / chunk;
-  sort_by_depth(frame.splats, scratch);
+  sort_by_depth(frame);
   if (scratch.bin_chunks.size() < chunks) scratch.bin_chunks.resize(chunks);
-  scratch.counts.assign(chunks * tiles, 0);
-  list_tiles(frame, chunk, chunks);
-  const std::uint32_t total = place_lists(frame, chunks);
-  // Frees the old entries first, and allocates exactly the new size.
-  if (frame.instances.capacity() < total) std::vector<std::uint32_t>().swap(frame.instances);
-  frame.instances.resize(total);
+  raster::resize(scratch.counts, chunks * tiles, frame.memory, kLists);
+  std::fill(scratch.counts.begin(), scratch.counts.end(), 0u);
+  try {
+    list_tiles(frame, chunk, chunks);
+    raster::resize(frame.instances, place_lists(frame, chunks), frame.memory, kLists);
+  } catch (const FrameTooLarge&) {
+    free_lists(frame);
+    throw;
+  }
   parallel_for(std::size_t{0}, chunks, [&](std::size_t c) {
     std::uint32_t* next = scratch.counts.data() + c * tiles;
     const std::uint32_t* list = scratch.bin_chunks[c].data();

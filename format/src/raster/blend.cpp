@@ -3,6 +3,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "raster/frame_memory.h"
 #include "raster/tile_work.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/fovea.h"
@@ -12,6 +13,9 @@ namespace stgs {
 namespace raster {
 
 namespace {
+
+// List entries that are converted to half resolution at a time, 68 bytes each.
+constexpr int kHalvedAtOnce = 1024;
 
 bool at_half_resolution(const RasterSettings& settings, const PixelBox& tile) {
   if (!settings.fovea) return false;
@@ -42,18 +46,35 @@ Splat halved(const Splat& s) {
 TileWork::TileWork(const SplatFrame& frame, const RasterSettings& settings, int tile)
     : pixels(tile_pixels(frame, tile)),
       box(pixels),
-      splats(frame.splats.data()),
-      list(frame.instances.data() + frame.tile_begin[tile]),
-      count(static_cast<int>(frame.tile_begin[tile + 1] - frame.tile_begin[tile])) {
+      count(static_cast<int>(frame.tile_begin[tile + 1] - frame.tile_begin[tile])),
+      all_(frame.splats.data()),
+      entries_(frame.instances.data() + frame.tile_begin[tile]) {
   if (!at_half_resolution(settings, pixels)) return;
   halvings = 1;
   box = {pixels.x0 / 2, pixels.y0 / 2, (pixels.x1 + 1) / 2, (pixels.y1 + 1) / 2};
-  halved_.reserve(static_cast<std::size_t>(count));
-  for (int k = 0; k < count; ++k) halved_.push_back(halved(frame.splats[list[k]]));
+}
+
+const Splat& TileWork::entry(int k, Splat& memory) const {
+  const Splat& splat = all_[entries_[k]];
+  if (halvings == 0) return splat;
+  memory = halved(splat);
+  return memory;
+}
+
+int TileWork::load(int first) {
+  if (halvings == 0) {
+    splats = all_;
+    list = entries_ + first;
+    return count - first;
+  }
+  const int n = std::min(count - first, kHalvedAtOnce);
+  halved_.resize(static_cast<std::size_t>(n));
+  for (int k = 0; k < n; ++k) entry(first + k, halved_[static_cast<std::size_t>(k)]);
   numbers_.resize(halved_.size());
   std::iota(numbers_.begin(), numbers_.end(), 0u);
   splats = halved_.data();
   list = numbers_.data();
+  return n;
 }
 
 namespace {
@@ -67,8 +88,9 @@ struct Gathered {
 
 Gathered gather(const TileWork& tile, int x, int y) {
   Gathered out;
+  Splat memory;
   for (int k = 0; k < tile.count; ++k) {
-    const Splat& s = tile.splats[tile.list[k]];
+    const Splat& s = tile.entry(k, memory);
     const float power = math::splat_power(s.conic, static_cast<float>(x) + 0.5f - s.mean.x,
                                           static_cast<float>(y) + 0.5f - s.mean.y);
     const float alpha = math::splat_alpha(s.opacity, power);
@@ -125,7 +147,8 @@ void blend(const SplatFrame& frame, const RasterSettings& settings, RasterOutput
   output.alpha.reshape(frame.width, frame.height, 1);
   output.depth.reshape(frame.width, frame.height, 1);
   output.transmittance.reshape(frame.width, frame.height, 1);
-  output.last.resize(static_cast<std::size_t>(frame.width) * frame.height);
+  raster::resize(output.last, static_cast<std::size_t>(frame.width) * frame.height, nullptr,
+                 "an image");
   const auto blend_tile = settings.scalar ? raster::blend_tile_scalar : raster::blend_tile_vector;
   parallel_for(0, frame.tiles_x * frame.tiles_y,
                [&](int tile) { blend_tile(frame, settings, tile, output); });

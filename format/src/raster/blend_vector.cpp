@@ -103,16 +103,13 @@ void write_tile(const Tile& tile, const TileWork& work, const SplatFrame& frame,
   }
 }
 
-void blend_tile(const SplatFrame& frame, const RasterSettings& settings, int tile_index,
-                RasterOutput& output) {
+// Blends the n loaded entries of a list, of which the first is entry `first`.
+void blend_entries(const TileWork& work, int first, int n, Tile& tile) {
   const int lanes = static_cast<int>(hn::Lanes(Row()));
-  const TileWork work(frame, settings, tile_index);
   const PixelBox& box = work.box;
-  Tile tile;
-  tile.begin(box.x1 - box.x0, box.y1 - box.y0);
-  for (int k = 0; k < work.count && tile.rows_left != 0; ++k) {
+  for (int k = 0; k < n && tile.rows_left != 0; ++k) {
     const Splat& s = work.splats[work.list[k]];
-    prefetch(work.splats, work.list, k + kAhead, work.count);
+    prefetch(work.splats, work.list, k + kAhead, n);
     const PixelBox covered = covered_pixels(s, box);
     const std::uint32_t rows_left = tile.rows_left;
     for (int x = (covered.x0 - box.x0) / lanes * lanes; x < covered.x1 - box.x0; x += lanes) {
@@ -120,9 +117,21 @@ void blend_tile(const SplatFrame& frame, const RasterSettings& settings, int til
       for (int y = covered.y0; y < covered.y1; ++y) {
         const int row = y - box.y0;
         if (!(rows_left >> row & 1u)) continue;
-        if (blend_row(r, s, k + 1, y, row * kTileSize + x, tile)) tile.update_row(row);
+        if (blend_row(r, s, first + k + 1, y, row * kTileSize + x, tile)) tile.update_row(row);
       }
     }
+  }
+}
+
+void blend_tile(const SplatFrame& frame, const RasterSettings& settings, int tile_index,
+                RasterOutput& output) {
+  TileWork work(frame, settings, tile_index);
+  Tile tile;
+  tile.begin(work.box.x1 - work.box.x0, work.box.y1 - work.box.y0);
+  for (int first = 0; first < work.count && tile.rows_left != 0;) {
+    const int n = work.load(first);
+    blend_entries(work, first, n, tile);
+    first += n;
   }
   write_tile(tile, work, frame, settings, output);
 }

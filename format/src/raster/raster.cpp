@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/format/raster.h"
 
+#include <algorithm>
 #include <cmath>
+
+#include "raster/frame_memory.h"
 
 namespace stgs {
 
@@ -9,7 +12,7 @@ void Image::reshape(int w, int h, int c) {
   width = w;
   height = h;
   channels = c;
-  data.resize(static_cast<std::size_t>(w) * h * c);
+  raster::resize(data, static_cast<std::size_t>(w) * h * c, nullptr, "an image");
 }
 
 void begin_frame(const math::PinholeCamera& camera, SplatFrame& frame) {
@@ -19,7 +22,9 @@ void begin_frame(const math::PinholeCamera& camera, SplatFrame& frame) {
   frame.tiles_y = (frame.height + kTileSize - 1) / kTileSize;
   frame.splats.clear();
   frame.instances.clear();
-  frame.tile_begin.assign(static_cast<std::size_t>(frame.tiles_x) * frame.tiles_y + 1, 0);
+  raster::resize(frame.tile_begin, static_cast<std::size_t>(frame.tiles_x) * frame.tiles_y + 1,
+                 frame.memory, "the tiles of the image");
+  std::fill(frame.tile_begin.begin(), frame.tile_begin.end(), 0u);
 }
 
 void render(const Gaussians4D& set, double t, const math::PinholeCamera& camera,

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "raster/frame_memory.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/screen_splat.h"
 #include "stgs/format/parallel.h"
@@ -18,6 +19,8 @@ using raster::View;
 
 // Primitives per block, the unit of parallel work. Results are concatenated in block order.
 constexpr std::size_t kBlock = 1024;
+// Blocks that are sliced before their results are concatenated: results of at most 64 MiB.
+constexpr std::size_t kMaxBlocks = 1024;
 
 // Evaluates the SH. Returns false if the distance or a sum is not finite (representation 4.6).
 bool colour_of(const float* sh, int coefficients, Vec3 from_camera, Vec3& colour) {
@@ -83,6 +86,25 @@ bool make_splat(const Gaussians4D& set, std::size_t i, const View& view, Splat& 
       out.colour);
 }
 
+// Ensures that there are n blocks, each of which may hold kBlock splats.
+void ensure_blocks(SplatFrame& frame, std::size_t n) {
+  auto& blocks = frame.scratch.slice_blocks;
+  if (blocks.size() >= n) return;
+  blocks.reserve(n);
+  raster::charge(frame.memory, (n - blocks.size()) * kBlock * sizeof(Splat), "the splats");
+  blocks.resize(n);
+}
+
+// Appends the splats of the first n blocks to those of the frame.
+void append_blocks(SplatFrame& frame, std::size_t n) {
+  const auto& blocks = frame.scratch.slice_blocks;
+  std::size_t total = frame.splats.size();
+  for (std::size_t b = 0; b < n; ++b) total += blocks[b].size();
+  raster::reserve(frame.splats, total, frame.memory, "the splats");
+  for (std::size_t b = 0; b < n; ++b)
+    frame.splats.insert(frame.splats.end(), blocks[b].begin(), blocks[b].end());
+}
+
 // Slices the `count` primitives index(0) < index(1) < ... and appends the visible ones in order.
 template <typename Index>
 void slice_indexed(const Gaussians4D& set, std::size_t count, Index index, double t,
@@ -91,23 +113,22 @@ void slice_indexed(const Gaussians4D& set, std::size_t count, Index index, doubl
   const View view = raster::view_of(set, t, camera, settings);
   const std::size_t blocks = (count + kBlock - 1) / kBlock;
   auto& found = frame.scratch.slice_blocks;
-  if (found.size() < blocks) found.resize(blocks);
-  parallel_for(std::size_t{0}, blocks, [&](std::size_t b) {
-    found[b].clear();
-    const std::size_t end = std::min(count, (b + 1) * kBlock);
-    Splat splat;
-    for (std::size_t k = b * kBlock; k < end; ++k) {
-      const std::uint32_t i = index(k);
-      if (!make_splat(set, i, view, splat)) continue;
-      splat.id = id_base + i;
-      found[b].push_back(splat);
-    }
-  });
-  std::size_t total = frame.splats.size();
-  for (std::size_t b = 0; b < blocks; ++b) total += found[b].size();
-  frame.splats.reserve(total);
-  for (std::size_t b = 0; b < blocks; ++b)
-    frame.splats.insert(frame.splats.end(), found[b].begin(), found[b].end());
+  for (std::size_t first = 0; first < blocks; first += kMaxBlocks) {
+    const std::size_t n = std::min(kMaxBlocks, blocks - first);
+    ensure_blocks(frame, n);
+    parallel_for(std::size_t{0}, n, [&](std::size_t b) {
+      found[b].clear();
+      const std::size_t begin = (first + b) * kBlock, end = std::min(count, begin + kBlock);
+      Splat splat;
+      for (std::size_t k = begin; k < end; ++k) {
+        const std::uint32_t i = index(k);
+        if (!make_splat(set, i, view, splat)) continue;
+        splat.id = id_base + i;
+        found[b].push_back(splat);
+      }
+    });
+    append_blocks(frame, n);
+  }
 }
 
 }  // namespace

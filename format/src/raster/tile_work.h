@@ -10,19 +10,28 @@
 namespace stgs::raster {
 
 // The input of blending a tile. At half resolution (RasterSettings::fovea) it is a tile of an image
-// of half the size, with 8 x 8 pixels.
+// of half the size, with 8 x 8 pixels, and a few of its splats are converted at a time.
 class TileWork {
  public:
   TileWork(const SplatFrame& frame, const RasterSettings& settings, int tile);
 
-  PixelBox pixels;      // pixels of the output image to write
-  PixelBox box;         // pixels to render: the same, or those of the half-size image
-  int halvings = 0;     // 0 or 1
-  const Splat* splats;  // in the coordinates of `box`
-  const std::uint32_t* list;
-  int count;
+  // Returns entry k of the tile's list in the coordinates of `box`. `memory` holds the result at
+  // half resolution.
+  const Splat& entry(int k, Splat& memory) const;
+  // Makes entries from `first` on available in `splats` and `list`. Returns their number.
+  int load(int first);
+
+  PixelBox pixels;   // pixels of the output image to write
+  PixelBox box;      // pixels to render: the same, or those of the half-size image
+  int halvings = 0;  // 0 or 1
+  int count;         // entries of the tile's list
+  // The loaded entries.
+  const Splat* splats = nullptr;  // in the coordinates of `box`
+  const std::uint32_t* list = nullptr;
 
  private:
+  const Splat* all_;              // of the frame
+  const std::uint32_t* entries_;  // of the tile's list
   std::vector<Splat> halved_;
   std::vector<std::uint32_t> numbers_;
 };

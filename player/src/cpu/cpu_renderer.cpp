@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cpu/cpu_renderer.h"
 
+#include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <cstdint>
 #include <exception>
 #include <new>
 #include <utility>
 
+#include "renderer_memory.h"
 #include "stgs/format/parallel.h"
 #include "views.h"
 
@@ -38,8 +42,28 @@ void to_output(int encoding, Image& colour) {
   });
 }
 
+std::uint64_t pixels_of(const View& view) {
+  return static_cast<std::uint64_t>(std::lround(view.camera.width)) *
+         static_cast<std::uint64_t>(std::lround(view.camera.height));
+}
+
+// Returns the memory of images by their pixels, bytes: colour, alpha and depth of each, and
+// transmittance and last splat of the largest one.
+std::uint64_t image_bytes(const std::vector<std::uint64_t>& pixels) {
+  std::uint64_t all = 0, largest = 0;
+  for (const std::uint64_t one : pixels) {
+    all += one;
+    largest = std::max(largest, one);
+  }
+  return all * 5 * sizeof(float) + largest * (sizeof(float) + sizeof(std::uint32_t));
+}
+
 class CpuRenderer final : public Renderer {
  public:
+  CpuRenderer() { splats_.memory = &memory_; }
+  CpuRenderer(const CpuRenderer&) = delete;
+  CpuRenderer& operator=(const CpuRenderer&) = delete;
+
   std::string name() const override { return "cpu"; }
 
   Status draw(Timeline& timeline, double seconds, const std::vector<View>& views,
@@ -51,13 +75,16 @@ class CpuRenderer final : public Renderer {
     sums.fetch_ms = lap(clock);
     sums.stored = timeline.stored_primitives();
     for (const auto& one : active.segments) sums.active += one.candidates->size();
+    const int encoding = encoding_of(timeline.metadata());
     try {
-      frames_.resize(views.size());
-      const int encoding = encoding_of(timeline.metadata());
-      for (std::size_t i = 0; i < views.size(); ++i) {
-        draw(active, views[i], frames_[i], sums);
-        if (encoding != 0) to_output(encoding, frames_[i].colour);
-      }
+      const RenderStats before = sums;
+      STGS_TRY(draw_within_limit(
+          memory_, timeline, memory_.bytes() > 0,
+          [&] {
+            sums = before;
+            return draw_views(active, views, encoding, sums);
+          },
+          [this] { return free_memory(); }));
     } catch (const std::bad_alloc&) {
       return {StatusCode::kNoMemory,
               fmt::format("{}: cannot render {} s: out of memory", timeline.name(), seconds)};
@@ -76,6 +103,52 @@ class CpuRenderer final : public Renderer {
   }
 
  private:
+  Status draw_views(const Timeline::Active& active, const std::vector<View>& views, int encoding,
+                    RenderStats& stats) {
+    try {
+      charge_images(views);
+      frames_.resize(views.size());
+      for (std::size_t i = 0; i < views.size(); ++i) {
+        draw(active, views[i], frames_[i], stats);
+        if (encoding != 0) to_output(encoding, frames_[i].colour);
+      }
+    } catch (const FrameTooLarge& e) {
+      if (e.bytes == 0) throw;  // another limit
+      return memory_.limit_error(e.what(), e.bytes);
+    }
+    return {};
+  }
+
+  // Charges the images of a frame.
+  void charge_images(const std::vector<View>& views) {
+    std::vector<std::uint64_t> held = image_pixels_;  // capacities of `frames_`
+    held.resize(views.size());
+    for (std::size_t i = 0; i < held.size(); ++i) held[i] = std::max(held[i], pixels_of(views[i]));
+    if (image_bytes(held) > image_bytes_) {
+      free_images();
+      for (std::size_t i = 0; i < held.size(); ++i) held[i] = pixels_of(views[i]);
+      const std::uint64_t bytes = image_bytes(held);
+      if (!memory_.try_charge(bytes)) throw FrameTooLarge("the images", memory_.bytes() + bytes);
+      image_bytes_ = bytes;
+    }
+    image_pixels_ = std::move(held);
+  }
+
+  void free_images() {
+    frames_ = {};
+    output_ = {};
+    image_pixels_.clear();
+    memory_.release(std::exchange(image_bytes_, 0));
+  }
+
+  Status free_memory() {
+    free_images();
+    splats_ = {};
+    memory_.release(memory_.bytes());
+    splats_.memory = &memory_;
+    return {};
+  }
+
   void draw(const Timeline::Active& active, const View& view, Frame& frame, RenderStats& stats) {
     RasterSettings settings;
     settings.background = view.background;
@@ -100,6 +173,9 @@ class CpuRenderer final : public Renderer {
     stats.splats += splats_.splats.size();
   }
 
+  RendererMemory memory_;                    // outlives the following members
+  std::vector<std::uint64_t> image_pixels_;  // of each image, at most
+  std::uint64_t image_bytes_ = 0;            // charged for them
   std::vector<Frame> frames_;
   SplatFrame splats_;
   RasterOutput output_;

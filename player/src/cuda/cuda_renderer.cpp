@@ -25,7 +25,8 @@ constexpr std::uint64_t kMinInstances = std::uint64_t{1} << 20;
 
 class FrameGraphRenderer final : public CudaRenderer {
  public:
-  explicit FrameGraphRenderer(const CudaSettings& settings) : settings_(settings) {}
+  explicit FrameGraphRenderer(const CudaSettings& settings)
+      : settings_(settings), segments_(&memory_), buffers_(&memory_), frame_(&memory_) {}
   ~FrameGraphRenderer() override {
     if (read_done_.get() != nullptr) (void)cudaEventSynchronize(read_done_.get());
   }
@@ -62,16 +63,10 @@ class FrameGraphRenderer final : public CudaRenderer {
     has_frame_ = false;
     try {
       RenderStats sums;
-      const auto begin = Clock::now();
-      STGS_ASSIGN(const auto refs, segments_.make_resident(timeline, seconds));
-      list_parts(timeline, refs);
-      sums.fetch_ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
-      sums.stored = segments_.stored_primitives();
-      sums.pending = segments_.pending_primitives();
-      STGS_TRY(draw_views(timeline, seconds, views));
-      sums.active = frame_.counters().active;
-      sums.splats = frame_.counters().visible;
-      STGS_TRY(frame_.add_times(sums));
+      STGS_TRY(draw_within_limit(
+          memory_, timeline, buffers_.splat_capacity() > 0,
+          [&] { return draw_frame(timeline, seconds, views, sums); },
+          [this] { return free_memory(); }));
       if (stats != nullptr) *stats = sums;
     } catch (const std::exception& e) {
       return Status(code_of(e),
@@ -111,6 +106,30 @@ class FrameGraphRenderer final : public CudaRenderer {
   }
 
  private:
+  Status draw_frame(Timeline& timeline, double seconds, const std::vector<View>& views,
+                    RenderStats& sums) {
+    sums = {};
+    const auto begin = Clock::now();
+    STGS_ASSIGN(const auto refs, segments_.make_resident(timeline, seconds));
+    list_parts(timeline, refs);
+    sums.fetch_ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
+    sums.stored = segments_.stored_primitives();
+    sums.pending = segments_.pending_primitives();
+    STGS_TRY(draw_views(timeline, seconds, views));
+    sums.active = frame_.counters().active;
+    sums.splats = frame_.counters().visible;
+    return frame_.add_times(sums);
+  }
+
+  // Frees the images and the working memory of frames.
+  Status free_memory() {
+    STGS_TRY(cuda_status(cudaEventSynchronize(read_done_.get()),
+                         "waiting for copies of the previous images"));
+    buffers_.reset();
+    frame_.free_images();
+    return {};
+  }
+
   Status check_device() const {
     int current = -1;
     STGS_TRY(cuda_status(cudaGetDevice(&current), "querying the current device"));
@@ -145,7 +164,7 @@ class FrameGraphRenderer final : public CudaRenderer {
     FrameNeed need;
     need.chunks = std::max(chunks_, peak_chunks());
     need.tiles = tiles_of(views);
-    if (buffers_.generation() > 0) return need;
+    if (buffers_.splat_capacity() > 0) return need;
     const auto setting_or = [](std::uint64_t setting, std::uint64_t estimate) {
       return setting > 0 ? setting : estimate;
     };
@@ -217,6 +236,7 @@ class FrameGraphRenderer final : public CudaRenderer {
   }
 
   CudaSettings settings_;
+  RendererMemory memory_;  // outlives the buffers
   int device_ = 0;
   Stream stream_;
   Event read_done_;  // of the copies of read_cuda()

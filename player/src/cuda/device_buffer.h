@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "renderer_memory.h"
 #include "stgs/format/status.h"
 
 namespace stgs::player::cuda {
@@ -38,27 +39,36 @@ inline Status cuda_status(cudaError_t error, const char* action) {
   }
 }
 
-// Memory that grows on demand, which discards its contents.
+// Memory that grows on demand, which discards its contents. Charged before it is allocated.
 template <cudaError_t (*kAllocate)(void**, std::size_t), cudaError_t (*kFree)(void*)>
 class GrowingBuffer {
  public:
-  GrowingBuffer() = default;
+  // `memory`, which outlives the buffer, is charged. Null: not limited.
+  explicit GrowingBuffer(RendererMemory* memory = nullptr) : memory_(memory) {}
   GrowingBuffer(const GrowingBuffer&) = delete;
   GrowingBuffer& operator=(const GrowingBuffer&) = delete;
-  ~GrowingBuffer() { kFree(data_); }
+  ~GrowingBuffer() { reset(); }
 
   void reset() {
     kFree(data_);
     data_ = nullptr;
+    if (memory_ != nullptr) memory_->release(bytes_);
     bytes_ = 0;
   }
+  // Ensures that there are at least `bytes`. kNoMemory if the device is out of memory, kLimit if
+  // the memory of the renderer is exceeded; there are none then.
   Status ensure(std::size_t bytes) {
     if (bytes <= bytes_) return {};
     reset();
-    const std::size_t target = bytes + bytes / 4;
+    std::size_t target = bytes + bytes / 4;
+    if (memory_ != nullptr && !memory_->try_charge(target)) {
+      target = bytes;
+      STGS_TRY(memory_->charge(target));
+    }
     if (const cudaError_t error = kAllocate(&data_, target); error != cudaSuccess) {
       (void)cudaGetLastError();  // reported here; clear it
       data_ = nullptr;
+      if (memory_ != nullptr) memory_->release(target);
       if (error != cudaErrorMemoryAllocation) return cuda_status(error, "allocating memory");
       return {StatusCode::kNoMemory,
               fmt::format("out of GPU memory (requested {} MiB)", (target >> 20) + 1)};
@@ -70,6 +80,7 @@ class GrowingBuffer {
   std::size_t bytes() const { return bytes_; }
 
  private:
+  RendererMemory* memory_ = nullptr;
   void* data_ = nullptr;
   std::size_t bytes_ = 0;
 };

@@ -19,8 +19,16 @@ struct FrameNeed {
 
 class FrameBuffers {
  public:
+  // `memory` as for GrowingBuffer.
+  explicit FrameBuffers(RendererMemory* memory)
+      : cleared_(memory),
+        candidates_(memory),
+        splats_(memory),
+        depths_(memory),
+        instances_(memory),
+        patches_(memory) {}
   // Grows the buffers to the capacities, which discards their contents and changes addresses.
-  // kNoMemory if the device is out of memory.
+  // Errors as for GrowingBuffer.
   Status ensure(const FrameNeed& need);
   // Frees all buffers.
   void reset();

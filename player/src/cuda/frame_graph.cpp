@@ -86,6 +86,11 @@ void FrameGraph::lay_out_images(std::span<const View> views) {
   }
 }
 
+void FrameGraph::free_images() {
+  images_.reset();
+  captured_ = {};
+}
+
 Status FrameGraph::ensure_buffers(const Config& config) {
   // If addresses change, the graph must be captured again. The input holds those of the images.
   if (config != current_) captured_ = {};

@@ -16,6 +16,9 @@ namespace stgs::player::cuda {
 // One thread; the current device.
 class FrameGraph {
  public:
+  // `memory` as for GrowingBuffer.
+  explicit FrameGraph(RendererMemory* memory)
+      : staging_(memory), counters_(memory), input_(memory), images_(memory) {}
   // Starts rendering the parts. The previous frame must have completed.
   // `encoding`: of the colours (math/colour.h).
   Status start(std::span<const View> views, std::span<const Part> parts, int encoding,
@@ -30,6 +33,8 @@ class FrameGraph {
   Status read(std::vector<Frame>& frames) const;
   // Starts copying the images to device memory.
   Status read(std::span<const CudaImage> to, cudaStream_t stream) const;
+  // Frees the images. There is no frame then.
+  void free_images();
   // Renders the frame again step by step and returns the times of the steps. Waits.
   Result<RenderProfile> profile(const Grids& grids, const FrameBuffers& buffers,
                                 cudaStream_t stream);

@@ -13,6 +13,9 @@ namespace stgs::player::cuda {
 // One thread; the current device.
 class HostStaging {
  public:
+  // `memory` as for GrowingBuffer.
+  explicit HostStaging(RendererMemory* memory)
+      : halves_{{PinnedBuffer(memory), Event()}, {PinnedBuffer(memory), Event()}} {}
   // Ensures that each half has at least `bytes`.
   Status ensure(std::size_t bytes);
   // Returns the half to fill next. Waits until the device has finished with it.

@@ -18,7 +18,9 @@ namespace stgs::player::cuda {
 // One thread; the current device.
 class SegmentCache final : public DeviceSegments {
  public:
-  SegmentCache() = default;
+  // `memory` as for GrowingBuffer, for decoding and uploads.
+  explicit SegmentCache(RendererMemory* memory)
+      : decoder_(memory), floats_(memory), staging_(memory) {}
   SegmentCache(const SegmentCache&) = delete;
   SegmentCache& operator=(const SegmentCache&) = delete;
   ~SegmentCache() override { clear(); }

@@ -21,7 +21,14 @@ namespace stgs::player::cuda {
 // One thread at a time, always with the same current device.
 class SegmentDecoder {
  public:
-  SegmentDecoder() = default;
+  // `memory` as for GrowingBuffer.
+  explicit SegmentDecoder(RendererMemory* memory = nullptr)
+      : tables_(memory),
+        input_(memory),
+        scratch_(memory),
+        flags_(memory),
+        staging_(memory),
+        host_flags_(memory) {}
   SegmentDecoder(const SegmentDecoder&) = delete;
   SegmentDecoder& operator=(const SegmentDecoder&) = delete;
 

@@ -102,7 +102,7 @@ class HttpSource::Impl {
   // Borrows a connection of the source; waits if all are in use.
   class Lease {
    public:
-    enum class Outcome { kOpen, kStopped, kTimedOut, kNoMemory };
+    enum class Outcome { kOpen, kStopped, kTimedOut, kOutOfMemory };
 
     Lease(const Impl& source, Deadline& deadline, const std::function<bool()>& should_continue)
         : source_(source) {
@@ -127,7 +127,7 @@ class HttpSource::Impl {
         }
       }
       if (source.settings_.stop.stop_requested()) return;
-      outcome_ = Outcome::kNoMemory;
+      outcome_ = Outcome::kOutOfMemory;
       if (!source.free_.empty()) {
         connection_ = std::move(source.free_.back());
         source.free_.pop_back();
@@ -250,7 +250,7 @@ class HttpSource::Impl {
   // Returns the error of a read without a connection.
   Status not_leased(const Lease& lease, std::uint64_t offset, const Deadline& deadline) const {
     if (lease.outcome() == Lease::Outcome::kStopped) return stopped();
-    if (lease.outcome() == Lease::Outcome::kNoMemory) {
+    if (lease.outcome() == Lease::Outcome::kOutOfMemory) {
       return runtime_error("{}: libcurl is out of memory", name_);
     }
     const Status failure = timed_out("other reads use all connections", offset, deadline);

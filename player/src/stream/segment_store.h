@@ -79,6 +79,7 @@ class SegmentStore final : public Availability {
   void grow(std::shared_ptr<const SceneReader> reader);
   int tiers() const;
   std::uint64_t memory_budget() const { return settings_.memory_budget; }
+  const std::shared_ptr<Budget>& budget() const { return budget_; }
 
   // Sets the playback position. Nothing is fetched before the first call. `jumped`: the position
   // did not result from playback.

@@ -9,9 +9,6 @@
 namespace stgs::player {
 namespace {
 
-// Divisor of the budget: the share that may be decoded at once.
-constexpr std::uint64_t kDecodeShare = 16;
-
 std::string replaced_message(const std::string& name) {
   return fmt::format("{}: the file was overwritten or truncated; open it again", name);
 }
@@ -22,13 +19,6 @@ bool is_followed(const OpenedFile& file, const PlayerSettings& settings) {
 }
 
 }  // namespace
-
-std::shared_ptr<Budget> make_budget(const PlayerSettings& settings) {
-  auto budget = std::make_shared<Budget>();
-  budget->set_limit(Budget::Pool::kSegments, settings.memory_budget);
-  budget->set_limit(Budget::Pool::kDecodeScratch, settings.memory_budget / kDecodeShare);
-  return budget;
-}
 
 StreamPlayer::StreamPlayer(OpenedFile& file, const PlayerSettings& settings,
                            std::shared_ptr<Budget> budget,

@@ -28,9 +28,6 @@ struct OpenedFile {
   std::shared_ptr<TransferEvents> transfers = std::make_shared<TransferEvents>();
 };
 
-// Creates the budget of a player.
-std::shared_ptr<Budget> make_budget(const PlayerSettings& settings);
-
 // Connects Playback, which decides, to SegmentStore, which provides the data. Player documents the
 // public functions.
 class StreamPlayer {

@@ -35,6 +35,7 @@ class StreamTimeline final : public Timeline {
 
   const SceneReader& reader() const override { return *snapshot_.reader; }
   std::uint64_t memory_budget() const override { return store_.memory_budget(); }
+  const std::shared_ptr<Budget>& budget() const override { return store_.budget(); }
   bool is_playing() const override { return !store_.playhead().stationary; }
   const std::shared_ptr<const void>& identity() const override { return identity_; }
 

@@ -12,6 +12,7 @@ Buffer& Buffer::operator=(Buffer&& other) noexcept {
   buffer_ = std::exchange(other.buffer_, VkBuffer{VK_NULL_HANDLE});
   memory_ = std::exchange(other.memory_, VkDeviceMemory{VK_NULL_HANDLE});
   bytes_ = std::exchange(other.bytes_, 0);
+  charged_ = std::exchange(other.charged_, 0);
   mapped_ = std::exchange(other.mapped_, nullptr);
   return *this;
 }
@@ -20,6 +21,7 @@ void Buffer::reset() {
   if (device_ == nullptr) return;
   device_->vk.vkDestroyBuffer(device_->handle(), buffer_, nullptr);
   device_->vk.vkFreeMemory(device_->handle(), memory_, nullptr);
+  if (charged_ > 0) device_->renderer_memory->release(std::exchange(charged_, 0));
   buffer_ = VK_NULL_HANDLE;
   memory_ = VK_NULL_HANDLE;
   bytes_ = 0;
@@ -29,10 +31,14 @@ void Buffer::reset() {
 Status Buffer::create(const Device& device, std::uint64_t bytes, MemoryLocation location) {
   reset();
   device_ = &device;
+  if (device.renderer_memory != nullptr && location != MemoryLocation::kSegments) {
+    STGS_TRY(device.renderer_memory->charge(bytes));
+    charged_ = bytes;
+  }
   auto info = structure<VkBufferCreateInfo>(VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO);
   info.size = bytes;
   info.usage = VK_BUFFER_USAGE_TRANSFER_SRC_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT;
-  if (location == MemoryLocation::kDevice) {
+  if (location != MemoryLocation::kHost) {
     info.usage |= VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_INDIRECT_BUFFER_BIT;
   }
   const auto& vk = device.vk;
@@ -41,7 +47,7 @@ Status Buffer::create(const Device& device, std::uint64_t bytes, MemoryLocation 
   VkMemoryRequirements needs{};
   vk.vkGetBufferMemoryRequirements(device.handle(), buffer_, &needs);
   const VkMemoryPropertyFlags properties =
-      location == MemoryLocation::kDevice
+      location != MemoryLocation::kHost
           ? VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT
           : VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
   Status status;
@@ -65,7 +71,11 @@ Status Buffer::ensure(const Device& device, std::uint64_t bytes, MemoryLocation 
                       std::uint64_t max_bytes) {
   if (bytes <= bytes_) return {};
   const std::uint64_t target = std::max(bytes, std::min(bytes + bytes / 4, max_bytes));
-  return create(device, (target + 15) / 16 * 16, location);
+  const auto create_padded = [&](std::uint64_t wanted) {
+    return create(device, (wanted + 15) / 16 * 16, location);
+  };
+  const Status status = create_padded(target);
+  return status.code() == StatusCode::kLimit ? create_padded(bytes) : status;
 }
 
 namespace {

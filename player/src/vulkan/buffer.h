@@ -11,8 +11,9 @@
 namespace stgs::player::vulkan {
 
 enum class MemoryLocation {
-  kDevice,  // device-local, for shaders, transfers and indirect dispatches
-  kHost,    // host-visible and mapped, for transfers
+  kDevice,    // device-local, for shaders, transfers and indirect dispatches
+  kSegments,  // as kDevice, for segments, which DeviceSegments charges
+  kHost,      // host-visible and mapped, for transfers
 };
 
 // A buffer with its own memory. Must not change while commands that use it are executing. The
@@ -25,7 +26,8 @@ class Buffer {
   ~Buffer() { reset(); }
 
   void reset();
-  // Allocates exactly `bytes`, greater than 0. The contents are undefined.
+  // Allocates exactly `bytes`, greater than 0. The contents are undefined. kNoMemory if the device
+  // is out of memory, kLimit if Device::renderer_memory is exceeded.
   Status create(const Device& device, std::uint64_t bytes, MemoryLocation location);
   // Allocates at least `bytes`; if it grows, a quarter more, up to `max_bytes`.
   Status ensure(const Device& device, std::uint64_t bytes, MemoryLocation location,
@@ -39,7 +41,7 @@ class Buffer {
   const Device* device_ = nullptr;
   VkBuffer buffer_ = VK_NULL_HANDLE;
   VkDeviceMemory memory_ = VK_NULL_HANDLE;
-  std::uint64_t bytes_ = 0;
+  std::uint64_t bytes_ = 0, charged_ = 0;
   void* mapped_ = nullptr;
 };
 

@@ -8,6 +8,7 @@
 #include <span>
 #include <string>
 
+#include "renderer_memory.h"
 #include "stgs/format/status.h"
 #include "stgs/player/vulkan_renderer.h"
 #include "vulkan/features.h"
@@ -46,6 +47,8 @@ class Device {
   Status create(const VulkanSettings& settings);
   Status borrow(const VulkanDevice& lent);
 
+  // Charged with the buffers that are created with this device. Outlives them; null: not limited.
+  RendererMemory* renderer_memory = nullptr;
   VolkDeviceTable vk{};  // the functions of the device
   VkDevice handle() const { return context_.device; }
   std::uint32_t family() const { return context_.queue_family; }

@@ -43,6 +43,40 @@ ImageBuffers ViewImage::buffers(const VulkanTarget* to) const {
   return out;
 }
 
+namespace {
+
+// `at_once`: bytes that a shader binds at once.
+Status grow(const Device& device, Buffer& buffer, std::uint64_t bytes, const ViewImage& image,
+            std::uint64_t at_once, const std::function<Status()>& wait) {
+  if (at_once > device.max_range()) {
+    return unsupported(
+        "an image of {}x{} pixels exceeds the storage buffers of the Vulkan device ({} MiB); use a "
+        "smaller image or backend 'cpu'",
+        image.width, image.height, device.max_range() >> 20);
+  }
+  if (bytes <= buffer.bytes()) return {};
+  STGS_TRY(wait());
+  return buffer.ensure(device, bytes, MemoryLocation::kDevice, device.max_range() / 16 * 16);
+}
+
+}  // namespace
+
+Status grow_images(const Device& device, std::span<ViewImage> images, const VulkanSubmission* to,
+                   const std::function<Status()>& wait) {
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    ViewImage& p = images[i];
+    if (to == nullptr) {
+      STGS_TRY(grow(device, p.planes, p.all_plane_bytes(), p, p.plane_bytes(), wait));
+      continue;
+    }
+    const std::uint64_t bytes = pixel_format(to->targets[i].colour.format).bytes * p.pixels();
+    STGS_TRY(grow(device, p.packed, bytes, p, bytes, wait));
+    if (to->targets[i].depth)
+      STGS_TRY(grow(device, p.depth, p.plane_bytes(), p, p.plane_bytes(), wait));
+  }
+  return {};
+}
+
 bool has_fovea(const std::vector<View>& views) {
   return std::any_of(views.begin(), views.end(),
                      [](const View& view) { return view.fovea.has_value(); });

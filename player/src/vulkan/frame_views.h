@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -27,6 +28,11 @@ struct ViewImage {
   // Returns the output buffers for a target; null: the planes.
   ImageBuffers buffers(const VulkanTarget* to) const;
 };
+
+// Grows the buffers of the images: those of the targets, or the planes if `to` is null. Calls
+// `wait` first, which waits for the frames in flight, since they use the buffers.
+Status grow_images(const Device& device, std::span<ViewImage> images, const VulkanSubmission* to,
+                   const std::function<Status()>& wait);
 
 bool has_fovea(const std::vector<View>& views);
 

@@ -23,14 +23,16 @@ constexpr std::uint64_t kMaxStaged = std::uint64_t{64} << 20, kMaxSpare = 2 * kM
 void SegmentCache::create(Device& device, std::uint64_t block_bytes) {
   device_ = &device;
   const std::uint64_t preferred = block_bytes > 0 ? block_bytes : kBlockBytes;
-  // A block must hold a chunk of any SH degree.
-  const std::uint64_t min_bytes = kGroup * packed_bytes_each(math::kShMaxDegree);
-  const std::uint64_t bytes = std::max(min_bytes, std::min(preferred, device.max_range()));
-  memory_.create(device, bytes / SegmentMemory::kAlign * SegmentMemory::kAlign);
+  max_block_bytes_ = std::min(preferred, device.max_range());
+  memory_.create(device);
 }
 
 Status SegmentCache::begin(const SceneReader& /*reader*/) {
   spare_.clear();  // sized for another scene
+  // A block must hold a chunk of any SH degree, and need not hold more than the budget.
+  const std::uint64_t min_bytes = kGroup * packed_bytes_each(math::kShMaxDegree);
+  const std::uint64_t bytes = std::max(min_bytes, std::min(max_block_bytes_, memory_budget()));
+  memory_.set_block_bytes(bytes / SegmentMemory::kAlign * SegmentMemory::kAlign);
   return {};
 }
 
@@ -81,6 +83,9 @@ void SegmentCache::cancel_upload(std::uint32_t segment) {
 
 Status SegmentCache::decode(Timeline& timeline, std::span<const std::uint32_t> segments) {
   const SceneReader& reader = timeline.reader();
+  std::uint64_t primitives = 0;
+  for (const std::uint32_t one : segments) primitives += reader.segments()[one].primitives;
+  STGS_ASSIGN(const Lease lease, charge_decoded(primitives));
   std::vector<std::optional<Result<Gaussians4D>>> read(segments.size());
   parallel_for(std::size_t{0}, read.size(), [&](std::size_t k) {
     read[k].emplace(reader.decode(segments[k], true, reader.render_origin(segments[k])));

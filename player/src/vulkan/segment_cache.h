@@ -69,6 +69,7 @@ class SegmentCache final : public DeviceSegments {
   Status copy_now();
 
   Device* device_ = nullptr;
+  std::uint64_t max_block_bytes_ = 0;
   SegmentMemory memory_;
   std::vector<Copy> copies_;        // staged
   std::uint64_t staged_bytes_ = 0;  // including copies that were cancelled

@@ -8,16 +8,21 @@ namespace stgs::player::vulkan {
 
 Status SegmentMemory::add_block() {
   Block fresh;
-  STGS_TRY(fresh.buffer.create(*device_, block_bytes_, MemoryLocation::kDevice));
+  STGS_TRY(fresh.buffer.create(*device_, block_bytes_, MemoryLocation::kSegments));
   fresh.holes.emplace(0, block_bytes_);
   blocks_.push_back(std::move(fresh));
+  bytes_ += block_bytes_;
   return {};
 }
 
 void SegmentMemory::reserve(std::uint64_t bytes) {
   const std::size_t before = blocks_.size();
-  while (blocks_.size() * block_bytes_ < bytes) {
-    if (!add_block().ok()) return blocks_.resize(before);
+  const std::uint64_t bytes_before = bytes_;
+  while (bytes_ < bytes) {
+    if (add_block().ok()) continue;
+    blocks_.resize(before);
+    bytes_ = bytes_before;
+    return;
   }
 }
 

@@ -22,11 +22,9 @@ class SegmentMemory {
  public:
   static constexpr std::uint64_t kAlign = 16;  // of allocations, bytes
 
-  // Sets the size of blocks, a multiple of kAlign.
-  void create(const Device& device, std::uint64_t block_bytes) {
-    device_ = &device;
-    block_bytes_ = block_bytes;
-  }
+  void create(const Device& device) { device_ = &device; }
+  // Sets the size of the blocks that are added from now on, a multiple of kAlign.
+  void set_block_bytes(std::uint64_t bytes) { block_bytes_ = bytes; }
   // Adds blocks until they hold `bytes` together; adds none if the device lacks memory for all.
   void reserve(std::uint64_t bytes);
   // Allocates `bytes`: not 0, and at most block_bytes(). kNoMemory if the device is out of memory.
@@ -44,7 +42,7 @@ class SegmentMemory {
   Status add_block();
 
   const Device* device_ = nullptr;
-  std::uint64_t block_bytes_ = 0;
+  std::uint64_t block_bytes_ = 0, bytes_ = 0;  // of a new block, of all blocks
   std::vector<Block> blocks_;
 };
 

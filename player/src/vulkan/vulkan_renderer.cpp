@@ -41,6 +41,7 @@ class ComputeRenderer final : public VulkanRenderer {
 
   // Uses the caller's device, or creates one if `lent` is null.
   Status create(const VulkanDevice* lent) {
+    device_.renderer_memory = &memory_;
     STGS_TRY(lent != nullptr ? device_.borrow(*lent) : device_.create(settings_));
     segments_.create(device_, settings_.block_bytes);
     for (FrameSlot& slot : slots_) STGS_TRY(slot.create(device_));
@@ -56,8 +57,11 @@ class ComputeRenderer final : public VulkanRenderer {
     try {
       STGS_TRY(wait());
       FrameSlot& slot = slots_[0];
-      STGS_TRY(prepare(timeline, seconds, views, slot.stats));
-      STGS_TRY(draw_complete(timeline, seconds, views, slot));
+      const Status drawn = within_limit(timeline, [&]() -> Status {
+        STGS_TRY(prepare(timeline, seconds, views, slot.stats));
+        return draw_complete(timeline, seconds, views, slot);
+      });
+      STGS_TRY(drawn);
       if (stats != nullptr) *stats = slot.stats;
       rendered_ = views;
     } catch (const std::exception& e) {
@@ -101,8 +105,11 @@ class ComputeRenderer final : public VulkanRenderer {
         STGS_TRY(slot.wait());
         STGS_TRY(record_result(slot));
       }
-      STGS_TRY(prepare(timeline, seconds, views, slot.stats));
-      STGS_TRY(ensure_buffers(views, &to));
+      const Status ready = within_limit(timeline, [&]() -> Status {
+        STGS_TRY(prepare(timeline, seconds, views, slot.stats));
+        return ensure_buffers(views, &to);
+      });
+      STGS_TRY(ready);
       STGS_TRY(record(views, &to, slot));
       for (std::size_t i = 0; i < views.size(); ++i) copy_output(images_[i], to.targets[i], slot);
       STGS_TRY(start(slot, to.wait, to.signal));
@@ -130,6 +137,23 @@ class ComputeRenderer final : public VulkanRenderer {
   }
 
  private:
+  template <typename Draw>
+  Status within_limit(const Timeline& timeline, const Draw& draw) {
+    return draw_within_limit(memory_, timeline, capacity_.parts > 0, draw,
+                             [this] { return free_memory(); });
+  }
+
+  // Frees the images and the working memory of frames.
+  Status free_memory() {
+    STGS_TRY(wait());
+    buffers_ = {};
+    capacity_ = {};
+    images_ = {};
+    readback_ = {};
+    target_instances_ = 0;
+    return {};
+  }
+
   // Makes the active segments resident and lists the parts to render.
   Status prepare(Timeline& timeline, double seconds, const std::vector<View>& views,
                  RenderStats& stats) {
@@ -152,20 +176,6 @@ class ComputeRenderer final : public VulkanRenderer {
     return std::min(buffers_.instance_capacity(), FrameBuffers::max_instances(device_));
   }
 
-  // Grows a buffer that frames share. Frames in flight use it, so waits for them first. `at_once`:
-  // bytes that a shader binds at once.
-  Status grow(Buffer& buffer, std::uint64_t bytes, const ViewImage& image, std::uint64_t at_once) {
-    if (at_once > device_.max_range()) {
-      return unsupported(
-          "an image of {}x{} pixels exceeds the storage buffers of the Vulkan device ({} MiB); use "
-          "a smaller image or backend 'cpu'",
-          image.width, image.height, device_.max_range() >> 20);
-    }
-    if (bytes <= buffer.bytes()) return {};
-    STGS_TRY(wait());
-    return buffer.ensure(device_, bytes, MemoryLocation::kDevice, device_.max_range() / 16 * 16);
-  }
-
   // Returns the chunks at the peak, limited by the device's buffers. The last chunk of each segment
   // may be incomplete.
   std::uint32_t peak_chunks(std::size_t views) const {
@@ -181,17 +191,9 @@ class ComputeRenderer final : public VulkanRenderer {
                   static_cast<std::uint32_t>(views.size());
     need.parts =
         std::bit_ceil(std::max(static_cast<std::uint32_t>(parts_.parts.size()), kMinParts));
-    for (std::size_t i = 0; i < views.size(); ++i) {
-      ViewImage& p = images_[i];
-      need.tiles += p.tiles();
-      if (to == nullptr) {
-        STGS_TRY(grow(p.planes, p.all_plane_bytes(), p, p.plane_bytes()));
-        continue;
-      }
-      const std::uint64_t bytes = pixel_format(to->targets[i].colour.format).bytes * p.pixels();
-      STGS_TRY(grow(p.packed, bytes, p, bytes));
-      if (to->targets[i].depth) STGS_TRY(grow(p.depth, p.plane_bytes(), p, p.plane_bytes()));
-    }
+    const std::span<ViewImage> images(images_.data(), views.size());
+    for (const ViewImage& image : images) need.tiles += image.tiles();
+    STGS_TRY(grow_images(device_, images, to, [this] { return wait(); }));
     if (buffers_.instance_capacity() == 0 && target_instances_ == 0) {
       target_instances_ =
           settings_.initial_instances > 0
@@ -347,7 +349,8 @@ class ComputeRenderer final : public VulkanRenderer {
   }
 
   VulkanSettings settings_;
-  Device device_;  // outlives the following members
+  RendererMemory memory_;  // outlives the buffers
+  Device device_;          // outlives the following members
   Pipelines pipelines_;
   SegmentCache segments_;
   FrameBuffers buffers_;

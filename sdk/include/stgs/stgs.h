@@ -340,10 +340,11 @@ STGS_API stgs_result stgs_renderer_get_statistics(stgs_renderer* renderer,
  *
  * The call uses both the renderer and the scene: no other thread may use either. Invalid arguments
  * leave the buffers unchanged; other errors leave their content undefined. STGS_ERROR_LIMIT: the
- * segments active at this time need more than memory_budget, or the images more than memory_budget
- * and more than 1 GiB, at 29 bytes per pixel. STGS_ERROR_RUNTIME: the splats of a
- * view cover more than 2^26 tiles of 16 x 16 pixels, as large splats can in images with sides of
- * tens of thousands of pixels. */
+ * segments active at this time need more than memory_budget, or the images and the working memory
+ * of the renderer more than memory_budget and more than 1 GiB. On a CPU, images take 29 bytes per
+ * pixel, splats 80 to 144 bytes each, and each tile of 16 x 16 pixels that a splat covers 8 to 16
+ * bytes. Later calls succeed if they need less. STGS_ERROR_RUNTIME: the splats of a view cover more
+ * than 2^26 tiles, as large splats can in images with sides of thousands of pixels. */
 STGS_API stgs_result stgs_render(stgs_renderer* renderer, stgs_scene* scene, double seconds,
                                  const stgs_view* views, const stgs_image* images, uint32_t count);
 

@@ -7,6 +7,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <memory>
+#include <mutex>
 #include <optional>
 
 namespace stgs {
@@ -23,6 +25,8 @@ class Budget {
     kTransfers,      // bytes in flight, and bytes read that no segment has taken over yet
     kIndex,          // the opened index, and cached bytes of it
     kImport,         // everything that reading another format takes
+    kRenderer,       // images and working memory of renderers, in host and device memory
+    kDeviceCopies,   // copies of segments in device memory
     kCount
   };
   static constexpr std::uint64_t kNoLimit = std::numeric_limits<std::uint64_t>::max();
@@ -91,6 +95,29 @@ class Lease {
 
   Budget* budget_ = nullptr;
   Budget::Pool pool_ = Budget::Pool::kSegments;
+  std::uint64_t bytes_ = 0;
+};
+
+// Memory that an object charges step by step, and retains between uses. Thread-safe, except use().
+class WorkingMemory {
+ public:
+  // Charges to a pool from now on, including the present charge, even beyond the limit. Until the
+  // first call, the memory is counted but not limited.
+  void use(std::shared_ptr<Budget> budget, Budget::Pool pool);
+  // Charges `bytes`, or returns false if they exceed the limit of the pool.
+  bool try_charge(std::uint64_t bytes) noexcept;
+  // Ends the charge of `bytes`.
+  void release(std::uint64_t bytes) noexcept;
+  // Returns the bytes charged.
+  std::uint64_t bytes() const noexcept;
+  // Returns the limit of the pool.
+  std::uint64_t limit() const noexcept;
+
+ private:
+  mutable std::mutex mutex_;
+  std::shared_ptr<Budget> budget_;  // outlives `lease_`
+  Budget::Pool pool_ = Budget::Pool::kRenderer;
+  Lease lease_;  // of `bytes_`, if there is a budget
   std::uint64_t bytes_ = 0;
 };
 

@@ -5,9 +5,11 @@
 
 #include <cstdint>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
+#include "stgs/format/budget.h"
 #include "stgs/format/gaussian4d.h"
 #include "stgs/format/math/project.h"
 
@@ -27,6 +29,16 @@ struct alignas(64) Splat {
   std::uint32_t id;   // index of the primitive in its set, plus id_base
 };
 
+// Memory that a frame would need exceeds a limit.
+class FrameTooLarge : public std::length_error {
+ public:
+  // `what`: the limit, or the allocation that exceeds SplatFrame::memory. `needed`: bytes that the
+  // memory would hold at least; 0: another limit.
+  FrameTooLarge(const std::string& what, std::uint64_t needed)
+      : std::length_error(what), bytes(needed) {}
+  std::uint64_t bytes;
+};
+
 // The splats of a view in ascending order of id, and the list of each tile, nearest first (ties:
 // lower id first). Reuse an object for successive frames to avoid allocations.
 struct SplatFrame {
@@ -35,6 +47,9 @@ struct SplatFrame {
   std::vector<Splat> splats;              // ascending id
   std::vector<std::uint32_t> instances;   // indices into splats, tile after tile
   std::vector<std::uint32_t> tile_begin;  // tiles_x*tiles_y + 1 offsets into instances
+  // Charged before memory that grows with the scene or the image is allocated; exceeding its limit
+  // throws FrameTooLarge. Not owned. Null: not limited.
+  WorkingMemory* memory = nullptr;
 
   // Working memory of slice() and bin(); private.
   struct Scratch {
@@ -49,7 +64,7 @@ struct Image {
   int width = 0, height = 0, channels = 0;
   std::vector<float> data;
 
-  // Sets the size; the values are then unspecified.
+  // Sets the size; the values are then unspecified. Frees the old values before it allocates.
   void reshape(int w, int h, int c);
   // Returns the first pixel of a channel.
   float* plane(int c) { return data.data() + static_cast<std::size_t>(c) * width * height; }
@@ -80,7 +95,8 @@ struct RasterSettings {
   int max_sh_degree = 3;  // SH above this degree are ignored
 };
 
-// Starts a frame of the camera's size, without splats.
+// Starts a frame of the camera's size, without splats. This and the following functions throw
+// FrameTooLarge if SplatFrame::memory does not allow an allocation.
 void begin_frame(const math::PinholeCamera& camera, SplatFrame& frame);
 // Appends the visible splats of the set at time t: motion, visibility, culling, projection, colour.
 // t is in ticks and counts as set.time does; t - T is rounded to single precision once. The id of a
@@ -92,9 +108,9 @@ void slice(const Gaussians4D& set, double t, const math::PinholeCamera& camera,
 void slice(const Gaussians4D& set, const std::vector<std::uint32_t>& candidates, double t,
            const math::PinholeCamera& camera, const RasterSettings& settings, std::uint32_t id_base,
            SplatFrame& frame);
-// Fills the tile lists from frame.splats, using the exact ellipse-tile test. Throws
-// std::length_error if they would hold more than 2^26 entries. Uses up to 16 bytes per entry, of
-// which up to 12 stay allocated.
+// Fills the tile lists from frame.splats, using the exact ellipse-tile test. Throws FrameTooLarge
+// if they would hold more than 2^26 entries. Uses up to 16 bytes per entry, of which up to 12 stay
+// allocated.
 void bin(SplatFrame& frame);
 // Blends every tile, nearest splat first.
 void blend(const SplatFrame& frame, const RasterSettings& settings, RasterOutput& output);

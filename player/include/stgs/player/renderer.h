@@ -65,8 +65,9 @@ class Renderer {
   virtual ~Renderer() = default;
   // Renders 1 to kMaxViews views of the scene at `seconds`. The images stay on the backend until
   // the next call. `stats` may be null. Errors: kUsage for the number of views or the size of a
-  // camera, kLimit if the images need more than the memory budget of the timeline and more than
-  // 1 GiB, and those of Timeline::at().
+  // camera, kLimit if the images and the working memory need more than the memory budget of the
+  // timeline and more than 1 GiB (Timeline::budget()), and those of Timeline::at(). The renderer
+  // remains usable.
   virtual Status draw(Timeline& timeline, double seconds, const std::vector<View>& views,
                       RenderStats* stats) = 0;
   // Returns the images of the last successful draw() in host memory and resizes `frames` to its

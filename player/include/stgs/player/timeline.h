@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "stgs/format/budget.h"
 #include "stgs/format/scene_file.h"
 
 namespace stgs::player {
@@ -100,6 +101,9 @@ class Timeline {
   virtual Result<std::optional<Gaussians4D>> decode(std::uint32_t segment) = 0;
   // Returns the memory budget, bytes.
   virtual std::uint64_t memory_budget() const = 0;
+  // Returns what the memory of the timeline and of its renderers is charged to. The pools kSegments
+  // and kDeviceCopies may hold memory_budget(), kRenderer as much and at least 1 GiB.
+  virtual const std::shared_ptr<Budget>& budget() const = 0;
   // Returns whether frames of successive times follow each other closely. A backend may then defer
   // uploads that improve a frame but would delay it.
   virtual bool is_playing() const { return false; }
