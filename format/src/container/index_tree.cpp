@@ -54,10 +54,9 @@ void add_run(IndexRun run, FileHead& head) {
     }
   }
   std::vector<SegmentEntry>& segments = head.index.segments;
-  if (segments.empty()) {
+  if (segments.capacity() == 0) {  // the only run so far
     segments = std::move(run.segments);
   } else {
-    make_room(run.segments.size(), segments);
     segments.insert(segments.end(), run.segments.begin(), run.segments.end());
   }
   for (const FurtherEntry& further : run.further)
@@ -347,6 +346,11 @@ bool add_node(IndexNode node, std::uint64_t record, int depth, Position next, Fi
   if (!take_content(node, record, head, findings)) return false;
   const TickRange needed =
       head.walk.keeps_nodes ? needed_in(node.runs, head.metadata.scene.frames) : TickRange{};
+  if (node.runs.size() > 1 || !head.index.segments.empty()) {
+    std::size_t tiers = 0;
+    for (const IndexRun& run : node.runs) tiers += run.segments.size();
+    make_room(tiers, head.index.segments);
+  }
   for (IndexRun& run : node.runs) add_run(std::move(run), head);
   if (head.walk.keeps_nodes) head.walk.nodes[record] = {std::move(node.links), needed};
   return true;
