@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verbs help and version, standard input, titles, and options from a --config file."""
+import contextlib
 import json
 import os
 import pty
+import re
 import subprocess
+import tempfile
 import unittest
 
 import harness
 from harness import CliTest, built_in
 from test_manual import help_of, verbs
 
-USAGE, INVALID = 1, 3
+USAGE, INVALID, UNSUPPORTED = 1, 3, 5
 
 
 class HelpAndVersion(CliTest):
@@ -70,6 +73,33 @@ class StandardInput(CliTest):
         self.addCleanup(os.close, master)
         self.addCleanup(os.close, terminal)
         self.fails(USAGE, "standard input is a terminal", "info", "-", stdin=terminal)
+
+    def test_memory_limits_the_bytes_that_are_read(self):
+        """No more than --memory and a byte are taken from a stream without end."""
+        for verb in (["info", "-"], ["validate", "-"], ["render", "-", "--time", "0", "-o", "a.png"],
+                     ["compare", "-", self.fixture("tiny.stgs")], ["bench", "-"],
+                     ["evaluate", "-", "--against", self.fixture("prepared")]):
+            reader, writer = os.pipe()
+            with subprocess.Popen([harness.STGS, *verb, "--memory", "2M"], cwd=self.work, stdin=reader,
+                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
+                os.close(reader)
+                written = 0
+                with contextlib.suppress(BrokenPipeError):
+                    while True:
+                        written += os.write(writer, bytes(4096))
+                os.close(writer)
+                text = process.stdout.read().decode()
+            self.assertEqual(process.returncode, UNSUPPORTED, text)
+            self.assertIn("standard input: more than 2097152 bytes; use a larger --memory, or name a file",
+                          text, verb)
+            self.assertLess(written, (2 << 20) + (1 << 17), verb)  # with what the pipe holds
+
+    def test_a_camera_file_is_short(self):
+        with tempfile.TemporaryFile() as file:
+            file.truncate((1 << 20) + 1)
+            self.fails(UNSUPPORTED, "standard input: more than 1048576 bytes; expected a camera file",
+                       "render", self.fixture("tiny.stgs"), "--time", "0", "-o", "a.png", "--camera", "-",
+                       stdin=file)
 
     @unittest.skipIf(not built_in("play"), "play is not built in")
     def test_play_rejects_standard_input(self):
@@ -132,6 +162,29 @@ class ConfigFiles(CliTest):
                    *render)
         self.fails(USAGE, "error: --size: 'x' is not a size", "render", tiny, "--size", "x")
         self.fails(USAGE, "--config needs a value", "info", tiny, "--config")
+
+    def test_files_that_are_no_configuration_are_rejected_before_they_are_parsed(self):
+        tiny = self.fixture("tiny.stgs")
+        for text, message in (("[" + "a." * 20_000 + "a]\n", ":1: a line of 40003 bytes (expected at most 16384)"),
+                              ("\n[[" + "a." * 9 + "b]]\n", ":2: a name within more than 8 sections; write [VERB]"),
+                              ("#\n" * 40_000, ": more than 65536 bytes (expected options)"),
+                              ("." * 40_000, ":1: a line of 40000 bytes"),
+                              ("." * 10_000, ":1: a name within more than 8 sections"),
+                              ("a" * 10_000 + " = 1", ":1: unknown option")):
+            self.write("x.toml", text)
+            self.fails(USAGE, re.escape("--config x.toml" + message), "info", tiny, "--config", "x.toml")
+        self.fails(USAGE, "--config /dev/zero: more than 65536 bytes", "info", tiny, "--config", "/dev/zero")
+
+    def test_a_configuration_from_a_pipe_is_read_once(self):
+        os.mkfifo(self.path("pipe.toml"))
+        for text, code in (("[info]\nformat = 'json'\n", 0), ("[info]\nfoo = 3\n", USAGE)):
+            with subprocess.Popen([harness.STGS, "info", self.fixture("tiny.stgs"), "--config", "pipe.toml"],
+                                  cwd=self.work, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
+                self.addCleanup(process.kill)  # if it reads again
+                with open(self.path("pipe.toml"), "w", encoding="utf-8") as pipe:
+                    pipe.write(text)
+                output = process.communicate(timeout=60)[0]
+            self.assertEqual(process.returncode, code, output)
 
 
 class Completion(CliTest):

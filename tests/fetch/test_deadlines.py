@@ -127,6 +127,16 @@ class Deadlines(unittest.TestCase):
             process, seconds = run(STGS, "info", url, "--timeout", str(TIMEOUT))
         self.check("mute", process, seconds, rb"did not respond within 1\S* s .*" + GAVE_UP)
 
+    def test_a_refused_connection_needs_another_address_and_no_more_time(self):
+        with socket.create_server(("127.0.0.1", 0)) as closed:
+            url = f"http://127.0.0.1:{closed.getsockname()[1]}/scene.stgs"
+        for timeout in ("0.2", "30"):  # no time for a second attempt; for all of them
+            process, seconds = run(STGS, "info", url, "--timeout", timeout)
+            self.assertEqual(process.returncode, 2, process.stderr)
+            self.assertRegex(process.stderr, rb"onnect.* .gave up after \d attempts?.; check the "
+                                             rb"address and whether the server runs .byte 0.")
+            self.assertNotIn(b"--timeout", process.stderr)
+
     def test_redirects_within_the_host_and_allowed_ones_are_followed(self):
         with FaultyServer(self.data) as target:
             other_name = target.url.replace("127.0.0.1", "localhost")

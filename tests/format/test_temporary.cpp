@@ -228,5 +228,25 @@ TEST_CASE("a socket is refused as an output, a pipe is written") {
   CHECK(names_in(folder.path) == Names{"pipe", "socket"});
 }
 
+TEST_CASE("a published file stays open, and is appended to whatever its name leads to") {
+  const TemporaryFolder folder;
+  const std::vector<std::uint8_t> byte = {'x'};
+  OutputFile file;
+  REQUIRE(file.open(folder / "log").ok());
+  CHECK(file.write(byte).ok());
+  CHECK_FALSE(fs::exists(folder / "log"));
+  REQUIRE(file.publish().ok());
+  CHECK(names_in(folder.path) == Names{"log"});
+  write_text(folder / "other", "other");
+  fs::rename(folder / "log", folder / "moved");
+  fs::create_symlink(folder / "other", folder / "log");
+  CHECK(file.write(byte).ok());
+  CHECK(fs::file_size(folder / "moved") == 2);
+  CHECK(fs::file_size(folder / "other") == 5);
+  fs::resize_file(folder / "moved", 0);
+  CHECK(file.write(byte).ok());
+  CHECK(fs::file_size(folder / "moved") == 1);
+}
+
 }  // namespace
 }  // namespace stgs

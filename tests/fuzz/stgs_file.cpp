@@ -83,6 +83,7 @@ class ParsedSegment {
     set_ = &file_layouts;
     if (number == kOwnLayout) {
       if (!parse_layouts(in_, 0, kMaxOwnTables, 1, kTablesMemory, own_, findings)) return;
+      make_lookups(own_);
       number = 0;
       set_ = &own_;
     }
@@ -175,8 +176,10 @@ LayoutSet read_layouts(View file, const std::vector<Record>& records) {
     ByteReader in(record.payload(file));
     Findings findings;
     LayoutSet parsed;
-    if (parse_layouts(in, 0, kMaxTables, kMaxLayouts, kTablesMemory, parsed, findings))
+    if (parse_layouts(in, 0, kMaxTables, kMaxLayouts, kTablesMemory, parsed, findings)) {
+      make_lookups(parsed);
       set = std::move(parsed);
+    }
   }
   return set;
 }

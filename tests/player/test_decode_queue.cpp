@@ -87,6 +87,7 @@ TEST_CASE("a job of an earlier generation ends without effect") {
   auto other = encode_scene(testing::random_scene(500, 1, kFrames, 9), {});
   REQUIRE(other.ok());
   units.adopt(open_bytes(*other));
+  units.decodes.reserve(units.index.size());
   CHECK_FALSE(units.decodes.finish(*job));
   REQUIRE(units.fetch({0, false}));
   CHECK(units.decodes.next());  // as many jobs as before

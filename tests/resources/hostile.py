@@ -172,6 +172,26 @@ def segments_in_order(size, kept):
     return finished(index, body=body, stated=None if kept else BYTES_BEYOND)
 
 
+@case("INDX", segments=(1, 4096), tiers=(1, 255))
+def runs_backwards(size, segments, tiers):
+    """Runs of parts whose records lie in the opposite order, so that they have to be sorted."""
+    entry = number(1) + number(4 * tiers) + (number(1) + number(1)) * tiers
+    count = max(1, size // (52 + segments * len(entry)))
+    step = segments * tiers * 32
+    def index(at):
+        return index_of([run(p, at + step * (count - p), [entry] * segments) for p in range(count)])
+    return finished(index, stated=BYTES_BEYOND)
+
+
+@case("INDX")
+def alternating_levels(size):
+    """Segments whose places are not in their order: long and short ones take turns."""
+    three = [number(2) + ENTRY[1:], ENTRY, ENTRY]
+    def index(at):
+        return index_of([run(0, at, three * (size // len(b"".join(three))))])
+    return finished(index, stated=BYTES_BEYOND)
+
+
 def chained(size, build):
     """A finished file of pages that link to the next one. `build`: makes the payload of a page."""
     def body(at):
@@ -241,6 +261,13 @@ def false_fragments(size, payload):
     head = header(2, 0, 1, 0, 32 + len(records)) + records
     one = record(b"FRAG", bytes(payload))
     return head + one * (size // len(one))
+
+
+@case("FRAG")
+def bare_tags(size):
+    """A recording of tags of FRAG records without their headers."""
+    records = record(b"META", Meta(profile=0, frames=1).payload())
+    return header(2, 0, 1, 0, 32 + len(records)) + records + b"FRAG" * (size // 4)
 
 
 @case("FRAG", title=(1, 65536))

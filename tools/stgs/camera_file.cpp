@@ -19,7 +19,7 @@ constexpr std::uint64_t kMaxBytes = 1 << 20;
 
 Result<std::string> read_text(const std::string& path) {
   if (is_standard_input(path)) {
-    STGS_ASSIGN(const auto bytes, read_standard_input());
+    STGS_ASSIGN(const auto bytes, read_standard_input(kMaxBytes, "expected a camera file"));
     return std::string(bytes.begin(), bytes.end());
   }
   const Result<std::unique_ptr<ByteSource>> file = open_file(path);

@@ -108,15 +108,15 @@ class Bench final : public Command {
   }
 
   Status run(Session& session) override {
-    STGS_ASSIGN(auto source, open(session));
-    STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     STGS_ASSIGN(const std::uint64_t budget, parse_memory(memory_));
+    const ReadLimits limits = ReadLimits::of(ReadLimits().max_primitives, budget);
+    STGS_ASSIGN(auto source, open(session, limits));
+    STGS_ASSIGN(auto renderer, player::make_renderer(session.options.backend));
     if (pipeline_ == "player") {
       STGS_ASSIGN(auto playback,
                   playback_of(std::move(source), budget, play_.rate, session.options.timeout));
       return run_play(session, *playback, *renderer);
     }
-    const ReadLimits limits = ReadLimits::of(ReadLimits().max_primitives, budget);
     STGS_ASSIGN(auto reader, SceneReader::open(std::move(source), limits));
     auto timeline = player::Timeline::from_reader(std::move(reader), shown_file(), budget,
                                                   player::DamagePolicy::kSkip);
@@ -130,14 +130,14 @@ class Bench final : public Command {
  private:
   std::string shown_file() const { return display_name(file_); }
 
-  Result<std::unique_ptr<ByteSource>> open(Session& session) const {
+  Result<std::unique_ptr<ByteSource>> open(Session& session, const ReadLimits& limits) const {
     if (!animate_ && !full_sh_ && stored_ratio_ == 0) {
-      if (!quality_ && !seed_) return open_source(session, file_);
+      if (!quality_ && !seed_) return open_source(session, file_, limits.max_memory);
       return usage_error(
           "{} applies to a synthetic scene; add --animate, --stored-ratio or --full-sh",
           quality_ ? "--quality" : "--seed");
     }
-    STGS_ASSIGN(Scene scene, load_scene(session, file_));
+    STGS_ASSIGN(Scene scene, load_scene(session, file_, limits));
     const std::uint64_t limit = ReadLimits{}.max_primitives;
     if (stored_ratio_ > 0 &&
         scene.gaussians.size() > limit / static_cast<std::uint64_t>(stored_ratio_)) {

@@ -46,7 +46,7 @@ struct Verdict {
 Verdict validate_file(Session& session, const std::string& path, const ReadLimits& limits) {
   Verdict verdict;
   verdict.name = display_name(path);
-  auto source = open_source(session, path);
+  auto source = open_source(session, path, limits.max_memory);
   if (!source.ok()) {
     verdict.unreadable = source.status();
     return verdict;

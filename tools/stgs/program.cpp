@@ -7,6 +7,7 @@
 #include <iostream>
 
 #include "command.h"
+#include "config_file.h"
 #include "error_report.h"
 #include "opencv.h"
 #include "options.h"
@@ -167,6 +168,7 @@ int run_program(int argc, char** argv) {
                   "  stgs render scene.stgs --time 0.5 -o image.png\n\n{}",
                   kExitCodes));
   app.set_config("--config")->group("");  // the verbs document it
+  app.config_formatter(std::make_shared<ConfigFile>());
   app.allow_config_extras(CLI::config_extras_mode::error);
   app.set_version_flag("--version", version_text, "Print the version and the built-in features");
   app.require_subcommand(0, 1);

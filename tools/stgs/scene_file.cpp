@@ -95,7 +95,7 @@ Status SceneFile::open(const std::string& location, std::uint64_t memory) {
   if (is_url(location))
     cancel_.emplace(session_.stop_token(), [scene] { stgs_scene_cancel(scene); });
   if (!is_stdin) return check(stgs_scene_open(scene, location.c_str()));
-  STGS_ASSIGN(const auto bytes, read_standard_input());
+  STGS_ASSIGN(const auto bytes, read_standard_input(memory, kStandardInputAdvice));
   if (bytes.empty()) return check(stgs_scene_open_memory(scene, "", 0));
   return check(stgs_scene_open_memory(scene, bytes.data(), bytes.size()));
 }

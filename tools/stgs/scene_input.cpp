@@ -1,16 +1,42 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "scene_input.h"
 
+#include <algorithm>
+
 #include "damage.h"
 #include "standard_streams.h"
 #include "stgs/player/source.h"
 
 namespace stgs::tools {
 
-Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::string& location) {
+namespace {
+
+// Bytes that stay valid, without a copy of them.
+class ViewSource final : public ByteSource {
+ public:
+  ViewSource(std::span<const std::uint8_t> bytes, std::string name)
+      : bytes_(bytes), name_(std::move(name)) {}
+  std::uint64_t size() const override { return bytes_.size(); }
+  const std::string& name() const override { return name_; }
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    STGS_TRY(check_range(name_, size(), offset, out.size()));
+    const auto from = bytes_.subspan(static_cast<std::size_t>(offset), out.size());
+    std::copy(from.begin(), from.end(), out.begin());
+    return {};
+  }
+
+ private:
+  std::span<const std::uint8_t> bytes_;
+  std::string name_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::string& location,
+                                                std::uint64_t memory) {
   if (is_standard_input(location)) {
-    STGS_ASSIGN(const auto bytes, read_standard_input());
-    return memory_source({bytes.begin(), bytes.end()}, display_name(location));
+    STGS_ASSIGN(const auto bytes, read_standard_input(memory, kStandardInputAdvice));
+    return std::unique_ptr<ByteSource>(std::make_unique<ViewSource>(bytes, display_name(location)));
   }
   player::HttpSettings settings;
   settings.request_seconds = session.options.timeout;
@@ -27,12 +53,14 @@ Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::str
 
 Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& location,
                                                 const ReadLimits& limits) {
-  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_source(session, location));
+  STGS_ASSIGN(std::unique_ptr<ByteSource> source,
+              open_source(session, location, limits.max_memory));
   return SceneReader::open(std::move(source), limits);
 }
 
 Result<Scene> load_scene(Session& session, const std::string& location, const ReadLimits& limits) {
-  STGS_ASSIGN(std::unique_ptr<ByteSource> source, open_source(session, location));
+  STGS_ASSIGN(std::unique_ptr<ByteSource> source,
+              open_source(session, location, limits.max_memory));
   DamageReport damage;
   Result<Scene> scene = recover_scene(std::move(source), damage, limits);
   if (!scene.ok()) return scene;

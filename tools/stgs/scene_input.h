@@ -11,9 +11,11 @@
 
 namespace stgs::tools {
 
-// Opens a location for reading. SIGINT and SIGTERM cancel reads from a URL; failed attempts that
-// are retried are reported as warnings. The session must outlive the result.
-Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::string& location);
+// Opens a location for reading. Standard input is held in memory, `memory` bytes at most. SIGINT
+// and SIGTERM cancel reads from a URL; failed attempts that are retried are reported as warnings.
+// The session must outlive the result.
+Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::string& location,
+                                                std::uint64_t memory);
 // Opens a scene: reads its head, not its segments.
 Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& location,
                                                 const ReadLimits& limits = {});

@@ -7,15 +7,16 @@
 #include <algorithm>
 #include <cerrno>
 #include <climits>
-#include <vector>
+#include <cstdlib>
+#include <new>
+#include <optional>
 
 #include "session.h"
 
 namespace stgs::tools {
 namespace {
 
-constexpr std::size_t kBlock = std::size_t{1} << 20;     // bytes per read
-constexpr std::size_t kMaxBytes = std::size_t{4} << 30;  // held in memory
+constexpr std::size_t kBlock = std::size_t{1} << 20;  // bytes per read
 // A pipe that is ready takes this many bytes without waiting.
 constexpr std::size_t kPipeBlock = PIPE_BUF;
 
@@ -30,36 +31,61 @@ Status wait_for(int descriptor, short events, const char* name) {
   }
 }
 
-Status read_all(std::vector<std::uint8_t>& bytes) {
-  for (;;) {
-    STGS_TRY(wait_for(STDIN_FILENO, POLLIN, "standard input"));
-    const std::size_t size = bytes.size();
-    if (size > kMaxBytes) {
-      return unsupported("standard input: more than {} bytes; name a file", kMaxBytes);
+// The bytes of standard input. Grows by realloc(), which moves large blocks without a copy: a
+// second block of this size would exceed the limit.
+class InputBytes {
+ public:
+  InputBytes() = default;
+  ~InputBytes() { std::free(bytes_); }
+  InputBytes(const InputBytes&) = delete;
+  InputBytes& operator=(const InputBytes&) = delete;
+
+  std::span<const std::uint8_t> view() const { return {bytes_, size_}; }
+  // Reads to the end, or `max_bytes` and one more.
+  Status read_all(std::uint64_t max_bytes) {
+    while (size_ <= max_bytes) {
+      STGS_TRY(wait_for(STDIN_FILENO, POLLIN, "standard input"));
+      const std::uint64_t wanted = std::min<std::uint64_t>(kBlock, max_bytes + 1 - size_);
+      reserve(size_ + wanted);
+      const ssize_t got = ::read(STDIN_FILENO, bytes_ + size_, wanted);
+      if (got < 0 && errno != EINTR && errno != EAGAIN)
+        return io_error("standard input: cannot read: {}", system_message(errno));
+      if (got == 0) return {};
+      size_ += static_cast<std::size_t>(std::max<ssize_t>(got, 0));
     }
-    bytes.resize(size + kBlock);
-    const ssize_t got = ::read(STDIN_FILENO, bytes.data() + size, kBlock);
-    const bool is_repeated = got < 0 && (errno == EINTR || errno == EAGAIN);
-    bytes.resize(size + static_cast<std::size_t>(std::max<ssize_t>(got, 0)));
-    if (got < 0 && !is_repeated)
-      return io_error("standard input: cannot read: {}", system_message(errno));
-    if (got == 0) return {};
+    return {};
   }
-}
+
+ private:
+  void reserve(std::size_t size) {
+    if (size <= capacity_) return;
+    const std::size_t grown = size + size / 8;
+    void* const bytes = std::realloc(bytes_, grown);
+    if (bytes == nullptr) throw std::bad_alloc();
+    bytes_ = static_cast<std::uint8_t*>(bytes);
+    capacity_ = grown;
+  }
+
+  std::uint8_t* bytes_ = nullptr;
+  std::size_t size_ = 0, capacity_ = 0;
+};
 
 }  // namespace
 
-Result<std::span<const std::uint8_t>> read_standard_input() {
-  static std::vector<std::uint8_t> bytes;
-  static bool is_read = false;
+Result<std::span<const std::uint8_t>> read_standard_input(std::uint64_t max_bytes,
+                                                          const char* advice) {
+  static InputBytes bytes;
+  static std::optional<Status> is_read;  // whether that has worked
   if (!is_read) {
     if (::isatty(STDIN_FILENO) != 0) {
       return usage_error("standard input is a terminal; redirect a file to it, or name a file");
     }
-    STGS_TRY(read_all(bytes));
-    is_read = true;
+    is_read = bytes.read_all(max_bytes);
   }
-  return std::span<const std::uint8_t>(bytes);
+  if (!is_read->ok()) return *is_read;
+  if (bytes.view().size() <= max_bytes) return bytes.view();
+  return Status(StatusCode::kLimit,
+                fmt::format("standard input: more than {} bytes; {}", max_bytes, advice));
 }
 
 Status write_standard_output(std::span<const std::uint8_t> bytes) {

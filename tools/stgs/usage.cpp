@@ -7,10 +7,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <fstream>
 #include <regex>
 #include <string_view>
 
+#include "config_file.h"
 #include "options.h"
 
 namespace stgs::tools {
@@ -92,37 +92,21 @@ std::string config_file(const CLI::App& app) {
   return option->count() > 0 ? option->results().front() : "";
 }
 
-std::string trimmed(const std::string& text) {
-  const std::string_view blank = " \t\r";
-  const std::size_t begin = text.find_first_not_of(blank);
-  if (begin == std::string::npos) return {};
-  return text.substr(begin, text.find_last_not_of(blank) + 1 - begin);
-}
-
-// Returns the line of a TOML file that sets `key`, for example "render.size", from 1; 0: none does.
-int line_of(const std::string& file, const std::string& key) {
-  std::ifstream in(file);
-  std::string line, section;
-  for (int number = 1; std::getline(in, line); ++number) {
-    const std::string text = trimmed(line);
-    if (text.size() > 1 && text.front() == '[' && text.back() == ']') {
-      section = text.substr(1, text.size() - 2) + ".";
-    } else if (section + trimmed(text.substr(0, text.find('='))) == key) {
-      return number;
-    }
-  }
-  return 0;
+const ConfigFile& config_reader(const CLI::App& app) {
+  return dynamic_cast<const ConfigFile&>(*app.get_config_formatter());
 }
 
 // Returns "x.toml:3", for messages.
 std::string config_place(const CLI::App& app, const std::string& key) {
   const std::string file = config_file(app);
-  const int line = line_of(file, key);
+  const int line = config_reader(app).line_of(key);
   return line == 0 ? file : fmt::format("{}:{}", file, line);
 }
 
 // "INI was not able to parse render.bogus" and "none.toml was not readable (missing?)"
 std::string config_message(const CLI::App& app, const std::string& message) {
+  const std::string& problem = config_reader(app).problem();
+  if (!problem.empty()) return fmt::format("--config {}{}", config_file(app), problem);
   const std::string_view unparsed = "INI was not able to parse ";
   if (message.rfind(unparsed, 0) != 0)
     return fmt::format("--config {}: cannot read the file", config_file(app));
@@ -139,7 +123,7 @@ std::string with_config_place(const CLI::App& app, const CLI::App& verb,
   const std::string option = message.substr(0, message.find(':'));
   if (config_file(app).empty() || option.rfind("--", 0) != 0) return message;
   const std::string key = fmt::format("{}.{}", verb.get_name(), option.substr(2));
-  const bool is_from_file = line_of(config_file(app), key) != 0;
+  const bool is_from_file = config_reader(app).line_of(key) != 0;
   return is_from_file ? fmt::format("--config {}: {}", config_place(app, key), message) : message;
 }
 

@@ -3,11 +3,12 @@
 
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <span>
 #include <string_view>
+#include <system_error>
 
 #include "stgs/format/byte_source.h"
 #include "stgs/format/json_text.h"
-#include "stgs/format/output_file.h"
 #include "train/log_writer.h"
 
 namespace stgs::encoder {
@@ -52,6 +53,10 @@ void add_line(const Json& json, TrainingLog& log) {
        json.at("primitives").get<std::uint64_t>(), json.at("visible").get<std::uint64_t>()});
 }
 
+std::span<const std::uint8_t> bytes_of(const std::string& text) {
+  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
+}
+
 Result<std::string> read_text(const std::string& path) {
   STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(path));
   std::vector<std::uint8_t> bytes(source->size());
@@ -86,31 +91,31 @@ Result<TrainingLog> read_training_log(const std::string& path) {
 }
 
 Status LogWriter::open(const std::string& path, std::uint64_t resumed) {
-  path_ = path;
   std::string retained;
-  if (resumed > 0 && std::filesystem::exists(path)) {
+  std::error_code none;
+  if (resumed > 0 && std::filesystem::is_regular_file(path, none)) {
     STGS_ASSIGN(const std::string text, read_text(path));
     STGS_TRY(for_each_line(path, text, [&](const Json& json, std::string_view line) {
       if (json.at("iteration").get<std::uint64_t>() <= resumed) retained += line;
     }));
   }
-  STGS_TRY(write_file_atomically(
-      path, {reinterpret_cast<const std::uint8_t*>(retained.data()), retained.size()}));
-  file_.open(path, std::ios::app);
-  return check();
+  STGS_TRY(file_.open(path));
+  STGS_TRY(file_.write(bytes_of(retained)));
+  STGS_TRY(file_.publish());
+  is_open_ = true;
+  return {};
 }
 
 void LogWriter::write(const LoggedStep& step) {
-  if (is_open()) file_ << to_json(step).dump() << '\n' << std::flush;
+  write_line(to_json(step).dump() + '\n');
 }
 
 void LogWriter::write(const LoggedEvaluation& evaluation) {
-  if (is_open()) file_ << to_json(evaluation).dump() << '\n' << std::flush;
+  write_line(to_json(evaluation).dump() + '\n');
 }
 
-Status LogWriter::check() const {
-  if (file_.good()) return {};
-  return io_error("{}: cannot write the training log", path_);
+void LogWriter::write_line(const std::string& line) {
+  if (is_open_ && status_.ok()) status_ = file_.write(bytes_of(line));
 }
 
 }  // namespace stgs::encoder

@@ -262,10 +262,6 @@ void write_layouts(const LayoutSet& set, ByteWriter& out) {  // spec 6.1
   }
 }
 
-namespace {
-
-// Makes the lookups of the tables that planes refer to. They cost far more than the bytes of a
-// table.
 void make_lookups(LayoutSet& set) {
   std::vector<bool> is_used(set.tables.size());
   std::size_t count = 0;
@@ -284,8 +280,9 @@ void make_lookups(LayoutSet& set) {
   }
 }
 
-bool read_set(ByteReader& in, std::uint64_t offset, std::size_t max_tables, std::size_t max_layouts,
-              std::uint64_t memory, LayoutSet& set, Findings& findings) {
+bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
+                   std::size_t max_layouts, std::uint64_t memory, LayoutSet& set,
+                   Findings& findings) {
   const std::size_t tables = in.u16();
   if (tables > max_tables) {
     findings.error(N::kLayouts, offset, "layouts: too many tables (expected at most {}, got {})",
@@ -300,14 +297,19 @@ bool read_set(ByteReader& in, std::uint64_t offset, std::size_t max_tables, std:
         tables * kTableMemory, tables, memory);
     return false;
   }
+  // A table takes a byte at least.
+  set.tables.reserve(std::min(tables, in.left()));
+  set.only.reserve(std::min(tables, in.left()));
   for (std::size_t i = 0; i < tables; ++i) {
-    auto table = read_rans_table(in);
-    if (!table.ok()) {
-      findings.error(N::kLayouts, offset, "layouts: {}", table.status().message());
+    const std::size_t begin = in.position();
+    std::int16_t only = -1;
+    if (!read_rans_table(in, set.tables.emplace_back(), only)) {
+      set.tables.pop_back();
+      findings.error(N::kLayouts, offset, "layouts: invalid table of symbol frequencies at byte {}",
+                     begin);
       return false;
     }
-    set.only.push_back(only_symbol(*table));
-    set.tables.push_back(*table);
+    set.only.push_back(only);
   }
   const std::size_t layouts = in.u16();
   if (layouts > max_layouts) {
@@ -331,16 +333,6 @@ bool read_set(ByteReader& in, std::uint64_t offset, std::size_t max_tables, std:
     return false;
   }
   return set.layouts.size() == layouts;
-}
-
-}  // namespace
-
-bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
-                   std::size_t max_layouts, std::uint64_t memory, LayoutSet& set,
-                   Findings& findings) {
-  const bool read = read_set(in, offset, max_tables, max_layouts, memory, set, findings);
-  make_lookups(set);  // also after an error: the validator continues with the layouts before it
-  return read;
 }
 
 }  // namespace stgs

@@ -52,7 +52,7 @@ struct Layout {
 struct LayoutSet {
   std::vector<RansTable> tables;
   std::vector<Layout> layouts;
-  // By table: its only symbol, or -1; and its lookup, set by parse_layouts() if a plane refers to
+  // By table: its only symbol, or -1; and its lookup, set by make_lookups() if a plane refers to
   // it and it has several. There are none beyond the last table that a plane refers to.
   std::vector<std::int16_t> only;
   std::vector<RansLookup> lookups;
@@ -70,5 +70,8 @@ void write_layouts(const LayoutSet& set, ByteWriter& out);
 bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
                    std::size_t max_layouts, std::uint64_t memory, LayoutSet& set,
                    Findings& findings);
+// Makes the lookups of the tables that planes refer to. They cost far more than the bytes of a
+// table, so check the layouts first.
+void make_lookups(LayoutSet& set);
 
 }  // namespace stgs

@@ -39,6 +39,9 @@ double rans_cost(const RansTable& table, std::span<const std::uint32_t, 256> cou
 void write_rans_table(const RansTable& table, ByteWriter& out);
 // Reads a table; kInvalidFile if the bytes are not a table.
 Result<RansTable> read_rans_table(ByteReader& in);
+// Reads a table into `table`, all of whose frequencies are 0. Sets `only` to its symbol if it has a
+// single one, else to -1. Returns false if the bytes are not a table.
+bool read_rans_table(ByteReader& in, RansTable& table, std::int16_t& only);
 
 // Fills the lookup of a table, which must add up to 4096.
 void rans_lookup(const RansTable& table, RansLookup& lookup);

@@ -114,17 +114,11 @@ class BitWriter {
 class BitReader {
  public:
   explicit BitReader(ByteReader& in) : in_(in) {}
-  std::uint32_t get(int bits) {
-    std::uint32_t value = 0;
-    for (int i = 0; i < bits; ++i) {
-      if (left_ == 0) {
-        byte_ = in_.u8();
-        left_ = 8;
-      }
-      value |= (byte_ & 1u) << i;
-      byte_ >>= 1;
-      --left_;
-    }
+  std::uint32_t get(int bits) {  // 0 to 24
+    for (; left_ < bits; left_ += 8) ahead_ |= std::uint32_t{in_.u8()} << left_;
+    const std::uint32_t value = ahead_ & ((1u << bits) - 1);
+    ahead_ >>= bits;
+    left_ -= bits;
     return value;
   }
   // Returns a value below 4096, or 4096 if the code exceeds it.
@@ -135,11 +129,11 @@ class BitReader {
     }
     return std::min(kRansTotal, get(low) + (1u << low) - (1u << k));
   }
-  bool rest_is_zero() const { return byte_ == 0; }
+  bool rest_is_zero() const { return ahead_ == 0; }
 
  private:
   ByteReader& in_;
-  std::uint32_t byte_ = 0;
+  std::uint32_t ahead_ = 0;  // of the last byte
   int left_ = 0;
 };
 
@@ -205,19 +199,15 @@ void write_rans_table(const RansTable& table, ByteWriter& out) {
   bits.flush();
 }
 
-Result<RansTable> read_rans_table(ByteReader& in) {
-  RansTable table;
-  const std::size_t begin = in.position(), last = in.u8();
-  const auto damaged = [&] {
-    return invalid_file("invalid table of symbol frequencies at byte {}", begin);
-  };
+bool read_rans_table(ByteReader& in, RansTable& table, std::int16_t& only) {
+  const std::size_t last = in.u8();
   BitReader bits(in);
   int order = kFirstOrder;
   bool after_zeros = false;
   std::uint32_t left = kRansTotal;
   for (std::size_t s = 0; s < last; ++s) {
     const std::uint32_t f = bits.get_golomb(order) + (after_zeros ? 1u : 0u);
-    if (f >= left) return damaged();  // the last symbol needs at least one slot
+    if (f >= left) return false;  // the last symbol needs at least one slot
     table.frequency[s] = static_cast<std::uint16_t>(f);
     left -= f;
     after_zeros = f == 0;
@@ -226,12 +216,21 @@ Result<RansTable> read_rans_table(ByteReader& in) {
       continue;
     }
     const std::uint32_t more = bits.get_golomb(0);
-    if (more >= last - s) return damaged();
+    if (more >= last - s) return false;
     s += more;
   }
-  if (!in.ok() || !bits.rest_is_zero()) return damaged();
+  if (!in.ok() || !bits.rest_is_zero()) return false;
   table.frequency[last] = static_cast<std::uint16_t>(left);
-  return table;
+  only = left == kRansTotal ? static_cast<std::int16_t>(last) : std::int16_t{-1};
+  return true;
+}
+
+Result<RansTable> read_rans_table(ByteReader& in) {
+  const std::size_t begin = in.position();
+  RansTable table;
+  std::int16_t only = -1;
+  if (read_rans_table(in, table, only)) return table;
+  return invalid_file("invalid table of symbol frequencies at byte {}", begin);
 }
 
 void rans_lookup(const RansTable& table, RansLookup& lookup) {

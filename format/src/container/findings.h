@@ -84,6 +84,13 @@ class Findings {
  public:
   // At most this many errors are listed, and as many warnings.
   static constexpr std::size_t kMaxListed = 5000;
+  // Whether errors of the file are described and listed. A search that tries many places of a file
+  // only asks whether there are any: a text costs far more than the bytes that it is about.
+  enum class Texts { kAll, kNone };
+
+  Findings() = default;
+  explicit Findings(Texts texts) : texts_(texts) {}
+  Texts texts() const { return texts_; }
 
   template <typename... Args>
   void error(IssueNumber number, std::uint64_t offset, fmt::format_string<Args...> text,
@@ -126,6 +133,8 @@ class Findings {
   }
 
   bool ok() const { return status_.ok(); }
+  // Returns the code of status().
+  StatusCode code() const { return status_.code(); }
   // Returns the first error with the file's name, byte offset and number, or success.
   Status status(const std::string& file) const {
     if (ok() || status_.message().starts_with(file + ": ")) return status_;  // a failed read
@@ -159,6 +168,10 @@ class Findings {
   }
   template <typename Text>
   void fail(IssueNumber number, StatusCode code, std::uint64_t offset, const Text& text) {
+    if (texts_ == Texts::kNone && code == StatusCode::kInvalidFile) {
+      if (ok()) status_ = {code, {}};
+      return;
+    }
     if (ok()) {
       status_ = {code,
                  fmt::format("{} (byte {}, issue {})", text(), offset, static_cast<int>(number))};
@@ -172,6 +185,7 @@ class Findings {
     }
   }
 
+  Texts texts_ = Texts::kAll;
   Status status_;
   std::vector<Issue> issues_;
   std::size_t listed_[2] = {0, 0};  // warnings, errors

@@ -23,7 +23,7 @@ bool is_fragment(const RecordHeader& header) {
 // Returns whether a FRAG record with an intact header begins here and fits the `left` bytes of the
 // file.
 bool looks_like_one(std::span<const std::uint8_t> bytes, std::uint64_t left, RecordHeader& header) {
-  Findings ignored;
+  Findings ignored(Findings::Texts::kNone);
   return bytes.size() >= kRecordHeaderBytes && ByteReader(bytes).u32() == kFragmentTag &&
          parse_record_header(bytes, 0, left, header, ignored);
 }
@@ -124,7 +124,15 @@ Result<FragmentFinder::Found> FragmentFinder::read(std::uint64_t offset, const R
   }
   std::vector<std::uint8_t> bytes(record.length);
   STGS_TRY(source_.read(offset + kRecordHeaderBytes, bytes));
-  Findings found;
+  return check(offset, record, bytes, why);
+}
+
+// Returns the record of tag FRAG at `offset`, given its payload.
+Result<FragmentFinder::Found> FragmentFinder::check(std::uint64_t offset,
+                                                    const RecordHeader& record,
+                                                    std::span<const std::uint8_t> bytes,
+                                                    Findings& why) {
+  Findings found(why.texts());
   const bool is_intact = check_payload(record, bytes, offset + kRecordHeaderBytes, found);
   is_foreign_ = is_intact && ByteReader(bytes).u64() != offset;
   if (!is_fragment(record)) {
@@ -137,8 +145,7 @@ Result<FragmentFinder::Found> FragmentFinder::read(std::uint64_t offset, const R
   fragment.end = offset + kRecordHeaderBytes + record.length;
   fragment.checksum = record.checksum;
   if (is_intact && parse(bytes, fragment, found)) return Found(std::move(fragment));
-  Status status = found.status(source_.name());
-  if (status.code() == StatusCode::kUnsupported) return status;
+  if (found.code() == StatusCode::kUnsupported) return found.status(source_.name());
   why.append(std::move(found));
   return Found();
 }
@@ -199,7 +206,9 @@ Result<FragmentSearch::Found> FragmentFinder::search(std::uint64_t low, std::uin
       RecordHeader record;
       if (!looks_like_one(std::span(bytes).subspan(begin - first), source_.size() - begin, record))
         continue;
-      STGS_ASSIGN(const FragmentSearch::Found found, examine(begin, record));
+      const auto after = std::span<const std::uint8_t>(bytes).subspan(begin - first);
+      STGS_ASSIGN(const FragmentSearch::Found found,
+                  examine(begin, record, after.subspan(kRecordHeaderBytes)));
       if (found.offset != 0 || search_.has_ended) return found;
     }
     high = first;
@@ -208,11 +217,16 @@ Result<FragmentSearch::Found> FragmentFinder::search(std::uint64_t low, std::uin
   return FragmentSearch::Found();
 }
 
-// Returns the record at `offset` if it is valid.
+// Returns the record at `offset` if it is valid. `after`: bytes after its header, as far as they
+// have been read.
 Result<FragmentSearch::Found> FragmentFinder::examine(std::uint64_t offset,
-                                                      const RecordHeader& record) {
-  Findings ignored;
-  STGS_ASSIGN(recent_, read(offset, record, ignored));
+                                                      const RecordHeader& record,
+                                                      std::span<const std::uint8_t> after) {
+  Findings ignored(Findings::Texts::kNone);
+  const bool is_read =
+      record.length <= std::min<std::uint64_t>(after.size(), head_.limits.max_memory);
+  STGS_ASSIGN(recent_, is_read ? check(offset, record, after.first(record.length), ignored)
+                               : read(offset, record, ignored));
   if (recent_) return FragmentSearch::Found{offset, recent_->end, recent_->frames};
   search_.in_vain += record.length;
   if (!search_.has_last && !is_foreign_) search_.damaged = offset;

@@ -37,17 +37,15 @@ bool add_last(FragmentRecord& fragment, FileHead& head, Findings& findings) {
   const std::uint64_t bytes = fragment.end - fragment.offset;
   head.walk.followed.insert(fragment.offset);
   const IndexWalk::Links::const_iterator next = head.walk.pending.begin();
+  const TickRange needed = needed_of(fragment.node);
   if (!take_node(fragment.offset, bytes - kRecordHeaderBytes, head, findings) ||
-      !add_node(fragment.node, fragment.offset, 0, next, head, findings) ||
+      !add_node(std::move(fragment.node), fragment.offset, 0, next, head, findings) ||
       !add_earlier(fragment, 1, next, head, findings)) {
     return false;
   }
-  head.last_fragment = LastFragment{fragment.offset,
-                                    bytes,
-                                    fragment.checksum,
-                                    fragment.frames,
-                                    std::move(fragment.earlier),
-                                    needed_of(fragment.node)};
+  head.last_fragment = LastFragment{
+      fragment.offset, bytes, fragment.checksum, fragment.frames, std::move(fragment.earlier),
+      needed};
   return true;
 }
 

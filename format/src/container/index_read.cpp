@@ -129,10 +129,35 @@ class NodeReader {
     part.number = static_cast<std::uint32_t>(number);
     keys_ = {};
     last_.reset();
+    run.segments.reserve(std::min(count_tiers(segments), allowed_tiers()));
     for (std::uint64_t s = 0; s < segments; ++s) {
       if (!read_segment(run)) return false;
     }
     return true;
+  }
+
+  // Returns the number of tiers of the next segments, as far as they are complete: at most one for
+  // two bytes.
+  std::uint64_t count_tiers(std::uint64_t segments) const {
+    ByteReader in = in_;
+    std::uint64_t tiers = 0;
+    for (std::uint64_t s = 0; s < segments && in.ok(); ++s) {
+      in.skip_varints(1);
+      const std::uint64_t shape = in.varint(), own = shape >> 2;
+      if (own > kMaxTiers) break;
+      in.skip_varints((shape & kSeparateSh) != 0 ? 3 * own : 2 * own);
+      const std::uint64_t further = (shape & kHasFurther) != 0 ? in.varint() : 0;
+      if (further > in.left()) break;
+      in.skip_varints(2 * further);
+      tiers += in.ok() ? own : 0;
+    }
+    return tiers;
+  }
+
+  // Returns the number of tiers within the limit on opening, and one more.
+  std::uint64_t allowed_tiers() const {
+    const std::uint64_t limit = opening_limit(head_);
+    return (limit - std::min(limit, opened_bytes(head_) + opening_)) / kOpeningTier + 1;
   }
 
   // Reads the payload length of the next record and sets its range.
@@ -295,7 +320,7 @@ bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset, Fi
                            head.header.file_bytes};
   IndexNode root;
   return parse_node(in, place, head, root, findings) &&
-         add_node(root, 0, 0, head.walk.pending.end(), head, findings);
+         add_node(std::move(root), 0, 0, head.walk.pending.end(), head, findings);
 }
 
 }  // namespace stgs

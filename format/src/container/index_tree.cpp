@@ -44,6 +44,26 @@ void make_room(std::size_t more, std::vector<SegmentEntry>& segments) {
   if (size > segments.capacity()) segments.reserve(std::max(size, segments.size() * 3 / 2));
 }
 
+// Adds the segments of a run.
+void add_run(IndexRun run, FileHead& head) {
+  const std::uint32_t part = take_part(run.part, head), first = head.walk.segments;
+  if (part != 0 || first != 0) {
+    for (SegmentEntry& segment : run.segments) {
+      segment.part = part;
+      segment.number += first;
+    }
+  }
+  std::vector<SegmentEntry>& segments = head.index.segments;
+  if (segments.capacity() == 0) {  // the only run so far
+    segments = std::move(run.segments);
+  } else {
+    segments.insert(segments.end(), run.segments.begin(), run.segments.end());
+  }
+  for (const FurtherEntry& further : run.further)
+    head.index.further.push_back({further.entry, part, first + further.number});
+  head.walk.segments += run.count;
+}
+
 // Returns whether a record lies within the bytes that are there.
 bool is_complete(std::uint64_t at, std::uint64_t bytes, const FileHead& head) {
   return at <= head.available_bytes && bytes <= head.available_bytes - at;
@@ -63,21 +83,31 @@ bool take_complete(std::uint64_t at, std::uint64_t payload, FileHead& head, Find
   return fits(head.walk.complete_bytes, "nodes", at, head, findings);
 }
 
-// Counts the payloads of records that a node lists (conformance 1.5).
-bool take_records(const IndexNode& node, std::uint64_t at, FileHead& head, Findings& findings) {
-  std::uint64_t& sum = head.walk.record_bytes;
+// Counts the entries of a node, their primitives and the payloads of their records (conformance
+// 1.5).
+bool take_content(const IndexNode& node, std::uint64_t at, FileHead& head, Findings& findings) {
+  std::uint64_t entries = node.links.size(), bytes = head.walk.record_bytes;
   const auto take = [&](const IndexEntry& entry) {
     if (entry.bytes > 0 && is_complete(entry.offset, entry.bytes, head))
-      sum += entry.bytes - kRecordHeaderBytes;
+      bytes += entry.bytes - kRecordHeaderBytes;
   };
   for (const IndexRun& run : node.runs) {
+    entries += run.count + run.segments.size() + run.further.size();
     for (const SegmentEntry& segment : run.segments) {
+      head.listed_primitives += segment.base.primitives;
       take(segment.base);
       take(segment.sh);
     }
     for (const FurtherEntry& further : run.further) take(further.entry);
   }
-  return fits(sum, "records", at, head, findings);
+  head.walk.record_bytes = bytes;
+  head.walk.opening_bytes += opening_bytes(node);
+  if (!take_entries(entries, at, head, findings)) return false;
+  if (head.listed_primitives <= head.limits.max_primitives)
+    return fits(bytes, "records", at, head, findings);
+  findings.unsupported(N::kPrimitiveLimit, at, "index: {} primitives exceed the limit of {}",
+                       head.listed_primitives, head.limits.max_primitives);
+  return false;
 }
 
 // Loads nodes beyond the root.
@@ -191,7 +221,7 @@ class Loader {
     }
     if (is_fatal(ignored)) return findings_.append(std::move(ignored)), false;
     if (is_fatal(why)) return findings_.append(std::move(why)), false;
-    if (why.ok()) return add_node(node, link.offset, depth, next_, head_, findings_);
+    if (why.ok()) return add_node(std::move(node), link.offset, depth, next_, head_, findings_);
     const Issue reason = why.take().front();
     lose(link, lost_by(link), static_cast<N>(reason.number), reason.message);
     return true;
@@ -233,9 +263,11 @@ class Loader {
 
   bool follow_fragment(const NodeLink& link, int depth) {
     Findings why;
-    const auto record = fragments_.at(link.offset, link.bytes, why);
+    auto record = fragments_.at(link.offset, link.bytes, why);
     if (!record.ok()) return failed_search(link, record.status());
-    if (*record) return add_node((*record)->node, link.offset, depth, next_, head_, findings_);
+    if (*record) {
+      return add_node(std::move((*record)->node), link.offset, depth, next_, head_, findings_);
+    }
     const auto before = fragments_.last_before(link.offset);
     if (!before.ok()) return failed_search(link, before.status());
     LostFragment lost{link.needed, head_.header.head_bytes, 0};
@@ -259,16 +291,16 @@ class Loader {
     const bool is_new = head_.walk.followed.insert(offset).second;
     if (!is_new && head_.walk.used_earlier.count(offset) != 0) return true;
     Findings why;
-    const auto record = fragments_.at(offset, {}, why);
+    auto record = fragments_.at(offset, {}, why);
     if (!record.ok()) return failed_search(link, record.status());
     if (!*record) {  // the source changes while it is read
       findings_.append(std::move(why));
       return false;
     }
-    const FragmentRecord& fragment = **record;
+    FragmentRecord& fragment = **record;
     const std::uint64_t payload = fragment.end - offset - kRecordHeaderBytes;
     if (is_new && (!take_node(offset, payload, head_, findings_) ||
-                   !add_node(fragment.node, offset, depth, next_, head_, findings_))) {
+                   !add_node(std::move(fragment.node), offset, depth, next_, head_, findings_))) {
       return false;
     }
     return add_earlier(fragment, depth + 1, next_, head_, findings_);
@@ -308,33 +340,20 @@ bool add_earlier(const FragmentRecord& fragment, int depth, Position next, FileH
   return take_entries(fragment.earlier.size(), fragment.offset, head, findings);
 }
 
-bool add_node(const IndexNode& node, std::uint64_t record, int depth, Position next, FileHead& head,
+bool add_node(IndexNode node, std::uint64_t record, int depth, Position next, FileHead& head,
               Findings& findings) {
   add_links(node.links, depth + 1, next, head);
-  std::uint64_t entries = node.links.size();
-  for (const IndexRun& run : node.runs) {
-    const std::uint32_t part = take_part(run.part, head), first = head.walk.segments;
-    make_room(run.segments.size(), head.index.segments);
-    for (const SegmentEntry& segment : run.segments) {
-      head.listed_primitives += segment.base.primitives;
-      head.index.segments.push_back({segment.base, segment.sh, part, first + segment.number});
-    }
-    for (const FurtherEntry& further : run.further) {
-      head.index.further.push_back({further.entry, part, first + further.number});
-    }
-    head.walk.segments += run.count;
-    entries += run.count + run.segments.size() + run.further.size();
+  if (!take_content(node, record, head, findings)) return false;
+  const TickRange needed =
+      head.walk.keeps_nodes ? needed_in(node.runs, head.metadata.scene.frames) : TickRange{};
+  if (node.runs.size() > 1 || !head.index.segments.empty()) {
+    std::size_t tiers = 0;
+    for (const IndexRun& run : node.runs) tiers += run.segments.size();
+    make_room(tiers, head.index.segments);
   }
-  if (head.walk.keeps_nodes) {
-    head.walk.nodes[record] = {node.links, needed_in(node.runs, head.metadata.scene.frames)};
-  }
-  head.walk.opening_bytes += opening_bytes(node);
-  if (!take_entries(entries, record, head, findings)) return false;
-  if (head.listed_primitives <= head.limits.max_primitives)
-    return take_records(node, record, head, findings);
-  findings.unsupported(N::kPrimitiveLimit, record, "index: {} primitives exceed the limit of {}",
-                       head.listed_primitives, head.limits.max_primitives);
-  return false;
+  for (IndexRun& run : node.runs) add_run(std::move(run), head);
+  if (head.walk.keeps_nodes) head.walk.nodes[record] = {std::move(node.links), needed};
+  return true;
 }
 
 bool load_index(const ByteSource& source, double t0, double t1, FileHead& head,

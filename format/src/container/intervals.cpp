@@ -1,16 +1,73 @@
 // SPDX-License-Identifier: Apache-2.0
 // Times of segments and parts (spec 5.3, 5.4), and the order of an index.
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <utility>
 
 #include "container/container.h"
 
 namespace stgs {
+namespace {
+
+// Returns 2^exponent, for exponents of normal numbers.
+double power_of_two(int exponent) {
+  return std::bit_cast<double>(static_cast<std::uint64_t>(1023 + exponent) << 52);
+}
+
+// Returns the beginnings of the ranges of items that are sorted by a key, and the end of the last.
+template <typename Item, typename KeyOf>
+std::vector<std::size_t> sorted_ranges(const std::vector<Item>& items, const KeyOf& key_of) {
+  std::vector<std::size_t> ranges = {0};
+  for (std::size_t i = 1; i < items.size(); ++i) {
+    if (key_of(items[i]) < key_of(items[i - 1])) ranges.push_back(i);
+  }
+  ranges.push_back(items.size());
+  return ranges;
+}
+
+// Returns the numbers of ranges, with the keys of their first items, in the order of both.
+template <typename Item, typename KeyOf>
+auto order_of(const std::vector<Item>& items, const std::vector<std::size_t>& ranges,
+              const KeyOf& key_of) {
+  std::vector<std::pair<decltype(key_of(items[0])), std::size_t>> order;
+  order.reserve(ranges.size() - 1);
+  for (std::size_t r = 0; r + 1 < ranges.size(); ++r)
+    order.emplace_back(key_of(items[ranges[r]]), r);
+  std::sort(order.begin(), order.end());
+  return order;
+}
+
+// Sorts items by a key. Equal ones stay in their order. Items of an index are usually sorted, or
+// consist of sorted ranges that do not overlap: then only the ranges are sorted.
+template <typename Item, typename KeyOf>
+void sort_by(std::vector<Item>& items, const KeyOf& key_of) {
+  std::vector<std::size_t> ranges = sorted_ranges(items, key_of);
+  if (ranges.size() == 2) return;
+  auto order = order_of(items, ranges, key_of);
+  const auto overlap = [&](const auto& a, const auto& b) {
+    return b < std::pair(key_of(items[ranges[a.second + 1] - 1]), a.second);
+  };
+  if (std::adjacent_find(order.begin(), order.end(), overlap) != order.end()) {
+    ranges.resize(items.size() + 1);
+    std::iota(ranges.begin(), ranges.end(), std::size_t{0});
+    order = order_of(items, ranges, key_of);
+  }
+  std::vector<Item> sorted;
+  sorted.reserve(items.size());
+  for (const auto& [key, r] : order) {
+    sorted.insert(sorted.end(), items.begin() + static_cast<std::ptrdiff_t>(ranges[r]),
+                  items.begin() + static_cast<std::ptrdiff_t>(ranges[r + 1]));
+  }
+  items = std::move(sorted);
+}
+
+}  // namespace
 
 double begin_of(int level, std::uint32_t slot, double chunk_ticks) {
-  return level < 0 ? 0.0 : slot * std::ldexp(chunk_ticks, level - 1);
+  return level < 0 ? 0.0 : slot * (chunk_ticks * power_of_two(level - 1));
 }
 
 bool is_chunk(double ticks) {
@@ -35,7 +92,7 @@ bool is_valid_part(const PartEntry& part) {
 TickRange interval_of(int level, std::uint32_t slot, double chunk_ticks, double length) {
   if (level < 0) return {0.0, length};
   const double begin = begin_of(level, slot, chunk_ticks);
-  return {begin, std::min(begin + std::ldexp(chunk_ticks, level), length)};
+  return {begin, std::min(begin + chunk_ticks * power_of_two(level), length)};
 }
 
 TickRange interval_of(const FileHead& head, const IndexEntry& entry, std::uint32_t part) {
@@ -109,17 +166,42 @@ TickRange needed_of(const IndexNode& node) {
 
 std::vector<IndexEntry*> records_of(FileIndex& index) {
   std::vector<IndexEntry*> records;
+  records.reserve(index.segments.size() + index.further.size());
   for (SegmentEntry& segment : index.segments) {
     records.push_back(&segment.base);
     if (segment.sh.bytes > 0) records.push_back(&segment.sh);
   }
   for (FurtherEntry& further : index.further) records.push_back(&further.entry);
-  std::sort(records.begin(), records.end(),
-            [](const IndexEntry* a, const IndexEntry* b) { return a->offset < b->offset; });
+  sort_by(records, [](const IndexEntry* record) { return record->offset; });
   return records;
 }
 
+namespace {
+
+// Returns whether the segments are sorted by part and offset, and their parts by number, as a
+// writer leaves them.
+bool is_in_order(const FileIndex& index) {
+  if (!index.further.empty()) return false;
+  std::uint32_t part = 0;
+  std::uint64_t first = 0, last = 0;  // offsets in that part
+  for (const SegmentEntry& segment : index.segments) {
+    const std::uint64_t offset = segment.base.offset;
+    if (segment.part != part) {
+      if (segment.part != part + 1 || offset < first) return false;
+      part = segment.part;
+      first = offset;
+    } else if (offset < last) {
+      return false;
+    }
+    last = offset;
+  }
+  return true;
+}
+
+}  // namespace
+
 void sort_index(std::vector<PartEntry>& parts, FileIndex& index) {
+  if (is_in_order(index)) return;
   std::vector<std::uint64_t> first(parts.size(), std::numeric_limits<std::uint64_t>::max());
   const auto note = [&first](std::uint32_t part, const IndexEntry& entry) {
     first[part] = std::min(first[part], entry.offset);
@@ -136,14 +218,10 @@ void sort_index(std::vector<PartEntry>& parts, FileIndex& index) {
     sorted.push_back(parts[part]);
   }
   parts = std::move(sorted);
-  const auto sort = [&number](auto& entries, const auto& offset_of) {
-    for (auto& entry : entries) entry.part = number[entry.part];
-    std::stable_sort(entries.begin(), entries.end(), [&offset_of](const auto& a, const auto& b) {
-      return a.part != b.part ? a.part < b.part : offset_of(a) < offset_of(b);
-    });
-  };
-  sort(index.segments, [](const SegmentEntry& e) { return e.base.offset; });
-  sort(index.further, [](const FurtherEntry& e) { return e.entry.offset; });
+  for (SegmentEntry& segment : index.segments) segment.part = number[segment.part];
+  for (FurtherEntry& further : index.further) further.part = number[further.part];
+  sort_by(index.segments, [](const SegmentEntry& e) { return std::pair(e.part, e.base.offset); });
+  sort_by(index.further, [](const FurtherEntry& e) { return std::pair(e.part, e.entry.offset); });
 }
 
 }  // namespace stgs

@@ -38,7 +38,7 @@ bool parse_links(ByteReader& in, const NodePlace& place, const FileHead& head,
 // Adds the segments of a node that `depth` links lead to, and its links as pending ones before
 // `next`. `record`: offset of its record; 0 for INDX. Returns false if the caller's limits are
 // exceeded.
-bool add_node(const IndexNode& node, std::uint64_t record, int depth,
+bool add_node(IndexNode node, std::uint64_t record, int depth,
               IndexWalk::Links::const_iterator next, FileHead& head, Findings& findings);
 // Counts the bytes of a node at `at` (conformance 1.5). Returns false if the caller's limits are
 // exceeded.
@@ -88,11 +88,14 @@ class FragmentFinder {
 
  private:
   Result<Found> read(std::uint64_t offset, const RecordHeader& record, Findings& why);
+  Result<Found> check(std::uint64_t offset, const RecordHeader& record,
+                      std::span<const std::uint8_t> bytes, Findings& why);
   bool parse(std::span<const std::uint8_t> payload, FragmentRecord& fragment,
              Findings& findings) const;
   Status check_own_offset(std::uint64_t offset);
   Result<FragmentSearch::Found> search(std::uint64_t low, std::uint64_t high);
-  Result<FragmentSearch::Found> examine(std::uint64_t offset, const RecordHeader& record);
+  Result<FragmentSearch::Found> examine(std::uint64_t offset, const RecordHeader& record,
+                                        std::span<const std::uint8_t> after);
 
   const ByteSource& source_;
   const FileHead& head_;

@@ -55,7 +55,7 @@ Result<std::optional<RecordHeader>> complete_record_at(const ByteSource& source,
   if (offset > end || end - offset < kRecordHeaderBytes) return none;
   std::vector<std::uint8_t> bytes(kRecordHeaderBytes);
   STGS_TRY(source.read(offset, bytes));
-  Findings ignored;
+  Findings ignored(Findings::Texts::kNone);
   RecordHeader header;
   if (!parse_record_header(bytes, offset, end, header, ignored)) return none;
   return std::optional(header);

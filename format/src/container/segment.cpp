@@ -208,6 +208,7 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
     return false;
   }
   if (read_units(in, layout, head.metadata.sh_degree, expected.primitives, record)) {
+    if (record.has_own) make_lookups(record.own);
     return take_memory(plane_memory(record, record.set(*head.layouts), expected.primitives), head,
                        ordinal, record.payload_at, memory, findings);
   }

@@ -3,34 +3,44 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <utility>
 
 namespace stgs {
 
+// Calls visit(groups[power], entry) for each entry; `power`: of two, of its length.
+template <typename Of, typename Visit>
+void SegmentTimes::for_each_entry(const std::vector<SegmentInfo>& segments,
+                                  std::map<int, Of>& groups, const Visit& visit) {
+  Of* group = nullptr;
+  double last = 0;  // length
+  for (std::uint32_t i = 0; i < segments.size();) {
+    const SegmentInfo& segment = segments[i];
+    Entry entry{segment.begin_ticks, segment.end_ticks, i, 1, segment.needed_at_end};
+    for (++i; i < segments.size() && entry.takes(segments[i]); ++i) ++entry.count;
+    if (!segment.is_needed()) continue;
+    const double length = entry.end - entry.begin;
+    // Segments that follow each other often have the same length.
+    if (group == nullptr || length != last) group = &groups[std::ilogb(length)];
+    last = length;
+    visit(*group, entry);
+  }
+}
+
 SegmentTimes::SegmentTimes(const std::vector<SegmentInfo>& segments, double frames)
     : frames_(frames) {
-  // By the power of two of their length.
-  const auto power_of = [](const SegmentInfo& segment) {
-    return std::ilogb(segment.end_ticks - segment.begin_ticks);
-  };
   std::map<int, std::size_t> counts;
-  for (const SegmentInfo& segment : segments) {
-    if (segment.is_needed()) ++counts[power_of(segment)];
-  }
+  for_each_entry(segments, counts, [](std::size_t& count, const Entry&) { ++count; });
   std::map<int, Group> groups;
   for (const auto& [power, count] : counts) groups[power].by_begin.reserve(count);
-  for (std::uint32_t i = 0; i < segments.size(); ++i) {
-    const SegmentInfo& segment = segments[i];
-    if (!segment.is_needed()) continue;
-    const double length = segment.end_ticks - segment.begin_ticks;
-    Group& group = groups[power_of(segment)];
-    group.longest = std::max(group.longest, length);
-    group.by_begin.push_back({segment.begin_ticks, segment.end_ticks, segment.needed_at_end, i});
-  }
+  for_each_entry(segments, groups, [](Group& group, const Entry& entry) {
+    group.longest = std::max(group.longest, entry.end - entry.begin);
+    group.by_begin.push_back(entry);
+  });
+  const auto comes_before = [](const Entry& a, const Entry& b) { return a.begin < b.begin; };
   for (auto& [power, group] : groups) {
-    std::sort(group.by_begin.begin(), group.by_begin.end(),
-              [](const Entry& a, const Entry& b) { return a.begin < b.begin; });
+    std::vector<Entry>& list = group.by_begin;
+    if (!std::is_sorted(list.begin(), list.end(), comes_before))
+      std::sort(list.begin(), list.end(), comes_before);
     groups_.push_back(std::move(group));
   }
 }
@@ -46,7 +56,8 @@ std::vector<std::uint32_t> SegmentTimes::between(double t0, double t1) const {
         std::lower_bound(group.by_begin.begin(), group.by_begin.end(), earliest,
                          [](const Entry& entry, double begin) { return entry.begin < begin; });
     for (; at != group.by_begin.end() && at->begin <= last; ++at) {
-      if (first < at->end || (first == at->end && at->needed_at_end)) out.push_back(at->segment);
+      if (first > at->end || (first == at->end && !at->needed_at_end)) continue;
+      for (std::uint32_t i = 0; i < at->count; ++i) out.push_back(at->first + i);
     }
   }
   std::sort(out.begin(), out.end());

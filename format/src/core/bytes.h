@@ -57,6 +57,7 @@ class ByteReader {
   float f32() { return std::bit_cast<float>(u32()); }
   double f64() { return std::bit_cast<double>(u64()); }
   std::uint64_t varint() {
+    if (at_ < bytes_.size() && bytes_[at_] < 0x80 && ok_) return bytes_[at_++];
     std::uint64_t v = 0;
     for (int shift = 0; shift < 64; shift += 7) {
       const std::uint8_t byte = u8();
@@ -68,6 +69,11 @@ class ByteReader {
     }
     ok_ = false;
     return 0;
+  }
+  // Skips numbers, which may be invalid.
+  void skip_varints(std::uint64_t count) {
+    for (; count > 0 && at_ < bytes_.size(); ++at_) count -= bytes_[at_] < 0x80 ? 1 : 0;
+    ok_ = ok_ && count == 0;
   }
   std::span<const std::uint8_t> bytes(std::uint64_t count) {
     if (!ok_ || count > bytes_.size() - at_) {

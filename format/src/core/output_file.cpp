@@ -75,11 +75,25 @@ Status OutputFile::write(std::span<const std::uint8_t> bytes) {
   return {};
 }
 
-Status OutputFile::commit() {
+Status OutputFile::sync() {
   // Devices and pipes cannot be synced.
   if (::fsync(descriptor()) != 0 && errno != EINVAL && errno != EROFS) {
     return io_error("{}: cannot write: {}", path_, system_message(errno));
   }
+  return {};
+}
+
+Status OutputFile::publish() {
+  STGS_TRY(sync());
+  if (device_ >= 0) return {};
+  if (::fcntl(descriptor(), F_SETFL, O_APPEND) != 0) {
+    return io_error("{}: cannot append: {}", path_, system_message(errno));
+  }
+  return temporary_.publish();
+}
+
+Status OutputFile::commit() {
+  STGS_TRY(sync());
   if (device_ < 0) return temporary_.commit();
   if (::close(std::exchange(device_, -1)) != 0) {
     return io_error("{}: cannot write: {}", path_, system_message(errno));

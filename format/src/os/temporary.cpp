@@ -118,12 +118,17 @@ Status TemporaryFile::create(const std::string& path) {
   return no_name(path);
 }
 
-Status TemporaryFile::commit() {
-  // Renamed before it is closed: without the lock it would look like a leftover.
+Status TemporaryFile::publish() {
   if (std::rename(name_.c_str(), path_.c_str()) != 0) {
     return io_error("{}: cannot replace: {}", path_, system_message(errno));
   }
   name_.clear();
+  return {};
+}
+
+Status TemporaryFile::commit() {
+  // Renamed before it is closed: without the lock it would look like a leftover.
+  STGS_TRY(publish());
   if (::close(std::exchange(descriptor_, -1)) != 0) {
     return io_error("{}: cannot write: {}", path_, system_message(errno));
   }

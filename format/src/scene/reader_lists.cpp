@@ -9,13 +9,20 @@ namespace {
 std::vector<SegmentInfo> segments_from(const FileHead& head) {
   std::vector<SegmentInfo> out;
   out.reserve(head.index.segments.size());
+  const SegmentEntry* before = nullptr;
+  TickRange needed;
+  bool needed_at_end = false;
   for (const SegmentEntry& segment : head.index.segments) {
     const IndexEntry &base = segment.base, &sh = segment.sh;
-    const TickRange needed = needed_of(head, segment);
+    // The tiers of a segment are needed at the same times.
+    if (before == nullptr || before->number != segment.number) {
+      needed = needed_of(head, segment);
+      needed_at_end = is_end_needed(needed, head.parts[segment.part], head.metadata.scene.frames);
+    }
+    before = &segment;
     out.push_back({base.level, needed.begin, needed.end, base.primitives, base.offset, base.bytes,
                    segment.part, tier_of(base.layer), sh.offset, sh.bytes, head.has(base),
-                   head.has(sh),
-                   is_end_needed(needed, head.parts[segment.part], head.metadata.scene.frames)});
+                   head.has(sh), needed_at_end});
   }
   return out;
 }

@@ -127,6 +127,22 @@ std::set<std::uint64_t> check_copies(const ByteSource& source, const FileHead& h
   return offsets;
 }
 
+// A record of a segment, with its place: part, level and slot.
+struct PlacedRecord {
+  std::uint32_t part = 0;  // its number in the file
+  std::int16_t level = 0;
+  std::uint32_t slot = 0;
+  std::uint32_t number = 0;  // of the segment
+  std::uint32_t order = 0;   // in the index
+  std::uint64_t offset = 0;
+
+  // A number of the level and slot, below that of the part.
+  auto place() const { return std::pair(part, std::uint64_t(level + 1) << 32 | slot); }
+  bool is_of_segment(const PlacedRecord& other) const {
+    return number == other.number && place() == other.place();
+  }
+};
+
 // Checks that no two segments have one place, and no two parts one number (spec 5.3).
 void check_places(const FileHead& head, Findings& findings) {
   std::set<std::uint32_t> numbers;
@@ -135,19 +151,38 @@ void check_places(const FileHead& head, Findings& findings) {
     findings.error(N::kParts, kHeaderBytes, "index: two runs of part {} state different times",
                    part.number);
   }
-  // By part, level and slot: the number of the segment.
-  std::map<std::tuple<std::uint32_t, int, std::uint32_t>, std::uint32_t> places;
+  std::vector<PlacedRecord> records;
   const auto add = [&](const IndexEntry& entry, std::uint32_t part, std::uint32_t number) {
-    const std::uint32_t of_part = head.parts[part].number;
-    const auto [at, is_new] = places.emplace(std::tuple(of_part, entry.level, entry.slot), number);
-    if (is_new || at->second == number) return;
-    at->second = number;
-    findings.error(N::kPlace, entry.offset, "index: two segments of part {} have one place",
-                   of_part);
+    const PlacedRecord record = {head.parts[part].number,
+                                 entry.level,
+                                 entry.slot,
+                                 number,
+                                 static_cast<std::uint32_t>(records.size()),
+                                 entry.offset};
+    // Of the records of a segment, which follow each other, the first one is enough.
+    if (records.empty() || !records.back().is_of_segment(record)) records.push_back(record);
   };
   for (const SegmentEntry& tier : head.index.segments) add(tier.base, tier.part, tier.number);
   for (const FurtherEntry& further : head.index.further)
     add(further.entry, further.part, further.number);
+  const auto at_place = [](const PlacedRecord& a, const PlacedRecord& b) {
+    return a.place() < b.place();
+  };
+  if (!std::is_sorted(records.begin(), records.end(), at_place))
+    std::sort(records.begin(), records.end(), [](const PlacedRecord& a, const PlacedRecord& b) {
+      return std::tuple(a.place(), a.order) < std::tuple(b.place(), b.order);
+    });
+  std::vector<PlacedRecord> repeated;
+  for (std::size_t i = 1; i < records.size(); ++i) {
+    if (records[i].place() == records[i - 1].place() && records[i].number != records[i - 1].number)
+      repeated.push_back(records[i]);
+  }
+  std::sort(repeated.begin(), repeated.end(),
+            [](const PlacedRecord& a, const PlacedRecord& b) { return a.order < b.order; });
+  for (const PlacedRecord& record : repeated) {
+    findings.error(N::kPlace, record.offset, "index: two segments of part {} have one place",
+                   record.part);
+  }
 }
 
 }  // namespace

@@ -50,6 +50,11 @@ bool is_progress(std::size_t received, double seconds, const Deadline& deadline)
 
 }  // namespace
 
+std::string reason_with_pause(const Attempt& attempt) {
+  if (attempt.retry_after <= 0) return attempt.reason;
+  return fmt::format("{} and asks to wait {:.0f} s", attempt.reason, attempt.retry_after);
+}
+
 Connection::Connection(std::string url, const HttpSettings& settings,
                        std::atomic<std::uint64_t>& received)
     : first_url_(std::move(url)),

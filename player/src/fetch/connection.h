@@ -33,6 +33,7 @@ struct Attempt {
   Outcome outcome = Outcome::kFatal;
   StatusCode code = StatusCode::kIo;  // of kFatal
   std::string reason;
+  bool unreachable = false;  // the server was not found or refused the connection, within its time
   bool unchanged = false;    // of kDone: the known ETag is still valid, and no body was sent
   std::size_t received = 0;  // bytes, from the beginning of the range
   bool progressed = false;   // many bytes arrived, or not much slower than the minimum rate
@@ -40,6 +41,9 @@ struct Attempt {
   std::string validator;     // ETag, else Last-Modified, else empty
   double retry_after = 0;    // seconds that the server asks to wait
 };
+
+// Returns the reason, with the time that the server asks to wait.
+std::string reason_with_pause(const Attempt& attempt);
 
 class Reply;
 

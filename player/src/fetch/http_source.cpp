@@ -230,10 +230,10 @@ class HttpSource::Impl {
           STGS_TRY(wait(offset + done, pause, attempt, should_continue));
           continue;
         }
-        failure = has_time
-                      ? io_error("{}: {} (gave up after {} attempt{}) [byte {}]", name_,
-                                 attempt.reason, failures, failures == 1 ? "" : "s", offset + done)
+        failure = has_time || attempt.unreachable
+                      ? gave_up(attempt, failures, offset + done)
                       : timed_out(reason_with_pause(attempt), offset + done, deadline);
+        if (!has_time) begin_outage(failure);
       }
       report(kind, offset + done, 0, failure.message());
       return failure;
@@ -254,21 +254,33 @@ class HttpSource::Impl {
       return runtime_error("{}: libcurl is out of memory", name_);
     }
     const Status failure = timed_out("other reads use all connections", offset, deadline);
+    begin_outage(failure);
     report(TransferEvent::Kind::kFailed, offset, 0, failure.message());
     return failure;
   }
 
-  // Returns the error of a read that has no time left for another attempt, and of those that
-  // follow.
+  // Returns the error of a read whose last attempt failed by itself.
+  Status gave_up(const Attempt& attempt, int failures, std::uint64_t offset) const {
+    return io_error("{}: {} (gave up after {} attempt{}){} [byte {}]", name_, attempt.reason,
+                    failures, failures == 1 ? "" : "s",
+                    attempt.unreachable ? "; check the address and whether the server runs" : "",
+                    offset);
+  }
+
+  // Returns the error of a read that has no time left for another attempt.
   Status timed_out(const std::string& reason, std::uint64_t offset,
                    const Deadline& deadline) const {
+    return io_error("{}: {} (gave up after {:.1f} s); raise url_timeout_seconds [byte {}]", name_,
+                    reason, deadline.elapsed(), offset);
+  }
+
+  // Sets the error of the reads that follow one that ran out of time.
+  void begin_outage(const Status& failure) const {
     const std::lock_guard lock(mutex_);
-    outage_ = io_error("{}: {} (gave up after {:.1f} s); raise url_timeout_seconds [byte {}]",
-                       name_, reason, deadline.elapsed(), offset);
-    outage_end_ = Deadline::Clock::now() +
-                  std::chrono::duration_cast<Deadline::Clock::duration>(
-                      std::chrono::duration<double>(std::min(kOutage, settings_.request_seconds)));
-    return outage_;
+    outage_ = failure;
+    const std::chrono::duration<double> time(std::min(kOutage, settings_.request_seconds));
+    outage_end_ =
+        Deadline::Clock::now() + std::chrono::duration_cast<Deadline::Clock::duration>(time);
   }
 
   Status check_outage() const {
@@ -279,11 +291,6 @@ class HttpSource::Impl {
   void end_outage() const {
     const std::lock_guard lock(mutex_);
     outage_end_ = {};
-  }
-
-  static std::string reason_with_pause(const Attempt& attempt) {
-    if (attempt.retry_after <= 0) return attempt.reason;
-    return fmt::format("{} and asks to wait {:.0f} s", attempt.reason, attempt.retry_after);
   }
 
   // Returns the seconds to wait before the next attempt: exponential backoff with jitter, at least

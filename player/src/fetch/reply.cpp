@@ -63,6 +63,12 @@ bool is_fatal(CURLcode code) {
   }
 }
 
+// Returns whether there is no server at the address: more time does not help.
+bool is_unreachable(CURLcode code) {
+  return code == CURLE_COULDNT_CONNECT || code == CURLE_COULDNT_RESOLVE_HOST ||
+         code == CURLE_COULDNT_RESOLVE_PROXY;
+}
+
 }  // namespace
 
 ContentRange parse_content_range(std::string_view text) {
@@ -228,6 +234,7 @@ void Reply::judge(CURLcode result, bool conditional, Attempt& attempt) const {
     attempt.code = code_;
   } else if (result != CURLE_OK && http < 400) {
     attempt.reason = error_[0] != 0 ? error_ : curl_easy_strerror(result);
+    attempt.unreachable = is_unreachable(result);
     if (!is_fatal(result)) attempt.outcome = Attempt::Outcome::kRetryable;
   } else if (http == 304 && conditional) {
     attempt.outcome = Attempt::Outcome::kDone;

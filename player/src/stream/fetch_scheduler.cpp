@@ -21,26 +21,10 @@ constexpr double kExclusiveSeconds = 1;
 
 }  // namespace
 
-// Returns whether a layer is missing and needed within the prefetch horizon, or will be at its
-// retry_at().
-bool FetchScheduler::is_fetchable(const SegmentLayer& layer, double now) const {
-  if (!index_.info(layer.segment).is_needed()) return false;
-  const LoadState state = residency_.state(layer);
-  if (state != LoadState::kMissing &&
-      !(state == LoadState::kFailed && now >= residency_.retry_at(layer)))
-    return false;
-  const LoadState base = residency_.state({layer.segment, false});
-  if (layer.sh && base != LoadState::kResident && base != LoadState::kInFlight) return false;
-  return deadlines_.need(layer.segment).from <= settings_.prefetch_seconds;
-}
-
-// Returns whether a layer can arrive before the last time that shows it, at the current throughput.
-// Layer 0 is always attempted.
-bool FetchScheduler::arrives_in_time(const SegmentLayer& layer) const {
+// Returns the current throughput; infinity: not known yet.
+double FetchScheduler::expected_speed() const {
   const double speed = throughput_.bytes_per_second();
-  if (index_.layer_number(layer) == 0 || speed == 0) return true;
-  return static_cast<double>(index_.stored_bytes(layer)) / speed <=
-         deadlines_.need(layer.segment).until;
+  return speed == 0 ? kNever : speed;
 }
 
 // Returns until when a request that the viewer waits for has the link to itself; `now`: there is no
@@ -58,30 +42,15 @@ double FetchScheduler::exclusive_until(double now) const {
 // Returns the most urgent layer. While the viewer waits for one, no other layer competes for
 // bandwidth. Layers that would arrive too late are attempted only if nothing is in flight, in case
 // the link has become faster.
-std::optional<SegmentLayer> FetchScheduler::next_layer(double now, double& wake_at) const {
+std::optional<SegmentLayer> FetchScheduler::next_layer(double now, double& wake_at) {
   const double exclusive = exclusive_until(now);
   if (exclusive > now) wake_at = exclusive;
-  std::optional<SegmentLayer> best, late;
-  double best_deadline = kNever, late_deadline = kNever;
-  for (const std::size_t index :
-       index_.upcoming_layers(deadlines_.playhead(), settings_.prefetch_seconds)) {
-    const SegmentLayer& layer = index_.file_order()[index];
-    if (!is_fetchable(layer, now)) {
-      if (residency_.state(layer) == LoadState::kFailed && residency_.retry_at(layer) > now)
-        wake_at = std::min(wake_at, residency_.retry_at(layer));
-      continue;
-    }
-    const double deadline = deadlines_.deadline(layer);
-    if (exclusive > now && deadline > 0) continue;
-    if (deadline < best_deadline && arrives_in_time(layer)) {
-      best_deadline = deadline;
-      best = layer;
-    } else if (deadline < late_deadline) {
-      late_deadline = deadline;
-      late = layer;
-    }
-  }
-  return best || !requests_.empty() ? best : late;
+  plan_.update(now);
+  wake_at = std::min(wake_at, plan_.retry_at());
+  std::optional<SegmentLayer> best = plan_.first(expected_speed());
+  if (!best && requests_.empty()) best = plan_.first(kNever);
+  const bool competes = best && exclusive > now && deadlines_.deadline(*best) > 0;
+  return competes ? std::nullopt : best;
 }
 
 FetchScheduler::Next FetchScheduler::next(double now) {
@@ -127,6 +96,7 @@ void FetchScheduler::extend(FetchRequest& request, double deadline, double now) 
   const SegmentLayer first = request.layers[0].layer;
   const double similar = deadline <= 0 ? 0 : deadline + deadlines_.layer_lead_seconds();
   const double extra_bytes = deadline <= 0 ? 0 : kMaxExtraSeconds * throughput_.bytes_per_second();
+  const double speed = expected_speed();
   for (std::size_t at = index_.file_index(first) + 1; at < index_.file_order().size(); ++at) {
     const LocatedLayer next = index_.locate(index_.file_order()[at]);
     const std::uint64_t end = request.offset + request.bytes;
@@ -134,8 +104,8 @@ void FetchScheduler::extend(FetchRequest& request, double deadline, double now) 
     const std::uint64_t bytes = next.offset - request.offset + next.bytes;
     const double limit = static_cast<double>(bytes) <= extra_bytes ? kNever : similar;
     const double own = deadlines_.deadline(next.layer);
-    if (bytes > kMaxRequest || !is_fetchable(next.layer, now) || !arrives_in_time(next.layer) ||
-        own > limit)
+    if (bytes > kMaxRequest || !plan_.is_fetchable(next.layer, now) ||
+        plan_.min_speed(next.layer) > speed || own > limit)
       return;
     request.layers.push_back(next);
     if (!residency_.begin_fetch(next.layer, own)) return request.layers.pop_back();

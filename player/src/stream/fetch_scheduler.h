@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "stream/deadlines.h"
+#include "stream/fetch_plan.h"
 #include "stream/residency.h"
 #include "stream/segment_index.h"
 #include "stream/throughput.h"
@@ -42,7 +43,11 @@ class FetchScheduler {
   // Everything given by reference outlives this object.
   FetchScheduler(const SegmentIndex& index, const Deadlines& deadlines, Residency& residency,
                  const Settings& settings)
-      : index_(index), deadlines_(deadlines), residency_(residency), settings_(settings) {
+      : index_(index),
+        deadlines_(deadlines),
+        residency_(residency),
+        settings_(settings),
+        plan_(index, deadlines, residency, settings.prefetch_seconds) {
     throughput_.begin(0);
   }
 
@@ -80,12 +85,13 @@ class FetchScheduler {
   std::size_t in_flight() const { return requests_.size(); }
   double bytes_per_second() const { return throughput_.bytes_per_second(); }
   std::uint64_t fetched_bytes() const { return fetched_bytes_; }
+  // Returns the number of layers examined so far to find the most urgent ones.
+  std::uint64_t examined_layers() const { return plan_.examined(); }
 
  private:
-  bool is_fetchable(const SegmentLayer& layer, double now) const;
-  bool arrives_in_time(const SegmentLayer& layer) const;
+  double expected_speed() const;
   double exclusive_until(double now) const;
-  std::optional<SegmentLayer> next_layer(double now, double& wake_at) const;
+  std::optional<SegmentLayer> next_layer(double now, double& wake_at);
   void extend(FetchRequest& request, double deadline, double now);
   void cancel(const FetchRequest& request) noexcept;
   std::uint64_t read_size(const FetchRequest& request) const;
@@ -96,6 +102,7 @@ class FetchScheduler {
   const Deadlines& deadlines_;
   Residency& residency_;
   const Settings settings_;
+  FetchPlan plan_;
   std::list<FetchRequest> requests_;  // in flight
   std::uint64_t last_id_ = 0;
   Throughput throughput_;  // its time is the busy time of the link

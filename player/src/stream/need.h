@@ -15,6 +15,8 @@ struct Playhead {
   double duration = 0;          // ticks
   bool loop = false;            // playback wraps around at both ends
   bool stationary = false;      // the position stays where it is for an unknown time
+
+  bool operator==(const Playhead&) const = default;
 };
 
 // When a segment is needed, seconds from now.

@@ -17,6 +17,8 @@ constexpr Budget::Pool kPool = Budget::Pool::kSegments;
 void Residency::reserve(std::size_t segments) {
   reserve_for(entries_, segments);
   reserve_for(decodable_, segments);
+  changes_.reserve(2 * segments);
+  decode_changes_.reserve(segments);
 }
 
 void Residency::extend() noexcept {
@@ -53,12 +55,12 @@ bool Residency::begin_fetch(const SegmentLayer& layer, double deadline) {
   if (deadline >= full_from_) full_from_ = kNever;
   LayerState& own = state_of(layer);
   own.charge = budget_.charge(kPool, bytes);
-  own.state = LoadState::kInFlight;
+  set_state(layer, LoadState::kInFlight);
   return true;
 }
 
 void Residency::fetched(const SegmentLayer& layer) noexcept {
-  state_of(layer).state = LoadState::kResident;
+  set_state(layer, LoadState::kResident);
   update_decodable(layer.segment);
 }
 
@@ -121,6 +123,7 @@ bool Residency::is_decodable(std::uint32_t segment) const {
 void Residency::update_decodable(std::uint32_t segment) noexcept {
   std::size_t& slot = entries_[segment].slot;
   const bool is_listed = slot != kNoSlot;
+  decode_changes_.add(segment);
   if (is_listed == is_decodable(segment)) return;
   if (is_listed) {
     const std::uint32_t last = decodable_.back();
@@ -210,11 +213,16 @@ void Residency::set_resident(std::uint32_t segment, DecodedSegment resident) noe
   if (own != nullptr) stored_primitives_ += own->set.size();
 }
 
+void Residency::set_state(const SegmentLayer& layer, LoadState state) noexcept {
+  state_of(layer).state = state;
+  changes_.add(layer);
+}
+
 // Releases the bytes and memory of a layer that is no longer resident or in flight.
 void Residency::release(const SegmentLayer& layer, LoadState state) noexcept {
   erase_encoded_(index_.file_offset(layer));
   state_of(layer).charge.resize(0);
-  state_of(layer).state = state;
+  set_state(layer, state);
   update_decodable(layer.segment);
 }
 

@@ -11,6 +11,7 @@
 #include "resident_segment.h"
 #include "stgs/format/budget.h"
 #include "stgs/player/timeline.h"
+#include "stream/change_log.h"
 #include "stream/deadlines.h"
 #include "stream/segment_index.h"
 
@@ -68,12 +69,18 @@ class Residency {
   void forget_full() { full_from_ = kNever; }
 
   LoadState state(const SegmentLayer& layer) const { return state_of(layer).state; }
+  // The changes of state() and retry_at(), except those of extend() and clear(). Remembers about as
+  // many as there are layers.
+  const ChangeLog<SegmentLayer>& changes() const { return changes_; }
   // Returns when to retry a failed layer; infinity: never.
   double retry_at(const SegmentLayer& layer) const { return state_of(layer).retry_at; }
   // Returns whether a segment can be decoded, or decoded with spherical harmonics that it lacks.
   bool is_decodable(std::uint32_t segment) const;
   // All such segments, in any order.
   const std::vector<std::uint32_t>& decodable() const { return decodable_; }
+  // The segments that became decodable, or are no longer, or whose resident() has changed, except
+  // by extend() and clear(). Remembers about as many as there are segments.
+  const ChangeLog<std::uint32_t>& decode_changes() const { return decode_changes_; }
   // Returns whether a segment is being decoded or can be: that may free memory.
   bool is_decoding() const { return decoding_ > 0 || !decodable_.empty(); }
   // Returns a segment if it is resident, else null.
@@ -121,6 +128,7 @@ class Residency {
   bool evict_for(std::uint64_t bytes, double deadline);
   void evict(std::uint32_t segment) noexcept;
   void release(const SegmentLayer& layer, LoadState state) noexcept;
+  void set_state(const SegmentLayer& layer, LoadState state) noexcept;
   void set_resident(std::uint32_t segment, DecodedSegment resident) noexcept;
   void update_decodable(std::uint32_t segment) noexcept;
 
@@ -131,6 +139,8 @@ class Residency {
   const std::function<void(std::uint64_t)> erase_encoded_;
   std::vector<Entry> entries_;  // by segment
   std::vector<std::uint32_t> decodable_;
+  ChangeLog<SegmentLayer> changes_;
+  ChangeLog<std::uint32_t> decode_changes_;
   int decoding_ = 0;  // segments that are being decoded
   // Layers with this deadline or a later one did not fit the budget while nothing was in flight.
   double full_from_ = kNever;

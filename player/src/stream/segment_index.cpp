@@ -81,6 +81,7 @@ void SegmentIndex::adopt(Update update) noexcept {
     ++now_.generation;
   }
   now_.reader = std::move(update.reader);
+  ++revision_;
   for (std::size_t s = first; s < size(); ++s)
     tiers_ = std::max(tiers_, reader().segments()[s].tier + 1);
   file_index_.resize(2 * size());

@@ -44,6 +44,8 @@ class SegmentIndex {
   const SceneReader& reader() const { return *now_.reader; }
   const FileSnapshot& snapshot() const { return now_; }
   std::uint64_t generation() const { return now_.generation; }
+  // Returns a number that changes with each adopted reader.
+  std::uint64_t revision() const { return revision_; }
   std::size_t size() const { return now_.reader == nullptr ? 0 : reader().segments().size(); }
   const SegmentInfo& info(std::uint32_t segment) const { return reader().segments()[segment]; }
   double duration() const { return reader().metadata().frames; }  // ticks
@@ -83,6 +85,7 @@ class SegmentIndex {
   std::vector<TickRange> upcoming_times(const Playhead& playhead, double seconds) const;
 
   FileSnapshot now_;
+  std::uint64_t revision_ = 0;
   int tiers_ = 1;
   std::vector<SegmentLayer> file_order_;
   std::vector<std::size_t> file_index_;  // in file_order_: of a segment's base, then its SH

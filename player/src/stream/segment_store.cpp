@@ -70,6 +70,7 @@ void SegmentStore::stop() noexcept {
 void SegmentStore::adopt(std::shared_ptr<const SceneReader> reader) {
   SegmentIndex::Update update = index_.prepare(std::move(reader));
   residency_.reserve(update.reader->segments().size());
+  decodes_.reserve(update.reader->segments().size());
   if (update.renumbered) {
     residency_.clear();
     source_->forget_recent();

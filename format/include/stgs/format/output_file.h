@@ -30,8 +30,11 @@ class OutputFile {
   Status write(std::span<const std::uint8_t> bytes);
   // Syncs and renames. After an error (full disk, read-only folder) no file is left behind.
   Status commit();
+  // As commit(), but leaves the file open: write() appends to it, whatever its name leads to.
+  Status publish();
 
  private:
+  Status sync();
   int descriptor() const { return device_ >= 0 ? device_ : temporary_.descriptor(); }
 
   std::string path_;

@@ -30,6 +30,8 @@ class TemporaryFile {
   int descriptor() const { return descriptor_; }
   // Renames the file to `path`, replacing an existing file, and closes it.
   Status commit();
+  // Renames the file, but leaves it open until the destructor.
+  Status publish();
 
  private:
   void remove() noexcept;
