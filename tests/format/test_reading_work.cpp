@@ -198,3 +198,60 @@ TEST_CASE("reading layouts makes no lookups, which take 16 KiB each") {
   make_lookups(set);
   CHECK(set.lookups.empty());  // no plane uses a table
 }
+
+namespace {
+
+// A source of `stated` bytes: those of `bytes`, then zeros, of which reads fail beyond `served`.
+class StatedSource final : public ByteSource {
+ public:
+  StatedSource(Bytes bytes, std::uint64_t stated, std::uint64_t served)
+      : bytes_(std::move(bytes)), stated_(stated), served_(served) {}
+  std::uint64_t size() const override { return stated_; }
+  const std::string& name() const override { return name_; }
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    if (offset + out.size() > served_) {
+      largest = std::max<std::uint64_t>(largest, out.size());
+      return io_error("no more bytes");
+    }
+    for (std::size_t i = 0; i < out.size(); ++i)
+      out[i] = offset + i < bytes_.size() ? bytes_[offset + i] : std::uint8_t{0};
+    read_bytes += out.size();
+    return {};
+  }
+  void grow(std::uint64_t bytes) { served_ = stated_ += bytes; }
+  mutable std::uint64_t largest = 0, read_bytes = 0;
+
+ private:
+  const std::string name_ = "x.stgs";
+  Bytes bytes_;
+  std::uint64_t stated_, served_;
+};
+
+}  // namespace
+
+TEST_CASE("memory is allocated as bytes arrive, whatever size a source states") {
+  FileHeader header;
+  header.file_bytes = kBodyEnd;
+  header.head_bytes = 0xFFFFFFF0;
+  const StatedSource source(write_header(header), kBodyEnd, 1 << 16);
+  Findings findings;
+  FileHead head;
+  CHECK_FALSE(read_head(source, {std::uint64_t{200'000'000}, std::uint64_t{8} << 30},
+                        IndexLoading::kOnDemand, head, findings));
+  CHECK(source.largest <= 8 << 20);
+}
+
+TEST_CASE("what a growing file has had for long is not searched again") {
+  StatedSource source(recording_of(3, Bytes()), 64 << 20, 64 << 20);
+  Findings findings;
+  FileHead head;
+  REQUIRE(read_head(source, {}, IndexLoading::kOnDemand, head, findings));
+  const std::uint64_t once = source.read_bytes;
+  for (int k = 0; k < 100; ++k) {
+    source.grow(1);
+    bool grown = false;
+    REQUIRE(read_growth(source, head, grown, findings));
+    CHECK_FALSE(grown);
+  }
+  CHECK(source.read_bytes < 2 * once);
+}

@@ -157,6 +157,19 @@ TEST_CASE("a work folder is private, and is removed without following links") {
   CHECK(fs::exists(folder / "outside/kept.txt"));
 }
 
+TEST_CASE("a folder that someone renamed to the name of a work folder stays") {
+  const TemporaryFolder folder;
+  const std::string name = folder / ".scene.stgs.abcdefghijkl.tmp.work";
+  for (const std::string own : {"photo.png", "lock"}) {  // without a lock, and with another file
+    write_text(name + "/" + own, "kept");
+    CHECK(remove_leftovers(folder / "scene.stgs").empty());
+    CHECK(names_in(name) == Names{own});
+    fs::remove_all(name);
+  }
+  fs::create_directory(name);  // as a process leaves it that is killed before it makes the lock
+  CHECK(remove_leftovers(folder / "scene.stgs").size() == 1);
+}
+
 TEST_CASE("a link in place of a leftover is not followed") {
   const TemporaryFolder folder;
   write_text(folder / "outside/kept.txt", "kept");

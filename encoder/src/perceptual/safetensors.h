@@ -20,7 +20,7 @@
 namespace stgs::encoder {
 
 // Maximum header size, bytes; VGG16's header has 3,000.
-inline constexpr std::uint64_t kMaxSafetensorsHeader = std::uint64_t{1} << 23;
+inline constexpr std::uint64_t kMaxSafetensorsHeader = std::uint64_t{1} << 18;
 
 class Safetensors {
  public:

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // FRAG records: the index of a growing file (spec 9).
 #include <algorithm>
+#include <limits>
 #include <utility>
 
 #include "container/node.h"
+#include "core/read_bytes.h"
 
 namespace stgs {
 namespace {
@@ -14,6 +16,10 @@ using N = IssueNumber;
 constexpr std::uint64_t kFixedBytes = 8 + 4 + 4 + 6 * 4, kLengthBytes = 8;
 // Bytes read at a time when searching backwards; the window doubles.
 constexpr std::uint64_t kFirstSearchWindow = 64 << 10, kMaxSearchWindow = 4 << 20;
+// Bytes that may have been rewritten, and are searched again.
+constexpr std::uint64_t kSearchedAgain = 256 << 10;
+// The bytes that searches read in vain until the next valid record.
+constexpr std::uint64_t kSearchesOfAll = 16, kSearchedInAnyFile = 64 << 20;
 
 bool is_fragment(const RecordHeader& header) {
   return header.tag == kFragmentTag && header.flags == kCritical &&
@@ -22,10 +28,11 @@ bool is_fragment(const RecordHeader& header) {
 
 // Returns whether a FRAG record with an intact header begins here and fits the `left` bytes of the
 // file.
-bool looks_like_one(std::span<const std::uint8_t> bytes, std::uint64_t left, RecordHeader& header) {
+bool looks_like_one(std::span<const std::uint8_t> bytes, RecordHeader& header) {
+  constexpr std::uint64_t kAnyLength = std::numeric_limits<std::uint64_t>::max();
   Findings ignored(Findings::Texts::kNone);
   return bytes.size() >= kRecordHeaderBytes && ByteReader(bytes).u32() == kFragmentTag &&
-         parse_record_header(bytes, 0, left, header, ignored);
+         parse_record_header(bytes, 0, kAnyLength, header, ignored);
 }
 
 }  // namespace
@@ -44,6 +51,18 @@ std::vector<std::uint8_t> write_fragment(const FragmentRecord& fragment) {
   write_node(fragment.node, out);
   out.u64(out.size() + kLengthBytes);
   return write_record(kFragmentTag, out.view());
+}
+
+void FragmentSearch::resume(std::uint64_t before, std::uint64_t now) {
+  constexpr std::uint64_t kPartOfHeader = kRecordHeaderBytes - 1;
+  const std::uint64_t from =
+      std::min(cut_off > 0 ? cut_off : before, before - std::min(before, kPartOfHeader));
+  FragmentSearch next;
+  next.searched = searched;
+  const auto known = results.find(before);
+  if (now >= before && known != results.end() && from > known->second.end + kSearchedAgain)
+    next.results[from] = known->second;
+  *this = std::move(next);
 }
 
 FragmentFinder::FragmentFinder(const ByteSource& source, const FileHead& head,
@@ -122,8 +141,8 @@ Result<FragmentFinder::Found> FragmentFinder::read(std::uint64_t offset, const R
     return unsupported("index fragment of {} bytes exceeds the memory limit of {} bytes",
                        record.length, limit);
   }
-  std::vector<std::uint8_t> bytes(record.length);
-  STGS_TRY(source_.read(offset + kRecordHeaderBytes, bytes));
+  std::vector<std::uint8_t> bytes;
+  STGS_TRY(read_bytes(source_, offset + kRecordHeaderBytes, record.length, bytes));
   return check(offset, record, bytes, why);
 }
 
@@ -182,6 +201,9 @@ Result<FragmentFinder::Found> FragmentFinder::last() {
 
 Result<FragmentSearch::Found> FragmentFinder::last_before(std::uint64_t end) {
   const auto known = search_.results.lower_bound(end);
+  // While a file grows, it is searched again and again.
+  search_.has_ended =
+      search_.has_ended || search_.searched > kSearchesOfAll * source_.size() + kSearchedInAnyFile;
   if (search_.has_ended || end <= body_at_) return FragmentSearch::Found();
   if (known != search_.results.end() && known->second.offset < end) return known->second;
   const bool is_first = known == search_.results.begin();
@@ -201,11 +223,15 @@ Result<FragmentSearch::Found> FragmentFinder::search(std::uint64_t low, std::uin
     const std::uint64_t first = high - std::min(high - low, window);
     // Includes the rest of a header that begins before `high`.
     bytes.resize(std::min(source_.size(), high + kRecordHeaderBytes - 1) - first);
+    search_.searched += bytes.size();
     STGS_TRY(source_.read(first, bytes));
     for (std::uint64_t begin = high; begin-- > first;) {
       RecordHeader record;
-      if (!looks_like_one(std::span(bytes).subspan(begin - first), source_.size() - begin, record))
+      if (!looks_like_one(std::span(bytes).subspan(begin - first), record)) continue;
+      if (record.length > source_.size() - begin - kRecordHeaderBytes) {
+        search_.cut_off = begin;
         continue;
+      }
       const auto after = std::span<const std::uint8_t>(bytes).subspan(begin - first);
       STGS_ASSIGN(const FragmentSearch::Found found,
                   examine(begin, record, after.subspan(kRecordHeaderBytes)));

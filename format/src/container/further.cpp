@@ -2,6 +2,7 @@
 // Further records of a private content (spec 5.7).
 #include "container/segment.h"
 #include "core/bytes.h"
+#include "core/read_bytes.h"
 #include "stgs/format/text.h"
 
 namespace stgs {
@@ -23,8 +24,7 @@ bool read_listed(const ByteSource& source, const FileHead& head, const IndexEntr
                          entry.bytes - kRecordHeaderBytes, head.limits.max_memory);
     return false;
   }
-  bytes.resize(entry.bytes);
-  if (const Status status = source.read(entry.offset, bytes); !status.ok()) {
+  if (const Status status = read_bytes(source, entry.offset, entry.bytes, bytes); !status.ok()) {
     findings.failed_read(entry.offset, status);
     return false;
   }

@@ -84,8 +84,8 @@ bool is_continued(const ByteSource& source, const FileHead& head, Findings& find
 
 bool read_growth(const ByteSource& source, FileHead& head, bool& grown, Findings& findings) {
   grown = false;
-  head.available_bytes = source.size();
-  head.walk.search = {};  // records that were cut off may be complete now
+  const std::uint64_t before = std::exchange(head.available_bytes, source.size());
+  head.walk.search.resume(before, head.available_bytes);
   Result<std::optional<FragmentRecord>> last =
       FragmentFinder(source, head, head.walk.search).last();
   if (!last.ok()) {
@@ -94,6 +94,7 @@ bool read_growth(const ByteSource& source, FileHead& head, bool& grown, Findings
   }
   report_damaged(*last, head, findings);
   grown = *last && (!head.last_fragment || (*last)->offset > head.last_fragment->offset);
+  if (grown) head.walk.search.searched = 0;
   if (grown && (!is_continued(source, head, findings) || !add_last(**last, head, findings)))
     return false;
   if (!head.last_fragment) head.header.file_bytes = head.header.head_bytes;  // nothing is complete

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "container/node.h"
+#include "core/read_bytes.h"
 
 namespace stgs {
 namespace {
@@ -27,8 +28,7 @@ Result<FoundCopy> copy_at_end(const ByteSource& source, const ReadLimits& limits
     return FoundCopy();
   }
   if (length - kCopyLengthBytes > limits.max_memory) return FoundCopy({at, {}});
-  bytes.resize(length);
-  STGS_TRY(source.read(at + kRecordHeaderBytes, bytes));
+  STGS_TRY(read_bytes(source, at + kRecordHeaderBytes, length, bytes));
   if (checksum(bytes) != record->checksum) return FoundCopy();
   bytes.resize(length - kCopyLengthBytes);
   if (!is_usable_copy(bytes, false, end)) return FoundCopy();

@@ -8,6 +8,7 @@
 #include "container/foreign_content.h"
 #include "container/node.h"
 #include "container/opening.h"
+#include "core/read_bytes.h"
 
 namespace stgs {
 namespace {
@@ -231,8 +232,7 @@ bool read_stated_head(const ByteSource& source, const ReadLimits& limits, FileHe
     return false;
   }
   std::vector<std::uint8_t>& bytes = head.bytes.edit();
-  bytes.resize(head.header.head_bytes);
-  const Status status = source.read(0, bytes);
+  const Status status = read_bytes(source, 0, head.header.head_bytes, bytes);
   if (!status.ok()) findings.failed_read(0, status);
   return status.ok();
 }

@@ -115,6 +115,13 @@ struct FragmentSearch {
   bool has_ended = false;     // because of the limit on `in_vain`
   bool has_last = false;      // last() has returned
   std::uint64_t damaged = 0;  // offset of a damaged record after the last valid one; 0: none
+  // Offset of the first record that the last search found to extend past the end; 0: none.
+  std::uint64_t cut_off = 0;
+  std::uint64_t searched = 0;  // bytes, also of the searches before the file grew
+
+  // Prepares for a source that had `before` bytes and has `now`. If many bytes have been searched
+  // in vain, only those from the first record that was cut off are searched again.
+  void resume(std::uint64_t before, std::uint64_t now);
 };
 
 // The state of following the links of an index.

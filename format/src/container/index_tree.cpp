@@ -4,6 +4,7 @@
 
 #include "container/node.h"
 #include "container/opening.h"
+#include "core/read_bytes.h"
 
 namespace stgs {
 namespace {
@@ -241,10 +242,10 @@ class Loader {
       return end <= head_.available_bytes;
     };
     if (!is_available(payload + link.bytes)) return false;
-    page.resize(kRecordHeaderBytes + link.bytes);
+    const Status status = read_bytes(source_, at, kRecordHeaderBytes + link.bytes, page);
+    if (!status.ok()) why.failed_read(at, status);
     RecordHeader record;
-    if (!read(at, page, why) ||
-        !parse_record_header(page, at, head_.header.file_bytes, record, why)) {
+    if (!status.ok() || !parse_record_header(page, at, head_.header.file_bytes, record, why)) {
       return false;
     }
     if (record.tag != kPageTag || record.flags != kCritical || record.length != link.bytes) {

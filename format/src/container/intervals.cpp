@@ -182,8 +182,10 @@ namespace {
 // writer leaves them.
 bool is_in_order(const FileIndex& index) {
   if (!index.further.empty()) return false;
+  if (index.segments.empty()) return true;
+  if (index.segments[0].part != 0) return false;
   std::uint32_t part = 0;
-  std::uint64_t first = 0, last = 0;  // offsets in that part
+  std::uint64_t first = index.segments[0].base.offset, last = first;  // offsets in that part
   for (const SegmentEntry& segment : index.segments) {
     const std::uint64_t offset = segment.base.offset;
     if (segment.part != part) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "container/segment.h"
+#include "core/read_bytes.h"
 
 #include <algorithm>
 
@@ -231,8 +232,7 @@ bool read_record(const ByteSource& source, const FileHead& head, std::uint32_t o
       !take_memory(entry.bytes, head, ordinal, entry.offset, memory, findings)) {
     return false;
   }
-  record.bytes.resize(entry.bytes);
-  if (Status status = source.read(entry.offset, record.bytes); !status.ok()) {
+  if (Status status = read_bytes(source, entry.offset, entry.bytes, record.bytes); !status.ok()) {
     findings.failed_read(entry.offset, status);
     return false;
   }

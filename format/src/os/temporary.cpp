@@ -82,18 +82,26 @@ bool remove_free_file(const std::string& name) {
   return removed;
 }
 
-// Removes a folder that no process uses. One without a lock was created just now or was removed in
-// part: with the lock from here WorkFolder::create() tries another name.
+// Returns whether a file is a lock of this user, as WorkFolder::create() makes them.
+bool is_own_lock(int file) {
+  struct stat status {};
+  return ::fstat(file, &status) == 0 && S_ISREG(status.st_mode) && status.st_size == 0 &&
+         status.st_uid == ::geteuid();
+}
+
+// Removes a folder of WorkFolder that no process uses. Others can rename any folder to such a name,
+// so that one without a lock is removed only if it is empty: created just now, after which
+// WorkFolder::create() tries another name, or by a process that was killed.
 bool remove_free_folder(const std::string& name) {
   const std::string lock = name + "/lock";
   const int folder = ::open(name.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
   if (folder < 0) return false;
-  const int file =
-      ::openat(folder, "lock", O_RDWR | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0600);
+  const int file = ::openat(folder, "lock", O_RDWR | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+  const int error = errno;
   ::close(folder);
-  if (file < 0) return false;
-  const bool removed = os::try_lock(file) == os::LockResult::kTaken && os::is_named(file, lock) &&
-                       os::remove_folder(name);
+  if (file < 0) return error == ENOENT && ::rmdir(name.c_str()) == 0;
+  const bool removed = is_own_lock(file) && os::try_lock(file) == os::LockResult::kTaken &&
+                       os::is_named(file, lock) && os::remove_folder(name);
   ::close(file);
   return removed;
 }

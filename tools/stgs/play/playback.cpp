@@ -35,7 +35,7 @@ Status Playback::create() {
     return runtime_error("the library is older than the program");
   }
   settings.memory_budget = settings_.memory;
-  settings.max_memory = SceneFile::kMaxMemory;
+  settings.max_memory = settings_.memory;
   settings.url_timeout_seconds = session_.options.timeout;
   settings.url_allow_private = session_.options.allow_private ? 1 : 0;
   stgs_player* player = nullptr;
