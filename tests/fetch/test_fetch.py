@@ -147,7 +147,7 @@ class Ranges(unittest.TestCase):
             url = f"http://127.0.0.1:{closed.getsockname()[1]}/x.stgs"
             out = probe(url, settings=QUICK + ",max_attempts=2")
             self.assertEqual(out["open"]["code"], 2)
-            self.assertRegex(out["open"]["message"], "gave up after 2 attempts. .byte 0")
+            self.assertRegex(out["open"]["message"], "gave up after 2 attempts.; check the address and whether the server runs .byte 0")
 
     def test_connecting_after_a_redirect_has_its_own_timeout(self):
         with socket.create_server(("127.0.0.1", 0)) as mute:  # accepts connections without answering

@@ -241,7 +241,7 @@ TEST_CASE("memory is allocated as bytes arrive, whatever size a source states") 
   CHECK(source.largest <= 8 << 20);
 }
 
-TEST_CASE("what a growing file has had for long is not searched again") {
+TEST_CASE("bytes of a growing file that were searched in vain are not searched again") {
   StatedSource source(recording_of(3, Bytes()), 64 << 20, 64 << 20);
   Findings findings;
   FileHead head;

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "conformance"))
 from vector_file import Meta, header  # noqa: E402
 from vector_growing import Fragment, Recording  # noqa: E402
 from vector_records import Body, checksum, layouts_payload, number, record, table_bytes, text  # noqa: E402
-from vector_scenes import few_planes, float_streams, give_tables  # noqa: E402
+from vector_scenes import coded_streams, few_planes, float_streams, give_tables  # noqa: E402
 
 CASES = {}
 RANS_BLOCK = 8192  # symbols
@@ -307,28 +307,23 @@ def primitives(size, n, degree):
 @case("SEGM", blocks=(1, 128), degree=(0, 3), joined=(0, 1))
 def frequent_symbols(size, blocks, degree, joined):
     """Primitives of about one byte: each plane has the same symbol, of a table with a second one."""
-    streams = constant_streams(RANS_BLOCK, degree, joined)
-    tables = [{0: 4095, 1: 1}, {degree: 4096}]
+    streams, tables = constant_streams(RANS_BLOCK, degree, joined), [{0: 4095, 1: 1}, {degree: 4096}]
     for stream in streams:
         sh_degree = stream.attribute == 10
         stream.v = [[degree if sh_degree else 0] * RANS_BLOCK for _ in stream.v]
         stream.tables = [1 if sh_degree else 0] * len(stream.planes())
-    one = Body(streams, RANS_BLOCK, layout=0, tables=tables)
-    units, repeated = one.units(), []
-    for unit in units:  # one block
+    repeated = []
+    for unit in Body(streams, RANS_BLOCK, layout=0, tables=tables).units():  # one block
         words = max(0, len(unit) - 4 * 32) // 2
         repeated.append(unit and struct.pack("<I", words) * (blocks - 1) + unit * blocks)
     n = RANS_BLOCK * blocks
-    payload = struct.pack("<hHIIH", -1, 0, 0, n, 0)
-    payload += struct.pack(f"<{degree}I", *[n] * degree) + bytes(4)  # first key
+    payload = struct.pack(f"<hHIIH{degree}II", -1, 0, 0, n, 0, *[n] * degree, 0)  # 0: first key
     payload += struct.pack(f"<{len(repeated)}I", *map(len, repeated)) + b"".join(repeated)
-    payload += bytes(max(0, n - len(payload)))
-    return one_segment(payload, n, count=max(1, size // (len(payload) + 80)), degree=degree,
-                       layouts=layouts_payload(tables, [streams]))
+    payload, count = payload.ljust(n, b"\0"), max(1, size // (max(n, len(payload)) + 80))
+    return one_segment(payload, n, count=count, degree=degree, layouts=layouts_payload(tables, [streams]))
 
 
 def constant_streams(n, degree, joined=False):
-    from vector_scenes import coded_streams
     streams = coded_streams(n, degree, 1, joined=bool(joined))
     for stream in streams:
         stream.v = [[row[0]] * n for row in stream.v]

@@ -137,7 +137,8 @@ class Bench final : public Command {
           "{} applies to a synthetic scene; add --animate, --stored-ratio or --full-sh",
           quality_ ? "--quality" : "--seed");
     }
-    STGS_ASSIGN(Scene scene, load_scene(session, file_, limits));
+    // --memory is for playing the synthetic scene, not for making it.
+    STGS_ASSIGN(Scene scene, load_scene(session, file_));
     const std::uint64_t limit = ReadLimits{}.max_primitives;
     if (stored_ratio_ > 0 &&
         scene.gaussians.size() > limit / static_cast<std::uint64_t>(stored_ratio_)) {
