@@ -20,6 +20,17 @@ inline FileHead head_of(const std::vector<std::uint8_t>& bytes) {
   return head;
 }
 
+// A growing file without fragments: a header and META.
+inline std::vector<std::uint8_t> growing_head(const FileMetadata& metadata) {
+  const std::vector<std::uint8_t> meta = write_record(kMetadataTag, write_metadata(metadata));
+  FileHeader header;
+  header.flags = kGrowing;
+  header.head_bytes = static_cast<std::uint32_t>(kHeaderBytes + meta.size());
+  std::vector<std::uint8_t> out = write_header(header);
+  out.insert(out.end(), meta.begin(), meta.end());
+  return out;
+}
+
 // The bytes after the head, without the copy of the head.
 inline std::vector<std::uint8_t> body_of(const std::vector<std::uint8_t>& bytes) {
   return {bytes.begin() + static_cast<std::ptrdiff_t>(head_of(bytes).header.head_bytes),

@@ -69,12 +69,7 @@ class CountingSource final : public ByteSource {
 Bytes recording_of(std::size_t count, const Bytes& one) {
   FileMetadata metadata;
   metadata.scene.frames = 1;
-  const Bytes meta = write_record(kMetadataTag, write_metadata(metadata));
-  FileHeader header;
-  header.flags = kGrowing;
-  header.head_bytes = static_cast<std::uint32_t>(kHeaderBytes + meta.size());
-  Bytes out = write_header(header);
-  out.insert(out.end(), meta.begin(), meta.end());
+  Bytes out = testing::growing_head(metadata);
   for (std::size_t i = 0; i < count; ++i) out.insert(out.end(), one.begin(), one.end());
   return out;
 }

@@ -56,12 +56,7 @@ Bytes long_recording(std::uint32_t count, const Bytes& note) {
   FileMetadata metadata;
   metadata.scene = recording_metadata();
   metadata.scene.frames = 1;
-  const Bytes meta = write_record(kMetadataTag, write_metadata(metadata));
-  FileHeader header;
-  header.flags = kGrowing;
-  header.head_bytes = static_cast<std::uint32_t>(kHeaderBytes + meta.size());
-  Bytes out = write_header(header);
-  out.insert(out.end(), meta.begin(), meta.end());
+  Bytes out = stgs::testing::growing_head(metadata);
   const Bytes head = out;
   FragmentLinks links;
   for (std::uint32_t i = 1; i <= count; ++i) {
