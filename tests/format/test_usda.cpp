@@ -273,3 +273,25 @@ TEST_CASE("USD: the frames of a lifespan are found in a clip of any length") {
   }
   CHECK(of_100 == 81);  // frames 60 to 140
 }
+
+TEST_CASE("USD: a text that could exceed the memory limit is refused") {
+  Scene scene = random_scene(1, 0, 10, 7);
+  scene.metadata.frames = 400'000'000;
+  scene.gaussians.opacity_logit = {2};
+  scene.gaussians.sigma = {2e8f};
+  const Status status = write_usda(scene).status();
+  CHECK(status.code() == StatusCode::kUnsupported);
+  CHECK_THAT(status.message(), Contains("allow more memory"));
+  scene.metadata.frames = 4000;
+  scene.gaussians.sigma = {1000};
+  CHECK(write_usda(scene, nullptr, 64 << 10).status().code() == StatusCode::kUnsupported);
+  for (const int sh_degree : {0, 3}) {
+    const Scene many = random_scene(300, sh_degree, 40, 8);
+    const auto bytes = write_usda(many);
+    REQUIRE(bytes.ok());
+    CHECK(bytes->capacity() < 3 * bytes->size());
+    CHECK(write_usda(many, nullptr, bytes->capacity()).ok());  // it never grew
+    CHECK(write_usda(many, nullptr, bytes->capacity() - 1).status().code() ==
+          StatusCode::kUnsupported);
+  }
+}
