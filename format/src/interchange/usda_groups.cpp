@@ -79,8 +79,8 @@ double UsdaGrouper::visible_frame(std::size_t i, const ScenePart* part, double c
   return kNoFrame;
 }
 
-// Returns the last frame with an opacity above 0 on the way from `visible`, which has one, to
-// `limit`. The opacity only decreases on the way, so that 32 steps suffice for any clip.
+// Returns the frame nearest to `limit` with an opacity above 0. `visible` has one, and between both
+// the opacity only decreases, so that 32 steps suffice for any clip.
 double UsdaGrouper::last_visible(std::size_t i, const ScenePart* part, double visible,
                                  double limit) const {
   if (opacity_at(i, part, limit) > 0) return limit;
