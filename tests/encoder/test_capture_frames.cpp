@@ -50,6 +50,7 @@ TEST_CASE("undistorted points lie where the pinhole camera projects them") {
   const FrameInfo info{320, 240, 1, 0};
   const auto plan = plan_camera(source, info, scale);
   REQUIRE(plan.ok());
+  const FrameMapping mapping(*plan);
   const Camera& camera = plan->camera;
   CHECK(camera.width == 320 * scale);
   const cv::Matx33d k(source.fx, 0, source.cx - 0.5, 0, source.fy, source.cy - 0.5, 0, 0, 1);
@@ -63,7 +64,7 @@ TEST_CASE("undistorted points lie where the pinhole camera projects them") {
         cv::projectPoints(std::vector<cv::Point3d>{{x, y, 1}}, cv::Vec3d(), cv::Vec3d(), k,
                           source.distortion, distorted);
       }
-      const cv::Point2d found = centroid_of(plan->frame(dot(distorted[0], 320, 240)));
+      const cv::Point2d found = centroid_of(mapping.frame(dot(distorted[0], 320, 240)));
       CHECK(std::abs(found.x - (camera.fx * x + camera.cx)) < 0.3);
       CHECK(std::abs(found.y - (camera.fy * y + camera.cy)) < 0.3);
     }
@@ -81,7 +82,7 @@ TEST_CASE("undistortion zooms just enough to avoid a border") {
   CHECK(plan->camera.fx == Approx(source.fx * plan->zoom));
   CHECK(plan->camera.cx == source.cx);
   double low = 0, high = 0;
-  cv::minMaxLoc(plan->map_x, &low, &high);
+  cv::minMaxLoc(FrameMapping(*plan).map_x(), &low, &high);
   CHECK(low >= -0.51);
   CHECK(high <= 319.51);
 }

@@ -306,6 +306,32 @@ TEST_CASE("an image header that states too many pixels is rejected before decodi
   CHECK(check_image_kind(bytes, "a.png", "w").code() == StatusCode::kInvalidFile);
 }
 
+// Memory of this process in use, bytes.
+std::size_t resident_bytes() {
+  std::size_t pages = 0, resident = 0;
+  std::ifstream("/proc/self/statm") >> pages >> resident;
+  return resident * 4096;
+}
+
+TEST_CASE("the plans of distorted cameras take no memory per pixel") {
+  const std::size_t before = resident_bytes();
+  std::vector<CameraPlan> plans;
+  for (const LensModel lens : {LensModel::kOpenCv, LensModel::kFisheye}) {
+    SourceCamera camera;
+    camera.name = "lens";
+    camera.fx = camera.fy = 6000;
+    camera.cx = 4096;
+    camera.cy = 3072;
+    camera.lens = lens;
+    camera.distortion = {-0.1, 0.01, 0, 0};
+    auto plan = plan_camera(camera, {8192, 6144, 1, 0}, 1);
+    REQUIRE(plan.ok());
+    plans.push_back(*std::move(plan));
+    CHECK_FALSE(plans.back().is_identity());
+  }
+  CHECK(resident_bytes() < before + (std::size_t{200} << 20));  // the maps have 403 MB each
+}
+
 TEST_CASE("a program is stopped at its deadline, with its children") {
   const TemporaryFolder folder;
   const std::string script = fmt::format("sleep 300 & echo $! > {}/child; wait", folder.path);

@@ -247,3 +247,51 @@ TEST_CASE("USD: primitives between frames are dropped with a note, invalid sets 
   empty.metadata.frames = 1;
   CHECK(write_usda(empty).ok());
 }
+
+TEST_CASE("USD: the frames of a lifespan are found in a clip of any length") {
+  Scene scene = random_scene(4, 0, 10, 6);
+  Gaussians4D& set = scene.gaussians;
+  scene.metadata.frames = 0xFFFFFFFF;
+  std::fill(set.velocity.begin(), set.velocity.end(), 0.0f);
+  // Just below the threshold, so that the widened support has all frames: stepping through them
+  // would take minutes.
+  const double dim = 1 / 255.0 * (1 - 2e-6);
+  set.opacity_logit = {static_cast<float>(std::log(dim / (1 - dim))), 2, 2, 2};
+  set.time = {2e9f, 4096, 100, 4e9f};
+  set.radius = {4e9f, 0, 40.25f, 3};
+  set.sigma = {1, 2.5f, 1e-3f, 0.5f};
+  ConversionNotes notes;
+  const std::string text = write_text(scene, &notes);
+  CHECK_THAT(notes.at(0), Contains("error half-way"));
+  CHECK_THAT(notes.at(1), Contains("dropped 1 of 4 primitives that are visible only between"));
+  const std::map<std::string, Prim> prims = parse_prims(text.substr(0, text.find("fading_3999")));
+  std::size_t of_100 = 0;
+  for (const auto& [name, prim] : prims) {
+    const auto opacities = prim.arrays.find("opacities");
+    if (name == "Scene" || opacities == prim.arrays.end()) continue;
+    for (const auto& [frame, values] : opacities->second) of_100 += frame < 200 && values[0] > 0;
+  }
+  CHECK(of_100 == 81);  // frames 60 to 140
+}
+
+TEST_CASE("USD: a text that could exceed the memory limit is refused") {
+  Scene scene = random_scene(1, 0, 10, 7);
+  scene.metadata.frames = 400'000'000;
+  scene.gaussians.opacity_logit = {2};
+  scene.gaussians.sigma = {2e8f};
+  const Status status = write_usda(scene).status();
+  CHECK(status.code() == StatusCode::kUnsupported);
+  CHECK_THAT(status.message(), Contains("allow more memory"));
+  scene.metadata.frames = 4000;
+  scene.gaussians.sigma = {1000};
+  CHECK(write_usda(scene, nullptr, 64 << 10).status().code() == StatusCode::kUnsupported);
+  for (const int sh_degree : {0, 3}) {
+    const Scene many = random_scene(300, sh_degree, 40, 8);
+    const auto bytes = write_usda(many);
+    REQUIRE(bytes.ok());
+    CHECK(bytes->capacity() < 3 * bytes->size());
+    CHECK(write_usda(many, nullptr, bytes->capacity()).ok());  // it never grew
+    CHECK(write_usda(many, nullptr, bytes->capacity() - 1).status().code() ==
+          StatusCode::kUnsupported);
+  }
+}

@@ -285,7 +285,7 @@ class Convert final : public Command {
       std::vector<std::uint32_t> order;
       Result<std::vector<std::uint8_t>> bytes =
           work.to->write_scene != nullptr
-              ? work.to->write_scene(work.scene, &work.report.notes, &order)
+              ? work.to->write_scene(work.scene, limits(), &work.report.notes, &order)
               : work.to->write(work.scene.gaussians, &work.report.notes);
       if (!bytes.ok()) {
         return Status(bytes.status().code(),

@@ -62,15 +62,10 @@ void plan_undistortion(const SourceCamera& source, CameraPlan& plan) {
     }
     plan.zoom = plan.has_border ? 1 : high;
   }
-  const cv::Matx33d from = opencv_matrix(source, 1), to = opencv_matrix(source, plan.zoom);
-  const cv::Size size(info.width, info.height);
-  if (source.lens == LensModel::kFisheye) {
-    cv::fisheye::initUndistortRectifyMap(from, source.distortion, cv::Matx33d::eye(), to, size,
-                                         CV_32FC1, plan.map_x, plan.map_y);
-  } else {
-    cv::initUndistortRectifyMap(from, source.distortion, cv::noArray(), to, size, CV_32FC1,
-                                plan.map_x, plan.map_y);
-  }
+  plan.lens = source.lens;
+  plan.distortion = source.distortion;
+  plan.from = opencv_matrix(source, 1);
+  plan.to = opencv_matrix(source, plan.zoom);
 }
 
 // Returns the camera with its intrinsics scaled to the size of the frames.
@@ -117,22 +112,35 @@ Result<CameraPlan> plan_camera(const SourceCamera& given, const FrameInfo& info,
   return plan;
 }
 
-cv::Mat CameraPlan::frame(const cv::Mat& image) const {
+FrameMapping::FrameMapping(const CameraPlan& plan) : plan_(plan) {
+  const cv::Size size(plan.source.width, plan.source.height);
+  if (plan.lens == LensModel::kFisheye) {
+    cv::fisheye::initUndistortRectifyMap(plan.from, plan.distortion, cv::Matx33d::eye(), plan.to,
+                                         size, CV_32FC1, map_x_, map_y_);
+  } else if (plan.lens == LensModel::kOpenCv) {
+    cv::initUndistortRectifyMap(plan.from, plan.distortion, cv::noArray(), plan.to, size, CV_32FC1,
+                                map_x_, map_y_);
+  }
+}
+
+cv::Mat FrameMapping::frame(const cv::Mat& image) const {
+  const Camera& camera = plan_.camera;
   cv::Mat undistorted = image, scaled;
-  if (!map_x.empty()) {
-    cv::remap(image, undistorted, map_x, map_y, cv::INTER_CUBIC, cv::BORDER_REPLICATE);
+  if (!map_x_.empty()) {
+    cv::remap(image, undistorted, map_x_, map_y_, cv::INTER_CUBIC, cv::BORDER_REPLICATE);
   }
   if (undistorted.cols == camera.width && undistorted.rows == camera.height) return undistorted;
   cv::resize(undistorted, scaled, {camera.width, camera.height}, 0, 0, cv::INTER_AREA);
   return scaled;
 }
 
-cv::Mat CameraPlan::mask(const cv::Mat& mask) const {
+cv::Mat FrameMapping::mask(const cv::Mat& mask) const {
+  const Camera& camera = plan_.camera;
   double largest = 0;
   cv::minMaxLoc(mask, nullptr, &largest);
   cv::Mat undistorted = mask > (largest <= 1 ? 0 : 127), scaled;  // masks use 0/1 or 0/255
-  if (!map_x.empty()) {
-    cv::remap(undistorted.clone(), undistorted, map_x, map_y, cv::INTER_NEAREST,
+  if (!map_x_.empty()) {
+    cv::remap(undistorted.clone(), undistorted, map_x_, map_y_, cv::INTER_NEAREST,
               cv::BORDER_CONSTANT);
   }
   if (undistorted.cols == camera.width && undistorted.rows == camera.height) return undistorted;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <opencv2/core.hpp>
+#include <vector>
 
 #include "frame_reader.h"
 #include "source_capture.h"
@@ -13,20 +14,41 @@ namespace stgs::encoder {
 inline constexpr double kMaxUndistortionZoom = 1.5;
 
 struct CameraPlan {
-  Camera camera;            // of the prepared frames
-  FrameInfo source;         // of the source frames
-  cv::Mat map_x, map_y;     // source position of each undistorted pixel; empty: no distortion
+  Camera camera;     // of the prepared frames
+  FrameInfo source;  // of the source frames
+  LensModel lens = LensModel::kPinhole;
+  std::vector<double> distortion;  // as in SourceCamera
+  // Intrinsics of the source frames and of the undistorted ones before they are scaled, in OpenCV's
+  // convention, with pixel centres at integers.
+  cv::Matx33d from, to;
   double zoom = 1;          // of the focal lengths, 1 to kMaxUndistortionZoom
   bool has_border = false;  // pixels at the border lie outside the source and repeat its edge
 
   // Returns true if the frames need no change.
   bool is_identity() const {
-    return map_x.empty() && camera.width == source.width && camera.height == source.height;
+    return lens == LensModel::kPinhole && camera.width == source.width &&
+           camera.height == source.height;
   }
+};
+
+// Changes the frames of a camera as planned. With lens distortion it has 8 bytes per pixel of a
+// source frame: keep it only while the frames of the camera are written. Thread-safe.
+class FrameMapping {
+ public:
+  // `plan` must outlive the object.
+  explicit FrameMapping(const CameraPlan& plan);
+
   // Undistorts and scales an 8-bit source image.
   cv::Mat frame(const cv::Mat& image) const;
   // Undistorts and scales a mask by nearest neighbour. Returns 0 or 255.
   cv::Mat mask(const cv::Mat& mask) const;
+  // Source positions of the undistorted pixels, CV_32FC1; empty without distortion.
+  const cv::Mat& map_x() const { return map_x_; }
+  const cv::Mat& map_y() const { return map_y_; }
+
+ private:
+  const CameraPlan& plan_;
+  cv::Mat map_x_, map_y_;
 };
 
 // Plans the undistortion of one camera. The new camera keeps the principal point and the focal

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "frame_reader.h"
 
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -17,7 +18,20 @@ namespace {
 
 constexpr int kImageFlags = cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION;
 
-Result<cv::VideoCapture> open_video(const CaptureFolder& files, const SourceCamera& camera) {
+// A video has at least so many bytes per frame, and at most so many pixels per byte. An all-black
+// AV1 video of 3840x2160 pixels has 36 bytes per frame, 232,000 pixels per byte.
+constexpr std::uint64_t kMinFrameBytes = 8;
+constexpr std::uint64_t kMaxPixelsPerByte = std::uint64_t{1} << 20;
+// Stored frames have at most twice the bytes of the file, and this: FFmpeg repeats the parameters
+// of the codec before each keyframe.
+constexpr std::uint64_t kRepeatedBytes = std::uint64_t{16} << 20;
+
+struct OpenVideo {
+  cv::VideoCapture capture;
+  std::uint64_t bytes;  // of the file
+};
+
+Result<OpenVideo> open_video(const CaptureFolder& files, const SourceCamera& camera) {
   const std::string& path = camera.video;
   if (!files.exists(path)) return io_error("{}: video of camera '{}' not found", path, camera.name);
   if (files.kind(path) == CaptureFolder::Kind::kOther) {
@@ -28,6 +42,10 @@ Result<cv::VideoCapture> open_video(const CaptureFolder& files, const SourceCame
   const ssize_t got = ::pread(file.descriptor(), begin.data(), begin.size(), 0);
   if (got < 0) return io_error("{}: cannot read: {}", path, system_message(errno));
   begin.resize(static_cast<std::size_t>(got));
+  struct stat stored = {};
+  if (::fstat(file.descriptor(), &stored) != 0) {
+    return io_error("{}: cannot read: {}", path, system_message(errno));
+  }
   STGS_TRY(check_video_kind(begin, path, fmt::format("video of camera '{}'", camera.name)));
   // By the descriptor, so that FFmpeg reads the file that was checked.
   cv::VideoCapture video(file.name(), cv::CAP_FFMPEG);
@@ -37,8 +55,49 @@ Result<cv::VideoCapture> open_video(const CaptureFolder& files, const SourceCame
         "/proc is not mounted)",
         path, camera.name);
   }
-  return video;
+  // Before FFmpeg decodes a frame. Containers may state no size.
+  const double width = video.get(cv::CAP_PROP_FRAME_WIDTH);
+  const double height = video.get(cv::CAP_PROP_FRAME_HEIGHT);
+  if (width > 0 && height > 0) {
+    STGS_TRY(check_image_size(static_cast<int>(width), static_cast<int>(height), path));
+  }
+  return OpenVideo{video, static_cast<std::uint64_t>(stored.st_size)};
 }
+
+// Adds the sizes of the frames that are read. The table of a container may list a stored frame any
+// number of times, in 4 bytes each.
+class StoredFrames {
+ public:
+  // `camera` must outlive the object.
+  static Result<StoredFrames> open(const CaptureFolder& files, const SourceCamera& camera) {
+    STGS_ASSIGN(OpenVideo video, open_video(files, camera));
+    if (!video.capture.set(cv::CAP_PROP_FORMAT, -1)) {  // the stored bytes, not decoded
+      return unsupported("{}: this OpenCV cannot read the stored frames of camera '{}'",
+                         camera.video, camera.name);
+    }
+    return StoredFrames(std::move(video), camera);
+  }
+  // Call for each frame that is decoded. kInvalidFile if the frames so far have more bytes than the
+  // file.
+  Status next() {
+    cv::Mat stored;
+    if (!video_.capture.grab() || !video_.capture.retrieve(stored)) return {};
+    used_ += stored.total() * stored.elemSize();
+    if (used_ <= 2 * video_.bytes + kRepeatedBytes) return {};
+    return invalid_file(
+        "{}: video of camera '{}' states the same stored frames many times: {} bytes of frames in "
+        "a file of {}; encode the video again",
+        camera_->video, camera_->name, used_, video_.bytes);
+  }
+
+ private:
+  StoredFrames(OpenVideo video, const SourceCamera& camera)
+      : video_(std::move(video)), camera_(&camera) {}
+
+  OpenVideo video_;
+  const SourceCamera* camera_;
+  std::uint64_t used_ = 0;  // bytes
+};
 
 Status check_size(const std::string& path, const SourceCamera& camera, int frame,
                   const cv::Mat& image, int width, int height) {
@@ -66,26 +125,49 @@ Result<cv::Mat> decode_image(const CaptureFolder& files, const SourceCamera& cam
   return decode_file(files, path, what, kImageFlags);
 }
 
+// kInvalidFile for more frames than the bytes of the file can hold.
+Status check_frame_bytes(const SourceCamera& camera, int frames, const FrameInfo& info,
+                         std::uint64_t bytes) {
+  const auto count = static_cast<std::uint64_t>(frames);
+  const std::uint64_t pixels =
+      count * static_cast<std::uint64_t>(info.width) * static_cast<std::uint64_t>(info.height);
+  if (count <= bytes / kMinFrameBytes && pixels / kMaxPixelsPerByte <= bytes) return {};
+  return invalid_file(
+      "{}: video of camera '{}' states {} frames of {}x{} pixels, more than its {} bytes can hold; "
+      "encode the video again",
+      camera.video, camera.name, frames, info.width, info.height, bytes);
+}
+
 // Returns the number of frames of a video after its first was read.
-Result<int> count_frames(cv::VideoCapture& video, const std::string& path) {
-  const double stated = std::round(video.get(cv::CAP_PROP_FRAME_COUNT));
+Result<int> count_frames(OpenVideo& video, const CaptureFolder& files, const SourceCamera& camera,
+                         const FrameInfo& info) {
+  const double stated = std::round(video.capture.get(cv::CAP_PROP_FRAME_COUNT));
   if (stated > kCaptureLimits.frames) {
-    return check_frame_limit(static_cast<std::uint64_t>(std::min(stated, 1e18)), path);
+    return check_frame_limit(static_cast<std::uint64_t>(std::min(stated, 1e18)), camera.video);
   }
-  if (stated > 0) return static_cast<int>(stated);
+  if (stated > 0) {
+    STGS_TRY(check_frame_bytes(camera, static_cast<int>(stated), info, video.bytes));
+    return static_cast<int>(stated);
+  }
   // Some containers do not state their length: count the frames.
+  STGS_ASSIGN(StoredFrames stored, StoredFrames::open(files, camera));
   int frames = 1;
-  while (frames <= kCaptureLimits.frames && video.grab()) ++frames;
-  STGS_TRY(check_frame_limit(static_cast<std::uint64_t>(frames), path));
+  while (frames <= kCaptureLimits.frames && video.capture.grab()) {
+    STGS_TRY(stored.next());
+    STGS_TRY(check_frame_bytes(camera, ++frames, info, video.bytes));
+  }
+  STGS_TRY(check_frame_limit(static_cast<std::uint64_t>(frames), camera.video));
   return frames;
 }
 
 class OpenCvVideoReader final : public VideoReader {
  public:
-  OpenCvVideoReader(const cv::VideoCapture& video, const SourceCamera& camera, int next)
-      : video_(video), camera_(camera), next_(next) {}
+  OpenCvVideoReader(const cv::VideoCapture& video, StoredFrames stored, const SourceCamera& camera,
+                    int next)
+      : video_(video), stored_(std::move(stored)), camera_(camera), next_(next) {}
 
   Result<cv::Mat> next(int width, int height) override {
+    STGS_TRY(stored_.next());
     cv::Mat image;  // not reused: the caller may still hold the previous frame
     if (!video_.read(image) || image.empty()) {
       return invalid_file(
@@ -100,6 +182,7 @@ class OpenCvVideoReader final : public VideoReader {
 
  private:
   cv::VideoCapture video_;
+  StoredFrames stored_;
   const SourceCamera& camera_;
   int next_;
 };
@@ -132,9 +215,9 @@ Result<FrameInfo> probe_frames(const CaptureFolder& files, const SourceCamera& c
     info.frames = static_cast<int>(camera.images.size());
     return info;
   }
-  STGS_ASSIGN(cv::VideoCapture video, open_video(files, camera));
+  STGS_ASSIGN(OpenVideo video, open_video(files, camera));
   cv::Mat image;
-  if (!video.read(image) || image.empty()) {
+  if (!video.capture.read(image) || image.empty()) {
     return invalid_file(
         "{}: cannot decode frame 0 of camera '{}' (truncated, or not a video that FFmpeg reads); "
         "copy the file again",
@@ -143,8 +226,8 @@ Result<FrameInfo> probe_frames(const CaptureFolder& files, const SourceCamera& c
   STGS_TRY(check_image_size(image.cols, image.rows, camera.video));
   info.width = image.cols;
   info.height = image.rows;
-  info.fps = video.get(cv::CAP_PROP_FPS);
-  STGS_ASSIGN(info.frames, count_frames(video, camera.video));
+  info.fps = video.capture.get(cv::CAP_PROP_FPS);
+  STGS_ASSIGN(info.frames, count_frames(video, files, camera, info));
   return info;
 }
 
@@ -158,16 +241,18 @@ Result<cv::Mat> read_image(const CaptureFolder& files, const SourceCamera& camer
 
 Result<std::unique_ptr<VideoReader>> VideoReader::open(const CaptureFolder& files,
                                                        const SourceCamera& camera, int first) {
-  STGS_ASSIGN(cv::VideoCapture video, open_video(files, camera));
+  STGS_ASSIGN(OpenVideo video, open_video(files, camera));
+  STGS_ASSIGN(StoredFrames stored, StoredFrames::open(files, camera));
   for (int frame = 0; frame < first; ++frame) {
-    if (video.grab()) continue;
+    STGS_TRY(stored.next());
+    if (video.capture.grab()) continue;
     return invalid_file(
         "{}: video of camera '{}' ends at frame {}, before its stated length (truncated or "
         "damaged)",
         camera.video, camera.name, frame);
   }
   return std::unique_ptr<VideoReader>(
-      std::make_unique<OpenCvVideoReader>(std::move(video), camera, first));
+      std::make_unique<OpenCvVideoReader>(video.capture, std::move(stored), camera, first));
 }
 
 }  // namespace stgs::encoder

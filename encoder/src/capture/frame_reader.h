@@ -23,8 +23,9 @@ Result<cv::Mat> decode_file(const CaptureFolder& files, const std::string& path,
                             const std::string& what, int flags);
 
 // Decodes the first frame and returns the properties of all. Errors name file and camera.
-// kInvalidFile for more than kCaptureLimits.frames, and for a video that check_video_kind()
-// refuses.
+// kInvalidFile for more than kCaptureLimits.frames, for a video that check_video_kind() refuses or
+// whose header states too many pixels, and for one that states more frames than its bytes can hold:
+// fewer than 8 bytes per frame, or more than 2^20 pixels per byte.
 Result<FrameInfo> probe_frames(const CaptureFolder& files, const SourceCamera& camera);
 
 // Decodes an image frame to 8-bit BGR. EXIF orientation is ignored, as calibration tools and other
@@ -40,8 +41,9 @@ class VideoReader {
   static Result<std::unique_ptr<VideoReader>> open(const CaptureFolder& files,
                                                    const SourceCamera& camera, int first);
   virtual ~VideoReader() = default;
-  // Decodes the next frame to 8-bit BGR. kInvalidFile at the end of the video, or if the size is
-  // not width x height.
+  // Decodes the next frame to 8-bit BGR. kInvalidFile at the end of the video, if the size is not
+  // width x height, or if the file repeats stored frames: they had more than twice its bytes and
+  // 16 MiB so far.
   virtual Result<cv::Mat> next(int width, int height) = 0;
 };
 

@@ -74,6 +74,7 @@ struct CameraJob {
   const CaptureFolder& files;
   const SourceCamera& source;
   const CameraPlan& plan;
+  const FrameMapping& mapping;
   const PreparedCapture& capture;
   const Camera& camera;
 
@@ -124,7 +125,7 @@ Status write_mask(const CameraJob& job, int frame) {
         path, job.source.name, number, job.plan.source.width, job.plan.source.height, mask.cols,
         mask.rows);
   }
-  return write_png(job.capture.mask_path(job.camera, frame), job.plan.mask(mask));
+  return write_png(job.capture.mask_path(job.camera, frame), job.mapping.mask(mask));
 }
 
 Status write_unguarded(const CameraJob& job, bool copies, int frame, cv::Mat decoded) {
@@ -134,7 +135,7 @@ Status write_unguarded(const CameraJob& job, bool copies, int frame, cv::Mat dec
     STGS_ASSIGN(decoded, read_image(job.files, job.source, job.capture.first_frame + frame,
                                     job.plan.source.width, job.plan.source.height));
   }
-  return write_png(job.capture.frame_path(job.camera, frame), job.plan.frame(decoded));
+  return write_png(job.capture.frame_path(job.camera, frame), job.mapping.frame(decoded));
 }
 
 // Writes one frame. `decoded` is a video frame, or empty for an image frame.
@@ -211,7 +212,10 @@ Status write_frames(const SourceCapture& source, const std::vector<CameraPlan>& 
   const std::uint64_t total = plans.size() * static_cast<std::uint64_t>(capture.frames);
   STGS_TRY(run_reporting("frames", total, progress, [&](Counter& counter) -> Status {
     parallel_for(std::size_t{0}, plans.size(), [&](std::size_t i) {
-      const CameraJob job{*source.files, source.cameras[i], plans[i], capture, capture.cameras[i]};
+      if (counter.cancelled || error.stop()) return;
+      const FrameMapping mapping(plans[i]);
+      const CameraJob job{*source.files, source.cameras[i], plans[i],
+                          mapping,       capture,           capture.cameras[i]};
       write_camera(job, i, counter, error);
     });
     return error.status();

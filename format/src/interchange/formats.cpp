@@ -108,9 +108,15 @@ Result<Scene> read_frames(const std::string& path, const ImportSettings& setting
                            &report.notes);
 }
 
-Result<std::vector<std::uint8_t>> write_usda_scene(const Scene& scene, ConversionNotes* notes,
+Result<std::vector<std::uint8_t>> write_4dgs_scene(const Scene& scene, const ReadLimits&,
+                                                   ConversionNotes* notes,
+                                                   std::vector<std::uint32_t>* order) {
+  return write_4dgs(scene, notes, order);
+}
+Result<std::vector<std::uint8_t>> write_usda_scene(const Scene& scene, const ReadLimits& limits,
+                                                   ConversionNotes* notes,
                                                    std::vector<std::uint32_t>*) {
-  return write_usda(scene, notes);
+  return write_usda(scene, notes, limits.max_memory);
 }
 
 using Format = InterchangeFormat;
@@ -127,7 +133,7 @@ constexpr std::array kFormats = {
     Format{"PLY frames", "", is_frame_folder, nullptr, read_frames, nullptr, Format::kSequence},
     Format{"glTF", ".glb", is_gltf, nullptr, nullptr, write_glb_set},
     Format{"4dgs", ".4dgs", is_4dgs_file, nullptr, read_4dgs_clip, nullptr, Format::kFourdgs,
-           write_4dgs, read_back_4dgs},
+           write_4dgs_scene, read_back_4dgs},
     Format{"USD", ".usda", is_usda, nullptr, nullptr, nullptr, Format::kNone, write_usda_scene},
 };
 

@@ -14,6 +14,7 @@ namespace {
 // Greatest differences of a primitive that is written without time samples, at any frame.
 constexpr double kStaticOpacity = 0.5 / 255;
 constexpr double kStaticPosition = 0.02;  // in its middle standard deviation
+constexpr double kNoFrame = -1;
 
 }  // namespace
 
@@ -55,13 +56,39 @@ void UsdaGrouper::add(std::size_t i, const ScenePart* part, UsdaGroups& out,
     begin = std::max(begin, std::ceil(part->displayed_range().begin));
     end = std::min(end, std::floor(part->displayed_range().end));
   }
-  while (begin <= end && opacity_at(i, part, begin) == 0) ++begin;
-  while (begin <= end && opacity_at(i, part, end) == 0) --end;
-  if (!(begin <= end)) {
+  // The end of a part is outside of it, except at the end of the clip.
+  if (part != nullptr && begin <= end && !part->shows(end, scene_.metadata.frames)) --end;
+  const double peak = begin <= end ? visible_frame(i, part, centre, begin, end) : kNoFrame;
+  if (peak == kNoFrame) {
     statistics.between_frames += support.begin < support.end ? 1 : 0;
     return;
   }
+  begin = last_visible(i, part, peak, begin);
+  end = last_visible(i, part, peak, end);
   out[group_of(i, part, begin, end, statistics)].push_back(static_cast<std::uint32_t>(i));
+}
+
+// Returns a frame of [begin, end], which are shown, with the greatest opacity: one of the two next
+// to the centre of the lifespan. kNoFrame if the opacity is 0 at both.
+double UsdaGrouper::visible_frame(std::size_t i, const ScenePart* part, double centre, double begin,
+                                  double end) const {
+  for (const double nearest : {std::floor(centre), std::ceil(centre)}) {
+    const double frame = std::clamp(nearest, begin, end);
+    if (opacity_at(i, part, frame) > 0) return frame;
+  }
+  return kNoFrame;
+}
+
+// Returns the frame nearest to `limit` with an opacity above 0. `visible` has one, and between both
+// the opacity only decreases, so that 32 steps suffice for any clip.
+double UsdaGrouper::last_visible(std::size_t i, const ScenePart* part, double visible,
+                                 double limit) const {
+  if (opacity_at(i, part, limit) > 0) return limit;
+  while (std::abs(limit - visible) > 1) {
+    const double middle = std::floor(0.5 * (visible + limit));
+    (opacity_at(i, part, middle) > 0 ? visible : limit) = middle;
+  }
+  return visible;
 }
 
 // Returns the range of the opacity over the frames of a scene without parts.

@@ -35,7 +35,8 @@ class UsdaGrouper {
   UsdaGrouper(const Scene& scene, const Gaussians4D& set)
       : scene_(scene), set_(set), last_frame_(scene.metadata.frames - 1) {}
 
-  // Returns the primitives that are visible at a frame.
+  // Returns the primitives that are visible at a frame. The work depends on their number, and on
+  // that of the frames only by its logarithm.
   UsdaGroups groups(UsdaStatistics& statistics) const;
   // Returns the opacity of a primitive without samples of it.
   float constant_opacity(std::size_t i) const;
@@ -48,6 +49,9 @@ class UsdaGrouper {
     double low, high;
   };
   void add(std::size_t i, const ScenePart* part, UsdaGroups& out, UsdaStatistics& statistics) const;
+  double visible_frame(std::size_t i, const ScenePart* part, double centre, double begin,
+                       double end) const;
+  double last_visible(std::size_t i, const ScenePart* part, double visible, double limit) const;
   UsdaGroup group_of(std::size_t i, const ScenePart* part, double begin, double end,
                      UsdaStatistics& statistics) const;
   OpacityRange opacities(std::size_t i) const;

@@ -15,7 +15,6 @@
 namespace stgs {
 namespace {
 
-constexpr std::uint64_t kMaxUsdaBytes = std::uint64_t{1} << 32;
 constexpr double kOpacitySteps = 1e4;  // per unit, of time samples
 constexpr double kExtentDeviations = 3;
 
@@ -34,7 +33,10 @@ class UsdaWriter {
   UsdaWriter(const Scene& scene, const Gaussians4D& set, const UsdaGrouper& grouper)
       : scene_(scene), set_(set), grouper_(grouper), parts_(parts_of(scene)) {}
 
-  std::vector<std::uint8_t> write(const UsdaGroups& groups, UsdaStatistics& statistics) {
+  // `max_bytes`: of the text.
+  std::vector<std::uint8_t> write(const UsdaGroups& groups, std::uint64_t max_bytes,
+                                  UsdaStatistics& statistics) {
+    out_.reserve(static_cast<std::size_t>(max_bytes));  // growth would need three times the text
     header();
     for (const auto& [key, primitives] : groups) group(key, primitives, statistics);
     print("}}\n");
@@ -230,14 +232,17 @@ class UsdaWriter {
   std::vector<std::uint8_t> out_;
 };
 
-// Returns about the size of the file, bytes.
-std::uint64_t estimated_bytes(const UsdaGroups& groups, int coefficients) {
-  constexpr std::uint64_t kFloat = 12, kSample = 7;
-  std::uint64_t bytes = 0;
+// Returns the greatest size of the text, bytes; about 1.5 times that of most scenes.
+std::uint64_t greatest_bytes(const Scene& scene, const UsdaGroups& groups) {
+  constexpr std::uint64_t kFloat = 18, kSample = 8;  // with separators and parentheses
+  constexpr std::uint64_t kHeader = 1024, kFrame = 32;
+  const auto coefficients = static_cast<std::uint64_t>(scene.gaussians.sh_coefficients());
+  std::uint64_t bytes = kHeader + 2 * scene.metadata.title.size();
   for (const auto& [key, primitives] : groups) {
-    std::uint64_t each = kFloat * (13 + 3 * static_cast<std::uint64_t>(coefficients));
-    if (key.kind == UsdaGroup::kFades) each += kSample * (std::uint64_t{key.last} - key.first + 1);
-    bytes += each * primitives.size();
+    const std::uint64_t samples =
+        key.kind == UsdaGroup::kFades ? std::uint64_t{key.last} - key.first + 1 : 0;
+    bytes += kHeader + kFrame * samples;
+    bytes += (kFloat * (14 + 3 * coefficients) + kSample * samples) * primitives.size();
   }
   return bytes;
 }
@@ -264,7 +269,8 @@ void note_losses(const Scene& scene, const UsdaStatistics& statistics, Conversio
 
 }  // namespace
 
-Result<std::vector<std::uint8_t>> write_usda(const Scene& scene, ConversionNotes* notes) {
+Result<std::vector<std::uint8_t>> write_usda(const Scene& scene, ConversionNotes* notes,
+                                             std::uint64_t max_memory) {
   STGS_TRY(check_export(scene.gaussians));
   if (scene.metadata.frames == 0) return usage_error("invalid frame count 0");
   std::uint64_t in_parts = 0;
@@ -277,15 +283,15 @@ Result<std::vector<std::uint8_t>> write_usda(const Scene& scene, ConversionNotes
   const UsdaGrouper grouper(scene, set);
   UsdaStatistics statistics;
   const UsdaGroups groups = grouper.groups(statistics);
-  const std::uint64_t bytes = estimated_bytes(groups, set.sh_coefficients());
-  if (bytes > kMaxUsdaBytes) {
+  const std::uint64_t bytes = greatest_bytes(scene, groups);
+  if (bytes > max_memory) {
     return unsupported(
-        "the text needs about {} bytes, more than {}; convert a single time, or "
+        "the text needs up to {} bytes (limit {}); allow more memory, convert a single time, or "
         "fewer primitives",
-        bytes, kMaxUsdaBytes);
+        bytes, max_memory);
   }
   UsdaWriter writer(scene, set, grouper);
-  std::vector<std::uint8_t> out = writer.write(groups, statistics);
+  std::vector<std::uint8_t> out = writer.write(groups, bytes, statistics);
   note_losses(scene, statistics, notes);
   return out;
 }

@@ -94,8 +94,10 @@ Result<std::vector<std::uint8_t>> write_glb(Gaussians4D set);
 // time samples describe, which USD interpolates linearly. Static primitives have no samples; those
 // whose opacity changes by at most 1/255 and that move by at most 0.04 of their size are written as
 // static. Opacities with samples have steps of 1e-4, other floats are exact. `notes` receives the
-// greatest errors, and the omissions. kUnsupported if the text would exceed about 4 GiB.
-Result<std::vector<std::uint8_t>> write_usda(const Scene& scene, ConversionNotes* notes = nullptr);
+// greatest errors, and the omissions. kUnsupported if the text could exceed `max_memory` bytes: up
+// to 18 for each float, and 8 for each sample of an opacity.
+Result<std::vector<std::uint8_t>> write_usda(const Scene& scene, ConversionNotes* notes = nullptr,
+                                             std::uint64_t max_memory = ReadLimits::kDefaultMemory);
 
 // Differences between a set and the result of writing it and reading it back, per primitive.
 struct ConversionErrors {

@@ -54,8 +54,9 @@ struct InterchangeFormat {
   SettingsKind settings_kind = kNone;
   // Writes a complete scene; null for formats without time. `order`, unless null, receives for each
   // primitive of the file its index in the scene, from which some may be omitted; only formats with
-  // read_back() set it.
-  Result<std::vector<std::uint8_t>> (*write_scene)(const Scene& scene, ConversionNotes* notes,
+  // read_back() set it. kUnsupported if time samples could need more than limits.max_memory.
+  Result<std::vector<std::uint8_t>> (*write_scene)(const Scene& scene, const ReadLimits& limits,
+                                                   ConversionNotes* notes,
                                                    std::vector<std::uint32_t>* order) = nullptr;
   // Reads a file of write_scene() for a comparison: in its order, without parts.
   Result<Scene> (*read_back)(const ByteSource& source, const ReadLimits& limits) = nullptr;

@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+// Videos whose headers and tables state more than their bytes hold.
+#include <cstring>
+
+#include "capture_fixture.h"
+#include "catch.h"
+#include "src/capture/frame_reader.h"
+
+namespace stgs::encoder::capture_test {
+namespace {
+
+std::string big_endian(std::initializer_list<std::uint32_t> values, int bytes = 4) {
+  std::string out;
+  for (const std::uint32_t value : values) {
+    for (int b = bytes - 1; b >= 0; --b) out += static_cast<char>(value >> (8 * b) & 0xff);
+  }
+  return out;
+}
+
+std::string box(const char* type, const std::string& content) {
+  return big_endian({static_cast<std::uint32_t>(8 + content.size())}) + type + content;
+}
+
+std::string full_box(const char* type, const std::string& content) {
+  return box(type, std::string(4, '\0') + content);
+}
+
+// An MP4 of motion JPEG whose table lists the one stored frame `frames` times.
+std::string repeating_video(const std::string& jpeg, std::uint32_t frames, std::uint32_t width,
+                            std::uint32_t height) {
+  const std::string zeros(32, '\0'),
+      unity = big_endian({0x10000, 0, 0, 0, 0x10000, 0, 0, 0, 1u << 30});
+  const std::string begin = box("ftyp", std::string("isom\0\0\2\0isommp41", 16));
+  const auto offset = static_cast<std::uint32_t>(begin.size() + 8);
+  const auto size = static_cast<std::uint32_t>(jpeg.size());
+  const std::string entry =
+      box("jpeg", zeros.substr(0, 6) + big_endian({1}, 2) + zeros.substr(0, 16) +
+                      big_endian({width, height}, 2) + big_endian({0x480000, 0x480000, 0}) +
+                      big_endian({1}, 2) + zeros + big_endian({24, 0xffff}, 2));
+  std::string offsets = big_endian({frames});
+  for (std::uint32_t i = 0; i < frames; ++i) offsets += big_endian({offset});
+  const std::string table =
+      box("stbl", full_box("stsd", big_endian({1}) + entry) +
+                      full_box("stts", big_endian({1, frames, 1000})) +
+                      full_box("stsc", big_endian({1, 1, 1, 1})) +
+                      full_box("stsz", big_endian({size, frames})) + full_box("stco", offsets));
+  const std::string media = box(
+      "mdia", full_box("mdhd", big_endian({0, 0, 30000, frames * 1000, 0x55c40000})) +
+                  full_box("hdlr", zeros.substr(0, 4) + "vide" + zeros.substr(0, 14)) +
+                  box("minf", full_box("vmhd", zeros.substr(0, 8)) +
+                                  box("dinf", full_box("dref", big_endian({1}) +
+                                                                   box("url ", big_endian({1})))) +
+                                  table));
+  const std::string track = big_endian({3}) + big_endian({0, 0, 1, 0, frames * 1000}) +
+                            zeros.substr(0, 16) + unity + big_endian({width << 16, height << 16});
+  const std::string movie = big_endian({0, 0, 30000, frames * 1000, 0x10000, 0x01000000}) +
+                            zeros.substr(0, 8) + unity + zeros.substr(0, 24) + big_endian({2});
+  return begin + box("mdat", jpeg) +
+         box("moov", full_box("mvhd", movie) + box("trak", box("tkhd", track) + media));
+}
+
+std::string jpeg_of(const cv::Mat& image, int quality) {
+  std::vector<std::uint8_t> bytes;
+  cv::imencode(".jpg", image, bytes, {cv::IMWRITE_JPEG_QUALITY, quality});
+  return {bytes.begin(), bytes.end()};
+}
+
+SourceCamera camera_of(const std::string& path) {
+  SourceCamera camera;
+  camera.name = "cam";
+  camera.video = path;
+  return camera;
+}
+
+TEST_CASE("a video that states more frames than its bytes can hold is rejected") {
+  const TemporaryFolder folder;
+  const SourceCamera camera = camera_of(folder / "a.mp4");
+  const cv::Mat small = test_image(0, 0), large(4096, 4096, CV_8UC3, cv::Scalar::all(128));
+  const auto probed = [&](const cv::Mat& image, std::uint32_t frames) {
+    write_bytes(camera.video,
+                repeating_video(jpeg_of(image, 30), frames, static_cast<std::uint32_t>(image.cols),
+                                static_cast<std::uint32_t>(image.rows)));
+    return probe_frames(*files_of(folder), camera);
+  };
+  const Result<FrameInfo> few = probed(small, 20);
+  INFO(few.status().message());
+  REQUIRE(few.ok());
+  CHECK(few->frames == 20);
+  CHECK(few->width == kWidth);
+  for (const auto& [image, frames] : {std::pair(small, 100'000), std::pair(large, 900'000)}) {
+    const Status status = probed(image, static_cast<std::uint32_t>(frames)).status();
+    INFO(status.message());
+    CHECK(status.code() == StatusCode::kInvalidFile);
+    CHECK(fails_with(status, {"a.mp4", fmt::format("states {} frames", frames), "can hold"}));
+  }
+}
+
+TEST_CASE("reading ends at frames that a table repeats") {
+  const TemporaryFolder folder;
+  const SourceCamera camera = camera_of(folder / "a.mp4");
+  cv::Mat noise(1024, 1024, CV_8UC3);
+  cv::RNG(1).fill(noise, cv::RNG::UNIFORM, 0, 256);
+  const std::string jpeg = jpeg_of(noise, 100);
+  const auto enough = static_cast<int>((2 * jpeg.size() + (18u << 20)) / jpeg.size()) + 1;
+  write_bytes(camera.video,
+              repeating_video(jpeg, static_cast<std::uint32_t>(enough) + 30, 1024, 1024));
+  const auto files = files_of(folder);
+  const Result<FrameInfo> info = probe_frames(*files, camera);
+  REQUIRE(info.ok());
+  CHECK(info->frames == enough + 30);
+  auto video = VideoReader::open(*files, camera, 0);
+  REQUIRE(video.ok());
+  Status status;
+  int read = 0;
+  for (; status.ok() && read < enough; ++read) status = (*video)->next(1024, 1024).status();
+  INFO(status.message());
+  CHECK(read > 2);
+  CHECK(status.code() == StatusCode::kInvalidFile);
+  CHECK(fails_with(status, {"a.mp4", "same stored frames"}));
+  // Also while the frames before the first are skipped.
+  CHECK(fails_with(VideoReader::open(*files, camera, enough).status(), {"same stored frames"}));
+}
+
+TEST_CASE("black videos and the size in a header") {
+  const TemporaryFolder folder;
+  const SourceCamera camera = camera_of(folder / "a.mp4");
+  {
+    cv::VideoWriter video(camera.video, cv::VideoWriter::fourcc('m', 'p', '4', 'v'), 30,
+                          {1920, 1080});
+    for (int f = 0; f < 40; ++f) video.write(cv::Mat(1080, 1920, CV_8UC3, cv::Scalar::all(0)));
+  }
+  const auto files = files_of(folder);
+  REQUIRE(probe_frames(*files, camera).ok());
+  auto video = VideoReader::open(*files, camera, 30);
+  REQUIRE(video.ok());
+  for (int f = 30; f < 40; ++f) CHECK((*video)->next(1920, 1080).ok());
+  // The frame cannot be decoded, but the size is refused first.
+  write_bytes(camera.video, repeating_video(std::string(500, 'x'), 2, 40'000, 16));
+  CHECK(fails_with(probe_frames(*files, camera).status(), {"a.mp4", "40000x16"}));
+}
+
+}  // namespace
+}  // namespace stgs::encoder::capture_test
