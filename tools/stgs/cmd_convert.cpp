@@ -10,6 +10,7 @@
 #include "memory_option.h"
 #include "options.h"
 #include "output_path.h"
+#include "printable.h"
 #include "scene_input.h"
 #include "stgs/format/output_file.h"
 
@@ -368,9 +369,9 @@ class Convert final : public Command {
                  {"peak_memory", peak_memory()}};
     json.update(import_json(work.report));
     std::string text =
-        fmt::format("{}: {} from {} to {}, {} to {}, {:.1f} bytes per primitive\n", output_,
-                    plural(primitives, "primitive"), name_of(work.from), name_of(work.to),
-                    human_bytes(work.bytes_in), human_bytes(bytes_out), each);
+        fmt::format("{}: {} from {} to {}, {} to {}, {:.1f} bytes per primitive\n",
+                    one_line(output_), plural(primitives, "primitive"), name_of(work.from),
+                    name_of(work.to), human_bytes(work.bytes_in), human_bytes(bytes_out), each);
     text += import_text(work.report);
     text += work.errors
                 ? to_text(*work.errors, work.to == nullptr || work.to->write_scene != nullptr)
