@@ -178,6 +178,23 @@ class HostileScenes(CliTest):
         self.fails(USAGE, "holds one image, not 2147483647", "render", "a.stgs", "--frames", "0:", "-o",
                    "a.png", preexec_fn=lambda: limit_memory(2))
 
+    def test_values_that_overflow_are_errors_of_the_file(self):
+        """Not of an argument, although a caller of the library states the same error."""
+        streams = self.scenes.float_streams(4, 0, 1)
+        for stream in streams:
+            value = {2: -3e38, 4: 3e38, 5: 3e38}.get(stream.attribute)
+            if value:
+                stream.v = [[self.records.bits_of(value)] * len(row) for row in stream.v]
+        run = self.file.Run([self.file.Segment(-1, 0, [self.records.Body(streams, 4)])])
+        self.write("a.stgs", self.file.File([run], meta=self.file.Meta(profile=0)).bytes())
+        self.succeeds("validate", "a.stgs")
+        for arguments in (["convert", "a.stgs", "b.ply", "--time", "0.5"],
+                          ["convert", "a.stgs", "b.stgs", "--time", "0.5"],
+                          ["convert", "a.stgs", "b.stgs", "--quality", "60"]):
+            with self.subTest(arguments=arguments):
+                self.fails(INVALID, "a.stgs: cannot be converted: .*finite", *arguments)
+        self.fails(INVALID, "the scene cannot be packed: .*finite", "pack", "a.stgs", "-o", "b.stgs")
+
     def test_the_validator_lists_a_limited_number_of_problems(self):
         sys.path.insert(0, os.path.join(harness.SOURCE, "tests", "resources"))
         import hostile

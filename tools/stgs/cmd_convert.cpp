@@ -288,10 +288,7 @@ class Convert final : public Command {
           work.to->write_scene != nullptr
               ? work.to->write_scene(work.scene, &work.report.notes, &order)
               : work.to->write(work.scene.gaussians, &work.report.notes);
-      if (!bytes.ok()) {
-        return Status(bytes.status().code(),
-                      fmt::format("{}: {}", output_, bytes.status().message()));
-      }
+      if (!bytes.ok()) return write_error(bytes.status(), input_, output_);
       if (work.to->read_back != nullptr) reorder(work.scene, order);
       return bytes;
     }
@@ -301,7 +298,8 @@ class Convert final : public Command {
     settings.quality = quality_.value_or(settings.quality);
     settings.stop = session.stop_token();
     std::vector<std::uint32_t> order;
-    STGS_ASSIGN(std::vector<std::uint8_t> bytes, encode_scene(work.scene, settings, &order));
+    Result<std::vector<std::uint8_t>> bytes = encode_scene(work.scene, settings, &order);
+    if (!bytes.ok()) return write_error(bytes.status(), input_, output_);
     if (order.size() < work.scene.gaussians.size()) {
       work.report.notes.push_back(
           fmt::format("{} dropped: never visible",
