@@ -3,9 +3,11 @@
 import json
 import os
 import resource
+import signal
 import struct
 import subprocess
 import sys
+import time
 import unittest
 import zipfile
 import zlib
@@ -13,7 +15,7 @@ import zlib
 import harness
 from harness import CliTest, built_in
 
-INVALID, UNSUPPORTED = 3, 5
+USAGE, INVALID, UNSUPPORTED = 1, 3, 5
 GIB = 1 << 30
 SECONDS = 30  # for runs that take less than one, and took minutes
 
@@ -35,6 +37,65 @@ def frame_header(width, height):
 
 
 SCAN = b"\xff\xda" + struct.pack(">HB", 8, 1) + b"\1\0\0\0\0" + b"\0"
+
+
+def exr(width, names, height=16, attributes=b""):
+    """Returns an EXR file of one ZIP block of floats that are all 0."""
+    def attribute(name, kind, value):
+        return name + b"\0" + kind + b"\0" + struct.pack("<i", len(value)) + value
+    channels = b"".join(name + b"\0" + struct.pack("<iBxxxii", 2, 0, 1, 1) for name in sorted(names)) + b"\0"
+    box = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    header = (struct.pack("<II", 20000630, 2) + attributes + attribute(b"channels", b"chlist", channels) +
+              attribute(b"compression", b"compression", b"\3") + attribute(b"dataWindow", b"box2i", box) +
+              attribute(b"displayWindow", b"box2i", box) + attribute(b"lineOrder", b"lineOrder", b"\0") +
+              attribute(b"pixelAspectRatio", b"float", struct.pack("<f", 1)) +
+              attribute(b"screenWindowCenter", b"v2f", struct.pack("<2f", 0, 0)) +
+              attribute(b"screenWindowWidth", b"float", struct.pack("<f", 1)) + b"\0")
+    size = 4 * width * len(names)
+    blocks, offsets, at = b"", b"", len(header) + 8 * (-(-height // 16))
+    for y in range(0, height, 16):
+        rows = min(16, height - y)
+        # The predictor of differences: 128 repeats the byte before.
+        data = zlib.compress(b"\0" + b"\x80" * (size * rows - 1), 9)
+        offsets += struct.pack("<Q", at + len(blocks))
+        blocks += struct.pack("<ii", y, len(data)) + data
+    return header + offsets + blocks
+
+
+@unittest.skipUnless(built_in("exr"), "needs a build with OpenEXR")
+class HostileExr(CliTest):
+    MORE = [b"x%05d" % i for i in range(57)]
+
+    def compare(self, code, message, name, *more):
+        return self.fails(code, message, "compare", name, name, *more, preexec_fn=lambda: limit_memory(1))
+
+    def test_blocks_are_limited_by_memory(self):
+        self.write("a.exr", exr(20000, [b"R", b"G", b"B", *self.MORE]))
+        self.compare(UNSUPPORTED, "a.exr: 20000x16 pixels .*larger --memory", "a.exr", "--memory", "64M")
+        self.write("b.exr", exr(200, [b"R", b"G", b"B", *self.MORE], 40))
+        self.succeeds("compare", "b.exr", "b.exr", "--memory", "64M")
+
+    def test_channels_are_limited(self):
+        self.write("a.exr", exr(100, [b"R", b"G", b"B"] + [b"x%05d" % i for i in range(1500)]))
+        self.compare(UNSUPPORTED, r"a.exr: has 1503 channels \(at most 64\)", "a.exr")
+
+    def test_attributes_are_within_the_file(self):
+        vector = b"v\0floatvector\0" + struct.pack("<i", 2**31 - 4)
+        self.write("a.exr", exr(16, [b"R", b"G", b"B"], attributes=vector))
+        self.compare(INVALID, "a.exr: cannot read EXR: the header is truncated", "a.exr")
+
+    def test_a_signal_ends_decoding(self):
+        self.write("a.exr", exr(8000, [b"R", b"G", b"B", *self.MORE], 2000))
+        process = subprocess.Popen([harness.STGS, "compare", "a.exr", "a.exr"], cwd=self.work,
+                                   stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        self.addCleanup(process.stderr.close)
+        time.sleep(1)
+        self.assertIsNone(process.poll(), "the run decodes")
+        process.send_signal(signal.SIGINT)
+        begin = time.monotonic()
+        self.assertEqual(process.wait(SECONDS), 4)
+        self.assertLess(time.monotonic() - begin, 2)
+        self.assertRegex(process.stderr.read().decode(), "interrupted by SIGINT: a.exr: not read")
 
 
 class HostileImages(CliTest):
@@ -94,6 +155,45 @@ class HostileScenes(CliTest):
                    "a.stgs", "--backend", "cpu", "--memory", "4G", preexec_fn=lambda: limit_memory(4))
         self.succeeds("render", "a.stgs", "--time", "0", "--size", "64x64", "-o", "null",
                       "--memory", "1M")
+
+    def test_captured_frames_are_limited_beside_a_render(self):
+        folder = self.copy_capture("capture")
+        with open(os.path.join(folder, "capture.json"), encoding="utf-8") as file:
+            capture = json.load(file)
+        for camera in capture["cameras"]:
+            camera.update(width=16384, height=1, cx=8192, cy=0.5)
+            self.write(f"capture/frames/{camera['name']}/000000.png", png(16384, 1, bytes(16384 * 3 + 1)))
+        self.write("capture/capture.json", json.dumps(capture))
+        arguments = ["render", self.fixture("tiny.stgs"), "--cameras", folder, "--frames", "0:1",
+                     "--side-by-side", "-o", "out.png", "--memory", "64M"]
+        for size, message in ("320x240", "image of 3932480x240 .*leave out --side-by-side"), (
+                "16384x80", "image of 1327104x80 .*larger --memory"):
+            with self.subTest(size=size):
+                self.fails(UNSUPPORTED, f"capture: camera 'c': .*{message}", *arguments, "--size", size,
+                           preexec_fn=lambda: limit_memory(2))
+
+    def test_memory_does_not_grow_with_the_stated_frames(self):
+        meta = self.file.Meta(profile=0, frames=2**31 - 1, size=(16, 16), lens=(16, 16, 8, 8))
+        self.write("a.stgs", self.one_primitive(meta=meta).bytes())
+        self.fails(USAGE, "holds one image, not 2147483647", "render", "a.stgs", "--frames", "0:", "-o",
+                   "a.png", preexec_fn=lambda: limit_memory(2))
+
+    def test_values_that_overflow_are_errors_of_the_file(self):
+        """Not of an argument, although a caller of the library states the same error."""
+        streams = self.scenes.float_streams(4, 0, 1)
+        for stream in streams:
+            value = {2: -3e38, 4: 3e38, 5: 3e38}.get(stream.attribute)
+            if value:
+                stream.v = [[self.records.bits_of(value)] * len(row) for row in stream.v]
+        run = self.file.Run([self.file.Segment(-1, 0, [self.records.Body(streams, 4)])])
+        self.write("a.stgs", self.file.File([run], meta=self.file.Meta(profile=0)).bytes())
+        self.succeeds("validate", "a.stgs")
+        for arguments in (["convert", "a.stgs", "b.ply", "--time", "0.5"],
+                          ["convert", "a.stgs", "b.stgs", "--time", "0.5"],
+                          ["convert", "a.stgs", "b.stgs", "--quality", "60"]):
+            with self.subTest(arguments=arguments):
+                self.fails(INVALID, "a.stgs: cannot be converted: .*finite", *arguments)
+        self.fails(INVALID, "the scene cannot be packed: .*finite", "pack", "a.stgs", "-o", "b.stgs")
 
     def test_the_validator_lists_a_limited_number_of_problems(self):
         sys.path.insert(0, os.path.join(harness.SOURCE, "tests", "resources"))

@@ -52,6 +52,24 @@ class Signals(CliTest):
                 self.stops(process, signal.SIGTERM)
                 os.close(reader)
 
+    def test_while_nobody_reads_standard_error(self):
+        """More warnings than a pipe takes: the run ends, and they are lost."""
+        reader, writer = os.pipe()
+        process = subprocess.Popen([harness.STGS, "info", *["missing.stgs"] * 5000], cwd=self.work,
+                                   stdout=subprocess.DEVNULL, stderr=writer)
+        os.close(writer)
+        time.sleep(1)
+        self.assertIsNone(process.poll(), "the run waits")
+        process.send_signal(signal.SIGINT)
+        begin = time.monotonic()
+        try:
+            process.wait(SECONDS)
+        finally:
+            process.kill()
+        self.assertLess(time.monotonic() - begin, 1.5)
+        self.assertIn(process.returncode, (2, RUNTIME))
+        os.close(reader)
+
 
 if __name__ == "__main__":
     unittest.main()

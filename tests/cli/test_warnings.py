@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Warnings about damage, about values that the target clips, and about content not converted."""
 import os
+import shutil
 import struct
+import subprocess
 import zlib
 
 import harness
@@ -185,6 +187,23 @@ class Terminals(WarningTest):
         self.assertIn(rb"\x1b[1m\x07\x0a\x9b" + "ü".encode(), shown)
         self.assertFalse([byte for byte in shown if byte < 32 and byte != 10])
         self.assertEqual(self.json_of("info", scene)["title"], title.decode())
+
+    def test_names_cannot_control_the_terminal(self):
+        """Bytes that are not UTF-8, C1 controls, controls of direction, and lines of names."""
+        for name, shown in ((b"\x9b31m", rb"\x9b31m"), (b"\xc2\x9b31m", rb"\x9b31m"),
+                            (b"\xe0\x80\x9b", rb"\xe0\x80\x9b"), (b"\xed\xa0\x80", rb"\xed\xa0\x80"),
+                            ("\u202egpj".encode(), rb"\u202egpj"), ("\u2066".encode(), rb"\u2066"),
+                            (b"a\nb", rb"a\x0ab"), ("ü€😀".encode(), "ü€😀".encode())):
+            with self.subTest(name=name):
+                result = subprocess.run([harness.STGS.encode(), b"info", name + b".stgs"], cwd=self.work,
+                                        stderr=subprocess.PIPE, check=False)
+                self.assertTrue(result.stderr.startswith(b"stgs: error: " + shown + b".stgs: "), result.stderr)
+                path = os.path.join(self.work.encode(), name + b".stgs")
+                shutil.copy(self.fixture("tiny.stgs"), path)
+                for verb in "info", "validate":
+                    result = subprocess.run([harness.STGS.encode(), verb.encode(), name + b".stgs"],
+                                            cwd=self.work, stdout=subprocess.PIPE, check=True)
+                    self.assertTrue(result.stdout.startswith(shown + b".stgs: "), result.stdout)
 
     def titled(self, data, title):
         """Returns the file with another title, a shorter generator and valid checksums, without COPY."""

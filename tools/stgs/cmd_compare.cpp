@@ -70,6 +70,7 @@ class Compare final : public Command {
   Status compare_images(Session& session) {
     STGS_ASSIGN(Image a, read_image(a_, memory_.bytes()));
     STGS_ASSIGN(Image b, read_image(b_, memory_.bytes()));
+    if (interrupted()) return runtime_error("the comparison is not complete");
     if (a.width != b.width || a.height != b.height) {
       return {StatusCode::kDiffers,
               fmt::format("the images differ in size: {} is {}x{}, {} is {}x{}", a_, a.width,
@@ -78,6 +79,7 @@ class Compare final : public Command {
     STGS_TRY(encoder::check_finite(a, a_));
     STGS_TRY(encoder::check_finite(b, b_));
     STGS_ASSIGN(const Difference d, difference(a, b));
+    if (interrupted()) return runtime_error("the comparison is not complete");
     Json json = {{"a", a_}, {"b", b_}, {"kind", "images"}};
     return report(session, json, d);
   }

@@ -10,6 +10,7 @@
 #include "memory_option.h"
 #include "options.h"
 #include "output_path.h"
+#include "printable.h"
 #include "scene_input.h"
 #include "stgs/format/output_file.h"
 
@@ -287,10 +288,7 @@ class Convert final : public Command {
           work.to->write_scene != nullptr
               ? work.to->write_scene(work.scene, limits(), &work.report.notes, &order)
               : work.to->write(work.scene.gaussians, &work.report.notes);
-      if (!bytes.ok()) {
-        return Status(bytes.status().code(),
-                      fmt::format("{}: {}", output_, bytes.status().message()));
-      }
+      if (!bytes.ok()) return write_error(bytes.status(), input_, output_);
       if (work.to->read_back != nullptr) reorder(work.scene, order);
       return bytes;
     }
@@ -300,7 +298,8 @@ class Convert final : public Command {
     settings.quality = quality_.value_or(settings.quality);
     settings.stop = session.stop_token();
     std::vector<std::uint32_t> order;
-    STGS_ASSIGN(std::vector<std::uint8_t> bytes, encode_scene(work.scene, settings, &order));
+    Result<std::vector<std::uint8_t>> bytes = encode_scene(work.scene, settings, &order);
+    if (!bytes.ok()) return write_error(bytes.status(), input_, output_);
     if (order.size() < work.scene.gaussians.size()) {
       work.report.notes.push_back(
           fmt::format("{} dropped: never visible",
@@ -368,9 +367,9 @@ class Convert final : public Command {
                  {"peak_memory", peak_memory()}};
     json.update(import_json(work.report));
     std::string text =
-        fmt::format("{}: {} from {} to {}, {} to {}, {:.1f} bytes per primitive\n", output_,
-                    plural(primitives, "primitive"), name_of(work.from), name_of(work.to),
-                    human_bytes(work.bytes_in), human_bytes(bytes_out), each);
+        fmt::format("{}: {} from {} to {}, {} to {}, {:.1f} bytes per primitive\n",
+                    one_line(output_), plural(primitives, "primitive"), name_of(work.from),
+                    name_of(work.to), human_bytes(work.bytes_in), human_bytes(bytes_out), each);
     text += import_text(work.report);
     text += work.errors
                 ? to_text(*work.errors, work.to == nullptr || work.to->write_scene != nullptr)

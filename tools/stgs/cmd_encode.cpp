@@ -6,6 +6,7 @@
 #include "command.h"
 #include "encode_options.h"
 #include "output_path.h"
+#include "printable.h"
 
 namespace stgs::tools {
 namespace {
@@ -171,7 +172,7 @@ class Encode final : public Command {
         json, fmt::format("{}: {} ({} never visible dropped), {}, {:.1f} bytes per primitive\n"
                           "{}prepare {:.1f} s, train {:.1f} s ({}), pack {:.1f} s, peak memory "
                           "{}\n",
-                          output_, plural(pack.primitives, "primitive"), pack.dropped,
+                          one_line(output_), plural(pack.primitives, "primitive"), pack.dropped,
                           human_bytes(pack.bytes_out), pack.bytes_per_primitive, quality_text(pack),
                           seconds[0], seconds[1], plural(train.iterations, "step"), seconds[2],
                           human_bytes(peak_memory())));

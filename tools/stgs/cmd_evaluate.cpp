@@ -8,6 +8,7 @@
 #include "memory_option.h"
 #include "moving.h"
 #include "options.h"
+#include "printable.h"
 #include "scene_input.h"
 #include "stgs/encoder/metrics.h"
 #include "stgs/encoder/windows.h"
@@ -260,7 +261,8 @@ class Evaluate final : public Command {
                    {"frames", scores_[c].size()}};
       view.update(to_json(mean));
       views.push_back(view);
-      row(camera.name, fmt::format("{}x{}", camera.width, camera.height), scores_[c].size(), mean);
+      row(one_line(camera.name), fmt::format("{}x{}", camera.width, camera.height),
+          scores_[c].size(), mean);
     }
     const Scores mean = mean_of(all);
     row("mean", "", all.size(), mean);

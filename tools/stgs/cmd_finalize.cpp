@@ -5,6 +5,7 @@
 #include "damage.h"
 #include "memory_option.h"
 #include "output_path.h"
+#include "printable.h"
 #include "scene_input.h"
 #include "stgs/format/scene_recorder.h"
 
@@ -55,7 +56,7 @@ class Finalize final : public Command {
                        {"incomplete_bytes", damage.incomplete_bytes},
                        {"damaged", damage_json(damage)}};
     std::string text = fmt::format(
-        "{}: {}, {} in {}, {}\n", output_, plural(finished->metadata().frames, "frame"),
+        "{}: {}, {} in {}, {}\n", one_line(output_), plural(finished->metadata().frames, "frame"),
         plural(finished->primitives(), "primitive"), plural(std::ssize(finished->parts()), "part"),
         human_bytes(finished->file_bytes()));
     if (!closed) text += "the recording was not closed\n";

@@ -7,6 +7,7 @@
 #include "encode_options.h"
 #include "memory_option.h"
 #include "output_path.h"
+#include "printable.h"
 #include "scene_input.h"
 
 namespace stgs::tools {
@@ -69,7 +70,7 @@ class Pack final : public Command {
             "{}errors: position {:.3g} max, {:.3g} rms; colour {:.3g} rms; opacity {:.3g} max, "
             "{:.3g} "
             "at a frame; time {:.3g} and radius {:.3g} frames, sigma {:.3g} % max\n",
-            output_, plural(report.primitives, "primitive"), report.dropped,
+            one_line(output_), plural(report.primitives, "primitive"), report.dropped,
             human_bytes(report.bytes_in), human_bytes(report.bytes_out), report.bytes_per_primitive,
             quality_text(report), report.position_max, report.position_rms, report.colour_rms,
             report.opacity_max, report.visibility_max, report.time_max, report.radius_max,

@@ -5,6 +5,7 @@
 #include "command.h"
 #include "location.h"
 #include "options.h"
+#include "printable.h"
 #include "scene_file.h"
 #include "standard_streams.h"
 #ifdef STGS_HAS_PLAY
@@ -129,7 +130,7 @@ class Play final : public Command {
     if (report.frames > 0) json["camera"] = camera_json(report.camera);
     if (!screenshot_.empty()) json["screenshot"] = screenshot_;
     const std::string text = fmt::format(
-        "{} on {}: {} of {}x{} ({:.1f} fps), {}, peak memory {}\n", display_name(file_),
+        "{} on {}: {} of {}x{} ({:.1f} fps), {}, peak memory {}\n", one_line(display_name(file_)),
         report.device, plural(report.frames, "frame"), report.size.width, report.size.height, fps,
         plural(report.stalls, "stall"), human_bytes(peak_memory()));
     STGS_TRY(session.emit(json, text));

@@ -2,6 +2,7 @@
 #include "command.h"
 #include "encode_options.h"
 #include "output_path.h"
+#include "printable.h"
 #include "stgs/encoder/prepared_capture.h"
 
 namespace stgs::tools {
@@ -46,7 +47,7 @@ class Prepare final : public Command {
     return session.emit(
         json,
         fmt::format("{}: {} ({} held out), {} at {:.6g} fps, from {}, {:.1f} s, peak memory {}\n",
-                    output_, plural(std::ssize(prepared.cameras), "camera"), test,
+                    one_line(output_), plural(std::ssize(prepared.cameras), "camera"), test,
                     plural(prepared.frames, "frame"), 1.0 / prepared.time_base.seconds(1),
                     prepared.source, seconds, human_bytes(peak_memory())));
   }

@@ -2,12 +2,14 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "allow_outside.h"
 #include "camera_file.h"
 #include "command.h"
 #include "image_sink.h"
 #include "options.h"
+#include "printable.h"
 #include "scene_capture.h"
 #include "scene_file.h"
 #include "scene_renderer.h"
@@ -20,6 +22,22 @@ constexpr double kFrameTolerance = 1e-6;  // ticks; distance of a time from a ca
 struct RenderTime {
   double seconds = 0;
   double ticks = 0;
+};
+
+// One time, or those of a range of frames, which may have any length.
+struct RenderTimes {
+  TimeBase base;
+  FrameRange frames;
+  std::optional<RenderTime> single;
+
+  std::size_t size() const {
+    return single ? 1 : static_cast<std::size_t>(frames.end - frames.begin);
+  }
+  RenderTime at(std::size_t i) const {
+    if (single) return *single;
+    const std::int64_t frame = frames.begin + static_cast<std::int64_t>(i);
+    return {base.seconds(static_cast<double>(frame)), static_cast<double>(frame)};
+  }
 };
 
 struct Options {
@@ -103,7 +121,7 @@ class Render final : public Command {
     info_ = sized<stgs_scene_info>();
     STGS_TRY(file_->check(stgs_scene_get_info(file_->get(), &info_)));
     STGS_ASSIGN(const auto cameras, find_cameras());
-    STGS_ASSIGN(const auto times, find_times());
+    STGS_ASSIGN(const RenderTimes times, find_times());
     STGS_ASSIGN(const stgs_view view, make_view());
     STGS_ASSIGN(auto sink, make_image_sink(o_.output, time_base(), cameras.size(), times.size(),
                                            session.log_sink()));
@@ -115,7 +133,7 @@ class Render final : public Command {
     const double begin = now_seconds();
     for (std::size_t c = 0; c < cameras.size(); ++c) {
       for (std::size_t m = 0; m < times.size(); ++m) {
-        const Status rendered = render(*renderer, cameras[c], times[m], view, *sink, totals);
+        const Status rendered = render(*renderer, cameras[c], times.at(m), view, *sink, totals);
         if (rendered.code() == StatusCode::kNoMemory) {  // a camera file may have any size
           return {StatusCode::kNoMemory,
                   fmt::format("{}; the image has {}x{} pixels, reduce it with --size",
@@ -172,7 +190,7 @@ class Render final : public Command {
     return cameras;
   }
 
-  Result<std::vector<RenderTime>> find_times() const {
+  Result<RenderTimes> find_times() const {
     const TimeBase base = time_base();
     constexpr std::uint32_t kMaxFrames = std::numeric_limits<int>::max();
     const std::uint32_t total = info_.frames;
@@ -180,16 +198,15 @@ class Render final : public Command {
       return unsupported("{}: has {} frames; at most {} are supported", shown_file(), total,
                          kMaxFrames);
     }
-    std::vector<RenderTime> times;
+    RenderTimes times{.base = base, .frames = {}, .single = {}};
     if (time_->count() > 0) {
       if (o_.time < 0 || o_.time > info_.duration_seconds) {
         return usage_error("--time {} is out of range; {} lasts from 0 to {:.6g} s", o_.time,
                            shown_file(), info_.duration_seconds);
       }
-      times.push_back({o_.time, base.ticks(o_.time)});
+      times.single = {o_.time, base.ticks(o_.time)};
     } else if (!o_.frames.empty()) {
-      STGS_ASSIGN(const FrameRange range, parse_frames(o_.frames, static_cast<int>(total)));
-      for (int i = range.begin; i < range.end; ++i) times.push_back({base.seconds(i), 1.0 * i});
+      STGS_ASSIGN(times.frames, parse_frames(o_.frames, static_cast<int>(total)));
     } else {
       return usage_error("no time is given; use --time SECONDS or --frames FIRST:END");
     }
@@ -242,7 +259,9 @@ class Render final : public Command {
       }
       STGS_ASSIGN(const encoder::Image8 ground_truth,
                   load_ground_truth(camera.name, static_cast<int>(index)));
-      image = side_by_side(image, ground_truth);
+      STGS_ASSIGN(image, side_by_side(image, ground_truth,
+                                      fmt::format("{}: camera '{}'", o_.cameras, camera.name),
+                                      image_memory(*file_)));
     }
     return sink.add(name, image);
   }
@@ -255,7 +274,7 @@ class Render final : public Command {
   }
 
   Status report(Session& session, const DamageCount& damage,
-                const std::vector<encoder::Camera>& cameras, const std::vector<RenderTime>& times,
+                const std::vector<encoder::Camera>& cameras, const RenderTimes& times,
                 const std::string& backend, const Totals& totals) const {
     const std::size_t images = cameras.size() * times.size();
     const auto n = static_cast<double>(images);
@@ -280,7 +299,7 @@ class Render final : public Command {
                        {"mean_splats", static_cast<double>(totals.steps.splats) / n},
                        {"peak_memory", peak_memory()}};
     const std::string text = fmt::format(
-        "{}: {}, {:.1f} ms per image ({:.1f} fps), peak memory {}\n", o_.output,
+        "{}: {}, {:.1f} ms per image ({:.1f} fps), peak memory {}\n", one_line(o_.output),
         plural(images, "image"), 1000 * totals.render / n, fps, human_bytes(peak_memory()));
     if (o_.output != "-") return session.emit(json, text);
     session.emit_to_stderr(json, text);

@@ -5,6 +5,7 @@
 #include "encode_options.h"
 #include "output_path.h"
 #include "parameter_options.h"
+#include "printable.h"
 #include "train_windows.h"
 
 namespace stgs::tools {
@@ -77,7 +78,7 @@ class Train final : public Command {
         json,
         fmt::format("{}: {}, {}, {} in {:.1f} s, loss {:.5f}{}, peak memory "
                     "{}\n",
-                    output_, plural(report.primitives, "primitive"), human_bytes(bytes),
+                    one_line(output_), plural(report.primitives, "primitive"), human_bytes(bytes),
                     report.processes > 1
                         ? fmt::format("{} by {} processes", plural(report.iterations, "view"),
                                       report.processes)

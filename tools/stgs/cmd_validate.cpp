@@ -4,6 +4,7 @@
 #include "command.h"
 #include "error_report.h"
 #include "memory_option.h"
+#include "printable.h"
 #include "scene_input.h"
 #include "stgs/format/scene_file.h"
 
@@ -84,11 +85,11 @@ std::string to_text(const std::vector<Verdict>& verdicts) {
   std::string out;
   for (const Verdict& verdict : verdicts) {
     for (const Issue& issue : verdict.issues) {
-      out +=
-          fmt::format("{}: {}: {} (byte {}, issue {})\n", verdict.name,
-                      issue.error ? "error" : "warning", issue.message, issue.offset, issue.number);
+      out += fmt::format("{}: {}: {} (byte {}, issue {})\n", one_line(verdict.name),
+                         issue.error ? "error" : "warning", one_line(issue.message), issue.offset,
+                         issue.number);
     }
-    if (verdict.valid()) out += fmt::format("{}: valid\n", verdict.name);
+    if (verdict.valid()) out += fmt::format("{}: valid\n", one_line(verdict.name));
   }
   return out;
 }

@@ -11,13 +11,18 @@
 #include <OpenEXR/ImfInputFile.h>
 #include <OpenEXR/ImfOutputFile.h>
 #include <OpenEXR/ImfStandardAttributes.h>
+#include <OpenEXR/ImfTileDescription.h>
+#include <OpenEXR/ImfVersion.h>
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <memory>
 #include <stdexcept>
+#include <string_view>
 #include <utility>
 
+#include "session.h"
 #include "stgs/format/byte_source.h"
 #endif
 
@@ -79,6 +84,133 @@ class SourceReader final : public Imf::IStream {
   std::uint64_t at_ = 0;
 };
 
+constexpr int kMaxChannels = 64, kMaxParts = 8;
+constexpr std::uint64_t kMaxHeaderBytes = std::uint64_t{1} << 20;  // all parts together
+// OpenEXR decodes one block at a time: its pixels, its compressed bytes, and what a method of
+// compression needs.
+constexpr std::uint64_t kBlockCopies = 4;
+constexpr std::uint64_t kTileBytes = 16;  // of the table of tiles, per tile
+
+// Checks that no attribute has more bytes than the file: OpenEXR allocates what they state.
+Status check_attributes(const ByteSource& source) {
+  std::vector<std::uint8_t> bytes(std::min(source.size(), kMaxHeaderBytes));
+  STGS_TRY(source.read(0, bytes));
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  std::size_t at = 8;  // after the magic number and the version
+  const auto truncated = [&] {
+    if (source.size() > kMaxHeaderBytes) {
+      return unsupported("{}: its EXR header has more than {} bytes", source.name(),
+                         kMaxHeaderBytes);
+    }
+    return invalid_file("{}: cannot read EXR: the header is truncated", source.name());
+  };
+  if (text.size() < at) return truncated();
+  const bool has_parts = Imf::isMultiPart(bytes[4] | bytes[5] << 8);
+  for (int part = 0; part < (has_parts ? kMaxParts + 1 : 1); ++part) {
+    if (at < text.size() && text[at] == 0 && has_parts) return {};  // an empty header is the last
+    while (at < text.size() && text[at] != 0) {
+      for (int i = 0; i < 2; ++i) at = std::min(text.find('\0', at), text.size() - 1) + 1;
+      std::int32_t size = 0;
+      if (text.size() - at < sizeof(size)) return truncated();
+      std::memcpy(&size, text.data() + at, sizeof(size));
+      at += sizeof(size);
+      if (size < 0 || static_cast<std::size_t>(size) > text.size() - at) return truncated();
+      at += static_cast<std::size_t>(size);
+    }
+    if (at == text.size()) return truncated();
+    ++at;
+  }
+  if (!has_parts) return {};
+  return unsupported("{}: has more than {} EXR parts", source.name(), kMaxParts);
+}
+
+// Returns the number of rows that OpenEXR compresses together.
+unsigned rows_per_block(Imf::Compression compression) {
+  switch (compression) {
+    case Imf::NO_COMPRESSION:
+    case Imf::RLE_COMPRESSION:
+    case Imf::ZIPS_COMPRESSION:
+      return 1;
+    case Imf::ZIP_COMPRESSION:
+    case Imf::PXR24_COMPRESSION:
+      return 16;
+    case Imf::DWAB_COMPRESSION:
+      return 256;
+    default:
+      return 32;
+  }
+}
+
+// Returns the bytes that OpenEXR allocates to read an image of checked size.
+Result<std::uint64_t> bytes_to_read(const Imf::Header& header, const std::string& path) {
+  int channels = 0;
+  std::uint64_t bytes_per_pixel = 0;
+  for (auto c = header.channels().begin(); c != header.channels().end(); ++c, ++channels) {
+    bytes_per_pixel += c.channel().type == Imf::HALF ? 2 : 4;
+  }
+  if (channels > kMaxChannels) {
+    return unsupported("{}: has {} channels (at most {}); write R, G and B only", path, channels,
+                       kMaxChannels);
+  }
+  const Imath::Box2i window = header.dataWindow();
+  const auto width = static_cast<std::uint64_t>(window.max.x - window.min.x + 1);
+  const auto height = static_cast<std::uint64_t>(window.max.y - window.min.y + 1);
+  // A file of rows may have a description of tiles that OpenEXR ignores.
+  const std::uint64_t block = width * rows_per_block(header.compression()) * bytes_per_pixel;
+  if (!header.hasTileDescription()) return kBlockCopies * block;
+  const Imf::TileDescription& tile = header.tileDescription();
+  STGS_TRY(encoder::check_image_size(tile.xSize, tile.ySize, path));
+  const std::uint64_t tile_bytes = std::uint64_t{tile.xSize} * tile.ySize * bytes_per_pixel;
+  // Smaller levels have at most three times as many. OpenEXR keeps a row of tiles as floats.
+  const std::uint64_t tiles = 4 * (width / tile.xSize + 1) * (height / tile.ySize + 1);
+  return kBlockCopies * std::max(block, tile_bytes) + kTileBytes * tiles +
+         sizeof(float) * 3 * width * tile.ySize;
+}
+
+// Checks the header before OpenEXR allocates memory for the pixels.
+Status check_header(const ByteSource& source, const std::string& path, std::uint64_t max_memory) {
+  STGS_TRY(check_attributes(source));
+  SourceReader stream(source);
+  std::uint8_t start[8] = {};
+  STGS_TRY(source.read(0, start));
+  stream.seekg(sizeof(start));
+  Imf::Header header;
+  int version = start[4] | start[5] << 8;
+  header.readFrom(stream, version);
+  const Imath::Box2i window = header.dataWindow();
+  const std::int64_t width = std::int64_t{window.max.x} - window.min.x + 1,
+                     height = std::int64_t{window.max.y} - window.min.y + 1;
+  STGS_TRY(encoder::check_image_size(width, height, path));
+  STGS_ASSIGN(const std::uint64_t bytes, bytes_to_read(header, path));
+  if (bytes + std::uint64_t{12} * static_cast<std::uint64_t>(width * height) > max_memory) {
+    return unsupported(
+        "{}: {}x{} pixels and the decoding of their blocks exceed the limit of {} bytes; "
+        "allow more memory",
+        path, width, height, max_memory);
+  }
+  for (const char* name : {"R", "G", "B"}) {
+    const Imf::Channel* channel = header.channels().findChannel(name);
+    if (channel == nullptr || channel->xSampling != 1 || channel->ySampling != 1) {
+      return unsupported("{}: no full-resolution channel {}", path, name);
+    }
+  }
+  return {};
+}
+
+// Reads the rows of the data window block by block. kRuntime after SIGINT or SIGTERM.
+Status read_rows(Imf::InputFile& file, const std::string& path) {
+  const Imath::Box2i window = file.header().dataWindow();
+  const Imf::Header& header = file.header();
+  const unsigned step = header.hasTileDescription() ? header.tileDescription().ySize
+                                                    : rows_per_block(header.compression());
+  for (std::int64_t y = window.min.y; y <= window.max.y; y += step) {
+    if (interrupted()) return runtime_error("{}: not read", path);
+    const std::int64_t end = std::min<std::int64_t>(y + step - 1, window.max.y);
+    file.readPixels(static_cast<int>(y), static_cast<int>(end));
+  }
+  return {};
+}
+
 }  // namespace
 
 Result<std::vector<std::uint8_t>> encode_exr(const FloatFrame& frame, const std::string& name) {
@@ -120,22 +252,11 @@ Result<std::vector<std::uint8_t>> encode_exr(const FloatFrame& frame, const std:
 Result<Image> read_exr_file(const std::string& path, std::uint64_t max_memory) {
   try {
     STGS_ASSIGN(const std::unique_ptr<ByteSource> source, open_file(path));
+    STGS_TRY(check_header(*source, path, max_memory));
     SourceReader stream(*source);
     Imf::InputFile file(stream);
     const Imath::Box2i window = file.header().dataWindow();
     const int width = window.max.x - window.min.x + 1, height = window.max.y - window.min.y + 1;
-    STGS_TRY(encoder::check_image_size(width, height, path));
-    if (std::uint64_t{12} * static_cast<unsigned>(width) * static_cast<unsigned>(height) >
-        max_memory) {
-      return unsupported("{}: {}x{} pixels exceed the limit of {} bytes; allow more memory", path,
-                         width, height, max_memory);
-    }
-    for (const char* name : {"R", "G", "B"}) {
-      const Imf::Channel* channel = file.header().channels().findChannel(name);
-      if (channel == nullptr || channel->xSampling != 1 || channel->ySampling != 1) {
-        return unsupported("{}: no full-resolution channel {}", path, name);
-      }
-    }
     Image image;
     image.reshape(width, height, 3);
     Imf::FrameBuffer buffer;
@@ -147,7 +268,7 @@ Result<Image> read_exr_file(const std::string& path, std::uint64_t max_memory) {
       buffer.insert(names[c], slice_over(Imf::FLOAT, origin, width));
     }
     file.setFrameBuffer(buffer);
-    file.readPixels(window.min.y, window.max.y);
+    STGS_TRY(read_rows(file, path));
     for (float& v : image.data) v = encoded_of(v);
     return image;
   } catch (const std::bad_alloc&) {

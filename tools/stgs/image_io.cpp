@@ -31,11 +31,22 @@ float sample(const encoder::Image8& image, float x, float y, int channel) {
          v * ((1 - u) * at(i, j + 1) + u * at(i + 1, j + 1));
 }
 
+// Memory per pixel of two images side by side: the scaled right one, the result, and its PNG file
+// while it grows, bytes.
+constexpr std::uint64_t kSideBySideBytes = 18;
+
+// Returns the width of an image scaled to a height, pixels.
+std::int64_t width_at(const encoder::Image8& image, int height) {
+  const double scale = static_cast<double>(image.height) / height;
+  return std::max<std::int64_t>(1, std::llround(image.width / scale));
+}
+
+// The width at this height fits into an int.
 encoder::Image8 scaled_to_height(const encoder::Image8& image, int height) {
   encoder::Image8 out;
   out.height = height;
   const float scale = static_cast<float>(image.height) / static_cast<float>(height);
-  out.width = std::max(1, static_cast<int>(std::lround(static_cast<float>(image.width) / scale)));
+  out.width = static_cast<int>(width_at(image, height));
   out.channels = 3;
   out.data.resize(static_cast<std::size_t>(out.width) * height * 3);
   std::size_t at = 0;
@@ -70,13 +81,32 @@ encoder::Image8 to_8bit(const Image& colour) {
   return out;
 }
 
-encoder::Image8 side_by_side(const encoder::Image8& left, const encoder::Image8& right) {
+Result<encoder::Image8> side_by_side(const encoder::Image8& left, const encoder::Image8& right,
+                                     const std::string& name, std::uint64_t max_memory) {
+  const std::int64_t width = left.width + width_at(right, left.height);
+  const std::int64_t pixels = width * left.height;
+  if (pixels > encoder::kMaxImagePixels) {
+    return unsupported(
+        "{}: a captured frame of {}x{} pixels beside the render gives an image of {}x{} (at most "
+        "{} pixels); leave out --side-by-side",
+        name, right.width, right.height, width, left.height, encoder::kMaxImagePixels);
+  }
+  const std::uint64_t bytes = kSideBySideBytes * static_cast<std::uint64_t>(pixels);
+  if (bytes > max_memory) {
+    return Status(
+        StatusCode::kLimit,
+        fmt::format("{}: an image of {}x{} pixels with the captured frame needs {} bytes, "
+                    "more than the limit of {}; reduce it with --size, or allow more "
+                    "memory",
+                    name, width, left.height, bytes, max_memory));
+  }
   const encoder::Image8 fitted =
       right.height == left.height ? right : scaled_to_height(right, left.height);
   encoder::Image8 out;
-  out.width = left.width + fitted.width;
+  out.width = static_cast<int>(width);
   out.height = left.height;
   out.channels = 3;
+  out.data.reserve(static_cast<std::size_t>(pixels) * 3);
   for (int y = 0; y < out.height; ++y) {
     for (const encoder::Image8* side : {&left, &fitted}) {
       const auto row = side->data.begin() + static_cast<std::ptrdiff_t>(y) * side->width * 3;

@@ -21,8 +21,11 @@ struct FloatFrame {
 // Converts to interleaved 8-bit RGB: clamps to [0, 1] and rounds to nearest.
 encoder::Image8 to_8bit(const Image& colour);
 // Places two images side by side. If the heights differ, the right one is scaled (bilinear) to the
-// height of the left one.
-encoder::Image8 side_by_side(const encoder::Image8& left, const encoder::Image8& right);
+// height of the left one. kUnsupported if the result has more than encoder::kMaxImagePixels, kLimit
+// if it needs more than `max_memory` bytes with its PNG file. `name`: of the right image, in
+// messages.
+Result<encoder::Image8> side_by_side(const encoder::Image8& left, const encoder::Image8& right,
+                                     const std::string& name, std::uint64_t max_memory);
 
 // Writes an 8-bit RGB PNG atomically.
 Status write_png(const std::string& path, const encoder::Image8& image);

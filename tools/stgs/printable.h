@@ -7,10 +7,11 @@
 
 namespace stgs::tools {
 
-// Escapes control characters (C0, DEL, and C1 in UTF-8) as \\xNN, except line feeds and tabs.
 // Hides userinfo and queries of everything that looks like a URL, of any scheme, well-formed or
 // not.
 std::string without_secrets(std::string_view text);
+// Escapes control characters (C0, DEL, C1), except line feeds and tabs, and bytes that are not
+// UTF-8 as \\xNN, and controls of the direction of text as \\uNNNN.
 std::string printable(std::string_view text);
 // As printable(), but also escapes line feeds and tabs, for text within a line.
 std::string one_line(std::string_view text);

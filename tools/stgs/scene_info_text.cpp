@@ -30,7 +30,7 @@ std::string summary(const SceneInfo& info) {
       "  primitives       {}, SH degree {}, {:.1f} bytes each\n"
       "  segments         {} in {}, head {}, decoder {}\n"
       "  start camera     {}, positions {:.4g} {:.4g} {:.4g} to {:.4g} {:.4g} {:.4g}\n",
-      info.name, m.format_major, m.format_minor, info.profile, size, m.duration_seconds,
+      one_line(info.name), m.format_major, m.format_minor, info.profile, size, m.duration_seconds,
       plural(m.frames, "frame"), 1.0 / info.frame_seconds(),
       kbps ? fmt::format(", {:.0f} kbit/s", *kbps) : "", m.primitives, m.sh_degree,
       info.bytes_per_primitive(), info.count_segments(), plural(info.contents.tiers, "tier"),

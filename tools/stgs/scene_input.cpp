@@ -72,4 +72,11 @@ Status check_is_scene(Session& session, const std::string& location, const ReadL
   return open_scene(session, location, limits).status();
 }
 
+Status write_error(const Status& status, const std::string& input, const std::string& output) {
+  if (status.code() != StatusCode::kUsage) {
+    return {status.code(), fmt::format("{}: {}", output, status.message())};
+  }
+  return invalid_file("{}: cannot be converted: {}", display_name(input), status.message());
+}
+
 }  // namespace stgs::tools

@@ -24,5 +24,8 @@ Result<Scene> load_scene(Session& session, const std::string& location,
                          const ReadLimits& limits = {});
 // Checks that another module can open a scene: reads its head.
 Status check_is_scene(Session& session, const std::string& location, const ReadLimits& limits = {});
+// Returns the error of a scene that was read from `input` and could not be written to `output`. Its
+// values are no arguments: kUsage becomes kInvalidFile of `input`.
+Status write_error(const Status& status, const std::string& input, const std::string& output);
 
 }  // namespace stgs::tools

@@ -49,7 +49,7 @@ Status no_memory(const SceneFile& file, double seconds) {
 // Checks the memory of an image before it is allocated: its size may come from the file.
 Status check_memory(const SceneFile& file, const stgs_view& view, std::uint64_t bytes_per_pixel) {
   const std::uint64_t bytes = bytes_per_pixel * view.width * view.height;
-  if (bytes <= std::max(file.memory(), kMinImageMemory)) return {};
+  if (bytes <= image_memory(file)) return {};
   return {StatusCode::kLimit,
           fmt::format("{}: an image of {}x{} pixels needs {}, more than the memory limit of {}; "
                       "reduce it with --size, or allow more memory",
@@ -58,6 +58,10 @@ Status check_memory(const SceneFile& file, const stgs_view& view, std::uint64_t 
 }
 
 }  // namespace
+
+std::uint64_t image_memory(const SceneFile& file) {
+  return std::max(file.memory(), kMinImageMemory);
+}
 
 Result<RendererPtr> create_renderer(
     const std::function<stgs_result(stgs_renderer_settings&, stgs_renderer**)>& create) {

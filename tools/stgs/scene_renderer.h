@@ -2,6 +2,7 @@
 // Renders scenes through the public interface of the library.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <string>
@@ -21,6 +22,9 @@ using RendererPtr = std::unique_ptr<stgs_renderer, DestroyRenderer>;
 // Calls `create` with the default settings and a log. Returns the message of the library on error.
 Result<RendererPtr> create_renderer(
     const std::function<stgs_result(stgs_renderer_settings&, stgs_renderer**)>& create);
+
+// Returns the memory that an image may take, with all that makes it, bytes.
+std::uint64_t image_memory(const SceneFile& file);
 
 class SceneRenderer {
  public:

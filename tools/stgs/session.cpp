@@ -109,7 +109,7 @@ void Session::report_error(const Status& error) {
   const std::lock_guard lock(stderr_mutex_);
   clear_bar();
   const std::string out = json_text(error_json(status, arguments)) + "\n";
-  std::fwrite(out.data(), 1, out.size(), stderr);
+  write_standard_error(out);
 }
 
 Status Session::emit(const Json& json, const std::string& text) const {
@@ -119,7 +119,7 @@ Status Session::emit(const Json& json, const std::string& text) const {
 
 void Session::emit_to_stderr(const Json& json, const std::string& text) const {
   const std::string out = this->json() ? json_text(json, 1) + "\n" : printable(text);
-  std::fwrite(out.data(), 1, out.size(), stderr);
+  write_standard_error(out);
 }
 
 void Session::log(int level, const std::string& line) {
@@ -128,8 +128,8 @@ void Session::log(int level, const std::string& line) {
   const std::lock_guard lock(stderr_mutex_);
   clear_bar();
   const std::string out = fmt::format("stgs: {}{}\n", kNames[std::clamp(level, 0, 3)],
-                                      printable(without_secrets(with_url_option(line))));
-  std::fwrite(out.data(), 1, out.size(), stderr);
+                                      one_line(without_secrets(with_url_option(line))));
+  write_standard_error(out);
 }
 
 encoder::LogSink Session::log_sink() {
@@ -194,11 +194,11 @@ void Session::show(const encoder::Progress& progress) {
     bar_shown_ = !last;
     if (last) out += "\n";
   }
-  std::fwrite(out.data(), 1, out.size(), stderr);
+  write_standard_error(out);
 }
 
 void Session::clear_bar() {
-  if (bar_shown_) std::fputs("\r\033[K", stderr);
+  if (bar_shown_) write_standard_error("\r\033[K");
   bar_shown_ = false;
 }
 

@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cerrno>
 #include <climits>
 #include <cstdlib>
@@ -28,6 +29,22 @@ Status wait_for(int descriptor, short events, const char* name) {
     const int ready = ::poll(&stream, 1, kMilliseconds);
     if (ready > 0 || (ready < 0 && errno != EINTR)) return {};
     if (interrupted()) return runtime_error("{}: stopped while waiting for it", name);
+  }
+}
+
+// Waits until standard error takes bytes. After SIGINT or SIGTERM it waits for a short time, once:
+// what nobody reads is lost.
+bool wait_for_standard_error() {
+  constexpr int kMilliseconds = 50, kLast = 300;
+  static std::atomic<bool> given_up = false;
+  for (;;) {
+    const bool last = interrupted();
+    pollfd stream = {STDERR_FILENO, POLLOUT, 0};
+    const int ready = ::poll(&stream, 1, !last ? kMilliseconds : given_up ? 0 : kLast);
+    if (ready > 0 || (ready < 0 && errno != EINTR)) return true;
+    if (!last || ready < 0) continue;
+    given_up = true;
+    return false;
   }
 }
 
@@ -99,6 +116,14 @@ Status write_standard_output(std::span<const std::uint8_t> bytes) {
     bytes = bytes.subspan(static_cast<std::size_t>(std::max<ssize_t>(written, 0)));
   }
   return {};
+}
+
+void write_standard_error(std::string_view text) {
+  while (!text.empty() && wait_for_standard_error()) {
+    const ssize_t written = ::write(STDERR_FILENO, text.data(), std::min(text.size(), kPipeBlock));
+    if (written < 0 && errno != EINTR && errno != EAGAIN) return;
+    text.remove_prefix(static_cast<std::size_t>(std::max<ssize_t>(written, 0)));
+  }
 }
 
 }  // namespace stgs::tools

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Standard input and output as files, for the argument "-". After SIGINT or SIGTERM neither waits
-// for another program any more (kRuntime).
+// Standard input and output as files, for the argument "-", and standard error. After SIGINT or
+// SIGTERM none of them waits for another program any more (kRuntime; messages are lost).
 #pragma once
 
 #include <cstdint>
 #include <span>
 #include <string>
+#include <string_view>
 
 #include "stgs/format/status.h"
 
@@ -26,5 +27,7 @@ Result<std::span<const std::uint8_t>> read_standard_input(std::uint64_t max_byte
                                                           const char* advice);
 // Writes to standard output.
 Status write_standard_output(std::span<const std::uint8_t> bytes);
+// Writes to standard error. Errors are ignored: there is nowhere to report them. Thread-safe.
+void write_standard_error(std::string_view text);
 
 }  // namespace stgs::tools

@@ -198,7 +198,14 @@ Status train_to_file(const encoder::PreparedCapture& capture, const std::string&
   scene.metadata.title = title;
   WriteSettings writing;
   writing.profile = Profile::kLossless;
-  STGS_TRY(write_scene(output, scene, writing));
+  const Status written = write_scene(output, scene, writing);
+  if (written.code() == StatusCode::kUsage) {  // the values, which are no arguments
+    return settings.resume.empty()
+               ? runtime_error("{}: training diverged: {}", output, written.message())
+               : invalid_file("{}: damaged checkpoint: {}; resume from another one",
+                              settings.resume, written.message());
+  }
+  STGS_TRY(written);
   if (report_folder.empty()) return {};
   return write_train_report(report_folder, {capture, settings, report, scene, output}, session);
 }

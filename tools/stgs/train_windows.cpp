@@ -8,6 +8,7 @@
 #include "encode_options.h"
 #include "options.h"
 #include "output_path.h"
+#include "printable.h"
 
 namespace stgs::tools {
 namespace {
@@ -169,7 +170,7 @@ Status train_windows(const encoder::PreparedCapture& capture,
     row["training"] = nullptr;
     if (done) {
       remove_checkpoint(path);  // left behind if killed after the scene was written
-      text += fmt::format("{}: already trained\n", path);
+      text += fmt::format("{}: already trained\n", one_line(path));
     } else {
       session.log(2, fmt::format("window {} of {}: frames {}:{}", windows.size() + 1, spans.size(),
                                  span.begin, span.end));
@@ -178,7 +179,7 @@ Status train_windows(const encoder::PreparedCapture& capture,
       encoder::TrainReport report;
       STGS_TRY(train_window(window, path, title, page, settings, session, report));
       row["training"] = to_json(report);
-      text += fmt::format("{}: {}, {} in {:.1f} s, loss {:.5f}\n", path,
+      text += fmt::format("{}: {}, {} in {:.1f} s, loss {:.5f}\n", one_line(path),
                           plural(report.primitives, "primitive"), plural(report.iterations, "step"),
                           report.seconds, report.final_loss);
     }

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "stgs/format/coded_segment.h"
 #include "stgs/format/differences.h"
@@ -63,6 +64,17 @@ Status decode(const Scene& scene, Packed& packed, WorstPrimitive& worst) {
   return {};
 }
 
+// Encodes a scene for settings that have been checked: what is invalid then comes from the input.
+Status encode(const Scene& scene, const WriteSettings& settings, Packed& packed) {
+  Result<std::vector<std::uint8_t>> bytes = encode_scene(scene, settings, &packed.order);
+  if (bytes.status().code() == StatusCode::kUsage) {
+    return invalid_file("the scene cannot be packed: {}", bytes.status().message());
+  }
+  STGS_TRY(bytes.status());
+  packed.bytes = std::move(bytes).value();
+  return {};
+}
+
 }  // namespace
 
 Result<Packed> pack_at(const Scene& scene, const PackSettings& settings, double quality,
@@ -77,7 +89,7 @@ Result<Packed> pack_at(const Scene& scene, const PackSettings& settings, double 
     if (settings.profile != Profile::kNearLossless)
       packed.quality =
           write.own_steps && scene.quantisation ? scene.quantisation->quality : write.quality;
-    STGS_ASSIGN(packed.bytes, encode_scene(scene, write, &packed.order));
+    STGS_TRY(encode(scene, write, packed));
     WorstPrimitive worst;
     STGS_TRY(decode(scene, packed, worst));
     if (bound == 0.0 || packed.position_max <= bound) return packed;
