@@ -39,6 +39,7 @@ class FaultyServer:
         self.faults = list(faults)
         self.ranges = []
         self.authorizations = []
+        self.proxy_authorizations = []
         self.connections = set()
         self.lock = threading.Lock()
         outer = self
@@ -77,6 +78,7 @@ class FaultyServer:
             data, etag = self.data, self.etag
             self.ranges.append(request.headers.get("Range"))
             self.authorizations.append(request.headers.get("Authorization"))
+            self.proxy_authorizations.append(request.headers.get("Proxy-Authorization"))
             self.connections.add(request.client_address)
         if "do" in fault:
             fault["do"](self)

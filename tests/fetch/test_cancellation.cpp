@@ -130,6 +130,76 @@ TEST_CASE("a read fails if no connection is free in time") {
   CHECK_THAT(first.get().message(), Catch::Contains("the server did not respond within 0."));
 }
 
+// The beginning of a response with `count` bytes of a file of 900 kB.
+std::string response_of(std::uint64_t offset, std::size_t count, std::size_t sent) {
+  return fmt::format(
+             "HTTP/1.1 206 Partial Content\r\nContent-Range: bytes {}-{}/900000\r\n"
+             "Content-Length: {}\r\n\r\n",
+             offset, offset + count - 1, count) +
+         std::string(sent, 'x');
+}
+
+TEST_CASE("bytes that other reads receive give a read no time") {
+  // The first read is complete. The second, which has waited for it, is sent 10 bytes.
+  const SmallServer server(
+      {response_of(0, 4, 4), response_of(100, 100000, 100000), response_of(200000, 100000, 10)});
+  HttpSettings settings;
+  settings.head_bytes = 4;
+  settings.max_connections = 1;
+  settings.request_seconds = 1;
+  settings.min_bytes_per_second = 10000;  // 100 kB: 10 s
+  const auto source = std::move(open_url(server.url(), settings)).value();
+  std::atomic<bool> is_asked = false, may_end = false;
+  auto first = std::async(std::launch::async, [&] {
+    std::vector<std::uint8_t> out(100000);
+    // Holds the connection until the second read waits for it.
+    const auto hold = [&] {
+      is_asked = true;
+      while (!may_end) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      return true;
+    };
+    return source->read_while(hold, 100, out);
+  });
+  while (!is_asked && first.wait_for(std::chrono::milliseconds(1)) != std::future_status::ready) {
+  }
+  const auto begin = Clock::now();
+  auto second = std::async(std::launch::async, [&] {
+    std::vector<std::uint8_t> out(100000);
+    return source->read(200000, out);
+  });
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  may_end = true;
+  CHECK(first.get().message() == "");
+  CHECK_THAT(second.get().message(), Catch::Contains("sent 10 bytes of the file within 1."));
+  CHECK(std::chrono::duration<double>(Clock::now() - begin).count() < 3);
+}
+
+TEST_CASE("a read that fails ends the wait of the others for its connection") {
+  const SmallServer server({response_of(0, 4, 4), response_of(100, 100000, 60000)});  // 60 kB: 6 s
+  HttpSettings settings;
+  settings.head_bytes = 4;
+  settings.max_connections = 1;
+  settings.max_attempts = 1;
+  settings.stall_seconds = 1;
+  settings.request_seconds = 5;
+  settings.min_bytes_per_second = 10000;
+  const auto source = std::move(open_url(server.url(), settings)).value();
+  const auto read = [&](std::uint64_t offset) {
+    std::vector<std::uint8_t> out(100000);
+    return source->read(offset, out);
+  };
+  auto first = std::async(std::launch::async, read, 100);
+  server.wait_for_requests(2);
+  std::vector<std::future<Status>> others;
+  for (int k = 0; k < 3; ++k) others.push_back(std::async(std::launch::async, read, 200000));
+  const Status failure = first.get();
+  CHECK_THAT(failure.message(), Catch::Contains("gave up after 1 attempt"));
+  const auto begin = Clock::now();
+  for (auto& other : others) CHECK(other.get().message() == failure.message());
+  CHECK(std::chrono::duration<double>(Clock::now() - begin).count() < kAllowed);
+  CHECK(server.requests() == 2);
+}
+
 TEST_CASE("settings without a limit are refused") {
   for (const double seconds : {0.0, -1.0, 1e7, HUGE_VAL, std::nan("")}) {
     HttpSettings settings;

@@ -92,9 +92,20 @@ class Deadlines(unittest.TestCase):
         self.check_all([STGS, "info", "{}", "--timeout", str(TIMEOUT)], 0)
 
     def test_validate_ends_if_later_reads_fail(self):
-        """It continues after a failed read: those that follow must not take the time again."""
+        """It reads no more after a failed read."""
         cases = [case for case in CASES if case[0] in ("silence", "slow", "retry_after")]
         self.check_all([STGS, "validate", "{}", "--timeout", str(TIMEOUT)], 1, cases)
+
+    def test_validate_ends_if_reads_give_up(self):
+        """Of each later range, too few bytes arrive, and soon."""
+        with FaultyServer(self.data, [{}] + [{"cut": 0}] * 10000) as server:
+            process, seconds = run(STGS, "validate", server.url, "--timeout", "60")
+            requests = len(server.ranges)
+        self.assertEqual(process.returncode, 2, process.stderr)
+        self.assertIn(b"gave up after 5 attempts", process.stdout + process.stderr)
+        # A read, and once more without the bytes read ahead.
+        self.assertLessEqual(requests, 1 + 2 * 5)
+        self.assertLess(seconds, 15)
 
     @unittest.skipUnless(PLAYBACK_PROBE, "needs play")
     def test_play_ends_while_it_opens(self):

@@ -284,6 +284,27 @@ class Verbs(unittest.TestCase):
                         self.assertIn(server.url.encode(), output, args)
                         self.assertNotIn(b"secret", output, args)
 
+    def test_output_contains_no_password_of_a_proxy(self):
+        closed = "127.0.0.1:1"
+        for proxy, code in (("me:secret@127.0.0.1:99999", 1), ("bad url secret", 1),
+                            ("http://me:secret@[::1", 1), ("ftp://me:secret@127.0.0.1", 2),
+                            ("http://me:secret@" + closed, 2), ("socks5://me:secret@" + closed, 2)):
+            with self.subTest(proxy):
+                run = self.stgs("info", "http://example.org/x.stgs", "--timeout", "0.5",
+                                env={**os.environ, "http_proxy": proxy})
+                self.assertEqual(run.returncode, code, run.stderr)
+                self.assertIn(b"proxy" if code == 1 else b"http://example.org", run.stderr)
+                self.assertNotIn(b"secret", run.stdout + run.stderr)
+
+    def test_a_proxy_gets_its_password(self):
+        with open(VECTOR, "rb") as file:
+            with FaultyServer(file.read()) as proxy:
+                address = proxy.url.replace("//", "//me:se%40cret@").replace("/scene.stgs", "")
+                run = self.stgs("info", "http://example.org/x.stgs",
+                                env={**os.environ, "http_proxy": address})
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertEqual(proxy.proxy_authorizations[0], "Basic bWU6c2VAY3JldA==")
+
     def test_other_url_schemes_are_rejected(self):
         run = self.stgs("info", "ftp://127.0.0.1/scene.stgs")
         self.assertEqual(run.returncode, 1)

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <mutex>
 #include <optional>
 #include <set>
 
@@ -17,6 +18,32 @@ namespace {
 
 using N = IssueNumber;
 constexpr double kIntervalTolerance = 0.01;  // ticks, spec 5.8
+
+// A source that is not read any more once a read has failed: with a server that fails, each of the
+// further reads could take as long as the first. Borrows the source. Thread-safe.
+class UntilFailure final : public ByteSource {
+ public:
+  explicit UntilFailure(const ByteSource& source) : source_(source) {}
+
+  std::uint64_t size() const override { return source_.size(); }
+  const std::string& name() const override { return source_.name(); }
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    const std::lock_guard lock(mutex_);
+    // A range beyond the end is a defect of the file.
+    if (failure_.ok()) STGS_TRY(check_range(name(), size(), offset, out.size()));
+    if (failure_.ok()) failure_ = source_.read(offset, out);
+    return failure_;
+  }
+  bool has_failed() const {
+    const std::lock_guard lock(mutex_);
+    return !failure_.ok();
+  }
+
+ private:
+  const ByteSource& source_;
+  mutable std::mutex mutex_;  // guards failure_
+  mutable Status failure_;
+};
 
 // Checks primitives of a segment against what the file states about it.
 class PlacementChecks {
@@ -274,10 +301,12 @@ void check_error_bounds(const FileHead& head, Findings& findings) {
   }
 }
 
-void check_segments(const ByteSource& source, FileHead& head, Findings& findings) {
+// Checks all that follows the head, until a read fails.
+void check_segments(const UntilFailure& source, FileHead& head, Findings& findings) {
   std::uint64_t values = decoding_limit(head);
   for (std::uint32_t i = 0; i < head.index.segments.size(); ++i) {
     check_segment(source, head, i, values, findings);
+    if (source.has_failed()) return;
   }
   for (const Layout& layout : head.layouts->layouts) check_layout(layout, findings);
   check_further(source, head, findings);
@@ -290,7 +319,8 @@ void check_segments(const ByteSource& source, FileHead& head, Findings& findings
 }  // namespace
 
 Result<std::vector<Issue>> validate_scene(const ByteSource& file, const ReadLimits& limits) {
-  const ReadAhead source(file);  // most records are read in order
+  const ReadAhead ahead(file);  // most records are read in order
+  const UntilFailure source(ahead);
   try {
     Findings findings;
     FileHead head;

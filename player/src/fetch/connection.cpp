@@ -143,6 +143,20 @@ CURLcode Connection::perform(Reply& reply, const Deadline& deadline,
   return result;
 }
 
+// Sets the proxy of the current request.
+Status Connection::set_proxy() {
+  STGS_ASSIGN(const Proxy proxy, parse_proxy(proxy_of(url_)));
+  const auto text = [](const std::optional<std::string>& value) {
+    return value ? value->c_str() : nullptr;
+  };
+  proxy_ = proxy.url;
+  curl_easy_setopt(easy_, CURLOPT_PROXY, proxy_.c_str());  // "": none
+  curl_easy_setopt(easy_, CURLOPT_NOPROXY, "");            // proxy_of() has decided
+  curl_easy_setopt(easy_, CURLOPT_PROXYUSERNAME, text(proxy.user));
+  curl_easy_setopt(easy_, CURLOPT_PROXYPASSWORD, text(proxy.password));
+  return {};
+}
+
 Attempt Connection::follow(std::uint64_t offset, std::span<std::uint8_t> out, Deadline& deadline,
                            bool conditional, const std::function<bool()>& should_continue) {
   const auto min_progress = static_cast<std::size_t>(
@@ -152,9 +166,12 @@ Attempt Connection::follow(std::uint64_t offset, std::span<std::uint8_t> out, De
   for (int redirects = 0;; ++redirects) {
     Reply reply(easy_, offset, out, min_progress, responses, deadline, received_);
     curl_easy_setopt(easy_, CURLOPT_URL, url_.c_str());
-    proxy_ = proxy_of(url_);
-    curl_easy_setopt(easy_, CURLOPT_PROXY, proxy_.c_str());  // "": none
-    curl_easy_setopt(easy_, CURLOPT_NOPROXY, "");            // proxy_of() has decided
+    if (const Status status = set_proxy(); !status.ok()) {
+      Attempt attempt;
+      attempt.code = status.code();
+      attempt.reason = status.message();
+      return attempt;
+    }
     refused_.clear();
     bool stopped = stop_.stop_requested();
     const CURLcode result =

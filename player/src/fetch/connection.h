@@ -68,6 +68,8 @@ class Connection {
   // Requests the URL and follows redirections. `conditional`: the headers ask for a changed file.
   Attempt follow(std::uint64_t offset, std::span<std::uint8_t> out, Deadline& deadline,
                  bool conditional, const std::function<bool()>& should_continue);
+  // kUsage if the proxy that the environment states for it is malformed.
+  Status set_proxy();
   CURLcode perform(Reply& reply, const Deadline& deadline,
                    const std::function<bool()>& should_continue, bool& stopped);
   // Opens a socket unless the address is private and must not be. libcurl's callback.

@@ -10,10 +10,10 @@
 
 namespace stgs::player {
 
-// The time limit of one read, from its beginning to its last byte: the wait for a free connection,
-// name lookup, connecting, TLS, redirections, headers, bodies, and pauses between attempts. Ends
-// HttpSettings::request_seconds after it begins, and later by the time that the bytes received take
-// at HttpSettings::min_bytes_per_second: a server that keeps to this mean rate has as long as it
+// The time limit of one read with a connection, to its last byte: name lookup, connecting, TLS,
+// redirections, headers, bodies, and pauses between attempts. Ends HttpSettings::request_seconds
+// after it begins, and later by the time that the bytes of this read take at
+// HttpSettings::min_bytes_per_second: a server that keeps to this mean rate has as long as it
 // needs. One thread at a time.
 class Deadline {
  public:

@@ -7,7 +7,7 @@
 #include <random>
 #include <vector>
 
-#include "fetch/connection.h"
+#include "fetch/connection_pool.h"
 #include "stgs/player/source.h"
 
 namespace stgs::player {
@@ -15,9 +15,10 @@ namespace {
 
 constexpr double kMaxBackoff = 5;      // seconds between attempts, unless the server
 constexpr double kMaxRetryAfter = 30;  // asks for a longer wait, up to this
-// After a read has run out of time, reads fail at once for this long, seconds, unless one succeeds:
-// a reader that continues after failed reads would wait for each of them.
+// After a read has failed because of the server, reads fail at once for up to this long, seconds,
+// unless one succeeds: a reader that continues after failed reads would wait for each of them.
 constexpr double kOutage = 5;
+constexpr double kBriefFailure = 0.5;           // seconds; a read that fails as soon costs little
 constexpr std::size_t kMaxComparedHead = 4096;  // bytes by which refresh() recognises the file
 
 }  // namespace
@@ -99,61 +100,6 @@ class HttpSource::Impl {
     kSame  // fail if the file was replaced
   };
 
-  // Borrows a connection of the source; waits if all are in use.
-  class Lease {
-   public:
-    enum class Outcome { kOpen, kStopped, kTimedOut, kOutOfMemory };
-
-    Lease(const Impl& source, Deadline& deadline, const std::function<bool()>& should_continue)
-        : source_(source) {
-      std::unique_lock lock(source.mutex_);
-      const auto is_free = [&] {
-        return !source.free_.empty() || source.opened_ < source.settings_.max_connections;
-      };
-      std::uint64_t received = source.received_;
-      while (!is_free()) {
-        if (source.settings_.stop.stop_requested()) return;
-        source.freed_.wait_for(lock, source.settings_.stop, kPollInterval, is_free);
-        // While the reads that have the connections proceed, this one waits.
-        const std::uint64_t now = source.received_;
-        deadline.add_bytes(now - std::exchange(received, now));
-        lock.unlock();
-        const bool is_wanted = !should_continue || should_continue();
-        lock.lock();
-        if (!is_wanted) return;
-        if (!is_free() && deadline.has_passed()) {
-          outcome_ = Outcome::kTimedOut;
-          return;
-        }
-      }
-      if (source.settings_.stop.stop_requested()) return;
-      outcome_ = Outcome::kOutOfMemory;
-      if (!source.free_.empty()) {
-        connection_ = std::move(source.free_.back());
-        source.free_.pop_back();
-      } else {
-        connection_ = Connection::open(source.url_, source.settings_, source.received_);
-        if (connection_ != nullptr) ++source.opened_;
-      }
-      if (connection_ != nullptr) outcome_ = Outcome::kOpen;
-    }
-    ~Lease() {
-      if (connection_ == nullptr) return;
-      const std::lock_guard lock(source_.mutex_);
-      source_.free_.push_back(std::move(connection_));
-      source_.freed_.notify_one();
-    }
-    Lease(const Lease&) = delete;
-    Lease& operator=(const Lease&) = delete;
-    Connection* get() const { return connection_.get(); }  // null unless kOpen
-    Outcome outcome() const { return outcome_; }
-
-   private:
-    const Impl& source_;
-    Outcome outcome_ = Outcome::kStopped;
-    std::unique_ptr<Connection> connection_;
-  };
-
   Status replaced() const {
     return io_error("{}: the file on the server was replaced; open it again", name_);
   }
@@ -196,9 +142,13 @@ class HttpSource::Impl {
                          const std::string& etag = {},
                          const std::function<bool()>& should_continue = {}) const {
     STGS_TRY(check_outage());
-    Deadline deadline(settings_);
-    const Lease lease(*this, deadline, should_continue);
-    if (lease.get() == nullptr) return not_leased(lease, offset, deadline);
+    const Deadline waited(settings_);
+    // While a read waits, one that has a connection may find that the server fails.
+    const ConnectionPool::Lease lease(
+        pool_, [&] { return check_outage().ok() && (!should_continue || should_continue()); });
+    if (lease.get() == nullptr) return not_leased(lease.outcome(), offset, waited);
+    STGS_TRY(check_outage());
+    Deadline deadline(settings_);  // the wait does not count
     std::size_t done = 0;
     for (int failures = 0;;) {
       const Snapshot expected = snapshot();
@@ -222,6 +172,7 @@ class HttpSource::Impl {
         kind = TransferEvent::Kind::kReplaced;
       } else if (attempt.outcome == Attempt::Outcome::kFatal) {
         failure = {attempt.code, fmt::format("{}: {}", name_, attempt.reason)};
+        begin_outage(failure, deadline.elapsed());
       } else {
         failures = attempt.progressed ? 1 : failures + 1;
         const double pause = pause_after(failures, attempt);
@@ -233,7 +184,7 @@ class HttpSource::Impl {
         failure = has_time || attempt.unreachable
                       ? gave_up(attempt, failures, offset + done)
                       : timed_out(reason_with_pause(attempt), offset + done, deadline);
-        if (!has_time) begin_outage(failure);
+        begin_outage(failure, has_time ? deadline.elapsed() : kOutage);
       }
       report(kind, offset + done, 0, failure.message());
       return failure;
@@ -248,13 +199,17 @@ class HttpSource::Impl {
   }
 
   // Returns the error of a read without a connection.
-  Status not_leased(const Lease& lease, std::uint64_t offset, const Deadline& deadline) const {
-    if (lease.outcome() == Lease::Outcome::kStopped) return stopped();
-    if (lease.outcome() == Lease::Outcome::kOutOfMemory) {
-      return runtime_error("{}: libcurl is out of memory", name_);
+  Status not_leased(ConnectionPool::Lease::Outcome outcome, std::uint64_t offset,
+                    const Deadline& waited) const {
+    using Outcome = ConnectionPool::Lease::Outcome;
+    if (outcome == Outcome::kStopped) {
+      const Status outage = settings_.stop.stop_requested() ? Status() : check_outage();
+      return outage.ok() ? stopped() : outage;
     }
-    const Status failure = timed_out("other reads use all connections", offset, deadline);
-    begin_outage(failure);
+    if (outcome == Outcome::kOutOfMemory)
+      return runtime_error("{}: libcurl is out of memory", name_);
+    const Status failure = timed_out("other reads use all connections", offset, waited);
+    begin_outage(failure, kOutage);
     report(TransferEvent::Kind::kFailed, offset, 0, failure.message());
     return failure;
   }
@@ -274,11 +229,14 @@ class HttpSource::Impl {
                     reason, deadline.elapsed(), offset);
   }
 
-  // Sets the error of the reads that follow one that ran out of time.
-  void begin_outage(const Status& failure) const {
+  // Sets the error of the reads that follow a failed one, for as many seconds as that took or could
+  // have taken.
+  void begin_outage(const Status& failure, double seconds) const {
+    if (seconds < kBriefFailure) return;
     const std::lock_guard lock(mutex_);
     outage_ = failure;
-    const std::chrono::duration<double> time(std::min(kOutage, settings_.request_seconds));
+    const std::chrono::duration<double> time(
+        std::min({kOutage, seconds, settings_.request_seconds}));
     outage_end_ =
         Deadline::Clock::now() + std::chrono::duration_cast<Deadline::Clock::duration>(time);
   }
@@ -324,16 +282,13 @@ class HttpSource::Impl {
 
   std::string url_, name_;
   HttpSettings settings_;
+  mutable ConnectionPool pool_{url_, settings_};
   std::vector<std::uint8_t> head_;             // the first bytes of the file
   std::atomic<std::uint64_t> head_bytes_ = 0;  // how many of these are known to be valid
 
   mutable std::mutex mutex_;  // guards the following members
   Snapshot state_;
-  mutable std::condition_variable_any freed_;
-  mutable std::vector<std::unique_ptr<Connection>> free_;
-  mutable int opened_ = 0;
-  mutable std::atomic<std::uint64_t> received_ = 0;  // bytes of the file, so far
-  mutable Status outage_;                            // of the last read that ran out of time
+  mutable Status outage_;  // of the last read that failed because of the server
   mutable Deadline::Clock::time_point outage_end_;
   mutable TransferStatistics statistics_;
   mutable std::minstd_rand random_{std::random_device{}()};

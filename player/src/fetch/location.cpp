@@ -16,7 +16,7 @@ bool is_url(const std::string& location) {
 
 // A password may contain unescaped characters that end the authority, '/', '?' and '#', although no
 // URL does (RFC 3986, 3.2). An authority that looks like "user:pass", followed by an '@' further
-// on, is hidden up to the last such '@'.
+// on, is hidden up to the last such '@'; also one that has no host after its own '@'.
 std::string display_location(const std::string& location) {
   const std::size_t colon = location.find(':');
   if (colon == 0 || colon == std::string::npos ||
@@ -30,10 +30,11 @@ std::string display_location(const std::string& location) {
     return std::min(shown.find_first_of("/?#", host), shown.size());
   };
   const std::size_t user = shown.rfind('@', authority_end());
-  if (user != std::string::npos && user >= host) shown.erase(host, user + 1 - host);
+  const bool has_user = user != std::string::npos && user >= host;
+  if (has_user) shown.erase(host, user + 1 - host);
   const std::size_t end = authority_end();
   const bool has_colon = shown.find(':', host) < end;
-  if (has_colon && end < shown.size()) {
+  if ((has_colon || (has_user && end == host)) && end < shown.size()) {
     // A query of a URL with a path may contain an '@'.
     const std::size_t last = shown[end] == '/' ? shown.find_first_of("?#", end) : shown.size();
     const std::size_t at = shown.substr(0, last).rfind('@');

@@ -2,6 +2,7 @@
 #include "fetch/proxy.h"
 
 #include <arpa/inet.h>
+#include <curl/curl.h>
 
 #include <algorithm>
 #include <array>
@@ -9,6 +10,7 @@
 #include <charconv>
 #include <cstdint>
 #include <cstdlib>
+#include <memory>
 #include <optional>
 #include <string_view>
 
@@ -99,6 +101,33 @@ std::string proxy_of(const std::string& url) {
                                                 : environment({"http_proxy"});
   if (proxy.empty()) proxy = environment({"all_proxy", "ALL_PROXY"});
   return proxy.empty() || is_excluded(normal(host_of(url))) ? std::string() : proxy;
+}
+
+Result<Proxy> parse_proxy(const std::string& text) {
+  if (text.empty()) return Proxy{};
+  constexpr unsigned kFlags = CURLU_NON_SUPPORT_SCHEME | CURLU_GUESS_SCHEME;
+  const std::unique_ptr<CURLU, decltype(&curl_url_cleanup)> parsed(curl_url(), &curl_url_cleanup);
+  const auto part = [&](CURLUPart name, unsigned flags) -> std::optional<std::string> {
+    char* value = nullptr;
+    if (curl_url_get(parsed.get(), name, &value, flags) != CURLUE_OK) return std::nullopt;
+    const std::unique_ptr<char, decltype(&curl_free)> owned(value, &curl_free);
+    return value;
+  };
+  if (parsed != nullptr &&
+      curl_url_set(parsed.get(), CURLUPART_URL, text.c_str(), kFlags) == CURLUE_OK) {
+    Proxy proxy;
+    proxy.user = part(CURLUPART_USER, CURLU_URLDECODE);
+    proxy.password = part(CURLUPART_PASSWORD, CURLU_URLDECODE);
+    for (const CURLUPart name : {CURLUPART_USER, CURLUPART_PASSWORD, CURLUPART_OPTIONS})
+      curl_url_set(parsed.get(), name, nullptr, 0);
+    if (auto url = part(CURLUPART_URL, CURLU_NON_SUPPORT_SCHEME)) {
+      proxy.url = std::move(*url);
+      return proxy;
+    }
+  }
+  return usage_error(
+      "the proxy of the environment is malformed (expected [SCHEME://][USER:PASSWORD@]HOST:PORT); "
+      "check http_proxy, https_proxy and all_proxy");
 }
 
 }  // namespace stgs::player

@@ -33,11 +33,13 @@ inline constexpr double kMinBytesPerSecond = 1, kMaxBytesPerSecond = 1e9;
 
 // Settings of an HttpSource.
 struct HttpSettings {
-  // Limit of one read, all its attempts included, from the beginning of the call to the last byte:
-  // name lookup, connecting, redirections, headers, pauses (also those that the server asks for)
-  // and the wait for a free connection count. The limit grows by the time that the bytes received
-  // take at the minimum rate, so that large reads from a slow server succeed. There is no way to
-  // have no limit.
+  // Limit of one read, all its attempts included, from the time that it has a connection to its
+  // last byte: name lookup, connecting, redirections, headers and pauses (also those that the
+  // server asks for) count. The limit grows by the time that the bytes of the read take at the
+  // minimum rate, so that large reads from a slow server succeed. Before, a read waits for a free
+  // connection while the reads that have one receive, together, at least the minimum rate, and then
+  // at most request_seconds; a read that fails ends the wait of all. There is no way to have no
+  // limit.
   double request_seconds = 60;
   double min_bytes_per_second = 1000;
   // Whether a public host name, or a redirection, may lead to an address of a private network. The
@@ -70,7 +72,9 @@ struct TransferStatistics {
 // bytes received are retained and the next attempt requests the rest. With any server, a read ends
 // within a second of HttpSettings::request_seconds, extended as stated there, and within 0.1 s of a
 // stop request. (A libcurl without a resolver thread of its own waits for name lookup.)
-// After a read has run out of time, reads fail at once for up to 5 s, unless one succeeds.
+// After a read has run out of time, reads fail at once for 5 s, or request_seconds if that is less,
+// unless one succeeds; after one that failed for another reason than a replaced file, and took
+// longer than 0.5 s, for as long as it took, up to 5 s.
 //
 // Reads fail with kIo if the file
 // - is smaller than it was, or than the prefix that refresh() was given, or
