@@ -101,7 +101,7 @@ class Perceptual(CliTest):
         for file in ([], ["--perceptual-weights", "other.safetensors"]):
             result = self.fails(USAGE, "run.ckpt: checkpoint of another run",
                                 *self.train(*file, "--resume", "run.ckpt"))
-            self.assertRegex(result.stderr, rb"\n  perceptual weights: [0-9a-f]{16}, now ")
+            self.assertRegex(result.stderr, rb" perceptual weights: [0-9a-f]{16}, now ")
 
     def test_a_finished_window_is_reused_only_with_the_same_weights(self):
         for name, seed in (("w", 1), ("copy", 1), ("other", 2)):

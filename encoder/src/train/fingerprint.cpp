@@ -112,14 +112,15 @@ Status check_same_run(const std::string& path, const Fingerprint& found, const F
     if (name == kBackendEntry || name == kProcessesEntry) continue;
     if (before != nullptr && *before == value) continue;
     if (++count > kMaxListedDifferences) continue;
-    list += fmt::format("\n  {}: {}, now {}", name, before == nullptr ? "missing" : *before, value);
+    list += fmt::format("{}{}: {}, now {}", list.empty() ? "" : "; ", name,
+                        before == nullptr ? "missing" : *before, value);
   }
   if (count == 0) return {};
   if (count > kMaxListedDifferences)
-    list += fmt::format("\n  and {} more", count - kMaxListedDifferences);
+    list += fmt::format("; and {} more", count - kMaxListedDifferences);
   return usage_error(
       "{}: checkpoint of another run; resume with the settings and the capture that it was made "
-      "with. Differences (checkpoint, now):{}",
+      "with. Differences (checkpoint, now): {}",
       path, list);
 }
 
