@@ -96,6 +96,54 @@ class Outputs(CliTest):
                 self.assertEqual(result.stderr.count(b"left over from a run that was killed"), 2,
                                  result.stderr)
 
+    def test_a_second_run_with_the_same_output_is_refused(self):
+        shutil.copy(self.fixture("steady.stgs"), self.path("scene.stgs"))
+        train = ["train", self.fixture("prepared"), "--iterations", "5", "--preset", "fast"]
+        cases = [("out.stgs", ["pack", "scene.stgs", "-o", "out.stgs"]),
+                 ("out.ply", ["convert", "scene.stgs", "out.ply", "--time", "0"]),
+                 ("out.stgs", ["finalize", self.fixture("recorded.stgs"), "-o", "out.stgs"]),
+                 ("out.stgs", [*train, "-o", "out.stgs"]),
+                 ("log.jsonl", [*train, "-o", "out.stgs", "--log", "log.jsonl"]),
+                 ("report", [*train, "-o", "out.stgs", "--report", "report/"]),
+                 ("out.png", self.render("out.png")),
+                 ("frames", self.render("frames/"))]
+        if harness.built_in("prepare"):
+            encode = ["encode", harness.sample(), "-o", "out.stgs", "--frames", "0:2"]
+            cases += [("out.stgs", encode), ("work", [*encode, "--keep-work", "work"])]
+        for output, args in cases:
+            with self.subTest(output=output, verb=args[0]):
+                with open(self.path(f".{output}.lock"), "wb") as lock:
+                    fcntl.flock(lock, fcntl.LOCK_EX)
+                    self.fails(USAGE, f"{output}/?: another process is writing it", *args)
+                    os.remove(lock.name)
+                self.assertFalse(os.path.isfile(self.path(output)))
+        self.assert_no_leftovers()
+
+    def test_a_full_disk_leaves_no_part_of_a_report(self):
+        def limit():
+            resource.setrlimit(resource.RLIMIT_FSIZE, (10000, 10000))  # more than an image
+        args = ["train", self.fixture("prepared"), "--iterations", "5", "--preset", "fast", "-o",
+                "out.stgs", "--report", "report"]
+        result = self.stgs(*args, preexec_fn=limit)
+        self.assertEqual(result.returncode, IO, result.stderr)
+        self.assertIn(b"index.html: cannot write", result.stderr)
+        self.assertEqual(os.listdir(self.path("report")), ["training.jsonl"])
+        self.succeeds(*args)
+        self.assertIn("index.html", os.listdir(self.path("report")))
+
+    def test_links_in_a_folder_of_frames_are_not_followed(self):
+        os.makedirs(self.path("frames"))
+        os.makedirs(self.path("other"))
+        os.symlink("../other", self.path("frames/c"))
+        args = ["render", self.fixture("tiny.stgs"), "--cameras", self.fixture("prepared"),
+                "--which", "c", "--frames", "0:1"]
+        self.fails(IO, "frames/c: cannot open the folder: .*; links are not followed", *args, "-o",
+                   "frames")
+        self.assertEqual((os.listdir(self.path("frames")), os.listdir(self.path("other"))), (["c"], []))
+        os.symlink("other", self.path("chosen"))  # a link that the user names is followed
+        self.succeeds(*args, "-o", "chosen")
+        self.assertEqual(os.listdir(self.path("other/c")), ["000000.png"])
+
     def test_a_pipe_is_rejected_as_an_image(self):
         for name in ("pipe.png", *(["pipe.exr"] if harness.built_in("exr") else [])):
             os.mkfifo(self.path(name))

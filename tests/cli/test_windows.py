@@ -182,8 +182,9 @@ class Windows(CliTest):
                     self.assertIn(f"{names[1]}: incomplete; run the same command again to resume", error)
                 else:
                     self.assertEqual(process.returncode, -number, error)
+                lock = [f".{names[1]}.lock"] if number == signal.SIGKILL else []
                 self.assertEqual(sorted(os.listdir(self.path(folder))),
-                                 [names[0], f"{names[1]}.ckpt"])
+                                 [*lock, names[0], f"{names[1]}.ckpt"])
                 log = self.succeeds(*command, "-o", folder).stderr.decode()
                 self.assertRegex(log, r"resumed at iteration \d+ from .*000003-000006")
                 for name in names:

@@ -206,7 +206,7 @@ class Convert final : public Command {
       return usage_error("--title applies to .stgs output, not to {}", work.to->name);
     }
     STGS_TRY(check_distinct({{"IN", input_}, {"OUT", output_}}));
-    return prepare_output(output_, session.log_sink());
+    return session.claim_output(output_);
   }
 
   Status read(Session& session, Conversion& work) const {

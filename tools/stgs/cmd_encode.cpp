@@ -71,7 +71,7 @@ class Encode final : public Command {
                         {{"--output", output_}, work_path("/prepared"), work_path("/trained.stgs")},
                         keep_work_));
     STGS_TRY(check_resumable(training));
-    STGS_TRY(prepare_output(output_, session.log_sink()));
+    STGS_TRY(session.claim_output(output_));
     STGS_TRY(encoder::check_packing(pack_.settings()));
     // Before the long prepare; again once the size of the images is known.
     STGS_TRY(encoder::check_training(training, nullptr));
@@ -82,6 +82,7 @@ class Encode final : public Command {
     std::error_code error;
     std::filesystem::create_directories(work, error);
     if (error) return io_error("{}: cannot create: {}", work, error.message());
+    if (!keep_work_.empty()) STGS_TRY(session.claim_folder(keep_work_));
     const std::string prepared = work + "/prepared", trained = work + "/trained.stgs";
     encoder::TrainReport train_report;
     encoder::PackReport pack_report;

@@ -33,7 +33,7 @@ class Finalize final : public Command {
   Status run(Session& session) override {
     STGS_TRY(check_is_path(input_));
     STGS_TRY(check_extension(output_, "finalize", ".stgs"));
-    STGS_TRY(prepare_output(output_, session.log_sink()));
+    STGS_TRY(session.claim_output(output_));
     std::error_code missing;  // an output that does not exist is a different file
     if (std::filesystem::equivalent(input_, output_, missing)) {
       return usage_error("{}: this is the recording itself; use another output", output_);

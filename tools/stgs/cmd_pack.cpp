@@ -43,7 +43,7 @@ class Pack final : public Command {
   }
   Status run(Session& session) override {
     STGS_TRY(check_extension(output_, "pack", ".stgs"));
-    STGS_TRY(prepare_output(output_, session.log_sink()));
+    STGS_TRY(session.claim_output(output_));
     for (const std::string& input : inputs_) {
       STGS_TRY(check_is_path(input));
       STGS_TRY(check_is_scene(session, input, memory_.limits()));

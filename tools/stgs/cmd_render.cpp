@@ -123,8 +123,8 @@ class Render final : public Command {
     STGS_ASSIGN(const auto cameras, find_cameras());
     STGS_ASSIGN(const RenderTimes times, find_times());
     STGS_ASSIGN(const stgs_view view, make_view());
-    STGS_ASSIGN(auto sink, make_image_sink(o_.output, time_base(), cameras.size(), times.size(),
-                                           session.log_sink()));
+    STGS_ASSIGN(auto sink,
+                make_image_sink(o_.output, time_base(), cameras.size(), times.size(), session));
     if (o_.side_by_side && !sink->wants_8bit()) {
       return usage_error(
           "--side-by-side writes 8-bit images; use a .png, .mp4, .y4m or folder output");

@@ -59,7 +59,7 @@ class Train final : public Command {
           "--target-size limits one file, --window trains several; use --target-kbps");
     }
     if (windows_.has_windows()) return train_all(capture, settings, session);
-    if (session.is_first()) STGS_TRY(prepare_output(output_, session.log_sink()));
+    if (session.is_first()) STGS_TRY(session.claim_output(output_));
     encoder::TrainReport report;
     STGS_TRY(train_to_file(capture, output_, options_.title(), options_.report(), settings, session,
                            report));

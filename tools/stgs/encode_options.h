@@ -60,7 +60,7 @@ class TrainOptions {
  private:
   Status add_overrides(encoder::TrainSettings& settings) const;
   Status check_paths(const std::string& log_path, std::vector<NamedPath> paths) const;
-  Status check_writable(const std::string& new_folder, const encoder::LogSink& log) const;
+  Status claim_outputs(const std::string& new_folder, Session& session) const;
 
   encoder::TrainSettings settings_;
   std::string frame_memory_, report_, title_;

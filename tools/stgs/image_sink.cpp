@@ -3,11 +3,9 @@
 
 #include <filesystem>
 #include <utility>
-#include <vector>
 
+#include "output_folder.h"
 #include "output_path.h"
-#include "stgs/format/output_file.h"
-#include "stgs/format/output_path.h"
 
 namespace stgs::tools {
 namespace {
@@ -70,63 +68,35 @@ class VideoSink final : public EightBitSink {
   std::unique_ptr<VideoWriter> writer_;
 };
 
-// Writes FOLDER/CAMERA/NNNNNN.png, first to a temporary folder next to FOLDER. finish() renames
-// that folder to FOLDER, or moves its files if FOLDER exists.
+// Writes FOLDER/CAMERA/NNNNNN.png.
 class FolderSink final : public EightBitSink {
  public:
-  explicit FolderSink(const std::string& folder) : folder_(folder) {}
+  FolderSink(const std::string& folder, const encoder::LogSink& log) : files_(folder, log) {}
   using EightBitSink::add;
 
   Status add(const ImageName& name, const encoder::Image8& image) override {
     const std::string file = name.camera.empty()
                                  ? fmt::format("{:06}.png", name.frame)
                                  : fmt::format("{}/{:06}.png", name.camera, name.frame);
-    if (made_.empty()) {
-      STGS_TRY(work_.create(folder_));
-      made_ = work_.path() + "/frames";
-    }
-    std::error_code error;
-    fs::create_directories((fs::path(made_) / file).parent_path(), error);
-    if (error) return io_error("{}: cannot create: {}", folder_, error.message());
-    files_.push_back(file);
-    return write_png(made_ + "/" + file, image);
+    STGS_ASSIGN(const std::string path, files_.add(file));
+    return write_png(path, image);
   }
-
-  Status finish() override {
-    if (!fs::exists(folder_)) return rename_over(made_, folder_);
-    for (const std::string& file : files_) {
-      std::error_code error;
-      fs::create_directories((fs::path(folder_) / file).parent_path(), error);
-      if (error) return io_error("{}: cannot create: {}", folder_, error.message());
-      STGS_TRY(rename_over(made_ + "/" + file, folder_ + "/" + file));
-    }
-    return {};
-  }
+  Status finish() override { return files_.commit(); }
 
  private:
-  std::string folder_;
-  WorkFolder work_;
-  std::string made_;  // in the work folder; "" before the first image
-  std::vector<std::string> files_;
+  OutputFolder files_;
 };
-
-std::string without_slashes(std::string path) {
-  while (path.size() > 1 && path.back() == '/') path.pop_back();
-  return path;
-}
 
 }  // namespace
 
 Result<std::unique_ptr<ImageSink>> make_image_sink(const std::string& output, TimeBase time_base,
                                                    std::size_t cameras, std::size_t times,
-                                                   const encoder::LogSink& log) {
+                                                   Session& session) {
   using Sink = std::unique_ptr<ImageSink>;
   if (output == "null") return Sink(std::make_unique<NullSink>());
   if (!output.empty() && (output.back() == '/' || fs::is_directory(output))) {
-    STGS_TRY(check_can_make_folder(output));
-    const std::string folder = without_slashes(output);
-    clear_leftovers(folder, log);
-    return Sink(std::make_unique<FolderSink>(folder));
+    STGS_TRY(session.claim_folder(output));
+    return Sink(std::make_unique<FolderSink>(output, session.log_sink()));
   }
   const std::string end = output == "-" ? ".y4m" : extension_of(output);
   const bool image = end == ".png" || end == ".exr", video = end == ".mp4" || end == ".y4m";
@@ -144,11 +114,11 @@ Result<std::unique_ptr<ImageSink>> make_image_sink(const std::string& output, Ti
   if (video && cameras != 1) {
     return usage_error("'{}' holds one camera, not {}; choose one with --which", output, cameras);
   }
-  if (output != "-") STGS_TRY(prepare_output(output, log));
+  if (output != "-") STGS_TRY(session.claim_output(output));
   if (end == ".png") return Sink(std::make_unique<PngSink>(output));
   if (end == ".exr") return Sink(std::make_unique<ExrSink>(output));
   if (end == ".y4m") return Sink(std::make_unique<VideoSink>(make_y4m_writer(output, time_base)));
-  STGS_ASSIGN(auto writer, make_mp4_writer(output, time_base, log));
+  STGS_ASSIGN(auto writer, make_mp4_writer(output, time_base, session.log_sink()));
   return Sink(std::make_unique<VideoSink>(std::move(writer)));
 }
 

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "image_io.h"
-#include "stgs/encoder/progress.h"
+#include "session.h"
 #include "video.h"
 
 namespace stgs::tools {
@@ -29,10 +29,10 @@ class ImageSink {
 };
 
 // Makes the sink for `output`: a name that ends in .png, .exr, .mp4 or .y4m, "-" (y4m), a folder
-// (ends in / or exists) or "null". Checks that it accepts `cameras` x `times` images and that it is
-// writable.
+// (ends in / or exists) or "null". Checks that it accepts `cameras` x `times` images, and claims it
+// for `session`.
 Result<std::unique_ptr<ImageSink>> make_image_sink(const std::string& output, TimeBase time_base,
                                                    std::size_t cameras, std::size_t times,
-                                                   const encoder::LogSink& log);
+                                                   Session& session);
 
 }  // namespace stgs::tools

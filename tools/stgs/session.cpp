@@ -16,9 +16,11 @@
 #include <system_error>
 
 #include "error_report.h"
+#include "output_path.h"
 #include "printable.h"
 #include "standard_streams.h"
 #include "stgs/format/parallel.h"
+#include "stgs/format/temporary.h"
 
 namespace stgs::tools {
 namespace {
@@ -100,6 +102,17 @@ int Session::conclude(Status status) {
   if (!status.ok()) report_error(status);
   if (world_ != nullptr) world_->finish();
   return exit_code(status.code());
+}
+
+Status Session::claim_output(const std::string& path) {
+  claimed_.push_back(std::make_shared<OutputLock>());
+  return prepare_output(path, *claimed_.back(), log_sink());
+}
+
+Status Session::claim_folder(const std::string& path) {
+  STGS_TRY(check_can_make_folder(path));
+  claimed_.push_back(std::make_shared<OutputLock>());
+  return claimed_.back()->take(path);
 }
 
 void Session::report_error(const Status& error) {

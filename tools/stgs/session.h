@@ -17,6 +17,10 @@
 #include "stgs/encoder/ranks.h"
 #include "stgs/format/status.h"
 
+namespace stgs {
+class OutputLock;
+}
+
 namespace stgs::tools {
 
 using Json = nlohmann::ordered_json;
@@ -55,6 +59,12 @@ class Session {
   // Returns the exit code.
   int conclude(Status status);
 
+  // Prepares an output before long work (prepare_output()), and makes this run the only one that
+  // writes it, until the session ends. One thread at a time.
+  Status claim_output(const std::string& path);
+  // As claim_output(), for a new or existing folder.
+  Status claim_folder(const std::string& path);
+
   bool json() const { return options.format == "json"; }
   // Prints the result to standard output, as JSON or text. Control characters in text are escaped,
   // here and in log() (printable.h).
@@ -80,6 +90,7 @@ class Session {
   void clear_bar();
 
   std::unique_ptr<encoder::World> world_;
+  std::vector<std::shared_ptr<OutputLock>> claimed_;
   std::mutex stderr_mutex_;  // guards standard error and the state of the progress bar
   bool silent_ = false;
   std::shared_ptr<void> thread_limit_;

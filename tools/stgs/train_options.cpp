@@ -86,16 +86,13 @@ Status TrainOptions::check_paths(const std::string& log_path, std::vector<NamedP
   return check_distinct(paths);
 }
 
-Status TrainOptions::check_writable(const std::string& new_folder,
-                                    const encoder::LogSink& log) const {
+Status TrainOptions::claim_outputs(const std::string& new_folder, Session& session) const {
   for (const std::string* path : {&settings_.checkpoint, &settings_.log_path}) {
     if (!path->empty() && !is_in_new_folder(*path, new_folder))
-      STGS_TRY(prepare_output(*path, log));
+      STGS_TRY(session.claim_output(*path));
   }
   if (report_.empty() || is_in_new_folder(report_, new_folder)) return {};
-  STGS_TRY(check_can_make_folder(report_));
-  clear_leftovers(report_ + "/index.html", log);
-  return {};
+  return session.claim_folder(report_);
 }
 
 Status TrainOptions::add_overrides(encoder::TrainSettings& settings) const {
@@ -145,7 +142,7 @@ Result<encoder::TrainSettings> TrainOptions::settings(Session& session,
   if (!report_.empty() && !has_log()) settings.log_path = report_ + "/training.jsonl";
   settings.ranks = session.world();
   STGS_TRY(check_paths(settings.log_path, std::move(outputs)));
-  if (session.is_first()) STGS_TRY(check_writable(new_folder, session.log_sink()));
+  if (session.is_first()) STGS_TRY(claim_outputs(new_folder, session));
   return settings;
 }
 

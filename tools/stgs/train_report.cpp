@@ -4,14 +4,15 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <fstream>
 
 #include "image_io.h"
+#include "output_folder.h"
 #include "stgs/encoder/held_out.h"
 #include "stgs/encoder/metrics.h"
 #include "stgs/encoder/report_page.h"
 #include "stgs/encoder/training_log.h"
-#include "stgs/format/output_path.h"
 #include "stgs/format/parallel.h"
 #include "stgs/format/scene_statistics.h"
 
@@ -114,8 +115,7 @@ void add_statistics(const SceneStatistics& statistics, encoder::ReportPage& page
 }
 
 // Renders the sample of views from the final scene and writes each next to its ground truth.
-Status add_renders(const std::string& folder, const TrainReportInput& input,
-                   encoder::ReportPage& page) {
+Status add_renders(const TrainReportInput& input, OutputFolder& files, encoder::ReportPage& page) {
   auto views = encoder::sample_views(input.capture, true, encoder::kMaxHeldOutImages);
   const bool test = !views.empty();
   if (!test) views = encoder::sample_views(input.capture, false, encoder::kMaxHeldOutImages);
@@ -136,9 +136,8 @@ Status add_renders(const std::string& folder, const TrainReportInput& input,
     const double psnr = encoder::psnr_of(
         encoder::mean_squared_error(output.colour, encoder::to_float(ground_truth)));
     const std::string name = fmt::format("{}_{:06}.png", camera.name, view.frame);
-    const auto write = [&](const char* kind, const encoder::Image8& image) {
-      const std::string path = fmt::format("{}/{}_{}", folder, kind, name);
-      clear_leftovers(path, {});
+    const auto write = [&](const char* kind, const encoder::Image8& image) -> Status {
+      STGS_ASSIGN(const std::string path, files.add(fmt::format("{}_{}", kind, name)));
       return write_png(path, image);
     };
     STGS_TRY(write("render", to_8bit(output.colour)));
@@ -153,7 +152,7 @@ Status add_renders(const std::string& folder, const TrainReportInput& input,
 }  // namespace
 
 Status write_train_report(const std::string& folder, const TrainReportInput& input,
-                          const Session& session) {
+                          Session& session) {
   STGS_ASSIGN(const encoder::TrainingLog log, encoder::read_training_log(input.settings.log_path));
   const SceneStatistics statistics = scene_statistics(input.scene);
   encoder::ReportPage page("Trained scene");
@@ -161,7 +160,8 @@ Status write_train_report(const std::string& folder, const TrainReportInput& inp
   page.table(outcome(input, statistics));
   page.heading("Training");
   add_curves(log, input.report.perceptual.has_value(), page);
-  STGS_TRY(add_renders(folder, input, page));
+  OutputFolder files(folder, session.log_sink());
+  STGS_TRY(add_renders(input, files, page));
   page.heading("Lifespans and motion");
   page.paragraph(
       fmt::format("The lifespan of a primitive is the time during which its opacity is at least "
@@ -177,7 +177,9 @@ Status write_train_report(const std::string& folder, const TrainReportInput& inp
                                          {"ablate", input.settings.ablate},
                                          {"seed", fmt::format("{}", input.settings.seed)}});
   page.table(parameters);
-  return page.write(folder);
+  STGS_ASSIGN(const std::string index, files.add("index.html"));
+  STGS_TRY(page.write(std::filesystem::path(index).parent_path()));
+  return files.commit();
 }
 
 }  // namespace stgs::tools

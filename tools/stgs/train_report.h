@@ -18,8 +18,9 @@ struct TrainReportInput {
   std::string output;
 };
 
-// Writes index.html and its images into `folder`, which must exist.
+// Writes index.html and its images into `folder`, once all are complete. After an error the folder
+// has none of them.
 Status write_train_report(const std::string& folder, const TrainReportInput& input,
-                          const Session& session);
+                          Session& session);
 
 }  // namespace stgs::tools

@@ -165,6 +165,8 @@ Status train_windows(const encoder::PreparedCapture& capture,
   for (const encoder::FrameSpan& span : spans) {
     const std::string name = name_of(span), path = path_of(folder, span);
     STGS_ASSIGN(const encoder::PreparedCapture window, encoder::extract_window(capture, span));
+    OutputLock lock;
+    STGS_TRY(prepare_output(path, lock, session.log_sink()));
     STGS_ASSIGN(const bool done, is_trained(path, window, training));
     Json row = {{"output", path}, {"first_frame", span.begin}, {"frames", span.size()}};
     row["training"] = nullptr;

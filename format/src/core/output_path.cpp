@@ -3,8 +3,6 @@
 
 #include <filesystem>
 
-#include "stgs/format/temporary.h"
-
 namespace stgs {
 namespace {
 
@@ -49,9 +47,10 @@ void clear_leftovers(const std::string& path,
   }
 }
 
-Status prepare_output(const std::string& path,
+Status prepare_output(const std::string& path, OutputLock& lock,
                       const std::function<void(int, const std::string&)>& log) {
   STGS_TRY(check_can_write(path));
+  STGS_TRY(lock.take(path));
   clear_leftovers(path, log);
   return {};
 }

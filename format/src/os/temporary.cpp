@@ -89,6 +89,20 @@ bool is_own_lock(int file) {
          status.st_uid == ::geteuid();
 }
 
+// Anybody who may write to the folder of an output can hold its lock.
+Status busy_error(const std::string& path, const std::string& name, int lock) {
+  struct stat status {};
+  if (::fstat(lock, &status) == 0 && status.st_uid != ::geteuid()) {
+    return usage_error(
+        "{}: a process has locked {}, a file of user {}; wait for it, or name an output in a "
+        "folder "
+        "that only you can write to",
+        path, name, status.st_uid);
+  }
+  return usage_error("{}: another process is writing it; wait for it, or name another output",
+                     path);
+}
+
 // Removes a folder of WorkFolder that no process uses. Others can rename any folder to such a name,
 // so that one without a lock is removed only if it is empty: created just now, after which
 // WorkFolder::create() tries another name, or by a process that was killed.
@@ -184,18 +198,18 @@ WorkFolder::~WorkFolder() {
 }
 
 Status OutputLock::take(const std::string& path) {
-  const fs::path full(path);
+  const fs::path full = (fs::path(path) / "").parent_path();  // without a slash at the end
   std::string name =
       (full.parent_path() / fmt::format(".{}.lock", full.filename().string())).string();
   for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
     const int file = ::open(
         name.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC, 0666);
-    if (file < 0) return io_error("{}: cannot create: {}", path, file_problem(errno));
+    if (file < 0) return io_error("{}: cannot create: lock {}: {}", path, name, file_problem(errno));
     const os::LockResult result = os::try_lock(file);
     if (result == os::LockResult::kBusy) {
+      const Status busy = busy_error(path, name, file);
       ::close(file);
-      return usage_error("{}: another process is writing it; wait for it, or name another output",
-                         path);
+      return busy;
     }
     if (os::is_named(file, name)) {
       name_ = std::move(name);

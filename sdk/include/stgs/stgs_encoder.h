@@ -13,7 +13,8 @@
  * cancelled. Outputs appear complete or not at all; until then existing files stay.
  *
  * Threads: one thread at a time may use an encoder, except for stgs_encoder_cancel. Several
- * encoders may work at once, with different outputs.
+ * encoders may work at once, with different outputs: STGS_ERROR_ARGUMENT if another run, in any
+ * process, writes the same one.
  *
  * Ownership: settings and everything they point to are read during a call and not retained. A NULL
  * string stands for an empty one.

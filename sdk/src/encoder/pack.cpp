@@ -5,6 +5,7 @@
 
 #include "encoder/encoder.h"
 #include "stgs/format/output_path.h"
+#include "stgs/format/temporary.h"
 
 namespace stgs::sdk {
 namespace {
@@ -68,7 +69,8 @@ Status pack(const std::vector<std::string>& scenes, const char* output, const st
   for (const std::string& scene : scenes) {
     STGS_TRY(check_distinct({{"scenes", scene}, {"output", output}}));
   }
-  STGS_TRY(prepare_output(output, log));
+  OutputLock lock;
+  STGS_TRY(prepare_output(output, lock, log));
   return encoder::pack(scenes, output, packing_of(s), &report, progress, log);
 }
 

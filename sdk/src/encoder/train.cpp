@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/encoder/train.h"
 
+#include <deque>
 #include <filesystem>
 
 #include "encoder/encoder.h"
 #include "stgs/encoder/windows.h"
 #include "stgs/format/output_path.h"
+#include "stgs/format/temporary.h"
 
 namespace stgs::sdk {
 namespace {
@@ -68,9 +70,10 @@ encoder::TrainSettings training_of(const stgs_train_settings& s) {
   return settings;
 }
 
-// Checks that the output paths are writable and distinct. `resume` may equal `checkpoint`.
-Status check_paths(const std::string& scene, const encoder::TrainSettings& settings,
-                   const encoder::LogSink& log) {
+// Checks that the output paths are writable and distinct, and adds their locks. `resume` may equal
+// `checkpoint`.
+Status claim_paths(const std::string& scene, const encoder::TrainSettings& settings,
+                   std::deque<OutputLock>& locks, const encoder::LogSink& log) {
   std::vector<NamedPath> paths = {
       {"scene", scene}, {"checkpoint", settings.checkpoint}, {"log_path", settings.log_path}};
   if (check_distinct({paths[1], {"resume", settings.resume}}).ok()) {
@@ -78,7 +81,7 @@ Status check_paths(const std::string& scene, const encoder::TrainSettings& setti
   }
   STGS_TRY(check_distinct(paths));
   for (const std::string* path : {&scene, &settings.checkpoint, &settings.log_path}) {
-    if (!path->empty()) STGS_TRY(prepare_output(*path, log));
+    if (!path->empty()) STGS_TRY(prepare_output(*path, locks.emplace_back(), log));
   }
   return {};
 }
@@ -95,7 +98,8 @@ Status train(const char* prepared, const std::string& scene, const stgs_train_se
              const encoder::ProgressSink& progress, const encoder::LogSink& log,
              encoder::TrainReport& report) {
   const encoder::TrainSettings settings = training_of(s);
-  STGS_TRY(check_paths(scene, settings, log));
+  std::deque<OutputLock> locks;
+  STGS_TRY(claim_paths(scene, settings, locks, log));
   STGS_ASSIGN(const encoder::PreparedCapture capture, capture_of(prepared, s));
   STGS_ASSIGN(const Scene trained, encoder::train(capture, settings, progress, log, &report));
   WriteSettings writing;

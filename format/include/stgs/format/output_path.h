@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "stgs/format/status.h"
+#include "stgs/format/temporary.h"
 
 namespace stgs {
 
@@ -17,8 +18,9 @@ Status check_can_write(const std::string& path);
 // and folder to `log`, which may be empty, at level 2.
 void clear_leftovers(const std::string& path,
                      const std::function<void(int, const std::string&)>& log);
-// check_can_write(), then clear_leftovers().
-Status prepare_output(const std::string& path,
+// check_can_write(), then clear_leftovers(). kUsage if another run writes `path`; none does as long
+// as `lock`, which must be new, exists.
+Status prepare_output(const std::string& path, OutputLock& lock,
                       const std::function<void(int, const std::string&)>& log);
 
 // A path, and the option or setting that it comes from; both appear in messages.

@@ -67,8 +67,8 @@ class OutputLock {
   OutputLock(const OutputLock&) = delete;
   OutputLock& operator=(const OutputLock&) = delete;
 
-  // kUsage if another object has the lock of `path`, in any process. The folder of `path` must
-  // exist; a hidden file in it, `.NAME.lock`, carries the lock. Call once.
+  // kUsage if another object has the lock of `path`, a file or a folder, in any process. The folder
+  // that contains it must exist; a hidden file there, `.NAME.lock`, carries the lock. Call once.
   Status take(const std::string& path);
 
  private:

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "output_folder.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <filesystem>
+#include <utility>
+
+#include "stgs/format/output_file.h"
+#include "stgs/format/output_path.h"
+
+namespace stgs::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A descriptor of a folder.
+class OpenFolder {
+ public:
+  explicit OpenFolder(int descriptor) : descriptor_(descriptor) {}
+  ~OpenFolder() {
+    if (descriptor_ >= 0) ::close(descriptor_);
+  }
+  OpenFolder(const OpenFolder&) = delete;
+  OpenFolder& operator=(const OpenFolder&) = delete;
+  int get() const { return descriptor_; }
+
+ private:
+  int descriptor_;
+};
+
+constexpr int kFolderFlags = O_RDONLY | O_DIRECTORY | O_CLOEXEC;
+
+}  // namespace
+
+OutputFolder::OutputFolder(const std::string& folder, encoder::LogSink log)
+    : folder_((fs::path(folder) / "").parent_path().string()), log_(std::move(log)) {}
+
+Status OutputFolder::create_work() {
+  // An existing folder may be on another disk than the folder that contains it.
+  std::error_code error;
+  const std::string output = fs::is_directory(folder_, error) ? folder_ + "/files" : folder_;
+  clear_leftovers(folder_, log_);
+  clear_leftovers(folder_ + "/files", log_);
+  STGS_TRY(work_.create(output));
+  made_ = work_.path() + "/made";
+  if (::mkdir(made_.c_str(), 0777) == 0) return {};
+  return io_error("{}: cannot create: {}", folder_, system_message(errno));
+}
+
+Result<std::string> OutputFolder::add(const std::string& name) {
+  if (made_.empty()) STGS_TRY(create_work());
+  std::error_code error;
+  fs::create_directories((fs::path(made_) / name).parent_path(), error);
+  if (error) return io_error("{}/{}: cannot create: {}", folder_, name, error.message());
+  names_.push_back(name);
+  return made_ + "/" + name;
+}
+
+Status OutputFolder::move(int folder, const std::string& name) const {
+  const fs::path path(name);
+  const std::string parent = path.parent_path().string();
+  if (!parent.empty() && ::mkdirat(folder, parent.c_str(), 0777) != 0 && errno != EEXIST) {
+    return io_error("{}/{}: cannot create: {}", folder_, parent, system_message(errno));
+  }
+  const OpenFolder into(
+      ::openat(folder, parent.empty() ? "." : parent.c_str(), kFolderFlags | O_NOFOLLOW));
+  if (into.get() < 0) {
+    return io_error("{}/{}: cannot open the folder: {}; links are not followed", folder_, parent,
+                    system_message(errno));
+  }
+  const std::string from = made_ + "/" + name;
+  if (::renameat(AT_FDCWD, from.c_str(), into.get(), path.filename().c_str()) == 0) return {};
+  return io_error("{}/{}: cannot replace: {}", folder_, name, system_message(errno));
+}
+
+Status OutputFolder::commit() {
+  if (names_.empty()) return {};
+  std::error_code error;
+  if (!fs::exists(folder_, error)) return rename_over(made_, folder_);
+  const OpenFolder folder(::open(folder_.c_str(), kFolderFlags));
+  if (folder.get() < 0) {
+    return io_error("{}: cannot open the folder: {}", folder_, system_message(errno));
+  }
+  for (const std::string& name : names_) STGS_TRY(move(folder.get(), name));
+  return {};
+}
+
+}  // namespace stgs::tools
