@@ -193,7 +193,7 @@ class HostileScenes(CliTest):
                           ["convert", "a.stgs", "b.stgs", "--quality", "60"]):
             with self.subTest(arguments=arguments):
                 self.fails(INVALID, "a.stgs: cannot be converted: .*finite", *arguments)
-        self.fails(INVALID, "the scene cannot be packed: .*finite", "pack", "a.stgs", "-o", "b.stgs")
+        self.fails(INVALID, "a.stgs: cannot be packed: .*finite", "pack", "a.stgs", "-o", "b.stgs")
 
     def test_the_validator_lists_a_limited_number_of_problems(self):
         sys.path.insert(0, os.path.join(harness.SOURCE, "tests", "resources"))

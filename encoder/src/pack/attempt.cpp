@@ -68,7 +68,7 @@ Status decode(const Scene& scene, Packed& packed, WorstPrimitive& worst) {
 Status encode(const Scene& scene, const WriteSettings& settings, Packed& packed) {
   Result<std::vector<std::uint8_t>> bytes = encode_scene(scene, settings, &packed.order);
   if (bytes.status().code() == StatusCode::kUsage) {
-    return invalid_file("the scene cannot be packed: {}", bytes.status().message());
+    return invalid_file("cannot be packed: {}", bytes.status().message());
   }
   STGS_TRY(bytes.status());
   packed.bytes = std::move(bytes).value();

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stgs/encoder/pack.h"
 
+#include <fmt/ranges.h>
+
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -207,7 +209,12 @@ Status pack(const std::vector<std::string>& scene_paths, const std::string& outp
   const auto next_attempt = [&] {
     return report_progress(done += 0.15 * (0.8 - done), "compressing");
   };
-  STGS_ASSIGN(const Packed packed, pack_within(scene, settings, next_attempt));
+  const Result<Packed> result = pack_within(scene, settings, next_attempt);
+  if (result.status().code() == StatusCode::kInvalidFile) {
+    return invalid_file("{}: {}", fmt::join(scene_paths, ", "), result.status().message());
+  }
+  STGS_TRY(result.status());
+  const Packed& packed = *result;
   STGS_TRY(report_progress(0.8, "measuring"));
   measure_psnr(scene, packed.decoded, views ? &*views : nullptr, log, found);
   STGS_TRY(report_progress(0.95, "writing"));
