@@ -9,7 +9,9 @@ from harness import CliTest
 
 URLS = ("ftp://user:SECRET@host/x?token=SECRET", " http://user:SECRET@host/a", "http:/u:SECRET@h/a",
         "http:\\\\u:SECRET@h", "s3://SECRET@bucket/x", "http:///u:SECRET@h/a",
-        "http://u:SECRET@127.0.0.1:1/a?token=SECRET", "http://u:SE/SECRET@127.0.0.1:1/a")
+        "http://u:SECRET@127.0.0.1:1/a?token=SECRET", "http://u:SE/SECRET@127.0.0.1:1/a",
+        "http://u:a(SECRET@h/a.png", "http://u:a'b\"SECRET@h/a", "http://h/a?b='SECRET",
+        "http://domain\\u:SECRET@h/a")
 
 
 class Secrets(CliTest):

@@ -194,7 +194,8 @@ TEST_CASE("the names of URLs in messages contain no secrets") {
       {"s3://secret@bucket/x", "s3://bucket/x"},
       {"http:/u:secret@h/x", "http:/h/x"},
       {"http:///u:secret@h/x", "http:///h/x"},
-      {"http://u:pass\\word@h/x", "http://***@h/x"},
+      {"http://u:pass\\word@h/x", "http://h/x"},
+      {"http://domain\\u:secret@h/x", "http://h/x"},
       {"http://@\\/:/@h", "http://***@h"},
       {"http://", "http://"}};
   for (const auto& [location, shown] : cases) {

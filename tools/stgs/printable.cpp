@@ -64,11 +64,16 @@ std::string escaped(std::string_view text, bool keep_lines) {
 }  // namespace
 
 std::string without_secrets(std::string_view text) {
-  constexpr std::string_view kSpaces = " \t\n\"'<>()", kPunctuation = ":;,.";
+  constexpr std::string_view kBlanks = " \t\n", kQuotes = " \t\n\"'<>()",
+                             kPunctuation = ":;,.\"'<>()";
   std::string out;
   for (std::size_t at = 0; at < text.size();) {
-    const std::size_t begin = std::min(text.find_first_not_of(kSpaces, at), text.size());
-    const std::size_t end = std::min(text.find_first_of(kSpaces, begin), text.size());
+    const std::size_t begin = std::min(text.find_first_not_of(kQuotes, at), text.size());
+    std::size_t end = std::min(text.find_first_of(kQuotes, begin), text.size());
+    // Userinfo and queries may contain quotes and parentheses.
+    const std::string_view part = text.substr(begin, end - begin);
+    const bool is_url = part.find(":/") != part.npos || part.find(":\\") != part.npos;
+    if (is_url) end = std::min(text.find_first_of(kBlanks, begin), text.size());
     std::string_view word = text.substr(begin, end - begin);
     word = word.substr(0, word.find_last_not_of(kPunctuation) + 1);
     out += text.substr(at, begin - at);

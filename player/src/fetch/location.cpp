@@ -14,10 +14,10 @@ bool is_url(const std::string& location) {
   return scheme.starts_with("http://") || scheme == "https://";
 }
 
-// A password may contain unescaped characters that end the authority, '/', '\\', '?' and '#',
-// although no URL does (RFC 3986, 3.2; browsers read '\\' as '/'). An authority that looks like
-// "user:pass", followed by an '@' further on, is hidden up to the last such '@'; also one that has
-// no host after its own '@'.
+// A password may contain unescaped characters that end the authority, '/', '?' and '#', although no
+// URL does (RFC 3986, 3.2). An authority that looks like "user:pass", followed by an '@' further
+// on, is hidden up to the last such '@'; also one that has no host after its own '@'. A user name
+// may contain a backslash (a Windows domain).
 std::string display_location(const std::string& location) {
   const std::size_t colon = location.find(':');
   if (colon == 0 || colon == std::string::npos ||
@@ -28,17 +28,17 @@ std::string display_location(const std::string& location) {
   if (host == colon + 1) return location;
   std::string shown = location;
   const auto authority_end = [&] {
-    return std::min(shown.find_first_of("/\\?#", host), shown.size());
+    return std::min(shown.find_first_of("/?#", host), shown.size());
   };
   const std::size_t user = shown.rfind('@', authority_end());
   const bool has_user = user != std::string::npos && user >= host;
   if (has_user) shown.erase(host, user + 1 - host);
   const std::size_t end = authority_end();
   const bool has_colon = shown.find(':', host) < end;
-  if ((has_colon || (has_user && end == host)) && end < shown.size()) {
+  const bool has_host = host < end && shown[host] != '\\';
+  if ((has_colon || (has_user && !has_host)) && end < shown.size()) {
     // A query of a URL with a path may contain an '@'.
-    const bool has_path = shown[end] == '/' || shown[end] == '\\';
-    const std::size_t last = has_path ? shown.find_first_of("?#", end) : shown.size();
+    const std::size_t last = shown[end] == '/' ? shown.find_first_of("?#", end) : shown.size();
     const std::size_t at = shown.substr(0, last).rfind('@');
     if (at != std::string::npos && at > end) shown.replace(host, at - host, "***");
   }
