@@ -5,6 +5,8 @@
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <set>
+#include <string_view>
 
 #include "capture/capture_folder.h"
 #include "json_error.h"
@@ -85,7 +87,13 @@ Status check(const PreparedCapture& capture, const std::string& path) {
         "and scene_centre finite; prepare the capture again",
         path, capture.near_plane, capture.extent, capture.scene_radius);
   }
-  for (const Camera& camera : capture.cameras) STGS_TRY(check_capture_camera(camera, path));
+  std::set<std::string_view> names;
+  for (const Camera& camera : capture.cameras) {
+    STGS_TRY(check_capture_camera(camera, path));
+    if (names.insert(camera.name).second) continue;
+    return invalid_file("{}: two cameras have the name '{}'; prepare the capture again", path,
+                        camera.name);
+  }
   return {};
 }
 

@@ -106,6 +106,8 @@ class HostileCapture(CliTest):
             self.rejects(INVALID, "cannot be a folder name",
                          cameras=[dict(c, name=name) for c in self.json["cameras"]])
 
+        self.rejects(INVALID, "two cameras have the name", cameras=self.json["cameras"] * 2)
+
     def test_links_that_leave_the_capture_are_refused(self):
         outside = self.path("outside")
         os.rename(self.frame, outside)

@@ -79,6 +79,12 @@ class HostileExr(CliTest):
         self.write("a.exr", exr(100, [b"R", b"G", b"B"] + [b"x%05d" % i for i in range(1500)]))
         self.compare(UNSUPPORTED, r"a.exr: has 1503 channels \(at most 64\)", "a.exr")
 
+    def test_files_of_several_parts_are_refused(self):
+        """OpenEXR reads the tables of all parts."""
+        data = exr(16, [b"R", b"G", b"B"])
+        self.write("a.exr", data[:4] + struct.pack("<I", 2 | 0x1000) + data[8:])
+        self.compare(UNSUPPORTED, "a.exr: has several EXR parts", "a.exr")
+
     def test_attributes_are_within_the_file(self):
         vector = b"v\0floatvector\0" + struct.pack("<i", 2**31 - 4)
         self.write("a.exr", exr(16, [b"R", b"G", b"B"], attributes=vector))

@@ -70,6 +70,7 @@ class SourceReader final : public Imf::IStream {
       : IStream(source.name().c_str()), source_(source) {}
   // Returns whether more bytes follow.
   bool read(char bytes[], int count) override {
+    if (interrupted()) throw std::runtime_error("stopped");
     const auto size = static_cast<std::size_t>(count);
     const Status status = source_.read(at_, {reinterpret_cast<std::uint8_t*>(bytes), size});
     if (!status.ok()) throw std::runtime_error(status.message());
@@ -84,14 +85,16 @@ class SourceReader final : public Imf::IStream {
   std::uint64_t at_ = 0;
 };
 
-constexpr int kMaxChannels = 64, kMaxParts = 8;
-constexpr std::uint64_t kMaxHeaderBytes = std::uint64_t{1} << 20;  // all parts together
+constexpr int kMaxChannels = 64;
+constexpr std::uint64_t kMaxHeaderBytes = std::uint64_t{1} << 20;
 // OpenEXR decodes one block at a time: its pixels, its compressed bytes, and what a method of
 // compression needs.
 constexpr std::uint64_t kBlockCopies = 4;
 constexpr std::uint64_t kTileBytes = 16;  // of the table of tiles, per tile
+constexpr std::uint64_t kRowBytes = 8;    // of the table of rows, per row
 
-// Checks that no attribute has more bytes than the file: OpenEXR allocates what they state.
+// Checks that no attribute has more bytes than the file: OpenEXR allocates what they state. Files
+// with several parts are refused: it reads the tables of all.
 Status check_attributes(const ByteSource& source) {
   std::vector<std::uint8_t> bytes(std::min(source.size(), kMaxHeaderBytes));
   STGS_TRY(source.read(0, bytes));
@@ -105,23 +108,19 @@ Status check_attributes(const ByteSource& source) {
     return invalid_file("{}: cannot read EXR: the header is truncated", source.name());
   };
   if (text.size() < at) return truncated();
-  const bool has_parts = Imf::isMultiPart(bytes[4] | bytes[5] << 8);
-  for (int part = 0; part < (has_parts ? kMaxParts + 1 : 1); ++part) {
-    if (at < text.size() && text[at] == 0 && has_parts) return {};  // an empty header is the last
-    while (at < text.size() && text[at] != 0) {
-      for (int i = 0; i < 2; ++i) at = std::min(text.find('\0', at), text.size() - 1) + 1;
-      std::int32_t size = 0;
-      if (text.size() - at < sizeof(size)) return truncated();
-      std::memcpy(&size, text.data() + at, sizeof(size));
-      at += sizeof(size);
-      if (size < 0 || static_cast<std::size_t>(size) > text.size() - at) return truncated();
-      at += static_cast<std::size_t>(size);
-    }
-    if (at == text.size()) return truncated();
-    ++at;
+  if (Imf::isMultiPart(bytes[4] | bytes[5] << 8)) {
+    return unsupported("{}: has several EXR parts; write a file with one", source.name());
   }
-  if (!has_parts) return {};
-  return unsupported("{}: has more than {} EXR parts", source.name(), kMaxParts);
+  while (at < text.size() && text[at] != 0) {
+    for (int i = 0; i < 2; ++i) at = std::min(text.find('\0', at), text.size() - 1) + 1;
+    std::int32_t size = 0;
+    if (text.size() - at < sizeof(size)) return truncated();
+    std::memcpy(&size, text.data() + at, sizeof(size));
+    at += sizeof(size);
+    if (size < 0 || static_cast<std::size_t>(size) > text.size() - at) return truncated();
+    at += static_cast<std::size_t>(size);
+  }
+  return at == text.size() ? truncated() : Status();
 }
 
 // Returns the number of rows that OpenEXR compresses together.
@@ -157,7 +156,7 @@ Result<std::uint64_t> bytes_to_read(const Imf::Header& header, const std::string
   const auto height = static_cast<std::uint64_t>(window.max.y - window.min.y + 1);
   // A file of rows may have a description of tiles that OpenEXR ignores.
   const std::uint64_t block = width * rows_per_block(header.compression()) * bytes_per_pixel;
-  if (!header.hasTileDescription()) return kBlockCopies * block;
+  if (!header.hasTileDescription()) return kBlockCopies * block + kRowBytes * height;
   const Imf::TileDescription& tile = header.tileDescription();
   STGS_TRY(encoder::check_image_size(tile.xSize, tile.ySize, path));
   const std::uint64_t tile_bytes = std::uint64_t{tile.xSize} * tile.ySize * bytes_per_pixel;
@@ -274,6 +273,7 @@ Result<Image> read_exr_file(const std::string& path, std::uint64_t max_memory) {
   } catch (const std::bad_alloc&) {
     throw;
   } catch (const std::exception& error) {
+    if (interrupted()) return runtime_error("{}: not read", path);
     return invalid_file("{}: cannot read EXR: {}", path, error.what());
   }
 }

@@ -25,6 +25,9 @@ constexpr std::uint64_t kMaxPixelsPerByte = std::uint64_t{1} << 20;
 // Stored frames have at most twice the bytes of the file, and this: FFmpeg repeats the parameters
 // of the codec before each keyframe.
 constexpr std::uint64_t kRepeatedBytes = std::uint64_t{16} << 20;
+// A stored frame that cannot be read, although the decoder may accept it, counts as this share of
+// the file, and at least as so many bytes.
+constexpr std::uint64_t kUnreadShare = 64, kUnreadBytes = std::uint64_t{256} << 10;
 
 struct OpenVideo {
   cv::VideoCapture capture;
@@ -81,12 +84,13 @@ class StoredFrames {
   // file.
   Status next() {
     cv::Mat stored;
-    if (!video_.capture.grab() || !video_.capture.retrieve(stored)) return {};
-    used_ += stored.total() * stored.elemSize();
+    const bool has_frame = video_.capture.grab() && video_.capture.retrieve(stored);
+    used_ += has_frame ? stored.total() * stored.elemSize()
+                       : std::max(video_.bytes / kUnreadShare, kUnreadBytes);
     if (used_ <= 2 * video_.bytes + kRepeatedBytes) return {};
     return invalid_file(
-        "{}: video of camera '{}' states the same stored frames many times: {} bytes of frames in "
-        "a file of {}; encode the video again",
+        "{}: video of camera '{}' states the same stored frames many times, or damaged ones: {} "
+        "bytes of frames in a file of {}; encode the video again",
         camera_->video, camera_->name, used_, video_.bytes);
   }
 
