@@ -4,6 +4,7 @@ import fcntl
 import os
 import resource
 import shutil
+import subprocess
 import unittest
 
 import harness
@@ -33,6 +34,7 @@ class Outputs(CliTest):
             ("'.*prepared' is not a folder|does not exist", "file/more/out.png"),
             ("cannot create", "/proc/out.png"),
             ("exists and is not a regular file", "full.png"),
+            ("File name too long", "x" * 300 + ".png"),
             ("cannot create|does not exist", "/proc/folder/"),
         ]
         for message, output in cases:
@@ -155,6 +157,15 @@ class Outputs(CliTest):
                        self.fixture("tiny.stgs"), stdout=full)
             self.fails(IO, "standard output: cannot write: No space left",
                        *self.render("-", "--size", "320x240"), stdout=full)
+
+    def test_closed_standard_streams_do_not_become_outputs(self):
+        args = self.render("out.y4m", "--size", "64x64", "--progress", "json")
+        self.succeeds(*args)
+        expected = self.read("out.y4m")
+        shell = ["sh", "-c", '"$@" <&- >&- 2>&-; echo $?', "sh", harness.STGS, *args]
+        result = subprocess.run(shell, cwd=self.work, capture_output=True, check=True)
+        self.assertEqual(result.stdout, b"2\n")  # the report could not be written
+        self.assertEqual(self.read("out.y4m"), expected)
 
     def test_a_closed_pipe_is_an_error(self):
         read, write = os.pipe()

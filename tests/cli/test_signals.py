@@ -1,17 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A signal ends a run that waits for another program."""
+"""A signal ends a run that waits for another program, or works."""
 import os
+import shutil
 import signal
+import struct
 import subprocess
 import threading
 import time
 import unittest
+import zlib
 
 import harness
 from harness import CliTest
 
 RUNTIME = 4
 SECONDS = 10  # much longer than a run takes to stop
+
+
+def png(width, height):
+    """Returns a black PNG image."""
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    packer = zlib.compressobj(1)
+    rows = b"".join(packer.compress(bytes(1 + 3 * width)) for _ in range(height)) + packer.flush()
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) +
+            chunk(b"IDAT", rows) + chunk(b"IEND", b""))
 
 
 class Signals(CliTest):
@@ -25,7 +38,7 @@ class Signals(CliTest):
         code = process.wait()
         killer.cancel()
         self.assertEqual(code, RUNTIME, error)
-        self.assertRegex(error, f"interrupted by {number.name}: standard ")
+        self.assertRegex(error, f"interrupted by {number.name}: (standard |the information is not complete)")
 
     def start(self, *args, **streams):
         process = subprocess.Popen([harness.STGS, *args], cwd=self.work, stderr=subprocess.PIPE, **streams)
@@ -51,6 +64,25 @@ class Signals(CliTest):
                 os.close(writer)
                 self.stops(process, signal.SIGTERM)
                 os.close(reader)
+
+    def test_in_the_middle_of_work(self):
+        self.write("large.png", png(8192, 8192))
+        shutil.copy(self.fixture("cut.stgs"), self.path("cut.stgs"))
+        os.truncate(self.path("cut.stgs"), 6 << 30)  # searched for fragments
+        for args in (["compare", "large.png", "large.png"],
+                     ["render", self.fixture("tiny.stgs"), "--time", "0", "--backend", "cpu", "--size",
+                      "8192x8192", "-o", "null"],
+                     ["info", "cut.stgs"], ["finalize", "cut.stgs", "-o", "a.stgs"]):
+            with self.subTest(verb=args[0]):
+                process = self.start(*args, stdout=subprocess.DEVNULL)
+                time.sleep(0.7)
+                self.assertIsNone(process.poll(), "the run works")
+                process.send_signal(signal.SIGTERM)
+                begin = time.monotonic()
+                self.assertEqual(process.wait(SECONDS), RUNTIME)
+                self.assertLess(time.monotonic() - begin, 2)
+                self.assertRegex(process.stderr.read().decode(), "^stgs: error: interrupted by SIGTERM: [^\n]*\n$")
+        self.assertEqual(sorted(os.listdir(self.work)), ["cut.stgs", "large.png"])
 
     def test_while_nobody_reads_standard_error(self):
         """More warnings than a pipe takes: the run ends, and they are lost."""

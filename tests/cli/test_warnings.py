@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Warnings about damage, about values that the target clips, and about content not converted."""
+import json
 import os
 import shutil
 import struct
@@ -187,6 +188,12 @@ class Terminals(WarningTest):
         self.assertIn(rb"\x1b[1m\x07\x0a\x9b" + "ü".encode(), shown)
         self.assertFalse([byte for byte in shown if byte < 32 and byte != 10])
         self.assertEqual(self.json_of("info", scene)["title"], title.decode())
+
+    def test_json_is_ascii(self):
+        name = "a\x9b2J\x7f\u202ex"
+        result = self.stgs("info", name, "--format", "json")
+        self.assertTrue(result.stderr.isascii() and b"\x7f" not in result.stderr)
+        self.assertEqual(json.loads(result.stderr)["error"]["path"], name)
 
     def test_names_cannot_control_the_terminal(self):
         """Bytes that are not UTF-8, C1 controls, controls of direction, and lines of names."""

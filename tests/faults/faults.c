@@ -6,7 +6,8 @@
  * STGS_FAULT_COUNTS=F  appends "CALL count" for every call to the file F when the program exits
  *
  * CALL is one of the names below. Calls count from the beginning of main(), over all threads.
- * Writes to standard error always succeed: it is where failures are reported. */
+ * Writes to the file that is standard error at the beginning always succeed: failures are reported
+ * there. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -19,6 +20,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/stat.h>
 #include <sys/types.h>
 #include <unistd.h>
 
@@ -91,9 +93,17 @@ ssize_t pread(int file, void* out, size_t size, off_t offset) {
 ssize_t pread64(int file, void* out, size_t size, off64_t offset) {
   return pread(file, out, size, offset);
 }
+static struct stat report; /* standard error */
+
+static int is_report(int file) {
+  struct stat status;
+  return fstat(file, &status) == 0 && status.st_dev == report.st_dev &&
+         status.st_ino == report.st_ino;
+}
+
 ssize_t write(int file, const void* bytes, size_t size) {
   NEXT(write, "write");
-  if (file == STDERR_FILENO) return next(file, bytes, size);
+  if (is_report(file)) return next(file, bytes, size);
   return fails(WRITE) ? io_error(ENOSPC) : next(file, bytes, size);
 }
 ssize_t pwrite(int file, const void* bytes, size_t size, off_t offset) {
@@ -205,6 +215,7 @@ static int counted_main(int count, char** arguments, char** environment) {
     first = strtol(number + 1, &end, 10);
     last = *end == '+' ? INT64_MAX : first;
   }
+  fstat(STDERR_FILENO, &report);
   atexit(write_counts);
   atomic_store(&is_counting, 1);
   return real_main(count, arguments, environment);

@@ -3,6 +3,7 @@
 
 #include "camera_file.h"
 #include "command.h"
+#include "end_after_signal.h"
 #include "image_io.h"
 #include "memory_option.h"
 #include "options.h"
@@ -14,6 +15,7 @@ namespace stgs::tools {
 namespace {
 
 constexpr double kSameDuration = 1e-6;  // seconds
+constexpr const char* kIncomplete = "the comparison is not complete";
 
 struct Difference {
   double mse = 0, ssim = 0, max = 0;
@@ -63,6 +65,7 @@ class Compare final : public Command {
       return usage_error("{} and {}: cannot compare an image with a .stgs file", display_name(a_),
                          display_name(b_));
     }
+    const EndAfterSignal end(session, kIncomplete);
     return images ? compare_images(session) : compare_scenes(session);
   }
 
@@ -70,7 +73,7 @@ class Compare final : public Command {
   Status compare_images(Session& session) {
     STGS_ASSIGN(Image a, read_image(a_, memory_.bytes()));
     STGS_ASSIGN(Image b, read_image(b_, memory_.bytes()));
-    if (interrupted()) return runtime_error("the comparison is not complete");
+    if (interrupted()) return runtime_error(kIncomplete);
     if (a.width != b.width || a.height != b.height) {
       return {StatusCode::kDiffers,
               fmt::format("the images differ in size: {} is {}x{}, {} is {}x{}", a_, a.width,
@@ -79,7 +82,7 @@ class Compare final : public Command {
     STGS_TRY(encoder::check_finite(a, a_));
     STGS_TRY(encoder::check_finite(b, b_));
     STGS_ASSIGN(const Difference d, difference(a, b));
-    if (interrupted()) return runtime_error("the comparison is not complete");
+    if (interrupted()) return runtime_error(kIncomplete);
     Json json = {{"a", a_}, {"b", b_}, {"kind", "images"}};
     return report(session, json, d);
   }
@@ -118,7 +121,7 @@ class Compare final : public Command {
       total.max = std::max(total.max, d.max);
       if (!session.progress("compare", static_cast<std::size_t>(i) + 1,
                             static_cast<std::size_t>(num_frames_))) {
-        return runtime_error("the comparison is not complete");
+        return runtime_error(kIncomplete);
       }
     }
     return report(session, json, total);

@@ -6,6 +6,7 @@
 
 #include "command.h"
 #include "damage.h"
+#include "end_after_signal.h"
 #include "import_options.h"
 #include "memory_option.h"
 #include "options.h"
@@ -175,6 +176,7 @@ class Convert final : public Command {
     Conversion work;
     STGS_TRY(check_is_path(input_));
     STGS_TRY(check_paths(session, work));
+    std::optional<EndAfterSignal> end(std::in_place, session, output_ + ": not written");
     STGS_TRY(read(session, work));
     warn_of_damage(session, input_, work.damage, work.scene.metadata.time_base);
     for (const std::string& extra : work.extras) {
@@ -184,6 +186,7 @@ class Convert final : public Command {
     STGS_TRY(select_time(work));
     STGS_ASSIGN(const std::vector<std::uint8_t> bytes, encode(session, work));
     STGS_TRY(read_back(bytes, work));
+    end.reset();
     if (interrupted()) return runtime_error("{}: not written", output_);
     STGS_TRY(write_file_atomically(output_, bytes));
     for (const std::string& line : work.report.notes) {
@@ -286,7 +289,8 @@ class Convert final : public Command {
       std::vector<std::uint32_t> order;
       Result<std::vector<std::uint8_t>> bytes =
           work.to->write_scene != nullptr
-              ? work.to->write_scene(work.scene, limits(), &work.report.notes, &order)
+              ? work.to->write_scene(work.scene, limits(), session.stop_token(), &work.report.notes,
+                                     &order)
               : work.to->write(work.scene.gaussians, &work.report.notes);
       if (!bytes.ok()) return write_error(bytes.status(), input_, output_);
       if (work.to->read_back != nullptr) reorder(work.scene, order);

@@ -4,6 +4,7 @@
 #include "allow_outside.h"
 #include "camera_file.h"
 #include "command.h"
+#include "end_after_signal.h"
 #include "image_io.h"
 #include "memory_option.h"
 #include "moving.h"
@@ -140,6 +141,7 @@ class Evaluate final : public Command {
   }
 
   Status run(Session& session) override {
+    const EndAfterSignal end(session, "the evaluation is not complete");
     STGS_ASSIGN(auto reader, open_scene(session, file_, memory_.limits()));
     const auto timeline = player::Timeline::from_reader(std::move(reader), shown_file());
     STGS_ASSIGN(const auto capture, encoder::read_prepared_capture(folder_, allow_outside_));

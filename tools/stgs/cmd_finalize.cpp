@@ -3,6 +3,7 @@
 
 #include "command.h"
 #include "damage.h"
+#include "end_after_signal.h"
 #include "memory_option.h"
 #include "output_path.h"
 #include "printable.h"
@@ -34,6 +35,7 @@ class Finalize final : public Command {
     STGS_TRY(check_is_path(input_));
     STGS_TRY(check_extension(output_, "finalize", ".stgs"));
     STGS_TRY(session.claim_output(output_));
+    const EndAfterSignal end(session, output_ + ": not written");
     std::error_code missing;  // an output that does not exist is a different file
     if (std::filesystem::equivalent(input_, output_, missing)) {
       return usage_error("{}: this is the recording itself; use another output", output_);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "command.h"
+#include "end_after_signal.h"
 #include "options.h"
 #include "scene_file.h"
 #include "scene_info.h"
@@ -49,6 +50,7 @@ class Info final : public Command {
   }
   // Reports every file that can be read. Returns the first error.
   Status run(Session& session) override {
+    const EndAfterSignal end(session, "the information is not complete");
     Json files = Json::array();
     std::string text;
     Status first;

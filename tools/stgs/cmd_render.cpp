@@ -7,6 +7,7 @@
 #include "allow_outside.h"
 #include "camera_file.h"
 #include "command.h"
+#include "end_after_signal.h"
 #include "image_sink.h"
 #include "options.h"
 #include "printable.h"
@@ -129,6 +130,7 @@ class Render final : public Command {
       return usage_error(
           "--side-by-side writes 8-bit images; use a .png, .mp4, .y4m or folder output");
     }
+    const EndAfterSignal end(session, o_.output + ": not written");
     Totals totals;
     const double begin = now_seconds();
     for (std::size_t c = 0; c < cameras.size(); ++c) {

@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "command.h"
+#include "end_after_signal.h"
 #include "error_report.h"
 #include "memory_option.h"
 #include "printable.h"
@@ -111,6 +112,7 @@ class Validate final : public Command {
     memory_.declare(app);
   }
   Status run(Session& session) override {
+    const EndAfterSignal end(session, "the validation is not complete");
     std::vector<Verdict> verdicts;
     for (const std::string& path : paths_)
       verdicts.push_back(validate_file(session, path, memory_.limits()));

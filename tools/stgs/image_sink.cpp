@@ -94,7 +94,8 @@ Result<std::unique_ptr<ImageSink>> make_image_sink(const std::string& output, Ti
                                                    Session& session) {
   using Sink = std::unique_ptr<ImageSink>;
   if (output == "null") return Sink(std::make_unique<NullSink>());
-  if (!output.empty() && (output.back() == '/' || fs::is_directory(output))) {
+  std::error_code error;  // of a name that is too long, for example: claim_output() reports it
+  if (!output.empty() && (output.back() == '/' || fs::is_directory(output, error))) {
     STGS_TRY(session.claim_folder(output));
     return Sink(std::make_unique<FolderSink>(output, session.log_sink()));
   }

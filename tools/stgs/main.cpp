@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <new>
 
+#include "printable.h"
 #include "program.h"
+#include "standard_streams.h"
 #include "stgs/format/status.h"
 
 namespace {
@@ -18,7 +19,7 @@ constexpr const char* kNoMemory = "stgs: error: not enough memory\n";
     if (const std::exception_ptr current = std::current_exception())
       std::rethrow_exception(current);
   } catch (const std::bad_alloc&) {
-    std::fputs(kNoMemory, stderr);
+    stgs::tools::write_standard_error(kNoMemory);
     std::_Exit(static_cast<int>(stgs::StatusCode::kRuntime));
   } catch (...) {  // a defect
   }
@@ -28,13 +29,15 @@ constexpr const char* kNoMemory = "stgs: error: not enough memory\n";
 }  // namespace
 
 int main(int argc, char** argv) {
+  stgs::tools::occupy_standard_streams();
   std::set_terminate(end_without_memory);
   try {
     return stgs::tools::run_program(argc, argv);
   } catch (const std::bad_alloc&) {
-    std::fputs(kNoMemory, stderr);
+    stgs::tools::write_standard_error(kNoMemory);
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "stgs: error: %s\n", error.what());
+    stgs::tools::write_standard_error(
+        fmt::format("stgs: error: {}\n", stgs::tools::one_line(error.what())));
   }
   return static_cast<int>(stgs::StatusCode::kRuntime);
 }

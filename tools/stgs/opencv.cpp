@@ -5,6 +5,7 @@
 #include <string>
 
 #include "opencv_module.h"
+#include "standard_streams.h"
 #include "stgs/encoder/image_file.h"
 #include "stgs/encoder/program_module.h"
 
@@ -44,6 +45,7 @@ Result<const OpenCvFunctions*> opencv() {
     Result<const OpenCvFunctions*> functions = load();
     const OpenCvSettings& settings = settings_of_process();
     if (functions.ok()) (*functions)->set_up(settings.threads, settings.quiet);
+    if (settings.quiet) silence_libraries();
     return functions;
   }();
   return loaded;

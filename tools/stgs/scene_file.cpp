@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "scene_file.h"
 
+#include "end_after_signal.h"
 #include "location.h"
 #include "standard_streams.h"
 
@@ -102,6 +103,7 @@ Status SceneFile::open(const std::string& location, std::uint64_t memory) {
 
 Result<std::unique_ptr<SceneFile>> SceneFile::open(Session& session, const std::string& location,
                                                    std::uint64_t memory) {
+  const EndAfterSignal end(session, display_name(location) + ": not opened");
   auto file = std::make_unique<SceneFile>(session);
   STGS_TRY(file->open(location, memory));
   return file;

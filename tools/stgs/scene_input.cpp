@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "damage.h"
+#include "end_after_signal.h"
 #include "standard_streams.h"
 #include "stgs/player/source.h"
 
@@ -53,12 +54,14 @@ Result<std::unique_ptr<ByteSource>> open_source(Session& session, const std::str
 
 Result<std::unique_ptr<SceneReader>> open_scene(Session& session, const std::string& location,
                                                 const ReadLimits& limits) {
+  const EndAfterSignal end(session, display_name(location) + ": not opened");
   STGS_ASSIGN(std::unique_ptr<ByteSource> source,
               open_source(session, location, limits.max_memory));
   return SceneReader::open(std::move(source), limits);
 }
 
 Result<Scene> load_scene(Session& session, const std::string& location, const ReadLimits& limits) {
+  const EndAfterSignal end(session, display_name(location) + ": not read");
   STGS_ASSIGN(std::unique_ptr<ByteSource> source,
               open_source(session, location, limits.max_memory));
   DamageReport damage;

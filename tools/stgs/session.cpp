@@ -13,6 +13,7 @@
 #include <cstdio>
 #include <cstring>
 #include <ctime>
+#include <filesystem>
 #include <system_error>
 
 #include "error_report.h"
@@ -65,7 +66,7 @@ int level_of(const std::string& name) {
 }  // namespace
 
 std::string json_text(const Json& json, int indent) {
-  return json.dump(indent, ' ', false, Json::error_handler_t::replace);
+  return json.dump(indent, ' ', true, Json::error_handler_t::replace);
 }
 
 Status Session::start() {
@@ -100,6 +101,7 @@ int Session::conclude(Status status) {
                            status.message());
   }
   if (!status.ok()) report_error(status);
+  claimed_.clear();
   if (world_ != nullptr) world_->finish();
   return exit_code(status.code());
 }
@@ -112,7 +114,11 @@ Status Session::claim_output(const std::string& path) {
 Status Session::claim_folder(const std::string& path) {
   STGS_TRY(check_can_make_folder(path));
   claimed_.push_back(std::make_shared<OutputLock>());
-  return claimed_.back()->take(path);
+  const Status taken = claimed_.back()->take(path);
+  std::error_code error;
+  if (taken.code() != StatusCode::kIo || !std::filesystem::is_directory(path, error)) return taken;
+  // The folder above may be closed to this user, as that of a mount point.
+  return claimed_.back()->take(path + "/files");
 }
 
 void Session::report_error(const Status& error) {
@@ -179,7 +185,7 @@ void Session::show(const encoder::Progress& progress) {
   if (silent_) return;
   const bool json_lines = options.progress == "json";
   const bool bar =
-      options.progress == "bar" || (options.progress == "auto" && ::isatty(STDERR_FILENO) != 0);
+      options.progress == "bar" || (options.progress == "auto" && is_terminal_standard_error());
   if (!json_lines && !bar) return;
   const std::lock_guard lock(stderr_mutex_);
   const double now = now_seconds();

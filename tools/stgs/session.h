@@ -25,7 +25,8 @@ namespace stgs::tools {
 
 using Json = nlohmann::ordered_json;
 
-// Returns JSON as text. Bytes that are not UTF-8, for example in a file name, become U+FFFD.
+// Returns JSON as text in ASCII: other characters are escaped, so that none controls a terminal.
+// Bytes that are not UTF-8, for example in a file name, become U+FFFD.
 std::string json_text(const Json& json, int indent = -1);
 
 struct CommonOptions {
@@ -56,13 +57,14 @@ class Session {
   encoder::Ranks* world() const { return world_.get(); }
   bool is_first() const { return world_ == nullptr || world_->rank() == 0; }
   // Ends the verb: agrees on one status with the other processes and reports it from one of them.
-  // Returns the exit code.
+  // Releases what was claimed. Returns the exit code.
   int conclude(Status status);
 
   // Prepares an output before long work (prepare_output()), and makes this run the only one that
   // writes it, until the session ends. One thread at a time.
   Status claim_output(const std::string& path);
-  // As claim_output(), for a new or existing folder.
+  // As claim_output(), for a new or existing folder. The lock is next to it, or in it if the folder
+  // above cannot be written.
   Status claim_folder(const std::string& path);
 
   bool json() const { return options.format == "json"; }

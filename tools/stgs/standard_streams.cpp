@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "standard_streams.h"
 
+#include <fcntl.h>
 #include <poll.h>
 #include <unistd.h>
 
@@ -22,6 +23,9 @@ constexpr std::size_t kBlock = std::size_t{1} << 20;  // bytes per read
 constexpr std::size_t kPipeBlock = PIPE_BUF;
 
 // Waits until a stream can be read or written without waiting, or has failed.
+// Where write_standard_error() writes.
+std::atomic<int> standard_error{STDERR_FILENO};
+
 Status wait_for(int descriptor, short events, const char* name) {
   constexpr int kMilliseconds = 50;
   for (;;) {
@@ -39,7 +43,7 @@ bool wait_for_standard_error() {
   static std::atomic<bool> given_up = false;
   for (;;) {
     const bool last = interrupted();
-    pollfd stream = {STDERR_FILENO, POLLOUT, 0};
+    pollfd stream = {standard_error, POLLOUT, 0};
     const int ready = ::poll(&stream, 1, !last ? kMilliseconds : given_up ? 0 : kLast);
     if (ready > 0 || (ready < 0 && errno != EINTR)) return true;
     if (!last || ready < 0) continue;
@@ -120,10 +124,34 @@ Status write_standard_output(std::span<const std::uint8_t> bytes) {
 
 void write_standard_error(std::string_view text) {
   while (!text.empty() && wait_for_standard_error()) {
-    const ssize_t written = ::write(STDERR_FILENO, text.data(), std::min(text.size(), kPipeBlock));
+    const ssize_t written = ::write(standard_error, text.data(), std::min(text.size(), kPipeBlock));
     if (written < 0 && errno != EINTR && errno != EAGAIN) return;
     text.remove_prefix(static_cast<std::size_t>(std::max<ssize_t>(written, 0)));
   }
+}
+
+void occupy_standard_streams() {
+  for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
+    if (::fcntl(stream, F_GETFD) >= 0) continue;
+    // The lowest free descriptor, which is this one.
+    (void)::open("/dev/null", stream == STDIN_FILENO ? O_WRONLY : O_RDONLY);
+  }
+}
+
+bool is_terminal_standard_error() {
+  return ::isatty(standard_error) != 0;
+}
+
+void silence_libraries() {
+  if (standard_error != STDERR_FILENO) return;
+  const int null = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
+  const int own = null < 0 ? -1 : ::fcntl(STDERR_FILENO, F_DUPFD_CLOEXEC, STDERR_FILENO + 1);
+  if (own >= 0 && ::dup2(null, STDERR_FILENO) == STDERR_FILENO) {
+    standard_error = own;
+  } else if (own >= 0) {
+    ::close(own);
+  }
+  if (null >= 0) ::close(null);
 }
 
 }  // namespace stgs::tools

@@ -109,14 +109,15 @@ Result<Scene> read_frames(const std::string& path, const ImportSettings& setting
 }
 
 Result<std::vector<std::uint8_t>> write_4dgs_scene(const Scene& scene, const ReadLimits&,
-                                                   ConversionNotes* notes,
+                                                   const std::stop_token&, ConversionNotes* notes,
                                                    std::vector<std::uint32_t>* order) {
   return write_4dgs(scene, notes, order);
 }
 Result<std::vector<std::uint8_t>> write_usda_scene(const Scene& scene, const ReadLimits& limits,
+                                                   const std::stop_token& stop,
                                                    ConversionNotes* notes,
                                                    std::vector<std::uint32_t>*) {
-  return write_usda(scene, notes, limits.max_memory);
+  return write_usda(scene, notes, limits.max_memory, stop);
 }
 
 using Format = InterchangeFormat;

@@ -198,13 +198,19 @@ WorkFolder::~WorkFolder() {
 }
 
 Status OutputLock::take(const std::string& path) {
-  const fs::path full = (fs::path(path) / "").parent_path();  // without a slash at the end
+  fs::path full = (fs::path(path) / "").parent_path();  // without a slash at the end
+  std::error_code error;
+  if (fs::is_directory(full, error)) {  // which has one lock, whatever link or dots lead to it
+    const fs::path canonical = fs::canonical(full, error);
+    if (!error) full = canonical;
+  }
   std::string name =
       (full.parent_path() / fmt::format(".{}.lock", full.filename().string())).string();
   for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
     const int file = ::open(
         name.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC, 0666);
-    if (file < 0) return io_error("{}: cannot create: lock {}: {}", path, name, file_problem(errno));
+    if (file < 0)
+      return io_error("{}: cannot create: lock {}: {}", path, name, file_problem(errno));
     const os::LockResult result = os::try_lock(file);
     if (result == os::LockResult::kBusy) {
       const Status busy = busy_error(path, name, file);

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "end_after_signal.h"
+
+#include <atomic>
+#include <chrono>
+#include <cstdlib>
+#include <utility>
+
+namespace stgs::tools {
+
+EndAfterSignal::EndAfterSignal(Session& session, std::string message)
+    : watcher_([&session, message = std::move(message)](const std::stop_token& done) {
+        constexpr std::chrono::milliseconds kPoll(50);
+        constexpr int kPolls = 10;  // after the signal
+        for (int polls = 0; polls < kPolls; polls += interrupted() ? 1 : 0) {
+          std::this_thread::sleep_for(kPoll);
+          if (done.stop_requested()) return;
+        }
+        static std::atomic<bool> ending = false;  // by another object
+        if (!ending.exchange(true)) std::_Exit(session.conclude(runtime_error("{}", message)));
+      }) {}
+
+}  // namespace stgs::tools

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+// The end of a run in the middle of work that cannot be interrupted, as decoding or rendering an
+// image of any size.
+#pragma once
+
+#include <string>
+#include <thread>
+
+#include "session.h"
+
+namespace stgs::tools {
+
+// While it exists, the program ends half a second after SIGINT or SIGTERM, as after kRuntime with
+// `message`, whatever the verb does then. Outputs stay as they were; the next run removes temporary
+// files. Claim outputs before. Several may exist.
+class EndAfterSignal {
+ public:
+  EndAfterSignal(Session& session, std::string message);
+
+ private:
+  std::jthread watcher_;
+};
+
+}  // namespace stgs::tools
