@@ -51,11 +51,11 @@ Status over_budget_error(const std::string& name, double seconds, std::uint64_t 
                          std::uint64_t budget) {
   // Rounded so that the requested amount suffices.
   constexpr double kTenth = 0x1p20 / 10;
-  return runtime_error(
-      "{}: the segments active at {:.6g} s take {:.1f} MiB decoded, more than the budget of {:.1f} "
-      "MiB; allow more memory",
-      name, seconds, std::ceil(static_cast<double>(bytes) / kTenth) / 10,
-      std::floor(static_cast<double>(budget) / kTenth) / 10);
+  return {StatusCode::kLimit,
+          fmt::format("{}: the segments active at {:.6g} s take {:.1f} MiB decoded, more than the "
+                      "budget of {:.1f} MiB; allow more memory",
+                      name, seconds, std::ceil(static_cast<double>(bytes) / kTenth) / 10,
+                      std::floor(static_cast<double>(budget) / kTenth) / 10)};
 }
 
 }  // namespace stgs::player

@@ -7,6 +7,7 @@ import unittest
 
 import harness
 from harness import CliTest
+from repeated_video import repeated_video
 
 IO, INVALID, UNSUPPORTED = 2, 3, 5
 
@@ -107,6 +108,23 @@ class HostileCapture(CliTest):
                          cameras=[dict(c, name=name) for c in self.json["cameras"]])
 
         self.rejects(INVALID, "two cameras have the name", cameras=self.json["cameras"] * 2)
+
+    @unittest.skipUnless(harness.built_in("prepare"), "prepare is not built in")
+    def test_videos_that_repeat_a_stored_frame_are_rejected(self):
+        """FFmpeg decodes a frame that is followed by stray bytes, but does not return its bytes."""
+        os.mkdir(self.path("videos"))
+        frames = [{"file_path": name, "transform_matrix": [[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 5], [0, 0, 0, 1]]}
+                  for x, name in enumerate(("a.mp4", "b.mp4"))]
+        self.write("videos/transforms.json", json.dumps({"w": 480, "h": 360, "fl_x": 400, "fps": 30,
+                                                         "frames": frames}).encode())
+        with open(os.path.join(harness.sample(), "cam03.mp4"), "rb") as file:
+            source = file.read()
+        for stray in (b"", b"\0\0"):
+            with self.subTest(stray=stray):
+                for name in ("a.mp4", "b.mp4"):
+                    self.write("videos/" + name, repeated_video(source, 3000, stray))
+                self.fails(INVALID, "video of camera '[ab]' states the same stored frames many times",
+                           "prepare", "videos", "-o", "out", "--scale", "0.1")
 
     def test_links_that_leave_the_capture_are_refused(self):
         outside = self.path("outside")

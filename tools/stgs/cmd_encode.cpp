@@ -5,6 +5,7 @@
 
 #include "command.h"
 #include "encode_options.h"
+#include "end_after_signal.h"
 #include "output_path.h"
 #include "printable.h"
 
@@ -105,6 +106,7 @@ class Encode final : public Command {
     const bool held_out = std::any_of(capture.cameras.begin(), capture.cameras.end(),
                                       [](const encoder::Camera& camera) { return camera.test; });
     if (held_out) packing.against = prepared;
+    const EndAfterSignal end(session, output_ + ": not written");
     STGS_TRY(encoder::pack({trained}, output_, packing, &pack_report, session.progress_sink(),
                            session.log_sink()));
     seconds[2] = lap();

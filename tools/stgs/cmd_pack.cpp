@@ -5,6 +5,7 @@
 #include "allow_outside.h"
 #include "command.h"
 #include "encode_options.h"
+#include "end_after_signal.h"
 #include "memory_option.h"
 #include "output_path.h"
 #include "printable.h"
@@ -44,6 +45,7 @@ class Pack final : public Command {
   Status run(Session& session) override {
     STGS_TRY(check_extension(output_, "pack", ".stgs"));
     STGS_TRY(session.claim_output(output_));
+    const EndAfterSignal end(session, output_ + ": not written");
     for (const std::string& input : inputs_) {
       STGS_TRY(check_is_path(input));
       STGS_TRY(check_is_scene(session, input, memory_.limits()));

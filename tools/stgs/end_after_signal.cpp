@@ -11,7 +11,7 @@ namespace stgs::tools {
 EndAfterSignal::EndAfterSignal(Session& session, std::string message)
     : watcher_([&session, message = std::move(message)](const std::stop_token& done) {
         constexpr std::chrono::milliseconds kPoll(50);
-        constexpr int kPolls = 10;  // after the signal
+        constexpr int kPolls = 16;  // after the signal
         for (int polls = 0; polls < kPolls; polls += interrupted() ? 1 : 0) {
           std::this_thread::sleep_for(kPoll);
           if (done.stop_requested()) return;

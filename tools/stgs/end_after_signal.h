@@ -10,7 +10,7 @@
 
 namespace stgs::tools {
 
-// While it exists, the program ends half a second after SIGINT or SIGTERM, as after kRuntime with
+// While it exists, the program ends 0.8 s after SIGINT or SIGTERM, as after kRuntime with
 // `message`, whatever the verb does then. Outputs stay as they were; the next run removes temporary
 // files. Claim outputs before. Several may exist.
 class EndAfterSignal {

@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <string>
 
+#include "end_after_signal.h"
 #include "opencv_module.h"
 #include "standard_streams.h"
 #include "stgs/encoder/image_file.h"
@@ -68,6 +69,7 @@ void set_up_opencv(const CommonOptions& options) {
 Status prepare_capture(const std::string& capture, const std::string& folder,
                        const encoder::PrepareSettings& settings, Session& session) {
   STGS_ASSIGN(const OpenCvFunctions* const functions, opencv());
+  const EndAfterSignal end(session, folder + ": not written");
   return functions->prepare(capture, folder, settings, session.progress_sink(), session.log_sink());
 }
 
