@@ -158,8 +158,7 @@ TEST_CASE("a checkpoint is rejected with other settings or another capture") {
   settings.seed = 2;
   const Status other = run(synthetic, settings).status();
   CHECK(other.code() == StatusCode::kUsage);
-  CHECK(other.message().find("Differences (checkpoint, now): seed: 1, now 2") !=
-        std::string::npos);
+  CHECK(other.message().find("Differences (checkpoint, now): seed: 1, now 2") != std::string::npos);
   settings.seed = 1;
   settings.max_seconds = 100;
   CHECK(run(synthetic, settings).status().code() == StatusCode::kUsage);

@@ -70,7 +70,7 @@ TEST_CASE("segments are loaded and evicted within the memory budget of the timel
   CHECK(max_stored < scene.gaussians.size());
   const auto too_small = make_timeline(scene, 0.3, 1000);
   const Status status = one->draw(*too_small, 1.0, {view}, nullptr);
-  CHECK(status.code() == StatusCode::kRuntime);
+  CHECK(status.code() == StatusCode::kLimit);
   CHECK(status.message().find("budget") != std::string::npos);
 }
 

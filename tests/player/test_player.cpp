@@ -146,7 +146,7 @@ TEST_CASE("a timeline stays within its memory budget and returns the same primit
   }
   auto insufficient = timeline_of(scene, needed / 4);
   const auto rejected = insufficient->at(1.0);
-  REQUIRE(rejected.status().code() == StatusCode::kRuntime);
+  REQUIRE(rejected.status().code() == StatusCode::kLimit);
   REQUIRE(rejected.status().message().find("budget") != std::string::npos);
 }
 

@@ -235,10 +235,12 @@ TEST_CASE("the program has the options of the tables") {
       [](const PrepareOptions& options) { return *options.settings({}); });
 #endif
   const TemporaryFolder work;
-  Session session;
-  check_options<encoder::TrainParameters, TrainOptions>(
-      encoder::TrainSettings{}, {"--checkpoint", work / "run.ckpt"},
-      [&](const TrainOptions& options) { return *options.settings(session, {}, ""); });
+  check_options<encoder::TrainParameters, TrainOptions>(encoder::TrainSettings{},
+                                                        {"--checkpoint", work / "run.ckpt"},
+                                                        [](const TrainOptions& options) {
+                                                          Session session;  // claims the checkpoint
+                                                          return *options.settings(session, {}, "");
+                                                        });
   check_options<encoder::PackParameters, PackOptions>(
       encoder::PackSettings{}, {"--audio", "a.opus"},
       [](const PackOptions& options) { return options.settings(); });
