@@ -31,7 +31,8 @@ bool FetchPlan::is_current() const {
 void FetchPlan::update(double now) {
   if (!is_current()) return rebuild(now);
   is_built_ = false;  // if this throws
-  for (const SegmentLayer& layer : *residency_.changes().since(changes_until_)) {
+  const std::span<const SegmentLayer> changed = *residency_.changes().since(changes_until_);
+  for (const SegmentLayer& layer : changed) {
     // The spherical harmonics of a segment wait for its base.
     for (const bool sh : {false, true}) {
       if (sh < layer.sh || index_.stored_bytes({layer.segment, sh}) == 0) continue;
