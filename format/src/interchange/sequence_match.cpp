@@ -111,8 +111,9 @@ class Grid {
   Cell cell_of(const std::array<double, 3>& point) const {
     Cell cell;
     for (std::size_t c = 0; c < 3; ++c) {
-      cell[c] = static_cast<std::int64_t>(
-          std::clamp(std::floor(point[c] * inverse_), -kEdge + 2, kEdge - 3));
+      // A point that the float range cannot express may be NaN: it gets the lowest cell.
+      const double place = std::fmax(std::floor(point[c] * inverse_), -kEdge + 2);
+      cell[c] = static_cast<std::int64_t>(std::fmin(place, kEdge - 3));
     }
     return cell;
   }
