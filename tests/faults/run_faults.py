@@ -95,8 +95,9 @@ def problem_of(scenario, result, left, expected):
     if len(errors) != 1 and code != CRASH:
         return f"{len(errors)} error lines"
     if "error: not enough memory" in result.stderr or code == CRASH:
-        # Ended without unwinding: temporary files stay for the next run.
-        left = {name: bytes_ for name, bytes_ in left.items() if ".tmp" not in name}
+        # Ended without unwinding: temporary files and locks stay for the next run.
+        left = {name: bytes_ for name, bytes_ in left.items()
+                if ".tmp" not in name and not name.endswith(".lock")}
     is_clean = left in ({}, expected) or (scenario.resumable and set(left) == set(expected))
     return None if is_clean else f"failure leaves {sorted(left)}"
 
