@@ -80,7 +80,8 @@ void update_max(SequenceTolerances& a, const SequenceTolerances& b) {
 // A spatial hash of points.
 class Grid {
  public:
-  explicit Grid(double cell) : inverse_(1 / cell) {}
+  // `cell`: edge of a cell; 0 puts all points but those at the origin into the outermost cells.
+  explicit Grid(double cell) : inverse_(cell > 0 ? 1 / cell : std::numeric_limits<double>::max()) {}
 
   void add(const std::array<double, 3>& point, std::uint32_t id) {
     points_.emplace_back(key(cell_of(point)), id);

@@ -6,6 +6,7 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "core/bytes.h"
@@ -147,7 +148,9 @@ Quaternion rotation_at(const Record& r, double dt) {
     q[c] = r.rotation[c] + dt * r.rotation_rate[c];
     square += q[c] * q[c];
   }
-  for (double& v : q) v /= std::sqrt(square);
+  // A rotation of length 0 gives NaN: the primitive is dropped as invalid.
+  const double length = square > 0 ? std::sqrt(square) : std::numeric_limits<double>::quiet_NaN();
+  for (double& v : q) v /= length;
   return q;
 }
 
