@@ -29,7 +29,7 @@ constexpr const char* kNoMemory = "stgs: error: not enough memory\n";
 }  // namespace
 
 int main(int argc, char** argv) {
-  stgs::tools::occupy_standard_streams();
+  stgs::tools::reserve_standard_streams();
   std::set_terminate(end_without_memory);
   try {
     return stgs::tools::run_program(argc, argv);

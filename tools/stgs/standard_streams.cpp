@@ -130,7 +130,7 @@ void write_standard_error(std::string_view text) {
   }
 }
 
-void occupy_standard_streams() {
+void reserve_standard_streams() {
   for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
     if (::fcntl(stream, F_GETFD) >= 0) continue;
     // The lowest free descriptor, which is this one.

@@ -29,9 +29,9 @@ Result<std::span<const std::uint8_t>> read_standard_input(std::uint64_t max_byte
 Status write_standard_output(std::span<const std::uint8_t> bytes);
 // Writes to standard error. Errors are ignored: there is nowhere to report them. Thread-safe.
 void write_standard_error(std::string_view text);
-// Occupies the descriptors 0 to 2 that the caller of the program has closed, so that no file gets
+// Reserves the descriptors 0 to 2 that the caller of the program has closed, so that no file gets
 // them; reading and writing there fail. Call first.
-void occupy_standard_streams();
+void reserve_standard_streams();
 // Returns whether standard error is a terminal.
 bool is_terminal_standard_error();
 // Discards all that libraries write to descriptor 2 from now on, but not write_standard_error():
