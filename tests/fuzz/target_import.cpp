@@ -227,7 +227,7 @@ void check_writer(const InterchangeFormat& format, const Scene& scene, const Gau
     return;
   }
   std::vector<std::uint32_t> order;
-  const auto bytes = format.write_scene(scene, kImportLimits, {}, &notes, &order);
+  const auto bytes = format.write_scene(scene, kImportLimits, &notes, &order);
   if (!bytes.ok()) return check_failure(bytes.status());
   if (format.read_back == nullptr) return;
   const auto again = format.read_back(*memory_source(*bytes, "output"), {});

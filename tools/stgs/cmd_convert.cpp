@@ -289,8 +289,7 @@ class Convert final : public Command {
       std::vector<std::uint32_t> order;
       Result<std::vector<std::uint8_t>> bytes =
           work.to->write_scene != nullptr
-              ? work.to->write_scene(work.scene, limits(), session.stop_token(), &work.report.notes,
-                                     &order)
+              ? work.to->write_scene(work.scene, limits(), &work.report.notes, &order)
               : work.to->write(work.scene.gaussians, &work.report.notes);
       if (!bytes.ok()) return write_error(bytes.status(), input_, output_);
       if (work.to->read_back != nullptr) reorder(work.scene, order);

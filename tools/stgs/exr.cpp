@@ -22,7 +22,6 @@
 #include <string_view>
 #include <utility>
 
-#include "session.h"
 #include "stgs/format/byte_source.h"
 #endif
 
@@ -70,7 +69,6 @@ class SourceReader final : public Imf::IStream {
       : IStream(source.name().c_str()), source_(source) {}
   // Returns whether more bytes follow.
   bool read(char bytes[], int count) override {
-    if (interrupted()) throw std::runtime_error("stopped");
     const auto size = static_cast<std::size_t>(count);
     const Status status = source_.read(at_, {reinterpret_cast<std::uint8_t*>(bytes), size});
     if (!status.ok()) throw std::runtime_error(status.message());
@@ -196,20 +194,6 @@ Status check_header(const ByteSource& source, const std::string& path, std::uint
   return {};
 }
 
-// Reads the rows of the data window block by block. kRuntime after SIGINT or SIGTERM.
-Status read_rows(Imf::InputFile& file, const std::string& path) {
-  const Imath::Box2i window = file.header().dataWindow();
-  const Imf::Header& header = file.header();
-  const unsigned step = header.hasTileDescription() ? header.tileDescription().ySize
-                                                    : rows_per_block(header.compression());
-  for (std::int64_t y = window.min.y; y <= window.max.y; y += step) {
-    if (interrupted()) return runtime_error("{}: not read", path);
-    const std::int64_t end = std::min<std::int64_t>(y + step - 1, window.max.y);
-    file.readPixels(static_cast<int>(y), static_cast<int>(end));
-  }
-  return {};
-}
-
 }  // namespace
 
 Result<std::vector<std::uint8_t>> encode_exr(const FloatFrame& frame, const std::string& name) {
@@ -267,13 +251,12 @@ Result<Image> read_exr_file(const std::string& path, std::uint64_t max_memory) {
       buffer.insert(names[c], slice_over(Imf::FLOAT, origin, width));
     }
     file.setFrameBuffer(buffer);
-    STGS_TRY(read_rows(file, path));
+    file.readPixels(window.min.y, window.max.y);
     for (float& v : image.data) v = encoded_of(v);
     return image;
   } catch (const std::bad_alloc&) {
     throw;
   } catch (const std::exception& error) {
-    if (interrupted()) return runtime_error("{}: not read", path);
     return invalid_file("{}: cannot read EXR: {}", path, error.what());
   }
 }

@@ -109,15 +109,14 @@ Result<Scene> read_frames(const std::string& path, const ImportSettings& setting
 }
 
 Result<std::vector<std::uint8_t>> write_4dgs_scene(const Scene& scene, const ReadLimits&,
-                                                   const std::stop_token&, ConversionNotes* notes,
+                                                   ConversionNotes* notes,
                                                    std::vector<std::uint32_t>* order) {
   return write_4dgs(scene, notes, order);
 }
 Result<std::vector<std::uint8_t>> write_usda_scene(const Scene& scene, const ReadLimits& limits,
-                                                   const std::stop_token& stop,
                                                    ConversionNotes* notes,
                                                    std::vector<std::uint32_t>*) {
-  return write_usda(scene, notes, limits.max_memory, stop);
+  return write_usda(scene, notes, limits.max_memory);
 }
 
 using Format = InterchangeFormat;

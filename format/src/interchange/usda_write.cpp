@@ -30,11 +30,10 @@ std::vector<const ScenePart*> parts_of(const Scene& scene) {
 
 class UsdaWriter {
  public:
-  UsdaWriter(const Scene& scene, const Gaussians4D& set, const UsdaGrouper& grouper,
-             const std::stop_token& stop)
-      : scene_(scene), set_(set), grouper_(grouper), parts_(parts_of(scene)), stop_(stop) {}
+  UsdaWriter(const Scene& scene, const Gaussians4D& set, const UsdaGrouper& grouper)
+      : scene_(scene), set_(set), grouper_(grouper), parts_(parts_of(scene)) {}
 
-  // `max_bytes`: of the text. It is incomplete if a stop was requested.
+  // `max_bytes`: of the text.
   std::vector<std::uint8_t> write(const UsdaGroups& groups, std::uint64_t max_bytes,
                                   UsdaStatistics& statistics) {
     out_.reserve(static_cast<std::size_t>(max_bytes));  // growth would need three times the text
@@ -102,7 +101,6 @@ class UsdaWriter {
   void values(const std::vector<std::uint32_t>& primitives, std::size_t width, const Value& value) {
     const char* separator = "[";
     for (const std::uint32_t i : primitives) {
-      if (stop_.stop_requested()) return;
       print("{}", separator);
       if (width > 1) print("(");
       for (std::size_t c = 0; c < width; ++c) print("{}{}", c > 0 ? ", " : "", value(i, c));
@@ -186,7 +184,7 @@ class UsdaWriter {
       return;
     }
     print("        float[] opacities.timeSamples = {{\n");
-    for (std::uint64_t frame = key.first; frame <= key.last && !stop_.stop_requested(); ++frame) {
+    for (std::uint64_t frame = key.first; frame <= key.last; ++frame) {
       print("            {}: ", frame);
       values(primitives, 1, [&](std::size_t i, std::size_t) {
         const double opacity = grouper_.opacity_at(i, parts_[i], static_cast<double>(frame));
@@ -202,7 +200,7 @@ class UsdaWriter {
                              UsdaStatistics& statistics) const {
     for (const std::uint32_t i : primitives) {
       double before = grouper_.opacity_at(i, parts_[i], key.first);
-      for (double frame = key.first; frame < key.last && !stop_.stop_requested(); ++frame) {
+      for (double frame = key.first; frame < key.last; ++frame) {
         const double after = grouper_.opacity_at(i, parts_[i], frame + 1);
         const double middle = grouper_.opacity_at(i, parts_[i], frame + 0.5);
         statistics.interpolation_max =
@@ -231,7 +229,6 @@ class UsdaWriter {
   const Gaussians4D& set_;
   const UsdaGrouper& grouper_;
   std::vector<const ScenePart*> parts_;
-  const std::stop_token& stop_;
   std::vector<std::uint8_t> out_;
 };
 
@@ -273,8 +270,7 @@ void note_losses(const Scene& scene, const UsdaStatistics& statistics, Conversio
 }  // namespace
 
 Result<std::vector<std::uint8_t>> write_usda(const Scene& scene, ConversionNotes* notes,
-                                             std::uint64_t max_memory,
-                                             const std::stop_token& stop) {
+                                             std::uint64_t max_memory) {
   STGS_TRY(check_export(scene.gaussians));
   if (scene.metadata.frames == 0) return usage_error("invalid frame count 0");
   std::uint64_t in_parts = 0;
@@ -294,9 +290,8 @@ Result<std::vector<std::uint8_t>> write_usda(const Scene& scene, ConversionNotes
         "fewer primitives",
         bytes, max_memory);
   }
-  UsdaWriter writer(scene, set, grouper, stop);
+  UsdaWriter writer(scene, set, grouper);
   std::vector<std::uint8_t> out = writer.write(groups, bytes, statistics);
-  if (stop.stop_requested()) return runtime_error("stopped while the text was made");
   note_losses(scene, statistics, notes);
   return out;
 }

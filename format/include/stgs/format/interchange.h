@@ -14,7 +14,6 @@
 
 #include <cstdint>
 #include <span>
-#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -96,11 +95,9 @@ Result<std::vector<std::uint8_t>> write_glb(Gaussians4D set);
 // whose opacity changes by at most 1/255 and that move by at most 0.04 of their size are written as
 // static. Opacities with samples have steps of 1e-4, other floats are exact. `notes` receives the
 // greatest errors, and the omissions. kUnsupported if the text could exceed `max_memory` bytes: up
-// to 18 for each float, and 8 for each sample of an opacity. kRuntime soon after `stop` is
-// requested.
+// to 18 for each float, and 8 for each sample of an opacity.
 Result<std::vector<std::uint8_t>> write_usda(const Scene& scene, ConversionNotes* notes = nullptr,
-                                             std::uint64_t max_memory = ReadLimits::kDefaultMemory,
-                                             const std::stop_token& stop = {});
+                                             std::uint64_t max_memory = ReadLimits::kDefaultMemory);
 
 // Differences between a set and the result of writing it and reading it back, per primitive.
 struct ConversionErrors {

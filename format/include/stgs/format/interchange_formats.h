@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <optional>
 #include <span>
-#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -56,9 +55,7 @@ struct InterchangeFormat {
   // Writes a complete scene; null for formats without time. `order`, unless null, receives for each
   // primitive of the file its index in the scene, from which some may be omitted; only formats with
   // read_back() set it. kUnsupported if time samples could need more than limits.max_memory.
-  // kRuntime if a format with time samples sees a request of `stop`.
   Result<std::vector<std::uint8_t>> (*write_scene)(const Scene& scene, const ReadLimits& limits,
-                                                   const std::stop_token& stop,
                                                    ConversionNotes* notes,
                                                    std::vector<std::uint32_t>* order) = nullptr;
   // Reads a file of write_scene() for a comparison: in its order, without parts.
