@@ -121,7 +121,7 @@ TEST_CASE("reading ends at frames that a table repeats") {
   CHECK(fails_with(VideoReader::open(*files, camera, enough).status(), {"same stored frames"}));
 }
 
-TEST_CASE("black videos and the size in a header") {
+TEST_CASE("a black video is read, and a size in a header is checked before decoding") {
   const TemporaryFolder folder;
   const SourceCamera camera = camera_of(folder / "a.mp4");
   {

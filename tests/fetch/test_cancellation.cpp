@@ -139,7 +139,7 @@ std::string response_of(std::uint64_t offset, std::size_t count, std::size_t sen
          std::string(sent, 'x');
 }
 
-TEST_CASE("bytes that other reads receive give a read no time") {
+TEST_CASE("bytes of other reads do not extend the deadline of a read") {
   // The first read is complete. The second, which has waited for it, is sent 10 bytes.
   const SmallServer server(
       {response_of(0, 4, 4), response_of(100, 100000, 100000), response_of(200000, 100000, 10)});

@@ -18,7 +18,7 @@ namespace {
 
 constexpr int kImageFlags = cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION;
 
-// A video has at least so many bytes per frame, and at most so many pixels per byte. An all-black
+// The fewest bytes of a frame of a video, and the most pixels for each byte. An all-black
 // AV1 video of 3840x2160 pixels has 36 bytes per frame, 232,000 pixels per byte.
 constexpr std::uint64_t kMinFrameBytes = 8;
 constexpr std::uint64_t kMaxPixelsPerByte = std::uint64_t{1} << 20;
@@ -80,8 +80,8 @@ class StoredFrames {
     }
     return StoredFrames(std::move(video), camera);
   }
-  // Call for each frame that is decoded. kInvalidFile if the frames so far have more bytes than the
-  // file.
+  // Call for each frame that is decoded. kInvalidFile if the frames so far have too many bytes for
+  // the file (kRepeatedBytes).
   Status next() {
     cv::Mat stored;
     const bool has_frame = video_.capture.grab() && video_.capture.retrieve(stored);
