@@ -368,7 +368,7 @@ class Rendering(CliTest):
     def test_an_interrupted_video_preserves_the_old_file(self):
         self.write("out.y4m", b"old")
         args = [harness.STGS, "render", self.fixture("tiny.stgs"), "--frames", "0:6", "--size",
-                "3840x2160", "-o", "out.y4m", "--progress", "json"]
+                "1280x720", "-o", "out.y4m", "--progress", "json"]
         with subprocess.Popen(args, cwd=self.work, stderr=subprocess.PIPE) as process:
             process.stderr.readline()  # the first frame is done
             process.send_signal(signal.SIGINT)

@@ -2,7 +2,9 @@
 // Files with a modified head or index, including content that no writer produces.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
+#include <iterator>
 #include <span>
 #include <vector>
 
@@ -54,17 +56,23 @@ inline std::vector<std::uint8_t> file_of(const std::vector<std::vector<std::uint
 // offsets.
 inline std::vector<std::uint8_t> index_payload(FileHead head, std::uint64_t shift = 0) {
   IndexNode root;
-  for (const PartEntry& part : head.parts) root.runs.push_back({part, {}, {}});
+  std::vector<IndexRun> runs;
+  for (const PartEntry& part : head.parts) runs.push_back({part});
   for (SegmentEntry& segment : head.index.segments) {
     segment.base.offset += shift;
-    root.runs[segment.part].segments.push_back(segment);
+    ++runs[segment.part].segments;
   }
   for (FurtherEntry& further : head.index.further) {
     further.entry.offset += shift;
-    root.runs[further.part].further.push_back(further);
+    ++runs[further.part].further;
   }
-  std::erase_if(root.runs,
-                [](const IndexRun& run) { return run.segments.empty() && run.further.empty(); });
+  const auto by_part = [](const auto& a, const auto& b) { return a.part < b.part; };
+  root.segments = head.index.segments;
+  root.further = head.index.further;
+  std::stable_sort(root.segments.begin(), root.segments.end(), by_part);
+  std::stable_sort(root.further.begin(), root.further.end(), by_part);
+  std::copy_if(runs.begin(), runs.end(), std::back_inserter(root.runs),
+               [](const IndexRun& run) { return run.segments + run.further > 0; });
   return write_index(head.index, root);
 }
 

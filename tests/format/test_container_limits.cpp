@@ -88,7 +88,7 @@ Bytes file_stating(std::uint32_t primitives, bool has_record) {
   head.index.primitives = primitives;
   head.parts.push_back({0, 0, 30, {0, 30}, 1});
   const std::uint64_t bytes = primitives / kMaxPrimitivesPerByte + kRecordHeaderBytes;
-  head.index.segments.push_back({{-1, 0, 0, 0, bytes, primitives}, {}, 0});
+  head.index.segments.push_back({{{0, bytes}, -1, 0, 0, primitives}, {}, 0});
   Bytes file = file_with(head, 30, Bytes(bytes));
   if (!has_record) file.resize(file.size() - bytes);
   return file;
@@ -213,7 +213,7 @@ TEST_CASE("index entries and layout rows count towards the memory limit") {
   head.index.primitives = kParts;
   for (std::uint32_t i = 0; i < kParts; ++i) {
     head.parts.push_back({i, 0, 30, {0, 30}, 1});
-    head.index.segments.push_back({{-1, 0, 0, 0, kBytes, 1}, {}, i});
+    head.index.segments.push_back({{{0, kBytes}, -1, 0, 0, 1}, {}, i});
   }
   const Bytes many = file_with(head, 30, Bytes(kParts * kBytes));
   FileMetadata metadata;

@@ -111,7 +111,7 @@ TEST_CASE("an index round-trips and takes a few bytes per record") {
     CHECK(index.size() < 120 + 7 * records);
     // The records follow the head without gaps.
     std::uint64_t at = head.header.head_bytes;
-    for (const IndexEntry* record : records_of(copy)) {
+    for (const RecordRange* record : records_of(copy)) {
       CHECK(record->offset == at);
       at += record->bytes;
     }
@@ -249,7 +249,7 @@ TEST_CASE("an index of 600,000 parts is read in linear time") {
   head.index.primitives = kMany;
   for (std::uint32_t i = 0; i < kMany; ++i) {
     head.parts.push_back({i, 0, kFrames, {0, kFrames}, 5});
-    head.index.segments.push_back({{-1, 0, 0, 0, kRecordHeaderBytes + 1, 1}, {}, i});
+    head.index.segments.push_back({{{0, kRecordHeaderBytes + 1}, -1, 0, 0, 1}, {}, i});
   }
   const auto reader =
       SceneReader::open(memory_source(testing::file_with(head, kFrames, filler(kMany, 1))),

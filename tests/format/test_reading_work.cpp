@@ -18,32 +18,34 @@ constexpr std::uint64_t kBodyEnd = std::uint64_t{1} << 40;
 IndexNode many_tiers(int runs) {
   IndexNode node;
   std::uint64_t at = 1000;
-  const auto take = [&](IndexEntry entry, std::uint64_t bytes) {
-    entry.offset = at;
-    entry.bytes = kRecordHeaderBytes + bytes;
-    at += entry.bytes;
-    return entry;
+  const auto place = [&](RecordRange& record, std::uint64_t bytes) {
+    record = {at, kRecordHeaderBytes + bytes};
+    at += record.bytes;
   };
   for (int r = 0; r < runs; ++r) {
     IndexRun& run = node.runs.emplace_back();
     run.part = {static_cast<std::uint32_t>(r), 0, 300, {0, 300}, 1};
     for (std::uint32_t slot = 0; slot < 50; ++slot) {
-      const std::size_t first = run.segments.size();
+      const std::size_t first = node.segments.size();
       for (int tier = 0; tier < 7; ++tier) {
         IndexEntry base;
         base.slot = slot;
         base.layer = layer_of(Content::kPrimitives, tier);
         base.primitives = 200;
-        run.segments.push_back({take(base, 500), {}, 0, slot});
+        place(base, 500);
+        node.segments.push_back({base, {}, 0, slot});
       }
-      for (std::size_t i = first; slot % 2 == 1 && i < run.segments.size(); ++i)
-        run.segments[i].sh = take(run.segments[i].base, 1);
+      for (std::size_t i = first; slot % 2 == 1 && i < node.segments.size(); ++i)
+        place(node.segments[i].sh, 1);
       if (slot % 5 != 0) continue;
       IndexEntry other;
       other.slot = slot;
       other.layer = 0x4000;
-      run.further.push_back({take(other, 200), 0, slot});
+      place(other, 200);
+      node.further.push_back({other, 0, slot});
     }
+    run.segments = 350;
+    run.further = 10;
     run.count = 50;
   }
   return node;
@@ -87,15 +89,16 @@ TEST_CASE("the segments of a node are counted before they are read, so that no l
   REQUIRE(parse_node(in, {0, 24, 100, kBodyEnd}, head, read, findings));
   REQUIRE(read.runs.size() == 3);
   for (const IndexRun& run : read.runs) {
-    CHECK(run.segments.size() == 350);
-    CHECK(run.segments.capacity() == 350);
-    CHECK(run.further.size() == 10);
+    CHECK(run.segments == 350);
+    CHECK(run.further == 10);
   }
+  CHECK(read.segments.size() == 3 * 350);
+  CHECK(read.segments.capacity() == 3 * 350);
 }
 
-TEST_CASE("the segments of the first run are not copied") {
-  IndexNode node = many_tiers(1);
-  const SegmentEntry* const first = node.runs[0].segments.data();
+TEST_CASE("the segments of the first node are not copied") {
+  IndexNode node = many_tiers(2);
+  const SegmentEntry* const first = node.segments.data();
   FileHead head;
   head.available_bytes = kBodyEnd;
   Findings findings;
@@ -112,7 +115,7 @@ TEST_CASE("a node that states more segments than it has reserves no memory for t
     ByteReader in(out.view().first(cut));
     IndexNode read;
     CHECK_FALSE(parse_node(in, {0, 24, 100, kBodyEnd}, head, read, findings));
-    for (const IndexRun& run : read.runs) CHECK(run.segments.capacity() <= cut / 2);
+    CHECK(read.segments.capacity() <= cut / 2);
   }
   // Two bytes for each of 2^30 segments.
   ByteWriter huge;
@@ -128,7 +131,7 @@ TEST_CASE("a node that states more segments than it has reserves no memory for t
   ByteReader in(huge.view());
   IndexNode read;
   CHECK_FALSE(parse_node(in, {0, 24, 100, kBodyEnd}, head, read, findings));
-  CHECK(read.runs[0].segments.capacity() <= huge.size());
+  CHECK(read.segments.capacity() <= huge.size());
 }
 
 TEST_CASE("segments that are needed at the same times are found together") {

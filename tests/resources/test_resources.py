@@ -45,8 +45,11 @@ def check_refusals(program):
     many = measure(program, hostile.links(8_000_000, copies=0))[0]
     few = measure(program, hostile.links(1_000_000, copies=0))[0]
     assert (many.status, few.status) == (UNSUPPORTED, OK), (many, few)
+    short = measure(program, hostile.entries(300_000, segments=1000, tiers=255))[0]
+    shorter = measure(program, hostile.entries(30_000, segments=50, tiers=255))[0]
+    assert (short.status, shorter.status) == (UNSUPPORTED, OK), (short, shorter)
     dense = measure(program, hostile.frequent_symbols(300_000, blocks=16, degree=3, joined=1))[1]
-    small = measure(program, hostile.frequent_symbols(150_000, blocks=16, degree=3, joined=1))[1]
+    small = measure(program, hostile.frequent_symbols(8_000, blocks=1, degree=3, joined=1))[1]
     assert (dense.status, small.status) == (UNSUPPORTED, OK), (dense, small)
 
 

@@ -15,7 +15,7 @@ namespace {
 
 using N = IssueNumber;
 // Memory of a range of RangeDecoder: it stays in the cache.
-constexpr std::uint64_t kRangeMemory = 8 << 20;
+constexpr std::uint64_t kRangeMemory = 4 << 20;
 
 Step log_scale_step(const Layout& layout) {
   for (const StreamRow& row : layout.streams) {

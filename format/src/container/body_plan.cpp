@@ -157,7 +157,7 @@ void BodyPlan::lay_out(std::uint64_t head_bytes, std::uint64_t other_bytes) {
 
 // Sets the offsets of a node's segments and of the nodes below it.
 void BodyPlan::place(Node& node, std::uint64_t& at) {
-  const auto take = [&at](IndexEntry& entry) {
+  const auto take = [&at](RecordRange& entry) {
     entry.offset = at;
     at += entry.bytes;
   };
@@ -213,8 +213,10 @@ IndexNode BodyPlan::content_of(const Node& node) const {
       out.runs.emplace_back().part = parts_[part];
     }
     IndexRun& run = out.runs.back();
-    for (const SegmentEntry* tier : item.tiers) run.segments.push_back(*tier);
-    for (const FurtherEntry* further : item.further) run.further.push_back(*further);
+    run.segments += item.tiers.size();
+    run.further += item.further.size();
+    for (const SegmentEntry* tier : item.tiers) out.segments.push_back(*tier);
+    for (const FurtherEntry* further : item.further) out.further.push_back(*further);
   }
   return out;
 }
@@ -234,7 +236,7 @@ void BodyPlan::add_pages(const Node& node, std::vector<Piece>& out) const {
 
 std::vector<BodyPlan::Piece> BodyPlan::pieces() const {
   std::vector<Piece> out;
-  for (const IndexEntry* record : records_of(index_)) out.push_back({record->offset, record, {}});
+  for (const RecordRange* record : records_of(index_)) out.push_back({record->offset, record, {}});
   add_pages(*root_, out);
   std::sort(out.begin(), out.end(),
             [](const Piece& a, const Piece& b) { return a.offset < b.offset; });

@@ -29,8 +29,8 @@ class BodyPlan {
   // A record of the body: of `index`, or a PAGE.
   struct Piece {
     std::uint64_t offset = 0;
-    const IndexEntry* record = nullptr;  // null: a PAGE
-    std::vector<std::uint8_t> page;      // complete
+    const RecordRange* record = nullptr;  // null: a PAGE
+    std::vector<std::uint8_t> page;       // complete
   };
   // Returns the records in file order.
   std::vector<Piece> pieces() const;

@@ -114,8 +114,8 @@ struct FileHead {
   Shared<std::vector<std::uint8_t>> bytes;  // of the head, or of its copy
   bool repaired = false;                    // they are those of a copy
 
-  // Returns whether a record lies within the source (spec 2.4). True for an entry without a record.
-  bool has(const IndexEntry& entry) const {
+  // Returns whether a record lies within the source (spec 2.4). True for one of 0 bytes.
+  bool has(const RecordRange& entry) const {
     return entry.bytes == 0 ||
            (entry.offset <= available_bytes && entry.bytes <= available_bytes - entry.offset);
   }

@@ -102,7 +102,8 @@ bool FragmentFinder::parse(std::span<const std::uint8_t> payload, FragmentRecord
     return false;
   }
   fragment.head.assign(copy.begin(), copy.end());
-  const NodePlace place = {offset, offset + kRecordHeaderBytes, copy.size(), offset};
+  const NodePlace place = {offset, offset + kRecordHeaderBytes, copy.size(), offset,
+                           payload.size()};
   if (!parse_links(in, place, head_, fragment.earlier, findings) ||
       !parse_node(in, place, head_, fragment.node, findings)) {
     return false;

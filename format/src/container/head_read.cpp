@@ -30,7 +30,7 @@ void read_record(std::uint32_t tag, std::span<const std::uint8_t> payload, std::
     ByteReader in(payload);
     LayoutSet& set = out.layouts.edit();
     (void)parse_layouts(in, payload_at, kMaxTables, kMaxLayouts,
-                        std::min(limits.max_memory, opening_limit(out)), set, findings);
+                        std::min(limits.max_memory, opening_limit(out, 0)), set, findings);
     make_lookups(set);  // also after an error: the validator continues with the layouts before it
   }
   if (tag == kIndexTag) (void)parse_index(payload, payload_at, out, findings);

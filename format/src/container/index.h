@@ -7,6 +7,7 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <span>
 #include <tuple>
 #include <vector>
 
@@ -32,20 +33,31 @@ constexpr int content_of(std::uint16_t layer) {
   return layer >> 8;
 }
 
+// The bytes of a record, including its header.
+struct RecordRange {
+  std::uint64_t offset = 0, bytes = 0;
+};
+
 // One record that the index lists (spec 5.3).
-struct IndexEntry {
+struct IndexEntry : RecordRange {
   std::int16_t level = 0;
   std::uint16_t layer = 0;  // content and tier (spec 5.5)
   std::uint32_t slot = 0;
-  std::uint64_t offset = 0, bytes = 0;  // of the SEGM record, including its header
   std::uint32_t primitives = 0;
 };
 
 // A segment of one tier: its base record, and the SH record if SH are stored separately.
 struct SegmentEntry {
-  IndexEntry base, sh;       // sh.bytes = 0: no SH record
+  IndexEntry base;
+  RecordRange sh;            // 0 bytes: no SH record
   std::uint32_t part = 0;    // index into the parts of the head
   std::uint32_t number = 0;  // of the segment, in the order of reading; equal in its tiers
+
+  // Returns the entry of the SH record.
+  IndexEntry sh_entry() const {
+    return {sh, base.level, layer_of(Content::kSh, tier_of(base.layer)), base.slot,
+            base.primitives};
+  }
 };
 
 // A further record of a segment (spec 5.7).
@@ -92,14 +104,29 @@ struct NodeLink {
 // Segments of one part whose records follow each other without gaps (spec 5.3).
 struct IndexRun {
   PartEntry part;
-  std::vector<SegmentEntry> segments;  // by ascending offset
-  std::vector<FurtherEntry> further;   // the same
-  std::uint32_t count = 0;             // of segments, of all tiers together
+  std::size_t segments = 0, further = 0;  // number of its entries in the lists of its node
+  std::uint32_t count = 0;                // of segments, of all tiers together
 };
 
 struct IndexNode {
   std::vector<NodeLink> links;
   std::vector<IndexRun> runs;
+  // The entries of the first run, then those of the next one; those of a run by ascending offset.
+  // `part` is not set, and `number` counts from the beginning of the run.
+  std::vector<SegmentEntry> segments;
+  std::vector<FurtherEntry> further;
+
+  // Calls visit(run, segments, further) for each run, with the spans of its entries.
+  template <typename Visit>
+  void for_each_run(const Visit& visit) const {
+    std::span<const SegmentEntry> tiers = segments;
+    std::span<const FurtherEntry> others = further;
+    for (const IndexRun& run : runs) {
+      visit(run, tiers.first(run.segments), others.first(run.further));
+      tiers = tiers.subspan(run.segments);
+      others = others.subspan(run.further);
+    }
+  }
 };
 
 // What searches backwards for FRAG records have found (spec 9.4, 9.5).
@@ -189,14 +216,14 @@ struct NeededTimes {
 // Returns those of a timeline of `frames` ticks, if there are any.
 std::optional<NeededTimes> needed_times(const IndexEntry& entry, const PartEntry& part,
                                         double frames);
-// Returns the least closed range of the times at which segments of runs are needed; begin > end:
+// Returns the least closed range of the times at which segments of a node are needed; begin > end:
 // never.
-TickRange needed_in(const std::vector<IndexRun>& runs, double frames);
+TickRange needed_in(const IndexNode& node, double frames);
 // Returns the closed range of the times at which segments below a node are needed; {0, 0}: never.
 TickRange needed_of(const IndexNode& node);
 
 // Returns the records that an index lists, by ascending offset.
-std::vector<IndexEntry*> records_of(FileIndex& index);
+std::vector<RecordRange*> records_of(FileIndex& index);
 // Sorts the segments by part, and those of a part by offset. Parts are sorted by the offset of
 // their first record.
 void sort_index(std::vector<PartEntry>& parts, FileIndex& index);

@@ -39,10 +39,11 @@ class NodeReader {
     return in_.ok() || cut_off();
   }
 
-  bool read_runs(std::vector<IndexRun>& runs) {
+  bool read_runs(IndexNode& node) {
     const std::uint64_t count = in_.varint();
+    node.segments.reserve(std::min(count_tiers(count), allowed_tiers()));
     for (std::uint64_t i = 0; i < count && in_.ok(); ++i) {
-      if (!read_run(runs.emplace_back())) return false;
+      if (!read_run(node)) return false;
     }
     return in_.ok() || cut_off();
   }
@@ -93,13 +94,14 @@ class NodeReader {
     opening_ += bytes;
     if (opening_ - checked_ < kCheckedBytes) return true;
     checked_ = opening_;
-    return fits_opening(head_, opening_, at, findings_);
+    return fits_opening(head_, opening_, place_.uncounted, at, findings_);
   }
 
-  bool read_run(IndexRun& run) {  // spec 5.3
+  bool read_run(IndexNode& node) {  // spec 5.3
     const std::uint64_t at = here();
     if (!charge(kOpeningRun, at)) return false;
     const std::uint64_t number = in_.varint();
+    IndexRun& run = node.runs.emplace_back();
     PartEntry& part = run.part;
     part.begin = in_.f64();
     part.end = in_.f64();
@@ -129,39 +131,46 @@ class NodeReader {
     part.number = static_cast<std::uint32_t>(number);
     keys_ = {};
     last_.reset();
-    run.segments.reserve(std::min(count_tiers(segments), allowed_tiers()));
+    const std::size_t first = node.segments.size(), first_further = node.further.size();
     for (std::uint64_t s = 0; s < segments; ++s) {
-      if (!read_segment(run)) return false;
+      if (!read_segment(run, node)) return false;
     }
+    run.segments = node.segments.size() - first;
+    run.further = node.further.size() - first_further;
     return true;
   }
 
-  // Returns the number of tiers of the next segments, as far as they are complete: at most one for
-  // two bytes.
-  std::uint64_t count_tiers(std::uint64_t segments) const {
+  // Returns the number of tiers of the next runs, as far as they are complete: at most one for two
+  // bytes.
+  std::uint64_t count_tiers(std::uint64_t runs) const {
     ByteReader in = in_;
     std::uint64_t tiers = 0;
-    for (std::uint64_t s = 0; s < segments && in.ok(); ++s) {
+    for (std::uint64_t r = 0; r < runs && in.ok(); ++r) {
       in.skip_varints(1);
-      const std::uint64_t shape = in.varint(), own = shape >> 2;
-      if (own > kMaxTiers) break;
-      in.skip_varints((shape & kSeparateSh) != 0 ? 3 * own : 2 * own);
-      const std::uint64_t further = (shape & kHasFurther) != 0 ? in.varint() : 0;
-      if (further > in.left()) break;
-      in.skip_varints(2 * further);
-      tiers += in.ok() ? own : 0;
+      in.bytes(5 * sizeof(double));
+      in.skip_varints(1);
+      for (std::uint64_t segments = in.varint(); segments > 0 && in.ok(); --segments) {
+        in.skip_varints(1);
+        const std::uint64_t shape = in.varint(), own = shape >> 2;
+        if (own > kMaxTiers) return tiers;
+        in.skip_varints((shape & kSeparateSh) != 0 ? 3 * own : 2 * own);
+        const std::uint64_t further = (shape & kHasFurther) != 0 ? in.varint() : 0;
+        if (further > in.left()) return tiers;
+        in.skip_varints(2 * further);
+        tiers += in.ok() ? own : 0;
+      }
     }
     return tiers;
   }
 
   // Returns the number of tiers within the limit on opening, and one more.
   std::uint64_t allowed_tiers() const {
-    const std::uint64_t limit = opening_limit(head_);
-    return (limit - std::min(limit, opened_bytes(head_) + opening_)) / kOpeningTier + 1;
+    const std::uint64_t left = opening_left(head_, place_.uncounted);
+    return (left - std::min(left, opening_)) / kOpeningTier + 1;
   }
 
   // Reads the payload length of the next record and sets its range.
-  bool take_record(IndexEntry& entry, std::uint64_t at) {
+  bool take_record(RecordRange& entry, std::uint64_t at) {
     const std::uint64_t payload = in_.varint();
     if (!in_.ok()) return cut_off();
     entry.offset = at_;
@@ -177,7 +186,7 @@ class NodeReader {
     return true;
   }
 
-  bool read_segment(IndexRun& run) {
+  bool read_segment(IndexRun& run, IndexNode& node) {
     const std::uint64_t at = here();
     const std::uint64_t place = in_.varint(), shape = in_.varint();
     if (!in_.ok()) return cut_off();
@@ -203,27 +212,25 @@ class NodeReader {
                       kMaxTiers);
       return false;
     }
-    const std::size_t first = run.segments.size();
+    const std::size_t first = node.segments.size();
     for (std::uint64_t t = 0; t < tiers; ++t) {
       base.layer = layer_of(Content::kPrimitives, static_cast<int>(t));
       if (!take_primitives(base, at) || !take_record(base, at) || !enough_bytes(base, at) ||
           !take_entry(at) || !charge(kOpeningTier, at)) {
         return false;
       }
-      run.segments.push_back({base, {}, 0, run.count - 1});
+      node.segments.push_back({base, {}, 0, run.count - 1});
     }
-    for (std::size_t i = first; (shape & kSeparateSh) != 0 && i < run.segments.size(); ++i) {
-      SegmentEntry& tier = run.segments[i];
-      IndexEntry sh = tier.base;
-      sh.layer = layer_of(Content::kSh, tier_of(tier.base.layer));
-      if (!take_record(sh, at)) return false;
-      tier.sh = sh;
+    for (std::size_t i = first; (shape & kSeparateSh) != 0 && i < node.segments.size(); ++i) {
+      if (!take_record(node.segments[i].sh, at)) return false;
     }
-    return (shape & kHasFurther) == 0 || take_further(base, run, at);
+    return (shape & kHasFurther) == 0 || take_further(base, run.count - 1, node.further, at);
   }
 
   // Reads the entries of records of unknown content, which this version ignores (spec 5.5).
-  bool take_further(IndexEntry entry, IndexRun& run, std::uint64_t at) {
+  // `number`: of the segment.
+  bool take_further(IndexEntry entry, std::uint32_t number, std::vector<FurtherEntry>& further,
+                    std::uint64_t at) {
     const std::uint64_t records = in_.varint();
     if (records == 0) {
       findings_.error(N::kIndexLayout, at, "index: a segment states 0 further records");
@@ -241,7 +248,7 @@ class NodeReader {
       last = layer;
       entry.primitives = 0;
       if (!take_record(entry, at) || !take_entry(at) || !charge(kOpeningFurther, at)) return false;
-      run.further.push_back({entry, 0, run.count - 1});
+      further.push_back({entry, 0, number});
     }
     return true;
   }
@@ -300,7 +307,7 @@ bool parse_links(ByteReader& in, const NodePlace& place, const FileHead& head,
 bool parse_node(ByteReader& in, const NodePlace& place, const FileHead& head, IndexNode& node,
                 Findings& findings) {
   NodeReader reader(in, place, head, findings);
-  return reader.read_links(node.links) && reader.read_runs(node.runs);
+  return reader.read_links(node.links) && reader.read_runs(node);
 }
 
 bool parse_index(std::span<const std::uint8_t> payload, std::uint64_t offset, FileHead& head,

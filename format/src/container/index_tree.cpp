@@ -25,7 +25,7 @@ bool take_entries(std::uint64_t count, std::uint64_t at, FileHead& head, Finding
   head.walk.entries += count;
   const std::uint64_t limit = head.limits.max_memory;
   if (head.walk.entries <= kFreeEntries || head.walk.entries - kFreeEntries <= limit / kEntryMemory)
-    return fits_opening(head, 0, at, findings);
+    return fits_opening(head, 0, 0, at, findings);
   findings.unsupported(N::kMemoryLimit, at, "index: {} entries exceed the memory limit of {} bytes",
                        head.walk.entries, limit);
   return false;
@@ -33,36 +33,47 @@ bool take_entries(std::uint64_t count, std::uint64_t at, FileHead& head, Finding
 
 // Returns the index of a part, which is added if it is new.
 std::uint32_t take_part(const PartEntry& part, FileHead& head) {
-  const auto [found, is_new] =
-      head.walk.parts.try_emplace(part, static_cast<std::uint32_t>(head.parts.size()));
-  if (is_new) head.parts.push_back(part);
+  auto& parts = head.walk.parts;  // usually added in their order
+  const auto number = static_cast<std::uint32_t>(head.parts.size());
+  const auto found = parts.try_emplace(parts.end(), part, number);
+  if (parts.size() > head.parts.size()) head.parts.push_back(part);
   return found->second;
 }
 
-// Reserves room for `more` segments. A list grows by half, or exactly if that is more.
-void make_room(std::size_t more, std::vector<SegmentEntry>& segments) {
-  const std::size_t size = segments.size() + more;
-  if (size > segments.capacity()) segments.reserve(std::max(size, segments.size() * 3 / 2));
+// Notes that a link to a record was followed; usually they are in the order of the file. Returns
+// false if one was before.
+bool take_record(std::uint64_t offset, FileHead& head) {
+  const std::size_t before = head.walk.followed.size();
+  head.walk.followed.insert(head.walk.followed.end(), offset);
+  return head.walk.followed.size() > before;
 }
 
-// Adds the segments of a run.
-void add_run(IndexRun run, FileHead& head) {
-  const std::uint32_t part = take_part(run.part, head), first = head.walk.segments;
-  if (part != 0 || first != 0) {
-    for (SegmentEntry& segment : run.segments) {
-      segment.part = part;
-      segment.number += first;
-    }
+// Moves entries to the end of a list.
+template <typename Entry>
+void append(std::vector<Entry>& more, std::vector<Entry>& entries) {
+  if (entries.empty()) {
+    entries = std::move(more);
+    return;
   }
-  std::vector<SegmentEntry>& segments = head.index.segments;
-  if (segments.capacity() == 0) {  // the only run so far
-    segments = std::move(run.segments);
-  } else {
-    segments.insert(segments.end(), run.segments.begin(), run.segments.end());
+  make_room(more.size(), entries);
+  entries.insert(entries.end(), more.begin(), more.end());
+}
+
+// Adds the segments and further records of a node.
+void add_entries(IndexNode& node, FileHead& head) {
+  std::size_t s = 0, f = 0;
+  for (const IndexRun& run : node.runs) {
+    const std::uint32_t part = take_part(run.part, head), first = head.walk.segments;
+    const auto complete = [=](auto& entry) {
+      entry.part = part;
+      entry.number += first;
+    };
+    for (const std::size_t end = s + run.segments; s < end; ++s) complete(node.segments[s]);
+    for (const std::size_t end = f + run.further; f < end; ++f) complete(node.further[f]);
+    head.walk.segments += run.count;
   }
-  for (const FurtherEntry& further : run.further)
-    head.index.further.push_back({further.entry, part, first + further.number});
-  head.walk.segments += run.count;
+  append(node.segments, head.index.segments);
+  append(node.further, head.index.further);
 }
 
 // Returns whether a record lies within the bytes that are there.
@@ -88,19 +99,18 @@ bool take_complete(std::uint64_t at, std::uint64_t payload, FileHead& head, Find
 // 1.5).
 bool take_content(const IndexNode& node, std::uint64_t at, FileHead& head, Findings& findings) {
   std::uint64_t entries = node.links.size(), bytes = head.walk.record_bytes;
-  const auto take = [&](const IndexEntry& entry) {
+  const auto take = [&](const RecordRange& entry) {
     if (entry.bytes > 0 && is_complete(entry.offset, entry.bytes, head))
       bytes += entry.bytes - kRecordHeaderBytes;
   };
-  for (const IndexRun& run : node.runs) {
-    entries += run.count + run.segments.size() + run.further.size();
-    for (const SegmentEntry& segment : run.segments) {
-      head.listed_primitives += segment.base.primitives;
-      take(segment.base);
-      take(segment.sh);
-    }
-    for (const FurtherEntry& further : run.further) take(further.entry);
+  for (const IndexRun& run : node.runs) entries += run.count;
+  entries += node.segments.size() + node.further.size();
+  for (const SegmentEntry& segment : node.segments) {
+    head.listed_primitives += segment.base.primitives;
+    take(segment.base);
+    take(segment.sh);
   }
+  for (const FurtherEntry& further : node.further) take(further.entry);
   head.walk.record_bytes = bytes;
   head.walk.opening_bytes += opening_bytes(node);
   if (!take_entries(entries, at, head, findings)) return false;
@@ -162,7 +172,7 @@ class Loader {
   bool take(Position& at) {
     IndexWalk::Links& pending = head_.walk.pending;
     const auto [link, depth] = *at;
-    head_.walk.followed.insert(link.offset);
+    take_record(link.offset, head_);
     const bool is_first = at == pending.begin();
     next_ = pending.erase(at);
     const Position before = is_first ? next_ : std::prev(next_);
@@ -289,7 +299,7 @@ class Loader {
 
   // Follows the valid FRAG record at `offset` instead of that of a link (spec 9.5).
   bool follow_instead(const NodeLink& link, std::uint64_t offset, int depth) {
-    const bool is_new = head_.walk.followed.insert(offset).second;
+    const bool is_new = take_record(offset, head_);
     if (!is_new && head_.walk.used_earlier.count(offset) != 0) return true;
     Findings why;
     auto record = fragments_.at(offset, {}, why);
@@ -346,14 +356,11 @@ bool add_node(IndexNode node, std::uint64_t record, int depth, Position next, Fi
   add_links(node.links, depth + 1, next, head);
   if (!take_content(node, record, head, findings)) return false;
   const TickRange needed =
-      head.walk.keeps_nodes ? needed_in(node.runs, head.metadata.scene.frames) : TickRange{};
-  if (node.runs.size() > 1 || !head.index.segments.empty()) {
-    std::size_t tiers = 0;
-    for (const IndexRun& run : node.runs) tiers += run.segments.size();
-    make_room(tiers, head.index.segments);
-  }
-  for (IndexRun& run : node.runs) add_run(std::move(run), head);
-  if (head.walk.keeps_nodes) head.walk.nodes[record] = {std::move(node.links), needed};
+      head.walk.keeps_nodes ? needed_in(node, head.metadata.scene.frames) : TickRange{};
+  add_entries(node, head);
+  if (head.walk.keeps_nodes)
+    head.walk.nodes.insert_or_assign(head.walk.nodes.end(), record,
+                                     IndexWalk::Node{std::move(node.links), needed});
   return true;
 }
 

@@ -50,14 +50,13 @@ void write_segment_row(std::span<const SegmentEntry> tiers, std::span<const Furt
 }
 
 // Writes the segments of a run one after the other. Returns their number.
-std::uint64_t write_rows(const IndexRun& run, ByteWriter& out) {
+std::uint64_t write_rows(const PartEntry& part, std::span<const SegmentEntry> segments,
+                         std::span<const FurtherEntry> further, ByteWriter& out) {
   SegmentKeyCoder keys;
   std::uint64_t rows = 0;
-  const std::span<const SegmentEntry> segments(run.segments);
-  const std::span<const FurtherEntry> further(run.further);
   for (std::size_t s = 0, f = 0; s < segments.size() || f < further.size(); ++rows) {
     const bool both = s < segments.size() && f < further.size();
-    const double chunk = run.part.chunk_ticks;
+    const double chunk = part.chunk_ticks;
     std::size_t end = s, end_more = f;
     if (s < segments.size() && !(both && comes_before(further[f].entry, segments[s].base, chunk))) {
       end = end_of_segment(segments, s);
@@ -72,10 +71,11 @@ std::uint64_t write_rows(const IndexRun& run, ByteWriter& out) {
   return rows;
 }
 
-std::uint64_t first_offset(const IndexRun& run) {
-  if (run.segments.empty()) return run.further.front().entry.offset;
-  const std::uint64_t first = run.segments.front().base.offset;
-  return run.further.empty() ? first : std::min(first, run.further.front().entry.offset);
+std::uint64_t first_offset(std::span<const SegmentEntry> segments,
+                           std::span<const FurtherEntry> further) {
+  if (segments.empty()) return further.front().entry.offset;
+  const std::uint64_t first = segments.front().base.offset;
+  return further.empty() ? first : std::min(first, further.front().entry.offset);
 }
 
 }  // namespace
@@ -94,17 +94,18 @@ void write_links(std::span<const NodeLink> links, ByteWriter& out) {
 void write_node(const IndexNode& node, ByteWriter& out) {
   write_links(node.links, out);
   out.varint(node.runs.size());
-  for (const IndexRun& run : node.runs) {
-    out.varint(run.part.number);
-    for (const double v : {run.part.begin, run.part.end, run.part.displayed.begin,
-                           run.part.displayed.end, run.part.chunk_ticks}) {
+  node.for_each_run([&](const IndexRun& run, auto segments, auto further) {
+    const PartEntry& part = run.part;
+    out.varint(part.number);
+    for (const double v :
+         {part.begin, part.end, part.displayed.begin, part.displayed.end, part.chunk_ticks}) {
       out.f64(v);
     }
-    out.varint(first_offset(run));
+    out.varint(first_offset(segments, further));
     ByteWriter rows;
-    out.varint(write_rows(run, rows));
+    out.varint(write_rows(part, segments, further, rows));
     out.bytes(rows.view());
-  }
+  });
 }
 
 std::vector<std::uint8_t> write_index(const FileIndex& index, const IndexNode& root) {

@@ -40,6 +40,30 @@ auto order_of(const std::vector<Item>& items, const std::vector<std::size_t>& ra
   return order;
 }
 
+// Puts items into the order of `ranges`, which are consecutive, of a permutation: order[i].second
+// is the number of the range that becomes the i-th one. Needs 4 bytes for each item.
+template <typename Item, typename Order>
+void arrange(std::vector<Item>& items, const std::vector<std::size_t>& ranges, const Order& order) {
+  std::vector<std::uint32_t> from;  // for each place: the item that belongs there
+  from.reserve(items.size());
+  for (const auto& [key, r] : order) {
+    for (std::size_t i = ranges[r]; i < ranges[r + 1]; ++i)
+      from.push_back(static_cast<std::uint32_t>(i));
+  }
+  for (std::uint32_t start = 0; start < from.size(); ++start) {
+    if (from[start] == start) continue;
+    const Item first = items[start];
+    std::uint32_t at = start;
+    for (std::uint32_t next = from[at]; next != start; next = from[at]) {
+      items[at] = items[next];
+      from[at] = at;
+      at = next;
+    }
+    items[at] = first;
+    from[at] = at;
+  }
+}
+
 // Sorts items by a key. Equal ones stay in their order. Items of an index are usually sorted, or
 // consist of sorted ranges that do not overlap: then only the ranges are sorted.
 template <typename Item, typename KeyOf>
@@ -55,13 +79,7 @@ void sort_by(std::vector<Item>& items, const KeyOf& key_of) {
     std::iota(ranges.begin(), ranges.end(), std::size_t{0});
     order = order_of(items, ranges, key_of);
   }
-  std::vector<Item> sorted;
-  sorted.reserve(items.size());
-  for (const auto& [key, r] : order) {
-    sorted.insert(sorted.end(), items.begin() + static_cast<std::ptrdiff_t>(ranges[r]),
-                  items.begin() + static_cast<std::ptrdiff_t>(ranges[r + 1]));
-  }
-  items = std::move(sorted);
+  arrange(items, ranges, order);
 }
 
 }  // namespace
@@ -142,37 +160,37 @@ std::optional<NeededTimes> needed_times(const IndexEntry& entry, const PartEntry
   return NeededTimes{needed, closed};
 }
 
-TickRange needed_in(const std::vector<IndexRun>& runs, double frames) {
+TickRange needed_in(const IndexNode& node, double frames) {
   TickRange all = kNever;
-  const auto add = [&](const IndexEntry& entry, const PartEntry& part) {
-    if (const auto needed = needed_times(entry, part, frames)) extend(all, needed->range);
-  };
-  for (const IndexRun& run : runs) {
-    for (const SegmentEntry& segment : run.segments) add(segment.base, run.part);
-    for (const FurtherEntry& further : run.further) add(further.entry, run.part);
-  }
+  node.for_each_run([&](const IndexRun& run, auto segments, auto others) {
+    const auto add = [&](const IndexEntry& entry) {
+      if (const auto needed = needed_times(entry, run.part, frames)) extend(all, needed->range);
+    };
+    for (const SegmentEntry& segment : segments) add(segment.base);
+    for (const FurtherEntry& further : others) add(further.entry);
+  });
   return all;
 }
 
 TickRange needed_of(const IndexNode& node) {
   TickRange all = kNever;
   for (const NodeLink& link : node.links) extend(all, link.needed);
-  for (const IndexRun& run : node.runs) {
-    for (const SegmentEntry& segment : run.segments) extend(all, needed_of(segment.base, run.part));
-    for (const FurtherEntry& further : run.further) extend(all, needed_of(further.entry, run.part));
-  }
+  node.for_each_run([&](const IndexRun& run, auto segments, auto others) {
+    for (const SegmentEntry& segment : segments) extend(all, needed_of(segment.base, run.part));
+    for (const FurtherEntry& further : others) extend(all, needed_of(further.entry, run.part));
+  });
   return all.begin <= all.end ? all : TickRange{0, 0};
 }
 
-std::vector<IndexEntry*> records_of(FileIndex& index) {
-  std::vector<IndexEntry*> records;
+std::vector<RecordRange*> records_of(FileIndex& index) {
+  std::vector<RecordRange*> records;
   records.reserve(index.segments.size() + index.further.size());
   for (SegmentEntry& segment : index.segments) {
     records.push_back(&segment.base);
     if (segment.sh.bytes > 0) records.push_back(&segment.sh);
   }
   for (FurtherEntry& further : index.further) records.push_back(&further.entry);
-  sort_by(records, [](const IndexEntry* record) { return record->offset; });
+  sort_by(records, [](const RecordRange* record) { return record->offset; });
   return records;
 }
 

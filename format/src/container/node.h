@@ -2,6 +2,7 @@
 // Nodes of an index: reading, writing, and following the links between them (spec 5.2, 5.3, 9).
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <map>
 #include <optional>
@@ -18,6 +19,13 @@ namespace stgs {
 // 1.5).
 inline constexpr std::uint64_t kEntryMemory = 512, kFreeEntries = 1024;
 
+// Reserves room for `more` entries. A list grows by half, or exactly if that is more.
+template <typename Entry>
+void make_room(std::size_t more, std::vector<Entry>& entries) {
+  const std::size_t size = entries.size() + more;
+  if (size > entries.capacity()) entries.reserve(std::max(size, entries.size() * 3 / 2));
+}
+
 // Segments and further records of a run must be in file order.
 void write_node(const IndexNode& node, ByteWriter& out);
 void write_links(std::span<const NodeLink> links, ByteWriter& out);
@@ -29,6 +37,7 @@ struct NodePlace {
   std::uint64_t record = 0;          // offset of the record
   std::uint64_t payload = 0;         // offset of the first byte that is read, for messages
   std::uint64_t begin = 0, end = 0;  // the range of the file that contains the listed records
+  std::uint64_t uncounted = 0;       // bytes of the node that FileHead::index_bytes lacks so far
 };
 // Reads a node of a file whose header and metadata have been read. `in` is left after it.
 bool parse_node(ByteReader& in, const NodePlace& place, const FileHead& head, IndexNode& node,

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "container/opening.h"
 
+#include <algorithm>
+
 #include "container/node.h"
 
 namespace stgs {
@@ -8,37 +10,58 @@ namespace {
 
 // The default limit. With the primitives that a validator decodes at a time it is 64 MiB.
 constexpr std::uint64_t kBase = 56 << 20, kPerByte = 4;
+// The default limit for the nodes alone, so that the time for a short index is short as well. A
+// segment of at least 128 primitives in 128 bytes takes 6 bytes of the index.
+constexpr std::uint64_t kNodeBase = 4 << 20, kNodePerByte = 40;
 // A table with its lookup; a layout or a row; a name of a private number.
 constexpr std::uint64_t kTable = 18 << 10, kRow = 160, kName = 128;
 
+// Returns the memory of the head without the nodes, bytes, at most.
+std::uint64_t bytes_without_nodes(const FileHead& head) {
+  return 2 * head.bytes->size() + kTable * head.layouts->tables.size() +
+         kRow * head.layouts->entries + kName * head.private_names.size();
+}
+
+// Returns the bytes that the nodes may take.
+std::uint64_t node_limit(const FileHead& head, std::uint64_t uncounted) {
+  const std::uint64_t limit = opening_limit(head, uncounted);
+  const std::uint64_t left = limit - std::min(limit, bytes_without_nodes(head));
+  return head.limits.max_opening != 0
+             ? left
+             : std::min(left, kNodeBase + kNodePerByte * (head.index_bytes + uncounted));
+}
+
 }  // namespace
 
-std::uint64_t opened_bytes(const FileHead& head) {
-  return 2 * head.bytes->size() + kTable * head.layouts->tables.size() +
-         kRow * head.layouts->entries + kName * head.private_names.size() + head.walk.opening_bytes;
-}
-
 std::uint64_t opening_bytes(const IndexNode& node) {
-  std::uint64_t bytes = kOpeningLink * node.links.size() + kOpeningRun * node.runs.size();
-  for (const IndexRun& run : node.runs) {
-    bytes += kOpeningSegment * run.count + kOpeningTier * run.segments.size() +
-             kOpeningFurther * run.further.size();
-  }
-  return bytes;
+  std::uint64_t segments = 0;
+  for (const IndexRun& run : node.runs) segments += run.count;
+  return kOpeningLink * node.links.size() + kOpeningRun * node.runs.size() +
+         kOpeningSegment * segments + kOpeningTier * node.segments.size() +
+         kOpeningFurther * node.further.size();
 }
 
-std::uint64_t opening_limit(const FileHead& head) {
+std::uint64_t opened_bytes(const FileHead& head) {
+  return bytes_without_nodes(head) + head.walk.opening_bytes;
+}
+
+std::uint64_t opening_limit(const FileHead& head, std::uint64_t uncounted) {
   const std::uint64_t stated = head.limits.max_opening;
-  return stated != 0 ? stated : kBase + kPerByte * head.index_bytes;
+  return stated != 0 ? stated : kBase + kPerByte * (head.index_bytes + uncounted);
 }
 
-bool fits_opening(const FileHead& head, std::uint64_t more, std::uint64_t at, Findings& findings) {
-  const std::uint64_t bytes = opened_bytes(head) + more, limit = opening_limit(head);
-  if (bytes <= limit) return true;
+std::uint64_t opening_left(const FileHead& head, std::uint64_t uncounted) {
+  const std::uint64_t limit = node_limit(head, uncounted);
+  return limit - std::min(limit, head.walk.opening_bytes);
+}
+
+bool fits_opening(const FileHead& head, std::uint64_t more, std::uint64_t uncounted,
+                  std::uint64_t at, Findings& findings) {
+  if (more <= opening_left(head, uncounted)) return true;
   findings.unsupported(IssueNumber::kMemoryLimit, at,
-                       "opening the file takes {} bytes or more, but its limit is {}; allow more "
+                       "index: reading it takes {} bytes or more, but its limit is {}; allow more "
                        "memory",
-                       bytes, limit);
+                       head.walk.opening_bytes + more, node_limit(head, uncounted));
   return false;
 }
 

@@ -18,10 +18,14 @@ inline constexpr std::uint64_t kOpeningLink = 256, kOpeningRun = 416, kOpeningSe
 std::uint64_t opening_bytes(const IndexNode& node);
 // Returns the memory of the head and the nodes read so far, bytes, at most.
 std::uint64_t opened_bytes(const FileHead& head);
-// Returns the bytes that opening may take: ReadLimits::max_opening.
-std::uint64_t opening_limit(const FileHead& head);
-// Checks that opened_bytes() and `more` together are within the limit. `at`: offset of the record,
-// for the message.
-bool fits_opening(const FileHead& head, std::uint64_t more, std::uint64_t at, Findings& findings);
+// Returns the bytes that opening may take: ReadLimits::max_opening. `uncounted`: bytes that are
+// read besides FileHead::index_bytes.
+std::uint64_t opening_limit(const FileHead& head, std::uint64_t uncounted);
+// Returns the bytes of them that further nodes may take.
+std::uint64_t opening_left(const FileHead& head, std::uint64_t uncounted);
+// Checks that `more` bytes of nodes are within the limit. `at`: offset of the record, for the
+// message.
+bool fits_opening(const FileHead& head, std::uint64_t more, std::uint64_t uncounted,
+                  std::uint64_t at, Findings& findings);
 
 }  // namespace stgs

@@ -282,7 +282,8 @@ bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t 
     return false;
   }
   if (!own || !with_sh) return true;
-  return read_record(source, head, ordinal, segment.sh, records.sh, records.memory, findings);
+  return read_record(source, head, ordinal, segment.sh_entry(), records.sh, records.memory,
+                     findings);
 }
 
 std::uint64_t decoded_values(const SegmentRecords& records, const FileHead& head,

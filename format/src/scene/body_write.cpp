@@ -335,18 +335,14 @@ class BodyWriter {
     SegmentEntry& entry = body_.index.segments[s];
     for (std::size_t kind = 0; kind < kinds(); ++kind) {
       const std::size_t use = group_of_[s] * kinds() + kind;
-      IndexEntry& index = kind == 0 ? entry.base : entry.sh;
-      if (kind == 1) {
-        index = entry.base;
-        index.layer = layer_of(Content::kSh, tier_of(entry.base.layer));
-      }
       const bool own = encoding_.own_layouts;
       const RecordCoding coding{&set_of(use), static_cast<std::uint16_t>(own ? 0 : use), own};
       const SegmentPayload payload =
-          write_segment(index, encoding_.set->sh_degree, planes_[s][kind], coding);
+          write_segment(kind == 0 ? entry.base : entry.sh_entry(), encoding_.set->sh_degree,
+                        planes_[s][kind], coding);
       std::vector<std::uint8_t>& record = (kind == 0 ? body_.bases : body_.sh)[s];
       record = write_record(kSegmentTag, payload.bytes);
-      index.bytes = record.size();
+      (kind == 0 ? entry.base : entry.sh).bytes = record.size();
       for (std::size_t i = 0; i < payload.stored.size(); ++i) {
         stored_bytes_[s][range_of(kind).first + i] += static_cast<double>(payload.stored[i]);
       }

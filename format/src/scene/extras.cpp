@@ -45,7 +45,7 @@ class Extras {
     const std::unique_ptr<ByteSource> in_head = memory_source(*head_.bytes);
     STGS_TRY(find_records(*in_head, kHeaderBytes, head_.header.head_bytes));
     std::uint64_t at = head_.header.head_bytes;
-    for (const IndexEntry* record : records_of(head_.index)) {
+    for (const RecordRange* record : records_of(head_.index)) {
       STGS_TRY(find_records(source_, at, record->offset));
       at = std::max(at, record->offset + record->bytes);
     }

@@ -53,8 +53,8 @@ class Finalizer {
     STGS_TRY(find_others());
     head_.index.primitives = head_.listed_primitives;  // without those that are lost
     std::vector<std::uint8_t> records = head_records();
-    std::map<const IndexEntry*, std::uint64_t> offsets;  // in the recording
-    for (const IndexEntry* record : records_of(head_.index)) offsets[record] = record->offset;
+    std::map<const RecordRange*, std::uint64_t> offsets;  // in the recording
+    for (const RecordRange* record : records_of(head_.index)) offsets[record] = record->offset;
     const BodyPlan plan(head_.index, head_.parts, head_.metadata.scene.frames,
                         kHeaderBytes + records.size(), other_bytes_);
     const std::vector<std::uint8_t> index = plan.index_record();
@@ -77,7 +77,7 @@ class Finalizer {
   // damaged fragment. COPY is written again. Records after a damaged header cannot be located.
   Status find_others() {
     std::uint64_t at = head_.header.head_bytes;
-    for (const IndexEntry* record : records_of(head_.index)) {
+    for (const RecordRange* record : records_of(head_.index)) {
       STGS_TRY(find_others(at, record->offset));
       at = std::max(at, record->offset + record->bytes);
     }
@@ -143,8 +143,8 @@ class Finalizer {
     return out;
   }
 
-  Status write_body(const BodyPlan& plan, const std::map<const IndexEntry*, std::uint64_t>& offsets,
-                    OutputFile& file) {
+  Status write_body(const BodyPlan& plan,
+                    const std::map<const RecordRange*, std::uint64_t>& offsets, OutputFile& file) {
     std::vector<std::uint8_t> bytes;
     bool others_written = false;
     const auto write_others = [&]() -> Status {
@@ -158,7 +158,7 @@ class Finalizer {
         STGS_TRY(file.write(piece.page));
         continue;
       }
-      IndexEntry stored = *piece.record;
+      RecordRange stored = *piece.record;
       stored.offset = offsets.at(piece.record);
       Findings findings;
       if (!copy_record(source_, stored, bytes, findings)) {
@@ -173,7 +173,7 @@ class Finalizer {
 
   // Adds the damaged records to the report, in the order of the index.
   Status count_damaged() {
-    const auto why = [this](const IndexEntry& entry) {
+    const auto why = [this](const RecordRange& entry) {
       const auto found = damaged_.find(&entry);
       return found == damaged_.end() ? Status() : found->second;
     };
@@ -209,7 +209,7 @@ class Finalizer {
   FileHead& head_;
   DamageReport& report_;
   std::uint64_t unreadable_primitives_ = 0;
-  std::map<const IndexEntry*, Status> damaged_;
+  std::map<const RecordRange*, Status> damaged_;
   std::vector<Range> others_;  // records that are not critical
   std::uint64_t other_bytes_ = 0;
 };

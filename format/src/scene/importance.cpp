@@ -22,9 +22,8 @@ class TailReader {
   bool read(std::uint32_t tag, std::vector<std::uint8_t>& payload, std::uint64_t& at) const {
     at = head_.header.head_bytes;
     for (const SegmentEntry& segment : head_.index.segments) {
-      for (const IndexEntry* entry : {&segment.base, &segment.sh}) {
-        if (entry->bytes > 0) at = std::max(at, entry->offset + entry->bytes);
-      }
+      for (const RecordRange& record : {RecordRange(segment.base), segment.sh})
+        at = std::max(at, record.offset + record.bytes);
     }
     for (const FurtherEntry& further : head_.index.further)
       at = std::max(at, further.entry.offset + further.entry.bytes);

@@ -13,16 +13,18 @@ std::vector<SegmentInfo> segments_from(const FileHead& head) {
   TickRange needed;
   bool needed_at_end = false;
   for (const SegmentEntry& segment : head.index.segments) {
-    const IndexEntry &base = segment.base, &sh = segment.sh;
+    const IndexEntry& base = segment.base;
+    const RecordRange& sh = segment.sh;
     // The tiers of a segment are needed at the same times.
     if (before == nullptr || before->number != segment.number) {
       needed = needed_of(head, segment);
       needed_at_end = is_end_needed(needed, head.parts[segment.part], head.metadata.scene.frames);
     }
     before = &segment;
-    out.push_back({base.level, needed.begin, needed.end, base.primitives, base.offset, base.bytes,
-                   segment.part, tier_of(base.layer), sh.offset, sh.bytes, head.has(base),
-                   head.has(sh), needed_at_end});
+    out.push_back({base.level, base.primitives, needed.begin, needed.end, base.offset, base.bytes,
+                   sh.offset, sh.bytes, segment.part,
+                   static_cast<std::uint8_t>(tier_of(base.layer)), head.has(base), head.has(sh),
+                   needed_at_end});
   }
   return out;
 }

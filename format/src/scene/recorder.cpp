@@ -186,15 +186,13 @@ class SceneRecorder::State {
 
   // Writes the records and their FRAG record in one write.
   Status append_fragment(Body& body, const Recorded& after) {
-    IndexRun run{body.parts.front(), std::move(body.index.segments), {}};
-    run.part.number = static_cast<std::uint32_t>(next_part_);
+    std::vector<SegmentEntry>& segments = body.index.segments;
     std::vector<std::uint8_t> bytes;
     const std::uint64_t begin = file_.bytes();
-    const auto add = [&](const std::vector<std::uint8_t>& record, IndexEntry& entry) {
+    const auto add = [&](const std::vector<std::uint8_t>& record, RecordRange& entry) {
       entry.offset = begin + bytes.size();
       bytes.insert(bytes.end(), record.begin(), record.end());
     };
-    std::vector<SegmentEntry>& segments = run.segments;
     for (std::size_t first = 0, end = 0; first < segments.size(); first = end) {
       const IndexEntry place = segments[first].base;
       const auto is_here = [&place](const SegmentEntry& segment) {
@@ -205,7 +203,13 @@ class SceneRecorder::State {
       for (std::size_t s = first; s < end; ++s) add(body.sh[s], segments[s].sh);
     }
     FragmentRecord fragment = fragment_at(begin + bytes.size(), after);
-    if (!segments.empty()) fragment.node.runs.push_back(std::move(run));
+    if (!segments.empty()) {
+      IndexRun& run = fragment.node.runs.emplace_back();
+      run.part = body.parts.front();
+      run.part.number = static_cast<std::uint32_t>(next_part_);
+      run.segments = segments.size();
+      fragment.node.segments = std::move(segments);
+    }
     const std::vector<std::uint8_t> record = write_fragment(fragment);
     fragment.end = fragment.offset + record.size();
     bytes.insert(bytes.end(), record.begin(), record.end());

@@ -28,9 +28,8 @@ bool is_last_fragment_intact(const ByteSource& source, const FileHead& head) {
   Findings found;
   std::vector<std::uint8_t> bytes;
   for (const SegmentEntry& segment : last_segments(head)) {
-    for (const IndexEntry* entry : {&segment.base, &segment.sh}) {
-      if (entry->bytes > 0) copy_record(source, *entry, bytes, found);
-    }
+    copy_record(source, segment.base, bytes, found);
+    if (segment.sh.bytes > 0) copy_record(source, segment.sh, bytes, found);
   }
   return found.ok();
 }
@@ -135,17 +134,18 @@ void FragmentLinks::add(const FragmentRecord& fragment) {
                     depth + 1});
 }
 
-bool copy_record(const ByteSource& source, const IndexEntry& entry,
+bool copy_record(const ByteSource& source, const RecordRange& record,
                  std::vector<std::uint8_t>& bytes, Findings& findings) {
-  bytes.resize(entry.bytes);
-  if (Status status = source.read(entry.offset, bytes); !status.ok()) {
-    findings.failed_read(entry.offset, status);
+  bytes.resize(record.bytes);
+  if (Status status = source.read(record.offset, bytes); !status.ok()) {
+    findings.failed_read(record.offset, status);
     return false;
   }
   RecordHeader header;
-  return parse_record_header(bytes, entry.offset, entry.offset + entry.bytes, header, findings) &&
+  return parse_record_header(bytes, record.offset, record.offset + record.bytes, header,
+                             findings) &&
          check_payload(header, std::span(bytes).subspan(kRecordHeaderBytes),
-                       entry.offset + kRecordHeaderBytes, findings);
+                       record.offset + kRecordHeaderBytes, findings);
 }
 
 Result<FileHead> read_resumable(const ByteSource& source) {

@@ -38,7 +38,7 @@ class FragmentLinks {
 };
 
 // Reads the stored bytes of a record and verifies them.
-bool copy_record(const ByteSource& source, const IndexEntry& entry,
+bool copy_record(const ByteSource& source, const RecordRange& record,
                  std::vector<std::uint8_t>& bytes, Findings& findings);
 
 // Reads the complete content of a recording that is to be resumed. kUsage if it is finished,

@@ -196,7 +196,7 @@ void walk_body(const ByteSource& source, FileHead& head, std::set<std::uint64_t>
   std::uint64_t at = head.header.head_bytes;
   BodyState body;
   body.copies = std::move(copies);
-  for (const IndexEntry* record : records_of(head.index)) {
+  for (const RecordRange* record : records_of(head.index)) {
     if (record->offset < at) {
       findings.error(N::kPlace, record->offset, "records of two segments overlap");
     } else {
@@ -246,7 +246,7 @@ void walk_head_records(const FileHead& head, Findings& findings) {
 
 // Returns the values that are decoded at most: ReadLimits::max_values.
 std::uint64_t decoding_limit(const FileHead& head) {
-  constexpr std::uint64_t kAnyFile = std::uint64_t{1} << 24, kPerByte = 20;
+  constexpr std::uint64_t kAnyFile = std::uint64_t{1} << 22, kPerByte = 16;
   const std::uint64_t stated = head.limits.max_values;
   return stated > 0 ? stated : kAnyFile + kPerByte * head.available_bytes;
 }

@@ -15,15 +15,19 @@ using N = IssueNumber;
 
 // Checks that no record is linked to twice (spec 5.2, 9.3).
 void check_repeated(const FileHead& head, Findings& findings) {
-  std::map<std::uint64_t, std::size_t> links;  // by the offset of their record
+  std::vector<std::uint64_t> links;  // the offsets of their records
   for (const auto& [record, node] : head.walk.nodes) {
-    for (const NodeLink& link : node.links) ++links[link.offset];
+    for (const NodeLink& link : node.links) links.push_back(link.offset);
   }
-  for (const NodeLink& link : head.walk.earlier) ++links[link.offset];
-  for (const auto& [record, count] : links) {
-    if (count < 2) continue;
-    findings.error(head.growing() ? N::kFragment : N::kLink, record,
-                   "index: {} links lead to one record (expected 1)", count);
+  for (const NodeLink& link : head.walk.earlier) links.push_back(link.offset);
+  if (!std::is_sorted(links.begin(), links.end())) std::sort(links.begin(), links.end());
+  for (auto first = links.begin(); first != links.end();) {
+    const auto end = std::find_if(first, links.end(), [=](std::uint64_t o) { return o != *first; });
+    if (end - first > 1) {
+      findings.error(head.growing() ? N::kFragment : N::kLink, *first,
+                     "index: {} links lead to one record (expected 1)", end - first);
+    }
+    first = end;
   }
 }
 

@@ -141,13 +141,13 @@ struct Scene {
 struct SegmentInfo {
   // -1: persistent, spans its part; otherwise it spans chunk * 2^level.
   std::int32_t level = 0;
-  double begin_ticks = 0, end_ticks = 0;  // the times at which it is needed; see is_needed()
   std::uint32_t primitives = 0;
-  std::uint64_t offset = 0, bytes = 0;  // of its records in the file
-  std::uint32_t part = 0;               // index into SceneReader::parts()
-  int tier = 0;
+  double begin_ticks = 0, end_ticks = 0;  // the times at which it is needed; see is_needed()
+  std::uint64_t offset = 0, bytes = 0;    // of its base record in the file
   // Record of the SH above degree 0, if they can be fetched separately; else 0 bytes.
   std::uint64_t sh_offset = 0, sh_bytes = 0;
+  std::uint32_t part = 0;  // index into SceneReader::parts()
+  std::uint8_t tier = 0;
   // False: beyond the end of a truncated file. sh_available is true if there is no SH record.
   bool available = true, sh_available = true;
   // Whether end_ticks is one of these times: unless the part ends there before the timeline
