@@ -101,7 +101,7 @@ inline constexpr std::uint64_t kDracoWork = 128;
 // but for SH above degree 0, and time_origin as TimeOrigin::kRecord. It is valid during the call.
 using RangeVisitor = std::function<void(const Gaussians4D& set, std::size_t begin)>;
 // Makes the checks of decode_segment() for all attributes, and returns the same, but decodes a
-// range of primitives after the other: 8 MiB of them at a time, positions of Draco excepted.
+// range of primitives after the other: 4 MiB of them at a time, positions of Draco excepted.
 // `values`: those that may be decoded (decoded_values()); reduced by those of the segment, or the
 // error kMemoryLimit if it has more.
 bool decode_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
