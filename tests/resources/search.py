@@ -85,7 +85,7 @@ def main():
     parser.add_argument("--rounds", type=int, default=6)
     parser.add_argument("--size", type=int, action="append")
     parser.add_argument("cases", nargs="*")
-    options = parser.parse_args()
+    options = parser.parse_intermixed_args()
     found = collections.defaultdict(list)
     for name in options.cases or hostile.CASES:
         for size in options.size or (1_000_000, 8_000_000):

@@ -13,7 +13,7 @@ from search import LIMIT, PER_BYTE, READ_LIMIT, measure
 WORST = {  # found by search.py
     "entries": {"segments": 1000, "tiers": 255},
     "further_entries": {"records": 4096},
-    "pages": {"entries_each": 4, "damaged": 0},
+    "pages": {"entries_each": 129, "damaged": 0},
     "layouts": {"rows": 255, "extra": 0},
     "fragments": {"tables_each": 4, "damaged": 1},
 }
@@ -48,6 +48,8 @@ def check_refusals(program):
     short = measure(program, hostile.entries(300_000, segments=1000, tiers=255))[0]
     shorter = measure(program, hostile.entries(30_000, segments=50, tiers=255))[0]
     assert (short.status, shorter.status) == (UNSUPPORTED, OK), (short, shorter)
+    paged = measure(program, hostile.pages(4_000_000, entries_each=129, damaged=0))[0]
+    assert paged.status == UNSUPPORTED, paged
     dense = measure(program, hostile.frequent_symbols(300_000, blocks=16, degree=3, joined=1))[1]
     small = measure(program, hostile.frequent_symbols(8_000, blocks=1, degree=3, joined=1))[1]
     assert (dense.status, small.status) == (UNSUPPORTED, OK), (dense, small)

@@ -57,11 +57,12 @@ std::uint64_t opening_left(const FileHead& head, std::uint64_t uncounted) {
 
 bool fits_opening(const FileHead& head, std::uint64_t more, std::uint64_t uncounted,
                   std::uint64_t at, Findings& findings) {
-  if (more <= opening_left(head, uncounted)) return true;
+  const std::uint64_t bytes = head.walk.opening_bytes + more, limit = node_limit(head, uncounted);
+  if (bytes <= limit) return true;
   findings.unsupported(IssueNumber::kMemoryLimit, at,
                        "index: reading it takes {} bytes or more, but its limit is {}; allow more "
                        "memory",
-                       head.walk.opening_bytes + more, node_limit(head, uncounted));
+                       bytes, limit);
   return false;
 }
 
