@@ -226,6 +226,20 @@ if(STGS_BUILD_PROGRAM)
   stgs_resolve(EXR exr_found "EXR output (OpenEXR)")
 endif()
 
+# The player for browsers. Headers of fmt and Highway are compiled for WebAssembly, too.
+if(NOT STGS_WITH_WEB STREQUAL "OFF" AND NOT STGS_SANITIZE)
+  find_program(STGS_EMCC em++)
+  find_program(STGS_TSC tsc)
+  find_program(STGS_ESBUILD esbuild)
+  find_path(STGS_FMT_HEADERS fmt/format.h)
+  find_path(STGS_HWY_HEADERS hwy/highway.h)
+  mark_as_advanced(STGS_EMCC STGS_TSC STGS_ESBUILD STGS_FMT_HEADERS STGS_HWY_HEADERS)
+  if(STGS_EMCC AND STGS_TSC AND STGS_ESBUILD AND STGS_FMT_HEADERS AND STGS_HWY_HEADERS)
+    set(web_found ON)
+  endif()
+endif()
+stgs_resolve(WEB web_found "the player for browsers (emscripten, node-typescript, esbuild)")
+
 # Bindings and examples. The module's Python is Python3_EXECUTABLE where that is set.
 if(NOT STGS_WITH_PYTHON STREQUAL "OFF" AND NOT STGS_SANITIZE)
   if(DEFINED Python3_EXECUTABLE)

@@ -38,6 +38,7 @@ stgs_option(EXR AUTO "OpenEXR: colour and depth output as EXR")
 # Bindings and examples.
 option(STGS_BUILD_EXAMPLES "Build the examples of the SDK" ${PROJECT_IS_TOP_LEVEL})
 stgs_option(PYTHON ${stgs_default} "Python, numpy and pybind11: the Python module")
+stgs_option(WEB ${stgs_default} "Emscripten, TypeScript and esbuild: the player for browsers")
 stgs_option(OPENXR AUTO "OpenXR loader and headers: the example hello_openxr")
 # BUILD_TESTING is CTest's name for the same switch.
 set(tests ${PROJECT_IS_TOP_LEVEL})

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "vulkan/packed_segment.h"
+#include "packed_segment.h"
 
 #include <algorithm>
 #include <bit>
 #include <cmath>
 
-#include "frame_layout.h"
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
+#include "stgs/format/math/project.h"
 #include "stgs/format/parallel.h"
 
-namespace stgs::player::vulkan {
+namespace stgs::player {
 namespace {
 
 using namespace math;
@@ -87,7 +87,7 @@ void pack_one(const Gaussians4D& set, std::size_t i, const Arrays& to, std::size
 }  // namespace
 
 std::uint32_t padded(std::uint32_t primitives) {
-  return (primitives + kGroup - 1) / kGroup * kGroup;
+  return (primitives + kPackedGroup - 1) / kPackedGroup * kPackedGroup;
 }
 
 std::uint64_t packed_bytes_each(int sh_degree) {
@@ -126,4 +126,4 @@ void pack_segment(const Gaussians4D& set, std::size_t first, std::uint32_t count
   });
 }
 
-}  // namespace stgs::player::vulkan
+}  // namespace stgs::player

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The memory layout of a segment for the shaders, equal to that of cuda/render_layout.h: arrays of
+// The memory layout of a segment for the shaders of Vulkan and of the browser, equal to that of cuda/render_layout.h: arrays of
 // values that are read together, in the order of use. Each array has padded(N) entries; entries
 // from N on are never active.
 //   support           2 floats      first and last time at which it may be visible, ticks
@@ -16,7 +16,10 @@
 
 #include "stgs/format/gaussian4d.h"
 
-namespace stgs::player::vulkan {
+namespace stgs::player {
+
+// Entries of an array are padded to a multiple of this.
+inline constexpr std::uint32_t kPackedGroup = 256;
 
 // Returns the number of entries per array.
 std::uint32_t padded(std::uint32_t primitives);
@@ -30,4 +33,4 @@ std::uint64_t packed_bytes(std::uint32_t primitives, int sh_degree);
 void pack_segment(const Gaussians4D& set, std::size_t first, std::uint32_t count, int sh_degree,
                   std::uint8_t* to);
 
-}  // namespace stgs::player::vulkan
+}  // namespace stgs::player

@@ -1,15 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writing the header and records (spec 2.1, 3.1).
-#include <libdeflate.h>
-
 #include "container/container.h"
 #include "core/bytes.h"
 
 namespace stgs {
-
-std::uint32_t checksum(std::span<const std::uint8_t> bytes, std::uint32_t before) {
-  return libdeflate_crc32(before, bytes.data(), bytes.size());
-}
 
 std::vector<std::uint8_t> write_header(const FileHeader& header) {
   ByteWriter out;

@@ -120,7 +120,8 @@ void SegmentStore::begin_read(FetchRequest& request, double now) noexcept {
     fetches_.begin_read(request, now);
   }
   transport_->begin_read(request.id, request.offset + request.done,
-                         {request.buffer.get() + request.done, request.read_bytes});
+                         {request.buffer.get() + request.done,
+                          static_cast<std::size_t>(request.read_bytes)});
 }
 
 void SegmentStore::end_read(AsyncByteSource::Done done, double now) noexcept {

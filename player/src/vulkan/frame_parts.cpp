@@ -2,9 +2,11 @@
 #include "vulkan/frame_parts.h"
 
 #include "frame_layout.h"
-#include "vulkan/packed_segment.h"
+#include "packed_segment.h"
 
 namespace stgs::player::vulkan {
+
+static_assert(kPackedGroup == kGroup);
 
 FrameParts list_parts(const SegmentCache& segments, std::span<const Timeline::SegmentRef> refs) {
   FrameParts out;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "vulkan/frame_profile.h"
 
-#include "vulkan/packed_segment.h"
+#include "packed_segment.h"
 
 namespace stgs::player::vulkan {
 namespace {

@@ -8,7 +8,7 @@
 #include "frame_layout.h"
 #include "stgs/format/math/sh.h"
 #include "stgs/format/parallel.h"
-#include "vulkan/packed_segment.h"
+#include "packed_segment.h"
 
 namespace stgs::player::vulkan {
 namespace {

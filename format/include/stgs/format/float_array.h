@@ -13,7 +13,10 @@
 namespace stgs {
 
 // Stands for a float whose value is written later.
-struct UnsetFloat {};
+struct UnsetFloat {
+  // Only for the requirements of containers: construct() below is called instead.
+  operator float() const { return 0; }
+};
 
 // A std::pmr::polymorphic_allocator, except that a float constructed from UnsetFloat has no value.
 class FloatAllocator : public std::pmr::polymorphic_allocator<float> {

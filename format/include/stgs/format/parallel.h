@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Parallel loops on the threads of the current thread's TaskRunner, else on TBB's. Under the thread
 // sanitizer they use std::thread instead: TBB is a system library without instrumentation, so every
-// hand-over between its threads would be reported as a race.
+// hand-over between its threads would be reported as a race. WebAssembly has one thread.
 #pragma once
 
 #include <algorithm>
@@ -11,13 +11,15 @@
 #include <mutex>
 #include <optional>
 
-#include <tbb/global_control.h>
 #include "stgs/format/task_runner.h"
 
-#ifdef __SANITIZE_THREAD__
+#if !defined(__EMSCRIPTEN__)
+#include <tbb/global_control.h>
+#if defined(__SANITIZE_THREAD__)
 #include <thread>
 #include <vector>
 #else
+#define STGS_LOOPS_ON_TBB
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_pipeline.h>
@@ -25,6 +27,7 @@
 
 #include <memory>
 #include <utility>
+#endif
 #endif
 
 namespace stgs {
@@ -132,19 +135,23 @@ void share_jobs(int max_jobs, const Produce& produce, const Consume& consume) {
 
 inline int concurrency() {
   if (const TaskRunner* runner = task_runner()) return runner->threads();
+#if defined(__EMSCRIPTEN__)
+  return 1;
+#else
   using Control = tbb::global_control;
   const auto limit = static_cast<int>(Control::active_value(Control::max_allowed_parallelism));
-#ifdef __SANITIZE_THREAD__
-  return limit;
-#else
+#ifdef STGS_LOOPS_ON_TBB
   return std::min(tbb::this_task_arena::max_concurrency(), limit);
+#else
+  return limit;
+#endif
 #endif
 }
 
 template <typename Index, typename Body>
 void parallel_blocks(Index begin, Index end, Index grain, const Body& body) {
   if (!(begin < end)) return;
-#ifndef __SANITIZE_THREAD__
+#ifdef STGS_LOOPS_ON_TBB
   if (task_runner() == nullptr) {
     return tbb::parallel_for(
         tbb::blocked_range<Index>(begin, end, static_cast<std::size_t>(grain)),
@@ -158,7 +165,7 @@ void parallel_blocks(Index begin, Index end, Index grain, const Body& body) {
 template <typename Index, typename Body>
 void parallel_for(Index begin, Index end, const Body& body) {
   if (!(begin < end)) return;
-#ifndef __SANITIZE_THREAD__
+#ifdef STGS_LOOPS_ON_TBB
   if (task_runner() == nullptr) return tbb::parallel_for(begin, end, body);
 #endif
   detail::share_blocks(begin, end, Index{1}, [&body](Index first, Index) { body(first); });
@@ -166,7 +173,7 @@ void parallel_for(Index begin, Index end, const Body& body) {
 
 template <typename Job, typename Produce, typename Consume>
 void parallel_jobs(int max_jobs, const Produce& produce, const Consume& consume) {
-#ifndef __SANITIZE_THREAD__
+#ifdef STGS_LOOPS_ON_TBB
   if (task_runner() == nullptr) {
     using Slot = std::shared_ptr<Job>;
     const auto next = [&produce](tbb::flow_control& flow) -> Slot {

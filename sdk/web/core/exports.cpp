@@ -1,0 +1,237 @@
+// SPDX-License-Identifier: Apache-2.0
+// The functions that the host calls (sdk/web/src/core/module.ts). An instance of the module has one
+// player, on one thread. Texts are UTF-8 and end with a zero byte; those that are returned stay
+// valid until the next call that returns a text.
+#include <cmath>
+#include <cstdint>
+#include <exception>
+#include <memory>
+#include <span>
+#include <string>
+
+#include <fmt/format.h>
+#include "web_player.h"
+
+#define STGS_EXPORT extern "C" __attribute__((used, visibility("default")))
+
+namespace {
+
+using namespace stgs;
+
+std::unique_ptr<web::WebPlayer> current;
+std::string text;
+const web::WebPlayer::Change* change = nullptr;
+
+const char* give(std::string value) {
+  text = std::move(value);
+  return text.c_str();
+}
+
+// Returns a JSON string.
+std::string quoted(const std::string& value) {
+  std::string out = "\"";
+  for (const char c : value) {
+    if (c == '"' || c == '\\') {
+      out += {'\\', c};
+    } else if (static_cast<unsigned char>(c) < 0x20) {
+      out += fmt::format("\\u{:04x}", static_cast<int>(c));
+    } else {
+      out += c;
+    }
+  }
+  return out + '"';
+}
+
+// Returns a JSON number, or null if it is not finite.
+std::string number(double value) {
+  return std::isfinite(value) ? fmt::format("{}", value) : "null";
+}
+
+std::string numbers(std::span<const float> values) {
+  std::string out = "[";
+  for (const float value : values) out += (out.size() > 1 ? "," : "") + number(value);
+  return out + "]";
+}
+
+std::string camera_json(const SceneMetadata& scene) {
+  if (!scene.start_camera) return "null";
+  const StartCamera& c = *scene.start_camera;
+  return fmt::format(
+      R"({{"rotation":{},"translation":{},"fx":{},"fy":{},"cx":{},"cy":{},"width":{},"height":{},"near":{}}})",
+      numbers(c.rotation), numbers(c.translation), number(c.fx), number(c.fy), number(c.cx),
+      number(c.cy), c.width, c.height, number(scene.near_plane));
+}
+
+const char* state_name(player::PlayerState state) {
+  switch (state) {
+    case player::PlayerState::kPlaying:
+      return "playing";
+    case player::PlayerState::kBuffering:
+      return "buffering";
+    case player::PlayerState::kEnded:
+      return "ended";
+    case player::PlayerState::kPaused:
+      break;
+  }
+  return "paused";
+}
+
+const char* event_name(player::PlayerEvent::Kind kind) {
+  using Kind = player::PlayerEvent::Kind;
+  switch (kind) {
+    case Kind::kBuffering:
+      return "buffering";
+    case Kind::kResumed:
+      return "resumed";
+    case Kind::kLooped:
+      return "looped";
+    case Kind::kEnded:
+      return "ended";
+    case Kind::kLayers:
+      return "layers";
+    case Kind::kRetry:
+      return "retry";
+    case Kind::kReadFailed:
+      return "read-failed";
+    case Kind::kDamaged:
+      return "damaged";
+    case Kind::kReplaced:
+      return "replaced";
+    case Kind::kStalled:
+      return "stalled";
+    case Kind::kSkipped:
+      return "skipped";
+    case Kind::kFinished:
+      break;
+  }
+  return "finished";
+}
+
+}  // namespace
+
+// Returns memory for `bytes` bytes, which stgs_free() frees; null if there is none.
+STGS_EXPORT void* stgs_allocate(std::uint32_t bytes) {
+  return std::malloc(bytes);
+}
+STGS_EXPORT void stgs_free(void* memory) {
+  std::free(memory);
+}
+
+// Creates the player of a file. `prefetch`: seconds that are fetched ahead.
+STGS_EXPORT void stgs_create(const char* name, double file_bytes, double memory_budget,
+                             double prefetch) {
+  current = std::make_unique<web::WebPlayer>(name, static_cast<std::uint64_t>(file_bytes),
+                                             static_cast<std::uint64_t>(memory_budget), prefetch);
+}
+// Ends it. Reads that the host has not ended must no longer be written.
+STGS_EXPORT void stgs_destroy() {
+  change = nullptr;
+  current.reset();
+}
+
+// Opens the file. Returns its description as JSON, {"missing": [offset, bytes]} if bytes must be
+// provided first, or {"code": status code, "message": text}.
+STGS_EXPORT const char* stgs_open() {
+  Status status;
+  try {
+    status = current->open();
+  } catch (const std::exception& e) {
+    status = Status(code_of(e), e.what());
+  }
+  if (const auto missing = current->source().take_missing(); !status.ok() && missing)
+    return give(fmt::format(R"({{"missing":[{},{}]}})", missing->offset, missing->bytes));
+  if (!status.ok()) {
+    return give(fmt::format(R"({{"code":{},"message":{}}})", static_cast<int>(status.code()),
+                            quoted(status.message())));
+  }
+  const SceneReader& reader = current->reader();
+  const SceneMetadata& scene = reader.metadata();
+  return give(fmt::format(
+      R"({{"info":{{"duration":{},"tickSeconds":{},"frames":{},"shDegree":{},"primitives":{},)"
+      R"("boundsMin":{},"boundsMax":{},"background":{},"up":{},"startCamera":{},"title":{}}}}})",
+      number(scene.time_base.seconds(scene.frames)), number(scene.time_base.seconds(1)),
+      scene.frames, reader.sh_degree(), reader.primitives(), numbers(scene.bounds_min),
+      numbers(scene.bounds_max), numbers(scene.background), numbers(scene.up), camera_json(scene),
+      quoted(scene.title)));
+}
+// Returns memory for bytes of the file from `offset` on, for the next stgs_open().
+STGS_EXPORT std::uint8_t* stgs_provide(double offset, std::uint32_t bytes) {
+  return current->source().provide(static_cast<std::uint64_t>(offset), bytes).data();
+}
+
+// Commands, once the file is open.
+STGS_EXPORT void stgs_play() {
+  current->player().play();
+}
+STGS_EXPORT void stgs_pause() {
+  current->player().pause();
+}
+// The following return whether the value is valid; otherwise they change nothing.
+STGS_EXPORT bool stgs_seek(double seconds) {
+  return current->player().seek(seconds).ok();
+}
+STGS_EXPORT bool stgs_set_rate(double rate) {
+  return current->player().set_rate(rate).ok();
+}
+STGS_EXPORT void stgs_set_loop(bool loop) {
+  current->player().set_loop(loop);
+}
+
+// Makes progress (WebPlayer::step()). `now`: seconds of a monotonic clock.
+STGS_EXPORT double stgs_step(double now, double budget) {
+  return current->step(now, budget);
+}
+// Ends a read that stgs_host_read() began. `failure`: why it failed, empty: it has succeeded.
+STGS_EXPORT void stgs_read_done(std::uint32_t id, const char* failure, double now) {
+  current->transport().done(id, failure, now);
+}
+
+// Returns the state as JSON.
+STGS_EXPORT const char* stgs_state() {
+  player::StreamPlayer& p = current->player();
+  std::string ranges;
+  for (const player::TimeRange& range : p.buffered())
+    ranges += fmt::format("{}[{},{}]", ranges.empty() ? "" : ",", range.begin, range.end);
+  const player::StreamStatistics statistics = p.statistics();
+  return give(fmt::format(
+      R"({{"state":"{}","seconds":{},"buffered":[{}],"layers":{},"layerCount":{},"bytes":{},"memory":{}}})",
+      state_name(p.state()), p.seconds(), ranges, p.layers(), p.layer_count(),
+      statistics.fetched_bytes, statistics.memory_bytes));
+}
+// Returns the events since the last call as a JSON array.
+STGS_EXPORT const char* stgs_events() {
+  std::string out = "[";
+  for (const player::PlayerEvent& event : current->player().take_events()) {
+    out += fmt::format(R"({}{{"kind":"{}","seconds":{},"message":{}}})", out.size() > 1 ? "," : "",
+                       event_name(event.kind), event.seconds, quoted(event.message));
+  }
+  return give(out + "]");
+}
+
+// Moves on to the next change of the segments; false: there is none. The following describe it.
+STGS_EXPORT bool stgs_next_change() {
+  change = current->next_change();
+  return change != nullptr;
+}
+STGS_EXPORT std::uint32_t stgs_change_id() {
+  return change->id;
+}
+// 0: the part is no longer needed.
+STGS_EXPORT std::uint32_t stgs_change_primitives() {
+  return change->primitives;
+}
+STGS_EXPORT double stgs_change_begin() {
+  return change->begin;
+}
+STGS_EXPORT double stgs_change_end() {
+  return change->end;
+}
+STGS_EXPORT double stgs_change_origin() {
+  return change->origin;
+}
+STGS_EXPORT std::uint32_t stgs_change_bytes() {
+  return static_cast<std::uint32_t>(change->packed.size());
+}
+STGS_EXPORT const std::uint8_t* stgs_change_packed() {
+  return change->packed.data();
+}

@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the WASM core asks of its host (CoreHost in sdk/web/src/core/module.ts). Offsets in a file
+// are doubles, which are exact below 2^53.
+#pragma once
+
+#include <cstdint>
+
+#define STGS_IMPORT(name) __attribute__((import_module("env"), import_name(#name)))
+
+extern "C" {
+// Begins to read `bytes` from `offset` of the file into `to`, which stays valid until the host calls
+// stgs_read_done() with this id.
+STGS_IMPORT(stgs_host_read)
+void stgs_host_read(std::uint32_t id, double offset, std::uint32_t bytes, std::uint8_t* to);
+// Ends a read early; stgs_read_done() follows.
+STGS_IMPORT(stgs_host_cancel)
+void stgs_host_cancel(std::uint32_t id);
+}

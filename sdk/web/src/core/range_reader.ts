@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+// Reads ranges of a file from a server, or of a Blob.
+
+/** A read that failed. `retry`: another attempt may succeed. */
+export class ReadError extends Error {
+  constructor(message: string, readonly retry: boolean, readonly code: "network" | "unsupported" | "aborted") {
+    super(message);
+  }
+}
+
+/** Access to a file. */
+export interface RangeReader {
+  /** The name of the file in messages. */
+  readonly name: string;
+  /** The size of the file, bytes. */
+  size(signal: AbortSignal): Promise<number>;
+  /** Reads exactly `to.length` bytes from `offset` on. */
+  read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void>;
+}
+
+/** Seconds without a byte of a response before a read fails. */
+const STALL_SECONDS = 10;
+
+/** Returns the reader of a URL or Blob. */
+export function rangeReader(source: string | Blob): RangeReader {
+  return typeof source === "string" ? new UrlReader(source) : new BlobReader(source);
+}
+
+class BlobReader implements RangeReader {
+  readonly name: string;
+  constructor(private readonly blob: Blob) {
+    this.name = blob instanceof File ? blob.name : "scene";
+  }
+  async size(): Promise<number> {
+    return this.blob.size;
+  }
+  async read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void> {
+    const bytes = await this.blob.slice(offset, offset + to.length).arrayBuffer();
+    if (signal.aborted) throw aborted();
+    if (bytes.byteLength !== to.length) throw new ReadError(`${this.name} is shorter than before; choose it again`, false, "network");
+    to.set(new Uint8Array(bytes));
+  }
+}
+
+function aborted(): ReadError {
+  return new ReadError("the read was cancelled", false, "aborted");
+}
+
+class UrlReader implements RangeReader {
+  readonly name: string;
+  /** Validator of the version that is read: later responses must be of the same one. */
+  private version: string | null = null;
+  private known: number | null = null;
+
+  constructor(private readonly url: string) {
+    this.name = url.split(/[?#]/)[0].split("/").pop() || "scene";
+  }
+
+  async size(signal: AbortSignal): Promise<number> {
+    if (this.known === null) await this.read(0, new Uint8Array(1), signal);
+    return this.known!;
+  }
+
+  async read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void> {
+    const watch = new Watch(signal);
+    try {
+      const last = offset + to.length - 1;
+      const response = await fetch(this.url, { headers: { Range: `bytes=${offset}-${last}` }, signal: watch.signal });
+      const total = this.check(response, offset, last);
+      await this.body(response, to, watch);
+      this.known = total;
+    } catch (error) {
+      if (signal.aborted) throw aborted();
+      if (error instanceof ReadError) throw error;
+      const why = watch.stalled ? `no data for ${STALL_SECONDS} s` : String((error as Error).message);
+      throw new ReadError(`${this.name}: ${why}; check the address, the network and that the server allows this page (CORS)`, true, "network");
+    } finally {
+      watch.end();
+    }
+  }
+
+  /** Checks the headers of a response; returns the size of the file. */
+  private check(response: Response, offset: number, last: number): number {
+    const fail = (why: string, retry: boolean, code: "network" | "unsupported" = "network") =>
+      new ReadError(`${this.name}: ${why}`, retry, code);
+    if (response.status === 404 || response.status === 410) throw fail(`the server has no such file (status ${response.status}); check the address`, false);
+    if (response.status === 200) throw fail("the server does not support range requests; use one that does, such as nginx", false, "unsupported");
+    if (response.status !== 206) throw fail(`the server answers with status ${response.status}`, response.status >= 500 || response.status === 429);
+    const range = /^bytes (\d+)-(\d+)\/(\d+)$/.exec(response.headers.get("Content-Range") ?? "");
+    if (range === null) throw fail("the server hides Content-Range from this page; it must send Access-Control-Expose-Headers: Content-Range, ETag", false, "unsupported");
+    if (Number(range[1]) !== offset || Number(range[2]) > last) throw fail("the server sent another range than requested", true);
+    if (Number(range[2]) !== last) throw fail("the file is shorter than before; load it again", false);
+    const version = response.headers.get("ETag") ?? response.headers.get("Last-Modified") ?? "";
+    if (this.version !== null && version !== this.version) throw fail("the file was replaced; load it again", false);
+    this.version = version;
+    return Number(range[3]);
+  }
+
+  private async body(response: Response, to: Uint8Array, watch: Watch): Promise<void> {
+    const reader = response.body!.getReader();
+    let at = 0;
+    for (;;) {
+      const { done, value } = await reader.read();
+      if (done) break;
+      watch.progress();
+      if (at + value.length > to.length) throw new ReadError(`${this.name}: the server sent more than requested`, true, "network");
+      to.set(value, at);
+      at += value.length;
+    }
+    if (at !== to.length) throw new ReadError(`${this.name}: the connection ended early`, true, "network");
+  }
+}
+
+/** Aborts a request if its caller does, or if nothing arrives for STALL_SECONDS. */
+class Watch {
+  private readonly controller = new AbortController();
+  private readonly forward = () => this.controller.abort();
+  private timer: ReturnType<typeof setTimeout> | undefined;
+  stalled = false;
+
+  constructor(private readonly outer: AbortSignal) {
+    if (outer.aborted) this.controller.abort();
+    outer.addEventListener("abort", this.forward);
+    this.progress();
+  }
+  get signal(): AbortSignal {
+    return this.controller.signal;
+  }
+  progress(): void {
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => {
+      this.stalled = true;
+      this.controller.abort();
+    }, STALL_SECONDS * 1000);
+  }
+  end(): void {
+    clearTimeout(this.timer);
+    this.outer.removeEventListener("abort", this.forward);
+  }
+}
