@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+// Renders the cases of job.json and posts their pixels. See test_webgl2.py.
+import { createWebGl2Renderer } from "./renderer.js";
+
+const post = (name, body) => fetch(name, { method: "POST", body });
+
+async function segmentsOf(scene) {
+  const info = await (await fetch(`${scene}.json`)).json();
+  const words = await (await fetch(`${scene}.bin`)).arrayBuffer();
+  info.segments.forEach((segment, k) => {
+    const end = k + 1 < info.segments.length ? info.segments[k + 1].at : words.byteLength;
+    segment.words = words.slice(segment.at, end);
+  });
+  return info.segments;
+}
+
+const copyOf = (segment) => ({ ...segment, words: segment.words.slice(0) });
+
+function rendererFor(options) {
+  const canvas = document.createElement("canvas");
+  document.body.append(canvas);
+  const renderer = createWebGl2Renderer(canvas, {
+    ...options, onError: (error) => post("error", String(error)),
+  });
+  return { canvas, renderer };
+}
+
+async function postFrame(name, { canvas, renderer }) {
+  const image = new Promise((resolve) => canvas.toBlob(resolve, "image/png"));
+  await post(`${name}.f32`, renderer.readPixels());
+  await post(`${name}.png`, await image);
+  await post(`${name}.json`, JSON.stringify(renderer.statistics));
+}
+
+async function renderScene({ scene, target, cases }) {
+  const page = rendererFor({ target });
+  for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
+  for (const one of cases) {
+    await page.renderer.renderExactly(one.camera, one.ticks);
+    await postFrame(one.name, page);
+  }
+  page.renderer.destroy();
+  page.canvas.remove();
+}
+
+const nextFrame = () => new Promise((resolve) => requestAnimationFrame(resolve));
+const delay = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+
+/** Adds all segments twice, removes some and adds them again: the image is that of one copy. */
+async function renderReplaced({ scene, cases }) {
+  const [one] = cases;
+  const page = rendererFor({});
+  const segments = await segmentsOf(scene);
+  for (const segment of segments) page.renderer.addSegment(copyOf(segment));
+  await page.renderer.renderExactly(one.camera, one.ticks);
+  for (const segment of segments.slice(1)) page.renderer.addSegment(copyOf(segment));
+  for (const { id } of segments.filter((_, k) => k % 3 === 0)) page.renderer.removeSegment(id);
+  await page.renderer.renderExactly(one.camera, one.ticks);
+  for (const segment of segments) page.renderer.addSegment(copyOf(segment));
+  await page.renderer.renderExactly(one.camera, one.ticks);
+  await postFrame(`${one.name}.replaced`, page);
+  // A paused caller renders once and gets the frame when its order has arrived.
+  page.renderer.render({ ...one.camera, cx: 100 }, 0);
+  await delay(300);
+  page.renderer.render(one.camera, one.ticks);
+  await delay(300);
+  await nextFrame();
+  await postFrame(`${one.name}.rendered`, page);
+  for (const { id } of segments) page.renderer.removeSegment(id);
+  await page.renderer.renderExactly(one.camera, one.ticks);
+  await postFrame(`${one.name}.empty`, page);
+}
+
+/** Loses the context, adds a segment meanwhile, and restores it. */
+async function renderRestored({ scene, cases }) {
+  const [one] = cases;
+  const page = rendererFor({});
+  const [last, ...segments] = (await segmentsOf(scene)).reverse();
+  for (const segment of segments) page.renderer.addSegment(segment);
+  await page.renderer.renderExactly(one.camera, one.ticks);
+  const extension = page.canvas.getContext("webgl2").getExtension("WEBGL_lose_context");
+  const event = (name) => new Promise((done) => page.canvas.addEventListener(name, done));
+  const lost = event("webglcontextlost");
+  extension.loseContext();
+  await lost;
+  await delay(50);
+  page.renderer.addSegment(last);
+  const exact = page.renderer.renderExactly(one.camera, one.ticks);
+  extension.restoreContext();
+  await exact;
+  await postFrame(`${one.name}.restored`, page);
+}
+
+try {
+  const job = await (await fetch("job.json")).json();
+  for (const scene of job.scenes) await renderScene(scene);
+  await renderReplaced(job.scenes[0]);
+  await renderRestored(job.scenes[0]);
+  await post("done", "ok");
+} catch (error) {
+  await post("done", `${error} ${error.stack}`);
+}
