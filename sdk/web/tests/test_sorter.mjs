@@ -6,7 +6,7 @@ import { importSource } from "./bundle.mjs";
 
 const { DepthSorter, kSorterBytes, padded } = await importSource("webgl2/sorter");
 
-const kRequest = { direction: [0, 0, 1], offset: 0, near: 0.1, ticks: 0 };
+const kRequest = { direction: [0, 0, 1], offset: 0, near: 0.1, ticks: 0, until: 0 };
 
 /** A generator of numbers in [0, 1) with a fixed seed. */
 function randomNumbers(seed) {
@@ -83,23 +83,36 @@ test("depth follows the camera and the motion", () => {
   const sorter = sorterOf(
     segmentOf(1, 0, [{ x: 1, time: 2, u: 0 }, { x: -3, time: 2, u: 1 }], { origin: 10 }));
   const request = { direction: [1, 0, 0], offset: 4, near: 0.1 };
-  assert.deepEqual(entriesOf(sorter.sort({ ...request, ticks: 12 }, null)), [0, 1]);
-  assert.deepEqual(entriesOf(sorter.sort({ ...request, ticks: 17 }, null)), [1, 0]);
+  assert.deepEqual(entriesOf(sorter.sort({ ...request, ticks: 12, until: 12 }, null)), [0, 1]);
+  assert.deepEqual(entriesOf(sorter.sort({ ...request, ticks: 17, until: 17 }, null)), [1, 0]);
   assert.deepEqual(
-    entriesOf(sorter.sort({ ...request, direction: [-1, 0, 0], ticks: 12 }, null)), [1, 0]);
+    entriesOf(sorter.sort({ ...request, direction: [-1, 0, 0], ticks: 12, until: 12 }, null)), [1, 0]);
 });
 
 test("primitives are active in their support, ends included", () => {
   const sorter = sorterOf(segmentOf(1, 0, [{ begin: 2, end: 3 }], { origin: 40 }));
-  const count = (ticks) => sorter.sort({ ...kRequest, ticks }, null).count;
+  const count = (ticks) => sorter.sort({ ...kRequest, ticks, until: ticks }, null).count;
   assert.deepEqual([41.99, 42, 42.5, 43, 43.01].map(count), [0, 1, 1, 1, 0]);
 });
 
 test("segments are shown at the times at which they are needed, ends included", () => {
   const sorter = sorterOf(
     segmentOf(1, 0, [{}], { begin: 10, end: 20 }), segmentOf(2, 1, [{}], { begin: 20, end: 30 }));
-  const keys = (ticks) => sorter.sort({ ...kRequest, ticks }, null).keys;
+  const keys = (ticks) => sorter.sort({ ...kRequest, ticks, until: ticks }, null).keys;
   assert.deepEqual([9, 10, 20, 30, 31].map(keys), [[], [1], [1, 2], [2], []]);
+});
+
+test("primitives that become active until a time are sorted", () => {
+  const sorter = sorterOf(
+    segmentOf(1, 0, [{ begin: 4, end: 6 }], { begin: 4, end: 6 }), segmentOf(2, 1, [{ begin: 8 }]));
+  const keys = (ticks, until) => {
+    const order = sorter.sort({ ...kRequest, ticks, until }, null);
+    return [order.keys, order.count];
+  };
+  assert.deepEqual(keys(3, 3.5), [[2], 0]);
+  assert.deepEqual(keys(3, 4), [[1, 2], 1]);
+  assert.deepEqual(keys(9, 6), [[1, 2], 2]); // in reverse
+  assert.deepEqual(keys(7, 7), [[2], 0]);
 });
 
 test("removed segments are not sorted", () => {

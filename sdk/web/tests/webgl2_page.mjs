@@ -32,6 +32,32 @@ async function postFrame(name, { canvas, renderer }) {
   await post(`${name}.json`, JSON.stringify(renderer.statistics));
 }
 
+/** Returns the largest difference of the canvas to readPixels() over a background, of 255. */
+function canvasDifference({ canvas, renderer }, background) {
+  const copy = document.createElement("canvas");
+  copy.width = canvas.width;
+  copy.height = canvas.height;
+  const context = copy.getContext("2d");
+  context.drawImage(canvas, 0, 0);
+  const shown = context.getImageData(0, 0, copy.width, copy.height).data;
+  const pixels = renderer.readPixels();
+  let largest = 0;
+  for (let i = 0; i < pixels.length; ++i) {
+    const behind = (1 - pixels[i - (i % 4) + 3]) * background[i % 4];
+    const expected = 255 * Math.min(1, Math.max(0, pixels[i] + behind));
+    largest = Math.max(largest, Math.abs(expected - shown[i]));
+  }
+  return largest;
+}
+
+async function renderBackground({ scene, cases }) {
+  const background = [0.2, 0, 0.6, 1];
+  const page = rendererFor({ background });
+  for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
+  await page.renderer.renderExactly(cases[2].camera, cases[2].ticks);
+  await post("background.json", JSON.stringify(canvasDifference(page, background)));
+}
+
 async function renderScene({ scene, target, cases }) {
   const page = rendererFor({ target });
   for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
@@ -94,6 +120,7 @@ async function renderRestored({ scene, cases }) {
 try {
   const job = await (await fetch("job.json")).json();
   for (const scene of job.scenes) await renderScene(scene);
+  await renderBackground(job.scenes[0]);
   await renderReplaced(job.scenes[0]);
   await renderRestored(job.scenes[0]);
   await post("done", "ok");

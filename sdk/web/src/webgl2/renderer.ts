@@ -27,9 +27,15 @@ export interface WebGl2Options {
   onError?: (error: Error) => void;
 }
 
+/** Successive frames that are more seconds apart are a seek, not playback. */
+const kMaxStep = 0.25;
+/** Bounds how far the order looks ahead, frames. */
+const kMaxLatency = 8;
+
 interface View {
   camera: Camera;
   ticks: number;
+  until: number; // ticks; the latest time, or the earliest in reverse, at which its order is used
 }
 
 interface ExactView extends View {
@@ -43,9 +49,10 @@ export function packedBytes(primitives: number, shDegree: number): number {
   return padded(primitives) * (72 + 8 * planes);
 }
 
-function requestOf({ camera, ticks }: View): SortRequest {
+function requestOf({ camera, ticks, until }: View): SortRequest {
   const [x, y, z] = camera.rotation.slice(6, 9) as [number, number, number];
-  return { direction: [x, y, z], offset: camera.translation[2] as number, near: camera.near, ticks };
+  const offset = camera.translation[2] as number;
+  return { direction: [x, y, z], offset, near: camera.near, ticks, until };
 }
 
 function isSameOrder(a: View, b: View): boolean {
@@ -53,11 +60,10 @@ function isSameOrder(a: View, b: View): boolean {
 }
 
 /** A copy: callers may change their camera while a request is in flight. */
-function viewOf(camera: Camera, ticks: number): View {
-  const { rotation, translation } = camera;
-  return {
-    camera: { ...camera, rotation: rotation.slice(), translation: translation.slice() }, ticks,
-  };
+function viewOf(camera: Camera, ticks: number, until: number): View {
+  const rotation = camera.rotation.slice();
+  const translation = camera.translation.slice();
+  return { camera: { ...camera, rotation, translation }, ticks, until };
 }
 
 class WebGl2Renderer implements Renderer {
@@ -73,7 +79,10 @@ class WebGl2Renderer implements Renderer {
   private failure: Error | null = null; // of the sorter; final
   private latest: View | null = null; // of the last call that draws
   private sorted: View | null = null; // of the newest request; null if segments changed since then
-  private renders = 0;
+  private renders = 0; // calls of render()
+  private rendersAtRequest = 0;
+  private latency = 0; // of the sorter, in calls of render()
+  private tickSeconds = 1 / 30;
   private inFlight: ExactView | null = null;
   private readonly waiting: ExactView[] = [];
 
@@ -97,7 +106,8 @@ class WebGl2Renderer implements Renderer {
   }
 
   /** Removes all segments: those of another scene have other ids. */
-  setScene(_info: SceneInfo): void {
+  setScene(info: SceneInfo): void {
+    this.tickSeconds = info.tickSeconds;
     for (const id of this.residents.ids()) this.removeSegment(id);
   }
 
@@ -130,7 +140,7 @@ class WebGl2Renderer implements Renderer {
   }
 
   render(camera: Camera, ticks: number): void {
-    this.latest = viewOf(camera, ticks);
+    this.latest = viewOf(camera, ticks, this.predict(ticks));
     ++this.renders;
     this.draw(this.latest);
     this.requestOrder();
@@ -138,7 +148,7 @@ class WebGl2Renderer implements Renderer {
 
   renderExactly(camera: Camera, ticks: number): Promise<void> {
     if (this.failure !== null) return Promise.reject(this.failure);
-    const view = viewOf(camera, ticks);
+    const view = viewOf(camera, ticks, ticks);
     this.latest = view;
     return new Promise((resolve, reject) => {
       this.waiting.push({ ...view, resolve, reject });
@@ -160,6 +170,16 @@ class WebGl2Renderer implements Renderer {
     this.fail(new Error("the renderer was destroyed"), false);
   }
 
+  /**
+   * Returns until when the order for a time is used if playback goes on at the rate of the last two
+   * frames, so that it has the primitives that become active meanwhile.
+   */
+  private predict(ticks: number): number {
+    const step = this.latest === null ? 0 : ticks - this.latest.ticks;
+    const isPlaying = Math.abs(step) * this.tickSeconds < kMaxStep;
+    return isPlaying ? ticks + step * (2 * this.latency + 2) : ticks;
+  }
+
   private draw(view: View): void {
     if (this.drawer === null) return;
     const { width, height } = view.camera;
@@ -178,6 +198,7 @@ class WebGl2Renderer implements Renderer {
     if (exact === null && this.sorted !== null && isSameOrder(view, this.sorted)) return;
     this.inFlight = exact;
     this.sorted = view;
+    this.rendersAtRequest = this.renders;
     this.sorter.sort(requestOf(view));
   }
 
@@ -187,6 +208,7 @@ class WebGl2Renderer implements Renderer {
     this.order = order;
     this.statistics.visible = order.count;
     this.statistics.sortMs = milliseconds;
+    this.latency = Math.min(kMaxLatency, this.renders - this.rendersAtRequest);
     this.release();
     this.uploadOrder();
     const exact = this.inFlight;
@@ -260,7 +282,7 @@ class WebGl2Renderer implements Renderer {
  * of each frame. Throws an Error if WebGL2 is not available.
  *
  * In `statistics`, `primitives` are those of all segments that were added, and `visible` those of
- * the current order, which are active at its time. While the GPU context is lost, nothing is drawn,
+ * the current order, which are active at its time or, during playback, become active soon. While the GPU context is lost, nothing is drawn,
  * renderExactly() does not resolve, and readPixels() returns no pixels.
  */
 export function createWebGl2Renderer(

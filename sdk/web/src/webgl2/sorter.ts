@@ -36,11 +36,13 @@ export interface SortRequest {
   offset: number;
   /** Scene units, > 0. The order of nearer primitives is unspecified. */
   near: number;
-  /** Ticks of the timeline. */
+  /** Ticks of the timeline. Depths are those at this time. */
   ticks: number;
+  /** Primitives that are active at some time between `ticks` and this one, in ticks, are sorted. */
+  until: number;
 }
 
-/** The active primitives, farthest first; at equal depth, those with higher numbers first. */
+/** Active primitives, farthest first; at equal depth, those with higher numbers first. */
 export interface Order {
   /**
    * 32-bit entries: the index of the primitive in its segment plus the base of the segment. May be
@@ -48,7 +50,7 @@ export interface Order {
    */
   buffer: ArrayBuffer;
   count: number;
-  /** Of the segments that are shown at this time: their keys, and their bases, multiples of 256. */
+  /** Of the segments that are shown at these times: their keys, and their bases, multiples of 256. */
   keys: number[];
   bases: number[];
 }
@@ -88,8 +90,10 @@ export class DepthSorter {
 
   /** Sorts. Uses `buffer`, if it is large enough, for the result. */
   sort(request: SortRequest, buffer: ArrayBuffer | null): Order {
+    const first = Math.min(request.ticks, request.until);
+    const last = Math.max(request.ticks, request.until);
     const shown = this.residents.filter(
-      ({ segment }) => segment.begin <= request.ticks && request.ticks <= segment.end);
+      ({ segment }) => segment.begin <= last && first <= segment.end);
     this.reserve(shown.reduce((sum, { segment }) => sum + segment.primitives, 0));
     const bases: number[] = [];
     let count = 0;
@@ -121,11 +125,13 @@ export class DepthSorter {
     const [x, y, z] = request.direction;
     const n = padded(segment.primitives);
     const local = request.ticks - segment.origin;
-    const rounded = Math.fround(local); // the precision in which the shader tests supports
+    // In the precision in which the shader tests supports.
+    const first = Math.fround(Math.min(local, request.until - segment.origin));
+    const last = Math.fround(Math.max(local, request.until - segment.origin));
     for (let i = 0; i < segment.primitives; ++i) {
       const begin = floats[2 * i] as number;
       const end = floats[2 * i + 1] as number;
-      if (!(begin <= rounded && rounded <= end)) continue;
+      if (!(begin <= last && first <= end)) continue;
       const p = 2 * n + 4 * i;
       const v = 6 * n + 4 * i;
       const dt = local - (floats[p + 3] as number);

@@ -27,6 +27,9 @@ flat out vec3 splat_colour;
 
 const uint kRowBits = 12u, kLayerBits = 8u;  // log2 of kRowPairs and kLayerRows
 const uint kTableBits = 10u;                 // log2 of the width of `segments` and `groups`
+// Enlarges rectangles that are not aligned to pixels, for the rounding of their corners; pixels.
+const float kBoxMargin = 0.0625;
+const float kRelativeError = 1e-6;  // of their sizes
 
 // The data of a segment: arrays of n entries, a multiple of 256 (packed_segment.h).
 struct Arrays {
@@ -151,6 +154,32 @@ bool make_splat(Arrays at, uint i, float ticks, float ticks_rest, out ScreenSpla
   return true;
 }
 
+// Returns in `corner` the corner, on a side of -1 or 1 of each axis, of a rectangle that contains all
+// visible pixels of a splat: its bounding box in the image, or, if that is larger, the box along the
+// axes of its ellipse. Returns false if no pixel of the image is in the bounding box.
+bool corner_at(vec2 mean, vec2 extent, Sym2 conic, vec2 side, out vec2 corner) {
+  // Edges of the pixels whose centres are in the box, so that rounding at its edges cuts nothing.
+  vec2 low = max(ceil(mean - extent - 0.5), vec2(0.0));
+  vec2 high = min(floor(mean + extent + 0.5), view[4].xy);
+  if (!(low.x < high.x && low.y < high.y)) return false;
+  corner = mix(low, high, 0.5 * side + 0.5);
+  // The covariance is (yy, -xy, xx) of the conic, times its determinant. The squared half sizes along
+  // the axes of the ellipse are its eigenvalues, times the scale that makes a box of `extent`.
+  float trace = conic.xx + conic.yy, difference = conic.yy - conic.xx;
+  float root = sqrt(difference * difference + 4.0 * conic.xy * conic.xy);
+  float scale = extent.x * extent.x / conic.yy;
+  vec2 squares = vec2(trace + root, max(0.0, trace - root) + kRelativeError * trace);
+  vec2 half_size = sqrt(0.5 * scale * squares) + kBoxMargin;
+  float area = (high.x - low.x) * (high.y - low.y);
+  if (!(root > 0.0 && 4.0 * half_size.x * half_size.y < area)) return true;
+  // The long axis, in the more precise of two forms.
+  vec2 along = difference >= 0.0 ? vec2(difference + root, -2.0 * conic.xy)
+                                 : vec2(-2.0 * conic.xy, root - difference);
+  along = normalize(along);
+  corner = mean + side.x * half_size.x * along + side.y * half_size.y * vec2(-along.y, along.x);
+  return true;
+}
+
 void main() {
   gl_Position = vec4(2.0, 2.0, 0.0, 1.0);  // outside the image: nothing is drawn
   splat_a = vec4(0.0);
@@ -167,12 +196,9 @@ void main() {
   ScreenSplat splat;
   if (!make_splat(at, i, uintBitsToFloat(b.y), uintBitsToFloat(b.z), splat)) return;
   vec2 mean = vec2(splat.mean.x, splat.mean.y), extent = vec2(splat.extent.x, splat.extent.y);
-  // Edges of the pixels whose centres are in the box, so that rounding at its edges cuts nothing.
-  vec2 low = max(ceil(mean - extent - 0.5), vec2(0.0));
-  vec2 high = min(floor(mean + extent + 0.5), view[4].xy);
-  if (!(low.x < high.x && low.y < high.y)) return;
-  vec2 corner = vec2((gl_VertexID & 1) == 0 ? low.x : high.x,
-                     (gl_VertexID & 2) == 0 ? low.y : high.y);
+  vec2 side = vec2((gl_VertexID & 1) == 0 ? -1.0 : 1.0, (gl_VertexID & 2) == 0 ? -1.0 : 1.0);
+  vec2 corner;
+  if (!corner_at(mean, extent, conic_of(splat.falloff), side, corner)) return;
   vec2 clip = 2.0 * corner / view[4].xy - 1.0;
   gl_Position = vec4(clip.x, -clip.y, 0.0, 1.0);
   splat_a = vec4(mean, splat.falloff.xx, splat.falloff.xy);
