@@ -75,10 +75,11 @@ class WebGl2Test(unittest.TestCase):
     @classmethod
     def build(cls):
         subprocess.run([sys.executable, os.path.join(WEB, "tools", "make_shaders.py")], check=True)
-        for entry, out in (("index", "renderer"), ("sorter_worker", "sorter_worker")):
+        for entry, out, form in (("index", "renderer", "esm"),
+                                 ("sorter_worker", "sorter_worker", "iife")):
             subprocess.run(["esbuild", os.path.join(WEB, "src", "webgl2", f"{entry}.ts"),
-                            "--bundle", "--format=esm", "--target=es2020", "--log-level=warning",
-                            f"--outfile={cls.work}/{out}.js"], check=True)
+                            "--bundle", f"--format={form}", "--target=es2020",
+                            "--log-level=warning", f"--outfile={cls.work}/{out}.js"], check=True)
         for page in ("webgl2_page.html", "webgl2_page.mjs"):
             shutil.copy(os.path.join(HERE, page), cls.work)
 
@@ -150,6 +151,7 @@ class WebGl2Test(unittest.TestCase):
         name = next(iter(self.cases))
         scene, camera_name, ticks, target = self.cases[name]
         colour, _ = self.compare(f"{name}.{variant}", scene, camera_name, ticks)
+        print(f"{name}.{variant}: {colour:.1f} dB", flush=True)
         self.assertGreaterEqual(colour, TARGETS[target])
 
     def test_replaced_and_removed_segments(self):
@@ -157,8 +159,18 @@ class WebGl2Test(unittest.TestCase):
         name = f"{next(iter(self.cases))}.empty"
         self.assertEqual(max(max(plane) for plane in self.image(name)), 0)
 
-    def test_a_paused_caller_gets_the_right_order(self):
+    def test_a_caller_that_pauses_gets_the_right_order(self):
         self.check_variant("rendered")
+
+    def test_late_times_are_exact(self):
+        self.check_variant("shifted")
+
+    def test_errors(self):
+        errors = json.loads(self.posts["errors.json"])
+        self.assertRegex(errors["segment"], r"^segment 0: \d+ bytes of words \(expected \d+ for")
+        self.assertRegex(errors["worker"], "^the sorter missing.js failed")
+        self.assertEqual(errors["reported"], errors["worker"])
+        self.assertEqual(errors["destroyed"], "the renderer was destroyed")
 
     def test_a_restored_context_shows_all_segments(self):
         self.check_variant("restored")

@@ -86,15 +86,30 @@ async function renderReplaced({ scene, cases }) {
   await page.renderer.renderExactly(one.camera, one.ticks);
   await postFrame(`${one.name}.replaced`, page);
   // A paused caller renders once and gets the frame when its order has arrived.
-  page.renderer.render({ ...one.camera, cx: 100 }, 0);
-  await delay(300);
-  page.renderer.render(one.camera, one.ticks);
+  for (let k = 10; k >= 0; --k) {
+    page.renderer.render({ ...one.camera, cx: one.camera.cx - 8 * k }, one.ticks - 0.4 * k);
+    await nextFrame();
+  }
   await delay(300);
   await nextFrame();
   await postFrame(`${one.name}.rendered`, page);
   for (const { id } of segments) page.renderer.removeSegment(id);
   await page.renderer.renderExactly(one.camera, one.ticks);
   await postFrame(`${one.name}.empty`, page);
+}
+
+/** A scene at a late time of the timeline, with a fraction that single precision cannot represent. */
+async function renderShifted({ scene, cases }) {
+  const [one] = cases;
+  const page = rendererFor({});
+  const shift = 5e6 + 0.3;
+  for (const segment of await segmentsOf(scene)) {
+    const { begin, end, origin } = segment;
+    page.renderer.addSegment(
+      { ...segment, begin: begin + shift, end: end + shift, origin: origin + shift });
+  }
+  await page.renderer.renderExactly(one.camera, one.ticks + shift);
+  await postFrame(`${one.name}.shifted`, page);
 }
 
 /** Loses the context, adds a segment meanwhile, and restores it. */
@@ -117,12 +132,37 @@ async function renderRestored({ scene, cases }) {
   await postFrame(`${one.name}.restored`, page);
 }
 
+/** Posts the messages of what must fail. */
+async function postErrors({ scene, cases }) {
+  const messages = {};
+  const canvas = document.createElement("canvas");
+  const renderer = createWebGl2Renderer(canvas, {
+    sorterUrl: "missing.js", onError: (error) => { messages.reported = error.message; },
+  });
+  const [segment] = await segmentsOf(scene);
+  try {
+    renderer.addSegment({ ...segment, words: segment.words.slice(8) });
+  } catch (error) {
+    messages.segment = error.message;
+  }
+  const keep = (key) => (error) => { messages[key] = error.message; };
+  await renderer.renderExactly(cases[0].camera, 0).catch(keep("worker"));
+  renderer.destroy();
+  const other = createWebGl2Renderer(document.createElement("canvas"));
+  const exact = other.renderExactly(cases[0].camera, 0);
+  other.destroy();
+  await exact.catch(keep("destroyed"));
+  await post("errors.json", JSON.stringify(messages));
+}
+
 try {
   const job = await (await fetch("job.json")).json();
   for (const scene of job.scenes) await renderScene(scene);
   await renderBackground(job.scenes[0]);
   await renderReplaced(job.scenes[0]);
+  await renderShifted(job.scenes[0]);
   await renderRestored(job.scenes[0]);
+  await postErrors(job.scenes[0]);
   await post("done", "ok");
 } catch (error) {
   await post("done", `${error} ${error.stack}`);

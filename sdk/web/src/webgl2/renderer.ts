@@ -84,6 +84,7 @@ class WebGl2Renderer implements Renderer {
   private latency = 0; // of the sorter, in calls of render()
   private tickSeconds = 1 / 30;
   private inFlight: ExactView | null = null;
+  private isOutdated = false; // the reply in flight precedes the restored words
   private readonly waiting: ExactView[] = [];
 
   constructor(
@@ -183,6 +184,7 @@ class WebGl2Renderer implements Renderer {
   private draw(view: View): void {
     if (this.drawer === null) return;
     const { width, height } = view.camera;
+    if (!(width > 0 && height > 0)) return; // a hidden canvas
     if (this.canvas.width !== width) this.canvas.width = width;
     if (this.canvas.height !== height) this.canvas.height = height;
     const drawn = this.residents.list(this.order?.keys ?? []);
@@ -213,7 +215,9 @@ class WebGl2Renderer implements Renderer {
     this.uploadOrder();
     const exact = this.inFlight;
     this.inFlight = null;
-    if (exact !== null && this.drawer === null) {
+    const isDrawable = this.drawer !== null && !this.isOutdated;
+    this.isOutdated = false;
+    if (exact !== null && !isDrawable) {
       this.waiting.unshift(exact); // the context was lost
     } else if (exact !== null) {
       this.draw(exact);
@@ -262,6 +266,7 @@ class WebGl2Renderer implements Renderer {
     this.drawer = new FrameDrawer(this.gl, this.format);
     this.uploadOrder();
     if (this.restores) this.sorter.requestWords();
+    this.isOutdated = this.sorter.isBusy;
     this.sorted = null; // the order that follows the words shows them
     this.requestOrder();
   };
@@ -279,7 +284,7 @@ class WebGl2Renderer implements Renderer {
 
 /**
  * Creates a renderer for a canvas without another context. The canvas takes the size of the camera
- * of each frame. Throws an Error if WebGL2 is not available.
+ * of each frame, whole pixels. Throws an Error if WebGL2 is not available.
  *
  * In `statistics`, `primitives` are those of all segments that were added, and `visible` those of
  * the current order, which are active at its time or, during playback, become active soon. While the GPU context is lost, nothing is drawn,
