@@ -22,9 +22,9 @@ Status pack(const std::string& path, const std::string& out) {
   list.precision(17);
   std::uint64_t at = 0;
   const SceneMetadata& metadata = reader->metadata();
-  list << "{\"tickSeconds\":" << metadata.time_base.seconds(1)
-       << ",\"frames\":" << metadata.frames << ",\"shDegree\":" << reader->sh_degree()
-       << ",\"near\":" << metadata.near_plane << ",\"segments\":[";
+  list << "{\"tickSeconds\":" << metadata.time_base.seconds(1) << ",\"frames\":" << metadata.frames
+       << ",\"shDegree\":" << reader->sh_degree() << ",\"near\":" << metadata.near_plane
+       << ",\"segments\":[";
   const std::vector<SegmentInfo>& segments = reader->segments();
   for (std::uint32_t i = 0; i < segments.size(); ++i) {
     const SegmentInfo& segment = segments[i];
@@ -36,8 +36,9 @@ Status pack(const std::string& path, const std::string& out) {
                 static_cast<std::streamsize>(packed.size()));
     list << (i > 0 ? ",\n" : "\n") << "{\"id\":" << i << ",\"primitives\":" << n
          << ",\"shDegree\":" << set.sh_degree << ",\"begin\":" << segment.begin_ticks
-         << ",\"end\":" << segment.end_ticks << ",\"origin\":"
-         << reader->parts()[segment.part].begin_ticks + set.time_origin << ",\"at\":" << at << "}";
+         << ",\"end\":" << segment.end_ticks
+         << ",\"origin\":" << reader->parts()[segment.part].begin_ticks + set.time_origin
+         << ",\"at\":" << at << "}";
     at += packed.size();
   }
   list << "]}\n";

@@ -40,8 +40,11 @@ struct Arrays {
 
 uvec2 pair_bits(Arrays at, uint pair) {
   uint row = at.row + (pair >> kRowBits);
-  return texelFetch(atlas, ivec3(pair & ((1u << kRowBits) - 1u), row & ((1u << kLayerBits) - 1u),
-                                 row >> kLayerBits), 0).xy;
+  return texelFetch(atlas,
+                    ivec3(pair & ((1u << kRowBits) - 1u), row & ((1u << kLayerBits) - 1u),
+                          row >> kLayerBits),
+                    0)
+      .xy;
 }
 
 vec2 pair_at(Arrays at, uint pair) {
@@ -91,8 +94,7 @@ vec4 sh_plane(Arrays at, uint i, uint plane) {
 vec3 sh_block(Arrays at, uint i, uint block, vec4 basis) {
   vec4 a = sh_plane(at, i, 3u * block), b = sh_plane(at, i, 3u * block + 1u);
   vec4 c = sh_plane(at, i, 3u * block + 2u);
-  return basis.x * a.xyz + basis.y * vec3(a.w, b.xy) + basis.z * vec3(b.zw, c.x) +
-         basis.w * c.yzw;
+  return basis.x * a.xyz + basis.y * vec3(a.w, b.xy) + basis.z * vec3(b.zw, c.x) + basis.w * c.yzw;
 }
 
 // Returns false if the distance or a sum of the SH coefficients is not finite (representation 4.6).
@@ -154,17 +156,18 @@ bool make_splat(Arrays at, uint i, float ticks, float ticks_rest, out ScreenSpla
   return true;
 }
 
-// Returns in `corner` the corner, on a side of -1 or 1 of each axis, of a rectangle that contains all
-// visible pixels of a splat: its bounding box in the image, or, if that is larger, the box along the
-// axes of its ellipse. Returns false if no pixel of the image is in the bounding box.
+// Returns in `corner` the corner, on a side of -1 or 1 of each axis, of a rectangle that contains
+// all visible pixels of a splat: its bounding box in the image, or, if that is larger, the box
+// along the axes of its ellipse. Returns false if no pixel of the image is in the bounding box.
 bool corner_at(vec2 mean, vec2 extent, Sym2 conic, vec2 side, out vec2 corner) {
   // Edges of the pixels whose centres are in the box, so that rounding at its edges cuts nothing.
   vec2 low = max(ceil(mean - extent - 0.5), vec2(0.0));
   vec2 high = min(floor(mean + extent + 0.5), view[4].xy);
   if (!(low.x < high.x && low.y < high.y)) return false;
   corner = mix(low, high, 0.5 * side + 0.5);
-  // The covariance is (yy, -xy, xx) of the conic, times its determinant. The squared half sizes along
-  // the axes of the ellipse are its eigenvalues, times the scale that makes a box of `extent`.
+  // The covariance is (yy, -xy, xx) of the conic, times its determinant. The squared half sizes
+  // along the axes of the ellipse are its eigenvalues, times the scale that makes a box of
+  // `extent`.
   float trace = conic.xx + conic.yy, difference = conic.yy - conic.xx;
   float root = sqrt(difference * difference + 4.0 * conic.xy * conic.xy);
   float scale = extent.x * extent.x / conic.yy;
