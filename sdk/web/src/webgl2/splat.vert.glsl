@@ -39,12 +39,9 @@ struct Arrays {
 };
 
 uvec2 pair_bits(Arrays at, uint pair) {
-  uint row = at.row + (pair >> kRowBits);
-  return texelFetch(atlas,
-                    ivec3(pair & ((1u << kRowBits) - 1u), row & ((1u << kLayerBits) - 1u),
-                          row >> kLayerBits),
-                    0)
-      .xy;
+  uint row = at.row + (pair >> kRowBits), column = pair & ((1u << kRowBits) - 1u);
+  uvec3 texel = uvec3(column, row & ((1u << kLayerBits) - 1u), row >> kLayerBits);
+  return texelFetch(atlas, ivec3(texel), 0).xy;
 }
 
 vec2 pair_at(Arrays at, uint pair) {
