@@ -86,7 +86,8 @@ test("depth follows the camera and the motion", () => {
   assert.deepEqual(entriesOf(sorter.sort({ ...request, ticks: 12, until: 12 }, null)), [0, 1]);
   assert.deepEqual(entriesOf(sorter.sort({ ...request, ticks: 17, until: 17 }, null)), [1, 0]);
   assert.deepEqual(
-    entriesOf(sorter.sort({ ...request, direction: [-1, 0, 0], ticks: 12, until: 12 }, null)), [1, 0]);
+    entriesOf(sorter.sort({ ...request, direction: [-1, 0, 0], ticks: 12, until: 12 }, null)),
+    [1, 0]);
 });
 
 test("primitives are active in their support, ends included", () => {

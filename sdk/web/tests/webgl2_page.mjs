@@ -98,7 +98,7 @@ async function renderReplaced({ scene, cases }) {
   await postFrame(`${one.name}.empty`, page);
 }
 
-/** A scene at a late time of the timeline, with a fraction that single precision cannot represent. */
+/** A scene at a late time of the timeline, which single precision cannot represent. */
 async function renderShifted({ scene, cases }) {
   const [one] = cases;
   const page = rendererFor({});

@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the TypeScript module of the shader texts: the equations of format/include/stgs/format/math
-and the .glsl files of sdk/web/src/webgl2, as GLSL ES 3.00.
+"""Writes the TypeScript module of the shader texts: the equations of
+format/include/stgs/format/math and the .glsl files of sdk/web/src/webgl2, as GLSL ES 3.00.
 
 usage: make_shaders.py [OUTPUT]     default: sdk/web/src/webgl2/shaders.ts
 
-Headers of stgs/format/math, which a .glsl file includes by that name, are resolved here, since WebGL
-has no #include: with the branches for GLSL, each header once, and without comments. The text of
-the other lines is unchanged.
+Headers of stgs/format/math, which a .glsl file includes by that name, are resolved here, since
+WebGL has no #include: with the branches for GLSL, each header once, and without comments. The text
+of the other lines is unchanged.
 """
 import json
 import os

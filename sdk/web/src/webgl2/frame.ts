@@ -92,7 +92,7 @@ export class FrameDrawer {
     this.groups.upload();
   }
 
-  /** Draws the order of `drawn` segments, which begin at `bases`, and puts it over the background. */
+  /** Draws the order of `drawn` segments, which begin at `bases`, over the background. */
   draw(
     camera: Camera, ticks: number, drawn: readonly Drawn[], bases: readonly number[],
     background: Background,

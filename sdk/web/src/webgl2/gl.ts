@@ -29,7 +29,8 @@ export class Program {
     gl.linkProgram(this.handle);
     if (!gl.getProgramParameter(this.handle, gl.LINK_STATUS) && !gl.isContextLost()) {
       const logs = shaders.map((shader) => gl.getShaderInfoLog(shader) ?? "");
-      throw new Error(`cannot build a shader: ${gl.getProgramInfoLog(this.handle)} ${logs.join(" ")}`);
+      logs.push(gl.getProgramInfoLog(this.handle) ?? "");
+      throw new Error(`cannot build a shader: ${logs.join(" ")}`);
     }
     for (const shader of shaders) gl.deleteShader(shader);
   }
@@ -66,8 +67,8 @@ export class Table {
   }
 
   /**
-   * Returns an array for at least `texels` texels, to be filled and passed to upload(). Its contents
-   * are unspecified.
+   * Returns an array for at least `texels` texels, to be filled before upload(). Its contents are
+   * unspecified.
    */
   stage(texels: number): Uint32Array {
     const rows = Math.max(1, Math.ceil(texels / kTableWidth));

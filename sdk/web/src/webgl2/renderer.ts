@@ -13,7 +13,7 @@ import type { TargetFormat } from "./target";
 export interface WebGl2Options {
   /** The best format to blend in; rgba8 where half floats cannot be blended. Default: rgba16f. */
   target?: TargetFormat;
-  /** Premultiplied, sRGB-encoded, 0 to 1. Default: opaque black. Alpha 0: the page shows through. */
+  /** Premultiplied, sRGB-encoded, 0 to 1. Alpha 0: the page shows. Default: opaque black. */
   background?: Background;
   /** Of sorter_worker.js. Default: next to the module. */
   sorterUrl?: string | URL;
@@ -23,7 +23,7 @@ export interface WebGl2Options {
    * true. If false, the caller adds all segments again.
    */
   restoresContext?: boolean;
-  /** Receives failures that no call can report, such as those of the worker. Default: console.error. */
+  /** Receives failures that no call can report, as of the worker. Default: console.error. */
   onError?: (error: Error) => void;
 }
 
@@ -115,8 +115,9 @@ class WebGl2Renderer implements Renderer {
   addSegment(segment: PackedSegment): void {
     const bytes = packedBytes(segment.primitives, segment.shDegree);
     if (segment.words.byteLength !== bytes) {
-      throw new Error(`segment ${segment.id}: ${segment.words.byteLength} bytes of words (expected ` +
-        `${bytes} for ${segment.primitives} primitives of SH degree ${segment.shDegree})`);
+      throw new Error(
+        `segment ${segment.id}: ${segment.words.byteLength} bytes of words (expected ${bytes} for ` +
+        `${segment.primitives} primitives of SH degree ${segment.shDegree})`);
     }
     const rows = this.drawer?.atlas.add(new Uint32Array(segment.words)) ?? null;
     this.removeSegment(segment.id);
@@ -287,8 +288,9 @@ class WebGl2Renderer implements Renderer {
  * of each frame, whole pixels. Throws an Error if WebGL2 is not available.
  *
  * In `statistics`, `primitives` are those of all segments that were added, and `visible` those of
- * the current order, which are active at its time or, during playback, become active soon. While the GPU context is lost, nothing is drawn,
- * renderExactly() does not resolve, and readPixels() returns no pixels.
+ * the current order, which are active at its time or, during playback, become active soon. While
+ * the GPU context is lost, nothing is drawn, renderExactly() does not resolve, and readPixels()
+ * returns no pixels.
  */
 export function createWebGl2Renderer(
   canvas: HTMLCanvasElement, options: WebGl2Options = {},

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The depth order of active primitives. Runs in a worker (sorter_worker.ts), or in-process in tests.
+// The depth order of active primitives. Runs in a worker (sorter_worker.ts), in tests in-process.
 
 /** A segment to be sorted. */
 export interface SorterSegment {
@@ -50,7 +50,7 @@ export interface Order {
    */
   buffer: ArrayBuffer;
   count: number;
-  /** Of the segments that are shown at these times: their keys, and their bases, multiples of 256. */
+  /** Of the segments that are shown at these times: keys, and bases, which are multiples of 256. */
   keys: number[];
   bases: number[];
 }
@@ -149,8 +149,8 @@ export class DepthSorter {
   }
 
   /**
-   * Writes the entries in order: a counting sort by the bits of the depths, which are ordered as the
-   * depths are and have a nearly constant relative precision.
+   * Writes the entries in order: a counting sort by the bits of the depths, which are ordered as
+   * the depths are and have a nearly constant relative precision.
    */
   private scatter(count: number, out: Uint32Array): void {
     const { entries, bits, ends } = this;
