@@ -116,8 +116,8 @@ class WebGl2Renderer implements Renderer {
     const bytes = packedBytes(segment.primitives, segment.shDegree);
     if (segment.words.byteLength !== bytes) {
       throw new Error(
-        `segment ${segment.id}: ${segment.words.byteLength} bytes of words (expected ${bytes} for ` +
-        `${segment.primitives} primitives of SH degree ${segment.shDegree})`);
+        `segment ${segment.id}: ${segment.words.byteLength} bytes of words (expected ${bytes} ` +
+        `for ${segment.primitives} primitives of SH degree ${segment.shDegree})`);
     }
     const rows = this.drawer?.atlas.add(new Uint32Array(segment.words)) ?? null;
     this.removeSegment(segment.id);
