@@ -47,7 +47,8 @@ class MakeShadersTest(unittest.TestCase):
             self.assertNotIn("STGS_", shader)
 
     def test_branches_for_glsl(self):
-        text = "#if defined(GL_core_profile)\na\n#ifdef OTHER\nb\n#else\nc\n#endif\n#else\nd\n#endif\n"
+        text = ("#if defined(GL_core_profile)\na\n#ifdef OTHER\nb\n#else\nc\n#endif\n"
+                "#else\nd\n#endif\n")
         self.assertEqual(self.resolve(text), ["a", "c"])
 
     def test_macros_expand_to_nothing(self):
