@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// Writes a random scene of 60 frames for test_webgl2.py.
+//
+// usage: make_web_scene FILE.stgs PRIMITIVES SH_DEGREE
+#include <cstdlib>
+#include <iostream>
+
+#include "../../../tests/fixtures/scene_fixture.h"
+
+int main(int argc, char** argv) {
+  if (argc != 4) {
+    std::cerr << "usage: make_web_scene FILE.stgs PRIMITIVES SH_DEGREE\n";
+    return 1;
+  }
+  constexpr unsigned kSeed = 11;
+  stgs::Scene scene = stgs::testing::random_scene(std::strtoul(argv[2], nullptr, 10),
+                                                  std::atoi(argv[3]), 60, kSeed);
+  // Large enough for many layers of splats.
+  for (float& s : scene.gaussians.log_scale) s += 1.2f;
+  stgs::WriteSettings settings;
+  settings.profile = stgs::Profile::kQuantised;
+  settings.chunk_seconds = 0.25;
+  const stgs::Status status = stgs::write_scene(argv[1], scene, settings);
+  if (!status.ok()) std::cerr << status.message() << "\n";
+  return static_cast<int>(status.code());
+}

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+// Renders the cases of job.json and posts their pixels. See test_webgl2.py.
+import { createWebGl2Renderer } from "./renderer.js";
+
+const post = (name, body) => fetch(name, { method: "POST", body });
+
+async function segmentsOf(scene) {
+  const info = await (await fetch(`${scene}.json`)).json();
+  const words = await (await fetch(`${scene}.bin`)).arrayBuffer();
+  info.segments.forEach((segment, k) => {
+    const end = k + 1 < info.segments.length ? info.segments[k + 1].at : words.byteLength;
+    segment.words = words.slice(segment.at, end);
+  });
+  return info.segments;
+}
+
+const copyOf = (segment) => ({ ...segment, words: segment.words.slice(0) });
+
+function rendererFor(options) {
+  const canvas = document.createElement("canvas");
+  document.body.append(canvas);
+  const renderer = createWebGl2Renderer(canvas, {
+    ...options, onError: (error) => post("error", String(error)),
+  });
+  return { canvas, renderer };
+}
+
+async function postFrame(name, { canvas, renderer }) {
+  const image = new Promise((resolve) => canvas.toBlob(resolve, "image/png"));
+  await post(`${name}.f32`, renderer.readPixels());
+  await post(`${name}.png`, await image);
+  await post(`${name}.json`, JSON.stringify(renderer.statistics));
+}
+
+/** Returns the largest difference of the canvas to readPixels() over a background, of 255. */
+function canvasDifference({ canvas, renderer }, background) {
+  const copy = document.createElement("canvas");
+  copy.width = canvas.width;
+  copy.height = canvas.height;
+  const context = copy.getContext("2d");
+  context.drawImage(canvas, 0, 0);
+  const shown = context.getImageData(0, 0, copy.width, copy.height).data;
+  const pixels = renderer.readPixels();
+  let largest = 0;
+  for (let i = 0; i < pixels.length; ++i) {
+    const behind = (1 - pixels[i - (i % 4) + 3]) * background[i % 4];
+    const expected = 255 * Math.min(1, Math.max(0, pixels[i] + behind));
+    largest = Math.max(largest, Math.abs(expected - shown[i]));
+  }
+  return largest;
+}
+
+async function renderBackground({ scene, cases }) {
+  const background = [0.2, 0, 0.6, 1];
+  const page = rendererFor({ background });
+  for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
+  await page.renderer.renderExactly(cases[2].camera, cases[2].ticks);
+  await post("background.json", JSON.stringify(canvasDifference(page, background)));
+}
+
+async function renderScene({ scene, target, cases }) {
+  const page = rendererFor({ target });
+  for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
+  for (const one of cases) {
+    await page.renderer.renderExactly(one.camera, one.ticks);
+    await postFrame(one.name, page);
+  }
+  page.renderer.destroy();
+  page.canvas.remove();
+}
+
+const nextFrame = () => new Promise((resolve) => requestAnimationFrame(resolve));
+const delay = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+
+/** Adds all segments twice, removes some and adds them again: the image is that of one copy. */
+async function renderReplaced({ scene, cases }) {
+  const [one] = cases;
+  const page = rendererFor({});
+  const segments = await segmentsOf(scene);
+  for (const segment of segments) page.renderer.addSegment(copyOf(segment));
+  await page.renderer.renderExactly(one.camera, one.ticks);
+  for (const segment of segments.slice(1)) page.renderer.addSegment(copyOf(segment));
+  for (const { id } of segments.filter((_, k) => k % 3 === 0)) page.renderer.removeSegment(id);
+  await page.renderer.renderExactly(one.camera, one.ticks);
+  for (const segment of segments) page.renderer.addSegment(copyOf(segment));
+  await page.renderer.renderExactly(one.camera, one.ticks);
+  await postFrame(`${one.name}.replaced`, page);
+  // A paused caller renders once and gets the frame when its order has arrived.
+  for (let k = 10; k >= 0; --k) {
+    page.renderer.render({ ...one.camera, cx: one.camera.cx - 8 * k }, one.ticks - 0.4 * k);
+    await nextFrame();
+  }
+  await delay(300);
+  await nextFrame();
+  await postFrame(`${one.name}.rendered`, page);
+  for (const { id } of segments) page.renderer.removeSegment(id);
+  await page.renderer.renderExactly(one.camera, one.ticks);
+  await postFrame(`${one.name}.empty`, page);
+}
+
+/** A scene at a late time of the timeline, which single precision cannot represent. */
+async function renderShifted({ scene, cases }) {
+  const [one] = cases;
+  const page = rendererFor({});
+  const shift = 5e6 + 0.3;
+  for (const segment of await segmentsOf(scene)) {
+    const { begin, end, origin } = segment;
+    page.renderer.addSegment(
+      { ...segment, begin: begin + shift, end: end + shift, origin: origin + shift });
+  }
+  await page.renderer.renderExactly(one.camera, one.ticks + shift);
+  await postFrame(`${one.name}.shifted`, page);
+}
+
+/** Loses the context, adds a segment meanwhile, and restores it. */
+async function renderRestored({ scene, cases }) {
+  const [one] = cases;
+  const page = rendererFor({});
+  const [last, ...segments] = (await segmentsOf(scene)).reverse();
+  for (const segment of segments) page.renderer.addSegment(segment);
+  await page.renderer.renderExactly(one.camera, one.ticks);
+  const extension = page.canvas.getContext("webgl2").getExtension("WEBGL_lose_context");
+  const event = (name) => new Promise((done) => page.canvas.addEventListener(name, done));
+  const lost = event("webglcontextlost");
+  extension.loseContext();
+  await lost;
+  await delay(50);
+  page.renderer.addSegment(last);
+  const exact = page.renderer.renderExactly(one.camera, one.ticks);
+  extension.restoreContext();
+  await exact;
+  await postFrame(`${one.name}.restored`, page);
+}
+
+/** Posts the messages of what must fail. */
+async function postErrors({ scene, cases }) {
+  const messages = {};
+  const canvas = document.createElement("canvas");
+  const renderer = createWebGl2Renderer(canvas, {
+    sorterUrl: "missing.js", onError: (error) => { messages.reported = error.message; },
+  });
+  const [segment] = await segmentsOf(scene);
+  try {
+    renderer.addSegment({ ...segment, words: segment.words.slice(8) });
+  } catch (error) {
+    messages.segment = error.message;
+  }
+  const keep = (key) => (error) => { messages[key] = error.message; };
+  await renderer.renderExactly(cases[0].camera, 0).catch(keep("worker"));
+  renderer.destroy();
+  const other = createWebGl2Renderer(document.createElement("canvas"));
+  const exact = other.renderExactly(cases[0].camera, 0);
+  other.destroy();
+  await exact.catch(keep("destroyed"));
+  await post("errors.json", JSON.stringify(messages));
+}
+
+try {
+  const job = await (await fetch("job.json")).json();
+  for (const scene of job.scenes) await renderScene(scene);
+  await renderBackground(job.scenes[0]);
+  await renderReplaced(job.scenes[0]);
+  await renderShifted(job.scenes[0]);
+  await renderRestored(job.scenes[0]);
+  await postErrors(job.scenes[0]);
+  await post("done", "ok");
+} catch (error) {
+  await post("done", `${error} ${error.stack}`);
+}
