@@ -1,12 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-<<<<<<< HEAD
-/** A pinhole camera. World to camera: p_c = R p_w + t. OpenCV axes: x right, y down, z forward. Pixel (i, j) covers [i, i+1) x [j, j+1). */
-=======
 /**
  * A pinhole camera. World to camera: p_c = R p_w + t. OpenCV axes: x right, y down, z forward.
  * Pixel (i, j) covers [i, i+1) x [j, j+1).
  */
->>>>>>> web_gl
 export interface Camera {
   rotation: number[];     // 9, row by row, world to camera
   translation: number[];  // 3, scene units
@@ -25,7 +21,7 @@ export interface SceneInfo {
   startCamera: Camera | null;
   live: boolean;
 }
-/** A decoded segment, packed as player/src/vulkan/packed_segment.h states, ready for the GPU. */
+/** A decoded segment, packed as player/src/packed_segment.h states, ready for the GPU. */
 export interface PackedSegment {
   id: number;               // of the segment; replaces an earlier version with this id
   primitives: number;       // N; arrays have padded(N) = ceil(N / 256) * 256 entries
@@ -53,15 +49,6 @@ export interface Renderer {
   setScene(info: SceneInfo): void;
   addSegment(segment: PackedSegment): void;
   removeSegment(id: number): void;
-<<<<<<< HEAD
-  /** Draws the primitives at `ticks` of the timeline. Ordering by depth is done by a worker; a frame uses the newest order that has arrived. */
-  render(camera: Camera, ticks: number): void;
-  /** Resolves once a frame has been drawn in the order of exactly this camera and time; for screenshots and tests. */
-  renderExactly(camera: Camera, ticks: number): Promise<void>;
-  /** Statistics of the last frame. */
-  readonly statistics: { primitives: number; visible: number; sortMs: number };
-  /** Reads the last frame: premultiplied linear values as blended, RGBA floats, row by row from the top. */
-=======
   /**
    * Draws the primitives at `ticks` of the timeline. Ordering by depth is done by a worker; a frame
    * uses the newest order that has arrived.
@@ -78,7 +65,6 @@ export interface Renderer {
    * Reads the last frame: premultiplied linear values as blended, RGBA floats, row by row from the
    * top.
    */
->>>>>>> web_gl
   readPixels(): Float32Array;
   destroy(): void;
 }

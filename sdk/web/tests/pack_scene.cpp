@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "stgs/format/scene_file.h"
-#include "vulkan/packed_segment.h"
+#include "packed_segment.h"
 
 namespace stgs {
 namespace {
@@ -30,8 +30,8 @@ Status pack(const std::string& path, const std::string& out) {
     const SegmentInfo& segment = segments[i];
     STGS_ASSIGN(const Gaussians4D set, reader->decode(i, true, reader->render_origin(i)));
     const auto n = static_cast<std::uint32_t>(set.size());
-    std::vector<std::uint8_t> packed(player::vulkan::packed_bytes(n, set.sh_degree));
-    player::vulkan::pack_segment(set, 0, n, set.sh_degree, packed.data());
+    std::vector<std::uint8_t> packed(player::packed_bytes(n, set.sh_degree));
+    player::pack_segment(set, 0, n, set.sh_degree, packed.data());
     words.write(reinterpret_cast<const char*>(packed.data()),
                 static_cast<std::streamsize>(packed.size()));
     list << (i > 0 ? ",\n" : "\n") << "{\"id\":" << i << ",\"primitives\":" << n
