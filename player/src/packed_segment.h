@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The memory layout of a segment for the shaders of Vulkan and of the browser, equal to that of cuda/render_layout.h: arrays of
-// values that are read together, in the order of use. Each array has padded(N) entries; entries
-// from N on are never active.
+// The memory layout of a segment for the shaders of Vulkan and of the browser, equal to that of
+// cuda/render_layout.h: arrays of values that are read together, in the order of use. Each array
+// has padded(N) entries; entries from N on are never active.
 //   support           2 floats      first and last time at which it may be visible, ticks
 //   position_time     4 floats      position, time centre
 //   velocity_opacity  4 floats      effective velocity, opacity

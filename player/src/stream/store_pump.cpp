@@ -119,9 +119,9 @@ void SegmentStore::begin_read(FetchRequest& request, double now) noexcept {
     const std::lock_guard lock(mutex_);
     fetches_.begin_read(request, now);
   }
-  transport_->begin_read(request.id, request.offset + request.done,
-                         {request.buffer.get() + request.done,
-                          static_cast<std::size_t>(request.read_bytes)});
+  transport_->begin_read(
+      request.id, request.offset + request.done,
+      {request.buffer.get() + request.done, static_cast<std::size_t>(request.read_bytes)});
 }
 
 void SegmentStore::end_read(AsyncByteSource::Done done, double now) noexcept {

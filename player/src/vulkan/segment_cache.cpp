@@ -6,9 +6,9 @@
 #include <utility>
 
 #include "frame_layout.h"
+#include "packed_segment.h"
 #include "stgs/format/math/sh.h"
 #include "stgs/format/parallel.h"
-#include "packed_segment.h"
 
 namespace stgs::player::vulkan {
 namespace {

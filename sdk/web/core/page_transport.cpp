@@ -11,8 +11,8 @@ namespace stgs::web {
 void PageTransport::begin_read(std::uint64_t id, std::uint64_t offset,
                                std::span<std::uint8_t> out) noexcept {
   if (stopped_) {
-    completion_({id, Status(StatusCode::kRuntime, fmt::format("{}: closed", name_)), false,
-                 busy_seconds_});
+    completion_(
+        {id, Status(StatusCode::kRuntime, fmt::format("{}: closed", name_)), false, busy_seconds_});
     return;
   }
   if (reads_.empty()) busy_since_ = now_;

@@ -21,8 +21,8 @@ class PageTransport final : public player::AsyncByteSource {
   void cancel(std::uint64_t id) noexcept override;
   void stop() noexcept override;
 
-  // Called by the host: the read has ended, with a message if it failed. `now`: seconds of the clock
-  // that pump() has.
+  // Called by the host: the read has ended, with a message if it failed. `now`: seconds of the
+  // clock that pump() has.
   void done(std::uint32_t host_id, const std::string& failure, double now);
   // Sets the time at which reads begin from now on.
   void set_now(double now) { now_ = now; }

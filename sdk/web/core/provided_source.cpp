@@ -25,7 +25,8 @@ Status ProvidedSource::read(std::uint64_t offset, std::span<std::uint8_t> out) c
     }
     if (best == nullptr) {
       missing_ = Range{at, end - at};
-      return Status(StatusCode::kIo, fmt::format("{}: bytes {} to {} have not arrived", name_, at, end));
+      return Status(StatusCode::kIo,
+                    fmt::format("{}: bytes {} to {} have not arrived", name_, at, end));
     }
     const std::uint64_t bytes = std::min(end, best_end) - at;
     std::copy_n(best->begin() + static_cast<std::ptrdiff_t>(at - best_at), bytes,

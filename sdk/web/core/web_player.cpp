@@ -21,8 +21,8 @@ player::PlayerSettings settings_of(std::uint64_t memory_budget, double prefetch_
 
 }  // namespace
 
-WebPlayer::WebPlayer(const std::string& name, std::uint64_t file_bytes,
-                     std::uint64_t memory_budget, double prefetch_seconds)
+WebPlayer::WebPlayer(const std::string& name, std::uint64_t file_bytes, std::uint64_t memory_budget,
+                     double prefetch_seconds)
     : settings_(settings_of(memory_budget, prefetch_seconds)),
       budget_(player::make_budget(memory_budget)),
       cache_(budget_) {
@@ -33,9 +33,9 @@ WebPlayer::WebPlayer(const std::string& name, std::uint64_t file_bytes,
 }
 
 Status WebPlayer::open() {
-  STGS_ASSIGN(reader_, player::open_snapshot(ranges_, cache_, settings_.limits,
-                                             std::pmr::new_delete_resource(),
-                                             IndexLoading::kComplete));
+  STGS_ASSIGN(reader_,
+              player::open_snapshot(ranges_, cache_, settings_.limits,
+                                    std::pmr::new_delete_resource(), IndexLoading::kComplete));
   provided_->clear();
   auto transport = std::make_unique<PageTransport>(provided_->name());
   transport_ = transport.get();
@@ -63,7 +63,8 @@ void WebPlayer::drop(std::uint32_t segment, std::uint32_t first_part, std::uint3
 
 void WebPlayer::find_changes() {
   std::erase_if(sent_, [this](const auto& entry) {
-    const bool is_gone = entry.second.set.expired() && !(pending_ && pending_->segment == entry.first);
+    const bool is_gone =
+        entry.second.set.expired() && !(pending_ && pending_->segment == entry.first);
     if (is_gone) drop(entry.first, 0, entry.second.parts);
     return is_gone;
   });
@@ -110,8 +111,7 @@ void WebPlayer::pack_part() {
   change_.end = info.end_ticks;
   change_.origin = pending.origin;
   change_.sh_degree = reader_->sh_degree();
-  change_.packed.resize(
-      static_cast<std::size_t>(player::packed_bytes(count, change_.sh_degree)));
+  change_.packed.resize(static_cast<std::size_t>(player::packed_bytes(count, change_.sh_degree)));
   player::pack_segment(set, first, count, change_.sh_degree, change_.packed.data());
   if (first + count < set.size()) {
     ++pending.part;

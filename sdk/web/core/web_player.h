@@ -79,9 +79,9 @@ class WebPlayer {
   std::shared_ptr<const SceneReader> reader_;
   PageTransport* transport_ = nullptr;  // of `player_`
   std::unique_ptr<player::StreamPlayer> player_;
-  std::map<std::uint32_t, Sent> sent_;    // by segment
-  std::vector<std::uint32_t> dropped_;    // parts
-  std::optional<Pending> pending_;        // being packed
+  std::map<std::uint32_t, Sent> sent_;  // by segment
+  std::vector<std::uint32_t> dropped_;  // parts
+  std::optional<Pending> pending_;      // being packed
   Change change_;
 };
 

@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "stgs/format/scene_file.h"
 #include "packed_segment.h"
+#include "stgs/format/scene_file.h"
 
 namespace stgs {
 namespace {
