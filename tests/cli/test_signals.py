@@ -72,6 +72,8 @@ class Signals(CliTest):
         for args in (["compare", "large.png", "large.png"],
                      ["render", self.fixture("tiny.stgs"), "--time", "0", "--backend", "cpu", "--size",
                       "8192x8192", "-o", "null"],
+                     ["render", self.fixture("tiny.stgs"), "--frames", "0:4", "--backend", "cpu", "--size",
+                      "8192x8192", "-o", "a.y4m"],
                      ["convert", self.fixture("clip.splatv"), "a.usda", "--frames", "1000000"],
                      ["info", "cut.stgs"], ["finalize", "cut.stgs", "-o", "a.stgs"]):
             with self.subTest(verb=args[0]):

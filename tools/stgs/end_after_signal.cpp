@@ -6,6 +6,8 @@
 #include <cstdlib>
 #include <utility>
 
+#include "stgs/format/temporary.h"
+
 namespace stgs::tools {
 
 EndAfterSignal::EndAfterSignal(Session& session, std::string message)
@@ -17,7 +19,10 @@ EndAfterSignal::EndAfterSignal(Session& session, std::string message)
           if (done.stop_requested()) return;
         }
         static std::atomic<bool> ending = false;  // by another object
-        if (!ending.exchange(true)) std::_Exit(session.conclude(runtime_error("{}", message)));
+        if (ending.exchange(true)) return;
+        const int code = session.conclude(runtime_error("{}", message));
+        remove_unfinished();
+        std::_Exit(code);
       }) {}
 
 }  // namespace stgs::tools

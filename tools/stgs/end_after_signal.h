@@ -11,8 +11,8 @@
 namespace stgs::tools {
 
 // While it exists, the program ends 0.8 s after SIGINT or SIGTERM, as after kRuntime with
-// `message`, whatever the verb does then. Outputs stay as they were; the next run removes temporary
-// files. Claim outputs before. Several may exist.
+// `message`, whatever the verb does then. Outputs stay as they were, and temporary files are
+// removed. Claim outputs before. Several may exist.
 class EndAfterSignal {
  public:
   EndAfterSignal(Session& session, std::string message);

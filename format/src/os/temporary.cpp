@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
+#include <mutex>
 #include <string_view>
 #include <utility>
 
@@ -22,6 +23,13 @@ namespace stgs {
 namespace {
 
 namespace fs = std::filesystem;
+
+// The listed objects. Never destroyed: objects of static storage may outlive it.
+std::mutex& list_mutex() {
+  static std::mutex& mutex = *new std::mutex;
+  return mutex;
+}
+Unfinished* first_unfinished = nullptr;
 
 constexpr int kMaxAttempts = 16;  // names tried
 constexpr std::string_view kDigits = "abcdefghijklmnopqrstuvwxyz234567";
@@ -122,6 +130,26 @@ bool remove_free_folder(const std::string& name) {
 
 }  // namespace
 
+void Unfinished::list() noexcept {
+  const std::lock_guard lock(list_mutex());
+  before_ = nullptr;
+  after_ = std::exchange(first_unfinished, this);
+  if (after_ != nullptr) after_->before_ = this;
+  is_listed_ = true;
+}
+
+void Unfinished::unlist() noexcept {
+  const std::lock_guard lock(list_mutex());
+  if (!std::exchange(is_listed_, false)) return;
+  (before_ != nullptr ? before_->after_ : first_unfinished) = after_;
+  if (after_ != nullptr) after_->before_ = before_;
+}
+
+void remove_unfinished() noexcept {
+  list_mutex().lock();  // for the rest of the process
+  for (Unfinished* one = first_unfinished; one != nullptr; one = one->after_) one->abandon();
+}
+
 Status TemporaryFile::create(const std::string& path) {
   path_ = path;
   for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
@@ -133,6 +161,7 @@ Status TemporaryFile::create(const std::string& path) {
     if (os::try_lock(file) != os::LockResult::kBusy && os::is_named(file, name)) {
       name_ = std::move(name);
       descriptor_ = file;
+      list();
       return {};
     }
     ::close(file);
@@ -141,8 +170,11 @@ Status TemporaryFile::create(const std::string& path) {
 }
 
 Status TemporaryFile::publish() {
+  unlist();
   if (std::rename(name_.c_str(), path_.c_str()) != 0) {
-    return io_error("{}: cannot replace: {}", path_, system_message(errno));
+    const int error = errno;
+    list();
+    return io_error("{}: cannot replace: {}", path_, system_message(error));
   }
   name_.clear();
   return {};
@@ -158,8 +190,13 @@ Status TemporaryFile::commit() {
 }
 
 void TemporaryFile::remove() noexcept {
-  if (!name_.empty() && os::is_named(descriptor_, name_)) ::unlink(name_.c_str());
+  unlist();
+  abandon();
   if (descriptor_ >= 0) ::close(std::exchange(descriptor_, -1));
+}
+
+void TemporaryFile::abandon() noexcept {
+  if (!name_.empty() && os::is_named(descriptor_, name_)) ::unlink(name_.c_str());
 }
 
 Status WorkFolder::create(const std::string& path) {
@@ -176,6 +213,7 @@ Status WorkFolder::create(const std::string& path) {
       path_ = std::move(name);
       lock_name_ = std::move(lock);
       lock_ = file;
+      list();
       return {};
     }
     if (file >= 0) {
@@ -190,11 +228,15 @@ Status WorkFolder::create(const std::string& path) {
 
 WorkFolder::~WorkFolder() {
   if (lock_ < 0) return;
-  if (!os::remove_folder(path_)) {  // no descriptor was left to list it
-    ::unlink(lock_name_.c_str());
-    ::rmdir(path_.c_str());
-  }
+  unlist();
+  abandon();
   ::close(lock_);
+}
+
+void WorkFolder::abandon() noexcept {
+  if (os::remove_folder(path_)) return;
+  ::unlink(lock_name_.c_str());  // no descriptor was left to list it
+  ::rmdir(path_.c_str());
 }
 
 Status OutputLock::take(const std::string& path) {
@@ -220,6 +262,7 @@ Status OutputLock::take(const std::string& path) {
     if (os::is_named(file, name)) {
       name_ = std::move(name);
       lock_ = file;
+      list();
       return {};
     }
     ::close(file);  // its last owner removed it meanwhile
@@ -229,8 +272,13 @@ Status OutputLock::take(const std::string& path) {
 
 OutputLock::~OutputLock() {
   if (lock_ < 0) return;
-  if (os::is_named(lock_, name_)) ::unlink(name_.c_str());
+  unlist();
+  abandon();
   ::close(lock_);
+}
+
+void OutputLock::abandon() noexcept {
+  if (os::is_named(lock_, name_)) ::unlink(name_.c_str());
 }
 
 std::vector<std::string> remove_leftovers(const std::string& path) {

@@ -14,9 +14,37 @@
 
 namespace stgs {
 
+// What a process has to remove if it ends in the middle of work: remove_unfinished().
+class Unfinished {
+ public:
+  Unfinished(const Unfinished&) = delete;
+  Unfinished& operator=(const Unfinished&) = delete;
+
+ protected:
+  Unfinished() = default;
+  ~Unfinished() = default;
+
+  // Adds the object to those that are removed, and takes it out again. Its names must not change in
+  // between.
+  void list() noexcept;
+  void unlist() noexcept;
+
+ private:
+  friend void remove_unfinished() noexcept;
+  virtual void abandon() noexcept = 0;
+
+  Unfinished *before_ = nullptr, *after_ = nullptr;
+  bool is_listed_ = false;
+};
+
+// Removes the temporary files, work folders and locks of this process, which must end then: from
+// now on, other threads wait if they complete or remove one. Best effort: what others create in a
+// work folder meanwhile stays for remove_leftovers().
+void remove_unfinished() noexcept;
+
 // A new file that replaces `path` when it is complete. The destructor removes it otherwise. One
 // thread at a time.
-class TemporaryFile {
+class TemporaryFile : private Unfinished {
  public:
   TemporaryFile() = default;
   ~TemporaryFile() { remove(); }
@@ -35,6 +63,7 @@ class TemporaryFile {
 
  private:
   void remove() noexcept;
+  void abandon() noexcept override;
 
   std::string path_, name_;
   int descriptor_ = -1;
@@ -42,7 +71,7 @@ class TemporaryFile {
 
 // A new folder that only this user can enter, for files that others write by name. The destructor
 // deletes it with its contents; it follows no links. One thread at a time.
-class WorkFolder {
+class WorkFolder : private Unfinished {
  public:
   WorkFolder() = default;
   ~WorkFolder();
@@ -55,12 +84,14 @@ class WorkFolder {
   const std::string& path() const { return path_; }
 
  private:
+  void abandon() noexcept override;
+
   std::string path_, lock_name_;
   int lock_ = -1;
 };
 
 // Makes a run the only one that writes an output, from take() until the destructor.
-class OutputLock {
+class OutputLock : private Unfinished {
  public:
   OutputLock() = default;
   ~OutputLock();
@@ -72,6 +103,8 @@ class OutputLock {
   Status take(const std::string& path);
 
  private:
+  void abandon() noexcept override;
+
   std::string name_;
   int lock_ = -1;
 };
