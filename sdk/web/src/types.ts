@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+/** A pinhole camera. World to camera: p_c = R p_w + t. OpenCV axes: x right, y down, z forward. Pixel (i, j) covers [i, i+1) x [j, j+1). */
+export interface Camera {
+  rotation: number[];     // 9, row by row, world to camera
+  translation: number[];  // 3, scene units
+  fx: number; fy: number; cx: number; cy: number;  // pixels
+  width: number; height: number;                   // pixels
+  near: number;                                    // scene units; nearer primitives are not drawn
+}
+/** What is known of a scene once it is open. */
+export interface SceneInfo {
+  duration: number;         // seconds
+  tickSeconds: number;      // seconds per tick of the time base
+  frames: number;           // ticks
+  shDegree: number;         // 0..3
+  primitives: number;
+  boundsMin: number[]; boundsMax: number[];  // 3, scene units
+  startCamera: Camera | null;
+  live: boolean;
+}
+/** A decoded segment, packed as player/src/vulkan/packed_segment.h states, ready for the GPU. */
+export interface PackedSegment {
+  id: number;               // of the segment; replaces an earlier version with this id
+  primitives: number;       // N; arrays have padded(N) = ceil(N / 256) * 256 entries
+  shDegree: number;         // of the arrays
+  begin: number; end: number;  // ticks of the timeline at which it is needed; end inclusive
+  origin: number;           // ticks of the timeline from which its times count: local = ticks - origin
+  words: ArrayBuffer;       // ownership passes to the receiver
+}
+/** Messages of the core worker to the page. */
+export type CoreMessage =
+  | { type: "opened"; info: SceneInfo }
+  | { type: "segment"; segment: PackedSegment }
+  | { type: "dropped"; id: number }
+  | { type: "state"; state: "playing" | "paused" | "buffering" | "ended"; seconds: number; at: number /* performance.timeOrigin + performance.now() of the worker when seconds was true */;
+      rate: number; buffered: [number, number][]; layers: number; layerCount: number; bytes: number /* fetched */ ; duration: number }
+  | { type: "event"; kind: string; message: string }
+  | { type: "error"; code: "network" | "format" | "unsupported" | "memory" | "usage" | "aborted"; message: string };
+/** Messages of the page to the core worker. */
+export type PageMessage =
+  | { type: "open"; source: string | Blob; options: { memoryBudget: number; lookAhead: number } }
+  | { type: "play" } | { type: "pause" } | { type: "seek"; seconds: number } | { type: "rate"; rate: number }
+  | { type: "loop"; loop: boolean } | { type: "close" };
+/** Draws segments. One canvas, one WebGL2 context. */
+export interface Renderer {
+  setScene(info: SceneInfo): void;
+  addSegment(segment: PackedSegment): void;
+  removeSegment(id: number): void;
+  /** Draws the primitives at `ticks` of the timeline. Ordering by depth is done by a worker; a frame uses the newest order that has arrived. */
+  render(camera: Camera, ticks: number): void;
+  /** Resolves once a frame has been drawn in the order of exactly this camera and time; for screenshots and tests. */
+  renderExactly(camera: Camera, ticks: number): Promise<void>;
+  /** Statistics of the last frame. */
+  readonly statistics: { primitives: number; visible: number; sortMs: number };
+  /** Reads the last frame: premultiplied linear values as blended, RGBA floats, row by row from the top. */
+  readPixels(): Float32Array;
+  destroy(): void;
+}
