@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/** A pinhole camera. World to camera: p_c = R p_w + t. OpenCV axes: x right, y down, z forward. Pixel (i, j) covers [i, i+1) x [j, j+1). */
+/**
+ * A pinhole camera. World to camera: p_c = R p_w + t. OpenCV axes: x right, y down, z forward.
+ * Pixel (i, j) covers [i, i+1) x [j, j+1).
+ */
 export interface Camera {
   rotation: number[];     // 9, row by row, world to camera
   translation: number[];  // 3, scene units
@@ -46,13 +49,22 @@ export interface Renderer {
   setScene(info: SceneInfo): void;
   addSegment(segment: PackedSegment): void;
   removeSegment(id: number): void;
-  /** Draws the primitives at `ticks` of the timeline. Ordering by depth is done by a worker; a frame uses the newest order that has arrived. */
+  /**
+   * Draws the primitives at `ticks` of the timeline. Ordering by depth is done by a worker; a frame
+   * uses the newest order that has arrived.
+   */
   render(camera: Camera, ticks: number): void;
-  /** Resolves once a frame has been drawn in the order of exactly this camera and time; for screenshots and tests. */
+  /**
+   * Resolves once a frame has been drawn in the order of exactly this camera and time; for
+   * screenshots and tests.
+   */
   renderExactly(camera: Camera, ticks: number): Promise<void>;
   /** Statistics of the last frame. */
   readonly statistics: { primitives: number; visible: number; sortMs: number };
-  /** Reads the last frame: premultiplied linear values as blended, RGBA floats, row by row from the top. */
+  /**
+   * Reads the last frame: premultiplied linear values as blended, RGBA floats, row by row from the
+   * top.
+   */
   readPixels(): Float32Array;
   destroy(): void;
 }

@@ -23,8 +23,11 @@ function show(attributes) {
   document.querySelector("stgs-player")?.remove();
   const player = document.createElement("stgs-player");
   const events = [];
-  for (const name of ["loadedmetadata", "loadeddata", "canplay", "play", "playing", "pause", "seeking",
-                      "seeked", "ended", "error", "timeupdate", "ratechange", "emptied"]) {
+  const names = [
+    "loadedmetadata", "loadeddata", "canplay", "play", "playing", "pause", "seeking", "seeked",
+    "ended", "error", "timeupdate", "ratechange", "emptied",
+  ];
+  for (const name of names) {
     player.addEventListener(name, () => events.push(name));
   }
   for (const [name, value] of Object.entries(attributes)) player.setAttribute(name, value);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A renderer for tests of the element: a floor of dots and a ring of blobs that turns with the time.
+// A renderer for tests of the element: a floor of dots, and a ring of blobs that turns with time.
 
 const BLOBS = 400, TICKS_PER_TURN = 360;
 
@@ -36,9 +36,10 @@ export class PatternRenderer {
     c.fillStyle = sky;
     c.fillRect(0, 0, width, height);
     const blobs = [...this.floor(), ...this.ring(ticks)];
-    const projected = blobs.map((blob) => this.project(camera, blob)).filter((p) => p.z > camera.near);
+    const projected = blobs.map((blob) => this.project(camera, blob));
     projected.sort((a, b) => b.z - a.z);
     for (const { x, y, z, blob } of projected) {
+      if (z <= camera.near) continue;
       const radius = Math.max((camera.fx * blob.radius) / z, 0.5);
       c.drawImage(this.sprite(blob), x - radius, y - radius, 2 * radius, 2 * radius);
     }

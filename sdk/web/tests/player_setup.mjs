@@ -6,9 +6,9 @@ import { FakeCanvas, FakeHost, FakeRenderer, FakeWorker, settle } from "./player
 
 export const { StgsPlayer } = await importSource("src/player/player.ts");
 const NAMES = [
-  "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing", "pause",
-  "waiting", "seeking", "seeked", "timeupdate", "ratechange", "ended", "error", "progress", "abort",
-  "emptied", "notice",
+  "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing",
+  "pause", "waiting", "seeking", "seeked", "timeupdate", "ratechange", "ended", "error", "progress",
+  "abort", "emptied", "notice",
 ];
 
 /** A player with its parts and the names of its events. */
@@ -52,4 +52,5 @@ export async function startPlaying(options) {
 }
 
 /** Asserts that a promise is rejected with an error of this name. */
-export const rejectsWith = (promise, name) => assert.rejects(promise, (error) => error.name === name);
+export const rejectsWith = (promise, name) =>
+  assert.rejects(promise, (error) => error.name === name);

@@ -9,12 +9,14 @@ const cameras = await importSource("src/element/cameras/index.ts");
 const { DragGestures, FlyCamera, FlyKeys, OrbitCamera, PadReader } = cameras;
 const DEGREES = Math.PI / 180;
 const SIZE = [640, 360];
+const NO_DRIVE = { right: 0, up: 0, forward: 0, turnRight: 0, turnUp: 0, boost: 1 };
 
 const near = (a, b, tolerance = 1e-9) =>
   assert.ok(Math.abs(a - b) <= tolerance, `${a} is not ${b}`);
 const row = ({ rotation: r }, i) => r.slice(3 * i, 3 * i + 3);
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const position = (c) => [0, 1, 2].map((k) => -dot([0, 1, 2].map((i) => row(c, i)[k]), c.translation));
+const column = (c, k) => [0, 1, 2].map((i) => row(c, i)[k]);
+const position = (c) => [0, 1, 2].map((k) => -dot(column(c, k), c.translation));
 const inCamera = (c, p) => [0, 1, 2].map((i) => dot(row(c, i), p) + c.translation[i]);
 const viewOf = (rig) => rig.camera(...SIZE);
 
@@ -49,8 +51,9 @@ function recorder() {
 test("cameras begin at the start camera", () => {
   for (const rig of [new OrbitCamera(INFO), new FlyCamera(INFO)]) {
     const camera = viewOf(rig);
-    for (const [i, value] of INFO.startCamera.rotation.entries()) near(camera.rotation[i], value);
-    for (const [i, value] of INFO.startCamera.translation.entries()) near(camera.translation[i], value);
+    const { rotation, translation } = INFO.startCamera;
+    rotation.forEach((value, i) => near(camera.rotation[i], value));
+    translation.forEach((value, i) => near(camera.translation[i], value));
     assert.equal(rig.update(0), false);
   }
 });
@@ -201,7 +204,7 @@ test("keys combine, and shift is faster", () => {
   keys.down("KeyD", false);
   assert.equal(keys.drive().right, 0);
   keys.clear();
-  assert.deepEqual(keys.drive(), { right: 0, up: 0, forward: 0, turnRight: 0, turnUp: 0, boost: 1 });
+  assert.deepEqual(keys.drive(), NO_DRIVE);
 });
 
 test("one pointer rotates, and its speed is released", () => {
@@ -265,7 +268,7 @@ test("a gamepad has dead zones, and a button acts once per press", () => {
   const buttons = (...pressed) =>
     Array.from({ length: 17 }, (_, i) => ({ pressed: pressed.includes(i), value: 0 }));
   const idle = reader.read({ axes: [0.1, -0.05, 0, 0], buttons: buttons() });
-  assert.deepEqual(idle.drive, { right: 0, up: 0, forward: 0, turnRight: 0, turnUp: 0, boost: 1 });
+  assert.deepEqual(idle.drive, NO_DRIVE);
   const { drive, actions } = reader.read({ axes: [0, -1, 1, 0], buttons: buttons(0, 5, 14) });
   assert.deepEqual(drive, { right: 0, up: 1, forward: 1, turnRight: 1, turnUp: 0, boost: 1 });
   assert.deepEqual(actions, ["toggle", "back"]);

@@ -132,7 +132,8 @@ class ElementTest(unittest.TestCase):
     def test_errors_are_displayed_and_loading_can_be_repeated(self):
         self.show(controls="", src="missing.stgs")
         self.wait("!part('.error').hidden")
-        self.assertIn("missing.stgs: the server reports 404", self.check("part('.error p').textContent"))
+        message = self.check("part('.error p').textContent")
+        self.assertIn("missing.stgs: the server reports 404", message)
         self.assertEqual(self.check("player.error.code"), 2)
         self.capture("error")
         self.browser.click(*self.centre(".retry"))
@@ -145,7 +146,8 @@ class ElementTest(unittest.TestCase):
         self.show(controls="")
         self.wait("!part('.error').hidden && events.includes('error')")
         self.assertIn("WebGL 2", self.check("part('.error p').textContent"))
-        self.assertEqual(self.check("player.play().catch((error) => error.name)"), "NotSupportedError")
+        name = self.check("player.play().catch((error) => error.name)")
+        self.assertEqual(name, "NotSupportedError")
 
     def test_screenshots_are_png(self):
         self.show_ready()
@@ -169,7 +171,8 @@ class ElementTest(unittest.TestCase):
             self.show_ready(controls="")
             self.wait(f"innerWidth === {width} && player.clientWidth === {width}")
             fits = self.check(
-                "[...part('.row').children].filter((child) => child.offsetWidth > 0).every((child) =>"
+                "[...part('.row').children].filter((child) => child.offsetWidth > 0)"
+                ".every((child) =>"
                 f"child.getBoundingClientRect().right <= {width} - 2 &&"
                 "child.getBoundingClientRect().left >= 2) && part('.row').scrollWidth <="
                 "part('.row').clientWidth + 9")
@@ -226,8 +229,8 @@ class ElementTest(unittest.TestCase):
             names.append(self.check("player.shadowRoot.activeElement?.className.split(' ').pop()"))
             if len(names) == 2:
                 self.capture("focus")
-        self.assertEqual(names, ["view", "seek", "play", "speed", "loop", "statistics", "fullscreen",
-                                 "start"])
+        self.assertEqual(names, ["view", "seek", "play", "speed", "loop", "statistics",
+                                 "fullscreen", "start"])
 
     def test_the_speed_menu_by_keys(self):
         self.show_ready(controls="")
@@ -274,8 +277,9 @@ class ElementTest(unittest.TestCase):
     def test_a_paused_player_renders_nothing(self):
         self.show_ready(controls="")
         self.wait("player.buffered.end(0) === 12")
-        frames = self.check("new Promise((resolve) => { const { frames } = parts.renderers[0];"
-                            "setTimeout(() => resolve(parts.renderers[0].frames - frames), 500); })")
+        frames = self.check("new Promise((resolve) => { const [r] = parts.renderers;"
+                            "const { frames } = r;"
+                            "setTimeout(() => resolve(r.frames - frames), 500); })")
         self.assertEqual(frames, 0)
 
     def test_the_wheel_zooms_a_player_that_is_used(self):

@@ -24,7 +24,8 @@ test("loading dispatches its events in order", async () => {
   assert.equal(player.readyState, StgsPlayer.HAVE_ENOUGH_DATA);
   await host.run(20);
   assert.deepEqual(events, [
-    "loadstart", "durationchange", "loadedmetadata", "progress", "progress", "loadeddata", "canplay",
+    "loadstart", "durationchange", "loadedmetadata", "progress", "progress", "loadeddata",
+    "canplay",
   ]);
   assert.equal(player.buffered.length, 1);
   assert.equal(player.buffered.end(0), 10);

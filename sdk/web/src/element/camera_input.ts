@@ -138,7 +138,10 @@ export class CameraInput implements CameraSource {
     this.options.onMove();
   }
 
-  /** Returns whether a gamepad has to be read again: if the player is focused, hovered or fullscreen. */
+  /**
+   * Returns whether a gamepad has to be read again: if the player is focused, hovered or
+   * fullscreen.
+   */
   private readPads(): boolean {
     const { host, rig, onPadAction } = this.options;
     const pads = navigator.getGamepads?.().filter((pad) => pad?.mapping === "standard") ?? [];

@@ -50,7 +50,8 @@ export class ControlBar {
 
   /** Whether input is in progress that the bar must stay visible for. */
   get busy(): boolean {
-    return this.slider.active || this.speed.isOpen || this.root.querySelector(":focus-visible") !== null;
+    const hasFocus = this.root.querySelector(":focus-visible") !== null;
+    return hasFocus || this.slider.active || this.speed.isOpen;
   }
 
   /** Shows the state of the media. */

@@ -2,7 +2,8 @@
 // The keys of the player.
 
 export type KeyAction =
-  | { type: "toggle" } | { type: "seekBy"; direction: 1 | -1 } | { type: "stepBy"; direction: 1 | -1 }
+  | { type: "toggle" }
+  | { type: "seekBy"; direction: 1 | -1 } | { type: "stepBy"; direction: 1 | -1 }
   | { type: "seekToStart" } | { type: "seekToEnd" } | { type: "rateBy"; direction: 1 | -1 }
   | { type: "loop" } | { type: "fullscreen" } | { type: "statistics" };
 
@@ -69,8 +70,9 @@ export const RATES: readonly number[] = [0.25, 0.5, 0.75, 1, 1.5, 2];
 
 /** Returns the next rate of the menu above or below `rate`. */
 export function nextRate(rate: number, direction: 1 | -1): number {
-  if (direction > 0) return RATES.find((value) => value > rate) ?? Math.max(rate, RATES[RATES.length - 1]);
-  return [...RATES].reverse().find((value) => value < rate) ?? Math.min(rate, RATES[0]);
+  const next = direction > 0 ? RATES.find((value) => value > rate)
+                             : [...RATES].reverse().find((value) => value < rate);
+  return next ?? rate;
 }
 
 /** Seconds that an arrow key seeks: a tenth of the clip, at most 5 s. */

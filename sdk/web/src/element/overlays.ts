@@ -28,7 +28,8 @@ export class StatisticsPanel {
   }
 
   private update(): void {
-    const { stats, media } = { stats: this.media.stats, media: this.media };
+    const { media } = this;
+    const { stats } = media;
     const rows: [string, string][] = [
       ["Frame rate", `${stats.framesPerSecond} fps`],
       ["Resolution", `${media.videoWidth} × ${media.videoHeight}`],
@@ -39,7 +40,9 @@ export class StatisticsPanel {
       ["Buffered", `${bufferedAhead(media).toFixed(1)} s ahead`],
       ["Fetched", formatBytes(stats.bytesFetched)],
     ];
-    const cells = rows.flatMap(([name, value]) => [create("dt", {}, name), create("dd", {}, value)]);
+    const cells = rows.flatMap(([name, value]) => {
+      return [create("dt", {}, name), create("dd", {}, value)];
+    });
     this.root.replaceChildren(...cells);
   }
 }

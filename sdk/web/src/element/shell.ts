@@ -14,8 +14,8 @@ const VIEW_LABEL = "Scene. Drag to look around, scroll to zoom. Shift and the ar
   "plus and minus zoom, R resets the camera.";
 /** Events after which the controls show another state. */
 const STATE_EVENTS = [
-  "emptied", "loadstart", "loadedmetadata", "durationchange", "loadeddata", "canplay", "play", "playing",
-  "pause", "waiting", "seeking", "seeked", "ratechange", "ended", "error", "progress",
+  "emptied", "loadstart", "loadedmetadata", "durationchange", "loadeddata", "canplay", "play",
+  "playing", "pause", "waiting", "seeking", "seeked", "ratechange", "ended", "error", "progress",
 ];
 
 /** Actions of the element itself. */

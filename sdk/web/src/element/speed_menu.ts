@@ -21,7 +21,8 @@ export class SpeedMenu {
       item.addEventListener("click", () => this.choose(rate));
       return item;
     });
-    this.menu = create("div", { role: "menu", class: "menu", "aria-label": "Speed" }, ...this.items);
+    const attributes = { role: "menu", class: "menu", "aria-label": "Speed" };
+    this.menu = create("div", attributes, ...this.items);
     this.menu.hidden = true;
     this.root = create("div", { class: "speed-menu" }, this.menu, this.button);
     this.button.addEventListener("click", () => (this.isOpen ? this.close() : this.open()));

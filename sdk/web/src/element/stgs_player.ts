@@ -20,7 +20,10 @@ const MAX_PIXEL_RATIO = 2; // of the canvas to CSS pixels
 export interface StgsPlayerFactory {
   /** Called once per source. The player terminates the worker. */
   createWorker(): WorkerLike;
-  /** Throws if the browser cannot render; the message is displayed. The player destroys the renderer. */
+  /**
+   * Throws if the browser cannot render; the message is displayed. The player destroys the
+   * renderer.
+   */
   createRenderer(canvas: HTMLCanvasElement): Renderer;
 }
 
@@ -29,11 +32,11 @@ const Base = typeof HTMLElement === "undefined" ? (class {} as typeof HTMLElemen
 
 /**
  * `<stgs-player src controls autoplay loop poster camera="orbit|fly" free>`: plays a scene like a
- * media element. Properties, methods and events are those of `StgsPlayer`; attributes are reflected.
- * Without `controls`, only the camera takes input. `free` lifts the limits of the orbit.
+ * media element. Properties, methods and events are those of `StgsPlayer`; attributes are
+ * reflected. Without `controls`, only the camera takes input. `free` lifts the limits of the orbit.
  *
- * The player is created when the element is connected or used, and destroyed when it is removed from
- * the page; then the position is lost.
+ * The player is created when the element is connected or used, and destroyed when it is removed
+ * from the page; then the position is lost.
  */
 export abstract class StgsPlayerElement extends Base implements Media {
   static readonly observedAttributes = [
@@ -262,7 +265,10 @@ export abstract class StgsPlayerElement extends Base implements Media {
     else this.player?.unload();
   }
 
-  /** Returns the player, which is created if there is none, and loads the source unless `loads` is off. */
+  /**
+   * Returns the player, which is created if there is none, and loads the source unless `loads` is
+   * off.
+   */
   private use(loads = true): StgsPlayer | null {
     if (this.player !== null) return this.player;
     this.failure = null;
@@ -337,7 +343,8 @@ export abstract class StgsPlayerElement extends Base implements Media {
   }
 
   private unavailable(): DOMException {
-    const message = this.failure?.message ?? "there is no player; connect the element or load a source";
+    const message = this.failure?.message ??
+      "there is no player; connect the element or load a source";
     return new DOMException(message, "NotSupportedError");
   }
 }

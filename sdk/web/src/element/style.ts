@@ -5,7 +5,7 @@ export const STYLE = `
 :host {
   --accent: #6ea8ff;
   --text: rgba(255, 255, 255, 0.94);
-  --quiet: rgba(255, 255, 255, 0.64);
+  --quiet: rgba(255, 255, 255, 0.7);
   --panel: rgba(18, 20, 24, 0.88);
   --line: rgba(255, 255, 255, 0.1);
   display: block;
@@ -40,18 +40,22 @@ canvas { display: block; }
   transition: opacity 0.3s, visibility 0.3s;
 }
 .has-frame .poster { opacity: 0; visibility: hidden; }
-.hidden-text { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%); }
+.hidden-text {
+  position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%);
+}
 
 button {
-  font: inherit; color: inherit; background: none; border: 0; margin: 0; padding: 0; cursor: pointer;
+  font: inherit; color: inherit; background: none; border: 0; margin: 0; padding: 0;
+  cursor: pointer;
 }
-button:focus-visible, .seek:focus-visible, .item:focus-visible {
+button:focus-visible, .item:focus-visible {
   outline: 2px solid var(--accent); outline-offset: -2px;
 }
 svg { display: block; width: 1em; height: 1em; }
 .filled { fill: currentColor; }
 .lines {
-  fill: none; stroke: currentColor; stroke-width: 1.7; stroke-linecap: round; stroke-linejoin: round;
+  fill: none; stroke: currentColor; stroke-width: 1.8; stroke-linecap: round;
+  stroke-linejoin: round;
 }
 
 .bar {
@@ -68,15 +72,18 @@ svg { display: block; width: 1em; height: 1em; }
 
 .button {
   flex: none; display: grid; place-items: center; min-width: 40px; height: 40px; border-radius: 8px;
-  font-size: 21px; color: var(--text); transition: background-color 0.12s, color 0.12s;
+  font-size: 22px; color: var(--text); transition: background-color 0.12s, color 0.12s;
 }
 .button.play { font-size: 25px; margin-left: -8px; }
-.button.speed { font-size: 13px; font-weight: 600; padding: 0 8px; font-variant-numeric: tabular-nums; }
-.button.loop, .button.statistics { color: var(--quiet); }
+.button.speed {
+  font-size: 13px; font-weight: 600; padding: 0 8px; font-variant-numeric: tabular-nums;
+}
+.button.loop, .button.statistics { color: rgba(255, 255, 255, 0.8); }
 .button[aria-pressed="true"] { color: var(--accent); }
 .button.fullscreen { margin-right: -8px; }
 .time {
-  padding: 0 10px 0 6px; white-space: nowrap; font-variant-numeric: tabular-nums; color: var(--text);
+  padding: 0 10px 0 6px; white-space: nowrap; font-variant-numeric: tabular-nums;
+  color: var(--text);
 }
 .total { color: var(--quiet); }
 .total::before { content: "/"; padding: 0 0.4em; }
@@ -90,25 +97,30 @@ svg { display: block; width: 1em; height: 1em; }
   outline: none;
 }
 .track {
-  position: absolute; left: 0; right: 0; top: 8px; height: 4px; border-radius: 2px; overflow: hidden;
+  position: absolute; left: 0; right: 0; top: calc(50% - 2px); height: 4px; border-radius: 2px;
+  overflow: hidden;
   background: rgba(255, 255, 255, 0.2); transition: transform 0.12s;
 }
+.seek:focus-visible .track { outline: 2px solid var(--accent); outline-offset: 5px; }
 .seek.hover .track, .seek.scrubbing .track { transform: scaleY(1.5); }
 .buffered > div {
   position: absolute; top: 0; bottom: 0; background: rgba(255, 255, 255, 0.32);
 }
 .played {
-  position: absolute; inset: 0; background: var(--accent); transform: scaleX(0); transform-origin: 0 0;
+  position: absolute; inset: 0; background: var(--accent); transform: scaleX(0);
+  transform-origin: 0 0;
 }
 .thumb {
-  position: absolute; top: 4px; width: 12px; height: 12px; margin-left: -6px; border-radius: 50%;
+  position: absolute; top: calc(50% - 6px); width: 12px; height: 12px; margin-left: -6px;
+  border-radius: 50%;
   background: #fff; box-shadow: 0 0 4px rgba(0, 0, 0, 0.5); transform: scale(0);
   transition: transform 0.12s; pointer-events: none;
 }
 .seek.hover .thumb, .seek:focus-visible .thumb { transform: scale(1); }
 .seek.scrubbing .thumb { transform: scale(1.2); }
 .hint {
-  position: absolute; bottom: 24px; padding: 3px 7px; border-radius: 6px; transform: translateX(-50%);
+  position: absolute; bottom: 24px; padding: 3px 7px; border-radius: 6px;
+  transform: translateX(-50%);
   background: var(--panel); font-size: 12px; font-variant-numeric: tabular-nums; visibility: hidden;
   pointer-events: none;
 }
@@ -117,7 +129,8 @@ svg { display: block; width: 1em; height: 1em; }
 .speed-menu { position: relative; }
 .menu {
   position: absolute; right: 0; bottom: 46px; min-width: 124px; padding: 5px; border-radius: 10px;
-  background: var(--panel); border: 1px solid var(--line); box-shadow: 0 8px 28px rgba(0, 0, 0, 0.45);
+  background: var(--panel); border: 1px solid var(--line);
+  box-shadow: 0 8px 28px rgba(0, 0, 0, 0.45);
   backdrop-filter: blur(14px);
 }
 .item {
@@ -130,7 +143,8 @@ svg { display: block; width: 1em; height: 1em; }
 }
 
 .start {
-  position: absolute; left: 50%; top: 50%; width: 76px; height: 76px; margin: -38px; font-size: 38px;
+  position: absolute; left: 50%; top: 50%; width: 76px; height: 76px; margin: -38px;
+  font-size: 38px;
   border-radius: 50%; display: grid; place-items: center; background: rgba(14, 16, 20, 0.62);
   border: 1px solid rgba(255, 255, 255, 0.16); backdrop-filter: blur(10px);
   transition: background-color 0.15s, transform 0.15s;
@@ -156,7 +170,8 @@ dd { margin: 0; text-align: right; }
 
 .error {
   position: absolute; inset: 0; padding: 24px; display: flex; flex-direction: column; gap: 8px;
-  align-items: center; justify-content: center; text-align: center; background: rgba(10, 11, 14, 0.92);
+  align-items: center; justify-content: center; text-align: center;
+  background: rgba(10, 11, 14, 0.92);
 }
 .error svg { font-size: 40px; color: #ff8a80; }
 .error h2 { margin: 4px 0 0; font-size: 16px; font-weight: 600; }
@@ -177,6 +192,10 @@ dd { margin: 0; text-align: right; }
 }
 @media (hover: none) {
   .thumb { transform: scale(1); }
+}
+@media (pointer: coarse) {
+  .seek { height: 28px; }
+  .button { height: 44px; }
 }
 .item:focus { background: rgba(255, 255, 255, 0.1); }
 

@@ -6,7 +6,7 @@ const SHORT_CLIP = 20; // seconds; shorter clips are shown with tenths
 /** Returns `seconds` as h:mm:ss, m:ss or m:ss.t, in the form that suits a clip of this duration. */
 export function formatTime(seconds: number, duration: number): string {
   if (!Number.isFinite(seconds)) return "0:00";
-  const tenths = duration < SHORT_CLIP;
+  const tenths = duration > 0 && duration < SHORT_CLIP;
   const total = tenths ? Math.floor(seconds * 10 + 1e-6) / 10 : Math.floor(seconds + 1e-6);
   const hours = Math.floor(total / 3600);
   const minutes = Math.floor((total % 3600) / 60);
@@ -21,7 +21,8 @@ export function speakTime(seconds: number): string {
   const minutes = Math.floor(total / 60);
   const rest = Math.round((total - 60 * minutes) * 10) / 10;
   const plural = (count: number, unit: string) => `${count} ${unit}${count === 1 ? "" : "s"}`;
-  return minutes === 0 ? plural(rest, "second") : `${plural(minutes, "minute")} ${plural(rest, "second")}`;
+  const spoken = plural(rest, "second");
+  return minutes === 0 ? spoken : `${plural(minutes, "minute")} ${spoken}`;
 }
 
 /** Returns a number of bytes with a decimal unit. */

@@ -4,9 +4,9 @@
 /**
  * Extrapolates the time of the core, which reports it a few times per second.
  *
- * Times of the clip are in seconds, `now` and `at` in milliseconds of `Host.now`. While it runs, the
- * clock never goes back except where playback loops: if a report is behind the extrapolated time, the
- * clock holds its time until the report catches up.
+ * Times of the clip are in seconds, `now` and `at` in milliseconds of `Host.now`. While it runs,
+ * the clock never goes back except where playback loops: if a report is behind the extrapolated
+ * time, the clock holds its time until the report catches up.
  */
 export class PlaybackClock {
   /** Seconds. */

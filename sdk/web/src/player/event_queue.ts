@@ -2,9 +2,9 @@
 
 /** Events of the player, which are those of media elements and `notice`. */
 export const EVENT_NAMES = [
-  "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing", "pause",
-  "waiting", "seeking", "seeked", "timeupdate", "ratechange", "ended", "error", "progress", "abort",
-  "emptied", "notice",
+  "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing",
+  "pause", "waiting", "seeking", "seeked", "timeupdate", "ratechange", "ended", "error", "progress",
+  "abort", "emptied", "notice",
 ] as const;
 export type EventName = typeof EVENT_NAMES[number];
 

@@ -37,8 +37,8 @@ export function startCameraOf(info: SceneInfo): Camera {
 }
 
 /**
- * Returns the camera for an image of another size in pixels. The larger side keeps its field of view
- * and pixels keep their aspect ratio, so a portrait image is cropped at its sides.
+ * Returns the camera for an image of another size in pixels. The larger side keeps its field of
+ * view and pixels keep their aspect ratio, so a portrait image is cropped at its sides.
  */
 export function fitCamera(camera: Camera, width: number, height: number): Camera {
   const scale = Math.max(width, height) / Math.max(camera.width, camera.height);

@@ -8,7 +8,9 @@ const FPS_WINDOW = 1000; // milliseconds over which frames are counted
 
 /** Supplies the camera of each frame. */
 export interface CameraSource {
-  /** Advances to `now`, milliseconds of any fixed clock. Returns whether the camera moves by itself. */
+  /**
+   * Advances to `now`, milliseconds of any fixed clock. Returns whether the camera moves by itself.
+   */
   update(now: number): boolean;
   /** The camera for an image of this size in pixels. */
   camera(width: number, height: number): Camera;

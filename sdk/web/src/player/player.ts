@@ -19,8 +19,8 @@ export interface PlayerOptions {
   /** Belongs to the player, which destroys it. */
   renderer: Renderer;
   /**
-   * Belongs to the player, which terminates it. With a function, each load gets a worker of its own,
-   * so that no message of an earlier source can be taken for one of the next.
+   * Belongs to the player, which terminates it. With a function, each load gets a worker of its
+   * own, so that no message of an earlier source can be taken for one of the next.
    */
   worker: WorkerSource;
   /** Bytes for fetched and decoded data; default 512 MiB. */
@@ -44,9 +44,10 @@ export interface PlayerStats {
 
 /**
  * Plays one source at a time, with the properties and events of `HTMLMediaElement`; times are in
- * seconds. Events are dispatched after the call that causes them. `timeupdate` is dispatched at most
- * four times per second during playback, and once after each seek, pause and end. A `notice` event
- * with `detail: { kind, message }` passes on events of the core, such as data that could not be read.
+ * seconds. Events are dispatched after the call that causes them. `timeupdate` is dispatched at
+ * most four times per second during playback, and once after each seek, pause and end. A `notice`
+ * event with `detail: { kind, message }` passes on events of the core, such as data that could not
+ * be read.
  */
 export class StgsPlayer extends EventTarget {
   static readonly HAVE_NOTHING = Ready.Nothing;
@@ -116,9 +117,9 @@ export class StgsPlayer extends EventTarget {
   }
 
   /**
-   * Starts playback, from the beginning if it has ended. Resolves when the time advances. Rejects with
-   * an `AbortError` if `pause`, `load` or `destroy` comes first, with a `NotSupportedError` if the
-   * source fails.
+   * Starts playback, from the beginning if it has ended. Resolves when the time advances. Rejects
+   * with an `AbortError` if `pause`, `load` or `destroy` comes first, with a `NotSupportedError` if
+   * the source fails.
    */
   play(): Promise<void> {
     if (this.isDestroyed) return Promise.reject(abortError("the player is destroyed"));
@@ -187,8 +188,10 @@ export class StgsPlayer extends EventTarget {
   get stats(): PlayerStats {
     const { primitives, visible, sortMs } = this.renderer.statistics;
     const { bytes = 0, layers = 0, layerCount = 0 } = this.playback.scene ?? {};
-    const framesPerSecond = this.frames.framesPerSecond();
-    return { framesPerSecond, primitives, visible, bytesFetched: bytes, sortMs, layers, layerCount };
+    return {
+      framesPerSecond: this.frames.framesPerSecond(),
+      primitives, visible, bytesFetched: bytes, sortMs, layers, layerCount,
+    };
   }
 
   /** Supplies the cameras; null (default): the start camera of the scene. */

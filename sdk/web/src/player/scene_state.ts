@@ -36,7 +36,8 @@ export class SceneState {
   hasData(state: CoreState): boolean {
     if (state.state === "buffering") return false;
     if (state.state !== "paused") return true;
-    return this.buffered.covers(state.seconds, this.info.tickSeconds) || this.isActive(state.seconds);
+    const isBuffered = this.buffered.covers(state.seconds, this.info.tickSeconds);
+    return isBuffered || this.isActive(state.seconds);
   }
 
   /** Whether playback can continue at the other end of the clip without fetching. */

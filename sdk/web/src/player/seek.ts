@@ -18,9 +18,9 @@ export interface SeekContext {
 }
 
 /**
- * Sends a target to the core and recognises the answer: states have no number, and those from before
- * the seek may still arrive. While one target is in flight, later ones replace each other, so that a
- * slider that is dragged neither floods the core nor blocks until the last frame.
+ * Sends a target to the core and recognises the answer: states have no number, and those from
+ * before the seek may still arrive. While one target is in flight, later ones replace each other,
+ * so that a slider that is dragged neither floods the core nor blocks until the last frame.
  */
 export class Seek {
   private sent: { seconds: number; at: number } | null = null;

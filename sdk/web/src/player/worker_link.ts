@@ -17,7 +17,9 @@ export class WorkerLink {
     private readonly onFailure: (message: string) => void,
   ) {}
 
-  /** Prepares a worker for the next source. Throws what the function that creates workers throws. */
+  /**
+   * Prepares a worker for the next source. Throws what the function that creates workers throws.
+   */
   start(): void {
     if (typeof this.source === "function") {
       this.worker?.terminate();

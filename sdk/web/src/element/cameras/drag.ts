@@ -26,8 +26,8 @@ export interface PointerInput {
 }
 
 /**
- * One pointer rotates, or pans if it asks to; two pan, and pinch to zoom. A press without a drag is a
- * tap.
+ * One pointer rotates, or pans if it asks to; two pan, and pinch to zoom. A press without a drag is
+ * a tap.
  */
 export class DragGestures {
   private readonly pointers = new Map<number, Pointer>();

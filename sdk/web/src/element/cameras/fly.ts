@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 import { Camera, SceneInfo } from "../../types";
 import {
-  CameraRig, Drive, Inertia, isDriven, largerSide, NO_DRIVE, RigStart, rigStart, StepTimer, viewFrom,
+  CameraRig, Drive, Inertia, isDriven, largerSide, NO_DRIVE, RigStart, rigStart, StepTimer,
+  viewFrom,
 } from "./rig";
 import { add, Axes, clamp, scaled, turned, Vector } from "./vector";
 
@@ -15,7 +16,9 @@ export interface FlyOptions {
   reducedMotion?: boolean;
 }
 
-/** Moves freely along the axes of the camera and turns in place. Up stays that of the start camera. */
+/**
+ * Moves freely along the axes of the camera and turns in place. Up stays that of the start camera.
+ */
 export class FlyCamera implements CameraRig {
   private readonly start: RigStart;
   private readonly inertia: Inertia;

@@ -10,7 +10,9 @@ const BUTTONS: Readonly<Record<number, PadAction>> = {
   15: "ahead",
 };
 
-/** Actions of buttons: A plays and pauses, Y resets the camera, left and right of the cross seek. */
+/**
+ * Actions of buttons: A plays and pauses, Y resets the camera, left and right of the cross seek.
+ */
 export type PadAction = "toggle" | "reset" | "back" | "ahead";
 
 /** The part of a `Gamepad` of the standard mapping that is read. */
@@ -40,7 +42,8 @@ export class PadReader {
     const [turnRight, turnDown] = stick(axes[2] ?? 0, axes[3] ?? 0);
     const up = Number(pressed.has(5)) - Number(pressed.has(4));
     const boost = 1 + TRIGGER_BOOST * (buttons[7]?.value ?? 0);
-    return { drive: { right, up, forward: 0 - back, turnRight, turnUp: 0 - turnDown, boost }, actions };
+    const drive = { right, up, forward: 0 - back, turnRight, turnUp: 0 - turnDown, boost };
+    return { drive, actions };
   }
 }
 

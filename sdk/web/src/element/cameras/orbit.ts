@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 import { Camera, SceneInfo } from "../../types";
 import {
-  CameraRig, Drive, Inertia, isDriven, largerSide, NO_DRIVE, RigStart, rigStart, StepTimer, viewFrom,
+  CameraRig, Drive, Inertia, isDriven, largerSide, NO_DRIVE, RigStart, rigStart, StepTimer,
+  viewFrom,
 } from "./rig";
 import { add, Axes, clamp, length, scaled, turned, Vector } from "./vector";
 
@@ -31,9 +32,10 @@ export interface OrbitOptions {
 
 /**
  * Derives the limits from the start camera. A scene states no range of captured directions, so the
- * field of view stands for it: cameras of a capture overlap, and views that differ by the field of view
- * share about half of what they see. The azimuth may leave the start by the horizontal field of view,
- * at least 20 and at most 75 degrees; the elevation by half the vertical one, 10 to 40 degrees.
+ * field of view stands for it: cameras of a capture overlap, and views that differ by the field of
+ * view share about half of what they see. The azimuth may leave the start by the horizontal field
+ * of view, at least 20 and at most 75 degrees; the elevation by half the vertical one, 10 to 40
+ * degrees.
  */
 export function orbitLimits({ camera, distance }: RigStart): OrbitLimits {
   const degrees = Math.PI / 180;
@@ -52,7 +54,10 @@ const NO_LIMITS: OrbitLimits = {
   azimuth: Infinity, elevation: MAX_ELEVATION, nearest: 1e-3, farthest: 1e6, pan: Infinity,
 };
 
-/** Orbits around a point on the optical axis of the start camera, at the depth of the scene's centre. */
+/**
+ * Orbits around a point on the optical axis of the start camera, at the depth of the scene's
+ * centre.
+ */
 export class OrbitCamera implements CameraRig {
   /** Radians. */
   readonly limits: OrbitLimits;
@@ -127,7 +132,8 @@ export class OrbitCamera implements CameraRig {
     const { position, axes, distance } = this.start;
     const centre = add(add(position, scaled(axes.forward, distance)), this.offset);
     const now = this.axes();
-    return viewFrom(this.start, now, add(centre, scaled(now.forward, -this.distance)), width, height);
+    const behind = add(centre, scaled(now.forward, -this.distance));
+    return viewFrom(this.start, now, behind, width, height);
   }
 
   private axes(): Axes {

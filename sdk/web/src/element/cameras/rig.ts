@@ -24,8 +24,8 @@ export interface Drive {
 export const NO_DRIVE: Drive = { right: 0, up: 0, forward: 0, turnRight: 0, turnUp: 0, boost: 1 };
 
 /**
- * An interactive camera: a state machine that input moves. Rotations are in radians to the right and
- * up; panning is in shares of the image's larger side.
+ * An interactive camera: a state machine that input moves. Rotations are in radians to the right
+ * and up; panning is in shares of the image's larger side.
  */
 export interface CameraRig extends CameraSource {
   /** A drag: the content follows the pointer. */
