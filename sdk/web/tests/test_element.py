@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+import time
 import unittest
 
 from browser import CHROMIUM, Browser, Server
@@ -290,6 +291,45 @@ class ElementTest(unittest.TestCase):
         self.browser.mouse("mouseMoved", 310, 300)
         self.browser.mouse("mouseWheel", 310, 300, delta=-200)
         self.wait(f"{distance} < {start} - 0.5")
+
+    def test_a_page_scrolls_over_a_player_that_is_not_used(self):
+        self.check("document.body.style.height = '3000px'")
+        self.show_ready(style="height: 400px; margin-top: 500px")
+        distance = "parts.renderers[0].last.camera.translation[2]"
+        start = self.check(distance)
+        self.browser.mouse("mouseWheel", 300, 600, delta=100)
+        self.wait("scrollY === 100")
+        self.assertEqual(self.check(distance), start)
+
+    def test_reduced_motion_ends_rotations_with_the_drag(self):
+        self.browser.set_reduced_motion(True)
+        self.addCleanup(self.browser.set_reduced_motion, False)
+        self.show_ready(controls="")
+        self.browser.drag((300, 300), (500, 300))
+        rotation = "parts.renderers[0].last.camera.rotation[2]"
+        self.wait(f"{rotation} !== 0")
+        time.sleep(0.2)
+        end = self.check(rotation)
+        time.sleep(0.3)
+        self.assertEqual(self.check(rotation), end)
+
+    def test_fullscreen_by_key(self):
+        self.show_ready(controls="")
+        self.focus_view()
+        self.browser.press("f", "KeyF")
+        self.wait("document.fullscreenElement === player")
+        self.wait("part('.fullscreen').getAttribute('aria-label') === 'Exit fullscreen'")
+        self.browser.press("f", "KeyF")
+        self.wait("document.fullscreenElement === null")
+
+    def test_an_aborted_load_shows_nothing(self):
+        self.show(controls="", src="")
+        name = self.check("{ const c = new AbortController();"
+                          "const done = player.load('slow.stgs', { signal: c.signal });"
+                          "c.abort(); done.catch((error) => error.name); }")
+        self.assertEqual(name, "AbortError")
+        self.wait("part('.spinner').hidden && part('.start').hidden && part('.error').hidden")
+        self.assertEqual(self.check("player.src"), "slow.stgs")
 
     def test_fly_keys_move_the_camera(self):
         self.show_ready(camera="fly", controls="")

@@ -132,6 +132,27 @@ test("destroy while loading rejects and dispatches nothing", async () => {
   await rejectsWith(player.screenshot(), "AbortError");
 });
 
+test("destroy rejects a screenshot", async () => {
+  const { player, renderer } = await openScene();
+  renderer.renderExactly = () => new Promise(() => undefined);
+  const screenshot = player.screenshot();
+  player.destroy();
+  await rejectsWith(screenshot, "AbortError");
+});
+
+test("a renderer that keeps failing is one error", async () => {
+  const { player, renderer, host, events } = await openScene();
+  renderer.render = () => {
+    throw new Error("context lost");
+  };
+  for (let i = 1; i < 4; ++i) {
+    player.resize(10 * i, 10);
+    await host.run(100);
+  }
+  assert.equal(events.filter((name) => name === "error").length, 1);
+  assert.equal(player.hasSource, false);
+});
+
 test("destroy during playback, a seek and an event stops everything", async () => {
   const { player, worker, host, events, renderer } = await startPlaying();
   await host.run(100);

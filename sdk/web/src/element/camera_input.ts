@@ -39,8 +39,8 @@ export class CameraInput implements CameraSource {
     this.gestures = new DragGestures(rig, () => Math.max(view.clientWidth, view.clientHeight, 1));
     this.bindPointers();
     this.bindKeys();
-    for (const type of ["gamepadconnected", "focus"]) {
-      window.addEventListener(type, () => options.onMove(), { signal: this.abort.signal });
+    for (const type of ["gamepadconnected", "gamepaddisconnected", "focus"]) {
+      window.addEventListener(type, () => this.drive(), { signal: this.abort.signal });
     }
   }
 

@@ -69,8 +69,10 @@ export class ControlBar {
   updateTime(): void {
     const duration = Number.isFinite(this.media.duration) ? this.media.duration : 0;
     const time = Math.min(this.media.currentTime, duration);
-    this.now.textContent = formatTime(time, duration);
-    this.total.textContent = formatTime(duration, duration);
+    const now = formatTime(time, duration);
+    if (now !== this.now.textContent) this.now.textContent = now;
+    const total = formatTime(duration, duration);
+    if (total !== this.total.textContent) this.total.textContent = total;
     this.slider.update();
   }
 

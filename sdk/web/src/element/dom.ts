@@ -27,7 +27,7 @@ export function setLabel(button: HTMLElement, label: string): void {
 }
 
 export function setIcon(button: HTMLElement, name: IconName): void {
-  if (button.dataset.icon === name) return;
-  button.dataset.icon = name;
+  if (button.dataset["icon"] === name) return;
+  button.dataset["icon"] = name;
   button.replaceChildren(icon(name));
 }

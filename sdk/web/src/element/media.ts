@@ -8,6 +8,7 @@ export interface Media extends EventTarget {
   readonly paused: boolean;
   readonly ended: boolean;
   readonly seeking: boolean;
+  readonly hasSource: boolean;
   readonly duration: number;
   readonly readyState: number;
   readonly buffered: BufferedRanges;

@@ -38,10 +38,11 @@ export class SeekSlider {
     const share = duration > 0 ? Math.min(time / duration, 1) : 0;
     this.played.style.transform = `scaleX(${share})`;
     this.thumb.style.left = `${100 * share}%`;
+    const spoken = `${speakTime(time)} of ${speakTime(duration)}`;
+    if (spoken === this.root.getAttribute("aria-valuetext")) return;
+    this.root.setAttribute("aria-valuetext", spoken);
     this.root.setAttribute("aria-valuenow", time.toFixed(2));
     this.root.setAttribute("aria-valuemax", duration.toFixed(2));
-    const spoken = `${speakTime(time)} of ${speakTime(duration)}`;
-    this.root.setAttribute("aria-valuetext", spoken);
     this.root.setAttribute("aria-disabled", String(duration === 0));
   }
 

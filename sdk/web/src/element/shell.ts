@@ -18,13 +18,6 @@ const STATE_EVENTS = [
   "playing", "pause", "waiting", "seeking", "seeked", "ratechange", "ended", "error", "progress",
 ];
 
-/** Actions of the element itself. */
-export interface ShellActions {
-  reload(): void;
-  /** Whether there is a source to load. */
-  readonly hasSource: boolean;
-}
-
 /** The canvas with its overlays and controls. */
 export class Shell {
   readonly root: HTMLElement;
@@ -41,8 +34,7 @@ export class Shell {
   private hasPlayed = false; // since the source was loaded
 
   constructor(
-    private readonly host: HTMLElement, private readonly media: Media,
-    private readonly actions: ShellActions,
+    private readonly host: HTMLElement, private readonly media: Media, reload: () => void,
   ) {
     this.bar = new ControlBar(media, {
       toggleFullscreen: () => this.toggleFullscreen(),
@@ -50,7 +42,7 @@ export class Shell {
       canFullscreen: document.fullscreenEnabled,
     });
     this.statistics = new StatisticsPanel(media);
-    this.error = new ErrorOverlay(() => actions.reload());
+    this.error = new ErrorOverlay(reload);
     this.autoHide = new AutoHide(
       () => !this.bar.busy && this.controls,
       (hidden) => this.setIdle(hidden),
@@ -73,9 +65,10 @@ export class Shell {
     this.start.setPoster(url);
   }
 
-  /** Lays out for this width, CSS pixels. */
-  setWidth(width: number): void {
+  /** Lays out for this size, CSS pixels. */
+  setSize(width: number, height: number): void {
     this.root.classList.toggle("narrow", width < NARROW);
+    this.root.style.setProperty("--height", `${height}px`);
   }
 
   /** Replaces the canvas: a renderer that was destroyed leaves its canvas without a context. */
@@ -140,15 +133,15 @@ export class Shell {
   /** Shows the state of the media. */
   update(): void {
     const { media, start } = this;
-    const isLoading = this.actions.hasSource && media.error === null &&
-      media.readyState < StgsPlayer.HAVE_CURRENT_DATA;
-    const isWaiting = !media.paused && media.readyState < StgsPlayer.HAVE_ENOUGH_DATA;
-    const invites = this.controls && this.actions.hasSource && media.paused && media.error === null;
+    const isLoading = media.hasSource && media.readyState < StgsPlayer.HAVE_CURRENT_DATA;
+    const isWaiting = media.hasSource && !media.paused &&
+      media.readyState < StgsPlayer.HAVE_ENOUGH_DATA;
+    const invites = this.controls && media.hasSource && media.paused;
     this.root.classList.toggle("has-frame", media.readyState >= StgsPlayer.HAVE_CURRENT_DATA);
     this.root.classList.toggle("failed", media.error !== null);
     start.button.hidden = !invites || (this.hasPlayed && !media.ended) || isLoading;
     start.setEnded(media.ended);
-    start.spinner.hidden = media.error !== null || !(isLoading || isWaiting);
+    start.spinner.hidden = !isLoading && !isWaiting;
     this.error.show(media.error);
     this.bar.update();
     this.animate();

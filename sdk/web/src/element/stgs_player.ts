@@ -57,13 +57,7 @@ export abstract class StgsPlayerElement extends Base implements Media {
 
   constructor() {
     super();
-    const hasSource = () => this.src !== "" || this.object !== null;
-    this.shell = new Shell(this, this, {
-      reload: () => this.reload(),
-      get hasSource() {
-        return hasSource();
-      },
-    });
+    this.shell = new Shell(this, this, () => this.reload());
     this.observer = new ResizeObserver(() => this.applySize());
     this.addEventListener("loadedmetadata", () => this.createCamera());
   }
@@ -187,6 +181,9 @@ export abstract class StgsPlayerElement extends Base implements Media {
   }
   get seeking(): boolean {
     return this.player?.seeking ?? false;
+  }
+  get hasSource(): boolean {
+    return this.player?.hasSource ?? false;
   }
   get readyState(): number {
     return this.player?.readyState ?? StgsPlayer.HAVE_NOTHING;
@@ -336,7 +333,7 @@ export abstract class StgsPlayerElement extends Base implements Media {
   }
 
   private applySize(): void {
-    this.shell.setWidth(this.clientWidth);
+    this.shell.setSize(this.clientWidth, this.clientHeight);
     const ratio = Math.min(window.devicePixelRatio || 1, MAX_PIXEL_RATIO);
     if (this.clientWidth === 0 || this.clientHeight === 0) return;
     this.player?.resize(this.clientWidth * ratio, this.clientHeight * ratio);

@@ -128,7 +128,8 @@ svg { display: block; width: 1em; height: 1em; }
 
 .speed-menu { position: relative; }
 .menu {
-  position: absolute; right: 0; bottom: 46px; min-width: 124px; padding: 5px; border-radius: 10px;
+  position: absolute; right: 0; bottom: 46px; min-width: 124px; overflow-y: auto;
+  max-height: calc(var(--height) - 64px); padding: 5px; border-radius: 10px;
   background: var(--panel); border: 1px solid var(--line);
   box-shadow: 0 8px 28px rgba(0, 0, 0, 0.45);
   backdrop-filter: blur(14px);
@@ -160,6 +161,7 @@ svg { display: block; width: 1em; height: 1em; }
 @keyframes appear { from { opacity: 0; } }
 
 .figures {
+  max-height: calc(var(--height) - 28px); overflow: hidden;
   position: absolute; left: 14px; top: 14px; margin: 0; padding: 10px 14px; border-radius: 10px;
   display: grid; grid-template-columns: auto auto; gap: 2px 18px; font-size: 12px; line-height: 1.5;
   background: rgba(12, 14, 17, 0.72); border: 1px solid var(--line); backdrop-filter: blur(10px);

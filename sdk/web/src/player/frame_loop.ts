@@ -35,7 +35,6 @@ export class FrameLoop {
   private frame: number | null = null;
   private isDirty = false;
   private isExact = false;
-  private exactInFlight = false;
   private isDestroyed = false;
   private last: { camera: Camera; ticks: number } | null = null;
   private readonly rendered: number[] = []; // times of the last frames
@@ -110,7 +109,7 @@ export class FrameLoop {
       !sameCamera(camera, this.last.camera);
     if (changed) {
       this.draw(camera, time.ticks, now);
-    } else if (!this.isExact && !this.exactInFlight && !time.running) {
+    } else if (!this.isExact && !time.running) {
       this.drawExactly(camera, time.ticks);
     }
     if (changed || moving || time.running) this.request();
@@ -131,17 +130,16 @@ export class FrameLoop {
   }
 
   private drawExactly(camera: Camera, ticks: number): void {
-    this.exactInFlight = true;
     this.isExact = true;
-    const finish = () => {
-      this.exactInFlight = false;
-      // A frame rendered in the meantime is newer than this one.
-      if (!this.isExact) this.invalidate();
-    };
-    this.renderer.renderExactly(camera, ticks).then(finish, (error) => {
-      finish();
-      if (!this.isDestroyed) this.client.onRenderError(error);
-    });
+    this.renderer.renderExactly(camera, ticks).then(
+      () => {
+        // A frame rendered in the meantime is newer than this one.
+        if (!this.isExact) this.invalidate();
+      },
+      (error) => {
+        if (!this.isDestroyed) this.client.onRenderError(error);
+      },
+    );
   }
 
   private applySize(): void {

@@ -68,6 +68,10 @@ export class Playback {
     return this.isEnded && !this.loop;
   }
 
+  get hasSource(): boolean {
+    return this.session !== null;
+  }
+
   get seeking(): boolean {
     return this.seek !== null;
   }
@@ -160,7 +164,8 @@ export class Playback {
 
   /** The time to render; null before there is an image. */
   frameTime(): { ticks: number; running: boolean } | null {
-    if (this.scene === null || this.ready < Ready.CurrentData) return null;
+    const isAvailable = this.ready >= Ready.CurrentData && this.error === null;
+    if (this.scene === null || !isAvailable) return null;
     return { ticks: this.shownTime() / this.scene.info.tickSeconds, running: this.clock.running };
   }
 
@@ -171,8 +176,9 @@ export class Playback {
     this.core.terminate();
   }
 
-  /** Reports an error, which ends the source. */
+  /** Reports an error, which ends the source. Later errors of the source are ignored. */
   fail(reason: ErrorReason, message: string): PlayerError {
+    if (this.error !== null) return this.error;
     const error = new PlayerError(reason, message, this.scene !== null);
     this.clock.freeze(this.now());
     this.endSession(error, unsupported(message));

@@ -8,6 +8,7 @@ import { CameraSource, FrameLoop } from "./frame_loop";
 import { browserHost, Host } from "./host";
 import { Playback, Ready } from "./playback";
 import { BufferedRanges } from "./ranges";
+import { Waiters } from "./session";
 import { WorkerSource } from "./worker_link";
 
 const MIN_RATE = -2, MAX_RATE = 4; // of the core
@@ -65,6 +66,7 @@ export class StgsPlayer extends EventTarget {
   private readonly frames: FrameLoop;
   private source: CameraSource | null = null;
   private isDestroyed = false;
+  private readonly screenshots = new Set<Waiters>(); // in flight
 
   constructor(options: PlayerOptions) {
     super();
@@ -162,6 +164,10 @@ export class StgsPlayer extends EventTarget {
   get error(): PlayerError | null {
     return this.playback.error;
   }
+  /** Whether a source is being loaded or played: not before `load`, nor after an error or an abort. */
+  get hasSource(): boolean {
+    return this.playback.hasSource;
+  }
   /** What is known of the scene; null before `loadedmetadata`. */
   get info(): SceneInfo | null {
     return this.playback.scene?.info ?? null;
@@ -216,8 +222,13 @@ export class StgsPlayer extends EventTarget {
   /** Returns the current image as PNG, rendered in the exact order. */
   async screenshot(): Promise<Blob> {
     if (this.isDestroyed) throw abortError("the player is destroyed");
-    await this.frames.renderExactly();
-    if (this.isDestroyed) throw abortError("the player was destroyed");
+    const end = new Waiters();
+    this.screenshots.add(end);
+    try {
+      await Promise.race([this.frames.renderExactly(), end.wait()]);
+    } finally {
+      this.screenshots.delete(end);
+    }
     // The drawing buffer is valid until this task ends; toBlob copies it before it returns.
     return new Promise((resolve, reject) => {
       this.canvas.toBlob((blob) => {
@@ -234,6 +245,7 @@ export class StgsPlayer extends EventTarget {
     this.events.close();
     this.frames.destroy();
     this.playback.destroy();
+    for (const end of this.screenshots) end.reject(abortError("the player was destroyed"));
     this.renderer.destroy();
   }
 
