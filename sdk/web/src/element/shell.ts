@@ -9,7 +9,7 @@ import { Media, toggle } from "./media";
 import { ErrorOverlay, StartOverlay, StatisticsPanel } from "./overlays";
 import { STYLE } from "./style";
 
-const NARROW = 480; // CSS pixels
+const NARROW = 480, SHORT = 280; // CSS pixels
 const VIEW_LABEL = "Scene. Drag to look around, scroll to zoom. Shift and the arrow keys rotate, " +
   "plus and minus zoom, R resets the camera.";
 /** Events after which the controls show another state. */
@@ -48,7 +48,7 @@ export class Shell {
       (hidden) => this.setIdle(hidden),
     );
     this.root = create("div", { class: "root" }, this.view, this.start.poster, this.start.spinner,
-                       this.statistics.root, this.bar.root, this.start.button, this.error.root);
+                       this.start.button, this.statistics.root, this.bar.root, this.error.root);
     const shadow = host.attachShadow({ mode: "open" });
     shadow.append(create("style", {}, STYLE), this.root);
     this.listen();
@@ -68,6 +68,7 @@ export class Shell {
   /** Lays out for this size, CSS pixels. */
   setSize(width: number, height: number): void {
     this.root.classList.toggle("narrow", width < NARROW);
+    this.root.classList.toggle("short", height < SHORT);
     this.root.style.setProperty("--height", `${height}px`);
   }
 

@@ -56,7 +56,13 @@ export class SpeedMenu {
     this.menu.hidden = false;
     this.button.setAttribute("aria-expanded", "true");
     const current = RATES.indexOf(this.media.playbackRate);
-    this.items[current < 0 ? RATES.indexOf(1) : current].focus({ preventScroll: true });
+    this.focus(this.items[current < 0 ? RATES.indexOf(1) : current]);
+  }
+
+  /** Focuses an item and scrolls the menu, but not the page. */
+  private focus(item: HTMLElement): void {
+    item.focus({ preventScroll: true });
+    this.menu.scrollTop = item.offsetTop + (item.offsetHeight - this.menu.clientHeight) / 2;
   }
 
   private close(): void {
@@ -80,7 +86,7 @@ export class SpeedMenu {
       Home: 0,
       End: last,
     };
-    if (event.key in target) this.items[target[event.key]].focus({ preventScroll: true });
+    if (event.key in target) this.focus(this.items[target[event.key]]);
     else if (event.key === "Enter" || event.key === " ") this.items[focused]?.click();
     else if (event.key === "Escape") this.close();
     else if (event.key === "Tab") return this.hide();

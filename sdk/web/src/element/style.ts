@@ -208,6 +208,15 @@ dd { margin: 0; text-align: right; }
 .narrow .start { width: 64px; height: 64px; margin: -32px; font-size: 32px; }
 .narrow .figures { left: 8px; top: 8px; padding: 8px 10px; font-size: 11px; }
 
+.short .bar { padding-top: 32px; }
+.short .start {
+  width: 52px; height: 52px; margin: -26px; font-size: 28px; top: calc(50% - 22px);
+}
+.short .figures { grid-template-columns: repeat(4, auto); gap: 0 12px; padding: 6px 10px; }
+.short .error { padding: 12px; gap: 4px; }
+.short .error svg { display: none; }
+.short .retry { margin-top: 6px; padding: 6px 16px; }
+
 @media (prefers-reduced-motion: reduce) {
   * { transition: none !important; }
   .spinner { animation-duration: 2.4s, 0s; }

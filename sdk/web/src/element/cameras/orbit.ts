@@ -31,11 +31,10 @@ export interface OrbitOptions {
 }
 
 /**
- * Derives the limits from the start camera. A scene states no range of captured directions, so the
- * field of view stands for it: cameras of a capture overlap, and views that differ by the field of
- * view share about half of what they see. The azimuth may leave the start by the horizontal field
- * of view, at least 20 and at most 75 degrees; the elevation by half the vertical one, 10 to 40
- * degrees.
+ * Derives the limits from the start camera. A scene states no range of captured directions; the
+ * field of view stands for it, since neighbouring cameras of a capture have overlapping views. The
+ * azimuth may leave the start by the horizontal field of view, at least 20 and at most 75 degrees;
+ * the elevation by half the vertical one, 10 to 40 degrees.
  */
 export function orbitLimits({ camera, distance }: RigStart): OrbitLimits {
   const degrees = Math.PI / 180;
