@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A core for tests of the element: plays a clip of 12 s that is fetched at twice its rate.
+// A core for tests of the element: plays a clip of 12 s that is fetched in 1.5 s.
 
-const DURATION = 12, TICK = 1 / 30, FETCH_RATE = 2;
+const DURATION = 12, TICK = 1 / 30, FETCH_RATE = 8;
 const now = () => performance.timeOrigin + performance.now();
 
 export class FakeCore {

@@ -346,6 +346,12 @@ export abstract class StgsPlayerElement extends Base implements Media {
   }
 }
 
+declare global {
+  interface HTMLElementTagNameMap {
+    "stgs-player": StgsPlayerElement;
+  }
+}
+
 /** Defines the element. Each definition has a factory of its own. */
 export function defineStgsPlayer(factory: StgsPlayerFactory, name = "stgs-player"): void {
   customElements.define(name, class extends StgsPlayerElement {
