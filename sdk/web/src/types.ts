@@ -21,7 +21,7 @@ export interface SceneInfo {
   startCamera: Camera | null;
   live: boolean;
 }
-/** A decoded segment, packed as player/src/vulkan/packed_segment.h states, ready for the GPU. */
+/** A decoded segment, packed as player/src/packed_segment.h states, ready for the GPU. */
 export interface PackedSegment {
   id: number;               // of the segment; replaces an earlier version with this id
   primitives: number;       // N; arrays have padded(N) = ceil(N / 256) * 256 entries

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Players on a fake page, in the states in which tests start.
 import assert from "node:assert/strict";
-import { importSource } from "./bundle.mjs";
+import { importSource } from "./import_source.mjs";
 import { FakeCanvas, FakeHost, FakeRenderer, FakeWorker, settle } from "./player_fakes.mjs";
 
 export const { StgsPlayer } = await importSource("src/player/player.ts");

@@ -2,7 +2,7 @@
 // Cameras keep valid poses, their centre, their limits and the field of view.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { importSource } from "./bundle.mjs";
+import { importSource } from "./import_source.mjs";
 import { INFO } from "./player_fakes.mjs";
 
 const cameras = await importSource("src/element/cameras/index.ts");

@@ -2,7 +2,7 @@
 // Keys and texts of the controls.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { importSource } from "./bundle.mjs";
+import { importSource } from "./import_source.mjs";
 
 const text = await importSource("src/element/text.ts");
 const keyboard = await importSource("src/element/keyboard.ts");

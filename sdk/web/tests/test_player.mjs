@@ -32,12 +32,16 @@ test("loading dispatches its events in order", async () => {
   assert.throws(() => player.buffered.start(1), { name: "IndexSizeError" });
 });
 
-test("the source is opened with the budget, the rate and the loop", async () => {
+test("the core receives the settings once the scene is open", async () => {
   const { player, worker } = setUp();
   player.playbackRate = 2;
   player.loop = true;
   player.src = "scene.stgs";
-  assert.deepEqual(worker.types(), ["open", "rate", "loop"]);
+  player.currentTime = 3;
+  player.play().catch(() => undefined);
+  assert.deepEqual(worker.types(), ["open"]);
+  worker.opened();
+  assert.deepEqual(worker.types(), ["open", "rate", "loop", "seek", "play"]);
   assert.equal(worker.posted[0].source, "scene.stgs");
   assert.ok(worker.posted[0].options.memoryBudget > 0);
   assert.equal(player.src, "scene.stgs");
@@ -131,6 +135,17 @@ test("play after the end starts from the beginning", async () => {
   await started;
   assert.equal(player.ended, false);
   near(player.currentTime, 0);
+});
+
+test("the time follows reports that vary by part of a frame smoothly", async () => {
+  const { worker, renderer, host } = await startPlaying();
+  for (let i = 1; i <= 20; ++i) {
+    await host.run(100);
+    worker.state("playing", i / 10 - 0.03 * (i % 2));
+  }
+  const ticks = ticksOf(renderer).slice(-90);
+  const steps = ticks.slice(1).map((value, i) => (value - ticks[i]) * 0.04);
+  assert.ok(steps.every((step) => Math.abs(step - 0.02) < 0.005), `${Math.max(...steps)} s`);
 });
 
 test("a loop wraps the time without a report of the core", async () => {
@@ -230,6 +245,23 @@ test("a storm of seeks sends few messages and ends at the last target", async ()
   assert.equal(worker.last("seek").seconds, 7);
   await host.run(300);
   assert.equal(worker.last("seek").seconds, 8);
+});
+
+test("a paused image whose last report is missing is shown after a while", async () => {
+  const { player, worker, host } = await openScene();
+  player.currentTime = 5;
+  worker.state("paused", 5, { buffered: [[0, 1]] });
+  await host.run(1000);
+  assert.equal(player.seeking, false); // the segment of openScene() is visible at 5 s
+  near(player.currentTime, 5);
+  worker.send({ type: "dropped", id: 1 });
+  player.currentTime = 6;
+  worker.state("paused", 6, { buffered: [[0, 1]] });
+  await host.run(1000);
+  assert.equal(player.seeking, true);
+  worker.segment(2, 140, 160);
+  assert.equal(player.seeking, false);
+  assert.equal(host.timers.size, 0);
 });
 
 test("a seek while playing continues to play", async () => {

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The playback time between two reports of the core.
 
+const MAX_JITTER = 0.06; // seconds of difference that are adjusted slowly
+const ADJUSTMENT = 0.1; // of a difference per report
+
 /**
  * Extrapolates the time of the core, which reports it a few times per second.
  *
@@ -36,13 +39,22 @@ export class PlaybackClock {
     this.held = null;
   }
 
-  /** Takes over a report of the core during playback. */
+  /**
+   * Takes over a report of the core during playback. The core reports its time after it has decoded,
+   * so the report is late by a varying part of a frame: small differences are adjusted slowly.
+   */
   follow(seconds: number, at: number, rate: number, running: boolean, now: number): void {
     const before = this.time(now);
+    const isAdvancing = this.isRunning && running && rate === this.rate;
     this.jump(seconds, at, rate, running);
     let behind = (before - this.estimate(now)) * Math.sign(rate);
     if (this.loop && this.duration > 0) {
       behind -= this.duration * Math.round(behind / this.duration);
+    }
+    if (isAdvancing && Math.abs(behind) < MAX_JITTER) {
+      this.base = before - ADJUSTMENT * behind * Math.sign(rate);
+      this.at = now;
+      behind *= ADJUSTMENT;
     }
     if (behind > 0) {
       const wait = running ? (1000 * behind) / Math.abs(rate) : Infinity;

@@ -1,39 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 // The state machine of playback: what the caller asked for, and what the core reports.
-import { CoreMessage, Renderer, SceneInfo } from "../types";
+import { CoreMessage, PageMessage, SceneInfo } from "../types";
 import { PlaybackClock } from "./clock";
 import { abortError, ErrorReason, PlayerError, textOf, unsupported } from "./errors";
 import { EventQueue } from "./event_queue";
-import { Host } from "./host";
+import { PlaybackContext, Ready } from "./playback_context";
 import { SceneState } from "./scene_state";
 import { CoreState, Seek } from "./seek";
 import { absoluteSource, Session, Waiters } from "./session";
-import { WorkerLink, WorkerSource } from "./worker_link";
+import { WorkerLink } from "./worker_link";
 
 const TIMEUPDATE_INTERVAL = 250; // milliseconds
+/** Milliseconds in which the core reports that a paused image is complete; then a part of it counts. */
+const REPORT_TIME = 600;
 const CLOCK_SLACK = 5; // milliseconds between the clocks of the page and of the worker
-
-/** Values of `readyState`, as those of media elements. */
-export const enum Ready {
-  Nothing = 0,
-  Metadata = 1,
-  CurrentData = 2,
-  EnoughData = 4,
-}
-
-/** Parts that playback works with; they belong to the caller. */
-export interface PlaybackContext {
-  worker: WorkerSource;
-  renderer: Renderer;
-  host: Host;
-  events: EventQueue;
-  options: { memoryBudget: number; lookAhead: number };
-  onOpened(info: SceneInfo): void;
-  /** The time may have changed. */
-  onTime(): void;
-  /** The image at the current time has changed. */
-  onContent(): void;
-}
 
 /** Playback of one source at a time. Times are in seconds; see `StgsPlayer` for the rules. */
 export class Playback {
@@ -51,6 +31,9 @@ export class Playback {
   private session: Session | null = null;
   private seek: Seek | null = null;
   private startTime: number | null = null; // of a seek before the scene is open
+  private latest: CoreState | null = null; // of this source
+  private reportTimer: number | null = null;
+  private acceptsPart = false; // of an image whose completeness the core does not report
   private playedAt = -Infinity; // of the last play(), in the host's time
   private lastTimeupdate = -Infinity;
   private isPlaying = false; // the core plays, and `playing` is dispatched
@@ -91,8 +74,6 @@ export class Playback {
     this.session = session;
     if (signal) session.listen(signal, () => this.unload(reason()));
     this.core.post({ type: "open", source: this.source, options: this.context.options });
-    if (this.rate !== 1) this.core.post({ type: "rate", rate: this.rate });
-    if (this.loop) this.core.post({ type: "loop", loop: true });
     return session.opened;
   }
 
@@ -104,7 +85,7 @@ export class Playback {
       this.playedAt = this.now();
       this.events.push("play");
       if (this.ready < Ready.EnoughData) this.events.push("waiting");
-      this.core.post({ type: "play" });
+      this.post({ type: "play" });
     }
     return this.isPlaying ? Promise.resolve() : this.starting.wait();
   }
@@ -113,7 +94,7 @@ export class Playback {
     if (this.paused) return;
     this.clock.freeze(this.now());
     this.stopPlaying();
-    this.core.post({ type: "pause" });
+    this.post({ type: "pause" });
     this.context.onTime();
   }
 
@@ -129,6 +110,7 @@ export class Playback {
     }
     if (this.session === null) return;
     this.isEnded = false;
+    this.expectReport();
     this.events.push("seeking");
     const target = Math.min(Math.max(seconds, 0), this.scene.duration);
     if (this.seek !== null) {
@@ -146,7 +128,7 @@ export class Playback {
     if (rate === this.rate) return;
     this.rate = rate;
     this.clock.setRate(rate, this.now());
-    this.core.post({ type: "rate", rate });
+    this.post({ type: "rate", rate });
     this.events.push("ratechange");
   }
 
@@ -154,7 +136,7 @@ export class Playback {
     if (loop === this.loop) return;
     this.loop = loop;
     this.clock.loop = loop;
-    this.core.post({ type: "loop", loop });
+    this.post({ type: "loop", loop });
   }
 
   /** The time of the image, which stays during a seek until the data of the target is available. */
@@ -204,6 +186,11 @@ export class Playback {
     return this.context.host.now();
   }
 
+  /** The core takes these messages once the scene is open; `onOpened` sends the state until then. */
+  private post(message: PageMessage): void {
+    if (this.scene !== null) this.core.post(message);
+  }
+
   /** Ends the source; the player is as new, except for its rate, its loop and its camera. */
   unload(reason: unknown): void {
     const wasUsed = this.session !== null || this.scene !== null || this.error !== null;
@@ -214,6 +201,7 @@ export class Playback {
     this.scene = null;
     this.error = null;
     this.startTime = null;
+    this.latest = null;
     this.ready = Ready.Nothing;
     this.paused = true;
     this.isEnded = false;
@@ -225,6 +213,7 @@ export class Playback {
   private endSession(reason: unknown, playReason = reason): void {
     this.seek?.cancel();
     this.seek = null;
+    this.expectReport();
     this.session?.end(reason);
     this.session = null;
     this.isPlaying = false;
@@ -239,6 +228,7 @@ export class Playback {
         return this.onState(message);
       case "segment":
         if (this.scene?.add(message.segment, this.shownTime())) this.context.onContent();
+        if (this.acceptsPart && this.latest !== null) this.follow(this.latest);
         return;
       case "dropped":
         if (this.scene?.remove(message.id, this.shownTime())) this.context.onContent();
@@ -258,8 +248,11 @@ export class Playback {
     this.events.push("durationchange");
     this.events.push("loadedmetadata");
     this.session?.markOpen();
+    if (this.rate !== 1) this.post({ type: "rate", rate: this.rate });
+    if (this.loop) this.post({ type: "loop", loop: true });
     if (this.startTime !== null) this.seekTo(this.startTime);
     this.startTime = null;
+    if (!this.paused) this.post({ type: "play" });
   }
 
   private onState(state: CoreState): void {
@@ -270,23 +263,53 @@ export class Playback {
     this.clock.canWrap = scene.canWrap();
     if (durationChanged) this.events.push("durationchange");
     if (progressed) this.events.push("progress");
+    this.latest = state;
     // A report of the end from before play() is outdated.
     const isOutdated = state.state === "ended" && state.at < this.playedAt - CLOCK_SLACK;
-    if (!isOutdated) {
-      if (!this.followSeek(state, scene)) this.followTime(state);
-      if (this.seek === null) this.followPlayback(state, scene.hasData(state));
-    }
+    if (!isOutdated) this.follow(state);
     this.updateTime(false);
     this.context.onTime();
   }
 
+  private follow(state: CoreState): void {
+    const hasData = this.hasData(state);
+    if (!this.followSeek(state, hasData)) this.followTime(state);
+    if (this.seek === null) this.followPlayback(state, hasData);
+  }
+
+  /**
+   * Whether the image at the time of `state` is available. While paused, the core need not report
+   * that the last segment has arrived.
+   */
+  private hasData(state: CoreState): boolean {
+    if (this.scene === null) return false;
+    if (this.scene.hasData(state)) {
+      this.expectReport();
+      return true;
+    }
+    if (state.state !== "paused") return false;
+    if (this.acceptsPart) return this.scene.isActive(state.seconds);
+    this.reportTimer ??= this.context.host.setTimer(() => {
+      this.reportTimer = null;
+      this.acceptsPart = true;
+      if (this.latest !== null) this.follow(this.latest);
+    }, REPORT_TIME);
+    return false;
+  }
+
+  /** Waits for the core's report of a complete image again. */
+  private expectReport(): void {
+    this.acceptsPart = false;
+    if (this.reportTimer !== null) this.context.host.clearTimer(this.reportTimer);
+    this.reportTimer = null;
+  }
+
   /** Takes over the time of the answer to a seek. Returns whether a seek is active. */
-  private followSeek(state: CoreState, scene: SceneState): boolean {
-    if (this.seek === null) return false;
-    const { tickSeconds } = scene.info;
-    const context = { tickSeconds, duration: scene.duration, loop: this.loop };
-    if (!this.seek.isAnswer(state, context)) return true;
-    if (!scene.hasData(state)) {
+  private followSeek(state: CoreState, hasData: boolean): boolean {
+    if (this.seek === null || this.scene === null) return false;
+    const { duration, info: { tickSeconds } } = this.scene;
+    if (!this.seek.isAnswer(state, { tickSeconds, duration, loop: this.loop })) return true;
+    if (!hasData) {
       this.stall();
       return true;
     }

@@ -32,12 +32,11 @@ export class SceneState {
     return { durationChanged, progressed };
   }
 
-  /** Whether the image at the time of `state` is complete enough to be shown. */
+  /** Whether the image at the time of `state` covers the scene. */
   hasData(state: CoreState): boolean {
     if (state.state === "buffering") return false;
     if (state.state !== "paused") return true;
-    const isBuffered = this.buffered.covers(state.seconds, this.info.tickSeconds);
-    return isBuffered || this.isActive(state.seconds);
+    return this.buffered.covers(state.seconds, this.info.tickSeconds);
   }
 
   /** Whether playback can continue at the other end of the clip without fetching. */
@@ -68,7 +67,8 @@ export class SceneState {
     this.resident.clear();
   }
 
-  private isActive(seconds: number): boolean {
+  /** Whether any segment is visible at `seconds`. */
+  isActive(seconds: number): boolean {
     return [...this.resident.keys()].some((id) => this.isVisible(id, seconds));
   }
 
