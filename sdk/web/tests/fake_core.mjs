@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A core for tests of the element: plays a clip of 12 s that is fetched in 1.5 s.
 
-const DURATION = 12, TICK = 1 / 30, FETCH_RATE = 8;
+const DURATION = 12, TICK = 1 / 30, LAST = DURATION - TICK, FETCH_RATE = 8;
 const now = () => performance.timeOrigin + performance.now();
 
 export class FakeCore {
@@ -37,14 +37,14 @@ export class FakeCore {
       case "open":
         return this.open(message.source);
       case "play":
-        if (this.seconds >= DURATION) this.seconds = 0;
+        if (this.seconds >= LAST) this.seconds = 0;
         this.plays = true;
         break;
       case "pause":
         this.plays = false;
         break;
       case "seek":
-        this.seconds = message.seconds;
+        this.seconds = Math.min(message.seconds, LAST);
         break;
       case "rate":
         this.rate = message.rate;
@@ -91,12 +91,12 @@ export class FakeCore {
   }
 
   next(seconds) {
-    return this.loop ? seconds % DURATION : Math.min(seconds, DURATION);
+    return this.loop ? seconds % DURATION : Math.min(seconds, LAST);
   }
 
   report() {
     const isBuffered = this.seconds <= this.fetched;
-    const isEnded = this.plays && !this.loop && this.seconds >= DURATION;
+    const isEnded = this.plays && !this.loop && this.seconds >= LAST;
     let state = this.plays ? "playing" : "paused";
     if (!isBuffered) state = "buffering";
     else if (isEnded) state = "ended";

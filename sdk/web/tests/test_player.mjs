@@ -110,26 +110,27 @@ test("the time advances with the clock, at the rate, and never goes back", async
   near(ticks[ticks.length - 1], 2.1 / 0.04);
 });
 
-test("the time is clamped to the duration", async () => {
+test("the time is clamped to the last frame, and the end is the duration", async () => {
   const { player, worker, host, events } = await startPlaying();
   worker.state("playing", 9.9);
   await host.run(500);
-  assert.equal(player.currentTime, 10);
+  near(player.currentTime, 9.96); // the last frame
   assert.equal(player.ended, false);
-  worker.state("ended", 10);
+  worker.state("ended", 9.96);
   await settle();
   assert.equal(player.ended, true);
+  assert.equal(player.currentTime, 10);
   assert.equal(player.paused, true);
   assert.deepEqual(events.slice(-3), ["timeupdate", "pause", "ended"]);
 });
 
 test("play after the end starts from the beginning", async () => {
   const { player, worker } = await startPlaying();
-  worker.state("ended", 10);
+  worker.state("ended", 9.96);
   const started = player.play();
   assert.equal(player.currentTime, 0);
   assert.deepEqual(worker.posted.slice(-2), [{ type: "seek", seconds: 0 }, { type: "play" }]);
-  worker.state("ended", 10); // posted before the core received the seek
+  worker.state("ended", 9.96); // posted before the core received the seek
   assert.equal(player.paused, false);
   worker.state("playing", 0);
   await started;
@@ -146,6 +147,32 @@ test("the time follows reports that vary by part of a frame smoothly", async () 
   const ticks = ticksOf(renderer).slice(-90);
   const steps = ticks.slice(1).map((value, i) => (value - ticks[i]) * 0.04);
   assert.ok(steps.every((step) => Math.abs(step - 0.02) < 0.005), `${Math.max(...steps)} s`);
+});
+
+test("play at the last frame starts from the beginning, in a loop too", async () => {
+  const { player, worker } = await startPlaying();
+  worker.state("ended", 9.96);
+  player.loop = true;
+  const started = player.play();
+  worker.state("ended", 9.96); // posted before the core received the seek
+  assert.equal(player.paused, false);
+  worker.state("playing", 0);
+  await started;
+  near(player.currentTime, 0);
+});
+
+test("a clip of one frame ends although the core never plays", async () => {
+  const { player, worker, host, events } = setUp();
+  player.src = "scene.stgs";
+  worker.opened({ ...INFO, duration: 0.04, frames: 1 });
+  const one = { duration: 0.04, buffered: [[0, 0.04]] };
+  worker.state("paused", 0, one);
+  const started = player.play();
+  worker.state("ended", 0, one);
+  await host.run(1000);
+  await rejectsWith(started, "AbortError");
+  assert.equal(player.ended, true);
+  assert.equal(events.filter((name) => name === "ended").length, 1);
 });
 
 test("a loop wraps the time without a report of the core", async () => {
@@ -168,7 +195,7 @@ test("a loop whose beginning is not buffered waits for the core", async () => {
   player.loop = true;
   worker.state("playing", 9.8, { buffered: [[5, 10]] });
   await host.run(500);
-  assert.equal(player.currentTime, 10);
+  near(player.currentTime, 9.96);
   worker.state("buffering", 0, { buffered: [[5, 10]] });
   near(player.currentTime, 0);
 });
@@ -260,6 +287,11 @@ test("a paused image whose last report is missing is shown after a while", async
   await host.run(1000);
   assert.equal(player.seeking, true);
   worker.segment(2, 140, 160);
+  await host.run(300);
+  worker.segment(3, 140, 160);
+  await host.run(300);
+  assert.equal(player.seeking, true);
+  await host.run(200);
   assert.equal(player.seeking, false);
   assert.equal(host.timers.size, 0);
 });

@@ -14,6 +14,8 @@ const ADJUSTMENT = 0.1; // of a difference per report
 export class PlaybackClock {
   /** Seconds. */
   duration = 0;
+  /** Seconds; the last frame begins this long before the end, where playback stops. */
+  tick = 0;
   /** Whether playback continues at the other end of the clip. */
   loop = false;
   /** Whether both ends of the clip are buffered, so that a loop needs no report of the core. */
@@ -72,7 +74,12 @@ export class PlaybackClock {
     this.jump(this.time(now), now, rate, this.isRunning);
   }
 
-  /** Returns the time, from 0 to the duration. */
+  /** The time of the last frame, seconds. */
+  get last(): number {
+    return Math.max(0, this.duration - this.tick);
+  }
+
+  /** Returns the time, from 0 to the last frame; below the duration in a loop. */
   time(now: number): number {
     if (this.held !== null && now < this.held.until) return this.held.seconds;
     return this.estimate(now);
@@ -85,6 +92,6 @@ export class PlaybackClock {
       const wrapped = seconds % this.duration;
       return wrapped < 0 ? wrapped + this.duration : wrapped;
     }
-    return Math.min(Math.max(seconds, 0), this.duration);
+    return Math.min(Math.max(seconds, 0), this.last);
   }
 }

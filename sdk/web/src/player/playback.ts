@@ -5,15 +5,14 @@ import { PlaybackClock } from "./clock";
 import { abortError, ErrorReason, PlayerError, textOf, unsupported } from "./errors";
 import { EventQueue } from "./event_queue";
 import { PlaybackContext, Ready } from "./playback_context";
+import { ReportWait } from "./report_wait";
 import { SceneState } from "./scene_state";
 import { CoreState, Seek } from "./seek";
 import { absoluteSource, Session, Waiters } from "./session";
 import { WorkerLink } from "./worker_link";
 
 const TIMEUPDATE_INTERVAL = 250; // milliseconds
-/** Milliseconds in which the core reports that a paused image is complete; then a part of it counts. */
-const REPORT_TIME = 600;
-const CLOCK_SLACK = 5; // milliseconds between the clocks of the page and of the worker
+const END_TOLERANCE = 1e-6; // seconds
 
 /** Playback of one source at a time. Times are in seconds; see `StgsPlayer` for the rules. */
 export class Playback {
@@ -32,14 +31,16 @@ export class Playback {
   private seek: Seek | null = null;
   private startTime: number | null = null; // of a seek before the scene is open
   private latest: CoreState | null = null; // of this source
-  private reportTimer: number | null = null;
-  private acceptsPart = false; // of an image whose completeness the core does not report
-  private playedAt = -Infinity; // of the last play(), in the host's time
+  private readonly report: ReportWait;
+  private hasStarted = false; // the core has played or buffered since play()
   private lastTimeupdate = -Infinity;
   private isPlaying = false; // the core plays, and `playing` is dispatched
   private isEnded = false;
 
   constructor(private readonly context: PlaybackContext) {
+    this.report = new ReportWait(context.host, () => {
+      if (this.latest !== null) this.follow(this.latest);
+    });
     this.core = new WorkerLink(
       context.worker,
       (message) => this.onMessage(message),
@@ -79,10 +80,11 @@ export class Playback {
 
   play(): Promise<void> {
     if (this.error !== null) return Promise.reject(unsupported(this.error.message));
-    if (this.ended) this.seekTo(this.rate > 0 ? 0 : this.clock.duration);
     if (this.paused) {
+      if (this.isAtEnd()) this.seekTo(this.rate > 0 ? 0 : this.clock.duration);
       this.paused = false;
-      this.playedAt = this.now();
+      this.hasStarted = false;
+      this.report.reset();
       this.events.push("play");
       if (this.ready < Ready.EnoughData) this.events.push("waiting");
       this.post({ type: "play" });
@@ -100,6 +102,7 @@ export class Playback {
 
   get currentTime(): number {
     if (this.scene === null) return this.startTime ?? 0;
+    if (this.isEnded) return this.scene.duration; // after the last frame
     return this.seek?.target ?? this.shownTime();
   }
 
@@ -110,7 +113,7 @@ export class Playback {
     }
     if (this.session === null) return;
     this.isEnded = false;
-    this.expectReport();
+    this.report.reset();
     this.events.push("seeking");
     const target = Math.min(Math.max(seconds, 0), this.scene.duration);
     if (this.seek !== null) {
@@ -137,6 +140,13 @@ export class Playback {
     this.loop = loop;
     this.clock.loop = loop;
     this.post({ type: "loop", loop });
+  }
+
+  /** Whether playback would end at once. */
+  private isAtEnd(): boolean {
+    if (this.scene === null || this.scene.info.live || this.seek !== null) return false;
+    const time = this.shownTime();
+    return this.rate > 0 ? time >= this.clock.last - END_TOLERANCE : time <= END_TOLERANCE;
   }
 
   /** The time of the image, which stays during a seek until the data of the target is available. */
@@ -213,7 +223,7 @@ export class Playback {
   private endSession(reason: unknown, playReason = reason): void {
     this.seek?.cancel();
     this.seek = null;
-    this.expectReport();
+    this.report.reset();
     this.session?.end(reason);
     this.session = null;
     this.isPlaying = false;
@@ -228,8 +238,7 @@ export class Playback {
         return this.onState(message);
       case "segment":
         if (this.scene?.add(message.segment, this.shownTime())) this.context.onContent();
-        if (this.acceptsPart && this.latest !== null) this.follow(this.latest);
-        return;
+        return this.report.extend();
       case "dropped":
         if (this.scene?.remove(message.id, this.shownTime())) this.context.onContent();
         return;
@@ -243,6 +252,7 @@ export class Playback {
   private onOpened(info: SceneInfo): void {
     this.scene = new SceneState(info, this.context.renderer);
     this.clock.duration = info.duration;
+    this.clock.tick = info.tickSeconds;
     this.ready = Ready.Metadata;
     this.context.onOpened(info);
     this.events.push("durationchange");
@@ -264,44 +274,32 @@ export class Playback {
     if (durationChanged) this.events.push("durationchange");
     if (progressed) this.events.push("progress");
     this.latest = state;
-    // A report of the end from before play() is outdated.
-    const isOutdated = state.state === "ended" && state.at < this.playedAt - CLOCK_SLACK;
-    if (!isOutdated) this.follow(state);
+    this.follow(state);
     this.updateTime(false);
     this.context.onTime();
   }
 
   private follow(state: CoreState): void {
+    if (state.state === "playing" || state.state === "buffering") this.hasStarted = true;
+    // The core may have reported the end before it received play().
+    const isOutdated = state.state === "ended" && !this.paused && !this.hasStarted;
+    if (isOutdated && !this.report.expired) return this.report.start();
     const hasData = this.hasData(state);
     if (!this.followSeek(state, hasData)) this.followTime(state);
     if (this.seek === null) this.followPlayback(state, hasData);
   }
 
-  /**
-   * Whether the image at the time of `state` is available. While paused, the core need not report
-   * that the last segment has arrived.
-   */
+  /** Whether the image at the time of `state` is available. */
   private hasData(state: CoreState): boolean {
     if (this.scene === null) return false;
     if (this.scene.hasData(state)) {
-      this.expectReport();
+      this.report.reset();
       return true;
     }
     if (state.state !== "paused") return false;
-    if (this.acceptsPart) return this.scene.isActive(state.seconds);
-    this.reportTimer ??= this.context.host.setTimer(() => {
-      this.reportTimer = null;
-      this.acceptsPart = true;
-      if (this.latest !== null) this.follow(this.latest);
-    }, REPORT_TIME);
+    if (this.report.expired) return this.scene.isActive(state.seconds);
+    this.report.start();
     return false;
-  }
-
-  /** Waits for the core's report of a complete image again. */
-  private expectReport(): void {
-    this.acceptsPart = false;
-    if (this.reportTimer !== null) this.context.host.clearTimer(this.reportTimer);
-    this.reportTimer = null;
   }
 
   /** Takes over the time of the answer to a seek. Returns whether a seek is active. */
