@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+import { Camera, SceneInfo } from "../../types";
+import {
+  CameraRig, Drive, Inertia, isDriven, largerSide, NO_DRIVE, RigStart, rigStart, StepTimer,
+  viewFrom,
+} from "./rig";
+import { add, Axes, clamp, length, scaled, turned, Vector } from "./vector";
+
+const MAX_ELEVATION = 1.5; // radians from the start, if not limited: short of the poles
+const DRIVE_TURN = 1.2; // radians per second
+const DRIVE_PAN = 0.4; // of the image's larger side per second
+const DRIVE_ZOOM = 2; // factor of the distance per second
+
+/** How far an orbit may leave the start camera. */
+export interface OrbitLimits {
+  /** Radians to each side, and up and down. */
+  azimuth: number;
+  elevation: number;
+  /** Factors of the start distance. */
+  nearest: number;
+  farthest: number;
+  /** Of the centre from its start, scene units. */
+  pan: number;
+}
+
+export interface OrbitOptions {
+  /** Lifts the limits. */
+  free?: boolean;
+  /** Ends a rotation with its drag. */
+  reducedMotion?: boolean;
+}
+
+/**
+ * Derives the limits from the start camera. A scene states no range of captured directions; the
+ * field of view stands for it, since neighbouring cameras of a capture have overlapping views. The
+ * azimuth may leave the start by the horizontal field of view, at least 20 and at most 75 degrees;
+ * the elevation by half the vertical one, 10 to 40 degrees.
+ */
+export function orbitLimits({ camera, distance }: RigStart): OrbitLimits {
+  const degrees = Math.PI / 180;
+  const horizontal = 2 * Math.atan(camera.width / (2 * camera.fx));
+  const vertical = 2 * Math.atan(camera.height / (2 * camera.fy));
+  return {
+    azimuth: clamp(horizontal, 20 * degrees, 75 * degrees),
+    elevation: clamp(vertical / 2, 10 * degrees, 40 * degrees),
+    nearest: 0.3,
+    farthest: 1.6,
+    pan: 0.4 * distance,
+  };
+}
+
+const NO_LIMITS: OrbitLimits = {
+  azimuth: Infinity, elevation: MAX_ELEVATION, nearest: 1e-3, farthest: 1e6, pan: Infinity,
+};
+
+/**
+ * Orbits around a point on the optical axis of the start camera, at the depth of the scene's
+ * centre.
+ */
+export class OrbitCamera implements CameraRig {
+  /** Radians. */
+  readonly limits: OrbitLimits;
+  private readonly start: RigStart;
+  private readonly inertia: Inertia;
+  private readonly timer = new StepTimer();
+  private azimuth = 0; // of the camera around the centre, radians to the right
+  private elevation = 0; // radians up
+  private distance: number; // scene units
+  private offset: Vector = [0, 0, 0]; // of the centre from its start
+  private driven: Drive = NO_DRIVE;
+
+  constructor(info: SceneInfo, { free = false, reducedMotion = false }: OrbitOptions = {}) {
+    this.start = rigStart(info);
+    this.limits = free ? NO_LIMITS : orbitLimits(this.start);
+    this.inertia = new Inertia(!reducedMotion);
+    this.distance = this.start.distance;
+  }
+
+  /** The camera moves to the left as the content follows the pointer to the right. */
+  rotate(right: number, up: number): void {
+    const { azimuth, elevation } = this.limits;
+    this.azimuth = clamp(this.azimuth - right, -azimuth, azimuth);
+    this.elevation = clamp(this.elevation - up, -elevation, elevation);
+  }
+
+  pan(right: number, up: number): void {
+    const scale = this.distance * largerSide(this.start);
+    const axes = this.axes();
+    const step = add(scaled(axes.right, -right * scale), scaled(axes.down, up * scale));
+    const offset = add(this.offset, step);
+    const excess = length(offset) / this.limits.pan;
+    this.offset = excess > 1 ? scaled(offset, 1 / excess) : offset;
+  }
+
+  zoom(factor: number): void {
+    const { nearest, farthest } = this.limits;
+    const { distance } = this.start;
+    this.distance = clamp(this.distance * factor, nearest * distance, farthest * distance);
+  }
+
+  drive(drive: Drive): void {
+    this.driven = drive;
+  }
+
+  grab(): void {
+    this.inertia.set(0, 0);
+  }
+
+  release(right: number, up: number): void {
+    this.inertia.set(right, up);
+  }
+
+  reset(): void {
+    this.azimuth = this.elevation = 0;
+    this.offset = [0, 0, 0];
+    this.distance = this.start.distance;
+    this.inertia.set(0, 0);
+  }
+
+  update(now: number): boolean {
+    const seconds = this.timer.step(now);
+    const rotation = this.inertia.step(seconds);
+    if (rotation !== null) this.rotate(rotation.right, rotation.up);
+    const driven = isDriven(this.driven);
+    if (driven) this.follow(this.driven, seconds);
+    if (rotation === null && !driven) this.timer.stop();
+    return rotation !== null || driven;
+  }
+
+  camera(width: number, height: number): Camera {
+    const { position, axes, distance } = this.start;
+    const centre = add(add(position, scaled(axes.forward, distance)), this.offset);
+    const now = this.axes();
+    const behind = add(centre, scaled(now.forward, -this.distance));
+    return viewFrom(this.start, now, behind, width, height);
+  }
+
+  private axes(): Axes {
+    // A camera to the right of the centre looks to the left.
+    return turned(this.start.axes, this.start.up, -this.azimuth, -this.elevation);
+  }
+
+  private follow(drive: Drive, seconds: number): void {
+    const step = seconds * drive.boost;
+    this.rotate(-drive.turnRight * DRIVE_TURN * step, -drive.turnUp * DRIVE_TURN * step);
+    this.pan(-drive.right * DRIVE_PAN * step, -drive.up * DRIVE_PAN * step);
+    this.zoom(Math.pow(DRIVE_ZOOM, -drive.forward * step));
+  }
+}

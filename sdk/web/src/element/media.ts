@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+import { PlayerStats } from "../player/player";
+import { BufferedRanges } from "../player/ranges";
+import { SceneInfo } from "../types";
+
+/** The part of the element that its controls use. Dispatches the events of the player. */
+export interface Media extends EventTarget {
+  readonly paused: boolean;
+  readonly ended: boolean;
+  readonly seeking: boolean;
+  readonly hasSource: boolean;
+  readonly duration: number;
+  readonly readyState: number;
+  readonly buffered: BufferedRanges;
+  readonly stats: PlayerStats;
+  readonly info: SceneInfo | null;
+  readonly error: { message: string } | null;
+  readonly videoWidth: number;
+  readonly videoHeight: number;
+  currentTime: number;
+  playbackRate: number;
+  loop: boolean;
+  play(): Promise<void>;
+  pause(): void;
+}
+
+/** Plays or pauses. */
+export function toggle(media: Media): void {
+  if (media.paused) media.play().catch(() => undefined); // the error event reports failures
+  else media.pause();
+}

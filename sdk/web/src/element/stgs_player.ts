@@ -1,0 +1,362 @@
+// SPDX-License-Identifier: Apache-2.0
+// The custom element <stgs-player>.
+import { PlayerError } from "../player/errors";
+import { EVENT_NAMES } from "../player/event_queue";
+import { WorkerLike } from "../player/host";
+import { PlayerStats, StgsPlayer } from "../player/player";
+import { BufferedRanges } from "../player/ranges";
+import { Renderer, SceneInfo } from "../types";
+import { CameraInput } from "./camera_input";
+import { FlyCamera } from "./cameras/fly";
+import { PadAction } from "./cameras/gamepad";
+import { OrbitCamera } from "./cameras/orbit";
+import { CameraRig } from "./cameras/rig";
+import { Media, toggle } from "./media";
+import { Shell } from "./shell";
+
+const MAX_PIXEL_RATIO = 2; // of the canvas to CSS pixels
+
+/** Creates the parts of a player. */
+export interface StgsPlayerFactory {
+  /** Called once per source. The player terminates the worker. */
+  createWorker(): WorkerLike;
+  /**
+   * Throws if the browser cannot render; the message is displayed. The player destroys the
+   * renderer.
+   */
+  createRenderer(canvas: HTMLCanvasElement): Renderer;
+}
+
+// Lets the module be imported where there is no DOM, such as on a server.
+const Base = typeof HTMLElement === "undefined" ? (class {} as typeof HTMLElement) : HTMLElement;
+
+/**
+ * `<stgs-player src controls autoplay loop poster camera="orbit|fly" free>`: plays a scene like a
+ * media element. Properties, methods and events are those of `StgsPlayer`; attributes are
+ * reflected. Without `controls`, only the camera takes input. `free` lifts the limits of the orbit.
+ *
+ * The player is created when the element is connected or used, and destroyed when it is removed
+ * from the page; then the position is lost.
+ */
+export abstract class StgsPlayerElement extends Base implements Media {
+  static readonly observedAttributes = [
+    "src", "controls", "autoplay", "loop", "poster", "camera", "free",
+  ];
+
+  private readonly shell: Shell;
+  private readonly observer: ResizeObserver;
+  private player: StgsPlayer | null = null;
+  private canvas: HTMLCanvasElement | null = null;
+  private input: CameraInput | null = null;
+  private rig: CameraRig | null = null;
+  private object: Blob | null = null;
+  private failure: PlayerError | null = null; // of a player that could not be created
+  private isReflecting = false; // sets `src` to the source that is being loaded
+
+  protected abstract readonly factory: StgsPlayerFactory;
+
+  constructor() {
+    super();
+    this.shell = new Shell(this, this, () => this.reload());
+    this.observer = new ResizeObserver(() => this.applySize());
+    this.addEventListener("loadedmetadata", () => this.createCamera());
+  }
+
+  connectedCallback(): void {
+    this.observe();
+    this.shell.connect();
+    if (this.player === null) this.reload();
+  }
+
+  disconnectedCallback(): void {
+    this.observer.unobserve(this);
+    this.shell.disconnect();
+    // An element that is moved is connected again in the same task.
+    queueMicrotask(() => {
+      if (!this.isConnected) this.destroy();
+    });
+  }
+
+  attributeChangedCallback(name: string, _old: string | null, value: string | null): void {
+    switch (name) {
+      case "src":
+        if (this.object !== null || this.isReflecting) break;
+        if (this.player !== null || this.isConnected) this.reload();
+        break;
+      case "controls":
+        this.shell.setControls(value !== null);
+        break;
+      case "loop":
+        if (this.player !== null) this.player.loop = value !== null;
+        this.shell.update();
+        break;
+      case "poster":
+        this.shell.setPoster(value ?? "");
+        break;
+      case "camera":
+      case "free":
+        this.createCamera();
+    }
+  }
+
+  /** URL of the source. */
+  get src(): string {
+    return this.getAttribute("src") ?? "";
+  }
+  set src(url: string) {
+    this.object = null;
+    this.setAttribute("src", url);
+  }
+  /** A file to play instead of `src`. */
+  get srcObject(): Blob | null {
+    return this.object;
+  }
+  set srcObject(object: Blob | null) {
+    this.object = object;
+    this.reload();
+  }
+  get poster(): string {
+    return this.getAttribute("poster") ?? "";
+  }
+  set poster(url: string) {
+    this.setAttribute("poster", url);
+  }
+  /** Other values than "fly" orbit. */
+  get camera(): "orbit" | "fly" {
+    return this.getAttribute("camera") === "fly" ? "fly" : "orbit";
+  }
+  set camera(camera: "orbit" | "fly") {
+    this.setAttribute("camera", camera);
+  }
+  get controls(): boolean {
+    return this.hasAttribute("controls");
+  }
+  set controls(controls: boolean) {
+    this.toggleAttribute("controls", controls);
+  }
+  get autoplay(): boolean {
+    return this.hasAttribute("autoplay");
+  }
+  set autoplay(autoplay: boolean) {
+    this.toggleAttribute("autoplay", autoplay);
+  }
+  get loop(): boolean {
+    return this.hasAttribute("loop");
+  }
+  set loop(loop: boolean) {
+    this.toggleAttribute("loop", loop);
+  }
+  get free(): boolean {
+    return this.hasAttribute("free");
+  }
+  set free(free: boolean) {
+    this.toggleAttribute("free", free);
+  }
+
+  get currentTime(): number {
+    return this.player?.currentTime ?? 0;
+  }
+  set currentTime(seconds: number) {
+    const player = this.use();
+    if (player !== null) player.currentTime = seconds;
+  }
+  get playbackRate(): number {
+    return this.player?.playbackRate ?? 1;
+  }
+  set playbackRate(rate: number) {
+    const player = this.use();
+    if (player !== null) player.playbackRate = rate;
+  }
+  get duration(): number {
+    return this.player?.duration ?? NaN;
+  }
+  get buffered(): BufferedRanges {
+    return this.player?.buffered ?? new BufferedRanges([]);
+  }
+  get paused(): boolean {
+    return this.player?.paused ?? true;
+  }
+  get ended(): boolean {
+    return this.player?.ended ?? false;
+  }
+  get seeking(): boolean {
+    return this.player?.seeking ?? false;
+  }
+  get hasSource(): boolean {
+    return this.player?.hasSource ?? false;
+  }
+  get readyState(): number {
+    return this.player?.readyState ?? StgsPlayer.HAVE_NOTHING;
+  }
+  get error(): PlayerError | null {
+    return this.player?.error ?? this.failure;
+  }
+  get info(): SceneInfo | null {
+    return this.player?.info ?? null;
+  }
+  get stats(): PlayerStats {
+    return this.player?.stats ?? {
+      framesPerSecond: 0, primitives: 0, visible: 0, bytesFetched: 0, sortMs: 0, layers: 0,
+      layerCount: 0,
+    };
+  }
+  /** Size of the canvas, pixels. */
+  get videoWidth(): number {
+    return this.canvas?.width ?? 0;
+  }
+  get videoHeight(): number {
+    return this.canvas?.height ?? 0;
+  }
+
+  play(): Promise<void> {
+    return this.use()?.play() ?? Promise.reject(this.unavailable());
+  }
+
+  pause(): void {
+    this.player?.pause();
+  }
+
+  /** Loads `source` instead of `src`; see `StgsPlayer.load`. */
+  load(source?: string | Blob, options: { signal?: AbortSignal } = {}): Promise<void> {
+    if (source instanceof Blob) this.object = source;
+    else if (source !== undefined) this.object = null;
+    const player = this.use(false);
+    if (player === null) return Promise.reject(this.unavailable());
+    const loaded = player.load(this.object ?? source ?? this.src, options);
+    if (typeof source === "string") this.setLoadedSource(source);
+    if (this.autoplay) player.play().catch(() => undefined); // `error` or `pause` reports it
+    return loaded;
+  }
+
+  screenshot(): Promise<Blob> {
+    return this.player?.screenshot() ?? Promise.reject(this.unavailable());
+  }
+
+  /** Returns to the start camera. */
+  resetCamera(): void {
+    this.rig?.reset();
+    this.player?.requestFrame();
+  }
+
+  /** Ends the player; `load` or `play` creates another one. */
+  destroy(): void {
+    this.input?.destroy();
+    this.input = null;
+    this.rig = null;
+    this.player?.destroy();
+    this.player = null;
+    this.canvas = null;
+    this.failure = null;
+  }
+
+  /** Reflects a source that is already being loaded. */
+  private setLoadedSource(source: string): void {
+    if (this.src === source) return;
+    this.isReflecting = true;
+    this.setAttribute("src", source);
+    this.isReflecting = false;
+  }
+
+  private reload(): void {
+    if (this.object !== null || this.src !== "") this.load().catch(() => undefined);
+    else this.player?.unload();
+  }
+
+  /**
+   * Returns the player, which is created if there is none, and loads the source unless `loads` is
+   * off.
+   */
+  private use(loads = true): StgsPlayer | null {
+    if (this.player !== null) return this.player;
+    this.failure = null;
+    const canvas = document.createElement("canvas");
+    let renderer: Renderer;
+    try {
+      renderer = this.factory.createRenderer(canvas);
+    } catch (error) {
+      this.failure = new PlayerError("unsupported", (error as Error).message, false);
+      queueMicrotask(() => this.dispatchEvent(new Event("error")));
+      return null;
+    }
+    this.canvas = canvas;
+    this.shell.setCanvas(canvas);
+    this.player = new StgsPlayer({ canvas, renderer, worker: () => this.factory.createWorker() });
+    this.player.loop = this.loop;
+    this.forwardEvents(this.player);
+    this.applySize();
+    if (loads) this.reload();
+    return this.player;
+  }
+
+  private forwardEvents(player: StgsPlayer): void {
+    for (const name of EVENT_NAMES) {
+      player.addEventListener(name, (event) => {
+        const copy = event instanceof CustomEvent ? new CustomEvent(name, { detail: event.detail })
+                                                  : new Event(name);
+        this.dispatchEvent(copy);
+      });
+    }
+  }
+
+  private createCamera(): void {
+    const { player } = this;
+    if (player === null || player.info === null) return;
+    const { matches: reducedMotion } = matchMedia("(prefers-reduced-motion: reduce)");
+    const flies = this.camera === "fly";
+    const rig = flies ? new FlyCamera(player.info, { reducedMotion })
+                      : new OrbitCamera(player.info, { free: this.free, reducedMotion });
+    this.input?.destroy();
+    this.rig = rig;
+    this.input = new CameraInput({
+      view: this.shell.view, host: this, rig, flies,
+      onMove: () => player.requestFrame(),
+      onTap: (event) => this.shell.tap(event),
+      onPadAction: (action) => this.onPadAction(action),
+    });
+    player.cameraSource = this.input;
+  }
+
+  private onPadAction(action: PadAction): void {
+    if (action === "reset") return this.resetCamera();
+    if (!this.controls) return;
+    if (action === "toggle") toggle(this);
+    else this.shell.seekBy(action === "ahead" ? 1 : -1);
+  }
+
+  private observe(): void {
+    try {
+      // Also reports another pixel ratio, as of a zoomed page.
+      this.observer.observe(this, { box: "device-pixel-content-box" });
+    } catch {
+      this.observer.observe(this); // the browser does not know this box
+    }
+  }
+
+  private applySize(): void {
+    this.shell.setSize(this.clientWidth, this.clientHeight);
+    const ratio = Math.min(window.devicePixelRatio || 1, MAX_PIXEL_RATIO);
+    if (this.clientWidth === 0 || this.clientHeight === 0) return;
+    this.player?.resize(this.clientWidth * ratio, this.clientHeight * ratio);
+  }
+
+  private unavailable(): DOMException {
+    const message = this.failure?.message ??
+      "there is no player; connect the element or load a source";
+    return new DOMException(message, "NotSupportedError");
+  }
+}
+
+declare global {
+  interface HTMLElementTagNameMap {
+    "stgs-player": StgsPlayerElement;
+  }
+}
+
+/** Defines the element. Each definition has a factory of its own. */
+export function defineStgsPlayer(factory: StgsPlayerFactory, name = "stgs-player"): void {
+  customElements.define(name, class extends StgsPlayerElement {
+    protected get factory(): StgsPlayerFactory {
+      return factory;
+    }
+  });
+}

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+
+/** Events of the player, which are those of media elements and `notice`. */
+export const EVENT_NAMES = [
+  "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing",
+  "pause", "waiting", "seeking", "seeked", "timeupdate", "ratechange", "ended", "error", "progress",
+  "abort", "emptied", "notice",
+] as const;
+export type EventName = typeof EVENT_NAMES[number];
+
+/**
+ * Dispatches events in order, after the call that causes them has returned, as media elements do: a
+ * listener that is added right after `load` receives `loadstart`.
+ */
+export class EventQueue {
+  private events: Event[] | null = [];
+
+  constructor(private readonly target: EventTarget) {}
+
+  /** Queues an event; with `detail` it is a `CustomEvent`. */
+  push(name: EventName, detail?: unknown): void {
+    if (this.events === null) return;
+    this.events.push(detail === undefined ? new Event(name) : new CustomEvent(name, { detail }));
+    if (this.events.length === 1) queueMicrotask(() => this.dispatch());
+  }
+
+  /** Discards all queued and later events. */
+  close(): void {
+    this.events = null;
+  }
+
+  private dispatch(): void {
+    while (this.events !== null && this.events.length > 0) {
+      const event = this.events[0];
+      this.target.dispatchEvent(event);
+      this.events?.shift();
+    }
+  }
+}

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+import { Renderer, SceneInfo } from "../types";
+import { EventQueue } from "./event_queue";
+import { Host } from "./host";
+import { WorkerSource } from "./worker_link";
+
+/** Values of `readyState`, as those of media elements. */
+export const enum Ready {
+  Nothing = 0,
+  Metadata = 1,
+  CurrentData = 2,
+  EnoughData = 4,
+}
+
+/** Parts that playback works with; they belong to the caller. */
+export interface PlaybackContext {
+  worker: WorkerSource;
+  renderer: Renderer;
+  host: Host;
+  events: EventQueue;
+  options: { memoryBudget: number; lookAhead: number };
+  onOpened(info: SceneInfo): void;
+  /** The time may have changed. */
+  onTime(): void;
+  /** The image at the current time has changed. */
+  onContent(): void;
+}

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A headless Chromium that a test drives through a pipe, with the DevTools protocol."""
+import base64
+import functools
+import http.server
+import json
+import os
+import select
+import signal
+import subprocess
+import tempfile
+import threading
+import time
+
+CHROMIUM = "/usr/bin/chromium"
+FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu-sandbox", "--use-angle=swiftshader",
+         "--enable-unsafe-swiftshader", "--no-first-run", "--hide-scrollbars",
+         "--remote-debugging-pipe"]
+TIMEOUT = 60  # seconds of a command
+STARTUP_TIMEOUT = 120  # seconds
+
+
+class QuietHandler(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *_):
+        pass
+
+
+class Server:
+    """Serves a folder on the loopback interface."""
+
+    def __init__(self, folder):
+        handler = functools.partial(QuietHandler, directory=folder)
+        self.server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
+        self.url = f"http://127.0.0.1:{self.server.server_port}/"
+        threading.Thread(target=self.server.serve_forever, daemon=True).start()
+
+    def close(self):
+        self.server.shutdown()
+        self.server.server_close()
+
+
+class Browser:
+    """One page. `evaluate` raises RuntimeError if the script throws."""
+
+    def __init__(self):
+        self.profile = tempfile.TemporaryDirectory(prefix="stgs-chromium-",
+                                                   ignore_cleanup_errors=True)
+        to_browser, self.output = os.pipe()
+        self.input, from_browser = os.pipe()
+
+        def connect():  # Chromium reads commands from descriptor 3 and writes replies to 4
+            copies = os.dup(to_browser), os.dup(from_browser)
+            os.dup2(copies[0], 3)
+            os.dup2(copies[1], 4)
+
+        self.process = subprocess.Popen(
+            [CHROMIUM, *FLAGS, f"--user-data-dir={self.profile.name}", "about:blank"],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            preexec_fn=connect, pass_fds=(3, 4), start_new_session=True)
+        os.close(to_browser)
+        os.close(from_browser)
+        self.buffer = b""
+        self.next_id = 1
+        self.session = None
+        self.problems = []  # exceptions and errors that the page logged
+        self.attach()
+
+    def attach(self):
+        end = time.monotonic() + STARTUP_TIMEOUT
+        pages = []
+        while not pages and time.monotonic() < end:
+            targets = self.send("Target.getTargets")["targetInfos"]
+            pages = [target for target in targets if target["type"] == "page"]
+        target = pages[0]["targetId"]
+        reply = self.send("Target.attachToTarget", targetId=target, flatten=True)
+        self.session = reply["sessionId"]
+        self.send("Page.enable")
+        self.send("Runtime.enable")
+
+    def send(self, method, **parameters):
+        message = {"id": self.next_id, "method": method, "params": parameters}
+        if self.session:
+            message["sessionId"] = self.session
+        self.next_id += 1
+        os.write(self.output, json.dumps(message).encode() + b"\0")
+        while True:
+            reply = self.receive()
+            if reply.get("id") == message["id"]:
+                if "error" in reply:
+                    raise RuntimeError(f"{method}: {reply['error']['message']}")
+                return reply["result"]
+            self.note(reply)
+
+    def receive(self):
+        end = time.monotonic() + (TIMEOUT if self.session else STARTUP_TIMEOUT)
+        while b"\0" not in self.buffer:
+            wait = end - time.monotonic()
+            if wait <= 0 or not select.select([self.input], [], [], wait)[0]:
+                raise TimeoutError("Chromium did not answer")
+            data = os.read(self.input, 1 << 20)
+            if not data:
+                raise RuntimeError("Chromium ended")
+            self.buffer += data
+        message, self.buffer = self.buffer.split(b"\0", 1)
+        return json.loads(message)
+
+    def note(self, event):
+        parameters = event.get("params", {})
+        if event.get("method") == "Runtime.exceptionThrown":
+            details = parameters["exceptionDetails"]
+            self.problems.append(details.get("exception", {}).get("description", details["text"]))
+        elif event.get("method") == "Runtime.consoleAPICalled" and parameters["type"] == "error":
+            self.problems.append(str([item.get("value") for item in parameters["args"]]))
+
+    def open(self, url):
+        self.send("Page.navigate", url=url)
+        self.wait_for("document.readyState === 'complete' && location.href !== 'about:blank'")
+
+    def evaluate(self, script):
+        reply = self.send("Runtime.evaluate", expression=script, awaitPromise=True,
+                          returnByValue=True, userGesture=True)
+        if "exceptionDetails" in reply:
+            details = reply["exceptionDetails"]
+            raise RuntimeError(details.get("exception", {}).get("description", details["text"]))
+        return reply["result"].get("value")
+
+    def wait_for(self, condition, seconds=20):
+        end = time.monotonic() + seconds
+        while not self.evaluate(condition):
+            if time.monotonic() > end:
+                raise TimeoutError(f"still false after {seconds} s: {condition}")
+            time.sleep(0.05)
+
+    def resize(self, width, height, ratio=1, mobile=False):
+        self.send("Emulation.setDeviceMetricsOverride", width=width, height=height,
+                  deviceScaleFactor=ratio, mobile=mobile)
+
+    def set_reduced_motion(self, reduced):
+        value = "reduce" if reduced else ""
+        self.send("Emulation.setEmulatedMedia",
+                  features=[{"name": "prefers-reduced-motion", "value": value}])
+
+    def mouse(self, kind, x, y, buttons=0, delta=None):
+        more = {"button": "left", "clickCount": 1} if kind != "mouseMoved" else {}
+        if kind == "mouseWheel":
+            more = {"deltaX": 0, "deltaY": delta}
+        self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, buttons=buttons, **more)
+
+    def click(self, x, y):
+        self.mouse("mouseMoved", x, y)
+        self.mouse("mousePressed", x, y, 1)
+        self.mouse("mouseReleased", x, y)
+
+    def drag(self, begin, end, steps=5):
+        self.mouse("mouseMoved", *begin)
+        self.mouse("mousePressed", *begin, 1)
+        for step in range(1, steps + 1):
+            x, y = (a + (b - a) * step / steps for a, b in zip(begin, end))
+            self.mouse("mouseMoved", x, y, 1)
+        self.mouse("mouseReleased", *end)
+
+    def touch(self, kind, *points):
+        self.send("Input.dispatchTouchEvent", type=kind,
+                  touchPoints=[{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(points)])
+
+    def press(self, key, code=None, modifiers=0):
+        """Presses and releases a key; `modifiers`: 8 is shift."""
+        text = {"text": key} if len(key) == 1 else {}
+        if key == "Enter":
+            text = {"text": "\r"}
+        keys = {"key": key, "code": code or key, "modifiers": modifiers}
+        self.send("Input.dispatchKeyEvent", type="keyDown", **keys, **text)
+        self.send("Input.dispatchKeyEvent", type="keyUp", **keys)
+
+    def screenshot(self, path):
+        data = self.send("Page.captureScreenshot", format="png")["data"]
+        with open(path, "wb") as file:
+            file.write(base64.b64decode(data))
+
+    def close(self):
+        if self.process.poll() is None:
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+        os.close(self.output)
+        os.close(self.input)
+        self.profile.cleanup()

@@ -1,0 +1,119 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""<stgs-player>: attributes, lifetime, errors and size."""
+from element_case import ElementCase, run
+
+POSTER = ("data:image/svg+xml,<svg xmlns='http://www.w3.org/2000/svg' width='16' height='9'>"
+          "<rect width='16' height='9' fill='%23345'/></svg>")
+
+
+class ElementTest(ElementCase):
+    # Attributes and lifetime
+
+    def test_attributes_reflect_as_properties(self):
+        self.show_ready(controls="", camera="fly", poster=POSTER, loop="")
+        self.assertEqual(self.check("[player.controls, player.loop, player.autoplay, player.free]"),
+                         [True, True, False, False])
+        self.assertEqual(self.check("[player.camera, player.src, player.poster.slice(0, 9)]"),
+                         ["fly", "scene.stgs", "data:imag"])
+        self.check("player.loop = false; player.controls = false; player.camera = 'orbit';"
+                   "player.free = true")
+        names = self.check("player.getAttributeNames().sort().join()")
+        self.assertEqual(names, "camera,free,poster,src")
+        self.wait("parts.workers[0].loop === false")
+        self.assertTrue(self.check("part('.bar').hidden"))
+        self.check("player.setAttribute('camera', 'upside-down')")
+        self.assertEqual(self.check("player.camera"), "orbit")
+
+    def test_the_source_is_absolute_and_events_are_dispatched(self):
+        self.show_ready()
+        self.assertEqual(self.posted("open")[0]["source"], self.server.url + "scene.stgs")
+        self.wait("events.includes('canplay')")
+        self.assertEqual(self.check("events.join()"), "loadedmetadata,loadeddata,canplay")
+        self.assertEqual(self.check("player.duration"), 12)
+
+    def test_autoplay_and_loop(self):
+        self.show(autoplay="", loop="")
+        self.wait("player.currentTime > 0.3")
+        self.assertEqual(self.posted("loop"), [{"type": "loop", "loop": True}])
+        self.assertFalse(self.check("player.paused"))
+
+    def test_poster_until_the_first_frame(self):
+        self.show(controls="", poster=POSTER, src="slow.stgs")
+        self.wait("part('.poster').complete && !part('.spinner').hidden")
+        self.assertEqual(self.check("getComputedStyle(part('.poster')).visibility"), "visible")
+        self.capture("poster")
+        self.check("player.src = 'scene.stgs'")
+        self.wait("getComputedStyle(part('.poster')).visibility === 'hidden'")
+        self.assertTrue(self.check("part('.spinner').hidden"))
+
+    def test_removal_destroys_the_player_and_a_move_does_not(self):
+        self.show_ready()
+        self.check("{ const box = document.createElement('div'); box.style.height = '100%';"
+                   "document.body.append(box); box.append(player); }")
+        self.assertFalse(self.check("new Promise((resolve) => setTimeout(() =>"
+                                    "resolve(parts.renderers[0].destroyed === true), 50))"))
+        self.check("player.remove()")
+        self.wait("parts.renderers[0].destroyed && parts.workers[0].listener === null")
+        self.check("document.body.append(player)")
+        self.wait("player.readyState === 4")
+        self.assertEqual(self.check("parts.renderers.length"), 2)
+
+    def test_a_blob_can_be_played(self):
+        self.show(src="")
+        self.check("player.srcObject = new Blob(['x'])")
+        self.wait("player.readyState === 4")
+        self.assertTrue(self.check("parts.workers[0].posted[0].source instanceof Blob"))
+
+    def test_errors_are_displayed_and_loading_can_be_repeated(self):
+        self.show(controls="", src="missing.stgs")
+        self.wait("!part('.error').hidden")
+        message = self.check("part('.error p').textContent")
+        self.assertIn("missing.stgs: the server reports 404", message)
+        self.assertEqual(self.check("player.error.code"), 2)
+        self.capture("error")
+        self.browser.click(*self.centre(".retry"))
+        self.wait("parts.workers.length === 2")
+        self.check("player.src = 'scene.stgs'")
+        self.wait("player.readyState === 4 && part('.error').hidden")
+
+    def test_a_browser_without_webgl_is_an_error(self):
+        self.check("parts.fails = true")
+        self.show(controls="")
+        self.wait("!part('.error').hidden && events.includes('error')")
+        self.assertIn("WebGL 2", self.check("part('.error p').textContent"))
+        name = self.check("player.play().catch((error) => error.name)")
+        self.assertEqual(name, "NotSupportedError")
+
+    def test_screenshots_are_png(self):
+        self.show_ready()
+        self.assertEqual(self.check("player.screenshot().then((blob) => blob.type)"), "image/png")
+
+    # Size
+
+    def test_the_canvas_follows_the_size_and_the_pixel_ratio(self):
+        self.show_ready()
+        self.wait("player.videoWidth === 1280 && player.videoHeight === 720")
+        self.browser.resize(640, 360, ratio=2)
+        self.wait("player.videoWidth === 1280 && player.videoHeight === 720 && innerWidth === 640")
+        self.browser.resize(360, 640, ratio=3)
+        self.wait("player.videoWidth === 720 && player.videoHeight === 1280")
+        self.wait("parts.renderers[0].last.camera.height === 1280")
+        self.assertAlmostEqual(self.camera()["fx"], 1100)  # the larger side keeps its field of view
+
+    def test_the_bar_fits_narrow_players(self):
+        for width in (320, 360, 480, 1280):
+            self.browser.resize(width, 480)
+            self.show_ready(controls="")
+            self.wait(f"innerWidth === {width} && player.clientWidth === {width}")
+            fits = self.check(
+                "[...part('.row').children].filter((child) => child.offsetWidth > 0)"
+                ".every((child) =>"
+                f"child.getBoundingClientRect().right <= {width} - 2 &&"
+                "child.getBoundingClientRect().left >= 2) && part('.row').scrollWidth <="
+                "part('.row').clientWidth + 9")
+            self.assertTrue(fits, f"at {width}")
+
+
+if __name__ == "__main__":
+    run()

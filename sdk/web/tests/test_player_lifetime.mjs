@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+// The player ends sources in order: aborts, errors, other sources and destroy.
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { INFO, settle } from "./player_fakes.mjs";
+import { openScene, rejectsWith, setUp, startPlaying, StgsPlayer } from "./player_setup.mjs";
+
+test("an abort ends loading", async () => {
+  const { player, worker, events } = setUp();
+  const controller = new AbortController();
+  const loading = player.load("scene.stgs", { signal: controller.signal });
+  controller.abort();
+  await rejectsWith(loading, "AbortError");
+  worker.opened();
+  await settle();
+  assert.deepEqual(events, ["loadstart", "abort", "emptied"]);
+  assert.equal(worker.types().pop(), "close");
+  assert.equal(player.readyState, StgsPlayer.HAVE_NOTHING);
+  await rejectsWith(player.load("scene.stgs", { signal: AbortSignal.abort() }), "AbortError");
+});
+
+test("an abort after loading has no effect", async () => {
+  const { player, worker } = setUp();
+  const controller = new AbortController();
+  const loading = player.load("scene.stgs", { signal: controller.signal });
+  worker.opened();
+  await loading;
+  controller.abort();
+  assert.equal(player.duration, 10);
+});
+
+test("another load ends the first and frees its segments", async () => {
+  const { player, worker, renderer, events } = await startPlaying();
+  const first = player.load("b.stgs");
+  await settle();
+  assert.deepEqual(events, ["emptied", "loadstart"]);
+  assert.equal(renderer.segments.size, 0);
+  assert.equal(player.paused, true);
+  worker.state("playing", 3); // of the first source
+  worker.segment(9);
+  assert.equal(renderer.segments.size, 0);
+  const second = player.load("c.stgs");
+  await rejectsWith(first, "AbortError");
+  worker.opened({ ...INFO, duration: 4 });
+  await second;
+  assert.equal(player.duration, 4);
+  assert.equal(player.currentTime, 0);
+});
+
+test("a function creates one worker per load", async () => {
+  const { player, workers } = await openScene({ perLoad: true });
+  const loading = player.load("b.stgs");
+  assert.equal(workers.length, 2);
+  assert.equal(workers[0].terminated, true);
+  workers[0].opened({ ...INFO, duration: 99 });
+  workers[1].opened({ ...INFO, duration: 4 });
+  await loading;
+  assert.equal(player.duration, 4);
+  player.destroy();
+  assert.equal(workers[1].terminated, true);
+});
+
+test("an error rejects the promises and is kept", async () => {
+  const { player, worker, events } = setUp();
+  const loading = player.load("scene.stgs");
+  const started = player.play();
+  worker.send({ type: "error", code: "network", message: "scene.stgs: HTTP 404" });
+  await assert.rejects(loading, { name: "PlayerError", code: 2, message: "scene.stgs: HTTP 404" });
+  await rejectsWith(started, "NotSupportedError");
+  await settle();
+  assert.equal(events.pop(), "error");
+  assert.equal(player.error.reason, "network");
+  await rejectsWith(player.play(), "NotSupportedError");
+  const again = player.load("scene.stgs");
+  assert.equal(player.error, null);
+  worker.opened();
+  await again;
+});
+
+test("errors have the codes of media elements", async () => {
+  const { player, worker } = await openScene();
+  worker.send({ type: "error", code: "format", message: "damaged" });
+  assert.equal(player.error.code, 3);
+  player.load("b.stgs").catch(() => undefined);
+  worker.send({ type: "error", code: "format", message: "this is a PNG image" });
+  assert.equal(player.error.code, 4);
+});
+
+test("a worker that fails and a renderer that throws are errors", async () => {
+  const { player, worker } = setUp();
+  const loading = player.load("scene.stgs");
+  worker.listeners.error[0]({});
+  await assert.rejects(loading, /worker failed: its script could not be loaded/);
+  const other = await openScene();
+  other.renderer.render = () => {
+    throw new Error("context lost");
+  };
+  other.player.resize(10, 10);
+  await other.host.run(100);
+  assert.match(other.player.error.message, /rendering failed: context lost/);
+});
+
+test("notices of the core are passed on", async () => {
+  const { player, worker } = await openScene();
+  let detail = null;
+  player.addEventListener("notice", (event) => (detail = event.detail));
+  worker.send({ type: "event", kind: "read_failed", message: "segment 3 is missing" });
+  await settle();
+  assert.deepEqual(detail, { kind: "read_failed", message: "segment 3 is missing" });
+});
+
+test("destroy while loading rejects and dispatches nothing", async () => {
+  const { player, worker, renderer, events, host } = setUp();
+  const loading = player.load("scene.stgs");
+  const started = player.play();
+  player.destroy();
+  await rejectsWith(loading, "AbortError");
+  await rejectsWith(started, "AbortError");
+  assert.equal(worker.terminated, true);
+  assert.equal(renderer.destroyed, true);
+  worker.opened();
+  worker.state("playing", 1);
+  worker.send({ type: "error", code: "network", message: "late" });
+  await host.run(100);
+  assert.deepEqual(events, []);
+  assert.equal(renderer.scenes, 0);
+  player.destroy();
+  player.pause();
+  player.currentTime = 3;
+  await rejectsWith(player.load("scene.stgs"), "AbortError");
+  await rejectsWith(player.play(), "AbortError");
+  await rejectsWith(player.screenshot(), "AbortError");
+});
+
+test("destroy rejects a screenshot", async () => {
+  const { player, renderer } = await openScene();
+  renderer.renderExactly = () => new Promise(() => undefined);
+  const screenshot = player.screenshot();
+  player.destroy();
+  await rejectsWith(screenshot, "AbortError");
+});
+
+test("a renderer that keeps failing is one error", async () => {
+  const { player, renderer, host, events } = await openScene();
+  renderer.render = () => {
+    throw new Error("context lost");
+  };
+  for (let i = 1; i < 4; ++i) {
+    player.resize(10 * i, 10);
+    await host.run(100);
+  }
+  assert.equal(events.filter((name) => name === "error").length, 1);
+  assert.equal(player.hasSource, false);
+});
+
+test("destroy during playback, a seek and an event stops everything", async () => {
+  const { player, worker, host, events, renderer } = await startPlaying();
+  await host.run(100);
+  player.currentTime = 5;
+  player.currentTime = 6;
+  player.addEventListener("seeking", () => player.destroy());
+  await settle();
+  assert.equal(events.filter((name) => name === "seeking").length, 1);
+  const frames = renderer.frames.length;
+  await host.run(1000);
+  assert.equal(renderer.frames.length, frames);
+  assert.equal(host.frames.size + host.timers.size, 0);
+  assert.equal(worker.last("seek").seconds, 5);
+});
