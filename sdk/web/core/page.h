@@ -5,14 +5,10 @@
 
 #include <cstdint>
 
-#define STGS_IMPORT(name) __attribute__((import_module("env"), import_name(#name)))
-
 extern "C" {
 // Begins to read `bytes` from `offset` of the file into `to`, which stays valid until the host
 // calls stgs_read_done() with this id.
-STGS_IMPORT(stgs_host_read)
 void stgs_host_read(std::uint32_t id, double offset, std::uint32_t bytes, std::uint8_t* to);
 // Ends a read early; stgs_read_done() follows.
-STGS_IMPORT(stgs_host_cancel)
 void stgs_host_cancel(std::uint32_t id);
 }

@@ -46,7 +46,7 @@ export class Core {
 
   /** Instantiates a compiled module. */
   static async create(module: WebAssembly.Module, host: CoreHost): Promise<Core> {
-    const environment = {
+    const env = {
       stgs_host_read: (id: number, offset: number, bytes: number, address: number) =>
         host.read(id, offset, bytes, address >>> 0),
       stgs_host_cancel: (id: number) => host.cancel(id),
@@ -71,7 +71,7 @@ export class Core {
       },
       environ_get: () => 0,
     };
-    const instance = await WebAssembly.instantiate(module, { env: environment, wasi_snapshot_preview1: system });
+    const instance = await WebAssembly.instantiate(module, { env, wasi_snapshot_preview1: system });
     const exports = instance.exports as unknown as Exports;
     memory = exports.memory;
     exports._initialize();
