@@ -42,8 +42,9 @@ export class PlaybackClock {
   }
 
   /**
-   * Takes over a report of the core during playback. The core reports its time after it has decoded,
-   * so the report is late by a varying part of a frame: small differences are adjusted slowly.
+   * Takes over a report of the core during playback. The core reports its time after it has
+   * decoded, so the report is late by a varying part of a frame: small differences are adjusted
+   * slowly.
    */
   follow(seconds: number, at: number, rate: number, running: boolean, now: number): void {
     const before = this.time(now);

@@ -196,7 +196,9 @@ export class Playback {
     return this.context.host.now();
   }
 
-  /** The core takes these messages once the scene is open; `onOpened` sends the state until then. */
+  /**
+   * The core takes these messages once the scene is open; `onOpened` sends the state until then.
+   */
   private post(message: PageMessage): void {
     if (this.scene !== null) this.core.post(message);
   }

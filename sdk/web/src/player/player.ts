@@ -165,7 +165,9 @@ export class StgsPlayer extends EventTarget {
   get error(): PlayerError | null {
     return this.playback.error;
   }
-  /** Whether a source is being loaded or played: not before `load`, nor after an error or an abort. */
+  /**
+   * Whether a source is being loaded or played: not before `load`, nor after an error or an abort.
+   */
   get hasSource(): boolean {
     return this.playback.hasSource;
   }
