@@ -38,7 +38,8 @@ class Nginx:
         config = f"""
             worker_processes 1; daemon off; pid {self.pid}; error_log {self.log};
             events {{}}
-            http {{ access_log off; client_body_temp_path {folder}/1; proxy_temp_path {folder}/2;
+            http {{ types {{ text/html html; text/javascript js; application/wasm wasm; }}
+              access_log off; client_body_temp_path {folder}/1; proxy_temp_path {folder}/2;
               fastcgi_temp_path {folder}/3; uwsgi_temp_path {folder}/4;
               scgi_temp_path {folder}/5;
               server {{ listen 127.0.0.1:{self.port}; root {folder}; limit_rate {self.limit}; }} }}"""

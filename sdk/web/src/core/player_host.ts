@@ -124,11 +124,12 @@ export class PlayerHost implements CoreHost {
   private step(): void {
     if (this.core === null) return;
     try {
+      const at = performance.now(); // the position is that of the beginning of the step
       const wait = this.core.step(STEP_SECONDS);
       this.sendChanges();
-      this.report();
+      const early = this.report(at);
       const next = this.lastState === "playing" || this.lastState === "buffering" ? PLAY_INTERVAL : Infinity;
-      const due = Math.min(wait * 1000, next);
+      const due = Math.min(wait * 1000, next, early);
       if (Number.isFinite(due)) this.schedule(due);
     } catch (error) {
       this.fail(error);
@@ -146,18 +147,21 @@ export class PlayerHost implements CoreHost {
     }
   }
 
-  private report(): void {
+  /** Reports the state as of `at`. Returns milliseconds: once they have passed, it is due. */
+  private report(at: number): number {
     const core = this.core!;
     for (const event of core.events()) this.post({ type: "event", kind: event.kind, message: event.message }, []);
     const state = core.state();
     const now = performance.now();
-    if (state.state === this.lastState && now - this.reportedAt < REPORT_INTERVAL) return;
+    const early = REPORT_INTERVAL - (now - this.reportedAt);
+    if (state.state === this.lastState && early > 0) return early;
     this.lastState = state.state;
     this.reportedAt = now;
     this.post({
-      type: "state", state: state.state, seconds: state.seconds, at: performance.timeOrigin + now, rate: this.rate,
+      type: "state", state: state.state, seconds: state.seconds, at: performance.timeOrigin + at, rate: this.rate,
       buffered: state.buffered, layers: state.layers, layerCount: state.layerCount, bytes: state.bytes, duration: this.duration,
     }, []);
+    return Infinity;
   }
 
   private fail(error: unknown): void {

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import unittest
 
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "tools"))
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "sdk", "web", "tools"))
 import make_shaders  # noqa: E402
 
 MATH = os.path.join(make_shaders.HEADERS, "stgs", "format", "math")
@@ -55,7 +55,7 @@ class MakeShadersTest(unittest.TestCase):
         text = "#define NONE\n#define SIZED(n)\nNONE int f();\nstruct SIZED(16) S {};\n"
         self.assertEqual(self.resolve(text), ["int f();", "struct S {};"])
 
-    def test_what_cannot_be_resolved(self):
+    def test_text_that_it_does_not_support_is_rejected(self):
         self.assertRegex(self.rejected("x\n#define ONE 1\n"), r":2: #define ONE 1: only macros")
         self.assertRegex(self.rejected("#if ONE > 0\n#endif\n"), "only tests of one macro")
         self.assertRegex(self.rejected('#include "none.h"\n'), "no such file")

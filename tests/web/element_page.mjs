@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Defines <stgs-player> with a core and a renderer of the test. The test creates elements.
-import { defineStgsPlayer } from "../src/element/stgs_player";
+import { defineStgsPlayer } from "../../sdk/web/src/element/stgs_player";
 import { FakeCore } from "./fake_core.mjs";
 import { PatternRenderer } from "./pattern_renderer.mjs";
 

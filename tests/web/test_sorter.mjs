@@ -2,9 +2,9 @@
 // The depth order of active primitives. usage: node --test test_sorter.mjs
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { importSource } from "./bundle.mjs";
+import { importSource } from "./import_source.mjs";
 
-const { DepthSorter, kSorterBytes, padded } = await importSource("webgl2/sorter");
+const { DepthSorter, kSorterBytes, padded } = await importSource("src/webgl2/sorter.ts");
 
 const kRequest = { direction: [0, 0, 1], offset: 0, near: 0.1, ticks: 0, until: 0 };
 

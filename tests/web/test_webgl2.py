@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The WebGL2 renderer draws what `stgs render --backend cpu` renders, in headless Chromium.
 
-usage: test_webgl2.py STGS PACK_SCENE MAKE_WEB_SCENE [FOLDER]
+usage: test_webgl2.py STGS PACK_SCENE MAKE_WEB_SCENE SOURCES [FOLDER]
+SOURCES: the TypeScript, with the generated shaders
 FOLDER: where the images are kept. Exit code 77: a required program is missing
 """
 import array
@@ -20,13 +21,12 @@ sys.path.insert(0, HERE)
 from exr_image import read_exr  # noqa: E402
 from page_server import PageServer  # noqa: E402
 
-WEB = os.path.join(HERE, "..")
 TARGETS = {"rgba16f": 55.0, "rgba8": 45.0}  # least PSNR, dB
 SCENES = {"degree0": (1500, 0), "degree1": (1500, 1), "degree2": (1500, 2), "degree3": (3000, 3),
           # More than a layer of the atlas.
           "large": (48000, 3)}
 TIMES = [20.0, 47.5]  # ticks of 1/30 s
-STGS = PACK = MAKE = CHROMIUM = FOLDER = ""
+STGS = PACK = MAKE = SOURCES = CHROMIUM = FOLDER = ""
 
 
 def camera(width, height, focal, angle, position):
@@ -74,10 +74,9 @@ class WebGl2Test(unittest.TestCase):
 
     @classmethod
     def build(cls):
-        subprocess.run([sys.executable, os.path.join(WEB, "tools", "make_shaders.py")], check=True)
         for entry, out, form in (("index", "renderer", "esm"),
                                  ("sorter_worker", "sorter_worker", "iife")):
-            subprocess.run(["esbuild", os.path.join(WEB, "src", "webgl2", f"{entry}.ts"),
+            subprocess.run(["esbuild", os.path.join(SOURCES, "webgl2", f"{entry}.ts"),
                             "--bundle", f"--format={form}", "--target=es2020",
                             "--log-level=warning", f"--outfile={cls.work}/{out}.js"], check=True)
         for page in ("webgl2_page.html", "webgl2_page.mjs"):
@@ -177,11 +176,11 @@ class WebGl2Test(unittest.TestCase):
 
 
 def main():
-    global STGS, PACK, MAKE, CHROMIUM, FOLDER
-    if len(sys.argv) not in (4, 5):
+    global STGS, PACK, MAKE, SOURCES, CHROMIUM, FOLDER
+    if len(sys.argv) not in (5, 6):
         sys.exit(__doc__)
-    STGS, PACK, MAKE = map(os.path.abspath, sys.argv[1:4])
-    FOLDER = os.path.abspath(sys.argv[4]) if len(sys.argv) == 5 else ""
+    STGS, PACK, MAKE, SOURCES = map(os.path.abspath, sys.argv[1:5])
+    FOLDER = os.path.abspath(sys.argv[5]) if len(sys.argv) == 6 else ""
     CHROMIUM = shutil.which("chromium")
     if CHROMIUM is None or shutil.which("esbuild") is None:
         print("chromium or esbuild is missing", file=sys.stderr)

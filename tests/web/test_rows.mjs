@@ -2,9 +2,9 @@
 // The rows of an atlas. usage: node --test test_rows.mjs
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { importSource } from "./bundle.mjs";
+import { importSource } from "./import_source.mjs";
 
-const { RowAllocator } = await importSource("webgl2/rows");
+const { RowAllocator } = await importSource("src/webgl2/rows.ts");
 
 function allocatorOf(rows) {
   const allocator = new RowAllocator();

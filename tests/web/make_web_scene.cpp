@@ -5,7 +5,7 @@
 #include <cstdlib>
 #include <iostream>
 
-#include "../../../tests/fixtures/scene_fixture.h"
+#include "../fixtures/scene_fixture.h"
 
 int main(int argc, char** argv) {
   if (argc != 4) {

@@ -1,0 +1,183 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The package plays files from nginx in headless Chromium.
+
+usage: test_page.py STGS MAKE_WEB_SCENE PACKAGE
+PACKAGE: the folder of stgs.js. Exit code 77: Chromium or nginx is missing
+"""
+import array
+import base64
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "fetch")]
+from browser import CHROMIUM, Browser, Server  # noqa: E402
+from exr_image import read_exr  # noqa: E402
+from nginx import Nginx  # noqa: E402
+
+CAMERA = {"rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "translation": [0, 0, 0], "fx": 220, "fy": 220,
+          "cx": 120, "cy": 90, "width": 240, "height": 180}
+TARGETS = {"rgba16f": 55.0, "rgba8": 45.0}  # least PSNR, dB
+STGS = MAKE = PACKAGE = ""
+
+
+def psnr(a, b):
+    square = sum((x - y) ** 2 for x, y in zip(a, b)) / len(a)
+    return 200.0 if square == 0 else -10 * math.log10(square)
+
+
+class Page(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.work = tempfile.mkdtemp(prefix="stgs-page-")
+        cls.addClassCleanup(shutil.rmtree, cls.work, True)
+        for name in os.listdir(PACKAGE):
+            shutil.copy(os.path.join(PACKAGE, name), cls.work)
+        shutil.copy(os.path.join(HERE, "player_page.html"), cls.work)
+        cls.scene = os.path.join(cls.work, "scene.stgs")
+        subprocess.run([MAKE, cls.scene, "3000", "3"], check=True)
+        with open(cls.scene, "rb") as file:
+            data = file.read()
+        cls.write("cut.stgs", data[:len(data) // 2])
+        cls.write("head.stgs", data[:60])
+        cls.write("text.stgs", b"no scene\n" * 100)
+        cls.nginx = Nginx(cls.work)
+        cls.enterClass(cls.nginx)
+        cls.url = f"http://127.0.0.1:{cls.nginx.port}/"
+        cls.browser = Browser()
+        cls.addClassCleanup(cls.browser.close)
+
+    @classmethod
+    def enterClass(cls, context):  # of unittest since Python 3.11
+        context.__enter__()
+        cls.addClassCleanup(context.__exit__, None, None, None)
+
+    @classmethod
+    def write(cls, name, data):
+        with open(os.path.join(cls.work, name), "wb") as file:
+            file.write(data)
+
+    def setUp(self):
+        self.browser.problems.clear()
+        self.browser.resize(640, 360)
+        self.browser.open(self.url + "player_page.html")
+        self.check = self.browser.evaluate
+        self.wait = self.browser.wait_for
+        self.wait("'show' in window")
+
+    def show(self, **attributes):
+        self.check(f"show({json.dumps(attributes)})")
+
+    def error(self, source):
+        """Returns the code and the message of the error of a source."""
+        self.show(src=source)
+        self.wait("player.error")
+        return self.check("[player.error.code, player.error.message]")
+
+    def reference(self, seconds):
+        path = os.path.join(self.work, "camera.json")
+        with open(path, "w", encoding="ascii") as file:
+            json.dump(CAMERA, file)
+        image = os.path.join(self.work, f"{seconds}.exr")
+        subprocess.run([STGS, "render", self.scene, "--camera", path, "--time", repr(seconds), "--background",
+                        "0,0,0", "--backend", "cpu", "--log-level", "error", "-o", image], check=True)
+        return read_exr(image)[2]
+
+    def test_decoded_segments_are_drawn_as_the_native_renderer_does(self):
+        for seconds in (0.5, 1.5):
+            planes = self.reference(seconds)
+            for target, least in TARGETS.items():
+                with self.subTest(seconds=seconds, target=target):
+                    text = self.check(f"pixels('scene.stgs', {json.dumps(CAMERA)}, {seconds}, '{target}')")
+                    pixels = array.array("f", base64.b64decode(text))
+                    square = sum(10 ** (-psnr(pixels[c::4], planes["RGB"[c]]) / 10) for c in range(3)) / 3
+                    self.assertGreater(-10 * math.log10(max(square, 1e-20)), least)
+        self.assertEqual(self.browser.problems, [])
+
+    def test_an_element_plays_seeks_and_loops(self):
+        self.show(src="scene.stgs", controls="", loop="")
+        self.wait("player.readyState >= 3 || player.error")
+        self.assertIsNone(self.check("player.error"))
+        self.assertAlmostEqual(self.check("player.duration"), 2.0)
+        self.assertTrue(self.check("player.paused && player.currentTime === 0"))
+        self.check("player.play()")
+        self.wait("player.currentTime > 0.3")
+        self.check("player.currentTime = 1.8")
+        self.wait("player.currentTime < 1.5 && player.currentTime > 0.2")  # after the end
+        self.check("player.pause()")
+        self.check("player.currentTime = 1")
+        self.wait("!player.seeking")
+        self.assertEqual(self.check("player.currentTime"), 1)
+        events = self.check("events")
+        self.assertEqual(events[:2], ["loadedmetadata", "canplay"])
+        self.assertNotIn("error", events)
+        self.assertEqual(self.browser.problems, [])
+
+    def test_a_screenshot_shows_the_scene(self):
+        self.show(src="scene.stgs")
+        self.wait("player.readyState >= 3")
+        values = self.check("""player.screenshot().then((blob) => createImageBitmap(blob)).then((image) => {
+            const canvas = new OffscreenCanvas(image.width, image.height), context = canvas.getContext("2d");
+            context.drawImage(image, 0, 0);
+            return new Set(context.getImageData(0, 0, image.width, image.height).data).size; })""")
+        self.assertGreater(values, 50)
+
+    def test_a_chosen_file_plays(self):
+        self.show()
+        self.check("""fetch("scene.stgs").then((r) => r.blob()).then((blob) => player.load(new File([blob], "a.stgs")))""")
+        self.wait("player.readyState >= 3")
+        self.assertAlmostEqual(self.check("player.duration"), 2.0)
+
+    def test_errors_state_the_cause(self):
+        code, message = self.error("missing.stgs")
+        self.assertEqual(code, 2)  # MEDIA_ERR_NETWORK
+        self.assertIn("missing.stgs: the server has no such file (status 404)", message)
+        for name, text in (("text.stgs", "not an .stgs file; this is a text file"), ("head.stgs", "")):
+            code, message = self.error(name)
+            self.assertEqual(code, 4, message)  # MEDIA_ERR_SRC_NOT_SUPPORTED
+            self.assertIn(name, message)
+            self.assertIn(text, message)
+
+    def test_a_cut_file_plays_as_far_as_it_is_there(self):
+        self.show(src="cut.stgs")
+        self.wait("player.readyState >= 1 || player.error")
+        self.assertIsNone(self.check("player.error"))
+
+    def test_a_server_without_ranges_is_named(self):
+        server = Server(self.work)  # ignores them
+        self.addCleanup(server.close)
+        self.browser.open(server.url + "player_page.html")
+        self.wait("'show' in window")
+        code, message = self.error("scene.stgs")
+        self.assertIn("does not support range requests", message)
+
+    def test_an_element_can_be_removed_at_any_time(self):
+        for milliseconds in (0, 5, 20, 60, 150, 400):
+            self.show(src="scene.stgs", autoplay="")
+            self.check(f"new Promise((resolve) => setTimeout(resolve, {milliseconds}))")
+            self.check("player.remove()")
+        self.show(src="scene.stgs")
+        self.wait("player.readyState >= 3")
+        self.assertEqual(self.browser.problems, [])
+
+
+def main():
+    global STGS, MAKE, PACKAGE
+    if len(sys.argv) != 4:
+        sys.exit(__doc__)
+    STGS, MAKE, PACKAGE = map(os.path.abspath, sys.argv[1:])
+    if not os.path.exists(CHROMIUM) or shutil.which("nginx") is None:
+        print("skipped: needs chromium and nginx")
+        sys.exit(77)
+    unittest.main(argv=sys.argv[:1])
+
+
+if __name__ == "__main__":
+    main()
