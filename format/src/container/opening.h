@@ -11,7 +11,7 @@
 namespace stgs {
 
 // Bytes for a link, a run, a segment, one of its tiers, and a further record.
-inline constexpr std::uint64_t kOpeningLink = 256, kOpeningRun = 416, kOpeningSegment = 32,
+inline constexpr std::uint64_t kOpeningLink = 256, kOpeningRun = 2000, kOpeningSegment = 32,
                                kOpeningTier = 224, kOpeningFurther = 128;
 
 // Returns the bytes for a node.
