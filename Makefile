@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-# Four commands for a bare Debian 12 or 13. Each installs the packages it needs, then builds.
+# Commands for a bare Debian 12 or 13. Each installs the packages it needs, then builds.
 #   make           builds the program, build/release/bin/stgs
+#   make web       builds the player for browsers, build/release/web/stgs
 #   make demo      builds the program and encodes, checks and renders the sample capture
 #   make check     builds everything and runs the tests (12 minutes on two cores)
 #   make check-all the same, then the slow tests: sanitizers, builds without the encoder, Debian 13
@@ -9,12 +10,17 @@ JOBS ?= $(shell nproc)
 # Many tests wait for a clock, a child or a server: one job more than cores.
 CTEST = STGS_VALIDATED=1 ctest --output-on-failure --no-tests=error -j $$(($(JOBS) + 1))
 
-.PHONY: program demo check check-all check-slow setup clean
+.PHONY: program web demo check check-all check-slow setup clean
 
 program:
 	@tools/setup/setup.sh core program
 	@cmake --preset release $(shell tools/setup/cuda.sh)
 	@cmake --build build/release -j $(JOBS) --target stgs
+
+web:
+	@tools/setup/setup.sh core program web
+	@cmake --preset release $(shell tools/setup/cuda.sh)
+	@cmake --build build/release -j $(JOBS) --target stgs_web
 
 demo: program
 	@tools/demo/demo.sh build/release/bin/stgs build/demo
@@ -38,7 +44,7 @@ check-slow: check
 	@$(CTEST) --test-dir build/check -L slow
 
 setup:
-	@tools/setup/setup.sh core program check
+	@tools/setup/setup.sh core program web check
 
 clean:
 	rm -rf build

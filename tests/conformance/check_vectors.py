@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares the conformance vectors, the manifest, the reference decoder and, if given, the project's decoder.
 
-usage: check_vectors.py [PROGRAM]        PROGRAM is describe_vectors
+usage: check_vectors.py [PROGRAM...]     PROGRAM is describe_vectors, or a command that runs it
 
 The generator must produce the committed bytes. Each decoder must produce the manifest's hash and floats, refuse the
 same parts with the same issue numbers, and report the same other errors; PROGRAM's validator must report the
@@ -75,13 +75,13 @@ def parsed(lines):
 
 
 def program_results(program, paths, limits):
-    """Returns PROGRAM's Result for each file."""
+    """Returns the Result of a command for each file."""
     arguments = ["--floats"]
     for name, value in limits.items():
         arguments += ["--" + name.replace("_", "-"), str(value)]
-    run = subprocess.run([program, *arguments, *paths], capture_output=True, text=True, check=False)
+    run = subprocess.run([*program, *arguments, *paths], capture_output=True, text=True, check=False)
     if run.returncode != 0:
-        sys.exit(f"{program} exited with {run.returncode}: {run.stderr.strip()}")
+        sys.exit(f"{program[0]} exited with {run.returncode}: {run.stderr.strip()}")
     blocks, lines = {}, []
     for line in run.stdout.splitlines():
         if line.startswith("  "):
@@ -143,8 +143,6 @@ def check_reference(entry, data):
 
 
 def main():
-    if len(sys.argv) > 2:
-        sys.exit(__doc__)
     with open(MANIFEST, encoding="utf-8") as file:
         entries = json.load(file)["vectors"]
     problems = []
@@ -164,8 +162,8 @@ def main():
                     problems.append(f"{entry['name']}: the generator produces other bytes")
             problems += [f"{entry['name']} (clause {entry['clause']}): the reference: {message}"
                          for message in check_reference(entry, data)]
-    if len(sys.argv) == 2:
-        problems += [f"{name}: {message}" for name, message in check_program(sys.argv[1], paths, entries)]
+    if len(sys.argv) > 1:
+        problems += [f"{name}: {message}" for name, message in check_program(sys.argv[1:], paths, entries)]
     for problem in problems:
         print(problem)
     print(f"{len(entries)} vectors, {len(problems)} problems")

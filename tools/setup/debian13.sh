@@ -48,7 +48,7 @@ unshare -m sh -eu -c '
   exec chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root LANG=C.UTF-8 JOBS="$jobs" \
     CCACHE_DIR=/build/ccache sh -eu -c "
     cd /stgs
-    tools/setup/setup.sh core program check
+    tools/setup/setup.sh core program web check
     cmake --preset check -B /build -DSTGS_WITH_CUDA=OFF
     cmake --build /build -j \$JOBS
     STGS_VALIDATED=1 ctest --test-dir /build --output-on-failure --no-tests=error -LE slow \
