@@ -3,7 +3,7 @@
 # and exceptions, and what its standard library lacks is in sdk/web/core/shims.
 include_guard()
 
-# The command of the compiler. Debian's needs to be told where its node modules are.
+# The command of the compiler. Debian's needs the folder of its node modules.
 set(STGS_EM_COMMAND ${CMAKE_COMMAND} -E env NODE_PATH=/usr/share/nodejs ${STGS_EMCC})
 set(STGS_EM_SHIMS ${PROJECT_SOURCE_DIR}/sdk/web/core/shims)
 
