@@ -121,6 +121,24 @@ test("an orbit does not roll", () => {
   }
 });
 
+test("an orbit turns around the up vector of the scene", () => {
+  const [c, s] = [Math.cos(0.4), Math.sin(0.4)]; // a start camera that looks down
+  const startCamera = { ...INFO.startCamera, rotation: [1, 0, 0, 0, c, -s, 0, s, c] };
+  const heights = [null, [0, -1, 0]].map((up) => {
+    const rig = new OrbitCamera({ ...INFO, startCamera, up }, { reducedMotion: true });
+    const height = () => {
+      const { rotation: r, translation: t } = rig.camera(640, 360);
+      return -(r[1] * t[0] + r[4] * t[1] + r[7] * t[2]);
+    };
+    const before = height();
+    rig.rotate(0.3, 0);
+    rig.update(1);
+    return Math.abs(height() - before);
+  });
+  assert.ok(heights[0] > 1e-3);
+  near(heights[1], 0, 1e-9);
+});
+
 test("the larger side keeps the field of view", () => {
   const rig = new OrbitCamera(INFO);
   for (const [width, height] of [[1280, 720], [360, 640], [500, 500], [1, 1]]) {

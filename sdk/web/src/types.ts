@@ -18,6 +18,8 @@ export interface SceneInfo {
   shDegree: number;         // 0..3
   primitives: number;
   boundsMin: number[]; boundsMax: number[];  // 3, scene units
+  up: number[] | null;      // 3, unit vector against gravity; null: unknown
+  background: number[];     // 3, encoded as the colours
   startCamera: Camera | null;
   live: boolean;
 }

@@ -13,7 +13,7 @@ import type { TargetFormat } from "./target";
 export interface WebGl2Options {
   /** The best format to blend in; rgba8 where half floats cannot be blended. Default: rgba16f. */
   target?: TargetFormat;
-  /** Premultiplied, sRGB-encoded, 0 to 1. Alpha 0: the page shows. Default: opaque black. */
+  /** Premultiplied, sRGB-encoded, 0 to 1. Alpha 0: the page shows. Default: the scene's. */
   background?: Background;
   /** Of sorter_worker.js. Default: next to the module. */
   sorterUrl?: string | URL;
@@ -70,7 +70,8 @@ class WebGl2Renderer implements Renderer {
   readonly statistics = { primitives: 0, visible: 0, sortMs: 0 };
   private readonly sorter: SorterClient;
   private readonly format: TargetFormat;
-  private readonly background: Background;
+  private readonly background: Background | null;
+  private sceneBackground: Background = [0, 0, 0, 1];
   private readonly restores: boolean;
   private readonly report: (error: Error) => void;
   private readonly residents = new Residents();
@@ -91,7 +92,7 @@ class WebGl2Renderer implements Renderer {
     private readonly canvas: HTMLCanvasElement, private readonly gl: WebGL2RenderingContext,
     options: WebGl2Options,
   ) {
-    this.background = options.background ?? [0, 0, 0, 1];
+    this.background = options.background ?? null;
     this.restores = options.restoresContext ?? true;
     this.report = options.onError ?? ((error) => console.error(error));
     this.format = targetFormat(gl, options.target ?? "rgba16f");
@@ -109,6 +110,8 @@ class WebGl2Renderer implements Renderer {
   /** Removes all segments: those of another scene have other ids. */
   setScene(info: SceneInfo): void {
     this.tickSeconds = info.tickSeconds;
+    const [red, green, blue] = info.background as [number, number, number];
+    this.sceneBackground = [red, green, blue, 1];
     for (const id of this.residents.ids()) this.removeSegment(id);
   }
 
@@ -189,7 +192,8 @@ class WebGl2Renderer implements Renderer {
     if (this.canvas.width !== width) this.canvas.width = width;
     if (this.canvas.height !== height) this.canvas.height = height;
     const drawn = this.residents.list(this.order?.keys ?? []);
-    this.drawer.draw(view.camera, view.ticks, drawn, this.order?.bases ?? [], this.background);
+    const background = this.background ?? this.sceneBackground;
+    this.drawer.draw(view.camera, view.ticks, drawn, this.order?.bases ?? [], background);
   }
 
   /** Sends the next request, unless one is in flight or the last order is still right. */

@@ -48,7 +48,7 @@ export interface RigStart {
   camera: Camera;
   axes: Axes;
   position: Vector;
-  /** Unit vector: that of the start camera, since a scene does not define one. */
+  /** Unit vector: that of the scene, or of the start camera if the scene states none. */
   up: Vector;
   /** Scene units along the optical axis to the depth of the scene's centre. */
   distance: number;
@@ -67,8 +67,8 @@ export function rigStart(info: SceneInfo): RigStart {
   const [x, y, z] = sceneCentre(info);
   const depth = dot(axes.forward, subtract([x, y, z], position));
   const distance = depth > MIN_DISTANCE * diagonal ? depth : DEFAULT_DISTANCE * diagonal;
-  const [dx, dy, dz] = axes.down;
-  return { camera, axes, position, up: [-dx, -dy, -dz], distance, diagonal };
+  const [ux, uy, uz] = info.up ?? axes.down.map((v) => -v);
+  return { camera, axes, position, up: [ux, uy, uz], distance, diagonal };
 }
 
 /** The camera for an image of this size, at a pose. */
