@@ -90,7 +90,7 @@ def main():
             inputs[path] = mutated(valid[number], rng)
             with open(path, "wb") as file:
                 file.write(inputs[path])
-        results = program_results(sys.argv[1], list(inputs), LIMITS)
+        results = program_results(sys.argv[1:2], list(inputs), LIMITS)
         for path, data in inputs.items():
             expected = reference(data, LIMITS)[0]
             refused += bool(expected.refused)
