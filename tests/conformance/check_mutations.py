@@ -3,8 +3,9 @@
 """Compares the project's decoder with the reference decoder on mutated conformance vectors, most of them with
 recalculated checksums, so that the mutations reach the decoders: both must decode and refuse the same parts.
 
-usage: check_mutations.py PROGRAM [COUNT [SEED]]      PROGRAM is describe_vectors
+usage: check_mutations.py [--count N] [--seed N] PROGRAM...      PROGRAM is describe_vectors, or a command that runs it
 """
+import argparse
 import json
 import os
 import random
@@ -71,10 +72,12 @@ def outcome(result):
 
 
 def main():
-    if not 2 <= len(sys.argv) <= 4:
-        sys.exit(__doc__)
-    count = int(sys.argv[2]) if len(sys.argv) > 2 else 300
-    rng = random.Random(int(sys.argv[3]) if len(sys.argv) > 3 else 1)
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--count", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("program", nargs=argparse.REMAINDER)
+    options = parser.parse_args()
+    rng = random.Random(options.seed)
     with open(MANIFEST, encoding="utf-8") as file:
         names = [e["name"] for e in json.load(file)["vectors"] if "refused" not in e and e["bytes"] < 8000]
     valid = []
@@ -84,13 +87,13 @@ def main():
     differing, refused = 0, 0
     with tempfile.TemporaryDirectory() as folder:
         inputs = {}
-        for i in range(count):
+        for i in range(options.count):
             number = rng.randrange(len(valid))
             path = os.path.join(folder, f"{i}_{names[number]}.stgs")
             inputs[path] = mutated(valid[number], rng)
             with open(path, "wb") as file:
                 file.write(inputs[path])
-        results = program_results(sys.argv[1:2], list(inputs), LIMITS)
+        results = program_results(options.program, list(inputs), LIMITS)
         for path, data in inputs.items():
             expected = reference(data, LIMITS)[0]
             refused += bool(expected.refused)
@@ -99,7 +102,7 @@ def main():
             differing += 1
             print(f"{os.path.basename(path)}: the reference finds {expected.refused} {expected.reported}, the decoder "
                   f"{results[path].refused} {results[path].reported}:\n{data.hex()}")
-    print(f"{count} mutated vectors, {refused} refused, {differing} decoded differently")
+    print(f"{options.count} mutated vectors, {refused} refused, {differing} decoded differently")
     sys.exit(1 if differing else 0)
 
 

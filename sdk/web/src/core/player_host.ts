@@ -166,7 +166,7 @@ export class PlayerHost implements CoreHost {
 
   private fail(error: unknown): void {
     this.close();
-    this.post({ type: "error", code: codeOf(error), message: String((error as Error).message) }, []);
+    this.post({ type: "error", code: codeOf(error), message: textOf(error) }, []);
   }
 
   private close(): void {
@@ -186,11 +186,17 @@ class CoreError extends Error {
   }
 }
 
+/** The message of an error. What the C++ throws beyond its own errors, such as std::bad_alloc, has none. */
+function textOf(error: unknown): string {
+  if (error instanceof WebAssembly.RuntimeError) return `the decoder stopped (${error.message}); report the file`;
+  return error instanceof Error ? error.message : "the decoder is out of memory; lower the memory budget";
+}
+
 type ErrorCode = Extract<CoreMessage, { type: "error" }>["code"];
 
 function codeOf(error: unknown): ErrorCode {
   if (error instanceof ReadError) return error.code;
-  if (error instanceof OutOfMemory || error instanceof RangeError) return "memory";
+  if (error instanceof OutOfMemory || error instanceof RangeError || !(error instanceof Error)) return "memory";
   if (!(error instanceof CoreError)) return "unsupported";
   const names: Record<number, ErrorCode> = { 1: "usage", 2: "network", 3: "format", 8: "memory", 9: "memory" };
   return names[error.code] ?? "unsupported";
