@@ -68,7 +68,7 @@ export class FakeCore {
       type: "opened",
       info: {
         duration: DURATION, tickSeconds: TICK, frames: 360, shDegree: 1, primitives: 1284032,
-        boundsMin: [-2, -1, -2], boundsMax: [2, 1, 2], up: null, background: [0, 0, 0], live: false,
+        boundsMin: [-2, -1, -2], boundsMax: [2, 1, 2], up: null, background: [0, 0, 0],
         startCamera: {
           rotation: [1, 0, 0, 0, 0.97, 0.243, 0, -0.243, 0.97], translation: [0, 0.2, 5.4],
           fx: 1100, fy: 1100, cx: 640, cy: 360, width: 1280, height: 720, near: 0.05,

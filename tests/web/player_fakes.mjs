@@ -51,7 +51,7 @@ export async function settle() {
 
 export const INFO = {
   duration: 10, tickSeconds: 0.04, frames: 250, shDegree: 1, primitives: 1000,
-  boundsMin: [-1, -1, -1], boundsMax: [1, 1, 1], up: null, background: [0, 0, 0], live: false,
+  boundsMin: [-1, -1, -1], boundsMax: [1, 1, 1], up: null, background: [0, 0, 0],
   startCamera: {
     rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1], translation: [0, 0, 5],
     fx: 500, fy: 500, cx: 320, cy: 180, width: 640, height: 360, near: 0.01,

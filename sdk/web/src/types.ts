@@ -21,7 +21,6 @@ export interface SceneInfo {
   up: number[] | null;      // 3, unit vector against gravity; null: unknown
   background: number[];     // 3, encoded as the colours
   startCamera: Camera | null;
-  live: boolean;
 }
 /** A decoded segment, packed as player/src/packed_segment.h states, ready for the GPU. */
 export interface PackedSegment {

@@ -205,7 +205,7 @@ function codeOf(error: unknown): ErrorCode {
 function sceneInfo(info: CoreInfo): SceneInfo {
   const { duration, tickSeconds, frames, shDegree, primitives, boundsMin, boundsMax, background, startCamera } = info;
   const up = info.up.some((v) => v !== 0) ? info.up : null;
-  return { duration, tickSeconds, frames, shDegree, primitives, boundsMin, boundsMax, up, background, startCamera, live: false };
+  return { duration, tickSeconds, frames, shDegree, primitives, boundsMin, boundsMax, up, background, startCamera };
 }
 
 /** Repeats a read that may succeed later, with growing pauses. */

@@ -21,7 +21,6 @@ export class ControlBar {
   private readonly play = iconButton("play", "Play", "button play");
   private readonly now = create("span", { class: "now" }, "0:00");
   private readonly total = create("span", { class: "total" }, "0:00");
-  private readonly live = create("button", { type: "button", class: "live" }, "Live");
   private readonly loop = iconButton("loop", "Loop", "button loop");
   private readonly statistics = iconButton("stats", "Statistics", "button statistics");
   private readonly fullscreen = iconButton("enterFullscreen", "Fullscreen", "button fullscreen");
@@ -33,14 +32,11 @@ export class ControlBar {
     const time = create("div", { class: "time" }, this.now, this.total);
     const space = create("div", { class: "space" });
     this.fullscreen.hidden = !actions.canFullscreen;
-    this.live.hidden = true;
-    this.live.title = "Go to the live edge";
-    const row = create("div", { class: "row" }, this.play, time, this.live, space, this.speed.root,
-                       this.loop, this.statistics, this.fullscreen);
+    const row = create("div", { class: "row" }, this.play, time, space, this.speed.root, this.loop,
+                       this.statistics, this.fullscreen);
     this.root = create("div", { class: "bar", role: "group", "aria-label": "Playback" },
                        this.slider.root, row);
     this.play.addEventListener("click", () => toggle(media));
-    this.live.addEventListener("click", () => (media.currentTime = media.duration));
     this.loop.addEventListener("click", () => (media.loop = !media.loop));
     this.statistics.addEventListener("click", () => actions.toggleStatistics());
     this.fullscreen.addEventListener("click", () => actions.toggleFullscreen());
@@ -59,7 +55,6 @@ export class ControlBar {
     const { media } = this;
     setIcon(this.play, media.ended ? "replay" : media.paused ? "play" : "pause");
     setLabel(this.play, media.ended ? "Replay" : media.paused ? "Play" : "Pause");
-    this.live.hidden = !media.info?.live;
     this.loop.setAttribute("aria-pressed", String(media.loop));
     this.speed.update();
     this.slider.updateBuffered();

@@ -87,10 +87,6 @@ svg { display: block; width: 1em; height: 1em; }
 }
 .total { color: var(--quiet); }
 .total::before { content: "/"; padding: 0 0.4em; }
-.live {
-  padding: 2px 8px; border-radius: 4px; font-size: 11px; font-weight: 600; letter-spacing: 0.06em;
-  text-transform: uppercase; background: rgba(224, 62, 62, 0.9);
-}
 
 .seek {
   position: relative; height: 20px; cursor: pointer; touch-action: none; border-radius: 6px;

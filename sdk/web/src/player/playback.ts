@@ -144,7 +144,7 @@ export class Playback {
 
   /** Whether playback would end at once. */
   private isAtEnd(): boolean {
-    if (this.scene === null || this.scene.info.live || this.seek !== null) return false;
+    if (this.scene === null || this.seek !== null) return false;
     const time = this.shownTime();
     return this.rate > 0 ? time >= this.clock.last - END_TOLERANCE : time <= END_TOLERANCE;
   }

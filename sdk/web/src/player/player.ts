@@ -142,7 +142,7 @@ export class StgsPlayer extends EventTarget {
     if (!this.isDestroyed) this.playback.seekTo(seconds);
   }
 
-  /** Seconds; NaN before `loadedmetadata`. Grows while a live scene is recorded. */
+  /** Seconds; NaN before `loadedmetadata`. */
   get duration(): number {
     return this.playback.scene?.duration ?? NaN;
   }

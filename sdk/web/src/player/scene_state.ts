@@ -6,7 +6,7 @@ import { CoreState } from "./seek";
 
 /** The open scene: its buffered ranges, and the segments that the renderer has. */
 export class SceneState {
-  /** Seconds; grows while a live scene is recorded. */
+  /** Seconds. */
   duration: number;
   buffered = new BufferedRanges([]);
   bytes = 0;
