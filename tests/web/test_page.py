@@ -38,7 +38,7 @@ class Page(unittest.TestCase):
     def setUpClass(cls):
         cls.work = tempfile.mkdtemp(prefix="stgs-page-")
         cls.addClassCleanup(shutil.rmtree, cls.work, True)
-        for name in os.listdir(PACKAGE):
+        for name in ("stgs.js", "stgs-worker.js", "stgs-sorter.js", "stgs-core.wasm"):
             shutil.copy(os.path.join(PACKAGE, name), cls.work)
         shutil.copy(os.path.join(HERE, "player_page.html"), cls.work)
         cls.scene = os.path.join(cls.work, "scene.stgs")
@@ -48,6 +48,7 @@ class Page(unittest.TestCase):
         cls.write("cut.stgs", data[:len(data) // 2])
         cls.write("head.stgs", data[:60])
         cls.write("text.stgs", b"no scene\n" * 100)
+        cls.write("video.mp4", bytes(4 << 20))
         cls.nginx = Nginx(cls.work)
         cls.enterClass(cls.nginx)
         cls.url = f"http://127.0.0.1:{cls.nginx.port}/"
@@ -144,6 +145,31 @@ class Page(unittest.TestCase):
             self.assertEqual(code, 4, message)  # MEDIA_ERR_SRC_NOT_SUPPORTED
             self.assertIn(name, message)
             self.assertIn(text, message)
+
+    def test_a_large_file_of_another_kind_is_not_read_completely(self):
+        code, message = self.error("video.mp4")
+        self.assertEqual(code, 4)
+        self.assertIn("video.mp4: not an .stgs file; choose another one", message)
+
+    def test_options_are_checked(self):
+        for options in ("{memoryBudget: Infinity}", "{memoryBudget: 1000}", "{lookAhead: NaN}", "{lookAhead: -1}"):
+            message = self.check(f"""(() => {{
+                const player = stgs.createPlayer(document.createElement("canvas"), {options});
+                return player.load("scene.stgs").then(() => "", (error) => error.message).finally(() => player.destroy());
+            }})()""")
+            self.assertIn("is out of range", message, options)
+
+    def test_a_player_loads_one_file_after_another(self):
+        durations = self.check("""(async () => {
+            const player = stgs.createPlayer(document.createElement("canvas")), out = [];
+            for (const name of ["scene.stgs", "text.stgs", "scene.stgs"]) {
+              await player.load(name).catch(() => undefined);
+              out.push(player.error ? player.error.code : player.duration);
+            }
+            player.destroy();
+            return out;
+        })()""")
+        self.assertEqual(durations, [2, 4, 2])
 
     def test_a_cut_file_plays_as_far_as_it_is_there(self):
         self.show(src="cut.stgs")

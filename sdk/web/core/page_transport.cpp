@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 #include "page.h"
+#include "stream/clock_seconds.h"
 
 namespace stgs::web {
 
@@ -15,7 +16,7 @@ void PageTransport::begin_read(std::uint64_t id, std::uint64_t offset,
         {id, Status(StatusCode::kRuntime, fmt::format("{}: closed", name_)), false, busy_seconds_});
     return;
   }
-  if (reads_.empty()) busy_since_ = now_;
+  if (reads_.empty()) busy_since_ = player::clock_seconds();
   const std::uint32_t host_id = next_++;
   reads_[host_id] = id;
   stgs_host_read(host_id, static_cast<double>(offset), static_cast<std::uint32_t>(out.size()),
@@ -38,7 +39,6 @@ void PageTransport::done(std::uint32_t host_id, const std::string& failure, doub
   if (read == reads_.end()) return;
   const std::uint64_t id = read->second;
   reads_.erase(read);
-  now_ = now;
   if (reads_.empty()) busy_seconds_ += now - busy_since_;
   const double running = reads_.empty() ? 0 : now - busy_since_;
   Status status;

@@ -24,15 +24,13 @@ class PageTransport final : public player::AsyncByteSource {
   // Called by the host: the read has ended, with a message if it failed. `now`: seconds of the
   // clock that pump() has.
   void done(std::uint32_t host_id, const std::string& failure, double now);
-  // Sets the time at which reads begin from now on.
-  void set_now(double now) { now_ = now; }
 
  private:
   const std::string name_;
   Completion completion_;
   std::map<std::uint32_t, std::uint64_t> reads_;  // ids of this object by those of the host
   std::uint32_t next_ = 1;
-  double now_ = 0, busy_since_ = 0, busy_seconds_ = 0;
+  double busy_since_ = 0, busy_seconds_ = 0;  // seconds of the clock
   bool stopped_ = false;
 };
 

@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include <fmt/format.h>
 #include "packed_segment.h"
 #include "renderer_memory.h"
 
@@ -36,6 +37,11 @@ Status WebPlayer::open() {
   STGS_ASSIGN(reader_,
               player::open_snapshot(ranges_, cache_, settings_.limits,
                                     std::pmr::new_delete_resource(), IndexLoading::kComplete));
+  if (reader_->segments().size() > kMaxSegments) {
+    return Status(StatusCode::kUnsupported,
+                  fmt::format("{}: {} segments, but this player has at most {}; split the file",
+                              provided_->name(), reader_->segments().size(), kMaxSegments));
+  }
   provided_->clear();
   auto transport = std::make_unique<PageTransport>(provided_->name());
   transport_ = transport.get();
@@ -48,7 +54,6 @@ Status WebPlayer::open() {
 }
 
 double WebPlayer::step(double now, double budget) {
-  transport_->set_now(now);
   player_->advance(now);
   const player::PumpResult result = player_->pump(now, budget);
   find_changes();
@@ -62,37 +67,42 @@ void WebPlayer::drop(std::uint32_t segment, std::uint32_t first_part, std::uint3
 }
 
 void WebPlayer::find_changes() {
-  std::erase_if(sent_, [this](const auto& entry) {
-    const bool is_gone =
-        entry.second.set.expired() && !(pending_ && pending_->segment == entry.first);
-    if (is_gone) drop(entry.first, 0, entry.second.parts);
-    return is_gone;
-  });
   if (pending_) return;
-  player::Timeline& timeline = player_->timeline();
-  const double seconds = player_->seconds();
-  auto visible = timeline.visible_segments(seconds);
-  if (!visible.ok()) return;  // nothing is usable yet
-  std::vector<player::Timeline::SegmentRef> refs = std::move(*visible);
-  for (auto& ref : timeline.prefetch_segments(seconds)) refs.push_back(std::move(ref));
+  const std::vector<player::Timeline::SegmentRef> refs = wanted();
   for (const player::Timeline::SegmentRef& ref : refs) {
-    if (ref.set == nullptr) continue;
     const auto known = sent_.find(ref.segment);
     if (known != sent_.end() && known->second.set.lock() == ref.set) continue;
     const ScenePart& part = reader_->parts()[reader_->segments()[ref.segment].part];
     pending_ = Pending{ref.segment, ref.set, 0, part.begin_ticks + ref.set->time_origin};
     return;
   }
+  // Those that a better version replaces have been sent by now.
+  std::erase_if(sent_, [this](const auto& entry) {
+    const bool is_gone = entry.second.set.expired();
+    if (is_gone) drop(entry.first, 0, entry.second.parts);
+    return is_gone;
+  });
+}
+
+std::vector<player::Timeline::SegmentRef> WebPlayer::wanted() {
+  player::Timeline& timeline = player_->timeline();
+  const double seconds = player_->seconds();
+  auto visible = timeline.visible_segments(seconds);
+  if (!visible.ok()) return {};  // nothing is usable yet
+  std::vector<player::Timeline::SegmentRef> refs = std::move(*visible);
+  for (auto& ref : timeline.prefetch_segments(seconds)) refs.push_back(std::move(ref));
+  std::erase_if(refs, [](const auto& ref) { return ref.set == nullptr; });
+  return refs;
 }
 
 const WebPlayer::Change* WebPlayer::next_change() {
+  if (dropped_.empty()) find_changes();
   if (!dropped_.empty()) {
     change_ = {};
     change_.id = dropped_.back();
     dropped_.pop_back();
     return &change_;
   }
-  if (!pending_) find_changes();
   if (!pending_) return nullptr;
   pack_part();
   return &change_;

@@ -54,6 +54,7 @@ class WebPlayer {
   static constexpr std::uint32_t kPartPrimitives = 1 << 16;
   // Ids of parts: 4096 of a segment.
   static constexpr std::uint32_t kPartsPerSegment = 1 << 12;
+  static constexpr std::size_t kMaxSegments = std::size_t{1} << 20;
 
   // A segment that the page holds, in the version `set`.
   struct Sent {
@@ -67,7 +68,10 @@ class WebPlayer {
     double origin = 0;
   };
 
+  // Finds the next segment to send, or those to drop.
   void find_changes();
+  // Returns the decoded segments that the page should hold now.
+  std::vector<player::Timeline::SegmentRef> wanted();
   void drop(std::uint32_t segment, std::uint32_t first_part, std::uint32_t end_part);
   void pack_part();
 

@@ -48,8 +48,8 @@ export class Core {
   static async create(module: WebAssembly.Module, host: CoreHost): Promise<Core> {
     const env = {
       stgs_host_read: (id: number, offset: number, bytes: number, address: number) =>
-        host.read(id, offset, bytes, address >>> 0),
-      stgs_host_cancel: (id: number) => host.cancel(id),
+        host.read(id >>> 0, offset, bytes >>> 0, address >>> 0),
+      stgs_host_cancel: (id: number) => host.cancel(id >>> 0),
       emscripten_notify_memory_growth: () => undefined,
     };
     let memory: WebAssembly.Memory | undefined;

@@ -11,6 +11,14 @@ const PLAY_INTERVAL = 10, REPORT_INTERVAL = 250;
 /** Bytes read at a time while a file is opened: at least this many from the first that is missing. */
 const OPEN_BYTES = 1 << 16;
 const OPEN_ATTEMPTS = 4;
+/** Bytes of the head and the index, at most; of a file with another magic, for the message about it. */
+const MAX_OPEN_BYTES = 64 << 20, MAX_FOREIGN_BYTES = 1 << 20;
+const MAGIC = [0x89, 0x53, 0x54, 0x47]; // the first bytes (spec 2.1)
+const FOREIGN = "not an .stgs file; choose another one, or convert it with 'stgs convert'";
+const TOO_LONG = `the index takes more than ${MAX_OPEN_BYTES >> 20} MiB, or the file is damaged; download or repair it ('stgs finalize')`;
+const USAGE = 1, INVALID_FILE = 3; // StatusCode of stgs/format/status.h
+/** The least and the greatest memory budget, bytes: addresses have 32 bits. */
+const MIN_BUDGET = 1 << 20, MAX_BUDGET = 2 ** 31;
 
 type OpenMessage = Extract<PageMessage, { type: "open" }>;
 
@@ -19,7 +27,7 @@ export class PlayerHost implements CoreHost {
   private core: Core | null = null;
   private reader: RangeReader | null = null;
   private readonly reads = new Map<number, AbortController>();
-  private readonly closed = new AbortController();
+  private closed = new AbortController(); // of the source that was opened last
   private timer: ReturnType<typeof setTimeout> | undefined;
   private opened = false;
   private rate = 1;
@@ -71,7 +79,11 @@ export class PlayerHost implements CoreHost {
     const to = new Uint8Array(bytes);
     this.reader!.read(offset, to, controller.signal).then(
       () => this.readEnded(id, "", address, to),
-      (error: unknown) => this.readEnded(id, String((error as Error).message), address, to));
+      (error: unknown) => {
+        if (!this.reads.has(id)) return; // closed
+        if (error instanceof ReadError && !error.retry && error.code !== "aborted") this.fail(error);
+        else this.readEnded(id, textOf(error), address, to);
+      });
   }
   cancel(id: number): void {
     this.reads.get(id)?.abort();
@@ -79,40 +91,58 @@ export class PlayerHost implements CoreHost {
 
   private readEnded(id: number, failure: string, address: number, bytes: Uint8Array): void {
     if (this.core === null || !this.reads.delete(id)) return;
-    if (failure === "") this.core.bytes(address, bytes.length).set(bytes);
-    this.core.readDone(id, failure);
-    this.schedule(0);
+    try {
+      if (failure === "") this.core.bytes(address, bytes.length).set(bytes);
+      this.core.readDone(id, failure);
+      this.schedule(0);
+    } catch (error) {
+      this.fail(error);
+    }
   }
 
   private async open(message: OpenMessage): Promise<void> {
+    this.close();
+    const { signal } = (this.closed = new AbortController());
+    this.rate = 1;
+    this.lastState = "";
     try {
-      const info = await this.openFile(message);
-      if (this.closed.signal.aborted) return;
+      const info = await this.openFile(message, signal);
+      if (signal.aborted) return;
       this.opened = true;
       this.shDegree = info.shDegree;
       this.duration = info.duration;
       this.post({ type: "opened", info: sceneInfo(info) }, []);
       this.schedule(0);
     } catch (error) {
-      if (!this.closed.signal.aborted) this.fail(error);
+      if (!signal.aborted) this.fail(error);
     }
   }
 
-  private async openFile(message: OpenMessage): Promise<CoreInfo> {
+  private async openFile(message: OpenMessage, signal: AbortSignal): Promise<CoreInfo> {
+    const { memoryBudget, lookAhead } = checked(message.options);
     const reader = (this.reader = rangeReader(message.source));
-    const signal = this.closed.signal;
     const [module, size] = await Promise.all([this.module, withRetry(() => reader.size(signal), signal)]);
-    const core = (this.core = await Core.create(module, this));
-    core.open(reader.name, size, message.options.memoryBudget, message.options.lookAhead);
+    const core = await Core.create(module, this);
+    if (signal.aborted) throw closed();
+    this.core = core;
+    core.open(reader.name, size, memoryBudget, lookAhead);
+    let left = MAX_OPEN_BYTES, isForeign = false;
     for (;;) {
-      if (signal.aborted) throw new ReadError("closed", false, "aborted");
       const result = core.tryOpen();
       if ("info" in result) return result.info;
       if ("message" in result) throw new CoreError(result.code, result.message);
       const [offset, missing] = result.missing;
-      const bytes = new Uint8Array(Math.min(Math.max(missing, OPEN_BYTES), size - offset));
+      const length = Math.min(Math.max(missing, OPEN_BYTES), size - offset);
+      if (length > left) throw new CoreError(INVALID_FILE, `${reader.name}: ${isForeign ? FOREIGN : TOO_LONG}`);
+      const bytes = new Uint8Array(length);
       await withRetry(() => reader.read(offset, bytes, signal), signal);
+      if (signal.aborted) throw closed();
       core.provide(offset, bytes);
+      if (offset === 0 && !MAGIC.every((byte, i) => byte === bytes[i])) {
+        isForeign = true;
+        left = MAX_FOREIGN_BYTES;
+      }
+      left -= length;
     }
   }
 
@@ -186,6 +216,20 @@ class CoreError extends Error {
   }
 }
 
+function closed(): ReadError {
+  return new ReadError("the source was closed", false, "aborted");
+}
+
+/** Checks the options of a page. */
+function checked(options: OpenMessage["options"]): OpenMessage["options"] {
+  const { memoryBudget, lookAhead } = options;
+  if (!(memoryBudget >= MIN_BUDGET && memoryBudget <= MAX_BUDGET && lookAhead >= 0 && lookAhead < Infinity)) {
+    throw new CoreError(USAGE, `memoryBudget ${memoryBudget} or lookAhead ${lookAhead} is out of range ` +
+      `(expected ${MIN_BUDGET} to ${MAX_BUDGET} bytes, and 0 s or more)`);
+  }
+  return options;
+}
+
 /** The message of an error. What the C++ throws beyond its own errors, such as std::bad_alloc, has none. */
 function textOf(error: unknown): string {
   if (error instanceof WebAssembly.RuntimeError) return `the decoder stopped (${error.message}); report the file`;
@@ -215,7 +259,21 @@ async function withRetry<T>(read: () => Promise<T>, signal: AbortSignal): Promis
       return await read();
     } catch (error) {
       if (!(error instanceof ReadError) || !error.retry || attempt === OPEN_ATTEMPTS || signal.aborted) throw error;
-      await new Promise((resolve) => setTimeout(resolve, 200 * 2 ** attempt));
+      await pause(200 * 2 ** attempt, signal);
+      if (signal.aborted) throw closed();
     }
   }
+}
+
+/** Waits, or ends early by an abort. */
+function pause(milliseconds: number, signal: AbortSignal): Promise<void> {
+  return new Promise((resolve) => {
+    const end = () => {
+      clearTimeout(timer);
+      signal.removeEventListener("abort", end);
+      resolve();
+    };
+    const timer = setTimeout(end, milliseconds);
+    signal.addEventListener("abort", end);
+  });
 }

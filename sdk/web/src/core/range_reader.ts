@@ -35,9 +35,12 @@ class BlobReader implements RangeReader {
     return this.blob.size;
   }
   async read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void> {
-    const bytes = await this.blob.slice(offset, offset + to.length).arrayBuffer();
+    const changed = `${this.name}: cannot be read, or has changed; choose it again`;
+    const bytes = await this.blob.slice(offset, offset + to.length).arrayBuffer().catch(() => {
+      throw new ReadError(changed, false, "network");
+    });
     if (signal.aborted) throw aborted();
-    if (bytes.byteLength !== to.length) throw new ReadError(`${this.name} is shorter than before; choose it again`, false, "network");
+    if (bytes.byteLength !== to.length) throw new ReadError(changed, false, "network");
     to.set(new Uint8Array(bytes));
   }
 }
@@ -70,6 +73,7 @@ class UrlReader implements RangeReader {
       await this.body(response, to, watch);
       this.known = total;
     } catch (error) {
+      watch.cancel(); // what is left of the response
       if (signal.aborted) throw aborted();
       if (error instanceof ReadError) throw error;
       const why = watch.stalled ? `no data for ${STALL_SECONDS} s` : String((error as Error).message);
@@ -85,8 +89,13 @@ class UrlReader implements RangeReader {
       new ReadError(`${this.name}: ${why}`, retry, code);
     if (response.status === 404 || response.status === 410) throw fail(`the server has no such file (status ${response.status}); check the address`, false);
     if (response.status === 200) throw fail("the server does not support range requests; use one that does, such as nginx", false, "unsupported");
+    if (response.status === 416) throw fail("the file is empty or shorter than before; load it again", false);
+    if (response.status === 401 || response.status === 403)
+      throw fail(`the server refuses access (status ${response.status}); log in, or check the permissions of the file`, false);
     if (response.status !== 206) throw fail(`the server answers with status ${response.status}`, response.status >= 500 || response.status === 429);
-    const range = /^bytes (\d+)-(\d+)\/(\d+)$/.exec(response.headers.get("Content-Range") ?? "");
+    const stated = response.headers.get("Content-Range");
+    const range = /^bytes (\d+)-(\d+)\/(\d+)$/.exec(stated ?? "");
+    if (stated !== null && range === null) throw fail(`the server does not state the size of the file (Content-Range: ${stated})`, false, "unsupported");
     if (range === null) throw fail("the server hides Content-Range from this page; it must send Access-Control-Expose-Headers: Content-Range, ETag", false, "unsupported");
     if (Number(range[1]) !== offset || Number(range[2]) > last) throw fail("the server sent another range than requested", true);
     if (Number(range[2]) !== last) throw fail("the file is shorter than before; load it again", false);
@@ -132,6 +141,9 @@ class Watch {
       this.stalled = true;
       this.controller.abort();
     }, STALL_SECONDS * 1000);
+  }
+  cancel(): void {
+    this.controller.abort();
   }
   end(): void {
     clearTimeout(this.timer);
