@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # stgs_check_emscripten(RESULT): whether the emscripten STGS_EMCC compiles for WebAssembly with vectors
-# and exceptions, and what its standard library lacks is in sdk/web/core/shims.
+# and exceptions, with sdk/web/core/shims for the missing parts of its standard library.
 include_guard()
 
 # The command of the compiler. Debian's needs the folder of its node modules.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Serves a page to headless Chromium and collects what the page posts."""
+"""Serves a page to headless Chromium and collects its posts."""
 import http.server
 import os
 import shutil

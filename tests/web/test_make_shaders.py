@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""make_shaders.py resolves the headers of the equations, and rejects what it cannot resolve.
+"""make_shaders.py resolves the headers of the equations, and rejects other directives.
 
 usage: test_make_shaders.py
 """

@@ -132,7 +132,7 @@ async function renderRestored({ scene, cases }) {
   await postFrame(`${one.name}.restored`, page);
 }
 
-/** Posts the messages of what must fail. */
+/** Posts the messages of calls that must fail. */
 async function postErrors({ scene, cases }) {
   const messages = {};
   const canvas = document.createElement("canvas");

@@ -13,7 +13,7 @@
 
 namespace stgs::web {
 
-// Reads provided bytes. A read of others fails with kIo and notes what is missing; opening a file
+// Reads provided bytes. A read of others fails with kIo and notes the missing ones; opening a file
 // is repeated after each such read, once the page has provided the bytes. One thread.
 class ProvidedSource final : public ByteSource {
  public:

@@ -10,7 +10,7 @@ export interface Camera {
   width: number; height: number;                   // pixels
   near: number;                                    // scene units; nearer primitives are not drawn
 }
-/** What is known of a scene once it is open. */
+/** The description of an open scene. */
 export interface SceneInfo {
   duration: number;         // seconds
   tickSeconds: number;      // seconds per tick of the time base

@@ -14,7 +14,7 @@
 
 namespace stgs {
 
-// What a process has to remove if it ends in the middle of work: remove_unfinished().
+// Base of the objects whose files remove_unfinished() removes.
 class Unfinished {
  public:
   Unfinished(const Unfinished&) = delete;
@@ -38,8 +38,8 @@ class Unfinished {
 };
 
 // Removes the temporary files, work folders and locks of this process, which must end then: from
-// now on, other threads wait if they complete or remove one. Best effort: what others create in a
-// work folder meanwhile stays for remove_leftovers().
+// now on, other threads wait if they complete or remove one. Best effort: files that others create
+// in a work folder meanwhile stay for remove_leftovers().
 void remove_unfinished() noexcept;
 
 // A new file that replaces `path` when it is complete. The destructor removes it otherwise. One

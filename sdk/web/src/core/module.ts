@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The WASM core: the C++ of sdk/web/core, one player per instance.
 
-/** What the core asks of its host. Addresses are in the memory of the module. */
+/** The functions of the host that the core calls. Addresses are in the memory of the module. */
 export interface CoreHost {
   /** Begins to read bytes of the file to `address`; `Core.readDone()` ends it. */
   read(id: number, offset: number, bytes: number, address: number): void;

@@ -230,7 +230,7 @@ function checked(options: OpenMessage["options"]): OpenMessage["options"] {
   return options;
 }
 
-/** The message of an error. What the C++ throws beyond its own errors, such as std::bad_alloc, has none. */
+/** The message of an error. C++ exceptions that leave the core, such as std::bad_alloc, have none. */
 function textOf(error: unknown): string {
   if (error instanceof WebAssembly.RuntimeError) return `the decoder stopped (${error.message}); report the file`;
   return error instanceof Error ? error.message : "the decoder is out of memory; lower the memory budget";

@@ -73,7 +73,7 @@ class UrlReader implements RangeReader {
       await this.body(response, to, watch);
       this.known = total;
     } catch (error) {
-      watch.cancel(); // what is left of the response
+      watch.cancel(); // the rest of the response
       if (signal.aborted) throw aborted();
       if (error instanceof ReadError) throw error;
       const why = watch.stalled ? `no data for ${STALL_SECONDS} s` : String((error as Error).message);

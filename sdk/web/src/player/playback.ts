@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The state machine of playback: what the caller asked for, and what the core reports.
+// The state machine of playback: the requests of the caller, and the reports of the core.
 import { CoreMessage, PageMessage, SceneInfo } from "../types";
 import { PlaybackClock } from "./clock";
 import { abortError, ErrorReason, PlayerError, textOf, unsupported } from "./errors";

@@ -171,7 +171,7 @@ export class StgsPlayer extends EventTarget {
   get hasSource(): boolean {
     return this.playback.hasSource;
   }
-  /** What is known of the scene; null before `loadedmetadata`. */
+  /** The description of the scene; null before `loadedmetadata`. */
   get info(): SceneInfo | null {
     return this.playback.scene?.info ?? null;
   }

@@ -18,7 +18,7 @@ export class WorkerLink {
   ) {}
 
   /**
-   * Prepares a worker for the next source. Throws what the function that creates workers throws.
+   * Prepares a worker for the next source. Passes on exceptions of the function that creates workers.
    */
   start(): void {
     if (typeof this.source === "function") {

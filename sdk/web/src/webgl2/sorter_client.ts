@@ -2,7 +2,7 @@
 import type { Order, SorterSegment, SortRequest } from "./sorter";
 import type { SorterReply, SorterRequest } from "./sorter_messages";
 
-/** Receives what the worker returns. */
+/** Receives the replies of the worker. */
 export interface SorterListener {
   /** The reply to the request. `order.buffer` belongs to the listener until recycle(). */
   onOrder(order: Order, milliseconds: number): void;

@@ -12,6 +12,6 @@ export type SorterRequest =
 
 /** Messages of the worker. The buffers are transferred. */
 export type SorterReply =
-  /** `milliseconds`: what the sort took. */
+  /** `milliseconds`: time of the sort. */
   | { type: "order"; order: Order; milliseconds: number }
   | { type: "words"; key: number; words: ArrayBuffer };

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import { Camera, SceneInfo } from "../../types";
-import {
-  CameraRig, Drive, Inertia, isDriven, largerSide, NO_DRIVE, RigStart, rigStart, StepTimer,
-  viewFrom,
-} from "./rig";
+import { Drive, largerSide, MovingRig, viewFrom } from "./rig";
 import { add, Axes, clamp, scaled, turned, Vector } from "./vector";
 
 const MAX_PITCH = 1.5; // radians from the start
@@ -17,72 +14,46 @@ export interface FlyOptions {
 }
 
 /**
- * Moves freely along the axes of the camera and turns in place. Up stays that of the start camera.
+ * Moves freely along the axes of the camera and turns in place. Up stays that of the start.
  */
-export class FlyCamera implements CameraRig {
-  private readonly start: RigStart;
-  private readonly inertia: Inertia;
-  private readonly timer = new StepTimer();
+export class FlyCamera extends MovingRig {
   private yaw = 0; // radians to the right
   private pitch = 0; // radians up
   private position: Vector;
-  private driven: Drive = NO_DRIVE;
 
   constructor(info: SceneInfo, { reducedMotion = false }: FlyOptions = {}) {
-    this.start = rigStart(info);
-    this.inertia = new Inertia(!reducedMotion);
+    super(info, reducedMotion);
     this.position = this.start.position;
   }
 
   /** The camera turns to the left as the content follows the pointer to the right. */
-  rotate(right: number, up: number): void {
+  override rotate(right: number, up: number): void {
     this.turn(-right, -up);
   }
 
-  pan(right: number, up: number): void {
+  override pan(right: number, up: number): void {
     const scale = this.start.distance * largerSide(this.start);
     this.move(-right * scale, -up * scale, 0);
   }
 
   /** Moves ahead for factors below 1, and back for others. */
-  zoom(factor: number): void {
+  override zoom(factor: number): void {
     this.move(0, 0, -Math.log(factor) * ZOOM_REACH * this.start.distance);
   }
 
-  drive(drive: Drive): void {
-    this.driven = drive;
-  }
-
-  grab(): void {
-    this.inertia.set(0, 0);
-  }
-
-  release(right: number, up: number): void {
-    this.inertia.set(right, up);
-  }
-
-  reset(): void {
+  protected override returnToStart(): void {
     this.yaw = this.pitch = 0;
     this.position = this.start.position;
-    this.inertia.set(0, 0);
   }
 
-  update(now: number): boolean {
-    const seconds = this.timer.step(now);
-    const rotation = this.inertia.step(seconds);
-    if (rotation !== null) this.rotate(rotation.right, rotation.up);
-    const { right, up, forward, turnRight, turnUp, boost } = this.driven;
-    const driven = isDriven(this.driven);
-    if (driven) {
-      const step = FLY_SPEED * this.start.distance * boost * seconds;
-      this.turn(turnRight * FLY_TURN * seconds, turnUp * FLY_TURN * seconds);
-      this.move(right * step, up * step, forward * step);
-    }
-    if (rotation === null && !driven) this.timer.stop();
-    return rotation !== null || driven;
+  protected override follow(drive: Drive, seconds: number): void {
+    const { right, up, forward, turnRight, turnUp, boost } = drive;
+    const step = FLY_SPEED * this.start.distance * boost * seconds;
+    this.turn(turnRight * FLY_TURN * seconds, turnUp * FLY_TURN * seconds);
+    this.move(right * step, up * step, forward * step);
   }
 
-  camera(width: number, height: number): Camera {
+  override camera(width: number, height: number): Camera {
     return viewFrom(this.start, this.axes(), this.position, width, height);
   }
 

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import { Camera, SceneInfo } from "../../types";
-import {
-  CameraRig, Drive, Inertia, isDriven, largerSide, NO_DRIVE, RigStart, rigStart, StepTimer,
-  viewFrom,
-} from "./rig";
+import { Drive, largerSide, MovingRig, RigStart, viewFrom } from "./rig";
 import { add, Axes, clamp, length, scaled, turned, Vector } from "./vector";
 
 const MAX_ELEVATION = 1.5; // radians from the start, if not limited: short of the poles
@@ -57,33 +54,28 @@ const NO_LIMITS: OrbitLimits = {
  * Orbits around a point on the optical axis of the start camera, at the depth of the scene's
  * centre.
  */
-export class OrbitCamera implements CameraRig {
+export class OrbitCamera extends MovingRig {
   /** Radians. */
   readonly limits: OrbitLimits;
-  private readonly start: RigStart;
-  private readonly inertia: Inertia;
-  private readonly timer = new StepTimer();
   private azimuth = 0; // of the camera around the centre, radians to the right
   private elevation = 0; // radians up
   private distance: number; // scene units
   private offset: Vector = [0, 0, 0]; // of the centre from its start
-  private driven: Drive = NO_DRIVE;
 
   constructor(info: SceneInfo, { free = false, reducedMotion = false }: OrbitOptions = {}) {
-    this.start = rigStart(info);
+    super(info, reducedMotion);
     this.limits = free ? NO_LIMITS : orbitLimits(this.start);
-    this.inertia = new Inertia(!reducedMotion);
     this.distance = this.start.distance;
   }
 
   /** The camera moves to the left as the content follows the pointer to the right. */
-  rotate(right: number, up: number): void {
+  override rotate(right: number, up: number): void {
     const { azimuth, elevation } = this.limits;
     this.azimuth = clamp(this.azimuth - right, -azimuth, azimuth);
     this.elevation = clamp(this.elevation - up, -elevation, elevation);
   }
 
-  pan(right: number, up: number): void {
+  override pan(right: number, up: number): void {
     const scale = this.distance * largerSide(this.start);
     const axes = this.axes();
     const step = add(scaled(axes.right, -right * scale), scaled(axes.down, up * scale));
@@ -92,42 +84,19 @@ export class OrbitCamera implements CameraRig {
     this.offset = excess > 1 ? scaled(offset, 1 / excess) : offset;
   }
 
-  zoom(factor: number): void {
+  override zoom(factor: number): void {
     const { nearest, farthest } = this.limits;
     const { distance } = this.start;
     this.distance = clamp(this.distance * factor, nearest * distance, farthest * distance);
   }
 
-  drive(drive: Drive): void {
-    this.driven = drive;
-  }
-
-  grab(): void {
-    this.inertia.set(0, 0);
-  }
-
-  release(right: number, up: number): void {
-    this.inertia.set(right, up);
-  }
-
-  reset(): void {
+  protected override returnToStart(): void {
     this.azimuth = this.elevation = 0;
     this.offset = [0, 0, 0];
     this.distance = this.start.distance;
-    this.inertia.set(0, 0);
   }
 
-  update(now: number): boolean {
-    const seconds = this.timer.step(now);
-    const rotation = this.inertia.step(seconds);
-    if (rotation !== null) this.rotate(rotation.right, rotation.up);
-    const driven = isDriven(this.driven);
-    if (driven) this.follow(this.driven, seconds);
-    if (rotation === null && !driven) this.timer.stop();
-    return rotation !== null || driven;
-  }
-
-  camera(width: number, height: number): Camera {
+  override camera(width: number, height: number): Camera {
     const { position, axes, distance } = this.start;
     const centre = add(add(position, scaled(axes.forward, distance)), this.offset);
     const now = this.axes();
@@ -140,7 +109,7 @@ export class OrbitCamera implements CameraRig {
     return turned(this.start.axes, this.start.up, -this.azimuth, -this.elevation);
   }
 
-  private follow(drive: Drive, seconds: number): void {
+  protected override follow(drive: Drive, seconds: number): void {
     const step = seconds * drive.boost;
     this.rotate(-drive.turnRight * DRIVE_TURN * step, -drive.turnUp * DRIVE_TURN * step);
     this.pan(-drive.right * DRIVE_PAN * step, -drive.up * DRIVE_PAN * step);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The interface of interactive cameras, and what they share.
+// The interface of interactive cameras, and the parts that they share.
 import { CameraSource } from "../../player/frame_loop";
 import { fitCamera, sceneCentre, sceneDiagonal, startCameraOf } from "../../player/fit_camera";
 import { Camera, SceneInfo } from "../../types";
@@ -127,4 +127,52 @@ export function isDriven(drive: Drive): boolean {
     drive.right !== 0 || drive.up !== 0 || drive.forward !== 0 ||
     drive.turnRight !== 0 || drive.turnUp !== 0
   );
+}
+
+/** A camera with the motion between its inputs: inertia after a drag, and continuous motion. */
+export abstract class MovingRig implements CameraRig {
+  protected readonly start: RigStart;
+  private readonly inertia: Inertia;
+  private readonly timer = new StepTimer();
+  private driven: Drive = NO_DRIVE;
+
+  constructor(info: SceneInfo, reducedMotion: boolean) {
+    this.start = rigStart(info);
+    this.inertia = new Inertia(!reducedMotion);
+  }
+
+  abstract rotate(right: number, up: number): void;
+  abstract pan(right: number, up: number): void;
+  abstract zoom(factor: number): void;
+  abstract camera(width: number, height: number): Camera;
+  /** Moves continuously for some seconds. */
+  protected abstract follow(drive: Drive, seconds: number): void;
+  protected abstract returnToStart(): void;
+
+  drive(drive: Drive): void {
+    this.driven = drive;
+  }
+
+  grab(): void {
+    this.inertia.set(0, 0);
+  }
+
+  release(right: number, up: number): void {
+    this.inertia.set(right, up);
+  }
+
+  reset(): void {
+    this.returnToStart();
+    this.inertia.set(0, 0);
+  }
+
+  update(now: number): boolean {
+    const seconds = this.timer.step(now);
+    const rotation = this.inertia.step(seconds);
+    if (rotation !== null) this.rotate(rotation.right, rotation.up);
+    const driven = isDriven(this.driven);
+    if (driven) this.follow(this.driven, seconds);
+    if (rotation === null && !driven) this.timer.stop();
+    return rotation !== null || driven;
+  }
 }
