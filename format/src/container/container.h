@@ -101,7 +101,7 @@ struct FileHead {
   std::optional<Quantisation> quantisation;  // STEP
   std::vector<ErrorBound> error_bounds;      // ERRB
   std::vector<PrivateName> private_names;
-  std::vector<std::uint32_t> private_keys;  // of the names: private_key(), ascending
+  std::vector<bool> named_numbers;  // by private_key() of a kind and number; empty: none is named
   std::vector<PartEntry> parts;
   FileIndex index;  // as far as it is loaded
   IndexWalk walk;

@@ -15,6 +15,8 @@ namespace {
 using N = IssueNumber;
 
 constexpr std::uint16_t kFirstPrivateNumber = 0xC000;  // of attributes and profiles
+constexpr std::size_t kPrivateKinds = 3;
+constexpr std::size_t kShortestName = 9;  // bytes of an entry: kind, number, length, a letter
 
 bool is_name(const std::string& text) {
   return !text.empty() && is_utf8(text);
@@ -25,17 +27,16 @@ bool is_private(std::uint32_t tag) {
   return std::islower(static_cast<unsigned char>(tag & 0xFF)) != 0;
 }
 
-std::uint32_t private_key(PrivateKind kind, std::uint16_t number) {
-  return static_cast<std::uint32_t>(kind) << 16 | number;
+std::size_t private_key(PrivateKind kind, std::uint16_t number) {
+  return static_cast<std::size_t>(kind) << 16 | number;
 }
 
 // Reports each number that has no name once.
 void need_names(PrivateKind kind, const std::set<std::uint16_t>& numbers, std::uint64_t offset,
                 const FileHead& head, Findings& findings) {
   constexpr const char* kKinds[] = {"attribute", "profile", "content"};
-  const std::vector<std::uint32_t>& keys = head.private_keys;
   for (const std::uint16_t number : numbers) {
-    if (std::binary_search(keys.begin(), keys.end(), private_key(kind, number))) continue;
+    if (!head.named_numbers.empty() && head.named_numbers[private_key(kind, number)]) continue;
     findings.error(N::kPrivate, offset, "private {} {:#x} is not named in PRIV",
                    kKinds[static_cast<int>(kind)], number);
   }
@@ -48,6 +49,8 @@ bool parse_private_names(std::span<const std::uint8_t> payload, std::uint64_t of
   ByteReader in(payload);
   const std::size_t count = in.u16();
   bool good = in.ok();
+  head.private_names.reserve(std::min(count, payload.size() / kShortestName));
+  head.named_numbers.resize(std::size_t{kPrivateKinds} << 16);
   for (std::size_t i = 0; i < count && good; ++i) {
     PrivateName name;
     const std::uint16_t kind = in.u16();
@@ -56,14 +59,12 @@ bool parse_private_names(std::span<const std::uint8_t> payload, std::uint64_t of
     good = in.ok() && is_name(name.name);
     if (!good || kind > static_cast<int>(PrivateKind::kContent)) continue;  // of a later version
     name.kind = static_cast<PrivateKind>(kind);
+    head.named_numbers[private_key(name.kind, name.number)] = true;
     head.private_names.push_back(std::move(name));
   }
-  for (const PrivateName& name : head.private_names)
-    head.private_keys.push_back(private_key(name.kind, name.number));
-  std::sort(head.private_keys.begin(), head.private_keys.end());
   if (good) return true;
   head.private_names.clear();
-  head.private_keys.clear();
+  head.named_numbers.clear();
   findings.error(N::kPrivate, offset,
                  "private names: {} entries do not fit in {} bytes, or a name is invalid", count,
                  payload.size());
