@@ -2,6 +2,7 @@
 // Decoding state of a block of a rANS group, shared by the scalar and the vector decoder.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -40,10 +41,41 @@ inline std::uint8_t rans_step(RansBlock& block, std::uint32_t& state, const Rans
   return static_cast<std::uint8_t>(entry >> 24);
 }
 
+// Decodes the symbols [begin, end) of a block with kRansLanes lanes, as far as it has words for
+// all lanes, and returns where it stopped, after a multiple of kRansLanes. Whether a lane takes a
+// word cannot be predicted, so it is computed without a comparison, which compilers may turn into a
+// branch.
+inline std::size_t rans_decode_full(RansBlock& block, const RansLookup& lookup, std::size_t begin,
+                                    std::size_t end, std::uint8_t* out) {
+  std::uint32_t states[kRansLanes];  // a copy, which the symbols cannot alias
+  std::copy_n(block.state, kRansLanes, states);
+  const std::uint8_t* next = block.next;
+  std::size_t first = begin;
+  while (end - first >= kRansLanes &&
+         static_cast<std::size_t>(block.end - next) >= 2 * kRansLanes) {
+    for (std::size_t lane = 0; lane < kRansLanes; ++lane) {
+      const std::uint32_t entry = lookup[states[lane] % kRansTotal];
+      const std::uint32_t frequency = (entry >> kRansBits) % kRansTotal + 1;
+      const std::uint32_t x = frequency * (states[lane] >> kRansBits) + entry % kRansTotal;
+      const std::uint32_t word = next[0] | static_cast<std::uint32_t>(next[1]) << 8;
+      static_assert(kRansLow == 1 << 16);
+      const std::uint32_t takes = 0 - (((x >> 16) - 1) >> 31);  // all bits if x < kRansLow, else 0
+      states[lane] = (x << (takes & 16)) | (word & takes);
+      next += takes & 2;
+      out[first + lane] = static_cast<std::uint8_t>(entry >> 24);
+    }
+    first += kRansLanes;
+  }
+  std::copy_n(states, kRansLanes, block.state);
+  block.next = next;
+  return first;
+}
+
 // Decodes symbols [begin, count) of a block's plane; `begin` is a multiple of its lanes. Lanes are
 // independent and take words in their order, so they can be processed one after the other.
 inline void rans_decode_scalar(RansBlock& block, const RansLookup& lookup, std::size_t begin,
                                std::size_t count, std::uint8_t* out) {
+  if (block.lanes == kRansLanes) begin = rans_decode_full(block, lookup, begin, count, out);
   for (std::size_t first = begin; first < count; first += block.lanes) {
     const std::size_t active = count - first < block.lanes ? count - first : block.lanes;
     for (std::size_t lane = 0; lane < active; ++lane)

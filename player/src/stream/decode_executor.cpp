@@ -30,10 +30,15 @@ std::uint64_t DecodeExecutor::scratch_bytes(const SceneReader& reader,
   return info.bytes + decoded_segment_bytes(info.primitives, reader.sh_degree());
 }
 
+Result<Gaussians4D> decode_to_render(const SceneReader& reader, std::uint32_t segment, bool with_sh,
+                                     Status& sh) {
+  const TimeOrigin origin = reader.render_origin(segment);
+  return with_sh ? reader.decode_intact(segment, sh, origin)
+                 : reader.decode(segment, false, origin);
+}
+
 Status SegmentDecoder::decode(const DecodeJob& job, DecodeResult& out) const {
-  const TimeOrigin origin = job.reader->render_origin(job.segment);
-  Result<Gaussians4D> set = job.with_sh ? job.reader->decode_intact(job.segment, out.sh, origin)
-                                        : job.reader->decode(job.segment, false, origin);
+  Result<Gaussians4D> set = decode_to_render(*job.reader, job.segment, job.with_sh, out.sh);
   STGS_TRY(set.status());
   out.decoded = std::make_shared<const ResidentSegment>(std::move(set).value(), memory_);
   return {};

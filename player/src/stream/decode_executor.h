@@ -58,6 +58,11 @@ class DecodeExecutor {
   virtual void stop() noexcept {}
 };
 
+// Decodes a segment with times that are exact enough for rendering. With `with_sh`, `sh` is the
+// error of its spherical harmonics alone, which are 0 then.
+Result<Gaussians4D> decode_to_render(const SceneReader& reader, std::uint32_t segment, bool with_sh,
+                                     Status& sh);
+
 // Decodes into host memory, on the calling thread and those of its TaskRunner.
 class SegmentDecoder {
  public:

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The functions that the host calls (sdk/web/src/core/module.ts). An instance of the module has one
-// player, on one thread. Texts are UTF-8 and end with a zero byte; those that are returned stay
-// valid until the next call that returns a text.
+// player, on one thread.
 #include <cmath>
 #include <cstdint>
 #include <exception>
@@ -10,37 +9,16 @@
 #include <string>
 
 #include <fmt/format.h>
+#include "export.h"
 #include "web_player.h"
-
-#define STGS_EXPORT extern "C" __attribute__((used, visibility("default")))
 
 namespace {
 
 using namespace stgs;
+using web::give, web::quoted;
 
 std::unique_ptr<web::WebPlayer> current;
-std::string text;
-const web::WebPlayer::Change* change = nullptr;
-
-const char* give(std::string value) {
-  text = std::move(value);
-  return text.c_str();
-}
-
-// Returns a JSON string.
-std::string quoted(const std::string& value) {
-  std::string out = "\"";
-  for (const char c : value) {
-    if (c == '"' || c == '\\') {
-      out += {'\\', c};
-    } else if (static_cast<unsigned char>(c) < 0x20) {
-      out += fmt::format("\\u{:04x}", static_cast<int>(c));
-    } else {
-      out += c;
-    }
-  }
-  return out + '"';
-}
+web::WebPlayer::Change change;
 
 // Returns a JSON number, or null if it is not finite.
 std::string number(double value) {
@@ -117,16 +95,13 @@ STGS_EXPORT void stgs_free(void* memory) {
   std::free(memory);
 }
 
-// Creates the player of a file. `prefetch`: seconds that are fetched ahead.
+// Creates the player of a file. `prefetch`: seconds that are fetched ahead; `decodes`: segments
+// that the host decodes at a time.
 STGS_EXPORT void stgs_create(const char* name, double file_bytes, double memory_budget,
-                             double prefetch) {
+                             double prefetch, int decodes) {
   current = std::make_unique<web::WebPlayer>(name, static_cast<std::uint64_t>(file_bytes),
-                                             static_cast<std::uint64_t>(memory_budget), prefetch);
-}
-// Ends it. Reads that the host has not ended must no longer be written.
-STGS_EXPORT void stgs_destroy() {
-  change = nullptr;
-  current.reset();
+                                             static_cast<std::uint64_t>(memory_budget), prefetch,
+                                             decodes);
 }
 
 // Opens the file. Returns its description as JSON, {"missing": [offset, bytes]} if bytes must be
@@ -186,6 +161,19 @@ STGS_EXPORT void stgs_read_done(std::uint32_t id, const char* failure, double no
   current->transport().done(id, failure, now);
 }
 
+// Ends the decoding that stgs_host_decode() began; codes are those of Status, messages may be
+// empty.
+STGS_EXPORT void stgs_decode_done(std::uint32_t id, double time_origin, int base_code,
+                                  const char* base_message, int sh_code, const char* sh_message) {
+  current->executor().done(id, time_origin,
+                           Status(static_cast<StatusCode>(base_code), base_message),
+                           Status(static_cast<StatusCode>(sh_code), sh_message));
+}
+// Returns the id of a decoding whose parts are no longer needed, once; 0: there is none.
+STGS_EXPORT std::uint32_t stgs_take_released() {
+  return current->executor().take_released();
+}
+
 // Returns the state as JSON.
 STGS_EXPORT const char* stgs_state() {
   player::StreamPlayer& p = current->player();
@@ -208,30 +196,26 @@ STGS_EXPORT const char* stgs_events() {
   return give(out + "]");
 }
 
-// Moves on to the next change of the segments; false: there is none. The following describe it.
+// Moves on to the next change of the segments that the page should hold; false: there is none. The
+// following describe it.
 STGS_EXPORT bool stgs_next_change() {
-  change = current->next_change();
-  return change != nullptr;
+  const auto next = current->next_change();
+  if (next) change = *next;
+  return next.has_value();
 }
-STGS_EXPORT std::uint32_t stgs_change_id() {
-  return change->id;
+STGS_EXPORT std::uint32_t stgs_change_segment() {
+  return change.segment;
 }
-// 0: the part is no longer needed.
-STGS_EXPORT std::uint32_t stgs_change_primitives() {
-  return change->primitives;
+// The id of its decoding; 0: it is no longer needed.
+STGS_EXPORT std::uint32_t stgs_change_decoded() {
+  return change.decoded;
 }
 STGS_EXPORT double stgs_change_begin() {
-  return change->begin;
+  return change.begin;
 }
 STGS_EXPORT double stgs_change_end() {
-  return change->end;
+  return change.end;
 }
 STGS_EXPORT double stgs_change_origin() {
-  return change->origin;
-}
-STGS_EXPORT std::uint32_t stgs_change_bytes() {
-  return static_cast<std::uint32_t>(change->packed.size());
-}
-STGS_EXPORT const std::uint8_t* stgs_change_packed() {
-  return change->packed.data();
+  return change.origin;
 }

@@ -3,4 +3,5 @@
 mergeInto(LibraryManager.library, {
   stgs_host_read: function () {},
   stgs_host_cancel: function () {},
+  stgs_host_decode: function () {},
 });

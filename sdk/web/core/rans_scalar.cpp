@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The functions of codec/rans_vector.cpp for WebAssembly, whose vector unit has no gathers: without
-// them it decodes at half the speed of the scalar loop.
+// them it decodes at less than half the speed of the scalar loop.
 #include "codec/rans_block.h"
 
 namespace stgs {

@@ -1,21 +1,46 @@
 // SPDX-License-Identifier: Apache-2.0
-// The WASM core: the C++ of sdk/web/core, one player per instance.
+// The player of the WASM core (sdk/web/core/exports.cpp), one per instance.
+import { Instance } from "./instance";
 
-/** The functions of the host that the core calls. Addresses are in the memory of the module. */
+/** The functions of the host that the player calls. Addresses are in the memory of the module. */
 export interface CoreHost {
   /** Begins to read bytes of the file to `address`; `Core.readDone()` ends it. */
   read(id: number, offset: number, bytes: number, address: number): void;
   /** Ends a read early, also by `Core.readDone()`. */
   cancel(id: number): void;
+  /** Begins to decode a segment from copies of its records; `Core.decodeDone()` ends it. */
+  decode(job: DecodeJob): void;
+}
+
+/** Bytes of the file from an offset on. */
+export interface FilePiece {
+  offset: number;
+  bytes: ArrayBuffer;
+}
+
+/** A segment to decode. */
+export interface DecodeJob {
+  id: number;
+  segment: number;
+  withSh: boolean;
+  records: FilePiece[];
+}
+
+/** The end of a decoding: the time from which its times count, ticks, and what failed. */
+export interface DecodeStatus {
+  origin: number;
+  base: CoreStatus;
+  sh: CoreStatus;
+}
+
+/** `code`: StatusCode of stgs/format/status.h. */
+export interface CoreStatus {
+  code: number;
+  message: string;
 }
 
 interface Exports {
-  memory: WebAssembly.Memory;
-  _initialize(): void;
-  stgs_allocate(bytes: number): number;
-  stgs_free(address: number): void;
-  stgs_create(name: number, bytes: number, memoryBudget: number, prefetch: number): void;
-  stgs_destroy(): void;
+  stgs_create(name: number, bytes: number, memoryBudget: number, prefetch: number, decodes: number): void;
   stgs_open(): number;
   stgs_provide(offset: number, bytes: number): number;
   stgs_play(): void;
@@ -25,159 +50,128 @@ interface Exports {
   stgs_set_loop(loop: number): void;
   stgs_step(now: number, budget: number): number;
   stgs_read_done(id: number, failure: number, now: number): void;
+  stgs_decode_done(id: number, origin: number, baseCode: number, base: number, shCode: number, sh: number): void;
+  stgs_take_released(): number;
   stgs_state(): number;
   stgs_events(): number;
   stgs_next_change(): number;
-  stgs_change_id(): number;
-  stgs_change_primitives(): number;
+  stgs_change_segment(): number;
+  stgs_change_decoded(): number;
   stgs_change_begin(): number;
   stgs_change_end(): number;
   stgs_change_origin(): number;
-  stgs_change_bytes(): number;
-  stgs_change_packed(): number;
 }
 
-/** The module needs more memory than the browser gives it. */
-export class OutOfMemory extends Error {}
-
-/** An instance of the module. */
+/** An instance of the module with a player. */
 export class Core {
-  private constructor(private readonly exports: Exports) {}
+  private constructor(private readonly instance: Instance<Exports>) {}
 
   /** Instantiates a compiled module. */
   static async create(module: WebAssembly.Module, host: CoreHost): Promise<Core> {
-    const env = {
-      stgs_host_read: (id: number, offset: number, bytes: number, address: number) =>
-        host.read(id >>> 0, offset, bytes >>> 0, address >>> 0),
-      stgs_host_cancel: (id: number) => host.cancel(id >>> 0),
-      emscripten_notify_memory_growth: () => undefined,
-    };
-    let memory: WebAssembly.Memory | undefined;
-    const system = {
-      // Writes nanoseconds of a monotonic clock.
-      clock_time_get: (_clock: number, _precision: bigint, address: number) => {
-        const now = BigInt(Math.round(performance.now() * 1e6));
-        new DataView(memory!.buffer).setBigUint64(address >>> 0, now, true);
-        return 0;
+    let own: Instance<Exports> | undefined;
+    const piece = (offset: number, address: number, bytes: number) => ({ offset, bytes: own!.copy(address, bytes) });
+    own = await Instance.create<Exports>(module, {
+      stgs_host_read: (id, offset, bytes, address) => host.read(id >>> 0, offset, bytes >>> 0, address >>> 0),
+      stgs_host_cancel: (id) => host.cancel(id >>> 0),
+      stgs_host_decode: (id, segment, withSh, offset, base, bytes, shOffset, sh, shBytes) => {
+        const records = [piece(offset, base, bytes >>> 0)];
+        if (shBytes !== 0) records.push(piece(shOffset, sh, shBytes >>> 0));
+        host.decode({ id: id >>> 0, segment: segment >>> 0, withSh: withSh !== 0, records });
       },
-      proc_exit: (code: number) => {
-        throw new OutOfMemory(`the decoder stopped (code ${code}); close other pages or lower the memory budget`);
-      },
-      environ_sizes_get: (count: number, bytes: number) => {
-        const view = new DataView(memory!.buffer);
-        view.setUint32(count >>> 0, 0, true);
-        view.setUint32(bytes >>> 0, 0, true);
-        return 0;
-      },
-      environ_get: () => 0,
-    };
-    const instance = await WebAssembly.instantiate(module, { env, wasi_snapshot_preview1: system });
-    const exports = instance.exports as unknown as Exports;
-    memory = exports.memory;
-    exports._initialize();
-    return new Core(exports);
+    });
+    return new Core(own);
   }
 
   /** The module's memory from `address` on. Valid until the next call of the core. */
   bytes(address: number, length: number): Uint8Array {
-    return new Uint8Array(this.exports.memory.buffer, address, length);
+    return this.instance.bytes(address, length);
   }
 
   /** Bytes of the module's memory. */
   get memoryBytes(): number {
-    return this.exports.memory.buffer.byteLength;
+    return this.instance.memoryBytes;
   }
 
-  /** Begins a file. Sizes are bytes; `prefetch`: seconds to fetch ahead. */
-  open(name: string, fileBytes: number, memoryBudget: number, prefetch: number): void {
-    this.withText(name, (address) => this.exports.stgs_create(address, fileBytes, memoryBudget, prefetch));
+  /**
+   * Begins a file. Sizes are bytes; `prefetch`: seconds to fetch ahead; `decodes`: segments that the
+   * host decodes at a time.
+   */
+  open(name: string, fileBytes: number, memoryBudget: number, prefetch: number, decodes: number): void {
+    this.instance.withTexts([name], (address) =>
+      this.instance.exports.stgs_create(address, fileBytes, memoryBudget, prefetch, decodes));
   }
 
   /** Tries to open the file: its description, the bytes that it needs first, or why it failed. */
   tryOpen(): OpenResult {
-    return JSON.parse(this.text(this.exports.stgs_open())) as OpenResult;
+    return JSON.parse(this.instance.text(this.instance.exports.stgs_open())) as OpenResult;
   }
 
   /** Provides bytes of the file for the next tryOpen(). */
   provide(offset: number, bytes: Uint8Array): void {
-    const address = this.exports.stgs_provide(offset, bytes.length) >>> 0;
+    const address = this.instance.exports.stgs_provide(offset, bytes.length);
     this.bytes(address, bytes.length).set(bytes);
   }
 
   play(): void {
-    this.exports.stgs_play();
+    this.instance.exports.stgs_play();
   }
   pause(): void {
-    this.exports.stgs_pause();
+    this.instance.exports.stgs_pause();
   }
   /** Returns whether the time is valid. */
   seek(seconds: number): boolean {
-    return this.exports.stgs_seek(seconds) !== 0;
+    return this.instance.exports.stgs_seek(seconds) !== 0;
   }
   /** Returns whether the rate is valid. */
   setRate(rate: number): boolean {
-    return this.exports.stgs_set_rate(rate) !== 0;
+    return this.instance.exports.stgs_set_rate(rate) !== 0;
   }
   setLoop(loop: boolean): void {
-    this.exports.stgs_set_loop(loop ? 1 : 0);
+    this.instance.exports.stgs_set_loop(loop ? 1 : 0);
   }
 
-  /** Plays and decodes for about `budget` seconds; returns the seconds until the next call is due. */
+  /** Plays, and begins reads and decodings, for about `budget` seconds; returns the seconds until the next call is due. */
   step(budget: number): number {
-    return this.exports.stgs_step(performance.now() / 1000, budget);
+    return this.instance.exports.stgs_step(performance.now() / 1000, budget);
   }
 
   /** Ends a read; `failure`: why it failed, or "". */
   readDone(id: number, failure: string): void {
-    this.withText(failure, (address) => this.exports.stgs_read_done(id, address, performance.now() / 1000));
+    this.instance.withTexts([failure], (address) =>
+      this.instance.exports.stgs_read_done(id, address, performance.now() / 1000));
+  }
+
+  /** Ends a decoding. */
+  decodeDone(id: number, { origin, base, sh }: DecodeStatus): void {
+    this.instance.withTexts([base.message, sh.message], (baseMessage, shMessage) =>
+      this.instance.exports.stgs_decode_done(id, origin, base.code, baseMessage, sh.code, shMessage));
+  }
+
+  /** The id of a decoding whose result is no longer needed, once; 0: there is none. */
+  takeReleased(): number {
+    return this.instance.exports.stgs_take_released() >>> 0;
   }
 
   state(): CoreState {
-    return JSON.parse(this.text(this.exports.stgs_state())) as CoreState;
+    return JSON.parse(this.instance.text(this.instance.exports.stgs_state())) as CoreState;
   }
 
   /** The events since the last call. */
   events(): CoreEvent[] {
-    return JSON.parse(this.text(this.exports.stgs_events())) as CoreEvent[];
+    return JSON.parse(this.instance.text(this.instance.exports.stgs_events())) as CoreEvent[];
   }
 
-  /** The next part of a segment to hold or to drop (0 primitives); null: there is none. */
+  /** The next segment to show or to drop; null: there is none. */
   nextChange(): SegmentChange | null {
-    const e = this.exports;
+    const e = this.instance.exports;
     if (e.stgs_next_change() === 0) return null;
-    const primitives = e.stgs_change_primitives() >>> 0;
-    const length = e.stgs_change_bytes() >>> 0;
-    const words = new Uint8Array(length);
-    words.set(this.bytes(e.stgs_change_packed() >>> 0, length));
     return {
-      id: e.stgs_change_id() >>> 0,
-      primitives,
+      segment: e.stgs_change_segment() >>> 0,
+      decoded: e.stgs_change_decoded() >>> 0,
       begin: e.stgs_change_begin(),
       end: e.stgs_change_end(),
       origin: e.stgs_change_origin(),
-      words: words.buffer,
     };
-  }
-
-  /** Ends the player. Reads that have not ended must not be written any more. */
-  destroy(): void {
-    this.exports.stgs_destroy();
-  }
-
-  private text(address: number): string {
-    const all = new Uint8Array(this.exports.memory.buffer, address >>> 0);
-    return new TextDecoder().decode(all.subarray(0, all.indexOf(0)));
-  }
-
-  private withText(value: string, call: (address: number) => void): void {
-    const bytes = new TextEncoder().encode(value);
-    const address = this.exports.stgs_allocate(bytes.length + 1) >>> 0;
-    if (address === 0) throw new OutOfMemory("the decoder has no memory; lower the memory budget");
-    const to = this.bytes(address, bytes.length + 1);
-    to.set(bytes);
-    to[bytes.length] = 0;
-    call(address);
-    this.exports.stgs_free(address);
   }
 }
 
@@ -198,7 +192,7 @@ export interface CoreInfo {
     fx: number; fy: number; cx: number; cy: number; width: number; height: number; near: number;
   };
 }
-export type OpenResult = { info: CoreInfo } | { missing: [number, number] } | { code: number; message: string };
+export type OpenResult = { info: CoreInfo } | { missing: [number, number] } | CoreStatus;
 export interface CoreState {
   state: "playing" | "paused" | "buffering" | "ended";
   seconds: number;
@@ -213,11 +207,11 @@ export interface CoreEvent {
   seconds: number;
   message: string;
 }
+/** `decoded`: the id of its decoding, or 0: the segment is no longer needed. Times are ticks, as PackedSegment. */
 export interface SegmentChange {
-  id: number;
-  primitives: number;
+  segment: number;
+  decoded: number;
   begin: number;
   end: number;
   origin: number;
-  words: ArrayBuffer;
 }

@@ -1,10 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // Runs the core in a worker: reads for it, steps it, and reports to the page.
 import type { CoreMessage, PageMessage, SceneInfo } from "../types";
-import { Core, CoreHost, CoreInfo, OutOfMemory } from "./module";
+import { DecoderPool } from "./decoder_pool";
+import type { DecoderPoolOwner, DecoderThread } from "./decoder_pool";
+import { OutOfMemory } from "./instance";
+import { Core } from "./module";
+import type { CoreHost, CoreInfo, DecodeJob, DecodeStatus, FilePiece } from "./module";
+import type { Part } from "./part_decoder";
 import { RangeReader, rangeReader, ReadError } from "./range_reader";
+import { ShownParts } from "./shown_parts";
 
-/** Seconds of decoding between two looks at the messages of the page. */
+/** Decoding workers, at most. One processor is left to the page. */
+const MAX_DECODERS = 4;
+/** Seconds of work between two looks at the messages of the page. */
 const STEP_SECONDS = 0.02;
 /** Milliseconds between two steps while playing, and between two reports of an unchanged state. */
 const PLAY_INTERVAL = 10, REPORT_INTERVAL = 250;
@@ -23,20 +31,21 @@ const MIN_BUDGET = 1 << 20, MAX_BUDGET = 2 ** 31;
 type OpenMessage = Extract<PageMessage, { type: "open" }>;
 
 /** One player. `post` sends a message to the page and passes the ownership of `transfer`. */
-export class PlayerHost implements CoreHost {
+export class PlayerHost implements CoreHost, DecoderPoolOwner {
   private core: Core | null = null;
+  private pool: DecoderPool | null = null;
+  private parts: ShownParts | null = null; // once the file is open
   private reader: RangeReader | null = null;
   private readonly reads = new Map<number, AbortController>();
   private closed = new AbortController(); // of the source that was opened last
   private timer: ReturnType<typeof setTimeout> | undefined;
-  private opened = false;
   private rate = 1;
-  private shDegree = 0;
   private duration = 0;
   private lastState = "";
   private reportedAt = 0;
 
-  constructor(private readonly module: Promise<WebAssembly.Module>,
+  /** `startDecoder` starts a worker of decoderWorker(). */
+  constructor(private readonly module: Promise<WebAssembly.Module>, private readonly startDecoder: () => DecoderThread,
               private readonly post: (message: CoreMessage, transfer: Transferable[]) => void) {}
 
   /** Handles a message of the page. */
@@ -49,7 +58,7 @@ export class PlayerHost implements CoreHost {
         this.close();
         return;
     }
-    if (!this.opened || this.core === null) return;
+    if (this.parts === null || this.core === null) return;
     switch (message.type) {
       case "play":
         this.core.play();
@@ -89,6 +98,24 @@ export class PlayerHost implements CoreHost {
     this.reads.get(id)?.abort();
   }
 
+  decode(job: DecodeJob): void {
+    this.pool!.decode(job);
+  }
+
+  /** DecoderPoolOwner. */
+  decoded(id: number, status: DecodeStatus, parts: Part[]): void {
+    try {
+      if (status.base.code === 0) this.parts!.keep(id, parts);
+      this.core!.decodeDone(id, status);
+      this.schedule(0);
+    } catch (error) {
+      this.fail(error);
+    }
+  }
+  decodersFailed(message: string, outOfMemory: boolean): void {
+    this.fail(outOfMemory ? new OutOfMemory(message) : new Error(message));
+  }
+
   private readEnded(id: number, failure: string, address: number, bytes: Uint8Array): void {
     if (this.core === null || !this.reads.delete(id)) return;
     try {
@@ -108,8 +135,7 @@ export class PlayerHost implements CoreHost {
     try {
       const info = await this.openFile(message, signal);
       if (signal.aborted) return;
-      this.opened = true;
-      this.shDegree = info.shDegree;
+      this.parts = new ShownParts(info.shDegree, this.post);
       this.duration = info.duration;
       this.post({ type: "opened", info: sceneInfo(info) }, []);
       this.schedule(0);
@@ -121,15 +147,20 @@ export class PlayerHost implements CoreHost {
   private async openFile(message: OpenMessage, signal: AbortSignal): Promise<CoreInfo> {
     const { memoryBudget, lookAhead } = checked(message.options);
     const reader = (this.reader = rangeReader(message.source));
+    const pool = (this.pool = new DecoderPool(decoders(), this.startDecoder, this));
     const [module, size] = await Promise.all([this.module, withRetry(() => reader.size(signal), signal)]);
     const core = await Core.create(module, this);
     if (signal.aborted) throw closed();
     this.core = core;
-    core.open(reader.name, size, memoryBudget, lookAhead);
+    core.open(reader.name, size, memoryBudget, lookAhead, pool.capacity);
+    const pieces: FilePiece[] = [];
     let left = MAX_OPEN_BYTES, isForeign = false;
     for (;;) {
       const result = core.tryOpen();
-      if ("info" in result) return result.info;
+      if ("info" in result) {
+        pool.open(module, reader.name, size, memoryBudget, pieces);
+        return result.info;
+      }
       if ("message" in result) throw new CoreError(result.code, result.message);
       const [offset, missing] = result.missing;
       const length = Math.min(Math.max(missing, OPEN_BYTES), size - offset);
@@ -138,6 +169,7 @@ export class PlayerHost implements CoreHost {
       await withRetry(() => reader.read(offset, bytes, signal), signal);
       if (signal.aborted) throw closed();
       core.provide(offset, bytes);
+      pieces.push({ offset, bytes: bytes.buffer });
       if (offset === 0 && !MAGIC.every((byte, i) => byte === bytes[i])) {
         isForeign = true;
         left = MAX_FOREIGN_BYTES;
@@ -167,14 +199,9 @@ export class PlayerHost implements CoreHost {
   }
 
   private sendChanges(): void {
-    const core = this.core!;
-    for (let change = core.nextChange(); change !== null; change = core.nextChange()) {
-      if (change.primitives === 0) {
-        this.post({ type: "dropped", id: change.id }, []);
-        continue;
-      }
-      this.post({ type: "segment", segment: { ...change, shDegree: this.shDegree } }, [change.words]);
-    }
+    const core = this.core!, parts = this.parts!;
+    for (let change = core.nextChange(); change !== null; change = core.nextChange()) parts.show(change);
+    for (let id = core.takeReleased(); id !== 0; id = core.takeReleased()) parts.release(id);
   }
 
   /** Reports the state as of `at`. Returns milliseconds: once they have passed, it is due. */
@@ -204,8 +231,10 @@ export class PlayerHost implements CoreHost {
     clearTimeout(this.timer);
     for (const controller of this.reads.values()) controller.abort();
     this.reads.clear();
+    this.pool?.close();
+    this.pool = null;
+    this.parts = null;
     this.core = null; // with it, the memory of the module
-    this.opened = false;
   }
 }
 
@@ -214,6 +243,11 @@ class CoreError extends Error {
   constructor(readonly code: number, message: string) {
     super(message);
   }
+}
+
+/** The number of decoding workers for this device. */
+function decoders(): number {
+  return Math.min(Math.max(navigator.hardwareConcurrency - 1, 1), MAX_DECODERS);
 }
 
 function closed(): ReadError {

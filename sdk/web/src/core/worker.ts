@@ -1,13 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// The worker of a player: an entry point of its own, bundled to stgs-worker.js.
+// The worker of a player, and the workers in which it decodes: an entry point of its own, bundled to
+// stgs-worker.js.
 import type { CoreMessage, PageMessage } from "../types";
+import type { DecoderThread } from "./decoder_pool";
+import { decoderWorker } from "./part_decoder";
+import type { DecoderReply, DecoderRequest } from "./part_decoder";
 import { PlayerHost } from "./player_host";
 
 /** The part of DedicatedWorkerGlobalScope that is used. */
-interface Scope {
-  onmessage: ((event: MessageEvent<PageMessage>) => void) | null;
-  postMessage(message: CoreMessage, transfer: Transferable[]): void;
+interface Scope<Received, Sent> {
+  readonly name: string;
+  readonly location: { href: string };
+  onmessage: ((event: MessageEvent<Received>) => void) | null;
+  postMessage(message: Sent, transfer: Transferable[]): void;
 }
+
+/** The name of a decoding worker. */
+const DECODER = "stgs decoder";
 
 /** Compiles the module, which lies next to this script. */
 async function compile(): Promise<WebAssembly.Module> {
@@ -17,6 +26,17 @@ async function compile(): Promise<WebAssembly.Module> {
   return WebAssembly.compile(await response.arrayBuffer());
 }
 
-const scope = self as unknown as Scope;
-const host = new PlayerHost(compile(), (message, transfer) => scope.postMessage(message, transfer));
-scope.onmessage = ({ data }) => host.handle(data);
+function runDecoder(scope: Scope<DecoderRequest, DecoderReply>): void {
+  const handle = decoderWorker((reply, transfer) => scope.postMessage(reply, transfer));
+  scope.onmessage = ({ data }) => handle(data);
+}
+
+function runPlayer(scope: Scope<PageMessage, CoreMessage>): void {
+  const startDecoder = (): DecoderThread => new Worker(scope.location.href, { type: "module", name: DECODER });
+  const host = new PlayerHost(compile(), startDecoder, (message, transfer) => scope.postMessage(message, transfer));
+  scope.onmessage = ({ data }) => host.handle(data);
+}
+
+const scope: unknown = self;
+if ((scope as { name: string }).name === DECODER) runDecoder(scope as Scope<DecoderRequest, DecoderReply>);
+else runPlayer(scope as Scope<PageMessage, CoreMessage>);

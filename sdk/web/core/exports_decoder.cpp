@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+// The functions that a decoding worker of the host calls (sdk/web/src/core/part_decoder.ts). An
+// instance of the module has one decoder, on one thread.
+#include <cstdint>
+#include <exception>
+#include <memory>
+
+#include <fmt/format.h>
+#include "export.h"
+#include "part_decoder.h"
+
+namespace {
+
+using namespace stgs;
+
+std::unique_ptr<web::PartDecoder> decoder;
+const web::PartDecoder::Part* part = nullptr;
+
+std::string status_json(const Status& status) {
+  return fmt::format(R"({{"code":{},"message":{}}})", static_cast<int>(status.code()),
+                     web::quoted(status.message()));
+}
+
+}  // namespace
+
+// Creates the decoder of a file.
+STGS_EXPORT void stgs_decoder_create(const char* name, double file_bytes, double max_memory) {
+  decoder = std::make_unique<web::PartDecoder>(name, static_cast<std::uint64_t>(file_bytes),
+                                               static_cast<std::uint64_t>(max_memory));
+}
+// Returns memory for bytes of the file from `offset` on.
+STGS_EXPORT std::uint8_t* stgs_decoder_provide(double offset, std::uint32_t bytes) {
+  return decoder->source().provide(static_cast<std::uint64_t>(offset), bytes).data();
+}
+// Opens the file. Returns {"code": status code, "message": text}.
+STGS_EXPORT const char* stgs_decoder_open() {
+  Status status;
+  try {
+    status = decoder->open();
+  } catch (const std::exception& e) {
+    status = Status(code_of(e), e.what());
+  }
+  return web::give(status_json(status));
+}
+// Decodes a segment. Returns {"origin": ticks, "base": status, "sh": status}, as DecodeResult.
+STGS_EXPORT const char* stgs_decoder_decode(std::uint32_t segment, bool with_sh) {
+  Status base, sh;
+  try {
+    base = decoder->decode(segment, with_sh, sh);
+  } catch (const std::exception& e) {
+    base = Status(code_of(e), e.what());
+  }
+  return web::give(fmt::format(R"({{"origin":{},"base":{},"sh":{}}})", decoder->time_origin(),
+                               status_json(base), status_json(sh)));
+}
+// Moves on to the next part of the decoded segment and returns its primitives; 0: there is none.
+STGS_EXPORT std::uint32_t stgs_decoder_next() {
+  part = decoder->next_part();
+  return part == nullptr ? 0 : part->primitives;
+}
+// The packed part.
+STGS_EXPORT std::uint32_t stgs_decoder_bytes() {
+  return static_cast<std::uint32_t>(part->packed.size());
+}
+STGS_EXPORT const std::uint8_t* stgs_decoder_packed() {
+  return part->packed.data();
+}
