@@ -73,9 +73,9 @@ TEST_CASE("primitives that are decoded in ranges equal those that are decoded to
         ++ranges;
         primitives += range.size();
       };
-      std::uint64_t values = decoded_values(records, head, s);
-      CHECK(decode_ranges(records, head, s, visit, values, findings));
-      CHECK(values == 0);
+      DecodingWork work{decoded_values(records, head, s)};
+      CHECK(decode_ranges(records, head, s, visit, work, findings));
+      CHECK(work.values == 0);
       CHECK(findings.ok());
     }
     CHECK(primitives == head.index.primitives);
@@ -99,8 +99,8 @@ TEST_CASE("damage in any range of a segment is an error of the segment") {
       last ^= 1;  // the last word of the last block
       Findings found, together;
       Gaussians4D set;
-      std::uint64_t values = kAllValues;
-      CHECK_FALSE(decode_ranges(records, head, 0, nullptr, values, found));
+      DecodingWork work{kAllValues};
+      CHECK_FALSE(decode_ranges(records, head, 0, nullptr, work, found));
       CHECK_FALSE(
           decode_segment(records, head, 0, kAllAttributes, TimeOrigin::kRecord, set, together));
       CHECK(found.status("x").message() == together.status("x").message());

@@ -8,6 +8,7 @@
 #include "fixtures/scene_fixture.h"
 #include "fixtures/temporary_folder.h"
 #include "head_fixture.h"
+#include "scene/recording.h"
 #include "stgs/format/scene_recorder.h"
 
 using namespace stgs;
@@ -25,14 +26,15 @@ Bytes vector_named(const std::string& name) {
   return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
 
-// A source whose reads succeed a given number of times and then all fail.
+// A source whose reads succeed a given number of times and then fail: all, or one of them.
 class FailingSource final : public ByteSource {
  public:
-  FailingSource(Bytes bytes, std::shared_ptr<std::atomic<int>> reads_left)
-      : bytes_(std::move(bytes)), reads_left_(std::move(reads_left)) {}
+  FailingSource(Bytes bytes, std::shared_ptr<std::atomic<int>> reads_left, bool once = false)
+      : bytes_(std::move(bytes)), reads_left_(std::move(reads_left)), once_(once) {}
   std::uint64_t size() const override { return bytes_.size(); }
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
-    if (reads_left_->fetch_sub(1) <= 0) return io_error("{}: the disk is gone", name_);
+    const int left = reads_left_->fetch_sub(1);
+    if (once_ ? left == 0 : left <= 0) return io_error("{}: the disk is gone", name_);
     REQUIRE((offset <= bytes_.size() && out.size() <= bytes_.size() - offset));
     std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(offset), out.size(), out.begin());
     return {};
@@ -42,6 +44,7 @@ class FailingSource final : public ByteSource {
  private:
   Bytes bytes_;
   std::shared_ptr<std::atomic<int>> reads_left_;
+  bool once_ = false;
   std::string name_ = "failing";
 };
 
@@ -135,6 +138,15 @@ TEST_CASE("finalize writes no file if its source fails") {
     CHECK(needed > 5);
     fs::remove(output);
   }
+}
+
+TEST_CASE("a read that fails once does not count as damage of a recording") {
+  const Bytes bytes = vector_named("growing_17");
+  const auto resume = [&](int reads) {
+    const auto left = std::make_shared<std::atomic<int>>(reads);
+    return read_resumable(FailingSource(bytes, left, true)).status();
+  };
+  CHECK(reads_needed(resume) > 17);
 }
 
 TEST_CASE("only an intact growing recording can be resumed") {

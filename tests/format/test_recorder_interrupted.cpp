@@ -162,6 +162,31 @@ TEST_CASE("a recording is resumed after a kill and after a power cut") {
   CHECK((*recorder)->bytes() == sizes[3]);
 }
 
+TEST_CASE("a recording without the fragments that a power cut damaged is resumed, if they are few") {
+  const TemporaryFolder folder;
+  const RecordSettings settings = recording_settings(Profile::kQuantised);
+  constexpr int kFragments = 80;
+  const std::string path = folder / "whole.stgs";
+  const std::vector<std::uint64_t> sizes = record(path, kFragments, false, Profile::kQuantised);
+  const Bytes whole = bytes_of(path);
+  for (const int damaged : {1, 3, 64, 65, 80}) {
+    INFO(damaged << " fragments");
+    Bytes bytes = whole;
+    for (int i = kFragments - damaged; i < kFragments; ++i)
+      bytes[static_cast<std::size_t>(sizes[static_cast<std::size_t>(i)]) + 100] ^= 0x20;
+    const std::string torn = folder / "torn.stgs";
+    REQUIRE(write_file_atomically(torn, bytes).ok());
+    const auto recorder = SceneRecorder::resume(torn, settings);
+    if (damaged <= 64) {
+      REQUIRE(recorder.ok());
+      CHECK((*recorder)->bytes() == sizes[static_cast<std::size_t>(kFragments - damaged)]);
+    } else {
+      CHECK(recorder.status().code() == StatusCode::kInvalidFile);
+      CHECK(bytes_of(torn) == bytes);
+    }
+  }
+}
+
 TEST_CASE("a reader follows a recording of another process") {
   const TemporaryFolder folder;
   const std::string path = folder / "live.stgs";

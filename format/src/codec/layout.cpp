@@ -262,22 +262,22 @@ void write_layouts(const LayoutSet& set, ByteWriter& out) {  // spec 6.1
   }
 }
 
+void mark_tables(const LayoutSet& set, const StreamRow& row, std::vector<bool>& used) {
+  for (const std::uint16_t table : row.tables) {
+    if (table >= set.tables.size() || set.only[table] >= 0)
+      continue;  // first: a problem of the row
+    if (table >= used.size()) used.resize(table + std::size_t{1});
+    used[table] = true;
+  }
+}
+
 void make_lookups(LayoutSet& set) {
-  std::vector<bool> is_used(set.tables.size());
-  std::size_t count = 0;
-  for (const Layout& layout : set.layouts) {
-    for (const StreamRow& row : layout.streams) {
-      for (const std::uint16_t table : row.tables) {
-        if (table >= is_used.size()) continue;  // a problem of the layout
-        is_used[table] = true;
-        count = std::max<std::size_t>(count, table + std::size_t{1});
-      }
-    }
-  }
-  set.lookups.resize(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    if (is_used[i] && set.only[i] < 0) rans_lookup(set.tables[i], set.lookups[i]);
-  }
+  std::vector<bool> used;
+  for (const Layout& layout : set.layouts)
+    for (const StreamRow& row : layout.streams) mark_tables(set, row, used);
+  set.lookups.resize(used.size());
+  for (std::size_t i = 0; i < used.size(); ++i)
+    if (used[i]) rans_lookup(set.tables[i], set.lookups[i]);
 }
 
 bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,

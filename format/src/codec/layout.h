@@ -52,8 +52,8 @@ struct Layout {
 struct LayoutSet {
   std::vector<RansTable> tables;
   std::vector<Layout> layouts;
-  // By table: its only symbol, or -1; and its lookup, set by make_lookups() if a plane refers to
-  // it and it has several. There are none beyond the last table that a plane refers to.
+  // By table: its only symbol, or -1; and its lookup, set by make_lookups() for the head's layouts
+  // if a plane refers to it and it has several. There are none beyond the last such table.
   std::vector<std::int16_t> only;
   std::vector<RansLookup> lookups;
   // Layouts and rows together, set by parse_layouts().
@@ -70,6 +70,9 @@ void write_layouts(const LayoutSet& set, ByteWriter& out);
 bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
                    std::size_t max_layouts, std::uint64_t memory, LayoutSet& set,
                    Findings& findings);
+// Marks, by table, those with several symbols to which planes of a row refer. Extends `used` to the
+// last of them.
+void mark_tables(const LayoutSet& set, const StreamRow& row, std::vector<bool>& used);
 // Makes the lookups of the tables that planes refer to. They cost far more than the bytes of a
 // table, so check the layouts first.
 void make_lookups(LayoutSet& set);

@@ -136,7 +136,7 @@ std::vector<RansPlaneTask> RecordDecoder::tasks_of(std::size_t u, const DecodeRa
     std::uint8_t* at = rows.areas[i - rows.first];
     for (const std::uint16_t table : layout_.streams[i].tables) {
       if (set_.only[table] >= 0) continue;
-      out.push_back({&set_.lookups[table], at});
+      out.push_back({&lookup_of(table), at});
       at += count_in(range, layout_.streams[i]);
     }
   }
@@ -173,6 +173,7 @@ bool RecordDecoder::decode_points(std::size_t u) {
 
 bool RecordDecoder::decode_units(std::size_t first, std::size_t last, const DecodeRange& range,
                                  DecodedRows& rows) {
+  make_own_lookups();
   std::vector<std::size_t> groups;
   for (std::size_t u = first; u < last; ++u) {
     const StreamRow& row = layout_.streams[record_.units[u].rows.first];
@@ -242,6 +243,25 @@ bool RecordDecoder::decode(AttributeBits attributes, DecodedRows& out) {
   if (!decode_range({attributes}, out)) return false;
   const bool degrees = (attributes & attribute_bit(Attribute::kShDegree)) != 0;
   return !degrees || find_members(out);
+}
+
+std::vector<bool> RecordDecoder::own_tables() const {
+  std::vector<bool> used;
+  for (std::size_t u = 0; u < groups_.size(); ++u) {
+    if (!groups_[u]) continue;
+    const Layout::Unit unit = record_.units[u].rows;
+    for (const StreamRow& row : std::span(layout_.streams).subspan(unit.first, unit.count))
+      mark_tables(set_, row, used);
+  }
+  return used;
+}
+
+void RecordDecoder::make_own_lookups() {
+  if (!record_.has_own || own_lookups_ != nullptr) return;
+  const std::vector<bool> used = own_tables();
+  own_lookups_ = std::make_unique_for_overwrite<RansLookup[]>(used.size());
+  for (std::size_t i = 0; i < used.size(); ++i)
+    if (used[i]) rans_lookup(set_.tables[i], own_lookups_[i]);
 }
 
 bool RecordDecoder::decode_range(const DecodeRange& range, DecodedRows& out) {
@@ -350,7 +370,11 @@ bool RecordDecoder::code(CodedRecord& out) {
     }
   }
   out.own_tables = record_.has_own;
-  if (record_.has_own) out.lookups = set_.lookups;
+  if (!record_.has_own) return true;
+  const std::vector<bool> used = own_tables();
+  out.lookups.resize(used.size());
+  for (std::size_t i = 0; i < used.size(); ++i)
+    if (used[i]) rans_lookup(set_.tables[i], out.lookups[i]);
   return true;
 }
 

@@ -95,6 +95,13 @@ class RecordDecoder {
   // Decodes the rows of the unit of sh_degree, if there is one.
   bool decode_degrees(ShMembers& members);
   CodedStream coded_stream(const StreamRow& row, const ShMembers& members) const;
+  // Returns the tables that the groups need, by number.
+  std::vector<bool> own_tables() const;
+  // Makes the lookups of an own layout, unless that is done.
+  void make_own_lookups();
+  const RansLookup& lookup_of(std::uint16_t table) const {
+    return record_.has_own ? own_lookups_[table] : set_.lookups[table];
+  }
   bool corrupt(std::size_t row, const char* problem) const;
 
   const SegmentRecord& record_;
@@ -105,6 +112,7 @@ class RecordDecoder {
   Findings& findings_;
   std::vector<std::optional<RansGroupDecoder>> groups_;  // by unit
   std::vector<std::uint8_t> points_;                     // planes of positions that Draco codes
+  std::unique_ptr<RansLookup[]> own_lookups_;            // by table of the record's own layout
 };
 
 }  // namespace stgs

@@ -244,17 +244,19 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
 }
 
 bool decode_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-                   const RangeVisitor& visit, std::uint64_t& values, Findings& findings) {
+                   const RangeVisitor& visit, DecodingWork& work, Findings& findings) {
   Findings found;
   RangeDecoder decoder(records, head, ordinal, found);
   const std::uint64_t needed = decoded_values(records, head, ordinal);
-  if (found.ok() && needed > values) {
+  if (found.ok() && needed > work.values) {
+    work.is_refused = true;
     found.unsupported(N::kMemoryLimit, head.index.segments[ordinal].base.offset,
-                      "segment {}: not decoded, because it states {} values, and the size of the "
-                      "file allows {} more; allow more than 4 GiB of memory to decode them",
-                      ordinal, needed, values);
+                      "segment {}: neither it nor those after it are decoded, because it takes the "
+                      "time of {} values, and the size of the file allows {} more; allow more than "
+                      "4 GiB of memory to decode them",
+                      ordinal, needed, work.values);
   } else if (found.ok()) {
-    values -= needed;
+    work.values -= needed;
     decoder.decode(visit);
   }
   const bool good = found.ok();

@@ -209,7 +209,6 @@ bool parse_segment(std::span<const std::uint8_t> payload, const FileHead& head,
     return false;
   }
   if (read_units(in, layout, head.metadata.sh_degree, expected.primitives, record)) {
-    if (record.has_own) make_lookups(record.own);
     return take_memory(plane_memory(record, record.set(*head.layouts), expected.primitives), head,
                        ordinal, record.payload_at, memory, findings);
   }
@@ -298,8 +297,11 @@ std::uint64_t decoded_values(const SegmentRecords& records, const FileHead& head
           static_cast<std::size_t>(components_of(static_cast<Attribute>(row.attribute)));
       const std::size_t symbols = Layout::varying_planes(row, record->set(*head.layouts));
       const bool draco = static_cast<Coder>(row.coder) == Coder::kDraco;
-      out += values_of(*record, row, primitives) * (draco ? kDracoWork : floats + symbols);
+      const std::uint64_t values = values_of(*record, row, primitives);
+      out += values * (draco ? kDracoWork : floats + symbols);
+      if (record->has_own && values > 0) out += kLookupWork * symbols;
     }
+    out += kRecordWork + kTableWork * record->own.tables.size();
   }
   return out;
 }

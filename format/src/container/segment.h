@@ -92,19 +92,26 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
                     Findings& findings);
 
 // Returns the work of decode_ranges(): the floats and the symbols of planes that are not constant.
-// A position that Draco codes counts as kDracoWork.
+// A position that Draco codes counts as kDracoWork; a record, a table of its own layout and a plane
+// that needs one count as much as the time that they take.
 std::uint64_t decoded_values(const SegmentRecords& records, const FileHead& head,
                              std::uint32_t ordinal);
-inline constexpr std::uint64_t kDracoWork = 128;
+inline constexpr std::uint64_t kDracoWork = 128, kRecordWork = 5120, kTableWork = 96,
+                               kLookupWork = 1024;
+
+// The work that remains to a caller of decode_ranges().
+struct DecodingWork {
+  std::uint64_t values = 0;
+  bool is_refused = false;  // a segment needs more: it and those after it are not decoded
+};
 
 // Receives primitives of a segment in their order: `set` has those from number `begin` on, complete
 // but for SH above degree 0, and time_origin as TimeOrigin::kRecord. It is valid during the call.
 using RangeVisitor = std::function<void(const Gaussians4D& set, std::size_t begin)>;
 // Makes the checks of decode_segment() for all attributes, and returns the same, but decodes a
 // range of primitives after the other: 4 MiB of them at a time, positions of Draco excepted.
-// `values`: those that may be decoded (decoded_values()); reduced by those of the segment, or the
-// error kMemoryLimit if it has more.
+// Reduces `work` by decoded_values(), or refuses the segment with the error kMemoryLimit.
 bool decode_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-                   const RangeVisitor& visit, std::uint64_t& values, Findings& findings);
+                   const RangeVisitor& visit, DecodingWork& work, Findings& findings);
 
 }  // namespace stgs

@@ -22,16 +22,48 @@ std::vector<SegmentEntry> last_segments(const FileHead& head) {
   return out;
 }
 
-// Returns whether the records of the last fragment are intact. A power failure can leave them
-// damaged.
-bool is_last_fragment_intact(const ByteSource& source, const FileHead& head) {
-  Findings found;
+// Returns whether the records of a segment are intact; an error if they cannot be read.
+Result<bool> is_intact(const ByteSource& source, const SegmentEntry& segment) {
   std::vector<std::uint8_t> bytes;
-  for (const SegmentEntry& segment : last_segments(head)) {
-    copy_record(source, segment.base, bytes, found);
-    if (segment.sh.bytes > 0) copy_record(source, segment.sh, bytes, found);
+  for (const RecordRange& record : {RecordRange(segment.base), segment.sh}) {
+    Findings found;
+    if (record.bytes == 0 || copy_record(source, record, bytes, found)) continue;
+    if (found.code() == StatusCode::kInvalidFile) return false;
+    return found.status(source.name());
   }
-  return found.ok();
+  return true;
+}
+
+// Fragments with damaged records at the end of a recording: where the first one begins, or the end
+// of the last fragment, and their number.
+struct DamagedEnd {
+  std::uint64_t offset = 0;
+  int fragments = 0;
+};
+
+// Looks for fragments that a power failure has damaged, from the last one to an intact one, and
+// through at most `most` of them.
+Result<DamagedEnd> find_damaged_end(const ByteSource& source, const FileHead& head, int most) {
+  std::vector<const SegmentEntry*> segments;  // in the order of the file
+  for (const SegmentEntry& segment : head.index.segments) segments.push_back(&segment);
+  std::sort(segments.begin(), segments.end(), [](const SegmentEntry* a, const SegmentEntry* b) {
+    return a->base.offset < b->base.offset;
+  });
+  DamagedEnd out{head.last_fragment->offset + head.last_fragment->bytes, 0};
+  const std::set<std::uint64_t>& fragments = head.walk.followed;  // each after its segments
+  for (auto fragment = fragments.rbegin(); fragment != fragments.rend() && out.fragments < most;
+       ++fragment) {
+    const std::uint64_t before = std::next(fragment) != fragments.rend() ? *std::next(fragment) : 0;
+    bool intact = true;
+    for (; !segments.empty() && segments.back()->base.offset > before; segments.pop_back()) {
+      if (!intact) continue;
+      STGS_ASSIGN(intact, is_intact(source, *segments.back()));
+    }
+    if (intact) break;
+    out.offset = *fragment;
+    ++out.fragments;
+  }
+  return out;
 }
 
 // Adds the segments of the last fragment to the report if all of them are damaged; otherwise
@@ -149,7 +181,11 @@ bool copy_record(const ByteSource& source, const RecordRange& record,
 }
 
 Result<FileHead> read_resumable(const ByteSource& source) {
-  for (std::uint64_t size = source.size();;) {
+  // A power failure damages the fragments that were not written through: the last one, or those of
+  // half a minute without `sync`. Without them, segments that they replaced are found, and checked.
+  constexpr int kMostFragments = 64, kMostTimes = 3;
+  std::uint64_t size = source.size();
+  for (int times = 0, fragments = 0; times < kMostTimes; ++times) {
     const PrefixSource prefix(source, size);
     Findings findings;
     FileHead head;
@@ -163,9 +199,17 @@ Result<FileHead> read_resumable(const ByteSource& source) {
       return invalid_file("{}: head or index is damaged; save the rest with 'stgs finalize'",
                           source.name());
     }
-    if (!head.last_fragment || is_last_fragment_intact(source, head)) return head;
-    size = head.last_fragment->offset;  // power failure: continue without this fragment
+    if (!head.last_fragment) return head;
+    STGS_ASSIGN(const DamagedEnd end, find_damaged_end(source, head, kMostFragments + 1));
+    if (end.fragments == 0) return head;
+    fragments += end.fragments;
+    if (fragments > kMostFragments) break;
+    size = end.offset;
   }
+  return invalid_file(
+      "{}: its last fragments are damaged, more than a power failure explains; "
+      "save the rest with 'stgs finalize'",
+      source.name());
 }
 
 Result<FileHead> read_recording(const ByteSource& source, const ReadLimits& limits,

@@ -252,9 +252,8 @@ std::uint64_t decoding_limit(const FileHead& head) {
 }
 
 // Checks the available records of a segment, and its primitives even if its SH are damaged.
-// `values`: those that may still be decoded.
 void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
-                   std::uint64_t& values, Findings& findings) {
+                   DecodingWork& work, Findings& findings) {
   const SegmentEntry& segment = head.index.segments[ordinal];
   if (!head.has(segment.base)) return;  // truncated: already reported
   const bool has_sh = head.has(segment.sh);
@@ -268,7 +267,7 @@ void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t
     PlacementChecks& checks = placement.emplace(head, ordinal);
     return decode_ranges(
         records, head, ordinal,
-        [&checks](const Gaussians4D& set, std::size_t begin) { checks.add(set, begin); }, values,
+        [&checks](const Gaussians4D& set, std::size_t begin) { checks.add(set, begin); }, work,
         found);
   };
   good = good && decode(findings);
@@ -303,9 +302,9 @@ void check_error_bounds(const FileHead& head, Findings& findings) {
 
 // Checks all that follows the head, until a read fails.
 void check_segments(const UntilFailure& source, FileHead& head, Findings& findings) {
-  std::uint64_t values = decoding_limit(head);
-  for (std::uint32_t i = 0; i < head.index.segments.size(); ++i) {
-    check_segment(source, head, i, values, findings);
+  DecodingWork work{decoding_limit(head)};
+  for (std::uint32_t i = 0; i < head.index.segments.size() && !work.is_refused; ++i) {
+    check_segment(source, head, i, work, findings);
     if (source.has_failed()) return;
   }
   for (const Layout& layout : head.layouts->layouts) check_layout(layout, findings);

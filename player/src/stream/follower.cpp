@@ -39,6 +39,7 @@ void Follower::stop() {
     const std::lock_guard lock(mutex_);
     stopping_ = true;
   }
+  cache_.interrupt();
   changed_.notify_all();
 }
 

@@ -65,7 +65,7 @@ class Follower {
   std::pmr::memory_resource* const memory_;
   const std::function<void(bool, const std::string&)> on_replaced_;
 
-  // Used by the thread only.
+  // Used by the thread only, except IndexCache::interrupt().
   IndexCache cache_;
   std::shared_ptr<const SceneReader> reader_;
   PollInterval interval_;

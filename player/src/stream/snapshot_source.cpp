@@ -46,6 +46,7 @@ IndexCache::Range* IndexCache::find(std::uint64_t offset, std::size_t bytes) {
 Status IndexCache::read(const ByteSource& under, std::uint64_t size, std::uint64_t offset,
                         std::span<std::uint8_t> out) {
   if (out.empty()) return {};
+  if (interrupted_->load(std::memory_order_relaxed)) return io_error("{}: stopped", under.name());
   Range* range = find(offset, out.size());
   const std::uint64_t tail = std::max(size - std::min(size, kTailBytes), complete_);
   std::uint64_t begin = offset;
@@ -56,9 +57,8 @@ Status IndexCache::read(const ByteSource& under, std::uint64_t size, std::uint64
     std::vector<std::uint8_t> bytes(static_cast<std::size_t>(end - begin));
     STGS_TRY(under.read(begin, bytes));
     if (at_end) tail_at_ = begin;
-    if (this->bytes() + bytes.size() > kMaxCachedBytes) ranges_.clear();
-    range = &(ranges_[begin] = {std::move(bytes), true});
-    charge_.resize(this->bytes());
+    if (bytes_ + bytes.size() > kMaxCachedBytes) clear();
+    range = &insert(begin, std::move(bytes));
   } else {
     begin = std::prev(ranges_.upper_bound(offset))->first;
   }
@@ -66,6 +66,21 @@ Status IndexCache::read(const ByteSource& under, std::uint64_t size, std::uint64
   std::copy_n(range->bytes.begin() + static_cast<std::ptrdiff_t>(offset - begin), out.size(),
               out.begin());
   return {};
+}
+
+IndexCache::Range& IndexCache::insert(std::uint64_t offset, std::vector<std::uint8_t> bytes) {
+  Range& range = ranges_[offset];
+  bytes_ += bytes.size();
+  bytes_ -= range.bytes.size();
+  range = {std::move(bytes), true};
+  charge_.resize(bytes_);
+  return range;
+}
+
+void IndexCache::recount() {
+  bytes_ = 0;
+  for (const auto& [begin, range] : ranges_) bytes_ += range.bytes.size();
+  charge_.resize(bytes_);
 }
 
 void IndexCache::retain(std::uint64_t complete) {
@@ -82,12 +97,12 @@ void IndexCache::discard_incomplete() {
     const std::uint64_t valid = std::min<std::uint64_t>(range.bytes.size(), complete_ - begin);
     range.bytes.resize(static_cast<std::size_t>(valid));
   }
-  charge_.resize(bytes());
+  recount();
 }
 
 void IndexCache::clear() {
   ranges_.clear();
-  charge_.resize(0);
+  recount();
 }
 
 std::pair<std::uint64_t, std::span<const std::uint8_t>> IndexCache::tail(
@@ -97,12 +112,6 @@ std::pair<std::uint64_t, std::span<const std::uint8_t>> IndexCache::tail(
   const std::span<const std::uint8_t> bytes(found->second.bytes);
   const std::uint64_t valid = std::min<std::uint64_t>(bytes.size(), complete - *tail_at_);
   return {*tail_at_, bytes.first(static_cast<std::size_t>(valid))};
-}
-
-std::uint64_t IndexCache::bytes() const {
-  std::uint64_t sum = 0;
-  for (const auto& [begin, range] : ranges_) sum += range.bytes.size();
-  return sum;
 }
 
 namespace {

@@ -2,6 +2,7 @@
 // Opens readers over a file as it is at one point in time.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -38,7 +39,9 @@ class IndexCache {
   // Discards bytes from the last `complete` on. Call it if a reader could not be opened.
   void discard_incomplete();
   void clear();
-  std::uint64_t bytes() const;
+  std::uint64_t bytes() const { return bytes_; }
+  // Lets reads fail from now on. Thread-safe.
+  void interrupt() noexcept { interrupted_->store(true, std::memory_order_relaxed); }
   // Returns the offset and bytes of the last read at the end of the file since retain(), up to
   // `complete`; empty if there was none.
   std::pair<std::uint64_t, std::span<const std::uint8_t>> tail(std::uint64_t complete) const;
@@ -49,12 +52,18 @@ class IndexCache {
     bool used = true;
   };
   Range* find(std::uint64_t offset, std::size_t bytes);
+  // Inserts a range, or replaces the one at its offset.
+  Range& insert(std::uint64_t offset, std::vector<std::uint8_t> bytes);
+  // Counts the bytes again.
+  void recount();
 
   std::shared_ptr<Budget> budget_;  // outlives `charge_`
   Lease charge_;
   std::map<std::uint64_t, Range> ranges_;  // by offset; may overlap
+  std::uint64_t bytes_ = 0;                // of `ranges_`
   std::uint64_t complete_ = 0;
   std::optional<std::uint64_t> tail_at_;  // offset of the last read at the end of the file
+  std::unique_ptr<std::atomic<bool>> interrupted_ = std::make_unique<std::atomic<bool>>(false);
 };
 
 // Opens the file as it is now. `memory` allocates decoded data. Errors: those of
