@@ -40,6 +40,8 @@ Result<std::unique_ptr<Player>> make_player(std::unique_ptr<ByteSource> source,
       settings.memory != nullptr ? settings.memory.get() : &segment_memory();
   const std::shared_ptr<Budget> budget = make_budget(settings.memory_budget);
   const auto ranges = std::make_shared<RangeSource>(std::move(source), memory, budget);
+  // Ends the opening, of a local file, too.
+  const std::stop_callback on_stop(settings.http.stop, [&ranges] { ranges->interrupt(); });
   try {
     if (ranges->size() > settings.max_file_bytes) {
       return Status(StatusCode::kLimit,

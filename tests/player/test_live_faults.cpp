@@ -5,6 +5,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <stop_token>
+
 #include "live_fixture.h"
 
 extern char** environ;
@@ -13,6 +15,41 @@ namespace stgs::player {
 namespace {
 
 using namespace live;
+
+// The head of a recording, and zeros without end. A read requests a stop.
+class EndlessSource final : public ByteSource {
+ public:
+  EndlessSource(int stop_at, std::stop_source stop, int& reads)
+      : stop_at_(stop_at), stop_(std::move(stop)), reads_(reads) {}
+  std::uint64_t size() const override { return std::uint64_t{1} << 50; }
+  const std::string& name() const override { return name_; }
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    if (++reads_ == stop_at_) stop_.request_stop();
+    const std::uint64_t head = recording().ends[0];
+    for (std::size_t i = 0; i < out.size(); ++i)
+      out[i] = offset + i < head ? recording().bytes[static_cast<std::size_t>(offset + i)] : 0;
+    return {};
+  }
+
+ private:
+  const int stop_at_;
+  mutable std::stop_source stop_;
+  int& reads_;
+  const std::string name_ = "endless";
+};
+
+TEST_CASE("an opening that is stopped reads no more") {
+  for (const int stop_at : {1, 2, 5}) {
+    int reads = 0;
+    const std::stop_source stop;
+    PlayerSettings settings = quick();
+    settings.http.stop = stop.get_token();
+    const auto opened =
+        Player::from_source(std::make_unique<EndlessSource>(stop_at, stop, reads), settings);
+    CHECK(opened.status().code() == StatusCode::kIo);
+    CHECK(reads == stop_at);
+  }
+}
 
 TEST_CASE("a truncated recording is reported, and followed again once it is restored") {
   Viewer viewer(8);

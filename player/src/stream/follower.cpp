@@ -39,7 +39,7 @@ void Follower::stop() {
     const std::lock_guard lock(mutex_);
     stopping_ = true;
   }
-  cache_.interrupt();
+  source_->interrupt();
   changed_.notify_all();
 }
 

@@ -27,9 +27,9 @@ class Follower {
   Follower(SegmentStore& store, std::shared_ptr<RangeSource> source, IndexCache cache,
            const PlayerSettings& settings, bool polls,
            std::function<void(bool, const std::string&)> on_replaced);
-  // Waits for a read in progress, which ends by itself or when the source is interrupted.
+  // Waits for a read in progress, which ends by itself or when its source is interrupted.
   ~Follower();
-  // Begins no further reads.
+  // Begins no further reads, also of a load in progress.
   void stop();
   // Looks at once for parts of the index that playback needs. Thread-safe.
   void wake() noexcept;
@@ -65,7 +65,7 @@ class Follower {
   std::pmr::memory_resource* const memory_;
   const std::function<void(bool, const std::string&)> on_replaced_;
 
-  // Used by the thread only, except IndexCache::interrupt().
+  // Used by the thread only.
   IndexCache cache_;
   std::shared_ptr<const SceneReader> reader_;
   PollInterval interval_;

@@ -11,6 +11,7 @@ constexpr std::size_t kMaxRecent = 4;
 }  // namespace
 
 Status RangeSource::read(std::uint64_t offset, std::span<std::uint8_t> out) const {
+  if (interrupted_.load(std::memory_order_relaxed)) return io_error("{}: closed", name());
   Bytes bytes;
   std::uint64_t begin = 0;
   {

@@ -2,6 +2,7 @@
 // A byte source with prefetched ranges.
 #pragma once
 
+#include <atomic>
 #include <deque>
 #include <functional>
 #include <map>
@@ -37,6 +38,8 @@ class RangeSource final : public ByteSource {
   bool was_modified() const override { return under_->was_modified(); }
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override;
 
+  // Lets read() fail from now on.
+  void interrupt() noexcept { interrupted_.store(true, std::memory_order_relaxed); }
   // Reads a range that is to be inserted, for as long as should_continue() is true (read_while()).
   // Bytes that add_recent() was given are not read again. Sets `read` to whether the underlying
   // source was read.
@@ -65,6 +68,7 @@ class RangeSource final : public ByteSource {
   mutable std::mutex mutex_;               // guards the following members
   std::map<std::uint64_t, Bytes> ranges_;  // by offset
   std::deque<Recent> recent_;
+  std::atomic<bool> interrupted_ = false;
 };
 
 }  // namespace stgs::player

@@ -46,7 +46,6 @@ IndexCache::Range* IndexCache::find(std::uint64_t offset, std::size_t bytes) {
 Status IndexCache::read(const ByteSource& under, std::uint64_t size, std::uint64_t offset,
                         std::span<std::uint8_t> out) {
   if (out.empty()) return {};
-  if (interrupted_->load(std::memory_order_relaxed)) return io_error("{}: stopped", under.name());
   Range* range = find(offset, out.size());
   const std::uint64_t tail = std::max(size - std::min(size, kTailBytes), complete_);
   std::uint64_t begin = offset;

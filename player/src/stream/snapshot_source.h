@@ -2,7 +2,6 @@
 // Opens readers over a file as it is at one point in time.
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -40,8 +39,6 @@ class IndexCache {
   void discard_incomplete();
   void clear();
   std::uint64_t bytes() const { return bytes_; }
-  // Lets reads fail from now on. Thread-safe.
-  void interrupt() noexcept { interrupted_->store(true, std::memory_order_relaxed); }
   // Returns the offset and bytes of the last read at the end of the file since retain(), up to
   // `complete`; empty if there was none.
   std::pair<std::uint64_t, std::span<const std::uint8_t>> tail(std::uint64_t complete) const;
@@ -63,7 +60,6 @@ class IndexCache {
   std::uint64_t bytes_ = 0;                // of `ranges_`
   std::uint64_t complete_ = 0;
   std::optional<std::uint64_t> tail_at_;  // offset of the last read at the end of the file
-  std::unique_ptr<std::atomic<bool>> interrupted_ = std::make_unique<std::atomic<bool>>(false);
 };
 
 // Opens the file as it is now. `memory` allocates decoded data. Errors: those of
