@@ -46,9 +46,9 @@ std::uint64_t SegmentIndex::file_offset(const SegmentLayer& layer) const {
 }
 
 std::uint64_t SegmentIndex::memory_bytes(const SegmentLayer& layer) const {
-  const std::uint64_t decoded =
-      layer.sh ? 0 : decoded_segment_bytes(info(layer.segment).primitives, reader().sh_degree());
-  return stored_bytes(layer) + decoded;
+  if (layer.sh) return stored_bytes(layer);
+  return stored_bytes(layer) + overhead_ +
+         decoded_segment_bytes(info(layer.segment).primitives, reader().sh_degree());
 }
 
 // Returns whether the segments of `reader` begin with the known ones.

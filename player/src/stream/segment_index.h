@@ -29,6 +29,8 @@ struct LocatedLayer {
 // Empty until the first reader is adopted. Not thread-safe.
 class SegmentIndex {
  public:
+  // `overhead`: bytes that a decoded segment takes besides its primitives.
+  explicit SegmentIndex(std::uint64_t overhead = 0) : overhead_(overhead) {}
   // The changes that adopting a reader makes.
   struct Update {
     std::shared_ptr<const SceneReader> reader;
@@ -84,6 +86,7 @@ class SegmentIndex {
   // Returns the ranges of time that playback reaches within `seconds`, and a little more.
   std::vector<TickRange> upcoming_times(const Playhead& playhead, double seconds) const;
 
+  const std::uint64_t overhead_;
   FileSnapshot now_;
   std::uint64_t revision_ = 0;
   int tiers_ = 1;

@@ -178,7 +178,7 @@ STGS_EXPORT std::uint32_t stgs_take_released() {
 STGS_EXPORT const char* stgs_state() {
   player::StreamPlayer& p = current->player();
   std::string ranges;
-  for (const player::TimeRange& range : p.buffered())
+  for (const player::TimeRange& range : current->buffered())
     ranges += fmt::format("{}[{},{}]", ranges.empty() ? "" : ",", range.begin, range.end);
   const player::StreamStatistics statistics = p.statistics();
   return give(fmt::format(

@@ -11,11 +11,16 @@
 namespace stgs::web {
 namespace {
 
+// Bytes that a part takes on the page besides its primitives, at most: a row of the renderer's
+// texture, and the padding of packed_segment.h.
+constexpr std::uint64_t kPartOverhead = 52 << 10;
+
 player::PlayerSettings settings_of(std::uint64_t memory_budget, double prefetch_seconds) {
   player::PlayerSettings out;
   out.memory_budget = memory_budget;
   out.prefetch_seconds = prefetch_seconds;
   out.limits.max_memory = memory_budget;
+  out.segment_overhead = kPartOverhead;
   return out;
 }
 
@@ -51,24 +56,55 @@ Status WebPlayer::open() {
 double WebPlayer::step(double now, double budget) {
   player_->advance(now);
   const player::PumpResult result = player_->pump(now, budget);
+  find_changes();
   return result.progressed ? 0 : std::max(0.0, result.wake_at - now);
 }
 
-std::optional<WebPlayer::Change> WebPlayer::next_change() {
-  for (const player::Timeline::SegmentRef& ref : wanted()) {
-    std::weak_ptr<const Gaussians4D>& sent = sent_[ref.segment];
-    if (sent.lock() == ref.set) continue;
-    sent = ref.set;
-    return added(ref);
+void WebPlayer::find_changes() {
+  changes_.clear();
+  for (const auto& [segment, set] : sent_) {
+    if (set.expired()) changes_.push_back({segment, 0, 0, nullptr});
   }
-  // Those that a better version replaces have been sent by now.
-  for (auto sent = sent_.begin(); sent != sent_.end(); ++sent) {
-    if (!sent->second.expired()) continue;
-    const Change dropped{.segment = sent->first};
-    sent_.erase(sent);
-    return dropped;
+  std::vector<player::Timeline::SegmentRef> refs = wanted();
+  std::reverse(refs.begin(), refs.end());  // those of the present last
+  for (player::Timeline::SegmentRef& ref : refs) {
+    const auto sent = sent_.find(ref.segment);
+    if (sent == sent_.end() || sent->second.lock() != ref.set) changes_.push_back(std::move(ref));
+  }
+}
+
+std::optional<WebPlayer::Change> WebPlayer::next_change() {
+  while (!changes_.empty()) {
+    const player::Timeline::SegmentRef ref = std::move(changes_.back());
+    changes_.pop_back();
+    std::weak_ptr<const Gaussians4D>& sent = sent_[ref.segment];
+    if (ref.set != nullptr) {
+      sent = ref.set;
+      return added(ref);
+    }
+    if (!sent.expired()) continue;  // a new version has been added
+    sent_.erase(ref.segment);
+    return Change{.segment = ref.segment};
   }
   return std::nullopt;
+}
+
+std::vector<player::TimeRange> WebPlayer::buffered() const {
+  constexpr std::size_t kMost = 100;
+  std::vector<player::TimeRange> ranges = player_->buffered();
+  if (ranges.size() <= kMost) return ranges;
+  const double now = player_->seconds();
+  // The present one counts as the longest.
+  const auto length = [now](const player::TimeRange& range) {
+    const bool is_present = range.begin <= now && now <= range.end;
+    return is_present ? std::numeric_limits<double>::infinity() : range.end - range.begin;
+  };
+  std::nth_element(ranges.begin(), ranges.begin() + kMost, ranges.end(),
+                   [&](const auto& a, const auto& b) { return length(a) > length(b); });
+  ranges.resize(kMost);
+  std::sort(ranges.begin(), ranges.end(),
+            [](const auto& a, const auto& b) { return a.begin < b.begin; });
+  return ranges;
 }
 
 WebPlayer::Change WebPlayer::added(const player::Timeline::SegmentRef& ref) const {

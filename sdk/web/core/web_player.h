@@ -45,10 +45,13 @@ class WebPlayer {
   // Returns when to call it again, seconds after `now`; infinity: after stgs_read_done(),
   // stgs_decode_done() or a command.
   double step(double now, double budget);
-  // Returns the next change; nothing if there is none.
+  // Returns the next change that the last step() has found; nothing if there is none.
   std::optional<Change> next_change();
+  // Returns StreamPlayer::buffered(), of many ranges the present one and the longest.
+  std::vector<player::TimeRange> buffered() const;
 
  private:
+  void find_changes();
   // Returns the decoded segments that the page should hold now.
   std::vector<player::Timeline::SegmentRef> wanted();
   Change added(const player::Timeline::SegmentRef& ref) const;
@@ -63,6 +66,8 @@ class WebPlayer {
   PageTransport* transport_ = nullptr;  // of `player_`
   WorkerExecutor* executor_ = nullptr;  // of `player_`
   std::unique_ptr<player::StreamPlayer> player_;
+  // The next ones last; without a set: to drop.
+  std::vector<player::Timeline::SegmentRef> changes_;
   // The version of each segment that the page holds.
   std::map<std::uint32_t, std::weak_ptr<const Gaussians4D>> sent_;
 };

@@ -71,6 +71,8 @@ struct LiveSettings {
 // Settings of a player. Times are finite and not negative.
 struct PlayerSettings {
   std::uint64_t memory_budget = kDefaultMemoryBudget;  // bytes of fetched and decoded data
+  // Bytes of the budget that a decoded segment takes besides its primitives.
+  std::uint64_t segment_overhead = 0;
   double prefetch_seconds = 10;   // fetched ahead of the position, seconds at the current rate
   double resume_seconds = 0.3;    // of data required before stalled playback resumes
   double layer_lead_seconds = 1;  // how much further ahead each layer is fetched than the next one

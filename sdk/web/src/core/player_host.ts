@@ -16,8 +16,11 @@ const MAX_DECODERS = 4;
 const STEP_SECONDS = 0.02;
 /** Milliseconds between two steps while playing, and between two reports of an unchanged state. */
 const PLAY_INTERVAL = 10, REPORT_INTERVAL = 250;
-/** Bytes read at a time while a file is opened: at least this many from the first that is missing. */
-const OPEN_BYTES = 1 << 16;
+/**
+ * Bytes read at a time while a file is opened: at least this many from the first that is missing, and
+ * this share of those read so far, since each attempt to open it looks at all of them.
+ */
+const OPEN_BYTES = 1 << 16, OPEN_SHARE = 0.25;
 const OPEN_ATTEMPTS = 4;
 /** Bytes of the head and the index, at most; of a file with another magic, for the message about it. */
 const MAX_OPEN_BYTES = 64 << 20, MAX_FOREIGN_BYTES = 1 << 20;
@@ -154,7 +157,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     this.core = core;
     core.open(reader.name, size, memoryBudget, lookAhead, pool.capacity);
     const pieces: FilePiece[] = [];
-    let left = MAX_OPEN_BYTES, isForeign = false;
+    let read = 0, limit = MAX_OPEN_BYTES, isForeign = false;
     for (;;) {
       const result = core.tryOpen();
       if ("info" in result) {
@@ -163,8 +166,8 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
       }
       if ("message" in result) throw new CoreError(result.code, result.message);
       const [offset, missing] = result.missing;
-      const length = Math.min(Math.max(missing, OPEN_BYTES), size - offset);
-      if (length > left) throw new CoreError(INVALID_FILE, `${reader.name}: ${isForeign ? FOREIGN : TOO_LONG}`);
+      const length = Math.min(Math.max(missing, OPEN_BYTES, Math.ceil(OPEN_SHARE * read)), size - offset);
+      if (read + length > limit) throw new CoreError(INVALID_FILE, `${reader.name}: ${isForeign ? FOREIGN : TOO_LONG}`);
       const bytes = new Uint8Array(length);
       await withRetry(() => reader.read(offset, bytes, signal), signal);
       if (signal.aborted) throw closed();
@@ -172,9 +175,9 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
       pieces.push({ offset, bytes: bytes.buffer });
       if (offset === 0 && !MAGIC.every((byte, i) => byte === bytes[i])) {
         isForeign = true;
-        left = MAX_FOREIGN_BYTES;
+        limit = MAX_FOREIGN_BYTES;
       }
-      left -= length;
+      read += length;
     }
   }
 
@@ -188,20 +191,25 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     try {
       const at = performance.now(); // the position is that of the beginning of the step
       const wait = this.core.step(STEP_SECONDS);
-      this.sendChanges();
+      const isDone = this.sendChanges();
       const early = this.report(at);
       const next = this.lastState === "playing" || this.lastState === "buffering" ? PLAY_INTERVAL : Infinity;
-      const due = Math.min(wait * 1000, next, early);
+      const due = isDone ? Math.min(wait * 1000, next, early) : 0;
       if (Number.isFinite(due)) this.schedule(due);
     } catch (error) {
       this.fail(error);
     }
   }
 
-  private sendChanges(): void {
+  /** Passes changes on for about STEP_SECONDS. Returns whether there are no more. */
+  private sendChanges(): boolean {
     const core = this.core!, parts = this.parts!;
-    for (let change = core.nextChange(); change !== null; change = core.nextChange()) parts.show(change);
+    const end = performance.now() + 1000 * STEP_SECONDS;
+    let change = core.nextChange();
+    for (; change !== null && performance.now() < end; change = core.nextChange()) parts.show(change);
+    if (change !== null) parts.show(change);
     for (let id = core.takeReleased(); id !== 0; id = core.takeReleased()) parts.release(id);
+    return change === null;
   }
 
   /** Reports the state as of `at`. Returns milliseconds: once they have passed, it is due. */

@@ -18,8 +18,10 @@ export interface RangeReader {
   read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void>;
 }
 
-/** Seconds without a byte of a response before a read fails. */
-const STALL_SECONDS = 10;
+/** A read fails if fewer than this many bytes of the response arrive in so many seconds. */
+const STALL_BYTES = 1000, STALL_SECONDS = 10;
+/** Seconds after which a read fails in any case: these, and one for so many bytes of it. */
+const READ_SECONDS = 60, READ_BYTES_PER_SECOND = 1000;
 
 /** Returns the reader of a URL or Blob. */
 export function rangeReader(source: string | Blob): RangeReader {
@@ -65,7 +67,7 @@ class UrlReader implements RangeReader {
   }
 
   async read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void> {
-    const watch = new Watch(signal);
+    const watch = new Watch(signal, READ_SECONDS + to.length / READ_BYTES_PER_SECOND);
     try {
       const last = offset + to.length - 1;
       const response = await fetch(this.url, { headers: { Range: `bytes=${offset}-${last}` }, signal: watch.signal });
@@ -76,7 +78,7 @@ class UrlReader implements RangeReader {
       watch.cancel(); // the rest of the response
       if (signal.aborted) throw aborted();
       if (error instanceof ReadError) throw error;
-      const why = watch.stalled ? `no data for ${STALL_SECONDS} s` : String((error as Error).message);
+      const why = watch.failure ?? String((error as Error).message);
       throw new ReadError(`${this.name}: ${why}; check the address, the network and that the server allows this page (CORS)`, true, "network");
     } finally {
       watch.end();
@@ -111,7 +113,7 @@ class UrlReader implements RangeReader {
     for (;;) {
       const { done, value } = await reader.read();
       if (done) break;
-      watch.progress();
+      watch.progress(value.length);
       if (at + value.length > to.length) throw new ReadError(`${this.name}: the server sent more than requested`, true, "network");
       to.set(value, at);
       at += value.length;
@@ -120,33 +122,47 @@ class UrlReader implements RangeReader {
   }
 }
 
-/** Aborts a request if its caller does, or if nothing arrives for STALL_SECONDS. */
+/** Aborts a request if its caller does, if almost nothing arrives for STALL_SECONDS, or after `seconds`. */
 class Watch {
   private readonly controller = new AbortController();
   private readonly forward = () => this.controller.abort();
-  private timer: ReturnType<typeof setTimeout> | undefined;
-  stalled = false;
+  private readonly total: ReturnType<typeof setTimeout>;
+  private stall: ReturnType<typeof setTimeout> | undefined;
+  private bytes = 0; // since the stall timer was started
+  /** Why the request was aborted, if not by its caller. */
+  failure: string | null = null;
 
-  constructor(private readonly outer: AbortSignal) {
+  constructor(private readonly outer: AbortSignal, seconds: number) {
     if (outer.aborted) this.controller.abort();
     outer.addEventListener("abort", this.forward);
-    this.progress();
+    this.total = setTimeout(() => this.fail(`not complete after ${Math.round(seconds)} s`), 1000 * seconds);
+    this.restart();
   }
   get signal(): AbortSignal {
     return this.controller.signal;
   }
-  progress(): void {
-    clearTimeout(this.timer);
-    this.timer = setTimeout(() => {
-      this.stalled = true;
-      this.controller.abort();
-    }, STALL_SECONDS * 1000);
+  /** More bytes have arrived. */
+  progress(bytes: number): void {
+    this.bytes += bytes;
+    if (this.bytes >= STALL_BYTES) this.restart();
   }
   cancel(): void {
     this.controller.abort();
   }
   end(): void {
-    clearTimeout(this.timer);
+    clearTimeout(this.stall);
+    clearTimeout(this.total);
     this.outer.removeEventListener("abort", this.forward);
+  }
+
+  private restart(): void {
+    this.bytes = 0;
+    clearTimeout(this.stall);
+    this.stall = setTimeout(() => this.fail(`almost no data for ${STALL_SECONDS} s`), 1000 * STALL_SECONDS);
+  }
+
+  private fail(why: string): void {
+    this.failure = why;
+    this.controller.abort();
   }
 }
