@@ -15,6 +15,7 @@ import tempfile
 from pathlib import Path
 
 import hostile
+import hostile_records  # noqa: F401, adds cases
 
 LIMIT, PER_BYTE = 64 << 20, 4
 READ_LIMIT = 64 << 20  # of memory for decoding and for reading complete files

@@ -8,6 +8,7 @@ that search.py found, as a small and as a large file.
 import sys
 
 import hostile
+import hostile_records  # noqa: F401, adds cases
 from search import LIMIT, PER_BYTE, READ_LIMIT, measure
 
 WORST = {  # found by search.py

@@ -88,10 +88,15 @@ class RansGroupDecoder {
   bool scalar_ = false;
 };
 
-// A plane to decode: its table, and where its symbols go.
+// With fewer lanes than this, a vector unit is slower than the scalar loop.
+inline constexpr std::size_t kRansVectorLanes = 16;
+
+// A plane to decode: the lookup of its table, and where its symbols go. In a block of fewer lanes
+// than kRansVectorLanes the lookup may be null, and is then made from the table.
 struct RansPlaneTask {
   const RansLookup* lookup = nullptr;
   std::uint8_t* out = nullptr;
+  const RansTable* table = nullptr;
 };
 // All planes of a group, in their order.
 struct RansQueue {

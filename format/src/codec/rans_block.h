@@ -41,19 +41,19 @@ inline std::uint8_t rans_step(RansBlock& block, std::uint32_t& state, const Rans
   return static_cast<std::uint8_t>(entry >> 24);
 }
 
-// Decodes the symbols [begin, end) of a block with kRansLanes lanes, as far as it has words for
-// all lanes, and returns where it stopped, after a multiple of kRansLanes. Whether a lane takes a
-// word cannot be predicted, so it is computed without a comparison, which compilers may turn into a
+// Decodes the symbols [begin, end) of a block with this many lanes, as far as it has words for all
+// lanes, and returns where it stopped, after a multiple of the lanes. Whether a lane takes a word
+// cannot be predicted, so it is computed without a comparison, which compilers may turn into a
 // branch.
+template <std::size_t kLanes>
 inline std::size_t rans_decode_full(RansBlock& block, const RansLookup& lookup, std::size_t begin,
                                     std::size_t end, std::uint8_t* out) {
-  std::uint32_t states[kRansLanes];  // a copy, which the symbols cannot alias
-  std::copy_n(block.state, kRansLanes, states);
+  std::uint32_t states[kLanes];  // a copy, which the symbols cannot alias
+  std::copy_n(block.state, kLanes, states);
   const std::uint8_t* next = block.next;
   std::size_t first = begin;
-  while (end - first >= kRansLanes &&
-         static_cast<std::size_t>(block.end - next) >= 2 * kRansLanes) {
-    for (std::size_t lane = 0; lane < kRansLanes; ++lane) {
+  while (end - first >= kLanes && static_cast<std::size_t>(block.end - next) >= 2 * kLanes) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const std::uint32_t entry = lookup[states[lane] % kRansTotal];
       const std::uint32_t frequency = (entry >> kRansBits) % kRansTotal + 1;
       const std::uint32_t x = frequency * (states[lane] >> kRansBits) + entry % kRansTotal;
@@ -64,9 +64,9 @@ inline std::size_t rans_decode_full(RansBlock& block, const RansLookup& lookup, 
       next += takes & 2;
       out[first + lane] = static_cast<std::uint8_t>(entry >> 24);
     }
-    first += kRansLanes;
+    first += kLanes;
   }
-  std::copy_n(states, kRansLanes, block.state);
+  std::copy_n(states, kLanes, block.state);
   block.next = next;
   return first;
 }
@@ -75,7 +75,28 @@ inline std::size_t rans_decode_full(RansBlock& block, const RansLookup& lookup, 
 // independent and take words in their order, so they can be processed one after the other.
 inline void rans_decode_scalar(RansBlock& block, const RansLookup& lookup, std::size_t begin,
                                std::size_t count, std::uint8_t* out) {
-  if (block.lanes == kRansLanes) begin = rans_decode_full(block, lookup, begin, count, out);
+  switch (block.lanes) {
+    case 1:
+      begin = rans_decode_full<1>(block, lookup, begin, count, out);
+      break;
+    case 2:
+      begin = rans_decode_full<2>(block, lookup, begin, count, out);
+      break;
+    case 4:
+      begin = rans_decode_full<4>(block, lookup, begin, count, out);
+      break;
+    case 8:
+      begin = rans_decode_full<8>(block, lookup, begin, count, out);
+      break;
+    case 16:
+      begin = rans_decode_full<16>(block, lookup, begin, count, out);
+      break;
+    case 32:
+      begin = rans_decode_full<32>(block, lookup, begin, count, out);
+      break;
+    default:
+      break;
+  }
   for (std::size_t first = begin; first < count; first += block.lanes) {
     const std::size_t active = count - first < block.lanes ? count - first : block.lanes;
     for (std::size_t lane = 0; lane < active; ++lane)
@@ -94,6 +115,16 @@ struct RansCursor {
   const RansPlaneTask* end = nullptr;
   std::size_t count = 0;  // symbols of a plane
 };
+// Decodes all planes of a block, whose symbols start at `first` of each plane.
+inline void rans_decode_scalar(RansCursor& cursor, std::size_t first) {
+  RansLookup own;
+  for (; cursor.next != cursor.end; ++cursor.next) {
+    const RansPlaneTask& plane = *cursor.next;
+    if (plane.lookup == nullptr) rans_lookup(*plane.table, own);
+    rans_decode_scalar(*cursor.block, plane.lookup != nullptr ? *plane.lookup : own, 0,
+                       cursor.count, plane.out + first);
+  }
+}
 // Decodes all planes of these blocks, whose symbols start at `first` of each plane. Changes
 // `cursors`.
 void rans_decode_blocks(std::span<RansCursor> cursors, std::size_t first);

@@ -136,7 +136,8 @@ std::vector<RansPlaneTask> RecordDecoder::tasks_of(std::size_t u, const DecodeRa
     std::uint8_t* at = rows.areas[i - rows.first];
     for (const std::uint16_t table : layout_.streams[i].tables) {
       if (set_.only[table] >= 0) continue;
-      out.push_back({&lookup_of(table), at});
+      const bool is_made_later = record_.has_own && is_short(u);
+      out.push_back({is_made_later ? nullptr : &lookup_of(table), at, &set_.tables[table]});
       at += count_in(range, layout_.streams[i]);
     }
   }
@@ -245,10 +246,14 @@ bool RecordDecoder::decode(AttributeBits attributes, DecodedRows& out) {
   return !degrees || find_members(out);
 }
 
-std::vector<bool> RecordDecoder::own_tables() const {
+bool RecordDecoder::is_short(std::size_t u) const {
+  return rans_lanes(symbols_of(layout_.streams[record_.units[u].rows.first])) < kRansVectorLanes;
+}
+
+std::vector<bool> RecordDecoder::own_tables(bool all) const {
   std::vector<bool> used;
   for (std::size_t u = 0; u < groups_.size(); ++u) {
-    if (!groups_[u]) continue;
+    if (!groups_[u] || (!all && is_short(u))) continue;
     const Layout::Unit unit = record_.units[u].rows;
     for (const StreamRow& row : std::span(layout_.streams).subspan(unit.first, unit.count))
       mark_tables(set_, row, used);
@@ -258,7 +263,7 @@ std::vector<bool> RecordDecoder::own_tables() const {
 
 void RecordDecoder::make_own_lookups() {
   if (!record_.has_own || own_lookups_ != nullptr) return;
-  const std::vector<bool> used = own_tables();
+  const std::vector<bool> used = own_tables(false);
   own_lookups_ = std::make_unique_for_overwrite<RansLookup[]>(used.size());
   for (std::size_t i = 0; i < used.size(); ++i)
     if (used[i]) rans_lookup(set_.tables[i], own_lookups_[i]);
@@ -371,7 +376,7 @@ bool RecordDecoder::code(CodedRecord& out) {
   }
   out.own_tables = record_.has_own;
   if (!record_.has_own) return true;
-  const std::vector<bool> used = own_tables();
+  const std::vector<bool> used = own_tables(true);
   out.lookups.resize(used.size());
   for (std::size_t i = 0; i < used.size(); ++i)
     if (used[i]) rans_lookup(set_.tables[i], out.lookups[i]);

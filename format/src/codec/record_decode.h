@@ -95,8 +95,11 @@ class RecordDecoder {
   // Decodes the rows of the unit of sh_degree, if there is one.
   bool decode_degrees(ShMembers& members);
   CodedStream coded_stream(const StreamRow& row, const ShMembers& members) const;
-  // Returns the tables that the groups need, by number.
-  std::vector<bool> own_tables() const;
+  // Returns whether a group has so few symbols that the lookup of a plane is made when the plane is
+  // decoded, in a single place of memory.
+  bool is_short(std::size_t u) const;
+  // Returns the tables that the groups need, by number: all, or those of groups that are not short.
+  std::vector<bool> own_tables(bool all) const;
   // Makes the lookups of an own layout, unless that is done.
   void make_own_lookups();
   const RansLookup& lookup_of(std::uint16_t table) const {

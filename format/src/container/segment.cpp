@@ -295,11 +295,14 @@ std::uint64_t decoded_values(const SegmentRecords& records, const FileHead& head
       if (row.optional()) continue;
       const auto floats =
           static_cast<std::size_t>(components_of(static_cast<Attribute>(row.attribute)));
-      const std::size_t symbols = Layout::varying_planes(row, record->set(*head.layouts));
+      const std::size_t planes = Layout::varying_planes(row, record->set(*head.layouts));
       const bool draco = static_cast<Coder>(row.coder) == Coder::kDraco;
       const std::uint64_t values = values_of(*record, row, primitives);
-      out += values * (draco ? kDracoWork : floats + symbols);
-      if (record->has_own && values > 0) out += kLookupWork * symbols;
+      // With few lanes, each symbol waits for the one before.
+      const std::uint64_t symbol = 1 + std::min<std::uint64_t>(4, 8 / rans_lanes(values));
+      out += values * (draco ? kDracoWork : floats + symbol * planes);
+      out += kPlaneWork * row.planes();
+      if (record->has_own && values > 0) out += kLookupWork * planes;
     }
     out += kRecordWork + kTableWork * record->own.tables.size();
   }

@@ -92,12 +92,12 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
                     Findings& findings);
 
 // Returns the work of decode_ranges(): the floats and the symbols of planes that are not constant.
-// A position that Draco codes counts as kDracoWork; a record, a table of its own layout and a plane
-// that needs one count as much as the time that they take.
+// A position that Draco codes counts as kDracoWork; a record, a plane, a table of its own layout
+// and a plane that needs one count as much as the time that they take.
 std::uint64_t decoded_values(const SegmentRecords& records, const FileHead& head,
                              std::uint32_t ordinal);
-inline constexpr std::uint64_t kDracoWork = 128, kRecordWork = 5120, kTableWork = 96,
-                               kLookupWork = 1024;
+inline constexpr std::uint64_t kDracoWork = 128, kRecordWork = 5120, kPlaneWork = 96,
+                               kTableWork = 96, kLookupWork = 1024;
 
 // The work that remains to a caller of decode_ranges().
 struct DecodingWork {

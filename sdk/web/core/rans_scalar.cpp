@@ -11,11 +11,7 @@ void rans_decode_vector(RansBlock& block, const RansLookup& lookup, std::size_t 
 }
 
 void rans_decode_blocks(std::span<RansCursor> cursors, std::size_t first) {
-  for (RansCursor& cursor : cursors) {
-    for (; cursor.next != cursor.end; ++cursor.next)
-      rans_decode_scalar(*cursor.block, *cursor.next->lookup, 0, cursor.count,
-                         cursor.next->out + first);
-  }
+  for (RansCursor& cursor : cursors) rans_decode_scalar(cursor, first);
 }
 
 }  // namespace stgs
