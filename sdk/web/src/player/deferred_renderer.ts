@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+import { copyCamera } from "../camera";
 import type { Camera, PackedSegment, Renderer, RendererStatistics, SceneInfo } from "../types";
 import { abortError, textOf } from "./errors";
 
@@ -10,13 +11,6 @@ interface View {
 interface ExactView extends View {
   resolve: () => void;
   reject: (error: unknown) => void;
-}
-
-/** A copy: callers may change their camera until it is drawn. */
-function viewOf(camera: Camera, ticks: number): View {
-  const rotation = camera.rotation.slice();
-  const translation = camera.translation.slice();
-  return { camera: { ...camera, rotation, translation }, ticks };
 }
 
 /**
@@ -72,14 +66,14 @@ export class DeferredRenderer implements Renderer {
   render(camera: Camera, ticks: number): void {
     if (this.failure !== null) throw this.failure;
     if (this.target !== null) this.target.render(camera, ticks);
-    else this.latest = viewOf(camera, ticks);
+    else this.latest = { camera: copyCamera(camera), ticks };
   }
 
   renderExactly(camera: Camera, ticks: number): Promise<void> {
     if (this.failure !== null) return Promise.reject(this.failure);
     if (this.target !== null) return this.target.renderExactly(camera, ticks);
     return new Promise((resolve, reject) => {
-      this.waiting.push({ ...viewOf(camera, ticks), resolve, reject });
+      this.waiting.push({ camera: copyCamera(camera), ticks, resolve, reject });
     });
   }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
+import { viewUniforms } from "../camera";
 import { padded } from "../packed_segment";
 import type { Camera } from "../types";
-import { viewUniforms } from "../view_uniforms";
 import { Atlas } from "./atlas";
 import type { Rows } from "./atlas";
 import { created, Program, Table } from "./gl";

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+import { copyCamera } from "../camera";
 import { checkWords, padded } from "../packed_segment";
 import type { Camera, PackedSegment, Renderer, SceneInfo } from "../types";
 import { FrameDrawer } from "./frame";
@@ -52,13 +53,6 @@ function requestOf({ camera, ticks, until }: View): SortRequest {
 
 function isSameOrder(a: View, b: View): boolean {
   return JSON.stringify(requestOf(a)) === JSON.stringify(requestOf(b));
-}
-
-/** A copy: callers may change their camera while a request is in flight. */
-function viewOf(camera: Camera, ticks: number, until: number): View {
-  const rotation = camera.rotation.slice();
-  const translation = camera.translation.slice();
-  return { camera: { ...camera, rotation, translation }, ticks, until };
 }
 
 class WebGl2Renderer implements Renderer {
@@ -136,7 +130,7 @@ class WebGl2Renderer implements Renderer {
   }
 
   render(camera: Camera, ticks: number): void {
-    this.latest = viewOf(camera, ticks, this.predict(ticks));
+    this.latest = { camera: copyCamera(camera), ticks, until: this.predict(ticks) };
     ++this.renders;
     this.draw(this.latest);
     this.requestOrder();
@@ -144,7 +138,7 @@ class WebGl2Renderer implements Renderer {
 
   renderExactly(camera: Camera, ticks: number): Promise<void> {
     if (this.failure !== null) return Promise.reject(this.failure);
-    const view = viewOf(camera, ticks, ticks);
+    const view = { camera: copyCamera(camera), ticks, until: ticks };
     this.latest = view;
     return new Promise((resolve, reject) => {
       this.waiting.push({ ...view, resolve, reject });

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+import { copyCamera } from "../camera";
+import { textOf } from "../player/errors";
 import type { Camera, PackedSegment, Renderer, RendererStatistics, SceneInfo } from "../types";
 import { SplatRenderer } from "./splat_renderer";
 import type { Background } from "./splat_renderer";
@@ -10,6 +12,8 @@ export interface WebGpuOptions {
   background?: Background;
 }
 
+/** Frames that the GPU has not finished; more would only delay what is seen. */
+const kMaxInFlight = 2;
 const kDestroyed = "the renderer was destroyed";
 /** Limits of which the largest value of the adapter is requested. */
 const kLimits = ["maxBufferSize", "maxStorageBufferBindingSize", "maxTextureDimension2D"] as const;
@@ -21,6 +25,8 @@ class WebGpuRenderer implements Renderer {
   private sceneBackground: Background = [0, 0, 0, 1];
   private failure: Error | null = null; // final
   private isDestroyed = false;
+  private inFlight = 0; // frames
+  private waiting: { camera: Camera; ticks: number } | null = null;
 
   constructor(
     private readonly canvas: HTMLCanvasElement, private readonly device: GPUDevice,
@@ -62,19 +68,19 @@ class WebGpuRenderer implements Renderer {
     this.splats.scene.remove(id);
   }
 
+  /** While the GPU is behind, draws the newest of the frames once it has finished others. */
   render(camera: Camera, ticks: number): void {
     if (this.failure !== null) throw this.failure;
-    const { width, height } = camera;
-    if (!(width > 0 && height > 0)) return; // a hidden canvas
-    if (this.canvas.width !== width) this.canvas.width = width;
-    if (this.canvas.height !== height) this.canvas.height = height;
-    const view = this.context.getCurrentTexture().createView();
-    this.splats.draw(camera, ticks, view, this.background ?? this.sceneBackground);
+    this.waiting = null;
+    if (this.inFlight < kMaxInFlight) this.draw(camera, ticks);
+    else this.waiting = { camera: copyCamera(camera), ticks };
   }
 
   /** Draws at once: each frame is in its exact order. */
   async renderExactly(camera: Camera, ticks: number): Promise<void> {
-    this.render(camera, ticks);
+    if (this.failure !== null) throw this.failure;
+    this.waiting = null;
+    this.draw(camera, ticks);
   }
 
   async readPixels(): Promise<Float32Array> {
@@ -93,6 +99,30 @@ class WebGpuRenderer implements Renderer {
     this.splats.destroy();
     this.context.unconfigure();
     this.device.destroy();
+  }
+
+  private draw(camera: Camera, ticks: number): void {
+    const { width, height } = camera;
+    if (!(width > 0 && height > 0)) return; // a hidden canvas
+    if (this.canvas.width !== width) this.canvas.width = width;
+    if (this.canvas.height !== height) this.canvas.height = height;
+    const view = this.context.getCurrentTexture().createView();
+    this.splats.draw(camera, ticks, view, this.background ?? this.sceneBackground);
+    ++this.inFlight;
+    this.device.queue.onSubmittedWorkDone().then(() => this.finish(), () => undefined);
+  }
+
+  /** A frame is finished. */
+  private finish(): void {
+    --this.inFlight;
+    const view = this.waiting;
+    if (view === null || this.failure !== null) return;
+    this.waiting = null;
+    try {
+      this.draw(view.camera, view.ticks);
+    } catch (error) {
+      this.fail(textOf(error));
+    }
   }
 
   /** Reports the first failure. */

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+import { kViewFloats, viewUniforms } from "../camera";
 import type { Camera } from "../types";
-import { kViewFloats, viewUniforms } from "../view_uniforms";
 import { FrameReport } from "./frame_report";
 import type { FrameFigures } from "./frame_report";
 import { groupOf, GrowingBuffer } from "./gpu";

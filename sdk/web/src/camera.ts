@@ -1,6 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { Camera } from "./types";
 
+/** A copy: callers may change their camera until it is drawn. */
+export function copyCamera(camera: Camera): Camera {
+  const rotation = camera.rotation.slice();
+  const translation = camera.translation.slice();
+  return { ...camera, rotation, translation };
+}
+
 /** Floats of `view` in the shaders. */
 export const kViewFloats = 24;
 
