@@ -14,7 +14,7 @@ const segment = (id) => ({ id, primitives: 1, words: new ArrayBuffer(8) });
 function setUp() {
   const creations = [];
   const renderer = new DeferredRenderer(
-    () => new Promise((resolve, reject) => creations.push({ resolve, reject })));
+    (signal) => new Promise((resolve, reject) => creations.push({ resolve, reject, signal })));
   const errors = [];
   renderer.onError = (error) => errors.push(error.message);
   return { renderer, creations, errors };
@@ -116,6 +116,7 @@ test("destroy() before the renderer is ready", async () => {
   const exact = renderer.renderExactly(camera, 0);
   renderer.destroy();
   await assert.rejects(exact, { name: "AbortError" });
+  assert.equal(creations[0].signal.aborted, true);
   const target = new FakeRenderer();
   creations[0].resolve(target);
   await settle();

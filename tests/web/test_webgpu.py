@@ -89,6 +89,7 @@ class WebGpuTest(RendererCase):
         self.assertRegex(errors["lost"], "^the GPU device was lost")
         self.assertEqual(errors["afterLost"], errors["lost"])
         self.assertEqual(errors["draw"], errors["lost"])
+        self.assertEqual(errors["aborted"], "the creation of the renderer was aborted")
         self.assertRegex(errors["canvas"], "^the canvas has a context of another kind")
 
     def test_statistics(self):

@@ -206,6 +206,12 @@ async function postErrors({ scene, cases: [one] }) {
   const canvas = document.createElement("canvas");
   canvas.getContext("2d");
   await createWebGpuRenderer(canvas).catch(keep("canvas"));
+  const controller = new AbortController();
+  const count = devices.length;
+  const aborted = createWebGpuRenderer(document.createElement("canvas"), { signal: controller.signal });
+  while (devices.length === count) await nextFrame(); // until its shaders are being compiled
+  controller.abort();
+  await aborted.catch(keep("aborted"));
   await post("errors.json", JSON.stringify(messages));
 }
 

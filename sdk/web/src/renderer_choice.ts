@@ -8,9 +8,9 @@ import type { GPU } from "./webgpu/webgpu_types";
 /** "auto": WebGPU if the browser has an adapter for it, otherwise WebGL2. */
 export type RendererChoice = "auto" | "webgpu" | "webgl2";
 
-async function webGpu(canvas: HTMLCanvasElement): Promise<Renderer> {
+async function webGpu(canvas: HTMLCanvasElement, signal: AbortSignal): Promise<Renderer> {
   const { createWebGpuRenderer } = await import("./stgs-webgpu.js");
-  return createWebGpuRenderer(canvas);
+  return createWebGpuRenderer(canvas, { signal });
 }
 
 async function webGl2(canvas: HTMLCanvasElement): Promise<Renderer> {
@@ -24,10 +24,11 @@ async function hasWebGpu(): Promise<boolean> {
   return adapter !== undefined && adapter !== null;
 }
 
-async function automatic(canvas: HTMLCanvasElement): Promise<Renderer> {
+async function automatic(canvas: HTMLCanvasElement, signal: AbortSignal): Promise<Renderer> {
   try {
-    if (await hasWebGpu()) return await webGpu(canvas);
+    if (await hasWebGpu()) return await webGpu(canvas, signal);
   } catch (error) {
+    if (signal.aborted) throw error;
     console.warn(`stgs: drawing with WebGL2, because WebGPU failed: ${textOf(error)}`);
   }
   return webGl2(canvas);
@@ -43,5 +44,5 @@ export function chosenRenderer(canvas: HTMLCanvasElement, choice: RendererChoice
   if (!Object.keys(kRenderers).includes(choice)) {
     throw new TypeError(`there is no renderer "${choice}" (expected auto, webgpu or webgl2)`);
   }
-  return new DeferredRenderer(() => kRenderers[choice](canvas));
+  return new DeferredRenderer((signal) => kRenderers[choice](canvas, signal));
 }

@@ -22,14 +22,14 @@ export class DeferredRenderer implements Renderer {
   onError: (error: Error) => void = (error) => console.error(error);
   private target: Renderer | null = null;
   private failure: Error | null = null;
-  private isDestroyed = false;
+  private readonly destroyed = new AbortController();
   private info: SceneInfo | null = null;
   private readonly segments = new Map<number, PackedSegment>(); // until the renderer is ready
   private latest: View | null = null;
   private readonly waiting: ExactView[] = [];
 
-  /** Calls `create`, whose renderers belong to this object. */
-  constructor(private readonly create: () => Promise<Renderer>) {
+  /** Calls `create`, whose renderers belong to this object; destroy() aborts the signal. */
+  constructor(private readonly create: (signal: AbortSignal) => Promise<Renderer>) {
     this.start();
   }
 
@@ -83,15 +83,19 @@ export class DeferredRenderer implements Renderer {
 
   destroy(): void {
     if (this.isDestroyed) return;
-    this.isDestroyed = true;
+    this.destroyed.abort();
     this.target?.destroy();
     this.target = null;
     this.segments.clear();
     for (const { reject } of this.waiting.splice(0)) reject(abortError("the renderer was destroyed"));
   }
 
+  private get isDestroyed(): boolean {
+    return this.destroyed.signal.aborted;
+  }
+
   private start(): void {
-    this.create().then(
+    this.create(this.destroyed.signal).then(
       (renderer) => {
         if (this.isDestroyed) renderer.destroy();
         else this.adopt(renderer);

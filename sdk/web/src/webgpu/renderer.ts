@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 import { copyCamera } from "../camera";
-import { textOf } from "../player/errors";
+import { abortError, textOf } from "../player/errors";
 import type { Camera, PackedSegment, Renderer, RendererStatistics, SceneInfo } from "../types";
 import { SplatRenderer } from "./splat_renderer";
 import type { Background } from "./splat_renderer";
-import type { GPU, GPUAdapter, GPUCanvasContext, GPUDevice } from "./webgpu_types";
+import type { GPU, GPUAdapter, GPUCanvasContext, GPUDevice, GPUTextureFormat } from "./webgpu_types";
 
 /** Settings of a WebGPU renderer. */
 export interface WebGpuOptions {
   /** Premultiplied, sRGB-encoded, 0 to 1. Alpha 0: the page shows. Default: the scene's. */
   background?: Background;
+  /** Ends the creation, which rejects then; later it has no effect. */
+  signal?: AbortSignal;
 }
 
 /** Frames that the GPU has not finished; more would only delay what is seen. */
@@ -144,6 +146,30 @@ async function adapterOf(gpu: GPU | undefined): Promise<GPUAdapter> {
   return adapter;
 }
 
+function throwIfAborted(signal: AbortSignal | undefined): void {
+  if (signal?.aborted === true) throw abortError("the creation of the renderer was aborted");
+}
+
+/** Compiles on a device, which is destroyed if that fails or is aborted. */
+async function compile(
+  device: GPUDevice, format: GPUTextureFormat, signal: AbortSignal | undefined,
+): Promise<SplatRenderer> {
+  const stop = () => device.destroy();
+  signal?.addEventListener("abort", stop);
+  try {
+    throwIfAborted(signal);
+    const splats = await SplatRenderer.create(device, format);
+    throwIfAborted(signal);
+    return splats;
+  } catch (error) {
+    stop();
+    throwIfAborted(signal);
+    throw error;
+  } finally {
+    signal?.removeEventListener("abort", stop);
+  }
+}
+
 /**
  * Creates a renderer for a canvas without another context. The canvas takes the size of the camera
  * of each frame, whole pixels. Rejects with an Error if WebGPU is not available; the canvas then has
@@ -157,12 +183,13 @@ export async function createWebGpuRenderer(
 ): Promise<Renderer> {
   const { gpu } = navigator as unknown as { gpu?: GPU };
   const adapter = await adapterOf(gpu);
+  throwIfAborted(options.signal);
   const device = await adapter.requestDevice({
     requiredFeatures: ["timestamp-query"].filter((name) => adapter.features.has(name)),
     requiredLimits: Object.fromEntries(kLimits.map((name) => [name, adapter.limits[name]])),
   });
   const format = (gpu as GPU).getPreferredCanvasFormat();
-  const splats = await SplatRenderer.create(device, format);
+  const splats = await compile(device, format, options.signal);
   const context = canvas.getContext("webgpu") as unknown as GPUCanvasContext | null;
   if (context === null) {
     device.destroy();
