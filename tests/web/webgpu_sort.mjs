@@ -12,7 +12,7 @@ function randomIntegers(seed) {
 }
 
 /** Sizes around those of a lane, a workgroup and a tile, and one of many tiles. */
-const kSizes = [1, 2, 15, 16, 17, 255, 256, 257, 4095, 4096, 4097, 8191, 8193, 70001];
+const kSizes = [1, 2, 15, 16, 17, 31, 32, 33, 63, 64, 65, 2047, 2048, 2049, 4095, 4097, 70001];
 
 /** Keys of a slot: any, few different ones, holes with a probability of 1/2, all equal, no key. */
 const kKinds = {

@@ -16,7 +16,6 @@ export interface Pipelines {
   frameLayout: GPUBindGroupLayout;
   /** Bindings 1 of project.wgsl: words, groups. */
   batchLayout: GPUBindGroupLayout;
-  /** Of splat.wgsl: view, records, order, drawn. */
   splatLayout: GPUBindGroupLayout;
   /** Of resolve.wgsl: image, background. */
   resolveLayout: GPUBindGroupLayout;
@@ -27,13 +26,19 @@ export interface Pipelines {
 
 const kOver = { srcFactor: "one", dstFactor: "one-minus-src-alpha" } as const;
 
+/** Returns the layout of the bindings of splat.wgsl: view, records, order, drawn. */
+export function splatLayoutOf(device: GPUDevice): GPUBindGroupLayout {
+  const read = "read-only-storage";
+  return layoutOf(device, SHADER_STAGE.VERTEX, ["uniform", read, read, read]);
+}
+
 /** Compiles. `format`: of the textures to be drawn to. */
 export async function pipelinesOf(device: GPUDevice, format: GPUTextureFormat): Promise<Pipelines> {
-  const { COMPUTE, FRAGMENT, VERTEX } = SHADER_STAGE;
+  const { COMPUTE, FRAGMENT } = SHADER_STAGE;
   const read = "read-only-storage";
   const frameLayout = layoutOf(device, COMPUTE, ["uniform", read, "storage", "storage"]);
   const batchLayout = layoutOf(device, COMPUTE, [read, read]);
-  const splatLayout = layoutOf(device, VERTEX, ["uniform", read, read, read]);
+  const splatLayout = splatLayoutOf(device);
   const resolveLayout = layoutOf(device, FRAGMENT, ["texture", "uniform"]);
   const layout = (...bindGroupLayouts: GPUBindGroupLayout[]) =>
     device.createPipelineLayout({ bindGroupLayouts });

@@ -7,7 +7,7 @@ import type {
 } from "./webgpu_types";
 
 /** Keys per workgroup, and of a slot without key; as in sort.wgsl. Other keys are below 2^28. */
-const kTile = 4096;
+const kTile = 2048;
 export const kHole = 0xffffffff;
 const kDigits = 16;
 const kPasses = 7; // of 4 bits

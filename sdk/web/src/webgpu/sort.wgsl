@@ -22,12 +22,15 @@ struct Sorting {
 @group(0) @binding(6) var<storage, read_write> drawn: array<u32, 8>;
 
 const kHole = 0xffffffffu;  // no key
-const kLanes = 256u;        // per workgroup
-const kPerLane = 16u;       // consecutive keys of a lane
+// Lanes per workgroup, and consecutive keys of a lane. Few lanes with many keys are slightly slower on
+// GPUs, and several times as fast on a CPU, where each lane that waits costs much.
+const kLanes = 64u;
+const kPerLane = 32u;
 const kTile = kLanes * kPerLane;  // kTile of radix_sort.ts
+const kGroups = kLanes / 16u;     // of 16 lanes
 const kCount = 5u;          // index into `drawn` of the number of keys
 const kQuads = 64u;         // splats per instance; of splat.wgsl
-const kStride = 257u;       // of `ranks`; odd, so that the lanes of a scan use different banks
+const kStride = kLanes + 1u;  // of `ranks`; odd, so that the lanes of a scan use different banks
 
 fn keys_of_pass() -> u32 {
   return select(drawn[kCount], sorting.slots, sorting.is_first != 0u);
@@ -46,7 +49,7 @@ fn is_sorted(key: u32) -> bool {
 // number of keys, then the rank of the next one among those of the tile.
 var<workgroup> ranks: array<u32, 8u * kStride>;
 // Sums over 16 lanes, per pair of digits; then over all lanes before them.
-var<workgroup> sums: array<u32, 128>;
+var<workgroup> sums: array<u32, 8u * kGroups>;
 
 fn rank_index(digit: u32, lane: u32) -> u32 {
   return (digit >> 1u) * kStride + lane;
@@ -69,29 +72,32 @@ fn count_lane(tile: u32, lane: u32, n: u32) {
   }
 }
 
-// Replaces the counts of 16 lanes in `ranks` by those of the lanes before each, of the first 128
-// lanes one per pair of digits and 16 lanes. Returns their sum.
-fn scan_sixteen(lane: u32) -> u32 {
+// Replaces the counts in `ranks` by those of the lanes before each in a group of 16, and writes the sums
+// of the groups. A lane does that for one pair of digits and one group.
+fn scan_groups(lane: u32) {
+  if (lane >= 8u * kGroups) { return; }
+  let pair = lane & 7u;
+  let group = lane >> 3u;
+  let first = pair * kStride + 16u * group;
   var sum = 0u;
-  let first = (lane & 7u) * kStride + 16u * (lane >> 3u);
   for (var i = first; i < first + 16u; i++) {
     let count = ranks[i];
     ranks[i] = sum;
     sum += count;
   }
-  return sum;
+  sums[pair * kGroups + group] = sum;
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(kLanes)
 fn count(@builtin(workgroup_id) workgroup: vec3<u32>,
          @builtin(local_invocation_index) lane: u32) {
   count_lane(workgroup.x, lane, keys_of_pass());
   workgroupBarrier();
-  if (lane < 128u) { sums[(lane & 7u) * 16u + (lane >> 3u)] = scan_sixteen(lane); }
+  scan_groups(lane);
   workgroupBarrier();
   if (lane < 16u) {
     var sum = 0u;
-    for (var i = 0u; i < 16u; i++) { sum += half_of(sums[(lane >> 1u) * 16u + i], lane); }
+    for (var i = 0u; i < kGroups; i++) { sum += half_of(sums[(lane >> 1u) * kGroups + i], lane); }
     counts[lane * sorting.stride + workgroup.x] = sum;
   }
 }
@@ -129,18 +135,18 @@ fn offsets(@builtin(local_invocation_index) lane: u32) {
   }
 }
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(kLanes)
 fn scatter(@builtin(workgroup_id) workgroup: vec3<u32>,
            @builtin(local_invocation_index) lane: u32) {
   let tile = workgroup.x;
   let n = keys_of_pass();
   count_lane(tile, lane, n);
   workgroupBarrier();
-  if (lane < 128u) { sums[(lane & 7u) * 16u + (lane >> 3u)] = scan_sixteen(lane); }
+  scan_groups(lane);
   workgroupBarrier();
   if (lane < 8u) {
     var sum = 0u;
-    for (var i = 16u * lane; i < 16u * lane + 16u; i++) {
+    for (var i = kGroups * lane; i < kGroups * (lane + 1u); i++) {
       let count = sums[i];
       sums[i] = sum;
       sum += count;
@@ -153,7 +159,7 @@ fn scatter(@builtin(workgroup_id) workgroup: vec3<u32>,
     if (!is_sorted(key)) { continue; }
     let digit = digit_of(key);
     let index = rank_index(digit, lane);
-    let rank = half_of(ranks[index] + sums[(digit >> 1u) * 16u + (lane >> 4u)], digit);
+    let rank = half_of(ranks[index] + sums[(digit >> 1u) * kGroups + (lane >> 4u)], digit);
     ranks[index] += one_of(digit);
     let to = counts[digit * sorting.stride + tile] + rank;
     keys_out[to] = key;

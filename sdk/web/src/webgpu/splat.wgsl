@@ -68,13 +68,23 @@ fn corner(@builtin(vertex_index) index: u32, @builtin(instance_index) instance: 
   return out;
 }
 
+fn log2_alpha_at(splat: Vertex) -> f32 {
+  let d = splat.position.xy - splat.a.xy;
+  let falloff = d.x * (splat.a.z * d.x + splat.a.w * d.y) + splat.b.x * d.y * d.y;
+  return splat.b.y + min(0.0, falloff);
+}
+
 // One splat at one pixel: its colour times alpha, and alpha, for blending "over" the splats behind.
 @fragment
 fn blend(splat: Vertex) -> @location(0) vec4<f32> {
-  let d = splat.position.xy - splat.a.xy;
-  let falloff = d.x * (splat.a.z * d.x + splat.a.w * d.y) + splat.b.x * d.y * d.y;
-  let log2_alpha = splat.b.y + min(0.0, falloff);
+  let log2_alpha = log2_alpha_at(splat);
   if (log2_alpha < kLog2Threshold) { discard; }
   let alpha = exp2(min(log2_alpha, kLog2AlphaMax));
   return vec4<f32>(splat.colour * alpha, alpha);
+}
+
+// For overdraw.ts: counts the fragments of a pixel, and those that blend() does not discard.
+@fragment
+fn tally(splat: Vertex) -> @location(0) vec4<f32> {
+  return vec4<f32>(1.0, f32(log2_alpha_at(splat) >= kLog2Threshold), 0.0, 0.0);
 }

@@ -11,7 +11,8 @@ import { SplatScene } from "./scene";
 import { Target } from "./target";
 import { BUFFER_USAGE } from "./webgpu_types";
 import type {
-  GPUBindGroup, GPUBuffer, GPUCommandEncoder, GPUDevice, GPUTextureFormat, GPUTextureView,
+  GPUBindGroup, GPUBuffer, GPUCommandEncoder, GPUDevice, GPURenderPassEncoder, GPURenderPipeline,
+  GPUTextureFormat, GPUTextureView,
 } from "./webgpu_types";
 
 const kRecordBytes = 32;
@@ -134,6 +135,17 @@ export class SplatRenderer {
       device, pipelines.splatLayout, [view, records, { buffer: sort.order }, { buffer: sort.drawn }]);
   }
 
+  /**
+   * Encodes the draw of the splats of the last frame, with a pipeline of the layout `splatLayout`.
+   */
+  encodeRaster(pass: GPURenderPassEncoder, pipeline: GPURenderPipeline): void {
+    if (this.frameGroup === null || this.splatGroup === null) return;
+    pass.setPipeline(pipeline);
+    pass.setBindGroup(0, this.splatGroup);
+    pass.setIndexBuffer(this.indices, "uint16");
+    pass.drawIndexedIndirect(this.sort.drawn, 0);
+  }
+
   private encodeSplats(encoder: GPUCommandEncoder): void {
     if (this.frameGroup !== null) {
       this.encodeProjection(encoder, this.frameGroup);
@@ -147,12 +159,7 @@ export class SplatRenderer {
       ],
       ...this.report.timesOf(2),
     });
-    if (this.frameGroup !== null && this.splatGroup !== null) {
-      pass.setPipeline(this.pipelines.splat);
-      pass.setBindGroup(0, this.splatGroup);
-      pass.setIndexBuffer(this.indices, "uint16");
-      pass.drawIndexedIndirect(this.sort.drawn, 0);
-    }
+    this.encodeRaster(pass, this.pipelines.splat);
     pass.end();
   }
 
