@@ -232,6 +232,8 @@ class WebGpuPage(PageCase):
         super().setUp()
         if not self.check("navigator.gpu?.requestAdapter().then((adapter) => adapter !== null) ?? false"):
             self.skipTest("this Chromium has no WebGPU adapter")
+        # Compiling the shaders for a CPU takes seconds on a busy machine.
+        self.wait = lambda condition: self.browser.wait_for(condition, 60)
 
     def test_decoded_segments_are_drawn_as_the_native_renderer_does(self):
         self.check_pixels("webgpu")
@@ -250,7 +252,7 @@ class WebGpuPage(PageCase):
 
     def test_an_element_can_be_removed_at_any_time(self):
         self.check_removal(0, 20, 150, 1000)
-        self.wait("player.activeRenderer === 'webgpu'", 60)  # after what is still being compiled
+        self.wait("player.activeRenderer === 'webgpu'")  # after what is still being compiled
 
     def test_a_lost_device_is_reported_and_loading_can_be_repeated(self):
         self.check("""{ const { requestDevice } = GPUAdapter.prototype;
