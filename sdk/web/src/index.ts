@@ -5,16 +5,12 @@ import { StgsPlayer } from "./player/player";
 import type { PlayerOptions } from "./player/player";
 import { chosenRenderer } from "./renderer_choice";
 import type { RendererChoice } from "./renderer_choice";
+import { createWorker } from "./resources";
 
 /** Settings of createPlayer(). */
 export interface CreatePlayerOptions extends Pick<PlayerOptions, "memoryBudget" | "lookAhead"> {
   /** Default: auto. */
   renderer?: RendererChoice;
-}
-
-/** Creates the worker that fetches and decodes a scene. */
-export function createWorker(): Worker {
-  return new Worker(new URL("./stgs-worker.js", import.meta.url), { type: "module", name: "stgs" });
 }
 
 /**
@@ -32,7 +28,7 @@ export function createPlayer(canvas: HTMLCanvasElement, options: CreatePlayerOpt
 if (typeof customElements !== "undefined" && customElements.get("stgs-player") === undefined)
   defineStgsPlayer({ createWorker, createRenderer: chosenRenderer });
 
-export { StgsPlayer, defineStgsPlayer };
+export { StgsPlayer, createWorker, defineStgsPlayer };
 export type { PlayerOptions, PlayerStats } from "./player/player";
 export type { RendererChoice } from "./renderer_choice";
 export type { Camera, PackedSegment, Renderer, RendererStatistics, SceneInfo } from "./types";

@@ -2,6 +2,7 @@
 // The renderers of the package are bundles of their own, which are loaded when they are used.
 import { DeferredRenderer } from "./player/deferred_renderer";
 import { textOf } from "./player/errors";
+import { sorterUrl } from "./resources";
 import type { Renderer } from "./types";
 import type { GPU } from "./webgpu/webgpu_types";
 
@@ -15,7 +16,7 @@ async function webGpu(canvas: HTMLCanvasElement, signal: AbortSignal): Promise<R
 
 async function webGl2(canvas: HTMLCanvasElement): Promise<Renderer> {
   const { createWebGl2Renderer } = await import("./stgs-webgl2.js");
-  return createWebGl2Renderer(canvas, { sorterUrl: new URL("./stgs-sorter.js", import.meta.url) });
+  return createWebGl2Renderer(canvas, { sorterUrl: sorterUrl() });
 }
 
 async function hasWebGpu(): Promise<boolean> {

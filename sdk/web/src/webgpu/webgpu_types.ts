@@ -92,7 +92,7 @@ export interface GPURenderPassEncoder {
 export interface GPURenderPassDescriptor {
   colorAttachments: {
     view: GPUTextureView;
-    loadOp: "clear" | "load";
+    loadOp: "clear";
     storeOp: "store";
     clearValue?: [number, number, number, number];
   }[];
