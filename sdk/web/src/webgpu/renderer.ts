@@ -15,7 +15,7 @@ export interface WebGpuOptions {
 }
 
 /** Frames that the GPU has not finished; more would only delay what is seen. */
-const kMaxInFlight = 2;
+const kMaxInFlight = 3;
 const kDestroyed = "the renderer was destroyed";
 /** Limits of which the largest value of the adapter is requested. */
 const kLimits = ["maxBufferSize", "maxStorageBufferBindingSize", "maxTextureDimension2D"] as const;
