@@ -39,6 +39,7 @@ class WebGpuTest(RendererCase):
         cls.run_page("webgpu_page.html", job, WEBGPU_FLAGS)
         if cls.posts["done"] == b"no adapter":
             print("skipped: this Chromium has no WebGPU adapter")
+            cls.doClassCleanups()
             sys.exit(77)
 
     def test_page_reports_no_error(self):
