@@ -9,9 +9,8 @@ FOLDER: default sdk/web/src
 
 Headers of stgs/format/math, which a shader includes by that name, are resolved here, since neither
 language has #include: with the branches for GLSL, each header once, and without comments. For WGSL,
-wgsl.py rewrites them. The text of the shaders is unchanged.
+wgsl.py rewrites them, and only what a shader uses is included. The text of the shaders is unchanged.
 """
-import itertools
 import json
 import os
 import re
@@ -128,15 +127,14 @@ def shader(path):
     text.include(path)
     if path.endswith(".glsl"):
         return HEADER + "\n".join(text.lines) + "\n"
-    out = []
-    indices = enumerate(text.lines)
-    for is_header, run in itertools.groupby(indices, lambda one: one[0] in text.header_lines):
-        lines = [line for _, line in run]
-        try:
-            out += wgsl.rewrite(lines) if is_header else lines
-        except ValueError as error:
-            sys.exit(f"{path}: {error}")
-    return "\n".join(out) + "\n"
+    own, headers = [], []
+    for index, line in enumerate(text.lines):
+        (headers if index in text.header_lines else own).append(line)
+    try:
+        declarations = wgsl.declarations_of(wgsl.rewrite(headers))
+    except ValueError as error:
+        sys.exit(f"{path}: {error}")
+    return "\n".join(wgsl.used(declarations, "\n".join(own)) + own) + "\n"
 
 
 def write_module(folder, output):

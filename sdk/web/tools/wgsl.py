@@ -97,3 +97,26 @@ def rewrite(lines):
             if piece.endswith("{"):
                 inside = "struct" if piece.startswith("struct") else "function"
     return out
+
+
+def declarations_of(lines):
+    """Returns the declarations of rewritten lines: pairs of a name and its text."""
+    found = []
+    for line in lines:
+        match = re.match(r"(?:fn|struct|const) (\w+)", line)
+        if match:
+            found.append([match[1], line])
+        else:
+            found[-1][1] += "\n" + line
+    return found
+
+
+def used(declarations, text):
+    """Returns the texts of the declarations that `text` uses, also through others."""
+    texts = dict(declarations)
+    names, needed = set(), set(re.findall(r"\w+", text)) & set(texts)
+    while needed:
+        names |= needed
+        inside = {word for name in needed for word in re.findall(r"\w+", texts[name])}
+        needed = inside & set(texts) - names
+    return [body for name, body in declarations if name in names]
