@@ -71,6 +71,9 @@ class WebGpuTest(RendererCase):
     def test_late_times_are_exact(self):
         self.check_variant("shifted", TARGETS)
 
+    def test_a_near_plane_of_zero(self):
+        self.check_variant("near0", TARGETS)  # the scene has nothing between 0 and its near plane
+
     def test_small_buffers(self):
         self.check_variant("pages", TARGETS)
         limits = json.loads(self.posts["limits.json"])
@@ -81,7 +84,7 @@ class WebGpuTest(RendererCase):
     def test_errors(self):
         errors = json.loads(self.posts["errors.json"])
         self.assertRegex(errors["words"], r"^segment 0: \d+ bytes of words \(expected \d+ for")
-        self.assertRegex(errors["near"], "^the near plane is at 0 scene units")
+        self.assertRegex(errors["near"], "^the near plane is at -1 scene units")
         self.assertRegex(errors["size"], "^an image of 1000000x240 pixels is larger")
         self.assertEqual(errors["destroyed"], "the renderer was destroyed")
         self.assertEqual(errors["rendered"], errors["destroyed"])

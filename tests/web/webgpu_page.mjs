@@ -107,6 +107,8 @@ async function renderShifted({ scene, cases: [one] }) {
   for (const segment of shifted(await segmentsOf(scene), shift)) page.renderer.addSegment(segment);
   await draw(page, { ...one, ticks: one.ticks + shift });
   await postFrame(`${one.name}.shifted`, page);
+  await draw(page, { ticks: one.ticks + shift, camera: { ...one.camera, near: 0 } });
+  await postFrame(`${one.name}.near0`, page);
   close(page);
 }
 
@@ -174,7 +176,7 @@ async function postErrors({ scene, cases: [one] }) {
   let page = await fresh();
   messages.words = messageOf(
     () => page.renderer.addSegment({ ...segments[0], words: segments[0].words.slice(8) }));
-  messages.near = messageOf(() => page.renderer.render({ ...one.camera, near: 0 }, 0));
+  messages.near = messageOf(() => page.renderer.render({ ...one.camera, near: -1 }, 0));
   messages.size = messageOf(() => page.renderer.render({ ...one.camera, width: 1e6 }, 0));
   // A frame and the reading of its pixels are in flight.
   await draw(page, one);

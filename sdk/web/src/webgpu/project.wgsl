@@ -133,6 +133,15 @@ fn record_of(splat: ScreenSplat) -> Record {
                           pack2x16float(vec2<f32>(min(splat.colour.z, kMaxHalf), extent))));
 }
 
+// Returns the key of a depth >= near_plane >= 0. The bits of positive floats are ordered as the floats
+// are. Without a near plane, the last three of the 31 bits are dropped.
+fn key_of(depth: f32, near_plane: f32) -> u32 {
+  if (near_plane > 0.0) {
+    return min(bitcast<u32>(depth) - bitcast<u32>(near_plane), kMaxKey);
+  }
+  return bitcast<u32>(depth) >> 3u;
+}
+
 // Writes the record of primitive i. Returns its key, or kHole if it is not visible.
 fn make_splat(at: Segment, i: u32) -> u32 {
   let support = pair_at(at.first + i);
@@ -156,8 +165,7 @@ fn make_splat(at: Segment, i: u32) -> u32 {
   if (!colour.is_valid) { return kHole; }
   let rgb = vec3_of(colour.rgb.x, colour.rgb.y, colour.rgb.z);
   records[at.slot + i] = record_of(screen_splat(p, box.extent, opacity, rgb));
-  // The bits of positive floats are ordered as the floats are.
-  return min(bitcast<u32>(p.depth) - bitcast<u32>(camera.near_plane), kMaxKey);
+  return key_of(p.depth, camera.near_plane);
 }
 
 @compute @workgroup_size(256)

@@ -71,13 +71,13 @@ export class SplatRenderer {
 
   /**
    * Draws the primitives at `ticks` of the timeline over a background to a view of the size of the
-   * camera. Throws an Error if the near plane is not above 0, or if the image or the splats of the
-   * frame are too large for the device.
+   * camera. Throws an Error if the near plane is below 0, or if the image or the splats of the frame
+   * are too large for the device.
    */
   draw(camera: Camera, ticks: number, to: GPUTextureView, background: Background): void {
     const { queue } = this.device;
-    if (!(camera.near > 0)) {
-      throw new Error(`the near plane is at ${camera.near} scene units (expected more than 0)`);
+    if (!(camera.near >= 0)) {
+      throw new Error(`the near plane is at ${camera.near} scene units (expected 0 or more)`);
     }
     this.prepare(camera, ticks);
     queue.writeBuffer(this.view, 0, viewUniforms(camera));
