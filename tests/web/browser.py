@@ -40,9 +40,9 @@ class Server:
 
 
 class Browser:
-    """One page. `evaluate` raises RuntimeError if the script throws."""
+    """One page. `evaluate` raises RuntimeError if the script throws. `flags`: more options of Chromium."""
 
-    def __init__(self):
+    def __init__(self, flags=()):
         self.profile = tempfile.TemporaryDirectory(prefix="stgs-chromium-",
                                                    ignore_cleanup_errors=True)
         to_browser, self.output = os.pipe()
@@ -54,7 +54,7 @@ class Browser:
             os.dup2(copies[1], 4)
 
         self.process = subprocess.Popen(
-            [CHROMIUM, *FLAGS, f"--user-data-dir={self.profile.name}", "about:blank"],
+            [CHROMIUM, *FLAGS, *flags, f"--user-data-dir={self.profile.name}", "about:blank"],
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             preexec_fn=connect, pass_fds=(3, 4), start_new_session=True)
         os.close(to_browser)

@@ -4,14 +4,15 @@ import { defineStgsPlayer } from "../../sdk/web/src/element/stgs_player";
 import { FakeCore } from "./fake_core.mjs";
 import { PatternRenderer } from "./pattern_renderer.mjs";
 
-const parts = { workers: [], renderers: [], fails: false };
+const parts = { workers: [], renderers: [], choices: [], fails: false };
 
 defineStgsPlayer({
   createWorker() {
     parts.workers.push(new FakeCore());
     return parts.workers[parts.workers.length - 1];
   },
-  createRenderer(canvas) {
+  createRenderer(canvas, choice) {
+    parts.choices.push(choice);
     if (parts.fails) throw new Error("WebGL 2 is not available; enable hardware acceleration");
     parts.renderers.push(new PatternRenderer(canvas));
     return parts.renderers[parts.renderers.length - 1];

@@ -10,6 +10,9 @@ import time
 
 FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu-sandbox", "--use-angle=swiftshader",
          "--enable-unsafe-swiftshader", "--no-first-run", "--window-size=800,600"]
+# For WebGPU without a GPU. The page needs a secure context, such as this server.
+WEBGPU_FLAGS = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader",
+                "--enable-features=Vulkan", "--use-vulkan=swiftshader"]
 TYPES = {".html": "text/html", ".js": "text/javascript", ".mjs": "text/javascript",
          ".json": "application/json"}
 
@@ -57,11 +60,12 @@ class PageServer:
         self.thread = threading.Thread(target=self.http.serve_forever, daemon=True)
         self.thread.start()
 
-    def run(self, chromium, page, timeout):
-        """Opens a page and returns its posts, once it has posted to /done. Raises TimeoutError."""
+    def run(self, chromium, page, timeout, flags=()):
+        """Opens a page and returns its posts, once it has posted to /done. `flags`: more options of
+        Chromium. Raises TimeoutError."""
         profile = tempfile.mkdtemp(prefix="stgs-chromium-")
         url = f"http://127.0.0.1:{self.http.server_address[1]}/{page}"
-        browser = subprocess.Popen([chromium, *FLAGS, f"--user-data-dir={profile}", url],
+        browser = subprocess.Popen([chromium, *FLAGS, *flags, f"--user-data-dir={profile}", url],
                                    stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
                                    start_new_session=True)
         try:

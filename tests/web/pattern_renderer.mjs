@@ -4,6 +4,7 @@
 const BLOBS = 400, TICKS_PER_TURN = 360;
 
 export class PatternRenderer {
+  name = "webgl2";
   statistics = { primitives: 1284032, visible: 918277, sortMs: 3.4 };
   frames = 0;
   last = null;
@@ -17,7 +18,7 @@ export class PatternRenderer {
   setScene() {}
   addSegment() {}
   removeSegment() {}
-  readPixels() {
+  async readPixels() {
     return new Float32Array(0);
   }
   destroy() {

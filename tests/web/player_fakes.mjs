@@ -108,6 +108,8 @@ export class FakeWorker {
 
 /** Records calls. */
 export class FakeRenderer {
+  name = "webgl2";
+  onError = () => undefined;
   statistics = { primitives: 1000, visible: 800, sortMs: 1.5 };
   frames = []; // { camera, ticks, exact }
   segments = new Set();
@@ -129,7 +131,7 @@ export class FakeRenderer {
   async renderExactly(camera, ticks) {
     this.frames.push({ camera, ticks, exact: true });
   }
-  readPixels() {
+  async readPixels() {
     return new Float32Array(0);
   }
   destroy() {

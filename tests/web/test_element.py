@@ -85,6 +85,17 @@ class ElementTest(ElementCase):
         name = self.check("player.play().catch((error) => error.name)")
         self.assertEqual(name, "NotSupportedError")
 
+    def test_another_renderer_recreates_the_player(self):
+        self.show(src="scene.stgs", renderer="webgpu")
+        self.wait("player.readyState === 4")
+        self.assertEqual(self.check("[player.renderer, player.activeRenderer]"), ["webgpu", "webgl2"])
+        self.check("player.renderer = 'webgl2'")
+        self.wait("player.readyState === 4 && parts.renderers[0].destroyed")
+        self.check("player.setAttribute('renderer', 'other')")
+        self.wait("player.readyState === 4 && parts.renderers[1].destroyed")
+        self.assertEqual(self.check("player.renderer"), "auto")
+        self.assertEqual(self.check("parts.choices.slice(-3)"), ["webgpu", "webgl2", "auto"])
+
     def test_screenshots_are_png(self):
         self.show_ready()
         self.assertEqual(self.check("player.screenshot().then((blob) => blob.type)"), "image/png")

@@ -21,10 +21,11 @@ sys.path[:0] = [HERE, os.path.join(HERE, "..", "fetch")]
 from browser import CHROMIUM, Browser, Server  # noqa: E402
 from exr_image import read_exr  # noqa: E402
 from nginx import Nginx  # noqa: E402
+from page_server import WEBGPU_FLAGS  # noqa: E402
 
 CAMERA = {"rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "translation": [0, 0, 0], "fx": 220, "fy": 220,
           "cx": 120, "cy": 90, "width": 240, "height": 180}
-TARGETS = {"rgba16f": 55.0, "rgba8": 45.0}  # least PSNR, dB
+TARGETS = {"rgba16f": 55.0, "rgba8": 45.0, "webgpu": 60.0}  # least PSNR, dB
 STGS = MAKE = PACKAGE = ""
 
 
@@ -33,13 +34,16 @@ def psnr(a, b):
     return 200.0 if square == 0 else -10 * math.log10(square)
 
 
-class Page(unittest.TestCase):
+class PageCase(unittest.TestCase):
+    flags = ()  # of Chromium
+
     @classmethod
     def setUpClass(cls):
         cls.work = tempfile.mkdtemp(prefix="stgs-page-")
         cls.addClassCleanup(shutil.rmtree, cls.work, True)
-        for name in ("stgs.js", "stgs-worker.js", "stgs-sorter.js", "stgs-core.wasm"):
-            shutil.copy(os.path.join(PACKAGE, name), cls.work)
+        for name in os.listdir(PACKAGE):
+            if name.startswith("stgs"):
+                shutil.copy(os.path.join(PACKAGE, name), cls.work)
         shutil.copy(os.path.join(HERE, "player_page.html"), cls.work)
         cls.scene = os.path.join(cls.work, "scene.stgs")
         subprocess.run([MAKE, cls.scene, "3000", "3"], check=True)
@@ -52,7 +56,7 @@ class Page(unittest.TestCase):
         cls.nginx = Nginx(cls.work)
         cls.enterClass(cls.nginx)
         cls.url = f"http://127.0.0.1:{cls.nginx.port}/"
-        cls.browser = Browser()
+        cls.browser = Browser(cls.flags)
         cls.addClassCleanup(cls.browser.close)
 
     @classmethod
@@ -91,16 +95,53 @@ class Page(unittest.TestCase):
                         "0,0,0", "--backend", "cpu", "--log-level", "error", "-o", image], check=True)
         return read_exr(image)[2]
 
-    def test_decoded_segments_are_drawn_as_the_native_renderer_does(self):
+    def check_pixels(self, *targets):
+        """The decoded scene is drawn as the native renderer draws it."""
         for seconds in (0.5, 1.5):
             planes = self.reference(seconds)
-            for target, least in TARGETS.items():
+            for target in targets:
                 with self.subTest(seconds=seconds, target=target):
                     text = self.check(f"pixels('scene.stgs', {json.dumps(CAMERA)}, {seconds}, '{target}')")
                     pixels = array.array("f", base64.b64decode(text))
                     square = sum(10 ** (-psnr(pixels[c::4], planes["RGB"[c]]) / 10) for c in range(3)) / 3
-                    self.assertGreater(-10 * math.log10(max(square, 1e-20)), least)
+                    self.assertGreater(-10 * math.log10(max(square, 1e-20)), TARGETS[target])
         self.assertEqual(self.browser.problems, [])
+
+    def check_screenshot(self):
+        """A screenshot shows the scene."""
+        values = self.check("""player.screenshot().then((blob) => createImageBitmap(blob)).then((image) => {
+            const canvas = new OffscreenCanvas(image.width, image.height), context = canvas.getContext("2d");
+            context.drawImage(image, 0, 0);
+            return new Set(context.getImageData(0, 0, image.width, image.height).data).size; })""")
+        self.assertGreater(values, 50)
+
+    def check_removal(self, *times):
+        """An element can be removed at any time, milliseconds after its creation."""
+        for milliseconds in times:
+            self.show(src="scene.stgs", autoplay="")
+            self.check(f"new Promise((resolve) => setTimeout(resolve, {milliseconds}))")
+            self.check("player.remove()")
+        self.show(src="scene.stgs")
+        self.wait("player.readyState >= 3")
+        self.assertEqual(self.browser.problems, [])
+
+
+class Page(PageCase):
+    def test_decoded_segments_are_drawn_as_the_native_renderer_does(self):
+        self.check_pixels("rgba16f", "rgba8")
+
+    def test_without_an_adapter_for_webgpu(self):
+        self.show(src="scene.stgs")
+        self.wait("player.readyState >= 3 && player.activeRenderer !== null")
+        self.assertEqual(self.check("player.activeRenderer"), "webgl2")
+        self.show(src="scene.stgs", renderer="webgpu")
+        self.wait("player.error")
+        self.assertEqual(self.check("player.error.message"),
+                         "rendering failed: WebGPU is not available: this browser has no adapter for it")
+        message = self.check("""(() => { try {
+            stgs.createPlayer(document.createElement("canvas"), { renderer: "canvas" });
+        } catch (error) { return error.message; } })()""")
+        self.assertEqual(message, 'there is no renderer "canvas" (expected auto, webgpu or webgl2)')
 
     def test_an_element_plays_seeks_and_loops(self):
         self.show(src="scene.stgs", controls="", loop="")
@@ -124,11 +165,7 @@ class Page(unittest.TestCase):
     def test_a_screenshot_shows_the_scene(self):
         self.show(src="scene.stgs")
         self.wait("player.readyState >= 3")
-        values = self.check("""player.screenshot().then((blob) => createImageBitmap(blob)).then((image) => {
-            const canvas = new OffscreenCanvas(image.width, image.height), context = canvas.getContext("2d");
-            context.drawImage(image, 0, 0);
-            return new Set(context.getImageData(0, 0, image.width, image.height).data).size; })""")
-        self.assertGreater(values, 50)
+        self.check_screenshot()
 
     def test_a_chosen_file_plays(self):
         self.show()
@@ -185,13 +222,51 @@ class Page(unittest.TestCase):
         self.assertIn("does not support range requests", message)
 
     def test_an_element_can_be_removed_at_any_time(self):
-        for milliseconds in (0, 5, 20, 60, 150, 400):
-            self.show(src="scene.stgs", autoplay="")
-            self.check(f"new Promise((resolve) => setTimeout(resolve, {milliseconds}))")
-            self.check("player.remove()")
-        self.show(src="scene.stgs")
-        self.wait("player.readyState >= 3")
+        self.check_removal(0, 5, 20, 60, 150, 400)
+
+
+class WebGpuPage(PageCase):
+    flags = WEBGPU_FLAGS
+
+    def setUp(self):
+        super().setUp()
+        if not self.check("navigator.gpu?.requestAdapter().then((adapter) => adapter !== null) ?? false"):
+            self.skipTest("this Chromium has no WebGPU adapter")
+        # Compiling the shaders for a CPU takes seconds on a busy machine.
+        self.wait = lambda condition: self.browser.wait_for(condition, 60)
+
+    def test_decoded_segments_are_drawn_as_the_native_renderer_does(self):
+        self.check_pixels("webgpu")
+
+    def test_the_renderer_is_chosen(self):
+        for choice, used in (("auto", "webgpu"), ("webgpu", "webgpu"), ("webgl2", "webgl2")):
+            self.show(src="scene.stgs", renderer=choice)
+            self.wait("player.readyState >= 3 && player.activeRenderer !== null")
+            self.assertEqual(self.check("player.activeRenderer"), used)
+            self.check_screenshot()
+
+    def test_an_element_plays(self):
+        self.show(src="scene.stgs", controls="", loop="", autoplay="")
+        self.wait("player.currentTime > 0.3 && player.stats.visible > 0")
         self.assertEqual(self.browser.problems, [])
+
+    def test_an_element_can_be_removed_at_any_time(self):
+        self.check_removal(0, 20, 150, 1000)
+        self.wait("player.activeRenderer === 'webgpu'")  # after what is still being compiled
+
+    def test_a_lost_device_is_reported_and_loading_can_be_repeated(self):
+        self.check("""{ const { requestDevice } = GPUAdapter.prototype;
+            GPUAdapter.prototype.requestDevice = async function (...options) {
+              return window.device = await requestDevice.apply(this, options);
+            }; }""")
+        self.show(src="scene.stgs", controls="")
+        self.wait("player.readyState >= 3 && player.activeRenderer !== null")
+        self.check("device.destroy()")
+        self.wait("player.error")
+        self.assertIn("rendering failed: the GPU device was lost", self.check("player.error.message"))
+        self.check("player.load()")
+        self.wait("player.readyState >= 3 && player.activeRenderer !== null")
+        self.check_screenshot()
 
 
 def main():

@@ -167,3 +167,21 @@ test("destroy during playback, a seek and an event stops everything", async () =
   assert.equal(host.frames.size + host.timers.size, 0);
   assert.equal(worker.last("seek").seconds, 5);
 });
+
+test("a failure of the renderer is an error of the player", async () => {
+  const { player, renderer, events } = await startPlaying();
+  events.length = 0;
+  renderer.onError(new Error("the GPU device was lost"));
+  await settle();
+  assert.deepEqual(events, ["error"]);
+  assert.equal(player.error.message, "rendering failed: the GPU device was lost");
+  assert.equal(player.activeRenderer, "webgl2");
+});
+
+test("a segment that the renderer refuses is an error of memory", async () => {
+  const { player, renderer, worker } = await openScene();
+  renderer.addSegment = () => { throw new Error("the GPU has no memory"); };
+  worker.segment(2);
+  assert.equal(player.error.reason, "memory");
+  assert.equal(player.error.message, "rendering failed: the GPU has no memory");
+});

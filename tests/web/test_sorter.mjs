@@ -4,7 +4,8 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { importSource } from "./import_source.mjs";
 
-const { DepthSorter, kSorterBytes, padded } = await importSource("src/webgl2/sorter.ts");
+const { DepthSorter, kSorterBytes } = await importSource("src/webgl2/sorter.ts");
+const { padded } = await importSource("src/packed_segment.ts");
 
 const kRequest = { direction: [0, 0, 1], offset: 0, near: 0.1, ticks: 0, until: 0 };
 

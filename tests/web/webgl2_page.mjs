@@ -1,20 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Renders the cases of job.json and posts their pixels. See test_webgl2.py.
 import { createWebGl2Renderer } from "./renderer.js";
-
-const post = (name, body) => fetch(name, { method: "POST", body });
-
-async function segmentsOf(scene) {
-  const info = await (await fetch(`${scene}.json`)).json();
-  const words = await (await fetch(`${scene}.bin`)).arrayBuffer();
-  info.segments.forEach((segment, k) => {
-    const end = k + 1 < info.segments.length ? info.segments[k + 1].at : words.byteLength;
-    segment.words = words.slice(segment.at, end);
-  });
-  return info.segments;
-}
-
-const copyOf = (segment) => ({ ...segment, words: segment.words.slice(0) });
+import {
+  canvasDifference, copyOf, delay, nextFrame, post, postFrame, runPage, segmentsOf, shifted,
+} from "./scene_page.mjs";
 
 function rendererFor(options) {
   const canvas = document.createElement("canvas");
@@ -25,37 +14,12 @@ function rendererFor(options) {
   return { canvas, renderer };
 }
 
-async function postFrame(name, { canvas, renderer }) {
-  const image = new Promise((resolve) => canvas.toBlob(resolve, "image/png"));
-  await post(`${name}.f32`, renderer.readPixels());
-  await post(`${name}.png`, await image);
-  await post(`${name}.json`, JSON.stringify(renderer.statistics));
-}
-
-/** Returns the largest difference of the canvas to readPixels() over a background, of 255. */
-function canvasDifference({ canvas, renderer }, background) {
-  const copy = document.createElement("canvas");
-  copy.width = canvas.width;
-  copy.height = canvas.height;
-  const context = copy.getContext("2d");
-  context.drawImage(canvas, 0, 0);
-  const shown = context.getImageData(0, 0, copy.width, copy.height).data;
-  const pixels = renderer.readPixels();
-  let largest = 0;
-  for (let i = 0; i < pixels.length; ++i) {
-    const behind = (1 - pixels[i - (i % 4) + 3]) * background[i % 4];
-    const expected = 255 * Math.min(1, Math.max(0, pixels[i] + behind));
-    largest = Math.max(largest, Math.abs(expected - shown[i]));
-  }
-  return largest;
-}
-
 async function renderBackground({ scene, cases }) {
   const background = [0.2, 0, 0.6, 1];
   const page = rendererFor({ background });
   for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
   await page.renderer.renderExactly(cases[2].camera, cases[2].ticks);
-  await post("background.json", JSON.stringify(canvasDifference(page, background)));
+  await post("background.json", JSON.stringify(await canvasDifference(page, background)));
 }
 
 async function renderScene({ scene, target, cases }) {
@@ -68,9 +32,6 @@ async function renderScene({ scene, target, cases }) {
   page.renderer.destroy();
   page.canvas.remove();
 }
-
-const nextFrame = () => new Promise((resolve) => requestAnimationFrame(resolve));
-const delay = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 /** Adds all segments twice, removes some and adds them again: the image is that of one copy. */
 async function renderReplaced({ scene, cases }) {
@@ -103,11 +64,7 @@ async function renderShifted({ scene, cases }) {
   const [one] = cases;
   const page = rendererFor({});
   const shift = 5e6 + 0.3;
-  for (const segment of await segmentsOf(scene)) {
-    const { begin, end, origin } = segment;
-    page.renderer.addSegment(
-      { ...segment, begin: begin + shift, end: end + shift, origin: origin + shift });
-  }
+  for (const segment of shifted(await segmentsOf(scene), shift)) page.renderer.addSegment(segment);
   await page.renderer.renderExactly(one.camera, one.ticks + shift);
   await postFrame(`${one.name}.shifted`, page);
 }
@@ -155,15 +112,9 @@ async function postErrors({ scene, cases }) {
   await post("errors.json", JSON.stringify(messages));
 }
 
-try {
-  const job = await (await fetch("job.json")).json();
-  for (const scene of job.scenes) await renderScene(scene);
-  await renderBackground(job.scenes[0]);
-  await renderReplaced(job.scenes[0]);
-  await renderShifted(job.scenes[0]);
-  await renderRestored(job.scenes[0]);
-  await postErrors(job.scenes[0]);
-  await post("done", "ok");
-} catch (error) {
-  await post("done", `${error} ${error.stack}`);
-}
+runPage(async ({ scenes }) => {
+  for (const scene of scenes) await renderScene(scene);
+  for (const test of [renderBackground, renderReplaced, renderShifted, renderRestored, postErrors]) {
+    await test(scenes[0]);
+  }
+});

@@ -3,26 +3,32 @@
 import { defineStgsPlayer } from "./element/stgs_player";
 import { StgsPlayer } from "./player/player";
 import type { PlayerOptions } from "./player/player";
-import { createWebGl2Renderer } from "./webgl2";
+import { chosenRenderer } from "./renderer_choice";
+import type { RendererChoice } from "./renderer_choice";
+import { createWorker } from "./resources";
 
-/** Creates the worker that fetches and decodes a scene. */
-export function createWorker(): Worker {
-  return new Worker(new URL("./stgs-worker.js", import.meta.url), { type: "module", name: "stgs" });
+/** Settings of createPlayer(). */
+export interface CreatePlayerOptions extends Pick<PlayerOptions, "memoryBudget" | "lookAhead"> {
+  /** Default: auto. */
+  renderer?: RendererChoice;
 }
 
-/** Creates a player that draws to a canvas. Throws if the browser has no WebGL2. */
-export function createPlayer(canvas: HTMLCanvasElement,
-                             options: Pick<PlayerOptions, "memoryBudget" | "lookAhead"> = {}): StgsPlayer {
-  return new StgsPlayer({ canvas, renderer: createRenderer(canvas), worker: createWorker, ...options });
-}
-
-function createRenderer(canvas: HTMLCanvasElement) {
-  return createWebGl2Renderer(canvas, { sorterUrl: new URL("./stgs-sorter.js", import.meta.url) });
+/**
+ * Creates a player that draws to a canvas without a context. The renderer is loaded meanwhile;
+ * `activeRenderer` of the player states which one it is. If the browser has none, the player reports
+ * an error.
+ */
+export function createPlayer(canvas: HTMLCanvasElement, options: CreatePlayerOptions = {}): StgsPlayer {
+  const { renderer = "auto", ...others } = options;
+  return new StgsPlayer({
+    canvas, renderer: chosenRenderer(canvas, renderer), worker: createWorker, ...others,
+  });
 }
 
 if (typeof customElements !== "undefined" && customElements.get("stgs-player") === undefined)
-  defineStgsPlayer({ createWorker, createRenderer });
+  defineStgsPlayer({ createWorker, createRenderer: chosenRenderer });
 
-export { StgsPlayer, createWebGl2Renderer, defineStgsPlayer };
+export { StgsPlayer, createWorker, defineStgsPlayer };
 export type { PlayerOptions, PlayerStats } from "./player/player";
-export type { Camera, PackedSegment, Renderer, SceneInfo } from "./types";
+export type { RendererChoice } from "./renderer_choice";
+export type { Camera, PackedSegment, Renderer, RendererStatistics, SceneInfo } from "./types";

@@ -45,14 +45,30 @@ export type PageMessage =
   | { type: "open"; source: string | Blob; options: { memoryBudget: number; lookAhead: number } }
   | { type: "play" } | { type: "pause" } | { type: "seek"; seconds: number } | { type: "rate"; rate: number }
   | { type: "loop"; loop: boolean } | { type: "close" };
-/** Draws segments. One canvas, one WebGL2 context. */
+/** Statistics of a recent frame. */
+export interface RendererStatistics {
+  primitives: number;  // of all segments that were added
+  visible: number;
+  sortMs: number;
+  /**
+   * Milliseconds on the GPU: of evaluation, culling, projection, SH and sort together, and of
+   * rasterisation. Only of a WebGPU renderer whose device has timestamps; browsers round them.
+   */
+  computeMs?: number;
+  rasterMs?: number;
+}
+/** Draws segments. One canvas, one context of WebGL2 or WebGPU. */
 export interface Renderer {
+  /** Which renderer it is; null while it is being loaded. */
+  readonly name: "webgl2" | "webgpu" | null;
+  /** Receives failures that no call can report. The owner sets it; default: console.error. */
+  onError: (error: Error) => void;
   setScene(info: SceneInfo): void;
   addSegment(segment: PackedSegment): void;
   removeSegment(id: number): void;
   /**
-   * Draws the primitives at `ticks` of the timeline. Ordering by depth is done by a worker; a frame
-   * uses the newest order that has arrived.
+   * Draws the primitives at `ticks` of the timeline. Where ordering by depth is done by a worker, a
+   * frame uses the newest order that has arrived. Throws an Error after a failure.
    */
   render(camera: Camera, ticks: number): void;
   /**
@@ -60,12 +76,11 @@ export interface Renderer {
    * screenshots and tests.
    */
   renderExactly(camera: Camera, ticks: number): Promise<void>;
-  /** Statistics of the last frame. */
-  readonly statistics: { primitives: number; visible: number; sortMs: number };
+  readonly statistics: RendererStatistics;
   /**
    * Reads the last frame: premultiplied linear values as blended, RGBA floats, row by row from the
-   * top.
+   * top. Rejects after a failure.
    */
-  readPixels(): Float32Array;
+  readPixels(): Promise<Float32Array>;
   destroy(): void;
 }

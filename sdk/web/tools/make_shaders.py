@@ -1,29 +1,36 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the TypeScript module of the shader texts: the equations of
-format/include/stgs/format/math and the .glsl files of sdk/web/src/webgl2, as GLSL ES 3.00.
+"""Writes the TypeScript modules of the shader texts: the equations of
+format/include/stgs/format/math with the .glsl files of sdk/web/src/webgl2, as GLSL ES 3.00, and
+with the .wgsl files of sdk/web/src/webgpu, as WGSL.
 
-usage: make_shaders.py [OUTPUT]     default: sdk/web/src/webgl2/shaders.ts
+usage: make_shaders.py [FOLDER]     writes webgl2/shaders.ts and webgpu/shaders.ts
+FOLDER: default sdk/web/src
 
-Headers of stgs/format/math, which a .glsl file includes by that name, are resolved here, since
-WebGL has no #include: with the branches for GLSL, each header once, and without comments. The text
-of the other lines is unchanged.
+Headers of stgs/format/math, which a shader includes by that name, are resolved here, since neither
+language has #include: with the branches for GLSL, each header once, and without comments. For WGSL,
+wgsl.py rewrites them, and only what a shader uses is included. The text of the shaders is unchanged.
 """
 import json
 import os
 import re
 import sys
 
+import wgsl
+
 HERE = os.path.dirname(os.path.abspath(__file__))
-SOURCES = os.path.join(HERE, "..", "src", "webgl2")
+SOURCES = os.path.join(HERE, "..", "src")
 HEADERS = os.path.join(HERE, "..", "..", "..", "format", "include")
 HEADER = ("#version 300 es\nprecision highp float;\nprecision highp int;\n"
           "precision highp usampler2D;\nprecision highp usampler2DArray;\n")
 # Selects the branches for GLSL in lang.h. WebGL does not allow the name in the text itself.
 DEFINED = {"GL_core_profile"}
-# Name in the module: file.
-SHADERS = {"splatVertex": "splat.vert.glsl", "splatFragment": "splat.frag.glsl",
-           "resolveVertex": "resolve.vert.glsl", "resolveFragment": "resolve.frag.glsl"}
+# Folder: name in its module: file.
+SHADERS = {"webgl2": {"splatVertex": "splat.vert.glsl", "splatFragment": "splat.frag.glsl",
+                      "resolveVertex": "resolve.vert.glsl",
+                      "resolveFragment": "resolve.frag.glsl"},
+           "webgpu": {"projectShader": "project.wgsl", "sortShader": "sort.wgsl",
+                      "splatShader": "splat.wgsl", "resolveShader": "resolve.wgsl"}}
 
 
 class Text:
@@ -31,6 +38,8 @@ class Text:
 
     def __init__(self):
         self.lines = []
+        self.header_lines = set()  # indices of the lines that are from headers
+        self.is_header = False  # the file that is being read
         self.seen = set()  # included files
         self.macros = {}  # name: whether it takes arguments; all expand to nothing
 
@@ -41,6 +50,7 @@ class Text:
         self.seen.add(path)
         with open(path, encoding="utf-8") as file:
             text = re.sub(r"/\*.*?\*/", " ", file.read(), flags=re.DOTALL)
+        is_header_outside, self.is_header = self.is_header, path.endswith(".h")
         taken = []  # of each open conditional: whether its current branch is used
         for number, line in enumerate(text.replace("\\\n", " ").split("\n"), 1):
             line = re.sub(r"//.*", "", line).rstrip()
@@ -50,6 +60,7 @@ class Text:
                 sys.exit(f"{path}:{number}: {error}")
         if taken:
             sys.exit(f"{path}: a conditional is not closed")
+        self.is_header = is_header_outside
 
     def add(self, line, taken, folder):
         directive = re.match(r"\s*#\s*(\w+)\s*(.*)", line)
@@ -73,6 +84,8 @@ class Text:
         elif line:
             line = self.expand(line)
             if line.strip():
+                if self.is_header:
+                    self.header_lines.add(len(self.lines))
                 self.lines.append(line)
 
     def condition(self, name, rest):
@@ -108,18 +121,29 @@ class Text:
         return line
 
 
-def shader(file):
+def shader(path):
+    """Returns the text of a shader, in the language of its name."""
     text = Text()
-    text.include(os.path.join(SOURCES, file))
-    return HEADER + "\n".join(text.lines) + "\n"
+    text.include(path)
+    if path.endswith(".glsl"):
+        return HEADER + "\n".join(text.lines) + "\n"
+    own, headers = [], []
+    for index, line in enumerate(text.lines):
+        (headers if index in text.header_lines else own).append(line)
+    try:
+        declarations = wgsl.declarations_of(wgsl.rewrite(headers))
+    except ValueError as error:
+        sys.exit(f"{path}: {error}")
+    return "\n".join(wgsl.used(declarations, "\n".join(own)) + own) + "\n"
 
 
-def main():
-    output = sys.argv[1] if len(sys.argv) > 1 else os.path.join(SOURCES, "shaders.ts")
+def write_module(folder, output):
+    """Writes the module of a folder of SHADERS."""
     lines = ["// SPDX-License-Identifier: Apache-2.0", "// Written by make_shaders.py."]
-    for name, file in SHADERS.items():
-        lines.append(f"\n/** {file}, GLSL ES 3.00. */\nexport const {name}: string =")
-        parts = [json.dumps(line + "\n") for line in shader(file).rstrip("\n").split("\n")]
+    for name, file in SHADERS[folder].items():
+        text = shader(os.path.join(SOURCES, folder, file))
+        lines.append(f"\n/** {file}. */\nexport const {name}: string =")
+        parts = [json.dumps(line + "\n") for line in text.rstrip("\n").split("\n")]
         lines.append("  " + " +\n  ".join(parts) + ";")
     text = "\n".join(lines) + "\n"
     if os.path.exists(output):
@@ -128,6 +152,12 @@ def main():
                 return  # keeps its time, so that nothing is built again
     with open(output, "w", encoding="utf-8") as file:
         file.write(text)
+
+
+def main():
+    root = sys.argv[1] if len(sys.argv) > 1 else SOURCES
+    for folder in SHADERS:
+        write_module(folder, os.path.join(root, folder, "shaders.ts"))
 
 
 if __name__ == "__main__":

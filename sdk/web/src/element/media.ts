@@ -13,6 +13,7 @@ export interface Media extends EventTarget {
   readonly readyState: number;
   readonly buffered: BufferedRanges;
   readonly stats: PlayerStats;
+  readonly activeRenderer: "webgl2" | "webgpu" | null;
   readonly info: SceneInfo | null;
   readonly error: { message: string } | null;
   readonly videoWidth: number;

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Everything above the image except the control bar.
+import { PlayerStats } from "../player/player";
 import { create, iconButton, setIcon, setLabel } from "./dom";
 import { icon } from "./icons";
 import { Media } from "./media";
 import { formatBytes, formatCount } from "./text";
 
 const STATISTICS_INTERVAL = 500; // milliseconds
+const RENDERERS = { webgl2: "WebGL2", webgpu: "WebGPU" };
 
 /** Figures of the player, in a corner. */
 export class StatisticsPanel {
@@ -35,7 +37,9 @@ export class StatisticsPanel {
       ["Resolution", `${media.videoWidth} × ${media.videoHeight}`],
       ["Primitives", formatCount(stats.primitives)],
       ["Visible", formatCount(stats.visible)],
+      ["Renderer", media.activeRenderer === null ? "–" : RENDERERS[media.activeRenderer]],
       ["Sorting", `${stats.sortMs.toFixed(1)} ms`],
+      ...gpuTimes(stats),
       ["Layers", `${stats.layers} of ${stats.layerCount}`],
       ["Buffered", `${bufferedAhead(media).toFixed(1)} s ahead`],
       ["Fetched", formatBytes(stats.bytesFetched)],
@@ -45,6 +49,12 @@ export class StatisticsPanel {
     });
     this.root.replaceChildren(...cells);
   }
+}
+
+/** The rows of the times that a WebGPU renderer measures. */
+function gpuTimes({ computeMs, rasterMs }: PlayerStats): [string, string][] {
+  if (computeMs === undefined || rasterMs === undefined) return [];
+  return [["Compute", `${computeMs.toFixed(1)} ms`], ["Rasterising", `${rasterMs.toFixed(1)} ms`]];
 }
 
 /** Seconds that are buffered after the current time. */

@@ -5,6 +5,7 @@ import { EVENT_NAMES } from "../player/event_queue";
 import { WorkerLike } from "../player/host";
 import { PlayerStats, StgsPlayer } from "../player/player";
 import { BufferedRanges } from "../player/ranges";
+import { RendererChoice } from "../renderer_choice";
 import { Renderer, SceneInfo } from "../types";
 import { CameraInput } from "./camera_input";
 import { FlyCamera } from "./cameras/fly";
@@ -21,18 +22,18 @@ export interface StgsPlayerFactory {
   /** Called once per source. The player terminates the worker. */
   createWorker(): WorkerLike;
   /**
-   * Throws if the browser cannot render; the message is displayed. The player destroys the
-   * renderer.
+   * `choice`: of the attribute `renderer`. Throws if the browser cannot render; the message is
+   * displayed. The player destroys the renderer.
    */
-  createRenderer(canvas: HTMLCanvasElement): Renderer;
+  createRenderer(canvas: HTMLCanvasElement, choice: RendererChoice): Renderer;
 }
 
 // Lets the module be imported where there is no DOM, such as on a server.
 const Base = typeof HTMLElement === "undefined" ? (class {} as typeof HTMLElement) : HTMLElement;
 
 /**
- * `<stgs-player src controls autoplay loop poster camera="orbit|fly" free>`: plays a scene like a
- * media element. Properties, methods and events are those of `StgsPlayer`; attributes are
+ * `<stgs-player src controls autoplay loop poster camera="orbit|fly" free
+ * renderer="auto|webgpu|webgl2">`: plays a scene like a media element. Properties, methods and events are those of `StgsPlayer`; attributes are
  * reflected. Without `controls`, only the camera takes input. `free` lifts the limits of the orbit.
  *
  * The player is created when the element is connected or used, and destroyed when it is removed
@@ -40,7 +41,7 @@ const Base = typeof HTMLElement === "undefined" ? (class {} as typeof HTMLElemen
  */
 export abstract class StgsPlayerElement extends Base implements Media {
   static readonly observedAttributes = [
-    "src", "controls", "autoplay", "loop", "poster", "camera", "free",
+    "src", "controls", "autoplay", "loop", "poster", "camera", "free", "renderer",
   ];
 
   private readonly shell: Shell;
@@ -96,6 +97,9 @@ export abstract class StgsPlayerElement extends Base implements Media {
       case "camera":
       case "free":
         this.createCamera();
+        break;
+      case "renderer":
+        this.recreate();
     }
   }
 
@@ -127,6 +131,18 @@ export abstract class StgsPlayerElement extends Base implements Media {
   }
   set camera(camera: "orbit" | "fly") {
     this.setAttribute("camera", camera);
+  }
+  /** Which renderer the player is created with; other values than "webgpu" and "webgl2" are "auto". */
+  get renderer(): RendererChoice {
+    const value = this.getAttribute("renderer");
+    return value === "webgpu" || value === "webgl2" ? value : "auto";
+  }
+  set renderer(renderer: RendererChoice) {
+    this.setAttribute("renderer", renderer);
+  }
+  /** See `StgsPlayer.activeRenderer`. */
+  get activeRenderer(): "webgl2" | "webgpu" | null {
+    return this.player?.activeRenderer ?? null;
   }
   get controls(): boolean {
     return this.hasAttribute("controls");
@@ -257,6 +273,13 @@ export abstract class StgsPlayerElement extends Base implements Media {
     this.isReflecting = false;
   }
 
+  /** Loads the source in a new player, since a canvas cannot have another renderer. */
+  private recreate(): void {
+    if (this.player === null) return;
+    this.destroy();
+    this.reload();
+  }
+
   private reload(): void {
     if (this.object !== null || this.src !== "") this.load().catch(() => undefined);
     else this.player?.unload();
@@ -272,7 +295,7 @@ export abstract class StgsPlayerElement extends Base implements Media {
     const canvas = document.createElement("canvas");
     let renderer: Renderer;
     try {
-      renderer = this.factory.createRenderer(canvas);
+      renderer = this.factory.createRenderer(canvas, this.renderer);
     } catch (error) {
       this.failure = new PlayerError("unsupported", (error as Error).message, false);
       queueMicrotask(() => this.dispatchEvent(new Event("error")));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The state machine of playback: the requests of the caller, and the reports of the core.
-import { CoreMessage, PageMessage, SceneInfo } from "../types";
+import { CoreMessage, PackedSegment, PageMessage, SceneInfo } from "../types";
 import { PlaybackClock } from "./clock";
 import { abortError, ErrorReason, PlayerError, textOf, unsupported } from "./errors";
 import { EventQueue } from "./event_queue";
@@ -239,7 +239,7 @@ export class Playback {
       case "state":
         return this.onState(message);
       case "segment":
-        if (this.scene?.add(message.segment, this.shownTime())) this.context.onContent();
+        this.addSegment(message.segment);
         return this.report.extend();
       case "dropped":
         if (this.scene?.remove(message.id, this.shownTime())) this.context.onContent();
@@ -248,6 +248,14 @@ export class Playback {
         return this.events.push("notice", { kind: message.kind, message: message.message });
       case "error":
         this.fail(message.code, message.message);
+    }
+  }
+
+  private addSegment(segment: PackedSegment): void {
+    try {
+      if (this.scene?.add(segment, this.shownTime())) this.context.onContent();
+    } catch (error) {
+      this.fail("memory", `rendering failed: ${textOf(error)}`);
     }
   }
 

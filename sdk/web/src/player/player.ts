@@ -40,6 +40,8 @@ export interface PlayerStats {
   visible: number;
   bytesFetched: number;
   sortMs: number;
+  computeMs?: number; // see RendererStatistics
+  rasterMs?: number;
   layers: number; // available at the current time
   layerCount: number;
 }
@@ -90,10 +92,9 @@ export class StgsPlayer extends EventTarget {
     this.frames = new FrameLoop(this.canvas, this.renderer, host, {
       onFrame: () => this.playback.updateTime(false),
       frameTime: () => this.playback.frameTime(),
-      onRenderError: (error) => {
-        this.playback.fail("unsupported", `rendering failed: ${textOf(error)}`);
-      },
+      onRenderError: (error) => this.failRendering(error),
     });
+    this.renderer.onError = (error) => this.failRendering(error);
   }
 
   /** The URL of the source; empty if there is none or it is a `Blob`. Assigning it calls `load`. */
@@ -195,12 +196,17 @@ export class StgsPlayer extends EventTarget {
   }
 
   get stats(): PlayerStats {
-    const { primitives, visible, sortMs } = this.renderer.statistics;
     const { bytes = 0, layers = 0, layerCount = 0 } = this.playback.scene ?? {};
     return {
       framesPerSecond: this.frames.framesPerSecond(),
-      primitives, visible, bytesFetched: bytes, sortMs, layers, layerCount,
+      ...this.renderer.statistics,
+      bytesFetched: bytes, layers, layerCount,
     };
+  }
+
+  /** The renderer in use; null while it is being loaded, and if there is none. */
+  get activeRenderer(): "webgl2" | "webgpu" | null {
+    return this.renderer.name;
   }
 
   /** Supplies the cameras; null (default): the start camera of the scene. */
@@ -250,6 +256,10 @@ export class StgsPlayer extends EventTarget {
     this.playback.destroy();
     for (const end of this.screenshots) end.reject(abortError("the player was destroyed"));
     this.renderer.destroy();
+  }
+
+  private failRendering(error: unknown): void {
+    this.playback.fail("unsupported", `rendering failed: ${textOf(error)}`);
   }
 
   private applySource(): void {

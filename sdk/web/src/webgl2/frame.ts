@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
+import { viewUniforms } from "../camera";
+import { padded } from "../packed_segment";
 import type { Camera } from "../types";
 import { Atlas } from "./atlas";
 import type { Rows } from "./atlas";
 import { created, Program, Table } from "./gl";
 import { resolveFragment, resolveVertex, splatFragment, splatVertex } from "./shaders";
-import { padded } from "./sorter";
 import { Target } from "./target";
 import type { TargetFormat } from "./target";
 
@@ -24,22 +25,6 @@ export type Background = readonly [number, number, number, number];
 
 function bindUnit(gl: WebGL2RenderingContext, program: Program, name: string, unit: number): void {
   gl.uniform1i(program.at(name), unit);
-}
-
-/** Returns `view` of splat.vert.glsl. */
-function viewOf(camera: Camera): Float32Array {
-  const view = new Float32Array(24);
-  const r = camera.rotation;
-  const t = camera.translation;
-  for (let row = 0; row < 3; ++row) {
-    view.set([...r.slice(3 * row, 3 * row + 3), t[row] as number], 4 * row);
-    // The centre is -R' t.
-    view[20 + row] = -[0, 1, 2].reduce(
-      (sum, k) => sum + (r[3 * k + row] as number) * (t[k] as number), 0);
-  }
-  view.set([camera.fx, camera.fy, camera.cx, camera.cy], 12);
-  view.set([camera.width, camera.height, camera.near, 0], 16);
-  return view;
 }
 
 /** All GPU objects of a renderer, and the drawing of a frame. */
@@ -128,7 +113,7 @@ export class FrameDrawer {
     const gl = this.gl;
     this.uploadSegments(ticks, drawn, bases);
     gl.useProgram(this.splats.handle);
-    gl.uniform4fv(this.splats.at("view[0]"), viewOf(camera));
+    gl.uniform4fv(this.splats.at("view[0]"), viewUniforms(camera));
     gl.uniform1f(this.splats.at("height"), camera.height);
     this.atlas.bind(0);
     bindUnit(gl, this.splats, "atlas", 0);

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
+import { copyCamera } from "../camera";
+import { checkWords, padded } from "../packed_segment";
 import type { Camera, PackedSegment, Renderer, SceneInfo } from "../types";
 import { FrameDrawer } from "./frame";
 import type { Background } from "./frame";
 import { Residents } from "./residents";
-import { kSorterBytes, padded } from "./sorter";
+import { kSorterBytes } from "./sorter";
 import type { Order, SortRequest } from "./sorter";
 import { SorterClient } from "./sorter_client";
 import { targetFormat } from "./target";
@@ -43,12 +45,6 @@ interface ExactView extends View {
   reject: (error: Error) => void;
 }
 
-/** Returns the bytes of a packed segment (packed_segment.h). */
-export function packedBytes(primitives: number, shDegree: number): number {
-  const planes = Math.ceil((3 * (shDegree + 1) ** 2) / 4);
-  return padded(primitives) * (72 + 8 * planes);
-}
-
 function requestOf({ camera, ticks, until }: View): SortRequest {
   const [x, y, z] = camera.rotation.slice(6, 9) as [number, number, number];
   const offset = camera.translation[2] as number;
@@ -59,21 +55,15 @@ function isSameOrder(a: View, b: View): boolean {
   return JSON.stringify(requestOf(a)) === JSON.stringify(requestOf(b));
 }
 
-/** A copy: callers may change their camera while a request is in flight. */
-function viewOf(camera: Camera, ticks: number, until: number): View {
-  const rotation = camera.rotation.slice();
-  const translation = camera.translation.slice();
-  return { camera: { ...camera, rotation, translation }, ticks, until };
-}
-
 class WebGl2Renderer implements Renderer {
+  readonly name = "webgl2";
+  onError: (error: Error) => void;
   readonly statistics = { primitives: 0, visible: 0, sortMs: 0 };
   private readonly sorter: SorterClient;
   private readonly format: TargetFormat;
   private readonly background: Background | null;
   private sceneBackground: Background = [0, 0, 0, 1];
   private readonly restores: boolean;
-  private readonly report: (error: Error) => void;
   private readonly residents = new Residents();
   private drawer: FrameDrawer | null; // null while the context is lost
   private order: Order | null = null;
@@ -94,7 +84,7 @@ class WebGl2Renderer implements Renderer {
   ) {
     this.background = options.background ?? null;
     this.restores = options.restoresContext ?? true;
-    this.report = options.onError ?? ((error) => console.error(error));
+    this.onError = options.onError ?? ((error) => console.error(error));
     this.format = targetFormat(gl, options.target ?? "rgba16f");
     this.drawer = new FrameDrawer(gl, this.format);
     const url = options.sorterUrl ?? new URL("sorter_worker.js", import.meta.url);
@@ -116,12 +106,7 @@ class WebGl2Renderer implements Renderer {
   }
 
   addSegment(segment: PackedSegment): void {
-    const bytes = packedBytes(segment.primitives, segment.shDegree);
-    if (segment.words.byteLength !== bytes) {
-      throw new Error(
-        `segment ${segment.id}: ${segment.words.byteLength} bytes of words (expected ${bytes} ` +
-        `for ${segment.primitives} primitives of SH degree ${segment.shDegree})`);
-    }
+    checkWords(segment);
     const rows = this.drawer?.atlas.add(new Uint32Array(segment.words)) ?? null;
     this.removeSegment(segment.id);
     const resident = this.residents.add(segment);
@@ -145,7 +130,7 @@ class WebGl2Renderer implements Renderer {
   }
 
   render(camera: Camera, ticks: number): void {
-    this.latest = viewOf(camera, ticks, this.predict(ticks));
+    this.latest = { camera: copyCamera(camera), ticks, until: this.predict(ticks) };
     ++this.renders;
     this.draw(this.latest);
     this.requestOrder();
@@ -153,7 +138,7 @@ class WebGl2Renderer implements Renderer {
 
   renderExactly(camera: Camera, ticks: number): Promise<void> {
     if (this.failure !== null) return Promise.reject(this.failure);
-    const view = viewOf(camera, ticks, ticks);
+    const view = { camera: copyCamera(camera), ticks, until: ticks };
     this.latest = view;
     return new Promise((resolve, reject) => {
       this.waiting.push({ ...view, resolve, reject });
@@ -161,7 +146,7 @@ class WebGl2Renderer implements Renderer {
     });
   }
 
-  readPixels(): Float32Array {
+  async readPixels(): Promise<Float32Array> {
     return this.drawer?.read() ?? new Float32Array(0);
   }
 
@@ -254,7 +239,7 @@ class WebGl2Renderer implements Renderer {
 
   private fail(error: Error, reports = true): void {
     this.failure ??= error;
-    if (reports) this.report(error);
+    if (reports) this.onError(error);
     for (const exact of this.waiting.splice(0)) exact.reject(error);
     this.inFlight?.reject(error);
     this.inFlight = null;
@@ -282,7 +267,7 @@ class WebGl2Renderer implements Renderer {
     try {
       resident.rows = this.drawer.atlas.add(new Uint32Array(words));
     } catch (error) {
-      this.report(error as Error);
+      this.onError(error as Error);
     }
   }
 }

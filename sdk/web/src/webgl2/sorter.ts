@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The depth order of active primitives. Runs in a worker (sorter_worker.ts), in tests in-process.
+import { padded } from "../packed_segment";
 
 /** A segment to be sorted. */
 export interface SorterSegment {
@@ -23,11 +24,6 @@ export interface SorterSegment {
 
 /** Bytes per entry of a packed segment that a sorter reads. */
 export const kSorterBytes = 40;
-
-/** Returns the number of entries of the arrays of a packed segment. */
-export function padded(primitives: number): number {
-  return Math.ceil(primitives / 256) * 256;
-}
 
 /** For which camera and time to sort. */
 export interface SortRequest {

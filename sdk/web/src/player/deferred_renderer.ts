@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+import { copyCamera } from "../camera";
+import type { Camera, PackedSegment, Renderer, RendererStatistics, SceneInfo } from "../types";
+import { abortError, textOf } from "./errors";
+
+interface View {
+  camera: Camera;
+  ticks: number;
+}
+
+interface ExactView extends View {
+  resolve: () => void;
+  reject: (error: unknown) => void;
+}
+
+/**
+ * A renderer that is created asynchronously: until it is ready, the scene, its segments and the last
+ * frame are kept for it. If it cannot be created, or fails, `onError` is called, and the next
+ * setScene() creates another one.
+ */
+export class DeferredRenderer implements Renderer {
+  onError: (error: Error) => void = (error) => console.error(error);
+  private target: Renderer | null = null;
+  private failure: Error | null = null;
+  private readonly destroyed = new AbortController();
+  private info: SceneInfo | null = null;
+  private readonly segments = new Map<number, PackedSegment>(); // until the renderer is ready
+  private latest: View | null = null;
+  private readonly waiting: ExactView[] = [];
+
+  /** Calls `create`, whose renderers belong to this object; destroy() aborts the signal. */
+  constructor(private readonly create: (signal: AbortSignal) => Promise<Renderer>) {
+    this.start();
+  }
+
+  get name(): Renderer["name"] {
+    return this.target?.name ?? null;
+  }
+
+  get statistics(): RendererStatistics {
+    return this.target?.statistics ?? { primitives: 0, visible: 0, sortMs: 0 };
+  }
+
+  setScene(info: SceneInfo): void {
+    this.info = info;
+    this.segments.clear();
+    if (this.failure !== null) {
+      this.failure = null;
+      this.target?.destroy();
+      this.target = null;
+      this.start();
+    }
+    this.target?.setScene(info);
+  }
+
+  addSegment(segment: PackedSegment): void {
+    if (this.target !== null) this.target.addSegment(segment);
+    else if (this.failure === null) this.segments.set(segment.id, segment);
+  }
+
+  removeSegment(id: number): void {
+    this.segments.delete(id);
+    this.target?.removeSegment(id);
+  }
+
+  render(camera: Camera, ticks: number): void {
+    if (this.failure !== null) throw this.failure;
+    if (this.target !== null) this.target.render(camera, ticks);
+    else this.latest = { camera: copyCamera(camera), ticks };
+  }
+
+  renderExactly(camera: Camera, ticks: number): Promise<void> {
+    if (this.failure !== null) return Promise.reject(this.failure);
+    if (this.target !== null) return this.target.renderExactly(camera, ticks);
+    return new Promise((resolve, reject) => {
+      this.waiting.push({ camera: copyCamera(camera), ticks, resolve, reject });
+    });
+  }
+
+  async readPixels(): Promise<Float32Array> {
+    return this.target?.readPixels() ?? new Float32Array(0);
+  }
+
+  destroy(): void {
+    if (this.isDestroyed) return;
+    this.destroyed.abort();
+    this.target?.destroy();
+    this.target = null;
+    this.segments.clear();
+    for (const { reject } of this.waiting.splice(0)) reject(abortError("the renderer was destroyed"));
+  }
+
+  private get isDestroyed(): boolean {
+    return this.destroyed.signal.aborted;
+  }
+
+  private start(): void {
+    this.create(this.destroyed.signal).then(
+      (renderer) => {
+        if (this.isDestroyed) renderer.destroy();
+        else this.adopt(renderer);
+      },
+      (error) => this.fail(error),
+    );
+  }
+
+  private adopt(renderer: Renderer): void {
+    this.target = renderer;
+    renderer.onError = (error) => this.fail(error);
+    try {
+      if (this.info !== null) renderer.setScene(this.info);
+      for (const segment of this.segments.values()) renderer.addSegment(segment);
+      if (this.latest !== null) renderer.render(this.latest.camera, this.latest.ticks);
+    } catch (error) {
+      this.fail(error);
+    }
+    this.segments.clear();
+    this.latest = null;
+    for (const { camera, ticks, resolve, reject } of this.waiting.splice(0)) {
+      renderer.renderExactly(camera, ticks).then(resolve, reject);
+    }
+  }
+
+  private fail(error: unknown): void {
+    if (this.isDestroyed || this.failure !== null) return;
+    this.failure = error instanceof Error ? error : new Error(textOf(error));
+    this.segments.clear();
+    for (const { reject } of this.waiting.splice(0)) reject(this.failure);
+    this.onError(this.failure);
+  }
+}

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+import { kCountWord, kDrawnWords } from "./radix_sort";
+import { BUFFER_USAGE, MAP_MODE_READ } from "./webgpu_types";
+import type {
+  GPUBuffer, GPUCommandEncoder, GPUDevice, GPUQuerySet, GPUTimestampWrites,
+} from "./webgpu_types";
+
+/** What the GPU measured in a frame. Times are null where it has no timestamps. */
+export interface FrameFigures {
+  visible: number;
+  /** Milliseconds of evaluation, culling, projection and SH; of the sort; of rasterisation. */
+  projectMs: number | null;
+  sortMs: number | null;
+  rasterMs: number | null;
+}
+
+const kStages = 3; // project, sort, rasterise
+const kTimesOffset = 4 * kDrawnWords;
+const kBytes = kTimesOffset + 8 * 2 * kStages;
+
+/** Reads the figures of frames back, one frame at a time; those in between are not read. */
+export class FrameReport {
+  private readonly queries: GPUQuerySet | null;
+  private readonly resolved: GPUBuffer | null;
+  private readonly copy: GPUBuffer;
+  private inFlight = false;
+
+  constructor(device: GPUDevice) {
+    const { COPY_SRC, COPY_DST, MAP_READ, QUERY_RESOLVE } = BUFFER_USAGE;
+    const timed = device.features.has("timestamp-query");
+    this.queries = timed ? device.createQuerySet({ type: "timestamp", count: 2 * kStages }) : null;
+    this.resolved = timed
+      ? device.createBuffer({ size: 8 * 2 * kStages, usage: QUERY_RESOLVE | COPY_SRC })
+      : null;
+    this.copy = device.createBuffer({ size: kBytes, usage: MAP_READ | COPY_DST });
+  }
+
+  /** The `timestampWrites` of the pass of a stage: 0, 1, 2. */
+  timesOf(stage: number): { timestampWrites?: GPUTimestampWrites } {
+    if (this.queries === null) return {};
+    return {
+      timestampWrites: {
+        querySet: this.queries,
+        beginningOfPassWriteIndex: 2 * stage,
+        endOfPassWriteIndex: 2 * stage + 1,
+      },
+    };
+  }
+
+  /**
+   * Encodes the copy of a frame's figures, after its passes. Returns a function to be called after
+   * the commands are submitted, which passes the figures to `receive`; null if an earlier frame is
+   * still being read.
+   */
+  encode(
+    encoder: GPUCommandEncoder, drawn: GPUBuffer, receive: (figures: FrameFigures) => void,
+  ): (() => void) | null {
+    if (this.inFlight) return null;
+    encoder.copyBufferToBuffer(drawn, 0, this.copy, 0, kTimesOffset);
+    if (this.queries !== null && this.resolved !== null) {
+      encoder.resolveQuerySet(this.queries, 0, 2 * kStages, this.resolved, 0);
+      encoder.copyBufferToBuffer(this.resolved, 0, this.copy, kTimesOffset, 8 * 2 * kStages);
+    }
+    this.inFlight = true;
+    return () => {
+      this.copy.mapAsync(MAP_MODE_READ).then(
+        () => {
+          const figures = this.figuresOf(this.copy.getMappedRange());
+          this.copy.unmap();
+          this.inFlight = false;
+          receive(figures);
+        },
+        () => undefined, // the device was lost or destroyed, which is reported elsewhere
+      );
+    };
+  }
+
+  destroy(): void {
+    this.queries?.destroy();
+    this.resolved?.destroy();
+    this.copy.destroy();
+  }
+
+  private figuresOf(bytes: ArrayBuffer): FrameFigures {
+    const visible = new Uint32Array(bytes)[kCountWord] as number;
+    const times = new BigInt64Array(bytes, kTimesOffset);
+    const stage = (k: number) => {
+      if (this.queries === null) return null;
+      const nanoseconds = (times[2 * k + 1] as bigint) - (times[2 * k] as bigint);
+      return Math.max(0, Number(nanoseconds)) / 1e6;
+    };
+    return { visible, projectMs: stage(0), sortMs: stage(1), rasterMs: stage(2) };
+  }
+}

@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// Puts the blended splats over the background. Colours are sRGB-encoded, as the canvas is.
+
+@group(0) @binding(0) var image: texture_2d<f32>;
+@group(0) @binding(1) var<uniform> background: vec4<f32>;  // premultiplied
+
+// A triangle that covers the image.
+@vertex
+fn corner(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
+  let corner = vec2<f32>(vec2<u32>((index & 1u) * 4u, (index & 2u) * 2u)) - 1.0;
+  return vec4<f32>(corner, 0.0, 1.0);
+}
+
+@fragment
+fn resolve(@builtin(position) at: vec4<f32>) -> @location(0) vec4<f32> {
+  let sums = textureLoad(image, vec2<i32>(at.xy), 0);
+  return sums + (1.0 - sums.w) * background;
+}

@@ -1,0 +1,109 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The WebGPU renderer draws what `stgs render --backend cpu` renders, in headless Chromium.
+
+usage: test_webgpu.py STGS PACK_SCENE MAKE_WEB_SCENE SOURCES [FOLDER]
+SOURCES: the TypeScript, with the generated shaders
+FOLDER: where the images are kept. Exit code 77: a required program or a WebGPU adapter is missing
+"""
+import json
+import os
+import sys
+import unittest
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from page_server import WEBGPU_FLAGS  # noqa: E402
+from renderer_case import RendererCase  # noqa: E402
+
+TARGETS = {"rgba16f": 60.0}  # least PSNR, dB
+BOTH = ("front", "inside")
+# Name: primitives, SH degree, near plane, cameras.
+SCENES = {"degree0": (1500, 0, 0.1, BOTH), "degree1": (1500, 1, 0.1, BOTH),
+          "degree2": (1500, 2, 0.1, BOTH), "degree3": (3000, 3, 0.1, BOTH),
+          "near": (1500, 0, 4.0, BOTH),
+          # More keys than 16 bits can count, and several buffers.
+          "large": (110000, 3, 0.1, ("small",))}
+
+
+class WebGpuTest(RendererCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.make_folder()
+        cls.bundle("webgpu/index", "renderer")
+        cls.bundle("webgpu/radix_sort", "radix_sort")
+        cls.copy_pages("webgpu_page.html", "webgpu_page.mjs", "webgpu_sort.mjs", "scene_page.mjs")
+        job = {"scenes": []}
+        for scene, (primitives, degree, near, cameras) in SCENES.items():
+            cls.make_scene(scene, primitives, degree, near)
+            job["scenes"].append(cls.scene_job(scene, "rgba16f", cameras))
+        cls.run_page("webgpu_page.html", job, WEBGPU_FLAGS)
+        if cls.posts["done"] == b"no adapter":
+            print("skipped: this Chromium has no WebGPU adapter")
+            cls.doClassCleanups()
+            sys.exit(77)
+
+    def test_page_reports_no_error(self):
+        self.assertEqual(self.posts["done"], b"ok")
+        self.assertNotIn("error", self.posts)
+
+    def test_the_sort_equals_one_on_the_cpu(self):
+        result = json.loads(self.posts["sort.json"])
+        self.assertEqual(result["wrong"], [])
+        self.assertGreater(result["cases"], 70)
+
+    def test_images_equal_those_of_the_native_renderer(self):
+        self.check_images(TARGETS)
+
+    def test_the_canvas_shows_the_image_over_the_background(self):
+        self.assertLess(json.loads(self.posts["background.json"]), 1.1)
+
+    def test_segments_that_come_and_go(self):
+        self.check_variant("churn", TARGETS)
+        self.check_empty("empty")
+
+    def test_views_without_splats(self):
+        self.check_empty("behind")
+        self.check_empty("late")
+
+    def test_other_sizes_of_the_image(self):
+        self.check_variant("resized", TARGETS)
+
+    def test_late_times_are_exact(self):
+        self.check_variant("shifted", TARGETS)
+
+    def test_a_near_plane_of_zero(self):
+        self.check_variant("near0", TARGETS)  # the scene has nothing between 0 and its near plane
+
+    def test_small_buffers(self):
+        self.check_variant("pages", TARGETS)
+        limits = json.loads(self.posts["limits.json"])
+        self.assertGreater(limits["pages"], 1)
+        self.assertRegex(limits["segment"], r"^a segment of 20480000 bytes is larger than a buffer")
+        self.assertRegex(limits["frame"], r"^the splats of a frame need \d+ bytes, but buffers of this")
+
+    def test_errors(self):
+        errors = json.loads(self.posts["errors.json"])
+        self.assertRegex(errors["words"], r"^segment 0: \d+ bytes of words \(expected \d+ for")
+        self.assertRegex(errors["near"], "^the near plane is at -1 scene units")
+        self.assertRegex(errors["size"], "^an image of 1000000x240 pixels is larger")
+        self.assertEqual(errors["destroyed"], "the renderer was destroyed")
+        self.assertEqual(errors["rendered"], errors["destroyed"])
+        self.assertRegex(errors["memory"], "^the GPU has no memory for the scene")
+        self.assertEqual(errors["afterMemory"], errors["memory"])
+        self.assertRegex(errors["lost"], "^the GPU device was lost")
+        self.assertEqual(errors["afterLost"], errors["lost"])
+        self.assertEqual(errors["draw"], errors["lost"])
+        self.assertEqual(errors["aborted"], "the creation of the renderer was aborted")
+        self.assertRegex(errors["canvas"], "^the canvas has a context of another kind")
+
+    def test_statistics(self):
+        statistics = json.loads(self.posts["statistics.json"])
+        self.assertGreater(statistics["primitives"], statistics["visible"])
+        self.assertGreater(statistics["visible"], 300)
+        self.assertGreaterEqual(statistics["computeMs"], statistics["sortMs"])
+        self.assertGreater(statistics["rasterMs"], 0)
+
+
+if __name__ == "__main__":
+    RendererCase.set_tools(__doc__)
+    unittest.main(argv=sys.argv[:1])
