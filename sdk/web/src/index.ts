@@ -3,12 +3,8 @@
 import { defineStgsPlayer } from "./element/stgs_player";
 import { StgsPlayer } from "./player/player";
 import type { PlayerOptions } from "./player/player";
+import { createWorker, sorterUrl } from "./resources";
 import { createWebGl2Renderer } from "./webgl2";
-
-/** Creates the worker that fetches and decodes a scene. */
-export function createWorker(): Worker {
-  return new Worker(new URL("./stgs-worker.js", import.meta.url), { type: "module", name: "stgs" });
-}
 
 /** Creates a player that draws to a canvas. Throws if the browser has no WebGL2. */
 export function createPlayer(canvas: HTMLCanvasElement,
@@ -17,12 +13,16 @@ export function createPlayer(canvas: HTMLCanvasElement,
 }
 
 function createRenderer(canvas: HTMLCanvasElement) {
-  return createWebGl2Renderer(canvas, { sorterUrl: new URL("./stgs-sorter.js", import.meta.url) });
+  return createWebGl2Renderer(canvas, { sorterUrl: sorterUrl() });
 }
 
 if (typeof customElements !== "undefined" && customElements.get("stgs-player") === undefined)
   defineStgsPlayer({ createWorker, createRenderer });
 
-export { StgsPlayer, createWebGl2Renderer, defineStgsPlayer };
+export { StgsPlayer, createWebGl2Renderer, createWorker, defineStgsPlayer };
 export type { PlayerOptions, PlayerStats } from "./player/player";
-export type { Camera, PackedSegment, Renderer, SceneInfo } from "./types";
+export type { ScenePlayer } from "./player/scene_player";
+export type {
+  Camera, PackedSegment, Renderer, RenderView, SceneInfo, SegmentSink, ViewRenderer,
+} from "./types";
+export type { XrMode, XrOptions } from "./xr/presenter";

@@ -19,6 +19,8 @@ export interface SceneInfo {
   primitives: number;
   boundsMin: number[]; boundsMax: number[];  // 3, scene units
   up: number[] | null;      // 3, unit vector against gravity; null: unknown
+  metresPerUnit: number | null;  // > 0; null: unknown
+  floor: number[] | null;   // 3, a point of the floor, scene units; null: unknown
   background: number[];     // 3, encoded as the colours
   startCamera: Camera | null;
 }
@@ -45,11 +47,18 @@ export type PageMessage =
   | { type: "open"; source: string | Blob; options: { memoryBudget: number; lookAhead: number } }
   | { type: "play" } | { type: "pause" } | { type: "seek"; seconds: number } | { type: "rate"; rate: number }
   | { type: "loop"; loop: boolean } | { type: "close" };
-/** Draws segments. One canvas, one WebGL2 context. */
-export interface Renderer {
+/** Takes the segments of a scene. */
+export interface SegmentSink {
+  /** Begins another scene: removes all segments. */
   setScene(info: SceneInfo): void;
   addSegment(segment: PackedSegment): void;
   removeSegment(id: number): void;
+  /** Statistics of the last frame. */
+  readonly statistics: { primitives: number; visible: number; sortMs: number };
+  destroy(): void;
+}
+/** Draws segments. One canvas, one context. */
+export interface Renderer extends SegmentSink {
   /**
    * Draws the primitives at `ticks` of the timeline. Ordering by depth is done by a worker; a frame
    * uses the newest order that has arrived.
@@ -60,12 +69,27 @@ export interface Renderer {
    * screenshots and tests.
    */
   renderExactly(camera: Camera, ticks: number): Promise<void>;
-  /** Statistics of the last frame. */
-  readonly statistics: { primitives: number; visible: number; sortMs: number };
   /**
    * Reads the last frame: premultiplied linear values as blended, RGBA floats, row by row from the
    * top.
    */
   readPixels(): Float32Array;
-  destroy(): void;
+}
+/** A camera, and where its image is in a framebuffer, pixels from the lower left corner. */
+export interface RenderView {
+  camera: Camera;
+  x: number;
+  y: number;
+}
+/** A renderer that also draws several views of one frame, as the eyes of a headset. */
+export interface ViewRenderer extends Renderer {
+  readonly context: WebGL2RenderingContext;
+  /**
+   * Draws the views at `ticks` of the timeline into a framebuffer of the context; null: that of the
+   * canvas. All views have one order, by the mean of their depths. With `isClear`, alpha is that of
+   * the splats; otherwise the background of the scene is behind them.
+   */
+  renderViews(
+    to: WebGLFramebuffer | null, views: readonly RenderView[], ticks: number, isClear: boolean,
+  ): void;
 }

@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: Apache-2.0
+import type { Camera } from "../types";
+import { Atlas } from "./atlas";
+import type { Rows } from "./atlas";
+import { centreOf } from "./camera";
+import { created, Program, Table } from "./gl";
+import { splatFragment, splatVertex } from "./shaders";
+import { padded } from "./sorter";
+
+/** A segment as it is drawn. */
+export interface Drawn {
+  primitives: number;
+  shDegree: number;
+  begin: number; // ticks of the timeline; end inclusive
+  end: number;
+  origin: number;
+  /** Null: its words are not on the GPU, so it is not drawn. */
+  rows: Rows | null;
+}
+
+/** Where the splats of an image are drawn, and in which form. */
+export interface SplatOutput {
+  /** Left and top edge of the image in the framebuffer, pixels from its lower left corner. */
+  left: number;
+  top: number;
+  /** [a, b, c]: a splat at z in front of the camera has depth a + b / z + c log2(1 + z) in NDC. */
+  depth: readonly [number, number, number];
+  /** Whether colours are converted from sRGB to linear values. */
+  isLinear: boolean;
+}
+
+/** Returns the output of an image that fills a framebuffer without a depth buffer. */
+export function imageOutput(height: number): SplatOutput {
+  return { left: 0, top: height, depth: [0, 0, 0], isLinear: false };
+}
+
+/** Returns `view` of splat.vert.glsl. */
+function viewOf(camera: Camera): Float32Array {
+  const view = new Float32Array(24);
+  const r = camera.rotation;
+  const t = camera.translation;
+  for (let row = 0; row < 3; ++row) {
+    view.set([...r.slice(3 * row, 3 * row + 3), t[row] as number], 4 * row);
+  }
+  view.set(centreOf(camera), 20);
+  view.set([camera.fx, camera.fy, camera.cx, camera.cy], 12);
+  view.set([camera.width, camera.height, camera.near, 0], 16);
+  return view;
+}
+
+/** All GPU objects of a scene, and the drawing of its splats. */
+export class SplatDrawer {
+  readonly atlas: Atlas;
+  private readonly splats: Program;
+  private readonly segments: Table;
+  private readonly groups: Table;
+  private readonly entries: WebGLBuffer;
+  private readonly vertices: WebGLVertexArrayObject;
+  private count = 0;
+
+  /** Creates the objects. Throws an Error if a shader cannot be built. */
+  constructor(private readonly gl: WebGL2RenderingContext) {
+    this.splats = new Program(gl, splatVertex, splatFragment);
+    this.atlas = new Atlas(gl);
+    this.segments = new Table(gl, 4);
+    this.groups = new Table(gl, 1);
+    this.entries = created(gl.createBuffer(), "buffer");
+    this.vertices = created(gl.createVertexArray(), "vertex array");
+    gl.bindVertexArray(this.vertices);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.entries);
+    gl.enableVertexAttribArray(0);
+    gl.vertexAttribIPointer(0, 1, gl.UNSIGNED_INT, 0, 0);
+    gl.vertexAttribDivisor(0, 1);
+    gl.bindVertexArray(null);
+  }
+
+  /**
+   * Uploads an order: entries as those of Order, of segments that have `primitives` each and begin
+   * at `bases`.
+   */
+  setOrder(entries: Uint32Array, primitives: number[], bases: number[]): void {
+    const gl = this.gl;
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.entries);
+    gl.bufferData(gl.ARRAY_BUFFER, entries, gl.STREAM_DRAW);
+    this.count = entries.length;
+    const last = bases.length - 1;
+    const total = last < 0 ? 0 : (bases[last] as number) + padded(primitives[last] as number);
+    const groups = this.groups.stage(total / 256);
+    bases.forEach((base, k) => {
+      const first = base / 256;
+      groups.fill(k, first, first + padded(primitives[k] as number) / 256);
+    });
+    gl.activeTexture(gl.TEXTURE0);
+    this.groups.upload();
+  }
+
+  /**
+   * Blends the order of `drawn` segments, which begin at `bases`, over the bound framebuffer, in
+   * the current viewport. Enables blending; the depth test is that of the caller.
+   */
+  draw(
+    camera: Camera, ticks: number, drawn: readonly Drawn[], bases: readonly number[],
+    output: SplatOutput,
+  ): void {
+    if (this.count === 0) return;
+    const { gl, splats } = this;
+    this.uploadSegments(ticks, drawn, bases);
+    gl.useProgram(splats.handle);
+    gl.uniform4fv(splats.at("view[0]"), viewOf(camera));
+    gl.uniform2f(splats.at("origin"), output.left, output.top);
+    gl.uniform3f(splats.at("depth_mapping"), ...output.depth);
+    gl.uniform1i(splats.at("is_linear"), output.isLinear ? 1 : 0);
+    [this.atlas, this.segments, this.groups].forEach((texture, unit) => texture.bind(unit));
+    ["atlas", "segments", "groups"].forEach((name, unit) => gl.uniform1i(splats.at(name), unit));
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.bindVertexArray(this.vertices);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count);
+    gl.bindVertexArray(null);
+    gl.disable(gl.BLEND);
+  }
+
+  destroy(): void {
+    this.atlas.destroy();
+    this.segments.destroy();
+    this.groups.destroy();
+    this.gl.deleteBuffer(this.entries);
+    this.gl.deleteVertexArray(this.vertices);
+    this.gl.deleteProgram(this.splats.handle);
+  }
+
+  /** Uploads `segments` of splat.vert.glsl. */
+  private uploadSegments(
+    ticks: number, drawn: readonly Drawn[], bases: readonly number[],
+  ): void {
+    const table = this.segments.stage(2 * drawn.length);
+    const floats = new Float32Array(table.buffer);
+    drawn.forEach((segment, k) => {
+      const isShown = segment.rows !== null && segment.begin <= ticks && ticks <= segment.end;
+      const local = ticks - segment.origin;
+      table[8 * k] = segment.rows?.first ?? 0;
+      table[8 * k + 1] = padded(segment.primitives);
+      table[8 * k + 2] = segment.shDegree;
+      table[8 * k + 3] = bases[k] as number;
+      table[8 * k + 4] = isShown ? segment.primitives : 0;
+      floats[8 * k + 5] = local;
+      floats[8 * k + 6] = local - Math.fround(local);
+    });
+    this.gl.activeTexture(this.gl.TEXTURE1);
+    this.segments.upload();
+  }
+}
