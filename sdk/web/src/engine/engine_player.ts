@@ -52,6 +52,7 @@ export function boundsOf(info: SceneInfo): { min: number[]; max: number[] } {
 export class EnginePlayer extends ScenePlayer {
   private readonly splats: SplatScene;
   private announcement: number | null = null;
+  private drawnTicks: number | null = null; // of the last frame
 
   /** `onChange`: the image may have changed, so an engine that draws on demand has to draw. */
   constructor(
@@ -67,7 +68,10 @@ export class EnginePlayer extends ScenePlayer {
       guard: (work) => preserveState(gl, work),
     });
     super({ worker: createWorker, ...options }, {
-      sink: splats, host: browserHost(), onOpened: announce, onTime: announce, onContent: announce,
+      sink: splats, host: browserHost(), onOpened: announce, onContent: announce,
+      onTime: () => {
+        if (this.playback.frameTime()?.ticks !== this.drawnTicks) announce();
+      },
     });
     this.splats = splats;
     gl.canvas.addEventListener("webglcontextlost", this.onLost);
@@ -87,6 +91,7 @@ export class EnginePlayer extends ScenePlayer {
     this.playback.updateTime(false);
     const time = this.playback.frameTime();
     if (time === null || this.isDestroyed) return;
+    this.drawnTicks = time.ticks;
     const { gl, splats } = this;
     const [left, bottom, width, height] = gl.getParameter(gl.VIEWPORT) as unknown as [
       number, number, number, number];
