@@ -62,11 +62,11 @@ class Xr(PackageCase):
         self.assertEqual(least, 0)
         self.assertGreater(most, 200)
 
-    def test_one_order_serves_canted_displays(self):
-        for degrees, least in ((0, 60), (5, 30), (10, 25)):
+    def test_each_eye_of_canted_displays_has_its_order(self):
+        for degrees in (0, 0.02, 5, 10):
             values = self.check("compareCanted", CAMERA, degrees * 3.14159 / 180)
             print(f"{degrees} degrees:", [f"{value:.1f} dB" for value in values], flush=True)
-            self.assertGreater(min(values), least)
+            self.assertGreater(min(values), 50)
 
     def test_cost_of_two_eyes(self):
         one, two = self.check("measureViews", CAMERA, 20)

@@ -86,8 +86,8 @@ export interface ViewRenderer extends Renderer {
   readonly context: WebGL2RenderingContext;
   /**
    * Draws the views at `ticks` of the timeline into a framebuffer of the context; null: that of the
-   * canvas. All views have one order, by the mean of their depths. With `isClear`, alpha is that of
-   * the splats; otherwise the background of the scene is behind them.
+   * canvas. Views with parallel axes have one order of depth, others one each. With `isClear`, alpha
+   * is that of the splats; otherwise the background of the scene is behind them.
    */
   renderViews(
     to: WebGLFramebuffer | null, views: readonly RenderView[], ticks: number, isClear: boolean,

@@ -55,6 +55,16 @@ export function cameraOfMatrices(
   };
 }
 
+/** Sine of the angle up to which axes count as parallel: an order is then as good as exact. */
+const kMaxSine = 1e-3;
+
+/** Whether the order of depth of one camera is that of the other, wherever they are. */
+export function isParallel(a: Camera, b: Camera): boolean {
+  const [p, q] = [a, b].map(({ rotation }) => rotation.slice(6, 9)) as [number[], number[]];
+  const difference = Math.hypot(...p.map((value, k) => value - (q[k] as number)));
+  return difference <= kMaxSine * Math.hypot(...p);
+}
+
 /**
  * Returns a camera whose depth of each point is the mean of its depths in `cameras`, so that one
  * order by depth serves them all. Cameras with parallel axes have exactly this order.

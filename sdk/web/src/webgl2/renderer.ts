@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { Camera, PackedSegment, RenderView, SceneInfo, ViewRenderer } from "../types";
-import { sharedCamera } from "./camera";
+import { isParallel, sharedCamera } from "./camera";
 import { Frame } from "./frame";
 import type { Background, Viewport } from "./frame";
 import { imageOutput } from "./splat_drawer";
 import { SplatScene } from "./splat_scene";
-import type { View } from "./splat_scene";
+import type { View } from "./view_order";
 import { targetFormat } from "./target";
 import type { TargetFormat } from "./target";
 
@@ -26,6 +26,8 @@ export interface WebGl2Options {
   /** Receives failures that no call can report, as of the worker. Default: console.error. */
   onError?: (error: Error) => void;
 }
+
+const kClear: Background = [0, 0, 0, 0];
 
 class WebGl2Renderer implements ViewRenderer {
   readonly statistics;
@@ -71,6 +73,7 @@ class WebGl2Renderer implements ViewRenderer {
 
   render(camera: Camera, ticks: number): void {
     ++this.frames;
+    this.splats.setViews(1);
     this.drawCanvas(camera, ticks);
     this.onCanvas = this.splats.follow(camera, ticks);
   }
@@ -85,15 +88,20 @@ class WebGl2Renderer implements ViewRenderer {
   renderViews(
     to: WebGLFramebuffer | null, views: readonly RenderView[], ticks: number, isClear: boolean,
   ): void {
-    const [first, ...others] = views.map((view) => view.camera);
+    const cameras = views.map((view) => view.camera);
+    const [first, ...others] = cameras;
     if (first === undefined) return;
     this.onCanvas = null;
     ++this.frames;
-    for (const { camera, x, y } of views) {
-      this.drawImage(camera, ticks, to, { x, y, width: camera.width, height: camera.height },
-                     isClear ? [0, 0, 0, 0] : this.opaqueBackground());
-    }
-    this.splats.follow(sharedCamera([first, ...others]), ticks);
+    const isShared = others.every((camera) => isParallel(first, camera));
+    this.splats.setViews(isShared ? 1 : views.length);
+    views.forEach(({ camera, x, y }, k) => {
+      const at = { x, y, width: camera.width, height: camera.height };
+      const background = isClear ? kClear : this.opaqueBackground();
+      this.drawImage(camera, ticks, to, at, background, isShared ? 0 : k);
+    });
+    if (isShared) this.splats.follow(sharedCamera([first, ...others]), ticks);
+    else cameras.forEach((camera, k) => this.splats.follow(camera, ticks, k));
   }
 
   readPixels(): Float32Array {
@@ -123,10 +131,10 @@ class WebGl2Renderer implements ViewRenderer {
 
   private drawImage(
     camera: Camera, ticks: number, to: WebGLFramebuffer | null, at: Viewport,
-    background: Background,
+    background: Background, view = 0,
   ): void {
     this.frame?.begin(camera.width, camera.height);
-    this.splats.draw(camera, ticks, imageOutput(camera.height));
+    this.splats.draw(camera, ticks, imageOutput(camera.height), view);
     this.frame?.show(to, at, background);
   }
 

@@ -3,7 +3,8 @@ import type { Camera } from "../types";
 import { Atlas } from "./atlas";
 import type { Rows } from "./atlas";
 import { centreOf } from "./camera";
-import { created, Program, Table } from "./gl";
+import { Program, Table } from "./gl";
+import type { OrderBuffers } from "./order_buffers";
 import { splatFragment, splatVertex } from "./shaders";
 import { padded } from "./sorter";
 
@@ -48,61 +49,27 @@ function viewOf(camera: Camera): Float32Array {
   return view;
 }
 
-/** All GPU objects of a scene, and the drawing of its splats. */
+/** The GPU objects of a scene but its orders, and the drawing of its splats. */
 export class SplatDrawer {
   readonly atlas: Atlas;
   private readonly splats: Program;
   private readonly segments: Table;
-  private readonly groups: Table;
-  private readonly entries: WebGLBuffer;
-  private readonly vertices: WebGLVertexArrayObject;
-  private count = 0;
-
   /** Creates the objects. Throws an Error if a shader cannot be built. */
   constructor(private readonly gl: WebGL2RenderingContext) {
     this.splats = new Program(gl, splatVertex, splatFragment);
     this.atlas = new Atlas(gl);
     this.segments = new Table(gl, 4);
-    this.groups = new Table(gl, 1);
-    this.entries = created(gl.createBuffer(), "buffer");
-    this.vertices = created(gl.createVertexArray(), "vertex array");
-    gl.bindVertexArray(this.vertices);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.entries);
-    gl.enableVertexAttribArray(0);
-    gl.vertexAttribIPointer(0, 1, gl.UNSIGNED_INT, 0, 0);
-    gl.vertexAttribDivisor(0, 1);
-    gl.bindVertexArray(null);
   }
 
   /**
-   * Uploads an order: entries as those of Order, of segments that have `primitives` each and begin
-   * at `bases`.
-   */
-  setOrder(entries: Uint32Array, primitives: number[], bases: number[]): void {
-    const gl = this.gl;
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.entries);
-    gl.bufferData(gl.ARRAY_BUFFER, entries, gl.STREAM_DRAW);
-    this.count = entries.length;
-    const last = bases.length - 1;
-    const total = last < 0 ? 0 : (bases[last] as number) + padded(primitives[last] as number);
-    const groups = this.groups.stage(total / 256);
-    bases.forEach((base, k) => {
-      const first = base / 256;
-      groups.fill(k, first, first + padded(primitives[k] as number) / 256);
-    });
-    gl.activeTexture(gl.TEXTURE0);
-    this.groups.upload();
-  }
-
-  /**
-   * Blends the order of `drawn` segments, which begin at `bases`, over the bound framebuffer, in
+   * Blends an order of `drawn` segments, which begin at `bases`, over the bound framebuffer, in
    * the current viewport. Enables blending; the depth test is that of the caller.
    */
   draw(
     camera: Camera, ticks: number, drawn: readonly Drawn[], bases: readonly number[],
-    output: SplatOutput,
+    output: SplatOutput, order: OrderBuffers,
   ): void {
-    if (this.count === 0) return;
+    if (order.isEmpty) return;
     const { gl, splats } = this;
     this.uploadSegments(ticks, drawn, bases);
     gl.useProgram(splats.handle);
@@ -110,22 +77,19 @@ export class SplatDrawer {
     gl.uniform2f(splats.at("origin"), output.left, output.top);
     gl.uniform3f(splats.at("depth_mapping"), ...output.depth);
     gl.uniform1i(splats.at("is_linear"), output.isLinear ? 1 : 0);
-    [this.atlas, this.segments, this.groups].forEach((texture, unit) => texture.bind(unit));
+    this.atlas.bind(0);
+    this.segments.bind(1);
+    order.bindGroups(2);
     ["atlas", "segments", "groups"].forEach((name, unit) => gl.uniform1i(splats.at(name), unit));
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.bindVertexArray(this.vertices);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count);
-    gl.bindVertexArray(null);
+    order.draw();
     gl.disable(gl.BLEND);
   }
 
   destroy(): void {
     this.atlas.destroy();
     this.segments.destroy();
-    this.groups.destroy();
-    this.gl.deleteBuffer(this.entries);
-    this.gl.deleteVertexArray(this.vertices);
     this.gl.deleteProgram(this.splats.handle);
   }
 

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { Camera, PackedSegment, SceneInfo } from "../types";
+import { OrderBuffers } from "./order_buffers";
 import { Residents } from "./residents";
 import { kSorterBytes, padded } from "./sorter";
-import type { Order, SortRequest } from "./sorter";
+import type { Order } from "./sorter";
 import { SorterClient } from "./sorter_client";
 import { SplatDrawer } from "./splat_drawer";
 import type { SplatOutput } from "./splat_drawer";
+import { ViewOrder, viewOf } from "./view_order";
+import type { View } from "./view_order";
 
 /** How a scene works in a WebGL context. */
 export interface SplatSceneOptions {
@@ -21,23 +24,11 @@ export interface SplatSceneOptions {
   guard?: <T>(work: () => T) => T;
 }
 
-/** A camera and a time. The objects are copies: callers may change theirs. */
-export interface View {
-  camera: Camera;
-  ticks: number;
-  until: number; // ticks; the latest time, or the earliest in reverse, at which its order is used
-}
-
 interface ExactView extends View {
   draw: () => void;
   resolve: () => void;
   reject: (error: Error) => void;
 }
-
-/** Successive frames that are more seconds apart are a seek, not playback. */
-const kMaxStep = 0.25;
-/** Bounds how far the order looks ahead, frames. */
-const kMaxLatency = 8;
 
 /** Returns the bytes of a packed segment (packed_segment.h). */
 function packedBytes(primitives: number, shDegree: number): number {
@@ -45,25 +36,10 @@ function packedBytes(primitives: number, shDegree: number): number {
   return padded(primitives) * (72 + 8 * planes);
 }
 
-function requestOf({ camera, ticks, until }: View): SortRequest {
-  const [x, y, z] = camera.rotation.slice(6, 9) as [number, number, number];
-  const offset = camera.translation[2] as number;
-  return { direction: [x, y, z], offset, near: camera.near, ticks, until };
-}
-
-function isSameOrder(a: View, b: View): boolean {
-  return JSON.stringify(requestOf(a)) === JSON.stringify(requestOf(b));
-}
-
-function viewOf(camera: Camera, ticks: number, until: number): View {
-  const rotation = camera.rotation.slice();
-  const translation = camera.translation.slice();
-  return { camera: { ...camera, rotation, translation }, ticks, until };
-}
-
 /**
- * The segments of a scene in a WebGL context, and their order by depth. It draws splats into any
- * framebuffer; its owner decides which, and passes on that the context is lost and restored.
+ * The segments of a scene in a WebGL context, and their orders by depth, one per view. It draws
+ * splats into any framebuffer; its owner decides which, and passes on that the context is lost and
+ * restored.
  */
 export class SplatScene {
   /** Those of `SegmentSink`. */
@@ -72,15 +48,11 @@ export class SplatScene {
   private readonly guard: <T>(work: () => T) => T;
   private readonly residents = new Residents();
   private drawer: SplatDrawer | null; // null while the context is lost
-  private order: Order | null = null;
+  private orders: [ViewOrder, ...ViewOrder[]] = [new ViewOrder()];
   private failure: Error | null = null; // of the sorter; final
-  private latest: View | null = null; // of the last call of follow() or orderExactly()
-  private sorted: View | null = null; // of the newest request; null if segments changed since then
-  private frames = 0; // calls of follow()
-  private framesAtRequest = 0;
-  private latency = 0; // of the sorter, in calls of follow()
   private tickSeconds = 1 / 30;
-  private inFlight: ExactView | null = null;
+  private requested = 0; // number of the view whose order was requested last
+  private inFlight: { target: ViewOrder; exact: ExactView | null } | null = null;
   private isOutdated = false; // the reply in flight precedes the restored words
   private readonly waiting: ExactView[] = [];
 
@@ -90,6 +62,7 @@ export class SplatScene {
   ) {
     this.guard = options.guard ?? ((work) => work());
     this.drawer = this.guard(() => new SplatDrawer(gl));
+    this.createBuffers();
     this.sorter = new SorterClient(options.sorterUrl, {
       onOrder: (order, milliseconds) => this.adopt(order, milliseconds),
       onWords: (key, words) => this.restoreWords(key, words),
@@ -119,7 +92,7 @@ export class SplatScene {
       ? segment.words
       : segment.words.slice(0, kSorterBytes * padded(primitives));
     this.sorter.add({ key, id, primitives, begin, end, origin, words });
-    this.sorted = null;
+    this.expireOrders();
     this.statistics.primitives = this.residents.primitives;
   }
 
@@ -127,25 +100,36 @@ export class SplatScene {
     const resident = this.residents.remove(id);
     if (resident === null) return;
     this.sorter.remove(resident.key);
-    this.sorted = null;
+    this.expireOrders();
     this.statistics.primitives = this.residents.primitives;
     if (!this.sorter.isBusy) this.release();
   }
 
-  /** Requests the order of a frame, once per frame that is drawn. Returns a copy of the view. */
-  follow(camera: Camera, ticks: number): View {
-    const view = viewOf(camera, ticks, this.predict(ticks));
-    this.latest = view;
-    ++this.frames;
+  /** Sets how many views have an order of their own; at first, it is one. */
+  setViews(count: number): void {
+    if (count === this.orders.length) return;
+    const [first, ...others] = this.orders;
+    const added = Array.from({ length: Math.max(0, count - 1 - others.length) },
+                             () => new ViewOrder());
+    const dropped = others.splice(count - 1);
+    this.orders = [first, ...others, ...added];
+    this.guard(() => dropped.forEach((view) => view.buffers?.destroy()));
+    this.createBuffers();
+    if (!this.sorter.isBusy) this.release();
+  }
+
+  /** Requests the order of a view, once per frame that is drawn. Returns a copy of the view. */
+  follow(camera: Camera, ticks: number, view = 0): View {
+    const copy = this.orderOf(view).follow(camera, ticks, this.tickSeconds);
     this.requestOrder();
-    return view;
+    return copy;
   }
 
   /** Resolves once `draw` has been called while the order is that of exactly this view. */
   orderExactly(camera: Camera, ticks: number, draw: (view: View) => void): Promise<void> {
     if (this.failure !== null) return Promise.reject(this.failure);
     const view = viewOf(camera, ticks, ticks);
-    this.latest = view;
+    this.orders[0].latest = view;
     return new Promise((resolve, reject) => {
       this.waiting.push({ ...view, draw: () => draw(view), resolve, reject });
       this.requestOrder();
@@ -154,71 +138,93 @@ export class SplatScene {
 
   /**
    * Blends the splats of a time over the bound framebuffer, in the current viewport, in the newest
-   * order. Without a GPU context, it draws nothing.
+   * order of a view. Without a GPU context, it draws nothing.
    */
-  draw(camera: Camera, ticks: number, output: SplatOutput): void {
-    const drawn = this.residents.list(this.order?.keys ?? []);
-    this.drawer?.draw(camera, ticks, drawn, this.order?.bases ?? [], output);
+  draw(camera: Camera, ticks: number, output: SplatOutput, view = 0): void {
+    const own = this.orderOf(view);
+    const { order, buffers } = own.order === null ? this.orders[0] : own;
+    if (this.drawer === null || order === null || buffers === null) return;
+    const drawn = this.residents.list(order.keys);
+    this.drawer.draw(camera, ticks, drawn, order.bases, output, buffers);
   }
 
   /** The context is lost: its objects do not exist any more. */
   lose(): void {
     this.drawer = null;
+    for (const view of this.orders) view.buffers = null;
     this.residents.forgetRows();
   }
 
   /** The context is restored: creates its objects again, and requests the words. */
   restore(): void {
     this.drawer = this.guard(() => new SplatDrawer(this.gl));
-    this.uploadOrder();
+    this.createBuffers();
+    this.orders.forEach((view) => this.uploadOrder(view));
     if (this.options.restoresContext) this.sorter.requestWords();
     this.isOutdated = this.sorter.isBusy;
-    this.sorted = null; // the order that follows the words shows them
+    this.expireOrders(); // those that follow the words show them
     this.requestOrder();
   }
 
   destroy(): void {
     this.sorter.destroy();
-    this.guard(() => this.drawer?.destroy());
+    this.guard(() => {
+      this.drawer?.destroy();
+      for (const { buffers } of this.orders) buffers?.destroy();
+    });
     this.drawer = null;
-    this.latest = null;
+    this.orders = [new ViewOrder()];
     this.fail(new Error("the renderer was destroyed"), false);
   }
 
-  /**
-   * Returns until when the order for a time is used if playback goes on at the rate of the last two
-   * frames, so that it has the primitives that become active meanwhile.
-   */
-  private predict(ticks: number): number {
-    const step = this.latest === null ? 0 : ticks - this.latest.ticks;
-    const isPlaying = Math.abs(step) * this.tickSeconds < kMaxStep;
-    return isPlaying ? ticks + step * (2 * this.latency + 2) : ticks;
+  private orderOf(view: number): ViewOrder {
+    return this.orders[view] ?? this.orders[0];
   }
 
-  /** Sends the next request, unless one is in flight or the last order is still right. */
+  private expireOrders(): void {
+    for (const view of this.orders) view.expire();
+  }
+
+  private createBuffers(): void {
+    if (this.drawer === null) return;
+    this.guard(() => {
+      for (const view of this.orders) view.buffers ??= new OrderBuffers(this.gl);
+    });
+  }
+
+  /** Sends the next request, unless one is in flight or all orders are still right. */
   private requestOrder(): void {
     if (this.sorter.isBusy || this.drawer === null || this.failure !== null) return;
     const exact = this.waiting.shift() ?? null;
-    const view = exact ?? this.latest;
-    if (view === null) return;
-    if (exact === null && this.sorted !== null && isSameOrder(view, this.sorted)) return;
-    this.inFlight = exact;
-    this.sorted = view;
-    this.framesAtRequest = this.frames;
-    this.sorter.sort(requestOf(view));
+    const target = exact !== null ? this.orders[0] : this.nextDue();
+    const view = exact ?? target?.latest ?? null;
+    if (target === null || view === null) return;
+    this.inFlight = { target, exact };
+    this.sorter.sort(target.request(view));
+  }
+
+  /** Returns the next view whose order is due, in turn; null: there is none. */
+  private nextDue(): ViewOrder | null {
+    const { length } = this.orders;
+    for (let k = 1; k <= length; ++k) {
+      const number = (this.requested + k) % length;
+      if (!this.orderOf(number).isDue) continue;
+      this.requested = number;
+      return this.orderOf(number);
+    }
+    return null;
   }
 
   /** Takes over an order that has arrived. */
   private adopt(order: Order, milliseconds: number): void {
-    if (this.order !== null) this.sorter.recycle(this.order.buffer);
-    this.order = order;
+    const { target = this.orders[0], exact = null } = this.inFlight ?? {};
+    this.inFlight = null;
+    if (target.order !== null) this.sorter.recycle(target.order.buffer);
+    target.adopt(order);
     this.statistics.visible = order.count;
     this.statistics.sortMs = milliseconds;
-    this.latency = Math.min(kMaxLatency, this.frames - this.framesAtRequest);
     this.release();
-    this.uploadOrder();
-    const exact = this.inFlight;
-    this.inFlight = null;
+    if (this.orders.includes(target)) this.uploadOrder(target);
     const isDrawable = this.drawer !== null && !this.isOutdated;
     this.isOutdated = false;
     if (exact !== null && !isDrawable) {
@@ -232,12 +238,11 @@ export class SplatScene {
     this.requestOrder();
   }
 
-  private uploadOrder(): void {
-    const { drawer, order } = this;
-    if (drawer === null || order === null) return;
+  private uploadOrder({ order, buffers }: ViewOrder): void {
+    if (order === null || buffers === null) return;
     const { buffer, count, keys, bases } = order;
     const primitives = this.residents.list(keys).map((resident) => resident.primitives);
-    this.guard(() => drawer.setOrder(new Uint32Array(buffer, 0, count), primitives, bases));
+    this.guard(() => buffers.upload(new Uint32Array(buffer, 0, count), primitives, bases));
   }
 
   private upload(words: ArrayBuffer) {
@@ -246,14 +251,15 @@ export class SplatScene {
   }
 
   private release(): void {
-    this.residents.release(this.order?.keys ?? [], this.drawer?.atlas ?? null);
+    const keys = this.orders.flatMap((view) => view.order?.keys ?? []);
+    this.residents.release(keys, this.drawer?.atlas ?? null);
   }
 
   private fail(error: Error, reports = true): void {
     this.failure ??= error;
     if (reports) this.options.report(error);
     for (const exact of this.waiting.splice(0)) exact.reject(error);
-    this.inFlight?.reject(error);
+    this.inFlight?.exact?.reject(error);
     this.inFlight = null;
   }
 
