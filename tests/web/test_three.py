@@ -8,7 +8,8 @@ class Three(PackageCase):
     PAGE = "three_page.html"
     FILES = PackageCase.FILES + ["three_page.js", "engine_checks.js"]
     MODULES = {"three.module.js": "three/build/three.module.js",
-               "three.core.js": "three/build/three.core.js"}
+               "three.core.js": "three/build/three.core.js",
+               "iwer.js": "iwer/build/iwer.module.js"}
 
     def test_it_shows_the_image_of_the_player(self):
         for parameters in ({}, {"logarithmicDepthBuffer": True}, {"reversedDepthBuffer": True},
@@ -34,7 +35,9 @@ class Three(PackageCase):
         self.assertGreater(value, 40)
 
     def test_other_objects_are_not_affected(self):
-        self.assertTrue(self.check("compareState()"))
+        is_same, draws = self.check("compareState()")
+        self.assertTrue(is_same)
+        self.assertEqual(draws, 0)
 
     def test_linear_targets(self):
         alone, linear, differ = self.check("compareLinear()")
@@ -57,6 +60,11 @@ class Three(PackageCase):
         self.assertGreater(values["changes"], 3)
         self.assertEqual(values["idle"], 0)
         self.assertGreater(values["time"], 0.2)
+
+    def test_both_eyes_of_a_headset(self):
+        values = self.check("compareEyes()")
+        print("eyes:", [f"{value:.1f} dB" for value in values], flush=True)
+        self.assertGreater(min(values), 40)
 
     def test_errors(self):
         renderer, camera = self.check("messages()")

@@ -6,6 +6,7 @@ import {
   BACKGROUND, BOX, besideBox, CAMERA, compare, countObjects, delay, FAR, FOV, HEIGHT, imageOf,
   middleOf, NEAR, WIDTH,
 } from "./engine_checks.js";
+import { plainImage, psnr, readCanvas } from "./decode_scene.js";
 
 let renderer, scene, camera, counts;
 
@@ -114,7 +115,10 @@ window.compareMoved = async () => {
   return value;
 };
 
-/** Textured and lit objects around a scene are drawn as without it. */
+/**
+ * Whether textured and lit objects around a scene are drawn as without it, and how often the scene
+ * is drawn in passes with another material.
+ */
 window.compareState = async () => {
   begin();
   const data = new Uint8Array(64).map((_, i) => (i * 37) % 256);
@@ -141,8 +145,13 @@ window.compareState = async () => {
     },
   });
   const image = await render();
+  const isSame = image.every((value, i) => value === expected[i]);
+  let draws = 0;
+  mesh.player.draw = () => ++draws;
+  scene.overrideMaterial = new THREE.MeshNormalMaterial();
+  await render();
   finish();
-  return image.every((value, i) => value === expected[i]);
+  return [isSame, draws];
 };
 
 /** Two scenes at once, in a target with linear colours. */
@@ -221,6 +230,50 @@ window.playSome = async () => {
   return { changes, idle: changes - before, time };
 };
 
+/** PSNR of each eye of an emulated headset at the origin to the plain player. */
+window.compareEyes = async () => {
+  const { metaQuest3, XRDevice } = await import("./iwer.js");
+  const device = new XRDevice(metaQuest3);
+  device.installRuntime({ forceInstall: true });
+  device.stereoEnabled = true;
+  device.ipd = 0.06;
+  device.fovy = FOV * Math.PI / 180;
+  device.position.set(0, 0, 0);
+  begin();
+  await addScene(1);
+  renderer.xr.enabled = true;
+  renderer.xr.setReferenceSpaceType("local-floor");
+  const session = await navigator.xr.requestSession("immersive-vr", {
+    optionalFeatures: ["local-floor"],
+  });
+  await renderer.xr.setSession(session);
+  const gl = renderer.getContext();
+  const images = await new Promise((resolve) => {
+    let frames = 0;
+    renderer.setAnimationLoop(() => {
+      renderer.render(scene, camera);
+      if (++frames < 10) return;
+      renderer.setAnimationLoop(null);
+      const { width, height } = gl.canvas; // iwer has set it
+      resolve([0, 1].map((k) => readCanvas(gl, k * width / 2, 0, width / 2, height)));
+    });
+  });
+  const { width, height } = gl.canvas;
+  await session.end();
+  finish();
+  const focal = height / 2 / Math.tan(device.fovy / 2);
+  const out = [];
+  for (const [k, image] of images.entries()) {
+    const eye = {
+      ...CAMERA, translation: [k === 0 ? 0.03 : -0.03, 0, 0], fx: focal, fy: focal,
+      cx: width / 4, cy: height / 2, width: width / 2, height,
+    };
+    const background = [...BACKGROUND.map((value) => value / 255), 1];
+    out.push(psnr(image, await plainImage("scene.stgs", eye, 1, background), eye.width));
+  }
+  return out;
+};
+
 window.messages = () => {
   begin();
   const out = [];
@@ -231,7 +284,8 @@ window.messages = () => {
   }
   const mesh = new StgsMesh({ renderer });
   try {
-    mesh.onBeforeRender(renderer, scene, new THREE.OrthographicCamera());
+    const { geometry, material } = mesh;
+    mesh.onBeforeRender(renderer, scene, new THREE.OrthographicCamera(), geometry, material);
   } catch (error) {
     out.push(error.message);
   }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import {
-  Box3, BufferAttribute, BufferGeometry, Camera, LinearSRGBColorSpace, Mesh, MeshBasicMaterial,
-  PerspectiveCamera, Scene, Sphere, Vector3, WebGLRenderer,
+  Box3, BufferAttribute, BufferGeometry, Camera, LinearSRGBColorSpace, Material, Mesh,
+  MeshBasicMaterial, PerspectiveCamera, Scene, Sphere, Vector3, WebGLRenderer,
 } from "three";
 import { boundsOf, EngineOptions, EnginePlayer } from "../engine/engine_player";
 
@@ -38,7 +38,11 @@ export class StgsMesh extends Mesh {
     this.applyBounds();
   }
 
-  override onBeforeRender(renderer: WebGLRenderer, _scene: Scene, camera: Camera): void {
+  override onBeforeRender(
+    renderer: WebGLRenderer, _scene: Scene, camera: Camera, _geometry: BufferGeometry,
+    material: Material,
+  ): void {
+    if (material !== this.material) return; // of a pass for normals or depths
     const perspective = camera as PerspectiveCamera;
     const target = renderer.getRenderTarget();
     let colourSpace = renderer.outputColorSpace;

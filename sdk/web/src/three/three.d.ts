@@ -39,7 +39,8 @@ declare module "three" {
     constructor(geometry: BufferGeometry, material: Material);
     geometry: BufferGeometry;
     material: Material;
-    onBeforeRender(renderer: WebGLRenderer, scene: Scene, camera: Camera): void;
+    onBeforeRender(renderer: WebGLRenderer, scene: Scene, camera: Camera,
+                   geometry: BufferGeometry, material: Material): void;
   }
   export class Camera extends Object3D {
     readonly projectionMatrix: Matrix4;

@@ -44,6 +44,7 @@ export class ViewOrder {
   private frames = 0;
   private framesAtRequest = 0;
   private latency = 0; // of the sorter, frames
+  private step = 0; // ticks between the last two frames of different times
 
   /** Begins a frame. */
   follow(camera: Camera, ticks: number, tickSeconds: number): View {
@@ -77,12 +78,13 @@ export class ViewOrder {
   }
 
   /**
-   * Returns until when the order for a time is used if playback goes on at the rate of the last two
-   * frames, so that it has the primitives that become active meanwhile.
+   * Returns until when the order for a time is used if playback goes on at the rate of the last
+   * frames, so that it has the primitives that become active meanwhile. The eyes of a headset are
+   * frames of the same time.
    */
   private predict(ticks: number, tickSeconds: number): number {
-    const step = this.latest === null ? 0 : ticks - this.latest.ticks;
-    const isPlaying = Math.abs(step) * tickSeconds < kMaxStep;
-    return isPlaying ? ticks + step * (2 * this.latency + 2) : ticks;
+    if (this.latest !== null && ticks !== this.latest.ticks) this.step = ticks - this.latest.ticks;
+    const isPlaying = Math.abs(this.step) * tickSeconds < kMaxStep;
+    return isPlaying ? ticks + this.step * (2 * this.latency + 2) : ticks;
   }
 }
