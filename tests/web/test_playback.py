@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """A minute of playback, and 200 seeks: times of frames, and memory. See package_case.py for the
-usage. With SECONDS=N in the environment, playback lasts N seconds.
+usage. With PLAY_SECONDS=N in the environment, playback lasts N seconds.
 """
 import os
 
 from package_case import PackageCase, run
 
-SECONDS = float(os.environ.get("SECONDS", "60"))
+SECONDS = float(os.environ.get("PLAY_SECONDS", "60"))
 
 
 class Playback(PackageCase):
