@@ -45,6 +45,7 @@ check-slow: check
 
 setup:
 	@tools/setup/setup.sh core program web check
+	@tools/setup/npm.sh
 
 clean:
 	rm -rf build

@@ -18,6 +18,7 @@ export class PatternRenderer {
   setScene() {}
   addSegment() {}
   removeSegment() {}
+  views = null;
   async readPixels() {
     return new Float32Array(0);
   }

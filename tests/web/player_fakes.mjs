@@ -131,6 +131,7 @@ export class FakeRenderer {
   async renderExactly(camera, ticks) {
     this.frames.push({ camera, ticks, exact: true });
   }
+  views = null;
   async readPixels() {
     return new Float32Array(0);
   }

@@ -44,7 +44,8 @@ class PageCase(unittest.TestCase):
         for name in os.listdir(PACKAGE):
             if name.startswith("stgs"):
                 shutil.copy(os.path.join(PACKAGE, name), cls.work)
-        shutil.copy(os.path.join(HERE, "player_page.html"), cls.work)
+        for name in ("player_page.html", "decode_scene.js"):
+            shutil.copy(os.path.join(HERE, name), cls.work)
         cls.scene = os.path.join(cls.work, "scene.stgs")
         subprocess.run([MAKE, cls.scene, "3000", "3"], check=True)
         with open(cls.scene, "rb") as file:

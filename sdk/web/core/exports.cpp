@@ -123,10 +123,12 @@ STGS_EXPORT const char* stgs_open() {
   const SceneMetadata& scene = reader.metadata();
   return give(fmt::format(
       R"({{"info":{{"duration":{},"tickSeconds":{},"frames":{},"shDegree":{},"primitives":{},)"
-      R"("boundsMin":{},"boundsMax":{},"background":{},"up":{},"startCamera":{},"title":{}}}}})",
+      R"("boundsMin":{},"boundsMax":{},"background":{},"up":{},"metresPerUnit":{},)"
+      R"("floor":{},"startCamera":{},"title":{}}}}})",
       number(scene.time_base.seconds(scene.frames)), number(scene.time_base.seconds(1)),
       scene.frames, reader.sh_degree(), reader.primitives(), numbers(scene.bounds_min),
-      numbers(scene.bounds_max), numbers(scene.background), numbers(scene.up), camera_json(scene),
+      numbers(scene.bounds_max), numbers(scene.background), numbers(scene.up),
+      number(scene.metres_per_unit), numbers(scene.floor), camera_json(scene),
       quoted(scene.title)));
 }
 // Returns memory for bytes of the file from `offset` on, for the next stgs_open().

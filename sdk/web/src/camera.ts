@@ -8,6 +8,20 @@ export function copyCamera(camera: Camera): Camera {
   return { ...camera, rotation, translation };
 }
 
+/** Returns the centre of a camera, scene units. Its `rotation` may be any invertible matrix. */
+export function centreOf({ rotation, translation }: Camera): [number, number, number] {
+  const [a, b, c, d, e, f, g, h, i] = rotation as [
+    number, number, number, number, number, number, number, number, number];
+  const [x, y, z] = translation as [number, number, number];
+  const cofactors = [e * i - f * h, f * g - d * i, d * h - e * g] as const;
+  const scale = -1 / (a * cofactors[0] + b * cofactors[1] + c * cofactors[2]);
+  return [
+    scale * (cofactors[0] * x + (c * h - b * i) * y + (b * f - c * e) * z),
+    scale * (cofactors[1] * x + (a * i - c * g) * y + (c * d - a * f) * z),
+    scale * (cofactors[2] * x + (b * g - a * h) * y + (a * e - b * d) * z),
+  ];
+}
+
 /** Floats of `view` in the shaders. */
 export const kViewFloats = 24;
 
@@ -21,10 +35,8 @@ export function viewUniforms(camera: Camera): Float32Array {
   const t = camera.translation;
   for (let row = 0; row < 3; ++row) {
     view.set([...r.slice(3 * row, 3 * row + 3), t[row] as number], 4 * row);
-    // The centre is -R' t.
-    view[20 + row] = -[0, 1, 2].reduce(
-      (sum, k) => sum + (r[3 * k + row] as number) * (t[k] as number), 0);
   }
+  view.set(centreOf(camera), 20);
   view.set([camera.fx, camera.fy, camera.cx, camera.cy], 12);
   view.set([camera.width, camera.height, camera.near, 0], 16);
   return view;

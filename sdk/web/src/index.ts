@@ -31,4 +31,8 @@ if (typeof customElements !== "undefined" && customElements.get("stgs-player") =
 export { StgsPlayer, createWorker, defineStgsPlayer };
 export type { PlayerOptions, PlayerStats } from "./player/player";
 export type { RendererChoice } from "./renderer_choice";
-export type { Camera, PackedSegment, Renderer, RendererStatistics, SceneInfo } from "./types";
+export type { ScenePlayer } from "./player/scene_player";
+export type {
+  Camera, PackedSegment, Renderer, RendererStatistics, RenderView, SceneInfo, SegmentSink, ViewRenderer,
+} from "./types";
+export type { XrMode, XrOptions } from "./xr/presenter";

@@ -5,8 +5,12 @@ import { textOf } from "./player/errors";
 import { sorterUrl } from "./resources";
 import type { Renderer } from "./types";
 import type { GPU } from "./webgpu/webgpu_types";
+import { xrSystem } from "./xr/webxr";
 
-/** "auto": WebGPU if the browser has an adapter for it, otherwise WebGL2. */
+/**
+ * "auto": WebGPU if the browser has an adapter for it and shows nothing in headsets, which needs
+ * WebGL2; otherwise WebGL2.
+ */
 export type RendererChoice = "auto" | "webgpu" | "webgl2";
 
 async function webGpu(canvas: HTMLCanvasElement, signal: AbortSignal): Promise<Renderer> {
@@ -25,9 +29,14 @@ async function hasWebGpu(): Promise<boolean> {
   return adapter !== undefined && adapter !== null;
 }
 
+async function hasHeadset(): Promise<boolean> {
+  const supported = xrSystem()?.isSessionSupported("immersive-vr").catch(() => false); // not allowed
+  return (await supported) ?? false;
+}
+
 async function automatic(canvas: HTMLCanvasElement, signal: AbortSignal): Promise<Renderer> {
   try {
-    if (await hasWebGpu()) return await webGpu(canvas, signal);
+    if (!(await hasHeadset()) && (await hasWebGpu())) return await webGpu(canvas, signal);
   } catch (error) {
     if (signal.aborted) throw error;
     console.warn(`stgs: drawing with WebGL2, because WebGPU failed: ${textOf(error)}`);

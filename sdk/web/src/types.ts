@@ -19,6 +19,8 @@ export interface SceneInfo {
   primitives: number;
   boundsMin: number[]; boundsMax: number[];  // 3, scene units
   up: number[] | null;      // 3, unit vector against gravity; null: unknown
+  metresPerUnit: number | null;  // > 0; null: unknown
+  floor: number[] | null;   // 3, a point of the floor, scene units; null: unknown
   background: number[];     // 3, encoded as the colours
   startCamera: Camera | null;
 }
@@ -57,15 +59,21 @@ export interface RendererStatistics {
   computeMs?: number;
   rasterMs?: number;
 }
+/** Takes the segments of a scene. */
+export interface SegmentSink {
+  /** Begins another scene: removes all segments. */
+  setScene(info: SceneInfo): void;
+  addSegment(segment: PackedSegment): void;
+  removeSegment(id: number): void;
+  readonly statistics: RendererStatistics;
+  destroy(): void;
+}
 /** Draws segments. One canvas, one context of WebGL2 or WebGPU. */
-export interface Renderer {
+export interface Renderer extends SegmentSink {
   /** Which renderer it is; null while it is being loaded. */
   readonly name: "webgl2" | "webgpu" | null;
   /** Receives failures that no call can report. The owner sets it; default: console.error. */
   onError: (error: Error) => void;
-  setScene(info: SceneInfo): void;
-  addSegment(segment: PackedSegment): void;
-  removeSegment(id: number): void;
   /**
    * Draws the primitives at `ticks` of the timeline. Where ordering by depth is done by a worker, a
    * frame uses the newest order that has arrived. Throws an Error after a failure.
@@ -76,11 +84,29 @@ export interface Renderer {
    * screenshots and tests.
    */
   renderExactly(camera: Camera, ticks: number): Promise<void>;
-  readonly statistics: RendererStatistics;
   /**
    * Reads the last frame: premultiplied linear values as blended, RGBA floats, row by row from the
    * top. Rejects after a failure.
    */
   readPixels(): Promise<Float32Array>;
-  destroy(): void;
+  /** The renderer of views, if it is ready and can draw them. */
+  readonly views: ViewRenderer | null;
+}
+/** A camera, and where its image is in a framebuffer, pixels from the lower left corner. */
+export interface RenderView {
+  camera: Camera;
+  x: number;
+  y: number;
+}
+/** Draws several views of one frame, as the eyes of a headset. */
+export interface ViewRenderer {
+  readonly context: WebGL2RenderingContext;
+  /**
+   * Draws the views at `ticks` of the timeline into a framebuffer of the context; null: that of the
+   * canvas. Views with parallel axes have one order of depth, others one each. With `isClear`, alpha
+   * is that of the splats; otherwise the background of the scene is behind them.
+   */
+  renderViews(
+    to: WebGLFramebuffer | null, views: readonly RenderView[], ticks: number, isClear: boolean,
+  ): void;
 }

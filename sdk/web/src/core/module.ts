@@ -186,6 +186,8 @@ export interface CoreInfo {
   boundsMax: number[];
   background: number[];
   up: number[];
+  metresPerUnit: number;  // 0: unknown
+  floor: number[];        // valid if `up` is known
   title: string;
   startCamera: null | {
     rotation: number[]; translation: number[];

@@ -4,6 +4,7 @@ import { Media, toggle } from "./media";
 import { SeekSlider } from "./seek_slider";
 import { SpeedMenu } from "./speed_menu";
 import { formatTime } from "./text";
+import { XrButton } from "./xr_button";
 
 /** Actions of buttons that do not belong to playback. */
 export interface BarActions {
@@ -33,7 +34,7 @@ export class ControlBar {
     const space = create("div", { class: "space" });
     this.fullscreen.hidden = !actions.canFullscreen;
     const row = create("div", { class: "row" }, this.play, time, space, this.speed.root, this.loop,
-                       this.statistics, this.fullscreen);
+                       this.statistics, new XrButton(media).root, this.fullscreen);
     this.root = create("div", { class: "bar", role: "group", "aria-label": "Playback" },
                        this.slider.root, row);
     this.play.addEventListener("click", () => toggle(media));

@@ -2,6 +2,7 @@
 import { PlayerStats } from "../player/player";
 import { BufferedRanges } from "../player/ranges";
 import { SceneInfo } from "../types";
+import type { XrMode } from "../xr/presenter";
 
 /** The part of the element that its controls use. Dispatches the events of the player. */
 export interface Media extends EventTarget {
@@ -21,8 +22,12 @@ export interface Media extends EventTarget {
   currentTime: number;
   playbackRate: number;
   loop: boolean;
+  readonly isInXR: boolean;
   play(): Promise<void>;
   pause(): void;
+  supportsXR(mode: XrMode): Promise<boolean>;
+  enterXR(mode: XrMode): Promise<void>;
+  exitXR(): Promise<void>;
 }
 
 /** Plays or pauses. */

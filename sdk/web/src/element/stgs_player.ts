@@ -7,6 +7,7 @@ import { PlayerStats, StgsPlayer } from "../player/player";
 import { BufferedRanges } from "../player/ranges";
 import { RendererChoice } from "../renderer_choice";
 import { Renderer, SceneInfo } from "../types";
+import type { XrMode, XrOptions } from "../xr/presenter";
 import { CameraInput } from "./camera_input";
 import { FlyCamera } from "./cameras/fly";
 import { PadAction } from "./cameras/gamepad";
@@ -246,6 +247,26 @@ export abstract class StgsPlayerElement extends Base implements Media {
 
   screenshot(): Promise<Blob> {
     return this.player?.screenshot() ?? Promise.reject(this.unavailable());
+  }
+
+  /** Whether the scene is shown in a headset. */
+  get isInXR(): boolean {
+    return this.player?.isInXR ?? false;
+  }
+
+  /** Resolves to whether `enterXR` is possible in this browser and on its devices. */
+  supportsXR(mode: XrMode = "immersive-vr"): Promise<boolean> {
+    return this.player?.supportsXR(mode) ?? Promise.resolve(false);
+  }
+
+  /** Shows the scene in a headset; see `StgsPlayer.enterXR`. */
+  enterXR(mode: XrMode = "immersive-vr", options: XrOptions = {}): Promise<void> {
+    return this.player?.enterXR(mode, options) ?? Promise.reject(this.unavailable());
+  }
+
+  /** Ends the session, if there is one. */
+  exitXR(): Promise<void> {
+    return this.player?.exitXR() ?? Promise.resolve();
   }
 
   /** Returns to the start camera. */

@@ -78,7 +78,7 @@ svg { display: block; width: 1em; height: 1em; }
 .button.speed {
   font-size: 13px; font-weight: 600; padding: 0 8px; font-variant-numeric: tabular-nums;
 }
-.button.loop, .button.statistics { color: rgba(255, 255, 255, 0.8); }
+.button.loop, .button.statistics, .button.xr { color: rgba(255, 255, 255, 0.8); }
 .button[aria-pressed="true"] { color: var(--accent); }
 .button.fullscreen { margin-right: -8px; }
 .time {

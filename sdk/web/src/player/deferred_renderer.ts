@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import { copyCamera } from "../camera";
-import type { Camera, PackedSegment, Renderer, RendererStatistics, SceneInfo } from "../types";
+import type { Camera, PackedSegment, Renderer, RendererStatistics, SceneInfo, ViewRenderer } from "../types";
 import { abortError, textOf } from "./errors";
 
 interface View {
@@ -35,6 +35,10 @@ export class DeferredRenderer implements Renderer {
 
   get name(): Renderer["name"] {
     return this.target?.name ?? null;
+  }
+
+  get views(): ViewRenderer | null {
+    return this.target?.views ?? null;
   }
 
   get statistics(): RendererStatistics {

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 
-/** Events of the player, which are those of media elements and `notice`. */
+/** Events of the player, which are those of media elements, `notice`, and those of headsets. */
 export const EVENT_NAMES = [
   "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing",
   "pause", "waiting", "seeking", "seeked", "timeupdate", "ratechange", "ended", "error", "progress",
-  "abort", "emptied", "notice",
+  "abort", "emptied", "notice", "enterxr", "leavexr",
 ] as const;
 export type EventName = typeof EVENT_NAMES[number];
 

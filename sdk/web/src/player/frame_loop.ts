@@ -35,6 +35,7 @@ export class FrameLoop {
   private frame: number | null = null;
   private isDirty = false;
   private isExact = false;
+  private isSuspended = false;
   private isDestroyed = false;
   private last: { camera: Camera; ticks: number } | null = null;
   private readonly rendered: number[] = []; // times of the last frames
@@ -54,7 +55,7 @@ export class FrameLoop {
 
   /** Requests a frame, which is rendered if the time or the camera differs. */
   request(): void {
-    if (this.frame !== null || this.isDestroyed) return;
+    if (this.frame !== null || this.isSuspended || this.isDestroyed) return;
     this.frame = this.host.requestFrame(() => {
       this.frame = null;
       this.step();
@@ -91,8 +92,28 @@ export class FrameLoop {
     await this.renderer.renderExactly(camera, time.ticks);
   }
 
+  /** Renders nothing until `resume`, while a headset shows the scene. */
+  suspend(): void {
+    this.isSuspended = true;
+    this.cancel();
+  }
+
+  resume(): void {
+    this.isSuspended = false;
+    this.invalidate();
+  }
+
+  /** Counts a frame that was rendered elsewhere. */
+  countFrame(): void {
+    this.count(this.host.now());
+  }
+
   destroy(): void {
     this.isDestroyed = true;
+    this.cancel();
+  }
+
+  private cancel(): void {
     if (this.frame !== null) this.host.cancelFrame(this.frame);
     this.frame = null;
   }
@@ -125,6 +146,10 @@ export class FrameLoop {
       this.client.onRenderError(error);
       return;
     }
+    this.count(now);
+  }
+
+  private count(now: number): void {
     this.rendered.push(now);
     this.forgetFrames(now);
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-import { Renderer, SceneInfo } from "../types";
+import { SceneInfo, SegmentSink } from "../types";
 import { EventQueue } from "./event_queue";
 import { Host } from "./host";
 import { WorkerSource } from "./worker_link";
@@ -15,7 +15,7 @@ export const enum Ready {
 /** Parts that playback works with; they belong to the caller. */
 export interface PlaybackContext {
   worker: WorkerSource;
-  renderer: Renderer;
+  renderer: SegmentSink;
   host: Host;
   events: EventQueue;
   options: { memoryBudget: number; lookAhead: number };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Everything known about the open scene and its data.
-import { PackedSegment, Renderer, SceneInfo } from "../types";
+import { PackedSegment, SceneInfo, SegmentSink } from "../types";
 import { BufferedRanges } from "./ranges";
 import { CoreState } from "./seek";
 
@@ -14,7 +14,7 @@ export class SceneState {
   layerCount = 0;
   private readonly resident = new Map<number, { begin: number; end: number }>();
 
-  constructor(readonly info: SceneInfo, private readonly renderer: Renderer) {
+  constructor(readonly info: SceneInfo, private readonly renderer: SegmentSink) {
     this.duration = info.duration;
     renderer.setScene(info);
   }

@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-import { copyCamera } from "../camera";
-import { checkWords, padded } from "../packed_segment";
-import type { Camera, PackedSegment, Renderer, SceneInfo } from "../types";
-import { FrameDrawer } from "./frame";
-import type { Background } from "./frame";
-import { Residents } from "./residents";
-import { kSorterBytes } from "./sorter";
-import type { Order, SortRequest } from "./sorter";
-import { SorterClient } from "./sorter_client";
+import type { Camera, PackedSegment, Renderer, RenderView, SceneInfo, ViewRenderer } from "../types";
+import { isParallel, sharedCamera } from "./camera";
+import { Frame } from "./frame";
+import type { Background, Viewport } from "./frame";
+import { imageOutput } from "./splat_drawer";
+import { SplatScene } from "./splat_scene";
+import type { View } from "./view_order";
 import { targetFormat } from "./target";
 import type { TargetFormat } from "./target";
 
@@ -29,247 +27,141 @@ export interface WebGl2Options {
   onError?: (error: Error) => void;
 }
 
-/** Successive frames that are more seconds apart are a seek, not playback. */
-const kMaxStep = 0.25;
-/** Bounds how far the order looks ahead, frames. */
-const kMaxLatency = 8;
+const kClear: Background = [0, 0, 0, 0];
 
-interface View {
-  camera: Camera;
-  ticks: number;
-  until: number; // ticks; the latest time, or the earliest in reverse, at which its order is used
-}
-
-interface ExactView extends View {
-  resolve: () => void;
-  reject: (error: Error) => void;
-}
-
-function requestOf({ camera, ticks, until }: View): SortRequest {
-  const [x, y, z] = camera.rotation.slice(6, 9) as [number, number, number];
-  const offset = camera.translation[2] as number;
-  return { direction: [x, y, z], offset, near: camera.near, ticks, until };
-}
-
-function isSameOrder(a: View, b: View): boolean {
-  return JSON.stringify(requestOf(a)) === JSON.stringify(requestOf(b));
-}
-
-class WebGl2Renderer implements Renderer {
+class WebGl2Renderer implements Renderer, ViewRenderer {
   readonly name = "webgl2";
+  readonly views = this;
   onError: (error: Error) => void;
-  readonly statistics = { primitives: 0, visible: 0, sortMs: 0 };
-  private readonly sorter: SorterClient;
+  readonly statistics;
+  private readonly splats: SplatScene;
   private readonly format: TargetFormat;
   private readonly background: Background | null;
   private sceneBackground: Background = [0, 0, 0, 1];
-  private readonly restores: boolean;
-  private readonly residents = new Residents();
-  private drawer: FrameDrawer | null; // null while the context is lost
-  private order: Order | null = null;
-  private failure: Error | null = null; // of the sorter; final
-  private latest: View | null = null; // of the last call that draws
-  private sorted: View | null = null; // of the newest request; null if segments changed since then
-  private renders = 0; // calls of render()
-  private rendersAtRequest = 0;
-  private latency = 0; // of the sorter, in calls of render()
-  private tickSeconds = 1 / 30;
-  private inFlight: ExactView | null = null;
-  private isOutdated = false; // the reply in flight precedes the restored words
-  private readonly waiting: ExactView[] = [];
+  private frame: Frame | null; // null while the context is lost
+  private onCanvas: View | null = null; // of the last frame; null: it was not on the canvas
+  private frames = 0; // calls of render() and renderViews()
 
   constructor(
-    private readonly canvas: HTMLCanvasElement, private readonly gl: WebGL2RenderingContext,
+    private readonly canvas: HTMLCanvasElement, readonly context: WebGL2RenderingContext,
     options: WebGl2Options,
   ) {
     this.background = options.background ?? null;
-    this.restores = options.restoresContext ?? true;
     this.onError = options.onError ?? ((error) => console.error(error));
-    this.format = targetFormat(gl, options.target ?? "rgba16f");
-    this.drawer = new FrameDrawer(gl, this.format);
-    const url = options.sorterUrl ?? new URL("sorter_worker.js", import.meta.url);
-    this.sorter = new SorterClient(url, {
-      onOrder: (order, milliseconds) => this.adopt(order, milliseconds),
-      onWords: (key, words) => this.restoreWords(key, words),
-      onFailure: (message) => this.fail(new Error(message)),
+    this.format = targetFormat(context, options.target ?? "rgba16f");
+    this.frame = new Frame(context, this.format);
+    this.splats = new SplatScene(context, {
+      sorterUrl: options.sorterUrl ?? new URL("sorter_worker.js", import.meta.url),
+      restoresContext: options.restoresContext ?? true,
+      report: (error) => this.onError(error),
+      onOrder: () => this.drawSoon(),
     });
+    this.statistics = this.splats.statistics;
     canvas.addEventListener("webglcontextlost", this.onLost);
     canvas.addEventListener("webglcontextrestored", this.onRestored);
   }
 
-  /** Removes all segments: those of another scene have other ids. */
   setScene(info: SceneInfo): void {
-    this.tickSeconds = info.tickSeconds;
     const [red, green, blue] = info.background as [number, number, number];
     this.sceneBackground = [red, green, blue, 1];
-    for (const id of this.residents.ids()) this.removeSegment(id);
+    this.splats.setScene(info);
   }
 
   addSegment(segment: PackedSegment): void {
-    checkWords(segment);
-    const rows = this.drawer?.atlas.add(new Uint32Array(segment.words)) ?? null;
-    this.removeSegment(segment.id);
-    const resident = this.residents.add(segment);
-    resident.rows = rows;
-    const { key, id, primitives, begin, end, origin } = resident;
-    const words = this.restores
-      ? segment.words
-      : segment.words.slice(0, kSorterBytes * padded(primitives));
-    this.sorter.add({ key, id, primitives, begin, end, origin, words });
-    this.sorted = null;
-    this.statistics.primitives = this.residents.primitives;
+    this.splats.addSegment(segment);
   }
 
   removeSegment(id: number): void {
-    const resident = this.residents.remove(id);
-    if (resident === null) return;
-    this.sorter.remove(resident.key);
-    this.sorted = null;
-    this.statistics.primitives = this.residents.primitives;
-    if (!this.sorter.isBusy) this.release();
+    this.splats.removeSegment(id);
   }
 
   render(camera: Camera, ticks: number): void {
-    this.latest = { camera: copyCamera(camera), ticks, until: this.predict(ticks) };
-    ++this.renders;
-    this.draw(this.latest);
-    this.requestOrder();
+    ++this.frames;
+    this.splats.setViews(1);
+    this.drawCanvas(camera, ticks);
+    this.onCanvas = this.splats.follow(camera, ticks);
   }
 
   renderExactly(camera: Camera, ticks: number): Promise<void> {
-    if (this.failure !== null) return Promise.reject(this.failure);
-    const view = { camera: copyCamera(camera), ticks, until: ticks };
-    this.latest = view;
-    return new Promise((resolve, reject) => {
-      this.waiting.push({ ...view, resolve, reject });
-      this.requestOrder();
+    return this.splats.orderExactly(camera, ticks, (view) => {
+      this.onCanvas = view;
+      this.drawCanvas(view.camera, view.ticks);
     });
   }
 
+  renderViews(
+    to: WebGLFramebuffer | null, views: readonly RenderView[], ticks: number, isClear: boolean,
+  ): void {
+    const cameras = views.map((view) => view.camera);
+    const [first, ...others] = cameras;
+    if (first === undefined) return;
+    this.onCanvas = null;
+    ++this.frames;
+    const isShared = others.every((camera) => isParallel(first, camera));
+    this.splats.setViews(isShared ? 1 : views.length);
+    views.forEach(({ camera, x, y }, k) => {
+      const at = { x, y, width: camera.width, height: camera.height };
+      const background = isClear ? kClear : this.opaqueBackground();
+      this.drawImage(camera, ticks, to, at, background, isShared ? 0 : k);
+    });
+    if (isShared) this.splats.follow(sharedCamera([first, ...others]), ticks);
+    else cameras.forEach((camera, k) => this.splats.follow(camera, ticks, k));
+  }
+
   async readPixels(): Promise<Float32Array> {
-    return this.drawer?.read() ?? new Float32Array(0);
+    return this.frame?.read() ?? new Float32Array(0);
   }
 
   destroy(): void {
     this.canvas.removeEventListener("webglcontextlost", this.onLost);
     this.canvas.removeEventListener("webglcontextrestored", this.onRestored);
-    this.sorter.destroy();
-    this.drawer?.destroy();
-    this.drawer = null;
-    this.latest = null;
-    this.fail(new Error("the renderer was destroyed"), false);
+    this.onCanvas = null;
+    this.splats.destroy();
+    this.frame?.destroy();
+    this.frame = null;
   }
 
-  /**
-   * Returns until when the order for a time is used if playback goes on at the rate of the last two
-   * frames, so that it has the primitives that become active meanwhile.
-   */
-  private predict(ticks: number): number {
-    const step = this.latest === null ? 0 : ticks - this.latest.ticks;
-    const isPlaying = Math.abs(step) * this.tickSeconds < kMaxStep;
-    return isPlaying ? ticks + step * (2 * this.latency + 2) : ticks;
+  private opaqueBackground(): Background {
+    return this.background ?? this.sceneBackground;
   }
 
-  private draw(view: View): void {
-    if (this.drawer === null) return;
-    const { width, height } = view.camera;
-    if (!(width > 0 && height > 0)) return; // a hidden canvas
+  private drawCanvas(camera: Camera, ticks: number): void {
+    const { width, height } = camera;
+    if (this.frame === null || !(width > 0 && height > 0)) return; // lost, or a hidden canvas
     if (this.canvas.width !== width) this.canvas.width = width;
     if (this.canvas.height !== height) this.canvas.height = height;
-    const drawn = this.residents.list(this.order?.keys ?? []);
-    const background = this.background ?? this.sceneBackground;
-    this.drawer.draw(view.camera, view.ticks, drawn, this.order?.bases ?? [], background);
+    this.drawImage(camera, ticks, null, { x: 0, y: 0, width, height }, this.opaqueBackground());
   }
 
-  /** Sends the next request, unless one is in flight or the last order is still right. */
-  private requestOrder(): void {
-    if (this.sorter.isBusy || this.drawer === null || this.failure !== null) return;
-    const exact = this.waiting.shift() ?? null;
-    const view = exact ?? this.latest;
-    if (view === null) return;
-    if (exact === null && this.sorted !== null && isSameOrder(view, this.sorted)) return;
-    this.inFlight = exact;
-    this.sorted = view;
-    this.rendersAtRequest = this.renders;
-    this.sorter.sort(requestOf(view));
+  private drawImage(
+    camera: Camera, ticks: number, to: WebGLFramebuffer | null, at: Viewport,
+    background: Background, view = 0,
+  ): void {
+    this.frame?.begin(camera.width, camera.height);
+    this.splats.draw(camera, ticks, imageOutput(camera.height), view);
+    this.frame?.show(to, at, background);
   }
 
-  /** Takes over an order that has arrived. */
-  private adopt(order: Order, milliseconds: number): void {
-    if (this.order !== null) this.sorter.recycle(this.order.buffer);
-    this.order = order;
-    this.statistics.visible = order.count;
-    this.statistics.sortMs = milliseconds;
-    this.latency = Math.min(kMaxLatency, this.renders - this.rendersAtRequest);
-    this.release();
-    this.uploadOrder();
-    const exact = this.inFlight;
-    this.inFlight = null;
-    const isDrawable = this.drawer !== null && !this.isOutdated;
-    this.isOutdated = false;
-    if (exact !== null && !isDrawable) {
-      this.waiting.unshift(exact); // the context was lost
-    } else if (exact !== null) {
-      this.draw(exact);
-      exact.resolve();
-    } else {
-      this.drawSoon();
-    }
-    this.requestOrder();
-  }
-
-  /** Draws the latest view in the new order, unless the caller renders in the same frame anyway. */
+  /** Draws the canvas in the new order, unless the caller renders in the same frame anyway. */
   private drawSoon(): void {
-    const renders = this.renders;
+    const { frames } = this;
     requestAnimationFrame(() => {
-      if (this.renders === renders && this.latest !== null) this.draw(this.latest);
+      if (this.frames !== frames || this.onCanvas === null) return;
+      this.drawCanvas(this.onCanvas.camera, this.onCanvas.ticks);
     });
-  }
-
-  private uploadOrder(): void {
-    if (this.drawer === null || this.order === null) return;
-    const { buffer, count, keys, bases } = this.order;
-    const primitives = this.residents.list(keys).map((resident) => resident.primitives);
-    this.drawer.setOrder(new Uint32Array(buffer, 0, count), primitives, bases);
-  }
-
-  private release(): void {
-    this.residents.release(this.order?.keys ?? [], this.drawer?.atlas ?? null);
-  }
-
-  private fail(error: Error, reports = true): void {
-    this.failure ??= error;
-    if (reports) this.onError(error);
-    for (const exact of this.waiting.splice(0)) exact.reject(error);
-    this.inFlight?.reject(error);
-    this.inFlight = null;
   }
 
   private readonly onLost = (event: Event): void => {
     event.preventDefault(); // so that the context is restored
-    this.drawer = null;
-    this.residents.forgetRows();
+    this.frame = null;
+    this.splats.lose();
   };
 
   private readonly onRestored = (): void => {
-    targetFormat(this.gl, this.format); // extensions are lost as well
-    this.drawer = new FrameDrawer(this.gl, this.format);
-    this.uploadOrder();
-    if (this.restores) this.sorter.requestWords();
-    this.isOutdated = this.sorter.isBusy;
-    this.sorted = null; // the order that follows the words shows them
-    this.requestOrder();
+    targetFormat(this.context, this.format); // extensions are lost as well
+    this.frame = new Frame(this.context, this.format);
+    this.splats.restore();
   };
-
-  private restoreWords(key: number, words: ArrayBuffer): void {
-    const resident = this.residents.at(key);
-    if (resident === null || resident.rows !== null || this.drawer === null) return;
-    try {
-      resident.rows = this.drawer.atlas.add(new Uint32Array(words));
-    } catch (error) {
-      this.onError(error as Error);
-    }
-  }
 }
 
 /**
@@ -283,7 +175,7 @@ class WebGl2Renderer implements Renderer {
  */
 export function createWebGl2Renderer(
   canvas: HTMLCanvasElement, options: WebGl2Options = {},
-): Renderer {
+): Renderer & ViewRenderer {
   const gl = canvas.getContext("webgl2", {
     alpha: true, antialias: false, depth: false, stencil: false,
     powerPreference: "high-performance",

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { PackedSegment } from "../types";
 import type { Atlas } from "./atlas";
-import type { Drawn } from "./frame";
+import type { Drawn } from "./splat_drawer";
 
 /** A version of a segment whose words are on the GPU. */
 export interface Resident extends Drawn {

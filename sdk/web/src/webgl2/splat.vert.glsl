@@ -17,6 +17,9 @@ uniform usampler2D groups;
 // Rows of the pose with the translation in w; (fx, fy, cx, cy); (width, height, near plane, 0); the
 // centre of the camera.
 uniform vec4 view[6];
+// (a, b, c): a splat at z in front of the camera has depth a + b / z + c log2(1 + z), in NDC.
+uniform vec3 depth_mapping;
+uniform bool is_linear;  // whether colours are converted from sRGB
 
 // Index of a primitive among the entries of all segments of the order.
 layout(location = 0) in uint entry;
@@ -180,6 +183,11 @@ bool corner_at(vec2 mean, vec2 extent, Sym2 conic, vec2 side, out vec2 corner) {
   return true;
 }
 
+vec3 linear_of(vec3 colour) {
+  vec3 power = pow((colour + 0.055) / 1.055, vec3(2.4));
+  return mix(power, colour / 12.92, vec3(lessThanEqual(colour, vec3(0.04045))));
+}
+
 void main() {
   gl_Position = vec4(2.0, 2.0, 0.0, 1.0);  // outside the image: nothing is drawn
   splat_a = vec4(0.0);
@@ -200,8 +208,11 @@ void main() {
   vec2 corner;
   if (!corner_at(mean, extent, conic_of(splat.falloff), side, corner)) return;
   vec2 clip = 2.0 * corner / view[4].xy - 1.0;
-  gl_Position = vec4(clip.x, -clip.y, 0.0, 1.0);
+  float depth = depth_mapping.x + depth_mapping.y / splat.depth +
+                depth_mapping.z * log2(1.0 + splat.depth);
+  gl_Position = vec4(clip.x, -clip.y, depth, 1.0);
   splat_a = vec4(mean, splat.falloff.xx, splat.falloff.xy);
   splat_b = vec2(splat.falloff.yy, splat.peak);
   splat_colour = vec3(splat.colour.x, splat.colour.y, splat.colour.z);
+  if (is_linear) splat_colour = linear_of(splat_colour);
 }

@@ -22,6 +22,7 @@ const kLimits = ["maxBufferSize", "maxStorageBufferBindingSize", "maxTextureDime
 
 class WebGpuRenderer implements Renderer {
   readonly name = "webgpu";
+  readonly views = null;
   onError: (error: Error) => void = (error) => console.error(error);
   private readonly background: Background | null;
   private sceneBackground: Background = [0, 0, 0, 1];

@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+// The interface of a media element over a worker that decodes, without the drawing of frames.
+import { SceneInfo, SegmentSink } from "../types";
+import { abortError, PlayerError, unsupported } from "./errors";
+import { EventQueue } from "./event_queue";
+import { Host } from "./host";
+import { Playback } from "./playback";
+import { Ready } from "./playback_context";
+import { BufferedRanges } from "./ranges";
+import { WorkerSource } from "./worker_link";
+
+const MIN_RATE = -2, MAX_RATE = 4; // of the core
+const MEMORY_BUDGET = 512 * 2 ** 20; // bytes
+const LOOK_AHEAD = 10; // seconds
+
+export interface ScenePlayerOptions {
+  /**
+   * Belongs to the player, which terminates it. With a function, each load gets a worker of its
+   * own, so that no message of an earlier source can be taken for one of the next.
+   */
+  worker: WorkerSource;
+  /** Bytes for fetched and decoded data; default 512 MiB. */
+  memoryBudget?: number;
+  /** Seconds to fetch ahead; default 10. */
+  lookAhead?: number;
+}
+
+/** Parts of a player, and the reports of playback to its owner. */
+export interface ScenePlayerParts {
+  /** Belongs to the player, which destroys it. */
+  sink: SegmentSink;
+  host: Host;
+  onOpened(): void;
+  /** The time may have changed. */
+  onTime(): void;
+  /** The image at the current time has changed. */
+  onContent(): void;
+}
+
+/**
+ * Plays one source at a time, with the properties and events of `HTMLMediaElement`; times are in
+ * seconds. Events are dispatched after the call that causes them. `timeupdate` is dispatched at
+ * most four times per second during playback, and once after each seek, pause and end. A `notice`
+ * event with `detail: { kind, message }` passes on events of the core, such as data that could not
+ * be read.
+ */
+export class ScenePlayer extends EventTarget {
+  static readonly HAVE_NOTHING = Ready.Nothing;
+  /** The duration, the bounds and the start camera are known. */
+  static readonly HAVE_METADATA = Ready.Metadata;
+  /** The current image is available; playback has to wait for data. */
+  static readonly HAVE_CURRENT_DATA = Ready.CurrentData;
+  /** Playback can continue. */
+  static readonly HAVE_ENOUGH_DATA = Ready.EnoughData;
+
+  protected readonly events = new EventQueue(this);
+  protected readonly playback: Playback;
+  protected isDestroyed = false;
+  private readonly sink: SegmentSink;
+
+  protected constructor(options: ScenePlayerOptions, parts: ScenePlayerParts) {
+    super();
+    this.sink = parts.sink;
+    this.playback = new Playback({
+      worker: options.worker,
+      renderer: parts.sink,
+      host: parts.host,
+      events: this.events,
+      options: {
+        memoryBudget: options.memoryBudget ?? MEMORY_BUDGET,
+        lookAhead: options.lookAhead ?? LOOK_AHEAD,
+      },
+      onOpened: () => parts.onOpened(),
+      onTime: () => parts.onTime(),
+      onContent: () => parts.onContent(),
+    });
+  }
+
+  /** The URL of the source; empty if there is none or it is a `Blob`. Assigning it calls `load`. */
+  get src(): string {
+    const { source } = this.playback;
+    return typeof source === "string" ? source : "";
+  }
+  set src(source: string) {
+    this.load(source).catch(() => undefined); // the error event reports it
+  }
+
+  /**
+   * Opens a source and ends the previous one. Resolves with `loadedmetadata`. Rejects with a
+   * `PlayerError`, or with an `AbortError` after an abort, another `load` or `destroy`.
+   */
+  load(source: string | Blob, { signal }: { signal?: AbortSignal } = {}): Promise<void> {
+    if (this.isDestroyed) return Promise.reject(abortError("the player is destroyed"));
+    return this.playback.load(source, signal);
+  }
+
+  /** Ends the source; the player is as new, except for its rate, its loop and its camera. */
+  unload(): void {
+    if (!this.isDestroyed) this.playback.unload(abortError("the source was removed"));
+  }
+
+  /**
+   * Starts playback, from the beginning if it has ended. Resolves when the time advances. Rejects
+   * with an `AbortError` if `pause`, `load` or `destroy` comes first, with a `NotSupportedError` if
+   * the source fails.
+   */
+  play(): Promise<void> {
+    if (this.isDestroyed) return Promise.reject(abortError("the player is destroyed"));
+    return this.playback.play();
+  }
+
+  pause(): void {
+    if (!this.isDestroyed) this.playback.pause();
+  }
+
+  /** Seconds. Assigning it seeks; before the scene is open, it sets the time to start at. */
+  get currentTime(): number {
+    return this.playback.currentTime;
+  }
+  set currentTime(seconds: number) {
+    if (!Number.isFinite(seconds)) throw new TypeError(`currentTime ${seconds} is not finite`);
+    if (!this.isDestroyed) this.playback.seekTo(seconds);
+  }
+
+  /** Seconds; NaN before `loadedmetadata`. */
+  get duration(): number {
+    return this.playback.scene?.duration ?? NaN;
+  }
+  get buffered(): BufferedRanges {
+    return this.playback.scene?.buffered ?? new BufferedRanges([]);
+  }
+  get paused(): boolean {
+    return this.playback.paused;
+  }
+  get ended(): boolean {
+    return this.playback.ended;
+  }
+  get seeking(): boolean {
+    return this.playback.seeking;
+  }
+  /** One of the HAVE_ constants. */
+  get readyState(): number {
+    return this.playback.ready;
+  }
+  get error(): PlayerError | null {
+    return this.playback.error;
+  }
+  /**
+   * Whether a source is being loaded or played: not before `load`, nor after an error or an abort.
+   */
+  get hasSource(): boolean {
+    return this.playback.hasSource;
+  }
+  /** The description of the scene; null before `loadedmetadata`. */
+  get info(): SceneInfo | null {
+    return this.playback.scene?.info ?? null;
+  }
+
+  /** -2 to 4, not 0; negative rates play backwards. Others throw a `NotSupportedError`. */
+  get playbackRate(): number {
+    return this.playback.rate;
+  }
+  set playbackRate(rate: number) {
+    if (!(rate >= MIN_RATE && rate <= MAX_RATE && rate !== 0)) {
+      throw unsupported(`playbackRate ${rate} is out of range (expected -2 to 4, not 0)`);
+    }
+    if (!this.isDestroyed) this.playback.setRate(rate);
+  }
+
+  get loop(): boolean {
+    return this.playback.loop;
+  }
+  set loop(loop: boolean) {
+    if (!this.isDestroyed) this.playback.setLoop(loop);
+  }
+
+  /** Ends everything: the worker, the renderer and pending promises. No event follows. */
+  destroy(): void {
+    if (this.isDestroyed) return;
+    this.isDestroyed = true;
+    this.events.close();
+    this.playback.destroy();
+    this.sink.destroy();
+  }
+}

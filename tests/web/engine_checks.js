@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the test pages of the engines share. See test_three.py and test_playcanvas.py.
+import { plainImage, psnr, readCanvas } from "./decode_scene.js";
+
+export const WIDTH = 320, HEIGHT = 240, FOCAL = 280, NEAR = 0.05, FAR = 100;
+
+/** A camera at the origin that looks along z of the scene, in the image above. */
+export const CAMERA = {
+  rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1], translation: [0, 0, 0], fx: FOCAL, fy: FOCAL,
+  cx: WIDTH / 2, cy: HEIGHT / 2, width: WIDTH, height: HEIGHT, near: NEAR,
+};
+/** Degrees, vertical. */
+export const FOV = 2 * Math.atan(HEIGHT / 2 / FOCAL) * 180 / Math.PI;
+/** The background, 0 to 255. */
+export const BACKGROUND = [40, 80, 120];
+/** A box on the axis: its size, and distances of its centre, before and behind all splats. */
+export const BOX = { size: 0.2, color: [255, 0, 0], before: 0.4, behind: 60 };
+
+/** The image of the engine: bytes, RGBA, from the top. Call it in the task that has rendered. */
+export const imageOf = (gl) => readCanvas(gl, 0, 0, WIDTH, HEIGHT);
+
+/** PSNR of an image to that of the plain player, where `uses` says. */
+export async function compare(image, camera, seconds, uses) {
+  const background = [...BACKGROUND.map((value) => value / 255), 1];
+  const expected = await plainImage("scene.stgs", camera, seconds, background);
+  return psnr(image, expected, WIDTH, uses);
+}
+
+/** Whether a pixel is outside of the square that the box covers, with a margin of `pixels`. */
+export function besideBox(distance, size, pixels) {
+  const half = (FOCAL * size) / 2 / (distance - size / 2) + pixels;
+  return (x, y) => Math.max(Math.abs(x + 0.5 - WIDTH / 2), Math.abs(y + 0.5 - HEIGHT / 2)) > half;
+}
+
+/** The pixel in the middle of an image. */
+export function middleOf(image) {
+  const at = 4 * ((HEIGHT / 2) * WIDTH + WIDTH / 2);
+  return [...image.subarray(at, at + 3)];
+}
+
+/** Counts the objects of a context that exist: textures, buffers, programs, vertex arrays. */
+export function countObjects(gl) {
+  const counts = {};
+  for (const kind of ["Texture", "Buffer", "Program", "VertexArray", "Framebuffer"]) {
+    counts[kind] = 0;
+    for (const [verb, step] of [["create", 1], ["delete", -1]]) {
+      const call = gl[verb + kind].bind(gl);
+      gl[verb + kind] = (...parameters) => {
+        if (verb === "create" || parameters[0] !== null) counts[kind] += step;
+        return call(...parameters);
+      };
+    }
+  }
+  return counts;
+}
+
+export const delay = (milliseconds) => new Promise((done) => setTimeout(done, milliseconds));

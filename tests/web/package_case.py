@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tests of the package with npm packages, in Chromium, from nginx.
+
+usage of the scripts: test_NAME.py MAKE_WEB_SCENE PACKAGE NPM
+PACKAGE: the folder of stgs.js. NPM: a node_modules folder with tests/web/package.json.
+With SCREENSHOTS=FOLDER in the environment, they write images of their pages. Exit code 77: Chromium,
+nginx or an npm package is missing
+"""
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "fetch")]
+from browser import CHROMIUM, Browser  # noqa: E402
+from nginx import Nginx  # noqa: E402
+
+SIZE = (640, 320)
+
+
+class PackageCase(unittest.TestCase):
+    """A page per test. FILES: of this folder; MODULES: of npm, by the name on the server."""
+
+    FILES = ["decode_scene.js"]
+    MODULES = {}
+    PAGE = ""
+    make = package = npm = ""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.work = tempfile.mkdtemp(prefix="stgs-package-")
+        cls.addClassCleanup(shutil.rmtree, cls.work, True)
+        for name in os.listdir(cls.package):
+            if name.endswith((".js", ".wasm")):
+                shutil.copy(os.path.join(cls.package, name), cls.work)
+        for name in cls.FILES + [cls.PAGE]:
+            shutil.copy(os.path.join(HERE, name), cls.work)
+        for name, source in cls.MODULES.items():
+            shutil.copy(os.path.join(cls.npm, source), os.path.join(cls.work, name))
+        subprocess.run([cls.make, os.path.join(cls.work, "scene.stgs"), "3000", "3"], check=True)
+        cls.nginx = Nginx(cls.work)
+        cls.nginx.__enter__()
+        cls.addClassCleanup(cls.nginx.__exit__)
+        cls.url = f"http://127.0.0.1:{cls.nginx.port}/"
+        cls.browser = Browser()
+        cls.addClassCleanup(cls.browser.close)
+
+    def setUp(self):
+        self.browser.problems.clear()
+        self.browser.resize(*SIZE)
+        self.open(self.PAGE)
+
+    def tearDown(self):
+        self.assertEqual(self.browser.problems, [])
+
+    def open(self, page):
+        self.browser.open(self.url + page)
+        self.wait("'ready' in window")
+
+    def check(self, script, *arguments):
+        """Calls a function of the page if there are arguments, or evaluates a script."""
+        if arguments:
+            script = f"{script}({', '.join(map(json.dumps, arguments))})"
+        return self.browser.evaluate(script)
+
+    def wait(self, condition, seconds=30):
+        self.browser.wait_for(condition, seconds)
+
+    def capture(self, name):
+        if folder := os.environ.get("SCREENSHOTS"):
+            self.browser.screenshot(os.path.join(folder, name + ".png"))
+
+
+def run(case):
+    """Runs the tests of the calling script. Exit code 77: skipped."""
+    if len(sys.argv) != 4:
+        sys.exit(__doc__)
+    case.make, case.package, case.npm = map(os.path.abspath, sys.argv[1:])
+    if not os.path.exists(CHROMIUM) or shutil.which("nginx") is None:
+        print("skipped: needs chromium and nginx")
+        sys.exit(77)
+    missing = [path for path in case.MODULES.values()
+               if not os.path.exists(os.path.join(case.npm, path))]
+    if missing:
+        print(f"skipped: needs npm's {missing[0]}; run tools/setup/npm.sh")
+        sys.exit(77)
+    unittest.main(argv=sys.argv[:1], module="__main__")

@@ -1,0 +1,61 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""A minute of playback, and 200 seeks: times of frames, and memory. See package_case.py for the
+usage. With PLAY_SECONDS=N in the environment, playback lasts N seconds.
+"""
+import os
+
+from package_case import PackageCase, run
+
+SECONDS = float(os.environ.get("PLAY_SECONDS", "60"))
+
+
+class Playback(PackageCase):
+    PAGE = "playback_page.html"
+
+    def heap(self):
+        """Returns the bytes that scripts of the page use."""
+        self.browser.send("HeapProfiler.collectGarbage")
+        return self.browser.send("Runtime.getHeapUsage")["usedSize"]
+
+    def memory(self):
+        """Returns the resident bytes of the processes of pages, with workers and WebAssembly."""
+        total = 0
+        for entry in filter(str.isdigit, os.listdir("/proc")):
+            try:
+                with open(f"/proc/{entry}/cmdline", "rb") as file:
+                    is_page = b"--type=renderer" in file.read()
+                # Chromium starts its processes in its own group.
+                if is_page and os.getpgid(int(entry)) == self.browser.process.pid:
+                    with open(f"/proc/{entry}/statm", encoding="ascii") as file:
+                        total += int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+            except (FileNotFoundError, ProcessLookupError):
+                pass  # it has ended
+        return total
+
+    def test_frames_follow_the_clock(self):
+        # Longer than a command of the browser may take.
+        self.check(f"playFor({SECONDS}).then((result) => (window.result = result)), 0")
+        self.wait("'result' in window", SECONDS + 60)
+        result = self.check("result")
+        print(result, flush=True)
+        self.assertGreater(result["loops"], SECONDS / 2 / 2)
+        self.assertLess(result["largest"], result["tick"])
+
+    def test_seeks_do_not_retain_memory(self):
+        self.check("player.load('scene.stgs')")
+        self.wait("player.readyState >= 3")
+        self.check("seek(20)")
+        before = self.heap(), self.memory()
+        for _ in range(20):
+            self.check("seek(10)")
+        after = self.heap(), self.memory()
+        print("heap and memory of the page, MB:", [f"{value / 1e6:.1f}" for value in before + after],
+              flush=True)
+        self.assertLess(after[0], before[0] + 1e6)
+        self.assertGreater(before[1], 0)
+        self.assertLess(after[1], 1.25 * before[1])
+
+
+if __name__ == "__main__":
+    run(Playback)

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// Programs that use the types of the adapters: they have to compile.
+import { Entity } from "playcanvas";
+import { StgsScript } from "stgs/playcanvas";
+import { StgsMesh } from "stgs/three";
+import { WebGLRenderer } from "three";
+
+export async function playMesh(renderer: WebGLRenderer, file: File): Promise<StgsMesh> {
+  const mesh = new StgsMesh({ renderer, loop: true, memoryBudget: 2 ** 28 });
+  await mesh.player.load(file);
+  await mesh.player.play();
+  mesh.player.addEventListener("ended", () => mesh.dispose());
+  return mesh;
+}
+
+export function durationOf(script: StgsScript): number {
+  const entity: Entity = script.entity;
+  entity.once("destroy", () => script.player?.destroy());
+  return script.player?.duration ?? NaN;
+}
+
+// @ts-expect-error: the renderer is missing
+new StgsMesh({ src: "scene.stgs" });
