@@ -10,6 +10,7 @@ export class FakeCore {
   rate = 1;
   loop = false;
   plays = false;
+  lastSeek = 0;
   fetched = 0.5;
   listener = null;
   timer = null;
@@ -45,6 +46,7 @@ export class FakeCore {
         break;
       case "seek":
         this.seconds = Math.min(message.seconds, LAST);
+        this.lastSeek = message.id;
         break;
       case "rate":
         this.rate = message.rate;
@@ -102,7 +104,7 @@ export class FakeCore {
     else if (isEnded) state = "ended";
     this.plays &&= !isEnded;
     this.send({
-      type: "state", state, seconds: this.seconds, at: now(), rate: this.rate,
+      type: "state", state, seconds: this.seconds, seek: this.lastSeek, at: now(), rate: this.rate,
       buffered: [[0, this.fetched]], layers: 2, layerCount: 3, bytes: 4.2e6 * this.fetched,
       duration: DURATION,
     });

@@ -38,14 +38,14 @@ export type CoreMessage =
   | { type: "opened"; info: SceneInfo }
   | { type: "segment"; segment: PackedSegment }
   | { type: "dropped"; id: number }
-  | { type: "state"; state: "playing" | "paused" | "buffering" | "ended"; seconds: number; at: number /* performance.timeOrigin + performance.now() of the worker when seconds was true */;
+  | { type: "state"; state: "playing" | "paused" | "buffering" | "ended"; seconds: number; seek: number /* id of the last seek that came before; 0: none */; at: number /* performance.timeOrigin + performance.now() of the worker when seconds was true */;
       rate: number; buffered: [number, number][]; layers: number; layerCount: number; bytes: number /* fetched */ ; duration: number }
   | { type: "event"; kind: string; message: string }
   | { type: "error"; code: "network" | "format" | "unsupported" | "memory" | "usage" | "aborted"; message: string };
 /** Messages of the page to the core worker. */
 export type PageMessage =
   | { type: "open"; source: string | Blob; options: { memoryBudget: number; lookAhead: number } }
-  | { type: "play" } | { type: "pause" } | { type: "seek"; seconds: number } | { type: "rate"; rate: number }
+  | { type: "play" } | { type: "pause" } | { type: "seek"; seconds: number; id: number /* ascending */ } | { type: "rate"; rate: number }
   | { type: "loop"; loop: boolean } | { type: "close" };
 /** Statistics of a recent frame. */
 export interface RendererStatistics {

@@ -45,6 +45,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
   private rate = 1;
   private duration = 0;
   private lastState = "";
+  private lastSeek = 0;
   private reportedAt = 0;
 
   /** `startDecoder` starts a worker of decoderWorker(). */
@@ -70,7 +71,8 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
         this.core.pause();
         break;
       case "seek":
-        if (!this.core.seek(message.seconds)) return;
+        this.lastSeek = message.id;
+        this.core.seek(message.seconds); // an invalid time changes nothing
         break;
       case "rate":
         if (!this.core.setRate(message.rate)) return;
@@ -135,6 +137,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     const { signal } = (this.closed = new AbortController());
     this.rate = 1;
     this.lastState = "";
+    this.lastSeek = 0;
     try {
       const info = await this.openFile(message, signal);
       if (signal.aborted) return;
@@ -223,7 +226,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     this.lastState = state.state;
     this.reportedAt = now;
     this.post({
-      type: "state", state: state.state, seconds: state.seconds, at: performance.timeOrigin + at, rate: this.rate,
+      type: "state", state: state.state, seconds: state.seconds, seek: this.lastSeek, at: performance.timeOrigin + at, rate: this.rate,
       buffered: state.buffered, layers: state.layers, layerCount: state.layerCount, bytes: state.bytes, duration: this.duration,
     }, []);
     return Infinity;

@@ -121,8 +121,8 @@ export class Playback {
       return;
     }
     this.clock.freeze(this.now());
-    this.seek = new Seek(target, this.context.host, (time) => {
-      this.core.post({ type: "seek", seconds: time });
+    this.seek = new Seek(target, this.context.host, (time, id) => {
+      this.core.post({ type: "seek", seconds: time, id });
     });
     this.seek.flush();
   }
@@ -315,8 +315,7 @@ export class Playback {
   /** Takes over the time of the answer to a seek. Returns whether a seek is active. */
   private followSeek(state: CoreState, hasData: boolean): boolean {
     if (this.seek === null || this.scene === null) return false;
-    const { duration, info: { tickSeconds } } = this.scene;
-    if (!this.seek.isAnswer(state, { tickSeconds, duration, loop: this.loop })) return true;
+    if (!this.seek.isAnswer(state)) return true;
     if (!hasData) {
       this.stall();
       return true;

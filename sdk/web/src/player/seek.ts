@@ -6,31 +6,24 @@ import { Host } from "./host";
 export type CoreState = Extract<CoreMessage, { type: "state" }>;
 
 const MAX_WAIT = 250; // milliseconds that a newer target waits for the answer to an older one
-const CLOCK_SLACK = 5; // milliseconds between the clocks of the page and of the worker
-const MIN_TOLERANCE = 0.05; // seconds; the core moves to a tick and may have advanced since
-const ACCEPT_AFTER = 1000; // milliseconds after which the core's time counts as the answer
 
-/** The clip, as far as a seek depends on it. Seconds. */
-export interface SeekContext {
-  tickSeconds: number;
-  duration: number;
-  loop: boolean;
-}
+/** Numbers of the targets that were sent: a state names the last one that the core had received. */
+let lastId = 0;
 
 /**
- * Sends a target to the core and recognises the answer: states have no number, and those from
- * before the seek may still arrive. While one target is in flight, later ones replace each other,
+ * Sends a target to the core and recognises the answer: states from before the seek may still
+ * arrive. While one target is in flight, later ones replace each other,
  * so that a slider that is dragged neither floods the core nor blocks until the last frame.
  */
 export class Seek {
-  private sent: { seconds: number; at: number } | null = null;
+  private sent: { seconds: number; id: number; at: number } | null = null;
   private timer: number | null = null;
   private latest: number;
 
   constructor(
     target: number,
     private readonly host: Host,
-    private readonly send: (seconds: number) => void,
+    private readonly send: (seconds: number, id: number) => void,
   ) {
     this.latest = target;
   }
@@ -57,18 +50,8 @@ export class Seek {
   }
 
   /** Whether `state` is the core's answer to the target in flight. */
-  isAnswer(state: CoreState, context: SeekContext): boolean {
-    if (this.sent === null) return false;
-    const passed = state.at - this.sent.at;
-    if (passed < -CLOCK_SLACK) return false;
-    if (passed > ACCEPT_AFTER) return true;
-    const tolerance = Math.max(MIN_TOLERANCE, 2 * context.tickSeconds);
-    const advance = (state.rate * Math.max(0, passed)) / 1000;
-    let off = state.seconds - this.sent.seconds;
-    if (context.loop && context.duration > 0) {
-      off -= context.duration * Math.round(off / context.duration);
-    }
-    return off >= Math.min(0, advance) - tolerance && off <= Math.max(0, advance) + tolerance;
+  isAnswer(state: CoreState): boolean {
+    return this.sent !== null && state.seek >= this.sent.id;
   }
 
   /** The data of the target in flight is available. Returns whether it was the latest target. */
@@ -89,7 +72,7 @@ export class Seek {
 
   private post(): void {
     this.cancel();
-    this.sent = { seconds: this.latest, at: this.host.now() };
-    this.send(this.latest);
+    this.sent = { seconds: this.latest, id: ++lastId, at: this.host.now() };
+    this.send(this.latest, lastId);
   }
 }
