@@ -10,7 +10,8 @@ import unittest
 from harness import CliTest, built_in
 
 USAGE, IO, INVALID, UNSUPPORTED, NOT_BUILT = 1, 2, 3, 5, 6
-FILES = ["index.html", "scene.stgs", "stgs-core.wasm", "stgs-sorter.js", "stgs-worker.js", "viewer.js"]
+FILES = ["index.html", "scene.stgs", "stgs-core.wasm", "stgs-import.js", "stgs-import.wasm", "stgs-sorter.js",
+         "stgs-worker.js", "viewer.js"]
 
 
 @unittest.skipUnless(built_in("web"), "web is not built in")

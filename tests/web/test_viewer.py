@@ -5,7 +5,9 @@
 usage: test_viewer.py STGS MAKE_WEB_SCENE
 Exit code 77: Chromium, nginx or libmicrohttpd is missing
 """
+import array
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -123,14 +125,49 @@ class Viewer(unittest.TestCase):
         self.browser.send("Input.dispatchDragEvent", type="drop", x=200, y=200, data=data)
         self.shows_scene("kitchen")
         self.assertTrue(self.check("document.getElementById('drop').hidden"))
-        model = self.path("model.ply")
-        with open(model, "wb") as file:
-            file.write(b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nend_header\n" + bytes(200))
-        root = self.browser.send("DOM.getDocument")["root"]["nodeId"]
-        field = self.browser.send("DOM.querySelector", nodeId=root, selector="#file")["nodeId"]
-        self.browser.send("DOM.setFileInputFiles", nodeId=field, files=[model])
+        self.choose("model.spz", b"\x1f\x8b\x08" + bytes(200))
         self.wait(f"{PLAYER}.error", 60)
         self.assertIn("stgs convert", self.check(f"{PLAYER}.error.message"))
+
+    def choose(self, name, content):
+        """Chooses a new file in the dialogue of the page."""
+        with open(self.path(name), "wb") as file:
+            file.write(content)
+        root = self.browser.send("DOM.getDocument")["root"]["nodeId"]
+        field = self.browser.send("DOM.querySelector", nodeId=root, selector="#file")["nodeId"]
+        self.browser.send("DOM.setFileInputFiles", nodeId=field, files=[self.path(name)])
+
+    def test_a_ply_model_is_converted(self):
+        self.stgs("convert", self.scene, self.path("binary.ply"), "--time", "0.5", "--log-level", "error")
+        with open(self.path("binary.ply"), "rb") as file:
+            binary = file.read()
+        body = binary.index(b"end_header\n") + len(b"end_header\n")
+        header = binary[:body]
+        count = int(re.search(rb"element vertex (\d+)", header).group(1))
+        names = re.findall(rb"property float (\w+)", header)
+        values = array.array("f", binary[body:])
+        rows = (" ".join(map(repr, values[i:i + len(names)])) for i in range(0, len(values), len(names)))
+        text = header.replace(b"binary_little_endian", b"ascii") + "\n".join(rows).encode() + b"\n"
+        for name, content in (("binary.ply", binary), ("text.ply", text)):
+            with self.subTest(name=name):
+                self.browser.open(self.site + "?src=file:///x")
+                self.choose(name, content)
+                self.wait(f"{PLAYER} && {PLAYER}.readyState >= 3", 60)
+                self.assertEqual(self.check("[document.title, document.getElementById('detail').textContent]"),
+                                 [name[:-4], f"{count:,} primitives"])
+                bounds = self.check(f"[{PLAYER}.info.boundsMin, {PLAYER}.info.boundsMax]")
+                for axis, at in enumerate(map(names.index, (b"x", b"y", b"z"))):
+                    self.assertAlmostEqual(bounds[0][axis], min(values[at::len(names)]), 4)
+                    self.assertAlmostEqual(bounds[1][axis], max(values[at::len(names)]), 4)
+                self.assertEqual(self.browser.problems, [])
+        for name, content, problem in (("cut.ply", binary[:len(binary) // 2], "cut.ply: "),
+                                       ("mesh.ply", b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n"
+                                                    b"end_header\n0\n", "mesh.ply: "),
+                                       ("huge.ply", header.replace(b"vertex %d" % count, b"vertex 4000000000"), "huge.ply: ")):
+            with self.subTest(name=name):
+                self.choose(name, content)
+                self.wait("!document.getElementById('welcome').hidden")
+                self.shows_problem(problem)
 
     def test_serve_plays_a_file(self):
         self.browser.open(self.serve(self.scene))

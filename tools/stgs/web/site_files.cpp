@@ -17,6 +17,8 @@ STGS_EMBED(stgs_site_viewer, STGS_SITE_VIEWER)
 STGS_EMBED(stgs_site_worker, STGS_SITE_WORKER)
 STGS_EMBED(stgs_site_sorter, STGS_SITE_SORTER)
 STGS_EMBED(stgs_site_core, STGS_SITE_CORE)
+STGS_EMBED(stgs_site_import, STGS_SITE_IMPORT)
+STGS_EMBED(stgs_site_import_core, STGS_SITE_IMPORT_CORE)
 
 namespace stgs::tools {
 namespace {
@@ -35,6 +37,9 @@ const std::array<SiteFile, kSiteFiles> kSite = {{
     {"stgs-worker.js", kScript, view(stgs_site_worker, stgs_site_worker_end)},
     {"stgs-sorter.js", kScript, view(stgs_site_sorter, stgs_site_sorter_end)},
     {"stgs-core.wasm", "application/wasm", view(stgs_site_core, stgs_site_core_end)},
+    {"stgs-import.js", kScript, view(stgs_site_import, stgs_site_import_end)},
+    {"stgs-import.wasm", "application/wasm",
+     view(stgs_site_import_core, stgs_site_import_core_end)},
 }};
 
 }  // namespace stgs::tools

@@ -16,10 +16,17 @@ struct SiteFile {
 // The page, a template for site_page().
 extern const std::string_view kPageTemplate;
 // The script of the page, and what it loads from its own folder.
-inline constexpr std::size_t kSiteFiles = 4;
+inline constexpr std::size_t kSiteFiles = 6;
 extern const std::array<SiteFile, kSiteFiles> kSite;
 
 // Indices into kSite.
-enum SiteFileIndex : std::size_t { kViewerScript, kWorkerScript, kSorterScript, kCore };
+enum SiteFileIndex : std::size_t {
+  kViewerScript,
+  kWorkerScript,
+  kSorterScript,
+  kCore,
+  kImportScript,
+  kImportCore
+};
 
 }  // namespace stgs::tools

@@ -5,11 +5,14 @@ import type { StgsPlayerElement } from "../element/stgs_player";
 import { formatBytes, formatCount } from "../element/text";
 import { textOf } from "../player/errors";
 import { listenForFiles } from "./files";
+import { importModel, isModel } from "./import_model";
 import { inlinedResources, inlinedScene } from "./inlined";
 import { showList } from "./list";
 import { checkedList, linkedScene, nameOf, PageSettings, parseSettings, withoutEnding } from "./sources";
 
 const LOADING_INTERVAL = 200; // milliseconds between two reports
+
+let opened = 0; // files, of which the last one is shown
 
 function element<T extends HTMLElement = HTMLElement>(id: string): T {
   return document.getElementById(id) as T;
@@ -83,6 +86,22 @@ function welcome(problem: string): void {
   showPage("welcome");
 }
 
+/** Plays a file that the visitor opens. */
+function open(file: File, canImport: boolean): void {
+  const name = withoutEnding(file.name);
+  const count = ++opened;
+  if (!isModel(file.name)) return play(file, name);
+  if (!canImport) return welcome(`${file.name}: this page plays .stgs files; convert the model with 'stgs convert'.`);
+  setTitle(name, name);
+  setDetail("Converting…");
+  element("stage").replaceChildren();
+  showPage("stage");
+  const isLast = () => count === opened;
+  importModel(file).then(
+    (scene) => isLast() && play(scene, name),
+    (error: unknown) => isLast() && welcome(`${textOf(error)}.`));
+}
+
 async function list(url: string): Promise<void> {
   showPage("scenes");
   setTitle("Scenes", "");
@@ -123,7 +142,7 @@ async function main(): Promise<void> {
     input: element<HTMLInputElement>("file"),
     buttons: [element("open"), element("choose")],
     hint: element("drop"),
-    onFile: (file) => play(file, withoutEnding(file.name)),
+    onFile: (file) => open(file, resources === null),
   });
   start(parseSettings(element("stgs-page").textContent ?? "{}"));
 }
