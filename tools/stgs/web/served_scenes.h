@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "capture/capture_folder.h"
 #include "session.h"
+#include "stgs/encoder/capture_folder.h"
 #include "stgs/format/status.h"
 
 namespace stgs::tools {
