@@ -264,6 +264,29 @@ class Refusals(Server):
             self.assertRegex(scene["href"], r"^scenes/[A-Za-z0-9._~%-]+$")
             self.assertEqual(self.ask("/" + scene["href"]).body, self.bytes)
 
+    def test_a_list_is_limited(self):
+        self.start("scenes")
+
+        def listed():
+            reply = json.loads(self.ask("/scenes.json").body)
+            return len(reply["scenes"]), reply["complete"]
+
+        deep = self.path("scenes", *["d"] * 9)
+        os.makedirs(deep)
+        for folder in (deep, os.path.dirname(deep)):
+            shutil.copy(self.scene, os.path.join(folder, "deep.stgs"))
+        self.assertEqual(listed(), (2, True))  # the deepest folder is not searched
+        for i in range(998):
+            self.write(f"scenes/z{i}.stgs", b"")
+        self.assertEqual(listed(), (1000, True))
+        self.write("scenes/zz.stgs", b"")
+        self.assertEqual(listed(), (1000, False))
+        os.mkdir(self.path("many"))
+        for i in range(2001):
+            os.mkdir(self.path("many", str(i)))
+        self.start("many")
+        self.assertEqual(listed(), (0, False))
+
     def test_a_title_is_escaped(self):
         self.succeeds("convert", self.scene, "titled.stgs", "--title", "</title><script>alert(1)</script>&")
         self.start("titled.stgs")

@@ -25,23 +25,26 @@ class SceneSearch {
   bool is_complete = true;
 
   void search(const std::string& below, int depth) {
+    is_complete = is_complete && ++folders_ <= ServedScenes::kMaxFolders;
     const auto entries = folder_.list(folder_.path() + below);
-    if (!entries.ok()) return;  // not readable, or replaced meanwhile
+    if (!is_complete || !entries.ok()) return;  // not readable, or replaced meanwhile
     std::vector<CaptureFolder::Entry> sorted = **entries;
     std::sort(sorted.begin(), sorted.end(),
               [](const auto& a, const auto& b) { return a.name < b.name; });
     for (const auto& [name, kind] : sorted) {
-      if (names.size() >= ServedScenes::kMaxListed) is_complete = false;
+      if (kind == CaptureFolder::Kind::kFile && is_scene_name(name)) {
+        is_complete = is_complete && names.size() < ServedScenes::kMaxListed;
+        if (is_complete) names.push_back((below + "/" + name).substr(1));
+      } else if (kind == CaptureFolder::Kind::kFolder && depth < ServedScenes::kMaxDepth) {
+        search(below + "/" + name, depth + 1);
+      }
       if (!is_complete) return;
-      const bool is_scene = kind == CaptureFolder::Kind::kFile && is_scene_name(name);
-      if (is_scene) names.push_back((below + "/" + name).substr(1));
-      if (kind != CaptureFolder::Kind::kFolder) continue;
-      if (depth < ServedScenes::kMaxDepth) search(below + "/" + name, depth + 1);
     }
   }
 
  private:
   const CaptureFolder& folder_;
+  std::size_t folders_ = 0;  // searched so far
 };
 
 }  // namespace

@@ -19,8 +19,10 @@ inline constexpr std::string_view kUrlPath = "-._~/";
 // Thread-safe.
 class ServedScenes {
  public:
-  static constexpr std::size_t kMaxListed = 1000;  // scenes
-  static constexpr int kMaxDepth = 8;              // folders below the folder
+  // Of a list.
+  static constexpr std::size_t kMaxListed = 1000;   // scenes
+  static constexpr int kMaxDepth = 8;               // folders below the folder
+  static constexpr std::size_t kMaxFolders = 2000;  // that are searched
 
   // Serves a file or a folder. kIo if it cannot be opened.
   static Result<std::shared_ptr<const ServedScenes>> open(const std::string& path);

@@ -7,8 +7,8 @@ import { ListedScene, SceneList, withoutEnding } from "./sources";
 /** Fills the list. `note` receives what there is to add. */
 export function showList({ scenes, complete }: SceneList, list: HTMLElement, note: HTMLElement): void {
   list.replaceChildren(...scenes.map((scene) => create("li", {}, entry(scene))));
-  if (scenes.length === 0) note.textContent = "There are no .stgs files in this folder yet. Drop one here to play it.";
-  else if (!complete) note.textContent = `Only ${scenes.length} scenes are listed; serve a folder below this one to see the others.`;
+  if (!complete) note.textContent = `Only ${scenes.length} scenes are listed; serve a smaller folder to see the others.`;
+  else if (scenes.length === 0) note.textContent = "There are no .stgs files in this folder yet. Drop one here to play it.";
   note.hidden = scenes.length > 0 && complete;
 }
 
