@@ -5,7 +5,7 @@
 FROM debian:12-slim AS build
 WORKDIR /stgs
 COPY tools/setup tools/setup
-RUN tools/setup/setup.sh core program && apt-get clean
+RUN tools/setup/setup.sh core program web && apt-get clean
 COPY . .
 RUN cmake --preset release -DSTGS_WITH_CUDA=OFF -DSTGS_WITH_PLAY=OFF -DSTGS_WITH_PYTHON=OFF -DSTGS_WITH_MPI=OFF \
  && cmake --build build/release --target stgs \

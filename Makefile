@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Commands for a bare Debian 12 or 13. Each installs the packages it needs, then builds.
-#   make           builds the program, build/release/bin/stgs
+#   make           builds the program with its page for browsers, build/release/bin/stgs
 #   make web       builds the player for browsers, build/release/web/stgs
 #   make demo      builds the program and encodes, checks and renders the sample capture
 #   make check     builds everything and runs the tests (12 minutes on two cores)
@@ -13,7 +13,7 @@ CTEST = STGS_VALIDATED=1 ctest --output-on-failure --no-tests=error -j $$(($(JOB
 .PHONY: program web demo check check-all check-slow setup clean
 
 program:
-	@tools/setup/setup.sh core program
+	@tools/setup/setup.sh core program web
 	@cmake --preset release $(shell tools/setup/cuda.sh)
 	@cmake --build build/release -j $(JOBS) --target stgs
 

@@ -34,11 +34,12 @@ stgs_option(SOG AUTO "libwebp and libzip: reading SOG models")
 # The program and its parts.
 option(STGS_BUILD_PROGRAM "Build the program stgs (needs CLI11 and stb)" ${PROJECT_IS_TOP_LEVEL})
 stgs_option(PLAY AUTO "GLFW and Dear ImGui: the verb play, a window with Vulkan")
+stgs_option(SERVE AUTO "libmicrohttpd: the verb serve, which needs the player for browsers (STGS_WITH_WEB)")
 stgs_option(EXR AUTO "OpenEXR: colour and depth output as EXR")
 # Bindings and examples.
 option(STGS_BUILD_EXAMPLES "Build the examples of the SDK" ${PROJECT_IS_TOP_LEVEL})
 stgs_option(PYTHON ${stgs_default} "Python, numpy and pybind11: the Python module")
-stgs_option(WEB ${stgs_default} "Emscripten, TypeScript and esbuild: the player for browsers")
+stgs_option(WEB ${stgs_default} "Emscripten, TypeScript and esbuild: the player for browsers, the verb web")
 stgs_option(OPENXR AUTO "OpenXR loader and headers: the example hello_openxr")
 # BUILD_TESTING is CTest's name for the same switch.
 set(tests ${PROJECT_IS_TOP_LEVEL})

@@ -8,11 +8,11 @@
 #include <set>
 #include <string_view>
 
-#include "capture/capture_folder.h"
 #include "json_error.h"
 #include "json_read.h"
 #include "single_precision.h"
 #include "stgs/encoder/camera_json.h"
+#include "stgs/encoder/capture_folder.h"
 #include "stgs/encoder/image_file.h"
 #include "stgs/format/byte_source.h"
 #include "stgs/format/output_file.h"

@@ -2,10 +2,10 @@
 #include "stgs/encoder/report_page.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <limits>
 
+#include "stgs/format/escape.h"
 #include "stgs/format/output_file.h"
 
 namespace stgs::encoder {
@@ -14,18 +14,6 @@ namespace {
 constexpr double kWidth = 460, kHeight = 260;                          // chart size, pixels
 constexpr double kLeft = 62, kRight = 12, kTop = 28, kBottom = 40;     // margins, pixels
 constexpr const char* kColours[] = {"#1f6fb4", "#d1611c", "#3a8f3a"};  // cycle of series colours
-
-// Percent-encodes a file name for a link.
-std::string escape_link(const std::string& name) {
-  std::string out;
-  for (const char c : name) {
-    const auto byte = static_cast<unsigned char>(c);
-    const bool plain =
-        std::isalnum(byte) != 0 || std::string_view("._-").find(c) != std::string::npos;
-    out += plain ? std::string(1, c) : fmt::format("%{:02X}", byte);
-  }
-  return out;
-}
 
 struct Range {
   double low = std::numeric_limits<double>::infinity();
@@ -118,29 +106,6 @@ std::string open_svg(const std::string& title, double height) {
 
 }  // namespace
 
-std::string escape_html(const std::string& text) {
-  std::string out;
-  for (const char c : text) {
-    switch (c) {
-      case '&':
-        out += "&amp;";
-        break;
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '"':
-        out += "&quot;";
-        break;
-      default:
-        out += c;
-    }
-  }
-  return out;
-}
-
 ReportPage::ReportPage(const std::string& title)
     : html_(fmt::format(
           "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>{0}</title>\n"
@@ -175,7 +140,7 @@ void ReportPage::table(const std::vector<std::pair<std::string, std::string>>& r
 
 void ReportPage::image(const std::string& file, const std::string& caption) {
   html_ += fmt::format("<figure><img src=\"{}\" alt=\"{}\"><figcaption>{}</figcaption></figure>\n",
-                       escape_link(file), escape_html(caption), escape_html(caption));
+                       escape_url(file, "._-"), escape_html(caption), escape_html(caption));
 }
 
 void ReportPage::chart(const Chart& chart) {

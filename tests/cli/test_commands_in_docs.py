@@ -7,7 +7,8 @@ usage: test_commands_in_docs.py PAGE STGS SAMPLE
 The ```sh blocks run from top to bottom in one empty folder in which capture/ is the sample capture;
 training is shortened. A block right after a line `<!-- not run: WHY -->` is only checked: each `stgs`
 command in it must name an existing verb and options that the verb's --help lists. `stgs play` runs
-on a virtual display, and is only checked if the build or the machine lacks one.
+on a virtual display, and is only checked if the build or the machine lacks one. `stgs serve` runs
+until it has printed its link; it and `stgs web` are only checked if the build lacks them.
 """
 import glob
 import os
@@ -55,9 +56,20 @@ def check_command(stgs, words):
     return [f"'{words[1]}' has no option {option}" for option in given if option not in known]
 
 
-def can_play(stgs):
+def can_run(stgs, verb):
+    """Returns whether the build has a verb that it may lack, and the machine what it needs."""
+    if verb not in ("play", "serve", "web"):
+        return True
     version = subprocess.run([stgs, "--version"], capture_output=True, text=True, check=True).stdout
-    return " play" in version and shutil.which("Xvfb") is not None
+    return f" {verb}" in version and (verb != "play" or shutil.which("Xvfb") is not None)
+
+
+def run_serve(command, folder):
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+        link = server.stdout.readline()
+        server.terminate()
+        error = server.stderr.read()
+    return [] if link.startswith("http://127.0.0.1:") else [f"no link: {error.strip()}"]
 
 
 def run_command(command, folder, environment=None):
@@ -75,6 +87,8 @@ def run_stgs(stgs, words, folder):
     for option, value in zip(shorter[::2], shorter[1::2]):
         if option not in command:
             command += [option, value]
+    if verb == "serve":
+        return run_serve(command, folder)
     if verb == "play":
         with Display() as display:
             result = run_command(command, folder, display.environment)
@@ -97,7 +111,7 @@ def main():
             for words in commands(match.group(2)):
                 is_stgs = words[0] == "stgs" and len(words) > 1
                 found = check_command(stgs, words) if is_stgs else []
-                if match.group(1) or (words[1:2] == ["play"] and not can_play(stgs)):
+                if match.group(1) or (is_stgs and not can_run(stgs, words[1])):
                     checked += 1
                 elif not is_stgs:
                     found = ["not an stgs command: mark its block as not run, with the reason"]

@@ -136,12 +136,12 @@ class Help(CliTest):
         training = {"train", "encode"}
         expected = {
             "--progress": rendering | training | {"prepare", "pack"},
-            "--log-level": training | {"prepare", "render", "pack", "convert", "finalize", "play"},
+            "--log-level": training | {"prepare", "render", "pack", "convert", "finalize", "play", "serve", "web"},
             "--backend": rendering | training,
             "--threads": rendering | training | {"prepare", "pack", "validate", "convert", "play"},
             "--seed": training | {"prepare", "bench"},
-            "--timeout": rendering | {"info", "validate", "play"},
-            "--allow-private": rendering | {"info", "validate", "play"},
+            "--timeout": rendering | {"info", "validate", "play", "web"},
+            "--allow-private": rendering | {"info", "validate", "play", "web"},
         }
         for verb in self.verbs():
             text = self.succeeds(verb, "--help").stdout.decode()
@@ -161,6 +161,8 @@ class Help(CliTest):
             "evaluate": "--against --cameras --every",
             "info": "--lifespans",
             "play": "--start-camera --size --time --rate --loop --screenshot",
+            "serve": "--port --address",
+            "web": "--output --single-file --title --overwrite",
             "compare": "--min-psnr",
             "convert": "--time --quality --fps --frames --tolerance",
         }

@@ -13,9 +13,9 @@
 
 #include "catch.h"
 #include "fixtures/temporary_folder.h"
-#include "src/capture/capture_folder.h"
 #include "src/capture/source_capture.h"
 #include "src/capture/write_frames.h"
+#include "stgs/encoder/capture_folder.h"
 
 namespace stgs::encoder::capture_test {
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "capture/capture_folder.h"
 #include "init/init.h"
+#include "stgs/encoder/capture_folder.h"
 
 #include <tbb/global_control.h>
 

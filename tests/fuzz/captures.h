@@ -6,9 +6,9 @@
 #include <set>
 #include <string>
 
-#include "capture/capture_folder.h"
 #include "capture/source_capture.h"
 #include "packed_files.h"
+#include "stgs/encoder/capture_folder.h"
 #include "stgs/format/text.h"
 
 namespace stgs::fuzz {

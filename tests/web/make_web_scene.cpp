@@ -16,6 +16,7 @@ int main(int argc, char** argv) {
   constexpr unsigned kSeed = 11;
   stgs::Scene scene = stgs::testing::random_scene(std::strtoul(argv[2], nullptr, 10),
                                                   std::atoi(argv[3]), 60, kSeed);
+  scene.metadata.title.clear();
   if (argc == 5) scene.metadata.near_plane = std::strtof(argv[4], nullptr);
   // Large enough for many layers of splats.
   for (float& s : scene.gaussians.log_scale) s += 1.2f;

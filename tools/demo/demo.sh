@@ -50,3 +50,7 @@ print(f"size   {size} bytes, {primitives} primitives, {size / primitives:.1f} by
 print(f"time   {seconds} s")
 print(f"images {out}/side-by-side.png, {out}/side-by-side.mp4: render left, ground truth right")
 PYTHON
+
+case $("$stgs" --version) in
+  *" serve"*) printf '\nSee it in a browser:\n  %s serve %s\n' "$stgs" "$out/workshop.stgs" ;;
+esac

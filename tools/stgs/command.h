@@ -52,9 +52,11 @@ std::unique_ptr<Command> make_pack();
 std::unique_ptr<Command> make_play();
 std::unique_ptr<Command> make_prepare();
 std::unique_ptr<Command> make_render();
+std::unique_ptr<Command> make_serve();
 std::unique_ptr<Command> make_train();
 std::unique_ptr<Command> make_validate();
 std::unique_ptr<Command> make_version();
+std::unique_ptr<Command> make_web();
 
 // Returns every verb, in the order of the workflow from capture to playback.
 std::vector<std::unique_ptr<Command>> all_commands();

@@ -14,6 +14,8 @@ std::vector<std::unique_ptr<Command>> all_commands() {
   commands.push_back(make_validate());
   commands.push_back(make_render());
   commands.push_back(make_play());
+  commands.push_back(make_serve());
+  commands.push_back(make_web());
   commands.push_back(make_bench());
   commands.push_back(make_evaluate());
   commands.push_back(make_compare());

@@ -34,6 +34,12 @@ std::vector<std::string> features() {
   names.push_back("play");
 #endif
   if (player::is_http_built()) names.push_back("http");
+#ifdef STGS_HAS_SERVE
+  names.push_back("serve");
+#endif
+#ifdef STGS_HAS_WEB
+  names.push_back("web");
+#endif
 #ifdef STGS_HAS_CUDNN
   names.push_back("cudnn");
 #endif

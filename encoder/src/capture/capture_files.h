@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "capture_folder.h"
 #include "source_capture.h"
+#include "stgs/encoder/capture_folder.h"
 
 namespace stgs::encoder {
 

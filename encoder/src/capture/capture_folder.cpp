@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "capture_folder.h"
+#include "stgs/encoder/capture_folder.h"
 
 #include <dirent.h>
 #include <fcntl.h>

@@ -18,7 +18,7 @@
 #include <string>
 #include <vector>
 
-#include "capture_folder.h"
+#include "stgs/encoder/capture_folder.h"
 #include "stgs/encoder/prepare.h"
 
 namespace stgs::encoder {

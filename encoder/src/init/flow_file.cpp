@@ -2,8 +2,8 @@
 // Reads Middlebury .flo: float 202021.25, int32 width, int32 height, then floats u v, row by row.
 #include <cstring>
 
-#include "capture/capture_folder.h"
 #include "init/motion.h"
+#include "stgs/encoder/capture_folder.h"
 #include "stgs/format/camera.h"
 
 namespace stgs::encoder::init {

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "stgs/format/escape.h"
 #include "stgs/format/status.h"
 
 namespace stgs {
@@ -47,6 +48,40 @@ std::string file_problem(int error) {
     default:
       return text;
   }
+}
+
+std::string escape_html(std::string_view text) {
+  std::string out;
+  for (const char c : text) {
+    switch (c) {
+      case '&':
+        out += "&amp;";
+        break;
+      case '<':
+        out += "&lt;";
+        break;
+      case '>':
+        out += "&gt;";
+        break;
+      case '"':
+        out += "&quot;";
+        break;
+      default:
+        out += c;
+    }
+  }
+  return out;
+}
+
+std::string escape_url(std::string_view text, std::string_view plain) {
+  std::string out;
+  for (const char c : text) {
+    const bool alphanumeric =
+        (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9');
+    const bool stays = alphanumeric || plain.find(c) != std::string_view::npos;
+    out += stays ? std::string(1, c) : fmt::format("%{:02X}", static_cast<unsigned char>(c));
+  }
+  return out;
 }
 
 }  // namespace stgs

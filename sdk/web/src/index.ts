@@ -5,7 +5,7 @@ import { StgsPlayer } from "./player/player";
 import type { PlayerOptions } from "./player/player";
 import { chosenRenderer } from "./renderer_choice";
 import type { RendererChoice } from "./renderer_choice";
-import { createWorker } from "./resources";
+import { createWorker, setResources } from "./resources";
 
 /** Settings of createPlayer(). */
 export interface CreatePlayerOptions extends Pick<PlayerOptions, "memoryBudget" | "lookAhead"> {
@@ -28,9 +28,10 @@ export function createPlayer(canvas: HTMLCanvasElement, options: CreatePlayerOpt
 if (typeof customElements !== "undefined" && customElements.get("stgs-player") === undefined)
   defineStgsPlayer({ createWorker, createRenderer: chosenRenderer });
 
-export { StgsPlayer, createWorker, defineStgsPlayer };
+export { StgsPlayer, createWorker, defineStgsPlayer, setResources };
 export type { PlayerOptions, PlayerStats } from "./player/player";
 export type { RendererChoice } from "./renderer_choice";
+export type { Resources } from "./resources";
 export type { ScenePlayer } from "./player/scene_player";
 export type {
   Camera, PackedSegment, Renderer, RendererStatistics, RenderView, SceneInfo, SegmentSink, ViewRenderer,

@@ -12,6 +12,7 @@ export interface Camera {
 }
 /** The description of an open scene. */
 export interface SceneInfo {
+  title: string;            // "" if the file states none
   duration: number;         // seconds
   tickSeconds: number;      // seconds per tick of the time base
   frames: number;           // ticks
@@ -47,6 +48,8 @@ export type PageMessage =
   | { type: "open"; source: string | Blob; options: { memoryBudget: number; lookAhead: number } }
   | { type: "play" } | { type: "pause" } | { type: "seek"; seconds: number; id: number /* ascending */ } | { type: "rate"; rate: number }
   | { type: "loop"; loop: boolean } | { type: "close" };
+/** Passes the content of stgs-core.wasm to the worker, which otherwise loads it; the first message. */
+export interface CoreBytes { type: "core"; bytes: ArrayBuffer }
 /** Statistics of a recent frame. */
 export interface RendererStatistics {
   primitives: number;  // of all segments that were added

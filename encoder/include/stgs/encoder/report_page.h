@@ -12,9 +12,6 @@
 
 namespace stgs::encoder {
 
-// Escapes text for HTML content and quoted attributes.
-std::string escape_html(const std::string& text);
-
 struct ChartSeries {
   std::string name;
   std::vector<std::pair<double, double>> points;  // x ascending; non-finite points are skipped

@@ -292,11 +292,11 @@ function codeOf(error: unknown): ErrorCode {
 }
 
 function sceneInfo(info: CoreInfo): SceneInfo {
-  const { duration, tickSeconds, frames, shDegree, primitives, boundsMin, boundsMax, background, startCamera } = info;
+  const { title, duration, tickSeconds, frames, shDegree, primitives, boundsMin, boundsMax, background, startCamera } = info;
   const up = info.up.some((v) => v !== 0) ? info.up : null;
   const metresPerUnit = info.metresPerUnit > 0 ? info.metresPerUnit : null;
   const floor = up !== null ? info.floor : null;
-  return { duration, tickSeconds, frames, shDegree, primitives, boundsMin, boundsMax, up, metresPerUnit, floor, background, startCamera };
+  return { title, duration, tickSeconds, frames, shDegree, primitives, boundsMin, boundsMax, up, metresPerUnit, floor, background, startCamera };
 }
 
 /** Repeats a read that may succeed later, with growing pauses. */

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The worker of a player, and the workers in which it decodes: an entry point of its own, bundled to
 // stgs-worker.js.
-import type { CoreMessage, PageMessage } from "../types";
+import type { CoreBytes, CoreMessage, PageMessage } from "../types";
 import type { DecoderThread } from "./decoder_pool";
 import { decoderWorker } from "./part_decoder";
 import type { DecoderReply, DecoderRequest } from "./part_decoder";
@@ -31,12 +31,21 @@ function runDecoder(scope: Scope<DecoderRequest, DecoderReply>): void {
   scope.onmessage = ({ data }) => handle(data);
 }
 
-function runPlayer(scope: Scope<PageMessage, CoreMessage>): void {
+function runPlayer(scope: Scope<PageMessage | CoreBytes, CoreMessage>): void {
   const startDecoder = (): DecoderThread => new Worker(scope.location.href, { type: "module", name: DECODER });
-  const host = new PlayerHost(compile(), startDecoder, (message, transfer) => scope.postMessage(message, transfer));
-  scope.onmessage = ({ data }) => host.handle(data);
+  const start = (module: Promise<WebAssembly.Module>) =>
+    new PlayerHost(module, startDecoder, (message, transfer) => scope.postMessage(message, transfer));
+  let host: PlayerHost | null = null; // from the first message on
+  scope.onmessage = ({ data }) => {
+    if (data.type === "core") {
+      host = start(WebAssembly.compile(data.bytes));
+    } else {
+      host ??= start(compile());
+      host.handle(data);
+    }
+  };
 }
 
 const scope: unknown = self;
 if ((scope as { name: string }).name === DECODER) runDecoder(scope as Scope<DecoderRequest, DecoderReply>);
-else runPlayer(scope as Scope<PageMessage, CoreMessage>);
+else runPlayer(scope as Scope<PageMessage | CoreBytes, CoreMessage>);

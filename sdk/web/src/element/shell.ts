@@ -156,6 +156,7 @@ export class Shell {
 
   private setIdle(idle: boolean): void {
     this.root.classList.toggle("idle", idle);
+    this.host.toggleAttribute("idle", idle);
     this.animate();
   }
 

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// The parts of a page of one file: elements with the content of files as base64, the core compressed
+// (stgs web --single-file).
+import type { Resources } from "../resources";
+
+// In browsers since 2023; the declarations of TypeScript 4.8 do not list it.
+declare const DecompressionStream: { new(format: "gzip"): ReadableWritablePair<Uint8Array, Uint8Array> };
+
+/** Returns the text of an element, and removes it: the text takes memory. */
+function take(element: Element | null): string {
+  if (element === null) throw new Error("a part of the page is missing");
+  element.remove();
+  return element.textContent ?? "";
+}
+
+function bytesOf(base64: string): Uint8Array {
+  const text = atob(base64);
+  const bytes = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; ++i) bytes[i] = text.charCodeAt(i);
+  return bytes;
+}
+
+/** Returns the files of the package in the page; null if it has none. */
+export async function inlinedResources(): Promise<Resources | null> {
+  const core = document.getElementById("stgs-core");
+  if (core === null) return null;
+  // A page from disk may start workers from data, but not modules from Blobs.
+  const script = (id: string) => `data:text/javascript;base64,${take(document.getElementById(id))}`;
+  const stream = new Blob([bytesOf(take(core))]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return { worker: script("stgs-worker"), sorter: script("stgs-sorter"), core: await new Response(stream).arrayBuffer() };
+}
+
+/** Returns the scene in the page; null if there is none. */
+export function inlinedScene(): Blob | null {
+  const parts = Array.from(document.querySelectorAll(".stgs-scene"), (element) => bytesOf(take(element)));
+  return parts.length === 0 ? null : new Blob(parts);
+}

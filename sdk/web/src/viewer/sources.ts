@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which scene the page shows. Nothing here touches the page, so that node can test it.
+
+/** What the program that made the page writes into its element stgs-page. */
+export interface PageSettings {
+  /** The scene, a URL relative to the page; absent: the visitor chooses one. */
+  scene?: string;
+  /** A list of scenes (ListedScene), a URL relative to the page. */
+  list?: string;
+}
+
+/** A scene of the list. */
+export interface ListedScene {
+  name: string;     // path below the folder, for display
+  href: string;     // URL relative to the page
+  bytes: number;
+  modified: number; // seconds since the Unix epoch
+}
+
+/** The list, as stgs serve writes it. */
+export interface SceneList {
+  scenes: ListedScene[];
+  complete: boolean; // false: there are more scenes than the list holds
+}
+
+/** Reads the settings of the page. Invalid ones throw: the program that writes them is at fault. */
+export function parseSettings(text: string): PageSettings {
+  return JSON.parse(text) as PageSettings;
+}
+
+/**
+ * Returns the absolute URL of the parameter `src`, or null if it is not permitted. A link may show
+ * scenes of the page's own server, or of others by https; a link to a page must not make it read
+ * files, or anything else that the page can reach.
+ */
+export function linkedScene(src: string, page: string): URL | null {
+  let url: URL;
+  const base = new URL(page);
+  try {
+    url = new URL(src, base);
+  } catch {
+    return null;
+  }
+  if (url.protocol === "https:") return url;
+  return url.protocol === "http:" && url.origin === base.origin ? url : null;
+}
+
+/** Returns the name of a file for display. */
+export function withoutEnding(name: string): string {
+  return name.replace(/\.(stgs|ply)$/i, "");
+}
+
+/** Returns the name of a scene for the title: the last part of its path. */
+export function nameOf(url: URL): string {
+  const last = url.pathname.split("/").pop() ?? "";
+  try {
+    return withoutEnding(decodeURIComponent(last));
+  } catch {
+    return withoutEnding(last); // not UTF-8
+  }
+}
+
+/** Checks a list that was fetched. Throws if it is none. */
+export function checkedList(value: unknown): SceneList {
+  const list = value as SceneList;
+  const isScene = (scene: ListedScene) => typeof scene.name === "string" && typeof scene.href === "string" &&
+    Number.isFinite(scene.bytes) && Number.isFinite(scene.modified);
+  if (!Array.isArray(list?.scenes) || !list.scenes.every(isScene)) throw new Error("the list of scenes is invalid");
+  return list;
+}

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""stgs web: the files of a site, a page of one file, and outputs that exist."""
+import base64
+import gzip
+import os
+import re
+import shutil
+import unittest
+
+from harness import CliTest, built_in
+
+USAGE, IO, INVALID, UNSUPPORTED, NOT_BUILT = 1, 2, 3, 5, 6
+FILES = ["index.html", "scene.stgs", "stgs-core.wasm", "stgs-import.js", "stgs-import.wasm", "stgs-sorter.js",
+         "stgs-worker.js", "viewer.js"]
+
+
+@unittest.skipUnless(built_in("web"), "web is not built in")
+class Web(CliTest):
+    def setUp(self):
+        super().setUp()
+        self.scene = self.fixture("tiny.stgs")
+        with open(self.scene, "rb") as file:
+            self.bytes = file.read()
+
+    def test_a_site_has_the_page_the_player_and_the_scene(self):
+        about = self.json_of("web", self.scene, "-o", "site")
+        self.assertEqual(sorted(os.listdir(self.path("site"))), FILES)
+        self.assertEqual(about["bytes"], sum(os.path.getsize(self.path("site", name)) for name in FILES))
+        self.assertEqual(self.read("site/scene.stgs"), self.bytes)
+        self.assertIn(b'{"scene":"scene.stgs"}', self.read("site/index.html"))
+        self.assertTrue(self.read("site/stgs-core.wasm").startswith(b"\0asm"))
+
+    def test_a_page_of_one_file_contains_everything(self):
+        self.succeeds("web", self.scene, "-o", "scene.html", "--single-file")
+        text = self.read("scene.html").decode()
+        def parts(attribute):
+            found = re.findall(rf'<script type="text/plain" {attribute}>([^<]*)</script>', text)
+            return b"".join(base64.b64decode(part, validate=True) for part in found)
+        self.assertEqual(parts('class="stgs-scene"'), self.bytes)
+        self.succeeds("web", self.scene, "-o", "site")
+        self.assertEqual(gzip.decompress(parts('id="stgs-core"')), self.read("site/stgs-core.wasm"))
+        for name in ("worker", "sorter"):
+            self.assertEqual(parts(f'id="stgs-{name}"'), self.read(f"site/stgs-{name}.js"))
+        script = self.read("site/viewer.js").decode()
+        self.assertNotRegex(script, "(?i)</script|<!--")  # would end the element
+        self.assertIn(script, text)
+        self.assertNotRegex(text, r'(src|href)="(?!data:|\./")')
+
+    def test_a_title_is_escaped(self):
+        title = '</title><script>alert("1")</script>&'
+        self.succeeds("web", self.scene, "-o", "site", "--title", title)
+        page = self.read("site/index.html").decode()
+        self.assertIn("<title>&lt;/title&gt;&lt;script&gt;alert(&quot;1&quot;)&lt;/script&gt;&amp;</title>", page)
+        self.succeeds("convert", self.scene, "titled.stgs", "--title", "Kitchen")
+        self.succeeds("web", "titled.stgs", "-o", "kitchen")
+        self.assertIn(b"<title>Kitchen</title>", self.read("kitchen/index.html"))
+
+    def test_existing_outputs_need_a_flag(self):
+        self.succeeds("web", self.scene, "-o", "site")
+        self.write("site/mine.txt", "kept")
+        self.fails(USAGE, "site/index.html: exists; name another output, or replace it with --overwrite", "web",
+                   self.scene, "-o", "site")
+        self.succeeds("web", self.scene, "-o", "site", "--overwrite", "--title", "Again")
+        self.assertIn(b"<title>Again</title>", self.read("site/index.html"))
+        self.assertEqual(self.read("site/mine.txt"), b"kept")
+        self.succeeds("web", self.scene, "-o", "a.html", "--single-file")
+        self.fails(USAGE, "a.html: exists", "web", self.scene, "-o", "a.html", "--single-file")
+        self.succeeds("web", self.scene, "-o", "a.html", "--single-file", "--overwrite")
+
+    def test_command_lines(self):
+        self.fails(USAGE, "web writes a folder, not a .html file", "web", self.scene, "-o", "a.html")
+        self.fails(USAGE, "use a name that ends in .html", "web", self.scene, "-o", "a", "--single-file")
+        self.fails(USAGE, "--output is required", "web", self.scene)
+        self.fails(USAGE, "cannot read standard input", "web", "-", "-o", "site")
+        self.fails(USAGE, "download the scene first", "web", "http://here/a.stgs", "-o", "a.html", "--single-file")
+        self.fails(USAGE, "would show the user name", "web", "http://me:secret@here/a.stgs", "-o", "site")
+        self.fails(IO, "nothere.stgs", "web", "nothere.stgs", "-o", "site")
+        self.fails(INVALID, "not an .stgs file", "web", self.write("x.stgs", "text " * 20), "-o", "site")
+        self.fails(IO, "folder 'no' does not exist", "web", self.scene, "-o", "no/site")
+        self.assertEqual(os.listdir(self.work), ["x.stgs"])
+
+    def test_a_scene_that_is_too_large_for_one_file(self):
+        shutil.copy(self.scene, self.path("large.stgs"))
+        os.truncate(self.path("large.stgs"), 300 << 20)
+        self.fails(UNSUPPORTED, "too large for a page of one file", "web", "large.stgs", "-o", "a.html", "--single-file")
+        self.assertFalse(os.path.exists(self.path("a.html")))
+
+    def test_the_profile_draco_is_refused(self):
+        if not built_in("draco"):
+            self.skipTest("draco is not built in")
+        self.succeeds("pack", self.scene, "-o", "draco.stgs", "--profile", "draco")
+        self.fails(UNSUPPORTED, "browsers cannot play the profile draco", "web", "draco.stgs", "-o", "site")
+
+
+class NotBuilt(CliTest):
+    @unittest.skipIf(built_in("web"), "web is built in")
+    def test_a_build_without_it_reports_it(self):
+        self.fails(NOT_BUILT, "'web' is not part of this build", "web", self.fixture("tiny.stgs"), "-o", "site")
+
+
+if __name__ == "__main__":
+    unittest.main()

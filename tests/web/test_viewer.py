@@ -1,0 +1,220 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The page of stgs web and stgs serve in headless Chromium.
+
+usage: test_viewer.py STGS MAKE_WEB_SCENE
+Exit code 77: Chromium, nginx or libmicrohttpd is missing
+"""
+import array
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "fetch")]
+from browser import CHROMIUM, Browser  # noqa: E402
+from nginx import Nginx  # noqa: E402
+
+STGS = MAKE = ""
+PLAYER = "document.querySelector('stgs-player')"
+HOSTILE = "<img src=x onerror=document.title='run'>.stgs"
+
+
+class Viewer(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.work = tempfile.mkdtemp(prefix="stgs-viewer-")
+        cls.addClassCleanup(shutil.rmtree, cls.work, True)
+        cls.scene = cls.path("kitchen.stgs")
+        subprocess.run([MAKE, cls.scene, "2000", "2"], check=True)
+        cls.stgs("convert", cls.scene, cls.path("titled.stgs"), "--title", "A title", "--log-level", "error")
+        cls.stgs("web", cls.scene, "-o", cls.path("site"))
+        shutil.copy(cls.scene, cls.path("site", "other.stgs"))
+        shutil.copy(cls.path("titled.stgs"), cls.path("site"))
+        cls.nginx = Nginx(cls.work)
+        cls.nginx.__enter__()
+        cls.addClassCleanup(cls.nginx.__exit__)
+        cls.site = f"http://127.0.0.1:{cls.nginx.port}/site/"
+        cls.browser = Browser()
+        cls.addClassCleanup(cls.browser.close)
+        cls.browser.send("DOM.enable")
+
+    @classmethod
+    def path(cls, *parts):
+        return os.path.join(cls.work, *parts)
+
+    @classmethod
+    def stgs(cls, *args):
+        subprocess.run([STGS, *args], check=True, stdout=subprocess.DEVNULL)
+
+    def setUp(self):
+        self.browser.problems.clear()
+        self.browser.resize(640, 360)
+        self.check = self.browser.evaluate
+        self.wait = self.browser.wait_for
+
+    def serve(self, path):
+        """Starts stgs serve; returns the URL of its page."""
+        server = subprocess.Popen([STGS, "serve", path, "--log-level", "error"], stdout=subprocess.PIPE,
+                                  stderr=subprocess.DEVNULL, text=True)
+        self.addCleanup(server.stdout.close)
+        self.addCleanup(server.wait)
+        self.addCleanup(server.terminate)
+        return server.stdout.readline().strip()
+
+    def shows_scene(self, title):
+        """Checks that the page plays a scene, whose image has many colours."""
+        self.wait(f"{PLAYER} && ({PLAYER}.readyState >= 3 || {PLAYER}.error)", 60)
+        self.assertIsNone(self.check(f"{PLAYER}.error && {PLAYER}.error.message"))
+        self.assertEqual(self.check("[document.title, document.getElementById('title').textContent]"), [title, title])
+        self.wait("document.getElementById('detail').textContent === '1,987 primitives'")
+        values = self.check(f"""{PLAYER}.screenshot().then(createImageBitmap).then((image) => {{
+            const canvas = new OffscreenCanvas(image.width, image.height), context = canvas.getContext("2d");
+            context.drawImage(image, 0, 0);
+            return new Set(context.getImageData(0, 0, image.width, image.height).data).size; }})""")
+        self.assertGreater(values, 50)
+        self.assertEqual(self.browser.problems, [])
+
+    def shows_problem(self, text):
+        self.wait("!document.getElementById('welcome').hidden")
+        self.assertIn(text, self.check("document.getElementById('problem').textContent"))
+        self.assertTrue(self.check(f"{PLAYER} === null"))
+
+    def test_a_site_plays_its_scene(self):
+        self.browser.open(self.site)
+        self.shows_scene("kitchen")
+        self.assertTrue(self.check(f"!{PLAYER}.paused"))
+
+    def test_a_page_of_one_file_opens_from_disk(self):
+        self.stgs("web", self.scene, "-o", self.path("scene.html"), "--single-file", "--title", "A <kitchen>")
+        self.browser.open("file://" + self.path("scene.html"))
+        self.shows_scene("A <kitchen>")
+        self.assertEqual(self.check("document.querySelectorAll('script[type=\"text/plain\"]').length"), 0)
+
+    def test_a_link_names_a_scene(self):
+        self.browser.open(self.site + "?src=other.stgs")
+        self.shows_scene("other")
+        self.browser.open(self.site + "?src=titled.stgs")
+        self.shows_scene("A title")
+        for src in ("file:///etc/passwd", "data:text/plain,x", "javascript:document.title='run'", "blob:null/x",
+                    "http://127.0.0.1:1/x.stgs", "//127.0.0.1:1/x.stgs", "http://["):
+            with self.subTest(src=src):
+                self.browser.open(self.site + "?src=" + src)
+                self.shows_problem("must not load")
+        self.browser.open(self.site + "?src=" + "http:<img src=x onerror=document.title='run'>")
+        self.wait(f"!!{PLAYER} || document.getElementById('problem').textContent !== ''")
+        self.assertEqual(self.check("document.images.length"), 0)
+
+    def test_errors_are_shown(self):
+        self.browser.open(self.site + "?src=missing.stgs")
+        self.wait(f"{PLAYER} && {PLAYER}.error", 60)
+        self.assertIn("the server has no such file", self.check(f"{PLAYER}.shadowRoot.querySelector('.error p').textContent"))
+        self.assertEqual(self.check("document.getElementById('detail').textContent"), "")
+
+    def test_a_file_is_dropped_or_chosen(self):
+        self.browser.open(self.site + "?src=file:///x")
+        self.wait("!document.getElementById('welcome').hidden")
+        data = {"items": [], "files": [self.scene], "dragOperationsMask": 1}
+        for kind in ("dragEnter", "dragOver"):
+            self.browser.send("Input.dispatchDragEvent", type=kind, x=200, y=200, data=data)
+        self.wait("!document.getElementById('drop').hidden")
+        self.browser.send("Input.dispatchDragEvent", type="drop", x=200, y=200, data=data)
+        self.shows_scene("kitchen")
+        self.assertTrue(self.check("document.getElementById('drop').hidden"))
+        self.choose("model.spz", b"\x1f\x8b\x08" + bytes(200))
+        self.wait(f"{PLAYER}.error", 60)
+        self.assertIn("stgs convert", self.check(f"{PLAYER}.error.message"))
+
+    def choose(self, name, content):
+        """Chooses a new file in the dialogue of the page."""
+        with open(self.path(name), "wb") as file:
+            file.write(content)
+        root = self.browser.send("DOM.getDocument")["root"]["nodeId"]
+        field = self.browser.send("DOM.querySelector", nodeId=root, selector="#file")["nodeId"]
+        self.browser.send("DOM.setFileInputFiles", nodeId=field, files=[self.path(name)])
+
+    def test_a_ply_model_is_converted(self):
+        self.stgs("convert", self.scene, self.path("binary.ply"), "--time", "0.5", "--log-level", "error")
+        with open(self.path("binary.ply"), "rb") as file:
+            binary = file.read()
+        body = binary.index(b"end_header\n") + len(b"end_header\n")
+        header = binary[:body]
+        count = int(re.search(rb"element vertex (\d+)", header).group(1))
+        names = re.findall(rb"property float (\w+)", header)
+        values = array.array("f", binary[body:])
+        rows = (" ".join(map(repr, values[i:i + len(names)])) for i in range(0, len(values), len(names)))
+        text = header.replace(b"binary_little_endian", b"ascii") + "\n".join(rows).encode() + b"\n"
+        for name, content in (("binary.ply", binary), ("text.ply", text)):
+            with self.subTest(name=name):
+                self.browser.open(self.site + "?src=file:///x")
+                self.choose(name, content)
+                self.wait(f"{PLAYER} && {PLAYER}.readyState >= 3", 60)
+                self.assertEqual(self.check("[document.title, document.getElementById('detail').textContent]"),
+                                 [name[:-4], f"{count:,} primitives"])
+                bounds = self.check(f"[{PLAYER}.info.boundsMin, {PLAYER}.info.boundsMax]")
+                for axis, at in enumerate(map(names.index, (b"x", b"y", b"z"))):
+                    self.assertAlmostEqual(bounds[0][axis], min(values[at::len(names)]), 4)
+                    self.assertAlmostEqual(bounds[1][axis], max(values[at::len(names)]), 4)
+                self.assertEqual(self.browser.problems, [])
+        for name, content, problem in (("cut.ply", binary[:len(binary) // 2], "cut.ply: "),
+                                       ("mesh.ply", b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n"
+                                                    b"end_header\n0\n", "mesh.ply: "),
+                                       ("huge.ply", header.replace(b"vertex %d" % count, b"vertex 4000000000"), "huge.ply: ")):
+            with self.subTest(name=name):
+                self.choose(name, content)
+                self.wait("!document.getElementById('welcome').hidden")
+                self.shows_problem(problem)
+
+    def test_serve_plays_a_file(self):
+        self.browser.open(self.serve(self.scene))
+        self.shows_scene("kitchen")
+
+    def test_serve_lists_a_folder(self):
+        os.makedirs(self.path("folder", "below"))
+        shutil.copy(self.scene, self.path("folder", "below", "kitchen.stgs"))
+        shutil.copy(self.scene, self.path("folder", HOSTILE))
+        url = self.serve(self.path("folder"))
+        self.browser.open(url)
+        self.wait("document.querySelectorAll('.scene').length === 2")
+        names = self.check("[...document.querySelectorAll('.label')].map((label) => label.textContent)")
+        self.assertEqual(names, [HOSTILE[:-5], "below/kitchen"])
+        self.assertEqual(self.check("[document.images.length, document.title]"), [0, "Scenes"])
+        for i, title in enumerate((HOSTILE[:-5], "kitchen")):
+            self.browser.open(url)
+            self.wait("document.querySelectorAll('.scene').length === 2")
+            self.check(f"document.querySelectorAll('.scene')[{i}].click()")
+            self.wait(f"!!{PLAYER}")
+            self.shows_scene(title)
+        self.check("document.getElementById('back').click()")
+        self.wait("document.querySelectorAll('.scene').length === 2")
+
+    def test_nothing_is_cut_at_the_width_of_a_phone(self):
+        self.browser.resize(360, 740, 2, True)
+        for page in ("", "?src=file:///x"):
+            self.browser.open(self.site + page)
+            self.wait(f"!!{PLAYER} || !document.getElementById('welcome').hidden")
+            outside = self.check("""[...document.querySelectorAll("button, h1, h2, p, a")].filter((element) => {
+                const box = element.getBoundingClientRect();
+                return box.width > 0 && (box.left < 0 || box.right > innerWidth); }).length""")
+            self.assertEqual(outside, 0)
+            self.assertEqual(self.check("document.documentElement.scrollWidth"), 360)
+
+
+def main():
+    global STGS, MAKE
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
+    STGS, MAKE = map(os.path.abspath, sys.argv[1:])
+    version = subprocess.run([STGS, "--version"], capture_output=True, text=True, check=True).stdout
+    if not os.path.exists(CHROMIUM) or shutil.which("nginx") is None or " serve" not in version:
+        print("skipped: needs chromium, nginx and a build with stgs serve")
+        sys.exit(77)
+    unittest.main(argv=sys.argv[:1])
+
+
+if __name__ == "__main__":
+    main()

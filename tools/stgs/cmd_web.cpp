@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <filesystem>
+
+#include "command.h"
+#include "end_after_signal.h"
+#include "location.h"
+#include "output_folder.h"
+#include "output_path.h"
+#include "printable.h"
+#include "scene_file.h"
+#include "standard_streams.h"
+#include "stgs/format/byte_source.h"
+#include "stgs/format/output_file.h"
+#include "web/site_page.h"
+#ifdef STGS_HAS_WEB
+#include "web/site_files.h"
+#endif
+
+namespace stgs::tools {
+namespace {
+
+constexpr const char* kSceneName = "scene.stgs";  // on the site
+constexpr const char* kPageName = "index.html";
+
+class Web final : public Command {
+ public:
+  Help help() const override {
+    return {
+        "web", "Write a web page that plays a scene",
+        "Writes a folder with a page, the player and a copy of the scene: put it on any web\n"
+        "server that answers range requests, such as nginx, and send the link. Of a URL, the\n"
+        "page plays the scene from there, and nothing is copied. --single-file writes one HTML\n"
+        "file with everything in it, which a browser opens from disk: for scenes up to 256 MiB.",
+        "  stgs web scene.stgs -o site\n"
+        "  stgs web scene.stgs -o scene.html --single-file\n"
+        "  stgs web https://example.org/scene.stgs -o site"};
+  }
+  Shared shared() const override { return {.log_level = true, .urls = true}; }
+  void declare(Arguments& app) override {
+    app.add_option("FILE", scene_, "The .stgs file: a path or URL")->required();
+    app.add_option("-o,--output", output_, "Output folder; with --single-file, an .html file")
+        ->required();
+    app.add_flag("--single-file", single_file_, "Write one HTML file");
+    app.add_option("--title", title_, "Title of the page; default: that of the scene, or its name");
+    app.add_flag("--overwrite", overwrite_, "Replace the files of an existing page");
+  }
+
+  Status run(Session& session) override {
+    if (is_standard_input(scene_)) {
+      return usage_error("web cannot read standard input; write the data to a file first");
+    }
+    STGS_TRY(check_output());
+    STGS_TRY(check_url());
+#ifdef STGS_HAS_WEB
+    return write(session);
+#else
+    (void)session;
+    return not_built(
+        "'web' is not part of this build: it needs the player for browsers (Debian: emscripten, "
+        "node-typescript, esbuild)");
+#endif
+  }
+
+ private:
+  Status check_output() const {
+    if (!single_file_) return check_extension(output_, "web", "");
+    constexpr std::string_view kEnding = ".html";
+    const bool is_page =
+        output_.size() > kEnding.size() &&
+        std::string_view(output_).substr(output_.size() - kEnding.size()) == kEnding;
+    if (is_page) return {};
+    return usage_error("{}: web --single-file writes an .html file; use a name that ends in .html",
+                       output_);
+  }
+  Status check_url() const {
+    if (!is_url(scene_)) return {};
+    if (single_file_) {
+      return usage_error("{}: --single-file needs a local file; download the scene first",
+                         display_name(scene_));
+    }
+    const std::size_t host = scene_.find("://") + 3;
+    const std::size_t end = scene_.find_first_of("/?#", host);
+    if (scene_.substr(host, end - host).find('@') == std::string::npos) return {};
+    return usage_error("{}: the page would show the user name or password; use a URL without them",
+                       display_name(scene_));
+  }
+  std::string written_page() const {
+    return single_file_ ? output_ : (std::filesystem::path(output_) / kPageName).string();
+  }
+
+#ifdef STGS_HAS_WEB
+  Status write(Session& session) {
+    std::error_code error;
+    if (!overwrite_ && std::filesystem::exists(written_page(), error)) {
+      return usage_error("{}: exists; name another output, or replace it with --overwrite",
+                         written_page());
+    }
+    STGS_TRY(single_file_ ? session.claim_output(output_) : session.claim_folder(output_));
+    STGS_ASSIGN(const auto file, SceneFile::open(session, scene_));
+    STGS_TRY(check_playable(session, *file));
+    PageSettings page;
+    page.title = title_.empty() ? file->text(STGS_TEXT_TITLE) : title_;
+    if (page.title.empty()) page.title = stem();
+    const EndAfterSignal end(session, output_ + ": not written");
+    std::uint64_t bytes = 0;
+    STGS_TRY(single_file_ ? write_file(page, bytes) : write_site(session, page, bytes));
+    const Json json = {{"input", display_name(scene_)},   {"output", output_},
+                       {"page", written_page()},          {"single_file", single_file_},
+                       {"scene_copied", !is_url(scene_)}, { "bytes", bytes }};
+    return session.emit(json,
+                        fmt::format("{}: {}\n", one_line(written_page()), human_bytes(bytes)));
+  }
+  Status check_playable(Session& session, const SceneFile& file) const {
+    if (file.text(STGS_TEXT_PROFILE) == "draco") {
+      return unsupported(
+          "{}: browsers cannot play the profile draco; pack the scene again without it",
+          file.name());
+    }
+    auto contents = sized<stgs_contents>();
+    STGS_TRY(file.check(stgs_scene_get_contents(file.get(), &contents)));
+    if (contents.form == STGS_FORM_GROWING) {
+      session.log(1,
+                  fmt::format("{}: the recording is not closed; the page plays its present content",
+                              file.name()));
+    }
+    return {};
+  }
+  std::string stem() const {
+    const std::string name = display_name(scene_);
+    return std::filesystem::path(name).stem().string();
+  }
+  Status write_file(const PageSettings& page, std::uint64_t& bytes) const {
+    STGS_ASSIGN(const auto scene, open_file(scene_));
+    if (scene->size() > kMaxSinglePageScene) {
+      return Status(
+          StatusCode::kLimit,
+          fmt::format("{}: {} is too large for a page of one file (limit {} MiB); write a "
+                      "site without --single-file",
+                      scene_, human_bytes(scene->size()), kMaxSinglePageScene >> 20));
+    }
+    OutputFile out;
+    STGS_TRY(out.open(output_));
+    STGS_TRY(write_single_page(page, *scene, [&](std::span<const std::uint8_t> piece) {
+      bytes += piece.size();
+      return out.write(piece);
+    }));
+    return out.commit();
+  }
+  Status write_site(Session& session, PageSettings page, std::uint64_t& bytes) const {
+    OutputFolder folder(output_, session.log_sink());
+    if (is_url(scene_)) {
+      page.scene = scene_;
+    } else {
+      page.scene = kSceneName;
+      STGS_TRY(copy_scene(folder, bytes));
+    }
+    for (const SiteFile& file : kSite)
+      STGS_TRY(add(folder, std::string(file.name), file.bytes, bytes));
+    // Last, so that it appears once the files that it loads have.
+    STGS_TRY(add(folder, kPageName, site_page(page), bytes));
+    return folder.commit();
+  }
+  static Status add(OutputFolder& folder, const std::string& name, std::string_view content,
+                    std::uint64_t& bytes) {
+    STGS_ASSIGN(const std::string path, folder.add(name));
+    bytes += content.size();
+    return write_file_atomically(
+        path, {reinterpret_cast<const std::uint8_t*>(content.data()), content.size()});
+  }
+  Status copy_scene(OutputFolder& folder, std::uint64_t& bytes) const {
+    constexpr std::size_t kChunk = std::size_t{4} << 20;
+    STGS_ASSIGN(const auto scene, open_file(scene_));
+    STGS_ASSIGN(const std::string path, folder.add(kSceneName));
+    OutputFile out;
+    STGS_TRY(out.open(path));
+    std::vector<std::uint8_t> piece;
+    for (std::uint64_t at = 0; at < scene->size(); at += piece.size()) {
+      piece.resize(std::min<std::uint64_t>(kChunk, scene->size() - at));
+      STGS_TRY(scene->read(at, piece));
+      STGS_TRY(out.write(piece));
+    }
+    bytes += scene->size();
+    return out.commit();
+  }
+#endif
+
+  std::string scene_, output_, title_;
+  bool single_file_ = false, overwrite_ = false;
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_web() {
+  return std::make_unique<Web>();
+}
+
+}  // namespace stgs::tools

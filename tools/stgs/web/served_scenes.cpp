@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "served_scenes.h"
+
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <filesystem>
+
+#include "file_request.h"
+#include "stgs/format/escape.h"
+#include "stgs/format/text.h"
+
+namespace stgs::tools {
+namespace {
+
+using encoder::CaptureFile;
+using encoder::CaptureFolder;
+
+// Names of the scenes below a folder, sorted.
+class SceneSearch {
+ public:
+  explicit SceneSearch(const CaptureFolder& folder) : folder_(folder) {}
+
+  std::vector<std::string> names;
+  bool is_complete = true;
+
+  void search(const std::string& below, int depth) {
+    is_complete = is_complete && ++folders_ <= ServedScenes::kMaxFolders;
+    const auto entries = folder_.list(folder_.path() + below);
+    if (!is_complete || !entries.ok()) return;  // not readable, or replaced meanwhile
+    std::vector<CaptureFolder::Entry> sorted = **entries;
+    std::sort(sorted.begin(), sorted.end(),
+              [](const auto& a, const auto& b) { return a.name < b.name; });
+    for (const auto& [name, kind] : sorted) {
+      if (kind == CaptureFolder::Kind::kFile && is_scene_name(name)) {
+        is_complete = is_complete && names.size() < ServedScenes::kMaxListed;
+        if (is_complete) names.push_back((below + "/" + name).substr(1));
+      } else if (kind == CaptureFolder::Kind::kFolder && depth < ServedScenes::kMaxDepth) {
+        search(below + "/" + name, depth + 1);
+      }
+      if (!is_complete) return;
+    }
+  }
+
+ private:
+  const CaptureFolder& folder_;
+  std::size_t folders_ = 0;  // searched so far
+};
+
+}  // namespace
+
+Result<std::shared_ptr<const ServedScenes>> ServedScenes::open(const std::string& path) {
+  namespace fs = std::filesystem;
+  auto scenes = std::make_shared<ServedScenes>();
+  std::error_code error;
+  fs::path folder = path;
+  if (!fs::is_directory(path, error)) {
+    // The path may be a link, whose target the caller means.
+    const fs::path target = fs::canonical(path, error);
+    if (error) return io_error("{}: cannot open: {}", path, file_problem(error.value()));
+    folder = target.parent_path();
+    scenes->target_ = target.filename().string();
+    scenes->file_name_ = fs::path(path).filename().string();
+  }
+  STGS_ASSIGN(scenes->folder_, CaptureFolder::open(folder.string(), false));
+  return std::shared_ptr<const ServedScenes>(std::move(scenes));
+}
+
+Result<CaptureFile> ServedScenes::open_scene(const std::string& name) const {
+  const bool is_served = is_folder() ? is_scene_name(name) : name == file_name_;
+  if (!is_served) return io_error("{}: not served", name);
+  return folder_->open_file(folder_->path() + "/" + (is_folder() ? name : target_));
+}
+
+Json ServedScenes::list(const std::string& prefix) const {
+  Json scenes = Json::array();
+  // Of a new object: a folder is listed once per object.
+  const auto folder = CaptureFolder::open(folder_->path(), false);
+  if (!folder.ok()) return {{"scenes", scenes}, {"complete", true}};
+  SceneSearch found(**folder);
+  found.search("", 0);
+  for (const std::string& name : found.names) {
+    const auto file = (*folder)->open_file((*folder)->path() + "/" + name);
+    struct stat info {};
+    if (!file.ok() || ::fstat(file->descriptor(), &info) != 0) continue;
+    scenes.push_back({{"name", name},
+                      {"href", prefix + escape_url(name, kUrlPath)},
+                      {"bytes", info.st_size},
+                      {"modified", info.st_mtim.tv_sec}});
+  }
+  return {{"scenes", scenes}, {"complete", found.is_complete}};
+}
+
+}  // namespace stgs::tools

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+// The files that stgs serve gives away: one scene, or the scenes below a folder.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "session.h"
+#include "stgs/encoder/capture_folder.h"
+#include "stgs/format/status.h"
+
+namespace stgs::tools {
+
+// The characters of a path that a URL contains as they are, besides letters and digits.
+inline constexpr std::string_view kUrlPath = "-._~/";
+
+// Thread-safe.
+class ServedScenes {
+ public:
+  // Of a list.
+  static constexpr std::size_t kMaxListed = 1000;   // scenes
+  static constexpr int kMaxDepth = 8;               // folders below the folder
+  static constexpr std::size_t kMaxFolders = 2000;  // that are searched
+
+  // Serves a file or a folder. kIo if it cannot be opened.
+  static Result<std::shared_ptr<const ServedScenes>> open(const std::string& path);
+
+  bool is_folder() const { return target_.empty(); }
+  // Returns the name of the file; "" for a folder.
+  const std::string& file_name() const { return file_name_; }
+
+  // Opens a scene by its name: that of the file, or its path below the folder. Links that leave the
+  // folder are not followed, and hidden files not opened. kIo if there is no such regular file.
+  Result<encoder::CaptureFile> open_scene(const std::string& name) const;
+
+  // Returns the scenes of a folder as JSON (SceneList of sdk/web/src/viewer/sources.ts). `prefix`
+  // precedes their names in URLs.
+  Json list(const std::string& prefix) const;
+
+ private:
+  std::string file_name_, target_;  // of a file: its name, and that in the folder
+  std::shared_ptr<const encoder::CaptureFolder> folder_;
+};
+
+}  // namespace stgs::tools

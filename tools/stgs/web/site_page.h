@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+// The viewer page with its settings, as it is served and as it is written to a site.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <string>
+
+#include "stgs/format/byte_source.h"
+#include "stgs/format/status.h"
+
+namespace stgs::tools {
+
+struct PageSettings {
+  std::string title;  // of the page until the scene is open; UTF-8
+  std::string scene;  // URL relative to the page, or absolute; "": the visitor chooses
+  std::string list;   // URL of a list of scenes (scene_list_json()); "": none
+};
+
+// Returns the page. Any text in the settings is safe.
+std::string site_page(const PageSettings& settings);
+
+// Writes the page with the files of the viewer and the scene in it: one file, which a browser opens
+// from disk. `write` receives it piece by piece.
+using WriteBytes = std::function<Status(std::span<const std::uint8_t>)>;
+Status write_single_page(const PageSettings& settings, const ByteSource& scene,
+                         const WriteBytes& write);
+
+// Greatest scene of such a page, bytes. A browser holds its text, and then its bytes, in memory.
+inline constexpr std::uint64_t kMaxSinglePageScene = std::uint64_t{256} << 20;
+
+}  // namespace stgs::tools
