@@ -168,6 +168,8 @@ std::string usage_message(const CLI::App& app, const CLI::ParseError& error) {
   } else if (error.get_name() == "ArgumentMismatch") {
     message = count_message(message);
   }
+  // CLI11 does not name --config, which has no group: its check does.
+  if (message.starts_with(": ")) message.erase(0, 2);
   const bool is_value =
       error.get_name() == "ValidationError" || error.get_name() == "ConversionError";
   if (is_value) message = with_config_place(app, parsed, message);
