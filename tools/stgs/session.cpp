@@ -232,6 +232,14 @@ bool interrupted() {
   return stop_requested.load();
 }
 
+IgnoredSignals::IgnoredSignals()
+    : interrupt_(std::signal(SIGINT, SIG_IGN)), terminate_(std::signal(SIGTERM, SIG_IGN)) {}
+
+IgnoredSignals::~IgnoredSignals() {
+  std::signal(SIGINT, interrupt_);
+  std::signal(SIGTERM, terminate_);
+}
+
 std::uint64_t peak_memory() {
   struct rusage usage {};
   ::getrusage(RUSAGE_SELF, &usage);
