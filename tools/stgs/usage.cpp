@@ -12,6 +12,7 @@
 
 #include "config_file.h"
 #include "options.h"
+#include "stgs/player/source.h"
 
 namespace stgs::tools {
 namespace {
@@ -80,7 +81,9 @@ std::string count_message(const std::string& message) {
 }
 
 std::string unknown_option_message(const CLI::App& app, const std::string& argument) {
-  const std::string name = argument.substr(0, argument.find('='));
+  // A part of a URL does not show where its password ends.
+  const std::string shown = player::display_location(argument);
+  const std::string name = shown.substr(0, shown.find('='));
   const std::string near = nearest_word(name, option_names(app));
   return fmt::format("unknown option '{}'{}", name,
                      near.empty() ? "" : fmt::format("; did you mean '{}'?", near));
