@@ -37,7 +37,7 @@ class HttpSource::Impl {
     STGS_ASSIGN(const Response response, fetch(0, head_, Check::kNothing));
     head_.resize(response.bytes);
     head_bytes_ = response.bytes;
-    state_ = {response.total, response.total, response.validator};
+    state_ = {response.total, response.total, response.validator, response.origin};
     return {};
   }
 
@@ -54,8 +54,7 @@ class HttpSource::Impl {
     // The file may have changed beyond `stable_bytes`.
     if (stable_bytes < head_bytes_) head_bytes_ = stable_bytes;
     std::vector<std::uint8_t> head(std::clamp<std::size_t>(head_bytes_, 1, kMaxComparedHead));
-    STGS_ASSIGN(const Response response,
-                fetch(0, head, Check::kNothing, etag_of(before.validator)));
+    STGS_ASSIGN(const Response response, fetch(0, head, Check::kNothing, tag_of(before)));
     const std::size_t same = std::min<std::size_t>(head_bytes_, head.size());
     if (!response.unchanged &&
         (response.total < stable_bytes || response.bytes < same ||
@@ -68,6 +67,7 @@ class HttpSource::Impl {
     state_.stable_bytes = stable_bytes;
     if (response.unchanged) return Change::kNone;
     state_.validator = response.validator;
+    state_.origin = response.origin;
     return std::exchange(state_.size, response.total) == response.total ? Change::kNone
                                                                         : Change::kResized;
   }
@@ -93,6 +93,7 @@ class HttpSource::Impl {
     std::size_t bytes = 0;    // received; fewer than requested at the end of the file
     std::uint64_t total = 0;  // size of the file
     std::string validator;    // ETag, else Last-Modified, else empty
+    std::string origin;       // of the server that sent it
     bool unchanged = false;   // since the given ETag; the other members are not set
   };
   enum class Check {
@@ -109,16 +110,18 @@ class HttpSource::Impl {
   struct Snapshot {
     std::uint64_t size = 0;
     std::uint64_t stable_bytes = 0;  // prefix that is known not to change
-    std::string validator;
+    std::string validator, origin;
     bool is_finished = false;  // all of it is stable, and nothing is added
   };
   Snapshot snapshot() const {
     const std::lock_guard lock(mutex_);
     return state_;
   }
-  // Returns the validator if it is an ETag, else an empty string.
-  static std::string etag_of(const std::string& validator) {
-    return validator.starts_with('"') || validator.starts_with("W/\"") ? validator : "";
+  // Returns the validator if it is an ETag, else none.
+  static KnownTag tag_of(const Snapshot& snapshot) {
+    const std::string& validator = snapshot.validator;
+    const bool is_tag = validator.starts_with('"') || validator.starts_with("W/\"");
+    return is_tag ? KnownTag{validator, snapshot.origin} : KnownTag{};
   }
 
   // Returns whether a response is from the file in `snapshot`.
@@ -137,9 +140,9 @@ class HttpSource::Impl {
     if (settings_.on_event) settings_.on_event({kind, offset, wait, message});
   }
 
-  // Reads a range, with retries. If `etag` is not empty and still valid, reads nothing.
+  // Reads a range, with retries. If `known` is not empty and still valid, reads nothing.
   Result<Response> fetch(std::uint64_t offset, std::span<std::uint8_t> out, Check check,
-                         const std::string& etag = {},
+                         const KnownTag& known = {},
                          const std::function<bool()>& should_continue = {}) const {
     STGS_TRY(check_outage());
     const Deadline waited(settings_);
@@ -153,7 +156,7 @@ class HttpSource::Impl {
     for (int failures = 0;;) {
       const Snapshot expected = snapshot();
       const Attempt attempt = lease.get()->get(offset + done, out.subspan(done), deadline,
-                                               done == 0 ? etag : std::string(), should_continue);
+                                               done == 0 ? known : KnownTag{}, should_continue);
       done += attempt.received;
       count(attempt);
       if (attempt.outcome == Attempt::Outcome::kStopped) return stopped();
@@ -166,7 +169,8 @@ class HttpSource::Impl {
                  (attempt.outcome == Attempt::Outcome::kRetryable && done == out.size())) {
         if (check == Check::kNothing || done == out.size()) {
           end_outage();
-          return Response{done, attempt.total, attempt.validator, attempt.unchanged};
+          return Response{done, attempt.total, attempt.validator, attempt.origin,
+                          attempt.unchanged};
         }
         failure = replaced();
         kind = TransferEvent::Kind::kReplaced;
