@@ -7,6 +7,7 @@
 #include <random>
 #include <vector>
 
+#include "fetch/block_cache.h"
 #include "fetch/connection_pool.h"
 #include "stgs/player/source.h"
 
@@ -63,6 +64,7 @@ class HttpSource::Impl {
       report(TransferEvent::Kind::kReplaced, 0, 0, replaced().message());
       return Change::kReplaced;
     }
+    blocks_.clear();
     const std::lock_guard lock(mutex_);
     state_.stable_bytes = stable_bytes;
     if (response.unchanged) return Change::kNone;
@@ -80,6 +82,7 @@ class HttpSource::Impl {
       std::copy_n(head_.begin() + static_cast<std::ptrdiff_t>(offset), out.size(), out.begin());
       return {};
     }
+    if (blocks_.count(offset, out.size())) return read_from_block(should_continue, offset, out);
     return fetch(offset, out, Check::kSame, {}, should_continue).status();
   }
 
@@ -138,6 +141,20 @@ class HttpSource::Impl {
   void report(TransferEvent::Kind kind, std::uint64_t offset, double wait,
               const std::string& message) const {
     if (settings_.on_event) settings_.on_event({kind, offset, wait, message});
+  }
+
+  // Reads bytes that are in one block, which is read if it is not there.
+  Status read_from_block(const std::function<bool()>& should_continue, std::uint64_t offset,
+                         std::span<std::uint8_t> out) const {
+    if (blocks_.copy(offset, out)) return {};
+    const std::uint64_t generation = blocks_.generation(), skipped = offset % blocks_.kBlockBytes;
+    const std::uint64_t end = std::max(size(), offset + out.size());  // it may shrink meanwhile
+    std::vector<std::uint8_t> block(
+        static_cast<std::size_t>(std::min(blocks_.kBlockBytes, end - (offset - skipped))));
+    STGS_TRY(fetch(offset - skipped, block, Check::kSame, {}, should_continue).status());
+    std::copy_n(block.begin() + static_cast<std::ptrdiff_t>(skipped), out.size(), out.begin());
+    blocks_.insert(offset - skipped, std::move(block), generation);
+    return {};
   }
 
   // Reads a range, with retries. If `known` is not empty and still valid, reads nothing.
@@ -289,6 +306,8 @@ class HttpSource::Impl {
   mutable ConnectionPool pool_{url_, settings_};
   std::vector<std::uint8_t> head_;             // the first bytes of the file
   std::atomic<std::uint64_t> head_bytes_ = 0;  // how many of these are known to be valid
+
+  mutable BlockCache blocks_;
 
   mutable std::mutex mutex_;  // guards the following members
   Snapshot state_;
