@@ -178,6 +178,10 @@ double colour_corrected_error(const Image& image, const Image& ground_truth) {
   return sum / static_cast<double>(3 * pixels);
 }
 
+std::uint64_t ssim_bytes(int width) {
+  return sizeof(float) * kWindow * kMoments * static_cast<std::uint64_t>(std::max(width, 0));
+}
+
 Result<Ssim> ssim(const Image& a, const Image& b) {
   if (a.width < kWindow || a.height < kWindow) {
     return unsupported("SSIM needs images of at least {0}x{0} pixels (got {1}x{2})", kWindow,

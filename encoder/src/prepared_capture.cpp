@@ -185,10 +185,13 @@ Status check_frame_files(const PreparedCapture& capture, const std::vector<Camer
         "capture again, or run 'stgs prepare' again",
         path, frame, camera.name, capture.frames);
   };
+  DistinctFiles folders;
   for (const Camera& camera : cameras) {
     STGS_TRY(check_exists(camera, 0));
     STGS_TRY(check_exists(camera, capture.frames - 1));
     const std::string folder = fmt::format("{}/frames/{}", capture.folder, camera.name);
+    STGS_TRY(folders.add(*capture.files, folder,
+                         fmt::format("{}: camera '{}'", capture.folder, camera.name)));
     STGS_ASSIGN(const auto entries, capture.files->list(folder));
     if (entries->size() >= static_cast<std::size_t>(capture.frames)) continue;
     for (int frame = 0; frame < capture.frames; ++frame) STGS_TRY(check_exists(camera, frame));

@@ -162,6 +162,19 @@ class HostileScenes(CliTest):
         self.succeeds("render", "a.stgs", "--time", "0", "--size", "64x64", "-o", "null",
                       "--memory", "1M")
 
+    def test_images_that_are_compared_are_limited_together(self):
+        """99 bytes per pixel: one image, and a third of the rest for the frames of a renderer."""
+        meta = self.file.Meta(profile=0, size=(4096, 1024), lens=(4000, 4000, 2048, 512))
+        self.write("a.stgs", self.one_primitive(meta=meta).bytes())
+        compare = ["compare", "a.stgs", "a.stgs", "--backend", "cpu", "--num-frames", "1", "--memory"]
+        self.fails(UNSUPPORTED, "a.stgs: comparing images of 4096x1024 pixels needs 416 MB, more than the memory limit "
+                   "of 268 MB; .*--memory", *compare, "256M")
+        with subprocess.Popen([harness.STGS, *compare, "400M"], cwd=self.work, stdout=subprocess.DEVNULL) as process:
+            _, status, usage = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+        self.assertEqual(process.returncode, 0)
+        self.assertLess(usage.ru_maxrss, 400_000)
+
     def test_captured_frames_are_limited_beside_a_render(self):
         folder = self.copy_capture("capture")
         with open(os.path.join(folder, "capture.json"), encoding="utf-8") as file:

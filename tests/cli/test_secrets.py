@@ -26,6 +26,19 @@ class Secrets(CliTest):
                         self.assertNotEqual(result.returncode, 0)
                         self.assertNotIn(b"SECRET", result.stderr + result.stdout)
 
+    def test_usage_errors_hide_passwords_with_blanks(self):
+        url, tiny = "http://user:SECRET PASS=SECRET@127.0.0.1:1/x?TOKEN=SECRET", self.fixture("tiny.stgs")
+        for args in (["render", tiny, url, "-o", "null"], ["compare", tiny, tiny, url, "--format", "json"],
+                     ["render", "--time", url, tiny, "-o", "null"], ["info", "--format", url, tiny],
+                     ["info", "--format=" + url, tiny], ["info", "--unknown=" + url, tiny], ["info", "--" + url, tiny],
+                     ["render", tiny, "--time", "0", "-o" + url], ["render", tiny, "--time", "0", "-o", url + ".gif"],
+                     ["train", url, "-o", "a.stgs"], ["info", url, "--timeout", "0.5"], [url]):
+            with self.subTest(args=args):
+                result = self.stgs(*args)
+                self.assertNotEqual(result.returncode, 0)
+                self.assertNotIn(b"SECRET", result.stderr + result.stdout)
+        self.fails(1, "unexpected argument 'http://127.0.0.1:1/x'", "render", tiny, url, "-o", "null")
+
     def test_urls_without_secrets_stay(self):
         self.fails(2, "http://127.0.0.1:1/folder/a.stgs: ", "info", "http://127.0.0.1:1/folder/a.stgs",
                    "--timeout", "0.5")

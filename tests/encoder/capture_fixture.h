@@ -185,4 +185,18 @@ inline std::vector<double> matrix_k(const Camera& c, double pixel_centre = 0.5) 
   return {c.fx, 0, c.cx + shift, 0, c.fy, c.cy + shift, 0, 0, 1};
 }
 
+// transforms.json with the files of each frame, in the order of the cameras c0, c1, ...
+inline void write_transforms(const std::string& folder, const std::vector<std::string>& files,
+                             std::size_t cameras = 10'000) {
+  std::string frames;
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    frames += fmt::format(
+        "{}{{\"file_path\":\"{}\",\"camera\":\"c{}\","
+        "\"transform_matrix\":[[1,0,0,{}],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}}",
+        i == 0 ? "" : ",", files[i], i % cameras, i % cameras);
+  }
+  write_text(folder + "/transforms.json",
+             "{\"fl_x\":60,\"w\":64,\"h\":48,\"frames\":[" + frames + "]}");
+}
+
 }  // namespace stgs::encoder::capture_test

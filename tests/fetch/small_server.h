@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <mutex>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -47,6 +48,11 @@ class SmallServer {
   std::string url() const { return "http://127.0.0.1:" + std::to_string(port_) + "/x.stgs"; }
   // Returns the number of requests so far.
   int requests() const { return requests_; }
+  // Returns the text of a request, from 0, that has been answered.
+  std::string request(std::size_t number) const {
+    const std::lock_guard lock(mutex_);
+    return texts_.at(number);
+  }
   void wait_for_requests(int count) const {
     while (requests_ < count) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
@@ -70,9 +76,14 @@ class SmallServer {
   // Reads a request, which arrives at once, and answers it.
   void answer(pollfd& socket) {
     char request[4096];
-    if (recv(socket.fd, request, sizeof(request), 0) <= 0) {
+    const ssize_t size = recv(socket.fd, request, sizeof(request), 0);
+    if (size <= 0) {
       close(std::exchange(socket.fd, -1));
       return;
+    }
+    {
+      const std::lock_guard lock(mutex_);
+      texts_.emplace_back(request, static_cast<std::size_t>(size));
     }
     const auto number = static_cast<std::size_t>(requests_++);
     if (number >= responses_.size()) return;
@@ -81,6 +92,8 @@ class SmallServer {
   }
 
   std::vector<std::string> responses_;
+  mutable std::mutex mutex_;
+  std::vector<std::string> texts_;  // of the requests
   int listener_ = -1, port_ = 0;
   std::atomic<int> requests_ = 0;
   std::jthread thread_;

@@ -19,6 +19,9 @@ import unittest
 from faulty_server import FaultyServer
 from nginx import Nginx
 
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), os.pardir, "resources"))
+import hostile  # noqa: E402
+
 PROBE, STGS, VECTOR = (os.path.abspath(p) for p in sys.argv[1:4])
 DATA = random.Random(5).randbytes(300_000)
 QUICK = "backoff_seconds=0.01,stall_seconds=1,head_bytes=1000"
@@ -53,6 +56,33 @@ class Ranges(unittest.TestCase):
             self.assertEqual(len(server.connections), 1, "the connection is kept alive")
             self.assertEqual(out["statistics"], {"requests": 3, "bytes": 1003, "retries": 0})
             self.assertEqual(out["events"], [])
+
+    def test_many_reads_of_few_bytes_take_few_requests(self):
+        offsets = list(range(1000, 290_000, 700))
+        random.Random(1).shuffle(offsets)
+        with FaultyServer(DATA) as server:
+            out = probe(server.url, *[f"{at}:45" for at in offsets])
+            for op, at in enumerate(offsets):
+                self.assert_read(out, op, at, 45)
+            # The head, 16 reads, 5 blocks, and at most 4 reads of bytes in two blocks.
+            self.assertLessEqual(len(server.ranges), 1 + 16 + 5 + 4)
+
+    def test_blocks_are_read_again_after_a_refresh(self):
+        def grow(server):
+            server.data, server.etag = DATA, '"2"'
+
+        with FaultyServer(DATA[:200_000], [{}] * 18 + [{"do": grow}]) as server:
+            out = probe(server.url, *["199990:10"] * 17, "refresh", *["199990:20"] * 17)
+            self.assertEqual(out["ops"][17]["result"]["change"], "resized")
+            for op in range(18, 35):
+                self.assert_read(out, op, 199_990, 20)
+
+    def test_the_requests_for_an_index_are_bounded_by_its_bytes(self):
+        data = hostile.pages(300_000, entries_each=0, damaged=0)
+        self.assertGreater(data.count(b"PAGE"), 4000)
+        with FaultyServer(data) as server:
+            subprocess.run([STGS, "info", server.url], check=True, timeout=60, stdout=subprocess.DEVNULL)
+            self.assertLess(len(server.ranges), 40)
 
     def test_a_file_may_be_shorter_than_the_head(self):
         with FaultyServer(DATA[:700]) as server:

@@ -294,3 +294,20 @@ TEST_CASE("4dgs: hostile states neither crash nor run forever") {
   still.file.duration = 1e6;
   CHECK_THAT(error_of(still.file.bytes()), Contains("states end at 1 s"));
 }
+
+TEST_CASE("4dgs: a state of many frames is refused if the file has few bytes for their Gaussians") {
+  std::vector<Gaussian> set;
+  for (int i = 0; i < 1000; ++i) set.push_back(solid(static_cast<std::uint32_t>(i), i));
+  File file;
+  file.model = "keyframe-delta";
+  file.duration = 900;
+  file.windows = {{0, 900}};
+  file.body = chunk(0, 900, set.size(), streams(set, true));
+  FourdgsSettings settings;
+  settings.frame_time = TimeBase{1, 100};
+  const Result<Scene> scene = read(file.bytes(), nullptr, nullptr, settings);
+  CHECK(scene.status().code() == StatusCode::kUnsupported);
+  CHECK_THAT(scene.status().message(), Contains("too many Gaussians for a file of"));
+  settings.frame_time = TimeBase{1, 1};
+  CHECK(read(file.bytes(), nullptr, nullptr, settings).status().message().empty());
+}

@@ -44,6 +44,22 @@ TEST_CASE("finalize drops a fragment without any intact record") {
   CHECK(lines[0].find(fmt::format(": {} bytes, needed", damaged_bytes)) != std::string::npos);
 }
 
+TEST_CASE("the description of much damage has a limited number of lines") {
+  DamageReport report;
+  for (std::uint64_t i = 0; i < 1000; ++i) {
+    Issue issue;
+    issue.offset = i;
+    LostFragment fragment;
+    fragment.bytes = 10;
+    report.damage.push_back(issue);
+    report.lost_fragments.push_back(fragment);
+  }
+  const auto lines = describe_damage(report, {});
+  REQUIRE(lines.size() == 42);
+  CHECK(lines[20] == "980 further issues; 'stgs validate' lists them");
+  CHECK(lines[41] == "980 further parts of the content are lost (9800 bytes)");
+}
+
 TEST_CASE("finalize preserves intact records, and the damaged one, of a fragment") {
   const TemporaryFolder folder;
   const std::string path = folder / "damaged.stgs", out = folder / "out.stgs";

@@ -222,6 +222,51 @@ TEST_CASE("an output has one owner") {
   CHECK(names_in(folder.path) == Names{".out.lock"});
 }
 
+TEST_CASE("a file in the place of a lock that is not one stays") {
+  const TemporaryFolder folder;
+  const std::string name = folder / ".out.lock";
+  const auto refused = [&] {
+    OutputLock lock;
+    const Status status = lock.take(folder / "out");
+    CHECK(status.code() == StatusCode::kUsage);
+    CHECK_THAT(status.message(), Catch::Contains("/.out.lock is not a lock"));
+  };
+  write_text(name, "important");
+  refused();
+  CHECK(fs::file_size(name) == 9);
+  fs::remove(name);
+  REQUIRE(::mkfifo(name.c_str(), 0600) == 0);
+  refused();
+  CHECK(fs::is_fifo(name));
+}
+
+TEST_CASE("an output has the permissions of the file that it replaces") {
+  const TemporaryFolder folder;
+  const auto mode_of = [](const std::string& path) {
+    struct stat status {};
+    REQUIRE(::stat(path.c_str(), &status) == 0);
+    return status.st_mode & 07777;
+  };
+  const auto mode_after = [&](const std::string& name, mode_t before) {
+    const std::string path = folder / name;
+    write_text(path, "old");
+    REQUIRE(::chmod(path.c_str(), before) == 0);
+    OutputFile file;
+    REQUIRE(file.open(path).ok());
+    REQUIRE(file.write(std::vector<std::uint8_t>{'n'}).ok());
+    REQUIRE(file.commit().ok());
+    CHECK(fs::file_size(path) == 1);
+    CHECK(mode_of(path) == (before & 0777));
+    write_text(folder / "made", "text");
+    REQUIRE(::chmod(path.c_str(), before) == 0);
+    REQUIRE(rename_over(folder / "made", path).ok());
+    return mode_of(path);
+  };
+  CHECK(mode_after("private", 0600) == 0600);
+  CHECK(mode_after("shared", 0664) == 0664);
+  CHECK(mode_after("program", 04755) == 0755);  // not the identity of the owner
+}
+
 TEST_CASE("a socket is refused as an output, a pipe is written") {
   const TemporaryFolder folder;
   const std::string path = folder / "socket";

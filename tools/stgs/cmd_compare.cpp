@@ -30,6 +30,31 @@ Result<Difference> difference(const Image& a, const Image& b) {
   return d;
 }
 
+// Bytes per pixel of an image, and of a frame that a renderer makes: RGB, alpha and depth, and
+// what it computes them from.
+constexpr std::uint64_t kImageBytes = 3 * sizeof(float), kFrameBytes = 29;
+
+Status limit_error(const std::string& name, int width, int height, std::uint64_t bytes,
+                   std::uint64_t memory) {
+  return {
+      StatusCode::kLimit,
+      fmt::format("{}: comparing images of {}x{} pixels needs {}, more than the memory limit of "
+                  "{}; compare smaller images (--camera for scenes), or allow more memory",
+                  name, width, height, human_bytes(bytes), human_bytes(memory))};
+}
+
+// Returns a third of the memory that is left beside an image of the first scene and SSIM: for the
+// segments of each scene, and for the renderer that is at work. kLimit if it is too little for the
+// frames of the renderer. `name`: where the camera is from.
+Result<std::uint64_t> third_of_memory(std::uint64_t memory, const encoder::Camera& camera,
+                                      const std::string& name) {
+  const std::uint64_t pixels = static_cast<std::uint64_t>(camera.width) * camera.height;
+  const std::uint64_t images = kImageBytes * pixels + encoder::ssim_bytes(camera.width);
+  const std::uint64_t needed = images + 3 * kFrameBytes * pixels;
+  if (needed > memory) return limit_error(name, camera.width, camera.height, needed, memory);
+  return (memory - images) / 3;
+}
+
 class Compare final : public Command {
  public:
   Help help() const override {
@@ -72,8 +97,9 @@ class Compare final : public Command {
  private:
   Status compare_images(Session& session) {
     STGS_ASSIGN(Image a, read_image(a_, memory_.bytes()));
-    const std::uint64_t held = a.data.size() * sizeof(float);
-    STGS_ASSIGN(Image b, read_image(b_, memory_.bytes() - std::min(held, memory_.bytes())));
+    const std::uint64_t held = a.data.size() * sizeof(float) + encoder::ssim_bytes(a.width);
+    if (held > memory_.bytes()) return limit_error(a_, a.width, a.height, held, memory_.bytes());
+    STGS_ASSIGN(Image b, read_image(b_, memory_.bytes() - held));
     if (interrupted()) return runtime_error(kIncomplete);
     if (a.width != b.width || a.height != b.height) {
       return {StatusCode::kDiffers,
@@ -92,9 +118,14 @@ class Compare final : public Command {
     const ReadLimits limits = memory_.limits();
     STGS_ASSIGN(auto first, open_scene(session, a_, limits));
     STGS_ASSIGN(auto second, open_scene(session, b_, limits));
+    STGS_ASSIGN(const encoder::Camera camera, find_camera(first->metadata()));
+    STGS_ASSIGN(
+        const std::uint64_t third,
+        third_of_memory(limits.max_memory, camera, camera_.empty() ? display_name(a_) : camera_));
     const auto timeline = [&](std::unique_ptr<SceneReader> reader, const std::string& location) {
-      return player::Timeline::from_reader(std::move(reader), display_name(location),
-                                           limits.max_memory);
+      auto made = player::Timeline::from_reader(std::move(reader), display_name(location), third);
+      made->budget()->set_limit(Budget::Pool::kRenderer, third);  // which is 1 GiB at least
+      return made;
     };
     const auto a = timeline(std::move(first), a_), b = timeline(std::move(second), b_);
     Json json = {{"a", a->name()},
@@ -108,7 +139,6 @@ class Compare final : public Command {
               fmt::format("the scenes differ in duration: {} lasts {:.6g} s, {} lasts {:.6g} s",
                           a->name(), a->duration_seconds(), b->name(), b->duration_seconds())};
     }
-    STGS_ASSIGN(const encoder::Camera camera, find_camera(*a));
     Difference total;
     for (int i = 0; i < num_frames_; ++i) {
       const double seconds = a->duration_seconds() * (i + 0.5) / num_frames_;
@@ -128,11 +158,11 @@ class Compare final : public Command {
     return report(session, json, total);
   }
 
-  Result<encoder::Camera> find_camera(const player::Timeline& timeline) const {
+  Result<encoder::Camera> find_camera(const SceneMetadata& metadata) const {
     if (!camera_.empty()) return read_camera(camera_);
-    const auto& start = timeline.metadata().start_camera;
-    if (!start) return usage_error("{}: no start camera; use --camera", timeline.name());
-    return camera_of(*start, timeline.name());
+    const std::string name = display_name(a_);
+    if (!metadata.start_camera) return usage_error("{}: no start camera; use --camera", name);
+    return camera_of(*metadata.start_camera, name);
   }
 
   static Result<Image> render(Session& session, player::Timeline& timeline, double seconds,

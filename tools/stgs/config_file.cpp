@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <sstream>
 #include <string_view>
 
@@ -85,6 +86,13 @@ int ConfigFile::line_of(const std::string& key) const {
     return found == 0;
   });
   return found;
+}
+
+std::string check_config_file(const std::string& path) {
+  std::error_code error;
+  const auto status = std::filesystem::status(path, error);
+  if (!std::filesystem::exists(status) || std::filesystem::is_regular_file(status)) return {};
+  return fmt::format("--config: '{}' is not a regular file (expected a file with options)", path);
 }
 
 }  // namespace stgs::tools

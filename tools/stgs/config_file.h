@@ -10,6 +10,9 @@ namespace stgs::tools {
 
 // A CLI11 reader of TOML files of a limited size: the time of CLI11 grows with the square of the
 // depth of a section, and options have a few hundred bytes.
+//
+// CLI11 opens the file itself, and would wait for the writer of a pipe: give check_config_file() to
+// its option.
 class ConfigFile final : public CLI::ConfigTOML {
  public:
   static constexpr std::size_t kMaxBytes = 64 << 10, kMaxLine = 16 << 10;
@@ -27,5 +30,9 @@ class ConfigFile final : public CLI::ConfigTOML {
  private:
   mutable std::string text_, problem_;
 };
+
+// Returns why a path cannot be a file of options, or "". A file that does not exist is an error of
+// CLI11.
+std::string check_config_file(const std::string& path);
 
 }  // namespace stgs::tools

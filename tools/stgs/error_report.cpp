@@ -57,7 +57,7 @@ Json path_json(const std::string& message, const std::vector<std::string>& argum
     const std::string found = leading_path(message, argument);
     if (found.size() > path.size()) path = found;
   }
-  return path.empty() ? Json(nullptr) : Json(without_secrets(path));
+  return path.empty() ? Json(nullptr) : Json(without_secrets(path, arguments));
 }
 
 // Where a file is damaged, and how.
@@ -103,7 +103,7 @@ int exit_code(StatusCode code) {
 }
 
 Json error_json(const Status& status, const std::vector<std::string>& arguments) {
-  const std::string message = without_secrets(status.message());
+  const std::string message = without_secrets(status.message(), arguments);
   const std::optional<Place> place = place_in(message);
   return {{"error",
            {{"code", code_name(status.code())},

@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <utility>
 
+#include "session.h"
 #include "stgs/format/output_file.h"
 #include "stgs/format/output_path.h"
 
@@ -18,15 +19,15 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A descriptor of a folder.
-class OpenFolder {
+// A descriptor of a file or folder.
+class Opened {
  public:
-  explicit OpenFolder(int descriptor) : descriptor_(descriptor) {}
-  ~OpenFolder() {
+  explicit Opened(int descriptor) : descriptor_(descriptor) {}
+  ~Opened() {
     if (descriptor_ >= 0) ::close(descriptor_);
   }
-  OpenFolder(const OpenFolder&) = delete;
-  OpenFolder& operator=(const OpenFolder&) = delete;
+  Opened(const Opened&) = delete;
+  Opened& operator=(const Opened&) = delete;
   int get() const { return descriptor_; }
 
  private:
@@ -67,27 +68,41 @@ Status OutputFolder::move(int folder, const std::string& name) const {
   if (!parent.empty() && ::mkdirat(folder, parent.c_str(), 0777) != 0 && errno != EEXIST) {
     return io_error("{}/{}: cannot create: {}", folder_, parent, system_message(errno));
   }
-  const OpenFolder into(
+  const Opened into(
       ::openat(folder, parent.empty() ? "." : parent.c_str(), kFolderFlags | O_NOFOLLOW));
   if (into.get() < 0) {
     return io_error("{}/{}: cannot open the folder: {}; links are not followed", folder_, parent,
                     system_message(errno));
   }
   const std::string from = made_ + "/" + name;
+  const Opened file(::open(from.c_str(), O_RDONLY | O_NOFOLLOW | O_CLOEXEC));
+  if (file.get() >= 0) STGS_TRY(keep_mode(file.get(), folder_ + "/" + name));
   if (::renameat(AT_FDCWD, from.c_str(), into.get(), path.filename().c_str()) == 0) return {};
   return io_error("{}/{}: cannot replace: {}", folder_, name, system_message(errno));
 }
 
-Status OutputFolder::commit() {
-  if (names_.empty()) return {};
-  std::error_code error;
-  if (!fs::exists(folder_, error)) return rename_over(made_, folder_);
-  const OpenFolder folder(::open(folder_.c_str(), kFolderFlags));
+Status OutputFolder::move_all() const {
+  const Opened folder(::open(folder_.c_str(), kFolderFlags));
   if (folder.get() < 0) {
     return io_error("{}: cannot open the folder: {}", folder_, system_message(errno));
   }
-  for (const std::string& name : names_) STGS_TRY(move(folder.get(), name));
+  for (std::size_t moved = 0; moved < names_.size(); ++moved) {
+    const Status status = move(folder.get(), names_[moved]);
+    if (status.ok()) continue;
+    if (moved == 0) return {status.code(), status.message() + "; no file was replaced"};
+    return {status.code(),
+            fmt::format("{}; {} of {} files are new ({} to {}), the others are as before",
+                        status.message(), moved, names_.size(), names_.front(), names_[moved - 1])};
+  }
   return {};
+}
+
+Status OutputFolder::commit() {
+  if (names_.empty()) return {};
+  const IgnoredSignals ignored;
+  if (interrupted()) return runtime_error("{}: not written", folder_);
+  std::error_code error;
+  return fs::exists(folder_, error) ? move_all() : rename_over(made_, folder_);
 }
 
 }  // namespace stgs::tools

@@ -21,12 +21,14 @@ class OutputFolder {
   // Returns the path at which to write the file `name`: "FILE" or "SUBFOLDER/FILE".
   Result<std::string> add(const std::string& name);
   // Moves the files into the folder, in the order of add(), and replaces those of the same name.
-  // kIoError for a subfolder that is a link.
+  // Ignores SIGINT and SIGTERM meanwhile; kRuntime if one has arrived before. kIoError, with the
+  // files that were moved, if a move fails, as for a subfolder that is a link.
   Status commit();
 
  private:
   Status create_work();
   Status move(int folder, const std::string& name) const;
+  Status move_all() const;
 
   std::string folder_;  // without a slash at the end
   encoder::LogSink log_;

@@ -85,6 +85,23 @@ std::string without_secrets(std::string_view text) {
   return out;
 }
 
+std::string without_secrets(std::string_view text, const std::vector<std::string>& arguments) {
+  std::string shown(text);
+  for (const std::string& argument : arguments) {
+    const std::size_t colon = std::min(argument.find(":/"), argument.find(":\\"));
+    if (colon == std::string::npos) continue;
+    // The scheme may follow the name of an option, as in -ohttp://.
+    const std::string url = argument.substr(colon);
+    const std::string shown_url = player::display_location("x" + url).substr(1);
+    if (shown_url == url) continue;
+    for (std::size_t at = shown.find(url); at != shown.npos; at = shown.find(url, at)) {
+      shown.replace(at, url.size(), shown_url);
+      at += shown_url.size();
+    }
+  }
+  return without_secrets(shown);
+}
+
 std::string printable(std::string_view text) {
   return escaped(text, true);
 }

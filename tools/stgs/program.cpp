@@ -167,7 +167,7 @@ int run_program(int argc, char** argv) {
                   "  stgs encode CAPTURE -o scene.stgs\n"
                   "  stgs render scene.stgs --time 0.5 -o image.png\n\n{}",
                   kExitCodes));
-  app.set_config("--config")->group("");  // the verbs document it
+  app.set_config("--config")->group("")->check(check_config_file, "");  // the verbs document it
   app.config_formatter(std::make_shared<ConfigFile>());
   app.allow_config_extras(CLI::config_extras_mode::error);
   app.set_version_flag("--version", version_text, "Print the version and the built-in features");

@@ -147,7 +147,7 @@ void Session::log(int level, const std::string& line) {
   const std::lock_guard lock(stderr_mutex_);
   clear_bar();
   const std::string out = fmt::format("stgs: {}{}\n", kNames[std::clamp(level, 0, 3)],
-                                      one_line(without_secrets(with_url_option(line))));
+                                      one_line(without_secrets(with_url_option(line), arguments)));
   write_standard_error(out);
 }
 
@@ -230,6 +230,14 @@ void install_signal_handlers() {
 
 bool interrupted() {
   return stop_requested.load();
+}
+
+IgnoredSignals::IgnoredSignals()
+    : interrupt_(std::signal(SIGINT, SIG_IGN)), terminate_(std::signal(SIGTERM, SIG_IGN)) {}
+
+IgnoredSignals::~IgnoredSignals() {
+  std::signal(SIGINT, interrupt_);
+  std::signal(SIGTERM, terminate_);
 }
 
 std::uint64_t peak_memory() {

@@ -109,6 +109,20 @@ void install_signal_handlers();
 // Returns whether SIGINT or SIGTERM has arrived.
 bool interrupted();
 
+// While it exists, SIGINT and SIGTERM have no effect: between two steps that belong together. The
+// main thread creates it, after install_signal_handlers().
+class IgnoredSignals {
+ public:
+  IgnoredSignals();
+  ~IgnoredSignals();
+  IgnoredSignals(const IgnoredSignals&) = delete;
+  IgnoredSignals& operator=(const IgnoredSignals&) = delete;
+
+ private:
+  void (*interrupt_)(int);
+  void (*terminate_)(int);
+};
+
 // Returns the largest resident memory of this process so far, in bytes.
 std::uint64_t peak_memory();
 // Formats bytes with decimal units: 1234567 -> "1.23 MB".

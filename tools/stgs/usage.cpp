@@ -12,6 +12,7 @@
 
 #include "config_file.h"
 #include "options.h"
+#include "stgs/player/source.h"
 
 namespace stgs::tools {
 namespace {
@@ -80,7 +81,9 @@ std::string count_message(const std::string& message) {
 }
 
 std::string unknown_option_message(const CLI::App& app, const std::string& argument) {
-  const std::string name = argument.substr(0, argument.find('='));
+  // A part of a URL does not show where its password ends.
+  const std::string shown = player::display_location(argument);
+  const std::string name = shown.substr(0, shown.find('='));
   const std::string near = nearest_word(name, option_names(app));
   return fmt::format("unknown option '{}'{}", name,
                      near.empty() ? "" : fmt::format("; did you mean '{}'?", near));
@@ -168,6 +171,8 @@ std::string usage_message(const CLI::App& app, const CLI::ParseError& error) {
   } else if (error.get_name() == "ArgumentMismatch") {
     message = count_message(message);
   }
+  // CLI11 does not name --config, which has no group: its check does.
+  if (message.starts_with(": ")) message.erase(0, 2);
   const bool is_value =
       error.get_name() == "ValidationError" || error.get_name() == "ConversionError";
   if (is_value) message = with_config_place(app, parsed, message);

@@ -181,6 +181,13 @@ CaptureFolder::Kind CaptureFolder::kind(const std::string& path) const {
   return ::fstat(file.descriptor(), &info) == 0 ? kind_of(info.st_mode) : Kind::kMissing;
 }
 
+Result<FileId> CaptureFolder::id(const std::string& path) const {
+  const CaptureFile file(open_below(path, O_PATH | O_CLOEXEC));
+  struct stat info {};
+  if (file.descriptor() < 0 || ::fstat(file.descriptor(), &info) != 0) return explain(path, errno);
+  return FileId{info.st_dev, info.st_ino};
+}
+
 // Returns the kind of the entry `name` of an open folder, whose path is `path`.
 CaptureFolder::Kind CaptureFolder::kind_below(int folder, const char* name,
                                               const std::string& path) const {
@@ -242,6 +249,15 @@ Result<std::vector<std::uint8_t>> CaptureFolder::read(const std::string& path,
   std::vector<std::uint8_t> bytes(source->size());
   STGS_TRY(source->read(0, bytes));
   return bytes;
+}
+
+Status DistinctFiles::add(const CaptureFolder& files, const std::string& path,
+                          const std::string& where) {
+  STGS_ASSIGN(const FileId id, files.id(path));
+  if (known_.insert(id).second) return {};
+  return invalid_file(
+      "{}: {} was named before, or leads to a file or folder that was; name each once", where,
+      path);
 }
 
 }  // namespace stgs::encoder

@@ -129,7 +129,7 @@ std::vector<Group>::iterator find_group(std::vector<Group>& groups, const std::s
 }
 
 Status add_entry(const Json& entry, const Json& top, const CaptureFolder& files,
-                 std::vector<Group>& groups, std::set<std::string>& images) {
+                 std::vector<Group>& groups) {
   const std::string table = files.path() + "/transforms.json";
   const std::string file = entry.at("file_path").get<std::string>();
   STGS_ASSIGN(const std::string path, files.path_of(file, table + ": file_path"));
@@ -152,9 +152,6 @@ Status add_entry(const Json& entry, const Json& top, const CaptureFolder& files,
         "{}: camera '{}' moves or zooms (this entry differs from its first); only static cameras "
         "are supported",
         where, label);
-  }
-  if (!images.insert(path).second) {
-    return invalid_file("{}: another entry names the same image", where);
   }
   TimedImage image{path, 0, entry.contains("time")};
   if (image.timed) image.time = entry.at("time").get<double>();
@@ -238,9 +235,8 @@ Result<SourceCapture> load_nerfstudio(const CaptureFolder& files, const LogSink&
     std::vector<Group> groups;
     SourceCapture capture;
     bool masks = false;
-    std::set<std::string> images;  // named by an entry
     for (const Json& entry : top.at("frames")) {
-      STGS_TRY(add_entry(entry, top, files, groups, images));
+      STGS_TRY(add_entry(entry, top, files, groups));
       if (!entry.contains("mask_path")) continue;
       masks = true;
       const fs::path mask = fs::path(entry.at("mask_path").get<std::string>()).lexically_normal();

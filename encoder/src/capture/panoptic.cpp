@@ -8,7 +8,6 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
-#include <set>
 
 #include "capture_files.h"
 #include "json_error.h"
@@ -75,13 +74,10 @@ Status add_mask(const CaptureFolder& files, const std::string& image, SourceCame
 
 // Appends the image of a frame, and its mask.
 Status add_image(const CaptureFolder& files, const std::string& image, const std::string& table,
-                 std::set<std::string>& images, SourceCamera& camera) {
+                 SourceCamera& camera) {
   STGS_ASSIGN(std::string path, files.path_of("ims/" + image, table + ": fn"));
   // Also seg/ is named by `image`.
   STGS_TRY(files.path_of(image, table + ": fn").status());
-  if (!images.insert(path).second) {
-    return invalid_file("{}: two entries name the image '{}'", table, image);
-  }
   camera.images.push_back(std::move(path));
   return add_mask(files, image, camera);
 }
@@ -92,7 +88,6 @@ Status read_meta(const CaptureFolder& files, const std::string& name, bool test,
   STGS_ASSIGN(const Json meta, read_json(files, path));
   try {
     std::map<std::string, std::size_t> known;
-    std::set<std::string> images;
     std::vector<Entry> first;
     const std::size_t begin = capture.cameras.size();
     STGS_TRY(check_frame_limit(meta.at("fn").size(), path));
@@ -130,7 +125,7 @@ Status read_meta(const CaptureFolder& files, const std::string& name, bool test,
           return invalid_file("{}: camera '{}' has {} in frames 0 to {} (expected one per frame)",
                               path, camera.name, plural(camera.images.size() + 1, "image"), frame);
         }
-        STGS_TRY(add_image(files, entry.image, path, images, camera));
+        STGS_TRY(add_image(files, entry.image, path, camera));
       }
     }
   } catch (const Json::exception& error) {

@@ -115,6 +115,24 @@ Status make_rigid(SourceCamera& camera, const std::string& folder) {
   return {};
 }
 
+// kInvalidFile if two cameras have one video or folder of images, or if two entries of a table
+// have one image.
+Status check_distinct(const SourceCapture& capture) {
+  const bool lists_images =
+      capture.layout == Layout::kNerfstudio || capture.layout == Layout::kPanoptic;
+  DistinctFiles known;
+  for (const SourceCamera& camera : capture.cameras) {
+    std::vector<std::string> paths = {camera.video};
+    if (camera.video.empty()) {
+      paths = camera.images;
+      if (!lists_images) paths = {fs::path(camera.images.front()).parent_path().string()};
+    }
+    const std::string where = fmt::format("{}: camera '{}'", capture.folder, camera.name);
+    for (const std::string& path : paths) STGS_TRY(known.add(*capture.files, path, where));
+  }
+  return {};
+}
+
 Status check(SourceCapture& capture) {
   if (capture.cameras.empty()) return invalid_file("{}: no cameras found", capture.folder);
   STGS_TRY(check_camera_limit(capture.cameras.size(), capture.folder));
@@ -142,7 +160,7 @@ Status check(SourceCapture& capture) {
     }
     STGS_TRY(make_rigid(camera, capture.folder));
   }
-  return {};
+  return check_distinct(capture);
 }
 
 bool has_camera(const SourceCapture& capture, const std::string& name) {

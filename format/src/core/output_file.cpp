@@ -46,6 +46,10 @@ Status sync_folder(const std::string& path) {
 }  // namespace
 
 Status rename_over(const std::string& from, const std::string& to) {
+  const int file = ::open(from.c_str(), O_RDONLY | O_NOFOLLOW | O_CLOEXEC);
+  const Status kept = file < 0 ? Status() : keep_mode(file, to);
+  if (file >= 0) ::close(file);
+  STGS_TRY(kept);
   if (std::rename(from.c_str(), to.c_str()) != 0) {
     return io_error("{}: cannot replace: {}", to, system_message(errno));
   }

@@ -15,8 +15,9 @@ namespace {
 
 constexpr std::uint32_t kMaxFrames = 100'000;
 constexpr double kLowestRate = 24;  // frames per second, if the file determines the rate
-// Splats of all frames for each byte of the file.
-constexpr std::uint64_t kMaxSplatsPerByte = 65536;
+// Gaussians of all states and frames that a file may cost the time of: so many, and more for each
+// of its bytes. A Gaussian of a state has about 20 bytes, so a state may last 5000 frames.
+constexpr double kMaxWork = 1 << 24, kMaxWorkPerByte = 256;
 
 // Evaluates states at frames and matches them. Times in seconds.
 class Sampler {
@@ -30,6 +31,16 @@ class Sampler {
         matcher_(tolerances, memory),
         colours_(std::move(colours)) {}
 
+  // Counts Gaussians that are read or evaluated. kUnsupported if they are too many for the file.
+  Status add_work(double gaussians) {
+    work_ += gaussians;
+    if (work_ <= kMaxWork + kMaxWorkPerByte * static_cast<double>(contents_.bytes)) return {};
+    return unsupported(
+        "{}: the states at {} frames have too many Gaussians for a file of {} bytes; lower the "
+        "frame rate",
+        contents_.file, frames_, contents_.bytes);
+  }
+
   // Adds the frames in [begin, end).
   Status add(const Population& state, const BodyRecord& record) {
     const auto first_after = [this](double seconds) {
@@ -41,13 +52,7 @@ class Sampler {
       return {};
     }
     // Before the loop: each frame takes time for all Gaussians of the state.
-    splats_ += static_cast<double>(state.ids.size()) * (end - next_);
-    if (splats_ > static_cast<double>(kMaxSplatsPerByte) * static_cast<double>(contents_.bytes)) {
-      return unsupported(
-          "{}: {} Gaussians at each of {} frames are too many for a file of {} bytes; lower the "
-          "frame rate",
-          contents_.file, state.ids.size(), frames_, contents_.bytes);
-    }
+    STGS_TRY(add_work(static_cast<double>(state.ids.size()) * (end - next_)));
     STGS_TRY(load(state, record));
     for (; next_ < end; ++next_) {
       STGS_ASSIGN(const Charged<Gaussians4D> frame, frame_at(base_.seconds(next_), state));
@@ -160,7 +165,7 @@ class Sampler {
   std::vector<Gaussian> state_;
   Gaussians4D shapes_;              // of the state: everything but positions and opacities
   std::vector<std::uint32_t> ids_;  // of the frame
-  double splats_ = 0;               // of all frames, visible or not
+  double work_ = 0;                 // Gaussians of all states and frames, visible or not
   std::uint64_t first_frame_ = 0, invalid_ = 0, between_frames_ = 0;
 };
 
@@ -209,6 +214,9 @@ Result<Scene> read_keyframes(const ByteSource& source, const Contents& contents,
                   std::move(colours), memory);
   for (std::size_t next = 0; next < contents.body.size();) {
     const BodyRecord& record = contents.body[next];
+    // Before the state is read: each takes time for all its Gaussians, also between frames.
+    STGS_TRY(sampler.add_work(static_cast<double>(composer.state().ids.size()) + record.count +
+                              record.births + record.deaths));
     STGS_TRY(composer.read(next));
     STGS_TRY(sampler.add(composer.state(), record));
   }

@@ -90,11 +90,16 @@ bool remove_free_file(const std::string& name) {
   return removed;
 }
 
+// Returns whether a file is regular and empty, as locks are.
+bool is_empty_file(int file) {
+  struct stat status {};
+  return ::fstat(file, &status) == 0 && S_ISREG(status.st_mode) && status.st_size == 0;
+}
+
 // Returns whether a file is a lock of this user, as WorkFolder::create() makes them.
 bool is_own_lock(int file) {
   struct stat status {};
-  return ::fstat(file, &status) == 0 && S_ISREG(status.st_mode) && status.st_size == 0 &&
-         status.st_uid == ::geteuid();
+  return is_empty_file(file) && ::fstat(file, &status) == 0 && status.st_uid == ::geteuid();
 }
 
 // Anybody who may write to the folder of an output can hold its lock.
@@ -150,6 +155,18 @@ void remove_unfinished() noexcept {
   for (Unfinished* one = first_unfinished; one != nullptr; one = one->after_) one->abandon();
 }
 
+Status keep_mode(int descriptor, const std::string& path) {
+  constexpr mode_t kPermissions = 0777;
+  struct stat made {
+  }, replaced{};
+  if (::lstat(path.c_str(), &replaced) != 0 || !S_ISREG(replaced.st_mode)) return {};
+  const mode_t mode = replaced.st_mode & kPermissions;
+  const bool is_ours = ::fstat(descriptor, &made) == 0 && made.st_uid == replaced.st_uid;
+  if (!is_ours || (made.st_mode & kPermissions) == mode) return {};
+  if (::fchmod(descriptor, mode) == 0) return {};
+  return io_error("{}: cannot keep the permissions of the file: {}", path, system_message(errno));
+}
+
 Status TemporaryFile::create(const std::string& path) {
   path_ = path;
   for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
@@ -162,7 +179,7 @@ Status TemporaryFile::create(const std::string& path) {
       name_ = std::move(name);
       descriptor_ = file;
       list();
-      return {};
+      return keep_mode(file, path);
     }
     ::close(file);
   }
@@ -258,6 +275,12 @@ Status OutputLock::take(const std::string& path) {
       const Status busy = busy_error(path, name, file);
       ::close(file);
       return busy;
+    }
+    if (!is_empty_file(file)) {
+      ::close(file);
+      return usage_error(
+          "{}: {} is not a lock (expected an empty file); move it away, or name another output",
+          path, name);
     }
     if (os::is_named(file, name)) {
       name_ = std::move(name);

@@ -2,11 +2,13 @@
 #include "stgs/format/damage_report.h"
 
 #include <algorithm>
+#include <span>
 
 namespace stgs {
 namespace {
 
 constexpr std::size_t kMaxRanges = 4;  // listed per line
+constexpr std::size_t kMaxLines = 20;  // of a list: a damaged file of 14 MB has 200,000 entries
 
 std::string seconds_text(const TickRange& range, const TimeBase& time_base) {
   return fmt::format("{:.3f} to {:.3f} s", time_base.seconds(range.begin),
@@ -26,6 +28,21 @@ std::string seconds_text(const std::vector<TickRange>& ranges, const TimeBase& t
 std::string fragment_text(const LostFragment& fragment, const TimeBase& time_base) {
   return fmt::format("content needed at {} is lost because the index is damaged ({} bytes)",
                      seconds_text(fragment.range, time_base), fragment.bytes);
+}
+
+std::string further_fragments_text(const std::vector<LostFragment>& fragments) {
+  std::uint64_t bytes = 0;
+  for (const LostFragment& fragment : std::span(fragments).subspan(kMaxLines)) {
+    bytes += fragment.bytes;
+  }
+  return fmt::format("{} further parts of the content are lost ({} bytes)",
+                     fragments.size() - kMaxLines, bytes);
+}
+
+// Returns the entries of a list that have a line each.
+template <typename T>
+std::span<const T> listed(const std::vector<T>& list) {
+  return std::span(list).first(std::min(list.size(), kMaxLines));
 }
 
 std::string records_text(const DamageReport& report, const TimeBase& time_base) {
@@ -50,12 +67,19 @@ std::string records_text(const DamageReport& report, const TimeBase& time_base) 
 
 std::vector<std::string> describe_damage(const DamageReport& report, const TimeBase& time_base) {
   std::vector<std::string> lines;
-  for (const Issue& issue : report.damage) {
+  for (const Issue& issue : listed(report.damage)) {
     lines.push_back(
         fmt::format("{} (byte {}, issue {})", issue.message, issue.offset, issue.number));
   }
-  for (const LostFragment& fragment : report.lost_fragments) {
+  if (report.damage.size() > kMaxLines) {
+    lines.push_back(fmt::format("{} further issues; 'stgs validate' lists them",
+                                report.damage.size() - kMaxLines));
+  }
+  for (const LostFragment& fragment : listed(report.lost_fragments)) {
     lines.push_back(fragment_text(fragment, time_base));
+  }
+  if (report.lost_fragments.size() > kMaxLines) {
+    lines.push_back(further_fragments_text(report.lost_fragments));
   }
   if (report.incomplete_bytes > 0) {
     lines.push_back(fmt::format("{} bytes after the last complete fragment are ignored",

@@ -19,6 +19,8 @@ struct NetworkV4 {
   int bits;
 };
 
+// The special-purpose addresses of the IANA registry (RFC 6890) and multicast. Also the few that
+// are reachable from everywhere: none of them has a server with scenes.
 constexpr NetworkV4 kPrivateV4[] = {
     {0x00000000, 8},   // 0.0.0.0: this host
     {0x0a000000, 8},   // 10.0.0.0: private
@@ -27,8 +29,15 @@ constexpr NetworkV4 kPrivateV4[] = {
     {0xa9fe0000, 16},  // 169.254.0.0: link-local
     {0xac100000, 12},  // 172.16.0.0: private
     {0xc0000000, 24},  // 192.0.0.0: protocol assignments
+    {0xc0000200, 24},  // 192.0.2.0: documentation
+    {0xc01fc400, 24},  // 192.31.196.0: AS112, a name server of each network
+    {0xc034c100, 24},  // 192.52.193.0: relays of multicast
+    {0xc0586300, 24},  // 192.88.99.0: 6to4 relays
     {0xc0a80000, 16},  // 192.168.0.0: private
+    {0xc0af3000, 24},  // 192.175.48.0: AS112
     {0xc6120000, 15},  // 198.18.0.0: benchmarks
+    {0xc6336400, 24},  // 198.51.100.0: documentation
+    {0xcb007100, 24},  // 203.0.113.0: documentation
     {0xe0000000, 3},   // 224.0.0.0 and later: multicast, reserved, broadcast
 };
 
@@ -37,6 +46,19 @@ bool is_private_v4(std::uint32_t address) {
     return (address ^ network.address) >> (32 - network.bits) == 0;
   });
 }
+
+struct NetworkV6 {
+  std::uint64_t address;  // the upper half
+  int bits;
+};
+
+// As above, of the unicast addresses of the Internet.
+constexpr NetworkV6 kPrivateV6[] = {
+    {0x2001000000000000, 23},  // protocol assignments
+    {0x20010db800000000, 32},  // documentation
+    {0x2620004f80000000, 48},  // AS112
+    {0x3fff000000000000, 20},  // documentation
+};
 
 bool is_private_v6(const std::uint8_t* a) {
   const auto begins_with = [&](std::initializer_list<std::uint8_t> bytes) {
@@ -54,9 +76,20 @@ bool is_private_v6(const std::uint8_t* a) {
   if (begins_with({0x00, 0x64, 0xff, 0x9b, 0, 0, 0, 0, 0, 0, 0, 0})) {  // NAT64
     return is_private_v4(embedded(12));
   }
-  if (begins_with({0x20, 0x02})) return is_private_v4(embedded(2));          // 6to4
-  if (begins_with({0x20, 0x01, 0, 0})) return is_private_v4(~embedded(12));  // Teredo
-  return a[0] >> 5 != 1;  // unicast addresses of the Internet are in 2000::/3
+  if (begins_with({0x20, 0x02})) return is_private_v4(embedded(2));  // 6to4
+  if (begins_with({0x20, 0x01, 0, 0})) {  // Teredo: the server and the client
+    return is_private_v4(embedded(4)) || is_private_v4(~embedded(12));
+  }
+  // ISATAP: an interface of any network, ::0:5efe:a.b.c.d or ::200:5efe:a.b.c.d.
+  const bool is_isatap = (a[8] & ~2) == 0 && a[9] == 0 && a[10] == 0x5e && a[11] == 0xfe;
+  if (is_isatap && is_private_v4(embedded(12))) return true;
+  std::uint64_t upper = 0;
+  for (int i = 0; i < 8; ++i) upper = upper << 8 | a[i];
+  const bool is_special =
+      std::any_of(std::begin(kPrivateV6), std::end(kPrivateV6), [&](const NetworkV6& network) {
+        return (upper ^ network.address) >> (64 - network.bits) == 0;
+      });
+  return is_special || a[0] >> 5 != 1;  // unicast addresses of the Internet are in 2000::/3
 }
 
 // A host without brackets, zone and trailing dot, in lower case.

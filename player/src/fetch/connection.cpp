@@ -33,10 +33,11 @@ struct FreeHeaders {
 };
 using Headers = std::unique_ptr<curl_slist, FreeHeaders>;
 
-// Returns headers that request a body only if the ETag differs from `known`; null if that is empty.
-Headers headers_if_changed(const std::string& known) {
-  if (known.empty()) return nullptr;
-  Headers headers(curl_slist_append(nullptr, ("If-None-Match: " + known).c_str()));
+// Returns headers that request a body of `url` only if the ETag differs from `known`; null if that
+// is empty or from another server.
+Headers headers_if_changed(const KnownTag& known, const std::string& url) {
+  if (known.etag.empty() || known.origin != origin_of(url)) return nullptr;
+  Headers headers(curl_slist_append(nullptr, ("If-None-Match: " + known.etag).c_str()));
   if (headers != nullptr) curl_slist_append(headers.get(), "Cache-Control: no-cache");
   return headers;
 }
@@ -158,7 +159,7 @@ Status Connection::set_proxy() {
 }
 
 Attempt Connection::follow(std::uint64_t offset, std::span<std::uint8_t> out, Deadline& deadline,
-                           bool conditional, const std::function<bool()>& should_continue) {
+                           const KnownTag& known, const std::function<bool()>& should_continue) {
   const auto min_progress = static_cast<std::size_t>(
       std::max(1.0, kMinSpeed * std::chrono::duration<double>(stall_).count()));
   url_ = first_url_;
@@ -172,10 +173,13 @@ Attempt Connection::follow(std::uint64_t offset, std::span<std::uint8_t> out, De
       attempt.reason = status.message();
       return attempt;
     }
+    const Headers headers = headers_if_changed(known, url_);
+    curl_easy_setopt(easy_, CURLOPT_HTTPHEADER, headers.get());
     refused_.clear();
     bool stopped = stop_.stop_requested();
     const CURLcode result =
         stopped ? CURLE_ABORTED_BY_CALLBACK : perform(reply, deadline, should_continue, stopped);
+    curl_easy_setopt(easy_, CURLOPT_HTTPHEADER, nullptr);
     responses = reply.responses();
     const bool is_redirect = !stopped && reply.is_redirect(result);
     if (is_redirect && redirects < kMaxRedirects) {
@@ -193,21 +197,19 @@ Attempt Connection::follow(std::uint64_t offset, std::span<std::uint8_t> out, De
       reply.reject(refused_);
     }
     Attempt attempt;
-    reply.judge(result, conditional, attempt);
+    reply.judge(result, headers != nullptr, attempt);
+    if (reply.responses() > 0) attempt.origin = origin_of(url_);
     if (stopped) attempt.outcome = Attempt::Outcome::kStopped;
     return attempt;
   }
 }
 
 Attempt Connection::get(std::uint64_t offset, std::span<std::uint8_t> out, Deadline& deadline,
-                        const std::string& known, const std::function<bool()>& should_continue) {
+                        const KnownTag& known, const std::function<bool()>& should_continue) {
   const double begin = deadline.elapsed();
   const std::string range = fmt::format("{}-{}", offset, offset + out.size() - 1);
   curl_easy_setopt(easy_, CURLOPT_RANGE, range.c_str());
-  const Headers headers = headers_if_changed(known);
-  curl_easy_setopt(easy_, CURLOPT_HTTPHEADER, headers.get());
-  Attempt attempt = follow(offset, out, deadline, headers != nullptr, should_continue);
-  curl_easy_setopt(easy_, CURLOPT_HTTPHEADER, nullptr);
+  Attempt attempt = follow(offset, out, deadline, known, should_continue);
   attempt.progressed = is_progress(attempt.received, deadline.elapsed() - begin, deadline);
   curl_off_t after = 0;
   if (curl_easy_getinfo(easy_, CURLINFO_RETRY_AFTER, &after) == CURLE_OK) {

@@ -39,7 +39,14 @@ struct Attempt {
   bool progressed = false;   // many bytes arrived, or not much slower than the minimum rate
   std::uint64_t total = 0;   // file size, from Content-Range; 0: not stated
   std::string validator;     // ETag, else Last-Modified, else empty
+  std::string origin;        // of the server that responded (origin_of()); empty: none did
   double retry_after = 0;    // seconds that the server asks to wait
+};
+
+// An ETag that a request asks to compare; empty: none.
+struct KnownTag {
+  std::string etag;
+  std::string origin;  // of the server that sent it; others do not receive it
 };
 
 // Returns the reason, with the time that the server asks to wait.
@@ -59,15 +66,16 @@ class Connection {
 
   // Requests `out.size()` bytes, at least one, from `offset` on, and follows redirections. With the
   // ETag `known`, if it is not empty, requests them only if the ETag has changed, bypassing caches.
+  // Servers of another origin, to which redirections may lead, send them in any case.
   // Ends at the deadline, and once `should_continue`, which may be empty, returns false.
   Attempt get(std::uint64_t offset, std::span<std::uint8_t> out, Deadline& deadline,
-              const std::string& known = {}, const std::function<bool()>& should_continue = {});
+              const KnownTag& known = {}, const std::function<bool()>& should_continue = {});
 
  private:
   Connection(std::string url, const HttpSettings& settings, std::atomic<std::uint64_t>& received);
-  // Requests the URL and follows redirections. `conditional`: the headers ask for a changed file.
+  // Requests the URL and follows redirections.
   Attempt follow(std::uint64_t offset, std::span<std::uint8_t> out, Deadline& deadline,
-                 bool conditional, const std::function<bool()>& should_continue);
+                 const KnownTag& known, const std::function<bool()>& should_continue);
   // kUsage if the proxy that the environment states for it is malformed.
   Status set_proxy();
   CURLcode perform(Reply& reply, const Deadline& deadline,

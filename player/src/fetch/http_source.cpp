@@ -7,6 +7,7 @@
 #include <random>
 #include <vector>
 
+#include "fetch/block_cache.h"
 #include "fetch/connection_pool.h"
 #include "stgs/player/source.h"
 
@@ -37,7 +38,7 @@ class HttpSource::Impl {
     STGS_ASSIGN(const Response response, fetch(0, head_, Check::kNothing));
     head_.resize(response.bytes);
     head_bytes_ = response.bytes;
-    state_ = {response.total, response.total, response.validator};
+    state_ = {response.total, response.total, response.validator, response.origin};
     return {};
   }
 
@@ -54,8 +55,7 @@ class HttpSource::Impl {
     // The file may have changed beyond `stable_bytes`.
     if (stable_bytes < head_bytes_) head_bytes_ = stable_bytes;
     std::vector<std::uint8_t> head(std::clamp<std::size_t>(head_bytes_, 1, kMaxComparedHead));
-    STGS_ASSIGN(const Response response,
-                fetch(0, head, Check::kNothing, etag_of(before.validator)));
+    STGS_ASSIGN(const Response response, fetch(0, head, Check::kNothing, tag_of(before)));
     const std::size_t same = std::min<std::size_t>(head_bytes_, head.size());
     if (!response.unchanged &&
         (response.total < stable_bytes || response.bytes < same ||
@@ -64,10 +64,12 @@ class HttpSource::Impl {
       report(TransferEvent::Kind::kReplaced, 0, 0, replaced().message());
       return Change::kReplaced;
     }
+    blocks_.clear();
     const std::lock_guard lock(mutex_);
     state_.stable_bytes = stable_bytes;
     if (response.unchanged) return Change::kNone;
     state_.validator = response.validator;
+    state_.origin = response.origin;
     return std::exchange(state_.size, response.total) == response.total ? Change::kNone
                                                                         : Change::kResized;
   }
@@ -80,6 +82,7 @@ class HttpSource::Impl {
       std::copy_n(head_.begin() + static_cast<std::ptrdiff_t>(offset), out.size(), out.begin());
       return {};
     }
+    if (blocks_.count(offset, out.size())) return read_from_block(should_continue, offset, out);
     return fetch(offset, out, Check::kSame, {}, should_continue).status();
   }
 
@@ -93,6 +96,7 @@ class HttpSource::Impl {
     std::size_t bytes = 0;    // received; fewer than requested at the end of the file
     std::uint64_t total = 0;  // size of the file
     std::string validator;    // ETag, else Last-Modified, else empty
+    std::string origin;       // of the server that sent it
     bool unchanged = false;   // since the given ETag; the other members are not set
   };
   enum class Check {
@@ -109,16 +113,18 @@ class HttpSource::Impl {
   struct Snapshot {
     std::uint64_t size = 0;
     std::uint64_t stable_bytes = 0;  // prefix that is known not to change
-    std::string validator;
+    std::string validator, origin;
     bool is_finished = false;  // all of it is stable, and nothing is added
   };
   Snapshot snapshot() const {
     const std::lock_guard lock(mutex_);
     return state_;
   }
-  // Returns the validator if it is an ETag, else an empty string.
-  static std::string etag_of(const std::string& validator) {
-    return validator.starts_with('"') || validator.starts_with("W/\"") ? validator : "";
+  // Returns the validator if it is an ETag, else none.
+  static KnownTag tag_of(const Snapshot& snapshot) {
+    const std::string& validator = snapshot.validator;
+    const bool is_tag = validator.starts_with('"') || validator.starts_with("W/\"");
+    return is_tag ? KnownTag{validator, snapshot.origin} : KnownTag{};
   }
 
   // Returns whether a response is from the file in `snapshot`.
@@ -137,9 +143,23 @@ class HttpSource::Impl {
     if (settings_.on_event) settings_.on_event({kind, offset, wait, message});
   }
 
-  // Reads a range, with retries. If `etag` is not empty and still valid, reads nothing.
+  // Reads bytes that are in one block, which is read if it is not there.
+  Status read_from_block(const std::function<bool()>& should_continue, std::uint64_t offset,
+                         std::span<std::uint8_t> out) const {
+    if (blocks_.copy(offset, out)) return {};
+    const std::uint64_t generation = blocks_.generation(), skipped = offset % blocks_.kBlockBytes;
+    const std::uint64_t end = std::max(size(), offset + out.size());  // it may shrink meanwhile
+    std::vector<std::uint8_t> block(
+        static_cast<std::size_t>(std::min(blocks_.kBlockBytes, end - (offset - skipped))));
+    STGS_TRY(fetch(offset - skipped, block, Check::kSame, {}, should_continue).status());
+    std::copy_n(block.begin() + static_cast<std::ptrdiff_t>(skipped), out.size(), out.begin());
+    blocks_.insert(offset - skipped, std::move(block), generation);
+    return {};
+  }
+
+  // Reads a range, with retries. If `known` is not empty and still valid, reads nothing.
   Result<Response> fetch(std::uint64_t offset, std::span<std::uint8_t> out, Check check,
-                         const std::string& etag = {},
+                         const KnownTag& known = {},
                          const std::function<bool()>& should_continue = {}) const {
     STGS_TRY(check_outage());
     const Deadline waited(settings_);
@@ -153,7 +173,7 @@ class HttpSource::Impl {
     for (int failures = 0;;) {
       const Snapshot expected = snapshot();
       const Attempt attempt = lease.get()->get(offset + done, out.subspan(done), deadline,
-                                               done == 0 ? etag : std::string(), should_continue);
+                                               done == 0 ? known : KnownTag{}, should_continue);
       done += attempt.received;
       count(attempt);
       if (attempt.outcome == Attempt::Outcome::kStopped) return stopped();
@@ -166,7 +186,8 @@ class HttpSource::Impl {
                  (attempt.outcome == Attempt::Outcome::kRetryable && done == out.size())) {
         if (check == Check::kNothing || done == out.size()) {
           end_outage();
-          return Response{done, attempt.total, attempt.validator, attempt.unchanged};
+          return Response{done, attempt.total, attempt.validator, attempt.origin,
+                          attempt.unchanged};
         }
         failure = replaced();
         kind = TransferEvent::Kind::kReplaced;
@@ -285,6 +306,8 @@ class HttpSource::Impl {
   mutable ConnectionPool pool_{url_, settings_};
   std::vector<std::uint8_t> head_;             // the first bytes of the file
   std::atomic<std::uint64_t> head_bytes_ = 0;  // how many of these are known to be valid
+
+  mutable BlockCache blocks_;
 
   mutable std::mutex mutex_;  // guards the following members
   Snapshot state_;

@@ -58,6 +58,11 @@ std::string scheme_of(const std::string& url) {
   return Url(url).scheme();
 }
 
+std::string origin_of(const std::string& url) {
+  const Url parsed(url);
+  return fmt::format("{}://{}:{}", parsed.scheme(), parsed.get(CURLUPART_HOST), parsed.port());
+}
+
 Result<std::string> redirect_target(const std::string& from, const std::string& location) {
   const Url before(from);
   Url target(from);

@@ -16,6 +16,8 @@ inline constexpr int kMaxRedirects = 5;  // per attempt
 std::string host_of(const std::string& url);
 // Returns the scheme of a URL in lower case, or "".
 std::string scheme_of(const std::string& url);
+// Returns scheme, host and port of a URL, for comparison.
+std::string origin_of(const std::string& url);
 
 // Resolves the Location header of a response to a request for `from`. The result has no fragment;
 // it has the userinfo of `from` if scheme, host and port are the same, else none. kIo if the

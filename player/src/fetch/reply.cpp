@@ -25,6 +25,30 @@ bool same_name(std::string_view a, std::string_view b) {
                     [&](char x, char y) { return lower(x) == lower(y); });
 }
 
+// Consumes `token` at the front of `text`, if it is there.
+bool take(std::string_view& text, std::string_view token) {
+  if (!text.starts_with(token)) return false;
+  text.remove_prefix(token.size());
+  return true;
+}
+
+// Returns the value of an ETag (RFC 9110, 8.8.3) or a Last-Modified header if it has only the
+// characters of one: it may be sent back, also by way of proxies. Else an empty text.
+std::string_view checked_validator(std::string_view value) {
+  constexpr std::size_t kMaxValidator = 1 << 10;
+  if (value.size() > kMaxValidator) return {};
+  std::string_view opaque = value;
+  (void)take(opaque, "W/");
+  const bool is_tag = opaque.size() >= 2 && opaque.starts_with('"') && opaque.ends_with('"');
+  if (is_tag) opaque = opaque.substr(1, opaque.size() - 2);
+  const bool is_valid = std::all_of(opaque.begin(), opaque.end(), [&](char c) {
+    const auto code = static_cast<unsigned char>(c);
+    if (!is_tag) return code >= 0x20 && code < 0x7F && c != '"';  // a date
+    return code > 0x20 && code != 0x7F && c != '"';
+  });
+  return is_valid ? value : std::string_view();
+}
+
 // Consumes a number at the front of `text`.
 std::optional<std::uint64_t> take_number(std::string_view& text) {
   std::uint64_t value = 0;
@@ -32,13 +56,6 @@ std::optional<std::uint64_t> take_number(std::string_view& text) {
   if (error != std::errc{}) return std::nullopt;
   text.remove_prefix(static_cast<std::size_t>(end - text.data()));
   return value;
-}
-
-// Consumes `token` at the front of `text`, if it is there.
-bool take(std::string_view& text, std::string_view token) {
-  if (!text.starts_with(token)) return false;
-  text.remove_prefix(token.size());
-  return true;
 }
 
 // Returns whether an HTTP status reports a temporary error.
@@ -169,8 +186,8 @@ void Reply::header_field(std::string_view line) {
   if (colon == std::string_view::npos) return;
   const std::string_view name = line.substr(0, colon), value = trimmed(line.substr(colon + 1));
   if (same_name(name, "content-range")) range_ = parse_content_range(value);
-  if (same_name(name, "etag")) etag_ = value;
-  if (same_name(name, "last-modified")) modified_ = value;
+  if (same_name(name, "etag")) etag_ = checked_validator(value);
+  if (same_name(name, "last-modified")) modified_ = checked_validator(value);
   if (same_name(name, "content-encoding")) encoding_ = value;
   if (same_name(name, "location")) location_ = value;
 }

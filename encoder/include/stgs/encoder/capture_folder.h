@@ -6,11 +6,15 @@
 // file. The bytes come from the descriptor that was checked. The folder itself may be a link.
 #pragma once
 
+#include <sys/types.h>
+
+#include <compare>
 #include <cstddef>
 #include <cstdint>
 #include <map>
 #include <memory>
 #include <mutex>
+#include <set>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -63,6 +67,13 @@ class CaptureFile {
   int descriptor_;
 };
 
+// Identifies a file or folder, whatever path or link leads to it.
+struct FileId {
+  dev_t device = 0;
+  ino_t inode = 0;
+  auto operator<=>(const FileId&) const = default;
+};
+
 // Thread-safe. Paths are the path of the folder, "/" and a name below it.
 class CaptureFolder {
  public:
@@ -108,6 +119,10 @@ class CaptureFolder {
     return found == Kind::kFolder || found == Kind::kOutside;
   }
 
+  // Returns the identity of the file or folder that a path leads to. kIo if there is none,
+  // kInvalidFile if it is outside.
+  Result<FileId> id(const std::string& path) const;
+
   // Returns the entries of a folder in any order, without hidden ones; none if there is no such
   // folder. Each folder is read once. kInvalidFile for a folder outside.
   Result<std::shared_ptr<const Entries>> list(const std::string& path) const;
@@ -136,6 +151,18 @@ class CaptureFolder {
   const Lookup lookup_;
   mutable std::mutex mutex_;  // of lists_
   mutable std::map<std::string, std::shared_ptr<const Entries>> lists_;
+};
+
+// The files or folders that a capture names. The frames of each name are decoded and written, so
+// that two names of one file would cost more work than its bytes justify.
+class DistinctFiles {
+ public:
+  // Adds the file or folder at `path`. kInvalidFile if it was added before, under any path; kIo if
+  // there is none. `where` begins the message.
+  Status add(const CaptureFolder& files, const std::string& path, const std::string& where);
+
+ private:
+  std::set<FileId> known_;
 };
 
 }  // namespace stgs::encoder

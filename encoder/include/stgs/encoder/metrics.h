@@ -2,6 +2,7 @@
 // Image quality metrics. All functions take planar RGB images in [0,1] of equal size.
 #pragma once
 
+#include <cstdint>
 #include <string>
 
 #include "stgs/encoder/prepared_capture.h"
@@ -36,6 +37,8 @@ struct Ssim {
   double range_1 = 0;  // data range 1
   double range_2 = 0;  // data range 2, as some papers report
 };
+// Returns the working memory of ssim() for images of this width, pixels; bytes.
+std::uint64_t ssim_bytes(int width);
 // Computes both SSIM values. kUnsupported if an image side is shorter than 11 pixels.
 Result<Ssim> ssim(const Image& a, const Image& b);
 

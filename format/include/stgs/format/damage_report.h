@@ -33,7 +33,8 @@ struct DamageReport {
   }
 };
 
-// Describes the damage, one line per kind, with bytes and seconds. The file name is not included.
+// Describes the damage, with bytes and seconds: one line per kind, and one for each of the first 20
+// issues and lost fragments. The file name is not included.
 std::vector<std::string> describe_damage(const DamageReport& report, const TimeBase& time_base);
 
 // Reads the intact records of all segments; primitives in file order. SH that cannot be read are 0;

@@ -42,6 +42,10 @@ class Unfinished {
 // in a work folder meanwhile stay for remove_leftovers().
 void remove_unfinished() noexcept;
 
+// Gives an open file the permissions of the regular file at `path`, if there is one of the same
+// owner: what replaces a private file stays private.
+Status keep_mode(int descriptor, const std::string& path);
+
 // A new file that replaces `path` when it is complete. The destructor removes it otherwise. One
 // thread at a time.
 class TemporaryFile : private Unfinished {
@@ -51,7 +55,8 @@ class TemporaryFile : private Unfinished {
   TemporaryFile(const TemporaryFile&) = delete;
   TemporaryFile& operator=(const TemporaryFile&) = delete;
 
-  // Creates the file in the folder of `path`, hidden, with the extension of `path`. Call once.
+  // Creates the file in the folder of `path`, hidden, with the extension of `path` and the mode of
+  // the file that it replaces (keep_mode()). Call once.
   Status create(const std::string& path);
   // Returns the descriptor, open for reading and writing; -1 before create() and after commit().
   // The object owns it.
@@ -99,7 +104,8 @@ class OutputLock : private Unfinished {
   OutputLock& operator=(const OutputLock&) = delete;
 
   // kUsage if another object has the lock of `path`, a file or a folder, in any process. The folder
-  // that contains it must exist; a hidden file there, `.NAME.lock`, carries the lock. Call once.
+  // that contains it must exist; a hidden file there, `.NAME.lock`, carries the lock. kUsage if
+  // that is not an empty regular file, which this class would not have made. Call once.
   Status take(const std::string& path);
 
  private:
