@@ -17,13 +17,8 @@ export class Residents {
   private readonly byId = new Map<number, Resident>();
   private readonly byKey = new Map<number, Resident>(); // also the removed ones
   private nextKey = 0;
-
   /** Primitives of the segments that were not removed. */
-  get primitives(): number {
-    let sum = 0;
-    for (const resident of this.byId.values()) sum += resident.primitives;
-    return sum;
-  }
+  primitives = 0;
 
   /** Returns the ids of the segments that were not removed. */
   ids(): number[] {
@@ -38,6 +33,7 @@ export class Residents {
     };
     this.byId.set(id, resident);
     this.byKey.set(resident.key, resident);
+    this.primitives += primitives;
     return resident;
   }
 
@@ -46,6 +42,7 @@ export class Residents {
     const resident = this.byId.get(id);
     if (resident === undefined) return null;
     this.byId.delete(id);
+    this.primitives -= resident.primitives;
     return resident;
   }
 
