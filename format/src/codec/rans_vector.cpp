@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decoding a block's plane on the vector unit. A step takes one or more vectors, as wide as the
-// block has lanes: a narrow table lookup is faster than a wide one. The states stay in registers
-// throughout the plane.
+// Decodes planes on the vector unit. A step takes vectors as wide as the block has lanes: a narrow
+// table lookup is faster than a wide one. The states stay in registers throughout a plane.
 #include <algorithm>
 #include <cstring>
 #include <type_traits>

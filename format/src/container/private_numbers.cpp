@@ -16,7 +16,7 @@ using N = IssueNumber;
 
 constexpr std::uint16_t kFirstPrivateNumber = 0xC000;  // of attributes and profiles
 constexpr std::size_t kPrivateKinds = 3;
-constexpr std::size_t kShortestName = 9;  // bytes of an entry: kind, number, length, a letter
+constexpr std::size_t kMinNameBytes = 9;  // bytes of an entry: kind, number, length, a letter
 
 bool is_name(const std::string& text) {
   return !text.empty() && is_utf8(text);
@@ -49,7 +49,7 @@ bool parse_private_names(std::span<const std::uint8_t> payload, std::uint64_t of
   ByteReader in(payload);
   const std::size_t count = in.u16();
   bool good = in.ok();
-  head.private_names.reserve(std::min(count, payload.size() / kShortestName));
+  head.private_names.reserve(std::min(count, payload.size() / kMinNameBytes));
   head.named_numbers.resize(std::size_t{kPrivateKinds} << 16);
   for (std::size_t i = 0; i < count && good; ++i) {
     PrivateName name;

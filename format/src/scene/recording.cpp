@@ -183,9 +183,9 @@ bool copy_record(const ByteSource& source, const RecordRange& record,
 Result<FileHead> read_resumable(const ByteSource& source) {
   // A power failure damages the fragments that were not written through: the last one, or those of
   // half a minute without `sync`. Without them, segments that they replaced are found, and checked.
-  constexpr int kMostFragments = 64, kMostTimes = 3;
+  constexpr int kMaxFragments = 64, kMaxTimes = 3;
   std::uint64_t size = source.size();
-  for (int times = 0, fragments = 0; times < kMostTimes; ++times) {
+  for (int times = 0, fragments = 0; times < kMaxTimes; ++times) {
     const PrefixSource prefix(source, size);
     Findings findings;
     FileHead head;
@@ -200,10 +200,10 @@ Result<FileHead> read_resumable(const ByteSource& source) {
                           source.name());
     }
     if (!head.last_fragment) return head;
-    STGS_ASSIGN(const DamagedEnd end, find_damaged_end(source, head, kMostFragments + 1));
+    STGS_ASSIGN(const DamagedEnd end, find_damaged_end(source, head, kMaxFragments + 1));
     if (end.fragments == 0) return head;
     fragments += end.fragments;
-    if (fragments > kMostFragments) break;
+    if (fragments > kMaxFragments) break;
     size = end.offset;
   }
   return invalid_file(

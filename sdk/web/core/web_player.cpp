@@ -90,18 +90,18 @@ std::optional<WebPlayer::Change> WebPlayer::next_change() {
 }
 
 std::vector<player::TimeRange> WebPlayer::buffered() const {
-  constexpr std::size_t kMost = 100;
+  constexpr std::size_t kMaxRanges = 100;
   std::vector<player::TimeRange> ranges = player_->buffered();
-  if (ranges.size() <= kMost) return ranges;
+  if (ranges.size() <= kMaxRanges) return ranges;
   const double now = player_->seconds();
   // The present one counts as the longest.
   const auto length = [now](const player::TimeRange& range) {
     const bool is_present = range.begin <= now && now <= range.end;
     return is_present ? std::numeric_limits<double>::infinity() : range.end - range.begin;
   };
-  std::nth_element(ranges.begin(), ranges.begin() + kMost, ranges.end(),
+  std::nth_element(ranges.begin(), ranges.begin() + kMaxRanges, ranges.end(),
                    [&](const auto& a, const auto& b) { return length(a) > length(b); });
-  ranges.resize(kMost);
+  ranges.resize(kMaxRanges);
   std::sort(ranges.begin(), ranges.end(),
             [](const auto& a, const auto& b) { return a.begin < b.begin; });
   return ranges;
