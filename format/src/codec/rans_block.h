@@ -41,19 +41,19 @@ inline std::uint8_t rans_step(RansBlock& block, std::uint32_t& state, const Rans
   return static_cast<std::uint8_t>(entry >> 24);
 }
 
-// Decodes the symbols [begin, end) of a block with this many lanes, as far as it has words for all
+// Decodes the symbols [begin, end) of a block, as far as it has words for all
 // lanes, and returns where it stopped, after a multiple of the lanes. Whether a lane takes a word
 // cannot be predicted, so it is computed without a comparison, which compilers may turn into a
 // branch.
-template <std::size_t kLanes>
 inline std::size_t rans_decode_full(RansBlock& block, const RansLookup& lookup, std::size_t begin,
                                     std::size_t end, std::uint8_t* out) {
-  std::uint32_t states[kLanes];  // a copy, which the symbols cannot alias
-  std::copy_n(block.state, kLanes, states);
+  const std::size_t lanes = block.lanes;
+  std::uint32_t states[kRansLanes];  // a copy, which the symbols cannot alias
+  std::copy_n(block.state, lanes, states);
   const std::uint8_t* next = block.next;
   std::size_t first = begin;
-  while (end - first >= kLanes && static_cast<std::size_t>(block.end - next) >= 2 * kLanes) {
-    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+  while (end - first >= lanes && static_cast<std::size_t>(block.end - next) >= 2 * lanes) {
+    for (std::size_t lane = 0; lane < lanes; ++lane) {
       const std::uint32_t entry = lookup[states[lane] % kRansTotal];
       const std::uint32_t frequency = (entry >> kRansBits) % kRansTotal + 1;
       const std::uint32_t x = frequency * (states[lane] >> kRansBits) + entry % kRansTotal;
@@ -64,9 +64,9 @@ inline std::size_t rans_decode_full(RansBlock& block, const RansLookup& lookup, 
       next += takes & 2;
       out[first + lane] = static_cast<std::uint8_t>(entry >> 24);
     }
-    first += kLanes;
+    first += lanes;
   }
-  std::copy_n(states, kLanes, block.state);
+  std::copy_n(states, lanes, block.state);
   block.next = next;
   return first;
 }
@@ -75,28 +75,7 @@ inline std::size_t rans_decode_full(RansBlock& block, const RansLookup& lookup, 
 // independent and take words in their order, so they can be processed one after the other.
 inline void rans_decode_scalar(RansBlock& block, const RansLookup& lookup, std::size_t begin,
                                std::size_t count, std::uint8_t* out) {
-  switch (block.lanes) {
-    case 1:
-      begin = rans_decode_full<1>(block, lookup, begin, count, out);
-      break;
-    case 2:
-      begin = rans_decode_full<2>(block, lookup, begin, count, out);
-      break;
-    case 4:
-      begin = rans_decode_full<4>(block, lookup, begin, count, out);
-      break;
-    case 8:
-      begin = rans_decode_full<8>(block, lookup, begin, count, out);
-      break;
-    case 16:
-      begin = rans_decode_full<16>(block, lookup, begin, count, out);
-      break;
-    case 32:
-      begin = rans_decode_full<32>(block, lookup, begin, count, out);
-      break;
-    default:
-      break;
-  }
+  begin = rans_decode_full(block, lookup, begin, count, out);
   for (std::size_t first = begin; first < count; first += block.lanes) {
     const std::size_t active = count - first < block.lanes ? count - first : block.lanes;
     for (std::size_t lane = 0; lane < active; ++lane)
