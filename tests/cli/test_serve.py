@@ -242,7 +242,8 @@ class Refusals(Server):
         self.start("scenes")
         for request in (b"GET /" + b"a" * 70000 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n",
                         b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"a" * 70000 + b"\r\n\r\n",
-                        b"\0\1\2\3" * 100 + b"\r\n\r\n", b"GET\r\n\r\n", b"\x16\x03\x01\x02\x00\x01\r\n\r\n",
+                        b"\0\1\2\3" * 100 + b"\r\n\r\n", b"GET\r\n\r\n", b"GET ?x HTTP/1.1\r\nHost: localhost\r\n\r\n",
+                        b"GET x HTTP/1.1\r\nHost: localhost\r\n\r\n", b"\x16\x03\x01\x02\x00\x01\r\n\r\n",
                         b"GET http://evil.example/ HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"):
             answer = self.raw(request)
             self.assertRegex(answer[:20] or b"HTTP/1.1 400", b"^HTTP/1.[01] (4|5)", request[:40])

@@ -162,7 +162,8 @@ TEST_CASE("a recording is resumed after a kill and after a power cut") {
   CHECK((*recorder)->bytes() == sizes[3]);
 }
 
-TEST_CASE("a recording without the fragments that a power cut damaged is resumed, if they are few") {
+TEST_CASE(
+    "a recording without the fragments that a power cut damaged is resumed, if they are few") {
   const TemporaryFolder folder;
   const RecordSettings settings = recording_settings(Profile::kQuantised);
   constexpr int kFragments = 80;

@@ -25,7 +25,7 @@ class WebGl2Test(RendererCase):
     def setUpClass(cls):
         cls.make_folder()
         cls.bundle("webgl2/index", "renderer")
-        cls.bundle("webgl2/sorter_worker", "sorter_worker", "iife")
+        cls.bundle("webgl2/sorter_worker", "stgs-sorter", "iife")
         cls.copy_pages("webgl2_page.html", "webgl2_page.mjs", "scene_page.mjs")
         job = {"scenes": []}
         for scene, (primitives, degree) in SCENES.items():

@@ -24,9 +24,10 @@ class Serve final : public Command {
         "serve", "Show scenes in a browser, from this machine",
         "Serves a page that plays an .stgs file, or lists the .stgs files below a folder, and\n"
         "prints its link. Serves nothing else: no other files, no hidden ones, and no links that\n"
-        "leave the folder. A file may be written meanwhile. Only programs of this machine reach\n"
-        "the server, unless --address names another address. Ctrl-C (SIGINT) or SIGTERM ends it,\n"
-        "with exit code 4. 'stgs web' writes a site for other servers.",
+        "leave the folder. After a file was written to, its page asks to load it again. Only\n"
+        "programs of this machine reach the server, unless --address names another address.\n"
+        "Ctrl-C (SIGINT) or SIGTERM ends it, with exit code 4. 'stgs web' writes a site for other\n"
+        "servers.",
         "  stgs serve scene.stgs\n"
         "  stgs serve scenes/ --port 8000"};
   }

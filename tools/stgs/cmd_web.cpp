@@ -91,11 +91,7 @@ class Web final : public Command {
 
 #ifdef STGS_HAS_WEB
   Status write(Session& session) {
-    std::error_code error;
-    if (!overwrite_ && std::filesystem::exists(written_page(), error)) {
-      return usage_error("{}: exists; name another output, or replace it with --overwrite",
-                         written_page());
-    }
+    if (!overwrite_) STGS_TRY(check_new());
     STGS_TRY(single_file_ ? session.claim_output(output_) : session.claim_folder(output_));
     STGS_ASSIGN(const auto file, SceneFile::open(session, scene_));
     STGS_TRY(check_playable(session, *file));
@@ -110,6 +106,21 @@ class Web final : public Command {
                        {"scene_copied", !is_url(scene_)}, { "bytes", bytes }};
     return session.emit(json,
                         fmt::format("{}: {}\n", one_line(written_page()), human_bytes(bytes)));
+  }
+  // Checks that no file would be replaced.
+  Status check_new() const {
+    std::vector<std::string> paths = {written_page()};
+    if (!single_file_) {
+      const std::filesystem::path folder = output_;
+      if (!is_url(scene_)) paths.push_back((folder / kSceneName).string());
+      for (const SiteFile& file : kSite) paths.push_back((folder / file.name).string());
+    }
+    for (const std::string& path : paths) {
+      std::error_code error;
+      if (std::filesystem::exists(path, error))
+        return usage_error("{}: exists; name another output, or replace it with --overwrite", path);
+    }
+    return {};
   }
   Status check_playable(Session& session, const SceneFile& file) const {
     if (file.text(STGS_TEXT_PROFILE) == "draco") {

@@ -304,7 +304,7 @@ std::uint64_t decoded_values(const SegmentRecords& records, const FileHead& head
       out += kPlaneWork * row.planes();
       if (record->has_own && values > 0) out += kLookupWork * planes;
     }
-    out += kRecordWork + kTableWork * record->own.tables.size();
+    out += kRecordWork + kOwnTableWork * record->own.tables.size();
   }
   return out;
 }

@@ -271,10 +271,11 @@ void check_segment(const ByteSource& source, const FileHead& head, std::uint32_t
         found);
   };
   good = good && decode(findings);
-  if (!good && has_sh && segment.sh.bytes > 0) {
+  if (!good && !work.is_refused && has_sh && segment.sh.bytes > 0) {
     Findings reported;
     good = read_segment(source, head, ordinal, false, records = {}, reported) && reported.ok() &&
            decode(reported);
+    if (work.is_refused) findings.append(std::move(reported));
   }
   if (good) placement->report(findings);
 }

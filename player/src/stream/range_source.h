@@ -65,10 +65,10 @@ class RangeSource final : public ByteSource {
   std::unique_ptr<ByteSource> under_;
   std::pmr::memory_resource* memory_;
   const std::shared_ptr<Budget> budget_;
+  std::atomic<bool> interrupted_ = false;
   mutable std::mutex mutex_;               // guards the following members
   std::map<std::uint64_t, Bytes> ranges_;  // by offset
   std::deque<Recent> recent_;
-  std::atomic<bool> interrupted_ = false;
 };
 
 }  // namespace stgs::player

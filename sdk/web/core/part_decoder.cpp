@@ -17,8 +17,11 @@ PartDecoder::PartDecoder(std::string name, std::uint64_t file_bytes, std::uint64
 }
 
 Status PartDecoder::open() {
+  // Null until the reader has the source.
+  ProvidedSource* const provided = std::exchange(provided_, nullptr);
   STGS_ASSIGN(reader_, SceneReader::open(std::move(opening_), limits_,
                                          std::pmr::new_delete_resource(), IndexLoading::kComplete));
+  provided_ = provided;
   provided_->clear();
   return {};
 }

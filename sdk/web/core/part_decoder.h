@@ -42,7 +42,7 @@ class PartDecoder {
   static constexpr std::uint32_t kPartPrimitives = 1 << 16;
 
   ReadLimits limits_;
-  std::unique_ptr<ProvidedSource> opening_;  // until open() has succeeded
+  std::unique_ptr<ProvidedSource> opening_;  // until open()
   ProvidedSource* provided_;
   std::unique_ptr<SceneReader> reader_;
   Gaussians4D set_;

@@ -11,16 +11,16 @@
 namespace stgs::web {
 namespace {
 
-// Bytes that a part takes on the page besides its primitives, at most: a row of the renderer's
-// texture, and the padding of packed_segment.h.
-constexpr std::uint64_t kPartOverhead = 52 << 10;
+// Bytes that a segment of one part takes on the page besides its primitives, at most: a row of the
+// renderer's texture, and the padding of packed_segment.h. Of longer ones, that is little.
+constexpr std::uint64_t kSegmentOverhead = 52 << 10;
 
 player::PlayerSettings settings_of(std::uint64_t memory_budget, double prefetch_seconds) {
   player::PlayerSettings out;
   out.memory_budget = memory_budget;
   out.prefetch_seconds = prefetch_seconds;
   out.limits.max_memory = memory_budget;
-  out.segment_overhead = kPartOverhead;
+  out.segment_overhead = kSegmentOverhead;
   return out;
 }
 

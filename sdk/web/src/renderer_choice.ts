@@ -30,8 +30,8 @@ async function hasWebGpu(): Promise<boolean> {
 }
 
 async function hasHeadset(): Promise<boolean> {
-  const supported = xrSystem()?.isSessionSupported("immersive-vr").catch(() => false); // not allowed
-  return (await supported) ?? false;
+  const supports = (mode: string) => xrSystem()?.isSessionSupported(mode).catch(() => false); // not allowed
+  return ((await supports("immersive-vr")) || (await supports("immersive-ar"))) ?? false;
 }
 
 async function automatic(canvas: HTMLCanvasElement, signal: AbortSignal): Promise<Renderer> {

@@ -21,9 +21,9 @@ export function setResources(resources: Resources): void {
 
 /** Creates the worker that fetches and decodes a scene. */
 export function createWorker(): Worker {
-  const options: WorkerOptions = { type: "module", name: "stgs" };
-  if (replaced === null) return new Worker(new URL("./stgs-worker.js", import.meta.url), options);
-  const worker = new Worker(replaced.worker, options);
+  // Bundlers need the literals in place.
+  if (replaced === null) return new Worker(new URL("./stgs-worker.js", import.meta.url), { type: "module", name: "stgs" });
+  const worker = new Worker(replaced.worker, { type: "module", name: "stgs" });
   const message: CoreBytes = { type: "core", bytes: replaced.core };
   worker.postMessage(message);
   return worker;
@@ -31,5 +31,5 @@ export function createWorker(): Worker {
 
 /** The URL of the worker that sorts. */
 export function sorterUrl(): URL {
-  return replaced === null ? new URL("./stgs-sorter.js", import.meta.url) : new URL(replaced.sorter);
+  return replaced === null ? new URL("./stgs-sorter.js", import.meta.url) : new URL(replaced.sorter, document.baseURI);
 }

@@ -94,6 +94,8 @@ export interface Renderer extends SegmentSink {
   readPixels(): Promise<Float32Array>;
   /** The renderer of views, if it is ready and can draw them. */
   readonly views: ViewRenderer | null;
+  /** Resolves once `views` is known, whatever it is; absent: it is. */
+  readonly whenReady?: Promise<void>;
 }
 /** A camera, and where its image is in a framebuffer, pixels from the lower left corner. */
 export interface RenderView {

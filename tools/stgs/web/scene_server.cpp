@@ -217,7 +217,8 @@ MHD_Result Server::answer(MHD_Connection* connection, std::string_view url,
   }
   if (method != "GET" && method != "HEAD") return send_text(connection, 405, "use GET or HEAD\n");
   const auto path = decode_url_path(url);
-  if (!path) return send_text(connection, 400, "the path is malformed\n");
+  if (!path || path->empty() || path->front() != '/')
+    return send_text(connection, 400, "the path is malformed\n");
   return answer_path(connection, *path);
 }
 
@@ -259,7 +260,7 @@ MHD_Result Server::handle(void* self, MHD_Connection* connection, const char* ur
                           header(connection, "Transfer-Encoding").has_value();
     if (is_first && !has_body) return MHD_YES;
     return server->answer(connection, url, method);
-  } catch (const std::bad_alloc&) {
+  } catch (const std::exception&) {
     return MHD_NO;  // ends the connection
   }
 }
@@ -286,7 +287,12 @@ void Server::on_connection(void* self, MHD_Connection* connection, void** client
   }
   const MHD_ConnectionInfo* info =
       MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
-  if (info != nullptr) *client = times.add(info->connect_fd);
+  if (info == nullptr) return;
+  try {
+    *client = times.add(info->connect_fd);
+  } catch (const std::bad_alloc&) {
+    ::shutdown(info->connect_fd, SHUT_RDWR);  // its time would not be limited
+  }
 }
 
 // Returns a listening socket and the address that it has.

@@ -19,14 +19,12 @@ extern const std::string_view kPageTemplate;
 inline constexpr std::size_t kSiteFiles = 6;
 extern const std::array<SiteFile, kSiteFiles> kSite;
 
-// Indices into kSite.
+// Indices of its first files.
 enum SiteFileIndex : std::size_t {
   kViewerScript,
   kWorkerScript,
   kSorterScript,
-  kCore,
-  kImportScript,
-  kImportCore
+  kCore
 };
 
 }  // namespace stgs::tools

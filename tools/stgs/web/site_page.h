@@ -15,7 +15,7 @@ namespace stgs::tools {
 struct PageSettings {
   std::string title;  // of the page until the scene is open; UTF-8
   std::string scene;  // URL relative to the page, or absolute; "": the visitor chooses
-  std::string list;   // URL of a list of scenes (scene_list_json()); "": none
+  std::string list;   // URL of a list of scenes (ServedScenes::list()); "": none
 };
 
 // Returns the page. Any text in the settings is safe.

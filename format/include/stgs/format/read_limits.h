@@ -20,7 +20,8 @@ struct ReadLimits {
   // head and the index that is read; for the entries of the index 4 MiB and 40, if that is less.
   std::uint64_t max_opening = 0;
   // Values that a validator decodes: floats, symbols and what takes as long
-  // (spec/conformance.md, 1.5). A few times as many as files of real scenes have. 0: 2^21 and 15 for each byte of the file.
+  // (spec/conformance.md, 1.5). A few times as many as files of real scenes have. 0: 2^21 and 15
+  // for each byte of the file.
   std::uint64_t max_values = 0;
 
   // Returns the limits of a caller who allows `memory` bytes. If that is more than the default, it

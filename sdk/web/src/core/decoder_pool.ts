@@ -7,6 +7,7 @@ import type { DecoderReply, DecoderRequest, Part } from "./part_decoder";
 export interface DecoderThread {
   onmessage: ((event: MessageEvent<DecoderReply>) => void) | null;
   onerror: ((event: ErrorEvent) => void) | null;
+  onmessageerror: ((event: MessageEvent) => void) | null;
   postMessage(request: DecoderRequest, transfer: Transferable[]): void;
   terminate(): void;
 }
@@ -34,6 +35,7 @@ export class DecoderPool {
       const entry = { thread: start(), jobs: 0 };
       entry.thread.onmessage = ({ data }) => this.receive(entry, data);
       entry.thread.onerror = (event) => this.fail(`a decoding worker stopped (${event.message ?? "it could not be started"})`, false);
+      entry.thread.onmessageerror = () => this.fail("a decoding worker received an unreadable message", false);
       this.threads.push(entry);
     }
   }
@@ -56,6 +58,7 @@ export class DecoderPool {
     for (const { thread } of this.threads) {
       thread.onmessage = null;
       thread.onerror = null;
+      thread.onmessageerror = null;
       thread.terminate();
     }
     this.threads.length = 0;

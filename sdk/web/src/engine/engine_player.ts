@@ -63,7 +63,7 @@ export class EnginePlayer extends ScenePlayer {
     const splats = new SplatScene(gl, {
       sorterUrl: sorterUrl(),
       restoresContext: true,
-      report: (error) => console.error(error),
+      report: (error) => this.playback.fail("unsupported", `rendering failed: ${error.message}`),
       onOrder: announce,
       guard: (work) => preserveState(gl, work),
     });
@@ -90,7 +90,7 @@ export class EnginePlayer extends ScenePlayer {
     if (view.projection[15] !== 0) throw new Error("scenes need a perspective camera");
     this.playback.updateTime(false);
     const time = this.playback.frameTime();
-    if (time === null || this.isDestroyed) return;
+    if (time === null || this.isDestroyed || this.gl.isContextLost()) return;
     this.drawnTicks = time.ticks;
     const { gl, splats } = this;
     const [left, bottom, width, height] = gl.getParameter(gl.VIEWPORT) as unknown as [

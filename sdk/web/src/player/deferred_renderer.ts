@@ -27,6 +27,7 @@ export class DeferredRenderer implements Renderer {
   private readonly segments = new Map<number, PackedSegment>(); // until the renderer is ready
   private latest: View | null = null;
   private readonly waiting: ExactView[] = [];
+  whenReady: Promise<void> = Promise.resolve(); // of the last start
 
   /** Calls `create`, whose renderers belong to this object; destroy() aborts the signal. */
   constructor(private readonly create: (signal: AbortSignal) => Promise<Renderer>) {
@@ -69,8 +70,16 @@ export class DeferredRenderer implements Renderer {
 
   render(camera: Camera, ticks: number): void {
     if (this.failure !== null) throw this.failure;
-    if (this.target !== null) this.target.render(camera, ticks);
-    else this.latest = { camera: copyCamera(camera), ticks };
+    if (this.target === null) {
+      this.latest = { camera: copyCamera(camera), ticks };
+      return;
+    }
+    try {
+      this.target.render(camera, ticks);
+    } catch (error) {
+      this.fail(error); // so that the next scene has another renderer
+      throw error;
+    }
   }
 
   renderExactly(camera: Camera, ticks: number): Promise<void> {
@@ -99,7 +108,7 @@ export class DeferredRenderer implements Renderer {
   }
 
   private start(): void {
-    this.create(this.destroyed.signal).then(
+    this.whenReady = this.create(this.destroyed.signal).then(
       (renderer) => {
         if (this.isDestroyed) renderer.destroy();
         else this.adopt(renderer);

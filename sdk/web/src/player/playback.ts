@@ -211,6 +211,7 @@ export class Playback {
     this.core.close();
     this.scene?.clear();
     this.scene = null;
+    this.source = null;
     this.error = null;
     this.startTime = null;
     this.latest = null;

@@ -151,6 +151,16 @@ export class StgsPlayer extends ScenePlayer {
     return this.xr.supports(mode);
   }
 
+  override load(source: string | Blob, options: { signal?: AbortSignal } = {}): Promise<void> {
+    this.xr.exit(); // its room is that of the last scene
+    return super.load(source, options);
+  }
+
+  override unload(): void {
+    this.xr.exit();
+    super.unload();
+  }
+
   override destroy(): void {
     if (this.isDestroyed) return;
     this.frames.destroy();

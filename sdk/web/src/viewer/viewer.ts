@@ -23,6 +23,7 @@ function showPage(shown: "stage" | "welcome" | "scenes"): void {
   for (const id of ["stage", "welcome", "scenes"]) element(id).hidden = id !== shown;
   element("open").hidden = shown === "welcome";
   document.body.classList.toggle("plays", shown === "stage");
+  document.body.classList.remove("idle"); // of the player before
 }
 
 /** Sets the title of the page, and of the scene that it shows. */
@@ -83,6 +84,7 @@ function welcome(problem: string): void {
   setDetail("");
   element("problem").textContent = problem;
   element("problem").hidden = problem === "";
+  element("stage").replaceChildren();
   showPage("welcome");
 }
 

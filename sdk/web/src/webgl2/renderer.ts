@@ -15,7 +15,7 @@ export interface WebGl2Options {
   target?: TargetFormat;
   /** Premultiplied, sRGB-encoded, 0 to 1. Alpha 0: the page shows. Default: the scene's. */
   background?: Background;
-  /** Of sorter_worker.js. Default: next to the module. */
+  /** Of stgs-sorter.js. Default: next to the module. */
   sorterUrl?: string | URL;
   /**
    * Whether the renderer restores its segments after the GPU context was lost. It then retains
@@ -51,7 +51,7 @@ class WebGl2Renderer implements Renderer, ViewRenderer {
     this.format = targetFormat(context, options.target ?? "rgba16f");
     this.frame = new Frame(context, this.format);
     this.splats = new SplatScene(context, {
-      sorterUrl: options.sorterUrl ?? new URL("sorter_worker.js", import.meta.url),
+      sorterUrl: options.sorterUrl ?? new URL("./stgs-sorter.js", import.meta.url),
       restoresContext: options.restoresContext ?? true,
       report: (error) => this.onError(error),
       onOrder: () => this.drawSoon(),

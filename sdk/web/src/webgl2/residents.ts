@@ -66,6 +66,13 @@ export class Residents {
     }
   }
 
+  /** Removes all versions, which are not drawn any more: the scene has ended. */
+  clear(): void {
+    this.byId.clear();
+    this.primitives = 0;
+    for (const resident of this.byKey.values()) resident.begin = Infinity;
+  }
+
   /** States that no words are on the GPU any more. */
   forgetRows(): void {
     for (const resident of this.byKey.values()) resident.rows = null;

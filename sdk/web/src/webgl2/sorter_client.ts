@@ -18,7 +18,7 @@ export class SorterClient {
   private spare: ArrayBuffer | null = null;
   private inFlight = false;
 
-  /** Starts the worker. `url` is that of sorter_worker.js. */
+  /** Starts the worker. `url` is that of stgs-sorter.js. */
   constructor(url: string | URL, listener: SorterListener) {
     this.worker = new Worker(url);
     this.worker.onmessage = ({ data }: MessageEvent<SorterReply>) => {

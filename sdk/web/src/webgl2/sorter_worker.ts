@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The worker of the sorter: an entry point of its own, bundled to sorter_worker.js.
+// The worker of the sorter: an entry point of its own, bundled to stgs-sorter.js.
 import { DepthSorter } from "./sorter";
 import type { SorterReply, SorterRequest } from "./sorter_messages";
 

@@ -208,8 +208,8 @@ void main() {
   vec2 corner;
   if (!corner_at(mean, extent, conic_of(splat.falloff), side, corner)) return;
   vec2 clip = 2.0 * corner / view[4].xy - 1.0;
-  float depth = depth_mapping.x + depth_mapping.y / splat.depth +
-                depth_mapping.z * log2(1.0 + splat.depth);
+  float depth =
+      depth_mapping.x + depth_mapping.y / splat.depth + depth_mapping.z * log2(1.0 + splat.depth);
   gl_Position = vec4(clip.x, -clip.y, depth, 1.0);
   splat_a = vec4(mean, splat.falloff.xx, splat.falloff.xy);
   splat_b = vec2(splat.falloff.yy, splat.peak);

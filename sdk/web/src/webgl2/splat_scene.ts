@@ -13,7 +13,7 @@ import type { View } from "./view_order";
 
 /** How a scene works in a WebGL context. */
 export interface SplatSceneOptions {
-  /** Of sorter_worker.js. */
+  /** Of stgs-sorter.js. */
   sorterUrl: string | URL;
   /** Whether the worker retains all words, to restore them after the context was lost. */
   restoresContext: boolean;
@@ -69,6 +69,7 @@ export class SplatScene {
   setScene(info: SceneInfo): void {
     this.tickSeconds = info.tickSeconds;
     for (const id of this.residents.ids()) this.removeSegment(id);
+    this.residents.clear(); // the current order does not show those that it still names
   }
 
   addSegment(segment: PackedSegment): void {

@@ -47,6 +47,7 @@ export class XrPresenter {
   }
 
   async supports(mode: XrMode): Promise<boolean> {
+    await this.renderer.whenReady;
     if (this.renderer.views === null) return false;
     try {
       return (await xrSystem()?.isSessionSupported(mode)) ?? false;
@@ -60,7 +61,6 @@ export class XrPresenter {
     const { views } = this.renderer;
     const system = xrSystem();
     const info = this.client.info();
-    if (views === null) throw unsupported("WebXR needs the WebGL2 renderer; choose renderer \"webgl2\"");
     if (system === null) {
       throw unsupported("this browser has no WebXR, or the page is not from https or localhost");
     }
@@ -70,6 +70,7 @@ export class XrPresenter {
                            : "no scene is open; wait for loadedmetadata";
       throw new DOMException(message, "InvalidStateError");
     }
+    if (views === null) throw unsupported("WebXR needs the WebGL2 renderer; choose renderer \"webgl2\"");
     this.isStarting = true;
     try {
       // The first call, since it is allowed only during the handling of input.
