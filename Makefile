@@ -31,8 +31,10 @@ check: setup
 	@cmake --build build/check -j $(JOBS)
 	@$(CTEST) --test-dir build/check -LE slow
 
-check-all: check check-slow
+check-all: check
 	@tools/setup/setup.sh check-all
+	@tools/setup/npm.sh
+	@$(CTEST) --test-dir build/check -L slow
 	@for preset in asan tsan decode-only no-encoder; do \
 	  cmake --preset $$preset -DSTGS_BUILD_TESTS=ON -DSTGS_BUILD_EXAMPLES=ON && \
 	  cmake --build build/$$preset -j $(JOBS) && \
@@ -45,7 +47,6 @@ check-slow: check
 
 setup:
 	@tools/setup/setup.sh core program web check
-	@tools/setup/npm.sh
 
 clean:
 	rm -rf build
