@@ -63,6 +63,7 @@ class Web(CliTest):
         self.succeeds("web", self.scene, "-o", "site", "--overwrite", "--title", "Again")
         self.assertIn(b"<title>Again</title>", self.read("site/index.html"))
         self.assertEqual(self.read("site/mine.txt"), b"kept")
+        os.mkdir(self.path("own"))
         self.write("own/scene.stgs", "mine")
         self.fails(USAGE, "own/scene.stgs: exists", "web", self.scene, "-o", "own")
         self.assertEqual(self.read("own/scene.stgs"), b"mine")

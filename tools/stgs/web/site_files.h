@@ -20,11 +20,6 @@ inline constexpr std::size_t kSiteFiles = 6;
 extern const std::array<SiteFile, kSiteFiles> kSite;
 
 // Indices of its first files.
-enum SiteFileIndex : std::size_t {
-  kViewerScript,
-  kWorkerScript,
-  kSorterScript,
-  kCore
-};
+enum SiteFileIndex : std::size_t { kViewerScript, kWorkerScript, kSorterScript, kCore };
 
 }  // namespace stgs::tools
