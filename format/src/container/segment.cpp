@@ -288,7 +288,7 @@ bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t 
 std::uint64_t decoded_values(const SegmentRecords& records, const FileHead& head,
                              std::uint32_t ordinal) {
   const std::uint32_t primitives = head.index.segments[ordinal].base.primitives;
-  std::uint64_t out = 0;
+  std::uint64_t out = kPrimitiveWork * std::uint64_t{primitives};
   for (const SegmentRecord* record : {&records.base, &records.sh}) {
     if (record->bytes.empty()) continue;
     for (const StreamRow& row : record->layout_in(*head.layouts).streams) {

@@ -93,12 +93,12 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
 
 // Returns the work of decode_ranges(), as values that take as long: the floats, and the symbols of
 // planes that are not constant, which count several times in blocks of few lanes. A position that
-// Draco codes counts as kDracoWork; a record, a plane, a table of an own layout and a plane that
-// needs one have constants of their own.
+// Draco codes counts as kDracoWork; the checks of a primitive, a record, a plane, a table of an own
+// layout and a plane that needs one have constants of their own.
 std::uint64_t decoded_values(const SegmentRecords& records, const FileHead& head,
                              std::uint32_t ordinal);
-inline constexpr std::uint64_t kDracoWork = 128, kRecordWork = 3072, kPlaneWork = 64,
-                               kOwnTableWork = 96, kLookupWork = 1024;
+inline constexpr std::uint64_t kDracoWork = 128, kRecordWork = 3584, kPlaneWork = 64,
+                               kOwnTableWork = 96, kLookupWork = 1024, kPrimitiveWork = 32;
 
 // The work that remains to a caller of decode_ranges().
 struct DecodingWork {

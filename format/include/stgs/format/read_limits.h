@@ -20,7 +20,7 @@ struct ReadLimits {
   // head and the index that is read; for the entries of the index 4 MiB and 40, if that is less.
   std::uint64_t max_opening = 0;
   // Values that a validator decodes: floats, symbols and what takes as long
-  // (spec/conformance.md, 1.5). A few times as many as files of real scenes have. 0: 2^21 and 15
+  // (spec/conformance.md, 1.5). A few times as many as files of real scenes have. 0: 2^21 and 18
   // for each byte of the file.
   std::uint64_t max_values = 0;
 
