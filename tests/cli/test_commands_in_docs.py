@@ -57,7 +57,7 @@ def check_command(stgs, words):
 
 
 def can_run(stgs, verb):
-    """Returns whether the build has a verb that it may lack, and the machine what it needs."""
+    """Returns whether the build has a verb that is optional, and the machine its requirements."""
     if verb not in ("play", "serve", "web"):
         return True
     version = subprocess.run([stgs, "--version"], capture_output=True, text=True, check=True).stdout

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""stgs serve: the page, ranges and conditions, what is refused, slow and many clients, signals."""
+"""stgs serve: the page, ranges and conditions, refusals, slow and many clients, signals."""
 import contextlib
 import email.utils
 import http.client

@@ -48,7 +48,7 @@ TOP_LEVEL = {
 }
 NOT_SOURCE = {".git", "build"}  # besides the top-level entries that .gitignore lists
 CODE = (".h", ".hpp", ".c", ".cpp", ".cu", ".cuh", ".comp", ".glsl")
-SCRIPTS = (".py", ".sh", ".cmake")
+SCRIPTS = (".py", ".sh", ".cmake", ".ts", ".js", ".mjs", ".wgsl")
 MAX_LINES = 400
 TEMPORARY = "tests/fixtures/temporary_folder.h"  # the only test source that may use temp_directory_path
 

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """A headless Chromium that a test drives through a pipe, with the DevTools protocol."""
-import base64
 import functools
 import http.server
 import json
 import os
 import select
-import signal
 import subprocess
 import tempfile
 import threading
 import time
+
+from browser_page import BrowserPage
 
 CHROMIUM = "/usr/bin/chromium"
 FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu-sandbox", "--use-angle=swiftshader",
@@ -39,7 +39,7 @@ class Server:
         self.server.server_close()
 
 
-class Browser:
+class Browser(BrowserPage):
     """One page. `evaluate` raises RuntimeError if the script throws. `flags`: more options of Chromium."""
 
     def __init__(self, flags=()):
@@ -124,13 +124,6 @@ class Browser:
             raise RuntimeError(details.get("exception", {}).get("description", details["text"]))
         return reply["result"].get("value")
 
-    def wait_for(self, condition, seconds=20):
-        end = time.monotonic() + seconds
-        while not self.evaluate(condition):
-            if time.monotonic() > end:
-                raise TimeoutError(f"still false after {seconds} s: {condition}")
-            time.sleep(0.05)
-
     def resize(self, width, height, ratio=1, mobile=False):
         self.send("Emulation.setDeviceMetricsOverride", width=width, height=height,
                   deviceScaleFactor=ratio, mobile=mobile)
@@ -172,15 +165,10 @@ class Browser:
         self.send("Input.dispatchKeyEvent", type="keyDown", **keys, **text)
         self.send("Input.dispatchKeyEvent", type="keyUp", **keys)
 
-    def screenshot(self, path):
-        data = self.send("Page.captureScreenshot", format="png")["data"]
-        with open(path, "wb") as file:
-            file.write(base64.b64decode(data))
+    def screenshot_data(self):
+        return self.send("Page.captureScreenshot", format="png")["data"]
 
     def close(self):
-        if self.process.poll() is None:
-            os.killpg(self.process.pid, signal.SIGKILL)
-        self.process.wait()
+        super().close()
         os.close(self.output)
         os.close(self.input)
-        self.profile.cleanup()

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the test pages of the engines share. See test_three.py and test_playcanvas.py.
+// The common part of the test pages of the engines. See engine_case.py.
 import { plainImage, psnr, readCanvas } from "./decode_scene.js";
 
 export const WIDTH = 320, HEIGHT = 240, FOCAL = 280, NEAR = 0.05, FAR = 100;
@@ -19,7 +19,7 @@ export const BOX = { size: 0.2, color: [255, 0, 0], before: 0.4, behind: 60 };
 /** The image of the engine: bytes, RGBA, from the top. Call it in the task that has rendered. */
 export const imageOf = (gl) => readCanvas(gl, 0, 0, WIDTH, HEIGHT);
 
-/** PSNR of an image to that of the plain player, where `uses` says. */
+/** PSNR of an image to that of the plain player, of the pixels that `uses` selects. */
 export async function compare(image, camera, seconds, uses) {
   const background = [...BACKGROUND.map((value) => value / 255), 1];
   const expected = await plainImage("scene.stgs", camera, seconds, background);
@@ -36,6 +36,26 @@ export function besideBox(distance, size, pixels) {
 export function middleOf(image) {
   const at = 4 * ((HEIGHT / 2) * WIDTH + WIDTH / 2);
   return [...image.subarray(at, at + 3)];
+}
+
+/**
+ * PSNR beside boxes before and behind the splats, and the colour in the middle, with and without the
+ * splats. `addBox(distance, size)` returns a function that removes the box; `show(isShown)` shows or
+ * hides the splats; `render()` returns the image.
+ */
+export async function compareBoxes({ addBox, show, render }) {
+  const out = {};
+  for (const place of ["before", "behind"]) {
+    const size = place === "behind" ? 10 : BOX.size;
+    const removeBox = addBox(BOX[place], size);
+    const image = await render();
+    const psnr = await compare(image, CAMERA, 1, besideBox(BOX[place], size, 2));
+    show(false);
+    out[place] = { psnr, middle: middleOf(image), alone: middleOf(await render()) };
+    show(true);
+    removeBox();
+  }
+  return out;
 }
 
 /** Counts the objects of a context that exist: textures, buffers, programs, vertex arrays. */

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A Firefox that a test drives by its protocol Marionette."""
-import base64
 import json
 import os
 import shutil
-import signal
 import socket
 import subprocess
 import tempfile
 import time
+
+from browser_page import BrowserPage
 
 FIREFOX = shutil.which("firefox-esr") or shutil.which("firefox")
 STARTUP_TIMEOUT = 120  # seconds
@@ -23,7 +23,7 @@ Promise.resolve().then(() => window.eval(arguments[0])).then(
   (error) => done(JSON.stringify([false, String(error)])));"""
 
 
-class Firefox:
+class Firefox(BrowserPage):
     """One page, with methods of `browser.Browser`. Headless, Firefox has no WebGL without a GPU, so
     it needs a display: `environment` is that of its process.
     """
@@ -93,20 +93,5 @@ class Firefox:
             raise RuntimeError(value)
         return value
 
-    def wait_for(self, condition, seconds=20):
-        end = time.monotonic() + seconds
-        while not self.evaluate(condition):
-            if time.monotonic() > end:
-                raise TimeoutError(f"still false after {seconds} s: {condition}")
-            time.sleep(0.05)
-
-    def screenshot(self, path):
-        data = self.send("WebDriver:TakeScreenshot", full=False)["value"]
-        with open(path, "wb") as file:
-            file.write(base64.b64decode(data))
-
-    def close(self):
-        if self.process.poll() is None:
-            os.killpg(self.process.pid, signal.SIGKILL)
-        self.process.wait()
-        self.profile.cleanup()
+    def screenshot_data(self):
+        return self.send("WebDriver:TakeScreenshot", full=False)["value"]

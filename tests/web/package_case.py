@@ -22,6 +22,16 @@ from nginx import Nginx  # noqa: E402
 SIZE = (640, 320)
 
 
+def serve(case, folder, flags=()):
+    """Serves a folder by nginx and starts Chromium until the end of the tests of a class. Returns the
+    URL and the browser.
+    """
+    nginx = case.enterClassContext(Nginx(folder))
+    browser = Browser(flags)
+    case.addClassCleanup(browser.close)
+    return f"http://127.0.0.1:{nginx.port}/", browser
+
+
 class PackageCase(unittest.TestCase):
     """A page per test. FILES: of this folder; MODULES: of npm, by the name on the server."""
 
@@ -42,12 +52,7 @@ class PackageCase(unittest.TestCase):
         for name, source in cls.MODULES.items():
             shutil.copy(os.path.join(cls.npm, source), os.path.join(cls.work, name))
         subprocess.run([cls.make, os.path.join(cls.work, "scene.stgs"), "3000", "3"], check=True)
-        cls.nginx = Nginx(cls.work)
-        cls.nginx.__enter__()
-        cls.addClassCleanup(cls.nginx.__exit__)
-        cls.url = f"http://127.0.0.1:{cls.nginx.port}/"
-        cls.browser = Browser()
-        cls.addClassCleanup(cls.browser.close)
+        cls.url, cls.browser = serve(cls, cls.work)
 
     def setUp(self):
         self.browser.problems.clear()

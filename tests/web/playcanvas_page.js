@@ -3,8 +3,8 @@
 import * as pc from "playcanvas";
 import { StgsScript } from "stgs/playcanvas";
 import {
-  BACKGROUND, BOX, besideBox, CAMERA, compare, countObjects, delay, FAR, FOV, HEIGHT, imageOf,
-  middleOf, NEAR, WIDTH,
+  BACKGROUND, BOX, CAMERA, compare, compareBoxes, countObjects, delay, FAR, FOV,
+  HEIGHT, imageOf, NEAR, WIDTH,
 } from "./engine_checks.js";
 
 let app, camera, gl, counts;
@@ -94,24 +94,15 @@ window.compareAlone = async () => {
   return value;
 };
 
-/** PSNR beside boxes before and behind the splats, and the colour in the middle. */
 window.compareBoxes = async () => {
   await begin();
-  const script = await addScene(1);
-  const out = {};
-  for (const place of ["before", "behind"]) {
-    const size = place === "behind" ? 10 : BOX.size;
-    const box = addBox(BOX[place], size);
-    const image = await render();
-    out[place] = {
-      psnr: await compare(image, CAMERA, 1, besideBox(BOX[place], size, 2)),
-      middle: middleOf(image),
-    };
-    script.entity.enabled = false;
-    out[place].alone = middleOf(await render());
-    script.entity.enabled = true;
-    box.destroy();
-  }
+  const { entity } = await addScene(1);
+  const show = (isShown) => (entity.enabled = isShown);
+  const placeBox = (distance, size) => {
+    const box = addBox(distance, size);
+    return () => box.destroy();
+  };
+  const out = await compareBoxes({ addBox: placeBox, show, render });
   finish();
   return out;
 };

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests of the renderers share: random scenes, cameras, images of `stgs render --backend cpu`,
+"""The common part of the tests of the renderers: random scenes, cameras, images of `stgs render --backend cpu`,
 and a page that posts its own."""
 import array
 import json

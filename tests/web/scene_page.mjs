@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the pages of the tests of renderers share.
+// The common part of the test pages of the renderers.
 
 export const post = (name, body) => fetch(name, { method: "POST", body });
 export const nextFrame = () => new Promise((resolve) => requestAnimationFrame(resolve));

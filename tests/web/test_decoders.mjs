@@ -25,7 +25,7 @@ class FakeThread {
   }
 }
 
-/** A pool of fake threads, and what its owner receives. */
+/** A pool of fake threads, and the calls of its owner. */
 function makePool(count) {
   const threads = [], results = [], failures = [];
   const owner = {

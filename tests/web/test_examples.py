@@ -10,7 +10,7 @@ ROOT = os.path.join(HERE, "..", "..", "sdk")
 EXAMPLES = os.path.join(ROOT, "examples", "web")
 GUIDE = os.path.join(ROOT, "docs", "guide", "browser.md")
 PLAIN = "player_page.html"
-# The colours of the page's first canvas, from what it displays.
+# The displayed colours of the page's first canvas.
 COLOURS = """new Promise((resolve) => requestAnimationFrame(() => {
   const source = document.querySelector("canvas")
     ?? document.querySelector("stgs-player").shadowRoot.querySelector("canvas");

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""make_shaders.py resolves the headers of the equations, rewrites them for WGSL, and rejects what it
-does not support.
+"""make_shaders.py resolves the headers of the equations, rewrites them for WGSL, and rejects
+unsupported text.
 
 usage: test_make_shaders.py
 """

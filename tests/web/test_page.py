@@ -18,9 +18,9 @@ import unittest
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [HERE, os.path.join(HERE, "..", "fetch")]
-from browser import CHROMIUM, Browser, Server  # noqa: E402
+from browser import CHROMIUM, Server  # noqa: E402
 from exr_image import read_exr  # noqa: E402
-from nginx import Nginx  # noqa: E402
+from package_case import serve  # noqa: E402
 from page_server import WEBGPU_FLAGS  # noqa: E402
 
 CAMERA = {"rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "translation": [0, 0, 0], "fx": 220, "fy": 220,
@@ -54,16 +54,7 @@ class PageCase(unittest.TestCase):
         cls.write("head.stgs", data[:60])
         cls.write("text.stgs", b"no scene\n" * 100)
         cls.write("video.mp4", bytes(4 << 20))
-        cls.nginx = Nginx(cls.work)
-        cls.enterClass(cls.nginx)
-        cls.url = f"http://127.0.0.1:{cls.nginx.port}/"
-        cls.browser = Browser(cls.flags)
-        cls.addClassCleanup(cls.browser.close)
-
-    @classmethod
-    def enterClass(cls, context):  # of unittest since Python 3.11
-        context.__enter__()
-        cls.addClassCleanup(context.__exit__, None, None, None)
+        cls.url, cls.browser = serve(cls, cls.work, cls.flags)
 
     @classmethod
     def write(cls, name, data):
@@ -253,7 +244,7 @@ class WebGpuPage(PageCase):
 
     def test_an_element_can_be_removed_at_any_time(self):
         self.check_removal(0, 20, 150, 1000)
-        self.wait("player.activeRenderer === 'webgpu'")  # after what is still being compiled
+        self.wait("player.activeRenderer === 'webgpu'")  # after its shaders are compiled
 
     def test_a_lost_device_is_reported_and_loading_can_be_repeated(self):
         self.check("""{ const { requestDevice } = GPUAdapter.prototype;

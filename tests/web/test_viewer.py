@@ -16,8 +16,8 @@ import unittest
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [HERE, os.path.join(HERE, "..", "fetch")]
-from browser import CHROMIUM, Browser  # noqa: E402
-from nginx import Nginx  # noqa: E402
+from browser import CHROMIUM  # noqa: E402
+from package_case import serve  # noqa: E402
 
 STGS = MAKE = ""
 PLAYER = "document.querySelector('stgs-player')"
@@ -35,12 +35,8 @@ class Viewer(unittest.TestCase):
         cls.stgs("web", cls.scene, "-o", cls.path("site"))
         shutil.copy(cls.scene, cls.path("site", "other.stgs"))
         shutil.copy(cls.path("titled.stgs"), cls.path("site"))
-        cls.nginx = Nginx(cls.work)
-        cls.nginx.__enter__()
-        cls.addClassCleanup(cls.nginx.__exit__)
-        cls.site = f"http://127.0.0.1:{cls.nginx.port}/site/"
-        cls.browser = Browser()
-        cls.addClassCleanup(cls.browser.close)
+        url, cls.browser = serve(cls, cls.work)
+        cls.site = url + "site/"
         cls.browser.send("DOM.enable")
 
     @classmethod

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The WebGPU renderer draws what `stgs render --backend cpu` renders, in headless Chromium.
+"""The WebGPU renderer draws the images of `stgs render --backend cpu`, in headless Chromium.
 
 usage: test_webgpu.py STGS PACK_SCENE MAKE_WEB_SCENE SOURCES [FOLDER]
 SOURCES: the TypeScript, with the generated shaders

@@ -3,8 +3,8 @@
 import * as THREE from "three";
 import { StgsMesh } from "stgs/three";
 import {
-  BACKGROUND, BOX, besideBox, CAMERA, compare, countObjects, delay, FAR, FOV, HEIGHT, imageOf,
-  middleOf, NEAR, WIDTH,
+  BACKGROUND, BOX, CAMERA, compare, compareBoxes, countObjects, delay, FAR, FOV,
+  HEIGHT, imageOf, NEAR, WIDTH,
 } from "./engine_checks.js";
 import { plainImage, psnr, readCanvas } from "./decode_scene.js";
 
@@ -69,24 +69,15 @@ window.compareAlone = async (parameters) => {
   return value;
 };
 
-/** PSNR beside boxes before and behind the splats, and the colour in the middle. */
 window.compareBoxes = async (parameters) => {
   begin(parameters);
   const mesh = await addScene(1);
-  const out = {};
-  for (const place of ["before", "behind"]) {
-    const size = place === "behind" ? 10 : BOX.size;
-    const box = addBox(BOX[place], size);
-    const image = await render();
-    out[place] = {
-      psnr: await compare(image, CAMERA, 1, besideBox(BOX[place], size, 2)),
-      middle: middleOf(image),
-    };
-    mesh.visible = false;
-    out[place].alone = middleOf(await render());
-    mesh.visible = true;
-    scene.remove(box);
-  }
+  const show = (isShown) => (mesh.visible = isShown);
+  const placeBox = (distance, size) => {
+    const box = addBox(distance, size);
+    return () => scene.remove(box);
+  };
+  const out = await compareBoxes({ addBox: placeBox, show, render });
   finish();
   return out;
 };
@@ -209,7 +200,7 @@ window.compareRestored = async () => {
   return compare(await render(), CAMERA, 1);
 };
 
-/** Whether playback changes the image, with events for those who draw on demand. */
+/** Whether playback changes the image, with events for drawing on demand. */
 window.playSome = async () => {
   begin();
   const mesh = await addScene(0);

@@ -35,7 +35,7 @@ window.frames = async (count) => {
   for (let k = 0; k < count; ++k) await inFrame(() => undefined);
 };
 
-/** The images of both eyes, from what the player has drawn. */
+/** The images of both eyes, as the player has drawn them. */
 const eyes = () => inFrame(() => {
   const gl = canvas.getContext("webgl2");
   const width = canvas.width / 2;

@@ -30,8 +30,8 @@ Result<Difference> difference(const Image& a, const Image& b) {
   return d;
 }
 
-// Bytes per pixel of an image, and of a frame that a renderer makes: RGB, alpha and depth, and
-// what it computes them from.
+// Bytes per pixel of an image, and of a frame in a renderer: RGB, alpha, depth and their
+// intermediate values.
 constexpr std::uint64_t kImageBytes = 3 * sizeof(float), kFrameBytes = 29;
 
 Status limit_error(const std::string& name, int width, int height, std::uint64_t bytes,

@@ -331,7 +331,7 @@ Status Server::listen() {
   port_ = ntohs(bound.ss_family == AF_INET ? reinterpret_cast<sockaddr_in&>(bound).sin_port
                                            : reinterpret_cast<sockaddr_in6&>(bound).sin6_port);
   const unsigned v6 = bound.ss_family == AF_INET6 ? MHD_USE_IPv6 : 0;
-  // Paths are decoded by decode_url_path(), which reports what is malformed.
+  // Paths are decoded by decode_url_path(), which reports malformed ones.
   const auto keep = [](void*, MHD_Connection*, char* text) { return std::strlen(text); };
   std::size_t (*const unescape)(void*, MHD_Connection*, char*) = keep;
   daemon_ = MHD_start_daemon(

@@ -15,7 +15,7 @@ struct SiteFile {
 
 // The page, a template for site_page().
 extern const std::string_view kPageTemplate;
-// The script of the page, and what it loads from its own folder.
+// The script of the page, and the files that it loads from its own folder.
 inline constexpr std::size_t kSiteFiles = 6;
 extern const std::array<SiteFile, kSiteFiles> kSite;
 

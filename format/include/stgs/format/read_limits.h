@@ -19,9 +19,9 @@ struct ReadLimits {
   // Bytes for opening or validating a file, without decoding. 0: 56 MiB and 4 for each byte of the
   // head and the index that is read; for the entries of the index 4 MiB and 40, if that is less.
   std::uint64_t max_opening = 0;
-  // Values that a validator decodes: floats, symbols and what takes as long
-  // (spec/conformance.md, 1.5). A few times as many as files of real scenes have. 0: 2^21 and 18
-  // for each byte of the file.
+  // Values that a validator decodes: floats, symbols, and other work as
+  // its equivalent (spec/conformance.md, 1.5). A few times as many as files of real scenes have. 0:
+  // 2^21 and 18 for each byte of the file.
   std::uint64_t max_values = 0;
 
   // Returns the limits of a caller who allows `memory` bytes. If that is more than the default, it

@@ -43,7 +43,7 @@ class Unfinished {
 void remove_unfinished() noexcept;
 
 // Gives an open file the permissions of the regular file at `path`, if there is one of the same
-// owner: what replaces a private file stays private.
+// owner, so that the successor of a private file is private.
 Status keep_mode(int descriptor, const std::string& path);
 
 // A new file that replaces `path` when it is complete. The destructor removes it otherwise. One

@@ -26,7 +26,7 @@ export interface DecodeJob {
   records: FilePiece[];
 }
 
-/** The end of a decoding: the time from which its times count, ticks, and what failed. */
+/** The end of a decoding: the time from which its times count, ticks, and the failures. */
 export interface DecodeStatus {
   origin: number;
   base: CoreStatus;

@@ -2,7 +2,6 @@
 // The custom element <stgs-player>.
 import { PlayerError } from "../player/errors";
 import { EVENT_NAMES } from "../player/event_queue";
-import { WorkerLike } from "../player/host";
 import { PlayerStats, StgsPlayer } from "../player/player";
 import { BufferedRanges } from "../player/ranges";
 import { RendererChoice } from "../renderer_choice";
@@ -13,29 +12,20 @@ import { FlyCamera } from "./cameras/fly";
 import { PadAction } from "./cameras/gamepad";
 import { OrbitCamera } from "./cameras/orbit";
 import { CameraRig } from "./cameras/rig";
+import type { StgsPlayerFactory } from "./factory";
 import { Media, toggle } from "./media";
 import { Shell } from "./shell";
 
 const MAX_PIXEL_RATIO = 2; // of the canvas to CSS pixels
-
-/** Creates the parts of a player. */
-export interface StgsPlayerFactory {
-  /** Called once per source. The player terminates the worker. */
-  createWorker(): WorkerLike;
-  /**
-   * `choice`: of the attribute `renderer`. Throws if the browser cannot render; the message is
-   * displayed. The player destroys the renderer.
-   */
-  createRenderer(canvas: HTMLCanvasElement, choice: RendererChoice): Renderer;
-}
 
 // Lets the module be imported where there is no DOM, such as on a server.
 const Base = typeof HTMLElement === "undefined" ? (class {} as typeof HTMLElement) : HTMLElement;
 
 /**
  * `<stgs-player src controls autoplay loop poster camera="orbit|fly" free
- * renderer="auto|webgpu|webgl2">`: plays a scene like a media element. Properties, methods and events are those of `StgsPlayer`; attributes are
- * reflected. Without `controls`, only the camera takes input. `free` lifts the limits of the orbit.
+ * renderer="auto|webgpu|webgl2">`: plays a scene like a media element. Properties, methods and events
+ * are those of `StgsPlayer`; attributes are reflected. Without `controls`, only the camera takes
+ * input. `free` lifts the limits of the orbit.
  *
  * The player is created when the element is connected or used, and destroyed when it is removed
  * from the page; then the position is lost.

@@ -23,7 +23,7 @@ export class XrButton {
 
   private toggle(): void {
     const { media } = this;
-    // The browser has asked the user, who has declined, if this fails.
+    // Fails if the user declines; the browser has asked.
     if (media.isInXR) void media.exitXR();
     else media.enterXR("immersive-vr").catch(() => undefined);
   }

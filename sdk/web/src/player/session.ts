@@ -67,6 +67,6 @@ export function absoluteSource(source: string | Blob): string | Blob {
   try {
     return new URL(source, document.baseURI).href;
   } catch {
-    return source; // the core reports what is wrong with it
+    return source; // the core reports that it is invalid
   }
 }

@@ -4,7 +4,7 @@ import { create } from "../element/dom";
 import { formatBytes } from "../element/text";
 import { ListedScene, SceneList, withoutEnding } from "./sources";
 
-/** Fills the list. `note` receives what there is to add. */
+/** Fills the list. `note` receives a remark to display. */
 export function showList({ scenes, complete }: SceneList, list: HTMLElement, note: HTMLElement): void {
   list.replaceChildren(...scenes.map((scene) => create("li", {}, entry(scene))));
   if (!complete) note.textContent = `Only ${scenes.length} scenes are listed; serve a smaller folder to see the others.`;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which scene the page shows. Nothing here touches the page, so that node can test it.
 
-/** What the program that made the page writes into its element stgs-page. */
+/** The settings that `stgs web` and `stgs serve` write into the element stgs-page. */
 export interface PageSettings {
   /** The scene, a URL relative to the page; absent: the visitor chooses one. */
   scene?: string;
@@ -60,7 +60,7 @@ export function nameOf(url: URL): string {
   }
 }
 
-/** Checks a list that was fetched. Throws if it is none. */
+/** Checks a list that was fetched. Throws if it is invalid. */
 export function checkedList(value: unknown): SceneList {
   const list = value as SceneList;
   const isScene = (scene: ListedScene) => typeof scene.name === "string" && typeof scene.href === "string" &&

@@ -118,7 +118,7 @@ async function list(url: string): Promise<void> {
   }
 }
 
-/** Shows what the link names, else what the page contains, else the list, else the invitation. */
+/** Shows the scene of the link, else that of the page, else the list, else the invitation. */
 function start(settings: PageSettings): void {
   const src = new URLSearchParams(location.search).get("src");
   element("back").hidden = settings.list === undefined || src === null;

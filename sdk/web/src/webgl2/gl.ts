@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-/** Returns what WebGL created. Throws if it is null, as it is once the context is lost. */
-export function created<T>(object: T | null, what: string): T {
-  if (object === null) throw new Error(`WebGL cannot create a ${what}: the context is lost`);
+/** Returns an object that WebGL created; `kind` names it. Throws if it is null, as it is once the context is lost. */
+export function created<T>(object: T | null, kind: string): T {
+  if (object === null) throw new Error(`WebGL cannot create a ${kind}: the context is lost`);
   return object;
 }
 

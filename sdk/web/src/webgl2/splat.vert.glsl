@@ -14,9 +14,8 @@ uniform usampler2DArray atlas;
 uniform usampler2D segments;
 // Per group of 256 entries of the order: its segment, as an index into `segments`.
 uniform usampler2D groups;
-// Rows of the pose with the translation in w; (fx, fy, cx, cy); (width, height, near plane, 0); the
-// centre of the camera.
 uniform vec4 view[6];
+#include "../splat_view.h"
 // (a, b, c): a splat at z in front of the camera has depth a + b / z + c log2(1 + z), in NDC.
 uniform vec3 depth_mapping;
 uniform bool is_linear;  // whether colours are converted from sRGB
@@ -58,30 +57,6 @@ vec4 four_at(Arrays at, uint pair, uint i) {
 
 uvec4 table_at(usampler2D table, uint index) {
   return texelFetch(table, ivec2(index & ((1u << kTableBits) - 1u), index >> kTableBits), 0);
-}
-
-PinholeCamera camera_of_view() {
-  PinholeCamera camera;
-  camera.rotation = mat3_of_columns(vec3_of(view[0].x, view[1].x, view[2].x),
-                                    vec3_of(view[0].y, view[1].y, view[2].y),
-                                    vec3_of(view[0].z, view[1].z, view[2].z));
-  camera.translation = vec3_of(view[0].w, view[1].w, view[2].w);
-  camera.fx = view[3].x;
-  camera.fy = view[3].y;
-  camera.cx = view[3].z;
-  camera.cy = view[3].w;
-  camera.width = view[4].x;
-  camera.height = view[4].y;
-  camera.near_plane = view[4].z;
-  return camera;
-}
-
-// Returns t - T, compensated for the rounding of t and of the difference.
-float since(float ticks, float ticks_rest, float time) {
-  float difference = ticks - time;
-  float back = difference - ticks;
-  float rounding = (ticks - (difference - back)) - (time + back);
-  return difference + (rounding + ticks_rest);
 }
 
 // Four SH numbers of primitive i.

@@ -19,7 +19,7 @@ export interface SplatSceneOptions {
   restoresContext: boolean;
   /** Receives failures that no call can report, as of the worker. */
   report(error: Error): void;
-  /** A new order has arrived: what was drawn since the last call of follow() may have changed. */
+  /** A new order has arrived: the image of the last follow() may have changed. */
   onOrder(): void;
   /** Runs calls of WebGL that happen outside of drawing. Default: calls `work`. */
   guard?: <T>(work: () => T) => T;

@@ -77,7 +77,7 @@ export class ViewOrder {
   }
 
   /**
-   * Returns until when the order for a time is used if playback goes on at the rate of the last
+   * Returns until when the order for a time is used if playback continues at the rate of the last
    * frames, so that it has the primitives that become active meanwhile. The eyes of a headset are
    * frames of the same time.
    */

@@ -5,7 +5,7 @@ import type {
   GPUBuffer, GPUCommandEncoder, GPUDevice, GPUQuerySet, GPUTimestampWrites,
 } from "./webgpu_types";
 
-/** What the GPU measured in a frame. Times are null where it has no timestamps. */
+/** The measurements of a frame on the GPU. Times are null if it has no timestamps. */
 export interface FrameFigures {
   visible: number;
   /** Milliseconds of evaluation, culling, projection and SH; of the sort; of rasterisation. */

@@ -5,7 +5,7 @@ import type {
   GPUBufferBindingType, GPUDevice, GPUTextureView,
 } from "./webgpu_types";
 
-/** What a binding takes; null: the shader does not use the number. */
+/** The resource of a binding; null: the shader does not use the number. */
 export type Binding = GPUBufferBindingType | "texture" | null;
 
 /** Returns the layout of bindings 0, 1, ... for stages of SHADER_STAGE. */
@@ -41,10 +41,10 @@ export class GrowingBuffer {
   private current: GPUBuffer | null = null;
   private bytes = 0;
 
-  /** `what` names it in errors. */
+  /** `content` names it in errors. */
   constructor(
     private readonly device: GPUDevice, private readonly usage: number,
-    private readonly what: string,
+    private readonly content: string,
   ) {}
 
   /** Only after reserve(). */
@@ -61,7 +61,7 @@ export class GrowingBuffer {
     const limit = maxStorageBytes(this.device);
     if (bytes > limit) {
       throw new Error(
-        `${this.what} need ${bytes} bytes, but buffers of this GPU have at most ${limit}; ` +
+        `${this.content} need ${bytes} bytes, but buffers of this GPU have at most ${limit}; ` +
         `choose the WebGL2 renderer, or lower the memory budget`);
     }
     const size = Math.min(limit, Math.ceil((1.25 * bytes) / 256) * 256);

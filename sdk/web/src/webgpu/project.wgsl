@@ -7,6 +7,7 @@
 #include "stgs/format/math/project.h"
 #include "stgs/format/math/screen_splat.h"
 #include "stgs/format/math/sh.h"
+#include "../splat_view.h"
 #include "record.wgsl"
 
 struct Segment {
@@ -20,8 +21,6 @@ struct Segment {
   unused: u32,
 }
 
-// Rows of the pose with the translation in w; (fx, fy, cx, cy); (width, height, near plane, 0); the
-// centre of the camera.
 @group(0) @binding(0) var<uniform> view: array<vec4<f32>, 6>;
 @group(0) @binding(1) var<storage, read> segments: array<Segment>;
 // Per slot: the order of its depth, or kHole.
@@ -42,30 +41,6 @@ fn pair_at(pair: u32) -> vec2<f32> {
 // Reads element i of an array of four floats that begins at `pair`.
 fn four_at(pair: u32, i: u32) -> vec4<f32> {
   return vec4<f32>(pair_at(pair + 2u * i), pair_at(pair + 2u * i + 1u));
-}
-
-fn camera_of_view() -> PinholeCamera {
-  var camera: PinholeCamera;
-  camera.rotation = mat3_of_columns(vec3_of(view[0].x, view[1].x, view[2].x),
-                                    vec3_of(view[0].y, view[1].y, view[2].y),
-                                    vec3_of(view[0].z, view[1].z, view[2].z));
-  camera.translation = vec3_of(view[0].w, view[1].w, view[2].w);
-  camera.fx = view[3].x;
-  camera.fy = view[3].y;
-  camera.cx = view[3].z;
-  camera.cy = view[3].w;
-  camera.width = view[4].x;
-  camera.height = view[4].y;
-  camera.near_plane = view[4].z;
-  return camera;
-}
-
-// Returns t - T, compensated for the rounding of t and of the difference.
-fn since(ticks: f32, ticks_rest: f32, time: f32) -> f32 {
-  let difference = ticks - time;
-  let back = difference - ticks;
-  let rounding = (ticks - (difference - back)) - (time + back);
-  return difference + (rounding + ticks_rest);
 }
 
 // Four SH numbers of primitive i.

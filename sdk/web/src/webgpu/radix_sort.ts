@@ -62,7 +62,7 @@ export class RadixSort {
 
   private constructor(private readonly device: GPUDevice, private readonly pipelines: Pipelines) {
     const { STORAGE, INDIRECT, COPY_SRC, COPY_DST, UNIFORM } = BUFFER_USAGE;
-    const growing = (what: string) => new GrowingBuffer(device, STORAGE | COPY_SRC, what);
+    const growing = (content: string) => new GrowingBuffer(device, STORAGE | COPY_SRC, content);
     this.keyBuffers = [growing("the sort keys"), growing("the sort keys")];
     this.valueBuffers = [growing("the sorted splats"), growing("the sorted splats")];
     this.counts = growing("the counts of the sort");

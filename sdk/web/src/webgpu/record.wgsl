@@ -9,5 +9,5 @@ struct Record {
 }
 
 const kMaxHalf = 65504.0;
-// Extents from here on may exceed what a half float holds.
+// Extents from here on may exceed the range of half floats.
 const kMaxExtent = 60000.0;

@@ -14,7 +14,7 @@ export interface WebGpuOptions {
   signal?: AbortSignal;
 }
 
-/** Frames that the GPU has not finished; more would only delay what is seen. */
+/** Frames in flight on the GPU, at most; more would only add latency. */
 const kMaxInFlight = 3;
 const kDestroyed = "the renderer was destroyed";
 /** Limits of which the largest value of the adapter is requested. */

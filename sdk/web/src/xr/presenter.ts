@@ -25,7 +25,7 @@ export interface XrClient extends FrameClient {
   onEnd(): void;
 }
 
-/** What a session needs to draw. */
+/** A session and the objects that it draws with. */
 interface Presentation {
   session: XrSession;
   layer: XrLayer;
