@@ -41,10 +41,14 @@ def psnr(a, b):
 class RendererCase(unittest.TestCase):
     """The base of a test of a renderer. set_tools() comes first."""
     stgs = pack = make = sources = folder = chromium = ""
+    every_degree = False  # or degree 3 alone
 
     @classmethod
     def set_tools(cls, usage):
         """Reads the command line of a test; exits with code 77 if a program is missing."""
+        if "--every-degree" in sys.argv:
+            sys.argv.remove("--every-degree")
+            cls.every_degree = True
         if len(sys.argv) not in (5, 6):
             sys.exit(usage)
         cls.stgs, cls.pack, cls.make, cls.sources = map(os.path.abspath, sys.argv[1:5])
