@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs the program with failing calls of the C library (faults.c), one at a time.
 
-usage: run_faults.py --stgs PROGRAM --fixture MAKE_FIXTURE --faults LIBRARY [--all] [--only TEXT]
+usage: run_faults.py --stgs PROGRAM --fixture MAKE_FIXTURE --faults LIBRARY [--all] [--only TEXT] [--jobs N]
 
 Each run must end by itself, with the exit code of success or of a failure that a user can
 understand, and one error line in that case; its output must be complete or missing, and nothing
 else may remain in its folder. Without --all, a sample of the calls fails.
 """
 import argparse
+import concurrent.futures
 import os
 import shutil
 import subprocess
@@ -108,8 +109,9 @@ def problem_of(scenario, result, left, expected, fault):
 
 
 class Runner:
-    def __init__(self, options, fixture):
-        self.options, self.fixture, self.problems, self.runs = options, fixture, [], 0
+    def __init__(self, options, fixture, pool):
+        self.options, self.fixture, self.pool = options, fixture, pool
+        self.checks = []  # futures of problems
 
     def program(self, scenario):
         stgs = os.path.abspath(self.options.stgs)
@@ -132,7 +134,6 @@ class Runner:
                                     errors="replace", timeout=SECONDS)
             left = {name: contents(os.path.join(folder, name)) for name in os.listdir(folder)
                     if name not in scenario.inputs}
-        self.runs += 1
         return result, left
 
     def counts(self, scenario):
@@ -142,14 +143,20 @@ class Runner:
             return left, {name: int(count) for name, count in map(str.split, file)}
 
     def check(self, scenario, fault, expected):
+        """Returns the problem of a run; None: there is none."""
         try:
             result, left = self.run(scenario, fault)
         except subprocess.TimeoutExpired:
-            self.problems.append(f"{scenario.name}, {fault}: does not end")
-            return
+            return f"{scenario.name}, {fault}: does not end"
         problem = problem_of(scenario, result, left, expected, fault)
-        if problem:
-            self.problems.append(f"{scenario.name}, {fault}: {problem}: {result.stderr.strip()[-300:]}")
+        return problem and f"{scenario.name}, {fault}: {problem}: {result.stderr.strip()[-300:]}"
+
+    def start(self, scenario, fault, expected):
+        self.checks.append(self.pool.submit(self.check, scenario, fault, expected))
+
+    def problems(self):
+        """Waits for all runs."""
+        return [problem for check in self.checks if (problem := check.result())]
 
     def run_scenario(self, scenario):
         expected, counts = self.counts(scenario)
@@ -159,9 +166,9 @@ class Runner:
             wanted = count if exhaustive else min(count, SAMPLE.get(call, 10))
             for k in range(wanted):
                 n = 1 + k * count // wanted
-                self.check(scenario, f"{call}:{n}", expected)
+                self.start(scenario, f"{call}:{n}", expected)
             if count > 0:  # nothing works any more
-                self.check(scenario, f"{call}:{1 + count // 2}+", expected)
+                self.start(scenario, f"{call}:{1 + count // 2}+", expected)
         print(f"{scenario.name}: {counts}", flush=True)
 
 
@@ -172,16 +179,19 @@ def main():
     parser.add_argument("--faults", required=True)
     parser.add_argument("--all", action="store_true")
     parser.add_argument("--only", default="")
+    parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="stgs-fixture-") as fixture:
+    with tempfile.TemporaryDirectory(prefix="stgs-fixture-") as fixture, \
+         concurrent.futures.ThreadPoolExecutor(options.jobs) as pool:
         subprocess.run([options.fixture, fixture], check=True, stdout=subprocess.DEVNULL)
-        runner = Runner(options, fixture)
+        runner = Runner(options, fixture, pool)
         for scenario in SCENARIOS:
             if options.only in scenario.name and (options.all or not scenario.slow):
                 runner.run_scenario(scenario)
-    print("\n".join(runner.problems))
-    print(f"{runner.runs} runs, {len(runner.problems)} problems")
-    sys.exit(1 if runner.problems else 0)
+        problems = runner.problems()
+    print("\n".join(problems))
+    print(f"{len(runner.checks)} runs, {len(problems)} problems")
+    sys.exit(1 if problems else 0)
 
 
 if __name__ == "__main__":
