@@ -48,6 +48,7 @@ def convert(source, target, *more):
 SCENARIOS = [
     Scenario("info", ["info", "tiny.stgs", "--lifespans"], ["tiny.stgs"]),
     Scenario("validate", ["validate", "packed.stgs"], ["packed.stgs"]),
+    Scenario("threads", ["validate", "packed.stgs", "--threads", "9"], ["packed.stgs"]),
     Scenario("render", ["render", "tiny.stgs", "--time", "0", "--size", "64x64", "--backend", "cpu",
                         "-o", "a.png"], ["tiny.stgs"]),
     Scenario("render exr", ["render", "tiny.stgs", "--time", "0", "--size", "64x64", "--backend",

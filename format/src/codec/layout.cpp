@@ -317,6 +317,8 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
                    max_layouts, layouts);
     return false;
   }
+  // A layout takes a byte at least.
+  set.layouts.reserve(set.layouts.size() + std::min(layouts, in.left()));
   for (std::size_t i = 0; i < layouts && in.ok(); ++i) {
     Layout layout;
     const std::uint64_t entries = set.entries += 1 + read_layout(in, offset, set, layout);

@@ -2,12 +2,12 @@
 // Pinned host memory that is filled with arrays and uploaded at once.
 #pragma once
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <vector>
+
+#include "stgs/format/parallel.h"
 
 namespace stgs::player::cuda {
 
@@ -39,7 +39,7 @@ class Upload {
   }
   // Copies the large arrays, on several threads: one cannot use the bandwidth of the memory.
   void copy_large() {
-    tbb::parallel_for(std::size_t{0}, large_.size(), [this](std::size_t i) {
+    parallel_for(std::size_t{0}, large_.size(), [this](std::size_t i) {
       std::memcpy(large_[i].to, large_[i].from, large_[i].bytes);
     });
     large_.clear();

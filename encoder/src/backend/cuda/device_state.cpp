@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "backend/cuda/device_state.h"
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+
+#include "stgs/format/parallel.h"
 
 namespace stgs::encoder::cuda {
 namespace {
@@ -21,11 +20,9 @@ std::size_t aligned(std::size_t words) {
 
 // Copies with all cores, because a single one is slower than the bus.
 void copy(std::uint32_t* to, const std::uint32_t* from, std::size_t words) {
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, words, kChunk),
-                    [&](const tbb::blocked_range<std::size_t>& range) {
-                      std::memcpy(to + range.begin(), from + range.begin(),
-                                  range.size() * sizeof(std::uint32_t));
-                    });
+  parallel_blocks(std::size_t{0}, words, kChunk, [&](std::size_t first, std::size_t last) {
+    std::memcpy(to + first, from + first, (last - first) * sizeof(std::uint32_t));
+  });
 }
 
 template <typename Array>

@@ -60,6 +60,13 @@ void run_as_task(const Body& body);
 
 namespace detail {
 
+#ifdef STGS_LOOPS_ON_TBB
+// Starts all threads of TBB; later calls do nothing. A thread of TBB that cannot start the next one
+// ends the process, so they are started here, where a failure can be handled: TBB then uses those
+// that could be started. Called from any thread.
+void start_workers();
+#endif
+
 // Calls work() on up to `threads` threads and rethrows the first exception. Calls share the work: a
 // later one finds nothing left to do.
 template <typename Work>
@@ -153,6 +160,7 @@ void parallel_blocks(Index begin, Index end, Index grain, const Body& body) {
   if (!(begin < end)) return;
 #ifdef STGS_LOOPS_ON_TBB
   if (task_runner() == nullptr) {
+    detail::start_workers();
     return tbb::parallel_for(
         tbb::blocked_range<Index>(begin, end, static_cast<std::size_t>(grain)),
         [&body](const tbb::blocked_range<Index>& range) { body(range.begin(), range.end()); },
@@ -166,7 +174,10 @@ template <typename Index, typename Body>
 void parallel_for(Index begin, Index end, const Body& body) {
   if (!(begin < end)) return;
 #ifdef STGS_LOOPS_ON_TBB
-  if (task_runner() == nullptr) return tbb::parallel_for(begin, end, body);
+  if (task_runner() == nullptr) {
+    detail::start_workers();
+    return tbb::parallel_for(begin, end, body);
+  }
 #endif
   detail::share_blocks(begin, end, Index{1}, [&body](Index first, Index) { body(first); });
 }
@@ -175,6 +186,7 @@ template <typename Job, typename Produce, typename Consume>
 void parallel_jobs(int max_jobs, const Produce& produce, const Consume& consume) {
 #ifdef STGS_LOOPS_ON_TBB
   if (task_runner() == nullptr) {
+    detail::start_workers();
     using Slot = std::shared_ptr<Job>;
     const auto next = [&produce](tbb::flow_control& flow) -> Slot {
       std::optional<Job> job = produce();
