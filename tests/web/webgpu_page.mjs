@@ -4,6 +4,7 @@ import { createWebGpuRenderer, SplatRenderer } from "./renderer.js";
 import {
   canvasDifference, copyOf, delay, nextFrame, post, postFrame, runPage, segmentsOf, shifted,
 } from "./scene_page.mjs";
+import { sortKindOf } from "./radix_sort.js";
 import { testSort } from "./webgpu_sort.mjs";
 
 const devices = []; // of all renderers
@@ -217,6 +218,19 @@ async function postErrors({ scene, cases: [one] }) {
   await post("errors.json", JSON.stringify(messages));
 }
 
+/** Tests both sorts; the adapter must have subgroups for one of them. */
+async function postSorts() {
+  const adapter = await navigator.gpu.requestAdapter();
+  const hasSubgroups = adapter.features.has("subgroups");
+  const device = await adapter.requestDevice({ requiredFeatures: hasSubgroups ? ["subgroups"] : [] });
+  device.onuncapturederror = ({ error }) => post("error", error.message);
+  const chosen = sortKindOf(device);
+  const results = { chosen, portable: await testSort(device, "portable") };
+  if (chosen !== "portable") results[chosen] = await testSort(device, chosen);
+  await post("sort.json", JSON.stringify(results));
+  device.destroy();
+}
+
 /** Waits for the figures of a frame, which need a few frames. */
 async function postStatistics({ scene, cases: [one] }) {
   const page = await rendererFor();
@@ -234,7 +248,7 @@ if (await navigator.gpu?.requestAdapter() == null) {
   await post("done", "no adapter");
 } else {
   runPage(async ({ scenes }) => {
-    await post("sort.json", JSON.stringify(await testSort()));
+    await postSorts();
     for (const scene of scenes) await renderScene(scene);
     await renderChurn(scenes);
     for (const test of [renderResized, renderBackground, renderNothing, renderShifted,

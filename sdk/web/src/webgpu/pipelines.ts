@@ -12,7 +12,7 @@ export const kQuads = 64;
 
 /** The pipelines of a frame except those of the sort, and the layouts of their bindings. */
 export interface Pipelines {
-  /** Bindings 0 of project.wgsl: view, segments, keys, records. */
+  /** Bindings 0 of project.wgsl: view, segments, depths, records. */
   frameLayout: GPUBindGroupLayout;
   /** Bindings 1 of project.wgsl: words, groups. */
   batchLayout: GPUBindGroupLayout;

@@ -23,16 +23,15 @@ struct Segment {
 
 @group(0) @binding(0) var<uniform> view: array<vec4<f32>, 6>;
 @group(0) @binding(1) var<storage, read> segments: array<Segment>;
-// Per slot: the order of its depth, or kHole.
-@group(0) @binding(2) var<storage, read_write> keys: array<u32>;
+// Per slot: the bits of its depth, or kHole.
+@group(0) @binding(2) var<storage, read_write> depths: array<u32>;
 @group(0) @binding(3) var<storage, read_write> records: array<Record>;
 // The packed segments of a page: pairs of 32-bit words.
 @group(1) @binding(0) var<storage, read> words: array<vec2<u32>>;
 // Per 256 entries of these segments: index into `segments`, number of the 256 in the segment.
 @group(1) @binding(1) var<storage, read> groups: array<vec2<u32>>;
 
-const kHole = 0xffffffffu;    // of sort.wgsl
-const kMaxKey = 0x0fffffffu;  // of depths of 2^32 times the near plane and more
+const kHole = 0xffffffffu;  // of sort.wgsl
 
 fn pair_at(pair: u32) -> vec2<f32> {
   return bitcast<vec2<f32>>(words[pair]);
@@ -108,16 +107,7 @@ fn record_of(splat: ScreenSplat) -> Record {
                           pack2x16float(vec2<f32>(min(splat.colour.z, kMaxHalf), extent))));
 }
 
-// Returns the key of a depth >= near_plane >= 0. The bits of positive floats are ordered as the floats
-// are. Without a near plane, the last three of the 31 bits are dropped.
-fn key_of(depth: f32, near_plane: f32) -> u32 {
-  if (near_plane > 0.0) {
-    return min(bitcast<u32>(depth) - bitcast<u32>(near_plane), kMaxKey);
-  }
-  return bitcast<u32>(depth) >> 3u;
-}
-
-// Writes the record of primitive i. Returns its key, or kHole if it is not visible.
+// Writes the record of primitive i. Returns the bits of its depth, or kHole if it is not visible.
 fn make_splat(at: Segment, i: u32) -> u32 {
   let support = pair_at(at.first + i);
   if (!(support.x <= at.ticks && at.ticks <= support.y)) { return kHole; }
@@ -140,7 +130,7 @@ fn make_splat(at: Segment, i: u32) -> u32 {
   if (!colour.is_valid) { return kHole; }
   let rgb = vec3_of(colour.rgb.x, colour.rgb.y, colour.rgb.z);
   records[at.slot + i] = record_of(screen_splat(p, box.extent, opacity, rgb));
-  return key_of(p.depth, camera.near_plane);
+  return bitcast<u32>(p.depth);
 }
 
 @compute @workgroup_size(256)
@@ -151,7 +141,7 @@ fn project(@builtin(workgroup_id) workgroup: vec3<u32>,
   if (g >= arrayLength(&groups)) { return; }
   let segment = segments[groups[g].x];
   let i = 256u * groups[g].y + lane;
-  var key = kHole;
-  if (i < segment.primitives) { key = make_splat(segment, i); }
-  keys[segment.slot + i] = key;
+  var depth = kHole;
+  if (i < segment.primitives) { depth = make_splat(segment, i); }
+  depths[segment.slot + i] = depth;
 }

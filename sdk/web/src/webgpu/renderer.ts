@@ -186,7 +186,7 @@ export async function createWebGpuRenderer(
   const adapter = await adapterOf(gpu);
   throwIfAborted(options.signal);
   const device = await adapter.requestDevice({
-    requiredFeatures: ["timestamp-query"].filter((name) => adapter.features.has(name)),
+    requiredFeatures: ["timestamp-query", "subgroups"].filter((name) => adapter.features.has(name)),
     requiredLimits: Object.fromEntries(kLimits.map((name) => [name, adapter.limits[name]])),
   });
   const format = (gpu as GPU).getPreferredCanvasFormat();

@@ -6,7 +6,8 @@
 
 @group(0) @binding(0) var<uniform> view: array<vec4<f32>, 6>;  // of project.wgsl
 @group(0) @binding(1) var<storage, read> records: array<Record>;
-@group(0) @binding(2) var<storage, read> order: array<u32>;  // slots, nearest first
+// Nearest first: key and slot.
+@group(0) @binding(2) var<storage, read> order: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> drawn: array<u32, 8>;  // of sort.wgsl
 
 // Enlarges rectangles that are not aligned to pixels, for the rounding of their corners; pixels.
@@ -54,7 +55,7 @@ fn corner(@builtin(vertex_index) index: u32, @builtin(instance_index) instance: 
   out.position = vec4<f32>(2.0, 2.0, 0.0, 1.0);  // outside the image: nothing is drawn
   let entry = instance * kQuads + index / 4u;
   if (entry >= drawn[kCount]) { return out; }
-  let record = records[order[drawn[kCount] - 1u - entry]];
+  let record = records[order[drawn[kCount] - 1u - entry].y];
   out.a = bitcast<vec4<f32>>(record.a);
   out.b = bitcast<vec2<f32>>(record.b.xy);
   let red_green = unpack2x16float(record.b.z);

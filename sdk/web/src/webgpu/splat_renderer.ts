@@ -7,6 +7,7 @@ import { groupOf, GrowingBuffer } from "./gpu";
 import { kQuads, pipelinesOf } from "./pipelines";
 import type { Pipelines } from "./pipelines";
 import { RadixSort } from "./radix_sort";
+import type { SortKind } from "./radix_sort";
 import { SplatScene } from "./scene";
 import { Target } from "./target";
 import { BUFFER_USAGE } from "./webgpu_types";
@@ -61,10 +62,15 @@ export class SplatRenderer {
     this.records = new GrowingBuffer(device, STORAGE, "the splats of a frame");
   }
 
-  /** Resolves once the shaders are compiled. `format`: of the textures to be drawn to. */
-  static async create(device: GPUDevice, format: GPUTextureFormat): Promise<SplatRenderer> {
+  /**
+   * Resolves once the shaders are compiled. `format`: of the textures to be drawn to; `sort`: default:
+   * the fastest of the device.
+   */
+  static async create(
+    device: GPUDevice, format: GPUTextureFormat, sortKind?: SortKind,
+  ): Promise<SplatRenderer> {
     const [pipelines, sort] = await Promise.all([
-      pipelinesOf(device, format), RadixSort.create(device),
+      pipelinesOf(device, format), RadixSort.create(device, sortKind),
     ]);
     return new SplatRenderer(device, pipelines, sort);
   }
@@ -128,7 +134,7 @@ export class SplatRenderer {
     const view = { buffer: this.view };
     const records = { buffer: this.records.buffer };
     this.frameGroup = groupOf(
-      device, pipelines.frameLayout, [view, scene.segments, { buffer: sort.keys }, records]);
+      device, pipelines.frameLayout, [view, scene.segments, { buffer: sort.depths }, records]);
     this.batchGroups = scene.batches.map(
       ({ words, groups }) => groupOf(device, pipelines.batchLayout, [words, groups]));
     this.splatGroup = groupOf(

@@ -159,6 +159,8 @@ export interface GPULimits {
 export interface GPUDevice {
   readonly features: { has(name: string): boolean };
   readonly limits: GPULimits;
+  /** Missing in older browsers. */
+  readonly adapterInfo?: { readonly subgroupMinSize?: number; readonly subgroupMaxSize?: number };
   readonly queue: GPUQueue;
   readonly lost: Promise<{ readonly reason: string | undefined; readonly message: string }>;
   createBuffer(descriptor: { size: number; usage: number }): GPUBuffer;
