@@ -52,6 +52,16 @@ function randomSegment(id, primitives, shDegree, size, next) {
   return { id, primitives, shDegree, begin: 0, end: 100, origin: 0, words };
 }
 
+function randomSegments({ primitives, degree, size }) {
+  const next = randomNumbers(7);
+  const segments = [];
+  for (let first = 0; first < primitives; first += kSegment) {
+    const count = Math.min(kSegment, primitives - first);
+    segments.push(randomSegment(first / kSegment, count, degree, size, next));
+  }
+  return segments;
+}
+
 function median(values) {
   return [...values].sort((a, b) => a - b)[values.length >> 1];
 }
@@ -69,13 +79,9 @@ async function figuresOf(device, splats, camera, ticks, view) {
  * Returns the medians of the frames with a sort, milliseconds on the GPU, and the overdraw. `device`
  * needs the feature timestamp-query.
  */
-async function benchOf(device, sort, { primitives, degree, size, width, height, frames }) {
+async function benchOf(device, segments, sort, { primitives, degree, width, height, frames }) {
   const splats = await SplatRenderer.create(device, "rgba8unorm", sort);
-  const next = randomNumbers(7);
-  for (let first = 0; first < primitives; first += kSegment) {
-    const count = Math.min(kSegment, primitives - first);
-    splats.scene.add(randomSegment(first / kSegment, count, degree, size, next));
-  }
+  for (const segment of segments) splats.scene.add(segment);
   const camera = {
     rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1], translation: [0, 0, 0], fx: width, fy: width,
     cx: width / 2, cy: height / 2, width, height, near: 0.1,
@@ -104,10 +110,11 @@ async function benchOf(device, sort, { primitives, degree, size, width, height, 
 /** Returns the figures of all sorts that a device can run, as a table and as lines of JSON. */
 async function bench(device, job) {
   const sorts = new Set(["portable", sortKindOf(device)]);
+  const segments = randomSegments(job);
   const lines = ["sort         project ms  sort ms  compute ms  raster ms"];
   const results = [];
   for (const sort of sorts) {
-    const result = await benchOf(device, sort, job);
+    const result = await benchOf(device, segments, sort, job);
     const cell = (name, width) => result[`${name}_ms`].toFixed(3).padStart(width);
     lines.push(sort.padEnd(12) + cell("project", 11) + cell("sort", 9) + cell("compute", 12) +
       cell("raster", 11));
