@@ -80,7 +80,7 @@ async function figuresOf(device, splats, camera, ticks, view) {
  * needs the feature timestamp-query.
  */
 async function benchOf(device, segments, sort, { primitives, degree, width, height, frames }) {
-  const splats = await SplatRenderer.create(device, "rgba8unorm", sort);
+  const splats = await SplatRenderer.create(device, "rgba8unorm", { sort });
   for (const segment of segments) splats.scene.add(segment);
   const camera = {
     rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1], translation: [0, 0, 0], fx: width, fy: width,

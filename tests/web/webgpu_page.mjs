@@ -6,6 +6,7 @@ import {
 } from "./scene_page.mjs";
 import { sortKindOf } from "./radix_sort.js";
 import { testSort } from "./webgpu_sort.mjs";
+import { testViews } from "./webgpu_views.mjs";
 
 const devices = []; // of all renderers
 const requestDevice = GPUAdapter.prototype.requestDevice;
@@ -33,12 +34,16 @@ async function draw(page, { camera, ticks }) {
   await page.renderer.renderExactly(camera, ticks);
 }
 
-async function renderScene({ scene, cases }) {
+/** The cases of all scenes, one after the other. */
+async function renderScenes(scenes) {
   const page = await rendererFor();
-  for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
-  for (const one of cases) {
-    await draw(page, one);
-    await postFrame(one.name, page);
+  for (const { scene, cases } of scenes) {
+    page.renderer.setScene({ background: [0, 0, 0] });
+    for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
+    for (const one of cases) {
+      await draw(page, one);
+      await postFrame(one.name, page);
+    }
   }
   close(page);
 }
@@ -249,10 +254,10 @@ if (await navigator.gpu?.requestAdapter() == null) {
 } else {
   runPage(async ({ scenes }) => {
     await postSorts();
-    for (const scene of scenes) await renderScene(scene);
+    await renderScenes(scenes);
     await renderChurn(scenes);
     for (const test of [renderResized, renderBackground, renderNothing, renderShifted,
-                        renderSmallBuffers, postErrors, postStatistics]) {
+                        renderSmallBuffers, testViews, postErrors, postStatistics]) {
       await test(scenes[0]);
     }
   });

@@ -55,7 +55,7 @@ async function isSorted(device, sort, depths) {
   device.queue.writeBuffer(sort.depths, 0, depths);
   const encoder = device.createCommandEncoder();
   const pass = encoder.beginComputePass();
-  sort.encode(pass, size);
+  sort.encode(pass);
   pass.end();
   device.queue.submit([encoder.finish()]);
   const drawn = await read(device, sort.drawn, 32);

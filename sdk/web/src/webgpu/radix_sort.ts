@@ -3,7 +3,8 @@ import { groupOf, GrowingBuffer, layoutOf } from "./gpu";
 import { sortPortableShader, sortShader, sortSubgroupsShader } from "./shaders";
 import { BUFFER_USAGE, SHADER_STAGE } from "./webgpu_types";
 import type {
-  GPUBindGroup, GPUBindGroupLayout, GPUBuffer, GPUComputePassEncoder, GPUComputePipeline, GPUDevice,
+  GPUBindGroup, GPUBindGroupLayout, GPUBuffer, GPUBufferBinding, GPUComputePassEncoder,
+  GPUComputePipeline, GPUDevice,
 } from "./webgpu_types";
 
 /** Keys per workgroup and tiles per chunk, as in sort.wgsl. */
@@ -89,9 +90,9 @@ export class RadixSort {
   private readonly pairBuffers: [GrowingBuffer, GrowingBuffer];
   private readonly counts: GrowingBuffer;
   private readonly settings: GPUBuffer;
-  private groups: GPUBindGroup[] = []; // of the passes
-  private slots = 0; // of the settings
-  private tiles = 0; // for which `counts` has space
+  private groups: GPUBindGroup[][] = []; // of the views and their passes
+  private slots = 0;
+  private views = 0;
 
   private constructor(private readonly device: GPUDevice, private readonly pipelines: Pipelines) {
     const { STORAGE, INDIRECT, COPY_SRC, COPY_DST, UNIFORM } = BUFFER_USAGE;
@@ -110,39 +111,48 @@ export class RadixSort {
     return new RadixSort(device, await pipelinesOf(device, kind));
   }
 
-  /** The depths of the slots, 4 bytes each, which the caller writes before each sort. */
+  /** The depths of the slots, view by view, 4 bytes each, which the caller writes before each sort. */
   get depths(): GPUBuffer {
     return this.depthBuffer.buffer;
   }
 
-  /** The sorted slots: pairs of the key and the slot, 4 bytes each. */
+  /** Those of a view. */
+  depthsOf(view: number): GPUBufferBinding {
+    return { buffer: this.depths, offset: 4 * this.slots * view, size: 4 * this.slots };
+  }
+
+  /** The sorted slots of the last sort: pairs of the key and the slot, 4 bytes each. */
   get order(): GPUBuffer {
     return this.pairBuffers[(kPasses - 1) % 2 as 0 | 1].buffer;
   }
 
-  /** Makes the buffers hold `slots` > 0. Returns whether `depths` and `order` were replaced. */
-  reserve(slots: number): boolean {
-    let replaced = this.depthBuffer.reserve(4 * slots);
-    for (const buffer of this.pairBuffers) replaced = buffer.reserve(8 * slots) || replaced;
-    if (!replaced) return false;
-    // For as many slots as the buffers hold.
-    const chunks = Math.ceil((1.25 * slots + 64) / (kTile * kChunk));
-    this.tiles = kChunk * chunks;
-    this.counts.reserve(4 * kDigits * (this.tiles + chunks));
-    this.slots = 0;
-    this.groups = Array.from({ length: kPasses }, (_, k) => this.groupOfPass(k));
+  /**
+   * Sets the number of slots > 0; with several views, it is a multiple of 64. Returns whether `depths`
+   * and `order` have changed.
+   */
+  reserve(slots: number, views = 1): boolean {
+    if (slots === this.slots && views === this.views) return false;
+    this.slots = slots;
+    this.views = views;
+    const chunks = Math.ceil(slots / (kTile * kChunk));
+    this.depthBuffer.reserve(4 * slots * views);
+    for (const buffer of this.pairBuffers) buffer.reserve(8 * slots);
+    this.counts.reserve(4 * kDigits * (kChunk + 1) * chunks);
+    this.writeSettings(kChunk * chunks);
+    this.groups = Array.from({ length: views }, (_, view) =>
+      Array.from({ length: kPasses }, (__, k) => this.groupOfPass(view, k)));
     return true;
   }
 
-  /** Encodes the sort of the first `slots` slots, at most as many as were reserved. */
-  encode(pass: GPUComputePassEncoder, slots: number): void {
-    this.writeSettings(slots);
-    const tiles = Math.ceil(slots / kTile);
+  /** Encodes the sort of a view. */
+  encode(pass: GPUComputePassEncoder, view = 0): void {
+    const tiles = Math.ceil(this.slots / kTile);
     const { findRange, count, sumChunk, scatter } = this.pipelines;
-    pass.setBindGroup(0, this.groups[0] as GPUBindGroup);
+    const groups = this.groups[view] as GPUBindGroup[];
+    pass.setBindGroup(0, groups[0] as GPUBindGroup);
     pass.setPipeline(findRange);
     pass.dispatchWorkgroups(tiles);
-    for (const group of this.groups) {
+    for (const group of groups) {
       pass.setBindGroup(0, group);
       pass.setPipeline(count);
       pass.dispatchWorkgroups(tiles);
@@ -160,20 +170,19 @@ export class RadixSort {
     }
   }
 
-  private groupOfPass(k: number): GPUBindGroup {
+  private groupOfPass(view: number, k: number): GPUBindGroup {
     const [to, from] = k % 2 === 0 ? this.pairBuffers : [this.pairBuffers[1], this.pairBuffers[0]];
-    const buffers = [this.depthBuffer, from, to, this.counts].map(({ buffer }) => ({ buffer }));
+    const buffers = [from, to, this.counts].map(({ buffer }) => ({ buffer }));
     const settings = { buffer: this.settings, offset: k * kSettingsStride, size: 16 };
     return groupOf(this.device, this.pipelines.layout,
-      [settings, ...buffers, { buffer: this.drawn }]);
+      [settings, this.depthsOf(view), ...buffers, { buffer: this.drawn }]);
   }
 
-  private writeSettings(slots: number): void {
-    if (slots === this.slots) return;
-    this.slots = slots;
+  /** `tiles`: for which `counts` has space. */
+  private writeSettings(tiles: number): void {
     const words = new Uint32Array((kPasses * kSettingsStride) / 4);
     for (let k = 0; k < kPasses; ++k) {
-      words.set([8 * k, k === 0 ? 1 : 0, slots, this.tiles], (k * kSettingsStride) / 4);
+      words.set([8 * k, k === 0 ? 1 : 0, this.slots, tiles], (k * kSettingsStride) / 4);
     }
     this.device.queue.writeBuffer(this.settings, 0, words);
   }

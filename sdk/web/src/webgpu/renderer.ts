@@ -3,7 +3,7 @@ import { copyCamera } from "../camera";
 import { abortError, textOf } from "../player/errors";
 import type { Camera, PackedSegment, Renderer, RendererStatistics, SceneInfo } from "../types";
 import { SplatRenderer } from "./splat_renderer";
-import type { Background } from "./splat_renderer";
+import type { Background } from "./view_buffer";
 import type { GPU, GPUAdapter, GPUCanvasContext, GPUDevice, GPUTextureFormat } from "./webgpu_types";
 
 /** Settings of a WebGPU renderer. */
