@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import { copyCamera } from "../camera";
-import { abortError, textOf } from "../player/errors";
+import { abortError, deviceLost, textOf } from "../player/errors";
 import type { Camera, PackedSegment, Renderer, RendererStatistics, SceneInfo } from "../types";
 import { SplatRenderer } from "./splat_renderer";
 import type { Background } from "./view_buffer";
@@ -39,12 +39,13 @@ class WebGpuRenderer implements Renderer {
     this.background = options.background ?? null;
     device.addEventListener("uncapturederror", ({ error }) => {
       const isMemory = error.constructor.name === "GPUOutOfMemoryError";
-      this.fail(isMemory
+      this.fail(new Error(isMemory
         ? "the GPU has no memory for the scene; lower the memory budget"
-        : `WebGPU failed: ${error.message}`);
+        : `WebGPU failed: ${error.message}`));
     });
     device.lost.then(({ message }) => {
-      this.fail(`the GPU device was lost${message ? `: ${message}` : ""}; load the scene again`);
+      this.fail(deviceLost(
+        `the GPU device was lost${message ? `: ${message}` : ""}; load the scene again`));
     });
   }
 
@@ -124,14 +125,14 @@ class WebGpuRenderer implements Renderer {
     try {
       this.draw(view.camera, view.ticks);
     } catch (error) {
-      this.fail(textOf(error));
+      this.fail(error instanceof Error ? error : new Error(textOf(error)));
     }
   }
 
   /** Reports the first failure. */
-  private fail(message: string): void {
+  private fail(error: Error): void {
     if (this.failure !== null) return;
-    this.failure = new Error(message);
+    this.failure = error;
     this.onError(this.failure);
   }
 }
