@@ -50,26 +50,22 @@ class WebGpuRenderer implements Renderer {
   }
 
   get statistics(): RendererStatistics {
-    const { visible, projectMs, sortMs, rasterMs } = this.splats.figures;
-    const times = projectMs === null || sortMs === null || rasterMs === null
-      ? {}
-      : { computeMs: projectMs + sortMs, rasterMs };
-    return { primitives: this.splats.scene.primitives, visible, sortMs: sortMs ?? 0, ...times };
+    return this.splats.statistics;
   }
 
   /** Removes all segments: those of another scene have other ids. */
   setScene(info: SceneInfo): void {
     const [red, green, blue] = info.background as [number, number, number];
     this.sceneBackground = [red, green, blue, 1];
-    this.splats.scene.clear();
+    this.splats.setScene();
   }
 
   addSegment(segment: PackedSegment): void {
-    this.splats.scene.add(segment);
+    this.splats.addSegment(segment);
   }
 
   removeSegment(id: number): void {
-    this.splats.scene.remove(id);
+    this.splats.removeSegment(id);
   }
 
   /** While the GPU is behind, draws the newest of the frames once it has finished others. */

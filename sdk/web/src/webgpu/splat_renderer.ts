@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { Camera } from "../types";
+import type { Camera, PackedSegment, RendererStatistics, SegmentSink } from "../types";
 import { FrameReport } from "./frame_report";
 import type { FrameFigures } from "./frame_report";
 import { groupOf, GrowingBuffer } from "./gpu";
@@ -48,9 +48,10 @@ function outputsOf(format: GPUTextureFormat, options: SplatRendererOptions): Out
 
 /**
  * Draws segments to texture views of a device that belongs to the caller. It needs no canvas. The
- * device reports errors of the GPU, such as too little memory, as "uncapturederror".
+ * device reports errors of the GPU, such as too little memory, as "uncapturederror", and its loss;
+ * another renderer of another device then needs the segments again.
  */
-export class SplatRenderer {
+export class SplatRenderer implements SegmentSink {
   readonly scene: SplatScene;
   /** Of a recent frame. */
   figures: FrameFigures = { visible: 0, projectMs: null, sortMs: null, rasterMs: null };
@@ -94,6 +95,27 @@ export class SplatRenderer {
       pipelinesOf(device, outputs), RadixSort.create(device, options.sort),
     ]);
     return new SplatRenderer(device, outputs, pipelines, sort);
+  }
+
+  /** `visible`, `computeMs` and `rasterMs` are those of a recent frame. */
+  get statistics(): RendererStatistics {
+    const { visible, projectMs, sortMs, rasterMs } = this.figures;
+    const times = projectMs === null || sortMs === null || rasterMs === null
+      ? {}
+      : { computeMs: projectMs + sortMs, rasterMs };
+    return { primitives: this.scene.primitives, visible, sortMs: sortMs ?? 0, ...times };
+  }
+
+  setScene(): void {
+    this.scene.clear();
+  }
+
+  addSegment(segment: PackedSegment): void {
+    this.scene.add(segment);
+  }
+
+  removeSegment(id: number): void {
+    this.scene.remove(id);
   }
 
   /**
