@@ -49,13 +49,11 @@ async function renderScenes(scenes) {
 }
 
 /** The images of two sizes in turn, and that of a canvas without a size, which is not drawn. */
-async function renderResized({ scene, cases }) {
-  const page = await rendererFor();
+async function renderResized(page, { scene, cases }) {
   for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
   for (const one of [cases[2], cases[0], cases[2], cases[0]]) await draw(page, one);
   await draw(page, { ...cases[2], camera: { ...cases[2].camera, width: 0 } });
   await postFrame(`${cases[0].name}.resized`, page);
-  close(page);
 }
 
 async function renderBackground({ scene, cases }) {
@@ -95,26 +93,32 @@ async function renderChurn(scenes) {
 }
 
 /** Frames without splats: behind the camera, and at a time without segments. */
-async function renderNothing({ scene, cases: [one] }) {
-  const page = await rendererFor();
+async function renderNothing(page, { scene, cases: [one] }) {
   for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
   const far = { ...one.camera, translation: [0, 0, -1e4] };
   await draw(page, { ...one, camera: far });
   await postFrame(`${one.name}.behind`, page);
   await draw(page, { ...one, ticks: 1e6 });
   await postFrame(`${one.name}.late`, page);
-  close(page);
 }
 
 /** A scene at a late time of the timeline, which single precision cannot represent. */
-async function renderShifted({ scene, cases: [one] }) {
-  const page = await rendererFor();
+async function renderShifted(page, { scene, cases: [one] }) {
   const shift = 5e6 + 0.3;
   for (const segment of shifted(await segmentsOf(scene), shift)) page.renderer.addSegment(segment);
   await draw(page, { ...one, ticks: one.ticks + shift });
   await postFrame(`${one.name}.shifted`, page);
   await draw(page, { ticks: one.ticks + shift, camera: { ...one.camera, near: 0 } });
   await postFrame(`${one.name}.near0`, page);
+}
+
+/** What one renderer draws in turn. */
+async function renderVariants(scene) {
+  const page = await rendererFor();
+  for (const test of [renderResized, renderNothing, renderShifted]) {
+    page.renderer.setScene({ background: [0, 0, 0] });
+    await test(page, scene);
+  }
   close(page);
 }
 
@@ -256,8 +260,7 @@ if (await navigator.gpu?.requestAdapter() == null) {
     await postSorts();
     await renderScenes(scenes);
     await renderChurn(scenes);
-    for (const test of [renderResized, renderBackground, renderNothing, renderShifted,
-                        renderSmallBuffers, testViews, postErrors, postStatistics]) {
+    for (const test of [renderVariants, renderBackground, renderSmallBuffers, testViews, postErrors, postStatistics]) {
       await test(scenes[0]);
     }
   });

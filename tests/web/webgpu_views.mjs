@@ -60,16 +60,18 @@ async function wordsOf(device, texture) {
   return words;
 }
 
-/** Posts the depth of a case with sums of whole and of half floats, as NAME.depth32 and .depth16. */
-async function postDepths(segments, { name, camera, ticks }) {
+/** Posts the depths of cases with sums of whole and of half floats, as NAME.depth32 and .depth16. */
+async function postDepths(segments, cases) {
   for (const [suffix, features] of [["depth32", ["float32-blendable"]], ["depth16", []]]) {
-    const device = await deviceWith(features);
+    const device = await deviceWith([...features, "subgroups"]);
     const splats = await rendererOf(device, segments, { depth: true });
-    const [image, depth] = [kFormat, "r32float"].map((format) => textureOf(device, format, camera));
-    splats.drawViews(
-      [{ camera, to: image.createView(), depth: depth.createView() }], ticks, kBlack);
-    await post(`${name}.${suffix}`, await wordsOf(device, depth));
-    if (suffix === "depth32") await post(`${name}.withdepth.f32`, await splats.read());
+    for (const { name, camera, ticks } of cases) {
+      const [image, depth] = [kFormat, "r32float"].map((format) => textureOf(device, format, camera));
+      splats.drawViews(
+        [{ camera, to: image.createView(), depth: depth.createView() }], ticks, kBlack);
+      await post(`${name}.${suffix}`, await wordsOf(device, depth));
+      if (suffix === "depth32") await post(`${name}.withdepth.f32`, await splats.read());
+    }
     device.destroy();
   }
 }
@@ -96,42 +98,43 @@ function differenceOf(a, b) {
 
 /**
  * A wall at z hides the splats behind it: the differences to the image without these splats, by the
- * format of the depth texture. The camera looks along z of the world.
+ * format of the depth texture. The camera looks along z of the world. `plain` has all segments.
  */
-async function occlusion(device, segments, { camera, ticks }, z) {
+async function occlusion(device, plain, segments, { camera, ticks }, z) {
   const [near, far] = [0.05, 100];
   const usual = [far / (far - near), (-far * near) / (far - near), 0];
-  const kinds = {
-    "depth32float": { mapping: usual, isReversed: false },
-    "depth24plus-stencil8": { mapping: usual, isReversed: false },
-    "depth32float reversed": { mapping: [0, near, 0], isReversed: true },
-    "depth32float logarithmic": { mapping: [0, 0, 1 / Math.log2(1 + far)], isReversed: false },
-  };
-  const expected = await rendererOf(device, nearerThan(segments, z, ticks), {});
-  const all = await rendererOf(device, segments, {});
+  const kinds = [
+    [{ format: "depth32float" }, { usual, logarithmic: [0, 0, 1 / Math.log2(1 + far)] }],
+    [{ format: "depth24plus-stencil8" }, { stencil: usual }],
+    [{ format: "depth32float", isReversed: true }, { reversed: [0, near, 0] }],
+  ];
   const to = textureOf(device, kFormat, camera).createView();
-  for (const splats of [expected, all]) splats.draw(camera, ticks, to, kBlack);
-  const nearer = await expected.read();
-  const differences = { none: differenceOf(await all.read(), nearer) };
-  for (const [kind, { mapping: [a, b, c], isReversed }] of Object.entries(kinds)) {
-    const [format] = kind.split(" ");
-    const depth = textureOf(device, format, camera);
-    clear(device, depth, a + b / z + c * Math.log2(1 + z));
-    const splats = await rendererOf(device, segments, { occluders: { format, isReversed } });
-    const occluders = { depth: depth.createView(), mapping: [a, b, c] };
-    splats.drawViews([{ camera, to, occluders }], ticks, kBlack);
-    differences[kind] = differenceOf(await splats.read(), nearer);
+  plain.draw(camera, ticks, to, kBlack);
+  const all = await plain.read();
+  plain.setScene();
+  nearerThan(segments, z, ticks).forEach((segment) => plain.addSegment(segment));
+  plain.draw(camera, ticks, to, kBlack);
+  const nearer = await plain.read();
+  const differences = { none: differenceOf(all, nearer) };
+  for (const [options, mappings] of kinds) {
+    const depth = textureOf(device, options.format, camera);
+    const splats = await rendererOf(device, segments, { occluders: options });
+    for (const [name, mapping] of Object.entries(mappings)) {
+      clear(device, depth, mapping[0] + mapping[1] / z + mapping[2] * Math.log2(1 + z));
+      const occluders = { depth: depth.createView(), mapping };
+      splats.drawViews([{ camera, to, occluders }], ticks, kBlack);
+      differences[name] = differenceOf(await splats.read(), nearer);
+    }
     splats.destroy();
   }
   return differences;
 }
 
 /** How many pixels of an image blended over a colour differ from the expected ones by more than 1 of 255. */
-async function overlay(device, segments, { camera, ticks }) {
+async function overlay(device, splats, { camera, ticks }) {
   const under = [0.25, 0.5, 0.75, 1];
   const texture = textureOf(device, kFormat, camera);
   clear(device, texture, under);
-  const splats = await rendererOf(device, segments, {});
   splats.drawViews([{ camera, to: texture.createView() }], ticks, null);
   const shown = new Uint8Array((await wordsOf(device, texture)).buffer);
   const image = await splats.read();
@@ -198,8 +201,7 @@ async function messageOf(call) {
   }
 }
 
-async function errorsOf(device, { camera, ticks }) {
-  const splats = await SplatRenderer.create(device, kFormat);
+async function errorsOf(device, splats, { camera, ticks }) {
   const to = textureOf(device, kFormat, camera).createView();
   const view = { camera, to };
   const occluders = { depth: to, mapping: [0, 0, 0] };
@@ -214,14 +216,15 @@ async function errorsOf(device, { camera, ticks }) {
 /** Posts the results for a scene whose first case looks along z, and whose third looks elsewhere. */
 export async function testViews({ scene, cases }) {
   const segments = await segmentsOf(scene);
-  for (const one of [cases[0], cases[2]]) await postDepths(segments, one);
+  await postDepths(segments, [cases[0], cases[2]]);
   const device = await deviceWith(["float32-blendable", "subgroups"]);
   const [front, , inside] = cases;
+  const plain = await rendererOf(device, segments, {});
   await post("views.json", JSON.stringify({
-    occlusion: await occlusion(device, segments, front, 4),
-    overlay: await overlay(device, segments, front),
+    overlay: await overlay(device, plain, front),
+    occlusion: await occlusion(device, plain, segments, front, 4),
     views: await views(device, segments, [front.camera, inside.camera], front.ticks),
-    errors: await errorsOf(device, front),
+    errors: await errorsOf(device, plain, front),
   }));
   device.destroy();
 }
