@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Measures the WebGPU renderer with a random moving scene, and prints JSON: milliseconds on the GPU of
-evaluation, culling, projection and SH (project_ms), of the sort, of both (compute_ms), of rasterisation,
-and the fragments per pixel.
+"""Measures the WebGPU renderer with a random moving scene, and prints, for each sort that the adapter can
+run, a row of a table and then a line of JSON: milliseconds on the GPU of evaluation, culling, projection
+and SH (project), of the sort, of both (compute), of rasterisation, and the fragments per pixel.
 
 usage: bench_webgpu.py SOURCES [--primitives N] [--degree D] [--size S] [--image WxH] [--frames N]
                        [--dawn DAWN | --bundle OUT]

@@ -109,7 +109,7 @@ class RendererCase(unittest.TestCase):
                 file.write(data)
 
     def reference(self, scene, name, ticks):
-        """Returns the planes R, G, B and A of `stgs render`."""
+        """Returns the planes R, G, B, A and Z of `stgs render`."""
         key = f"{scene}.{name}.{ticks}"
         if key not in self.references:
             path = os.path.join(self.work, key)
@@ -121,7 +121,7 @@ class RendererCase(unittest.TestCase):
                             f"{path}.exr"], check=True)
             width, height, planes = read_exr(f"{path}.exr")
             self.assertEqual((width, height), (CAMERAS[name]["width"], CAMERAS[name]["height"]))
-            self.references[key] = [planes[c] for c in "RGBA"]
+            self.references[key] = [planes[c] for c in "RGBAZ"]
         return self.references[key]
 
     def image(self, name):

@@ -6,6 +6,10 @@ from element_case import ElementCase, run
 POSTER = ("data:image/svg+xml,<svg xmlns='http://www.w3.org/2000/svg' width='16' height='9'>"
           "<rect width='16' height='9' fill='%23345'/></svg>")
 
+# The GPU of the newest renderer is lost.
+LOSE = """parts.renderers[parts.renderers.length - 1].onError(
+    Object.assign(new Error('the GPU device was lost'), { name: 'DeviceLostError' })), 0"""
+
 
 class ElementTest(ElementCase):
     # Attributes and lifetime
@@ -95,6 +99,42 @@ class ElementTest(ElementCase):
         self.wait("player.readyState === 4 && parts.renderers[1].destroyed")
         self.assertEqual(self.check("player.renderer"), "auto")
         self.assertEqual(self.check("parts.choices.slice(-3)"), ["webgpu", "webgl2", "auto"])
+
+    def test_webgl2_takes_over_when_webgpu_is_lost_twice(self):
+        self.show_ready(controls="", autoplay="")
+        self.check("notices = [], player.addEventListener('notice', ({ detail }) => notices.push(detail.kind)), 0")
+        self.wait("!player.paused && player.currentTime > 0.2")
+        self.check("player.currentTime = 3, player.playbackRate = 0.5, 0")
+        self.wait("!player.seeking")
+        self.browser.drag((300, 300), (500, 260))
+        camera = "JSON.stringify(parts.renderers[parts.renderers.length - 1].last.camera)"
+        self.wait(f"(window.still = window.before === {camera}, window.before = {camera}, still)")
+        for renderers in (1, 2):
+            self.check("events.length = 0")
+            self.check(LOSE)
+            self.wait("events.includes('playing') && player.readyState === 4")
+            self.assertNotIn("error", self.check("events"))
+            self.assertEqual(self.check("parts.renderers.length"), renderers)
+            self.assertGreaterEqual(self.check("player.currentTime"), 3)
+            self.assertEqual(self.check("player.playbackRate"), 0.5)
+            self.wait("parts.renderers[parts.renderers.length - 1].last")
+            self.assertEqual(self.check(camera), self.check("before"))
+        self.assertEqual(self.check("notices"), ["renderer", "renderer"])
+        self.assertEqual(self.check("parts.choices"), ["auto", "webgl2"])
+        self.assertEqual(self.check("player.renderer"), "auto")
+        self.check(LOSE)
+        self.wait("events.includes('playing') && player.error === null")
+
+    def test_a_chosen_renderer_that_is_lost_twice_is_an_error(self):
+        self.show_ready(controls="", renderer="webgpu")
+        self.check(LOSE)
+        self.wait("player.readyState === 4")
+        self.check(LOSE)
+        self.wait("!part('.error').hidden && events.includes('error')")
+        self.assertEqual(self.check("player.error.message"), "rendering failed: the GPU device was lost")
+        self.assertEqual(self.check("parts.choices"), ["webgpu"])
+        self.check("player.load()")
+        self.wait("player.readyState === 4 && player.error === null")
 
     def test_screenshots_are_png(self):
         self.show_ready()

@@ -185,3 +185,59 @@ test("a segment that the renderer refuses is an error of memory", async () => {
   assert.equal(player.error.reason, "memory");
   assert.equal(player.error.message, "rendering failed: the GPU has no memory");
 });
+
+/** The failure of a renderer whose GPU was lost. */
+const loss = () => Object.assign(new Error("the GPU device was lost"), { name: "DeviceLostError" });
+
+test("after the GPU was lost, playback continues at its time with another renderer", async () => {
+  const { player, renderer, workers, host, events } = await startPlaying({ perLoad: true });
+  const notices = [];
+  player.addEventListener("notice", ({ detail }) => notices.push(detail));
+  player.playbackRate = 2;
+  await host.run(1000);
+  const time = player.currentTime;
+  assert.ok(time > 1.5);
+  const error = loss();
+  renderer.onError(error);
+  renderer.onError(error); // a frame that was drawn meanwhile throws the same one
+  await settle();
+  assert.deepEqual(notices, [{ kind: "renderer", message: "the GPU device was lost" }]);
+  assert.equal(player.error, null);
+  assert.equal(workers.length, 2);
+  assert.equal(workers[1].last("open").source, workers[0].last("open").source);
+  workers[1].opened();
+  await settle();
+  assert.equal(renderer.scenes, 2);
+  assert.equal(workers[1].last("rate").rate, 2);
+  assert.ok(Math.abs(workers[1].last("seek").seconds - time) < 1e-9);
+  assert.ok(workers[1].types().includes("play"));
+  workers[1].segment(1);
+  workers[1].state("playing", time);
+  await host.run(40);
+  assert.equal(events.filter((name) => name === "playing").length, 1);
+  assert.equal(player.hasLostRenderer, false);
+
+  renderer.onError(loss());
+  await settle();
+  assert.equal(player.error.message, "rendering failed: the GPU device was lost");
+  assert.equal(player.hasLostRenderer, true);
+  player.load("scene.stgs").catch(() => undefined);
+  assert.equal(player.hasLostRenderer, false);
+});
+
+test("a GPU that is lost without an open scene is no error", async () => {
+  const { player, renderer, worker } = setUp();
+  renderer.onError(loss());
+  const loading = player.load("scene.stgs");
+  renderer.onError(loss());
+  worker.opened();
+  await loading;
+  assert.equal(player.error, null);
+  assert.equal(renderer.scenes, 1);
+  renderer.onError(loss());
+  await settle();
+  assert.equal(player.error, null);
+  assert.equal(player.readyState, 0); // the source is loaded again
+  renderer.onError(new Error("no adapter"));
+  assert.equal(player.hasLostRenderer, true);
+});

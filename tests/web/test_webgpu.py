@@ -6,6 +6,7 @@ usage: test_webgpu.py STGS PACK_SCENE MAKE_WEB_SCENE SOURCES [FOLDER] [--every-d
 SOURCES: the TypeScript, with the generated shaders
 FOLDER: where the images are kept. --every-degree: with the scenes of degrees 0 to 2. Exit code 77: a required program or a WebGPU adapter is missing
 """
+import array
 import json
 import os
 import sys
@@ -31,7 +32,8 @@ class WebGpuTest(RendererCase):
         cls.make_folder()
         cls.bundle("webgpu/index", "renderer")
         cls.bundle("webgpu/radix_sort", "radix_sort")
-        cls.copy_pages("webgpu_page.html", "webgpu_page.mjs", "webgpu_sort.mjs", "scene_page.mjs")
+        cls.copy_pages("webgpu_page.html", "webgpu_page.mjs", "webgpu_sort.mjs",
+                       "webgpu_views.mjs", "scene_page.mjs")
         job = {"scenes": []}
         scenes = {**SCENES, **LOWER_DEGREES} if cls.every_degree else SCENES
         for scene, (primitives, degree, near, cameras) in scenes.items():
@@ -48,9 +50,11 @@ class WebGpuTest(RendererCase):
         self.assertNotIn("error", self.posts)
 
     def test_the_sort_equals_one_on_the_cpu(self):
-        result = json.loads(self.posts["sort.json"])
-        self.assertEqual(result["wrong"], [])
-        self.assertGreater(result["cases"], 70)
+        results = json.loads(self.posts["sort.json"])
+        print(f"sort: {results}")
+        for kind in {"portable", results["chosen"]}:
+            self.assertEqual(results[kind]["wrong"], [])
+            self.assertGreater(results[kind]["cases"], 50)
 
     def test_images_equal_those_of_the_native_renderer(self):
         self.check_images(TARGETS)
@@ -81,6 +85,43 @@ class WebGpuTest(RendererCase):
         self.assertGreater(limits["pages"], 1)
         self.assertRegex(limits["segment"], r"^a segment of 20480000 bytes is larger than a buffer")
         self.assertRegex(limits["frame"], r"^the splats of a frame need \d+ bytes, but buffers of this")
+
+    def test_depth_equals_that_of_the_native_renderer(self):
+        for index in (0, 2):
+            name = list(self.cases)[index]
+            scene, camera_name, ticks, _ = self.cases[name]
+            *_, alpha, z = self.reference(scene, camera_name, ticks)
+            for suffix, median, most in (("depth32", 1e-5, 5e-3), ("depth16", 2e-3, 1e-2)):
+                depth = array.array("f", self.posts[f"{name}.{suffix}"])
+                # A splat whose alpha is at its threshold in a pixel may count there or not.
+                errors = sorted(abs(d / r - 1) for d, r, a in zip(depth, z, alpha) if a > 0.05)
+                figures = errors[len(errors) // 2], errors[int(0.999 * len(errors))], errors[-1]
+                print(f"{name}.{suffix}: {figures}")
+                self.assertGreater(len(errors), len(z) / 4)
+                self.assertLess(figures[0], median)
+                self.assertLess(figures[1], most)
+                self.assertTrue(all(d == 0 for d, a in zip(depth, alpha) if a == 0))
+            if index == 0:
+                self.check_variant("withdepth", TARGETS)
+
+    def test_objects_hide_the_splats_behind_them(self):
+        differences = json.loads(self.posts["views.json"])["occlusion"]
+        print(f"occlusion: {differences}")
+        self.assertGreater(differences.pop("none"), 0.1)
+        self.assertEqual(max(differences.values()), 0)
+
+    def test_an_image_is_blended_over_that_of_an_application(self):
+        self.assertEqual(json.loads(self.posts["views.json"])["overlay"], 0)
+
+    def test_several_views_equal_single_ones(self):
+        self.assertEqual(set(json.loads(self.posts["views.json"])["views"].values()), {0})
+
+    def test_errors_of_views(self):
+        errors = json.loads(self.posts["views.json"])["errors"]
+        self.assertEqual(errors["creation"], "5 views (expected 1 to 4)")
+        self.assertEqual(errors["views"], "2 views, but the renderer was created for 1")
+        self.assertRegex(errors["depth"], "created without the option depth$")
+        self.assertRegex(errors["occluders"], "^either all views or none have occluders")
 
     def test_errors(self):
         errors = json.loads(self.posts["errors.json"])

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // A program that uses the types of the package: it has to compile.
-import { createPlayer, StgsPlayer } from "stgs";
-import type { SceneInfo } from "stgs";
+import { createPlayer, SegmentPlayer, StgsPlayer } from "stgs";
+import type { Camera, SceneInfo } from "stgs";
+import type { SplatRenderer, SplatView } from "stgs/webgpu";
 
 export async function play(canvas: HTMLCanvasElement, file: File): Promise<SceneInfo | null> {
   const player: StgsPlayer = createPlayer(canvas, { memoryBudget: 2 ** 28, lookAhead: 5, renderer: "webgpu" });
@@ -12,6 +13,15 @@ export async function play(canvas: HTMLCanvasElement, file: File): Promise<Scene
   await player.play();
   return player.info;
 }
+
+export function drawEyes(splats: SplatRenderer, player: SegmentPlayer, eyes: SplatView[]): void {
+  const cameras: Camera[] = eyes.map(({ camera }) => camera);
+  const ticks = player.frameTicks();
+  if (ticks !== null && cameras.length > 0) splats.drawViews(eyes, ticks, null);
+}
+
+// @ts-expect-error: not a renderer
+new SegmentPlayer({});
 
 const element = document.createElement("stgs-player");
 element.src = "scene.stgs";

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Measures the WebGPU renderer, in a page or in node with Dawn. See bench_webgpu.py.
 import { overdrawOf } from "renderer/overdraw";
+import { sortKindOf } from "renderer/radix_sort";
 import { SplatRenderer } from "renderer/splat_renderer";
 
 const kSegment = 65536; // primitives
@@ -51,6 +52,16 @@ function randomSegment(id, primitives, shDegree, size, next) {
   return { id, primitives, shDegree, begin: 0, end: 100, origin: 0, words };
 }
 
+function randomSegments({ primitives, degree, size }) {
+  const next = randomNumbers(7);
+  const segments = [];
+  for (let first = 0; first < primitives; first += kSegment) {
+    const count = Math.min(kSegment, primitives - first);
+    segments.push(randomSegment(first / kSegment, count, degree, size, next));
+  }
+  return segments;
+}
+
 function median(values) {
   return [...values].sort((a, b) => a - b)[values.length >> 1];
 }
@@ -65,16 +76,12 @@ async function figuresOf(device, splats, camera, ticks, view) {
 }
 
 /**
- * Returns the medians of the frames, milliseconds on the GPU, and the overdraw. `device` needs the
- * feature timestamp-query.
+ * Returns the medians of the frames with a sort, milliseconds on the GPU, and the overdraw. `device`
+ * needs the feature timestamp-query.
  */
-export async function bench(device, { primitives, degree, size, width, height, frames }) {
-  const splats = await SplatRenderer.create(device, "rgba8unorm");
-  const next = randomNumbers(7);
-  for (let first = 0; first < primitives; first += kSegment) {
-    const count = Math.min(kSegment, primitives - first);
-    splats.scene.add(randomSegment(first / kSegment, count, degree, size, next));
-  }
+async function benchOf(device, segments, sort, { primitives, degree, width, height, frames }) {
+  const splats = await SplatRenderer.create(device, "rgba8unorm", { sort });
+  for (const segment of segments) splats.scene.add(segment);
   const camera = {
     rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1], translation: [0, 0, 0], fx: width, fy: width,
     cx: width / 2, cy: height / 2, width, height, near: 0.1,
@@ -89,13 +96,31 @@ export async function bench(device, { primitives, degree, size, width, height, f
   const wall = (performance.now() - start) / frames;
   const of = (name) => median(all.map((figures) => figures[name]));
   const { fragments, blended } = await overdrawOf(device, splats, camera);
+  splats.destroy();
+  texture.destroy();
   return {
-    primitives, degree, width, height, visible: of("visible"),
+    sort, primitives, degree, width, height, visible: of("visible"),
     project_ms: of("projectMs"), sort_ms: of("sortMs"),
     compute_ms: median(all.map(({ projectMs, sortMs }) => projectMs + sortMs)),
     raster_ms: of("rasterMs"), wall_ms: wall,
     fragments_per_pixel: fragments, blended_per_pixel: blended,
   };
+}
+
+/** Returns the figures of all sorts that a device can run, as a table and as lines of JSON. */
+async function bench(device, job) {
+  const sorts = new Set(["portable", sortKindOf(device)]);
+  const segments = randomSegments(job);
+  const lines = ["sort         project ms  sort ms  compute ms  raster ms"];
+  const results = [];
+  for (const sort of sorts) {
+    const result = await benchOf(device, segments, sort, job);
+    const cell = (name, width) => result[`${name}_ms`].toFixed(3).padStart(width);
+    lines.push(sort.padEnd(12) + cell("project", 11) + cell("sort", 9) + cell("compute", 12) +
+      cell("raster", 11));
+    results.push(JSON.stringify(result));
+  }
+  return [...lines, ...results].join("\n");
 }
 
 /** The device of an adapter with its largest limits. */
@@ -104,7 +129,7 @@ async function deviceOf(gpu) {
   if (adapter === null) throw new Error("there is no WebGPU adapter");
   const limits = ["maxBufferSize", "maxStorageBufferBindingSize"];
   return adapter.requestDevice({
-    requiredFeatures: ["timestamp-query"],
+    requiredFeatures: ["timestamp-query", ...["subgroups"].filter((name) => adapter.features.has(name))],
     requiredLimits: Object.fromEntries(limits.map((name) => [name, adapter.limits[name]])),
   });
 }
@@ -114,7 +139,7 @@ async function runPage() {
   const post = (name, body) => fetch(name, { method: "POST", body });
   try {
     const job = await (await fetch("job.json")).json();
-    await post("result", JSON.stringify(await bench(await deviceOf(navigator.gpu), job)));
+    await post("result", await bench(await deviceOf(navigator.gpu), job));
     await post("done", "ok");
   } catch (error) {
     await post("done", `${error} ${error.stack}`);
@@ -128,7 +153,7 @@ async function runNode([dawn, job]) {
   Object.assign(globalThis, globals);
   globalThis.gpu = create([]); // Dawn fails once this object is collected
   const device = await deviceOf(globalThis.gpu);
-  console.log(JSON.stringify(await bench(device, JSON.parse(job))));
+  console.log(await bench(device, JSON.parse(job)));
   process.exit(0); // Dawn keeps node running
 }
 

@@ -4,7 +4,9 @@ import { createWebGpuRenderer, SplatRenderer } from "./renderer.js";
 import {
   canvasDifference, copyOf, delay, nextFrame, post, postFrame, runPage, segmentsOf, shifted,
 } from "./scene_page.mjs";
+import { sortKindOf } from "./radix_sort.js";
 import { testSort } from "./webgpu_sort.mjs";
+import { testViews } from "./webgpu_views.mjs";
 
 const devices = []; // of all renderers
 const requestDevice = GPUAdapter.prototype.requestDevice;
@@ -32,24 +34,26 @@ async function draw(page, { camera, ticks }) {
   await page.renderer.renderExactly(camera, ticks);
 }
 
-async function renderScene({ scene, cases }) {
+/** The cases of all scenes, one after the other. */
+async function renderScenes(scenes) {
   const page = await rendererFor();
-  for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
-  for (const one of cases) {
-    await draw(page, one);
-    await postFrame(one.name, page);
+  for (const { scene, cases } of scenes) {
+    page.renderer.setScene({ background: [0, 0, 0] });
+    for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
+    for (const one of cases) {
+      await draw(page, one);
+      await postFrame(one.name, page);
+    }
   }
   close(page);
 }
 
 /** The images of two sizes in turn, and that of a canvas without a size, which is not drawn. */
-async function renderResized({ scene, cases }) {
-  const page = await rendererFor();
+async function renderResized(page, { scene, cases }) {
   for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
   for (const one of [cases[2], cases[0], cases[2], cases[0]]) await draw(page, one);
   await draw(page, { ...cases[2], camera: { ...cases[2].camera, width: 0 } });
   await postFrame(`${cases[0].name}.resized`, page);
-  close(page);
 }
 
 async function renderBackground({ scene, cases }) {
@@ -89,26 +93,32 @@ async function renderChurn(scenes) {
 }
 
 /** Frames without splats: behind the camera, and at a time without segments. */
-async function renderNothing({ scene, cases: [one] }) {
-  const page = await rendererFor();
+async function renderNothing(page, { scene, cases: [one] }) {
   for (const segment of await segmentsOf(scene)) page.renderer.addSegment(segment);
   const far = { ...one.camera, translation: [0, 0, -1e4] };
   await draw(page, { ...one, camera: far });
   await postFrame(`${one.name}.behind`, page);
   await draw(page, { ...one, ticks: 1e6 });
   await postFrame(`${one.name}.late`, page);
-  close(page);
 }
 
 /** A scene at a late time of the timeline, which single precision cannot represent. */
-async function renderShifted({ scene, cases: [one] }) {
-  const page = await rendererFor();
+async function renderShifted(page, { scene, cases: [one] }) {
   const shift = 5e6 + 0.3;
   for (const segment of shifted(await segmentsOf(scene), shift)) page.renderer.addSegment(segment);
   await draw(page, { ...one, ticks: one.ticks + shift });
   await postFrame(`${one.name}.shifted`, page);
   await draw(page, { ticks: one.ticks + shift, camera: { ...one.camera, near: 0 } });
   await postFrame(`${one.name}.near0`, page);
+}
+
+/** What one renderer draws in turn. */
+async function renderVariants(scene) {
+  const page = await rendererFor();
+  for (const test of [renderResized, renderNothing, renderShifted]) {
+    page.renderer.setScene({ background: [0, 0, 0] });
+    await test(page, scene);
+  }
   close(page);
 }
 
@@ -217,6 +227,19 @@ async function postErrors({ scene, cases: [one] }) {
   await post("errors.json", JSON.stringify(messages));
 }
 
+/** Tests both sorts; the adapter must have subgroups for one of them. */
+async function postSorts() {
+  const adapter = await navigator.gpu.requestAdapter();
+  const hasSubgroups = adapter.features.has("subgroups");
+  const device = await adapter.requestDevice({ requiredFeatures: hasSubgroups ? ["subgroups"] : [] });
+  device.onuncapturederror = ({ error }) => post("error", error.message);
+  const chosen = sortKindOf(device);
+  const results = { chosen, portable: await testSort(device, "portable") };
+  if (chosen !== "portable") results[chosen] = await testSort(device, chosen);
+  await post("sort.json", JSON.stringify(results));
+  device.destroy();
+}
+
 /** Waits for the figures of a frame, which need a few frames. */
 async function postStatistics({ scene, cases: [one] }) {
   const page = await rendererFor();
@@ -234,11 +257,10 @@ if (await navigator.gpu?.requestAdapter() == null) {
   await post("done", "no adapter");
 } else {
   runPage(async ({ scenes }) => {
-    await post("sort.json", JSON.stringify(await testSort()));
-    for (const scene of scenes) await renderScene(scene);
+    await postSorts();
+    await renderScenes(scenes);
     await renderChurn(scenes);
-    for (const test of [renderResized, renderBackground, renderNothing, renderShifted,
-                        renderSmallBuffers, postErrors, postStatistics]) {
+    for (const test of [renderVariants, renderBackground, renderSmallBuffers, testViews, postErrors, postStatistics]) {
       await test(scenes[0]);
     }
   });

@@ -4,6 +4,7 @@ import { defineStgsPlayer } from "./element/stgs_player";
 import { StgsPlayer } from "./player/player";
 import type { PlayerOptions } from "./player/player";
 import { chosenRenderer } from "./renderer_choice";
+import { SegmentPlayer } from "./player/segment_player";
 import type { RendererChoice } from "./renderer_choice";
 import { createWorker, setResources } from "./resources";
 
@@ -28,11 +29,12 @@ export function createPlayer(canvas: HTMLCanvasElement, options: CreatePlayerOpt
 if (typeof customElements !== "undefined" && customElements.get("stgs-player") === undefined)
   defineStgsPlayer({ createWorker, createRenderer: chosenRenderer });
 
-export { StgsPlayer, createWorker, defineStgsPlayer, setResources };
+export { SegmentPlayer, StgsPlayer, createWorker, defineStgsPlayer, setResources };
 export type { PlayerOptions, PlayerStats } from "./player/player";
 export type { RendererChoice } from "./renderer_choice";
 export type { Resources } from "./resources";
 export type { ScenePlayer } from "./player/scene_player";
+export type { SegmentPlayerOptions } from "./player/segment_player";
 export type {
   Camera, PackedSegment, Renderer, RendererStatistics, RenderView, SceneInfo, SegmentSink, ViewRenderer,
 } from "./types";

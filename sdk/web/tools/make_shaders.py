@@ -30,6 +30,8 @@ SHADERS = {"webgl2": {"splatVertex": "splat.vert.glsl", "splatFragment": "splat.
                       "resolveVertex": "resolve.vert.glsl",
                       "resolveFragment": "resolve.frag.glsl"},
            "webgpu": {"projectShader": "project.wgsl", "sortShader": "sort.wgsl",
+                      "sortPortableShader": "sort_portable.wgsl",
+                      "sortSubgroupsShader": "sort_subgroups.wgsl",
                       "splatShader": "splat.wgsl", "resolveShader": "resolve.wgsl"}}
 
 

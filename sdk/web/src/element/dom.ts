@@ -31,3 +31,12 @@ export function setIcon(button: HTMLElement, name: IconName): void {
   button.dataset["icon"] = name;
   button.replaceChildren(icon(name));
 }
+
+/** Observes the size of an element and, where the browser can, its pixel ratio, as of a zoomed page. */
+export function observePixels(observer: ResizeObserver, element: Element): void {
+  try {
+    observer.observe(element, { box: "device-pixel-content-box" });
+  } catch {
+    observer.observe(element); // the browser does not know this box
+  }
+}

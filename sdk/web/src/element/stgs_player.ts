@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // The custom element <stgs-player>.
 import { PlayerError } from "../player/errors";
-import { EVENT_NAMES } from "../player/event_queue";
-import { PlayerStats, StgsPlayer } from "../player/player";
+import { forwardEvents } from "../player/event_queue";
+import { NO_STATS, PlayerStats, StgsPlayer } from "../player/player";
 import { BufferedRanges } from "../player/ranges";
+import { resume } from "../player/resume";
 import { RendererChoice } from "../renderer_choice";
 import { Renderer, SceneInfo } from "../types";
 import type { XrMode, XrOptions } from "../xr/presenter";
 import { CameraInput } from "./camera_input";
-import { FlyCamera } from "./cameras/fly";
+import { createRig } from "./cameras/create_rig";
 import { PadAction } from "./cameras/gamepad";
-import { OrbitCamera } from "./cameras/orbit";
 import { CameraRig } from "./cameras/rig";
+import { observePixels } from "./dom";
 import type { StgsPlayerFactory } from "./factory";
 import { Media, toggle } from "./media";
 import { Shell } from "./shell";
@@ -41,6 +42,8 @@ export abstract class StgsPlayerElement extends Base implements Media {
   private canvas: HTMLCanvasElement | null = null;
   private input: CameraInput | null = null;
   private rig: CameraRig | null = null;
+  private keptRig: CameraRig | null = null; // of a source that is loaded again after the GPU was lost
+  private choice: RendererChoice | null = null; // instead of `renderer`, after WebGPU was lost
   private object: Blob | null = null;
   private failure: PlayerError | null = null; // of a player that could not be created
   private isReflecting = false; // sets `src` to the source that is being loaded
@@ -55,7 +58,7 @@ export abstract class StgsPlayerElement extends Base implements Media {
   }
 
   connectedCallback(): void {
-    this.observe();
+    observePixels(this.observer, this);
     this.shell.connect();
     if (this.player === null) this.reload();
   }
@@ -87,9 +90,11 @@ export abstract class StgsPlayerElement extends Base implements Media {
         break;
       case "camera":
       case "free":
+        this.keptRig = null;
         this.createCamera();
         break;
       case "renderer":
+        this.choice = null;
         this.recreate();
     }
   }
@@ -202,10 +207,7 @@ export abstract class StgsPlayerElement extends Base implements Media {
     return this.player?.info ?? null;
   }
   get stats(): PlayerStats {
-    return this.player?.stats ?? {
-      framesPerSecond: 0, primitives: 0, visible: 0, bytesFetched: 0, sortMs: 0, layers: 0,
-      layerCount: 0,
-    };
+    return this.player?.stats ?? NO_STATS;
   }
   /** Size of the canvas, pixels. */
   get videoWidth(): number {
@@ -229,6 +231,7 @@ export abstract class StgsPlayerElement extends Base implements Media {
     else if (source !== undefined) this.object = null;
     const player = this.use(false);
     if (player === null) return Promise.reject(this.unavailable());
+    this.keptRig = null;
     const loaded = player.load(this.object ?? source ?? this.src, options);
     if (typeof source === "string") this.setLoadedSource(source);
     if (this.autoplay) player.play().catch(() => undefined); // `error` or `pause` reports it
@@ -306,7 +309,7 @@ export abstract class StgsPlayerElement extends Base implements Media {
     const canvas = document.createElement("canvas");
     let renderer: Renderer;
     try {
-      renderer = this.factory.createRenderer(canvas, this.renderer);
+      renderer = this.factory.createRenderer(canvas, this.choice ?? this.renderer);
     } catch (error) {
       this.failure = new PlayerError("unsupported", (error as Error).message, false);
       queueMicrotask(() => this.dispatchEvent(new Event("error")));
@@ -316,29 +319,38 @@ export abstract class StgsPlayerElement extends Base implements Media {
     this.shell.setCanvas(canvas);
     this.player = new StgsPlayer({ canvas, renderer, worker: () => this.factory.createWorker() });
     this.player.loop = this.loop;
-    this.forwardEvents(this.player);
+    forwardEvents(this.player, this, (event) => this.recovers(event));
     this.applySize();
     if (loads) this.reload();
     return this.player;
   }
 
-  private forwardEvents(player: StgsPlayer): void {
-    for (const name of EVENT_NAMES) {
-      player.addEventListener(name, (event) => {
-        const copy = event instanceof CustomEvent ? new CustomEvent(name, { detail: event.detail })
-                                                  : new Event(name);
-        this.dispatchEvent(copy);
-      });
+  /** Follows the loss of the GPU. Returns whether another player continues, with WebGL2, after an error. */
+  private recovers(event: Event): boolean {
+    const { player, rig } = this;
+    if (event instanceof CustomEvent && event.type === "notice" && event.detail.kind === "renderer") {
+      this.keptRig = rig;
     }
+    const isLost = event.type === "error" && player?.hasLostRenderer === true;
+    if (player === null || !isLost || (this.choice ?? this.renderer) !== "auto") return false;
+    const { currentTime, paused, playbackRate, error } = player;
+    this.destroy();
+    this.choice = "webgl2";
+    this.keptRig = rig;
+    this.dispatchEvent(new CustomEvent("notice", { detail: { kind: "renderer", message: error?.message } }));
+    const next = this.use(false);
+    if (next === null) return true; // use() reports it
+    next.playbackRate = playbackRate;
+    resume(next, next.load(this.object ?? this.src), { currentTime, paused });
+    return true;
   }
 
   private createCamera(): void {
     const { player } = this;
     if (player === null || player.info === null) return;
-    const { matches: reducedMotion } = matchMedia("(prefers-reduced-motion: reduce)");
     const flies = this.camera === "fly";
-    const rig = flies ? new FlyCamera(player.info, { reducedMotion })
-                      : new OrbitCamera(player.info, { free: this.free, reducedMotion });
+    const rig = this.keptRig ?? createRig(player.info, flies, this.free);
+    this.keptRig = null;
     this.input?.destroy();
     this.rig = rig;
     this.input = new CameraInput({
@@ -355,15 +367,6 @@ export abstract class StgsPlayerElement extends Base implements Media {
     if (!this.controls) return;
     if (action === "toggle") toggle(this);
     else this.shell.seekBy(action === "ahead" ? 1 : -1);
-  }
-
-  private observe(): void {
-    try {
-      // Also reports another pixel ratio, as of a zoomed page.
-      this.observer.observe(this, { box: "device-pixel-content-box" });
-    } catch {
-      this.observer.observe(this); // the browser does not know this box
-    }
   }
 
   private applySize(): void {

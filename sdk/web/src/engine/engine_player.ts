@@ -1,27 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // A scene that is drawn inside the frames of a 3D engine.
-import { browserHost } from "../player/host";
-import { ScenePlayer } from "../player/scene_player";
-import { createWorker, sorterUrl } from "../resources";
+import { SegmentPlayer, SegmentPlayerOptions } from "../player/segment_player";
+import { sorterUrl } from "../resources";
 import type { SceneInfo } from "../types";
 import { cameraOfMatrices, product } from "../webgl2/camera";
 import type { Matrix4 } from "../webgl2/camera";
 import { SplatScene } from "../webgl2/splat_scene";
 import { drawAmongObjects, preserveState } from "./gl_state";
-
-/** Settings of a scene in an engine. */
-export interface EngineOptions {
-  /** URL of the scene, or a file. It is loaded at once. */
-  src?: string | Blob;
-  /** Plays as soon as data is available. */
-  autoplay?: boolean;
-  /** Repeats the clip. */
-  loop?: boolean;
-  /** Bytes for fetched and decoded data; default 512 MiB. */
-  memoryBudget?: number;
-  /** Seconds to fetch ahead; default 10. */
-  lookAhead?: number;
-}
 
 /** How the engine draws the current image. */
 export interface EngineView {
@@ -49,37 +34,24 @@ export function boundsOf(info: SceneInfo): { min: number[]; max: number[] } {
 }
 
 /** Plays a scene and draws it into the framebuffer that the engine has bound. */
-export class EnginePlayer extends ScenePlayer {
+export class EnginePlayer extends SegmentPlayer {
   private readonly splats: SplatScene;
-  private announcement: number | null = null;
-  private drawnTicks: number | null = null; // of the last frame
 
   /** `onChange`: the image may have changed, so an engine that draws on demand has to draw. */
   constructor(
-    private readonly gl: WebGL2RenderingContext, options: EngineOptions,
-    private readonly onChange: () => void,
+    private readonly gl: WebGL2RenderingContext, options: SegmentPlayerOptions, onChange: () => void,
   ) {
-    const announce = () => this.announce();
     const splats = new SplatScene(gl, {
       sorterUrl: sorterUrl(),
       restoresContext: true,
       report: (error) => this.playback.fail("unsupported", `rendering failed: ${error.message}`),
-      onOrder: announce,
+      onOrder: () => this.announce(),
       guard: (work) => preserveState(gl, work),
     });
-    super({ worker: createWorker, ...options }, {
-      sink: splats, host: browserHost(), onOpened: announce, onContent: announce,
-      onTime: () => {
-        if (this.playback.frameTime()?.ticks !== this.drawnTicks) announce();
-      },
-    });
+    super(splats, options, onChange);
     this.splats = splats;
     gl.canvas.addEventListener("webglcontextlost", this.onLost);
     gl.canvas.addEventListener("webglcontextrestored", this.onRestored);
-    this.loop = options.loop ?? false;
-    if (options.src === undefined) return;
-    this.load(options.src).catch(() => undefined); // the error event reports it
-    if (options.autoplay) this.play().catch(() => undefined);
   }
 
   /**
@@ -88,10 +60,8 @@ export class EnginePlayer extends ScenePlayer {
    */
   draw(view: EngineView): void {
     if (view.projection[15] !== 0) throw new Error("scenes need a perspective camera");
-    this.playback.updateTime(false);
-    const time = this.playback.frameTime();
-    if (time === null || this.isDestroyed || this.gl.isContextLost()) return;
-    this.drawnTicks = time.ticks;
+    const ticks = this.gl.isContextLost() ? null : this.frameTicks();
+    if (ticks === null) return;
     const { gl, splats } = this;
     const [left, bottom, width, height] = gl.getParameter(gl.VIEWPORT) as unknown as [
       number, number, number, number];
@@ -99,29 +69,18 @@ export class EnginePlayer extends ScenePlayer {
     const camera = cameraOfMatrices(view.projection, viewFromScene, width, height, view.near);
     preserveState(gl, () => {
       drawAmongObjects(gl, view.isReversed);
-      splats.draw(camera, time.ticks, {
+      splats.draw(camera, ticks, {
         left, top: bottom + height, depth: depthMapping(view), isLinear: view.isLinear,
       });
     });
-    splats.follow(camera, time.ticks);
-    if (time.running) this.announce();
+    splats.follow(camera, ticks);
   }
 
   override destroy(): void {
     if (this.isDestroyed) return;
     this.gl.canvas.removeEventListener("webglcontextlost", this.onLost);
     this.gl.canvas.removeEventListener("webglcontextrestored", this.onRestored);
-    if (this.announcement !== null) cancelAnimationFrame(this.announcement);
     super.destroy();
-  }
-
-  /** Calls onChange() with the next frame of the page, so that it never runs within draw(). */
-  private announce(): void {
-    if (this.isDestroyed) return;
-    this.announcement ??= requestAnimationFrame(() => {
-      this.announcement = null;
-      this.onChange();
-    });
   }
 
   private readonly onLost = (event: Event): void => {

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // stgs/playcanvas: a scene as a script of PlayCanvas.
 export { StgsScript } from "./stgs_script";
-export type { EngineOptions, EnginePlayer } from "../engine/engine_player";
+export type { EnginePlayer } from "../engine/engine_player";
+export type { SegmentPlayerOptions } from "../player/segment_player";

@@ -50,6 +50,19 @@ export function unsupported(message: string): DOMException {
   return new DOMException(message, "NotSupportedError");
 }
 
+const kDeviceLost = "DeviceLostError";
+
+/** The failure of a renderer whose GPU device was lost; another renderer may succeed. */
+export function deviceLost(message: string): Error {
+  const error = new Error(message);
+  error.name = kDeviceLost; // renderers are in bundles of their own, so a class would not be the same
+  return error;
+}
+
+export function isDeviceLost(error: unknown): error is Error {
+  return error instanceof Error && error.name === kDeviceLost;
+}
+
 /** The message of anything that was thrown. */
 export function textOf(error: unknown): string {
   return error instanceof Error ? error.message : String(error);

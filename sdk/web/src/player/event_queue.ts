@@ -8,6 +8,17 @@ export const EVENT_NAMES = [
 ] as const;
 export type EventName = typeof EVENT_NAMES[number];
 
+/** Dispatches a copy of each event of a player to another target, unless `takes` returns true for it. */
+export function forwardEvents(from: EventTarget, to: EventTarget, takes: (event: Event) => boolean): void {
+  for (const name of EVENT_NAMES) {
+    from.addEventListener(name, (event) => {
+      if (takes(event)) return;
+      to.dispatchEvent(event instanceof CustomEvent ? new CustomEvent(name, { detail: event.detail })
+                                                    : new Event(name));
+    });
+  }
+}
+
 /**
  * Dispatches events in order, after the call that causes them has returned, as media elements do: a
  * listener that is added right after `load` receives `loadstart`.

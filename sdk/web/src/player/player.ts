@@ -2,10 +2,11 @@
 // The player that draws to a canvas.
 import { Renderer } from "../types";
 import { XrMode, XrOptions, XrPresenter } from "../xr/presenter";
-import { abortError, textOf } from "./errors";
+import { abortError, isDeviceLost, textOf } from "./errors";
 import { fitCamera, startCameraOf } from "./fit_camera";
 import { CameraSource, FrameLoop } from "./frame_loop";
 import { browserHost, Host } from "./host";
+import { resume } from "./resume";
 import { ScenePlayer, ScenePlayerOptions } from "./scene_player";
 import { Waiters } from "./session";
 
@@ -30,7 +31,16 @@ export interface PlayerStats {
   layerCount: number;
 }
 
-/** Plays on a canvas: see `ScenePlayer`. The events `enterxr` and `leavexr` report sessions. */
+/** Those without a player. */
+export const NO_STATS: PlayerStats = {
+  framesPerSecond: 0, primitives: 0, visible: 0, bytesFetched: 0, sortMs: 0, layers: 0, layerCount: 0,
+};
+
+/**
+ * Plays on a canvas: see `ScenePlayer`. The events `enterxr` and `leavexr` report sessions. When the GPU
+ * is lost for the first time since load(), a `notice` of the kind `renderer` follows, and the source is
+ * loaded again with another renderer, at the same time.
+ */
 export class StgsPlayer extends ScenePlayer {
   private readonly canvas: HTMLCanvasElement;
   private readonly renderer: Renderer;
@@ -38,6 +48,8 @@ export class StgsPlayer extends ScenePlayer {
   private readonly xr: XrPresenter;
   private source: CameraSource | null = null;
   private readonly screenshots = new Set<Waiters>(); // in flight
+  private lost: Error | null = null; // the first loss of the GPU since load()
+  private isWithoutRenderer = false;
 
   constructor(options: PlayerOptions) {
     const host = options.host ?? browserHost();
@@ -85,6 +97,14 @@ export class StgsPlayer extends ScenePlayer {
   /** The renderer in use; null while it is being loaded, and if there is none. */
   get activeRenderer(): "webgl2" | "webgpu" | null {
     return this.renderer.name;
+  }
+
+  /**
+   * Whether the source ended because the GPU was lost again, or no renderer could be created after it
+   * was lost. A player on another canvas may draw with WebGL2.
+   */
+  get hasLostRenderer(): boolean {
+    return this.isWithoutRenderer;
   }
 
   /** Supplies the cameras; null (default): the start camera of the scene. */
@@ -153,6 +173,8 @@ export class StgsPlayer extends ScenePlayer {
 
   override load(source: string | Blob, options: { signal?: AbortSignal } = {}): Promise<void> {
     this.xr.exit(); // its room is that of the last scene
+    this.lost = null;
+    this.isWithoutRenderer = false;
     return super.load(source, options);
   }
 
@@ -175,7 +197,23 @@ export class StgsPlayer extends ScenePlayer {
   }
 
   private failRendering(error: unknown): void {
+    if (isDeviceLost(error) && (this.lost ?? error) === error) {
+      if (this.lost === null) this.recover(error);
+      return;
+    }
+    if (this.error === null) this.isWithoutRenderer = this.lost !== null;
     this.playback.fail("unsupported", `rendering failed: ${textOf(error)}`);
+  }
+
+  /** Loads the source again, for which the renderer gets another device. */
+  private recover(error: Error): void {
+    const { source } = this.playback;
+    // A scene that is not open yet, or the next source, has another device anyway.
+    if (this.isDestroyed || this.error !== null || source === null || this.info === null) return;
+    this.lost = error;
+    this.events.push("notice", { kind: "renderer", message: error.message });
+    const { currentTime, paused } = this;
+    resume(this, super.load(source), { currentTime, paused });
   }
 
   private applySource(): void {

@@ -2,4 +2,5 @@
 // stgs/three: a scene as an object of three.js.
 export { StgsMesh } from "./stgs_mesh";
 export type { StgsMeshOptions } from "./stgs_mesh";
-export type { EngineOptions, EnginePlayer } from "../engine/engine_player";
+export type { EnginePlayer } from "../engine/engine_player";
+export type { SegmentPlayerOptions } from "../player/segment_player";

@@ -3,9 +3,10 @@ import {
   Box3, BufferAttribute, BufferGeometry, Camera, LinearSRGBColorSpace, Material, Mesh,
   MeshBasicMaterial, PerspectiveCamera, Scene, Sphere, Vector3, WebGLRenderer,
 } from "three";
-import { boundsOf, EngineOptions, EnginePlayer } from "../engine/engine_player";
+import { boundsOf, EnginePlayer } from "../engine/engine_player";
+import { SegmentPlayerOptions } from "../player/segment_player";
 
-export interface StgsMeshOptions extends EngineOptions {
+export interface StgsMeshOptions extends SegmentPlayerOptions {
   /** Draws the mesh; other renderers cannot. */
   renderer: WebGLRenderer;
 }

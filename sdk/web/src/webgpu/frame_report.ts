@@ -7,35 +7,42 @@ import type {
 
 /** The measurements of a frame on the GPU. Times are null if it has no timestamps. */
 export interface FrameFigures {
+  /** Splats of the last view. */
   visible: number;
-  /** Milliseconds of evaluation, culling, projection and SH; of the sort; of rasterisation. */
+  /** Milliseconds of evaluation, culling, projection and SH; of the sorts; of rasterisation. */
   projectMs: number | null;
   sortMs: number | null;
   rasterMs: number | null;
 }
 
-const kStages = 3; // project, sort, rasterise
 const kTimesOffset = 4 * kDrawnWords;
-const kBytes = kTimesOffset + 8 * 2 * kStages;
 
 /** Reads the figures of frames back, one frame at a time; those in between are not read. */
 export class FrameReport {
   private readonly queries: GPUQuerySet | null;
   private readonly resolved: GPUBuffer | null;
   private readonly copy: GPUBuffer;
+  private readonly timesBytes: number;
   private inFlight = false;
 
-  constructor(device: GPUDevice) {
+  /** `views`: the most views of a frame. */
+  constructor(device: GPUDevice, views: number) {
     const { COPY_SRC, COPY_DST, MAP_READ, QUERY_RESOLVE } = BUFFER_USAGE;
     const timed = device.features.has("timestamp-query");
-    this.queries = timed ? device.createQuerySet({ type: "timestamp", count: 2 * kStages }) : null;
+    const count = 2 * (1 + 2 * views);
+    this.timesBytes = 8 * count;
+    this.queries = timed ? device.createQuerySet({ type: "timestamp", count }) : null;
     this.resolved = timed
-      ? device.createBuffer({ size: 8 * 2 * kStages, usage: QUERY_RESOLVE | COPY_SRC })
+      ? device.createBuffer({ size: this.timesBytes, usage: QUERY_RESOLVE | COPY_SRC })
       : null;
-    this.copy = device.createBuffer({ size: kBytes, usage: MAP_READ | COPY_DST });
+    this.copy = device.createBuffer(
+      { size: kTimesOffset + this.timesBytes, usage: MAP_READ | COPY_DST });
   }
 
-  /** The `timestampWrites` of the pass of a stage: 0, 1, 2. */
+  /**
+   * The `timestampWrites` of the pass of a stage: 0 for the projection; for view k, 1 + 2k for the sort and
+   * 2 + 2k for rasterisation.
+   */
   timesOf(stage: number): { timestampWrites?: GPUTimestampWrites } {
     if (this.queries === null) return {};
     return {
@@ -53,19 +60,20 @@ export class FrameReport {
    * still being read.
    */
   encode(
-    encoder: GPUCommandEncoder, drawn: GPUBuffer, receive: (figures: FrameFigures) => void,
+    encoder: GPUCommandEncoder, drawn: GPUBuffer, views: number,
+    receive: (figures: FrameFigures) => void,
   ): (() => void) | null {
     if (this.inFlight) return null;
     encoder.copyBufferToBuffer(drawn, 0, this.copy, 0, kTimesOffset);
     if (this.queries !== null && this.resolved !== null) {
-      encoder.resolveQuerySet(this.queries, 0, 2 * kStages, this.resolved, 0);
-      encoder.copyBufferToBuffer(this.resolved, 0, this.copy, kTimesOffset, 8 * 2 * kStages);
+      encoder.resolveQuerySet(this.queries, 0, this.timesBytes / 8, this.resolved, 0);
+      encoder.copyBufferToBuffer(this.resolved, 0, this.copy, kTimesOffset, this.timesBytes);
     }
     this.inFlight = true;
     return () => {
       this.copy.mapAsync(MAP_MODE_READ).then(
         () => {
-          const figures = this.figuresOf(this.copy.getMappedRange());
+          const figures = this.figuresOf(this.copy.getMappedRange(), views);
           this.copy.unmap();
           this.inFlight = false;
           receive(figures);
@@ -81,14 +89,20 @@ export class FrameReport {
     this.copy.destroy();
   }
 
-  private figuresOf(bytes: ArrayBuffer): FrameFigures {
+  private figuresOf(bytes: ArrayBuffer, views: number): FrameFigures {
     const visible = new Uint32Array(bytes)[kCountWord] as number;
+    if (this.queries === null) return { visible, projectMs: null, sortMs: null, rasterMs: null };
     const times = new BigInt64Array(bytes, kTimesOffset);
     const stage = (k: number) => {
-      if (this.queries === null) return null;
       const nanoseconds = (times[2 * k + 1] as bigint) - (times[2 * k] as bigint);
       return Math.max(0, Number(nanoseconds)) / 1e6;
     };
-    return { visible, projectMs: stage(0), sortMs: stage(1), rasterMs: stage(2) };
+    let sortMs = 0;
+    let rasterMs = 0;
+    for (let k = 0; k < views; ++k) {
+      sortMs += stage(1 + 2 * k);
+      rasterMs += stage(2 + 2 * k);
+    }
+    return { visible, projectMs: stage(0), sortMs, rasterMs };
   }
 }

@@ -15,7 +15,7 @@ export function layoutOf(
   const entries = bindings.flatMap((type, binding): GPUBindGroupLayoutEntry[] => {
     if (type === null) return [];
     const entry = { binding, visibility };
-    if (type === "texture") return [{ ...entry, texture: { sampleType: "float" } }];
+    if (type === "texture") return [{ ...entry, texture: { sampleType: "unfilterable-float" } }];
     return [{ ...entry, buffer: { type } }];
   });
   return device.createBindGroupLayout({ entries });

@@ -31,7 +31,7 @@ export async function overdrawOf(
       targets: [{ format: kTargetFormat, blend: { color: kSum, alpha: kSum } }],
     },
   });
-  const target = new Target(device);
+  const target = new Target(device, false);
   target.resize(width, height);
   const encoder = device.createCommandEncoder();
   const pass = encoder.beginRenderPass({

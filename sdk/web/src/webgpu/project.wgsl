@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Computes the splats of primitives at the time of the frame, as project.comp of the native renderer
 // does. Each primitive of the segments of the frame has a slot; segments have consecutive slots, in
-// ascending order of their ids.
+// ascending order of their ids. pipelines.ts writes kViews, the most views of a frame, before this text.
 #include "stgs/format/math/blend.h"
 #include "stgs/format/math/lifespan.h"
 #include "stgs/format/math/project.h"
@@ -9,6 +9,7 @@
 #include "stgs/format/math/sh.h"
 #include "../splat_view.h"
 #include "record.wgsl"
+#include "view.wgsl"
 
 struct Segment {
   first: u32,       // of its pairs of words in the page
@@ -18,21 +19,23 @@ struct Segment {
   primitives: u32,
   ticks: f32,       // the time of the frame from its origin, and the rounding error of that
   ticks_rest: f32,
-  unused: u32,
+  slots: u32,       // of all segments of the frame
 }
 
-@group(0) @binding(0) var<uniform> view: array<vec4<f32>, 6>;
+@group(0) @binding(0) var<uniform> views: array<View, kViews>;
 @group(0) @binding(1) var<storage, read> segments: array<Segment>;
-// Per slot: the order of its depth, or kHole.
-@group(0) @binding(2) var<storage, read_write> keys: array<u32>;
+// View by view, per slot: the bits of its depth, or kHole; and its splat.
+@group(0) @binding(2) var<storage, read_write> depths: array<u32>;
 @group(0) @binding(3) var<storage, read_write> records: array<Record>;
 // The packed segments of a page: pairs of 32-bit words.
 @group(1) @binding(0) var<storage, read> words: array<vec2<u32>>;
 // Per 256 entries of these segments: index into `segments`, number of the 256 in the segment.
 @group(1) @binding(1) var<storage, read> groups: array<vec2<u32>>;
 
-const kHole = 0xffffffffu;    // of sort.wgsl
-const kMaxKey = 0x0fffffffu;  // of depths of 2^32 times the near plane and more
+const kHole = 0xffffffffu;  // of sort.wgsl
+
+// The current one, for splat_view.h.
+var<private> view: array<vec4<f32>, 6>;
 
 fn pair_at(pair: u32) -> vec2<f32> {
   return bitcast<vec2<f32>>(words[pair]);
@@ -108,39 +111,43 @@ fn record_of(splat: ScreenSplat) -> Record {
                           pack2x16float(vec2<f32>(min(splat.colour.z, kMaxHalf), extent))));
 }
 
-// Returns the key of a depth >= near_plane >= 0. The bits of positive floats are ordered as the floats
-// are. Without a near plane, the last three of the 31 bits are dropped.
-fn key_of(depth: f32, near_plane: f32) -> u32 {
-  if (near_plane > 0.0) {
-    return min(bitcast<u32>(depth) - bitcast<u32>(near_plane), kMaxKey);
-  }
-  return bitcast<u32>(depth) >> 3u;
+// A primitive at the time of the frame.
+struct Gaussian {
+  position: Vec3,
+  opacity: f32,  // less than kAlphaThreshold: it is not visible
 }
 
-// Writes the record of primitive i. Returns its key, or kHole if it is not visible.
-fn make_splat(at: Segment, i: u32) -> u32 {
+fn gaussian_at(at: Segment, i: u32) -> Gaussian {
+  var gaussian: Gaussian;
   let support = pair_at(at.first + i);
-  if (!(support.x <= at.ticks && at.ticks <= support.y)) { return kHole; }
+  if (!(support.x <= at.ticks && at.ticks <= support.y)) { return gaussian; }
   let position_time = four_at(at.first + at.n, i);
   let velocity_opacity = four_at(at.first + 3u * at.n, i);
   let lifespan = pair_at(at.first + 5u * at.n + i);
   let dt = since(at.ticks, at.ticks_rest, position_time.w);
-  let opacity = velocity_opacity.w * visibility(dt, lifespan.x, lifespan.y);
-  if (!(opacity >= kAlphaThreshold)) { return kHole; }
-  let position = position_at(
+  gaussian.opacity = velocity_opacity.w * visibility(dt, lifespan.x, lifespan.y);
+  gaussian.position = position_at(
       vec3_of(position_time.x, position_time.y, position_time.z),
       vec3_of(velocity_opacity.x, velocity_opacity.y, velocity_opacity.z), dt);
+  return gaussian;
+}
+
+// Writes the record of primitive i in the current view. Returns the bits of its depth, or kHole if it is
+// not visible.
+fn make_splat(at: Segment, i: u32, gaussian: Gaussian, record: u32) -> u32 {
+  if (!(gaussian.opacity >= kAlphaThreshold)) { return kHole; }
+  let position = gaussian.position;
   let camera = camera_of_view();
   if (!(to_camera(camera, position).z >= camera.near_plane)) { return kHole; }
   let p = project_gaussian(camera, position, covariance_at(at, i));
-  let box = splat_box(camera, p, opacity);
+  let box = splat_box(camera, p, gaussian.opacity);
   if (box.visible == 0) { return kHole; }
   let colour = colour_of(at, i, vec3_of(position.x - view[5].x, position.y - view[5].y,
                                         position.z - view[5].z));
   if (!colour.is_valid) { return kHole; }
   let rgb = vec3_of(colour.rgb.x, colour.rgb.y, colour.rgb.z);
-  records[at.slot + i] = record_of(screen_splat(p, box.extent, opacity, rgb));
-  return key_of(p.depth, camera.near_plane);
+  records[record] = record_of(screen_splat(p, box.extent, gaussian.opacity, rgb));
+  return bitcast<u32>(p.depth);
 }
 
 @compute @workgroup_size(256)
@@ -151,7 +158,11 @@ fn project(@builtin(workgroup_id) workgroup: vec3<u32>,
   if (g >= arrayLength(&groups)) { return; }
   let segment = segments[groups[g].x];
   let i = 256u * groups[g].y + lane;
-  var key = kHole;
-  if (i < segment.primitives) { key = make_splat(segment, i); }
-  keys[segment.slot + i] = key;
+  var gaussian: Gaussian;
+  if (i < segment.primitives) { gaussian = gaussian_at(segment, i); }
+  for (var v = 0u; v < min(kViews, views[0].views); v++) {
+    view = views[v].rows;
+    let to = v * segment.slots + segment.slot + i;
+    depths[to] = make_splat(segment, i, gaussian, to);
+  }
 }

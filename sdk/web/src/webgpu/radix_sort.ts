@@ -1,16 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 import { groupOf, GrowingBuffer, layoutOf } from "./gpu";
-import { sortShader } from "./shaders";
+import { sortPortableShader, sortShader, sortSubgroupsShader } from "./shaders";
 import { BUFFER_USAGE, SHADER_STAGE } from "./webgpu_types";
 import type {
-  GPUBindGroup, GPUBindGroupLayout, GPUBuffer, GPUComputePassEncoder, GPUComputePipeline, GPUDevice,
+  GPUBindGroup, GPUBindGroupLayout, GPUBuffer, GPUBufferBinding, GPUComputePassEncoder,
+  GPUComputePipeline, GPUDevice,
 } from "./webgpu_types";
 
-/** Keys per workgroup, and of a slot without key; as in sort.wgsl. Other keys are below 2^28. */
-const kTile = 2048;
+/** Keys per workgroup and tiles per chunk, as in sort.wgsl. */
+const kTile = 4096;
+const kChunk = 16;
+/** The depth of a slot that is not visible. Others are the bits of floats that are not negative. */
 export const kHole = 0xffffffff;
-const kDigits = 16;
-const kPasses = 7; // of 4 bits
+const kDigits = 256;
+const kPasses = 3; // of 8 bits
 /** Bytes between the settings of two passes in their buffer: the largest alignment of WebGPU. */
 const kSettingsStride = 256;
 /** Index into the words of `drawn` of the number of keys. */
@@ -18,53 +21,84 @@ export const kCountWord = 5;
 /** Words of `drawn`. */
 export const kDrawnWords = 8;
 
+/** The shader of scatter(): sort_portable.wgsl, or sort_subgroups.wgsl, which is faster. */
+export type SortKind = "portable" | "subgroups";
+
+/** The sizes of the subgroups of a device; null if shaders cannot use them. */
+function subgroupSizes(device: GPUDevice): { min: number; max: number } | null {
+  const { subgroupMinSize: min, subgroupMaxSize: max } = device.adapterInfo ?? {};
+  if (!device.features.has("subgroups") || min === undefined || max === undefined) return null;
+  return { min, max };
+}
+
+/** Lanes per workgroup of sort_subgroups.wgsl, which has at most 8 subgroups. */
+function lanesOf({ min }: { min: number }): number {
+  return Math.min(256, 8 * min);
+}
+
+/** Returns the fastest sort of a device: with subgroups if each fits into a workgroup. */
+export function sortKindOf(device: GPUDevice): SortKind {
+  const sizes = subgroupSizes(device);
+  return sizes !== null && sizes.max <= lanesOf(sizes) ? "subgroups" : "portable";
+}
+
+function shaderOf(device: GPUDevice, kind: SortKind): string {
+  const sizes = subgroupSizes(device);
+  if (kind === "portable" || sizes === null) {
+    return `const kLanes = 64u;\n${sortShader}${sortPortableShader}`;
+  }
+  return `enable subgroups;\nconst kLanes = ${lanesOf(sizes)}u;\nconst kIsWide = ${sizes.max > 32};\n` +
+    `${sortShader}${sortSubgroupsShader}`;
+}
+
 interface Pipelines {
-  /** Settings, keys and values in, keys and values out, counts, drawn. */
+  /** Of sort.wgsl: settings, depths, pairs in, pairs out, counts, drawn. */
   layout: GPUBindGroupLayout;
+  findRange: GPUComputePipeline;
   count: GPUComputePipeline;
-  offsets: GPUComputePipeline;
+  sumChunk: GPUComputePipeline;
   scatter: GPUComputePipeline;
 }
 
-async function pipelinesOf(device: GPUDevice): Promise<Pipelines> {
+async function pipelinesOf(device: GPUDevice, kind: SortKind): Promise<Pipelines> {
   const read = "read-only-storage";
   const write = "storage";
   const layout = layoutOf(
-    device, SHADER_STAGE.COMPUTE, ["uniform", read, read, write, write, write, write]);
-  const module = device.createShaderModule({ code: sortShader });
+    device, SHADER_STAGE.COMPUTE, ["uniform", read, read, write, write, write]);
+  const module = device.createShaderModule({ code: shaderOf(device, kind) });
   const pipeline = (entryPoint: string) => device.createComputePipelineAsync({
     layout: device.createPipelineLayout({ bindGroupLayouts: [layout] }),
     compute: { module, entryPoint },
   });
-  const [count, offsets, scatter] = await Promise.all([
-    pipeline("count"), pipeline("offsets"), pipeline("scatter"),
+  const [findRange, count, sumChunk, scatter] = await Promise.all([
+    pipeline("find_range"), pipeline("count"), pipeline("sum_chunk"), pipeline("scatter"),
   ]);
-  return { layout, count, offsets, scatter };
+  return { layout, findRange, count, sumChunk, scatter };
 }
 
 /**
- * Sorts the slots that have a key by it, ascending; slots with equal keys keep their order. All of it
- * happens on the GPU; the number of keys is not known to the caller.
+ * Sorts the slots that are visible by depth, ascending; slots with equal depths keep their order. All
+ * of it happens on the GPU; the number of visible slots is not known to the caller.
  */
 export class RadixSort {
   /**
-   * The arguments of drawIndexedIndirect() for the splats (sort.wgsl), and the number of keys as
-   * word kCountWord.
+   * The arguments of drawIndexedIndirect() for the splats (sort.wgsl), and the number of visible slots
+   * as word kCountWord.
    */
   readonly drawn: GPUBuffer;
-  private readonly keyBuffers: [GrowingBuffer, GrowingBuffer];
-  private readonly valueBuffers: [GrowingBuffer, GrowingBuffer];
+  private readonly depthBuffer: GrowingBuffer;
+  private readonly pairBuffers: [GrowingBuffer, GrowingBuffer];
   private readonly counts: GrowingBuffer;
   private readonly settings: GPUBuffer;
-  private groups: GPUBindGroup[] = []; // of the passes
-  private slots = 0; // of the settings
-  private stride = 0;
+  private groups: GPUBindGroup[][] = []; // of the views and their passes
+  private slots = 0;
+  private views = 0;
 
   private constructor(private readonly device: GPUDevice, private readonly pipelines: Pipelines) {
     const { STORAGE, INDIRECT, COPY_SRC, COPY_DST, UNIFORM } = BUFFER_USAGE;
     const growing = (content: string) => new GrowingBuffer(device, STORAGE | COPY_SRC, content);
-    this.keyBuffers = [growing("the sort keys"), growing("the sort keys")];
-    this.valueBuffers = [growing("the sorted splats"), growing("the sorted splats")];
+    this.depthBuffer = growing("the depths of the splats");
+    this.pairBuffers = [growing("the sorted splats"), growing("the sorted splats")];
     this.counts = growing("the counts of the sort");
     this.drawn = device.createBuffer(
       { size: 4 * kDrawnWords, usage: STORAGE | INDIRECT | COPY_SRC });
@@ -72,74 +106,83 @@ export class RadixSort {
       { size: kPasses * kSettingsStride, usage: UNIFORM | COPY_DST });
   }
 
-  /** Resolves once the shaders are compiled. */
-  static async create(device: GPUDevice): Promise<RadixSort> {
-    return new RadixSort(device, await pipelinesOf(device));
+  /** Resolves once the shaders are compiled. `kind`: one that the device can run. */
+  static async create(device: GPUDevice, kind: SortKind = sortKindOf(device)): Promise<RadixSort> {
+    return new RadixSort(device, await pipelinesOf(device, kind));
   }
 
-  /** The keys of the slots, 4 bytes each, which the caller writes before each sort. */
-  get keys(): GPUBuffer {
-    return this.keyBuffers[0].buffer;
+  /** The depths of the slots, view by view, 4 bytes each, which the caller writes before each sort. */
+  get depths(): GPUBuffer {
+    return this.depthBuffer.buffer;
   }
 
-  /** The sorted slots, 4 bytes each. */
+  /** Those of a view. */
+  depthsOf(view: number): GPUBufferBinding {
+    return { buffer: this.depths, offset: 4 * this.slots * view, size: 4 * this.slots };
+  }
+
+  /** The sorted slots of the last sort: pairs of the key and the slot, 4 bytes each. */
   get order(): GPUBuffer {
-    return this.valueBuffers[kPasses % 2 as 0 | 1].buffer;
+    return this.pairBuffers[(kPasses - 1) % 2 as 0 | 1].buffer;
   }
 
-  /** Makes the buffers hold `slots` > 0. Returns whether `keys` and `order` were replaced. */
-  reserve(slots: number): boolean {
-    let replaced = false;
-    for (const buffer of [...this.keyBuffers, ...this.valueBuffers]) {
-      replaced = buffer.reserve(4 * slots) || replaced;
-    }
-    if (!replaced) return false;
-    // For as many slots as the buffers hold.
-    this.stride = Math.ceil((1.25 * slots + 64) / kTile);
-    this.counts.reserve(4 * kDigits * this.stride);
-    this.slots = 0;
-    this.groups = Array.from({ length: kPasses }, (_, k) => this.groupOfPass(k));
+  /**
+   * Sets the number of slots > 0; with several views, it is a multiple of 64. Returns whether `depths`
+   * and `order` have changed.
+   */
+  reserve(slots: number, views = 1): boolean {
+    if (slots === this.slots && views === this.views) return false;
+    this.slots = slots;
+    this.views = views;
+    const chunks = Math.ceil(slots / (kTile * kChunk));
+    this.depthBuffer.reserve(4 * slots * views);
+    for (const buffer of this.pairBuffers) buffer.reserve(8 * slots);
+    this.counts.reserve(4 * kDigits * (kChunk + 1) * chunks);
+    this.writeSettings(kChunk * chunks);
+    this.groups = Array.from({ length: views }, (_, view) =>
+      Array.from({ length: kPasses }, (__, k) => this.groupOfPass(view, k)));
     return true;
   }
 
-  /** Encodes the sort of the first `slots` slots, at most as many as were reserved. */
-  encode(pass: GPUComputePassEncoder, slots: number): void {
-    this.writeSettings(slots);
-    const tiles = Math.ceil(slots / kTile);
-    const { count, offsets, scatter } = this.pipelines;
-    for (const group of this.groups) {
+  /** Encodes the sort of a view. */
+  encode(pass: GPUComputePassEncoder, view = 0): void {
+    const tiles = Math.ceil(this.slots / kTile);
+    const { findRange, count, sumChunk, scatter } = this.pipelines;
+    const groups = this.groups[view] as GPUBindGroup[];
+    pass.setBindGroup(0, groups[0] as GPUBindGroup);
+    pass.setPipeline(findRange);
+    pass.dispatchWorkgroups(tiles);
+    for (const group of groups) {
       pass.setBindGroup(0, group);
       pass.setPipeline(count);
       pass.dispatchWorkgroups(tiles);
-      pass.setPipeline(offsets);
-      pass.dispatchWorkgroups(1);
+      pass.setPipeline(sumChunk);
+      pass.dispatchWorkgroups(Math.ceil(tiles / kChunk), kDigits / 64);
       pass.setPipeline(scatter);
       pass.dispatchWorkgroups(tiles);
     }
   }
 
   destroy(): void {
-    for (const buffer of [...this.keyBuffers, ...this.valueBuffers, this.counts,
-                          this.drawn, this.settings]) {
+    for (const buffer of [this.depthBuffer, ...this.pairBuffers, this.counts, this.drawn,
+                          this.settings]) {
       buffer.destroy();
     }
   }
 
-  private groupOfPass(k: number): GPUBindGroup {
-    const [from, to] = k % 2 === 0 ? [0, 1] as const : [1, 0] as const;
-    const buffers = [this.keyBuffers[from], this.valueBuffers[from], this.keyBuffers[to],
-                     this.valueBuffers[to], this.counts].map(({ buffer }) => ({ buffer }));
+  private groupOfPass(view: number, k: number): GPUBindGroup {
+    const [to, from] = k % 2 === 0 ? this.pairBuffers : [this.pairBuffers[1], this.pairBuffers[0]];
+    const buffers = [from, to, this.counts].map(({ buffer }) => ({ buffer }));
     const settings = { buffer: this.settings, offset: k * kSettingsStride, size: 16 };
     return groupOf(this.device, this.pipelines.layout,
-      [settings, ...buffers, { buffer: this.drawn }]);
+      [settings, this.depthsOf(view), ...buffers, { buffer: this.drawn }]);
   }
 
-  private writeSettings(slots: number): void {
-    if (slots === this.slots) return;
-    this.slots = slots;
+  /** `tiles`: for which `counts` has space. */
+  private writeSettings(tiles: number): void {
     const words = new Uint32Array((kPasses * kSettingsStride) / 4);
     for (let k = 0; k < kPasses; ++k) {
-      words.set([4 * k, k === 0 ? 1 : 0, slots, this.stride], (k * kSettingsStride) / 4);
+      words.set([8 * k, k === 0 ? 1 : 0, this.slots, tiles], (k * kSettingsStride) / 4);
     }
     this.device.queue.writeBuffer(this.settings, 0, words);
   }

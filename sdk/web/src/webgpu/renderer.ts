@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 import { copyCamera } from "../camera";
-import { abortError, textOf } from "../player/errors";
+import { abortError, deviceLost, textOf } from "../player/errors";
 import type { Camera, PackedSegment, Renderer, RendererStatistics, SceneInfo } from "../types";
 import { SplatRenderer } from "./splat_renderer";
-import type { Background } from "./splat_renderer";
+import type { Background } from "./view_buffer";
 import type { GPU, GPUAdapter, GPUCanvasContext, GPUDevice, GPUTextureFormat } from "./webgpu_types";
 
 /** Settings of a WebGPU renderer. */
@@ -39,36 +39,33 @@ class WebGpuRenderer implements Renderer {
     this.background = options.background ?? null;
     device.addEventListener("uncapturederror", ({ error }) => {
       const isMemory = error.constructor.name === "GPUOutOfMemoryError";
-      this.fail(isMemory
+      this.fail(new Error(isMemory
         ? "the GPU has no memory for the scene; lower the memory budget"
-        : `WebGPU failed: ${error.message}`);
+        : `WebGPU failed: ${error.message}`));
     });
     device.lost.then(({ message }) => {
-      this.fail(`the GPU device was lost${message ? `: ${message}` : ""}; load the scene again`);
+      this.fail(deviceLost(
+        `the GPU device was lost${message ? `: ${message}` : ""}; load the scene again`));
     });
   }
 
   get statistics(): RendererStatistics {
-    const { visible, projectMs, sortMs, rasterMs } = this.splats.figures;
-    const times = projectMs === null || sortMs === null || rasterMs === null
-      ? {}
-      : { computeMs: projectMs + sortMs, rasterMs };
-    return { primitives: this.splats.scene.primitives, visible, sortMs: sortMs ?? 0, ...times };
+    return this.splats.statistics;
   }
 
   /** Removes all segments: those of another scene have other ids. */
   setScene(info: SceneInfo): void {
     const [red, green, blue] = info.background as [number, number, number];
     this.sceneBackground = [red, green, blue, 1];
-    this.splats.scene.clear();
+    this.splats.setScene();
   }
 
   addSegment(segment: PackedSegment): void {
-    this.splats.scene.add(segment);
+    this.splats.addSegment(segment);
   }
 
   removeSegment(id: number): void {
-    this.splats.scene.remove(id);
+    this.splats.removeSegment(id);
   }
 
   /** While the GPU is behind, draws the newest of the frames once it has finished others. */
@@ -124,14 +121,14 @@ class WebGpuRenderer implements Renderer {
     try {
       this.draw(view.camera, view.ticks);
     } catch (error) {
-      this.fail(textOf(error));
+      this.fail(error instanceof Error ? error : new Error(textOf(error)));
     }
   }
 
   /** Reports the first failure. */
-  private fail(message: string): void {
+  private fail(error: Error): void {
     if (this.failure !== null) return;
-    this.failure = new Error(message);
+    this.failure = error;
     this.onError(this.failure);
   }
 }
@@ -186,7 +183,7 @@ export async function createWebGpuRenderer(
   const adapter = await adapterOf(gpu);
   throwIfAborted(options.signal);
   const device = await adapter.requestDevice({
-    requiredFeatures: ["timestamp-query"].filter((name) => adapter.features.has(name)),
+    requiredFeatures: ["timestamp-query", "subgroups"].filter((name) => adapter.features.has(name)),
     requiredLimits: Object.fromEntries(kLimits.map((name) => [name, adapter.limits[name]])),
   });
   const format = (gpu as GPU).getPreferredCanvasFormat();

@@ -134,6 +134,7 @@ export class SplatScene {
       const n = padded(primitives);
       const local = ticks - origin;
       words.set([(range as Range).offset / 8, n, shDegree, slot, primitives], kSegmentWords * k);
+      words[kSegmentWords * k + 7] = this.slotCount;
       floats.set([local, local - Math.fround(local)], kSegmentWords * k + 5);
       slot += n;
     });

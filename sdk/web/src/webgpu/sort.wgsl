@@ -1,170 +1,187 @@
 // SPDX-License-Identifier: Apache-2.0
-// A stable radix sort of 28-bit keys, 4 bits at a time, without operations of subgroups. Each pass
-// counts the digits of tiles of keys, makes offsets of the counts, and scatters keys and values. The
-// first pass takes slots, of which some have no key, and writes only those that have one.
+// A stable radix sort of the visible slots by depth: keys of 24 bits, in passes of 8 bits. Each pass
+// counts the digits of tiles of keys, sums the counts over chunks of tiles, and scatters the pairs
+// (sort_portable.wgsl or sort_subgroups.wgsl). The first pass reads the depths of slots, of which some
+// are not visible, and writes only those that are. It needs no progress guarantees.
+// radix_sort.ts writes kLanes, the lanes per workgroup, before this text.
 
 struct Sorting {
   shift: u32,     // of the digit
   is_first: u32,  // 1: the keys are those of slots
   slots: u32,
-  stride: u32,    // tiles for which `counts` has space
+  tiles: u32,     // for which `counts` has space, a multiple of kChunk
 }
 
 @group(0) @binding(0) var<uniform> sorting: Sorting;
-@group(0) @binding(1) var<storage, read> keys_in: array<u32>;
-@group(0) @binding(2) var<storage, read> values_in: array<u32>;
-@group(0) @binding(3) var<storage, read_write> keys_out: array<u32>;
-@group(0) @binding(4) var<storage, read_write> values_out: array<u32>;
-// Digit by digit: the number of keys with this digit in each tile; after offsets(), where the first of
-// them goes.
-@group(0) @binding(5) var<storage, read_write> counts: array<u32>;
-// Arguments of the indirect draw and the number of keys.
-@group(0) @binding(6) var<storage, read_write> drawn: array<u32, 8>;
+// Per slot: the bits of the depth, or kHole.
+@group(0) @binding(1) var<storage, read> depths: array<u32>;
+// Key and slot.
+@group(0) @binding(2) var<storage, read> pairs_in: array<vec2<u32>>;
+@group(0) @binding(3) var<storage, read_write> pairs_out: array<vec2<u32>>;
+// Tile by tile: the number of keys with each digit; after sum_chunk(), in earlier tiles of the chunk.
+// Then, chunk by chunk: the number of keys with each digit.
+@group(0) @binding(4) var<storage, read_write> counts: array<u32>;
+// Arguments of the indirect draw, the number of keys, and the range of the depths, or 0 between frames.
+@group(0) @binding(5) var<storage, read_write> drawn: array<atomic<u32>, 8>;
 
-const kHole = 0xffffffffu;  // no key
-// Lanes per workgroup, and consecutive keys of a lane. With 256 lanes of 16 keys, the sort took six
-// times as long in SwiftShader, where each lane that waits at a barrier costs much.
-const kLanes = 64u;
-const kPerLane = 32u;
-const kTile = kLanes * kPerLane;  // kTile of radix_sort.ts
-const kGroups = kLanes / 16u;     // of 16 lanes
-const kCount = 5u;          // index into `drawn` of the number of keys
-const kQuads = 64u;         // splats per instance; of splat.wgsl
-const kStride = kLanes + 1u;  // of `ranks`; odd, so that the lanes of a scan use different banks
+const kHole = 0xffffffffu;  // not visible
+const kKeyBits = 24u;
+const kDigits = 256u;
+const kTile = 4096u;  // keys per workgroup, as in radix_sort.ts; and tiles per chunk
+const kChunk = 16u;
+const kCount = 5u;    // index into `drawn` of the number of keys
+const kLowest = 6u;   // and of the complement of the least depth,
+const kHighest = 7u;  // and of the greatest
+const kQuads = 64u;   // splats per instance; of splat.wgsl
 
 fn keys_of_pass() -> u32 {
-  return select(drawn[kCount], sorting.slots, sorting.is_first != 0u);
+  return select(atomicLoad(&drawn[kCount]), sorting.slots, sorting.is_first != 0u);
+}
+
+// Of a tile of slots, as in `drawn`.
+var<workgroup> lowest: atomic<u32>;
+var<workgroup> highest: atomic<u32>;
+
+// Before the first pass.
+@compute @workgroup_size(kLanes)
+fn find_range(@builtin(workgroup_id) workgroup: vec3<u32>,
+              @builtin(local_invocation_index) lane: u32) {
+  let first = workgroup.x * kTile;
+  var low = 0u;
+  var high = 0u;
+  for (var i = first + lane; i < min(sorting.slots, first + kTile); i += kLanes) {
+    let bits = depths[i];
+    if (bits != kHole) {
+      low = max(low, ~bits);
+      high = max(high, bits);
+    }
+  }
+  atomicMax(&lowest, low);
+  atomicMax(&highest, high);
+  workgroupBarrier();
+  if (lane == 0u && atomicLoad(&lowest) != 0u) {
+    atomicMax(&drawn[kLowest], atomicLoad(&lowest));
+    atomicMax(&drawn[kHighest], atomicLoad(&highest));
+  }
+}
+
+// Returns the key of a depth. Depths are positive, so their bits are ordered as they are. If the range
+// of the bits has more than kKeyBits, the lowest are dropped.
+fn key_of_depth(bits: u32) -> u32 {
+  let lowest = ~atomicLoad(&drawn[kLowest]);
+  let range_bits = 32u - countLeadingZeros(atomicLoad(&drawn[kHighest]) - lowest);
+  return (bits - lowest) >> (max(range_bits, kKeyBits) - kKeyBits);
+}
+
+// Returns key and slot of entry i < keys of the pass; the key is kHole if the slot is not visible.
+fn pair_at(i: u32) -> vec2<u32> {
+  if (sorting.is_first == 0u) { return pairs_in[i]; }
+  let bits = depths[i];
+  return vec2<u32>(select(key_of_depth(bits), kHole, bits == kHole), i);
 }
 
 fn digit_of(key: u32) -> u32 {
-  return (key >> sorting.shift) & 15u;
+  return (key >> sorting.shift) & (kDigits - 1u);
 }
 
-// Whether entry i, of `key`, is sorted. Passes after the first have no holes.
-fn is_sorted(key: u32) -> bool {
-  return sorting.is_first == 0u || key != kHole;
-}
-
-// Two digits to a word, 16 bits each, which hold the keys of a tile; per pair of digits, per lane: the
-// number of keys, then the rank of the next one among those of the tile.
-var<workgroup> ranks: array<u32, 8u * kStride>;
-// Sums over 16 lanes, per pair of digits; then over all lanes before them.
-var<workgroup> sums: array<u32, 8u * kGroups>;
-
-fn rank_index(digit: u32, lane: u32) -> u32 {
-  return (digit >> 1u) * kStride + lane;
-}
-
-fn one_of(digit: u32) -> u32 {
-  return 1u << (16u * (digit & 1u));
-}
-
-fn half_of(word: u32, digit: u32) -> u32 {
-  return (word >> (16u * (digit & 1u))) & 0xffffu;
-}
-
-// Counts the keys of a lane in `ranks`.
-fn count_lane(tile: u32, lane: u32, n: u32) {
-  let first = tile * kTile + lane * kPerLane;
-  for (var i = first; i < min(first + kPerLane, n); i++) {
-    let key = keys_in[i];
-    if (is_sorted(key)) { ranks[rank_index(digit_of(key), lane)] += one_of(digit_of(key)); }
-  }
-}
-
-// Replaces the counts in `ranks` by those of the lanes before each in a group of 16, and writes the sums
-// of the groups. A lane does that for one pair of digits and one group.
-fn scan_groups(lane: u32) {
-  if (lane >= 8u * kGroups) { return; }
-  let pair = lane & 7u;
-  let group = lane >> 3u;
-  let first = pair * kStride + 16u * group;
-  var sum = 0u;
-  for (var i = first; i < first + 16u; i++) {
-    let count = ranks[i];
-    ranks[i] = sum;
-    sum += count;
-  }
-  sums[pair * kGroups + group] = sum;
-}
+var<workgroup> histogram: array<atomic<u32>, kDigits>;
 
 @compute @workgroup_size(kLanes)
 fn count(@builtin(workgroup_id) workgroup: vec3<u32>,
          @builtin(local_invocation_index) lane: u32) {
-  count_lane(workgroup.x, lane, keys_of_pass());
+  let tile = workgroup.x;
+  let end = min(keys_of_pass(), (tile + 1u) * kTile);
+  for (var i = tile * kTile + lane; i < end; i += kLanes) {
+    let key = pair_at(i).x;
+    if (key != kHole) { atomicAdd(&histogram[digit_of(key)], 1u); }
+  }
   workgroupBarrier();
-  scan_groups(lane);
-  workgroupBarrier();
-  if (lane < 16u) {
-    var sum = 0u;
-    for (var i = 0u; i < kGroups; i++) { sum += half_of(sums[(lane >> 1u) * kGroups + i], lane); }
-    counts[lane * sorting.stride + workgroup.x] = sum;
+  for (var d = lane; d < kDigits; d += kLanes) {
+    counts[tile * kDigits + d] = atomicLoad(&histogram[d]);
   }
 }
 
-// Sums over parts of the tiles: 16 digits, 16 parts each.
-var<workgroup> parts: array<u32, 256>;
-
-// One workgroup for all tiles. The first pass also writes `drawn`.
-@compute @workgroup_size(256)
-fn offsets(@builtin(local_invocation_index) lane: u32) {
+// A lane per digit, in four workgroups per chunk.
+@compute @workgroup_size(64)
+fn sum_chunk(@builtin(workgroup_id) workgroup: vec3<u32>,
+             @builtin(local_invocation_index) lane: u32) {
+  let digit = workgroup.y * 64u + lane;
+  let first = workgroup.x * kChunk;
   let tiles = (keys_of_pass() + kTile - 1u) / kTile;
-  let size = (tiles + 15u) / 16u;
-  let row = (lane >> 4u) * sorting.stride;
-  let first = min(tiles, (lane & 15u) * size);
-  let end = min(tiles, first + size);
+  var found: array<u32, kChunk>;
+  for (var k = 0u; k < kChunk; k++) {
+    found[k] = 0u;
+    if (first + k < tiles) { found[k] = counts[(first + k) * kDigits + digit]; }
+  }
+  var before = 0u;
+  for (var k = 0u; k < kChunk; k++) {
+    counts[(first + k) * kDigits + digit] = before;
+    before += found[k];
+  }
+  counts[(sorting.tiles + workgroup.x) * kDigits + digit] = before;
+}
+
+const kDigitsPerLane = kDigits / kLanes;
+var<workgroup> lane_sums: array<u32, kLanes>;
+var<workgroup> group_sums: array<u32, kLanes / 16u>;  // of 16 lanes
+// Per digit: where the next key with it goes.
+var<workgroup> next: array<u32, kDigits>;
+
+// Sets next[digit] to the number of keys with this digit in earlier tiles. Returns the number in all.
+fn count_before(tile: u32, chunks: u32, digit: u32) -> u32 {
+  let chunk = tile / kChunk;
+  var before = counts[tile * kDigits + digit];
   var sum = 0u;
-  for (var i = first; i < end; i++) { sum += counts[row + i]; }
-  parts[lane] = sum;
+  for (var k = 0u; k < chunks; k++) {
+    let count = counts[(sorting.tiles + k) * kDigits + digit];
+    if (k < chunk) { before += count; }
+    sum += count;
+  }
+  next[digit] = before;
+  return sum;
+}
+
+// Sets `next` for a tile: the keys with lower digits, and those with this digit in earlier tiles. The
+// first tile also writes `drawn`. To be called by all lanes.
+fn find_places(tile: u32, n: u32, lane: u32) {
+  let chunks = (n + kChunk * kTile - 1u) / (kChunk * kTile);
+  let first = lane * kDigitsPerLane;
+  var sums: array<u32, kDigitsPerLane>;  // of the lower digits of the lane
+  var sum = 0u;
+  for (var k = 0u; k < kDigitsPerLane; k++) {
+    sums[k] = sum;
+    sum += count_before(tile, chunks, first + k);
+  }
+  lane_sums[lane] = sum;
+  workgroupBarrier();
+  if (lane < kLanes / 16u) {
+    var group_sum = 0u;
+    for (var i = 16u * lane; i < 16u * lane + 16u; i++) { group_sum += lane_sums[i]; }
+    group_sums[lane] = group_sum;
+  }
   workgroupBarrier();
   var before = 0u;
-  for (var i = 0u; i < lane; i++) { before += parts[i]; }
-  if (lane == 255u && sorting.is_first != 0u) {
+  for (var i = 0u; i < lane / 16u; i++) { before += group_sums[i]; }
+  for (var i = lane & ~15u; i < lane; i++) { before += lane_sums[i]; }
+  for (var k = 0u; k < kDigitsPerLane; k++) { next[first + k] += before + sums[k]; }
+  if (lane == kLanes - 1u && tile == 0u && sorting.is_first != 0u) {
     let total = before + sum;
-    drawn[0] = 6u * kQuads;
-    drawn[1] = (total + kQuads - 1u) / kQuads;
-    drawn[2] = 0u;
-    drawn[3] = 0u;
-    drawn[4] = 0u;
-    drawn[kCount] = total;
+    atomicStore(&drawn[0], 6u * kQuads);
+    atomicStore(&drawn[1], (total + kQuads - 1u) / kQuads);
+    for (var k = 2u; k < kCount; k++) { atomicStore(&drawn[k], 0u); }
+    atomicStore(&drawn[kCount], total);
   }
-  for (var i = first; i < end; i++) {
-    let count = counts[row + i];
-    counts[row + i] = before;
-    before += count;
+  if (lane == 0u && tile == 0u && sorting.is_first == 0u) {
+    atomicStore(&drawn[kLowest], 0u);
+    atomicStore(&drawn[kHighest], 0u);
   }
+  workgroupBarrier();
 }
 
-@compute @workgroup_size(kLanes)
-fn scatter(@builtin(workgroup_id) workgroup: vec3<u32>,
-           @builtin(local_invocation_index) lane: u32) {
-  let tile = workgroup.x;
-  let n = keys_of_pass();
-  count_lane(tile, lane, n);
-  workgroupBarrier();
-  scan_groups(lane);
-  workgroupBarrier();
-  if (lane < 8u) {
-    var sum = 0u;
-    for (var i = kGroups * lane; i < kGroups * (lane + 1u); i++) {
-      let count = sums[i];
-      sums[i] = sum;
-      sum += count;
-    }
-  }
-  workgroupBarrier();
-  let first = tile * kTile + lane * kPerLane;
-  for (var i = first; i < min(first + kPerLane, n); i++) {
-    let key = keys_in[i];
-    if (!is_sorted(key)) { continue; }
-    let digit = digit_of(key);
-    let index = rank_index(digit, lane);
-    let rank = half_of(ranks[index] + sums[(digit >> 1u) * kGroups + (lane >> 4u)], digit);
-    ranks[index] += one_of(digit);
-    let to = counts[digit * sorting.stride + tile] + rank;
-    keys_out[to] = key;
-    var value = i;
-    if (sorting.is_first == 0u) { value = values_in[i]; }
-    values_out[to] = value;
-  }
+var<workgroup> key_count: u32;
+
+// Returns keys_of_pass(), which is then known to be the same for all lanes.
+fn uniform_keys_of_pass(lane: u32) -> u32 {
+  if (lane == 0u) { key_count = keys_of_pass(); }
+  return workgroupUniformLoad(&key_count);
 }

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-import { kViewFloats, viewUniforms } from "../camera";
-import type { Camera } from "../types";
+import type { Camera, PackedSegment, RendererStatistics, SegmentSink } from "../types";
 import { FrameReport } from "./frame_report";
 import type { FrameFigures } from "./frame_report";
 import { groupOf, GrowingBuffer } from "./gpu";
 import { kQuads, pipelinesOf } from "./pipelines";
-import type { Pipelines } from "./pipelines";
+import type { OccluderFormat, Outputs, Pipelines } from "./pipelines";
 import { RadixSort } from "./radix_sort";
+import type { SortKind } from "./radix_sort";
 import { SplatScene } from "./scene";
 import { Target } from "./target";
+import { ViewBuffer } from "./view_buffer";
+import type { Background, SplatView } from "./view_buffer";
 import { BUFFER_USAGE } from "./webgpu_types";
 import type {
   GPUBindGroup, GPUBuffer, GPUCommandEncoder, GPUDevice, GPURenderPassEncoder, GPURenderPipeline,
@@ -16,9 +18,19 @@ import type {
 } from "./webgpu_types";
 
 const kRecordBytes = 32;
+const kMaxViews = 4;
 
-/** Premultiplied RGBA, sRGB-encoded. */
-export type Background = readonly [number, number, number, number];
+/** Settings of a renderer. */
+export interface SplatRendererOptions {
+  /** The most views of a frame, 1 (default) to 4. */
+  views?: number;
+  /** Whether views may have a depth. Precise if the device has the feature `float32-blendable`. */
+  depth?: boolean;
+  /** Set: objects of the application, which each view then states, hide the splats behind them. */
+  occluders?: OccluderFormat;
+  /** Default: the fastest that the device can run; faster if it has the feature `subgroups`. */
+  sort?: SortKind;
+}
 
 /** Two triangles per rectangle of four vertices. */
 function quadIndices(): Uint16Array {
@@ -26,81 +38,131 @@ function quadIndices(): Uint16Array {
     { length: 6 * kQuads }, (_, k) => 4 * Math.floor(k / 6) + [0, 1, 2, 2, 1, 3][k % 6]!);
 }
 
+function outputsOf(format: GPUTextureFormat, options: SplatRendererOptions): Outputs {
+  const { views = 1, depth = false, occluders = null } = options;
+  if (!Number.isInteger(views) || views < 1 || views > kMaxViews) {
+    throw new RangeError(`${views} views (expected 1 to ${kMaxViews})`);
+  }
+  return { format, views, hasDepth: depth, occluders };
+}
+
 /**
  * Draws segments to texture views of a device that belongs to the caller. It needs no canvas. The
- * device reports errors of the GPU, such as too little memory, as "uncapturederror".
+ * device reports errors of the GPU, such as too little memory, as "uncapturederror", and its loss;
+ * another renderer of another device then needs the segments again.
  */
-export class SplatRenderer {
+export class SplatRenderer implements SegmentSink {
   readonly scene: SplatScene;
   /** Of a recent frame. */
   figures: FrameFigures = { visible: 0, projectMs: null, sortMs: null, rasterMs: null };
   private readonly report: FrameReport;
-  private readonly target: Target;
-  private readonly view: GPUBuffer;
-  private readonly background: GPUBuffer;
+  private readonly targets: readonly Target[]; // of the views
+  private readonly viewBuffer: ViewBuffer;
   private readonly indices: GPUBuffer;
   private readonly records: GrowingBuffer;
+  private views = 0; // of the groups
   private frameGroup: GPUBindGroup | null = null; // null: there is nothing to draw
   private batchGroups: GPUBindGroup[] = [];
-  private splatGroup: GPUBindGroup | null = null;
-  private resolveGroup: GPUBindGroup | null = null;
+  private splatGroups: GPUBindGroup[] = []; // of the views, as the following
+  private readonly resolveGroups: GPUBindGroup[] = [];
+  private readonly depthGroups: GPUBindGroup[] = [];
 
   private constructor(
-    private readonly device: GPUDevice, private readonly pipelines: Pipelines,
-    private readonly sort: RadixSort,
+    private readonly device: GPUDevice, private readonly outputs: Outputs,
+    private readonly pipelines: Pipelines, private readonly sort: RadixSort,
   ) {
-    const { UNIFORM, COPY_DST, INDEX, STORAGE } = BUFFER_USAGE;
+    const { COPY_DST, INDEX, STORAGE } = BUFFER_USAGE;
+    const { views, hasDepth } = outputs;
     this.scene = new SplatScene(device);
-    this.report = new FrameReport(device);
-    this.target = new Target(device);
-    this.view = device.createBuffer({ size: 4 * kViewFloats, usage: UNIFORM | COPY_DST });
-    this.background = device.createBuffer({ size: 16, usage: UNIFORM | COPY_DST });
+    this.report = new FrameReport(device, views);
+    this.targets = Array.from({ length: views }, () => new Target(device, hasDepth));
+    this.viewBuffer = new ViewBuffer(device, views);
     const indices = quadIndices();
     this.indices = device.createBuffer({ size: indices.byteLength, usage: INDEX | COPY_DST });
     device.queue.writeBuffer(this.indices, 0, indices);
     this.records = new GrowingBuffer(device, STORAGE, "the splats of a frame");
   }
 
-  /** Resolves once the shaders are compiled. `format`: of the textures to be drawn to. */
-  static async create(device: GPUDevice, format: GPUTextureFormat): Promise<SplatRenderer> {
+  /**
+   * Resolves once the shaders are compiled. `format`: of the textures to be drawn to. Rejects with a
+   * RangeError if the number of views is invalid.
+   */
+  static async create(
+    device: GPUDevice, format: GPUTextureFormat, options: SplatRendererOptions = {},
+  ): Promise<SplatRenderer> {
+    const outputs = outputsOf(format, options);
     const [pipelines, sort] = await Promise.all([
-      pipelinesOf(device, format), RadixSort.create(device),
+      pipelinesOf(device, outputs), RadixSort.create(device, options.sort),
     ]);
-    return new SplatRenderer(device, pipelines, sort);
+    return new SplatRenderer(device, outputs, pipelines, sort);
+  }
+
+  /** `visible`, `computeMs` and `rasterMs` are those of a recent frame. */
+  get statistics(): RendererStatistics {
+    const { visible, projectMs, sortMs, rasterMs } = this.figures;
+    const times = projectMs === null || sortMs === null || rasterMs === null
+      ? {}
+      : { computeMs: projectMs + sortMs, rasterMs };
+    return { primitives: this.scene.primitives, visible, sortMs: sortMs ?? 0, ...times };
+  }
+
+  setScene(): void {
+    this.scene.clear();
+  }
+
+  addSegment(segment: PackedSegment): void {
+    this.scene.add(segment);
+  }
+
+  removeSegment(id: number): void {
+    this.scene.remove(id);
   }
 
   /**
-   * Draws the primitives at `ticks` of the timeline over a background to a view of the size of the
-   * camera. Throws an Error if the near plane is below 0, or if the image or the splats of the frame
-   * are too large for the device.
+   * Draws the primitives at `ticks` of the timeline over a background to a texture view of the size of
+   * the camera. Throws an Error as drawViews().
    */
   draw(camera: Camera, ticks: number, to: GPUTextureView, background: Background): void {
-    const { queue } = this.device;
-    if (!(camera.near >= 0)) {
-      throw new Error(`the near plane is at ${camera.near} scene units (expected 0 or more)`);
+    this.drawViews([{ camera, to }], ticks, background);
+  }
+
+  /**
+   * Draws views of the primitives at `ticks` of the timeline, in the order of the views, over a
+   * background, or, if it is null, over what their textures show. Evaluates the primitives once for all
+   * views. Throws an Error if there are more views than at creation, if a view does not state what the
+   * renderer was created with, if a near plane is below 0, or if an image or the splats of the frame are
+   * too large for the device.
+   */
+  drawViews(views: readonly SplatView[], ticks: number, background: Background | null): void {
+    views.forEach((view) => this.check(view));
+    if (views.length > this.outputs.views) {
+      throw new Error(`${views.length} views, but the renderer was created for ${this.outputs.views}`);
     }
-    this.prepare(camera, ticks);
-    queue.writeBuffer(this.view, 0, viewUniforms(camera));
-    queue.writeBuffer(this.background, 0, new Float32Array(background));
+    if (views.length === 0) return;
+    this.prepare(views, ticks);
+    this.viewBuffer.write(views, background);
     const encoder = this.device.createCommandEncoder();
-    this.encodeSplats(encoder);
-    this.encodeResolve(encoder, to);
+    if (this.frameGroup !== null) this.encodeProjection(encoder, this.frameGroup);
+    views.forEach((view, k) => {
+      this.encodeSplats(encoder, view, k);
+      this.encodeResolve(encoder, view, k, background === null);
+    });
     const submitted = this.frameGroup === null ? null : this.report.encode(
-      encoder, this.sort.drawn, (figures) => this.receive(figures));
-    queue.submit([encoder.finish()]);
+      encoder, this.sort.drawn, views.length, (figures) => this.receive(figures));
+    this.device.queue.submit([encoder.finish()]);
     submitted?.();
     if (this.frameGroup === null) this.figures = { ...this.figures, visible: 0 };
   }
 
-  /** Reads the last image: premultiplied values as blended, RGBA, row by row from the top. */
+  /** Reads the last image of the first view: premultiplied values as blended, RGBA, row by row from the top. */
   read(): Promise<Float32Array> {
-    return this.target.read();
+    return (this.targets[0] as Target).read();
   }
 
   /** Destroys all objects except the device. */
   destroy(): void {
-    for (const part of [this.scene, this.report, this.target, this.sort, this.view,
-                        this.background, this.indices, this.records]) {
+    for (const part of [this.scene, this.report, ...this.targets, this.sort, this.viewBuffer,
+                        this.indices, this.records]) {
       part.destroy();
     }
   }
@@ -110,57 +172,53 @@ export class SplatRenderer {
     if (this.frameGroup !== null) this.figures = figures;
   }
 
-  /** Uploads the tables of a frame, and makes all buffers and bindings fit. */
-  private prepare(camera: Camera, ticks: number): void {
-    const { device, pipelines, scene, sort } = this;
-    if (this.target.resize(camera.width, camera.height)) {
-      this.resolveGroup = groupOf(
-        device, pipelines.resolveLayout, [this.target.view, { buffer: this.background }]);
+  private check({ camera, depth, occluders }: SplatView): void {
+    if (!(camera.near >= 0)) {
+      throw new Error(`the near plane is at ${camera.near} scene units (expected 0 or more)`);
     }
+    if (depth !== undefined && !this.outputs.hasDepth) {
+      throw new Error("a view has a depth, but the renderer was created without the option depth");
+    }
+    if ((occluders !== undefined) !== (this.outputs.occluders !== null)) {
+      throw new Error("either all views or none have occluders, as the renderer was created with them");
+    }
+  }
+
+  /** Uploads the tables of a frame, and makes all buffers and bindings fit. */
+  private prepare(views: readonly SplatView[], ticks: number): void {
+    views.forEach(({ camera }, k) => this.prepareTarget(camera, k));
+    const { device, pipelines, scene, sort } = this;
     const changed = scene.prepare(ticks);
-    if (scene.slots === 0) {
+    const { slots } = scene;
+    if (slots === 0) {
       this.frameGroup = null;
       return;
     }
-    const isLarger = this.records.reserve(kRecordBytes * scene.slots);
-    const hasNewSort = sort.reserve(scene.slots);
-    if (this.frameGroup !== null && !changed && !isLarger && !hasNewSort) return;
-    const view = { buffer: this.view };
+    const isLarger = this.records.reserve(kRecordBytes * slots * views.length);
+    const hasNewSort = sort.reserve(slots, views.length);
+    const isSame = !changed && !isLarger && !hasNewSort && this.views === views.length;
+    if (this.frameGroup !== null && isSame) return;
+    this.views = views.length;
     const records = { buffer: this.records.buffer };
-    this.frameGroup = groupOf(
-      device, pipelines.frameLayout, [view, scene.segments, { buffer: sort.keys }, records]);
+    this.frameGroup = groupOf(device, pipelines.frameLayout,
+      [this.viewBuffer.all, scene.segments, { buffer: sort.depths }, records]);
     this.batchGroups = scene.batches.map(
       ({ words, groups }) => groupOf(device, pipelines.batchLayout, [words, groups]));
-    this.splatGroup = groupOf(
-      device, pipelines.splatLayout, [view, records, { buffer: sort.order }, { buffer: sort.drawn }]);
+    const size = kRecordBytes * slots;
+    this.splatGroups = views.map((_, k) => groupOf(device, pipelines.splatLayout, [
+      this.viewBuffer.binding(k), { ...records, offset: size * k, size }, { buffer: sort.order },
+      { buffer: sort.drawn }, sort.depthsOf(k),
+    ]));
   }
 
-  /**
-   * Encodes the draw of the splats of the last frame, with a pipeline of the layout `splatLayout`.
-   */
-  encodeRaster(pass: GPURenderPassEncoder, pipeline: GPURenderPipeline): void {
-    if (this.frameGroup === null || this.splatGroup === null) return;
-    pass.setPipeline(pipeline);
-    pass.setBindGroup(0, this.splatGroup);
-    pass.setIndexBuffer(this.indices, "uint16");
-    pass.drawIndexedIndirect(this.sort.drawn, 0);
-  }
-
-  private encodeSplats(encoder: GPUCommandEncoder): void {
-    if (this.frameGroup !== null) {
-      this.encodeProjection(encoder, this.frameGroup);
-      const sorting = encoder.beginComputePass(this.report.timesOf(1));
-      this.sort.encode(sorting, this.scene.slots);
-      sorting.end();
-    }
-    const pass = encoder.beginRenderPass({
-      colorAttachments: [
-        { view: this.target.view, loadOp: "clear", storeOp: "store", clearValue: [0, 0, 0, 0] },
-      ],
-      ...this.report.timesOf(2),
-    });
-    this.encodeRaster(pass, this.pipelines.splat);
-    pass.end();
+  private prepareTarget({ width, height }: Camera, k: number): void {
+    const target = this.targets[k] as Target;
+    if (!target.resize(width, height)) return;
+    const { resolveLayout } = this.pipelines;
+    const view = this.viewBuffer.binding(k);
+    this.resolveGroups[k] = groupOf(this.device, resolveLayout, [target.view, view]);
+    if (target.depthView === null) return;
+    this.depthGroups[k] = groupOf(this.device, resolveLayout, [target.depthView, view]);
   }
 
   private encodeProjection(encoder: GPUCommandEncoder, group: GPUBindGroup): void {
@@ -176,13 +234,60 @@ export class SplatRenderer {
     pass.end();
   }
 
-  private encodeResolve(encoder: GPUCommandEncoder, to: GPUTextureView): void {
+  /** Sorts and blends the splats of view k. */
+  private encodeSplats(encoder: GPUCommandEncoder, { occluders }: SplatView, k: number): void {
+    if (this.frameGroup !== null) {
+      const sorting = encoder.beginComputePass(this.report.timesOf(1 + 2 * k));
+      this.sort.encode(sorting, k);
+      sorting.end();
+    }
+    const { view, depthView } = this.targets[k] as Target;
+    const hasStencil = this.outputs.occluders?.format.endsWith("stencil8") === true;
     const pass = encoder.beginRenderPass({
-      colorAttachments: [{ view: to, loadOp: "clear", storeOp: "store" }],
+      colorAttachments: (depthView === null ? [view] : [view, depthView]).map((one) => (
+        { view: one, loadOp: "clear", storeOp: "store", clearValue: [0, 0, 0, 0] })),
+      ...(occluders === undefined ? {} : {
+        depthStencilAttachment: {
+          view: occluders.depth, depthReadOnly: true,
+          ...(hasStencil ? { stencilReadOnly: true } : {}),
+        },
+      }),
+      ...this.report.timesOf(2 + 2 * k),
     });
-    pass.setPipeline(this.pipelines.resolve);
-    pass.setBindGroup(0, this.resolveGroup as GPUBindGroup);
+    this.encodeRaster(pass, this.pipelines.splat, k);
+    pass.end();
+  }
+
+  /**
+   * Encodes the draw of the splats of view k, which was sorted last, with a pipeline of the layout of
+   * splatLayoutOf().
+   */
+  encodeRaster(pass: GPURenderPassEncoder, pipeline: GPURenderPipeline, k = 0): void {
+    if (this.frameGroup === null) return;
+    pass.setPipeline(pipeline);
+    pass.setBindGroup(0, this.splatGroups[k] as GPUBindGroup);
+    pass.setIndexBuffer(this.indices, "uint16");
+    pass.drawIndexedIndirect(this.sort.drawn, 0);
+  }
+
+  private encodeResolve(
+    encoder: GPUCommandEncoder, { camera, to, at, depth }: SplatView, k: number, isOverlay: boolean,
+  ): void {
+    const { resolve, overlay, resolveDepth } = this.pipelines;
+    const loadOp = isOverlay || at !== undefined ? "load" : "clear";
+    const pass = encoder.beginRenderPass({ colorAttachments: [{ view: to, loadOp, storeOp: "store" }] });
+    pass.setPipeline(isOverlay ? overlay : resolve);
+    pass.setBindGroup(0, this.resolveGroups[k] as GPUBindGroup);
+    if (at !== undefined) pass.setViewport(at[0], at[1], camera.width, camera.height, 0, 1);
     pass.draw(3);
     pass.end();
+    if (depth === undefined || resolveDepth === null) return;
+    const depthPass = encoder.beginRenderPass({
+      colorAttachments: [{ view: depth, loadOp: "clear", storeOp: "store" }],
+    });
+    depthPass.setPipeline(resolveDepth);
+    depthPass.setBindGroup(0, this.depthGroups[k] as GPUBindGroup);
+    depthPass.draw(3);
+    depthPass.end();
   }
 }

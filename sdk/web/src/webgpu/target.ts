@@ -1,9 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 import { BUFFER_USAGE, MAP_MODE_READ, TEXTURE_USAGE } from "./webgpu_types";
-import type { GPUDevice, GPUTexture, GPUTextureView } from "./webgpu_types";
+import type { GPUDevice, GPUTexture, GPUTextureFormat, GPUTextureView } from "./webgpu_types";
 
 /** The format in which splats are blended. */
 export const kTargetFormat = "rgba16float";
+
+/** The format of the sums of depth and alpha: half floats if the device cannot blend others. */
+export function depthSumsFormat(device: GPUDevice): GPUTextureFormat {
+  return device.features.has("float32-blendable") ? "rg32float" : "rg16float";
+}
 
 /** Returns the value of the bits of a half float. */
 function valueOfHalf(bits: number): number {
@@ -15,19 +20,29 @@ function valueOfHalf(bits: number): number {
   return sign * (1024 + fraction) * 2 ** (exponent - 25);
 }
 
-/** The image into which splats are blended: premultiplied colours and alpha. */
+/**
+ * The images into which splats are blended: premultiplied colours and alpha, and, if requested, the sums
+ * of depths.
+ */
 export class Target {
   private texture: GPUTexture | null = null;
+  private depthTexture: GPUTexture | null = null;
   private current: GPUTextureView | null = null;
+  private currentDepth: GPUTextureView | null = null;
 
-  constructor(private readonly device: GPUDevice) {}
+  constructor(private readonly device: GPUDevice, private readonly hasDepth: boolean) {}
 
   /** Only after resize(). */
   get view(): GPUTextureView {
     return this.current as GPUTextureView;
   }
 
-  /** Makes it the size of an image, pixels. Returns whether `view` was replaced. */
+  /** Depth times alpha, and alpha; only after resize(), with depth. */
+  get depthView(): GPUTextureView | null {
+    return this.currentDepth;
+  }
+
+  /** Makes it the size of an image, pixels. Returns whether the views were replaced. */
   resize(width: number, height: number): boolean {
     if (this.texture?.width === width && this.texture.height === height) return false;
     const limit = this.device.limits.maxTextureDimension2D;
@@ -35,12 +50,19 @@ export class Target {
       throw new Error(
         `an image of ${width}x${height} pixels is larger than this GPU draws (${limit})`);
     }
-    this.texture?.destroy();
+    this.destroy();
+    const { RENDER_ATTACHMENT, TEXTURE_BINDING, COPY_SRC } = TEXTURE_USAGE;
     this.texture = this.device.createTexture({
       size: [width, height], format: kTargetFormat,
-      usage: TEXTURE_USAGE.RENDER_ATTACHMENT | TEXTURE_USAGE.TEXTURE_BINDING | TEXTURE_USAGE.COPY_SRC,
+      usage: RENDER_ATTACHMENT | TEXTURE_BINDING | COPY_SRC,
     });
     this.current = this.texture.createView();
+    if (!this.hasDepth) return true;
+    this.depthTexture = this.device.createTexture({
+      size: [width, height], format: depthSumsFormat(this.device),
+      usage: RENDER_ATTACHMENT | TEXTURE_BINDING,
+    });
+    this.currentDepth = this.depthTexture.createView();
     return true;
   }
 
@@ -69,5 +91,6 @@ export class Target {
 
   destroy(): void {
     this.texture?.destroy();
+    this.depthTexture?.destroy();
   }
 }

@@ -64,7 +64,7 @@ export interface GPUBindGroupLayoutEntry {
   binding: number;
   visibility: number;
   buffer?: { type: GPUBufferBindingType };
-  texture?: { sampleType: "float" | "unfilterable-float" };
+  texture?: { sampleType: "unfilterable-float" };
 }
 
 export interface GPUTimestampWrites {
@@ -86,16 +86,22 @@ export interface GPURenderPassEncoder {
   setIndexBuffer(buffer: GPUBuffer, format: "uint16"): void;
   draw(vertices: number): void;
   drawIndexedIndirect(buffer: GPUBuffer, offset: number): void;
+  setViewport(
+    x: number, y: number, width: number, height: number, minDepth: number, maxDepth: number,
+  ): void;
   end(): void;
 }
 
 export interface GPURenderPassDescriptor {
   colorAttachments: {
     view: GPUTextureView;
-    loadOp: "clear";
+    loadOp: "clear" | "load";
     storeOp: "store";
     clearValue?: [number, number, number, number];
   }[];
+  depthStencilAttachment?: {
+    view: GPUTextureView; depthReadOnly: true; stencilReadOnly?: true;
+  };
   timestampWrites?: GPUTimestampWrites;
 }
 
@@ -124,8 +130,12 @@ export interface GPUQueue {
   onSubmittedWorkDone(): Promise<unknown>;
 }
 
-/** One of the two formats of a canvas, or that of the blended image. */
-export type GPUTextureFormat = "rgba8unorm" | "bgra8unorm" | "rgba16float";
+/** The formats of a canvas, of the blended image, and of depths. */
+export type GPUTextureFormat =
+  "rgba8unorm" | "bgra8unorm" | "rgba16float" | "rg16float" | "rg32float" | "r32float";
+
+export type GPUDepthFormat =
+  "depth16unorm" | "depth24plus" | "depth24plus-stencil8" | "depth32float" | "depth32float-stencil8";
 
 export interface GPUBlendComponent {
   srcFactor: "one";
@@ -143,6 +153,9 @@ export interface GPURenderPipelineDescriptor {
       blend?: { color: GPUBlendComponent; alpha: GPUBlendComponent };
     }[];
   };
+  depthStencil?: {
+    format: GPUDepthFormat; depthCompare: "less-equal" | "greater-equal"; depthWriteEnabled: false;
+  };
 }
 
 export interface GPUComputePipelineDescriptor {
@@ -159,6 +172,8 @@ export interface GPULimits {
 export interface GPUDevice {
   readonly features: { has(name: string): boolean };
   readonly limits: GPULimits;
+  /** Missing in older browsers. */
+  readonly adapterInfo?: { readonly subgroupMinSize?: number; readonly subgroupMaxSize?: number };
   readonly queue: GPUQueue;
   readonly lost: Promise<{ readonly reason: string | undefined; readonly message: string }>;
   createBuffer(descriptor: { size: number; usage: number }): GPUBuffer;

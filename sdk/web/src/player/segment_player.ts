@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+import { createWorker } from "../resources";
+import type { SegmentSink } from "../types";
+import { browserHost } from "./host";
+import { ScenePlayer } from "./scene_player";
+
+/** Settings of a scene that an application draws. */
+export interface SegmentPlayerOptions {
+  /** URL of the scene, or a file. It is loaded at once. */
+  src?: string | Blob;
+  /** Plays as soon as data is available. */
+  autoplay?: boolean;
+  /** Repeats the clip. */
+  loop?: boolean;
+  /** Bytes for fetched and decoded data; default 512 MiB. */
+  memoryBudget?: number;
+  /** Seconds to fetch ahead; default 10. */
+  lookAhead?: number;
+}
+
+/** Plays a scene for a renderer with which the application draws, such as a SplatRenderer. */
+export class SegmentPlayer extends ScenePlayer {
+  private announcement: number | null = null;
+  private drawnTicks: number | null = null; // of the last frame
+
+  /**
+   * `renderer` belongs to the player, which destroys it. `onChange`: the image may have changed, so an
+   * application that draws on demand has to draw.
+   */
+  constructor(
+    renderer: SegmentSink, options: SegmentPlayerOptions = {},
+    private readonly onChange: () => void = () => undefined,
+  ) {
+    const announce = () => this.announce();
+    super({ worker: createWorker, ...options }, {
+      sink: renderer, host: browserHost(), onOpened: announce, onContent: announce,
+      onTime: () => {
+        if (this.playback.frameTime()?.ticks !== this.drawnTicks) announce();
+      },
+    });
+    this.loop = options.loop ?? false;
+    if (options.src === undefined) return;
+    this.load(options.src).catch(() => undefined); // the error event reports it
+    if (options.autoplay) this.play().catch(() => undefined);
+  }
+
+  /** Call it once per frame. Returns the time to draw, ticks of the timeline; null: there is no image. */
+  frameTicks(): number | null {
+    this.playback.updateTime(false);
+    const time = this.playback.frameTime();
+    if (time === null || this.isDestroyed) return null;
+    this.drawnTicks = time.ticks;
+    if (time.running) this.announce();
+    return time.ticks;
+  }
+
+  override destroy(): void {
+    if (this.announcement !== null) cancelAnimationFrame(this.announcement);
+    super.destroy();
+  }
+
+  /** Calls onChange() with the next frame of the page, so that it never runs within a frame. */
+  protected announce(): void {
+    if (this.isDestroyed) return;
+    this.announcement ??= requestAnimationFrame(() => {
+      this.announcement = null;
+      this.onChange();
+    });
+  }
+}

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+import { viewUniforms } from "../camera";
+import type { Camera } from "../types";
+import { BUFFER_USAGE } from "./webgpu_types";
+import type { GPUBuffer, GPUBufferBinding, GPUDevice, GPUTextureView } from "./webgpu_types";
+
+/** Premultiplied RGBA, sRGB-encoded. */
+export type Background = readonly [number, number, number, number];
+
+/** The depth of the objects of an application, which hide the splats behind them. */
+export interface Occluders {
+  /** A texture with one sample per pixel, of the size of the camera; only its depth is read. */
+  depth: GPUTextureView;
+  /**
+   * [a, b, c]: a point at z in front of the camera, scene units, has depth a + b / z + c log2(1 + z)
+   * there, 0 to 1. Of a projection with planes at n and f: a = f / (f - n), b = -a n, c = 0.
+   */
+  mapping: readonly [number, number, number];
+}
+
+/** A view of a frame, and where it is drawn. */
+export interface SplatView {
+  camera: Camera;
+  /** Receives the image. */
+  to: GPUTextureView;
+  /**
+   * The upper left corner of the image in `to`, pixels; other pixels keep their content. Default: the
+   * image fills `to`.
+   */
+  at?: readonly [number, number];
+  /**
+   * Receives the depth, as the native renderers define it: the mean camera z, scene units, of the splats
+   * by their weights in the colour; 0 where alpha is 0. A texture of `r32float`, of the size of the camera.
+   */
+  depth?: GPUTextureView;
+  /** Only, and always, if the renderer was created with `occluders`. */
+  occluders?: Occluders;
+}
+
+/** Bytes of a view in view.wgsl. */
+const kStride = 256;
+
+/** The uniforms of the views of a frame. */
+export class ViewBuffer {
+  private readonly buffer: GPUBuffer;
+
+  constructor(private readonly device: GPUDevice, views: number) {
+    const { UNIFORM, COPY_DST } = BUFFER_USAGE;
+    this.buffer = device.createBuffer({ size: kStride * views, usage: UNIFORM | COPY_DST });
+  }
+
+  /** All views. */
+  get all(): GPUBufferBinding {
+    return { buffer: this.buffer };
+  }
+
+  binding(view: number): GPUBufferBinding {
+    return { buffer: this.buffer, offset: kStride * view, size: kStride };
+  }
+
+  /** `background`: null: the image is blended over what its texture shows. */
+  write(views: readonly SplatView[], background: Background | null): void {
+    const floats = new Float32Array((kStride / 4) * views.length);
+    const words = new Uint32Array(floats.buffer);
+    views.forEach(({ camera, at, occluders }, k) => {
+      const first = (kStride / 4) * k;
+      floats.set(viewUniforms(camera), first);
+      floats.set(occluders?.mapping ?? [0, 0, 0], first + 24);
+      floats.set(background ?? [0, 0, 0, 0], first + 28);
+      floats.set(at ?? [0, 0], first + 32);
+      words[first + 34] = views.length;
+    });
+    this.device.queue.writeBuffer(this.buffer, 0, floats);
+  }
+
+  destroy(): void {
+    this.buffer.destroy();
+  }
+}
