@@ -1,23 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes a random scene of 60 frames for test_webgl2.py.
 //
-// usage: make_web_scene FILE.stgs PRIMITIVES SH_DEGREE [NEAR]
-// NEAR: of the near plane, scene units
+// usage: make_web_scene FILE.stgs PRIMITIVES SH_DEGREE [NEAR [AUDIO]]
+// NEAR: of the near plane, scene units; AUDIO: location of its sound, which begins with it
 #include <cstdlib>
 #include <iostream>
 
 #include "../fixtures/scene_fixture.h"
 
 int main(int argc, char** argv) {
-  if (argc != 4 && argc != 5) {
-    std::cerr << "usage: make_web_scene FILE.stgs PRIMITIVES SH_DEGREE [NEAR]\n";
+  if (argc < 4 || argc > 6) {
+    std::cerr << "usage: make_web_scene FILE.stgs PRIMITIVES SH_DEGREE [NEAR [AUDIO]]\n";
     return 1;
   }
   constexpr unsigned kSeed = 11;
   stgs::Scene scene = stgs::testing::random_scene(std::strtoul(argv[2], nullptr, 10),
                                                   std::atoi(argv[3]), 60, kSeed);
   scene.metadata.title.clear();
-  if (argc == 5) scene.metadata.near_plane = std::strtof(argv[4], nullptr);
+  if (argc > 4) scene.metadata.near_plane = std::strtof(argv[4], nullptr);
+  if (argc > 5) scene.metadata.audio = argv[5];
   // Large enough for many layers of splats.
   for (float& s : scene.gaussians.log_scale) s += 1.2f;
   stgs::WriteSettings settings;

@@ -74,8 +74,7 @@ void FetchPlan::rebuild(double now) {
 void FetchPlan::add_slot(std::size_t file_index) {
   const SegmentLayer& layer = index_.file_order()[file_index];
   ++examined_;
-  if (!index_.is_needed(layer.segment) ||
-      deadlines_.need(layer.segment).from > prefetch_seconds_)
+  if (!index_.is_needed(layer.segment) || deadlines_.need(layer.segment).from > prefetch_seconds_)
     return;
   slots_.push_back({file_index, min_speed(layer), deadlines_.deadline(layer)});
 }

@@ -12,6 +12,8 @@ export class ReadError extends Error {
 export interface RangeReader {
   /** The name of the file in messages. */
   readonly name: string;
+  /** URL of the file, after redirects once it was read; "": it has none. */
+  readonly url: string;
   /** The size of the file, bytes. */
   size(signal: AbortSignal): Promise<number>;
   /** Reads exactly `to.length` bytes from `offset` on. */
@@ -30,6 +32,7 @@ export function rangeReader(source: string | Blob): RangeReader {
 
 class BlobReader implements RangeReader {
   readonly name: string;
+  readonly url = "";
   constructor(private readonly blob: Blob) {
     this.name = blob instanceof File ? blob.name : "scene";
   }
@@ -56,9 +59,11 @@ class UrlReader implements RangeReader {
   /** Validator of the version that is read: later responses must be of the same one. */
   private version: string | null = null;
   private known: number | null = null;
+  url: string;
 
-  constructor(private readonly url: string) {
-    this.name = url.split(/[?#]/)[0].split("/").pop() || "scene";
+  constructor(private readonly address: string) {
+    this.url = address;
+    this.name = address.split(/[?#]/)[0].split("/").pop() || "scene";
   }
 
   async size(signal: AbortSignal): Promise<number> {
@@ -70,10 +75,11 @@ class UrlReader implements RangeReader {
     const watch = new Watch(signal, READ_SECONDS + to.length / READ_BYTES_PER_SECOND);
     try {
       const last = offset + to.length - 1;
-      const response = await fetch(this.url, { headers: { Range: `bytes=${offset}-${last}` }, signal: watch.signal });
+      const response = await fetch(this.address, { headers: { Range: `bytes=${offset}-${last}` }, signal: watch.signal });
       const total = this.check(response, offset, last);
       await this.body(response, to, watch);
       this.known = total;
+      this.url = response.url;
     } catch (error) {
       watch.cancel(); // the rest of the response
       if (signal.aborted) throw aborted();

@@ -74,7 +74,7 @@ export class Playback {
     const session = new Session();
     this.session = session;
     if (signal) session.listen(signal, () => this.unload(reason()));
-    this.core.post({ type: "open", source: this.source, options: this.context.options });
+    this.core.post({ type: "open", source: this.source, options: this.context.options() });
     return session.opened;
   }
 
@@ -140,6 +140,10 @@ export class Playback {
     this.loop = loop;
     this.clock.loop = loop;
     this.post({ type: "loop", loop });
+  }
+
+  limitPrimitives(primitives: number): void {
+    this.post({ type: "maxPrimitives", primitives });
   }
 
   /** Whether playback would end at once. */

@@ -10,6 +10,8 @@ export class SceneState {
   duration: number;
   buffered = new BufferedRanges([]);
   bytes = 0;
+  bytesPerSecond = 0;
+  memory = 0;
   layers = 0;
   layerCount = 0;
   private readonly resident = new Map<number, { begin: number; end: number }>();
@@ -27,6 +29,8 @@ export class SceneState {
     this.duration = state.duration;
     this.buffered = buffered;
     this.bytes = state.bytes;
+    this.bytesPerSecond = state.bytesPerSecond;
+    this.memory = state.memory;
     this.layers = state.layers;
     this.layerCount = state.layerCount;
     return { durationChanged, progressed };
