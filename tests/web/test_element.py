@@ -105,7 +105,7 @@ class ElementTest(ElementCase):
         self.assertEqual(self.check("parts.choices.slice(-3)"), ["webgpu", "webgl2", "auto"])
 
     def test_webgl2_takes_over_when_webgpu_is_lost_twice(self):
-        self.show_ready(controls="", autoplay="")
+        self.show_ready(controls="", autoplay="", quality="high")  # so that all images have one size
         self.check("notices = [], player.addEventListener('notice', ({ detail }) => notices.push(detail.kind)), 0")
         self.wait("!player.paused && player.currentTime > 0.2")
         self.check("player.currentTime = 3, player.playbackRate = 0.5, 0")
