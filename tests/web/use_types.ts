@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // A program that uses the types of the package: it has to compile.
 import { createPlayer, SegmentPlayer, StgsPlayer } from "stgs";
-import type { Camera, SceneInfo } from "stgs";
+import type { Camera, Renderer, SceneInfo } from "stgs";
+import { createWebGl2Renderer } from "stgs/webgl2";
+import { createWebGpuRenderer } from "stgs/webgpu";
 import type { SplatRenderer, SplatView } from "stgs/webgpu";
 
 export async function play(canvas: HTMLCanvasElement, file: File): Promise<SceneInfo | null> {
@@ -22,6 +24,10 @@ export function drawEyes(splats: SplatRenderer, player: SegmentPlayer, eyes: Spl
 
 // @ts-expect-error: not a renderer
 new SegmentPlayer({});
+
+export async function rendererOf(canvas: HTMLCanvasElement): Promise<Renderer> {
+  return "gpu" in navigator ? createWebGpuRenderer(canvas) : createWebGl2Renderer(canvas);
+}
 
 const element = document.createElement("stgs-player");
 element.src = "scene.stgs";
