@@ -87,11 +87,18 @@ class Viewer(unittest.TestCase):
         self.shows_scene("kitchen")
         self.assertTrue(self.check(f"!{PLAYER}.paused"))
 
-    def test_a_page_of_one_file_opens_from_disk(self):
+    def test_a_page_of_one_file_opens_from_disk_and_from_a_server(self):
         self.stgs("web", self.scene, "-o", self.path("scene.html"), "--single-file", "--title", "A <kitchen>")
         self.browser.open("file://" + self.path("scene.html"))
         self.shows_scene("A <kitchen>")
         self.assertEqual(self.check("document.querySelectorAll('script[type=\"text/plain\"]').length"), 0)
+        self.browser.open("file://" + self.path("scene.html") + "?src=site/other.stgs")
+        self.shows_problem("must not load")
+        hosted = self.site.replace("site/", "scene.html")
+        self.browser.open(hosted)
+        self.shows_scene("A <kitchen>")
+        self.browser.open(hosted + "?src=site/other.stgs")
+        self.shows_scene("other")
 
     def test_a_link_names_a_scene(self):
         self.browser.open(self.site + "?src=other.stgs")
