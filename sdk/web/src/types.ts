@@ -48,8 +48,13 @@ export type PageMessage =
   | { type: "open"; source: string | Blob; options: { memoryBudget: number; lookAhead: number } }
   | { type: "play" } | { type: "pause" } | { type: "seek"; seconds: number; id: number /* ascending */ } | { type: "rate"; rate: number }
   | { type: "loop"; loop: boolean } | { type: "close" };
-/** Passes the content of stgs-core.wasm to the worker, which otherwise loads it; the first message. */
-export interface CoreBytes { type: "core"; bytes: ArrayBuffer }
+/** The first bytes of a file, its size, and the validator of its version ("": unknown). */
+export interface FileBegin { head: Uint8Array; size: number; version: string }
+/** Messages about the work that the page does while its worker starts. */
+export type StartMessage =
+  | { type: "core"; module: WebAssembly.Module } | { type: "core"; problem: string }  // stgs-core.wasm, compiled
+  | { type: "begin"; source: string }            // the page reads the begin of a source, which follows
+  | { type: "head"; begin: FileBegin | null };   // null: the worker has to read it itself
 /** Statistics of a recent frame. */
 export interface RendererStatistics {
   primitives: number;  // of all segments that were added

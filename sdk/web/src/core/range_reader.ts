@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reads ranges of a file from a server, or of a Blob.
+import type { FileBegin } from "../types";
 
 /** A read that failed. `retry`: another attempt may succeed. */
 export class ReadError extends Error {
@@ -12,8 +13,8 @@ export class ReadError extends Error {
 export interface RangeReader {
   /** The name of the file in messages. */
   readonly name: string;
-  /** The size of the file, bytes. */
-  size(signal: AbortSignal): Promise<number>;
+  /** Reads the first bytes: `bytes`, or as many as there are. */
+  begin(bytes: number, signal: AbortSignal): Promise<FileBegin>;
   /** Reads exactly `to.length` bytes from `offset` on. */
   read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void>;
 }
@@ -23,9 +24,12 @@ const STALL_BYTES = 1000, STALL_SECONDS = 10;
 /** Seconds after which a read fails in any case: these, and one for so many bytes of it. */
 const READ_SECONDS = 60, READ_BYTES_PER_SECOND = 1000;
 
-/** Returns the reader of a URL or Blob. */
-export function rangeReader(source: string | Blob): RangeReader {
-  return typeof source === "string" ? new UrlReader(source) : new BlobReader(source);
+/** Bytes read first, which suffice to open most files. */
+export const OPEN_BYTES = 1 << 16;
+
+/** Returns the reader of a URL or Blob. `version`: of FileBegin, if the begin has been read before. */
+export function rangeReader(source: string | Blob, version: string | null = null): RangeReader {
+  return typeof source === "string" ? new UrlReader(source, version) : new BlobReader(source);
 }
 
 class BlobReader implements RangeReader {
@@ -33,8 +37,11 @@ class BlobReader implements RangeReader {
   constructor(private readonly blob: Blob) {
     this.name = blob instanceof File ? blob.name : "scene";
   }
-  async size(): Promise<number> {
-    return this.blob.size;
+  async begin(bytes: number, signal: AbortSignal): Promise<FileBegin> {
+    const { size } = this.blob;
+    const head = new Uint8Array(Math.min(bytes, size));
+    await this.read(0, head, signal);
+    return { head, size, version: "" };
   }
   async read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void> {
     const changed = `${this.name}: cannot be read, or has changed; choose it again`;
@@ -53,27 +60,35 @@ function aborted(): ReadError {
 
 class UrlReader implements RangeReader {
   readonly name: string;
-  /** Validator of the version that is read: later responses must be of the same one. */
-  private version: string | null = null;
-  private known: number | null = null;
 
-  constructor(private readonly url: string) {
+  /** `version`: the validator of the version that is read, if known: responses must be of the same one. */
+  constructor(private readonly url: string, private version: string | null) {
     this.name = url.split(/[?#]/)[0].split("/").pop() || "scene";
   }
 
-  async size(signal: AbortSignal): Promise<number> {
-    if (this.known === null) await this.read(0, new Uint8Array(1), signal);
-    return this.known!;
+  begin(bytes: number, signal: AbortSignal): Promise<FileBegin> {
+    return this.request(0, bytes, signal, async (response, watch) => {
+      const { size, length } = this.check(response, 0, bytes, true);
+      const head = new Uint8Array(length);
+      await this.body(response, head, watch);
+      return { head, size, version: this.version! };
+    });
   }
 
-  async read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void> {
-    const watch = new Watch(signal, READ_SECONDS + to.length / READ_BYTES_PER_SECOND);
+  read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void> {
+    return this.request(offset, to.length, signal, (response, watch) => {
+      this.check(response, offset, to.length, false);
+      return this.body(response, to, watch);
+    });
+  }
+
+  /** Requests `length` bytes; `receive` takes the response. */
+  private async request<T>(offset: number, length: number, signal: AbortSignal,
+                           receive: (response: Response, watch: Watch) => Promise<T>): Promise<T> {
+    const watch = new Watch(signal, READ_SECONDS + length / READ_BYTES_PER_SECOND);
     try {
-      const last = offset + to.length - 1;
-      const response = await fetch(this.url, { headers: { Range: `bytes=${offset}-${last}` }, signal: watch.signal });
-      const total = this.check(response, offset, last);
-      await this.body(response, to, watch);
-      this.known = total;
+      const headers = { Range: `bytes=${offset}-${offset + length - 1}` };
+      return await receive(await fetch(this.url, { headers, signal: watch.signal }), watch);
     } catch (error) {
       watch.cancel(); // the rest of the response
       if (signal.aborted) throw aborted();
@@ -85,8 +100,12 @@ class UrlReader implements RangeReader {
     }
   }
 
-  /** Checks the headers of a response; returns the size of the file. */
-  private check(response: Response, offset: number, last: number): number {
+  /**
+   * Checks the headers of a response to a request of `length` bytes. Returns the size of the file, and
+   * the length of the response, which may be less only if `isBegin` and the file is shorter.
+   */
+  private check(response: Response, offset: number, length: number, isBegin: boolean): { size: number; length: number } {
+    const last = offset + length - 1;
     const fail = (why: string, retry: boolean, code: "network" | "unsupported" = "network") =>
       new ReadError(`${this.name}: ${why}`, retry, code);
     if (response.status === 404 || response.status === 410) throw fail(`the server has no such file (status ${response.status}); check the address`, false);
@@ -99,12 +118,13 @@ class UrlReader implements RangeReader {
     const range = /^bytes (\d+)-(\d+)\/(\d+)$/.exec(stated ?? "");
     if (stated !== null && range === null) throw fail(`the server does not state the size of the file (Content-Range: ${stated})`, false, "unsupported");
     if (range === null) throw fail("the server hides Content-Range from this page; it must send Access-Control-Expose-Headers: Content-Range, ETag", false, "unsupported");
-    if (Number(range[1]) !== offset || Number(range[2]) > last) throw fail("the server sent another range than requested", true);
-    if (Number(range[2]) !== last) throw fail("the file is shorter than before; load it again", false);
+    const [begin, end, size] = range.slice(1).map(Number);
+    if (begin !== offset || end > last || (isBegin && end !== Math.min(last, size - 1))) throw fail("the server sent another range than requested", true);
+    if (end !== last && !isBegin) throw fail("the file is shorter than before; load it again", false);
     const version = response.headers.get("ETag") ?? response.headers.get("Last-Modified") ?? "";
     if (this.version !== null && version !== this.version) throw fail("the file was replaced; load it again", false);
     this.version = version;
-    return Number(range[3]);
+    return { size, length: end - begin + 1 };
   }
 
   private async body(response: Response, to: Uint8Array, watch: Watch): Promise<void> {

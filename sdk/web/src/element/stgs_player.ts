@@ -317,7 +317,7 @@ export abstract class StgsPlayerElement extends Base implements Media {
     }
     this.canvas = canvas;
     this.shell.setCanvas(canvas);
-    this.player = new StgsPlayer({ canvas, renderer, worker: () => this.factory.createWorker() });
+    this.player = new StgsPlayer({ canvas, renderer, worker: (source) => this.factory.createWorker(source) });
     this.player.loop = this.loop;
     forwardEvents(this.player, this, (event) => this.recovers(event));
     this.applySize();
