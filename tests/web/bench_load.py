@@ -3,12 +3,14 @@
 """Measures how a page of stgs web loads in headless Chromium, and prints JSON: milliseconds from
 navigation to each step (sdk/web/src/marks.ts), medians of the runs.
 
-usage: bench_load.py STGS FILE [--mbit N --latency MS] [--runs N] [--cached] [--size WxH]
+usage: bench_load.py STGS FILE [--mbit N --latency MS] [--runs N] [--cached] [--size WxH] [--until ready|drawn]
 STGS: the program. FILE: an .stgs file
 --mbit, --latency: a link between the browser and nginx, as of tests/bench/stream_over_http.py; a
            connection takes two latencies until its first byte. Default: none, files on loopback
 --cached:  the files of the player, and Chromium's compiled code of them, are in its cache. Default:
            nothing is
+--until:   the step that ends a run; default: drawn. A software renderer takes minutes for millions of
+           primitives, and the steps before do not need it
 
 `drawn` is the first image as the page has passed it to the GPU; Chromium rasterises it afterwards, here
 on the CPU (SwiftShader). `image` is one more frame, drawn, rasterised and read back. `ready`: the base
@@ -33,7 +35,8 @@ from browser import Browser  # noqa: E402
 from nginx import Nginx  # noqa: E402
 
 PLAYER = "document.querySelector('stgs-player')"
-DRAWN = "performance.getEntriesByName('stgs: drawn').length > 0"
+UNTIL = {"drawn": "performance.getEntriesByName('stgs: drawn').length > 0",
+         "ready": f"{PLAYER} && {PLAYER}.readyState >= 2"}
 STEPS = ("script", "worker", "compiled", "opened", "fetched", "decoded", "ready", "renderer", "uploaded", "drawn")
 SECONDS = 120  # of a run, at most
 
@@ -85,7 +88,7 @@ def make_site(stgs, scene, folder):
     return sizes
 
 
-def load(browser, url, cached):
+def load(browser, url, cached, until):
     """Loads the page. Returns the milliseconds of its steps."""
     browser.send("Page.navigate", url="about:blank")
     browser.wait_for("location.href === 'about:blank'")
@@ -94,11 +97,13 @@ def load(browser, url, cached):
 
     def run():
         browser.send("Page.navigate", url=url)
-        browser.wait_for(f"({DRAWN}) || !!({PLAYER} && {PLAYER}.error)", SECONDS)
+        browser.wait_for(f"({UNTIL[until]}) || !!({PLAYER} && {PLAYER}.error)", SECONDS)
 
     steps = browser.trace(run)
     if problem := browser.evaluate(f"{PLAYER}.error && {PLAYER}.error.message"):
         sys.exit(problem)
+    if until != "drawn":
+        return steps
     steps["image"] = browser.evaluate(f"""{PLAYER}.pause(), new Promise((resolve) => setTimeout(resolve, 500)).then(() => {{
         const begin = performance.now();
         return {PLAYER}.screenshot().then(() => performance.now() - begin); }})""")
@@ -114,6 +119,7 @@ def main():
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--cached", action="store_true")
     parser.add_argument("--size", default="640x360")
+    parser.add_argument("--until", choices=UNTIL, default="drawn")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="stgs-bench-") as folder:
         sizes = make_site(os.path.abspath(args.stgs), args.file, folder + "/site")
@@ -128,10 +134,11 @@ def main():
             try:
                 browser.resize(*map(int, re.findall(r"\d+", args.size)))
                 url = f"http://127.0.0.1:{port}/site/index.html"
-                runs = [load(browser, url, args.cached) for _ in range(args.runs + 1)][1:]  # the first warms up
+                runs = [load(browser, url, args.cached, args.until) for _ in range(args.runs + 1)][1:]  # the first warms up
             finally:
                 browser.close()
-    report = {f"{step}_ms": round(statistics.median(run[step] for run in runs), 1) for step in (*STEPS, "image")}
+    report = {f"{step}_ms": round(statistics.median(run[step] for run in runs), 1)
+              for step in (*STEPS, "image") if all(step in run for run in runs)}
     print(json.dumps({"scene_bytes": os.path.getsize(args.file), "gzip_bytes": sizes, "cached": args.cached,
                       "mbit": args.mbit, "latency_ms": args.latency, "runs": args.runs, **report}, indent=2))
 
