@@ -262,7 +262,8 @@ TEST_CASE("webp returns the pixels that were encoded") {
         const Bytes bytes(file.begin(), file.end());
         REQUIRE(file.substr(12, 4) == "VP8L");
         Bytes out(image.rgba.size());
-        REQUIRE(web::decode_vp8l(std::span(bytes).subspan(kWebpHeaders), static_cast<std::uint32_t>(width),
+        REQUIRE(web::decode_vp8l(std::span(bytes).subspan(kWebpHeaders),
+                                 static_cast<std::uint32_t>(width),
                                  static_cast<std::uint32_t>(height), out));
         CHECK(out == image.rgba);
       }

@@ -4,8 +4,8 @@
 /**
  * The steps: the script of the page runs; its worker does; the core is compiled; the file is open; the
  * first read of content is complete; its first segment is decoded; the base layer of all that the first
- * image needs is; the renderer is ready; the first segment is on its way to the GPU; the first image is
- * drawn by the page.
+ * image needs is; the renderer is ready; the page has passed the first segment to it; the page has drawn
+ * the first image.
  */
 export type LoadStep =
   "script" | "worker" | "compiled" | "opened" | "fetched" | "decoded" | "ready" | "renderer" | "uploaded" | "drawn";
