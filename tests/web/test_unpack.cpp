@@ -117,27 +117,14 @@ testing::RgbaImage image_of(int width, int height, unsigned kind) {
   return image;
 }
 
-std::string webp_of(const testing::RgbaImage& image, int method, int quality) {
+// Encodes with an effort of 0 to 9 and a quality of 0 to 100, which select the tools of the format.
+std::string webp_of(const testing::RgbaImage& image, int effort, int quality) {
   WebPConfig config;
   WebPConfigInit(&config);
-  WebPConfigLosslessPreset(&config, method);
+  WebPConfigLosslessPreset(&config, effort);
   config.quality = static_cast<float>(quality);
   config.exact = 1;
-  WebPPicture work;
-  WebPPictureInit(&work);
-  work.use_argb = 1;
-  work.width = image.width;
-  work.height = image.height;
-  WebPPictureImportRGBA(&work, image.rgba.data(), 4 * image.width);
-  WebPMemoryWriter writer;
-  WebPMemoryWriterInit(&writer);
-  work.writer = WebPMemoryWrite;
-  work.custom_ptr = &writer;
-  REQUIRE(WebPEncode(&config, &work));
-  std::string out(reinterpret_cast<const char*>(writer.mem), writer.size);
-  WebPPictureFree(&work);
-  WebPMemoryWriterClear(&writer);
-  return out;
+  return testing::encode_webp(image, config);
 }
 
 constexpr std::size_t kWebpHeaders = 12 + 8 + 5;  // of the file, the chunk, and the stream
@@ -255,10 +242,10 @@ TEST_CASE("zstd returns what libzstd returns for damaged frames") {
 TEST_CASE("webp returns the pixels that were encoded") {
   for (unsigned kind = 0; kind < 6; ++kind) {
     for (const auto& [width, height] : {std::pair{1, 1}, {1, 40}, {53, 1}, {7, 5}, {130, 97}}) {
-      for (const auto& [method, quality] : {std::pair{0, 0}, {4, 50}, {9, 100}}) {
-        INFO("kind " << kind << ", " << width << " x " << height << ", method " << method);
+      for (const auto& [effort, quality] : {std::pair{0, 0}, {4, 50}, {9, 100}}) {
+        INFO("kind " << kind << ", " << width << " x " << height << ", effort " << effort);
         const testing::RgbaImage image = image_of(width, height, kind);
-        const std::string file = webp_of(image, method, quality);
+        const std::string file = webp_of(image, effort, quality);
         const Bytes bytes(file.begin(), file.end());
         REQUIRE(file.substr(12, 4) == "VP8L");
         Bytes out(image.rgba.size());
