@@ -89,7 +89,7 @@ void with_damage(const Bytes& bytes, int copies, const Check& check) {
   std::mt19937 random(17);
   for (int i = 0; i < copies; ++i) {
     Bytes copy = bytes;
-    for (unsigned changes = 1 + random() % 3; changes > 0; --changes) {
+    for (auto changes = 1 + random() % 3; changes > 0; --changes) {
       copy[random() % copy.size()] ^= static_cast<std::uint8_t>(1u << random() % 8);
     }
     if (i % 4 == 3) copy.resize(random() % copy.size());
@@ -102,7 +102,7 @@ testing::RgbaImage image_of(int width, int height, unsigned kind) {
   testing::RgbaImage image{width, height, {}};
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < width; ++x) {
-      const unsigned noise = random();
+      const auto noise = static_cast<unsigned>(random());
       for (unsigned c = 0; c < 4; ++c) {
         unsigned value = noise >> 8 * c;                                          // noise
         if (kind % 6 == 1) value = unsigned(x * 3 + y * 2) + c * 20 + noise % 3;  // gradients
