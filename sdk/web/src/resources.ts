@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The files of the package that the player loads: by default those next to its script.
-import { OPEN_BYTES, rangeReader } from "./core/range_reader";
+import { OPEN_BYTES, rangeReader, ReadError } from "./core/range_reader";
 import { textOf } from "./player/errors";
 import type { StartMessage } from "./types";
 
@@ -51,7 +51,10 @@ function provideBegin(worker: Worker, source: string): void {
   send({ type: "begin", source });
   rangeReader(source).begin(OPEN_BYTES, new AbortController().signal).then(
     (begin) => send({ type: "head", begin }),
-    () => send({ type: "head", begin: null })); // the worker tries again, and reports errors
+    (error: unknown) => {
+      const isFinal = error instanceof ReadError && !error.retry && error.code !== "aborted";
+      send({ type: "head", begin: isFinal ? { problem: error.message, code: error.code } : null });
+    });
 }
 
 /**

@@ -50,11 +50,13 @@ export type PageMessage =
   | { type: "loop"; loop: boolean } | { type: "close" };
 /** The first bytes of a file, its size, and the validator of its version ("": unknown). */
 export interface FileBegin { head: Uint8Array; size: number; version: string }
+/** Why a read failed that is not worth another attempt. */
+export interface ReadFailure { problem: string; code: "network" | "unsupported" }
 /** Messages about the work that the page does while its worker starts. */
 export type StartMessage =
   | { type: "core"; module: WebAssembly.Module } | { type: "core"; problem: string }  // stgs-core.wasm, compiled
   | { type: "begin"; source: string }            // the page reads the begin of a source, which follows
-  | { type: "head"; begin: FileBegin | null };   // null: the worker has to read it itself
+  | { type: "head"; begin: FileBegin | ReadFailure | null };  // null: the worker has to read it itself
 /** Statistics of a recent frame. */
 export interface RendererStatistics {
   primitives: number;  // of all segments that were added

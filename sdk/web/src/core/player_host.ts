@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Runs the core in a worker: reads for it, steps it, and reports to the page.
-import type { CoreMessage, FileBegin, PageMessage, SceneInfo } from "../types";
+import type { CoreMessage, FileBegin, PageMessage, ReadFailure, SceneInfo } from "../types";
 import { DecoderPool } from "./decoder_pool";
 import type { DecoderPoolOwner, DecoderThread } from "./decoder_pool";
 import { LoadMarks } from "../marks";
@@ -49,7 +49,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
   private lastSeek = 0;
   private reportedAt = 0;
   private readonly marks = new LoadMarks();
-  private expected: { source: string; begin: Promise<FileBegin | null> } | null = null;
+  private expected: { source: string; begin: Promise<FileBegin | ReadFailure | null> } | null = null;
 
   /** `startDecoder` starts a worker of decoderWorker(). */
   constructor(private readonly module: Promise<WebAssembly.Module>, private readonly startDecoder: () => DecoderThread,
@@ -91,8 +91,8 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     this.schedule(0);
   }
 
-  /** The page reads the begin of the source that is opened next. `begin`: null if it cannot. */
-  expect(source: string, begin: Promise<FileBegin | null>): void {
+  /** The page reads the begin of the source that is opened next. `begin`: null if another attempt may succeed. */
+  expect(source: string, begin: Promise<FileBegin | ReadFailure | null>): void {
     this.expected = { source, begin };
   }
 
@@ -212,7 +212,9 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
   private async takeBegin(source: string | Blob): Promise<FileBegin | null> {
     const { expected } = this;
     this.expected = null;
-    return expected !== null && expected.source === source ? expected.begin : null;
+    const begin = expected !== null && expected.source === source ? await expected.begin : null;
+    if (begin !== null && "problem" in begin) throw new ReadError(begin.problem, false, begin.code);
+    return begin;
   }
 
   private schedule(milliseconds: number): void {
