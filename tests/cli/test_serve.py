@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""stgs serve: the page, ranges and conditions, refusals, slow and many clients, signals."""
+"""stgs serve: the page, ranges and conditions, refusals. Its clients: test_serve_clients.py."""
 import contextlib
 import email.utils
 import http.client
 import json
 import os
 import shutil
-import signal
 import socket
 import subprocess
 import time
@@ -16,7 +15,6 @@ import harness
 from harness import CliTest, built_in
 
 USAGE, IO, INVALID, RUNTIME, NOT_BUILT = 1, 2, 3, 4, 6
-REQUEST_SECONDS = 15  # of scene_server.cpp: time for the header of a request
 TIMEOUT = 40          # of a client, seconds: longer than the server's limits
 
 
@@ -304,70 +302,6 @@ class Refusals(Server):
         self.fails(IO, "cannot listen", "serve", "scenes", "--address", "192.0.2.1")
         self.start("scenes")
         self.fails(IO, "cannot listen: Address already in use; use another --port", "serve", "scenes", "--port", self.port)
-
-
-@unittest.skipUnless(built_in("serve"), "serve is not built in")
-class Clients(Server):
-    def test_signals_end_it_soon(self):
-        for number in (signal.SIGINT, signal.SIGTERM):
-            with self.subTest(number=number):
-                server, _ = self.start("scenes")
-                idle = socket.create_connection(("127.0.0.1", self.port), TIMEOUT)
-                half = socket.create_connection(("127.0.0.1", self.port), TIMEOUT)
-                half.sendall(b"GET /scenes/tiny.stgs HTTP/1.1\r\nHo")
-                reading = socket.create_connection(("127.0.0.1", self.port), TIMEOUT)
-                reading.sendall(b"GET /stgs-core.wasm HTTP/1.1\r\nHost: localhost\r\n\r\n")
-                reading.recv(100)
-                begin = time.monotonic()
-                server.send_signal(number)
-                self.assertEqual(server.wait(TIMEOUT), RUNTIME)
-                self.assertLess(time.monotonic() - begin, 2)
-                self.assertIn(f"interrupted by {number.name}: scenes: no longer served", server.stderr.read())
-                for client in (idle, half, reading):
-                    client.close()
-
-    def test_many_connections(self):
-        """More clients than the server takes at a time: each gets its answer."""
-        self.start("scenes")
-        clients = [socket.create_connection(("127.0.0.1", self.port), TIMEOUT) for _ in range(300)]
-        for client in clients:
-            client.sendall(b"GET /scenes/tiny.stgs HTTP/1.1\r\nHost: localhost\r\nRange: bytes=0-9\r\n"
-                           b"Connection: close\r\n\r\n")
-        for client in clients:
-            answer = b""
-            while data := client.recv(65536):
-                answer += data
-            client.close()
-            self.assertTrue(answer.startswith(b"HTTP/1.1 206 ") and answer.endswith(self.bytes[:10]))
-
-    def test_clients_that_never_end_a_request_do_not_keep_others_out(self):
-        """They send a byte from time to time, so that their connections are not idle."""
-        self.start("scenes")
-        clients = [socket.create_connection(("127.0.0.1", self.port), TIMEOUT) for _ in range(128)]
-        begin = time.monotonic()
-        open_clients = set(clients)
-        while open_clients and time.monotonic() - begin < TIMEOUT:
-            for client in list(open_clients):
-                try:
-                    client.sendall(b"G")
-                except OSError:
-                    open_clients.remove(client)
-            time.sleep(0.5)
-        for client in clients:
-            client.close()
-        self.assertEqual(open_clients, set())
-        self.assertGreater(time.monotonic() - begin, REQUEST_SECONDS - 2)
-        self.assertEqual(self.ask("/").status, 200)
-
-    def test_a_connection_takes_several_requests(self):
-        self.start("scenes")
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=TIMEOUT)
-        for i in range(20):
-            connection.request("GET", "/scenes/tiny.stgs", headers={"Range": f"bytes={i}-{i + 4}"})
-            used = connection.sock
-            self.assertEqual(connection.getresponse().read(), self.bytes[i:i + 5])
-            self.assertIs(connection.sock, used)
-        connection.close()
 
 
 class NotBuilt(CliTest):

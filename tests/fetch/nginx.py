@@ -7,12 +7,14 @@ import time
 
 
 class Nginx:
-    """`limit`: bytes per second of each connection, as in nginx's limit_rate; 0: unlimited."""
+    """`limit`: bytes per second of each connection, as in nginx's limit_rate; 0: unlimited.
+    `precompressed`: sends FILE.gz in place of FILE to browsers."""
 
     START_TIMEOUT = 60  # seconds; a busy machine starts slowly
 
-    def __init__(self, folder, limit="0"):
+    def __init__(self, folder, limit="0", precompressed=False):
         self.folder, self.limit = folder, limit
+        self.compression = "gzip_static on;" if precompressed else ""
         self.config = folder + "/nginx.conf"
         self.pid, self.log = folder + "/pid", folder + "/error.log"
 
@@ -42,7 +44,8 @@ class Nginx:
               access_log off; client_body_temp_path {folder}/1; proxy_temp_path {folder}/2;
               fastcgi_temp_path {folder}/3; uwsgi_temp_path {folder}/4;
               scgi_temp_path {folder}/5;
-              server {{ listen 127.0.0.1:{self.port}; root {folder}; limit_rate {self.limit}; }} }}"""
+              server {{ listen 127.0.0.1:{self.port}; root {folder}; limit_rate {self.limit};
+                {self.compression} }} }}"""
         with open(self.config, "w", encoding="ascii") as file:
             file.write(config if os.getuid() else "user root;" + config)
         self.server = subprocess.Popen(["nginx", "-e", self.log, "-c", self.config],

@@ -1,12 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes a random scene of 60 frames for test_webgl2.py.
+// Writes a random scene of 60 frames for the tests of the player for browsers, or a random SOG
+// model.
 //
 // usage: make_web_scene FILE.stgs PRIMITIVES SH_DEGREE [NEAR [AUDIO]]
-// NEAR: of the near plane, scene units; AUDIO: location of its sound, which begins with it
+//        make_web_scene FILE.sog PRIMITIVES SH_DEGREE
+// NEAR: of the near plane, scene units; AUDIO: location of its sound, which begins with it. Exit
+// code 77: built without libwebp or libzip
 #include <cstdlib>
 #include <iostream>
+#include <string_view>
 
 #include "../fixtures/scene_fixture.h"
+#ifdef STGS_HAS_SOG
+#include "../fixtures/sog_fixture.h"
+#endif
 
 int main(int argc, char** argv) {
   if (argc < 4 || argc > 6) {
@@ -14,6 +21,16 @@ int main(int argc, char** argv) {
     return 1;
   }
   constexpr unsigned kSeed = 11;
+  if (const std::string_view path = argv[1]; path.substr(path.rfind('.')) == ".sog") {
+#ifdef STGS_HAS_SOG
+    const int width = 64;  // of its images
+    stgs::testing::random_sog(std::atoi(argv[2]), std::atoi(argv[3]), kSeed, width)
+        .write_bundle(argv[1]);
+    return 0;
+#else
+    return 77;
+#endif
+  }
   stgs::Scene scene = stgs::testing::random_scene(std::strtoul(argv[2], nullptr, 10),
                                                   std::atoi(argv[3]), 60, kSeed);
   scene.metadata.title.clear();

@@ -6,9 +6,11 @@ usage: test_viewer.py STGS MAKE_WEB_SCENE
 Exit code 77: Chromium, nginx or libmicrohttpd is missing
 """
 import array
+import base64
 import os
 import re
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
@@ -108,11 +110,18 @@ class Viewer(unittest.TestCase):
         self.wait("states[states.length - 1].paused && states[states.length - 1].currentTime === 1.5")
         self.assertEqual(self.browser.problems, [])
 
-    def test_a_page_of_one_file_opens_from_disk(self):
+    def test_a_page_of_one_file_opens_from_disk_and_from_a_server(self):
         self.stgs("web", self.scene, "-o", self.path("scene.html"), "--single-file", "--title", "A <kitchen>")
         self.browser.open("file://" + self.path("scene.html"))
         self.shows_scene("A <kitchen>")
         self.assertEqual(self.check("document.querySelectorAll('script[type=\"text/plain\"]').length"), 0)
+        self.browser.open("file://" + self.path("scene.html") + "?src=site/other.stgs")
+        self.shows_problem("must not load")
+        hosted = self.site.replace("site/", "scene.html")
+        self.browser.open(hosted)
+        self.shows_scene("A <kitchen>")
+        self.browser.open(hosted + "?src=site/other.stgs")
+        self.shows_scene("other")
 
     def test_a_link_names_a_scene(self):
         self.browser.open(self.site + "?src=other.stgs")
@@ -144,9 +153,9 @@ class Viewer(unittest.TestCase):
         self.browser.send("Input.dispatchDragEvent", type="drop", x=200, y=200, data=data)
         self.shows_scene("kitchen")
         self.assertTrue(self.check("document.getElementById('drop').hidden"))
-        self.choose("model.spz", b"\x1f\x8b\x08" + bytes(200))
+        self.choose("model.glb", b"glTF" + bytes(200))
         self.wait(f"{PLAYER}.error", 60)
-        self.assertIn("stgs convert", self.check(f"{PLAYER}.error.message"))
+        self.assertIn("not an .stgs file", self.check(f"{PLAYER}.error.message"))
 
     def choose(self, name, content):
         """Chooses a new file in the dialogue of the page."""
@@ -187,6 +196,46 @@ class Viewer(unittest.TestCase):
                 self.choose(name, content)
                 self.wait("!document.getElementById('welcome').hidden")
                 self.shows_problem(problem)
+
+    def test_models_of_other_formats_are_converted_as_natively(self):
+        subprocess.run([MAKE, self.path("bundle.sog"), "3000", "2"], check=True)
+        for name in ("version3.spz", "version4.spz"):
+            shutil.copy(os.path.join(HERE, "..", "data", "interchange", name), self.path(name))
+        self.browser.open(self.site + "?src=file:///x")
+        for name in ("version3.spz", "version4.spz", "bundle.sog"):
+            with self.subTest(name=name), open(self.path(name), "rb") as file:
+                content = file.read()
+                self.choose(name, content)
+                self.wait(f"{PLAYER} && {PLAYER}.readyState >= 3 && document.title === '{name[:-4]}'", 60)
+                scene = self.check(f"""{PLAYER}.srcObject.arrayBuffer().then((bytes) =>
+                    btoa(Array.from(new Uint8Array(bytes), (byte) => String.fromCharCode(byte)).join("")))""")
+                with open(self.path("page.stgs"), "wb") as file:
+                    file.write(base64.b64decode(scene))
+                self.assertEqual(self.browser.problems, [])
+                self.same_primitives(self.path("page.stgs"), self.path(name))
+                cut = "cut" + name[-4:]
+                self.choose(cut, content[:-20])
+                self.wait("!document.getElementById('welcome').hidden")
+                self.shows_problem(cut + ": ")
+        # A header that states more primitives than fit in the memory of the page.
+        many = b"NGSP" + struct.pack("<IIBBBBI", 4, 2**26, 3, 12, 0, 6, 32) + bytes(12) + bytes(2**20)
+        self.choose("many.spz", many)
+        self.wait("!document.getElementById('welcome').hidden")
+        self.shows_problem("exceed the memory limit of 2147483648 bytes")
+
+    def same_primitives(self, scene, model):
+        """Checks that a scene has the primitives of the native conversion of a model."""
+        values = []
+        for i, path in enumerate((scene, model)):
+            self.stgs("convert", path, self.path(f"{i}.ply"), "--log-level", "error")
+            with open(self.path(f"{i}.ply"), "rb") as file:
+                header, body = file.read().split(b"end_header\n", 1)
+            values.append((header, array.array("f", body)))
+        (header, page), (expected_header, native) = values
+        self.assertEqual(header, expected_header)
+        self.assertEqual(len(page), len(native))
+        # The two have exponential functions of different libraries.
+        self.assertLess(max(abs(a - b) / max(1, abs(b)) for a, b in zip(page, native)), 1e-6)
 
     def test_serve_plays_a_file(self):
         self.browser.open(self.serve(self.scene))

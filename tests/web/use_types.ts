@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // A program that uses the types of the package: it has to compile.
 import { createPlayer, SegmentPlayer, StgsPlayer } from "stgs";
-import type { Camera, QualityReport, SceneInfo } from "stgs";
+import type { Camera, QualityReport, Renderer, SceneInfo } from "stgs";
 import { connect } from "stgs/bridge";
+import { createWebGl2Renderer } from "stgs/webgl2";
+import { createWebGpuRenderer } from "stgs/webgpu";
 import type { SplatRenderer, SplatView } from "stgs/webgpu";
 
 export async function play(canvas: HTMLCanvasElement, file: File): Promise<SceneInfo | null> {
@@ -31,6 +33,10 @@ export async function control(frame: HTMLIFrameElement): Promise<number | null> 
   await remote.set("duration", 1);
   await remote.setCamera({ ...(await remote.camera()), azimuth: 0 });
   return remote.state?.duration ?? null;
+}
+
+export async function rendererOf(canvas: HTMLCanvasElement): Promise<Renderer> {
+  return "gpu" in navigator ? createWebGpuRenderer(canvas) : createWebGl2Renderer(canvas);
 }
 
 const element = document.createElement("stgs-player");

@@ -72,7 +72,7 @@ class Serve final : public Command {
       settings.title = title.empty() ? std::filesystem::path(path_).stem().string() : title;
     }
     STGS_ASSIGN(const auto server, SceneServer::start(scenes, settings));
-    if (address_.rfind("127.", 0) != 0 && address_ != "::1") {
+    if (!is_loopback(address_)) {
       session.log(1, fmt::format("every machine that reaches {} can read the scenes", address_));
     }
     const Json json = {{"path", path_}, {"url", server->url()}, { "port", server->port() }};
@@ -81,7 +81,7 @@ class Serve final : public Command {
     constexpr std::chrono::milliseconds kPoll(50);
     while (!interrupted()) {
       std::this_thread::sleep_for(kPoll);
-      server->end_slow_requests();
+      server->end_slow_clients();
     }
     return runtime_error("{}: no longer served", path_);
   }

@@ -1,15 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reading SOG version 2, as specified by PlayCanvas ("The SOG Format", developer.playcanvas.com): a
-// meta.json, and images whose pixel i belongs to splat i. Axes: as 3DGS PLY.
-#include <algorithm>
+// Where the files of SOG models are, and the kind of an archive.
 #include <filesystem>
 #include <memory>
 #include <optional>
 
-#include "interchange/import.h"
 #include "interchange/json_fields.h"
-#include "interchange/sog_decoder.h"
 #include "interchange/sog_models.h"
+#include "interchange/sog_read.h"
 #include "stgs/format/interchange_formats.h"
 
 namespace stgs {
@@ -17,53 +14,14 @@ namespace {
 
 using nlohmann::json;
 
-Result<SogLayout> parse_sog_meta(std::span<const std::uint8_t> text, const std::string& label,
-                                 ImportMemory& memory) {
-  STGS_ASSIGN(const Charged<json> parsed, parse_json(text, label, memory));
-  const json& root = parsed.value;
-  const json& version = member(root, "version");
-  if (version.is_null() && root.is_object() && root.contains("means")) {
-    return unsupported("{}: unsupported SOG version (expected 2, got 1)", label);
-  }
-  if (!version.is_number_unsigned()) {
-    return invalid_file("{}: not the description of a SOG model (no version)", label);
-  }
-  if (version != 2) {
-    return unsupported("{}: unsupported SOG version (expected 2, got {})", label,
-                       short_json(version));
-  }
-  return sog_layout(root, CodebookRule::kMissingFirst, label, memory.limits());
-}
-
-struct SogModel {
-  std::unique_ptr<NamedFiles> files;
-  SogLayout layout;
-};
-
-// Reads the description. Allocates no memory for splats yet.
-Result<SogModel> open_model(const std::string& path, ImportMemory& memory) {
-  SogModel model;
-  const std::filesystem::path model_path(path);
-  std::string meta_name = "meta.json";
+// Reads the description of a model at a path.
+Result<SogModel> open_path(const std::string& path, ImportMemory& memory) {
   if (file_extension(path) != ".json") {
-    STGS_ASSIGN(model.files, zip_files(path, memory));
-  } else {
-    meta_name = model_path.filename().string();
-    model.files = folder_files(model_path.parent_path().string());
+    STGS_ASSIGN(std::unique_ptr<NamedFiles> files, zip_files(path, memory));
+    return open_sog(std::move(files), "meta.json", memory);
   }
-  STGS_ASSIGN(const ChargedBytes text, model.files->read(meta_name, memory, kMaxSogMetaBytes));
-  STGS_ASSIGN(model.layout, parse_sog_meta(text.value, model.files->label(meta_name), memory));
-  return model;
-}
-
-Status read_model(const SogModel& model, ImportMemory& memory, Gaussians4D& set,
-                  std::size_t first) {
-  ImageRgba centroids;
-  if (model.layout.palette) {
-    STGS_ASSIGN(centroids, sog_centroids(*model.files, *model.layout.palette, memory));
-  }
-  SogDecoder decoder(*model.files, model.layout, &centroids, memory, model.layout.count);
-  return decoder.read_into(set, first);
+  const std::filesystem::path meta(path);
+  return open_sog(folder_files(meta.parent_path().string()), meta.filename().string(), memory);
 }
 
 // Finds the kind of a description. Keeps no values: files of any kind come here.
@@ -144,25 +102,11 @@ Result<Scene> read_sog(const std::string& path, const ReadLimits& limits, Conver
   STGS_ASSIGN(const std::vector<std::string> paths, sog_models(path));
   ImportMemory memory(limits, path);
   std::vector<SogModel> models;
-  std::uint64_t total = 0;
-  int degree = 0;
   for (const std::string& model_path : paths) {
-    STGS_ASSIGN(SogModel model, open_model(model_path, memory));
-    total += model.layout.count;
-    STGS_TRY(check_sog_count(*model.files, model.layout, model.layout.count, "", memory));
-    degree = std::max(degree, model.layout.sh_degree());
+    STGS_ASSIGN(SogModel model, open_path(model_path, memory));
     models.push_back(std::move(model));
   }
-  Gaussians4D set;
-  set.sh_degree = degree;
-  STGS_ASSIGN(const Lease lease, memory.take_set(total, degree));
-  set.resize(static_cast<std::size_t>(total));
-  std::size_t first = 0;
-  for (const SogModel& model : models) {
-    STGS_TRY(read_model(model, memory, set, first));
-    first += model.layout.count;
-  }
-  return finish_import(std::move(set), notes);
+  return read_sog_models(models, memory, notes);
 }
 
 }  // namespace stgs

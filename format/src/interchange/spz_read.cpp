@@ -1,13 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reading SPZ versions 2, 3 and 4.
-#include <zlib.h>
-#include <zstd.h>
-#include <zstd_errors.h>
-
 #include <algorithm>
 #include <cmath>
 
 #include "core/bytes.h"
+#include "interchange/compression.h"
 #include "interchange/import.h"
 #include "interchange/spz.h"
 #include "stgs/format/parallel.h"
@@ -36,7 +33,7 @@ struct Axes {
   int x = 1, y = -1, z = -1;
 };
 
-struct Content {
+struct SpzContent {
   Header header;
   std::array<Bytes, spz::kArrays> arrays;
   Lease lease;  // of the arrays, and of their decoders
@@ -104,7 +101,7 @@ Result<Axes> parse_extensions(View bytes, const std::string& file, ConversionNot
 
 // Checks that the compressed bytes can contain the arrays, then allocates them. `scratch`: memory
 // of the decoders.
-Status allocate_arrays(Content& content, std::uint64_t compressed, std::uint64_t ratio,
+Status allocate_arrays(SpzContent& content, std::uint64_t compressed, std::uint64_t ratio,
                        std::uint64_t scratch, ImportMemory& memory) {
   const auto strides = spz::strides(content.header.version, content.header.degree);
   const std::uint64_t n = content.header.primitives;
@@ -119,17 +116,9 @@ Status allocate_arrays(Content& content, std::uint64_t compressed, std::uint64_t
   return {};
 }
 
-Status decompress_frame(View frame, Bytes& array, const std::string& file, std::size_t index) {
-  const std::size_t got = ZSTD_decompress(array.data(), array.size(), frame.data(), frame.size());
-  if (!ZSTD_isError(got) && got == array.size()) return {};
-  if (ZSTD_getErrorCode(got) == ZSTD_error_memory_allocation) throw std::bad_alloc();
-  return invalid_file("{}: SPZ stream {} is damaged: {}", file, index,
-                      ZSTD_isError(got) ? ZSTD_getErrorName(got) : "too short");
-}
-
-Result<Content> read_version_4(View bytes, const std::string& file, ImportMemory& memory,
-                               ConversionNotes* notes) {
-  Content content;
+Result<SpzContent> read_version_4(View bytes, const std::string& file, ImportMemory& memory,
+                                  ConversionNotes* notes) {
+  SpzContent content;
   STGS_ASSIGN(content.header, parse_header(bytes, file, memory));
   const Header& header = content.header;
   if (header.version < 4) {
@@ -166,69 +155,20 @@ Result<Content> read_version_4(View bytes, const std::string& file, ImportMemory
   }
   std::vector<Status> statuses(frames.size());
   parallel_for(std::size_t{0}, frames.size(), [&](std::size_t i) {
-    statuses[i] = decompress_frame(frames[i], *arrays[i], file, i);
+    statuses[i] = decompress_zstd(frames[i], *arrays[i], fmt::format("{}: SPZ stream {}", file, i));
   });
   for (const Status& status : statuses) STGS_TRY(status);
   return content;
 }
 
-// Decodes a gzip stream incrementally.
-class GzipReader {
- public:
-  GzipReader(View bytes, const std::string& file) : file_(file), bytes_(bytes) {
-    stream_.next_in = const_cast<Bytef*>(bytes.data());  // zlib does not modify it
-    open_ = inflateInit2(&stream_, 16 + MAX_WBITS) == Z_OK;
-  }
-  ~GzipReader() {
-    if (open_) inflateEnd(&stream_);
-  }
-  GzipReader(const GzipReader&) = delete;
-  GzipReader& operator=(const GzipReader&) = delete;
-
-  // Fills `out`, or less at the end of the stream. Returns the number of bytes.
-  Result<std::size_t> read_some(std::span<std::uint8_t> out) {
-    if (!open_) return runtime_error("{}: zlib failed to initialise", file_);
-    std::size_t done = 0;
-    while (done < out.size() && !ended_) {
-      // zlib counts bytes in 32 bits.
-      const std::size_t in = std::min<std::size_t>(bytes_.size() - fed_, 1u << 30);
-      const std::size_t space = std::min<std::size_t>(out.size() - done, 1u << 30);
-      stream_.avail_in = static_cast<uInt>(in);
-      stream_.next_out = out.data() + done;
-      stream_.avail_out = static_cast<uInt>(space);
-      const int code = inflate(&stream_, Z_NO_FLUSH);
-      fed_ += in - stream_.avail_in;
-      done += space - stream_.avail_out;
-      ended_ = code == Z_STREAM_END;
-      if (code == Z_MEM_ERROR) throw std::bad_alloc();
-      if (code != Z_OK && !ended_) {
-        return invalid_file("{}: gzip stream is damaged or truncated (byte {})", file_, fed_);
-      }
-    }
-    return done;
-  }
-  Status read(std::span<std::uint8_t> out) {
-    STGS_ASSIGN(const std::size_t got, read_some(out));
-    if (got == out.size()) return {};
-    return invalid_file("{}: gzip stream is too short by {} bytes", file_, out.size() - got);
-  }
-
- private:
-  const std::string& file_;
-  View bytes_;
-  std::size_t fed_ = 0;
-  z_stream stream_{};
-  bool open_ = false, ended_ = false;
-};
-
 constexpr std::size_t kMaxExtensionBytes = 1 << 20;
 
-Result<Content> read_gzipped(View bytes, const std::string& file, ImportMemory& memory,
-                             ConversionNotes* notes) {
+Result<SpzContent> read_gzipped(View bytes, const std::string& file, ImportMemory& memory,
+                                ConversionNotes* notes) {
   GzipReader gzip(bytes, file);
   std::array<std::uint8_t, spz::kOldHeader> head{};
   STGS_TRY(gzip.read(head));
-  Content content;
+  SpzContent content;
   if (ByteReader(View(head).subspan(4)).u32() > 3) {
     return unsupported("{}: SPZ version above 3 in a gzip wrapper", file);
   }
@@ -283,7 +223,7 @@ float fixed_point(const std::uint8_t* bytes, float unit) {
   return static_cast<float>(value) * unit;
 }
 
-void unpack(const Content& content, std::size_t i, Gaussians4D& set) {
+void unpack(const SpzContent& content, std::size_t i, Gaussians4D& set) {
   const Header& header = content.header;
   const auto& arrays = content.arrays;
   const float unit = std::ldexp(1.0f, -header.fraction_bits);
@@ -315,8 +255,9 @@ Result<Scene> read_spz(const ByteSource& source, const ReadLimits& limits, Conve
   Bytes bytes(static_cast<std::size_t>(source.size()));
   STGS_TRY(source.read(0, bytes));
   const bool gzipped = bytes.size() >= 2 && bytes[0] == 0x1F && bytes[1] == 0x8B;
-  STGS_ASSIGN(const Content content, gzipped ? read_gzipped(bytes, source.name(), memory, notes)
-                                             : read_version_4(bytes, source.name(), memory, notes));
+  STGS_ASSIGN(const SpzContent content, gzipped
+                                            ? read_gzipped(bytes, source.name(), memory, notes)
+                                            : read_version_4(bytes, source.name(), memory, notes));
   if ((content.header.flags & spz::kAntialiased) != 0) {
     note(notes,
          "the splats were trained for antialiased rendering (mip splatting), which is not "

@@ -31,12 +31,15 @@ async function hasWebGpu(): Promise<boolean> {
 
 async function hasHeadset(): Promise<boolean> {
   const supports = (mode: string) => xrSystem()?.isSessionSupported(mode).catch(() => false); // not allowed
-  return ((await supports("immersive-vr")) || (await supports("immersive-ar"))) ?? false;
+  const [vr, ar] = await Promise.all([supports("immersive-vr"), supports("immersive-ar")]);
+  return (vr || ar) ?? false;
 }
 
 async function automatic(canvas: HTMLCanvasElement, signal: AbortSignal): Promise<Renderer> {
+  const hasGpu = hasWebGpu(); // both questions take the browser a while
+  hasGpu.catch(() => undefined); // reported below, if it matters
   try {
-    if (!(await hasHeadset()) && (await hasWebGpu())) return await webGpu(canvas, signal);
+    if (!(await hasHeadset()) && (await hasGpu)) return await webGpu(canvas, signal);
   } catch (error) {
     if (signal.aborted) throw error;
     console.warn(`stgs: drawing with WebGL2, because WebGPU failed: ${textOf(error)}`);

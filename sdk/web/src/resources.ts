@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The files of the package that the player loads: by default those next to its script.
-import type { CoreBytes } from "./types";
+import { OPEN_BYTES, rangeReader, ReadError } from "./core/range_reader";
+import { textOf } from "./player/errors";
+import type { StartMessage } from "./types";
 
 /** The files, where they do not lie next to the script. */
 export interface Resources {
@@ -19,13 +21,52 @@ export function setResources(resources: Resources): void {
   replaced = resources;
 }
 
-/** Creates the worker that fetches and decodes a scene. */
-export function createWorker(): Worker {
+let core: Promise<WebAssembly.Module> | null = null; // compiled once for all players
+
+async function compile(): Promise<WebAssembly.Module> {
+  if (replaced !== null) return WebAssembly.compile(replaced.core);
+  const url = new URL("./stgs-core.wasm", import.meta.url);
+  const response = await fetch(url);
+  if (!response.ok) throw new Error(`${url.pathname}: status ${response.status}; copy stgs-core.wasm next to the script`);
+  // While it arrives, if the server states its type.
+  if (response.headers.get("Content-Type") === "application/wasm") return WebAssembly.compileStreaming(response);
+  return WebAssembly.compile(await response.arrayBuffer());
+}
+
+/** Passes the core to a worker once it is compiled, or the reason why it is not. */
+function provideCore(worker: Worker): void {
+  const send = (message: StartMessage) => worker.postMessage(message);
+  core ??= compile();
+  core.then(
+    (module) => send({ type: "core", module }),
+    (error: unknown) => {
+      core = null; // the next player tries again
+      send({ type: "core", problem: textOf(error) });
+    });
+}
+
+/** Begins to read a source for a worker, so that the read does not wait for the worker. */
+function provideBegin(worker: Worker, source: string): void {
+  const send = (message: StartMessage) => worker.postMessage(message);
+  send({ type: "begin", source });
+  rangeReader(source).begin(OPEN_BYTES, new AbortController().signal).then(
+    (begin) => send({ type: "head", begin }),
+    (error: unknown) => {
+      const isFinal = error instanceof ReadError && !error.retry && error.code !== "aborted";
+      send({ type: "head", begin: isFinal ? { problem: error.message, code: error.code } : null });
+    });
+}
+
+/**
+ * Creates the worker that fetches and decodes a scene. `source`: the absolute URL or Blob that is
+ * opened next, if it is known.
+ */
+export function createWorker(source?: string | Blob): Worker {
   // Bundlers need the literals in place.
-  if (replaced === null) return new Worker(new URL("./stgs-worker.js", import.meta.url), { type: "module", name: "stgs" });
-  const worker = new Worker(replaced.worker, { type: "module", name: "stgs" });
-  const message: CoreBytes = { type: "core", bytes: replaced.core };
-  worker.postMessage(message);
+  const worker = replaced === null ? new Worker(new URL("./stgs-worker.js", import.meta.url), { type: "module", name: "stgs" })
+    : new Worker(replaced.worker, { type: "module", name: "stgs" });
+  provideCore(worker);
+  if (typeof source === "string") provideBegin(worker, source);
   return worker;
 }
 

@@ -67,8 +67,15 @@ export interface OpenOptions {
   maxPrimitives: number; // at one time: further tiers than those that fit are not fetched; may be Infinity
   lookAhead: number;     // seconds
 }
-/** Passes the content of stgs-core.wasm to the worker, which otherwise loads it; the first message. */
-export interface CoreBytes { type: "core"; bytes: ArrayBuffer }
+/** The first bytes of a file, its size, the validator of its version ("": unknown), and its URL after redirects ("": none). */
+export interface FileBegin { head: Uint8Array; size: number; version: string; url: string }
+/** Why a read failed that is not worth another attempt. */
+export interface ReadFailure { problem: string; code: "network" | "unsupported" }
+/** Messages about the work that the page does while its worker starts. */
+export type StartMessage =
+  | { type: "core"; module: WebAssembly.Module } | { type: "core"; problem: string }  // stgs-core.wasm, compiled
+  | { type: "begin"; source: string }            // the page reads the begin of a source, which follows
+  | { type: "head"; begin: FileBegin | ReadFailure | null };  // null: the worker has to read it itself
 /** Statistics of a recent frame. */
 export interface RendererStatistics {
   primitives: number;  // of all segments that were added

@@ -10,11 +10,10 @@
 
 #include <cerrno>
 #include <cstring>
-#include <list>
-#include <mutex>
 #include <new>
 #include <utility>
 
+#include "client_times.h"
 #include "file_request.h"
 #include "site_files.h"
 #include "site_page.h"
@@ -24,9 +23,11 @@ namespace stgs::tools {
 namespace {
 
 constexpr unsigned kMaxConnections = 128;
+constexpr unsigned kMaxOfAddress = 32;               // connections; a browser has about six
 constexpr std::size_t kConnectionMemory = 32 << 10;  // bytes; the header of a request must fit
-constexpr unsigned kIdleSeconds = 30;                // without progress of a response
-constexpr double kRequestSeconds = 15;               // until the header of a request is complete
+// Without progress of a response. Its buffers may take more bytes at once than a client of the
+// least rate (client_times.h) receives in some minutes.
+constexpr unsigned kIdleSeconds = 300;
 constexpr std::time_t kSettleSeconds = 10;  // since the last write; until then a file may grow
 constexpr std::string_view kScenes = "/scenes/", kList = "/scenes.json";
 // The page loads its own files, scenes of this server and by https, and their sound; its script
@@ -129,40 +130,12 @@ int count_hosts(MHD_Connection* connection) {
   return hosts;
 }
 
-// The sockets of connections from which the header of a request is expected.
-class RequestTimes {
- public:
-  struct Client {
-    int socket;
-    double since;  // now_seconds(), or -1 while a request is answered
-  };
-
-  Client* add(int socket) {
-    const std::lock_guard lock(mutex_);
-    return &clients_.emplace_back(Client{socket, now_seconds()});
-  }
-  void remove(const Client* client) {
-    const std::lock_guard lock(mutex_);
-    clients_.remove_if([client](const Client& c) { return &c == client; });
-  }
-  void set_since(Client* client, double since) {
-    const std::lock_guard lock(mutex_);
-    client->since = since;
-  }
-  // MHD closes a socket after remove(), so that none of another connection is shut down.
-  void end_slow() {
-    const std::lock_guard lock(mutex_);
-    const double now = now_seconds();
-    for (const Client& client : clients_) {
-      if (client.since >= 0 && now - client.since > kRequestSeconds)
-        ::shutdown(client.socket, SHUT_RDWR);
-    }
-  }
-
- private:
-  std::mutex mutex_;
-  std::list<Client> clients_;
-};
+// Returns the connection's entry; null if there was no memory for it.
+ClientTimes::Client* client_of(MHD_Connection* connection) {
+  const MHD_ConnectionInfo* info =
+      MHD_get_connection_info(connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT);
+  return info == nullptr ? nullptr : static_cast<ClientTimes::Client*>(info->socket_context);
+}
 
 class Server final : public SceneServer {
  public:
@@ -187,7 +160,7 @@ class Server final : public SceneServer {
     return fmt::format("http://{}:{}/", host, port_);
   }
   int port() const override { return port_; }
-  void end_slow_requests() override { times_.end_slow(); }
+  void end_slow_clients() override { times_.end_slow(); }
 
  private:
   static MHD_Result handle(void* self, MHD_Connection* connection, const char* url,
@@ -199,12 +172,11 @@ class Server final : public SceneServer {
                            MHD_RequestTerminationCode);
   MHD_Result answer(MHD_Connection* connection, std::string_view url, std::string_view method);
   MHD_Result answer_path(MHD_Connection* connection, const std::string& path);
-  void set_since(MHD_Connection* connection, double since);
 
   std::shared_ptr<const ServedScenes> scenes_;
   ServerSettings settings_;
   std::string page_;
-  RequestTimes times_;
+  ClientTimes times_;
   MHD_Daemon* daemon_ = nullptr;
   int port_ = 0;
 };
@@ -252,7 +224,8 @@ MHD_Result Server::handle(void* self, MHD_Connection* connection, const char* ur
                           const char* method, const char*, const char*, std::size_t*,
                           void** state) {
   auto* server = static_cast<Server*>(self);
-  server->set_since(connection, -1);
+  ClientTimes::Client* const client = client_of(connection);
+  if (client != nullptr) server->times_.prepare_answer(client);
   try {
     // The first call comes before the body. An answer to it ends the connection; after one to the
     // second call, the connection may be used again.
@@ -260,29 +233,25 @@ MHD_Result Server::handle(void* self, MHD_Connection* connection, const char* ur
     const bool has_body = header(connection, "Content-Length").value_or("0") != "0" ||
                           header(connection, "Transfer-Encoding").has_value();
     if (is_first && !has_body) return MHD_YES;
-    return server->answer(connection, url, method);
+    const MHD_Result result = server->answer(connection, url, method);
+    if (client != nullptr) server->times_.send_answer(client);
+    return result;
   } catch (const std::exception&) {
     return MHD_NO;  // ends the connection
   }
 }
 
-void Server::set_since(MHD_Connection* connection, double since) {
-  const MHD_ConnectionInfo* info =
-      MHD_get_connection_info(connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT);
-  if (info == nullptr || info->socket_context == nullptr) return;
-  times_.set_since(static_cast<RequestTimes::Client*>(info->socket_context), since);
-}
-
 void Server::on_completed(void* self, MHD_Connection* connection, void**,
                           MHD_RequestTerminationCode) {
-  static_cast<Server*>(self)->set_since(connection, now_seconds());
+  ClientTimes::Client* const client = client_of(connection);
+  if (client != nullptr) static_cast<Server*>(self)->times_.expect_request(client);
 }
 
 void Server::on_connection(void* self, MHD_Connection* connection, void** client,
                            MHD_ConnectionNotificationCode code) {
-  RequestTimes& times = static_cast<Server*>(self)->times_;
+  ClientTimes& times = static_cast<Server*>(self)->times_;
   if (code == MHD_CONNECTION_NOTIFY_CLOSED) {
-    times.remove(static_cast<RequestTimes::Client*>(*client));
+    times.remove(static_cast<ClientTimes::Client*>(*client));
     *client = nullptr;
     return;
   }
@@ -332,22 +301,29 @@ Status Server::listen() {
   port_ = ntohs(bound.ss_family == AF_INET ? reinterpret_cast<sockaddr_in&>(bound).sin_port
                                            : reinterpret_cast<sockaddr_in6&>(bound).sin6_port);
   const unsigned v6 = bound.ss_family == AF_INET6 ? MHD_USE_IPv6 : 0;
+  // All programs of this machine have the same address.
+  const unsigned of_address = is_loopback(settings_.address) ? 0 : kMaxOfAddress;
   // Paths are decoded by decode_url_path(), which reports malformed ones.
   const auto keep = [](void*, MHD_Connection*, char* text) { return std::strlen(text); };
   std::size_t (*const unescape)(void*, MHD_Connection*, char*) = keep;
   daemon_ = MHD_start_daemon(
       MHD_USE_POLL_INTERNAL_THREAD | MHD_USE_ITC | v6, 0, nullptr, nullptr, &Server::handle, this,
       MHD_OPTION_LISTEN_SOCKET, fd, MHD_OPTION_CONNECTION_LIMIT, kMaxConnections,
-      MHD_OPTION_CONNECTION_MEMORY_LIMIT, kConnectionMemory, MHD_OPTION_CONNECTION_TIMEOUT,
-      kIdleSeconds, MHD_OPTION_NOTIFY_CONNECTION, &Server::on_connection, this,
-      MHD_OPTION_NOTIFY_COMPLETED, &Server::on_completed, this, MHD_OPTION_UNESCAPE_CALLBACK,
-      unescape, nullptr, MHD_OPTION_STRICT_FOR_CLIENT, 1, MHD_OPTION_END);
+      MHD_OPTION_PER_IP_CONNECTION_LIMIT, of_address, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
+      kConnectionMemory, MHD_OPTION_CONNECTION_TIMEOUT, kIdleSeconds, MHD_OPTION_NOTIFY_CONNECTION,
+      &Server::on_connection, this, MHD_OPTION_NOTIFY_COMPLETED, &Server::on_completed, this,
+      MHD_OPTION_UNESCAPE_CALLBACK, unescape, nullptr, MHD_OPTION_STRICT_FOR_CLIENT, 1,
+      MHD_OPTION_END);
   if (daemon_ != nullptr) return {};
   ::close(fd);
   return runtime_error("the HTTP server cannot be started: {}", system_message(errno));
 }
 
 }  // namespace
+
+bool is_loopback(const std::string& address) {
+  return address.rfind("127.", 0) == 0 || address == "::1";
+}
 
 Result<std::unique_ptr<SceneServer>> SceneServer::start(std::shared_ptr<const ServedScenes> scenes,
                                                         const ServerSettings& settings) {

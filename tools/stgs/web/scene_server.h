@@ -17,9 +17,12 @@ struct ServerSettings {
   std::string title;                  // of the page
 };
 
+// Returns whether only this machine reaches an address.
+bool is_loopback(const std::string& address);
+
 // Answers GET and HEAD in a thread of its own until it is destroyed. Everything that a client
-// controls is bounded: connections, bytes of a request's header, the time for sending it, and the
-// time without progress.
+// controls is bounded: connections, those of one address unless all clients are on this machine,
+// bytes of a request's header, the time for sending it, and the time for receiving an answer.
 class SceneServer {
  public:
   // kIo if the address or port cannot be used, kUsage for an invalid address.
@@ -30,8 +33,9 @@ class SceneServer {
   // Returns the link to the page.
   virtual std::string url() const = 0;
   virtual int port() const = 0;
-  // Ends connections whose request does not arrive in time. Call at least once per second.
-  virtual void end_slow_requests() = 0;
+  // Ends connections of clients that send their request or receive the answer too slowly. Call at
+  // least once per second.
+  virtual void end_slow_clients() = 0;
 };
 
 }  // namespace stgs::tools

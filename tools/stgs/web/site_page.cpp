@@ -16,6 +16,8 @@ namespace stgs::tools {
 namespace {
 
 constexpr std::string_view kTitle = "<title>STGS</title>";
+constexpr std::string_view kPreload =
+    "<link rel=\"preload\" href=\"./stgs-core.wasm\" as=\"fetch\" crossorigin>\n";
 constexpr std::string_view kSettings =
     "<script type=\"application/json\" id=\"stgs-page\">{}</script>";
 constexpr std::string_view kScript = "<script type=\"module\" src=\"./viewer.js\"></script>";
@@ -91,6 +93,8 @@ Status write_scene(const WriteBytes& write, const ByteSource& scene) {
 
 std::string site_page(const PageSettings& settings) {
   std::string page(kPageTemplate);
+  // Other pages would load it for nothing.
+  if (settings.scene.empty()) replace_mark(page, kPreload, "");
   replace_mark(page, kTitle, fmt::format("<title>{}</title>", escape_html(settings.title)));
   Json json = Json::object();
   if (!settings.scene.empty()) json["scene"] = settings.scene;

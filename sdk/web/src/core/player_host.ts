@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // Runs the core in a worker: reads for it, steps it, and reports to the page.
-import type { CoreMessage, PageMessage, SceneInfo } from "../types";
+import type { CoreMessage, FileBegin, PageMessage, ReadFailure, SceneInfo } from "../types";
 import { DecoderPool } from "./decoder_pool";
 import type { DecoderPoolOwner, DecoderThread } from "./decoder_pool";
+import { LoadMarks } from "../marks";
 import { OutOfMemory } from "./instance";
 import { Core } from "./module";
 import type { CoreHost, CoreInfo, DecodeJob, DecodeStatus, FilePiece } from "./module";
 import type { Part } from "./part_decoder";
-import { RangeReader, rangeReader, ReadError } from "./range_reader";
+import { OPEN_BYTES, RangeReader, rangeReader, ReadError } from "./range_reader";
 import { ShownParts } from "./shown_parts";
 
 /** Decoding workers, at most. One processor is left to the page. */
@@ -17,10 +18,10 @@ const STEP_SECONDS = 0.02;
 /** Milliseconds between two steps while playing, and between two reports of an unchanged state. */
 const PLAY_INTERVAL = 10, REPORT_INTERVAL = 250;
 /**
- * Bytes read at a time while a file is opened: at least this many from the first that is missing, and
+ * Bytes read at a time while a file is opened: at least OPEN_BYTES from the first that is missing, and
  * this share of those read so far, since each attempt to open it looks at all of them.
  */
-const OPEN_BYTES = 1 << 16, OPEN_SHARE = 0.25;
+const OPEN_SHARE = 0.25;
 const OPEN_ATTEMPTS = 4;
 /** Bytes of the head and the index, at most; of a file with another magic, for the message about it. */
 const MAX_OPEN_BYTES = 64 << 20, MAX_FOREIGN_BYTES = 1 << 20;
@@ -47,10 +48,14 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
   private lastState = "";
   private lastSeek = 0;
   private reportedAt = 0;
+  private readonly marks = new LoadMarks();
+  private expected: { source: string; begin: Promise<FileBegin | ReadFailure | null> } | null = null;
 
   /** `startDecoder` starts a worker of decoderWorker(). */
   constructor(private readonly module: Promise<WebAssembly.Module>, private readonly startDecoder: () => DecoderThread,
-              private readonly post: (message: CoreMessage, transfer: Transferable[]) => void) {}
+              private readonly post: (message: CoreMessage, transfer: Transferable[]) => void) {
+    this.marks.mark("worker");
+  }
 
   /** Handles a message of the page. */
   handle(message: PageMessage): void {
@@ -89,6 +94,11 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     this.schedule(0);
   }
 
+  /** The page reads the begin of the source that is opened next. `begin`: null if another attempt may succeed. */
+  expect(source: string, begin: Promise<FileBegin | ReadFailure | null>): void {
+    this.expected = { source, begin };
+  }
+
   /** CoreHost. */
   read(id: number, offset: number, bytes: number, address: number): void {
     const controller = new AbortController();
@@ -113,7 +123,10 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
   /** DecoderPoolOwner. */
   decoded(id: number, status: DecodeStatus, parts: Part[]): void {
     try {
-      if (status.base.code === 0) this.parts!.keep(id, parts);
+      if (status.base.code === 0) {
+        this.parts!.keep(id, parts);
+        this.marks.mark("decoded");
+      }
       this.core!.decodeDone(id, status);
       this.schedule(0);
     } catch (error) {
@@ -127,7 +140,10 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
   private readEnded(id: number, failure: string, address: number, bytes: Uint8Array): void {
     if (this.core === null || !this.reads.delete(id)) return;
     try {
-      if (failure === "") this.core.bytes(address, bytes.length).set(bytes);
+      if (failure === "") {
+        this.core.bytes(address, bytes.length).set(bytes);
+        this.marks.mark("fetched");
+      }
       this.core.readDone(id, failure);
       this.schedule(0);
     } catch (error) {
@@ -138,6 +154,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
   private async open(message: OpenMessage): Promise<void> {
     this.close();
     const { signal } = (this.closed = new AbortController());
+    this.marks.reset();
     this.rate = 1;
     this.lastState = "";
     this.lastSeek = 0;
@@ -147,6 +164,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
       this.parts = new ShownParts(info.shDegree, this.post);
       this.duration = info.duration;
       this.post({ type: "opened", info: sceneInfo(info, this.reader!.url) }, []);
+      this.marks.mark("opened");
       this.schedule(0);
     } catch (error) {
       if (!signal.aborted) this.fail(error);
@@ -155,15 +173,26 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
 
   private async openFile(message: OpenMessage, signal: AbortSignal): Promise<CoreInfo> {
     const { memoryBudget, maxPrimitives, lookAhead } = checked(message.options);
-    const reader = (this.reader = rangeReader(message.source));
     const pool = (this.pool = new DecoderPool(decoders(), this.startDecoder, this));
-    const [module, size] = await Promise.all([this.module, withRetry(() => reader.size(signal), signal)]);
+    const known = await this.takeBegin(message.source);
+    if (signal.aborted) throw closed();
+    const reader = (this.reader = rangeReader(message.source, known));
+    const opening = known ?? withRetry(() => reader.begin(OPEN_BYTES, signal), signal);
+    const compiled = this.module.then((module) => (this.marks.mark("compiled"), module));
+    const [module, { size, head }] = await Promise.all([compiled, opening]);
     const core = await Core.create(module, this);
     if (signal.aborted) throw closed();
     this.core = core;
     core.open(reader.name, size, memoryBudget, maxPrimitives, lookAhead, pool.capacity);
     const pieces: FilePiece[] = [];
-    let read = 0, limit = MAX_OPEN_BYTES, isForeign = false;
+    const provide = (offset: number, bytes: Uint8Array) => {
+      core.provide(offset, bytes);
+      pieces.push({ offset, bytes: bytes.buffer });
+    };
+    provide(0, head);
+    const isForeign = !MAGIC.every((byte, i) => byte === head[i]);
+    const limit = isForeign ? MAX_FOREIGN_BYTES : MAX_OPEN_BYTES;
+    let read = head.length;
     for (;;) {
       const result = core.tryOpen();
       if ("info" in result) {
@@ -177,14 +206,18 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
       const bytes = new Uint8Array(length);
       await withRetry(() => reader.read(offset, bytes, signal), signal);
       if (signal.aborted) throw closed();
-      core.provide(offset, bytes);
-      pieces.push({ offset, bytes: bytes.buffer });
-      if (offset === 0 && !MAGIC.every((byte, i) => byte === bytes[i])) {
-        isForeign = true;
-        limit = MAX_FOREIGN_BYTES;
-      }
+      provide(offset, bytes);
       read += length;
     }
+  }
+
+  /** Returns the begin of a source, once, if the page has read it. */
+  private async takeBegin(source: string | Blob): Promise<FileBegin | null> {
+    const { expected } = this;
+    this.expected = null;
+    const begin = expected !== null && expected.source === source ? await expected.begin : null;
+    if (begin !== null && "problem" in begin) throw new ReadError(begin.problem, false, begin.code);
+    return begin;
   }
 
   private schedule(milliseconds: number): void {
@@ -223,6 +256,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     const core = this.core!;
     for (const event of core.events()) this.post({ type: "event", kind: event.kind, message: event.message }, []);
     const state = core.state();
+    if (state.buffered.some(([begin, end]) => begin <= state.seconds && state.seconds < end)) this.marks.mark("ready");
     const now = performance.now();
     const early = REPORT_INTERVAL - (now - this.reportedAt);
     if (state.state === this.lastState && early > 0) return early;

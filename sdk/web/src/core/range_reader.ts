@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reads ranges of a file from a server, or of a Blob.
+import type { FileBegin } from "../types";
 
 /** A read that failed. `retry`: another attempt may succeed. */
 export class ReadError extends Error {
@@ -14,8 +15,8 @@ export interface RangeReader {
   readonly name: string;
   /** URL of the file, after redirects once it was read; "": it has none. */
   readonly url: string;
-  /** The size of the file, bytes. */
-  size(signal: AbortSignal): Promise<number>;
+  /** Reads the first bytes: `bytes`, or as many as there are. */
+  begin(bytes: number, signal: AbortSignal): Promise<FileBegin>;
   /** Reads exactly `to.length` bytes from `offset` on. */
   read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void>;
 }
@@ -25,9 +26,12 @@ const STALL_BYTES = 1000, STALL_SECONDS = 10;
 /** Seconds after which a read fails in any case: these, and one for so many bytes of it. */
 const READ_SECONDS = 60, READ_BYTES_PER_SECOND = 1000;
 
-/** Returns the reader of a URL or Blob. */
-export function rangeReader(source: string | Blob): RangeReader {
-  return typeof source === "string" ? new UrlReader(source) : new BlobReader(source);
+/** Bytes read first, which suffice to open most files. */
+export const OPEN_BYTES = 1 << 16;
+
+/** Returns the reader of a URL or Blob. `known`: its begin, if that has been read before. */
+export function rangeReader(source: string | Blob, known: FileBegin | null = null): RangeReader {
+  return typeof source === "string" ? new UrlReader(source, known) : new BlobReader(source);
 }
 
 class BlobReader implements RangeReader {
@@ -36,8 +40,11 @@ class BlobReader implements RangeReader {
   constructor(private readonly blob: Blob) {
     this.name = blob instanceof File ? blob.name : "scene";
   }
-  async size(): Promise<number> {
-    return this.blob.size;
+  async begin(bytes: number, signal: AbortSignal): Promise<FileBegin> {
+    const { size } = this.blob;
+    const head = new Uint8Array(Math.min(bytes, size));
+    await this.read(0, head, signal);
+    return { head, size, version: "", url: "" };
   }
   async read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void> {
     const changed = `${this.name}: cannot be read, or has changed; choose it again`;
@@ -56,30 +63,43 @@ function aborted(): ReadError {
 
 class UrlReader implements RangeReader {
   readonly name: string;
-  /** Validator of the version that is read: later responses must be of the same one. */
-  private version: string | null = null;
-  private known: number | null = null;
   url: string;
+  /** Validator of the version that is read: later responses must be of the same one. */
+  private version: string | null;
 
-  constructor(private readonly address: string) {
-    this.url = address;
+  /** `known`: the begin of the file, if it has been read before: responses must be of that version. */
+  constructor(private readonly address: string, known: FileBegin | null) {
+    this.version = known?.version ?? null;
+    this.url = known?.url ?? address;
     this.name = address.split(/[?#]/)[0].split("/").pop() || "scene";
   }
 
-  async size(signal: AbortSignal): Promise<number> {
-    if (this.known === null) await this.read(0, new Uint8Array(1), signal);
-    return this.known!;
+  begin(bytes: number, signal: AbortSignal): Promise<FileBegin> {
+    return this.request(0, bytes, signal, async (response, watch) => {
+      const { size, length } = this.check(response, 0, bytes, true);
+      const head = new Uint8Array(length);
+      await this.body(response, head, watch);
+      return { head, size, version: this.version!, url: response.url };
+    });
   }
 
-  async read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void> {
-    const watch = new Watch(signal, READ_SECONDS + to.length / READ_BYTES_PER_SECOND);
+  read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void> {
+    return this.request(offset, to.length, signal, (response, watch) => {
+      this.check(response, offset, to.length, false);
+      return this.body(response, to, watch);
+    });
+  }
+
+  /** Requests `length` bytes; `receive` takes the response. */
+  private async request<T>(offset: number, length: number, signal: AbortSignal,
+                           receive: (response: Response, watch: Watch) => Promise<T>): Promise<T> {
+    const watch = new Watch(signal, READ_SECONDS + length / READ_BYTES_PER_SECOND);
     try {
-      const last = offset + to.length - 1;
-      const response = await fetch(this.address, { headers: { Range: `bytes=${offset}-${last}` }, signal: watch.signal });
-      const total = this.check(response, offset, last);
-      await this.body(response, to, watch);
-      this.known = total;
+      const headers = { Range: `bytes=${offset}-${offset + length - 1}` };
+      const response = await fetch(this.address, { headers, signal: watch.signal });
+      const result = await receive(response, watch);
       this.url = response.url;
+      return result;
     } catch (error) {
       watch.cancel(); // the rest of the response
       if (signal.aborted) throw aborted();
@@ -91,8 +111,12 @@ class UrlReader implements RangeReader {
     }
   }
 
-  /** Checks the headers of a response; returns the size of the file. */
-  private check(response: Response, offset: number, last: number): number {
+  /**
+   * Checks the headers of a response to a request of `length` bytes. Returns the size of the file, and
+   * the length of the response, which may be less only if `isBegin` and the file is shorter.
+   */
+  private check(response: Response, offset: number, length: number, isBegin: boolean): { size: number; length: number } {
+    const last = offset + length - 1;
     const fail = (why: string, retry: boolean, code: "network" | "unsupported" = "network") =>
       new ReadError(`${this.name}: ${why}`, retry, code);
     if (response.status === 404 || response.status === 410) throw fail(`the server has no such file (status ${response.status}); check the address`, false);
@@ -105,12 +129,13 @@ class UrlReader implements RangeReader {
     const range = /^bytes (\d+)-(\d+)\/(\d+)$/.exec(stated ?? "");
     if (stated !== null && range === null) throw fail(`the server does not state the size of the file (Content-Range: ${stated})`, false, "unsupported");
     if (range === null) throw fail("the server hides Content-Range from this page; it must send Access-Control-Expose-Headers: Content-Range, ETag", false, "unsupported");
-    if (Number(range[1]) !== offset || Number(range[2]) > last) throw fail("the server sent another range than requested", true);
-    if (Number(range[2]) !== last) throw fail("the file is shorter than before; load it again", false);
+    const [begin, end, size] = range.slice(1).map(Number);
+    if (begin !== offset || end > last || (isBegin && end !== Math.min(last, size - 1))) throw fail("the server sent another range than requested", true);
+    if (end !== last && !isBegin) throw fail("the file is shorter than before; load it again", false);
     const version = response.headers.get("ETag") ?? response.headers.get("Last-Modified") ?? "";
     if (this.version !== null && version !== this.version) throw fail("the file was replaced; load it again", false);
     this.version = version;
-    return Number(range[3]);
+    return { size, length: end - begin + 1 };
   }
 
   private async body(response: Response, to: Uint8Array, watch: Watch): Promise<void> {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The worker of a player, and the workers in which it decodes: an entry point of its own, bundled to
 // stgs-worker.js.
-import type { CoreBytes, CoreMessage, PageMessage } from "../types";
+import type { CoreMessage, FileBegin, PageMessage, ReadFailure, StartMessage } from "../types";
 import type { DecoderThread } from "./decoder_pool";
 import { decoderWorker } from "./part_decoder";
 import type { DecoderReply, DecoderRequest } from "./part_decoder";
@@ -18,34 +18,28 @@ interface Scope<Received, Sent> {
 /** The name of a decoding worker. */
 const DECODER = "stgs decoder";
 
-/** Compiles the module, which lies next to this script. */
-async function compile(): Promise<WebAssembly.Module> {
-  const url = new URL("./stgs-core.wasm", import.meta.url);
-  const response = await fetch(url);
-  if (!response.ok) throw new Error(`${url.pathname}: status ${response.status}; copy stgs-core.wasm next to stgs-worker.js`);
-  return WebAssembly.compile(await response.arrayBuffer());
-}
-
 function runDecoder(scope: Scope<DecoderRequest, DecoderReply>): void {
   const handle = decoderWorker((reply, transfer) => scope.postMessage(reply, transfer));
   scope.onmessage = ({ data }) => handle(data);
 }
 
-function runPlayer(scope: Scope<PageMessage | CoreBytes, CoreMessage>): void {
+function runPlayer(scope: Scope<PageMessage | StartMessage, CoreMessage>): void {
   const startDecoder = (): DecoderThread => new Worker(scope.location.href, { type: "module", name: DECODER });
-  const start = (module: Promise<WebAssembly.Module>) =>
-    new PlayerHost(module, startDecoder, (message, transfer) => scope.postMessage(message, transfer));
-  let host: PlayerHost | null = null; // from the first message on
+  let provideModule: (message: Extract<StartMessage, { type: "core" }>) => void;
+  let provideBegin: (begin: FileBegin | ReadFailure | null) => void = () => undefined;
+  const module = new Promise<WebAssembly.Module>((resolve, reject) => {
+    provideModule = (message) => ("module" in message ? resolve(message.module) : reject(new Error(message.problem)));
+  });
+  module.catch(() => undefined); // the host reports it for a source
+  const host = new PlayerHost(module, startDecoder, (message, transfer) => scope.postMessage(message, transfer));
   scope.onmessage = ({ data }) => {
-    if (data.type === "core") {
-      host = start(WebAssembly.compile(data.bytes));
-    } else {
-      host ??= start(compile());
-      host.handle(data);
-    }
+    if (data.type === "core") provideModule(data);
+    else if (data.type === "begin") host.expect(data.source, new Promise((resolve) => (provideBegin = resolve)));
+    else if (data.type === "head") provideBegin(data.begin);
+    else host.handle(data);
   };
 }
 
 const scope: unknown = self;
 if ((scope as { name: string }).name === DECODER) runDecoder(scope as Scope<DecoderRequest, DecoderReply>);
-else runPlayer(scope as Scope<PageMessage | CoreBytes, CoreMessage>);
+else runPlayer(scope as Scope<PageMessage | StartMessage, CoreMessage>);

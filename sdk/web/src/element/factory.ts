@@ -5,8 +5,8 @@ import type { Renderer } from "../types";
 
 /** Creates the parts of a player. */
 export interface StgsPlayerFactory {
-  /** Called once per source. The player terminates the worker. */
-  createWorker(): WorkerLike;
+  /** Called once per source, which is opened next. The player terminates the worker. */
+  createWorker(source: string | Blob): WorkerLike;
   /**
    * `choice`: of the attribute `renderer`. Throws if the browser cannot render; the message is
    * displayed. The player destroys the renderer.

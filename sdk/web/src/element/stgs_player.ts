@@ -313,7 +313,7 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     this.canvas = canvas;
     this.shell.setCanvas(canvas);
     const { quality, device, audio } = this;
-    const worker = () => this.factory.createWorker();
+    const worker = (source: string | Blob) => this.factory.createWorker(source);
     this.player = new StgsPlayer({ canvas, renderer, worker, quality, audio, ...(device && { device }) });
     this.player.volume = this.wantedVolume;
     this.player.muted = this.wantsMuted ?? this.hasAttribute("muted");

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import { copyCamera } from "../camera";
+import { LoadMarks } from "../marks";
 import type { Camera, PackedSegment, Renderer, RendererStatistics, SceneInfo, ViewRenderer } from "../types";
 import { abortError, textOf } from "./errors";
 
@@ -28,6 +29,7 @@ export class DeferredRenderer implements Renderer {
   private latest: View | null = null;
   private readonly waiting: ExactView[] = [];
   whenReady: Promise<void> = Promise.resolve(); // of the last start
+  private readonly marks = new LoadMarks();
 
   /** Calls `create`, whose renderers belong to this object; destroy() aborts the signal. */
   constructor(private readonly create: (signal: AbortSignal) => Promise<Renderer>) {
@@ -53,6 +55,7 @@ export class DeferredRenderer implements Renderer {
   setScene(info: SceneInfo): void {
     this.info = info;
     this.segments.clear();
+    this.marks.reset();
     if (this.failure !== null) {
       this.failure = null;
       this.target?.destroy();
@@ -63,7 +66,7 @@ export class DeferredRenderer implements Renderer {
   }
 
   addSegment(segment: PackedSegment): void {
-    if (this.target !== null) this.target.addSegment(segment);
+    if (this.target !== null) this.upload(this.target, segment);
     else if (this.failure === null) this.segments.set(segment.id, segment);
   }
 
@@ -80,6 +83,7 @@ export class DeferredRenderer implements Renderer {
     }
     try {
       this.target.render(camera, ticks);
+      if (this.target.statistics.visible > 0) this.marks.mark("drawn");
     } catch (error) {
       this.fail(error); // so that the next scene has another renderer
       throw error;
@@ -123,10 +127,11 @@ export class DeferredRenderer implements Renderer {
 
   private adopt(renderer: Renderer): void {
     this.target = renderer;
+    this.marks.mark("renderer");
     renderer.onError = (error) => this.fail(error);
     try {
       if (this.info !== null) renderer.setScene(this.info);
-      for (const segment of this.segments.values()) renderer.addSegment(segment);
+      for (const segment of this.segments.values()) this.upload(renderer, segment);
       if (this.latest !== null) renderer.render(this.latest.camera, this.latest.ticks);
     } catch (error) {
       this.fail(error);
@@ -136,6 +141,11 @@ export class DeferredRenderer implements Renderer {
     for (const { camera, ticks, resolve, reject } of this.waiting.splice(0)) {
       renderer.renderExactly(camera, ticks).then(resolve, reject);
     }
+  }
+
+  private upload(renderer: Renderer, segment: PackedSegment): void {
+    renderer.addSegment(segment);
+    this.marks.mark("uploaded");
   }
 
   private fail(error: unknown): void {

@@ -67,7 +67,7 @@ export class Playback {
     this.source = absoluteSource(source);
     this.events.push("loadstart");
     try {
-      this.core.start();
+      this.core.start(this.source);
     } catch (error) {
       return Promise.reject(this.fail("unsupported", `the worker did not start: ${textOf(error)}`));
     }

@@ -2,8 +2,8 @@
 import { CoreMessage, PageMessage } from "../types";
 import { WorkerLike } from "./host";
 
-/** A worker, or a function that creates one per source. */
-export type WorkerSource = WorkerLike | (() => WorkerLike);
+/** A worker, or a function that creates one per source, which is opened next. */
+export type WorkerSource = WorkerLike | ((source: string | Blob) => WorkerLike);
 
 /** The worker of the current source. Messages of earlier workers are ignored. */
 export class WorkerLink {
@@ -20,11 +20,11 @@ export class WorkerLink {
   /**
    * Prepares a worker for the next source. Passes on exceptions of the function that creates workers.
    */
-  start(): void {
+  start(source: string | Blob): void {
     if (typeof this.source === "function") {
       this.worker?.terminate();
       this.worker = null;
-      this.worker = this.attach(this.source());
+      this.worker = this.attach(this.source(source));
     } else if (this.worker === null) {
       this.worker = this.attach(this.source);
     }

@@ -41,7 +41,7 @@ export function listenForFiles({ input, buttons, hint, onFile }: FileParts): voi
     event.preventDefault();
     setDepth(0);
     const files = Array.from(event.dataTransfer!.files);
-    const file = files.find(({ name }) => /\.(stgs|ply)$/i.test(name)) ?? files[0];
+    const file = files.find(({ name }) => /\.(stgs|ply|spz|sog)$/i.test(name)) ?? files[0];
     if (file !== undefined) onFile(file);
   });
 }

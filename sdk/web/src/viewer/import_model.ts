@@ -4,7 +4,7 @@ import type { ImportReply } from "./import_worker";
 
 /** Whether the page can convert a file of this name. */
 export function isModel(name: string): boolean {
-  return name.toLowerCase().endsWith(".ply");
+  return /\.(ply|spz|sog)$/i.test(name);
 }
 
 /** Converts a model to an .stgs file, in a worker. Rejects with an error for display. */

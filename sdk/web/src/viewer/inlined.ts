@@ -24,8 +24,14 @@ function bytesOf(base64: string): Uint8Array {
 export async function inlinedResources(): Promise<Resources | null> {
   const core = document.getElementById("stgs-core");
   if (core === null) return null;
-  // A page from disk may start workers from data, but not modules from Blobs.
-  const script = (id: string) => `data:text/javascript;base64,${take(document.getElementById(id))}`;
+  // A worker from data has no origin, so it could not fetch the scenes of the page's server (?src=). A
+  // page from disk may not start modules from Blobs, and has no server.
+  const isHosted = /^https?:$/.test(location.protocol);
+  const script = (id: string) => {
+    const base64 = take(document.getElementById(id));
+    if (!isHosted) return `data:text/javascript;base64,${base64}`;
+    return URL.createObjectURL(new Blob([bytesOf(base64)], { type: "text/javascript" }));
+  };
   const stream = new Blob([bytesOf(take(core))]).stream().pipeThrough(new DecompressionStream("gzip"));
   return { worker: script("stgs-worker"), sorter: script("stgs-sorter"), core: await new Response(stream).arrayBuffer() };
 }

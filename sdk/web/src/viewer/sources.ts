@@ -49,7 +49,7 @@ export function linkedScene(src: string, page: string): URL | null {
 
 /** Returns the name of a file for display. */
 export function withoutEnding(name: string): string {
-  return name.replace(/\.(stgs|ply)$/i, "");
+  return name.replace(/\.(stgs|ply|spz|sog)$/i, "");
 }
 
 /** Returns the name of a scene for the title: the last part of its path. */

@@ -3,6 +3,7 @@
 import { setResources } from "../index";
 import type { StgsPlayerElement } from "../element/stgs_player";
 import { formatBytes, formatCount } from "../element/text";
+import { markStep } from "../marks";
 import { textOf } from "../player/errors";
 import { listenForFiles } from "./files";
 import { importModel, isModel } from "./import_model";
@@ -140,6 +141,7 @@ function start(): void {
 }
 
 async function main(): Promise<void> {
+  markStep("script");
   const resources = await inlinedResources();
   if (resources !== null) setResources(resources);
   listenForFiles({

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "interchange/sog_read.h"
+
+#include <algorithm>
+
+#include "interchange/import.h"
+#include "interchange/json_fields.h"
+#include "interchange/sog_decoder.h"
+
+namespace stgs {
+namespace {
+
+using nlohmann::json;
+
+Result<SogLayout> parse_sog_meta(std::span<const std::uint8_t> text, const std::string& label,
+                                 ImportMemory& memory) {
+  STGS_ASSIGN(const Charged<json> parsed, parse_json(text, label, memory));
+  const json& root = parsed.value;
+  const json& version = member(root, "version");
+  if (version.is_null() && root.is_object() && root.contains("means")) {
+    return unsupported("{}: unsupported SOG version (expected 2, got 1)", label);
+  }
+  if (!version.is_number_unsigned()) {
+    return invalid_file("{}: not the description of a SOG model (no version)", label);
+  }
+  if (version != 2) {
+    return unsupported("{}: unsupported SOG version (expected 2, got {})", label,
+                       short_json(version));
+  }
+  return sog_layout(root, CodebookRule::kMissingFirst, label, memory.limits());
+}
+
+Status read_sog_model(const SogModel& model, ImportMemory& memory, Gaussians4D& set,
+                      std::size_t first) {
+  ImageRgba centroids;
+  if (model.layout.palette) {
+    STGS_ASSIGN(centroids, sog_centroids(*model.files, *model.layout.palette, memory));
+  }
+  SogDecoder decoder(*model.files, model.layout, &centroids, memory, model.layout.count);
+  return decoder.read_into(set, first);
+}
+
+}  // namespace
+
+Result<SogModel> open_sog(std::unique_ptr<NamedFiles> files, const std::string& meta_name,
+                          ImportMemory& memory) {
+  SogModel model;
+  model.files = std::move(files);
+  STGS_ASSIGN(const ChargedBytes text, model.files->read(meta_name, memory, kMaxSogMetaBytes));
+  STGS_ASSIGN(model.layout, parse_sog_meta(text.value, model.files->label(meta_name), memory));
+  STGS_TRY(check_sog_count(*model.files, model.layout, model.layout.count, "", memory));
+  return model;
+}
+
+Result<Scene> read_sog_models(const std::vector<SogModel>& models, ImportMemory& memory,
+                              ConversionNotes* notes) {
+  std::uint64_t total = 0;
+  Gaussians4D set;
+  for (const SogModel& model : models) {
+    total += model.layout.count;
+    set.sh_degree = std::max(set.sh_degree, model.layout.sh_degree());
+  }
+  STGS_ASSIGN(const Lease lease, memory.take_set(total, set.sh_degree));
+  set.resize(static_cast<std::size_t>(total));
+  std::size_t first = 0;
+  for (const SogModel& model : models) {
+    STGS_TRY(read_sog_model(model, memory, set, first));
+    first += model.layout.count;
+  }
+  return finish_import(std::move(set), notes);
+}
+
+}  // namespace stgs
