@@ -52,17 +52,18 @@ inline float log_of(float x) {
 // Returns the bits of the nearest half float, ties to even. Values beyond the range of half floats
 // are clamped; those that are not finite stay so.
 inline std::uint16_t half_bits(float x) {
-  constexpr std::uint32_t kInfinity = 0x7F800000, kMaxHalf = 0x477FE000;  // 65504
-  constexpr std::uint32_t kMinNormal = 0x38800000;                        // 2^-14
-  const auto bits = std::bit_cast<std::uint32_t>(x);
-  const std::uint32_t magnitude = bits & 0x7FFFFFFF;
-  const std::uint32_t clamped = magnitude < kMaxHalf ? magnitude : kMaxHalf;
-  const std::uint32_t normal = ((clamped + 0xFFF + (clamped >> 13 & 1)) >> 13) - (112 << 10);
+  // Signed numbers, which vector units compare faster.
+  constexpr std::int32_t kInfinity = 0x7F800000, kMaxHalf = 0x477FE000;  // 65504
+  constexpr std::int32_t kMinNormal = 0x38800000;                        // 2^-14
+  const auto bits = std::bit_cast<std::int32_t>(x);
+  const std::int32_t magnitude = bits & 0x7FFFFFFF;
+  const std::int32_t clamped = magnitude < kMaxHalf ? magnitude : kMaxHalf;
+  const std::int32_t normal = ((clamped + 0xFFF + (clamped >> 13 & 1)) >> 13) - (112 << 10);
   // Adding 0.5 rounds to the precision of subnormal half floats.
-  const std::uint32_t small =
-      std::bit_cast<std::uint32_t>(std::bit_cast<float>(clamped) + 0.5f) - 0x3F000000;
-  const std::uint32_t infinite = magnitude > kInfinity ? 0x7E00 : 0x7C00;
-  const std::uint32_t finite = clamped < kMinNormal ? small : normal;
+  const std::int32_t small =
+      std::bit_cast<std::int32_t>(std::bit_cast<float>(clamped) + 0.5f) - 0x3F000000;
+  const std::int32_t infinite = magnitude > kInfinity ? 0x7E00 : 0x7C00;
+  const std::int32_t finite = clamped < kMinNormal ? small : normal;
   return static_cast<std::uint16_t>((bits >> 16 & 0x8000) |
                                     (magnitude < kInfinity ? finite : infinite));
 }
