@@ -2,7 +2,7 @@
 // Prints the rates at which the decoder of the web core decodes and packs all segments of a file, in
 // node: the stages of one decoder, and one and two workers as the player runs them:
 //   node tests/bench/bench_web_decode.mjs build/release/web/stgs/stgs-core.wasm scene.stgs [ROUNDS]
-// Each segment is decoded once per round, with its SH. A stage counts with its shortest time of each
+// Each segment is decoded once per round, with its SH. A stage counts with the least CPU time of each
 // segment, and workers with their shortest round, because other programs may use the processor.
 import { readFileSync } from "node:fs";
 import { isMainThread, parentPort, Worker } from "node:worker_threads";
@@ -39,47 +39,53 @@ async function jobsOfFile(module, path, file) {
   }
 }
 
-/** The parts of a job; throws if it fails. */
-function partsOf(status, parts) {
+/** The primitives of the parts of a job; throws if it fails. */
+function primitivesOf(status, parts) {
   for (const { code, message } of [status.base, status.sh]) if (code !== 0) throw new Error(message);
   return parts.reduce((sum, part) => sum + part.primitives, 0);
 }
 
 const rate = (primitives, ms) => `${(primitives / ms / 1000).toFixed(2)} M/s`;
 
+/** CPU time of this process, ms. */
+function cpuTime() {
+  const { user, system } = process.cpuUsage();
+  return (user + system) / 1000;
+}
+
 /** Times the stages of a decoder on this thread. */
 async function timeStages(open, jobs, rounds) {
-  const decoder = await PartDecoder.open(open), { instance } = decoder;
-  const times = {};
+  const decoder = await PartDecoder.open(open), { instance } = decoder, { exports } = instance;
+  const times = new Map(), best = jobs.map(() => new Map());
   const timed = (name, call) => (...args) => {
-    const begin = performance.now();
-    const result = call(...args);
-    times[name] = (times[name] ?? 0) + performance.now() - begin;
+    const begin = cpuTime(), result = call(...args);
+    times.set(name, (times.get(name) ?? 0) + cpuTime() - begin);
     return result;
   };
   decoder.instance = {
-    exports: { ...instance.exports, stgs_decoder_decode: timed("decode", instance.exports.stgs_decoder_decode),
-               stgs_decoder_next: timed("pack", instance.exports.stgs_decoder_next) },
-    copy: timed("copy", instance.copy.bind(instance)), bytes: instance.bytes.bind(instance), text: instance.text.bind(instance),
+    exports: { ...exports, stgs_decoder_decode: timed("decode and pack", exports.stgs_decoder_decode),
+               stgs_decoder_next: timed("decode and pack", exports.stgs_decoder_next) },
+    copy: timed("copy to the page", instance.copy.bind(instance)),
+    bytes: instance.bytes.bind(instance), text: instance.text.bind(instance),
   };
-  const best = jobs.map(() => ({}));
+  const decode = timed("all", decoder.decode.bind(decoder));
   let primitives = 0, first = 0;
   for (let round = 0; round < rounds; ++round) {
+    const begin = cpuTime();
     primitives = 0;
-    const begin = performance.now();
-    jobs.forEach((job, i) => {
-      for (const name of Object.keys(times)) delete times[name];
-      const all = timed("all", decoder.decode.bind(decoder));
-      const { status, parts } = all(job);
-      primitives += partsOf(status, parts);
-      for (const [name, ms] of Object.entries(times)) best[i][name] = Math.min(best[i][name] ?? Infinity, ms);
-    });
-    if (round === 0) first = performance.now() - begin;
+    for (const [i, job] of jobs.entries()) {
+      times.clear();
+      const { status, parts } = decode(job);
+      primitives += primitivesOf(status, parts);
+      for (const [name, ms] of times) best[i].set(name, Math.min(best[i].get(name) ?? Infinity, ms));
+    }
+    if (round === 0) first = cpuTime() - begin;
   }
-  const bytes = jobs.reduce((sum, { records }) => sum + records.reduce((all, record) => all + record.bytes.byteLength, 0), 0);
+  const bytes = jobs.flatMap(({ records }) => records).reduce((sum, record) => sum + record.bytes.byteLength, 0);
   console.log(`${primitives} primitives in ${jobs.length} segments, ${(bytes / primitives).toFixed(1)} bytes each; ` +
     `memory ${(instance.memoryBytes / 1e6).toFixed(1)} MB; first round ${rate(primitives, first)}`);
-  for (const name of Object.keys(best[0])) console.log(`  ${name}: ${rate(primitives, best.reduce((sum, one) => sum + one[name], 0))}`);
+  for (const name of best[0].keys())
+    console.log(`  ${name}: ${rate(primitives, best.reduce((sum, one) => sum + one.get(name), 0))}`);
 }
 
 /** Starts a worker of this script, with the interface of a browser's. */
@@ -97,7 +103,7 @@ async function timePool(open, jobs, rounds, count) {
   let best = Infinity, primitives = 0;
   const run = { received: () => undefined, failed: () => undefined };
   const pool = new DecoderPool(count, startThread, {
-    decoded: (_id, status, parts) => run.received(partsOf(status, parts)),
+    decoded: (_id, status, parts) => run.received(primitivesOf(status, parts)),
     decodersFailed: (message) => run.failed(new Error(message)),
   });
   pool.open(open.module, open.name, open.fileBytes, open.maxMemory, open.pieces);
