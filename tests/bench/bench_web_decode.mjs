@@ -3,7 +3,7 @@
 // node: the stages of one decoder, and one and two workers as the player runs them:
 //   node tests/bench/bench_web_decode.mjs build/release/web/stgs/stgs-core.wasm scene.stgs [ROUNDS]
 // Each segment is decoded once per round, with its SH. A stage counts with the least CPU time of each
-// segment, and workers with their shortest round, because other programs may use the processor.
+// segment, and workers with their shortest round, because other programs may use the CPU.
 import { readFileSync } from "node:fs";
 import { isMainThread, parentPort, Worker } from "node:worker_threads";
 import { importSource } from "../web/import_source.mjs";

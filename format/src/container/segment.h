@@ -107,9 +107,10 @@ struct DecodingWork {
 };
 
 // Makes the checks of decode_segment() for all attributes, and returns the same, but decodes a
-// range of primitives after the other: 4 MiB of them at a time, positions of Draco excepted. `visit`
-// receives them complete but for SH above degree 0, with time_origin as TimeOrigin::kRecord.
-// Reduces `work` by decoded_values(), or refuses the segment with the error kMemoryLimit.
+// range of primitives after the other: 4 MiB of them at a time, positions of Draco excepted.
+// `visit` receives them complete but for SH above degree 0, with time_origin as
+// TimeOrigin::kRecord. Reduces `work` by decoded_values(), or refuses the segment with the error
+// kMemoryLimit.
 bool decode_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                    const RangeVisitor& visit, DecodingWork& work, Findings& findings);
 // Decodes all attributes and makes the checks of decode_segment(), but passes a range of primitives
