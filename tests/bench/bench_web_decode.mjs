@@ -1,22 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-// Prints the rate at which the decoder of the web core decodes and packs the segments of a file, in
-// node, on one thread:
+// Prints the rates at which the decoder of the web core decodes and packs all segments of a file, in
+// node: the stages of one decoder, and one and two workers as the player runs them:
 //   node tests/bench/bench_web_decode.mjs build/release/web/stgs/stgs-core.wasm scene.stgs [ROUNDS]
+// Each segment is decoded once per round, with its SH. A stage counts with the least CPU time of each
+// segment, and workers with their shortest round, because other programs may use the CPU.
 import { readFileSync } from "node:fs";
+import { isMainThread, parentPort, Worker } from "node:worker_threads";
 import { importSource } from "../web/import_source.mjs";
 
-const [, , wasm, path, rounds = "5"] = process.argv;
-const { Core } = await importSource("src/core/module.ts");
-const { PartDecoder } = await importSource("src/core/part_decoder.ts");
-const file = readFileSync(path);
-const module = await WebAssembly.compile(readFileSync(wasm));
-const slice = (offset, bytes) => file.buffer.slice(file.byteOffset + offset, file.byteOffset + offset + bytes);
+const { decoderWorker, PartDecoder } = await importSource("src/core/part_decoder.ts");
 
-/** Returns the jobs of playing the whole file, and the bytes with which it is opened. */
-async function jobsOfFile() {
-  const jobs = [], pieces = [], reads = [];
-  const host = { read: (...read) => reads.push(read), cancel: () => undefined, decode: (job) => jobs.push(job) };
-  const core = await Core.create(module, host);
+/** Returns the last job of each segment of a file, and the bytes with which the file is opened. */
+async function jobsOfFile(module, path, file) {
+  const { Core } = await importSource("src/core/module.ts");
+  const jobs = new Map(), pieces = [], reads = [], ended = [];
+  const slice = (offset, bytes) => file.buffer.slice(file.byteOffset + offset, file.byteOffset + offset + bytes);
+  const decode = (job) => {
+    jobs.set(job.segment, job);
+    ended.push(job.id);
+  };
+  const core = await Core.create(module, { read: (...read) => reads.push(read), cancel: () => undefined, decode });
   core.open(path, file.length, 2 ** 31, 1e6, 2 ** 20);
   for (let result = core.tryOpen(); !("info" in result); result = core.tryOpen()) {
     if (!("missing" in result)) throw new Error(result.message);
@@ -26,26 +29,114 @@ async function jobsOfFile() {
   }
   for (;;) {
     core.step(10);
-    if (reads.length === 0) return { jobs, pieces };
+    if (reads.length + ended.length === 0) return { jobs: [...jobs.values()], pieces };
     for (const [id, offset, bytes, address] of reads.splice(0)) {
       core.bytes(address, bytes).set(new Uint8Array(slice(offset, bytes)));
       core.readDone(id, "");
     }
+    const good = { code: 0, message: "" };
+    for (const id of ended.splice(0)) core.decodeDone(id, { origin: 0, base: good, sh: good });
   }
 }
 
-const { jobs, pieces } = await jobsOfFile();
-const decoder = await PartDecoder.open({ module, name: path, fileBytes: file.length, maxMemory: 2 ** 31, pieces });
-for (let round = 0; round < Number(rounds); ++round) {
-  const begin = process.cpuUsage();
-  let primitives = 0;
-  for (const job of jobs) {
-    const { status, parts } = decoder.decode(job);
-    if (status.base.code !== 0) throw new Error(status.base.message);
-    for (const part of parts) primitives += part.primitives;
+/** The primitives of the parts of a job; throws if it fails. */
+function primitivesOf(status, parts) {
+  for (const { code, message } of [status.base, status.sh]) if (code !== 0) throw new Error(message);
+  return parts.reduce((sum, part) => sum + part.primitives, 0);
+}
+
+const rate = (primitives, ms) => `${(primitives / ms / 1000).toFixed(2)} M/s`;
+
+/** CPU time of this process, ms. */
+function cpuTime() {
+  const { user, system } = process.cpuUsage();
+  return (user + system) / 1000;
+}
+
+/** Times the stages of a decoder on this thread. */
+async function timeStages(open, jobs, rounds) {
+  const decoder = await PartDecoder.open(open), { instance } = decoder, { exports } = instance;
+  const times = new Map(), best = jobs.map(() => new Map());
+  const timed = (name, call) => (...args) => {
+    const begin = cpuTime(), result = call(...args);
+    times.set(name, (times.get(name) ?? 0) + cpuTime() - begin);
+    return result;
+  };
+  decoder.instance = {
+    exports: { ...exports, stgs_decoder_decode: timed("decode and pack", exports.stgs_decoder_decode),
+               stgs_decoder_next: timed("decode and pack", exports.stgs_decoder_next) },
+    copy: timed("copy to the page", instance.copy.bind(instance)),
+    bytes: instance.bytes.bind(instance), text: instance.text.bind(instance),
+  };
+  const decode = timed("all", decoder.decode.bind(decoder));
+  let primitives = 0, first = 0;
+  for (let round = 0; round < rounds; ++round) {
+    const begin = cpuTime();
+    primitives = 0;
+    for (const [i, job] of jobs.entries()) {
+      times.clear();
+      const { status, parts } = decode(job);
+      primitives += primitivesOf(status, parts);
+      for (const [name, ms] of times) best[i].set(name, Math.min(best[i].get(name) ?? Infinity, ms));
+    }
+    if (round === 0) first = cpuTime() - begin;
   }
-  const { user, system } = process.cpuUsage(begin);
-  const ms = (user + system) / 1000;
-  console.log(`${primitives} primitives, ${jobs.length} jobs: ${ms.toFixed(1)} ms of CPU time, ${(primitives / ms / 1000).toFixed(2)} M/s, ` +
-    `${(decoder.memoryBytes / 1e6).toFixed(1)} MB`);
+  const bytes = jobs.flatMap(({ records }) => records).reduce((sum, record) => sum + record.bytes.byteLength, 0);
+  console.log(`${primitives} primitives in ${jobs.length} segments, ${(bytes / primitives).toFixed(1)} bytes each; ` +
+    `memory ${(instance.memoryBytes / 1e6).toFixed(1)} MB; first round ${rate(primitives, first)}`);
+  for (const name of best[0].keys())
+    console.log(`  ${name}: ${rate(primitives, best.reduce((sum, one) => sum + one.get(name), 0))}`);
+}
+
+/** Starts a worker of this script, with the interface of a browser's. */
+function startThread() {
+  const worker = new Worker(new URL(import.meta.url));
+  const thread = { postMessage: (message, transfer) => worker.postMessage(message, transfer), terminate: () => worker.terminate() };
+  worker.on("message", (data) => thread.onmessage?.({ data }));
+  worker.on("error", (error) => thread.onerror?.(error));
+  return thread;
+}
+
+/** Times a pool of workers. */
+async function timePool(open, jobs, rounds, count) {
+  const { DecoderPool } = await importSource("src/core/decoder_pool.ts");
+  let best = Infinity, primitives = 0;
+  const run = { received: () => undefined, failed: () => undefined };
+  const pool = new DecoderPool(count, startThread, {
+    decoded: (_id, status, parts) => run.received(primitivesOf(status, parts)),
+    decodersFailed: (message) => run.failed(new Error(message)),
+  });
+  pool.open(open.module, open.name, open.fileBytes, open.maxMemory, open.pieces);
+  for (let round = 0; round < rounds; ++round) {
+    const queue = jobs.map((job) => ({ ...job, records: job.records.map(({ offset, bytes }) => ({ offset, bytes: bytes.slice(0) })) }));
+    let left = queue.length;
+    primitives = 0;
+    const begin = performance.now();
+    await new Promise((resolve, reject) => {
+      run.failed = reject;
+      run.received = (decoded) => {
+        primitives += decoded;
+        if (queue.length > 0) pool.decode(queue.shift());
+        if (--left === 0) resolve();
+      };
+      for (const job of queue.splice(0, pool.capacity)) pool.decode(job);
+    });
+    best = Math.min(best, performance.now() - begin);
+  }
+  pool.close();
+  console.log(`${count} ${count === 1 ? "worker" : "workers"}: ${rate(primitives, best)}`);
+  return best;
+}
+
+if (isMainThread) {
+  const [, , wasm, path, rounds = "9"] = process.argv;
+  const file = readFileSync(path), module = await WebAssembly.compile(readFileSync(wasm));
+  const { jobs, pieces } = await jobsOfFile(module, path, file);
+  const open = { module, name: path, fileBytes: file.length, maxMemory: 2 ** 31, pieces };
+  await timeStages(open, jobs, Number(rounds));
+  const one = await timePool(open, jobs, Number(rounds), 1), two = await timePool(open, jobs, Number(rounds), 2);
+  console.log(`two workers over one: ${(one / two).toFixed(2)}`);
+} else {
+  const handle = decoderWorker((reply, transfer) => parentPort.postMessage(reply, transfer));
+  parentPort.on("message", handle);
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <limits>
+#include <utility>
 
 #include "catch.h"
 #include "codec/values.h"
@@ -45,9 +46,25 @@ void check_same(const Gaussians4D& range, const Gaussians4D& set, std::size_t be
   CHECK(equals(range.rotation, set.rotation, 4, begin));
   CHECK(equals(range.opacity_logit, set.opacity_logit, 1, begin));
   CHECK(range.time_origin == set.time_origin);
+  const auto own = static_cast<std::size_t>(3 * range.sh_coefficients());
+  const auto all = static_cast<std::size_t>(3 * set.sh_coefficients());
   bool same = true;
   for (std::size_t i = 0; i < range.size(); ++i)
-    same = same && std::equal(&range.sh[48 * i], &range.sh[48 * i] + 3, &set.sh[48 * (begin + i)]);
+    same =
+        same && std::equal(&range.sh[own * i], &range.sh[own * i] + 3, &set.sh[all * (begin + i)]);
+  CHECK(same);
+}
+
+// Checks that a range has all SH of `set` that are not 0.
+void check_sh(const Gaussians4D& range, const Gaussians4D& set, std::size_t begin) {
+  const auto own = static_cast<std::size_t>(3 * range.sh_coefficients());
+  const auto all = static_cast<std::size_t>(3 * set.sh_coefficients());
+  bool same = true;
+  for (std::size_t i = 0; i < range.size(); ++i) {
+    const float* const row = &set.sh[all * (begin + i)];
+    same = same && std::equal(row, row + own, &range.sh[own * i]) &&
+           std::all_of(row + own, row + all, [](float v) { return v == 0.0f; });
+  }
   CHECK(same);
 }
 
@@ -81,6 +98,54 @@ TEST_CASE("primitives that are decoded in ranges equal those that are decoded to
     CHECK(primitives == head.index.primitives);
     CHECK(ranges > head.index.segments.size());
   }
+}
+
+TEST_CASE("ranges that are passed on have the values of their segment, and the SH that were read") {
+  Scene scene = random_scene(100'000, 2, 30, 9);
+  std::fill(scene.gaussians.radius.begin(), scene.gaussians.radius.end(), 60.0f);
+  // Quantised primitives have different SH degrees, so these are passed on without SH alone.
+  for (const auto& [profile, with_sh] :
+       {std::pair(Profile::kLossless, true), std::pair(Profile::kQuantised, false)}) {
+    WriteSettings settings;
+    settings.profile = profile;
+    const auto bytes = encode_scene(scene, settings);
+    REQUIRE(bytes.ok());
+    const auto reader = SceneReader::open(memory_source(*bytes));
+    REQUIRE(reader.ok());
+    std::size_t primitives = 0, ranges = 0;
+    for (std::uint32_t s = 0; s < (*reader)->segments().size(); ++s) {
+      const TimeOrigin origin = s % 2 == 0 ? TimeOrigin::kPart : TimeOrigin::kRecord;
+      const auto set = (*reader)->decode(s, with_sh, origin);
+      REQUIRE(set.ok());
+      const int degree = with_sh ? 2 : 0;
+      const auto visit = [&](const Gaussians4D& range, std::size_t begin) {
+        check_same(range, *set, begin);
+        check_sh(range, *set, begin);
+        CHECK(range.sh_degree == degree);
+        primitives += range.size();
+        ++ranges;
+      };
+      const auto rest = (*reader)->decode_ranges(s, with_sh, origin, visit);
+      REQUIRE(rest.ok());
+      CHECK_FALSE(rest->has_value());
+    }
+    CHECK(primitives == (*reader)->primitives());
+    CHECK(ranges > (*reader)->segments().size());
+  }
+}
+
+TEST_CASE("a segment of primitives with different SH degrees is not passed on in ranges") {
+  const auto bytes = encode_scene(long_segment(), WriteSettings());
+  REQUIRE(bytes.ok());
+  const auto reader = SceneReader::open(memory_source(*bytes));
+  REQUIRE(reader.ok());
+  const auto visit = [](const Gaussians4D&, std::size_t) { FAIL("passed on"); };
+  const auto rest = (*reader)->decode_ranges(0, true, TimeOrigin::kPart, visit);
+  REQUIRE(rest.ok());
+  REQUIRE(rest->has_value());
+  const auto set = (*reader)->decode(0, true);
+  REQUIRE(set.ok());
+  CHECK((*rest)->sh == set->sh);
 }
 
 TEST_CASE("damage in any range of a segment is an error of the segment") {

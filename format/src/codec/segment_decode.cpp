@@ -14,8 +14,9 @@ namespace stgs {
 namespace {
 
 using N = IssueNumber;
-// Memory of a range of RangeDecoder: it stays in the cache.
-constexpr std::uint64_t kRangeMemory = 4 << 20;
+// Memory of a range that is checked, on all threads, and of one that is passed on, on one thread:
+// it stays in the cache.
+constexpr std::uint64_t kCheckedMemory = 4 << 20, kPassedMemory = 1 << 20;
 
 Step log_scale_step(const Layout& layout) {
   for (const StreamRow& row : layout.streams) {
@@ -95,27 +96,48 @@ void map_all(const std::vector<StreamTask>& tasks, const SegmentContext& context
 constexpr AttributeBits kBandAttributes = attribute_bit(Attribute::kSh1) |
                                           attribute_bit(Attribute::kSh2) |
                                           attribute_bit(Attribute::kSh3);
+constexpr Attribute kBands[] = {Attribute::kSh1, Attribute::kSh2, Attribute::kSh3};
+
+// How RangeDecoder decodes: the memory of a range, and whether the bands of SH are decoded together
+// with the attributes below sh1.
+struct RangePlan {
+  TimeOrigin origin = TimeOrigin::kRecord;
+  std::uint64_t memory = kCheckedMemory;
+  bool bands_together = false;
+};
 
 // Decodes the records of a segment range by range. The attributes below sh1 are decoded together,
 // then each band of SH, of those primitives that have it.
 class RangeDecoder {
  public:
   RangeDecoder(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
-               Findings& findings)
-      : head_(head),
+               const RangePlan& plan, Findings& findings)
+      : plan_(plan),
+        head_(head),
         ordinal_(ordinal),
         findings_(findings),
         decoders_(open_records(records, head, ordinal, findings)),
         rows_(decoders_.size()),
         good_(decoders_.size(), true) {
-    if (!decoders_.empty()) context_ = context_of(records, head, ordinal, TimeOrigin::kRecord);
+    if (!decoders_.empty()) context_ = context_of(records, head, ordinal, plan.origin);
+    set_.sh_degree = plan.bands_together ? greatest_band() : head.metadata.sh_degree;
+  }
+
+  // Returns whether all primitives have values of each band of SH, or none has.
+  bool bands_are_complete() const {
+    const std::uint32_t n = head_.index.segments[ordinal_].base.primitives;
+    return std::all_of(std::begin(kBands), std::end(kBands), [&](Attribute band) {
+      return symbols_of(band) == 0 || symbols_of(band) == n;
+    });
   }
 
   // Call it if there are no errors so far.
   void decode(const RangeVisitor& visit) {
     const IndexEntry& entry = head_.index.segments[ordinal_].base;
-    decode_together(~kBandAttributes, entry.primitives, visit);
-    for (const Attribute band : {Attribute::kSh1, Attribute::kSh2, Attribute::kSh3}) {
+    decode_together(plan_.bands_together ? kAllAttributes : ~kBandAttributes, entry.primitives,
+                    visit);
+    for (const Attribute band : kBands) {
+      if (plan_.bands_together) break;
       for (const RecordDecoder& decoder : decoders_)
         decode_together(attribute_bit(band), decoder.symbols_of(band), nullptr);
     }
@@ -129,6 +151,22 @@ class RangeDecoder {
   }
 
  private:
+  // Returns the primitives that have values of a band, in the record with the most.
+  std::uint32_t symbols_of(Attribute band) const {
+    std::uint32_t out = 0;
+    for (const RecordDecoder& decoder : decoders_) out = std::max(out, decoder.symbols_of(band));
+    return out;
+  }
+
+  // Returns the greatest SH degree of which there are values.
+  int greatest_band() const {
+    int out = 0;
+    for (const Attribute band : kBands) {
+      if (symbols_of(band) > 0) out = band_of(band);
+    }
+    return std::min(out, head_.metadata.sh_degree);
+  }
+
   bool all_good() const {
     return std::all_of(good_.begin(), good_.end(), [](bool good) { return good; });
   }
@@ -137,7 +175,7 @@ class RangeDecoder {
   std::size_t range_size(AttributeBits attributes) const {
     std::uint64_t bytes = 4 * floats_per_primitive(head_.metadata.sh_degree);
     for (const RecordDecoder& decoder : decoders_) bytes += decoder.symbol_bytes(attributes);
-    return std::max<std::size_t>(1, kRangeMemory / (kRansBlock * bytes)) * kRansBlock;
+    return std::max<std::size_t>(1, plan_.memory / (kRansBlock * bytes)) * kRansBlock;
   }
 
   // Decodes n values of each of these attributes.
@@ -172,7 +210,6 @@ class RangeDecoder {
   void map(const std::vector<StreamTask>& tasks, const DecodeRange& range,
            std::vector<Carries>& carries, const RangeVisitor& visit) {
     const std::size_t n = range.end - range.begin;
-    set_.sh_degree = head_.metadata.sh_degree;
     set_.time_origin = context_.time_origin;
     set_.resize(n);
     const MapResult result = map_streams(tasks, context_, n, set_, carries);
@@ -181,6 +218,7 @@ class RangeDecoder {
     if (visit) visit(set_, range.begin);
   }
 
+  const RangePlan plan_;
   const FileHead& head_;
   const std::uint32_t ordinal_;
   Findings& findings_;
@@ -243,10 +281,21 @@ bool decode_segment(const SegmentRecords& records, const FileHead& head, std::ui
   return good;
 }
 
+bool pass_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
+                 TimeOrigin origin, const RangeVisitor& visit, Findings& findings) {
+  Findings found;
+  const RangePlan plan{origin, kPassedMemory, true};
+  RangeDecoder decoder(records, head, ordinal, plan, found);
+  const bool is_possible = decoder.bands_are_complete();
+  if (found.ok() && is_possible) decoder.decode(visit);
+  findings.append(std::move(found));
+  return is_possible;
+}
+
 bool decode_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                    const RangeVisitor& visit, DecodingWork& work, Findings& findings) {
   Findings found;
-  RangeDecoder decoder(records, head, ordinal, found);
+  RangeDecoder decoder(records, head, ordinal, RangePlan(), found);
   const std::uint64_t needed = decoded_values(records, head, ordinal);
   if (found.ok() && needed > work.values) {
     work.is_refused = true;

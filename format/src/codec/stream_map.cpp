@@ -12,7 +12,9 @@ namespace stgs {
 namespace {
 
 using N = IssueNumber;
-constexpr std::size_t kMapGrain = 16384;  // primitives per task
+// Primitives per task of several threads. A single thread maps all in turn, without the sums before
+// each chunk.
+constexpr std::size_t kMapGrain = 16384;
 
 constexpr float min_origin() {
   return std::bit_cast<float>(static_cast<std::uint32_t>(kMinExponent + 127) << 23);
@@ -151,13 +153,13 @@ std::size_t values_of(const StreamTask& task, std::size_t n) {
 // before it, and those before the first primitive.
 std::vector<Carries> carries_of(std::span<const StreamTask> tasks,
                                 const std::vector<Carries>& first, std::size_t chunks,
-                                std::size_t n) {
+                                std::size_t grain, std::size_t n) {
   std::vector<Carries> out(chunks * tasks.size(), Carries{});
   parallel_for(std::size_t{0}, (chunks - 1) * tasks.size(), [&](std::size_t job) {
     const std::size_t chunk = job / tasks.size();
     const StreamTask& task = tasks[job % tasks.size()];
     if (static_cast<Prediction>(task.row->prediction) < Prediction::kDelta) return;
-    sum_task(task, chunk * kMapGrain, std::min(values_of(task, n), (chunk + 1) * kMapGrain),
+    sum_task(task, chunk * grain, std::min(values_of(task, n), (chunk + 1) * grain),
              out[job + tasks.size()].data());
   });
   for (std::size_t t = 0; t < tasks.size(); ++t) {
@@ -196,8 +198,9 @@ class StreamMapper {
         context_(context),
         n_(n),
         set_(set),
-        chunks_((n + kMapGrain - 1) / kMapGrain),
-        carries_(carries_of(tasks, carries, chunks_, n)),
+        grain_(concurrency() == 1 ? std::max<std::size_t>(n, 1) : kMapGrain),
+        chunks_((n + grain_ - 1) / grain_),
+        carries_(carries_of(tasks, carries, chunks_, grain_, n)),
         attributes_(mapped_attributes(tasks)),
         bad_(chunks_ * (tasks.size() + 1), 0) {}
 
@@ -238,10 +241,10 @@ class StreamMapper {
 
   // Maps the values of a chunk of those tasks that are partial, or of the others.
   void map_chunk(std::size_t chunk, bool partial) {
-    const std::size_t end = std::min(n_, (chunk + 1) * kMapGrain);
+    const std::size_t end = std::min(n_, (chunk + 1) * grain_);
     std::uint8_t* const found = bad_.data() + chunk * (tasks_.size() + 1);
     MapRun run;
-    for (std::size_t first = chunk * kMapGrain; first < end; first += kMapRun) {
+    for (std::size_t first = chunk * grain_; first < end; first += kMapRun) {
       const std::size_t run_end = std::min(end, first + kMapRun);
       if (!partial && !set_.sh.empty()) {
         const auto stride = static_cast<std::size_t>(3 * set_.sh_coefficients());
@@ -265,7 +268,7 @@ class StreamMapper {
   const SegmentContext& context_;
   const std::size_t n_;
   Gaussians4D& set_;
-  const std::size_t chunks_;
+  const std::size_t grain_, chunks_;
   std::vector<Carries> carries_;
   const MappedAttributes attributes_;
   // By chunk: a flag for each task that is out of range, and one if it is not renderable.

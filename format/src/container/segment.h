@@ -106,13 +106,17 @@ struct DecodingWork {
   bool is_refused = false;  // a segment needs more: it and those after it are not decoded
 };
 
-// Receives primitives of a segment in their order: `set` has those from number `begin` on, complete
-// but for SH above degree 0, and time_origin as TimeOrigin::kRecord. It is valid during the call.
-using RangeVisitor = std::function<void(const Gaussians4D& set, std::size_t begin)>;
 // Makes the checks of decode_segment() for all attributes, and returns the same, but decodes a
 // range of primitives after the other: 4 MiB of them at a time, positions of Draco excepted.
-// Reduces `work` by decoded_values(), or refuses the segment with the error kMemoryLimit.
+// `visit` receives them complete but for SH above degree 0, with time_origin as
+// TimeOrigin::kRecord. Reduces `work` by decoded_values(), or refuses the segment with the error
+// kMemoryLimit.
 bool decode_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                    const RangeVisitor& visit, DecodingWork& work, Findings& findings);
+// Decodes all attributes and makes the checks of decode_segment(), but passes a range of primitives
+// after the other to `visit`, of SH up to the greatest degree of the records. Returns false, and
+// does nothing, if some of the primitives lack SH that others have.
+bool pass_ranges(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
+                 TimeOrigin origin, const RangeVisitor& visit, Findings& findings);
 
 }  // namespace stgs

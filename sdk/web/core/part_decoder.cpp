@@ -3,10 +3,10 @@
 
 #include <algorithm>
 #include <memory_resource>
+#include <optional>
 #include <utility>
 
 #include "packed_segment.h"
-#include "stream/decode_executor.h"
 
 namespace stgs::web {
 
@@ -28,26 +28,77 @@ Status PartDecoder::open() {
 
 Status PartDecoder::decode(std::uint32_t segment, bool with_sh, Status& sh) {
   set_ = {};
-  packed_ = 0;
-  Result<Gaussians4D> set = player::decode_to_render(*reader_, segment, with_sh, sh);
+  primitives_ = next_ = 0;
+  Status status = fill(segment, with_sh);
+  const bool is_damage =
+      status.code() == StatusCode::kInvalidFile || status.code() == StatusCode::kUnsupported;
+  if (with_sh && is_damage && reader_->segments()[segment].sh_bytes > 0) {
+    Status base = fill(segment, false);
+    if (base.ok()) sh = std::move(status);
+    status = std::move(base);
+  }
   provided_->clear();
-  STGS_TRY(set.status());
-  set_ = std::move(set).value();
+  return status;
+}
+
+Status PartDecoder::fill(std::uint32_t segment, bool with_sh) {
+  const auto visit = [&](const Gaussians4D& set, std::size_t begin) {
+    pack_range(set, begin, reader_->segments()[segment].primitives);
+  };
+  STGS_ASSIGN(std::optional<Gaussians4D> rest,
+              reader_->decode_ranges(segment, with_sh, reader_->render_origin(segment), visit));
+  primitives_ = reader_->segments()[segment].primitives;
+  if (!rest) return {};
+  set_ = std::move(*rest);
+  time_origin_ = set_.time_origin;
   return {};
 }
 
+void PartDecoder::allocate(std::size_t bytes) {
+  if (bytes <= capacity_) return;
+  capacity_ = 0;
+  packed_.reset();
+  packed_ = std::make_unique_for_overwrite<std::uint8_t[]>(bytes);
+  capacity_ = bytes;
+}
+
+std::size_t PartDecoder::bytes_before(std::size_t begin) const {
+  const auto bytes = player::packed_bytes(kPartPrimitives, reader_->sh_degree());
+  return static_cast<std::size_t>(begin / kPartPrimitives * bytes);
+}
+
+void PartDecoder::pack_range(const Gaussians4D& set, std::size_t begin, std::uint32_t n) {
+  const int degree = reader_->sh_degree();
+  const std::uint32_t last = n / kPartPrimitives * kPartPrimitives;
+  allocate(bytes_before(last) + static_cast<std::size_t>(player::packed_bytes(n - last, degree)));
+  for (std::size_t done = 0; done < set.size();) {
+    const auto at = static_cast<std::uint32_t>(begin + done);
+    const std::uint32_t first = at / kPartPrimitives * kPartPrimitives;
+    const std::uint32_t total = std::min(kPartPrimitives, n - first);
+    const auto count =
+        static_cast<std::uint32_t>(std::min<std::size_t>(set.size() - done, first + total - at));
+    player::pack_primitives(set, done, count, degree, packed_.get() + bytes_before(first), total,
+                            at - first);
+    done += count;
+  }
+  time_origin_ = set.time_origin;
+}
+
 const PartDecoder::Part* PartDecoder::next_part() {
-  if (packed_ == set_.size()) {
+  if (next_ == primitives_) {
     set_ = {};
-    packed_ = 0;
     return nullptr;
   }
   const int degree = reader_->sh_degree();
-  part_.primitives =
-      static_cast<std::uint32_t>(std::min<std::size_t>(kPartPrimitives, set_.size() - packed_));
-  part_.packed.resize(static_cast<std::size_t>(player::packed_bytes(part_.primitives, degree)));
-  player::pack_segment(set_, packed_, part_.primitives, degree, part_.packed.data());
-  packed_ += part_.primitives;
+  part_.primitives = std::min(kPartPrimitives, primitives_ - next_);
+  const auto bytes = static_cast<std::size_t>(player::packed_bytes(part_.primitives, degree));
+  const bool is_packed = set_.size() == 0;
+  if (!is_packed) {
+    allocate(bytes);
+    player::pack_segment(set_, next_, part_.primitives, degree, packed_.get());
+  }
+  part_.packed = {packed_.get() + (is_packed ? bytes_before(next_) : 0), bytes};
+  next_ += part_.primitives;
   return &part_;
 }
 

@@ -5,8 +5,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
-#include <vector>
 
 #include "provided_source.h"
 #include "stgs/format/scene_file.h"
@@ -20,7 +20,7 @@ class PartDecoder {
   // A part of a segment: consecutive primitives.
   struct Part {
     std::uint32_t primitives = 0;
-    std::vector<std::uint8_t> packed;  // as packed_segment.h states
+    std::span<const std::uint8_t> packed;  // as packed_segment.h states
   };
 
   // `max_memory`: bytes for decoding a segment (ReadLimits).
@@ -30,23 +30,36 @@ class PartDecoder {
   ProvidedSource& source() { return *provided_; }
   // kIo: bytes are missing.
   Status open();
-  // Decodes a segment as player::decode_to_render(); open() has succeeded.
+  // Decodes and packs a segment, as player::decode_to_render(); open() has succeeded.
   Status decode(std::uint32_t segment, bool with_sh, Status& sh);
   // The time from which the times of the decoded segment count, ticks of its part.
-  double time_origin() const { return set_.time_origin; }
-  // Packs the next part of the decoded segment; null after the last one. Valid until the next call.
+  double time_origin() const { return time_origin_; }
+  // Moves on to the next part of the decoded segment; null after the last one. Valid until the next
+  // call.
   const Part* next_part();
 
  private:
   // Primitives of a part: its packed data take at most 11 MB.
   static constexpr std::uint32_t kPartPrimitives = 1 << 16;
 
+  // Decodes and packs all that was read of a segment.
+  Status fill(std::uint32_t segment, bool with_sh);
+  // Packs a range of primitives of a segment of n, from number `begin` on.
+  void pack_range(const Gaussians4D& set, std::size_t begin, std::uint32_t n);
+  // Makes memory for packed primitives, which is not set.
+  void allocate(std::size_t bytes);
+  // Bytes of the parts before primitive `begin`, a multiple of kPartPrimitives.
+  std::size_t bytes_before(std::size_t begin) const;
+
   ReadLimits limits_;
   std::unique_ptr<ProvidedSource> opening_;  // until open()
   ProvidedSource* provided_;
   std::unique_ptr<SceneReader> reader_;
-  Gaussians4D set_;
-  std::size_t packed_ = 0;  // primitives
+  Gaussians4D set_;                          // of a segment that is not packed yet; else empty
+  std::unique_ptr<std::uint8_t[]> packed_;   // the parts of the segment, or the last one of set_
+  std::size_t capacity_ = 0;                 // bytes
+  std::uint32_t primitives_ = 0, next_ = 0;  // of the segment, and the first of the next part
+  double time_origin_ = 0;
   Part part_;
 };
 

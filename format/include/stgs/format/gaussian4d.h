@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory_resource>
 #include <vector>
 
@@ -70,6 +71,16 @@ struct Gaussians4D {
   void append(const Gaussians4D& other);
   // Returns the listed primitives in that order. Each index must be below size().
   Gaussians4D gather(const std::vector<std::uint32_t>& indices) const;
+};
+
+// Receives primitives of a segment in their order: `set` has those from number `begin` on. It is
+// valid during the call.
+using RangeVisitor = std::function<void(const Gaussians4D& set, std::size_t begin)>;
+
+// Where and when the primitives of a segment are: X at T, scene units, 3 floats each; T, ticks from
+// the beginning of the part.
+struct Placement {
+  FloatArray position, time;
 };
 
 }  // namespace stgs

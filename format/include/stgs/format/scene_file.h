@@ -196,12 +196,6 @@ enum class IndexLoading {
   kOnDemand   // 16 KiB or less of most files; SceneReader::load() reads the rest
 };
 
-// Where and when the primitives of a segment are: X at T, scene units, 3 floats each; T, ticks from
-// the beginning of the part.
-struct Placement {
-  FloatArray position, time;
-};
-
 // A file opened for random access. Opening reads and checks header, metadata and index; everything
 // else is read on demand. Thread-safe after open(), except refresh() and load().
 class SceneReader {
@@ -302,6 +296,12 @@ class SceneReader {
   // precision: at 2^k ticks, by up to 2^(k-24) ticks.
   Result<Gaussians4D> decode(std::uint32_t segment, bool with_sh,
                              TimeOrigin origin = TimeOrigin::kPart) const;
+  // Decodes as decode() does, but passes ranges that fit the CPU's cache to `visit`, with SH
+  // up to the greatest degree that was read, and returns nothing. If some of the primitives lack SH
+  // that others have, it passes none and returns all. After an error, the ranges are invalid.
+  Result<std::optional<Gaussians4D>> decode_ranges(std::uint32_t segment, bool with_sh,
+                                                   TimeOrigin origin,
+                                                   const RangeVisitor& visit) const;
   // Decodes the positions and times of one segment alone, in a fraction of the time: enough to sort
   // its primitives.
   Result<Placement> decode_placement(std::uint32_t segment) const;
