@@ -87,7 +87,8 @@ export class FakeWorker {
   state(state, seconds, more = {}) {
     this.send({
       type: "state", state, seconds, at: this.host.now(), rate: 1, buffered: [[0, 10]],
-      seek: this.last("seek")?.id ?? 0, layers: 2, layerCount: 3, bytes: 1000, duration: 10, ...more,
+      seek: this.last("seek")?.id ?? 0, layers: 2, layerCount: 3, bytes: 1000, duration: 10,
+      live: null, ...more,
     });
   }
   segment(id, begin = 0, end = 250) {

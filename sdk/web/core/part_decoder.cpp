@@ -20,16 +20,17 @@ Status PartDecoder::open() {
   // Null until the reader has the source.
   ProvidedSource* const provided = std::exchange(provided_, nullptr);
   STGS_ASSIGN(reader_, SceneReader::open(std::move(opening_), limits_,
-                                         std::pmr::new_delete_resource(), IndexLoading::kComplete));
+                                         std::pmr::new_delete_resource(), IndexLoading::kOnDemand));
   provided_ = provided;
   provided_->clear();
   return {};
 }
 
-Status PartDecoder::decode(std::uint32_t segment, bool with_sh, Status& sh) {
+Status PartDecoder::decode(bool with_sh, Status& sh) {
   set_ = {};
   packed_ = 0;
-  Result<Gaussians4D> set = player::decode_to_render(*reader_, segment, with_sh, sh);
+  segment_.replace_segments(*reader_);
+  Result<Gaussians4D> set = player::decode_to_render(*reader_, segment_.number, with_sh, sh);
   provided_->clear();
   STGS_TRY(set.status());
   set_ = std::move(set).value();

@@ -9,12 +9,13 @@
 #include <vector>
 
 #include "provided_source.h"
+#include "stgs/format/listed_segment.h"
 #include "stgs/format/scene_file.h"
 
 namespace stgs::web {
 
-// Opens a file from the bytes with which another instance opened it, and decodes segments from the
-// bytes of their records. One thread.
+// Opens a file from the bytes with which another instance opened it, and decodes segments that this
+// has listed, from the bytes of their records. One thread.
 class PartDecoder {
  public:
   // A part of a segment: consecutive primitives.
@@ -30,8 +31,10 @@ class PartDecoder {
   ProvidedSource& source() { return *provided_; }
   // kIo: bytes are missing.
   Status open();
-  // Decodes a segment as player::decode_to_render(); open() has succeeded.
-  Status decode(std::uint32_t segment, bool with_sh, Status& sh);
+  // The segment to decode.
+  ListedSegment& segment() { return segment_; }
+  // Decodes it as player::decode_to_render(); open() has succeeded.
+  Status decode(bool with_sh, Status& sh);
   // The time from which the times of the decoded segment count, ticks of its part.
   double time_origin() const { return set_.time_origin; }
   // Packs the next part of the decoded segment; null after the last one. Valid until the next call.
@@ -45,6 +48,7 @@ class PartDecoder {
   std::unique_ptr<ProvidedSource> opening_;  // until open()
   ProvidedSource* provided_;
   std::unique_ptr<SceneReader> reader_;
+  ListedSegment segment_;
   Gaussians4D set_;
   std::size_t packed_ = 0;  // primitives
   Part part_;

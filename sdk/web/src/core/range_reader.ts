@@ -14,8 +14,15 @@ export interface RangeReader {
   readonly name: string;
   /** The size of the file, bytes. */
   size(signal: AbortSignal): Promise<number>;
-  /** Reads exactly `to.length` bytes from `offset` on. */
-  read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void>;
+  /** Reads exactly `to.length` bytes from `offset` on. Returns the size of the file. */
+  read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<number>;
+  /** Whether the file may grow. */
+  readonly mayGrow: boolean;
+  /**
+   * The first `bytes` of the file stay as they are, while others are added; Infinity: the file is
+   * complete, and any change is an error. Throws if it has changed already.
+   */
+  setStable(bytes: number): void;
 }
 
 /** A read fails if fewer than this many bytes of the response arrive in so many seconds. */
@@ -30,13 +37,15 @@ export function rangeReader(source: string | Blob): RangeReader {
 
 class BlobReader implements RangeReader {
   readonly name: string;
+  readonly mayGrow = false;
   constructor(private readonly blob: Blob) {
     this.name = blob instanceof File ? blob.name : "scene";
   }
   async size(): Promise<number> {
     return this.blob.size;
   }
-  async read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void> {
+  setStable(): void {} // any change is an error
+  async read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<number> {
     const changed = `${this.name}: cannot be read, or has changed; choose it again`;
     const bytes = await this.blob.slice(offset, offset + to.length).arrayBuffer().catch(() => {
       throw new ReadError(changed, false, "network");
@@ -44,6 +53,7 @@ class BlobReader implements RangeReader {
     if (signal.aborted) throw aborted();
     if (bytes.byteLength !== to.length) throw new ReadError(changed, false, "network");
     to.set(new Uint8Array(bytes));
+    return this.blob.size;
   }
 }
 
@@ -53,9 +63,12 @@ function aborted(): ReadError {
 
 class UrlReader implements RangeReader {
   readonly name: string;
-  /** Validator of the version that is read: later responses must be of the same one. */
+  readonly mayGrow = true;
+  /** Validator of the last response; null: the next one is the first. */
   private version: string | null = null;
-  private known: number | null = null;
+  private known: number | null = null; // size of the file
+  private stable: number | null = null; // as setStable(); null: while the file is opened
+  private hasChanged = false; // since it was opened
 
   constructor(private readonly url: string) {
     this.name = url.split(/[?#]/)[0].split("/").pop() || "scene";
@@ -66,14 +79,24 @@ class UrlReader implements RangeReader {
     return this.known!;
   }
 
-  async read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void> {
+  setStable(bytes: number): void {
+    if (bytes === Infinity && this.stable === null && this.hasChanged) throw this.replaced();
+    // A recording that was closed has another version.
+    if (bytes === Infinity && this.stable !== null && this.stable !== Infinity) this.version = null;
+    this.stable = bytes;
+  }
+
+  async read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<number> {
     const watch = new Watch(signal, READ_SECONDS + to.length / READ_BYTES_PER_SECOND);
+    const { stable } = this;
+    // A cache may answer with the size that a growing file had.
+    const cache = stable === null || stable === Infinity ? "default" : "no-store";
     try {
       const last = offset + to.length - 1;
-      const response = await fetch(this.url, { headers: { Range: `bytes=${offset}-${last}` }, signal: watch.signal });
-      const total = this.check(response, offset, last);
+      const response = await fetch(this.url, { headers: { Range: `bytes=${offset}-${last}` }, signal: watch.signal, cache });
+      const total = this.check(response, offset, last, stable);
       await this.body(response, to, watch);
-      this.known = total;
+      return total;
     } catch (error) {
       watch.cancel(); // the rest of the response
       if (signal.aborted) throw aborted();
@@ -86,7 +109,7 @@ class UrlReader implements RangeReader {
   }
 
   /** Checks the headers of a response; returns the size of the file. */
-  private check(response: Response, offset: number, last: number): number {
+  private check(response: Response, offset: number, last: number, stable: number | null): number {
     const fail = (why: string, retry: boolean, code: "network" | "unsupported" = "network") =>
       new ReadError(`${this.name}: ${why}`, retry, code);
     if (response.status === 404 || response.status === 410) throw fail(`the server has no such file (status ${response.status}); check the address`, false);
@@ -102,9 +125,27 @@ class UrlReader implements RangeReader {
     if (Number(range[1]) !== offset || Number(range[2]) > last) throw fail("the server sent another range than requested", true);
     if (Number(range[2]) !== last) throw fail("the file is shorter than before; load it again", false);
     const version = response.headers.get("ETag") ?? response.headers.get("Last-Modified") ?? "";
-    if (this.version !== null && version !== this.version) throw fail("the file was replaced; load it again", false);
+    const total = Number(range[3]);
+    this.checkVersion(version, total, stable);
+    return total;
+  }
+
+  /** Checks that a response is of the file that was opened. `stable`: when it was requested. */
+  private checkVersion(version: string, total: number, stable: number | null): void {
+    if (this.version !== null) {
+      const isSame = version === this.version && total === this.known;
+      const kept = stable ?? this.known!;
+      const isKept = total > kept || (total === kept && total !== this.known);
+      if (!isSame && !isKept) throw this.replaced();
+      this.hasChanged ||= !isSame;
+    }
+    if (this.stable === Infinity && stable !== Infinity) return; // requested before the file was complete
     this.version = version;
-    return Number(range[3]);
+    this.known = total;
+  }
+
+  private replaced(): ReadError {
+    return new ReadError(`${this.name}: the file was replaced; load it again`, false, "network");
   }
 
   private async body(response: Response, to: Uint8Array, watch: Watch): Promise<void> {

@@ -6,7 +6,7 @@ import { NO_STATS, PlayerStats, StgsPlayer } from "../player/player";
 import { BufferedRanges } from "../player/ranges";
 import { resume } from "../player/resume";
 import { RendererChoice } from "../renderer_choice";
-import { Renderer, SceneInfo } from "../types";
+import { LiveState, Renderer, SceneInfo } from "../types";
 import type { XrMode, XrOptions } from "../xr/presenter";
 import { CameraInput } from "./camera_input";
 import { createRig } from "./cameras/create_rig";
@@ -32,9 +32,7 @@ const Base = typeof HTMLElement === "undefined" ? (class {} as typeof HTMLElemen
  * from the page; then the position is lost.
  */
 export abstract class StgsPlayerElement extends Base implements Media {
-  static readonly observedAttributes = [
-    "src", "controls", "autoplay", "loop", "poster", "camera", "free", "renderer",
-  ];
+  static readonly observedAttributes = ["src", "controls", "autoplay", "loop", "poster", "camera", "free", "renderer"];
 
   private readonly shell: Shell;
   private readonly observer: ResizeObserver;
@@ -206,6 +204,9 @@ export abstract class StgsPlayerElement extends Base implements Media {
   get info(): SceneInfo | null {
     return this.player?.info ?? null;
   }
+  get live(): LiveState | null {
+    return this.player?.live ?? null;
+  }
   get stats(): PlayerStats {
     return this.player?.stats ?? NO_STATS;
   }
@@ -220,9 +221,11 @@ export abstract class StgsPlayerElement extends Base implements Media {
   play(): Promise<void> {
     return this.use()?.play() ?? Promise.reject(this.unavailable());
   }
-
   pause(): void {
     this.player?.pause();
+  }
+  goLive(): void {
+    this.player?.goLive();
   }
 
   /** Loads `source` instead of `src`; see `StgsPlayer.load`. */
@@ -377,8 +380,7 @@ export abstract class StgsPlayerElement extends Base implements Media {
   }
 
   private unavailable(): DOMException {
-    const message = this.failure?.message ??
-      "there is no player; connect the element or load a source";
+    const message = this.failure?.message ?? "there is no player; connect the element or load a source";
     return new DOMException(message, "NotSupportedError");
   }
 }

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 
-/** Events of the player, which are those of media elements, `notice`, and those of headsets. */
+/** Events of the player, which are those of media elements, `notice`, those of headsets, and `livechange`. */
 export const EVENT_NAMES = [
   "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing",
   "pause", "waiting", "seeking", "seeked", "timeupdate", "ratechange", "ended", "error", "progress",
-  "abort", "emptied", "notice", "enterxr", "leavexr",
+  "abort", "emptied", "notice", "enterxr", "leavexr", "livechange",
 ] as const;
 export type EventName = typeof EVENT_NAMES[number];
 

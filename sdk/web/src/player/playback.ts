@@ -142,9 +142,16 @@ export class Playback {
     this.post({ type: "loop", loop });
   }
 
+  /** Seeks to the live edge, and follows it, at a rate of 1. */
+  goLive(): void {
+    if (!this.scene?.live) return;
+    this.setRate(1);
+    this.seekTo(this.scene.duration);
+  }
+
   /** Whether playback would end at once. */
   private isAtEnd(): boolean {
-    if (this.scene === null || this.seek !== null) return false;
+    if (this.scene === null || this.scene.live !== null || this.seek !== null) return false;
     const time = this.shownTime();
     return this.rate > 0 ? time >= this.clock.last - END_TOLERANCE : time <= END_TOLERANCE;
   }
@@ -279,11 +286,12 @@ export class Playback {
   private onState(state: CoreState): void {
     const scene = this.scene;
     if (scene === null) return;
-    const { durationChanged, progressed } = scene.apply(state);
+    for (const name of scene.apply(state)) this.events.push(name);
     this.clock.duration = scene.duration;
+    this.clock.loop = this.loop && scene.live === null;
+    // Playback that reaches the live edge follows it, at a rate of 1.
+    if (scene.live?.following && state.rate === this.rate) this.setRate(1);
     this.clock.canWrap = scene.canWrap();
-    if (durationChanged) this.events.push("durationchange");
-    if (progressed) this.events.push("progress");
     this.latest = state;
     this.follow(state);
     this.updateTime(false);
