@@ -68,14 +68,18 @@ class Streams(PackageCase):
         self.assertIsNone(self.check("player.error && player.error.message"))
         before = self.check("player.duration")
         self.wait(f"player.duration > {before} + {seconds}")
-        self.wait("player.stats.visible > 0")
-        self.capture("recording")
         self.check("player.currentTime = 0.2")
         self.wait("!player.seeking && player.live?.following === false")
         self.assertLess(self.check("player.currentTime"), 1)
         self.check("player.goLive()")
         self.wait(is_live)
         self.assertGreater(self.check("player.currentTime"), before - 1.5)
+        values = self.check("""player.screenshot().then((blob) => createImageBitmap(blob)).then((image) => {
+            const context = new OffscreenCanvas(image.width, image.height).getContext("2d");
+            context.drawImage(image, 0, 0);
+            return new Set(context.getImageData(0, 0, image.width, image.height).data).size; })""")
+        self.assertGreater(values, 50)
+        self.capture("recording")
         self.wait("player.error || player.ended")
         self.assertIsNone(self.check("player.error && player.error.message"))
         self.assertIsNone(self.check("player.live"))
