@@ -63,6 +63,17 @@ core("the index is read where playback needs it", async (own) => {
   assert.ok(file.bytesRead < long.length / 2, `reads ${file.bytesRead} of ${long.length} bytes`);
 });
 
+core("the index of a long recording is read where playback needs it", async (own) => {
+  const fragments = 600;
+  const file = new ServedFile(made(record, fragments, 0));
+  const info = await own.open({ lookAhead: 1 });
+  assert.ok(Math.abs(info.duration - fragments * FRAGMENT) < 1e-6);
+  for (const seconds of [150, 3]) await own.seek(seconds);
+  assert.equal(own.state.live, null);
+  assert.ok(file.reads.length < 60, `makes ${file.reads.length} reads`);
+  assert.ok(file.bytesRead < file.size / 2, `reads ${file.bytesRead} of ${file.size} bytes`);
+});
+
 core("a page of the index that could not be read is read again", async (own) => {
   const file = new ServedFile(long);
   await own.open({ lookAhead: 1 });

@@ -148,8 +148,8 @@ class Loader {
     return true;
   }
 
-  // Loads nodes until the index has `entries` entries: those that are needed at `ticks` or soonest
-  // after it, and then earlier ones.
+  // Loads nodes that the source has until the index has `entries` entries: those that are needed at
+  // `ticks` or soonest after it, and then earlier ones.
   bool load_ahead(double ticks, std::uint64_t entries) {
     IndexWalk::Links& pending = head_.walk.pending;
     // Equal ones in the order of `pending`.
@@ -161,7 +161,11 @@ class Loader {
     }
     for (auto [key, at] : order) {
       if (head_.walk.entries >= entries) break;
-      if (head_.walk.followed.count(at->link.offset) != 0) continue;
+      const NodeLink& link = at->link;
+      if (head_.walk.followed.count(link.offset) != 0 ||
+          !source_.has(link.offset, kRecordHeaderBytes + link.bytes)) {
+        continue;
+      }
       if (!take(at)) return false;
     }
     return true;

@@ -17,29 +17,39 @@ constexpr std::uint64_t kMaxBytes = 64 << 20;  // provided at a time
 
 }  // namespace
 
+std::span<const std::uint8_t> ProvidedSource::bytes_at(std::uint64_t at) const {
+  std::span<const std::uint8_t> best;
+  for (auto range = ranges_.begin(); range != ranges_.upper_bound(at); ++range) {
+    const std::span<const std::uint8_t> bytes(range->second);
+    const std::uint64_t skipped = at - range->first;
+    if (skipped + best.size() < bytes.size())
+      best = bytes.subspan(static_cast<std::size_t>(skipped));
+  }
+  return best;
+}
+
+bool ProvidedSource::has(std::uint64_t offset, std::uint64_t bytes) const {
+  for (std::uint64_t at = offset; at < offset + bytes;) {
+    const std::size_t more = bytes_at(at).size();
+    if (more == 0) return false;
+    at += more;
+  }
+  return true;
+}
+
 Status ProvidedSource::read(std::uint64_t offset, std::span<std::uint8_t> out) const {
   STGS_TRY(check_range(name_, size_, offset, out.size()));
-  std::uint64_t at = offset;
-  const std::uint64_t end = offset + out.size();
-  while (at < end) {
-    // The range with the most bytes from `at` on.
-    const std::vector<std::uint8_t>* best = nullptr;
-    std::uint64_t best_at = 0, best_end = at;
-    for (auto range = ranges_.begin(); range != ranges_.upper_bound(at); ++range) {
-      const std::uint64_t range_end = range->first + range->second.size();
-      if (range_end <= best_end) continue;
-      best = &range->second;
-      best_at = range->first;
-      best_end = range_end;
-    }
-    if (best == nullptr) {
-      const std::uint64_t more = std::max({end - at, kReadBytes, bytes_ / kReadShare});
+  for (std::size_t done = 0; done < out.size();) {
+    const std::uint64_t at = offset + done;
+    const std::span<const std::uint8_t> bytes = bytes_at(at);
+    if (bytes.empty()) {
+      const std::uint64_t more =
+          std::max({std::uint64_t{out.size() - done}, kReadBytes, bytes_ / kReadShare});
       return lack({at, std::min(more, size_ - at)});
     }
-    const std::uint64_t bytes = std::min(end, best_end) - at;
-    std::copy_n(best->begin() + static_cast<std::ptrdiff_t>(at - best_at), bytes,
-                out.begin() + static_cast<std::ptrdiff_t>(at - offset));
-    at += bytes;
+    const std::size_t count = std::min(bytes.size(), out.size() - done);
+    std::copy_n(bytes.begin(), count, out.begin() + static_cast<std::ptrdiff_t>(done));
+    done += count;
   }
   return {};
 }

@@ -28,6 +28,7 @@ class ProvidedSource final : public ByteSource {
   const std::string& name() const override { return name_; }
   bool may_grow() const override { return true; }
   bool is_pending() const override { return missing_.has_value(); }
+  bool has(std::uint64_t offset, std::uint64_t bytes) const override;
   // Forgets the provided bytes, since the file may have changed.
   Result<Change> refresh(std::uint64_t stable_bytes) override;
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override;
@@ -49,6 +50,8 @@ class ProvidedSource final : public ByteSource {
     std::vector<std::uint8_t> head;
     std::uint64_t file_bytes = 0;
   };
+  // Returns the provided bytes from `at` on, of one range; empty: there are none.
+  std::span<const std::uint8_t> bytes_at(std::uint64_t at) const;
   // Makes a range the missing one, unless reading it has failed. Returns the error of the read.
   Status lack(Range range) const;
 
