@@ -10,6 +10,9 @@ globalThis.navigator ??= { hardwareConcurrency: 2 };
 
 export const delay = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
+const served = new Map(); // by URL
+globalThis.fetch = (url, options) => served.get(url).fetch(options);
+
 /** A file behind fetch(): the first `size` of `bytes`. Its ETag changes with its size. */
 export class ServedFile {
   reads = []; // { offset, bytes, cache }
@@ -19,7 +22,8 @@ export class ServedFile {
   constructor(bytes, size = bytes.length) {
     this.bytes = bytes;
     this.size = size;
-    globalThis.fetch = (url, options) => this.fetch(options);
+    this.url = `http://host/${served.size}/scene.stgs`;
+    served.set(this.url, this);
   }
 
   async fetch({ headers, signal, cache }) {
@@ -65,9 +69,9 @@ export class CoreRun {
   send(message) {
     this.host.handle(message);
   }
-  /** Opens the served file. Returns its description. */
-  async open(options = {}) {
-    this.send({ type: "open", source: "http://host/scene.stgs", options: { memoryBudget: 2 ** 28, lookAhead: 10, ...options } });
+  /** Opens a served file. Returns its description. */
+  async open(file, options = {}) {
+    this.send({ type: "open", source: file.url, options: { memoryBudget: 2 ** 28, lookAhead: 10, ...options } });
     return (await this.message("opened")).info;
   }
   /** Seeks, and returns the state at that time once its data is there. */
