@@ -240,7 +240,6 @@ export abstract class StgsPlayerElement extends Base implements Media {
     if (this.autoplay) player.play().catch(() => undefined); // `error` or `pause` reports it
     return loaded;
   }
-
   screenshot(): Promise<Blob> {
     return this.player?.screenshot() ?? Promise.reject(this.unavailable());
   }
