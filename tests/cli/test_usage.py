@@ -162,7 +162,7 @@ class Help(CliTest):
             "info": "--lifespans",
             "play": "--start-camera --size --time --rate --loop --screenshot",
             "serve": "--port --address",
-            "web": "--output --single-file --title --overwrite",
+            "web": "--output --single-file --title --bridge --overwrite",
             "compare": "--min-psnr",
             "convert": "--time --quality --fps --frames --tolerance",
         }

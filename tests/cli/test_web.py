@@ -55,6 +55,13 @@ class Web(CliTest):
         self.succeeds("web", "titled.stgs", "-o", "kitchen")
         self.assertIn(b"<title>Kitchen</title>", self.read("kitchen/index.html"))
 
+    def test_origins_that_may_embed_the_page_are_checked(self):
+        self.succeeds("web", self.scene, "-o", "site", "--bridge", "https://a.example", "--bridge",
+                      "http://localhost:8000")
+        self.assertIn(b'"bridge":"https://a.example http://localhost:8000"', self.read("site/index.html"))
+        for origin in ("*", "page.example", "https://", "https://a.example/", "ftp://a.example", "https://a.example b"):
+            self.fails(USAGE, "not an origin", "web", self.scene, "-o", "other", "--bridge", origin)
+
     def test_existing_outputs_need_a_flag(self):
         self.succeeds("web", self.scene, "-o", "site")
         self.write("site/mine.txt", "kept")

@@ -13,6 +13,7 @@
 #include "renderer_memory.h"
 #include "stream/snapshot_source.h"
 #include "stream/stream_player.h"
+#include "stream/tier_peaks.h"
 #include "stream_fixture.h"
 
 namespace stgs::player {
@@ -257,6 +258,59 @@ TEST_CASE("a seek cancels a read that nobody waits for, after half a second") {
   p.player->pump(p.now + 0.5, 0);
   CHECK(waits()->cancelled);
   REQUIRE(p.complete());
+  CHECK(p.count(Kind::kReadFailed) == 0);
+}
+
+TEST_CASE("the peaks of the tiers are those of all times") {
+  const SceneReader& reader = *clip().reader;
+  std::vector<std::uint64_t> expected(2);
+  for (const SegmentInfo& one : reader.segments()) {
+    for (int tiers = 1; tiers <= 2; ++tiers) {
+      std::uint64_t active = 0;
+      for (const std::uint32_t s : reader.segments_between(one.begin_ticks, one.begin_ticks)) {
+        const SegmentInfo& segment = reader.segments()[s];
+        if (segment.tier < tiers) active += segment.primitives;
+      }
+      auto& peak = expected[static_cast<std::size_t>(tiers - 1)];
+      peak = std::max(peak, active);
+    }
+  }
+  CHECK(expected[0] < expected[1]);
+  CHECK(tier_peaks(reader.segments(), 2) == expected);
+}
+
+TEST_CASE("a limit of primitives removes tiers at once, and others are fetched when it is raised") {
+  Pumped p;
+  const auto greatest_tier = [&] {
+    const auto visible = p.player->timeline().visible_segments(p.player->seconds());
+    REQUIRE(visible.ok());
+    int tier = -1;
+    for (const Timeline::SegmentRef& ref : *visible)
+      tier = std::max<int>(tier, clip().reader->segments()[ref.segment].tier);
+    return tier;
+  };
+  SECTION("before anything is fetched") {}
+  SECTION("while segments are in flight") {
+    for (int k = 0; k < 5; ++k) p.frame();
+  }
+  SECTION("when everything is resident") {
+    REQUIRE(p.complete());
+    CHECK(greatest_tier() == 1);
+  }
+  p.player->limit_primitives(0);
+  const std::vector<std::uint64_t> peaks = p.player->tier_peaks();
+  REQUIRE(peaks.size() == 2);
+  CHECK(greatest_tier() <= 0);
+  for (int k = 0; k < 200; ++k) p.frame();
+  CHECK(greatest_tier() == 0);
+  CHECK(p.player->layers() == 1);
+  CHECK(p.player->is_complete());
+  p.player->limit_primitives(peaks[1] - 1);
+  for (int k = 0; k < 200; ++k) p.frame();
+  CHECK(greatest_tier() == 0);
+  p.player->limit_primitives(peaks[1]);
+  REQUIRE(p.complete());
+  CHECK(greatest_tier() == 1);
   CHECK(p.count(Kind::kReadFailed) == 0);
 }
 

@@ -14,10 +14,11 @@ TESTS = os.path.dirname(os.path.abspath(__file__))
 
 
 def bundle(folder):
-    subprocess.run(["esbuild", os.path.join(TESTS, "element_page.mjs"), "--bundle",
-                    "--format=iife", "--target=es2020", "--log-level=warning",
-                    f"--outfile={folder}/element_page.js"], check=True)
-    shutil.copy(os.path.join(TESTS, "element_page.html"), folder)
+    for page in ("element_page", "bridge_page"):
+        subprocess.run(["esbuild", os.path.join(TESTS, page + ".mjs"), "--bundle",
+                        "--format=iife", "--target=es2020", "--log-level=warning",
+                        f"--outfile={folder}/{page}.js"], check=True)
+        shutil.copy(os.path.join(TESTS, page + ".html"), folder)
 
 
 class ElementCase(unittest.TestCase):

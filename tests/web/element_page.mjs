@@ -40,3 +40,5 @@ function show(attributes) {
 const part = (selector) => window.player.shadowRoot.querySelector(selector);
 
 Object.assign(window, { parts, show, part });
+// In a frame, the page states the attributes.
+if (location.hash !== "") show(JSON.parse(decodeURIComponent(location.hash.slice(1))));

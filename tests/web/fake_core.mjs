@@ -85,6 +85,7 @@ export class FakeCore {
       info: {
         duration: DURATION, tickSeconds: TICK, frames: 360, shDegree: 1, primitives: 1284032,
         boundsMin: [-2, -1, -2], boundsMax: [2, 1, 2], up: null, background: [0, 0, 0],
+        tierPrimitives: [500000, 900000, 1284032], audio: null,
         startCamera: {
           rotation: [1, 0, 0, 0, 0.97, 0.243, 0, -0.243, 0.97], translation: [0, 0.2, 5.4],
           fx: 1100, fy: 1100, cx: 640, cy: 360, width: 1280, height: 720, near: 0.05,
@@ -119,7 +120,8 @@ export class FakeCore {
     this.plays &&= !isEnded;
     this.send({
       type: "state", state, seconds: this.seconds, seek: this.lastSeek, at: now(), rate: this.rate,
-      buffered: [[0, this.fetched]], layers: 2, layerCount: 3, bytes: 4.2e6 * this.fetched,
+      buffered: [[0, this.fetched]], layers: 2, layerCount: 3, bytes: 4.2e6 * this.fetched, bytesPerSecond: 3.1e6,
+      memory: 2.5e8,
       duration: DURATION, live: this.live,
     });
   }

@@ -31,6 +31,8 @@ export class PatternRenderer {
     const { width, height } = camera;
     ++this.frames;
     this.last = { camera, ticks };
+    const { canvas } = this;
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     const sky = c.createLinearGradient(0, 0, 0, height);
     sky.addColorStop(0, "#1a2230");
     sky.addColorStop(0.55, "#39424d");

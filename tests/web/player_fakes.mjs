@@ -52,6 +52,7 @@ export async function settle() {
 export const INFO = {
   duration: 10, tickSeconds: 0.04, frames: 250, shDegree: 1, primitives: 1000,
   boundsMin: [-1, -1, -1], boundsMax: [1, 1, 1], up: null, background: [0, 0, 0],
+  tierPrimitives: [600, 1000], audio: null,
   startCamera: {
     rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1], translation: [0, 0, 5],
     fx: 500, fy: 500, cx: 320, cy: 180, width: 640, height: 360, near: 0.01,
@@ -88,7 +89,7 @@ export class FakeWorker {
     this.send({
       type: "state", state, seconds, at: this.host.now(), rate: 1, buffered: [[0, 10]],
       seek: this.last("seek")?.id ?? 0, layers: 2, layerCount: 3, bytes: 1000, duration: 10,
-      live: null, ...more,
+      bytesPerSecond: 5000, memory: 2000, live: null, ...more,
     });
   }
   segment(id, begin = 0, end = 250) {

@@ -26,7 +26,7 @@ function made(program, ...args) {
 const FRAGMENTS = 9, FRAGMENT = 1 / 3; // seconds
 const recording = made(record, FRAGMENTS, 0);
 const SECONDS = 3000, FRAME = 1 / 30;
-const long = made(makeScene, 40000, 1, 0.1, SECONDS / FRAME);
+const long = made(makeScene, 40000, 1, 0.1, "", SECONDS / FRAME);
 
 /** Runs a test with a core. */
 const core = (name, run) => it(name, async () => {

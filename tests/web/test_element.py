@@ -1,6 +1,10 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """<stgs-player>: attributes, lifetime, errors and size."""
+import json
+from urllib.parse import quote
+
+from browser import Server
 from element_case import ElementCase, run
 
 POSTER = ("data:image/svg+xml,<svg xmlns='http://www.w3.org/2000/svg' width='16' height='9'>"
@@ -101,7 +105,7 @@ class ElementTest(ElementCase):
         self.assertEqual(self.check("parts.choices.slice(-3)"), ["webgpu", "webgl2", "auto"])
 
     def test_webgl2_takes_over_when_webgpu_is_lost_twice(self):
-        self.show_ready(controls="", autoplay="")
+        self.show_ready(controls="", autoplay="", quality="high")  # so that all images have one size
         self.check("notices = [], player.addEventListener('notice', ({ detail }) => notices.push(detail.kind)), 0")
         self.wait("!player.paused && player.currentTime > 0.2")
         self.check("player.currentTime = 3, player.playbackRate = 0.5, 0")
@@ -135,6 +139,28 @@ class ElementTest(ElementCase):
         self.assertEqual(self.check("parts.choices"), ["webgpu"])
         self.check("player.load()")
         self.wait("player.readyState === 4 && player.error === null")
+    def test_the_quality_and_the_device_are_chosen_by_attributes(self):
+        self.show_ready(controls="", quality="low", device="headset")
+        options = self.posted("open")[0]["options"]
+        self.assertEqual(options, {"memoryBudget": 2 ** 28, "maxPrimitives": 500000, "lookAhead": 10})
+        self.check("player.play()")
+        self.wait("player.videoWidth === 640 && player.stats.quality.tiers === 1")
+        self.assertEqual(self.check("player.clientWidth"), 1280)
+        self.focus_view()
+        self.browser.press("i")
+        self.wait("part('.figures').textContent.includes('low, headset')")
+        self.assertIn("Tiers1 of 3", self.check("part('.figures').textContent"))
+        self.capture("statistics_quality")
+        self.check("player.pause()")
+        self.wait("player.videoWidth === 1280")  # still images have all pixels
+        self.check("player.addEventListener('qualitychange', ({ detail }) => (window.report = detail));"
+                   "player.quality = 'high'")
+        self.wait("'report' in window && report.maxPrimitives === Infinity")
+        self.assertEqual(self.check("report.reason"), "quality is high")
+        self.check("player.setAttribute('quality', 'best'); player.removeAttribute('device')")
+        self.wait("parts.workers.length === 2 && player.readyState === 4")
+        self.assertEqual(self.check("[player.quality, player.device, player.stats.quality.device]"),
+                         ["auto", None, "desktop"])
 
     def test_screenshots_are_png(self):
         self.show_ready()
@@ -157,6 +183,81 @@ class ElementTest(ElementCase):
         self.wait("part('.live').getAttribute('aria-pressed') === 'true' && player.live.following")
         self.assertEqual(self.posted("seek")[-1]["seconds"], 12)
 
+    # The bridge to an embedding page, which is of another origin
+
+    def embed(self, origins, **options):
+        """Opens a page of another server, which embeds a player that these origins may control."""
+        server = Server(self.folder.name)
+        self.addCleanup(server.close)
+        self.browser.open(server.url + "bridge_page.html")
+        attributes = {"src": "scene.stgs", "bridge": origins or server.url.rstrip("/")}
+        page = f"{self.server.url}element_page.html#{quote(json.dumps(attributes))}"
+        return self.check(f"failure(open({json.dumps(page)}, {json.dumps(options)}))")
+
+    def test_an_embedding_page_controls_the_player(self):
+        self.assertEqual(self.embed(""), "none")
+        self.wait("remote.state.readyState === 4")
+        self.assertEqual(self.check("[remote.state.duration, remote.state.paused, remote.state.error]"), [12, True, None])
+        self.check("remote.play()")
+        self.wait("names.includes('playing') && names.includes('timeupdate') && remote.state.currentTime > 0")
+        self.capture("bridge")
+        self.check("remote.pause()")
+        self.check("remote.seek(7)")
+        self.wait("names.includes('seeked') && remote.state.currentTime === 7 && remote.state.paused")
+        self.check("remote.set('muted', true)")
+        self.wait("remote.state.muted && names.includes('volumechange')")
+        self.assertEqual(self.check("failure(remote.set('volume', 2))"),
+                         "IndexSizeError: volume 2 is out of range (expected 0 to 1)")
+        view = self.check("remote.camera().then((view) => remote.setCamera({ ...view, azimuth: 0.1, distance: 1e9 }))"
+                          ".then(() => remote.camera())")
+        self.assertAlmostEqual(view["azimuth"], 0.1)
+        self.assertLess(view["distance"], 1e3)  # within the limits
+        self.check("remote.resetCamera()")
+        self.assertEqual(self.check("remote.camera().then(({ azimuth }) => azimuth)"), 0)
+        self.check("document.querySelector('iframe').src = document.querySelector('iframe').src.replace('#', '?2#')")
+        self.wait("names.includes('connect') && remote.state.currentTime === 0")
+        self.assertEqual(self.check("remote.pause().then(() => remote.close(), String)"), None)
+        self.assertIn("InvalidStateError", self.check("failure(remote.play())"))
+
+    def test_pages_that_are_not_permitted_are_not_answered(self):
+        self.assertIn("TimeoutError: no player of", self.embed("https://page.example", timeout=700))
+        # A page of a permitted origin that does not embed the player, but is next to it.
+        self.assertEqual(self.embed(""), "none")
+        self.assertFalse(self.check("""new Promise((resolve) => {
+            const other = document.createElement("iframe");
+            document.body.append(other); // of the origin of this page
+            const { port1, port2 } = new MessageChannel();
+            port1.onmessage = () => resolve(true);
+            other.contentWindow.eval("(to, ...more) => to.postMessage(...more)")(
+              frames[0], { stgs: "connect", version: 1 }, "*", [port2]);
+            setTimeout(() => resolve(false), 500);
+        })"""))
+        self.assertEqual(self.check("failure(remote.pause())"), "none")
+
+    def test_hostile_messages_are_ignored_and_bounded(self):
+        self.assertEqual(self.embed(""), "none")
+        replies = self.check("""(async () => {
+            const frame = document.querySelector("iframe"), { origin } = new URL(frame.src);
+            for (const junk of [null, 1, "x".repeat(1e6), [], {}, { stgs: "connect" }, { stgs: "connect", version: 1 }, { stgs: {} }])
+              frame.contentWindow.postMessage(junk, origin);
+            const port = await rawPort(frame);
+            const junk = [null, 1, "play", [], {}, { id: -1, method: "pause", args: [] }, { id: 1, method: "destroy", args: [] },
+              { id: 1, method: "constructor", args: [] }, { id: 1, method: "pause" }, { id: 1, method: "seek", args: [1, 2, 3] },
+              { id: NaN, method: "pause", args: [] }, { id: 1, method: { toString: "play" }, args: [] }];
+            const bad = [["seek", ["1"]], ["seek", [NaN]], ["set", ["src", "https://x.example"]], ["set", ["innerHTML", "x"]],
+              ["set", ["quality", "best"]], ["set", ["muted", 1]], ["setCamera", [{ azimuth: 1 }]],
+              ["setCamera", [{ azimuth: 0, elevation: 0, distance: 1, point: [0, 0, Infinity] }]]];
+            const requests = bad.map(([method, args], k) => ({ id: 100 + k, method, args }));
+            const plays = Array.from({ length: 200 }, (_, k) => ({ id: 1000 + k, method: "play", args: [] }));
+            return exchange(port, [...junk, ...requests, ...plays, { id: 5000, method: "pause", args: [] }], 1199);
+        })()""")
+        self.assertTrue(all(reply["id"] >= 100 for reply in replies))
+        bad = [reply for reply in replies if reply["id"] < 1000]
+        self.assertEqual(len(bad), 8)
+        self.assertTrue(all(reply["error"]["name"] == "TypeError" for reply in bad), bad)
+        refused = [reply for reply in replies if reply.get("error", {}).get("name") == "QuotaExceededError"]
+        self.assertGreaterEqual(len(refused), 200 - 32)
+
     # Size
 
     def test_the_canvas_follows_the_size_and_the_pixel_ratio(self):
@@ -174,6 +275,9 @@ class ElementTest(ElementCase):
             self.browser.resize(width, 480)
             self.show_ready(controls="", src="live.stgs")
             self.wait(f"innerWidth === {width} && player.clientWidth === {width}")
+            self.check("part('.mute').hidden = false")  # as of a scene with sound
+            if width == 320:
+                self.capture("narrow_sound")
             fits = self.check(
                 "[...part('.row').children].filter((child) => child.offsetWidth > 0)"
                 ".every((child) =>"

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import wave
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [HERE, os.path.join(HERE, "..", "fetch")]
@@ -165,6 +166,29 @@ class Page(PageCase):
         self.wait("player.readyState >= 3")
         self.assertAlmostEqual(self.check("player.duration"), 2.0)
 
+    def test_sound_plays_with_the_scene(self):
+        with wave.open(os.path.join(self.work, "sound.wav"), "wb") as file:
+            file.setparams((1, 1, 8000, 0, "NONE", ""))
+            file.writeframes(bytes(128 + round(40 * math.sin(k / 3)) for k in range(8000 * 3)))
+        scene = os.path.join(self.work, "sound.stgs")
+        subprocess.run([MAKE, scene, "3000", "3", "0.1", "sound.wav"], check=True)
+        self.check("{ const Original = Audio; window.Audio = function () { return window.sound = new Original(); } }")
+        self.show(src="sound.stgs", controls="", muted="", loop="")
+        self.wait("player.hasAudio")
+        self.assertEqual(self.check("[sound.src, sound.muted, player.muted]"), [self.url + "sound.wav", True, True])
+        self.check("player.play()")
+        together = "Math.abs(sound.currentTime - player.currentTime) < 0.2"
+        self.wait(f"player.currentTime > 0.2 && {together}")
+        self.check("player.currentTime = 1.7")
+        self.wait(f"player.currentTime > 0.2 && player.currentTime < 1.5 && {together}")  # it has looped
+        self.check("player.shadowRoot.querySelector('.mute').click()")
+        self.assertEqual(self.check("[sound.muted, player.muted]"), [False, False])
+        self.check("player.pause()")
+        self.wait("sound.paused")
+        self.check("player.audio = 'none'")
+        self.wait("!player.hasAudio && player.shadowRoot.querySelector('.mute').hidden")
+        self.assertEqual(self.browser.problems, [])
+
     def test_errors_state_the_cause(self):
         code, message = self.error("missing.stgs")
         self.assertEqual(code, 2)  # MEDIA_ERR_NETWORK
@@ -181,7 +205,7 @@ class Page(PageCase):
         self.assertIn("video.mp4: not an .stgs file; choose another one", message)
 
     def test_options_are_checked(self):
-        for options in ("{memoryBudget: Infinity}", "{memoryBudget: 1000}", "{lookAhead: NaN}", "{lookAhead: -1}"):
+        for options in ("{memoryBudget: Infinity}", "{memoryBudget: 1000}", "{maxPrimitives: -1}", "{lookAhead: NaN}", "{lookAhead: -1}"):
             message = self.check(f"""(() => {{
                 const player = stgs.createPlayer(document.createElement("canvas"), {options});
                 return player.load("scene.stgs").then(() => "", (error) => error.message).finally(() => player.destroy());

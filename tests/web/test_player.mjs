@@ -359,7 +359,8 @@ test("statistics report the renderer, the frames and the data", async () => {
   const { framesPerSecond, ...rest } = player.stats;
   assert.ok(Math.abs(framesPerSecond - 50) <= 1, `${framesPerSecond} fps`);
   assert.deepEqual(rest, {
-    primitives: 1000, visible: 800, bytesFetched: 1000, sortMs: 1.5, layers: 2, layerCount: 3,
+    primitives: 1000, visible: 800, bytesFetched: 1000, bytesPerSecond: 5000, memoryBytes: 2000, sortMs: 1.5,
+    layers: 2, layerCount: 3, quality: player.qualityReport,
   });
 });
 

@@ -16,7 +16,7 @@ import unittest
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [HERE, os.path.join(HERE, "..", "fetch")]
-from browser import CHROMIUM  # noqa: E402
+from browser import CHROMIUM, Server  # noqa: E402
 from package_case import serve  # noqa: E402
 
 STGS = MAKE = ""
@@ -84,6 +84,29 @@ class Viewer(unittest.TestCase):
         self.browser.open(self.site)
         self.shows_scene("kitchen")
         self.assertTrue(self.check(f"!{PLAYER}.paused"))
+
+    def test_an_embedding_page_that_is_named_controls_it(self):
+        os.mkdir(self.path("around"))
+        with open(self.path("around", "index.html"), "w", encoding="ascii") as file:
+            file.write("<!DOCTYPE html><title>around</title><body></body>")
+        around = Server(self.path("around"))
+        self.addCleanup(around.close)
+        self.stgs("web", self.scene, "-o", self.path("framed"), "--bridge", around.url.rstrip("/"))
+        page = self.site.replace("site", "framed")
+        self.browser.open(around.url)
+        self.check("""addEventListener("message", ({ data, source, origin }) => {
+            if (data.stgs !== "ready") return;
+            const { port1, port2 } = new MessageChannel();
+            window.states = [];
+            port1.onmessage = ({ data }) => data.type === "event" && states.push(data.state);
+            source.postMessage({ stgs: "connect", version: 1 }, origin, [port2]);
+            port1.postMessage({ id: 0, method: "pause", args: [] });
+            port1.postMessage({ id: 1, method: "seek", args: [1.5] });
+        })""")
+        self.check(f"document.body.append(Object.assign(document.createElement('iframe'), {{ src: '{page}' }}))")
+        self.wait("'states' in window && states.length > 0 && states[states.length - 1].readyState >= 3", 60)
+        self.wait("states[states.length - 1].paused && states[states.length - 1].currentTime === 1.5")
+        self.assertEqual(self.browser.problems, [])
 
     def test_a_page_of_one_file_opens_from_disk(self):
         self.stgs("web", self.scene, "-o", self.path("scene.html"), "--single-file", "--title", "A <kitchen>")

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // A program that uses the types of the package: it has to compile.
 import { createPlayer, SegmentPlayer, StgsPlayer } from "stgs";
-import type { Camera, LiveState, SceneInfo } from "stgs";
+import type { Camera, LiveState, QualityReport, SceneInfo } from "stgs";
+import { connect } from "stgs/bridge";
 import type { SplatRenderer, SplatView } from "stgs/webgpu";
 
 export async function play(canvas: HTMLCanvasElement, file: File): Promise<SceneInfo | null> {
-  const player: StgsPlayer = createPlayer(canvas, { memoryBudget: 2 ** 28, lookAhead: 5, renderer: "webgpu" });
+  const player: StgsPlayer = createPlayer(canvas, { memoryBudget: 2 ** 28, lookAhead: 5, renderer: "webgpu", maxPrimitives: 1e6, audio: "none" });
   const isModern: boolean = player.activeRenderer === "webgpu";
   if (!isModern) console.log(player.stats.computeMs);
   await player.load(file, { signal: new AbortController().signal });
@@ -25,10 +26,28 @@ export function drawEyes(splats: SplatRenderer, player: SegmentPlayer, eyes: Spl
 // @ts-expect-error: not a renderer
 new SegmentPlayer({});
 
+export async function control(frame: HTMLIFrameElement): Promise<number | null> {
+  const remote = await connect(frame, { timeout: 1000 });
+  await remote.set("quality", "low");
+  // @ts-expect-error: cannot be set
+  await remote.set("duration", 1);
+  await remote.setCamera({ ...(await remote.camera()), azimuth: 0 });
+  return remote.state?.duration ?? null;
+}
+
 const element = document.createElement("stgs-player");
 element.src = "scene.stgs";
 element.loop = true;
+element.quality = "medium";
+element.device = "headset";
+element.muted = true;
+element.addEventListener("qualitychange", (event) => {
+  const { resolutionScale, reason } = (event as CustomEvent<QualityReport>).detail;
+  console.log(resolutionScale, reason);
+});
 // @ts-expect-error: not a camera
 element.camera = "walk";
+// @ts-expect-error: not a quality
+element.quality = "best";
 // @ts-expect-error: not a renderer
 element.renderer = "webgl1";

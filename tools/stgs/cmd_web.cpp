@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <filesystem>
+#include <vector>
 
 #include "command.h"
 #include "end_after_signal.h"
@@ -43,6 +44,9 @@ class Web final : public Command {
         ->required();
     app.add_flag("--single-file", single_file_, "Write one HTML file");
     app.add_option("--title", title_, "Title of the page; default: that of the scene, or its name");
+    app.add_option("--bridge", bridge_,
+                   "Origin of pages that may embed and control the page; may be repeated")
+        ->allow_extra_args(false);
     app.add_flag("--overwrite", overwrite_, "Replace the files of an existing page");
   }
 
@@ -52,6 +56,7 @@ class Web final : public Command {
     }
     STGS_TRY(check_output());
     STGS_TRY(check_url());
+    for (const std::string& origin : bridge_) STGS_TRY(check_origin(origin));
 #ifdef STGS_HAS_WEB
     return write(session);
 #else
@@ -85,6 +90,14 @@ class Web final : public Command {
     return usage_error("{}: the page would show the user name or password; use a URL without them",
                        display_name(scene_));
   }
+  static Status check_origin(const std::string& origin) {
+    const std::size_t host = origin.find("://") + 3;
+    const bool has_scheme = origin.rfind("https://", 0) == 0 || origin.rfind("http://", 0) == 0;
+    const bool has_rest = origin.find_first_of("/?#@* \t\"'\\", host) != std::string::npos;
+    if (has_scheme && host < origin.size() && !has_rest) return {};
+    return usage_error("--bridge {}: not an origin (expected one such as https://page.example)",
+                       one_line(origin));
+  }
   std::string written_page() const {
     return single_file_ ? output_ : (std::filesystem::path(output_) / kPageName).string();
   }
@@ -98,6 +111,8 @@ class Web final : public Command {
     PageSettings page;
     page.title = title_.empty() ? file->text(STGS_TEXT_TITLE) : title_;
     if (page.title.empty()) page.title = stem();
+    for (const std::string& origin : bridge_)
+      page.bridge += (page.bridge.empty() ? "" : " ") + origin;
     const EndAfterSignal end(session, output_ + ": not written");
     std::uint64_t bytes = 0;
     STGS_TRY(single_file_ ? write_file(page, bytes) : write_site(session, page, bytes));
@@ -197,6 +212,7 @@ class Web final : public Command {
 #endif
 
   std::string scene_, output_, title_;
+  std::vector<std::string> bridge_;
   bool single_file_ = false, overwrite_ = false;
 };
 

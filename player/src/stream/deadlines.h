@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 
 #include "stream/need.h"
 #include "stream/segment_index.h"
@@ -32,6 +33,7 @@ class Deadlines {
 
   // Returns when a segment is needed next.
   Need need(std::uint32_t segment) const {
+    if (!index_.is_needed(segment)) return {kNever, kNever};
     const SegmentInfo& info = index_.info(segment);
     return need_of(info.begin_ticks, info.end_ticks, playhead_);
   }
@@ -43,6 +45,8 @@ class Deadlines {
   bool is_ahead(std::uint32_t segment) const { return need(segment).from > 0; }
 
  private:
+  static constexpr double kNever = std::numeric_limits<double>::infinity();
+
   const SegmentIndex& index_;
   const double lead_;
   bool has_playhead_ = false;

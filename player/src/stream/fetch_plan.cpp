@@ -7,7 +7,7 @@
 namespace stgs::player {
 
 bool FetchPlan::is_fetchable(const SegmentLayer& layer, double now) const {
-  if (!index_.info(layer.segment).is_needed()) return false;
+  if (!index_.is_needed(layer.segment)) return false;
   const LoadState state = residency_.state(layer);
   if (state != LoadState::kMissing &&
       !(state == LoadState::kFailed && now >= residency_.retry_at(layer)))
@@ -74,8 +74,7 @@ void FetchPlan::rebuild(double now) {
 void FetchPlan::add_slot(std::size_t file_index) {
   const SegmentLayer& layer = index_.file_order()[file_index];
   ++examined_;
-  if (!index_.info(layer.segment).is_needed() ||
-      deadlines_.need(layer.segment).from > prefetch_seconds_)
+  if (!index_.is_needed(layer.segment) || deadlines_.need(layer.segment).from > prefetch_seconds_)
     return;
   slots_.push_back({file_index, min_speed(layer), deadlines_.deadline(layer)});
 }

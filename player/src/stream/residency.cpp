@@ -115,7 +115,8 @@ bool Residency::record_damage(const SegmentLayer& layer, const Status& status) n
 
 bool Residency::is_decodable(std::uint32_t segment) const {
   const Entry& entry = entries_[segment];
-  if (entry.decoding || entry.base.state != LoadState::kResident) return false;
+  if (entry.decoding || entry.base.state != LoadState::kResident || !index_.is_needed(segment))
+    return false;
   return entry.resident == nullptr || (!entry.has_sh && entry.sh.state == LoadState::kResident);
 }
 
@@ -141,13 +142,13 @@ bool Residency::is_base_final(std::uint32_t segment) const {
   // Playback does not wait for a base that failed before, even while it is retried.
   const Entry& entry = entries_[segment];
   return entry.resident != nullptr || entry.base.state == LoadState::kFailed ||
-         entry.base.backoff > 0 || !index_.info(segment).is_needed();
+         entry.base.backoff > 0 || !index_.is_needed(segment);
 }
 
 bool Residency::is_sh_final(std::uint32_t segment) const {
   const Entry& entry = entries_[segment];
   return entry.has_sh || entry.sh.state == LoadState::kFailed || entry.sh.backoff > 0 ||
-         (entry.resident == nullptr && is_base_final(segment));
+         (entry.resident == nullptr && is_base_final(segment)) || !index_.is_needed(segment);
 }
 
 bool Residency::does_not_fit(const SegmentLayer& layer) const {
@@ -261,6 +262,19 @@ void Residency::evict(std::uint32_t segment) noexcept {
   set_resident(segment, nullptr);
   entries_[segment].has_sh = false;
   update_decodable(segment);
+}
+
+void Residency::apply_needs() noexcept {
+  for (std::uint32_t s = 0; s < entries_.size(); ++s) {
+    if (index_.is_needed(s)) {
+      update_decodable(s);
+    } else if (is_evictable(s)) {
+      evict(s);
+    } else {
+      set_resident(s, nullptr);
+      update_decodable(s);
+    }
+  }
 }
 
 void Residency::evict_sh(std::uint32_t segment) noexcept {

@@ -7,6 +7,7 @@
 
 #include "resident_segment.h"
 #include "stream/no_memory.h"
+#include "stream/tier_peaks.h"
 
 namespace stgs::player {
 namespace {
@@ -16,6 +17,13 @@ std::uint64_t offset_of(const SegmentInfo& segment, bool sh) {
 }
 std::uint64_t bytes_of(const SegmentInfo& segment, bool sh) {
   return sh ? segment.sh_bytes : segment.bytes;
+}
+
+// Returns the number of tiers of a file.
+int tiers_of(const std::vector<SegmentInfo>& segments) {
+  int tiers = 1;
+  for (const SegmentInfo& segment : segments) tiers = std::max(tiers, segment.tier + 1);
+  return tiers;
 }
 
 // Returns the layers of the segments from index `first` on, ordered by offset.
@@ -69,6 +77,8 @@ SegmentIndex::Update SegmentIndex::prepare(std::shared_ptr<const SceneReader> re
   update.added = layers_from(segments, update.renumbered ? 0 : size());
   reserve_for(file_order_, (update.renumbered ? 0 : file_order_.size()) + update.added.size());
   reserve_for(file_index_, 2 * segments.size());
+  if (max_primitives_)
+    update.tier_peaks = player::tier_peaks(segments, std::max(tiers_, tiers_of(segments)));
   update.reader = std::move(reader);
   return update;
 }
@@ -84,6 +94,8 @@ void SegmentIndex::adopt(Update update) noexcept {
   ++revision_;
   for (std::size_t s = first; s < size(); ++s)
     tiers_ = std::max(tiers_, reader().segments()[s].tier + 1);
+  tier_peaks_ = std::move(update.tier_peaks);
+  choose_tiers();
   file_index_.resize(2 * size());
   const auto before = [this](const SegmentLayer& a, const SegmentLayer& b) {
     return file_offset(a) < file_offset(b);
@@ -102,6 +114,20 @@ void SegmentIndex::adopt(Update update) noexcept {
     const SegmentLayer& layer = file_order_[i];
     file_index_[2 * std::size_t{layer.segment} + (layer.sh ? 1 : 0)] = i;
   }
+}
+
+void SegmentIndex::limit_primitives(std::uint64_t max_primitives) {
+  if (tier_peaks_.empty() && size() > 0)
+    tier_peaks_ = player::tier_peaks(reader().segments(), tiers_);
+  max_primitives_ = max_primitives;
+  ++revision_;
+  choose_tiers();
+}
+
+void SegmentIndex::choose_tiers() noexcept {
+  if (!max_primitives_) return;
+  const auto end = std::upper_bound(tier_peaks_.begin(), tier_peaks_.end(), *max_primitives_);
+  needed_tiers_ = std::max(1, static_cast<int>(end - tier_peaks_.begin()));
 }
 
 std::vector<TickRange> SegmentIndex::upcoming_times(const Playhead& playhead,

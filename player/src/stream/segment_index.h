@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -34,8 +35,9 @@ class SegmentIndex {
   // The changes that adopting a reader makes.
   struct Update {
     std::shared_ptr<const SceneReader> reader;
-    std::vector<SegmentLayer> added;  // in file order
-    bool renumbered = false;          // the numbers of all segments change
+    std::vector<SegmentLayer> added;        // in file order
+    bool renumbered = false;                // the numbers of all segments change
+    std::vector<std::uint64_t> tier_peaks;  // tier_peaks(), with limit_primitives()
   };
   // Computes the changes for a reader of the file, and reserves memory for them. If this throws,
   // nothing has changed.
@@ -46,13 +48,25 @@ class SegmentIndex {
   const SceneReader& reader() const { return *now_.reader; }
   const FileSnapshot& snapshot() const { return now_; }
   std::uint64_t generation() const { return now_.generation; }
-  // Returns a number that changes with each adopted reader.
+  // Returns a number that changes with each adopted reader and each limit of primitives.
   std::uint64_t revision() const { return revision_; }
   std::size_t size() const { return now_.reader == nullptr ? 0 : reader().segments().size(); }
   const SegmentInfo& info(std::uint32_t segment) const { return reader().segments()[segment]; }
   double duration() const { return reader().metadata().frames; }  // ticks
   // Returns the number of tiers, which is the number of layers without spherical harmonics.
   int tiers() const { return tiers_; }
+
+  // Limits the primitives that are needed at one time: further tiers than those that fit are not
+  // needed at all. The first tier always is. If this throws, nothing has changed.
+  void limit_primitives(std::uint64_t max_primitives);
+  // Returns tier_peaks() of the file; empty without limit_primitives().
+  const std::vector<std::uint64_t>& tier_peaks() const { return tier_peaks_; }
+  // Returns the number of tiers that are needed, from the first.
+  int needed_tiers() const { return needed_tiers_; }
+  // Returns whether a segment is needed at any time.
+  bool is_needed(std::uint32_t segment) const {
+    return info(segment).is_needed() && info(segment).tier < needed_tiers_;
+  }
 
   // Returns the number of the layer of the file that a segment layer belongs to.
   int layer_number(const SegmentLayer& layer) const {
@@ -83,6 +97,7 @@ class SegmentIndex {
 
  private:
   bool is_continuation(const SceneReader& reader) const;
+  void choose_tiers() noexcept;
   // Returns the ranges of time that playback reaches within `seconds`, and a little more.
   std::vector<TickRange> upcoming_times(const Playhead& playhead, double seconds) const;
 
@@ -90,6 +105,9 @@ class SegmentIndex {
   FileSnapshot now_;
   std::uint64_t revision_ = 0;
   int tiers_ = 1;
+  std::optional<std::uint64_t> max_primitives_;
+  std::vector<std::uint64_t> tier_peaks_;
+  int needed_tiers_ = std::numeric_limits<int>::max();  // without limit_primitives(): all
   std::vector<SegmentLayer> file_order_;
   std::vector<std::size_t> file_index_;  // in file_order_: of a segment's base, then its SH
 };

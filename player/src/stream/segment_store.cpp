@@ -77,8 +77,10 @@ void SegmentStore::adopt(std::shared_ptr<const SceneReader> reader) {
     source_->forget_recent();
   }
   index_charge_.resize(update.reader->memory_bytes());
+  const int needed_tiers = index_.needed_tiers();
   index_.adopt(std::move(update));
   residency_.extend();
+  if (index_.needed_tiers() != needed_tiers) residency_.apply_needs();
 }
 
 void SegmentStore::grow(std::shared_ptr<const SceneReader> reader) {
@@ -97,6 +99,20 @@ FileSnapshot SegmentStore::snapshot() const {
 int SegmentStore::tiers() const {
   const std::lock_guard lock(mutex_);
   return index_.tiers();
+}
+
+void SegmentStore::limit_primitives(std::uint64_t max_primitives) {
+  {
+    const std::lock_guard lock(mutex_);
+    index_.limit_primitives(max_primitives);
+    residency_.apply_needs();
+  }
+  wake(WakeReason::kChanged);
+}
+
+std::vector<std::uint64_t> SegmentStore::tier_peaks() const {
+  const std::lock_guard lock(mutex_);
+  return index_.tier_peaks();
 }
 
 std::optional<TickRange> SegmentStore::unknown_times() const {
@@ -124,7 +140,8 @@ Playhead SegmentStore::playhead() const {
 
 DecodedSegment SegmentStore::resident(std::uint32_t segment, std::uint64_t generation) const {
   const std::lock_guard lock(mutex_);
-  return generation == index_.generation() ? residency_.resident(segment) : nullptr;
+  if (generation != index_.generation() || !index_.is_needed(segment)) return nullptr;
+  return residency_.resident(segment);
 }
 
 ClipExtent SegmentStore::extent() const {

@@ -78,6 +78,11 @@ class SegmentStore final : public Availability {
   // Adopts a reader of the file that knows more segments. If this throws, nothing has changed.
   void grow(std::shared_ptr<const SceneReader> reader);
   int tiers() const;
+  // Limits the primitives that are needed at one time, see SegmentIndex::limit_primitives().
+  // Segments beyond the limit are evicted and no longer returned by resident().
+  void limit_primitives(std::uint64_t max_primitives);
+  // Returns tier_peaks() of the file; empty without limit_primitives().
+  std::vector<std::uint64_t> tier_peaks() const;
   std::uint64_t memory_budget() const { return settings_.memory_budget; }
   const std::shared_ptr<Budget>& budget() const { return budget_; }
 

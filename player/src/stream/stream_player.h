@@ -66,6 +66,9 @@ class StreamPlayer {
   int layer_count() const { return 2 * store_.tiers(); }
   bool is_complete() const { return store_.is_complete(playback_.ticks()); }
   std::vector<TimeRange> buffered() const;
+  // SegmentStore documents these.
+  void limit_primitives(std::uint64_t max_primitives) { store_.limit_primitives(max_primitives); }
+  std::vector<std::uint64_t> tier_peaks() const { return store_.tier_peaks(); }
   StreamStatistics statistics() const { return store_.statistics(); }
   std::vector<PlayerEvent> take_events();
 

@@ -31,6 +31,13 @@ std::string numbers(std::span<const float> values) {
   return out + "]";
 }
 
+std::string counts(std::span<const std::uint64_t> values) {
+  std::string out;
+  for (const std::uint64_t value : values)
+    out += fmt::format("{}{}", out.empty() ? "" : ",", value);
+  return out;
+}
+
 std::string camera_json(const SceneMetadata& scene) {
   if (!scene.start_camera) return "null";
   const StartCamera& c = *scene.start_camera;
@@ -108,12 +115,15 @@ STGS_EXPORT void stgs_free(void* memory) {
   std::free(memory);
 }
 
-// Creates the player of a file. `follows`: whether it may grow; `prefetch`: seconds that are
-// fetched ahead; `decodes`: segments that the host decodes at a time.
+// Creates the player of a file. `follows`: whether it may grow; `max_primitives`: as
+// stgs_limit_primitives(); `prefetch`: seconds that are fetched ahead; `decodes`: segments that the
+// host decodes at a time.
 STGS_EXPORT void stgs_create(const char* name, double file_bytes, bool follows,
-                             double memory_budget, double prefetch, int decodes) {
+                             double memory_budget, double max_primitives, double prefetch,
+                             int decodes) {
   current = std::make_unique<web::WebPlayer>(name, static_cast<std::uint64_t>(file_bytes), follows,
-                                             static_cast<std::uint64_t>(memory_budget), prefetch,
+                                             static_cast<std::uint64_t>(memory_budget),
+                                             static_cast<std::uint64_t>(max_primitives), prefetch,
                                              decodes);
 }
 
@@ -137,11 +147,13 @@ STGS_EXPORT const char* stgs_open() {
   return give(fmt::format(
       R"({{"info":{{"duration":{},"tickSeconds":{},"frames":{},"shDegree":{},"primitives":{},)"
       R"("boundsMin":{},"boundsMax":{},"background":{},"up":{},"metresPerUnit":{},)"
-      R"("floor":{},"startCamera":{},"title":{}}}}})",
+      R"("floor":{},"startCamera":{},"title":{},"tierPrimitives":[{}],"audio":{},"audioBegin":{}}}}})",
       duration_of(reader), number(scene.time_base.seconds(1)), scene.frames, reader.sh_degree(),
       reader.primitives(), numbers(scene.bounds_min), numbers(scene.bounds_max),
       numbers(scene.background), numbers(scene.up), number(scene.metres_per_unit),
-      numbers(scene.floor), camera_json(scene), quoted(scene.title)));
+      numbers(scene.floor), camera_json(scene), quoted(scene.title),
+      counts(current->player().tier_peaks()), quoted(scene.audio),
+      number(scene.time_base.seconds(scene.audio_begin))));
 }
 // Returns memory for bytes of the file from `offset` on, for the next stgs_open().
 STGS_EXPORT std::uint8_t* stgs_provide(double offset, std::uint32_t bytes) {
@@ -164,6 +176,11 @@ STGS_EXPORT bool stgs_set_rate(double rate) {
 }
 STGS_EXPORT void stgs_set_loop(bool loop) {
   current->player().set_loop(loop);
+}
+
+// Limits the primitives at one time (StreamPlayer::limit_primitives()), at most 2^53.
+STGS_EXPORT void stgs_limit_primitives(double max_primitives) {
+  current->player().limit_primitives(static_cast<std::uint64_t>(max_primitives));
 }
 
 // Makes progress (WebPlayer::step()). `now`: seconds of a monotonic clock.
@@ -199,9 +216,10 @@ STGS_EXPORT const char* stgs_state() {
   const player::StreamStatistics statistics = p.statistics();
   return give(fmt::format(
       R"({{"state":"{}","seconds":{},"duration":{},"live":{},"buffered":[{}],"layers":{},)"
-      R"("layerCount":{},"bytes":{},"memory":{}}})",
+      R"("layerCount":{},"bytes":{},"memory":{},"bytesPerSecond":{}}})",
       state_name(p.state()), p.seconds(), duration_of(current->reader()), live_json(), ranges,
-      p.layers(), p.layer_count(), statistics.fetched_bytes, statistics.memory_bytes));
+      p.layers(), p.layer_count(), statistics.fetched_bytes, statistics.memory_bytes,
+      number(statistics.bytes_per_second)));
 }
 // Returns the events since the last call as a JSON array.
 STGS_EXPORT const char* stgs_events() {

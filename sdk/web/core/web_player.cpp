@@ -35,8 +35,10 @@ player::PlayerSettings settings_of(bool follows, std::uint64_t memory_budget,
 }  // namespace
 
 WebPlayer::WebPlayer(const std::string& name, std::uint64_t file_bytes, bool follows,
-                     std::uint64_t memory_budget, double prefetch_seconds, int decodes)
+                     std::uint64_t memory_budget, std::uint64_t max_primitives,
+                     double prefetch_seconds, int decodes)
     : settings_(settings_of(follows, memory_budget, prefetch_seconds)),
+      max_primitives_(max_primitives),
       decodes_(decodes),
       budget_(player::make_budget(memory_budget)),
       cache_(budget_) {
@@ -58,6 +60,7 @@ Status WebPlayer::open() {
   player_ = std::make_unique<player::StreamPlayer>(
       player::OpenedFile{reader_, ranges_, std::move(cache_)}, settings_, budget_,
       std::move(transport), std::move(executor));
+  player_->limit_primitives(max_primitives_);
   return {};
 }
 

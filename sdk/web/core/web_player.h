@@ -30,7 +30,8 @@ class WebPlayer {
 
   // `follows`: if the file is being recorded, its growth is followed.
   WebPlayer(const std::string& name, std::uint64_t file_bytes, bool follows,
-            std::uint64_t memory_budget, double prefetch_seconds, int decodes);
+            std::uint64_t memory_budget, std::uint64_t max_primitives, double prefetch_seconds,
+            int decodes);
 
   // Opens the file. While source().is_pending(), provide() the missing bytes and call it again.
   Status open();
@@ -64,7 +65,8 @@ class WebPlayer {
   Change added(const player::Timeline::SegmentRef& ref) const;
 
   const player::PlayerSettings settings_;
-  const int decodes_;  // segments that the host decodes at a time
+  const std::uint64_t max_primitives_;  // when it is opened, see StreamPlayer::limit_primitives()
+  const int decodes_;                   // segments that the host decodes at a time
   const std::shared_ptr<Budget> budget_;
   std::shared_ptr<player::RangeSource> ranges_;
   ProvidedSource* provided_ = nullptr;  // of `ranges_`

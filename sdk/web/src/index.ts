@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The package: importing it defines <stgs-player>.
 import { defineStgsPlayer } from "./element/stgs_player";
+import type { QualitySettings } from "./player/adaptation";
 import { StgsPlayer } from "./player/player";
 import type { PlayerOptions } from "./player/player";
 import { chosenRenderer } from "./renderer_choice";
@@ -9,7 +10,7 @@ import type { RendererChoice } from "./renderer_choice";
 import { createWorker, setResources } from "./resources";
 
 /** Settings of createPlayer(). */
-export interface CreatePlayerOptions extends Pick<PlayerOptions, "memoryBudget" | "lookAhead"> {
+export interface CreatePlayerOptions extends QualitySettings, Pick<PlayerOptions, "lookAhead" | "audio"> {
   /** Default: auto. */
   renderer?: RendererChoice;
 }
@@ -31,11 +32,14 @@ if (typeof customElements !== "undefined" && customElements.get("stgs-player") =
 
 export { SegmentPlayer, StgsPlayer, createWorker, defineStgsPlayer, setResources };
 export type { PlayerOptions, PlayerStats } from "./player/player";
+export type { CameraView } from "./element/cameras/rig";
+export type { Quality, QualityReport, QualitySettings } from "./player/adaptation";
+export type { DeviceClass } from "./player/device";
 export type { RendererChoice } from "./renderer_choice";
 export type { Resources } from "./resources";
 export type { ScenePlayer } from "./player/scene_player";
 export type { SegmentPlayerOptions } from "./player/segment_player";
 export type {
-  Camera, LiveState, PackedSegment, Renderer, RendererStatistics, RenderView, SceneInfo, SegmentSink, ViewRenderer,
+  Camera, LiveState, PackedSegment, Renderer, RendererStatistics, RenderView, SceneAudio, SceneInfo, SegmentSink, ViewRenderer,
 } from "./types";
 export type { XrMode, XrOptions } from "./xr/presenter";

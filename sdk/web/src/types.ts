@@ -24,6 +24,18 @@ export interface SceneInfo {
   floor: number[] | null;   // 3, a point of the floor, scene units; null: unknown
   background: number[];     // 3, encoded as the colours
   startCamera: Camera | null;
+  /** The greatest number of primitives at one time, of the first tier, of the first two, and so on. */
+  tierPrimitives: number[];
+  audio: SceneAudio | null; // null: the file names none
+}
+/** The sound that a file names. */
+export interface SceneAudio {
+  /** A URI reference, as the file states it. */
+  location: string;
+  /** The time of its first sample, seconds; may be before or after the timeline. */
+  begin: number;
+  /** URL of the file, after redirects, to which the location is relative; "": the file is a Blob. */
+  base: string;
 }
 /** A decoded segment, packed as player/src/packed_segment.h states, ready for the GPU. */
 export interface PackedSegment {
@@ -46,15 +58,22 @@ export type CoreMessage =
   | { type: "segment"; segment: PackedSegment }
   | { type: "dropped"; id: number }
   | { type: "state"; state: "playing" | "paused" | "buffering" | "ended"; seconds: number; seek: number /* id of the last seek that came before; 0: none */; at: number /* performance.timeOrigin + performance.now() of the worker when seconds was true */;
-      rate: number; buffered: [number, number][]; layers: number; layerCount: number; bytes: number /* fetched */ ; duration: number;
+      rate: number; buffered: [number, number][]; layers: number; layerCount: number;
+      bytes: number /* fetched */; bytesPerSecond: number /* recent; 0: not known yet */; memory: number /* bytes of the budget in use */; duration: number;
       live: LiveState | null /* null: the file is complete */ }
   | { type: "event"; kind: string; message: string }
   | { type: "error"; code: "network" | "format" | "unsupported" | "memory" | "usage" | "aborted"; message: string };
 /** Messages of the page to the core worker. */
 export type PageMessage =
-  | { type: "open"; source: string | Blob; options: { memoryBudget: number; lookAhead: number } }
+  | { type: "open"; source: string | Blob; options: OpenOptions }
   | { type: "play" } | { type: "pause" } | { type: "seek"; seconds: number; id: number /* ascending */ } | { type: "rate"; rate: number }
-  | { type: "loop"; loop: boolean } | { type: "close" };
+  | { type: "loop"; loop: boolean } | { type: "maxPrimitives"; primitives: number } | { type: "close" };
+/** Limits of a source. */
+export interface OpenOptions {
+  memoryBudget: number;  // bytes of fetched and decoded data
+  maxPrimitives: number; // at one time: further tiers than those that fit are not fetched; may be Infinity
+  lookAhead: number;     // seconds
+}
 /** Passes the content of stgs-core.wasm to the worker, which otherwise loads it; the first message. */
 export interface CoreBytes { type: "core"; bytes: ArrayBuffer }
 /** Statistics of a recent frame. */
@@ -68,6 +87,8 @@ export interface RendererStatistics {
    */
   computeMs?: number;
   rasterMs?: number;
+  /** Frames that the GPU has finished; absent: those that were drawn, as far as is known. */
+  frames?: number;
 }
 /** Takes the segments of a scene. */
 export interface SegmentSink {
@@ -85,7 +106,7 @@ export interface Renderer extends SegmentSink {
   /** Receives failures that no call can report. The owner sets it; default: console.error. */
   onError: (error: Error) => void;
   /**
-   * Draws the primitives at `ticks` of the timeline. Where ordering by depth is done by a worker, a
+   * Draws the primitives at `ticks` of the timeline. The canvas takes the size of the camera. Where ordering by depth is done by a worker, a
    * frame uses the newest order that has arrived. Throws an Error after a failure.
    */
   render(camera: Camera, ticks: number): void;
@@ -99,6 +120,8 @@ export interface Renderer extends SegmentSink {
    * top. Rejects after a failure.
    */
   readPixels(): Promise<Float32Array>;
+  /** Primitives at one time, at most, by the limits of the GPU; absent: no limit is known. */
+  readonly maxPrimitives?: number;
   /** The renderer of views, if it is ready and can draw them. */
   readonly views: ViewRenderer | null;
   /** Resolves once `views` is known, whatever it is; absent: it is. */

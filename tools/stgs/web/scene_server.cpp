@@ -29,11 +29,12 @@ constexpr unsigned kIdleSeconds = 30;                // without progress of a re
 constexpr double kRequestSeconds = 15;               // until the header of a request is complete
 constexpr std::time_t kSettleSeconds = 10;  // since the last write; until then a file may grow
 constexpr std::string_view kScenes = "/scenes/", kList = "/scenes.json";
-// The page loads its own files, and scenes of this server and by https; its script makes style
-// sheets and workers.
+// The page loads its own files, scenes of this server and by https, and their sound; its script
+// makes style sheets and workers.
 constexpr const char* kPolicy =
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; "
-    "style-src 'unsafe-inline'; img-src data:; connect-src 'self' https:; base-uri 'none'; "
+    "style-src 'unsafe-inline'; img-src data:; connect-src 'self' https:; media-src 'self' https:; "
+    "base-uri 'none'; "
     "form-action 'none'; frame-ancestors 'none'";
 
 using Response = std::unique_ptr<MHD_Response, void (*)(MHD_Response*)>;

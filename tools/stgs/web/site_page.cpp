@@ -95,6 +95,7 @@ std::string site_page(const PageSettings& settings) {
   Json json = Json::object();
   if (!settings.scene.empty()) json["scene"] = settings.scene;
   if (!settings.list.empty()) json["list"] = settings.list;
+  if (!settings.bridge.empty()) json["bridge"] = settings.bridge;
   std::string element(kSettings);
   replace_mark(element, "{}", inline_json(json));
   replace_mark(page, kSettings, element);

@@ -15,7 +15,9 @@ namespace stgs::tools {
 struct PageSettings {
   std::string title;  // of the page until the scene is open; UTF-8
   std::string scene;  // URL relative to the page, or absolute; "": the visitor chooses
-  std::string list;   // URL of a list of scenes (ServedScenes::list()); "": none
+  // Origins of pages that may embed this one and control it, separated by blanks; "": none.
+  std::string bridge;
+  std::string list;  // URL of a list of scenes (ServedScenes::list()); "": none
 };
 
 // Returns the page. Any text in the settings is safe.

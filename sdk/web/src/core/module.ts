@@ -41,7 +41,8 @@ export interface CoreStatus {
 }
 
 interface Exports {
-  stgs_create(name: number, bytes: number, follows: number, memoryBudget: number, prefetch: number, decodes: number): void;
+  stgs_create(name: number, bytes: number, follows: number, memoryBudget: number, maxPrimitives: number, prefetch: number,
+              decodes: number): void;
   stgs_open(): number;
   stgs_provide(offset: number, bytes: number): number;
   stgs_play(): void;
@@ -49,6 +50,7 @@ interface Exports {
   stgs_seek(seconds: number): number;
   stgs_set_rate(rate: number): number;
   stgs_set_loop(loop: number): void;
+  stgs_limit_primitives(maxPrimitives: number): void;
   stgs_step(now: number, budget: number): number;
   stgs_read_done(id: number, failure: number, fileBytes: number, now: number): void;
   stgs_decode_done(id: number, origin: number, baseCode: number, base: number, shCode: number, sh: number): void;
@@ -94,12 +96,14 @@ export class Core {
   }
 
   /**
-   * Begins a file. Sizes are bytes; `follows`: whether it may grow; `prefetch`: seconds to fetch
-   * ahead; `decodes`: segments that the host decodes at a time.
+   * Begins a file. Sizes are bytes; `follows`: whether it may grow; `maxPrimitives`: as
+   * limitPrimitives(); `prefetch`: seconds to fetch ahead; `decodes`: segments that the host decodes at
+   * a time.
    */
-  open(name: string, fileBytes: number, follows: boolean, memoryBudget: number, prefetch: number, decodes: number): void {
+  open(name: string, fileBytes: number, follows: boolean, memoryBudget: number, maxPrimitives: number, prefetch: number,
+       decodes: number): void {
     this.instance.withTexts([name], (address) =>
-      this.instance.exports.stgs_create(address, fileBytes, follows ? 1 : 0, memoryBudget, prefetch, decodes));
+      this.instance.exports.stgs_create(address, fileBytes, follows ? 1 : 0, memoryBudget, counted(maxPrimitives), prefetch, decodes));
   }
 
   /** Tries to open the file: its description, the bytes that it needs first, or why it failed. */
@@ -129,6 +133,10 @@ export class Core {
   }
   setLoop(loop: boolean): void {
     this.instance.exports.stgs_set_loop(loop ? 1 : 0);
+  }
+  /** Shows as many tiers as have at most this many primitives at any time; at least one. */
+  limitPrimitives(maxPrimitives: number): void {
+    this.instance.exports.stgs_limit_primitives(counted(maxPrimitives));
   }
 
   /** Plays, and begins reads and decodings, for about `budget` seconds; returns the seconds until the next call is due. */
@@ -176,6 +184,11 @@ export class Core {
   }
 }
 
+/** A number of primitives, 0 or more, as the core takes it. */
+function counted(primitives: number): number {
+  return Math.min(primitives, Number.MAX_SAFE_INTEGER);
+}
+
 /** The description of a scene, as types.ts. */
 export interface CoreInfo {
   duration: number;
@@ -190,6 +203,9 @@ export interface CoreInfo {
   metresPerUnit: number;  // 0: unknown
   floor: number[];        // valid if `up` is known
   title: string;
+  tierPrimitives: number[];
+  audio: string;       // "": none
+  audioBegin: number;  // seconds
   startCamera: null | {
     rotation: number[]; translation: number[];
     fx: number; fy: number; cx: number; cy: number; width: number; height: number; near: number;
@@ -207,6 +223,7 @@ export interface CoreState {
   layerCount: number;
   bytes: number;
   memory: number;
+  bytesPerSecond: number;
 }
 export interface CoreEvent {
   kind: string;

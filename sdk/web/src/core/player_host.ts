@@ -74,6 +74,9 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
       case "loop":
         this.core.setLoop(message.loop);
         break;
+      case "maxPrimitives":
+        this.core.limitPrimitives(message.primitives);
+        break;
     }
     this.lastState = "";
     this.schedule(0);
@@ -136,7 +139,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
       if (signal.aborted) return;
       this.parts = new ShownParts(info.shDegree, this.post);
       this.state();
-      this.post({ type: "opened", info: sceneInfo(info) }, []);
+      this.post({ type: "opened", info: sceneInfo(info, this.reader!.url) }, []);
       this.schedule(0);
     } catch (error) {
       if (!signal.aborted) this.fail(error);
@@ -144,14 +147,14 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
   }
 
   private async openFile(message: OpenMessage, signal: AbortSignal): Promise<CoreInfo> {
-    const { memoryBudget, lookAhead } = checked(message.options);
+    const { memoryBudget, maxPrimitives, lookAhead } = checked(message.options);
     const reader = (this.reader = rangeReader(message.source));
     const pool = (this.pool = new DecoderPool(decoders(), this.startDecoder, this));
     const [module, size] = await Promise.all([this.module, withRetry(() => reader.size(signal), signal)]);
     const core = await Core.create(module, this);
     if (signal.aborted) throw closed();
     this.core = core;
-    core.open(reader.name, size, reader.mayGrow, memoryBudget, lookAhead, pool.capacity);
+    core.open(reader.name, size, reader.mayGrow, memoryBudget, maxPrimitives, lookAhead, pool.capacity);
     const pieces: FilePiece[] = [];
     let read = 0, isForeign = false;
     for (;;) {
@@ -219,7 +222,8 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     this.reportedAt = now;
     this.post({
       type: "state", state: state.state, seconds: state.seconds, seek: this.lastSeek, at: performance.timeOrigin + at, rate: this.rate,
-      buffered: state.buffered, layers: state.layers, layerCount: state.layerCount, bytes: state.bytes, duration: state.duration,
+      buffered: state.buffered, layers: state.layers, layerCount: state.layerCount,
+      bytes: state.bytes, bytesPerSecond: state.bytesPerSecond, memory: state.memory, duration: state.duration,
       live: state.live,
     }, []);
     return Infinity;
@@ -267,10 +271,10 @@ function closed(): ReadError {
 
 /** Checks the options of a page. */
 function checked(options: OpenMessage["options"]): OpenMessage["options"] {
-  const { memoryBudget, lookAhead } = options;
-  if (!(memoryBudget >= MIN_BUDGET && memoryBudget <= MAX_BUDGET && lookAhead >= 0 && lookAhead < Infinity)) {
-    throw new CoreError(USAGE, `memoryBudget ${memoryBudget} or lookAhead ${lookAhead} is out of range ` +
-      `(expected ${MIN_BUDGET} to ${MAX_BUDGET} bytes, and 0 s or more)`);
+  const { memoryBudget, maxPrimitives, lookAhead } = options;
+  if (!(memoryBudget >= MIN_BUDGET && memoryBudget <= MAX_BUDGET && maxPrimitives >= 0 && lookAhead >= 0 && lookAhead < Infinity)) {
+    throw new CoreError(USAGE, `memoryBudget ${memoryBudget}, maxPrimitives ${maxPrimitives} or lookAhead ${lookAhead} is out of range ` +
+      `(expected ${MIN_BUDGET} to ${MAX_BUDGET} bytes, 0 or more, and 0 s or more)`);
   }
   return options;
 }
@@ -291,12 +295,16 @@ function codeOf(error: unknown): ErrorCode {
   return names[error.code] ?? "unsupported";
 }
 
-function sceneInfo(info: CoreInfo): SceneInfo {
-  const { title, duration, tickSeconds, frames, shDegree, primitives, boundsMin, boundsMax, background, startCamera } = info;
+function sceneInfo(info: CoreInfo, url: string): SceneInfo {
+  const { title, duration, tickSeconds, frames, shDegree, primitives, boundsMin, boundsMax, background, startCamera, tierPrimitives } = info;
   const up = info.up.some((v) => v !== 0) ? info.up : null;
   const metresPerUnit = info.metresPerUnit > 0 ? info.metresPerUnit : null;
   const floor = up !== null ? info.floor : null;
-  return { title, duration, tickSeconds, frames, shDegree, primitives, boundsMin, boundsMax, up, metresPerUnit, floor, background, startCamera };
+  const audio = info.audio !== "" ? { location: info.audio, begin: info.audioBegin, base: url } : null;
+  return {
+    title, duration, tickSeconds, frames, shDegree, primitives, boundsMin, boundsMax, up, metresPerUnit, floor, background, startCamera,
+    tierPrimitives, audio,
+  };
 }
 
 /** Repeats a read that may succeed later, with growing pauses. */

@@ -12,6 +12,8 @@ export class ReadError extends Error {
 export interface RangeReader {
   /** The name of the file in messages. */
   readonly name: string;
+  /** URL of the file, after redirects once it was read; "": it has none. */
+  readonly url: string;
   /** The size of the file, bytes. */
   size(signal: AbortSignal): Promise<number>;
   /** Reads exactly `to.length` bytes from `offset` on. Returns the size of the file. */
@@ -38,6 +40,7 @@ export function rangeReader(source: string | Blob): RangeReader {
 class BlobReader implements RangeReader {
   readonly name: string;
   readonly mayGrow = false;
+  readonly url = "";
   constructor(private readonly blob: Blob) {
     this.name = blob instanceof File ? blob.name : "scene";
   }
@@ -69,9 +72,11 @@ class UrlReader implements RangeReader {
   private known: number | null = null; // size of the file
   private stable: number | null = null; // as setStable(); null: while the file is opened
   private hasChanged = false; // since it was opened
+  url: string;
 
-  constructor(private readonly url: string) {
-    this.name = url.split(/[?#]/)[0].split("/").pop() || "scene";
+  constructor(private readonly address: string) {
+    this.url = address;
+    this.name = address.split(/[?#]/)[0].split("/").pop() || "scene";
   }
 
   async size(signal: AbortSignal): Promise<number> {
@@ -93,9 +98,10 @@ class UrlReader implements RangeReader {
     const cache = stable === null || stable === Infinity ? "default" : "no-store";
     try {
       const last = offset + to.length - 1;
-      const response = await fetch(this.url, { headers: { Range: `bytes=${offset}-${last}` }, signal: watch.signal, cache });
+      const response = await fetch(this.address, { headers: { Range: `bytes=${offset}-${last}` }, signal: watch.signal, cache });
       const total = this.check(response, offset, last, stable);
       await this.body(response, to, watch);
+      this.url = response.url;
       return total;
     } catch (error) {
       watch.cancel(); // the rest of the response

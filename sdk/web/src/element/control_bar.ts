@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import { create, iconButton, setIcon, setLabel } from "./dom";
 import { Media, toggle } from "./media";
+import { MuteButton } from "./mute_button";
 import { SeekSlider } from "./seek_slider";
 import { SpeedMenu } from "./speed_menu";
 import { formatTime } from "./text";
@@ -34,7 +35,7 @@ export class ControlBar {
     const time = create("div", { class: "time" }, this.now, this.total);
     const space = create("div", { class: "space" });
     this.fullscreen.hidden = !actions.canFullscreen;
-    const row = create("div", { class: "row" }, this.play, time, this.live, space, this.speed.root, this.loop,
+    const row = create("div", { class: "row" }, this.play, new MuteButton(media).root, time, this.live, space, this.speed.root, this.loop,
                        this.statistics, new XrButton(media).root, this.fullscreen);
     this.root = create("div", { class: "bar", role: "group", "aria-label": "Playback" },
                        this.slider.root, row);

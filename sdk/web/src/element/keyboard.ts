@@ -5,7 +5,7 @@ export type KeyAction =
   | { type: "toggle" }
   | { type: "seekBy"; direction: 1 | -1 } | { type: "stepBy"; direction: 1 | -1 }
   | { type: "seekToStart" } | { type: "seekToEnd" } | { type: "rateBy"; direction: 1 | -1 }
-  | { type: "loop" } | { type: "fullscreen" } | { type: "statistics" };
+  | { type: "loop" } | { type: "mute" } | { type: "fullscreen" } | { type: "statistics" };
 
 export type CameraAction =
   | { type: "rotate"; right: number; up: number } | { type: "zoom"; factor: number }
@@ -31,6 +31,7 @@ const PLAYBACK: Readonly<Record<string, KeyAction>> = {
   Home: { type: "seekToStart" },
   End: { type: "seekToEnd" },
   l: { type: "loop" },
+  m: { type: "mute" },
   f: { type: "fullscreen" },
   i: { type: "statistics" },
 };

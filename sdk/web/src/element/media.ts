@@ -23,6 +23,8 @@ export interface Media extends EventTarget {
   currentTime: number;
   playbackRate: number;
   loop: boolean;
+  muted: boolean;
+  readonly hasAudio: boolean;
   readonly isInXR: boolean;
   play(): Promise<void>;
   pause(): void;

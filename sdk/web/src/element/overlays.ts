@@ -43,6 +43,8 @@ export class StatisticsPanel {
       ["Layers", `${stats.layers} of ${stats.layerCount}`],
       ["Buffered", `${bufferedAhead(media).toFixed(1)} s ahead`],
       ["Fetched", formatBytes(stats.bytesFetched)],
+      ["Throughput", stats.bytesPerSecond > 0 ? `${formatBytes(stats.bytesPerSecond)}/s` : "–"],
+      ...qualityRows(stats),
     ];
     const cells = rows.flatMap(([name, value]) => {
       return [create("dt", {}, name), create("dd", {}, value)];
@@ -55,6 +57,19 @@ export class StatisticsPanel {
 function gpuTimes({ computeMs, rasterMs }: PlayerStats): [string, string][] {
   if (computeMs === undefined || rasterMs === undefined) return [];
   return [["Compute", `${computeMs.toFixed(1)} ms`], ["Rasterising", `${rasterMs.toFixed(1)} ms`]];
+}
+
+/** The rows of what was chosen for the device. */
+function qualityRows({ quality, memoryBytes }: PlayerStats): [string, string][] {
+  if (quality === null) return [];
+  const { tiers, tierCount, resolutionScale, memoryBudget } = quality;
+  return [
+    ["Memory", `${formatBytes(memoryBytes)} of ${formatBytes(memoryBudget)}`],
+    ["Quality", `${quality.quality}, ${quality.device}`],
+    ["Tiers", `${tiers} of ${tierCount}`],
+    ["Scale", `${Math.round(100 * resolutionScale)} %`],
+    ["Because", quality.reason],
+  ];
 }
 
 /** Seconds that are buffered after the current time. */

@@ -194,6 +194,9 @@ export class Shell {
       case "loop":
         media.loop = !media.loop;
         return this.bar.update();
+      case "mute":
+        if (media.hasAudio) media.muted = !media.muted;
+        return;
       case "fullscreen":
         return this.toggleFullscreen();
       case "statistics":

@@ -5,37 +5,41 @@ import { forwardEvents } from "../player/event_queue";
 import { NO_STATS, PlayerStats, StgsPlayer } from "../player/player";
 import { BufferedRanges } from "../player/ranges";
 import { resume } from "../player/resume";
-import { RendererChoice } from "../renderer_choice";
+import type { RendererChoice } from "../renderer_choice";
 import { LiveState, Renderer, SceneInfo } from "../types";
 import type { XrMode, XrOptions } from "../xr/presenter";
+import { BridgeAttribute } from "./bridge_attribute";
 import { CameraInput } from "./camera_input";
 import { createRig } from "./cameras/create_rig";
 import { PadAction } from "./cameras/gamepad";
-import { CameraRig } from "./cameras/rig";
+import { CameraRig, CameraView } from "./cameras/rig";
 import { observePixels } from "./dom";
 import type { StgsPlayerFactory } from "./factory";
 import { Media, toggle } from "./media";
+import { ReflectedElement } from "./reflected_element";
 import { Shell } from "./shell";
 
 const MAX_PIXEL_RATIO = 2; // of the canvas to CSS pixels
 
-// Lets the module be imported where there is no DOM, such as on a server.
-const Base = typeof HTMLElement === "undefined" ? (class {} as typeof HTMLElement) : HTMLElement;
-
 /**
  * `<stgs-player src controls autoplay loop poster camera="orbit|fly" free
- * renderer="auto|webgpu|webgl2">`: plays a scene like a media element. Properties, methods and events
- * are those of `StgsPlayer`; attributes are reflected. Without `controls`, only the camera takes
+ * renderer="auto|webgpu|webgl2" quality="auto|low|medium|high" device="phone|headset|desktop">`: plays a
+ * scene like a media element. Properties, methods and events are those of `StgsPlayer`; attributes are
+ * reflected. Without `controls`, only the camera takes
  * input. `free` lifts the limits of the orbit.
  *
  * The player is created when the element is connected or used, and destroyed when it is removed
  * from the page; then the position is lost.
  */
-export abstract class StgsPlayerElement extends Base implements Media {
-  static readonly observedAttributes = ["src", "controls", "autoplay", "loop", "poster", "camera", "free", "renderer"];
+export abstract class StgsPlayerElement extends ReflectedElement implements Media {
+  static readonly observedAttributes = [
+    "src", "controls", "autoplay", "loop", "poster", "camera", "free", "renderer", "quality", "device",
+    "audio", "bridge",
+  ];
 
   private readonly shell: Shell;
   private readonly observer: ResizeObserver;
+  private readonly bridge = new BridgeAttribute();
   private player: StgsPlayer | null = null;
   private canvas: HTMLCanvasElement | null = null;
   private input: CameraInput | null = null;
@@ -43,6 +47,8 @@ export abstract class StgsPlayerElement extends Base implements Media {
   private keptRig: CameraRig | null = null; // of a source that is loaded again after the GPU was lost
   private choice: RendererChoice | null = null; // instead of `renderer`, after WebGPU was lost
   private object: Blob | null = null;
+  private wantedVolume = 1;
+  private wantsMuted: boolean | null = null; // null: as the attribute states
   private failure: PlayerError | null = null; // of a player that could not be created
   private isReflecting = false; // sets `src` to the source that is being loaded
 
@@ -58,12 +64,14 @@ export abstract class StgsPlayerElement extends Base implements Media {
   connectedCallback(): void {
     observePixels(this.observer, this);
     this.shell.connect();
+    this.bridge.update(this, this.getAttribute("bridge"));
     if (this.player === null) this.reload();
   }
 
   disconnectedCallback(): void {
     this.observer.unobserve(this);
     this.shell.disconnect();
+    this.bridge.update(this, null);
     // An element that is moved is connected again in the same task.
     queueMicrotask(() => {
       if (!this.isConnected) this.destroy();
@@ -91,7 +99,17 @@ export abstract class StgsPlayerElement extends Base implements Media {
         this.keptRig = null;
         this.createCamera();
         break;
+      case "bridge":
+        if (this.isConnected) this.bridge.update(this, value);
+        break;
+      case "quality":
+        if (this.player !== null) this.player.quality = this.quality;
+        break;
+      case "audio":
+        if (this.player !== null) this.player.audio = this.audio;
+        break;
       case "renderer":
+      case "device":
         this.choice = null;
         this.recreate();
     }
@@ -113,56 +131,10 @@ export abstract class StgsPlayerElement extends Base implements Media {
     this.object = object;
     this.reload();
   }
-  get poster(): string {
-    return this.getAttribute("poster") ?? "";
-  }
-  set poster(url: string) {
-    this.setAttribute("poster", url);
-  }
-  /** Other values than "fly" orbit. */
-  get camera(): "orbit" | "fly" {
-    return this.getAttribute("camera") === "fly" ? "fly" : "orbit";
-  }
-  set camera(camera: "orbit" | "fly") {
-    this.setAttribute("camera", camera);
-  }
-  /** Which renderer the player is created with; other values than "webgpu" and "webgl2" are "auto". */
-  get renderer(): RendererChoice {
-    const value = this.getAttribute("renderer");
-    return value === "webgpu" || value === "webgl2" ? value : "auto";
-  }
-  set renderer(renderer: RendererChoice) {
-    this.setAttribute("renderer", renderer);
-  }
   /** See `StgsPlayer.activeRenderer`. */
   get activeRenderer(): "webgl2" | "webgpu" | null {
     return this.player?.activeRenderer ?? null;
   }
-  get controls(): boolean {
-    return this.hasAttribute("controls");
-  }
-  set controls(controls: boolean) {
-    this.toggleAttribute("controls", controls);
-  }
-  get autoplay(): boolean {
-    return this.hasAttribute("autoplay");
-  }
-  set autoplay(autoplay: boolean) {
-    this.toggleAttribute("autoplay", autoplay);
-  }
-  get loop(): boolean {
-    return this.hasAttribute("loop");
-  }
-  set loop(loop: boolean) {
-    this.toggleAttribute("loop", loop);
-  }
-  get free(): boolean {
-    return this.hasAttribute("free");
-  }
-  set free(free: boolean) {
-    this.toggleAttribute("free", free);
-  }
-
   get currentTime(): number {
     return this.player?.currentTime ?? 0;
   }
@@ -176,6 +148,24 @@ export abstract class StgsPlayerElement extends Base implements Media {
   set playbackRate(rate: number) {
     const player = this.use();
     if (player !== null) player.playbackRate = rate;
+  }
+  /** See `StgsPlayer.muted`; the attribute is the value at first. */
+  get muted(): boolean {
+    return this.player?.muted ?? this.wantsMuted ?? this.hasAttribute("muted");
+  }
+  set muted(muted: boolean) {
+    this.wantsMuted = muted;
+    if (this.player !== null) this.player.muted = muted;
+  }
+  get volume(): number {
+    return this.player?.volume ?? this.wantedVolume;
+  }
+  set volume(volume: number) {
+    if (this.player !== null) this.player.volume = volume;
+    this.wantedVolume = volume;
+  }
+  get hasAudio(): boolean {
+    return this.player?.hasAudio ?? false;
   }
   get duration(): number {
     return this.player?.duration ?? NaN;
@@ -227,7 +217,6 @@ export abstract class StgsPlayerElement extends Base implements Media {
   goLive(): void {
     this.player?.goLive();
   }
-
   /** Loads `source` instead of `src`; see `StgsPlayer.load`. */
   load(source?: string | Blob, options: { signal?: AbortSignal } = {}): Promise<void> {
     if (source instanceof Blob) this.object = source;
@@ -262,6 +251,16 @@ export abstract class StgsPlayerElement extends Base implements Media {
   /** Ends the session, if there is one. */
   exitXR(): Promise<void> {
     return this.player?.exitXR() ?? Promise.resolve();
+  }
+
+  /** Where the camera is; null before `loadedmetadata`. Assigning it moves it, within its limits. */
+  get cameraView(): CameraView | null {
+    return this.rig?.view ?? null;
+  }
+  set cameraView(view: CameraView | null) {
+    if (view === null || this.rig === null) return;
+    this.rig.view = view;
+    this.player?.requestFrame();
   }
 
   /** Returns to the start camera. */
@@ -301,10 +300,7 @@ export abstract class StgsPlayerElement extends Base implements Media {
     else this.player?.unload();
   }
 
-  /**
-   * Returns the player, which is created if there is none, and loads the source unless `loads` is
-   * off.
-   */
+  /** Returns the player; creates it if there is none, and loads the source unless `loads` is off. */
   private use(loads = true): StgsPlayer | null {
     if (this.player !== null) return this.player;
     this.failure = null;
@@ -319,7 +315,11 @@ export abstract class StgsPlayerElement extends Base implements Media {
     }
     this.canvas = canvas;
     this.shell.setCanvas(canvas);
-    this.player = new StgsPlayer({ canvas, renderer, worker: () => this.factory.createWorker() });
+    const { quality, device, audio } = this;
+    const worker = () => this.factory.createWorker();
+    this.player = new StgsPlayer({ canvas, renderer, worker, quality, audio, ...(device && { device }) });
+    this.player.volume = this.wantedVolume;
+    this.player.muted = this.wantsMuted ?? this.hasAttribute("muted");
     this.player.loop = this.loop;
     forwardEvents(this.player, this, (event) => this.recovers(event));
     this.applySize();

@@ -163,6 +163,7 @@ svg { display: block; width: 1em; height: 1em; }
 
 .figures {
   max-height: calc(var(--height) - 28px); overflow: hidden;
+  box-sizing: border-box; max-width: min(340px, calc(100% - 28px));
   position: absolute; left: 14px; top: 14px; margin: 0; padding: 10px 14px; border-radius: 10px;
   display: grid; grid-template-columns: auto auto; gap: 2px 18px; font-size: 12px; line-height: 1.5;
   background: rgba(12, 14, 17, 0.72); border: 1px solid var(--line); backdrop-filter: blur(10px);
@@ -204,7 +205,7 @@ dd { margin: 0; text-align: right; }
 
 .narrow .bar { padding-left: 10px; padding-right: 10px; padding-bottom: 4px; }
 .narrow .time { font-size: 12px; padding: 0 2px; }
-.narrow .button { min-width: 38px; }
+.narrow .button { min-width: 36px; }
 .narrow .button.speed, .narrow .button.live { padding: 0 4px; }
 .narrow .start { width: 64px; height: 64px; margin: -32px; font-size: 32px; }
 .narrow .figures { left: 8px; top: 8px; padding: 8px 10px; font-size: 11px; }
@@ -213,7 +214,9 @@ dd { margin: 0; text-align: right; }
 .short .start {
   width: 52px; height: 52px; margin: -26px; font-size: 28px; top: calc(50% - 22px);
 }
-.short .figures { grid-template-columns: repeat(4, auto); gap: 0 12px; padding: 6px 10px; }
+.short .figures {
+  grid-template-columns: repeat(4, auto); gap: 0 12px; padding: 6px 10px; max-width: calc(100% - 28px);
+}
 .short .error { padding: 12px; gap: 4px; }
 .short .error svg { display: none; }
 .short .retry { margin-top: 6px; padding: 6px 16px; }

@@ -38,6 +38,10 @@ export class DeferredRenderer implements Renderer {
     return this.target?.name ?? null;
   }
 
+  get maxPrimitives(): number {
+    return this.target?.maxPrimitives ?? Infinity;
+  }
+
   get views(): ViewRenderer | null {
     return this.target?.views ?? null;
   }

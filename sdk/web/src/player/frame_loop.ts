@@ -5,6 +5,16 @@ import { sameCamera } from "./fit_camera";
 import { Host } from "./host";
 
 const FPS_WINDOW = 1000; // milliseconds over which frames are counted
+const RECENT_SIZES = 4;
+
+interface Size {
+  width: number;
+  height: number;
+}
+
+function isSize(size: Size, { width, height }: Size): boolean {
+  return size.width === width && size.height === height;
+}
 
 /** Supplies the camera of each frame. */
 export interface CameraSource {
@@ -23,6 +33,12 @@ export interface FrameClient {
   /** The time to render, ticks, and whether it advances; null: there is nothing to render. */
   frameTime(now: number): { ticks: number; running: boolean } | null;
   onRenderError(error: unknown): void;
+  /** A frame of an image that changes was drawn. */
+  onDrawn?(now: number): void;
+  /** Nothing is drawn until something changes. */
+  onIdle?(): void;
+  /** Images cannot be scaled, see `setScale`. */
+  onFixedSize?(): void;
 }
 
 /**
@@ -31,7 +47,12 @@ export interface FrameClient {
  */
 export class FrameLoop {
   private source: CameraSource | null = null;
-  private size: { width: number; height: number } | null = null;
+  private requested: Size | null = null; // by resize(), since the last frame
+  private full: Size; // of still images
+  private scale = 1;
+  private scaled: Size; // of images that change
+  private readonly recent: Size[] = []; // of images; a renderer that is late resizes the canvas late
+  private layout: Size | null = null; // on the page, before the canvas takes the size `scaled`
   private frame: number | null = null;
   private isDirty = false;
   private isExact = false;
@@ -39,13 +60,18 @@ export class FrameLoop {
   private isDestroyed = false;
   private last: { camera: Camera; ticks: number } | null = null;
   private readonly rendered: number[] = []; // times of the last frames
+  /** Frames that were drawn. */
+  drawn = 0;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
     private readonly renderer: Renderer,
     private readonly host: Host,
     private readonly client: FrameClient,
-  ) {}
+  ) {
+    this.full = this.scaled = { width: canvas.width, height: canvas.height };
+    this.remember(this.full);
+  }
 
   /** The source must stay valid until it is replaced or the loop is destroyed. */
   setSource(source: CameraSource): void {
@@ -70,7 +96,17 @@ export class FrameLoop {
 
   /** Sets the size of the canvas in pixels with the next frame, so that it is never seen empty. */
   resize(width: number, height: number): void {
-    this.size = { width: Math.max(1, Math.round(width)), height: Math.max(1, Math.round(height)) };
+    this.requested = { width: Math.max(1, Math.round(width)), height: Math.max(1, Math.round(height)) };
+    this.request();
+  }
+
+  /**
+   * Scales the width and height of images that change, above 0 and at most 1; still images have the
+   * full size. A canvas whose size on the page changes with it keeps its size, and `onFixedSize` is called.
+   */
+  setScale(scale: number): void {
+    if (scale === this.scale) return;
+    this.scale = scale;
     this.request();
   }
 
@@ -87,9 +123,8 @@ export class FrameLoop {
       const message = "no scene is open; wait for loadedmetadata";
       throw new DOMException(message, "InvalidStateError");
     }
-    this.applySize();
-    const camera = this.source.camera(this.canvas.width, this.canvas.height);
-    await this.renderer.renderExactly(camera, time.ticks);
+    this.findSize();
+    await this.renderer.renderExactly(this.stillCamera(this.source), time.ticks);
   }
 
   /** Renders nothing until `resume`, while a headset shows the scene. */
@@ -121,19 +156,23 @@ export class FrameLoop {
   private step(): void {
     const now = this.host.now();
     this.client.onFrame(now);
-    const time = this.client.frameTime(now);
-    if (this.isDestroyed || time === null || this.source === null) return;
+    if (this.isDestroyed || this.source === null || this.client.frameTime(now) === null) return;
     const moving = this.source.update(now);
-    this.applySize();
-    const camera = this.source.camera(this.canvas.width, this.canvas.height);
+    const size = this.nextSize();
+    // Resizing a canvas can take a tenth of a second.
+    const time = this.client.frameTime(this.host.now());
+    if (time === null) return;
+    const camera = this.source.camera(size.width, size.height);
     const changed = this.isDirty || this.last === null || time.ticks !== this.last.ticks ||
       !sameCamera(camera, this.last.camera);
     if (changed) {
       this.draw(camera, time.ticks, now);
     } else if (!this.isExact && !time.running) {
-      this.drawExactly(camera, time.ticks);
+      this.drawExactly(this.stillCamera(this.source), time.ticks);
     }
     if (changed || moving || time.running) this.request();
+    if (changed) this.client.onDrawn?.(now);
+    else if (!moving && !time.running) this.client.onIdle?.();
   }
 
   private draw(camera: Camera, ticks: number, now: number): void {
@@ -150,6 +189,7 @@ export class FrameLoop {
   }
 
   private count(now: number): void {
+    ++this.drawn;
     this.rendered.push(now);
     this.forgetFrames(now);
   }
@@ -167,14 +207,72 @@ export class FrameLoop {
     );
   }
 
-  private applySize(): void {
-    if (this.size === null) return;
-    const { width, height } = this.size;
-    this.size = null;
-    if (this.canvas.width === width && this.canvas.height === height) return;
-    this.canvas.width = width;
-    this.canvas.height = height;
+  /** Finds the full size: the one that was requested, or that the page has given the canvas. */
+  private findSize(): void {
+    const { canvas, requested, full } = this;
+    this.checkLayout();
+    const isOwn = this.recent.some((size) => isSize(size, canvas));
+    const { width, height } = requested ?? (isOwn ? full : canvas);
+    this.requested = null;
+    if (isSize(full, { width, height })) return;
+    this.full = this.scaled = { width, height };
+    this.remember(this.full);
+    this.layout = null;
     this.isDirty = true;
+  }
+
+  /** The size of images that change. */
+  private scaledSize(): Size {
+    const { width, height } = this.full;
+    if (this.scale === 1) return this.full;
+    return { width: Math.max(1, Math.round(this.scale * width)), height: Math.max(1, Math.round(this.scale * height)) };
+  }
+
+  /** Returns the size of the next image that changes, and prepares the canvas for it. */
+  private nextSize(): Size {
+    this.findSize();
+    const size = this.scaledSize();
+    if (this.isDirty || this.last === null || !isSize(this.last.camera, size)) this.adoptSize(size);
+    return size;
+  }
+
+  /** Prepares the canvas. A renderer makes it smaller when it draws. */
+  private adoptSize(size: Size): void {
+    const { canvas } = this;
+    if (size === this.full) this.setFullSize();
+    else if (!isSize(this.scaled, size)) this.layout = { width: canvas.clientWidth, height: canvas.clientHeight };
+    this.scaled = size;
+    this.remember(size);
+  }
+
+  private remember(size: Size): void {
+    if (this.recent.some((one) => isSize(one, size))) return;
+    this.recent.push(size);
+    if (this.recent.length > RECENT_SIZES) this.recent.shift();
+  }
+
+  /** Ends scaling if the size of the canvas on the page changed with it. */
+  private checkLayout(): void {
+    const { canvas, layout } = this;
+    if (layout === null || !isSize(this.scaled, canvas)) return;
+    this.layout = null;
+    if (isSize(layout, { width: canvas.clientWidth, height: canvas.clientHeight })) return;
+    this.scale = 1;
+    this.isDirty = true;
+    this.client.onFixedSize?.();
+  }
+
+  /** The camera of an image in full size. */
+  private stillCamera(source: CameraSource): Camera {
+    if (this.scaledSize() === this.full) this.setFullSize();
+    return source.camera(this.full.width, this.full.height);
+  }
+
+  private setFullSize(): void {
+    const { canvas, full } = this;
+    if (isSize(full, canvas)) return;
+    canvas.width = full.width;
+    canvas.height = full.height;
   }
 
   private forgetFrames(now: number): void {

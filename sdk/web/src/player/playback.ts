@@ -74,7 +74,7 @@ export class Playback {
     const session = new Session();
     this.session = session;
     if (signal) session.listen(signal, () => this.unload(reason()));
-    this.core.post({ type: "open", source: this.source, options: this.context.options });
+    this.core.post({ type: "open", source: this.source, options: this.context.options() });
     return session.opened;
   }
 
@@ -149,6 +149,9 @@ export class Playback {
     this.seekTo(this.scene.duration);
   }
 
+  limitPrimitives(primitives: number): void {
+    this.post({ type: "maxPrimitives", primitives });
+  }
   /** Whether playback would end at once. */
   private isAtEnd(): boolean {
     if (this.scene === null || this.scene.live !== null || this.seek !== null) return false;
@@ -289,8 +292,7 @@ export class Playback {
     for (const name of scene.apply(state)) this.events.push(name);
     this.clock.duration = scene.duration;
     this.clock.loop = this.loop && scene.live === null;
-    // Playback that reaches the live edge follows it, at a rate of 1.
-    if (scene.live?.following && state.rate === this.rate) this.setRate(1);
+    if (scene.live?.following && state.rate === this.rate) this.setRate(1); // the edge was reached
     this.clock.canWrap = scene.canWrap();
     this.latest = state;
     this.follow(state);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-import { SceneInfo, SegmentSink } from "../types";
+import { OpenOptions, SceneInfo, SegmentSink } from "../types";
 import { EventQueue } from "./event_queue";
 import { Host } from "./host";
 import { WorkerSource } from "./worker_link";
@@ -18,7 +18,8 @@ export interface PlaybackContext {
   renderer: SegmentSink;
   host: Host;
   events: EventQueue;
-  options: { memoryBudget: number; lookAhead: number };
+  /** Of the next source. */
+  options(): OpenOptions;
   onOpened(info: SceneInfo): void;
   /** The time may have changed. */
   onTime(): void;

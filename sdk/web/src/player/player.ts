@@ -2,6 +2,7 @@
 // The player that draws to a canvas.
 import { Renderer } from "../types";
 import { XrMode, XrOptions, XrPresenter } from "../xr/presenter";
+import type { QualityReport } from "./adaptation";
 import { abortError, isDeviceLost, textOf } from "./errors";
 import { fitCamera, startCameraOf } from "./fit_camera";
 import { CameraSource, FrameLoop } from "./frame_loop";
@@ -27,13 +28,17 @@ export interface PlayerStats {
   sortMs: number;
   computeMs?: number; // see RendererStatistics
   rasterMs?: number;
+  bytesPerSecond: number; // recent throughput, on which the fetched layers depend; 0: not known yet
+  memoryBytes: number; // of fetched and decoded segments, at most the memory budget
   layers: number; // available at the current time
   layerCount: number;
+  quality: QualityReport | null; // null: there is no player
 }
 
 /** Those without a player. */
 export const NO_STATS: PlayerStats = {
-  framesPerSecond: 0, primitives: 0, visible: 0, bytesFetched: 0, sortMs: 0, layers: 0, layerCount: 0,
+  framesPerSecond: 0, primitives: 0, visible: 0, bytesFetched: 0, bytesPerSecond: 0, memoryBytes: 0,
+  sortMs: 0, layers: 0, layerCount: 0, quality: null,
 };
 
 /**
@@ -56,14 +61,21 @@ export class StgsPlayer extends ScenePlayer {
     super(options, {
       sink: options.renderer,
       host,
-      onOpened: () => this.applySource(),
+      onOpened: () => {
+        this.limitPrimitives();
+        this.applySource();
+      },
       onTime: () => this.frames.request(),
       onContent: () => this.frames.invalidate(),
+      onQuality: () => this.frames.setScale(this.adaptation.scale),
     });
     this.canvas = options.canvas;
     this.renderer = options.renderer;
     const client = {
       onFrame: () => this.playback.updateTime(false),
+      onDrawn: (now: number) => this.adaptation.frame(now, this.completedFrames()),
+      onIdle: () => this.adaptation.pause(),
+      onFixedSize: () => this.adaptation.fixResolution(),
       frameTime: () => this.playback.frameTime(),
       onRenderError: (error: unknown) => this.failRendering(error),
     };
@@ -71,26 +83,33 @@ export class StgsPlayer extends ScenePlayer {
     this.xr = new XrPresenter(this.renderer, {
       ...client,
       info: () => this.info,
-      onDrawn: () => this.frames.countFrame(),
+      onDrawn: () => {
+        this.frames.countFrame();
+        client.onDrawn(host.now());
+      },
       onSelect: () => this.toggle(),
       onStart: () => {
         this.frames.suspend();
+        this.adaptation.setXr(true);
         this.events.push("enterxr");
       },
       onEnd: () => {
+        this.adaptation.setXr(false);
         this.frames.resume();
         this.events.push("leavexr");
       },
     });
+    this.frames.setScale(this.adaptation.scale);
     this.renderer.onError = (error) => this.failRendering(error);
   }
 
   get stats(): PlayerStats {
-    const { bytes = 0, layers = 0, layerCount = 0 } = this.playback.scene ?? {};
+    const { bytes = 0, bytesPerSecond = 0, memory = 0, layers = 0, layerCount = 0 } = this.playback.scene ?? {};
     return {
       framesPerSecond: this.frames.framesPerSecond(),
       ...this.renderer.statistics,
-      bytesFetched: bytes, layers, layerCount,
+      bytesFetched: bytes, bytesPerSecond, memoryBytes: memory, layers, layerCount,
+      quality: this.qualityReport,
     };
   }
 
@@ -191,6 +210,10 @@ export class StgsPlayer extends ScenePlayer {
     for (const end of this.screenshots) end.reject(abortError("the player was destroyed"));
   }
 
+  private completedFrames(): number {
+    return this.renderer.statistics.frames ?? this.frames.drawn;
+  }
+
   private toggle(): void {
     if (this.paused) this.play().catch(() => undefined); // the error event reports failures
     else this.pause();
@@ -214,6 +237,15 @@ export class StgsPlayer extends ScenePlayer {
     this.events.push("notice", { kind: "renderer", message: error.message });
     const { currentTime, paused } = this;
     resume(this, super.load(source), { currentTime, paused });
+  }
+
+  /** Adopts the limit of the renderer, once it is loaded. */
+  private limitPrimitives(): void {
+    const adopt = () => this.adaptation.limitRenderer(this.renderer.maxPrimitives ?? Infinity);
+    if (this.renderer.whenReady === undefined) return adopt();
+    void this.renderer.whenReady.then(() => {
+      if (!this.isDestroyed) adopt();
+    });
   }
 
   private applySource(): void {

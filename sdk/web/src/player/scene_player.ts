@@ -1,28 +1,29 @@
 // SPDX-License-Identifier: Apache-2.0
 // The interface of a media element over a worker that decodes, without the drawing of frames.
 import { LiveState, SceneInfo, SegmentSink } from "../types";
+import { Adaptation, Quality, QualityReport, QualitySettings } from "./adaptation";
 import { abortError, PlayerError, unsupported } from "./errors";
 import { EventQueue } from "./event_queue";
 import { Host } from "./host";
 import { Playback } from "./playback";
 import { Ready } from "./playback_context";
 import { BufferedRanges } from "./ranges";
+import { Sound } from "./sound";
 import { WorkerSource } from "./worker_link";
 
 const MIN_RATE = -2, MAX_RATE = 4; // of the core
-const MEMORY_BUDGET = 512 * 2 ** 20; // bytes
 const LOOK_AHEAD = 10; // seconds
 
-export interface ScenePlayerOptions {
+export interface ScenePlayerOptions extends QualitySettings {
   /**
    * Belongs to the player, which terminates it. With a function, each load gets a worker of its
    * own, so that no message of an earlier source can be taken for one of the next.
    */
   worker: WorkerSource;
-  /** Bytes for fetched and decoded data; default 512 MiB. */
-  memoryBudget?: number;
   /** Seconds to fetch ahead; default 10. */
   lookAhead?: number;
+  /** The sound: "auto" (default): what the file names, on the server of the file; "none"; or a URL. */
+  audio?: string;
 }
 
 /** Parts of a player, and the reports of playback to its owner. */
@@ -35,6 +36,8 @@ export interface ScenePlayerParts {
   onTime(): void;
   /** The image at the current time has changed. */
   onContent(): void;
+  /** Another quality was chosen. */
+  onQuality?(): void;
 }
 
 /**
@@ -42,7 +45,7 @@ export interface ScenePlayerParts {
  * seconds. Events are dispatched after the call that causes them. `timeupdate` is dispatched at
  * most four times per second during playback, and once after each seek, pause and end. A `notice`
  * event with `detail: { kind, message }` passes on events of the core, such as data that could not
- * be read.
+ * be read. `qualitychange` with a `QualityReport` as `detail` reports what is chosen for the device.
  */
 export class ScenePlayer extends EventTarget {
   static readonly HAVE_NOTHING = Ready.Nothing;
@@ -55,24 +58,44 @@ export class ScenePlayer extends EventTarget {
 
   protected readonly events = new EventQueue(this);
   protected readonly playback: Playback;
+  protected readonly adaptation: Adaptation;
+  private readonly sound: Sound;
   protected isDestroyed = false;
   private readonly sink: SegmentSink;
 
   protected constructor(options: ScenePlayerOptions, parts: ScenePlayerParts) {
     super();
     this.sink = parts.sink;
+    this.adaptation = new Adaptation(options, {
+      limit: (primitives) => this.playback.limitPrimitives(primitives),
+      changed: () => {
+        this.events.push("qualitychange", this.qualityReport);
+        parts.onQuality?.();
+      },
+    });
     this.playback = new Playback({
       worker: options.worker,
       renderer: parts.sink,
       host: parts.host,
       events: this.events,
-      options: {
-        memoryBudget: options.memoryBudget ?? MEMORY_BUDGET,
+      options: () => ({
+        memoryBudget: this.adaptation.memoryBudget, maxPrimitives: this.adaptation.maxPrimitives,
         lookAhead: options.lookAhead ?? LOOK_AHEAD,
+      }),
+      onOpened: (info) => {
+        this.adaptation.open(info);
+        this.sound.open(info);
+        parts.onOpened();
       },
-      onOpened: () => parts.onOpened(),
       onTime: () => parts.onTime(),
       onContent: () => parts.onContent(),
+    });
+    this.sound = new Sound(this, options.audio ?? "auto", this.events, parts.host, {
+      time: () => {
+        const time = this.playback.frameTime();
+        return time && { seconds: time.ticks * this.info!.tickSeconds, running: time.running };
+      },
+      rate: () => this.playback.rate,
     });
   }
 
@@ -91,12 +114,16 @@ export class ScenePlayer extends EventTarget {
    */
   load(source: string | Blob, { signal }: { signal?: AbortSignal } = {}): Promise<void> {
     if (this.isDestroyed) return Promise.reject(abortError("the player is destroyed"));
+    this.adaptation.close();
+    this.sound.close();
     return this.playback.load(source, signal);
   }
 
   /** Ends the source; the player is as new, except for its rate, its loop and its camera. */
   unload(): void {
-    if (!this.isDestroyed) this.playback.unload(abortError("the source was removed"));
+    if (this.isDestroyed) return;
+    this.sound.close();
+    this.playback.unload(abortError("the source was removed"));
   }
 
   /**
@@ -167,6 +194,47 @@ export class ScenePlayer extends EventTarget {
     if (!this.isDestroyed) this.playback.setRate(rate);
   }
 
+  /**
+   * Whether the sound is off. Also set by the player, with `volumechange` and a `notice`, if the browser
+   * plays sound only after a gesture of the user.
+   */
+  get muted(): boolean {
+    return this.sound.muted;
+  }
+  set muted(muted: boolean) {
+    if (!this.isDestroyed) this.sound.muted = muted;
+  }
+  /** 0 to 1; others throw an `IndexSizeError`. */
+  get volume(): number {
+    return this.sound.volume;
+  }
+  set volume(volume: number) {
+    if (!this.isDestroyed) this.sound.volume = volume;
+  }
+  /** Whether the scene has a sound that can be played; `audiochange` reports changes. */
+  get hasAudio(): boolean {
+    return this.sound.isAvailable;
+  }
+  /** See `ScenePlayerOptions.audio`. */
+  get audio(): string {
+    return this.sound.source;
+  }
+  set audio(source: string) {
+    if (!this.isDestroyed) this.sound.source = source;
+  }
+
+  /** How much is fetched and drawn; see `Quality`. Others throw a `TypeError`. */
+  get quality(): Quality {
+    return this.adaptation.quality;
+  }
+  set quality(quality: Quality) {
+    if (!this.isDestroyed) this.adaptation.quality = quality;
+  }
+  /** What was chosen for the device, and why. */
+  get qualityReport(): QualityReport {
+    return this.adaptation.report();
+  }
+
   get loop(): boolean {
     return this.playback.loop;
   }
@@ -193,6 +261,7 @@ export class ScenePlayer extends EventTarget {
     if (this.isDestroyed) return;
     this.isDestroyed = true;
     this.events.close();
+    this.sound.close();
     this.playback.destroy();
     this.sink.destroy();
   }

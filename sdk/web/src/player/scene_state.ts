@@ -12,6 +12,8 @@ export class SceneState {
   buffered = new BufferedRanges([]);
   live: LiveState | null = null;
   bytes = 0;
+  bytesPerSecond = 0;
+  memory = 0;
   layers = 0;
   layerCount = 0;
   private readonly resident = new Map<number, { begin: number; end: number }>();
@@ -31,6 +33,8 @@ export class SceneState {
     this.live = state.live;
     this.buffered = buffered;
     this.bytes = state.bytes;
+    this.bytesPerSecond = state.bytesPerSecond;
+    this.memory = state.memory;
     this.layers = state.layers;
     this.layerCount = state.layerCount;
     return events;

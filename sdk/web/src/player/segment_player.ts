@@ -1,21 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 import { createWorker } from "../resources";
 import type { SegmentSink } from "../types";
+import type { QualitySettings } from "./adaptation";
 import { browserHost } from "./host";
 import { ScenePlayer } from "./scene_player";
 
 /** Settings of a scene that an application draws. */
-export interface SegmentPlayerOptions {
+export interface SegmentPlayerOptions extends QualitySettings {
   /** URL of the scene, or a file. It is loaded at once. */
   src?: string | Blob;
   /** Plays as soon as data is available. */
   autoplay?: boolean;
   /** Repeats the clip. */
   loop?: boolean;
-  /** Bytes for fetched and decoded data; default 512 MiB. */
-  memoryBudget?: number;
   /** Seconds to fetch ahead; default 10. */
   lookAhead?: number;
+  /** See `ScenePlayerOptions.audio`. */
+  audio?: string;
 }
 
 /** Plays a scene for a renderer with which the application draws, such as a SplatRenderer. */

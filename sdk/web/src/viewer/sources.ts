@@ -5,6 +5,8 @@
 export interface PageSettings {
   /** The scene, a URL relative to the page; absent: the visitor chooses one. */
   scene?: string;
+  /** Origins of pages that may embed this one and control it, as the attribute of the element; absent: none. */
+  bridge?: string;
   /** A list of scenes (ListedScene), a URL relative to the page. */
   list?: string;
 }

@@ -13,6 +13,7 @@ import { checkedList, linkedScene, nameOf, PageSettings, parseSettings, withoutE
 const LOADING_INTERVAL = 200; // milliseconds between two reports
 
 let opened = 0; // files, of which the last one is shown
+let settings: PageSettings = {}; // of this page
 
 function element<T extends HTMLElement = HTMLElement>(id: string): T {
   return document.getElementById(id) as T;
@@ -39,6 +40,7 @@ function setDetail(text: string): void {
 /** Plays a scene in a new player. `name`: its title, unless it is the name of a file that states one. */
 function play(source: URL | Blob, name: string, isFileName = true): void {
   const player = document.createElement("stgs-player");
+  if (settings.bridge !== undefined) player.setAttribute("bridge", settings.bridge);
   player.controls = true;
   player.loop = true;
   player.autoplay = !matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -119,7 +121,7 @@ async function list(url: string): Promise<void> {
 }
 
 /** Shows the scene of the link, else that of the page, else the list, else the invitation. */
-function start(settings: PageSettings): void {
+function start(): void {
   const src = new URLSearchParams(location.search).get("src");
   element("back").hidden = settings.list === undefined || src === null;
   if (src !== null) {
@@ -146,7 +148,8 @@ async function main(): Promise<void> {
     hint: element("drop"),
     onFile: (file) => open(file, resources === null),
   });
-  start(parseSettings(element("stgs-page").textContent ?? "{}"));
+  settings = parseSettings(element("stgs-page").textContent ?? "{}");
+  start();
 }
 
 main().catch((error: unknown) => welcome(`The page is incomplete: ${textOf(error)}. Make it again with stgs web.`));

@@ -29,6 +29,7 @@ class WebGpuRenderer implements Renderer {
   private failure: Error | null = null; // final
   private isDestroyed = false;
   private inFlight = 0; // frames
+  private finished = 0; // frames
   private waiting: { camera: Camera; ticks: number } | null = null;
 
   constructor(
@@ -50,7 +51,11 @@ class WebGpuRenderer implements Renderer {
   }
 
   get statistics(): RendererStatistics {
-    return this.splats.statistics;
+    return { ...this.splats.statistics, frames: this.finished };
+  }
+
+  get maxPrimitives(): number {
+    return this.splats.maxPrimitives;
   }
 
   /** Removes all segments: those of another scene have other ids. */
@@ -115,6 +120,7 @@ class WebGpuRenderer implements Renderer {
   /** A frame is finished. */
   private finish(): void {
     --this.inFlight;
+    ++this.finished;
     const view = this.waiting;
     if (view === null || this.failure !== null) return;
     this.waiting = null;

@@ -2,7 +2,7 @@
 import type { Camera, PackedSegment, RendererStatistics, SegmentSink } from "../types";
 import { FrameReport } from "./frame_report";
 import type { FrameFigures } from "./frame_report";
-import { groupOf, GrowingBuffer } from "./gpu";
+import { groupOf, GrowingBuffer, maxStorageBytes } from "./gpu";
 import { kQuads, pipelinesOf } from "./pipelines";
 import type { OccluderFormat, Outputs, Pipelines } from "./pipelines";
 import { RadixSort } from "./radix_sort";
@@ -19,6 +19,8 @@ import type {
 
 const kRecordBytes = 32;
 const kMaxViews = 4;
+/** Share of the records of a frame that are primitives; the others pad segments. */
+const kPrimitiveShare = 15 / 16;
 
 /** Settings of a renderer. */
 export interface SplatRendererOptions {
@@ -152,6 +154,11 @@ export class SplatRenderer implements SegmentSink {
     this.device.queue.submit([encoder.finish()]);
     submitted?.();
     if (this.frameGroup === null) this.figures = { ...this.figures, visible: 0 };
+  }
+
+  /** Primitives that a frame of one view can have, at most. */
+  get maxPrimitives(): number {
+    return Math.floor((kPrimitiveShare * maxStorageBytes(this.device)) / kRecordBytes);
   }
 
   /** Reads the last image of the first view: premultiplied values as blended, RGBA, row by row from the top. */

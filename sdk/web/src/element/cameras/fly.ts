@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import { Camera, SceneInfo } from "../../types";
-import { Drive, largerSide, MovingRig, viewFrom } from "./rig";
+import { CameraView, Drive, largerSide, MovingRig, viewFrom } from "./rig";
 import { add, Axes, clamp, scaled, turned, Vector } from "./vector";
 
 const MAX_PITCH = 1.5; // radians from the start
@@ -44,6 +44,17 @@ export class FlyCamera extends MovingRig {
   protected override returnToStart(): void {
     this.yaw = this.pitch = 0;
     this.position = this.start.position;
+  }
+
+  protected override where(): CameraView {
+    const [x, y, z] = this.position;
+    return { azimuth: this.yaw, elevation: this.pitch, point: [x, y, z], distance: 0 };
+  }
+
+  protected override moveTo({ azimuth, elevation, point }: CameraView): void {
+    this.yaw = azimuth;
+    this.pitch = clamp(elevation, -MAX_PITCH, MAX_PITCH);
+    this.position = point;
   }
 
   protected override follow(drive: Drive, seconds: number): void {

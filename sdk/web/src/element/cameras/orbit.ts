@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import { Camera, SceneInfo } from "../../types";
-import { Drive, largerSide, MovingRig, RigStart, viewFrom } from "./rig";
-import { add, Axes, clamp, length, scaled, turned, Vector } from "./vector";
+import { CameraView, Drive, largerSide, MovingRig, RigStart, viewFrom } from "./rig";
+import { add, Axes, clamp, length, scaled, subtract, turned, Vector } from "./vector";
 
 const MAX_ELEVATION = 1.5; // radians from the start, if not limited: short of the poles
 const DRIVE_TURN = 1.2; // radians per second
@@ -70,24 +70,30 @@ export class OrbitCamera extends MovingRig {
 
   /** The camera moves to the left as the content follows the pointer to the right. */
   override rotate(right: number, up: number): void {
-    const { azimuth, elevation } = this.limits;
-    this.azimuth = clamp(this.azimuth - right, -azimuth, azimuth);
-    this.elevation = clamp(this.elevation - up, -elevation, elevation);
+    this.turnTo(this.azimuth - right, this.elevation - up);
   }
 
   override pan(right: number, up: number): void {
     const scale = this.distance * largerSide(this.start);
     const axes = this.axes();
     const step = add(scaled(axes.right, -right * scale), scaled(axes.down, up * scale));
-    const offset = add(this.offset, step);
-    const excess = length(offset) / this.limits.pan;
-    this.offset = excess > 1 ? scaled(offset, 1 / excess) : offset;
+    this.moveCentre(add(this.offset, step));
   }
 
   override zoom(factor: number): void {
-    const { nearest, farthest } = this.limits;
-    const { distance } = this.start;
-    this.distance = clamp(this.distance * factor, nearest * distance, farthest * distance);
+    this.setDistance(this.distance * factor);
+  }
+
+  protected override where(): CameraView {
+    const { azimuth, elevation, distance } = this;
+    const [x, y, z] = add(this.startCentre(), this.offset);
+    return { azimuth, elevation, point: [x, y, z], distance };
+  }
+
+  protected override moveTo({ azimuth, elevation, point, distance }: CameraView): void {
+    this.turnTo(azimuth, elevation);
+    this.moveCentre(subtract(point, this.startCentre()));
+    this.setDistance(distance);
   }
 
   protected override returnToStart(): void {
@@ -97,11 +103,31 @@ export class OrbitCamera extends MovingRig {
   }
 
   override camera(width: number, height: number): Camera {
-    const { position, axes, distance } = this.start;
-    const centre = add(add(position, scaled(axes.forward, distance)), this.offset);
+    const centre = add(this.startCentre(), this.offset);
     const now = this.axes();
     const behind = add(centre, scaled(now.forward, -this.distance));
     return viewFrom(this.start, now, behind, width, height);
+  }
+
+  private startCentre(): Vector {
+    const { position, axes, distance } = this.start;
+    return add(position, scaled(axes.forward, distance));
+  }
+
+  private turnTo(right: number, up: number): void {
+    const { azimuth, elevation } = this.limits;
+    this.azimuth = clamp(right, -azimuth, azimuth);
+    this.elevation = clamp(up, -elevation, elevation);
+  }
+
+  private moveCentre(offset: Vector): void {
+    const excess = length(offset) / this.limits.pan;
+    this.offset = excess > 1 ? scaled(offset, 1 / excess) : offset;
+  }
+
+  private setDistance(distance: number): void {
+    const { nearest, farthest } = this.limits;
+    this.distance = clamp(distance, nearest * this.start.distance, farthest * this.start.distance);
   }
 
   private axes(): Axes {

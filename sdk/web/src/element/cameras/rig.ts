@@ -41,6 +41,19 @@ export interface CameraRig extends CameraSource {
   release(right: number, up: number): void;
   /** Returns to the start camera. */
   reset(): void;
+  /** Where it is. Assigning it moves it at once, within its limits. */
+  view: CameraView;
+}
+
+/** Where a camera is, relative to the start camera of the scene. */
+export interface CameraView {
+  /** Radians from the start: of an orbit, around its centre; of flying, the direction of view. */
+  azimuth: number; // to the right
+  elevation: number; // up
+  /** Scene units: the centre of the orbit, or where the flying camera is. */
+  point: [number, number, number];
+  /** Scene units from the centre; 0 and without effect when flying. */
+  distance: number;
 }
 
 /** The start of a camera, derived from the scene. */
@@ -145,6 +158,8 @@ export abstract class MovingRig implements CameraRig {
   abstract pan(right: number, up: number): void;
   abstract zoom(factor: number): void;
   abstract camera(width: number, height: number): Camera;
+  protected abstract where(): CameraView;
+  protected abstract moveTo(view: CameraView): void;
   /** Moves continuously for some seconds. */
   protected abstract follow(drive: Drive, seconds: number): void;
   protected abstract returnToStart(): void;
@@ -159,6 +174,14 @@ export abstract class MovingRig implements CameraRig {
 
   release(right: number, up: number): void {
     this.inertia.set(right, up);
+  }
+
+  get view(): CameraView {
+    return this.where();
+  }
+  set view(view: CameraView) {
+    this.moveTo(view);
+    this.inertia.set(0, 0);
   }
 
   reset(): void {

@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sound that follows the time of a scene.
+import type { Host } from "../player/host";
+
+/** The part of HTMLAudioElement that is used. */
+export interface SoundElement {
+  currentTime: number;
+  playbackRate: number;
+  volume: number;
+  muted: boolean;
+  readonly duration: number;
+  readonly paused: boolean;
+  readonly seeking: boolean;
+  readonly readyState: number;
+  readonly error: { message: string } | null;
+  play(): Promise<void>;
+  pause(): void;
+  addEventListener(type: string, listener: () => void): void;
+}
+
+/** The playback that the sound follows. */
+export interface Timebase {
+  /** The time of the image, seconds, and whether it advances; null: there is no image yet. */
+  time(): { seconds: number; running: boolean } | null;
+  /** Seconds per second; negative: backwards. */
+  rate(): number;
+}
+
+/** Receives what happens to the sound. */
+export interface TrackOwner {
+  /** The sound can be played. */
+  ready(): void;
+  /** The browser plays it only after a gesture of the user: it is muted now. */
+  blocked(): void;
+  /** It cannot be played. */
+  failed(message: string): void;
+}
+
+const INTERVAL = 200; // milliseconds between two checks
+const TOLERANCE = 0.02; // seconds that are not corrected
+const MAX_DRIFT = 0.25; // seconds that are corrected by the rate; more is corrected by a seek
+const MAX_CORRECTION = 0.06; // of the rate
+const CORRECTION_TIME = 2; // seconds in which a drift would be corrected
+const MAX_LEAD = 1; // seconds
+const MIN_RATE = 0.25, MAX_RATE = 4; // at which browsers play sound
+const HAVE_METADATA = 1, HAVE_FUTURE_DATA = 3;
+
+/**
+ * Plays a sound that begins at `begin`, seconds of the scene, while the scene advances. A drift of
+ * more than 0.02 s is corrected by up to 6 % of the rate, one of more than 0.25 s by a seek. It is
+ * silent backwards, at rates that browsers do not play, and where the scene has no sound.
+ */
+export class AudioTrack {
+  private timer: number | null = null;
+  private lead = 0; // seconds that a seek takes
+  private hasSought = false; // since the last check
+  private isOver = false;
+
+  constructor(
+    private readonly element: SoundElement, private readonly begin: number,
+    private readonly timebase: Timebase, private readonly host: Host, private readonly owner: TrackOwner,
+  ) {
+    element.addEventListener("loadedmetadata", () => {
+      if (this.isOver) return;
+      this.owner.ready();
+      this.update();
+    });
+    for (const name of ["canplay", "seeked"]) element.addEventListener(name, () => this.update());
+    element.addEventListener("error", () => {
+      if (!this.isOver) this.fail(element.error?.message || "it is not of a kind that this browser plays");
+    });
+  }
+
+  setVolume(volume: number, muted: boolean): void {
+    this.element.volume = volume;
+    this.element.muted = muted;
+  }
+
+  /** Adopts the time of the scene: call it when playback starts, stops, seeks or changes its rate. */
+  update(): void {
+    if (this.timer !== null) this.host.clearTimer(this.timer);
+    this.timer = null;
+    if (this.isOver || this.element.readyState < HAVE_METADATA) return;
+    const { seconds, running } = this.timebase.time() ?? { seconds: 0, running: false };
+    const rate = this.timebase.rate();
+    if (!running) return this.stop();
+    const target = seconds - this.begin;
+    if (rate < MIN_RATE || rate > MAX_RATE || target < 0 || target >= this.element.duration) this.stop();
+    else if (this.element.paused) this.start(target, rate);
+    else this.correct(target, rate);
+    // It begins in time if the scene reaches it before the next check.
+    const wait = target < 0 && rate > 0 ? (-1000 * target) / rate : Infinity;
+    this.timer = this.host.setTimer(() => this.update(), Math.min(INTERVAL, wait));
+  }
+
+  /** Ends it. Nothing is reported any more. */
+  destroy(): void {
+    this.isOver = true;
+    if (this.timer !== null) this.host.clearTimer(this.timer);
+    this.timer = null;
+    this.stop();
+  }
+
+  private stop(): void {
+    if (!this.element.paused) this.element.pause();
+  }
+
+  private start(target: number, rate: number): void {
+    this.element.playbackRate = rate;
+    if (Math.abs(this.element.currentTime - target) > TOLERANCE) this.seek(target);
+    this.play(true);
+  }
+
+  private play(canMute: boolean): void {
+    this.element.play().catch((error: unknown) => {
+      if (this.isOver || (error as Error).name === "AbortError") return; // it was paused meanwhile
+      if ((error as Error).name !== "NotAllowedError" || !canMute) return this.fail((error as Error).message);
+      this.element.muted = true;
+      this.owner.blocked();
+      if (this.timebase.time()?.running === true) this.play(false);
+    });
+  }
+
+  private correct(target: number, rate: number): void {
+    const { element } = this;
+    if (element.seeking || element.readyState < HAVE_FUTURE_DATA) return; // it is behind once it continues
+    const drift = element.currentTime - target;
+    if (this.hasSought) this.lead = Math.min(Math.max(this.lead - drift, 0), MAX_LEAD);
+    this.hasSought = false;
+    if (Math.abs(drift) > MAX_DRIFT) this.seek(target + rate * this.lead);
+    const isSmall = Math.abs(drift) <= TOLERANCE || Math.abs(drift) > MAX_DRIFT;
+    const share = isSmall ? 0 : drift / CORRECTION_TIME;
+    element.playbackRate = rate * (1 - Math.min(Math.max(share, -MAX_CORRECTION), MAX_CORRECTION));
+  }
+
+  private seek(target: number): void {
+    this.element.currentTime = Math.min(target, this.element.duration);
+    this.hasSought = true;
+  }
+
+  private fail(why: string): void {
+    this.destroy();
+    this.owner.failed(`the sound cannot be played: ${why}`);
+  }
+}

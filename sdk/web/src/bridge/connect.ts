@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: Apache-2.0
+// The page that embeds a player: controls it through a port.
+import type { CameraView } from "../element/cameras/rig";
+import { EVENT_NAMES } from "../player/event_queue";
+import { checkOrigin, isRecord, Methods, Reply, RemoteEvent, RemoteState, Settings, VERSION, windowMessage, WindowMessage } from "./protocol";
+
+const TIMEOUT = 10_000; // milliseconds
+const MAX_PENDING = 32; // requests
+
+export interface ConnectOptions {
+  /** Of the embedded page; default: that of the `src` of the frame. */
+  origin?: string;
+  /** Milliseconds until connecting fails; default 10,000. */
+  timeout?: number;
+  /** Ends connecting, and later the connection. */
+  signal?: AbortSignal;
+}
+
+interface Waiter {
+  resolve(value: unknown): void;
+  reject(error: Error): void;
+}
+
+/**
+ * A player in a frame. Its events are those of the player, as `CustomEvent`s whose `detail` is that of the
+ * player's event; `connect` follows each load of the embedded page. Methods resolve when the player has
+ * answered, and reject with its error, or with an `AbortError` when the page is loaded again or `close` is
+ * called.
+ */
+export class RemotePlayer extends EventTarget {
+  private port: MessagePort | null = null;
+  private latest: RemoteState | null = null;
+  private readonly waiting = new Map<number, Waiter>();
+  private nextId = 0;
+
+  constructor(private readonly onClose: () => void) {
+    super();
+  }
+
+  /** The state with the last event; null before the first one. Its values are those of the embedded page. */
+  get state(): RemoteState | null {
+    return this.latest;
+  }
+
+  /** Resolves when the time advances. */
+  play(): Promise<void> {
+    return this.call("play");
+  }
+  pause(): Promise<void> {
+    return this.call("pause");
+  }
+  /** Begins a seek, seconds; `seeked` follows. */
+  seek(seconds: number): Promise<void> {
+    return this.call("seek", seconds);
+  }
+  set<K extends keyof Settings>(name: K, value: Settings[K]): Promise<void> {
+    return this.call("set", name, value);
+  }
+  camera(): Promise<CameraView> {
+    return this.call("camera");
+  }
+  /** Moves the camera, within its limits. */
+  setCamera(view: CameraView): Promise<void> {
+    return this.call("setCamera", view);
+  }
+  resetCamera(): Promise<void> {
+    return this.call("resetCamera");
+  }
+
+  /** Ends the connection. */
+  close(): void {
+    this.adopt(null);
+    this.onClose();
+  }
+
+  /** Uses another port, or none. For `connect`. */
+  adopt(port: MessagePort | null): void {
+    if (this.port !== null) {
+      this.port.onmessage = null;
+      this.port.close();
+    }
+    this.port = port;
+    for (const { reject } of this.waiting.values()) reject(new DOMException("the connection to the player ended", "AbortError"));
+    this.waiting.clear();
+    if (port !== null) port.onmessage = ({ data }) => this.receive(data);
+  }
+
+  private call<T>(method: keyof Methods, ...args: unknown[]): Promise<T> {
+    return new Promise<T>((resolve, reject) => {
+      if (this.port === null) throw new DOMException("there is no connection to the player", "InvalidStateError");
+      if (this.waiting.size >= MAX_PENDING) throw new DOMException("too many requests wait for an answer", "QuotaExceededError");
+      const id = this.nextId++;
+      this.waiting.set(id, { resolve: resolve as (value: unknown) => void, reject });
+      this.port.postMessage({ id, method, args });
+    });
+  }
+
+  private receive(data: unknown): void {
+    if (!isRecord(data)) return;
+    if (data["type"] === "reply") return this.settle(data as unknown as Reply);
+    const { type, name, state, detail } = data as unknown as RemoteEvent;
+    const isKnown = name === "connect" || (EVENT_NAMES as readonly unknown[]).includes(name);
+    if (type !== "event" || !isKnown || !isRecord(state)) return;
+    this.latest = state;
+    this.dispatchEvent(new CustomEvent(name, { detail: detail ?? null }));
+  }
+
+  private settle({ id, value, error }: Reply): void {
+    const waiter = this.waiting.get(id);
+    this.waiting.delete(id);
+    if (error === undefined) waiter?.resolve(value);
+    else waiter?.reject(new DOMException(String(error.message), String(error.name)));
+  }
+}
+
+/**
+ * Connects to the player of an embedded page, which has exposed it to the origin of this page. Resolves
+ * once the player has answered. Rejects with a `TimeoutError`, with the reason of the signal, or with a TypeError
+ * if there is no origin.
+ */
+export function connect(
+  frame: HTMLIFrameElement, { origin = new URL(frame.src, document.baseURI).origin, timeout = TIMEOUT, signal }: ConnectOptions = {},
+): Promise<RemotePlayer> {
+  return new Promise((resolve, reject) => {
+    checkOrigin(origin);
+    const player = new RemotePlayer(() => window.removeEventListener("message", onMessage));
+    let page: unknown = null; // that the player is connected to
+    const send = (stgs: WindowMessage["stgs"], to: string, ports: MessagePort[] = []): void => {
+      const message: WindowMessage = { stgs, version: VERSION };
+      frame.contentWindow?.postMessage(message, to, ports);
+    };
+    const onMessage = (event: MessageEvent): void => {
+      if (event.source !== frame.contentWindow || event.origin !== origin || windowMessage(event.data) !== "ready") return;
+      const ready = event.data as WindowMessage;
+      if (ready.page === page) return;
+      page = ready.page;
+      const { port1, port2 } = new MessageChannel();
+      player.adopt(port1);
+      send("connect", origin, [port2]);
+    };
+    const end = (error: unknown): void => {
+      clearTimeout(timer);
+      player.close();
+      reject(error);
+    };
+    const timer = setTimeout(() => {
+      const message = `no player of ${origin} answers: it must be exposed to ${location.origin} (bridge)`;
+      end(new DOMException(message, "TimeoutError"));
+    }, timeout);
+    player.addEventListener("connect", () => {
+      clearTimeout(timer);
+      resolve(player);
+    });
+    if (signal?.aborted) return end(signal.reason);
+    signal?.addEventListener("abort", () => end(signal.reason));
+    window.addEventListener("message", onMessage);
+    send("ping", "*"); // has no content
+  });
+}

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the two sides of a bridge send each other: the page with the player, and the page that embeds it.
+//
+// 1. The embedding page sends a Ping, which has no content, to any origin.
+// 2. The page with the player sends Ready: when it is exposed, and as the answer to a Ping of a
+//    permitted origin.
+// 3. The embedding page answers with Connect and a MessagePort, to the origin that it expects. All else
+//    goes through the port: Requests and their Replies, and Events, the first of which is "connect".
+import type { CameraView } from "../element/cameras/rig";
+import type { Quality } from "../player/adaptation";
+
+export const VERSION = 1;
+
+/** The messages between the windows; Connect has one port. */
+export interface WindowMessage {
+  stgs: "ping" | "ready" | "connect";
+  version: number;
+  /** Of Ready: another one for each load of the page, so that it is connected to once. */
+  page?: string;
+}
+
+/** The state of the player, a part of each event. Times are seconds; `duration`: null if not known. */
+export interface RemoteState {
+  currentTime: number;
+  duration: number | null;
+  paused: boolean;
+  ended: boolean;
+  seeking: boolean;
+  readyState: number;
+  playbackRate: number;
+  loop: boolean;
+  muted: boolean;
+  volume: number;
+  hasAudio: boolean;
+  quality: Quality;
+  /** The message of the error that ended playback; null: there is none. */
+  error: string | null;
+}
+
+/** The properties that can be set. */
+export type Settings = Pick<RemoteState, "playbackRate" | "loop" | "muted" | "volume" | "quality">;
+
+/** The methods that can be called, with their arguments and results. */
+export interface Methods {
+  play(): void;
+  pause(): void;
+  seek(seconds: number): void;
+  set<K extends keyof Settings>(name: K, value: Settings[K]): void;
+  camera(): CameraView;
+  setCamera(view: CameraView): void;
+  resetCamera(): void;
+}
+
+export interface Request {
+  id: number; // an integer from 0 on
+  method: keyof Methods;
+  args: unknown[]; // at most 2
+}
+
+export interface Reply {
+  type: "reply";
+  id: number;
+  value?: unknown;
+  error?: { name: string; message: string };
+}
+
+export interface RemoteEvent {
+  type: "event";
+  /** Of the player, or "connect". */
+  name: string;
+  /** Of `notice` and `qualitychange`. */
+  detail?: unknown;
+  state: RemoteState;
+}
+
+/** Whether a message is an object with members. */
+export function isRecord(value: unknown): value is Record<string, unknown> {
+  return typeof value === "object" && value !== null && !Array.isArray(value);
+}
+
+/** Returns the kind of a message between windows; null: it is another message. */
+export function windowMessage(data: unknown): WindowMessage["stgs"] | null {
+  if (!isRecord(data) || data["version"] !== VERSION) return null;
+  const kind = data["stgs"];
+  return kind === "ping" || kind === "ready" || kind === "connect" ? kind : null;
+}
+
+/** Throws a TypeError unless this is an origin such as "https://page.example". */
+export function checkOrigin(origin: string): string {
+  let parsed = "";
+  try {
+    parsed = new URL(origin).origin;
+  } catch {
+    // below
+  }
+  if (parsed !== origin || origin === "null")
+    throw new TypeError(`"${origin}" is no origin (expected one such as https://page.example)`);
+  return origin;
+}

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+// The attributes of <stgs-player> that are only reflected as properties.
+import { DEVICES, QUALITIES } from "../player/adaptation";
+import type { Quality } from "../player/adaptation";
+import type { DeviceClass } from "../player/device";
+import type { RendererChoice } from "../renderer_choice";
+
+// Lets the module be imported where there is no DOM, such as on a server.
+const Base = typeof HTMLElement === "undefined" ? (class {} as typeof HTMLElement) : HTMLElement;
+
+/** An element with the attributes. Those with a default have it also for unknown values. */
+export abstract class ReflectedElement extends Base {
+  get poster(): string {
+    return this.getAttribute("poster") ?? "";
+  }
+  set poster(url: string) {
+    this.setAttribute("poster", url);
+  }
+  /** Other values than "fly" orbit. */
+  get camera(): "orbit" | "fly" {
+    return this.getAttribute("camera") === "fly" ? "fly" : "orbit";
+  }
+  set camera(camera: "orbit" | "fly") {
+    this.setAttribute("camera", camera);
+  }
+  /** Which renderer the player is created with; other values than "webgpu" and "webgl2" are "auto". */
+  get renderer(): RendererChoice {
+    const value = this.getAttribute("renderer");
+    return value === "webgpu" || value === "webgl2" ? value : "auto";
+  }
+  set renderer(renderer: RendererChoice) {
+    this.setAttribute("renderer", renderer);
+  }
+  /** How much is fetched and drawn; default "auto". */
+  get quality(): Quality {
+    return this.oneOf("quality", QUALITIES) ?? "auto";
+  }
+  set quality(quality: Quality) {
+    this.setAttribute("quality", quality);
+  }
+  /** The kind of device whose budgets apply; null: it is found by what the browser states. */
+  get device(): DeviceClass | null {
+    return this.oneOf("device", DEVICES);
+  }
+  set device(device: DeviceClass | null) {
+    if (device === null) this.removeAttribute("device");
+    else this.setAttribute("device", device);
+  }
+  /** The sound: "auto" (default), "none", or a URL relative to the page; see `StgsPlayer.audio`. */
+  get audio(): string {
+    return this.getAttribute("audio") || "auto";
+  }
+  set audio(source: string) {
+    this.setAttribute("audio", source);
+  }
+  get controls(): boolean {
+    return this.hasAttribute("controls");
+  }
+  set controls(controls: boolean) {
+    this.toggleAttribute("controls", controls);
+  }
+  get autoplay(): boolean {
+    return this.hasAttribute("autoplay");
+  }
+  set autoplay(autoplay: boolean) {
+    this.toggleAttribute("autoplay", autoplay);
+  }
+  get loop(): boolean {
+    return this.hasAttribute("loop");
+  }
+  set loop(loop: boolean) {
+    this.toggleAttribute("loop", loop);
+  }
+  get free(): boolean {
+    return this.hasAttribute("free");
+  }
+  set free(free: boolean) {
+    this.toggleAttribute("free", free);
+  }
+
+  private oneOf<T extends string>(name: string, values: readonly T[]): T | null {
+    const value = this.getAttribute(name);
+    return values.find((one) => one === value) ?? null;
+  }
+}

@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: Apache-2.0
+// How much of a scene is fetched and drawn on this device, and why.
+import type { SceneInfo } from "../types";
+import { Device, DeviceClass, deviceOf, deviceSignals } from "./device";
+import { FrameGovernor } from "./frame_governor";
+
+/**
+ * "auto": the budgets of the device; less resolution and fewer tiers while frames are late. The
+ * others are fixed: "low" has half the resolution (each side) and half the primitives of the budget,
+ * "medium" 3/4 of the resolution and the budget, "high" everything that the memory budget permits.
+ */
+export type Quality = "auto" | "low" | "medium" | "high";
+
+export const QUALITIES: readonly Quality[] = ["auto", "low", "medium", "high"];
+export const DEVICES: readonly DeviceClass[] = ["phone", "headset", "desktop"];
+
+/** The choices of a player, and their reasons. */
+export interface QualityReport {
+  quality: Quality;
+  device: DeviceClass;
+  /** Why the device counts as this kind. */
+  deviceReason: string;
+  /** Bytes of fetched and decoded segments. */
+  memoryBudget: number;
+  /** Primitives at one time, from which the number of tiers follows; Infinity: no limit. */
+  maxPrimitives: number;
+  /** Tiers of the scene that are fetched and shown, and that it has; 0: no scene is open. */
+  tiers: number;
+  tierCount: number;
+  /** Of the width and height of moving images; still ones have all of them. */
+  resolutionScale: number;
+  /** Why these were chosen. */
+  reason: string;
+}
+
+/** Settings of a page, which take the place of those of its device. */
+export interface QualitySettings {
+  /** Default: auto. */
+  quality?: Quality;
+  /** Default: found by what the browser states. */
+  device?: DeviceClass;
+  /** Bytes for fetched and decoded data, 1 MiB to 2 GiB; default: that of the device. */
+  memoryBudget?: number;
+  /** Primitives at one time; default: by the quality and the device. */
+  maxPrimitives?: number;
+}
+
+/** Receives the choices. */
+export interface AdaptationClient {
+  /** Limits the primitives of the open scene. */
+  limit(maxPrimitives: number): void;
+  /** Something was chosen. */
+  changed(): void;
+}
+
+interface Step {
+  scale: number;
+  tiers: number;
+}
+
+const FRAME_RATE = 30, XR_FRAME_RATE = 60; // per second, that suffice
+const SCALES = [0.75, 0.5];
+/** Scale of the resolution, and share of the primitives of the device. */
+const FIXED = { low: [0.5, 0.5], medium: [0.75, 1], high: [1, Infinity] } as const;
+
+/** Returns ever smaller loads: less resolution and fewer tiers by turns. */
+function loads(tiers: number, scales: readonly number[]): Step[] {
+  const steps: Step[] = [{ scale: 1, tiers }];
+  for (let i = 0, scale = 1, left = tiers; i < scales.length || left > 1; ++i) {
+    if (i < scales.length) steps.push({ scale: scale = scales[i]!, tiers: left });
+    if (left > 1) steps.push({ scale, tiers: left = Math.max(1, Math.floor((2 * left) / 3)) });
+  }
+  return steps;
+}
+
+/** Throws a TypeError unless `value` is one of the names or undefined. */
+function check(name: string, value: string | undefined, names: readonly string[]): void {
+  if (value !== undefined && !names.includes(value))
+    throw new TypeError(`there is no ${name} "${value}" (expected ${names.join(", ")})`);
+}
+
+/** The choices for one player. */
+export class Adaptation {
+  private readonly device: Device;
+  private governor = new FrameGovernor(FRAME_RATE);
+  private setting: Quality;
+  private rendererLimit = Infinity; // primitives
+  private peaks: readonly number[] = []; // SceneInfo.tierPrimitives
+  private steps: Step[] = [{ scale: 1, tiers: 1 }];
+  private level = 0;
+  private isInXr = false;
+  private isFixed = false; // the resolution, by the layout of the page
+  private why = "";
+
+  /** Throws a TypeError if a setting has no such value. */
+  constructor(private readonly settings: QualitySettings, private readonly client: AdaptationClient) {
+    check("quality", settings.quality, QUALITIES);
+    check("device", settings.device, DEVICES);
+    this.setting = settings.quality ?? "auto";
+    this.device = deviceOf(deviceSignals(), settings.device);
+  }
+
+  get quality(): Quality {
+    return this.setting;
+  }
+  set quality(quality: Quality) {
+    check("quality", quality, QUALITIES);
+    if (quality === this.setting) return;
+    this.setting = quality;
+    this.restart();
+  }
+
+  get memoryBudget(): number {
+    return this.settings.memoryBudget ?? this.device.memoryBudget;
+  }
+
+  /** Primitives at one time, before frames are late. */
+  get budget(): number {
+    const share = this.setting === "auto" ? 1 : FIXED[this.setting][1];
+    const own = this.settings.maxPrimitives ?? share * this.device.maxPrimitives;
+    return Math.min(own, this.rendererLimit);
+  }
+
+  get maxPrimitives(): number {
+    if (this.level === 0) return this.budget;
+    return this.peaks[this.step.tiers - 1] ?? this.budget;
+  }
+
+  /** Of the width and height of moving images. */
+  get scale(): number {
+    if (this.isFixed) return 1;
+    return this.setting === "auto" ? this.step.scale : FIXED[this.setting][0];
+  }
+
+  /** A scene was opened; the core has the limits. */
+  open(info: SceneInfo): void {
+    this.peaks = info.tierPrimitives;
+    this.restart(false);
+  }
+
+  close(): void {
+    this.peaks = [];
+    this.pause();
+  }
+
+  /** The renderer can hold at most this many primitives at one time. */
+  limitRenderer(maxPrimitives: number): void {
+    if (maxPrimitives === this.rendererLimit) return;
+    this.rendererLimit = maxPrimitives;
+    this.restart();
+  }
+
+  /** The resolution cannot be changed: the size of the canvas on the page depends on it. */
+  fixResolution(): void {
+    this.isFixed = true;
+    this.restart();
+  }
+
+  /** A headset shows the scene, or no longer does: its session has chosen the resolution. */
+  setXr(isInXr: boolean): void {
+    this.isInXr = isInXr;
+    this.governor = new FrameGovernor(isInXr ? XR_FRAME_RATE : FRAME_RATE);
+    this.restart();
+  }
+
+  /** A frame was drawn at `now`, milliseconds; `completed`: frames that are finished so far. */
+  frame(now: number, completed: number): void {
+    const verdict = this.governor.frame(now, completed, this.level > 0);
+    if (verdict === null || this.setting !== "auto") return;
+    const level = this.level + (verdict === "lower" ? 1 : -1);
+    if (level < 0 || level >= this.steps.length) return;
+    const rate = this.governor.framesPerSecond!.toFixed(0);
+    const { scale, tiers } = this.step;
+    this.level = level;
+    const what = this.step.scale !== scale ? "resolution" : "tiers";
+    const target = this.isInXr ? XR_FRAME_RATE : FRAME_RATE;
+    this.why = verdict === "lower" ? `${rate} of ${target} fps: lowered the ${what}`
+                                   : `in time (${rate} fps): raised the ${what}`;
+    if (this.step.tiers !== tiers) this.client.limit(this.maxPrimitives);
+    this.client.changed();
+  }
+
+  /** No frame is drawn now. */
+  pause(): void {
+    this.governor.pause();
+  }
+
+  report(): QualityReport {
+    const { maxPrimitives, peaks } = this;
+    const { kind, reason } = this.device;
+    return {
+      quality: this.setting, device: kind, deviceReason: reason, memoryBudget: this.memoryBudget,
+      maxPrimitives, tiers: Math.min(this.tiersWithin(maxPrimitives), peaks.length), tierCount: peaks.length,
+      resolutionScale: this.scale, reason: this.why,
+    };
+  }
+
+  private get step(): Step {
+    return this.steps[this.level]!;
+  }
+
+  /** Tiers with at most this many primitives, at least one, as the core chooses them. */
+  private tiersWithin(maxPrimitives: number): number {
+    return Math.max(1, this.peaks.filter((primitives) => primitives <= maxPrimitives).length);
+  }
+
+  /** Chooses again, with the full load. */
+  private restart(limits = true): void {
+    this.level = 0;
+    this.steps = loads(this.tiersWithin(this.budget), this.isInXr || this.isFixed ? [] : SCALES);
+    this.why = this.reasonOfBudget();
+    this.pause();
+    if (limits) this.client.limit(this.maxPrimitives);
+    this.client.changed();
+  }
+
+  private reasonOfBudget(): string {
+    const { settings, budget } = this;
+    if (this.setting !== "auto") return `quality is ${this.setting}`;
+    if (this.tiersWithin(budget) >= this.peaks.length) return "everything is within the budget";
+    if (budget === this.rendererLimit) return `the GPU takes ${budget} primitives`;
+    return `${settings.maxPrimitives === undefined ? `the budget of a ${this.device.kind}` : "maxPrimitives"} is ${budget} primitives`;
+  }
+}

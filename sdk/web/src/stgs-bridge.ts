@@ -1,0 +1,8 @@
+// SPDX-License-Identifier: Apache-2.0
+// Players in frames: both sides, a bundle of its own.
+export { connect, RemotePlayer } from "./bridge/connect";
+export type { ConnectOptions } from "./bridge/connect";
+export { expose } from "./bridge/expose";
+export type { Exposable } from "./bridge/expose";
+export type { RemoteState, Settings } from "./bridge/protocol";
+export type { CameraView } from "./element/cameras/rig";

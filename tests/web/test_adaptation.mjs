@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is fetched and drawn depends on the device and on the times of frames, and is reported.
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { importSource } from "./import_source.mjs";
+import { INFO, settle } from "./player_fakes.mjs";
+import { openScene, setUp, startPlaying } from "./player_setup.mjs";
+
+const { deviceOf } = await importSource("src/player/device.ts");
+const { FrameGovernor } = await importSource("src/player/frame_governor.ts");
+
+const DESKTOP = { mobile: false, userAgent: "X11; Linux x86_64", touchPoints: 0, hasXr: true, memory: 8 };
+const TIERS = { ...INFO, tierPrimitives: [600000, 1500000, 4000000] };
+
+/** Sends frames of this rate to a governor for some seconds; returns its verdicts. */
+function drive(governor, clock, framesPerSecond, seconds) {
+  const verdicts = [];
+  for (let i = 0; i < framesPerSecond * seconds; ++i) {
+    clock.now += 1000 / framesPerSecond;
+    const verdict = governor.frame(clock.now, ++clock.frames, true);
+    if (verdict !== null) verdicts.push([verdict, Math.round((clock.now - clock.begin) / 1000)]);
+  }
+  return verdicts;
+}
+
+const isInTime = (verdicts) => verdicts.every(([verdict]) => verdict === "raise");
+const clockAt = (now) => ({ begin: now, now, frames: 0 });
+
+test("devices are found by what the browser states", () => {
+  const kind = (signals) => deviceOf({ ...DESKTOP, ...signals }).kind;
+  assert.equal(kind({}), "desktop");
+  assert.equal(kind({ mobile: true }), "phone");
+  assert.equal(kind({ mobile: null, userAgent: "iPhone; CPU iPhone OS 17_0" }), "phone");
+  assert.equal(kind({ mobile: null, userAgent: "Macintosh; Intel Mac OS X", touchPoints: 5 }), "phone");
+  assert.equal(kind({ mobile: null, userAgent: "Macintosh; Intel Mac OS X" }), "desktop");
+  assert.equal(kind({ userAgent: "X11; Linux x86_64; Quest 3) OculusBrowser/33.0" }), "headset");
+  assert.equal(kind({ userAgent: "X11; Linux x86_64; Quest 3) OculusBrowser/33.0", hasXr: false }), "desktop");
+});
+
+test("budgets depend on the device and on its memory, unless the page chooses", () => {
+  const primitives = (signals, chosen) => deviceOf({ ...DESKTOP, ...signals }, chosen).maxPrimitives / 1e6;
+  assert.deepEqual([2, 4, null, 8].map((memory) => primitives({ memory })), [1, 1, 3, 5]);
+  assert.deepEqual([4, null, 8].map((memory) => primitives({ memory, mobile: true })), [1, 2, 3]);
+  assert.equal(primitives({}, "headset"), 1);
+  const { reason, memoryBudget } = deviceOf(DESKTOP, "headset");
+  assert.equal(reason, "chosen by the page; 8 GiB of memory");
+  assert.equal(memoryBudget, 2 ** 28);
+});
+
+test("the load is lowered soon and raised late", () => {
+  const governor = new FrameGovernor(30), clock = clockAt(0);
+  assert.deepEqual(drive(governor, clock, 20, 2.2), [["lower", 2]]);
+  assert.deepEqual(drive(governor, clock, 29, 10), []); // just in time: nothing to gain
+  assert.deepEqual(drive(governor, clock, 60, 10)[0][0], "raise");
+});
+
+test("each attempt that makes frames late doubles the wait for the next one", () => {
+  const governor = new FrameGovernor(30), clock = clockAt(0), waits = [];
+  drive(governor, clock, 10, 2.2);
+  for (let k = 0; k < 4; ++k) {
+    const begin = clock.now;
+    while (governor.frame(clock.now += 1000 / 60, ++clock.frames, true) !== "raise");
+    waits.push((clock.now - begin) / 1000);
+    assert.deepEqual(drive(governor, clock, 10, 2.2).map(([verdict]) => verdict), ["lower"]);
+  }
+  assert.ok(waits[0] < 8 && waits.every((wait, k) => k === 0 || wait > 1.6 * waits[k - 1]), `${waits}`);
+});
+
+test("pauses and hidden pages are not late", () => {
+  const governor = new FrameGovernor(30), clock = clockAt(0);
+  for (let k = 0; k < 10; ++k) {
+    assert.ok(isInTime(drive(governor, clock, 60, 1.5)));
+    clock.now += 60_000; // hidden
+    assert.ok(isInTime(drive(governor, clock, 60, 1.5)));
+    governor.pause();
+    clock.now += 900;
+  }
+  assert.ok(!isInTime(drive(governor, clock, 0.5, 20))); // frames of 2 s
+});
+
+/** Lets frames of `milliseconds` pass while a scene plays. */
+async function play({ player, host, worker }, frames, milliseconds) {
+  for (let i = 0; i < frames; ++i) {
+    host.time += milliseconds - 20;
+    if (player.currentTime > 9) worker.state("playing", (player.currentTime = 0));
+    await host.run(20);
+  }
+}
+
+test("late frames lower the resolution and the tiers, and still images have all pixels", async () => {
+  const parts = setUp();
+  const { player, worker, renderer, host } = parts;
+  const reports = [];
+  player.addEventListener("qualitychange", ({ detail }) => reports.push(detail));
+  const loading = player.load("scene.stgs");
+  worker.opened(TIERS);
+  await loading;
+  worker.segment(1);
+  worker.state("paused", 0);
+  await host.run(100);
+  assert.deepEqual([reports[0].resolutionScale, reports[0].tiers, reports[0].tierCount], [1, 2, 3]);
+  assert.match(reports[0].reason, /budget of a desktop is 3000000 primitives/);
+  assert.equal(worker.posted[0].options.maxPrimitives, 3e6);
+  player.play().catch(() => undefined);
+  worker.state("playing", 0);
+  await play(parts, 75, 100);
+  const limits = worker.posted.filter(({ type }) => type === "maxPrimitives").map(({ primitives }) => primitives);
+  assert.deepEqual(limits, [600000]);
+  const { resolutionScale, reason } = reports[reports.length - 1];
+  assert.equal(resolutionScale, 0.5);
+  assert.match(reason, /^10 of 30 fps: lowered the resolution$/);
+  assert.deepEqual(reports.map((report) => [report.resolutionScale, report.tiers]), [[1, 2], [0.75, 2], [0.75, 1], [0.5, 1]]);
+  assert.equal(renderer.frames[renderer.frames.length - 1].camera.width, 320);
+  player.pause();
+  worker.state("paused", 0.5);
+  await host.run(100);
+  const still = renderer.frames[renderer.frames.length - 1];
+  assert.deepEqual([still.exact, still.camera.width, still.camera.height], [true, 640, 360]);
+  assert.equal(player.stats.quality.resolutionScale, 0.5);
+});
+
+test("frames in time raise the load again", async () => {
+  const parts = await startPlaying();
+  await play(parts, 25, 100);
+  assert.equal(parts.player.qualityReport.resolutionScale, 0.75);
+  await play(parts, 500, 20);
+  assert.equal(parts.player.qualityReport.resolutionScale, 1);
+  assert.match(parts.player.qualityReport.reason, /^in time \(50 fps\): raised the resolution$/);
+});
+
+test("a chosen quality is fixed", async () => {
+  const parts = await startPlaying();
+  const { player, worker, renderer } = parts;
+  player.quality = "low";
+  await settle();
+  assert.equal(worker.last("maxPrimitives").primitives, 1.5e6); // half of those of a desktop
+  await play(parts, 75, 100);
+  assert.equal(renderer.frames[renderer.frames.length - 1].camera.width, 320);
+  player.quality = "high";
+  assert.equal(worker.last("maxPrimitives").primitives, Infinity);
+  await play(parts, 75, 100);
+  assert.equal(renderer.frames[renderer.frames.length - 1].camera.width, 640);
+  assert.throws(() => (player.quality = "best"), /no quality "best"/);
+});
+
+test("the limit of a GPU applies once the renderer is known", async () => {
+  const { player, worker, renderer } = setUp();
+  renderer.whenReady = Promise.resolve();
+  renderer.maxPrimitives = 2e6;
+  player.src = "scene.stgs";
+  worker.opened(TIERS);
+  await settle();
+  assert.equal(worker.last("maxPrimitives").primitives, 2e6);
+  assert.equal(player.qualityReport.reason, "the GPU takes 2000000 primitives");
+});
+
+test("a canvas without a size of its own on the page is not scaled", async () => {
+  const parts = await openScene();
+  const { canvas, player, worker, renderer } = parts;
+  for (const side of ["Width", "Height"]) {
+    Object.defineProperty(canvas, `client${side}`, { get: () => canvas[side.toLowerCase()] });
+  }
+  renderer.render = (camera, ticks) => {
+    renderer.frames.push({ camera, ticks, exact: false });
+    Object.assign(canvas, { width: camera.width, height: camera.height });
+  };
+  player.play().catch(() => undefined);
+  worker.state("playing", 0);
+  await play(parts, 75, 100);
+  const { resolutionScale, tiers } = player.qualityReport;
+  assert.deepEqual([resolutionScale, tiers], [1, 1]);
+  assert.deepEqual([canvas.width, canvas.height], [640, 360]);
+});
+
+test("a renderer that is late resizes the canvas late", async () => {
+  const parts = await startPlaying();
+  const { canvas, renderer } = parts;
+  let waiting = null;
+  renderer.render = (camera, ticks) => {
+    if (waiting !== null) Object.assign(canvas, { width: waiting.width, height: waiting.height });
+    waiting = camera;
+    renderer.frames.push({ camera, ticks, exact: false });
+  };
+  await play(parts, 75, 100);
+  assert.deepEqual([canvas.width, canvas.height], [320, 180]);
+  assert.deepEqual([...new Set(renderer.frames.map(({ camera }) => camera.width))], [640, 480, 320]);
+});
+
+test("the page can give its canvas another size", async () => {
+  const parts = await startPlaying();
+  const { canvas, renderer } = parts;
+  await play(parts, 25, 100);
+  assert.equal(renderer.frames[renderer.frames.length - 1].camera.width, 480);
+  Object.assign(canvas, { width: 800, height: 400 });
+  await play(parts, 2, 20);
+  assert.equal(renderer.frames[renderer.frames.length - 1].camera.width, 600);
+});
