@@ -8,6 +8,7 @@
 #include "container/body_plan.h"
 #include "fixtures/recording_fixture.h"
 #include "head_fixture.h"
+#include "stgs/format/listed_segment.h"
 
 using namespace stgs;
 using namespace stgs::testing;
@@ -124,6 +125,25 @@ TEST_CASE("a long file is opened with 16 KiB, and loading gives the segments of 
     CHECK(reader->segments()[s].offset == first[s].offset);
   CHECK(reader->damage().empty());
   CHECK(reader->decode(static_cast<std::uint32_t>(first.size())).ok());
+}
+
+TEST_CASE("a reader without the index decodes segments that another one lists") {
+  const Bytes bytes = long_file();
+  const auto complete = SceneReader::open(memory_source(bytes));
+  REQUIRE(complete.ok());
+  const auto reader = open_on_demand(memory_source(bytes));
+  const auto last = static_cast<std::uint32_t>((*complete)->segments().size() - 1);
+  REQUIRE(reader->segments().size() <= last);
+  for (const std::uint32_t segment : {last, 0U, last / 2}) {
+    ListedSegment::of(**complete, segment).replace_segments(*reader);
+    CHECK(reader->render_origin(segment) == (*complete)->render_origin(segment));
+    const auto expected = (*complete)->decode(segment), decoded = reader->decode(segment);
+    REQUIRE(expected.ok());
+    REQUIRE(decoded.ok());
+    CHECK(decoded->position == expected->position);
+    CHECK(decoded->time == expected->time);
+    CHECK_FALSE(reader->decode(segment + 1).ok());
+  }
 }
 
 TEST_CASE("the order that the writer returns is that of the primitives that are read") {

@@ -5,6 +5,8 @@
 #include <cstring>
 #include <filesystem>
 #include <iterator>
+#include <set>
+#include <utility>
 
 #include "catch.h"
 #include "live_fixture.h"
@@ -57,6 +59,38 @@ class ManualSource final : public AsyncByteSource {
  private:
   const Bytes& bytes_;
   Completion completion_;
+};
+
+// A recording that grows, each of whose reads and polls fails until its bytes have arrived.
+class ArrivingSource final : public ByteSource {
+ public:
+  explicit ArrivingSource(std::shared_ptr<live::Growth> file) : under_(std::move(file)) {}
+  std::uint64_t size() const override { return under_.size(); }
+  const std::string& name() const override { return under_.name(); }
+  bool may_grow() const override { return true; }
+  bool is_pending() const override { return pending_; }
+  Result<Change> refresh(std::uint64_t stable_bytes) override {
+    STGS_TRY(wait_for({0, 0}));
+    arrived_.clear();
+    return under_.refresh(stable_bytes);
+  }
+  Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override {
+    STGS_TRY(wait_for({offset, out.size()}));
+    return under_.read(offset, out);
+  }
+  // Lets the bytes arrive that the last read lacked.
+  void arrive() { pending_ = false; }
+
+ private:
+  Status wait_for(std::pair<std::uint64_t, std::uint64_t> range) const {
+    if (!arrived_.insert(range).second) return {};
+    pending_ = true;
+    return io_error("the bytes have not arrived");
+  }
+
+  live::GrowingSource under_;
+  mutable std::set<std::pair<std::uint64_t, std::uint64_t>> arrived_;
+  mutable bool pending_ = false;
 };
 
 // A player of `bytes` whose reader cannot read any segment itself.
@@ -297,6 +331,57 @@ TEST_CASE("all memory of a player is charged, and released with it") {
   for (std::size_t k = 0; k < static_cast<std::size_t>(Budget::Pool::kCount); ++k) {
     CHECK(used(static_cast<Budget::Pool>(k)) == 0);
   }
+}
+
+TEST_CASE("a recording is followed by reads that do not wait") {
+  PlayerSettings settings = live::quick();
+  const auto file = std::make_shared<live::Growth>();
+  file->grow(live::recording().ends[3]);
+  auto arriving = std::make_unique<ArrivingSource>(file);
+  ArrivingSource* const source = arriving.get();
+  const auto budget = make_budget(settings.memory_budget);
+  const auto ranges =
+      std::make_shared<RangeSource>(std::move(arriving), std::pmr::get_default_resource(), budget);
+  IndexCache cache(budget);
+  const auto open = [&] {
+    source->arrive();
+    return open_snapshot(ranges, cache, settings.limits, std::pmr::get_default_resource(),
+                         IndexLoading::kOnDemand);
+  };
+  auto reader = open();
+  for (int k = 0; k < 100 && source->is_pending(); ++k) reader = open();
+  REQUIRE(reader.ok());
+  auto manual = std::make_unique<ManualSource>(live::recording().bytes);
+  ManualSource* const transport = manual.get();
+  StreamPlayer player(
+      {*reader, ranges, std::move(cache)}, settings, budget, std::move(manual),
+      std::make_unique<InlineExecutor>(SegmentDecoder("recording", nullptr), nullptr));
+  CHECK(player.live().following);
+  player.play();
+  double now = 100;
+  std::uint32_t fragments = 3;
+  std::vector<Kind> events;
+  for (int k = 0; k < 5000 && player.state() != PlayerState::kEnded; ++k) {
+    transport->deliver();
+    if (!player.pump(now, 0).progressed) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    if (k % 3 == 0) source->arrive();
+    player.advance(now);
+    for (const PlayerEvent& event : player.take_events()) events.push_back(event.kind);
+    const LiveState state = player.live();
+    if (state.growing && fragments <= live::kFragments &&
+        state.edge_seconds < fragments * live::kFragmentSeconds - 1e-6) {
+      continue;
+    }
+    now += live::kFragmentSeconds / 4;
+    if (++fragments <= live::kFragments)
+      file->grow(live::recording().ends[fragments]);
+    else
+      file->grow(live::recording().closed());
+  }
+  CHECK(player.state() == PlayerState::kEnded);
+  CHECK(player.snapshot().reader->form() == SceneForm::kRecorded);
+  CHECK(std::count(events.begin(), events.end(), Kind::kFinished) == 1);
+  CHECK(std::count(events.begin(), events.end(), Kind::kReadFailed) == 0);
 }
 
 }  // namespace

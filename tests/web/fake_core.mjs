@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A core for tests of the element: plays a clip of 12 s that is fetched in 1.5 s.
+// A core for tests of the element: plays a clip of 12 s that is fetched in 1.5 s, or a recording with
+// its live edge there.
 
 const DURATION = 12, TICK = 1 / 30, LAST = DURATION - TICK, FETCH_RATE = 8;
 const now = () => performance.timeOrigin + performance.now();
@@ -12,6 +13,7 @@ export class FakeCore {
   plays = false;
   lastSeek = 0;
   fetched = 0.5;
+  live = null;
   listener = null;
   timer = null;
 
@@ -43,9 +45,11 @@ export class FakeCore {
         break;
       case "pause":
         this.plays = false;
+        this.follow(false);
         break;
       case "seek":
-        this.seconds = Math.min(message.seconds, LAST);
+        this.follow(message.seconds >= LAST);
+        this.seconds = Math.min(message.seconds, this.last);
         this.lastSeek = message.id;
         break;
       case "rate":
@@ -60,12 +64,22 @@ export class FakeCore {
     this.report();
   }
 
+  /** The last time to play, or that at the live edge. */
+  get last() {
+    return this.live === null ? LAST : LAST - 1;
+  }
+
+  follow(following) {
+    if (this.live !== null) this.live = { following, latency: following ? 1 : 6, targetLatency: 1 };
+  }
+
   open(source) {
     if (String(source).includes("missing")) {
       const message = `${source}: the server reports 404 (Not Found); check the address`;
       return this.send({ type: "error", code: "network", message });
     }
     if (String(source).includes("slow")) return;
+    if (String(source).includes("live")) this.live = { following: true, latency: 1, targetLatency: 1 };
     this.send({
       type: "opened",
       info: {
@@ -94,7 +108,7 @@ export class FakeCore {
   }
 
   next(seconds) {
-    return this.loop ? seconds % DURATION : Math.min(seconds, LAST);
+    return this.loop ? seconds % DURATION : Math.min(seconds, this.last);
   }
 
   report() {
@@ -108,7 +122,7 @@ export class FakeCore {
       type: "state", state, seconds: this.seconds, seek: this.lastSeek, at: now(), rate: this.rate,
       buffered: [[0, this.fetched]], layers: 2, layerCount: 3, bytes: 4.2e6 * this.fetched, bytesPerSecond: 3.1e6,
       memory: 2.5e8,
-      duration: DURATION,
+      duration: DURATION, live: this.live,
     });
   }
 }

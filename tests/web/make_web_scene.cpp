@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes a random scene of 60 frames for the tests of the player for browsers, or a random SOG
+// Writes a random scene of 60 frames unless stated for the tests of the player for browsers, or a random SOG
 // model.
 //
-// usage: make_web_scene FILE.stgs PRIMITIVES SH_DEGREE [NEAR [AUDIO]]
+// usage: make_web_scene FILE.stgs PRIMITIVES SH_DEGREE [NEAR [AUDIO [FRAMES]]]
 //        make_web_scene FILE.sog PRIMITIVES SH_DEGREE
 // NEAR: of the near plane, scene units; AUDIO: location of its sound, which begins with it. Exit
 // code 77: built without libwebp or libzip
@@ -16,8 +16,8 @@
 #endif
 
 int main(int argc, char** argv) {
-  if (argc < 4 || argc > 6) {
-    std::cerr << "usage: make_web_scene FILE.stgs PRIMITIVES SH_DEGREE [NEAR [AUDIO]]\n";
+  if (argc < 4 || argc > 7) {
+    std::cerr << "usage: make_web_scene FILE.stgs PRIMITIVES SH_DEGREE [NEAR [AUDIO [FRAMES]]]\n";
     return 1;
   }
   constexpr unsigned kSeed = 11;
@@ -31,8 +31,10 @@ int main(int argc, char** argv) {
     return 77;
 #endif
   }
+  const auto frames =
+      argc == 7 ? static_cast<std::uint32_t>(std::strtoul(argv[6], nullptr, 10)) : 60;
   stgs::Scene scene = stgs::testing::random_scene(std::strtoul(argv[2], nullptr, 10),
-                                                  std::atoi(argv[3]), 60, kSeed);
+                                                  std::atoi(argv[3]), frames, kSeed);
   scene.metadata.title.clear();
   if (argc > 4) scene.metadata.near_plane = std::strtof(argv[4], nullptr);
   if (argc > 5) scene.metadata.audio = argv[5];

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tests of the package with npm packages, in Chromium, from nginx.
 
-usage of the scripts: test_NAME.py MAKE_WEB_SCENE PACKAGE NPM
+usage of the scripts: test_NAME.py MAKE_WEB_SCENE RECORD_FRAGMENTS PACKAGE NPM
 PACKAGE: the folder of stgs.js. NPM: a node_modules folder with tests/web/package.json.
 With SCREENSHOTS=FOLDER in the environment, they write images of their pages. Exit code 77: Chromium,
 nginx or an npm package is missing
@@ -38,7 +38,7 @@ class PackageCase(unittest.TestCase):
     FILES = ["decode_scene.js"]
     MODULES = {}
     PAGE = ""
-    make = package = npm = ""
+    make = record = package = npm = ""
 
     @classmethod
     def setUpClass(cls):
@@ -82,9 +82,9 @@ class PackageCase(unittest.TestCase):
 
 def run(case):
     """Runs the tests of the calling script. Exit code 77: skipped."""
-    if len(sys.argv) != 4:
+    if len(sys.argv) != 5:
         sys.exit(__doc__)
-    case.make, case.package, case.npm = map(os.path.abspath, sys.argv[1:])
+    case.make, case.record, case.package, case.npm = map(os.path.abspath, sys.argv[1:])
     if not os.path.exists(CHROMIUM) or shutil.which("nginx") is None:
         print("skipped: needs chromium and nginx")
         sys.exit(77)

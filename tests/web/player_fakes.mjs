@@ -89,7 +89,7 @@ export class FakeWorker {
     this.send({
       type: "state", state, seconds, at: this.host.now(), rate: 1, buffered: [[0, 10]],
       seek: this.last("seek")?.id ?? 0, layers: 2, layerCount: 3, bytes: 1000, duration: 10,
-      bytesPerSecond: 5000, memory: 2000, ...more,
+      bytesPerSecond: 5000, memory: 2000, live: null, ...more,
     });
   }
   segment(id, begin = 0, end = 250) {

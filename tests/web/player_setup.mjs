@@ -8,7 +8,7 @@ export const { StgsPlayer } = await importSource("src/player/player.ts");
 const NAMES = [
   "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing",
   "pause", "waiting", "seeking", "seeked", "timeupdate", "ratechange", "ended", "error", "progress",
-  "abort", "emptied", "notice",
+  "abort", "emptied", "notice", "livechange",
 ];
 
 /** A player with its parts and the names of its events. */

@@ -36,7 +36,7 @@ function makePool(count) {
   return { pool: new DecoderPool(count, start, owner), threads, results, failures };
 }
 
-const job = (id) => ({ id, segment: id, withSh: false, records: [{ offset: 0, bytes: new ArrayBuffer(8) }] });
+const job = (id) => ({ id, segment: new ArrayBuffer(8), withSh: false, records: [{ offset: 0, bytes: new ArrayBuffer(8) }] });
 const jobsOf = (thread) => thread.requests.filter(({ type }) => type === "decode").map((request) => request.job.id);
 
 test("every worker opens the file, and has room for a job that waits", () => {

@@ -166,6 +166,23 @@ class ElementTest(ElementCase):
         self.show_ready()
         self.assertEqual(self.check("player.screenshot().then((blob) => blob.type)"), "image/png")
 
+    def test_a_button_leads_to_the_live_edge_of_a_recording(self):
+        self.show_ready(controls="")
+        self.assertTrue(self.check("part('.live').hidden && player.live === null"))
+        self.show_ready(controls="", src="live.stgs")
+        self.check("player.play()")
+        self.wait("part('.live').getAttribute('aria-pressed') === 'true'")
+        self.capture("live")
+        self.check("player.currentTime = 2")
+        self.wait("part('.live').getAttribute('aria-pressed') === 'false'")
+        self.assertEqual(self.check("part('.live').title"), "Go to the live edge")
+        self.browser.mouse("mouseMoved", 400, 300)
+        self.wait("!part('.root').classList.contains('idle')")
+        self.capture("behind_live")
+        self.browser.click(*self.centre(".live"))
+        self.wait("part('.live').getAttribute('aria-pressed') === 'true' && player.live.following")
+        self.assertEqual(self.posted("seek")[-1]["seconds"], 12)
+
     # The bridge to an embedding page, which is of another origin
 
     def embed(self, origins, **options):
@@ -256,7 +273,7 @@ class ElementTest(ElementCase):
     def test_the_bar_fits_narrow_players(self):
         for width in (320, 360, 480, 1280):
             self.browser.resize(width, 480)
-            self.show_ready(controls="")
+            self.show_ready(controls="", src="live.stgs")
             self.wait(f"innerWidth === {width} && player.clientWidth === {width}")
             self.check("part('.mute').hidden = false")  # as of a scene with sound
             if width == 320:

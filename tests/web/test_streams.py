@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Players that share a page, and slow servers. See package_case.py for the usage."""
+"""Players that share a page, slow servers and recordings. See package_case.py for the usage."""
 import os
 import shutil
+import subprocess
 import tempfile
 
 from package_case import Nginx, PackageCase, run
@@ -52,6 +53,40 @@ class Streams(PackageCase):
         events = self.check("events")
         self.assertIn("waiting", events)
         self.assertEqual(events[-1], "ended")
+
+    def test_a_recording_is_followed_until_it_is_closed(self):
+        fragments, seconds = 24, 1 / 3
+        path = os.path.join(self.work, "live.stgs")
+        recorder = subprocess.Popen([self.record, path, str(fragments), str(round(1000 * seconds))])
+        self.addCleanup(recorder.wait)
+        self.addCleanup(recorder.kill)
+        while not os.path.exists(path) or os.path.getsize(path) < 10_000:  # two fragments
+            self.assertIsNone(recorder.poll())
+        self.check("show", {"src": "live.stgs", "autoplay": "", "controls": ""})
+        is_live = "player.live?.following && player.shadowRoot.querySelector('.live').ariaPressed === 'true'"
+        self.wait(f"player.error || ({is_live} && player.currentTime > 0.3)")
+        self.assertIsNone(self.check("player.error && player.error.message"))
+        before = self.check("player.duration")
+        self.wait(f"player.duration > {before} + {seconds}")
+        self.check("player.currentTime = 0.2")
+        self.wait("!player.seeking && player.live?.following === false")
+        self.assertLess(self.check("player.currentTime"), 1)
+        self.check("player.goLive()")
+        self.wait(is_live)
+        self.assertGreater(self.check("player.currentTime"), before - 1.5)
+        values = self.check("""player.screenshot().then((blob) => createImageBitmap(blob)).then((image) => {
+            const context = new OffscreenCanvas(image.width, image.height).getContext("2d");
+            context.drawImage(image, 0, 0);
+            return new Set(context.getImageData(0, 0, image.width, image.height).data).size; })""")
+        self.assertGreater(values, 50)
+        self.capture("recording")
+        self.wait("player.error || player.ended")
+        self.assertIsNone(self.check("player.error && player.error.message"))
+        self.assertIsNone(self.check("player.live"))
+        self.assertAlmostEqual(self.check("player.duration"), fragments * seconds, 5)
+        self.check("player.play()")  # as any file, from its beginning
+        self.wait("player.currentTime > 0.1")
+        self.assertLess(self.check("player.currentTime"), fragments * seconds / 2)
 
     @staticmethod
     def allow_pages(folder, server):

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A program that uses the types of the package: it has to compile.
 import { createPlayer, SegmentPlayer, StgsPlayer } from "stgs";
-import type { Camera, QualityReport, Renderer, SceneInfo } from "stgs";
+import type { Camera, LiveState, QualityReport, Renderer, SceneInfo } from "stgs";
 import { connect } from "stgs/bridge";
 import { createWebGl2Renderer } from "stgs/webgl2";
 import { createWebGpuRenderer } from "stgs/webgpu";
@@ -14,6 +14,8 @@ export async function play(canvas: HTMLCanvasElement, file: File): Promise<Scene
   await player.load(file, { signal: new AbortController().signal });
   player.currentTime = 0.5 * player.duration;
   await player.play();
+  const live: LiveState | null = player.live;
+  if (live?.following === false) player.goLive();
   return player.info;
 }
 

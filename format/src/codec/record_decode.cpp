@@ -18,7 +18,7 @@ RecordDecoder::RecordDecoder(const SegmentRecord& record, const FileHead& head,
       set_(record.set(*head.layouts)),
       layout_(record.layout_in(*head.layouts)),
       ordinal_(ordinal),
-      n_(head.index.segments[ordinal].base.primitives),
+      n_(head.segment(ordinal).base.primitives),
       sh_degree_(head.metadata.sh_degree),
       findings_(findings),
       groups_(record.units.size()) {}

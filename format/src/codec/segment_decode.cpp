@@ -37,7 +37,7 @@ double time_origin_of(const Layout& layout, double segment_begin) {
 
 SegmentContext context_of(const SegmentRecords& records, const FileHead& head,
                           std::uint32_t ordinal, TimeOrigin origin) {
-  const SegmentEntry& segment = head.index.segments[ordinal];
+  const SegmentEntry& segment = head.segment(ordinal);
   const PartEntry& part = head.parts[segment.part];
   SegmentContext out;
   out.part_exponent = part_exponent_of(part.end - part.begin);
@@ -125,7 +125,7 @@ class RangeDecoder {
 
   // Returns whether all primitives have values of each band of SH, or none has.
   bool bands_are_complete() const {
-    const std::uint32_t n = head_.index.segments[ordinal_].base.primitives;
+    const std::uint32_t n = head_.segment(ordinal_).base.primitives;
     return std::all_of(std::begin(kBands), std::end(kBands), [&](Attribute band) {
       return symbols_of(band) == 0 || symbols_of(band) == n;
     });
@@ -133,7 +133,7 @@ class RangeDecoder {
 
   // Call it if there are no errors so far.
   void decode(const RangeVisitor& visit) {
-    const IndexEntry& entry = head_.index.segments[ordinal_].base;
+    const IndexEntry& entry = head_.segment(ordinal_).base;
     decode_together(plan_.bands_together ? kAllAttributes : ~kBandAttributes, entry.primitives,
                     visit);
     for (const Attribute band : kBands) {
@@ -240,7 +240,7 @@ bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint
   Findings found;
   std::vector<RecordDecoder> decoders = open_records(records, head, ordinal, found);
   const SegmentContext context = context_of(records, head, ordinal, origin);
-  out.primitives = head.index.segments[ordinal].base.primitives;
+  out.primitives = head.segment(ordinal).base.primitives;
   out.sh_degree = head.metadata.sh_degree;
   out.part_exponent = context.part_exponent;
   out.begin = context.begin;
@@ -258,7 +258,7 @@ bool code_segment(const SegmentRecords& records, const FileHead& head, std::uint
 bool decode_segment(const SegmentRecords& records, const FileHead& head, std::uint32_t ordinal,
                     AttributeBits attributes, TimeOrigin origin, Gaussians4D& set,
                     Findings& findings) {
-  const IndexEntry& entry = head.index.segments[ordinal].base;
+  const IndexEntry& entry = head.segment(ordinal).base;
   Findings found;
   std::vector<RecordDecoder> decoders = open_records(records, head, ordinal, found);
   if (found.ok()) {
@@ -299,7 +299,7 @@ bool decode_ranges(const SegmentRecords& records, const FileHead& head, std::uin
   const std::uint64_t needed = decoded_values(records, head, ordinal);
   if (found.ok() && needed > work.values) {
     work.is_refused = true;
-    found.unsupported(N::kMemoryLimit, head.index.segments[ordinal].base.offset,
+    found.unsupported(N::kMemoryLimit, head.segment(ordinal).base.offset,
                       "segment {}: neither it nor those after it are decoded, because it takes the "
                       "time of {} values, and the size of the file allows {} more; allow more than "
                       "4 GiB of memory to decode them",

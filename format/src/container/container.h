@@ -120,6 +120,9 @@ struct FileHead {
            (entry.offset <= available_bytes && entry.bytes <= available_bytes - entry.offset);
   }
   bool growing() const { return (header.flags & kGrowing) != 0; }
+  const SegmentEntry& segment(std::uint32_t number) const {
+    return index.segments[number - index.first];
+  }
   double chunk_of(std::uint32_t part) const { return parts[part].chunk_ticks; }
 };
 

@@ -89,6 +89,7 @@ struct AttributeBytes {
 
 struct FileIndex {
   std::uint64_t primitives = 0;  // of the complete file, as stated
+  std::uint32_t first = 0;       // number of the first of `segments`; 0 but for a ListedSegment
   std::vector<SegmentEntry> segments;
   std::vector<AttributeBytes> attributes;
   std::vector<FurtherEntry> further;

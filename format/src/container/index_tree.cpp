@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Following the links of an index, as far as its segments are needed (spec 5.2, 9.3, 9.5).
 #include <algorithm>
+#include <map>
+#include <utility>
 
 #include "container/node.h"
 #include "container/opening.h"
@@ -146,21 +148,24 @@ class Loader {
     return true;
   }
 
-  // Loads nodes until the index has `entries` entries: those that are needed at `ticks` or soonest
-  // after it, and then earlier ones.
+  // Loads nodes that the source has until the index has `entries` entries: those that are needed at
+  // `ticks` or soonest after it, and then earlier ones.
   bool load_ahead(double ticks, std::uint64_t entries) {
     IndexWalk::Links& pending = head_.walk.pending;
-    std::vector<Position> order;
-    for (auto link = pending.begin(); link != pending.end(); ++link) order.push_back(link);
-    std::stable_sort(order.begin(), order.end(), [=](Position a, Position b) {
-      const TickRange &x = a->link.needed, &y = b->link.needed;
-      const bool is_past = x.end < ticks;
-      if (is_past != (y.end < ticks)) return !is_past;
-      return is_past ? x.end > y.end : x.begin < y.begin;
-    });
-    for (Position at : order) {
+    // Equal ones in the order of `pending`.
+    std::multimap<std::pair<bool, double>, Position> order;
+    for (auto link = pending.begin(); link != pending.end(); ++link) {
+      const TickRange& needed = link->link.needed;
+      const bool is_past = needed.end < ticks;
+      order.emplace(std::pair(is_past, is_past ? -needed.end : needed.begin), link);
+    }
+    for (auto [key, at] : order) {
       if (head_.walk.entries >= entries) break;
-      if (head_.walk.followed.count(at->link.offset) != 0) continue;
+      const NodeLink& link = at->link;
+      if (head_.walk.followed.count(link.offset) != 0 ||
+          !source_.has(link.offset, kRecordHeaderBytes + link.bytes)) {
+        continue;
+      }
       if (!take(at)) return false;
     }
     return true;

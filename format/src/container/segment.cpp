@@ -265,7 +265,7 @@ bool read_record(const ByteSource& source, const FileHead& head, std::uint32_t o
 
 bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t ordinal,
                   bool with_sh, SegmentRecords& records, Findings& findings) {
-  const SegmentEntry& segment = head.index.segments[ordinal];
+  const SegmentEntry& segment = head.segment(ordinal);
   records.memory = 0;
   if (!is_available(head, ordinal, segment.base, findings) ||
       !take_memory(4 * floats_per_primitive(head.metadata.sh_degree) * segment.base.primitives,
@@ -287,7 +287,7 @@ bool read_segment(const ByteSource& source, const FileHead& head, std::uint32_t 
 
 std::uint64_t decoded_values(const SegmentRecords& records, const FileHead& head,
                              std::uint32_t ordinal) {
-  const std::uint32_t primitives = head.index.segments[ordinal].base.primitives;
+  const std::uint32_t primitives = head.segment(ordinal).base.primitives;
   std::uint64_t out = kPrimitiveWork * std::uint64_t{primitives};
   for (const SegmentRecord* record : {&records.base, &records.sh}) {
     if (record->bytes.empty()) continue;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <functional>
 
 #include "container/opening.h"
 #include "container/segment.h"
@@ -22,10 +23,10 @@ void load_more(const ByteSource& source, double t0, double t1, FileHead& head, F
 }  // namespace
 
 struct SceneReader::State {
-  // Extends the head with `extend`, a function of the head and the findings. After an error only
-  // the head has changed.
-  template <typename Extend>
-  Status extend(const Extend& extend) {
+  using Extension = std::function<void(FileHead&, Findings&)>;
+
+  // Extends the head. After an error only the head has changed.
+  Status extend(const Extension& extend) {
     try {
       Findings findings;
       extend(head, findings);
@@ -42,18 +43,20 @@ struct SceneReader::State {
   }
 
   // As extend(), but keeps the head as it is after an error.
-  template <typename Extend>
-  Status change(const Extend& extension) {
+  Status change(const Extension& extension) {
     FileHead before = head;
     const Status status = extend(extension);
     if (!status.ok()) head = std::move(before);
     return status;
   }
 
-  // Returns a copy that reads from `other`, without lists.
-  std::unique_ptr<State> copy(std::unique_ptr<ByteSource> other) const {
-    return std::make_unique<State>(
-        State{std::move(other), limits, loading, memory, head, damage, {}});
+  // Returns a reader with a copy that reads from `other`, after `call`, which must set its lists.
+  Result<std::unique_ptr<SceneReader>> changed(std::unique_ptr<ByteSource> other,
+                                               const std::function<Status(State&)>& call) const {
+    auto state =
+        std::make_unique<State>(State{std::move(other), limits, loading, memory, head, damage, {}});
+    STGS_TRY(call(*state));
+    return std::unique_ptr<SceneReader>(new SceneReader(std::move(state)));
   }
 
   // Checks whether a growing file has more bytes.
@@ -72,7 +75,7 @@ struct SceneReader::State {
   }
 
   // Returns an extension that reads the new fragments of a growing file.
-  auto growth(bool& grown) const {
+  Extension growth(bool& grown) const {
     return [this, &grown](FileHead& found, Findings& findings) {
       if (!found.closed && read_growth(*source, found, grown, findings) && grown &&
           loading == IndexLoading::kComplete) {
@@ -81,10 +84,16 @@ struct SceneReader::State {
     };
   }
 
+  // Returns a segment; null: there is none.
+  const SegmentInfo* find(std::uint32_t segment) const {
+    const std::uint32_t at = segment - head.index.first;
+    return at < lists.segments.size() ? &lists.segments[at] : nullptr;
+  }
+
   // Reads the records of a segment and converts them with `make`, into `out`.
   template <typename T, typename Make>
   Result<T> with_records(std::uint32_t segment, bool with_sh, const Make& make, T out) const {
-    if (segment >= lists.segments.size()) {
+    if (find(segment) == nullptr) {
       return usage_error("{}: invalid segment index {} (the file has {} segments)", source->name(),
                          segment, lists.segments.size());
     }
@@ -119,6 +128,14 @@ struct SceneReader::State {
   std::vector<Issue> damage;
   ReaderLists lists;  // of the head
 };
+
+ListedSegment ListedSegment::of(const SceneReader& reader, std::uint32_t segment) {
+  return listed_segment(reader.state_->head, segment);
+}
+void ListedSegment::replace_segments(SceneReader& reader) const {
+  stgs::replace_segments(*this, reader.state_->head);
+  reader.state_->lists = ReaderLists(reader.state_->head);
+}
 
 SceneReader::SceneReader(std::unique_ptr<State> state) : state_(std::move(state)) {}
 SceneReader::~SceneReader() = default;
@@ -220,20 +237,20 @@ std::vector<TickRange> SceneReader::unloaded() const {
 
 Result<std::unique_ptr<SceneReader>> SceneReader::loaded(std::unique_ptr<ByteSource> source,
                                                          double t0, double t1) const {
-  std::unique_ptr<State> state = state_->copy(std::move(source));
-  STGS_TRY(state->extend([&](FileHead& head, Findings& findings) {
-    load_more(*state->source, t0, t1, head, findings);
-  }));
-  return std::unique_ptr<SceneReader>(new SceneReader(std::move(state)));
+  return state_->changed(std::move(source), [&](State& state) {
+    return state.extend([&](FileHead& head, Findings& findings) {
+      load_more(*state.source, t0, t1, head, findings);
+    });
+  });
 }
 
 Result<std::unique_ptr<SceneReader>> SceneReader::refreshed(
     std::unique_ptr<ByteSource> source) const {
-  std::unique_ptr<State> state = state_->copy(std::move(source));
-  bool grown = false;
-  STGS_TRY(state->check_growth());
-  STGS_TRY(state->extend(state->growth(grown)));
-  return std::unique_ptr<SceneReader>(new SceneReader(std::move(state)));
+  return state_->changed(std::move(source), [](State& state) -> Status {
+    bool grown = false;
+    STGS_TRY(state.check_growth());
+    return state.extend(state.growth(grown));
+  });
 }
 
 double SceneReader::latest_begin_ticks() const {
@@ -280,8 +297,9 @@ std::vector<std::uint32_t> SceneReader::segments_between(double t0, double t1) c
 
 TimeOrigin SceneReader::render_origin(std::uint32_t segment) const {
   constexpr double kMaxExactTicks = 0x1p14;  // the unit in the last place is then at most 2^-10
-  if (segment >= segments().size()) return TimeOrigin::kPart;  // decoding reports it
-  const ScenePart& part = parts()[segments()[segment].part];
+  const SegmentInfo* info = state_->find(segment);
+  if (info == nullptr) return TimeOrigin::kPart;  // decoding reports it
+  const ScenePart& part = parts()[info->part];
   return part.end_ticks - part.begin_ticks <= kMaxExactTicks ? TimeOrigin::kPart
                                                              : TimeOrigin::kRecord;
 }
@@ -355,7 +373,7 @@ Result<Gaussians4D> SceneReader::decode_intact(std::uint32_t segment, Status& sh
   Result<Gaussians4D> complete = decode(segment, true, origin);
   const StatusCode code = complete.status().code();
   const bool is_damage = code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported;
-  if (!is_damage || segments()[segment].sh_bytes == 0) return complete;
+  if (!is_damage || state_->find(segment)->sh_bytes == 0) return complete;
   Result<Gaussians4D> base = decode(segment, false, origin);
   if (!base.ok()) return base;
   sh_status = complete.status();

@@ -55,6 +55,27 @@ double complete_ticks_of(const FileHead& head, const std::vector<SegmentInfo>& s
 
 }  // namespace
 
+ListedSegment listed_segment(const FileHead& head, std::uint32_t number) {
+  const SegmentEntry& segment = head.segment(number);
+  const IndexEntry& base = segment.base;
+  const PartEntry& part = head.parts[segment.part];
+  return {number,           base.slot,   base.primitives, base.level,
+          base.layer,       base.offset, base.bytes,      segment.sh.offset,
+          segment.sh.bytes, part.begin,  part.end,        part.chunk_ticks};
+}
+
+void replace_segments(const ListedSegment& segment, FileHead& head) {
+  const RecordRange base = {segment.offset, segment.bytes};
+  const RecordRange sh = {segment.sh_offset, segment.sh_bytes};
+  const TickRange displayed = {segment.part_begin, segment.part_end};
+  head.parts = {{0, segment.part_begin, segment.part_end, displayed, segment.chunk_ticks}};
+  head.index.first = segment.number;
+  head.index.segments = {
+      {{base, segment.level, segment.layer, segment.slot, segment.primitives}, sh}};
+  for (const RecordRange& record : {base, sh})
+    head.available_bytes = std::max(head.available_bytes, record.offset + record.bytes);
+}
+
 ReaderLists::ReaderLists(const FileHead& head)
     : segments(segments_from(head)),
       times(segments, static_cast<double>(head.metadata.scene.frames)),

@@ -6,6 +6,7 @@
 
 #include "container/container.h"
 #include "container/segment_times.h"
+#include "stgs/format/listed_segment.h"
 
 namespace stgs {
 
@@ -19,5 +20,9 @@ struct ReaderLists {
   double complete_ticks = 0;  // the time up to which nothing is missing
   double latest_begin = 0;    // of a part, ticks
 };
+
+// ListedSegment::of() and replace_segments(), for the head of a file.
+ListedSegment listed_segment(const FileHead& head, std::uint32_t number);
+void replace_segments(const ListedSegment& segment, FileHead& head);
 
 }  // namespace stgs

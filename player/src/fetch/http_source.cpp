@@ -9,6 +9,7 @@
 
 #include "fetch/block_cache.h"
 #include "fetch/connection_pool.h"
+#include "fetch/other_file.h"
 #include "stgs/player/source.h"
 
 namespace stgs::player {
@@ -19,8 +20,7 @@ constexpr double kMaxRetryAfter = 30;  // asks for a longer wait, up to this
 // After a read has failed because of the server, reads fail at once for up to this long, seconds,
 // unless one succeeds: a reader that continues after failed reads would wait for each of them.
 constexpr double kOutage = 5;
-constexpr double kBriefFailure = 0.5;           // seconds; a read that fails as soon costs little
-constexpr std::size_t kMaxComparedHead = 4096;  // bytes by which refresh() recognises the file
+constexpr double kBriefFailure = 0.5;  // seconds; a read that fails as soon costs little
 
 }  // namespace
 
@@ -56,11 +56,9 @@ class HttpSource::Impl {
     if (stable_bytes < head_bytes_) head_bytes_ = stable_bytes;
     std::vector<std::uint8_t> head(std::clamp<std::size_t>(head_bytes_, 1, kMaxComparedHead));
     STGS_ASSIGN(const Response response, fetch(0, head, Check::kNothing, tag_of(before)));
-    const std::size_t same = std::min<std::size_t>(head_bytes_, head.size());
     if (!response.unchanged &&
-        (response.total < stable_bytes || response.bytes < same ||
-         !std::equal(head.begin(), head.begin() + static_cast<std::ptrdiff_t>(same),
-                     head_.begin()))) {
+        is_other_file(std::span(head_).first(head_bytes_), stable_bytes,
+                      std::span(head).first(response.bytes), response.total)) {
       report(TransferEvent::Kind::kReplaced, 0, 0, replaced().message());
       return Change::kReplaced;
     }

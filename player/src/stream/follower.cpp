@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stream/follower.h"
 
-#include <chrono>
+#include <algorithm>
 #include <exception>
 #include <utility>
 
@@ -25,52 +25,28 @@ Follower::Follower(SegmentStore& store, std::shared_ptr<RangeSource> source, Ind
       cache_(std::move(cache)),
       reader_(store.snapshot().reader),
       interval_(settings.live.poll_seconds, clock_seconds()),
-      polled_at_(clock_seconds()) {
-  thread_ = std::thread([this] { run(); });
-}
+      polled_at_(clock_seconds()) {}
 
-Follower::~Follower() {
-  stop();
-  thread_.join();
-}
-
-void Follower::stop() {
-  {
-    const std::lock_guard lock(mutex_);
-    stopping_ = true;
-  }
+void Follower::stop() noexcept {
+  stopping_ = true;
   source_->interrupt();
-  changed_.notify_all();
 }
 
-void Follower::wake() noexcept {
-  {
-    const std::lock_guard lock(mutex_);
-    woken_ = true;
-  }
-  changed_.notify_all();
+double Follower::step() noexcept {
+  if (source_->is_pending()) return kNever;
+  if (!load_failed_ || clock_seconds() >= retry_at_) load();
+  if (source_->is_pending()) return kNever;
+  double wake_at = load_failed_ ? retry_at_ : kNever;
+  if (!is_polling()) return wake_at;
+  const bool is_due = clock_seconds() >= next_poll();
+  if (is_due) poll_once();
+  if (source_->is_pending()) return kNever;
+  // After a poll, playback may need more of the index.
+  return is_due ? clock_seconds() : std::min(wake_at, next_poll());
 }
 
-// Waits until there may be something to do. Returns false if there is nothing more.
-bool Follower::wait() {
-  constexpr double kMaxSeconds = 3600;
-  double until = clock_seconds() + kMaxSeconds;
-  if (is_polling()) until = polled_at_ + interval_.seconds();
-  if (load_failed_) until = std::min(until, clock_seconds() + std::max(retry_seconds_, 1e-3));
-  std::unique_lock lock(mutex_);
-  changed_.wait_for(lock, std::chrono::duration<double>(std::max(until - clock_seconds(), 0.0)),
-                    [this] { return stopping_ || (woken_ && !load_failed_); });
-  woken_ = false;
-  return !stopping_;
-}
-
-void Follower::run() {
-  for (;;) {
-    load();
-    if (!is_polling() && reader_->unloaded().empty()) return;
-    if (!wait()) return;
-    if (is_polling() && clock_seconds() >= polled_at_ + interval_.seconds()) poll_once();
-  }
+Status Follower::failure_of(const std::exception& e) const noexcept {
+  return failure(e, [&] { return fmt::format("{}: {}", source_->name(), e.what()); });
 }
 
 // Loads what playback needs of the index. Reports a failure once.
@@ -79,22 +55,18 @@ void Follower::load() noexcept {
   try {
     for (bool loaded = true; loaded && status.ok();) status = load_next(loaded);
   } catch (const std::exception& e) {
-    status = failure(e, [&] { return fmt::format("{}: {}", source_->name(), e.what()); });
+    status = failure_of(e);
   }
+  if (source_->is_pending()) return;
   const bool failed_before = std::exchange(load_failed_, !status.ok());
+  retry_at_ = clock_seconds() + std::max(retry_seconds_, 1e-3);
   if (status.ok() || failed_before || is_overwritten_) return;
-  {
-    const std::lock_guard lock(mutex_);
-    if (stopping_) return;  // reads fail because they are interrupted
-  }
+  if (stopping_) return;  // reads fail because they are interrupted
   store_.push_event(event_of(PlayerEvent::Kind::kReadFailed, 0, status.code(), status.message()));
 }
 
 Status Follower::load_next(bool& loaded) {
-  {
-    const std::lock_guard lock(mutex_);
-    if (stopping_) return runtime_error("{}: stopped", source_->name());
-  }
+  if (stopping_) return runtime_error("{}: stopped", source_->name());
   const std::optional<TickRange> times = store_.unknown_times();
   loaded = times.has_value();
   if (!loaded) return {};
@@ -124,9 +96,9 @@ void Follower::poll_once() noexcept {
   try {
     grown = poll();
   } catch (const std::exception& e) {
-    set_problem(Problem::kUnreadable,
-                failure(e, [&] { return fmt::format("{}: {}", source_->name(), e.what()); }));
+    set_problem(Problem::kUnreadable, failure_of(e));
   }
+  if (source_->is_pending()) return;
   polled_at_ = clock_seconds();
   interval_.update(grown, polled_at_);
   if (grown) stall_reported_ = false;
@@ -135,9 +107,18 @@ void Follower::poll_once() noexcept {
 
 // Returns whether the recording has grown.
 bool Follower::poll() {
+  if (!is_reading_ && !has_news()) return false;
+  is_reading_ = false;
+  const bool grown = take_snapshot();
+  is_reading_ = source_->is_pending();
+  return grown;
+}
+
+// Returns whether the file must be read again.
+bool Follower::has_news() {
   const Result<ByteSource::Change> change = source_->refresh(reader_->file_bytes());
   if (!change.ok()) {
-    set_problem(Problem::kUnreadable, change.status());
+    if (!source_->is_pending()) set_problem(Problem::kUnreadable, change.status());
     return false;
   }
   if (*change == ByteSource::Change::kReplaced) {
@@ -149,11 +130,9 @@ bool Follower::poll() {
   // Read it again after a failure or an incomplete fragment: the size of a file can change before
   // its bytes are readable.
   const bool retry = std::exchange(retry_, false) || problem_ == Problem::kUnreadable;
-  if (*change == ByteSource::Change::kResized) {
-    retry_ = true;
-    return take_snapshot();
-  }
-  return retry && take_snapshot();
+  if (*change != ByteSource::Change::kResized) return retry;
+  retry_ = true;
+  return true;
 }
 
 // Reads what was added to the file; the complete file if another recording has taken its place.
@@ -170,6 +149,7 @@ Result<std::shared_ptr<const SceneReader>> Follower::read_snapshot() {
 bool Follower::take_snapshot() {
   const auto opened = read_snapshot();
   if (!opened.ok()) {
+    if (source_->is_pending()) return false;
     const StatusCode code = opened.status().code();
     const bool damaged = code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported;
     set_problem(damaged ? Problem::kDamaged : Problem::kUnreadable, opened.status());
@@ -187,10 +167,7 @@ bool Follower::take_snapshot() {
 void Follower::set_problem(Problem problem, const Status& status) noexcept {
   const Problem before = std::exchange(problem_, problem);
   if (problem == before) return;
-  {
-    const std::lock_guard lock(mutex_);
-    if (stopping_) return;  // reads fail because they are interrupted
-  }
+  if (stopping_) return;  // reads fail because they are interrupted
   if (before == Problem::kReplaced) on_replaced_(false, {});
   if (problem == Problem::kNone) return;
   if (problem == Problem::kReplaced) return on_replaced_(true, status.message());

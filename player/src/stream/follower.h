@@ -2,12 +2,12 @@
 // Reads the index of a file as playback needs it, and polls a growing recording.
 #pragma once
 
-#include <condition_variable>
+#include <atomic>
+#include <exception>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <memory_resource>
-#include <mutex>
-#include <thread>
 
 #include "stgs/player/player.h"
 #include "stream/poll_interval.h"
@@ -16,9 +16,9 @@
 
 namespace stgs::player {
 
-// Hands readers that know more of the file to the segment store. Runs a thread that ends when the
-// file is complete and its index is known, or with this object. Reports each problem once, and
-// again if it recurs after attempts without one; keeps trying in any case.
+// Hands readers that know more of the file to the segment store. step() makes the progress; one
+// thread at a time calls it. Reports each problem once, and again if it recurs after attempts
+// without one; keeps trying in any case.
 class Follower {
  public:
   // `cache` is the one with which the reader of `store` was opened. `polls`: whether to follow the
@@ -27,16 +27,21 @@ class Follower {
   Follower(SegmentStore& store, std::shared_ptr<RangeSource> source, IndexCache cache,
            const PlayerSettings& settings, bool polls,
            std::function<void(bool, const std::string&)> on_replaced);
-  // Waits for a read in progress, which ends by itself or when its source is interrupted.
-  ~Follower();
-  // Begins no further reads, also of a load in progress.
-  void stop();
-  // Looks at once for parts of the index that playback needs. Thread-safe.
-  void wake() noexcept;
   Follower(const Follower&) = delete;
   Follower& operator=(const Follower&) = delete;
 
+  // Loads the parts of the index that playback needs, and polls the recording if that is due. Waits
+  // for reads, unless the source cannot (ByteSource::is_pending()): then it does nothing until the
+  // bytes have arrived. Returns when to call it again, clock seconds; infinity: when playback needs
+  // another part of the index, or bytes have arrived.
+  double step() noexcept;
+  // Returns whether the file is complete and its index is known.
+  bool is_done() const { return !is_polling() && reader_->unloaded().empty(); }
+  // Begins no further reads, also of a load in progress. Thread-safe.
+  void stop() noexcept;
+
  private:
+  static constexpr double kNever = std::numeric_limits<double>::infinity();
   enum class Problem {
     kNone,
     kUnreadable,
@@ -44,13 +49,14 @@ class Follower {
     kReplaced  // the file was replaced or truncated
   };
 
-  void run();
   bool is_polling() const { return polls_ && reader_->form() == SceneForm::kGrowing; }
-  bool wait();
+  double next_poll() const { return polled_at_ + interval_.seconds(); }
+  Status failure_of(const std::exception& e) const noexcept;
   void load() noexcept;
   Status load_next(bool& loaded);
   void poll_once() noexcept;
   bool poll();
+  bool has_news();
   bool take_snapshot();
   Result<std::shared_ptr<const SceneReader>> read_snapshot();
   void set_problem(Problem problem, const Status& status) noexcept;
@@ -65,21 +71,18 @@ class Follower {
   std::pmr::memory_resource* const memory_;
   const std::function<void(bool, const std::string&)> on_replaced_;
 
-  // Used by the thread only.
   IndexCache cache_;
   std::shared_ptr<const SceneReader> reader_;
   PollInterval interval_;
   double polled_at_ = 0;
   Problem problem_ = Problem::kNone;
   bool load_failed_ = false;
+  double retry_at_ = 0;          // if loading failed
   bool is_overwritten_ = false;  // found while loading; reported by `on_replaced_`
   bool stall_reported_ = false;
-  bool retry_ = false;  // read the file again even if its size is unchanged
-
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  bool stopping_ = false, woken_ = false;
-  std::thread thread_;
+  bool retry_ = false;       // read the file again even if its size is unchanged
+  bool is_reading_ = false;  // a poll waits for bytes of the file
+  std::atomic<bool> stopping_ = false;
 };
 
 }  // namespace stgs::player

@@ -36,6 +36,10 @@ class RangeSource final : public ByteSource {
   void set_finished() override { under_->set_finished(); }
   bool has_shrunk() const override { return under_->has_shrunk(); }
   bool was_modified() const override { return under_->was_modified(); }
+  bool is_pending() const override { return under_->is_pending(); }
+  bool has(std::uint64_t offset, std::uint64_t bytes) const override {
+    return under_->has(offset, bytes);
+  }
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override;
 
   // Lets read() fail from now on.

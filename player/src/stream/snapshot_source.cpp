@@ -23,6 +23,9 @@ class SnapshotSource final : public ByteSource {
     if (cache_ != nullptr) return cache_->read(*under_, size_, offset, out);
     return under_->read(offset, out);
   }
+  bool has(std::uint64_t offset, std::uint64_t bytes) const override {
+    return under_->has(offset, bytes);
+  }
   // Stops using the cache once the index is read: other threads read the segments.
   void detach_cache() { cache_ = nullptr; }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stream/stream_player.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -20,45 +21,47 @@ bool is_followed(const OpenedFile& file, const PlayerSettings& settings) {
 
 }  // namespace
 
-StreamPlayer::StreamPlayer(OpenedFile& file, const PlayerSettings& settings,
+StreamPlayer::StreamPlayer(const PlayerSettings& settings, OpenedFile& file,
                            std::shared_ptr<Budget> budget,
                            std::unique_ptr<AsyncByteSource> transport,
-                           std::unique_ptr<DecodeExecutor> executor, bool live)
+                           std::unique_ptr<DecodeExecutor> executor)
     : interrupt_(std::move(file.interrupt)),
       transfers_(std::move(file.transfers)),
       time_base_(file.reader->metadata().time_base),
-      playback_(settings, time_base_, extent_of(*file.reader), live),
+      playback_(settings, time_base_, extent_of(*file.reader), is_followed(file, settings)),
       store_(file.reader, file.source, settings, std::move(budget), std::move(transport),
              std::move(executor),
              [transfers = transfers_, message = replaced_message(file.source->name())](
                  bool replaced) { transfers->set_replaced(replaced, message); }),
-      timeline_(make_stream_timeline(store_, file.source->name())) {}
+      timeline_(make_stream_timeline(store_, file.source->name())) {
+  if (!playback_.live().growing && file.reader->unloaded().empty()) return;
+  follower_ = std::make_unique<Follower>(
+      store_, file.source, std::move(file.cache), settings, playback_.live().growing,
+      [transfers = transfers_](bool replaced, const std::string& message) {
+        transfers->set_replaced(replaced, message);
+      });
+}
 
 StreamPlayer::StreamPlayer(OpenedFile file, const PlayerSettings& settings,
                            std::shared_ptr<Budget> budget,
                            std::unique_ptr<AsyncByteSource> transport,
                            std::unique_ptr<DecodeExecutor> executor)
-    : StreamPlayer(file, settings, std::move(budget), std::move(transport), std::move(executor),
-                   false) {
+    : StreamPlayer(settings, file, std::move(budget), std::move(transport), std::move(executor)) {
   apply_effects();
 }
 
 StreamPlayer::StreamPlayer(OpenedFile file, const PlayerSettings& settings,
                            std::shared_ptr<Budget> budget)
-    : StreamPlayer(file, settings, std::move(budget),
-                   std::make_unique<BlockingAdapter>(file.source, settings.max_reads_in_flight),
-                   std::make_unique<CpuExecutor>(
-                       SegmentDecoder(file.source->name(), settings.memory), settings.task_runner),
-                   is_followed(file, settings)) {
+    : StreamPlayer(
+          settings, file, std::move(budget),
+          std::make_unique<BlockingAdapter>(file.source, settings.max_reads_in_flight),
+          std::make_unique<CpuExecutor>(SegmentDecoder(file.source->name(), settings.memory),
+                                        settings.task_runner)) {
   pump_thread_ = std::make_unique<PumpThread>(store_);
   store_.set_wake([pump = pump_thread_.get()](WakeReason reason) { pump->wake(reason); });
-  if (playback_.live().growing || !file.reader->unloaded().empty()) {
-    follower_ = std::make_unique<Follower>(
-        store_, file.source, std::move(file.cache), settings, playback_.live().growing,
-        [transfers = transfers_](bool replaced, const std::string& message) {
-          transfers->set_replaced(replaced, message);
-        });
-    store_.set_on_unknown([follower = follower_.get()] { follower->wake(); });
+  if (follower_ != nullptr) {
+    follow_thread_ = std::make_unique<FollowThread>(*follower_);
+    store_.set_on_unknown([thread = follow_thread_.get()] { thread->wake(); });
   }
   // Nothing is fetched before this, so that a failure until now does not wait for a read.
   apply_effects();
@@ -66,9 +69,17 @@ StreamPlayer::StreamPlayer(OpenedFile file, const PlayerSettings& settings,
 
 StreamPlayer::~StreamPlayer() {
   store_.stop();
-  if (follower_ != nullptr) follower_->stop();
+  if (follow_thread_ != nullptr) follow_thread_->stop();
   if (interrupt_) interrupt_();
   if (pump_thread_ != nullptr) pump_thread_->stop();
+}
+
+PumpResult StreamPlayer::pump(double now, double budget) noexcept {
+  const double wake_at = follower_ != nullptr ? follower_->step() : PumpResult().wake_at;
+  if (follower_ != nullptr && follower_->is_done()) follower_.reset();
+  PumpResult out = store_.pump(now, budget);
+  out.wake_at = std::min(out.wake_at, wake_at);
+  return out;
 }
 
 void StreamPlayer::play() {

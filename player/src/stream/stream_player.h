@@ -11,6 +11,7 @@
 #include "stgs/player/player.h"
 #include "stream/async_byte_source.h"
 #include "stream/decode_executor.h"
+#include "stream/follow_thread.h"
 #include "stream/follower.h"
 #include "stream/playback.h"
 #include "stream/pump_thread.h"
@@ -34,7 +35,7 @@ class StreamPlayer {
  public:
   // Reads, decodes and follows on threads.
   StreamPlayer(OpenedFile file, const PlayerSettings& settings, std::shared_ptr<Budget> budget);
-  // Has no threads of its own: pump() makes the progress. Does not follow a growing recording.
+  // Has no threads of its own: pump() makes the progress.
   StreamPlayer(OpenedFile file, const PlayerSettings& settings, std::shared_ptr<Budget> budget,
                std::unique_ptr<AsyncByteSource> transport,
                std::unique_ptr<DecodeExecutor> executor);
@@ -42,8 +43,11 @@ class StreamPlayer {
   StreamPlayer(const StreamPlayer&) = delete;
   StreamPlayer& operator=(const StreamPlayer&) = delete;
 
-  // SegmentStore::pump(), for a player without threads.
-  PumpResult pump(double now, double budget) noexcept { return store_.pump(now, budget); }
+  // Follower::step() and SegmentStore::pump(), for a player without threads.
+  PumpResult pump(double now, double budget) noexcept;
+
+  // Returns the file as it is known at present.
+  FileSnapshot snapshot() const { return store_.snapshot(); }
 
   Timeline& timeline() { return *timeline_; }
   void play();
@@ -70,9 +74,9 @@ class StreamPlayer {
 
  private:
   // Takes parts of `file`.
-  StreamPlayer(OpenedFile& file, const PlayerSettings& settings, std::shared_ptr<Budget> budget,
-               std::unique_ptr<AsyncByteSource> transport, std::unique_ptr<DecodeExecutor> executor,
-               bool live);
+  StreamPlayer(const PlayerSettings& settings, OpenedFile& file, std::shared_ptr<Budget> budget,
+               std::unique_ptr<AsyncByteSource> transport,
+               std::unique_ptr<DecodeExecutor> executor);
   // Forwards the effects of the last calls of `playback_`.
   void apply_effects() noexcept;
   void report_layers();
@@ -85,7 +89,8 @@ class StreamPlayer {
   std::unique_ptr<PumpThread> pump_thread_;  // before `store_`, whose threads call it
   SegmentStore store_;
   std::unique_ptr<Timeline> timeline_;
-  std::unique_ptr<Follower> follower_;
+  std::unique_ptr<Follower> follower_;  // null if the file is complete and its index known
+  std::unique_ptr<FollowThread> follow_thread_;
 };
 
 }  // namespace stgs::player

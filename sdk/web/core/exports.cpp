@@ -47,6 +47,19 @@ std::string camera_json(const SceneMetadata& scene) {
       number(c.cy), c.width, c.height, number(scene.near_plane));
 }
 
+std::string duration_of(const SceneReader& reader) {
+  return number(reader.metadata().time_base.seconds(reader.metadata().frames));
+}
+
+// Returns the state of a growing recording, or null. `stable`: bytes that the file keeps.
+std::string live_json() {
+  const player::LiveState live = current->player().live();
+  if (!live.growing) return "null";
+  return fmt::format(R"({{"following":{},"latency":{},"targetLatency":{},"stable":{}}})",
+                     live.following, number(live.latency_seconds),
+                     number(live.target_latency_seconds), current->reader().file_bytes());
+}
+
 const char* state_name(player::PlayerState state) {
   switch (state) {
     case player::PlayerState::kPlaying:
@@ -102,13 +115,16 @@ STGS_EXPORT void stgs_free(void* memory) {
   std::free(memory);
 }
 
-// Creates the player of a file. `max_primitives`: as stgs_limit_primitives(); `prefetch`: seconds
-// that are fetched ahead; `decodes`: segments that the host decodes at a time.
-STGS_EXPORT void stgs_create(const char* name, double file_bytes, double memory_budget,
-                             double max_primitives, double prefetch, int decodes) {
-  current = std::make_unique<web::WebPlayer>(
-      name, static_cast<std::uint64_t>(file_bytes), static_cast<std::uint64_t>(memory_budget),
-      static_cast<std::uint64_t>(max_primitives), prefetch, decodes);
+// Creates the player of a file. `follows`: whether it may grow; `max_primitives`: as
+// stgs_limit_primitives(); `prefetch`: seconds that are fetched ahead; `decodes`: segments that the
+// host decodes at a time.
+STGS_EXPORT void stgs_create(const char* name, double file_bytes, bool follows,
+                             double memory_budget, double max_primitives, double prefetch,
+                             int decodes) {
+  current = std::make_unique<web::WebPlayer>(name, static_cast<std::uint64_t>(file_bytes), follows,
+                                             static_cast<std::uint64_t>(memory_budget),
+                                             static_cast<std::uint64_t>(max_primitives), prefetch,
+                                             decodes);
 }
 
 // Opens the file. Returns its description as JSON, {"missing": [offset, bytes]} if bytes must be
@@ -120,7 +136,7 @@ STGS_EXPORT const char* stgs_open() {
   } catch (const std::exception& e) {
     status = Status(code_of(e), e.what());
   }
-  if (const auto missing = current->source().take_missing(); !status.ok() && missing)
+  if (const auto& missing = current->source().missing(); !status.ok() && missing)
     return give(fmt::format(R"({{"missing":[{},{}]}})", missing->offset, missing->bytes));
   if (!status.ok()) {
     return give(fmt::format(R"({{"code":{},"message":{}}})", static_cast<int>(status.code()),
@@ -132,10 +148,10 @@ STGS_EXPORT const char* stgs_open() {
       R"({{"info":{{"duration":{},"tickSeconds":{},"frames":{},"shDegree":{},"primitives":{},)"
       R"("boundsMin":{},"boundsMax":{},"background":{},"up":{},"metresPerUnit":{},)"
       R"("floor":{},"startCamera":{},"title":{},"tierPrimitives":[{}],"audio":{},"audioBegin":{}}}}})",
-      number(scene.time_base.seconds(scene.frames)), number(scene.time_base.seconds(1)),
-      scene.frames, reader.sh_degree(), reader.primitives(), numbers(scene.bounds_min),
-      numbers(scene.bounds_max), numbers(scene.background), numbers(scene.up),
-      number(scene.metres_per_unit), numbers(scene.floor), camera_json(scene), quoted(scene.title),
+      duration_of(reader), number(scene.time_base.seconds(1)), scene.frames, reader.sh_degree(),
+      reader.primitives(), numbers(scene.bounds_min), numbers(scene.bounds_max),
+      numbers(scene.background), numbers(scene.up), number(scene.metres_per_unit),
+      numbers(scene.floor), camera_json(scene), quoted(scene.title),
       counts(current->player().tier_peaks()), quoted(scene.audio),
       number(scene.time_base.seconds(scene.audio_begin))));
 }
@@ -172,8 +188,10 @@ STGS_EXPORT double stgs_step(double now, double budget) {
   return current->step(now, budget);
 }
 // Ends a read that stgs_host_read() began. `failure`: why it failed, empty: it has succeeded.
-STGS_EXPORT void stgs_read_done(std::uint32_t id, const char* failure, double now) {
-  current->transport().done(id, failure, now);
+// `file_bytes`: the size of the file.
+STGS_EXPORT void stgs_read_done(std::uint32_t id, const char* failure, double file_bytes,
+                                double now) {
+  current->read_done(id, failure, static_cast<std::uint64_t>(file_bytes), now);
 }
 
 // Ends the decoding that stgs_host_decode() began; codes are those of Status, messages may be
@@ -197,10 +215,11 @@ STGS_EXPORT const char* stgs_state() {
     ranges += fmt::format("{}[{},{}]", ranges.empty() ? "" : ",", range.begin, range.end);
   const player::StreamStatistics statistics = p.statistics();
   return give(fmt::format(
-      R"({{"state":"{}","seconds":{},"buffered":[{}],"layers":{},"layerCount":{},"bytes":{},)"
-      R"("memory":{},"bytesPerSecond":{}}})",
-      state_name(p.state()), p.seconds(), ranges, p.layers(), p.layer_count(),
-      statistics.fetched_bytes, statistics.memory_bytes, number(statistics.bytes_per_second)));
+      R"({{"state":"{}","seconds":{},"duration":{},"live":{},"buffered":[{}],"layers":{},)"
+      R"("layerCount":{},"bytes":{},"memory":{},"bytesPerSecond":{}}})",
+      state_name(p.state()), p.seconds(), duration_of(current->reader()), live_json(), ranges,
+      p.layers(), p.layer_count(), statistics.fetched_bytes, statistics.memory_bytes,
+      number(statistics.bytes_per_second)));
 }
 // Returns the events since the last call as a JSON array.
 STGS_EXPORT const char* stgs_events() {

@@ -42,11 +42,15 @@ STGS_EXPORT const char* stgs_decoder_open() {
   }
   return web::give(status_json(status));
 }
-// Decodes a segment. Returns {"origin": ticks, "base": status, "sh": status}, as DecodeResult.
-STGS_EXPORT const char* stgs_decoder_decode(std::uint32_t segment, bool with_sh) {
+// Returns the memory of the segment to decode, a ListedSegment.
+STGS_EXPORT void* stgs_decoder_segment() {
+  return &decoder->segment();
+}
+// Decodes it. Returns {"origin": ticks, "base": status, "sh": status}, as DecodeResult.
+STGS_EXPORT const char* stgs_decoder_decode(bool with_sh) {
   Status base, sh;
   try {
-    base = decoder->decode(segment, with_sh, sh);
+    base = decoder->decode(with_sh, sh);
   } catch (const std::exception& e) {
     base = Status(code_of(e), e.what());
   }

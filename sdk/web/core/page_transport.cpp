@@ -17,7 +17,7 @@ void PageTransport::begin_read(std::uint64_t id, std::uint64_t offset,
     return;
   }
   if (reads_.empty()) busy_since_ = player::clock_seconds();
-  const std::uint32_t host_id = next_++;
+  const std::uint32_t host_id = next_id();
   reads_[host_id] = id;
   stgs_host_read(host_id, static_cast<double>(offset), static_cast<std::uint32_t>(out.size()),
                  out.data());

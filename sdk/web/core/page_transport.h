@@ -21,6 +21,8 @@ class PageTransport final : public player::AsyncByteSource {
   void cancel(std::uint64_t id) noexcept override;
   void stop() noexcept override;
 
+  // Returns the id of another read of the host.
+  std::uint32_t next_id() { return next_++; }
   // Called by the host: the read has ended, with a message if it failed. `now`: seconds of the
   // clock that pump() has.
   void done(std::uint32_t host_id, const std::string& failure, double now);

@@ -20,20 +20,21 @@ Status PartDecoder::open() {
   // Null until the reader has the source.
   ProvidedSource* const provided = std::exchange(provided_, nullptr);
   STGS_ASSIGN(reader_, SceneReader::open(std::move(opening_), limits_,
-                                         std::pmr::new_delete_resource(), IndexLoading::kComplete));
+                                         std::pmr::new_delete_resource(), IndexLoading::kOnDemand));
   provided_ = provided;
   provided_->clear();
   return {};
 }
 
-Status PartDecoder::decode(std::uint32_t segment, bool with_sh, Status& sh) {
+Status PartDecoder::decode(bool with_sh, Status& sh) {
   set_ = {};
   primitives_ = next_ = 0;
-  Status status = fill(segment, with_sh);
+  segment_.replace_segments(*reader_);
+  Status status = fill(with_sh);
   const bool is_damage =
       status.code() == StatusCode::kInvalidFile || status.code() == StatusCode::kUnsupported;
-  if (with_sh && is_damage && reader_->segments()[segment].sh_bytes > 0) {
-    Status base = fill(segment, false);
+  if (with_sh && is_damage && reader_->segments()[0].sh_bytes > 0) {
+    Status base = fill(false);
     if (base.ok()) sh = std::move(status);
     status = std::move(base);
   }
@@ -41,13 +42,15 @@ Status PartDecoder::decode(std::uint32_t segment, bool with_sh, Status& sh) {
   return status;
 }
 
-Status PartDecoder::fill(std::uint32_t segment, bool with_sh) {
+Status PartDecoder::fill(bool with_sh) {
+  const std::uint32_t primitives = reader_->segments()[0].primitives;
   const auto visit = [&](const Gaussians4D& set, std::size_t begin) {
-    pack_range(set, begin, reader_->segments()[segment].primitives);
+    pack_range(set, begin, primitives);
   };
+  const double origin = reader_->render_origin(segment_.number);
   STGS_ASSIGN(std::optional<Gaussians4D> rest,
-              reader_->decode_ranges(segment, with_sh, reader_->render_origin(segment), visit));
-  primitives_ = reader_->segments()[segment].primitives;
+              reader_->decode_ranges(segment_.number, with_sh, origin, visit));
+  primitives_ = primitives;
   if (!rest) return {};
   set_ = std::move(*rest);
   time_origin_ = set_.time_origin;

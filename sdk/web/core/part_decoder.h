@@ -9,12 +9,13 @@
 #include <string>
 
 #include "provided_source.h"
+#include "stgs/format/listed_segment.h"
 #include "stgs/format/scene_file.h"
 
 namespace stgs::web {
 
-// Opens a file from the bytes with which another instance opened it, and decodes segments from the
-// bytes of their records. One thread.
+// Opens a file from the bytes with which another instance opened it, and decodes segments that this
+// has listed, from the bytes of their records. One thread.
 class PartDecoder {
  public:
   // A part of a segment: consecutive primitives.
@@ -30,8 +31,10 @@ class PartDecoder {
   ProvidedSource& source() { return *provided_; }
   // kIo: bytes are missing.
   Status open();
-  // Decodes and packs a segment, as player::decode_to_render(); open() has succeeded.
-  Status decode(std::uint32_t segment, bool with_sh, Status& sh);
+  // The segment to decode.
+  ListedSegment& segment() { return segment_; }
+  // Decodes it as player::decode_to_render(); open() has succeeded.
+  Status decode(bool with_sh, Status& sh);
   // The time from which the times of the decoded segment count, ticks of its part.
   double time_origin() const { return time_origin_; }
   // Moves on to the next part of the decoded segment; null after the last one. Valid until the next
@@ -43,7 +46,7 @@ class PartDecoder {
   static constexpr std::uint32_t kPartPrimitives = 1 << 16;
 
   // Decodes and packs all that was read of a segment.
-  Status fill(std::uint32_t segment, bool with_sh);
+  Status fill(bool with_sh);
   // Packs a range of primitives of a segment of n, from number `begin` on.
   void pack_range(const Gaussians4D& set, std::size_t begin, std::uint32_t n);
   // Makes memory for packed primitives, which is not set.
@@ -55,6 +58,7 @@ class PartDecoder {
   std::unique_ptr<ProvidedSource> opening_;  // until open()
   ProvidedSource* provided_;
   std::unique_ptr<SceneReader> reader_;
+  ListedSegment segment_;
   Gaussians4D set_;                          // of a segment that is not packed yet; else empty
   std::unique_ptr<std::uint8_t[]> packed_;   // the parts of the segment, or the last one of set_
   std::size_t capacity_ = 0;                 // bytes

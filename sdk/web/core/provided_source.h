@@ -7,14 +7,15 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "stgs/format/byte_source.h"
 
 namespace stgs::web {
 
-// Reads provided bytes. A read of others fails with kIo and notes the missing ones; opening a file
-// is repeated after each such read, once the page has provided the bytes. One thread.
+// Reads provided bytes. A read of others fails with kIo and is_pending(), and is repeated once the
+// page has provided missing(). One thread.
 class ProvidedSource final : public ByteSource {
  public:
   struct Range {
@@ -25,20 +26,44 @@ class ProvidedSource final : public ByteSource {
 
   std::uint64_t size() const override { return size_; }
   const std::string& name() const override { return name_; }
+  bool may_grow() const override { return true; }
+  bool is_pending() const override { return missing_.has_value(); }
+  bool has(std::uint64_t offset, std::uint64_t bytes) const override;
+  // Forgets the provided bytes, since the file may have changed.
+  Result<Change> refresh(std::uint64_t stable_bytes) override;
   Status read(std::uint64_t offset, std::span<std::uint8_t> out) const override;
 
-  // Returns memory for bytes from `offset` on, which count as provided.
+  // Returns the bytes that the last read lacked and some of those after them.
+  const std::optional<Range>& missing() const { return missing_; }
+  // Returns memory for bytes from `offset` on, which count as provided: there are no missing() ones
+  // now.
   std::span<std::uint8_t> provide(std::uint64_t offset, std::uint64_t bytes);
-  // Returns the bytes that the last read lacked, and forgets them.
-  std::optional<Range> take_missing();
+  // The page has read the missing bytes, from a file of `file_bytes` bytes, or failed to.
+  void end_read(std::vector<std::uint8_t> bytes, std::uint64_t file_bytes);
+  void fail_read(Status failure);
   // Frees the provided bytes.
-  void clear() { ranges_.clear(); }
+  void clear();
 
  private:
+  // The first bytes of the file and its size, as last read for refresh().
+  struct Poll {
+    std::vector<std::uint8_t> head;
+    std::uint64_t file_bytes = 0;
+  };
+  // Returns the provided bytes from `at` on, of one range; empty: there are none.
+  std::span<const std::uint8_t> bytes_at(std::uint64_t at) const;
+  // Makes a range the missing one, unless reading it has failed. Returns the error of the read.
+  Status lack(Range range) const;
+
   const std::string name_;
-  const std::uint64_t size_;
+  std::uint64_t size_;
+  std::vector<std::uint8_t> head_;                             // the first bytes
   std::map<std::uint64_t, std::vector<std::uint8_t>> ranges_;  // by offset; may overlap
+  std::uint64_t bytes_ = 0;                                    // of `ranges_`
+  bool is_polling_ = false;                                    // missing_ is for refresh()
+  std::optional<Poll> poll_;
   mutable std::optional<Range> missing_;
+  mutable Status failure_;  // of reading the missing bytes
 };
 
 }  // namespace stgs::web

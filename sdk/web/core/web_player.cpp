@@ -6,6 +6,7 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include "page.h"
 #include "renderer_memory.h"
 
 namespace stgs::web {
@@ -15,8 +16,15 @@ namespace {
 // renderer's texture, and the padding of packed_segment.h. Of longer ones, that is little.
 constexpr std::uint64_t kSegmentOverhead = 52 << 10;
 
-player::PlayerSettings settings_of(std::uint64_t memory_budget, double prefetch_seconds) {
+// Seconds between two polls of a recording when its next fragment is due, at least: each is a
+// request.
+constexpr double kPollSeconds = 0.2;
+
+player::PlayerSettings settings_of(bool follows, std::uint64_t memory_budget,
+                                   double prefetch_seconds) {
   player::PlayerSettings out;
+  out.live.follow = follows;
+  out.live.poll_seconds = kPollSeconds;
   out.memory_budget = memory_budget;
   out.prefetch_seconds = prefetch_seconds;
   out.limits.max_memory = memory_budget;
@@ -26,9 +34,10 @@ player::PlayerSettings settings_of(std::uint64_t memory_budget, double prefetch_
 
 }  // namespace
 
-WebPlayer::WebPlayer(const std::string& name, std::uint64_t file_bytes, std::uint64_t memory_budget,
-                     std::uint64_t max_primitives, double prefetch_seconds, int decodes)
-    : settings_(settings_of(memory_budget, prefetch_seconds)),
+WebPlayer::WebPlayer(const std::string& name, std::uint64_t file_bytes, bool follows,
+                     std::uint64_t memory_budget, std::uint64_t max_primitives,
+                     double prefetch_seconds, int decodes)
+    : settings_(settings_of(follows, memory_budget, prefetch_seconds)),
       max_primitives_(max_primitives),
       decodes_(decodes),
       budget_(player::make_budget(memory_budget)),
@@ -42,7 +51,7 @@ WebPlayer::WebPlayer(const std::string& name, std::uint64_t file_bytes, std::uin
 Status WebPlayer::open() {
   STGS_ASSIGN(reader_,
               player::open_snapshot(ranges_, cache_, settings_.limits,
-                                    std::pmr::new_delete_resource(), IndexLoading::kComplete));
+                                    std::pmr::new_delete_resource(), IndexLoading::kOnDemand));
   provided_->clear();
   auto transport = std::make_unique<PageTransport>(provided_->name());
   transport_ = transport.get();
@@ -58,8 +67,30 @@ Status WebPlayer::open() {
 double WebPlayer::step(double now, double budget) {
   player_->advance(now);
   const player::PumpResult result = player_->pump(now, budget);
+  read_index();
   find_changes();
   return result.progressed ? 0 : std::max(0.0, result.wake_at - now);
+}
+
+void WebPlayer::read_index() {
+  if (auto reader = player_->snapshot().reader; reader != reader_) {
+    reader_ = std::move(reader);
+    provided_->clear();
+  }
+  const auto& missing = provided_->missing();
+  if (!missing || index_read_ != 0) return;
+  index_bytes_.resize(static_cast<std::size_t>(missing->bytes));
+  index_read_ = transport_->next_id();
+  stgs_host_read(index_read_, static_cast<double>(missing->offset),
+                 static_cast<std::uint32_t>(missing->bytes), index_bytes_.data());
+}
+
+void WebPlayer::read_done(std::uint32_t id, const std::string& failure, std::uint64_t file_bytes,
+                          double now) {
+  if (id != index_read_) return transport_->done(id, failure, now);
+  index_read_ = 0;
+  if (failure.empty()) return provided_->end_read(std::move(index_bytes_), file_bytes);
+  provided_->fail_read(io_error("{}: {}", provided_->name(), failure));
 }
 
 void WebPlayer::find_changes() {

@@ -28,10 +28,12 @@ class WebPlayer {
     double origin = 0;          // ticks of the timeline from which its times count
   };
 
-  WebPlayer(const std::string& name, std::uint64_t file_bytes, std::uint64_t memory_budget,
-            std::uint64_t max_primitives, double prefetch_seconds, int decodes);
+  // `follows`: if the file is being recorded, its growth is followed.
+  WebPlayer(const std::string& name, std::uint64_t file_bytes, bool follows,
+            std::uint64_t memory_budget, std::uint64_t max_primitives, double prefetch_seconds,
+            int decodes);
 
-  // Opens the file. kIo while bytes are missing: provide() those of missing() and call it again.
+  // Opens the file. While source().is_pending(), provide() the missing bytes and call it again.
   Status open();
   ProvidedSource& source() { return *provided_; }
 
@@ -39,18 +41,24 @@ class WebPlayer {
   player::StreamPlayer& player() { return *player_; }
   PageTransport& transport() { return *transport_; }
   WorkerExecutor& executor() { return *executor_; }
+  // The file as it is known at present.
   const SceneReader& reader() const { return *reader_; }
 
   // Advances playback to `now` and begins reads and decodings, for at most about `budget` seconds.
   // Returns when to call it again, seconds after `now`; infinity: after stgs_read_done(),
   // stgs_decode_done() or a command.
   double step(double now, double budget);
+  // A read of the host has ended, with a message if it failed; `file_bytes`: size of the file.
+  void read_done(std::uint32_t id, const std::string& failure, std::uint64_t file_bytes,
+                 double now);
   // Returns the next change that the last step() has found; nothing if there is none.
   std::optional<Change> next_change();
   // Returns StreamPlayer::buffered(), of many ranges the present one and the longest.
   std::vector<player::TimeRange> buffered() const;
 
  private:
+  // Takes over the reader of the player, and begins to read the bytes that it lacks.
+  void read_index();
   void find_changes();
   // Returns the decoded segments that the page should hold now.
   std::vector<player::Timeline::SegmentRef> wanted();
@@ -64,8 +72,10 @@ class WebPlayer {
   ProvidedSource* provided_ = nullptr;  // of `ranges_`
   player::IndexCache cache_;
   std::shared_ptr<const SceneReader> reader_;
-  PageTransport* transport_ = nullptr;  // of `player_`
-  WorkerExecutor* executor_ = nullptr;  // of `player_`
+  std::vector<std::uint8_t> index_bytes_;  // of a read in progress
+  std::uint32_t index_read_ = 0;           // its id, 0: there is none
+  PageTransport* transport_ = nullptr;     // of `player_`
+  WorkerExecutor* executor_ = nullptr;     // of `player_`
   std::unique_ptr<player::StreamPlayer> player_;
   // The next ones last; without a set: to drop.
   std::vector<player::Timeline::SegmentRef> changes_;

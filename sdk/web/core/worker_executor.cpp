@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 #include "page.h"
+#include "stgs/format/listed_segment.h"
 
 namespace stgs::web {
 
@@ -27,7 +28,9 @@ Status WorkerExecutor::pass_on(std::uint32_t id, const player::DecodeJob& job) {
   std::vector<std::uint8_t> base(info.bytes), sh(sh_bytes);
   STGS_TRY(source_->read(info.offset, base));
   if (sh_bytes > 0) STGS_TRY(source_->read(info.sh_offset, sh));
-  stgs_host_decode(id, job.segment, job.with_sh, static_cast<double>(info.offset), base.data(),
+  const ListedSegment listed = ListedSegment::of(*job.reader, job.segment);
+  stgs_host_decode(id, reinterpret_cast<const std::uint8_t*>(&listed), sizeof listed, job.with_sh,
+                   static_cast<double>(info.offset), base.data(),
                    static_cast<std::uint32_t>(base.size()), static_cast<double>(info.sh_offset),
                    sh.data(), static_cast<std::uint32_t>(sh.size()));
   return {};

@@ -40,6 +40,6 @@ export type { Resources } from "./resources";
 export type { ScenePlayer } from "./player/scene_player";
 export type { SegmentPlayerOptions } from "./player/segment_player";
 export type {
-  Camera, PackedSegment, Renderer, RendererStatistics, RenderView, SceneAudio, SceneInfo, SegmentSink, ViewRenderer,
+  Camera, LiveState, PackedSegment, Renderer, RendererStatistics, RenderView, SceneAudio, SceneInfo, SegmentSink, ViewRenderer,
 } from "./types";
 export type { XrMode, XrOptions } from "./xr/presenter";

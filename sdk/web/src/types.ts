@@ -46,6 +46,12 @@ export interface PackedSegment {
   origin: number;           // ticks of the timeline from which its times count: local = ticks - origin
   words: ArrayBuffer;       // ownership passes to the receiver
 }
+/** How playback relates to the end of a recording that is being written. Times are seconds. */
+export interface LiveState {
+  following: boolean;     // playback follows the live edge, which is the end of the recorded data
+  latency: number;        // from the position to the live edge
+  targetLatency: number;  // the latency that playback converges to
+}
 /** Messages of the core worker to the page. */
 export type CoreMessage =
   | { type: "opened"; info: SceneInfo }
@@ -53,7 +59,8 @@ export type CoreMessage =
   | { type: "dropped"; id: number }
   | { type: "state"; state: "playing" | "paused" | "buffering" | "ended"; seconds: number; seek: number /* id of the last seek that came before; 0: none */; at: number /* performance.timeOrigin + performance.now() of the worker when seconds was true */;
       rate: number; buffered: [number, number][]; layers: number; layerCount: number;
-      bytes: number /* fetched */; bytesPerSecond: number /* recent; 0: not known yet */; memory: number /* bytes of the budget in use */; duration: number }
+      bytes: number /* fetched */; bytesPerSecond: number /* recent; 0: not known yet */; memory: number /* bytes of the budget in use */; duration: number;
+      live: LiveState | null /* null: the file is complete */ }
   | { type: "event"; kind: string; message: string }
   | { type: "error"; code: "network" | "format" | "unsupported" | "memory" | "usage" | "aborted"; message: string };
 /** Messages of the page to the core worker. */

@@ -42,6 +42,14 @@ class ByteSource {
   // Returns whether the file was written to since set_finished(); false if unknown. Never waits.
   // Thread-safe.
   virtual bool was_modified() const { return false; }
+  // Returns whether a read or refresh() of a source that cannot wait has failed because the bytes
+  // have not arrived yet: once this is false again, it can be repeated.
+  virtual bool is_pending() const { return false; }
+  // Returns whether a read of these bytes would not be pending.
+  virtual bool has(std::uint64_t offset, std::uint64_t bytes) const {
+    (void)offset, (void)bytes;
+    return true;
+  }
   // Fills `out` with the bytes from `offset` on. Fails if any of them lies past the end.
   // Thread-safe.
   virtual Status read(std::uint64_t offset, std::span<std::uint8_t> out) const = 0;

@@ -329,6 +329,7 @@ class SceneReader {
 
  private:
   struct State;
+  friend struct ListedSegment;
   explicit SceneReader(std::unique_ptr<State> state);
 
   std::unique_ptr<State> state_;

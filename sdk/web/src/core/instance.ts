@@ -8,8 +8,8 @@ export class OutOfMemory extends Error {}
 export interface HostImports {
   stgs_host_read(id: number, offset: number, bytes: number, address: number): void;
   stgs_host_cancel(id: number): void;
-  stgs_host_decode(id: number, segment: number, withSh: number, offset: number, base: number, bytes: number,
-                   shOffset: number, sh: number, shBytes: number): void;
+  stgs_host_decode(id: number, segment: number, segmentBytes: number, withSh: number, offset: number, base: number,
+                   bytes: number, shOffset: number, sh: number, shBytes: number): void;
 }
 
 interface MemoryExports {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The player of the WASM core (sdk/web/core/exports.cpp), one per instance.
+import type { LiveState } from "../types";
 import { Instance } from "./instance";
 
 /** The functions of the host that the player calls. Addresses are in the memory of the module. */
@@ -18,10 +19,10 @@ export interface FilePiece {
   bytes: ArrayBuffer;
 }
 
-/** A segment to decode. */
+/** A segment to decode: a ListedSegment of the core. */
 export interface DecodeJob {
   id: number;
-  segment: number;
+  segment: ArrayBuffer;
   withSh: boolean;
   records: FilePiece[];
 }
@@ -40,7 +41,8 @@ export interface CoreStatus {
 }
 
 interface Exports {
-  stgs_create(name: number, bytes: number, memoryBudget: number, maxPrimitives: number, prefetch: number, decodes: number): void;
+  stgs_create(name: number, bytes: number, follows: number, memoryBudget: number, maxPrimitives: number, prefetch: number,
+              decodes: number): void;
   stgs_open(): number;
   stgs_provide(offset: number, bytes: number): number;
   stgs_play(): void;
@@ -50,7 +52,7 @@ interface Exports {
   stgs_set_loop(loop: number): void;
   stgs_limit_primitives(maxPrimitives: number): void;
   stgs_step(now: number, budget: number): number;
-  stgs_read_done(id: number, failure: number, now: number): void;
+  stgs_read_done(id: number, failure: number, fileBytes: number, now: number): void;
   stgs_decode_done(id: number, origin: number, baseCode: number, base: number, shCode: number, sh: number): void;
   stgs_take_released(): number;
   stgs_state(): number;
@@ -74,10 +76,10 @@ export class Core {
     own = await Instance.create<Exports>(module, {
       stgs_host_read: (id, offset, bytes, address) => host.read(id >>> 0, offset, bytes >>> 0, address >>> 0),
       stgs_host_cancel: (id) => host.cancel(id >>> 0),
-      stgs_host_decode: (id, segment, withSh, offset, base, bytes, shOffset, sh, shBytes) => {
+      stgs_host_decode: (id, segment, segmentBytes, withSh, offset, base, bytes, shOffset, sh, shBytes) => {
         const records = [piece(offset, base, bytes >>> 0)];
         if (shBytes !== 0) records.push(piece(shOffset, sh, shBytes >>> 0));
-        host.decode({ id: id >>> 0, segment: segment >>> 0, withSh: withSh !== 0, records });
+        host.decode({ id: id >>> 0, segment: own!.copy(segment, segmentBytes), withSh: withSh !== 0, records });
       },
     });
     return new Core(own);
@@ -94,12 +96,14 @@ export class Core {
   }
 
   /**
-   * Begins a file. Sizes are bytes; `maxPrimitives`: as limitPrimitives(); `prefetch`: seconds to fetch
-   * ahead; `decodes`: segments that the host decodes at a time.
+   * Begins a file. Sizes are bytes; `follows`: whether it may grow; `maxPrimitives`: as
+   * limitPrimitives(); `prefetch`: seconds to fetch ahead; `decodes`: segments that the host decodes at
+   * a time.
    */
-  open(name: string, fileBytes: number, memoryBudget: number, maxPrimitives: number, prefetch: number, decodes: number): void {
+  open(name: string, fileBytes: number, follows: boolean, memoryBudget: number, maxPrimitives: number, prefetch: number,
+       decodes: number): void {
     this.instance.withTexts([name], (address) =>
-      this.instance.exports.stgs_create(address, fileBytes, memoryBudget, counted(maxPrimitives), prefetch, decodes));
+      this.instance.exports.stgs_create(address, fileBytes, follows ? 1 : 0, memoryBudget, counted(maxPrimitives), prefetch, decodes));
   }
 
   /** Tries to open the file: its description, the bytes that it needs first, or why it failed. */
@@ -140,10 +144,10 @@ export class Core {
     return this.instance.exports.stgs_step(performance.now() / 1000, budget);
   }
 
-  /** Ends a read; `failure`: why it failed, or "". */
-  readDone(id: number, failure: string): void {
+  /** Ends a read; `failure`: why it failed, or ""; `fileBytes`: size of the file. */
+  readDone(id: number, failure: string, fileBytes: number): void {
     this.instance.withTexts([failure], (address) =>
-      this.instance.exports.stgs_read_done(id, address, performance.now() / 1000));
+      this.instance.exports.stgs_read_done(id, address, fileBytes, performance.now() / 1000));
   }
 
   /** Ends a decoding. */
@@ -211,6 +215,9 @@ export type OpenResult = { info: CoreInfo } | { missing: [number, number] } | Co
 export interface CoreState {
   state: "playing" | "paused" | "buffering" | "ended";
   seconds: number;
+  duration: number;
+  /** Of a growing recording. `stable`: bytes that the file keeps. */
+  live: (LiveState & { stable: number }) | null;
   buffered: [number, number][];
   layers: number;
   layerCount: number;

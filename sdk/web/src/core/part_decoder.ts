@@ -24,7 +24,8 @@ interface Exports {
   stgs_decoder_create(name: number, bytes: number, maxMemory: number): void;
   stgs_decoder_provide(offset: number, bytes: number): number;
   stgs_decoder_open(): number;
-  stgs_decoder_decode(segment: number, withSh: number): number;
+  stgs_decoder_segment(): number;
+  stgs_decoder_decode(withSh: number): number;
   stgs_decoder_next(): number;
   stgs_decoder_bytes(): number;
   stgs_decoder_packed(): number;
@@ -53,7 +54,8 @@ export class PartDecoder {
   decode(job: DecodeJob): { status: DecodeStatus; parts: Part[] } {
     const e = this.instance.exports;
     this.provide(job.records);
-    const status = JSON.parse(this.instance.text(e.stgs_decoder_decode(job.segment, job.withSh ? 1 : 0))) as DecodeStatus;
+    this.instance.bytes(e.stgs_decoder_segment(), job.segment.byteLength).set(new Uint8Array(job.segment));
+    const status = JSON.parse(this.instance.text(e.stgs_decoder_decode(job.withSh ? 1 : 0))) as DecodeStatus;
     const parts: Part[] = [];
     for (let primitives = e.stgs_decoder_next() >>> 0; primitives !== 0; primitives = e.stgs_decoder_next() >>> 0) {
       const words = this.instance.copy(e.stgs_decoder_packed(), e.stgs_decoder_bytes() >>> 0);

@@ -6,7 +6,7 @@ import type { DecoderPoolOwner, DecoderThread } from "./decoder_pool";
 import { LoadMarks } from "../marks";
 import { OutOfMemory } from "./instance";
 import { Core } from "./module";
-import type { CoreHost, CoreInfo, DecodeJob, DecodeStatus, FilePiece } from "./module";
+import type { CoreHost, CoreInfo, CoreState, DecodeJob, DecodeStatus, FilePiece } from "./module";
 import type { Part } from "./part_decoder";
 import { OPEN_BYTES, RangeReader, rangeReader, ReadError } from "./range_reader";
 import { ShownParts } from "./shown_parts";
@@ -17,17 +17,11 @@ const MAX_DECODERS = 4;
 const STEP_SECONDS = 0.02;
 /** Milliseconds between two steps while playing, and between two reports of an unchanged state. */
 const PLAY_INTERVAL = 10, REPORT_INTERVAL = 250;
-/**
- * Bytes read at a time while a file is opened: at least OPEN_BYTES from the first that is missing, and
- * this share of those read so far, since each attempt to open it looks at all of them.
- */
-const OPEN_SHARE = 0.25;
 const OPEN_ATTEMPTS = 4;
-/** Bytes of the head and the index, at most; of a file with another magic, for the message about it. */
-const MAX_OPEN_BYTES = 64 << 20, MAX_FOREIGN_BYTES = 1 << 20;
+/** Bytes read of a file with another magic, at most, for the message about it. */
+const MAX_FOREIGN_BYTES = 1 << 20;
 const MAGIC = [0x89, 0x53, 0x54, 0x47]; // the first bytes (spec 2.1)
 const FOREIGN = "not an .stgs file; choose another one, or convert it with 'stgs convert'";
-const TOO_LONG = `the index takes more than ${MAX_OPEN_BYTES >> 20} MiB, or the file is damaged; download or repair it ('stgs finalize')`;
 const USAGE = 1, INVALID_FILE = 3; // StatusCode of stgs/format/status.h
 /** The least and the greatest memory budget, bytes: addresses have 32 bits. */
 const MIN_BUDGET = 1 << 20, MAX_BUDGET = 2 ** 31;
@@ -44,7 +38,6 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
   private closed = new AbortController(); // of the source that was opened last
   private timer: ReturnType<typeof setTimeout> | undefined;
   private rate = 1;
-  private duration = 0;
   private lastState = "";
   private lastSeek = 0;
   private reportedAt = 0;
@@ -105,7 +98,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     this.reads.set(id, controller);
     const to = new Uint8Array(bytes);
     this.reader!.read(offset, to, controller.signal).then(
-      () => this.readEnded(id, "", address, to),
+      (fileBytes) => this.readEnded(id, "", address, to, fileBytes),
       (error: unknown) => {
         if (!this.reads.has(id)) return; // closed
         if (error instanceof ReadError && !error.retry && error.code !== "aborted") this.fail(error);
@@ -137,14 +130,14 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     this.fail(outOfMemory ? new OutOfMemory(message) : new Error(message));
   }
 
-  private readEnded(id: number, failure: string, address: number, bytes: Uint8Array): void {
+  private readEnded(id: number, failure: string, address: number, bytes: Uint8Array, fileBytes = 0): void {
     if (this.core === null || !this.reads.delete(id)) return;
     try {
       if (failure === "") {
         this.core.bytes(address, bytes.length).set(bytes);
         this.marks.mark("fetched");
       }
-      this.core.readDone(id, failure);
+      this.core.readDone(id, failure, fileBytes);
       this.schedule(0);
     } catch (error) {
       this.fail(error);
@@ -162,7 +155,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
       const info = await this.openFile(message, signal);
       if (signal.aborted) return;
       this.parts = new ShownParts(info.shDegree, this.post);
-      this.duration = info.duration;
+      this.state();
       this.post({ type: "opened", info: sceneInfo(info, this.reader!.url) }, []);
       this.marks.mark("opened");
       this.schedule(0);
@@ -183,7 +176,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     const core = await Core.create(module, this);
     if (signal.aborted) throw closed();
     this.core = core;
-    core.open(reader.name, size, memoryBudget, maxPrimitives, lookAhead, pool.capacity);
+    core.open(reader.name, size, reader.mayGrow, memoryBudget, maxPrimitives, lookAhead, pool.capacity);
     const pieces: FilePiece[] = [];
     const provide = (offset: number, bytes: Uint8Array) => {
       core.provide(offset, bytes);
@@ -191,7 +184,6 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     };
     provide(0, head);
     const isForeign = !MAGIC.every((byte, i) => byte === head[i]);
-    const limit = isForeign ? MAX_FOREIGN_BYTES : MAX_OPEN_BYTES;
     let read = head.length;
     for (;;) {
       const result = core.tryOpen();
@@ -200,9 +192,8 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
         return result.info;
       }
       if ("message" in result) throw new CoreError(result.code, result.message);
-      const [offset, missing] = result.missing;
-      const length = Math.min(Math.max(missing, OPEN_BYTES, Math.ceil(OPEN_SHARE * read)), size - offset);
-      if (read + length > limit) throw new CoreError(INVALID_FILE, `${reader.name}: ${isForeign ? FOREIGN : TOO_LONG}`);
+      const [offset, length] = result.missing;
+      if (isForeign && read + length > MAX_FOREIGN_BYTES) throw new CoreError(INVALID_FILE, `${reader.name}: ${FOREIGN}`);
       const bytes = new Uint8Array(length);
       await withRetry(() => reader.read(offset, bytes, signal), signal);
       if (signal.aborted) throw closed();
@@ -254,8 +245,11 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
   /** Reports the state as of `at`. Returns milliseconds: once they have passed, it is due. */
   private report(at: number): number {
     const core = this.core!;
-    for (const event of core.events()) this.post({ type: "event", kind: event.kind, message: event.message }, []);
-    const state = core.state();
+    for (const { kind, message } of core.events()) {
+      if (kind === "replaced") throw new ReadError(message, false, "network");
+      this.post({ type: "event", kind, message }, []);
+    }
+    const state = this.state();
     if (state.buffered.some(([begin, end]) => begin <= state.seconds && state.seconds < end)) this.marks.mark("ready");
     const now = performance.now();
     const early = REPORT_INTERVAL - (now - this.reportedAt);
@@ -265,9 +259,17 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     this.post({
       type: "state", state: state.state, seconds: state.seconds, seek: this.lastSeek, at: performance.timeOrigin + at, rate: this.rate,
       buffered: state.buffered, layers: state.layers, layerCount: state.layerCount,
-      bytes: state.bytes, bytesPerSecond: state.bytesPerSecond, memory: state.memory, duration: this.duration,
+      bytes: state.bytes, bytesPerSecond: state.bytesPerSecond, memory: state.memory, duration: state.duration,
+      live: state.live,
     }, []);
     return Infinity;
+  }
+
+  /** The state of the core, from which the reader learns what may change. */
+  private state(): CoreState {
+    const state = this.core!.state();
+    this.reader!.setStable(state.live?.stable ?? Infinity);
+    return state;
   }
 
   private fail(error: unknown): void {

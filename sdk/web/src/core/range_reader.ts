@@ -17,8 +17,15 @@ export interface RangeReader {
   readonly url: string;
   /** Reads the first bytes: `bytes`, or as many as there are. */
   begin(bytes: number, signal: AbortSignal): Promise<FileBegin>;
-  /** Reads exactly `to.length` bytes from `offset` on. */
-  read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void>;
+  /** Reads exactly `to.length` bytes from `offset` on. Returns the size of the file. */
+  read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<number>;
+  /** Whether the file may grow. */
+  readonly mayGrow: boolean;
+  /**
+   * The first `bytes` of the file stay as they are, while others are added; Infinity: the file is
+   * complete, and any change is an error. Throws if it has changed already.
+   */
+  setStable(bytes: number): void;
 }
 
 /** A read fails if fewer than this many bytes of the response arrive in so many seconds. */
@@ -36,6 +43,7 @@ export function rangeReader(source: string | Blob, known: FileBegin | null = nul
 
 class BlobReader implements RangeReader {
   readonly name: string;
+  readonly mayGrow = false;
   readonly url = "";
   constructor(private readonly blob: Blob) {
     this.name = blob instanceof File ? blob.name : "scene";
@@ -46,7 +54,8 @@ class BlobReader implements RangeReader {
     await this.read(0, head, signal);
     return { head, size, version: "", url: "" };
   }
-  async read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void> {
+  setStable(): void {} // any change is an error
+  async read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<number> {
     const changed = `${this.name}: cannot be read, or has changed; choose it again`;
     const bytes = await this.blob.slice(offset, offset + to.length).arrayBuffer().catch(() => {
       throw new ReadError(changed, false, "network");
@@ -54,6 +63,7 @@ class BlobReader implements RangeReader {
     if (signal.aborted) throw aborted();
     if (bytes.byteLength !== to.length) throw new ReadError(changed, false, "network");
     to.set(new Uint8Array(bytes));
+    return this.blob.size;
   }
 }
 
@@ -63,41 +73,57 @@ function aborted(): ReadError {
 
 class UrlReader implements RangeReader {
   readonly name: string;
-  url: string;
-  /** Validator of the version that is read: later responses must be of the same one. */
+  readonly mayGrow = true;
+  /** Validator of the last response; null: the next one is the first. */
   private version: string | null;
+  private known: number | null; // size of the file
+  private stable: number | null = null; // as setStable(); null: while the file is opened
+  private hasChanged = false; // since it was opened
+  url: string;
 
-  /** `known`: the begin of the file, if it has been read before: responses must be of that version. */
+  /** `known`: the begin of the file, if it has been read before. */
   constructor(private readonly address: string, known: FileBegin | null) {
     this.version = known?.version ?? null;
+    this.known = known?.size ?? null;
     this.url = known?.url ?? address;
     this.name = address.split(/[?#]/)[0].split("/").pop() || "scene";
   }
 
   begin(bytes: number, signal: AbortSignal): Promise<FileBegin> {
-    return this.request(0, bytes, signal, async (response, watch) => {
-      const { size, length } = this.check(response, 0, bytes, true);
+    return this.request(0, bytes, signal, async (response, watch, stable) => {
+      const { size, length } = this.check(response, 0, bytes, true, stable);
       const head = new Uint8Array(length);
       await this.body(response, head, watch);
       return { head, size, version: this.version!, url: response.url };
     });
   }
 
-  read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<void> {
-    return this.request(offset, to.length, signal, (response, watch) => {
-      this.check(response, offset, to.length, false);
-      return this.body(response, to, watch);
+  read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<number> {
+    return this.request(offset, to.length, signal, async (response, watch, stable) => {
+      const { size } = this.check(response, offset, to.length, false, stable);
+      await this.body(response, to, watch);
+      return size;
     });
   }
 
-  /** Requests `length` bytes; `receive` takes the response. */
+  setStable(bytes: number): void {
+    if (bytes === Infinity && this.stable === null && this.hasChanged) throw this.replaced();
+    // A recording that was closed has another version.
+    if (bytes === Infinity && this.stable !== null && this.stable !== Infinity) this.version = null;
+    this.stable = bytes;
+  }
+
+  /** Requests `length` bytes; `receive` takes the response. `stable`: as setStable(), at the request. */
   private async request<T>(offset: number, length: number, signal: AbortSignal,
-                           receive: (response: Response, watch: Watch) => Promise<T>): Promise<T> {
+                           receive: (response: Response, watch: Watch, stable: number | null) => Promise<T>): Promise<T> {
     const watch = new Watch(signal, READ_SECONDS + length / READ_BYTES_PER_SECOND);
+    const { stable } = this;
+    // A cache may answer with the size that a growing file had.
+    const cache = stable === null || stable === Infinity ? "default" : "no-store";
     try {
       const headers = { Range: `bytes=${offset}-${offset + length - 1}` };
-      const response = await fetch(this.address, { headers, signal: watch.signal });
-      const result = await receive(response, watch);
+      const response = await fetch(this.address, { headers, signal: watch.signal, cache });
+      const result = await receive(response, watch, stable);
       this.url = response.url;
       return result;
     } catch (error) {
@@ -114,8 +140,9 @@ class UrlReader implements RangeReader {
   /**
    * Checks the headers of a response to a request of `length` bytes. Returns the size of the file, and
    * the length of the response, which may be less only if `isBegin` and the file is shorter.
+   * `stable`: as setStable(), at the request.
    */
-  private check(response: Response, offset: number, length: number, isBegin: boolean): { size: number; length: number } {
+  private check(response: Response, offset: number, length: number, isBegin: boolean, stable: number | null): { size: number; length: number } {
     const last = offset + length - 1;
     const fail = (why: string, retry: boolean, code: "network" | "unsupported" = "network") =>
       new ReadError(`${this.name}: ${why}`, retry, code);
@@ -133,9 +160,26 @@ class UrlReader implements RangeReader {
     if (begin !== offset || end > last || (isBegin && end !== Math.min(last, size - 1))) throw fail("the server sent another range than requested", true);
     if (end !== last && !isBegin) throw fail("the file is shorter than before; load it again", false);
     const version = response.headers.get("ETag") ?? response.headers.get("Last-Modified") ?? "";
-    if (this.version !== null && version !== this.version) throw fail("the file was replaced; load it again", false);
-    this.version = version;
+    this.checkVersion(version, size, stable);
     return { size, length: end - begin + 1 };
+  }
+
+  /** Checks that a response is of the file that was opened. `stable`: when it was requested. */
+  private checkVersion(version: string, total: number, stable: number | null): void {
+    if (this.version !== null) {
+      const isSame = version === this.version && total === this.known;
+      const kept = stable ?? this.known!;
+      const isKept = total > kept || (total === kept && total !== this.known);
+      if (!isSame && !isKept) throw this.replaced();
+      this.hasChanged ||= !isSame;
+    }
+    if (this.stable === Infinity && stable !== Infinity) return; // requested before the file was complete
+    this.version = version;
+    this.known = total;
+  }
+
+  private replaced(): ReadError {
+    return new ReadError(`${this.name}: the file was replaced; load it again`, false, "network");
   }
 
   private async body(response: Response, to: Uint8Array, watch: Watch): Promise<void> {

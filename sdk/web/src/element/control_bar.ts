@@ -23,6 +23,7 @@ export class ControlBar {
   private readonly play = iconButton("play", "Play", "button play");
   private readonly now = create("span", { class: "now" }, "0:00");
   private readonly total = create("span", { class: "total" }, "0:00");
+  private readonly live = create("button", { type: "button", class: "button live" }, "Live");
   private readonly loop = iconButton("loop", "Loop", "button loop");
   private readonly statistics = iconButton("stats", "Statistics", "button statistics");
   private readonly fullscreen = iconButton("enterFullscreen", "Fullscreen", "button fullscreen");
@@ -34,11 +35,15 @@ export class ControlBar {
     const time = create("div", { class: "time" }, this.now, this.total);
     const space = create("div", { class: "space" });
     this.fullscreen.hidden = !actions.canFullscreen;
-    const row = create("div", { class: "row" }, this.play, new MuteButton(media).root, time, space, this.speed.root, this.loop,
+    const row = create("div", { class: "row" }, this.play, new MuteButton(media).root, time, this.live, space, this.speed.root, this.loop,
                        this.statistics, new XrButton(media).root, this.fullscreen);
     this.root = create("div", { class: "bar", role: "group", "aria-label": "Playback" },
                        this.slider.root, row);
     this.play.addEventListener("click", () => toggle(media));
+    this.live.addEventListener("click", () => {
+      media.goLive();
+      media.play().catch(() => undefined); // the error event reports failures
+    });
     this.loop.addEventListener("click", () => (media.loop = !media.loop));
     this.statistics.addEventListener("click", () => actions.toggleStatistics());
     this.fullscreen.addEventListener("click", () => actions.toggleFullscreen());
@@ -58,6 +63,11 @@ export class ControlBar {
     setIcon(this.play, media.ended ? "replay" : media.paused ? "play" : "pause");
     setLabel(this.play, media.ended ? "Replay" : media.paused ? "Play" : "Pause");
     this.loop.setAttribute("aria-pressed", String(media.loop));
+    const isLive = media.live?.following === true && !media.paused;
+    this.live.hidden = media.live === null;
+    this.total.hidden = media.live !== null;
+    this.live.setAttribute("aria-pressed", String(isLive));
+    setLabel(this.live, isLive ? "Live" : "Go to the live edge");
     this.speed.update();
     this.slider.updateBuffered();
     this.updateTime();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import { PlayerStats } from "../player/player";
 import { BufferedRanges } from "../player/ranges";
-import { SceneInfo } from "../types";
+import { LiveState, SceneInfo } from "../types";
 import type { XrMode } from "../xr/presenter";
 
 /** The part of the element that its controls use. Dispatches the events of the player. */
@@ -16,6 +16,7 @@ export interface Media extends EventTarget {
   readonly stats: PlayerStats;
   readonly activeRenderer: "webgl2" | "webgpu" | null;
   readonly info: SceneInfo | null;
+  readonly live: LiveState | null;
   readonly error: { message: string } | null;
   readonly videoWidth: number;
   readonly videoHeight: number;
@@ -27,6 +28,7 @@ export interface Media extends EventTarget {
   readonly isInXR: boolean;
   play(): Promise<void>;
   pause(): void;
+  goLive(): void;
   supportsXR(mode: XrMode): Promise<boolean>;
   enterXR(mode: XrMode): Promise<void>;
   exitXR(): Promise<void>;

@@ -16,6 +16,7 @@ const VIEW_LABEL = "Scene. Drag to look around, scroll to zoom. Shift and the ar
 const STATE_EVENTS = [
   "emptied", "loadstart", "loadedmetadata", "durationchange", "loadeddata", "canplay", "play",
   "playing", "pause", "waiting", "seeking", "seeked", "ratechange", "ended", "error", "progress",
+  "livechange",
 ];
 
 /** The canvas with its overlays and controls. */

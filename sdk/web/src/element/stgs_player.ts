@@ -6,7 +6,7 @@ import { NO_STATS, PlayerStats, StgsPlayer } from "../player/player";
 import { BufferedRanges } from "../player/ranges";
 import { resume } from "../player/resume";
 import type { RendererChoice } from "../renderer_choice";
-import { Renderer, SceneInfo } from "../types";
+import { LiveState, Renderer, SceneInfo } from "../types";
 import type { XrMode, XrOptions } from "../xr/presenter";
 import { BridgeAttribute } from "./bridge_attribute";
 import { CameraInput } from "./camera_input";
@@ -194,6 +194,9 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
   get info(): SceneInfo | null {
     return this.player?.info ?? null;
   }
+  get live(): LiveState | null {
+    return this.player?.live ?? null;
+  }
   get stats(): PlayerStats {
     return this.player?.stats ?? NO_STATS;
   }
@@ -208,11 +211,12 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
   play(): Promise<void> {
     return this.use()?.play() ?? Promise.reject(this.unavailable());
   }
-
   pause(): void {
     this.player?.pause();
   }
-
+  goLive(): void {
+    this.player?.goLive();
+  }
   /** Loads `source` instead of `src`; see `StgsPlayer.load`. */
   load(source?: string | Blob, options: { signal?: AbortSignal } = {}): Promise<void> {
     if (source instanceof Blob) this.object = source;
@@ -225,7 +229,6 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     if (this.autoplay) player.play().catch(() => undefined); // `error` or `pause` reports it
     return loaded;
   }
-
   screenshot(): Promise<Blob> {
     return this.player?.screenshot() ?? Promise.reject(this.unavailable());
   }
@@ -376,8 +379,7 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
   }
 
   private unavailable(): DOMException {
-    const message = this.failure?.message ??
-      "there is no player; connect the element or load a source";
+    const message = this.failure?.message ?? "there is no player; connect the element or load a source";
     return new DOMException(message, "NotSupportedError");
   }
 }

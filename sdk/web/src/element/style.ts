@@ -78,8 +78,13 @@ svg { display: block; width: 1em; height: 1em; }
 .button.speed {
   font-size: 13px; font-weight: 600; padding: 0 8px; font-variant-numeric: tabular-nums;
 }
+.button.live {
+  grid-auto-flow: column; gap: 5px; padding: 0 8px; font-size: 12px; font-weight: 600;
+}
+.button.live::before { content: "●"; opacity: 0.5; }
+.button.live[aria-pressed="true"]::before { color: #ff5c5c; opacity: 1; }
 .button.loop, .button.statistics, .button.xr { color: rgba(255, 255, 255, 0.8); }
-.button[aria-pressed="true"] { color: var(--accent); }
+.button[aria-pressed="true"]:not(.live) { color: var(--accent); }
 .button.fullscreen { margin-right: -8px; }
 .time {
   padding: 0 10px 0 6px; white-space: nowrap; font-variant-numeric: tabular-nums;
@@ -185,7 +190,7 @@ dd { margin: 0; text-align: right; }
 
 @media (hover: hover) {
   .button:hover, .retry:hover { background: rgba(255, 255, 255, 0.14); color: #fff; }
-  .button[aria-pressed="true"]:hover { color: var(--accent); }
+  .button[aria-pressed="true"]:not(.live):hover { color: var(--accent); }
   .item:hover { background: rgba(255, 255, 255, 0.1); }
   .start:hover { background: rgba(24, 28, 34, 0.8); transform: scale(1.05); }
 }
@@ -201,7 +206,7 @@ dd { margin: 0; text-align: right; }
 .narrow .bar { padding-left: 10px; padding-right: 10px; padding-bottom: 4px; }
 .narrow .time { font-size: 12px; padding: 0 2px; }
 .narrow .button { min-width: 36px; }
-.narrow .button.speed { padding: 0 4px; }
+.narrow .button.speed, .narrow .button.live { padding: 0 4px; }
 .narrow .start { width: 64px; height: 64px; margin: -32px; font-size: 32px; }
 .narrow .figures { left: 8px; top: 8px; padding: 8px 10px; font-size: 11px; }
 

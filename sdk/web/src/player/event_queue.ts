@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 
-/** Events of the player: those of media elements, and `notice`; of headsets, the quality and the sound. */
+/** Events of the player: those of media elements, and `notice`; of headsets, the quality, the sound and recordings. */
 export const EVENT_NAMES = [
   "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing",
   "pause", "waiting", "seeking", "seeked", "timeupdate", "ratechange", "ended", "error", "progress",
   "abort", "emptied", "notice", "enterxr", "leavexr", "qualitychange",
-  "volumechange", "audiochange",
+  "volumechange", "audiochange", "livechange",
 ] as const;
 export type EventName = typeof EVENT_NAMES[number];
 

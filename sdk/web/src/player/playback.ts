@@ -142,13 +142,19 @@ export class Playback {
     this.post({ type: "loop", loop });
   }
 
+  /** Seeks to the live edge, and follows it, at a rate of 1. */
+  goLive(): void {
+    if (!this.scene?.live) return;
+    this.setRate(1);
+    this.seekTo(this.scene.duration);
+  }
+
   limitPrimitives(primitives: number): void {
     this.post({ type: "maxPrimitives", primitives });
   }
-
   /** Whether playback would end at once. */
   private isAtEnd(): boolean {
-    if (this.scene === null || this.seek !== null) return false;
+    if (this.scene === null || this.scene.live !== null || this.seek !== null) return false;
     const time = this.shownTime();
     return this.rate > 0 ? time >= this.clock.last - END_TOLERANCE : time <= END_TOLERANCE;
   }
@@ -283,11 +289,11 @@ export class Playback {
   private onState(state: CoreState): void {
     const scene = this.scene;
     if (scene === null) return;
-    const { durationChanged, progressed } = scene.apply(state);
+    for (const name of scene.apply(state)) this.events.push(name);
     this.clock.duration = scene.duration;
+    this.clock.loop = this.loop && scene.live === null;
+    if (scene.live?.following && state.rate === this.rate) this.setRate(1); // the edge was reached
     this.clock.canWrap = scene.canWrap();
-    if (durationChanged) this.events.push("durationchange");
-    if (progressed) this.events.push("progress");
     this.latest = state;
     this.follow(state);
     this.updateTime(false);

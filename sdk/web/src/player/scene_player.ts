@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The interface of a media element over a worker that decodes, without the drawing of frames.
-import { SceneInfo, SegmentSink } from "../types";
+import { LiveState, SceneInfo, SegmentSink } from "../types";
 import { Adaptation, Quality, QualityReport, QualitySettings } from "./adaptation";
 import { abortError, PlayerError, unsupported } from "./errors";
 import { EventQueue } from "./event_queue";
@@ -240,6 +240,20 @@ export class ScenePlayer extends EventTarget {
   }
   set loop(loop: boolean) {
     if (!this.isDestroyed) this.playback.setLoop(loop);
+  }
+
+  /**
+   * The state of a recording that is being written, whose `duration` grows; null: the file is
+   * complete. Playback begins at the live edge and follows it; a pause, a seek to an earlier time or
+   * another rate ends that. The event `livechange` reports changes of `live` to and from null, and of
+   * `following`.
+   */
+  get live(): LiveState | null {
+    return this.playback.scene?.live ?? null;
+  }
+  /** Seeks to the live edge and follows it at a rate of 1, as a seek to the end does. */
+  goLive(): void {
+    if (!this.isDestroyed) this.playback.goLive();
   }
 
   /** Ends everything: the worker, the renderer and pending promises. No event follows. */

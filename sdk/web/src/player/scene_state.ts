@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Everything known about the open scene and its data.
-import { PackedSegment, SceneInfo, SegmentSink } from "../types";
+import { LiveState, PackedSegment, SceneInfo, SegmentSink } from "../types";
+import { EventName } from "./event_queue";
 import { BufferedRanges } from "./ranges";
 import { CoreState } from "./seek";
 
@@ -9,6 +10,7 @@ export class SceneState {
   /** Seconds. */
   duration: number;
   buffered = new BufferedRanges([]);
+  live: LiveState | null = null;
   bytes = 0;
   bytesPerSecond = 0;
   memory = 0;
@@ -21,19 +23,21 @@ export class SceneState {
     renderer.setScene(info);
   }
 
-  /** Takes over the figures of a state. */
-  apply(state: CoreState): { durationChanged: boolean; progressed: boolean } {
-    const buffered = new BufferedRanges(state.buffered);
-    const durationChanged = state.duration !== this.duration;
-    const progressed = state.bytes !== this.bytes || !buffered.equals(this.buffered);
+  /** Takes over the figures of a state. Returns the names of the events that report them. */
+  apply(state: CoreState): EventName[] {
+    const buffered = new BufferedRanges(state.buffered), events: EventName[] = [];
+    if (state.duration !== this.duration) events.push("durationchange");
+    if (state.bytes !== this.bytes || !buffered.equals(this.buffered)) events.push("progress");
+    if (state.live?.following !== this.live?.following) events.push("livechange");
     this.duration = state.duration;
+    this.live = state.live;
     this.buffered = buffered;
     this.bytes = state.bytes;
     this.bytesPerSecond = state.bytesPerSecond;
     this.memory = state.memory;
     this.layers = state.layers;
     this.layerCount = state.layerCount;
-    return { durationChanged, progressed };
+    return events;
   }
 
   /** Whether the image at the time of `state` covers the scene. */
@@ -45,6 +49,7 @@ export class SceneState {
 
   /** Whether playback can continue at the other end of the clip without fetching. */
   canWrap(): boolean {
+    if (this.live !== null) return false;
     const tick = this.info.tickSeconds;
     return this.buffered.covers(0, tick) && this.buffered.covers(this.duration, tick);
   }
