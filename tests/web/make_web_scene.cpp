@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes a random scene of 60 frames unless stated for the tests of the player for browsers, or a random SOG
-// model.
+// Writes a random scene for the tests of the player for browsers, of 60 frames unless stated, or a
+// random SOG model.
 //
 // usage: make_web_scene FILE.stgs PRIMITIVES SH_DEGREE [NEAR [AUDIO [FRAMES]]]
 //        make_web_scene FILE.sog PRIMITIVES SH_DEGREE

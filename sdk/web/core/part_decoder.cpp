@@ -47,7 +47,7 @@ Status PartDecoder::fill(bool with_sh) {
   const auto visit = [&](const Gaussians4D& set, std::size_t begin) {
     pack_range(set, begin, primitives);
   };
-  const double origin = reader_->render_origin(segment_.number);
+  const TimeOrigin origin = reader_->render_origin(segment_.number);
   STGS_ASSIGN(std::optional<Gaussians4D> rest,
               reader_->decode_ranges(segment_.number, with_sh, origin, visit));
   primitives_ = primitives;
