@@ -15,7 +15,7 @@ globalThis.fetch = (url, options) => served.get(url).fetch(options);
 
 /** A file behind fetch(): the first `size` of `bytes`. Its ETag changes with its size. */
 export class ServedFile {
-  reads = []; // { offset, bytes, cache }
+  reads = []; // { offset, bytes, cache, time }
   fails = null; // (read) => whether the connection fails
   version = "a";
 
@@ -28,7 +28,7 @@ export class ServedFile {
 
   async fetch({ headers, signal, cache }) {
     const [, first, last] = /^bytes=(\d+)-(\d+)$/.exec(headers.Range).map(Number);
-    const read = { offset: first, bytes: last + 1 - first, cache };
+    const read = { offset: first, bytes: last + 1 - first, cache, time: performance.now() };
     this.reads.push(read);
     await delay(1);
     if (signal.aborted) throw new Error("aborted");
@@ -61,10 +61,15 @@ class DecoderThread {
 export class CoreRun {
   messages = [];
   lastSeek = 0;
+  openedAt = 0; // time of the message
 
   constructor(wasm) {
     const module = WebAssembly.compile(readFileSync(wasm));
-    this.host = new PlayerHost(module, () => new DecoderThread(), (message) => this.messages.push(message));
+    this.host = new PlayerHost(module, () => new DecoderThread(), (message) => this.receive(message));
+  }
+  receive(message) {
+    if (message.type === "opened") this.openedAt = performance.now();
+    this.messages.push(message);
   }
   send(message) {
     this.host.handle(message);

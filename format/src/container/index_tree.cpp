@@ -155,6 +155,7 @@ class Loader {
     // Equal ones in the order of `pending`.
     std::multimap<std::pair<bool, double>, Position> order;
     for (auto link = pending.begin(); link != pending.end(); ++link) {
+      if (!source_.has(link->link.offset, kRecordHeaderBytes + link->link.bytes)) continue;
       const TickRange& needed = link->link.needed;
       const bool is_past = needed.end < ticks;
       order.emplace(std::pair(is_past, is_past ? -needed.end : needed.begin), link);
@@ -162,10 +163,7 @@ class Loader {
     for (auto [key, at] : order) {
       if (head_.walk.entries >= entries) break;
       const NodeLink& link = at->link;
-      if (head_.walk.followed.count(link.offset) != 0 ||
-          !source_.has(link.offset, kRecordHeaderBytes + link.bytes)) {
-        continue;
-      }
+      if (head_.walk.followed.count(link.offset) != 0) continue;
       if (!take(at)) return false;
     }
     return true;

@@ -36,7 +36,7 @@ class Follower {
   // another part of the index, or bytes have arrived.
   double step() noexcept;
   // Returns whether the file is complete and its index is known.
-  bool is_done() const { return !is_polling() && reader_->unloaded().empty(); }
+  bool is_done() const { return !is_polling() && reader_->is_loaded(-kNever, kNever); }
   // Begins no further reads, also of a load in progress. Thread-safe.
   void stop() noexcept;
 

@@ -27,6 +27,8 @@ Status PartDecoder::open() {
 }
 
 Status PartDecoder::decode(bool with_sh, Status& sh) {
+  const auto free_records = [](ProvidedSource* source) { source->clear(); };
+  const std::unique_ptr<ProvidedSource, decltype(free_records)> end(provided_, free_records);
   set_ = {};
   primitives_ = next_ = 0;
   segment_.replace_segments(*reader_);
@@ -38,7 +40,6 @@ Status PartDecoder::decode(bool with_sh, Status& sh) {
     if (base.ok()) sh = std::move(status);
     status = std::move(base);
   }
-  provided_->clear();
   return status;
 }
 

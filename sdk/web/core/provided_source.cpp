@@ -10,8 +10,8 @@
 namespace stgs::web {
 namespace {
 
-// Bytes read at a time: at least so many, and this share of those that are provided, since each
-// attempt to read an index looks at all of them.
+// Bytes read at a time: at least so many, and where the read continues provided bytes this share of
+// them, since each attempt to read an index looks at all of them.
 constexpr std::uint64_t kReadBytes = 64 << 10, kReadShare = 4;
 constexpr std::uint64_t kMaxBytes = 64 << 20;  // provided at a time
 
@@ -29,6 +29,7 @@ std::span<const std::uint8_t> ProvidedSource::bytes_at(std::uint64_t at) const {
 }
 
 bool ProvidedSource::has(std::uint64_t offset, std::uint64_t bytes) const {
+  if (ranges_.empty()) return bytes == 0;
   for (std::uint64_t at = offset; at < offset + bytes;) {
     const std::size_t more = bytes_at(at).size();
     if (more == 0) return false;
@@ -43,8 +44,10 @@ Status ProvidedSource::read(std::uint64_t offset, std::span<std::uint8_t> out) c
     const std::uint64_t at = offset + done;
     const std::span<const std::uint8_t> bytes = bytes_at(at);
     if (bytes.empty()) {
-      const std::uint64_t more =
-          std::max({std::uint64_t{out.size() - done}, kReadBytes, bytes_ / kReadShare});
+      const bool continues = at > 0 && !bytes_at(at - 1).empty();
+      const std::uint64_t wanted = std::max(kReadBytes, continues ? bytes_ / kReadShare : 0);
+      const std::uint64_t more = std::max<std::uint64_t>(
+          out.size() - done, std::min(wanted, kMaxBytes - std::min(kMaxBytes, bytes_)));
       return lack({at, std::min(more, size_ - at)});
     }
     const std::size_t count = std::min(bytes.size(), out.size() - done);
@@ -55,9 +58,10 @@ Status ProvidedSource::read(std::uint64_t offset, std::span<std::uint8_t> out) c
 }
 
 Status ProvidedSource::lack(Range range) const {
-  if (!failure_.ok()) return std::exchange(failure_, Status());
+  Status failure = std::exchange(failure_, Status());
+  if (!failure.ok() && range.offset == failed_at_) return failure;
   if (bytes_ + range.bytes > kMaxBytes) {
-    return invalid_file(
+    return unsupported(
         "{}: the index takes more than {} MiB at a time, or the file is damaged; download or "
         "repair it ('stgs finalize')",
         name_, kMaxBytes >> 20);
@@ -91,20 +95,21 @@ std::span<std::uint8_t> ProvidedSource::provide(std::uint64_t offset, std::uint6
   return range;
 }
 
-void ProvidedSource::end_read(std::vector<std::uint8_t> bytes, std::uint64_t file_bytes) {
-  if (!missing_) return;
+void ProvidedSource::end_read(std::uint64_t offset, std::vector<std::uint8_t> bytes,
+                              std::uint64_t file_bytes) {
   if (std::exchange(is_polling_, false)) {
     missing_.reset();
     poll_ = Poll{std::move(bytes), file_bytes};
   } else {
-    const std::span<std::uint8_t> to = provide(missing_->offset, bytes.size());
+    const std::span<std::uint8_t> to = provide(offset, bytes.size());
     std::copy(bytes.begin(), bytes.end(), to.begin());
   }
 }
 
-void ProvidedSource::fail_read(Status failure) {
+void ProvidedSource::fail_read(std::uint64_t offset, Status failure) {
   missing_.reset();
   is_polling_ = false;
+  failed_at_ = offset;
   failure_ = std::move(failure);
 }
 

@@ -38,9 +38,10 @@ class ProvidedSource final : public ByteSource {
   // Returns memory for bytes from `offset` on, which count as provided: there are no missing() ones
   // now.
   std::span<std::uint8_t> provide(std::uint64_t offset, std::uint64_t bytes);
-  // The page has read the missing bytes, from a file of `file_bytes` bytes, or failed to.
-  void end_read(std::vector<std::uint8_t> bytes, std::uint64_t file_bytes);
-  void fail_read(Status failure);
+  // The page has read bytes from `offset` on, which were missing, from a file of `file_bytes`
+  // bytes, or failed to.
+  void end_read(std::uint64_t offset, std::vector<std::uint8_t> bytes, std::uint64_t file_bytes);
+  void fail_read(std::uint64_t offset, Status failure);
   // Frees the provided bytes.
   void clear();
 
@@ -63,7 +64,8 @@ class ProvidedSource final : public ByteSource {
   bool is_polling_ = false;                                    // missing_ is for refresh()
   std::optional<Poll> poll_;
   mutable std::optional<Range> missing_;
-  mutable Status failure_;  // of reading the missing bytes
+  mutable Status failure_;  // of reading the bytes at failed_at_
+  std::uint64_t failed_at_ = 0;
 };
 
 }  // namespace stgs::web

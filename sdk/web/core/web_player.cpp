@@ -78,7 +78,9 @@ void WebPlayer::read_index() {
     provided_->clear();
   }
   const auto& missing = provided_->missing();
-  if (!missing || index_read_ != 0) return;
+  if (!missing) return provided_->clear();  // nothing waits for more, so it is done with the others
+  if (index_read_ != 0) return;
+  index_offset_ = missing->offset;
   index_bytes_.resize(static_cast<std::size_t>(missing->bytes));
   index_read_ = transport_->next_id();
   stgs_host_read(index_read_, static_cast<double>(missing->offset),
@@ -89,8 +91,9 @@ void WebPlayer::read_done(std::uint32_t id, const std::string& failure, std::uin
                           double now) {
   if (id != index_read_) return transport_->done(id, failure, now);
   index_read_ = 0;
-  if (failure.empty()) return provided_->end_read(std::move(index_bytes_), file_bytes);
-  provided_->fail_read(io_error("{}: {}", provided_->name(), failure));
+  if (failure.empty())
+    return provided_->end_read(index_offset_, std::move(index_bytes_), file_bytes);
+  provided_->fail_read(index_offset_, io_error("{}: {}", provided_->name(), failure));
 }
 
 void WebPlayer::find_changes() {

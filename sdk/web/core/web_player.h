@@ -74,6 +74,7 @@ class WebPlayer {
   std::shared_ptr<const SceneReader> reader_;
   std::vector<std::uint8_t> index_bytes_;  // of a read in progress
   std::uint32_t index_read_ = 0;           // its id, 0: there is none
+  std::uint64_t index_offset_ = 0;         // its first byte
   PageTransport* transport_ = nullptr;     // of `player_`
   WorkerExecutor* executor_ = nullptr;     // of `player_`
   std::unique_ptr<player::StreamPlayer> player_;

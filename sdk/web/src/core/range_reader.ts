@@ -148,7 +148,8 @@ class UrlReader implements RangeReader {
       new ReadError(`${this.name}: ${why}`, retry, code);
     if (response.status === 404 || response.status === 410) throw fail(`the server has no such file (status ${response.status}); check the address`, false);
     if (response.status === 200) throw fail("the server does not support range requests; use one that does, such as nginx", false, "unsupported");
-    if (response.status === 416) throw fail("the file is empty or shorter than before; load it again", false);
+    const grows = stable !== null && stable !== Infinity; // the bytes beyond may be cut when its recorder continues
+    if (response.status === 416) throw fail("the file is empty or shorter than before; load it again", grows && offset >= stable);
     if (response.status === 401 || response.status === 403)
       throw fail(`the server refuses access (status ${response.status}); log in, or check the permissions of the file`, false);
     if (response.status !== 206) throw fail(`the server answers with status ${response.status}`, response.status >= 500 || response.status === 429);
@@ -157,8 +158,9 @@ class UrlReader implements RangeReader {
     if (stated !== null && range === null) throw fail(`the server does not state the size of the file (Content-Range: ${stated})`, false, "unsupported");
     if (range === null) throw fail("the server hides Content-Range from this page; it must send Access-Control-Expose-Headers: Content-Range, ETag", false, "unsupported");
     const [begin, end, size] = range.slice(1).map(Number);
+    if (!Number.isSafeInteger(size)) throw fail(`the server states a size of ${range[3]} bytes; check the server`, false, "unsupported");
     if (begin !== offset || end > last || (isBegin && end !== Math.min(last, size - 1))) throw fail("the server sent another range than requested", true);
-    if (end !== last && !isBegin) throw fail("the file is shorter than before; load it again", false);
+    if (end !== last && !isBegin) throw fail("the file is shorter than before; load it again", grows && size >= stable);
     const version = response.headers.get("ETag") ?? response.headers.get("Last-Modified") ?? "";
     this.checkVersion(version, size, stable);
     return { size, length: end - begin + 1 };
