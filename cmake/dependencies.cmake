@@ -226,8 +226,8 @@ if(STGS_BUILD_PROGRAM)
   stgs_resolve(EXR exr_found "EXR output (OpenEXR)")
 endif()
 
-# The player for browsers. Headers of fmt, Highway, nlohmann/json and xxHash are compiled for
-# WebAssembly, too.
+# The player for browsers. Headers of fmt, Highway and nlohmann/json are compiled for WebAssembly,
+# too.
 if(NOT STGS_WITH_WEB STREQUAL "OFF" AND NOT STGS_SANITIZE)
   find_program(STGS_EMCC em++)
   find_program(STGS_TSC tsc)
@@ -235,11 +235,9 @@ if(NOT STGS_WITH_WEB STREQUAL "OFF" AND NOT STGS_SANITIZE)
   find_path(STGS_FMT_HEADERS fmt/format.h)
   find_path(STGS_HWY_HEADERS hwy/highway.h)
   find_path(STGS_JSON_HEADERS nlohmann/json.hpp)
-  find_path(STGS_XXHASH_HEADERS xxhash.h)
-  mark_as_advanced(STGS_EMCC STGS_TSC STGS_ESBUILD STGS_FMT_HEADERS STGS_HWY_HEADERS STGS_JSON_HEADERS
-                   STGS_XXHASH_HEADERS)
+  mark_as_advanced(STGS_EMCC STGS_TSC STGS_ESBUILD STGS_FMT_HEADERS STGS_HWY_HEADERS STGS_JSON_HEADERS)
   if(STGS_EMCC AND STGS_TSC AND STGS_ESBUILD AND STGS_FMT_HEADERS AND STGS_HWY_HEADERS AND
-     STGS_JSON_HEADERS AND STGS_XXHASH_HEADERS)
+     STGS_JSON_HEADERS)
     include(cmake/emscripten.cmake)
     stgs_check_emscripten(web_found)
   endif()

@@ -130,7 +130,7 @@ set(compiled_into_encoder_dev ${compiled_into_encoder})
 set(compiled_into_tools libvulkan-volk-dev libcli11-dev nlohmann-json3-dev
     libnanoflann-dev libstb-dev libimgui-dev)
 if(STGS_HAS_WEB)
-  list(APPEND compiled_into_tools emscripten libfmt-dev libhwy-dev libxxhash-dev)
+  list(APPEND compiled_into_tools emscripten libfmt-dev libhwy-dev)
 endif()
 set(compiled_into_python pybind11-dev)
 find_program(GZIP_PROGRAM gzip)

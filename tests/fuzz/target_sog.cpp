@@ -10,6 +10,8 @@
 
 #include "imported.h"
 #include "stgs/format/timed_formats.h"
+#include "webp_stream.h"
+#include "zip_members.h"
 
 using namespace stgs;
 using namespace stgs::fuzz;
@@ -100,6 +102,21 @@ Bytes repair(Bytes zip, Repair repair) {
   return zip;
 }
 
+// The readers of the page for browsers, without the content of deflated members.
+void read_as_page(View bundle) {
+  ImportMemory memory(kImportLimits, "input");
+  web::HostDecoding decoding;
+  const auto members = web::ZipMembers::open(bundle, "input", decoding, memory);
+  if (!members.ok()) return;
+  for (const char* name : {"meta.json", "l.webp", "sh0.webp", "centroids.webp"}) {
+    const auto content = (*members)->content(name);
+    if (!content.ok()) continue;
+    const auto stream = web::lossless_webp_stream(*content, name);
+    const auto size = lossless_webp_size(*content, name);
+    if (stream.ok() && size.ok()) require(stream->size == *size, "libwebp reads the same size");
+  }
+}
+
 }  // namespace
 
 const Target stgs::fuzz::kTarget{"sog", seeds, nullptr, repair, units, import_memory};
@@ -107,6 +124,7 @@ const Target stgs::fuzz::kTarget{"sog", seeds, nullptr, repair, units, import_me
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   std::ofstream(input_path(), std::ios::binary)
       .write(reinterpret_cast<const char*>(data), static_cast<std::streamsize>(size));
+  read_as_page({data, size});
   ConversionNotes notes;
   check_import(read_sog(input_path(), kImportLimits, &notes));
   CurveReport report;

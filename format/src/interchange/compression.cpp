@@ -51,12 +51,6 @@ Result<std::size_t> GzipReader::read_some(std::span<std::uint8_t> out) {
   return done;
 }
 
-Status GzipReader::read(std::span<std::uint8_t> out) {
-  STGS_ASSIGN(const std::size_t got, read_some(out));
-  if (got == out.size()) return {};
-  return invalid_file("{}: gzip stream is too short by {} bytes", file_, out.size() - got);
-}
-
 Status decompress_zstd(std::span<const std::uint8_t> frames, std::span<std::uint8_t> out,
                        const std::string& label) {
   const std::size_t got = ZSTD_decompress(out.data(), out.size(), frames.data(), frames.size());

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decoders of compressed bytes, with zlib and libzstd; for WebAssembly, which has no libraries, in
-// sdk/web/core/unpack.
+// Decoders of compressed bytes, with zlib and libzstd; in browsers, with their own decoder of gzip
+// (sdk/web/core/import_compression.cpp).
 #pragma once
 
 #include <cstdint>
@@ -11,6 +11,14 @@
 #include "stgs/format/status.h"
 
 namespace stgs {
+
+// Greatest expansion of DEFLATE: a match of 258 bytes takes at least two bits.
+inline constexpr std::uint64_t kDeflateRatio = 1032;
+
+// Returns whether bytes begin as a gzip stream does.
+inline bool is_gzip(std::span<const std::uint8_t> bytes) {
+  return bytes.size() >= 2 && bytes[0] == 0x1F && bytes[1] == 0x8B;
+}
 
 // Decodes a gzip stream incrementally. Bytes behind it are ignored.
 class GzipReader {
@@ -25,7 +33,11 @@ class GzipReader {
   // checksum at the end.
   Result<std::size_t> read_some(std::span<std::uint8_t> out);
   // Fills `out`.
-  Status read(std::span<std::uint8_t> out);
+  Status read(std::span<std::uint8_t> out) {
+    STGS_ASSIGN(const std::size_t got, read_some(out));
+    if (got == out.size()) return {};
+    return invalid_file("{}: gzip stream is too short by {} bytes", file_, out.size() - got);
+  }
 
  private:
   struct Stream;

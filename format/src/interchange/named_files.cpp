@@ -9,6 +9,7 @@
 #include <new>
 
 #include "core/bytes.h"
+#include "interchange/compression.h"
 #include "os/regular_file.h"
 #include "stgs/format/byte_source.h"
 
@@ -94,9 +95,8 @@ class ZipFiles final : public NamedFiles {
       return invalid_file("{}: the archive does not state its size", label(name));
     }
     if (stat.size > max_bytes) return too_large(label(name), stat.size, max_bytes);
-    // DEFLATE expands by a factor of at most 1032.
     const bool is_stored = (stat.valid & ZIP_STAT_COMP_METHOD) && stat.comp_method == ZIP_CM_STORE;
-    if (stat.size / 1032 > stat.comp_size || (is_stored && stat.size != stat.comp_size)) {
+    if (stat.size / kDeflateRatio > stat.comp_size || (is_stored && stat.size != stat.comp_size)) {
       return invalid_file("{}: stated size of {} bytes is impossible for {} compressed bytes",
                           label(name), stat.size, stat.comp_size);
     }

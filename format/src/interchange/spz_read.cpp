@@ -15,9 +15,8 @@ namespace {
 using Bytes = std::vector<std::uint8_t>;
 using View = std::span<const std::uint8_t>;
 
-// Greatest expansion of each coder. A zstd block of 128 KiB takes at least 4 bytes, a deflate match
-// of 258 bytes at least two bits.
-constexpr std::uint64_t kZstdRatio = 128 * 1024 / 4, kGzipRatio = 1032;
+// Greatest expansion of zstd: a block of 128 KiB takes at least 4 bytes.
+constexpr std::uint64_t kZstdRatio = 128 * 1024 / 4;
 constexpr std::uint32_t kAxesExtension = 0xADBE0003;  // by Adobe: the axes of a file
 constexpr std::uint64_t kMaxExtensionNotes = 8;
 
@@ -173,8 +172,8 @@ Result<SpzContent> read_gzipped(View bytes, const std::string& file, ImportMemor
     return unsupported("{}: SPZ version above 3 in a gzip wrapper", file);
   }
   STGS_ASSIGN(content.header, parse_header(head, file, memory));
-  STGS_TRY(allocate_arrays(content, bytes.size(), kGzipRatio, kInflateScratch + kMaxExtensionBytes,
-                           memory));
+  STGS_TRY(allocate_arrays(content, bytes.size(), kDeflateRatio,
+                           kInflateScratch + kMaxExtensionBytes, memory));
   for (Bytes& array : content.arrays) STGS_TRY(gzip.read(array));
   // Read to the end, which verifies the checksum.
   Bytes extensions(kMaxExtensionBytes);
@@ -254,8 +253,7 @@ Result<Scene> read_spz(const ByteSource& source, const ReadLimits& limits, Conve
   STGS_ASSIGN(const Lease lease, memory.take(source.size(), "the bytes of the file"));
   Bytes bytes(static_cast<std::size_t>(source.size()));
   STGS_TRY(source.read(0, bytes));
-  const bool gzipped = bytes.size() >= 2 && bytes[0] == 0x1F && bytes[1] == 0x8B;
-  STGS_ASSIGN(const SpzContent content, gzipped
+  STGS_ASSIGN(const SpzContent content, is_gzip(bytes)
                                             ? read_gzipped(bytes, source.name(), memory, notes)
                                             : read_version_4(bytes, source.name(), memory, notes));
   if ((content.header.flags & spz::kAntialiased) != 0) {

@@ -1,26 +1,36 @@
 // SPDX-License-Identifier: Apache-2.0
 // The functions of stgs-import.wasm (sdk/web/src/viewer/import_worker.ts): converts a model to an
 // .stgs file in memory: a 3DGS PLY, an SPZ or a SOG model, by the ending of its name. An instance
-// of the module converts one file.
+// of the module converts one file. The host calls stgs_import_unpack(), stgs_import_open() and
+// stgs_import_convert(), in this order, and does all tasks of stgs_import_task() after each one.
 #include <cstdint>
 #include <exception>
+#include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "core/bytes.h"
 #include "export.h"
+#include "host_decoding.h"
+#include "interchange/compression.h"
 #include "interchange/sog_read.h"
 #include "stgs/format/interchange.h"
 #include "stgs/format/scene_file.h"
+#include "webp_stream.h"
 #include "zip_members.h"
 
 namespace {
 
 using namespace stgs;
+using Bytes = std::vector<std::uint8_t>;
 
-constexpr std::uint64_t kMaxMemory = std::uint64_t{2} << 30;  // of 4 GiB that have an address
-
-std::vector<std::uint8_t> input, output;
+ReadLimits import_limits() {
+  ReadLimits limits;
+  limits.max_memory = std::uint64_t{2} << 30;  // of 4 GiB that have an address
+  return limits;
+}
 
 bool has_ending(std::string_view name, std::string_view ending) {  // in lower case
   if (name.size() < ending.size()) return false;
@@ -32,27 +42,96 @@ bool has_ending(std::string_view name, std::string_view ending) {  // in lower c
   return true;
 }
 
-Result<Scene> read_bundle(const std::string& name, const ReadLimits& limits) {
-  ImportMemory memory(limits, name);
-  STGS_ASSIGN(const Lease lease, memory.take(input.size(), "the bytes of the file"));
-  STGS_ASSIGN(std::unique_ptr<NamedFiles> files, web::zip_members(input, name, memory));
-  std::vector<SogModel> models;
-  STGS_ASSIGN(SogModel model, open_sog(std::move(files), "meta.json", memory));
-  models.push_back(std::move(model));
-  return read_sog_models(models, memory, nullptr);
+// The conversion of one file. The steps are called once each, in their order.
+class Import {
+ public:
+  Import(Bytes file, const std::string& name)
+      : name_(name), file_(std::move(file)), memory_(import_limits(), name) {}
+
+  // Requests the content of a gzip stream, or of the deflated members of an archive.
+  Status unpack() {
+    if (has_ending(name_, ".sog")) return open_bundle();
+    return has_ending(name_, ".spz") && is_gzip(file_) ? request_gzip() : Status();
+  }
+  // Requests the images of a bundle.
+  Status open() { return members_ ? open_model() : Status(); }
+  // Returns the .stgs file.
+  Result<Bytes> convert() {
+    STGS_ASSIGN(const Scene scene, read_scene());
+    return encode_scene(scene, {});
+  }
+
+ private:
+  Status open_bundle() {
+    STGS_ASSIGN(lease_, memory_.take(file_.size(), "the bytes of the file"));
+    STGS_ASSIGN(members_, web::ZipMembers::open(file_, name_, web::host_decoding(), memory_));
+    return {};
+  }
+  Status request_gzip() {
+    constexpr std::size_t kSizeField = 4;  // at the end: the size of the content modulo 2^32
+    if (file_.size() < kSizeField) return invalid_file("{}: gzip stream is truncated", name_);
+    const std::uint64_t size = ByteReader(std::span(file_).last(kSizeField)).u32();
+    if (size / kDeflateRatio > file_.size()) {
+      return invalid_file("{}: gzip stream is damaged or truncated", name_);
+    }
+    return web::host_decoding().request(web::Coding::kGzip, name_, file_, size, memory_);
+  }
+  Status open_model() {
+    const web::ZipMembers& members = *members_;
+    STGS_ASSIGN(model_, open_sog(std::move(members_), "meta.json", memory_));
+    const SogLayout& layout = model_->layout;
+    std::vector<std::string> images = layout.means.files;
+    images.insert(images.end(), {layout.scales_file, layout.quats_file, layout.sh0_file});
+    if (layout.palette) {
+      images.insert(images.end(), {layout.palette->centroids, layout.palette->labels});
+    }
+    for (const std::string& image : images) {
+      STGS_ASSIGN(const auto bytes, members.content(image));
+      const std::string label = members.label(image);
+      STGS_ASSIGN(const web::WebpStream stream, web::lossless_webp_stream(bytes, label));
+      STGS_TRY(web::host_decoding().request(web::Coding::kWebp, label, stream.bytes,
+                                            stream.size.bytes(), memory_,
+                                            static_cast<std::uint32_t>(stream.size.width)));
+    }
+    return {};
+  }
+  Result<Scene> read_scene() {
+    if (model_) {
+      std::vector<SogModel> models;
+      models.push_back(std::move(*model_));
+      return read_sog_models(models, memory_, nullptr);
+    }
+    ReadLimits limits = import_limits();
+    limits.max_memory = memory_.available();
+    const auto source = memory_source(std::move(file_), name_);
+    return has_ending(name_, ".spz") ? read_spz(*source, limits) : read_ply(*source, limits);
+  }
+
+  std::string name_;
+  Bytes file_;
+  ImportMemory memory_;
+  Lease lease_;                               // of the file
+  std::unique_ptr<web::ZipMembers> members_;  // of a bundle, until its model is open
+  std::optional<SogModel> model_;             // of a bundle
+};
+
+Bytes input, output;
+std::optional<Import> import;
+
+// Returns to the host why a step failed, or null.
+template <typename Step>
+const char* attempt(const Step& step) {
+  try {
+    const Status status = step();
+    return status.ok() ? nullptr : web::give(status.message());
+  } catch (const std::exception&) {
+    return web::give("not enough memory in the browser; use 'stgs convert'");
+  }
 }
 
-Result<Scene> read_model(const std::string& name) {
-  ReadLimits limits;
-  limits.max_memory = kMaxMemory;
-  if (has_ending(name, ".sog")) return read_bundle(name, limits);
-  const auto source = memory_source(std::move(input), name);
-  return has_ending(name, ".spz") ? read_spz(*source, limits) : read_ply(*source, limits);
-}
-
-Result<std::vector<std::uint8_t>> convert(const std::string& name) {
-  STGS_ASSIGN(const Scene scene, read_model(name));
-  return encode_scene(scene, {});
+Status convert() {
+  STGS_ASSIGN(output, import->convert());
+  return {};
 }
 
 }  // namespace
@@ -68,23 +147,28 @@ STGS_EXPORT std::uint8_t* stgs_import_allocate(std::uint32_t file_bytes, std::ui
   }
 }
 
-// Converts the file. Returns null if it succeeded, or why it failed.
-STGS_EXPORT const char* stgs_import(std::uint32_t file_bytes) {
-  try {
-    std::string name(reinterpret_cast<const char*>(input.data()) + file_bytes);
+// The steps. Each returns null if it succeeded, or why it failed.
+STGS_EXPORT const char* stgs_import_unpack(std::uint32_t file_bytes) {
+  return attempt([&] {
+    const std::string name(reinterpret_cast<const char*>(input.data()) + file_bytes);
     input.resize(file_bytes);
-    auto converted = convert(name);
-    if (converted.ok()) {
-      output = std::move(converted).value();
-      return nullptr;
-    }
-    return web::give(converted.status().message());
-  } catch (const std::exception&) {
-    return web::give("not enough memory in the browser; use 'stgs convert'");
-  }
+    import.emplace(std::move(input), name);
+    return import->unpack();
+  });
+}
+STGS_EXPORT const char* stgs_import_open() {
+  return attempt([] { return import->open(); });
+}
+STGS_EXPORT const char* stgs_import_convert() {
+  return attempt(convert);
 }
 
-// The .stgs file, after stgs_import() has succeeded.
+// Returns the next task of the host; null if none is left.
+STGS_EXPORT const web::DecodeTask* stgs_import_task() {
+  return web::host_decoding().next();
+}
+
+// The .stgs file, after stgs_import_convert() has succeeded.
 STGS_EXPORT const std::uint8_t* stgs_import_data() {
   return output.data();
 }

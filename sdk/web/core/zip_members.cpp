@@ -2,13 +2,10 @@
 #include "zip_members.h"
 
 #include <algorithm>
-#include <map>
-#include <optional>
-#include <string_view>
 
 #include "container/container.h"
 #include "core/bytes.h"
-#include "unpack/inflate.h"
+#include "interchange/compression.h"
 
 namespace stgs::web {
 namespace {
@@ -18,85 +15,7 @@ using View = std::span<const std::uint8_t>;
 constexpr std::uint32_t kLocalMark = 0x04034B50, kEntryMark = 0x02014B50, kEndMark = 0x06054B50;
 constexpr std::size_t kLocalBytes = 30, kEntryBytes = 46, kEndBytes = 22;
 constexpr std::uint64_t kMemberMemory = 128;  // of one member of the list, at most
-constexpr std::uint64_t kMaxRatio = 1032;     // of DEFLATE
-
-struct Member {
-  int flags = 0, method = 0;
-  std::uint32_t checksum = 0, stored = 0, size = 0, offset = 0;
-};
-using Members = std::map<std::string_view, Member>;  // names are those of the archive's bytes
-
-class ZipMembers final : public NamedFiles {
- public:
-  ZipMembers(View bytes, std::string name, Members members, Lease lease)
-      : bytes_(bytes),
-        name_(std::move(name)),
-        members_(std::move(members)),
-        lease_(std::move(lease)) {}
-
-  std::string label(const std::string& name) const override { return name_ + ":" + name; }
-
-  Result<ChargedBytes> read(const std::string& name, ImportMemory& memory,
-                            std::uint64_t max_bytes) override {
-    const auto found = members_.find(name);
-    if (found == members_.end()) {
-      return invalid_file("{}: not found in the archive", label(name));
-    }
-    const Member& member = found->second;
-    if (member.size > max_bytes) {
-      return unsupported("{}: too large (at most {} bytes allowed, got {})", label(name), max_bytes,
-                         member.size);
-    }
-    const bool is_deflated = member.method == 8;
-    if ((member.flags & 1) != 0 || (!is_deflated && member.method != 0)) {
-      return unsupported("{}: encrypted, or compressed with another method than DEFLATE",
-                         label(name));
-    }
-    if (is_deflated ? member.size / kMaxRatio > member.stored : member.size != member.stored) {
-      return invalid_file("{}: stated size of {} bytes is impossible for {} compressed bytes",
-                          label(name), member.size, member.stored);
-    }
-    const std::optional<View> content = content_of(member);
-    if (!content) return invalid_file("{}: outside the archive", label(name));
-    ChargedBytes out;
-    STGS_ASSIGN(out.lease, memory.take(member.size, "the bytes of " + name));
-    out.value.resize(member.size);
-    if (is_deflated ? !inflate_all(*content, out.value) : !copy_all(*content, out.value)) {
-      return invalid_file("{}: damaged in the archive", label(name));
-    }
-    if (checksum(out.value, 0) != member.checksum) {
-      return invalid_file("{}: damaged in the archive: wrong checksum", label(name));
-    }
-    return out;
-  }
-
- private:
-  static bool copy_all(View content, std::span<std::uint8_t> out) {
-    std::copy(content.begin(), content.end(), out.begin());
-    return true;
-  }
-  static bool inflate_all(View content, std::span<std::uint8_t> out) {
-    Inflate inflate(content);
-    std::uint8_t past_the_end = 0;
-    return inflate.read(out) == out.size() && inflate.read({&past_the_end, 1}) == std::size_t{0};
-  }
-
-  std::optional<View> content_of(const Member& member) const {
-    if (member.offset > bytes_.size()) return std::nullopt;
-    ByteReader in(bytes_.subspan(member.offset));
-    const std::uint32_t mark = in.u32();
-    in.bytes(kLocalBytes - 8);
-    const std::uint64_t names = in.u16();
-    in.bytes(names + in.u16());
-    const View content = in.bytes(member.stored);
-    return mark == kLocalMark && in.ok() ? std::optional(content) : std::nullopt;
-  }
-
-  View bytes_;
-  std::string name_;
-  Members members_;
-  Lease lease_;
-};
+constexpr int kStored = 0, kDeflated = 8;     // methods
 
 // Returns the end record, which a comment may follow; empty if there is none.
 View end_record(View bytes) {
@@ -109,8 +28,8 @@ View end_record(View bytes) {
 
 }  // namespace
 
-Result<std::unique_ptr<NamedFiles>> zip_members(View bytes, const std::string& name,
-                                                ImportMemory& memory) {
+Result<std::unique_ptr<ZipMembers>> ZipMembers::open(View bytes, const std::string& name,
+                                                     HostDecoding& decoding, ImportMemory& memory) {
   ByteReader end(end_record(bytes));
   end.bytes(10);  // mark, disks, entries of this disk
   const std::uint32_t count = end.u16(), size = end.u32(), offset = end.u32();
@@ -120,7 +39,7 @@ Result<std::unique_ptr<NamedFiles>> zip_members(View bytes, const std::string& n
   }
   STGS_ASSIGN(Lease lease, memory.take(count * kMemberMemory, "the members of the archive"));
   ByteReader list(bytes.subspan(std::min<std::size_t>(offset, bytes.size())));
-  Members members;
+  std::map<std::string_view, Member> members;
   for (std::uint32_t i = 0; i < count; ++i) {
     ByteReader entry(list.bytes(kEntryBytes));
     const std::uint32_t mark = entry.u32();
@@ -141,8 +60,71 @@ Result<std::unique_ptr<NamedFiles>> zip_members(View bytes, const std::string& n
     members.emplace(std::string_view(reinterpret_cast<const char*>(text.data()), text.size()),
                     member);
   }
-  return std::unique_ptr<NamedFiles>(
-      std::make_unique<ZipMembers>(bytes, name, std::move(members), std::move(lease)));
+  std::unique_ptr<ZipMembers> files(new ZipMembers(bytes, name, decoding));
+  files->members_ = std::move(members);
+  files->lease_ = std::move(lease);
+  STGS_TRY(files->request_deflated(memory));
+  return files;
+}
+
+// Invalid members are rejected when they are read.
+Status ZipMembers::request_deflated(ImportMemory& memory) {
+  for (const auto& [name, member] : members_) {
+    if (member.method != kDeflated || !check(member, "").ok()) continue;
+    const std::string content = label(std::string(name));
+    STGS_TRY(
+        decoding_.request(Coding::kDeflate, content, *stored_bytes(member), member.size, memory));
+  }
+  return {};
+}
+
+Status ZipMembers::check(const Member& member, const std::string& label) const {
+  const bool is_deflated = member.method == kDeflated;
+  if ((member.flags & 1) != 0 || (!is_deflated && member.method != kStored)) {
+    return unsupported("{}: encrypted, or compressed with another method than DEFLATE", label);
+  }
+  if (is_deflated ? member.size / kDeflateRatio > member.stored : member.size != member.stored) {
+    return invalid_file("{}: stated size of {} bytes is impossible for {} compressed bytes", label,
+                        member.size, member.stored);
+  }
+  return stored_bytes(member) ? Status() : invalid_file("{}: outside the archive", label);
+}
+
+std::optional<View> ZipMembers::stored_bytes(const Member& member) const {
+  if (member.offset > bytes_.size()) return std::nullopt;
+  ByteReader in(bytes_.subspan(member.offset));
+  const std::uint32_t mark = in.u32();
+  in.bytes(kLocalBytes - 8);
+  const std::uint64_t names = in.u16();
+  in.bytes(names + in.u16());
+  const View stored = in.bytes(member.stored);
+  return mark == kLocalMark && in.ok() ? std::optional(stored) : std::nullopt;
+}
+
+Result<View> ZipMembers::content(const std::string& name) const {
+  const auto found = members_.find(name);
+  if (found == members_.end()) return invalid_file("{}: not found in the archive", label(name));
+  const Member& member = found->second;
+  STGS_TRY(check(member, label(name)));
+  const View content = member.method == kDeflated ? decoding_.content(Coding::kDeflate, label(name))
+                                                  : *stored_bytes(member);
+  if (checksum(content) != member.checksum) {
+    return invalid_file("{}: damaged in the archive: wrong checksum", label(name));
+  }
+  return content;
+}
+
+Result<ChargedBytes> ZipMembers::read(const std::string& name, ImportMemory& memory,
+                                      std::uint64_t max_bytes) {
+  STGS_ASSIGN(const View bytes, content(name));
+  if (bytes.size() > max_bytes) {
+    return unsupported("{}: too large (at most {} bytes allowed, got {})", label(name), max_bytes,
+                       bytes.size());
+  }
+  ChargedBytes out;
+  STGS_ASSIGN(out.lease, memory.take(bytes.size(), "the bytes of " + name));
+  out.value.assign(bytes.begin(), bytes.end());
+  return out;
 }
 
 }  // namespace stgs::web

@@ -1,13 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // The worker that converts a model: an entry point of its own, bundled to stgs-import.js.
 import { Instance, OutOfMemory } from "../core/instance";
+import { HostDecoding } from "./host_decoding";
 
 /** The reply to a file: the .stgs file, or why it cannot be converted. */
 export type ImportReply = { bytes: ArrayBuffer } | { problem: string };
 
 interface Exports {
   stgs_import_allocate(fileBytes: number, nameBytes: number): number;
-  stgs_import(fileBytes: number): number;
+  stgs_import_unpack(fileBytes: number): number;
+  stgs_import_open(): number;
+  stgs_import_convert(): number;
+  stgs_import_task(): number;
   stgs_import_data(): number;
   stgs_import_bytes(): number;
 }
@@ -43,8 +47,16 @@ async function convert(file: File): Promise<ImportReply> {
   const input = instance.bytes(address, content.byteLength + name.length + 1);
   input.set(new Uint8Array(content));
   input.set(name, content.byteLength); // a zero byte follows
-  const problem = wasm.stgs_import(content.byteLength) >>> 0;
-  if (problem !== 0) return { problem: instance.text(problem) };
+  const decoding = new HostDecoding(instance);
+  const steps = [() => wasm.stgs_import_unpack(content.byteLength), wasm.stgs_import_open, wasm.stgs_import_convert];
+  for (const step of steps) {
+    const problem = step() >>> 0;
+    if (problem !== 0) return { problem: instance.text(problem) };
+    for (let task = wasm.stgs_import_task(); task !== 0; task = wasm.stgs_import_task()) {
+      const failure = await decoding.run(task);
+      if (failure !== null) return { problem: failure };
+    }
+  }
   return { bytes: instance.copy(wasm.stgs_import_data(), wasm.stgs_import_bytes() >>> 0) };
 }
 

@@ -3,9 +3,6 @@
 // (stgs web --single-file).
 import type { Resources } from "../resources";
 
-// In browsers since 2023; the declarations of TypeScript 4.8 do not list it.
-declare const DecompressionStream: { new(format: "gzip"): ReadableWritablePair<Uint8Array, Uint8Array> };
-
 /** Returns the text of an element, and removes it: the text takes memory. */
 function take(element: Element | null): string {
   if (element === null) throw new Error("a part of the page is missing");
