@@ -317,8 +317,6 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
                    max_layouts, layouts);
     return false;
   }
-  // A layout takes a byte at least.
-  set.layouts.reserve(set.layouts.size() + std::min(layouts, in.left()));
   for (std::size_t i = 0; i < layouts && in.ok(); ++i) {
     Layout layout;
     const std::uint64_t entries = set.entries += 1 + read_layout(in, offset, set, layout);
@@ -328,6 +326,9 @@ bool parse_layouts(ByteReader& in, std::uint64_t offset, std::size_t max_tables,
                            entries, memory);
       return false;
     }
+    // By a quarter, since doubling takes three times the memory of layouts without rows.
+    if (const std::size_t size = set.layouts.size(); size == set.layouts.capacity())
+      set.layouts.reserve(size + std::max<std::size_t>(64, size / 4));
     set.layouts.push_back(std::move(layout));
   }
   if (!in.ok()) {
