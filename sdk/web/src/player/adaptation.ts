@@ -138,7 +138,7 @@ export class Adaptation {
     this.restart();
   }
 
-  /** The numbers of `SceneInfo.tierPrimitives`, which grow as more of the scene becomes known. */
+  /** Adopts the numbers of `SceneInfo.tierPrimitives`, as far as is known now: the load fits them. */
   setPeaks(peaks: readonly number[]): void {
     const { length } = this.peaks;
     if (peaks.length === length && peaks.every((primitives, i) => primitives === this.peaks[i])) return;
