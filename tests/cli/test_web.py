@@ -57,9 +57,11 @@ class Web(CliTest):
 
     def test_origins_that_may_embed_the_page_are_checked(self):
         self.succeeds("web", self.scene, "-o", "site", "--bridge", "https://a.example", "--bridge",
-                      "http://localhost:8000")
-        self.assertIn(b'"bridge":"https://a.example http://localhost:8000"', self.read("site/index.html"))
-        for origin in ("*", "page.example", "https://", "https://a.example/", "ftp://a.example", "https://a.example b"):
+                      "http://localhost:8000", "--bridge", "http://[::1]:443")
+        self.assertIn(b'"bridge":"https://a.example http://localhost:8000 http://[::1]:443"', self.read("site/index.html"))
+        for origin in ("*", "page.example", "https://", "https://a.example/", "ftp://a.example", "https://a.example b",
+                       "https://A.example", "HTTPS://a.example", "https://\u00e4.example", "https://a.example:443",
+                       "http://a.example:80", "https://a.example:", "https://a.example:0443", "https://[::1]:443"):
             self.fails(USAGE, "not an origin", "web", self.scene, "-o", "other", "--bridge", origin)
 
     def test_existing_outputs_need_a_flag(self):

@@ -3,6 +3,7 @@
 // its live edge there.
 
 const DURATION = 12, TICK = 1 / 30, LAST = DURATION - TICK, FETCH_RATE = 8;
+const TIERS = [500000, 900000, 1284032]; // primitives
 const now = () => performance.timeOrigin + performance.now();
 
 export class FakeCore {
@@ -85,7 +86,7 @@ export class FakeCore {
       info: {
         duration: DURATION, tickSeconds: TICK, frames: 360, shDegree: 1, primitives: 1284032,
         boundsMin: [-2, -1, -2], boundsMax: [2, 1, 2], up: null, background: [0, 0, 0],
-        tierPrimitives: [500000, 900000, 1284032], audio: null,
+        tierPrimitives: TIERS, audio: null,
         startCamera: {
           rotation: [1, 0, 0, 0, 0.97, 0.243, 0, -0.243, 0.97], translation: [0, 0.2, 5.4],
           fx: 1100, fy: 1100, cx: 640, cy: 360, width: 1280, height: 720, near: 0.05,
@@ -121,8 +122,7 @@ export class FakeCore {
     this.send({
       type: "state", state, seconds: this.seconds, seek: this.lastSeek, at: now(), rate: this.rate,
       buffered: [[0, this.fetched]], layers: 2, layerCount: 3, bytes: 4.2e6 * this.fetched, bytesPerSecond: 3.1e6,
-      memory: 2.5e8,
-      duration: DURATION, live: this.live,
+      memory: 2.5e8, tierPrimitives: TIERS, duration: DURATION, live: this.live,
     });
   }
 }

@@ -64,6 +64,7 @@ export class FakeWorker {
   posted = [];
   listeners = { message: [], error: [] };
   terminated = false;
+  info = INFO;
 
   constructor(host) {
     this.host = host;
@@ -83,13 +84,14 @@ export class FakeWorker {
     for (const listener of this.listeners.message) listener({ data: message });
   }
   opened(info = INFO) {
+    this.info = info;
     this.send({ type: "opened", info });
   }
   state(state, seconds, more = {}) {
     this.send({
       type: "state", state, seconds, at: this.host.now(), rate: 1, buffered: [[0, 10]],
       seek: this.last("seek")?.id ?? 0, layers: 2, layerCount: 3, bytes: 1000, duration: 10,
-      bytesPerSecond: 5000, memory: 2000, live: null, ...more,
+      bytesPerSecond: 5000, memory: 2000, live: null, tierPrimitives: this.info.tierPrimitives, ...more,
     });
   }
   segment(id, begin = 0, end = 250) {

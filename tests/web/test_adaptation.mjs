@@ -105,7 +105,7 @@ test("late frames lower the resolution and the tiers, and still images have all 
   worker.state("playing", 0);
   await play(parts, 75, 100);
   const limits = worker.posted.filter(({ type }) => type === "maxPrimitives").map(({ primitives }) => primitives);
-  assert.deepEqual(limits, [600000]);
+  assert.deepEqual(limits, [3e6, 600000]);
   const { resolutionScale, reason } = reports[reports.length - 1];
   assert.equal(resolutionScale, 0.5);
   assert.match(reason, /^10 of 30 fps: lowered the resolution$/);
@@ -152,6 +152,69 @@ test("the limit of a GPU applies once the renderer is known", async () => {
   await settle();
   assert.equal(worker.last("maxPrimitives").primitives, 2e6);
   assert.equal(player.qualityReport.reason, "the GPU takes 2000000 primitives");
+});
+
+test("a choice between load and loadedmetadata reaches the core", async () => {
+  const { player, worker } = setUp();
+  player.src = "scene.stgs";
+  player.quality = "low";
+  worker.opened(TIERS);
+  assert.equal(worker.last("maxPrimitives").primitives, 1.5e6);
+  assert.equal(player.qualityReport.tierCount, 3);
+  player.unload();
+  assert.equal(player.qualityReport.tierCount, 0);
+});
+
+test("tiers follow what is known of the scene", async () => {
+  const parts = setUp();
+  const { player, worker, host } = parts;
+  player.src = "scene.stgs";
+  worker.opened(TIERS);
+  worker.segment(1);
+  const state = (name, tierPrimitives) => worker.state(name, player.currentTime, { tierPrimitives });
+  const tiers = () => [player.qualityReport.tiers, player.qualityReport.tierCount];
+  state("paused", TIERS.tierPrimitives);
+  assert.deepEqual(tiers(), [2, 3]);
+  const { length } = worker.posted;
+  state("paused", [...TIERS.tierPrimitives]);
+  assert.equal(worker.posted.length, length); // nothing is new
+  state("paused", [700000, 3100000, 5000000]);
+  assert.deepEqual(tiers(), [1, 3]);
+  state("paused", [700000, 1600000, 2500000, 5000000]);
+  assert.deepEqual(tiers(), [3, 4]);
+  player.play().catch(() => undefined);
+  state("playing", [700000, 1600000, 2500000, 5000000]);
+  while (player.qualityReport.tiers === 3) {
+    host.time += 100;
+    await host.run(20);
+  }
+  assert.equal(worker.last("maxPrimitives").primitives, 1600000);
+  state("playing", [700000, 1700000, 2500000, 5000000]); // the load stays lowered
+  assert.equal(worker.last("maxPrimitives").primitives, 1700000);
+  assert.deepEqual([...tiers(), player.qualityReport.resolutionScale], [2, 4, 0.75]);
+  state("playing", [700000, 3200000, 4500000, 5000000]); // never above the budget
+  assert.equal(worker.last("maxPrimitives").primitives, 3e6);
+});
+
+test("another size of the window does not end scaling", async () => {
+  for (const resizes of [true, false]) {
+    const parts = await openScene();
+    const { canvas, player, worker, renderer } = parts;
+    Object.assign(canvas, { clientWidth: 320, clientHeight: 180 }); // on the page
+    renderer.render = (camera, ticks) => {
+      renderer.frames.push({ camera, ticks, exact: false });
+      Object.assign(canvas, { width: camera.width, height: camera.height });
+    };
+    player.play().catch(() => undefined);
+    worker.state("playing", 0);
+    for (let i = 0; i < 30 && canvas.width === 640; ++i) await play(parts, 1, 100);
+    assert.equal(canvas.width, 480);
+    Object.assign(canvas, { clientWidth: 400 });
+    if (resizes) player.resize(800, 360);
+    await play(parts, 2, 20);
+    assert.equal(player.qualityReport.resolutionScale, 0.75);
+    assert.equal(canvas.width, resizes ? 600 : 480);
+  }
 });
 
 test("a canvas without a size of its own on the page is not scaled", async () => {

@@ -168,6 +168,20 @@ test("a browser that needs a gesture plays muted, and that is reported", async (
   assert.deepEqual([sound.muted, sound.volume], [false, 0.5]);
 });
 
+test("a browser that does not even play muted sound is asked again", async () => {
+  const { host, sound, reports, move } = follow();
+  sound.play = async () => {
+    throw new DOMException("no gesture", "NotAllowedError");
+  };
+  move({ running: false });
+  move({ running: true });
+  await host.run(700);
+  assert.deepEqual([reports, sound.paused], [["blocked"], true]);
+  delete sound.play;
+  await host.run(300);
+  assert.deepEqual([reports, sound.paused], [["blocked"], false]);
+});
+
 test("a sound that stalls catches up, and one that fails is reported once", async () => {
   const { host, sound, track, reports, drift } = follow();
   await host.run(500);
@@ -204,7 +218,7 @@ test("only locations on the server of the file are followed", () => {
 });
 
 /** Opens a scene with a sound on a page of `origin`; returns the player, its sounds and its requests. */
-async function openWithSound(t, { scene = "http://page/scene.stgs", location = "a.wav", reply, set = () => {} } = {}) {
+async function openWithSound(t, { scene = "http://page/scene.stgs", location = "a.wav", reply, set = () => {}, opened = () => {} } = {}) {
   const parts = setUp(), sounds = [], requests = [], notices = [], events = [];
   const globals = {
     location: { origin: "http://page" },
@@ -227,6 +241,7 @@ async function openWithSound(t, { scene = "http://page/scene.stgs", location = "
   set(player);
   player.src = scene;
   worker.opened({ ...INFO, audio: { location, begin: 0, base: scene } });
+  opened(player);
   worker.segment(1);
   worker.state("paused", 0);
   await parts.host.run(100);
@@ -241,7 +256,8 @@ async function openWithSound(t, { scene = "http://page/scene.stgs", location = "
 
 test("a player plays the sound of its file", async (t) => {
   const { player, worker, host, sound, requests, events } = await openWithSound(t);
-  assert.deepEqual([requests[0].url, requests[0].method, requests[0].mode], ["http://page/a.wav", "HEAD", "same-origin"]);
+  const [{ url, method, headers, mode }] = requests;
+  assert.deepEqual([url, method, headers.Range, mode], ["http://page/a.wav", undefined, "bytes=0-0", "same-origin"]);
   assert.deepEqual([sound.src, player.hasAudio, events], ["http://page/a.wav", true, ["audiochange"]]);
   player.volume = 0.25;
   player.muted = true;
@@ -266,6 +282,13 @@ test("a player plays the sound of its file", async (t) => {
   assert.ok(!sound.paused && Math.abs(sound.currentTime - player.currentTime) < 0.05);
   player.destroy();
   assert.ok(sound.paused);
+});
+
+test("a sound that is given up while its player is loaded is not played", async (t) => {
+  for (const opened of [(player) => (player.audio = "none"), (player) => player.unload(), (player) => player.destroy()]) {
+    const { sound, requests } = await openWithSound(t, { opened });
+    assert.deepEqual([sound, requests], [undefined, []]);
+  }
 });
 
 test("a sound of another origin is not loaded, and a page can name it", async (t) => {

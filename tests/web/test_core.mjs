@@ -59,6 +59,7 @@ describe("the core", { concurrency: true }, () => {
     for (const seconds of [2500, 10, 2990]) {
       const state = await own.seek(seconds);
       assert.ok(state.buffered.some(([a, b]) => a <= seconds && seconds <= b));
+      assert.ok(state.tierPrimitives.length > 0 && state.tierPrimitives.every((primitives) => primitives > 0));
       const ticks = seconds / FRAME;
       const shown = own.all("segment").filter(({ segment }) => segment.begin <= ticks && ticks <= segment.end);
       assert.ok(shown.length > 0);

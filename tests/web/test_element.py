@@ -183,6 +183,13 @@ class ElementTest(ElementCase):
         self.wait("part('.live').getAttribute('aria-pressed') === 'true' && player.live.following")
         self.assertEqual(self.posted("seek")[-1]["seconds"], 12)
 
+    def test_a_volume_is_checked_before_there_is_a_player(self):
+        self.assertEqual(self.check("""(() => {
+            const element = document.createElement("stgs-player");
+            element.volume = 0.5;
+            try { element.volume = 2; } catch ({ name }) { return [name, element.volume]; }
+        })()"""), ["IndexSizeError", 0.5])
+
     # The bridge to an embedding page, which is of another origin
 
     def embed(self, origins, **options):
@@ -212,6 +219,8 @@ class ElementTest(ElementCase):
                           ".then(() => remote.camera())")
         self.assertAlmostEqual(view["azimuth"], 0.1)
         self.assertLess(view["distance"], 1e3)  # within the limits
+        self.check("remote.goLive()")
+        self.assertEqual(self.check("[remote.state.live, remote.state.error]"), [None, None])
         self.check("remote.resetCamera()")
         self.assertEqual(self.check("remote.camera().then(({ azimuth }) => azimuth)"), 0)
         self.check("document.querySelector('iframe').src = document.querySelector('iframe').src.replace('#', '?2#')")

@@ -225,6 +225,19 @@ test("after the GPU was lost, playback continues at its time with another render
   assert.equal(player.hasLostRenderer, false);
 });
 
+test("after the GPU was lost, a recording is followed again", async () => {
+  for (const following of [true, false]) {
+    const { player, renderer, workers, worker } = await openScene({ perLoad: true });
+    worker.state("paused", 9, { live: { following, latency: 1, targetLatency: 1 } });
+    player.play().catch(() => undefined);
+    renderer.onError(loss());
+    workers[1].opened();
+    await settle();
+    assert.equal(workers[1].last("seek")?.seconds, following ? undefined : 9);
+    assert.ok(workers[1].types().includes("play"));
+  }
+});
+
 test("a GPU that is lost without an open scene is no error", async () => {
   const { player, renderer, worker } = setUp();
   renderer.onError(loss());

@@ -58,3 +58,23 @@ test("a Blob has a begin", async () => {
   const { head, size } = await rangeReader(blob).begin(100, signal);
   assert.deepEqual([[...head], size], [[1, 2, 3], 3]);
 });
+
+test("a worker that is terminated ends the read that the page does for it", async () => {
+  const { createWorker } = await importSource("src/resources.ts");
+  let ended = 0;
+  globalThis.Worker = class {
+    postMessage() {}
+    terminate() {
+      ++ended;
+    }
+  };
+  const signals = [];
+  globalThis.fetch = (url, options) => {
+    if (String(url) === URL) signals.push(options.signal);
+    return new Promise((_, reject) => options?.signal.addEventListener("abort", () => reject(new Error("aborted"))));
+  };
+  const worker = createWorker(URL);
+  assert.deepEqual(signals.map(({ aborted }) => aborted), [false]);
+  worker.terminate();
+  assert.deepEqual([signals[0].aborted, ended], [true, 1]);
+});

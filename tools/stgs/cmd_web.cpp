@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <filesystem>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "command.h"
@@ -23,6 +25,22 @@ namespace {
 
 constexpr const char* kSceneName = "scene.stgs";  // on the site
 constexpr const char* kPageName = "index.html";
+
+// Whether a text is an origin as browsers write it, with which they compare it.
+bool is_origin(std::string_view text) {
+  const bool is_https = text.starts_with("https://");
+  if (!is_https && !text.starts_with("http://")) return false;
+  text.remove_prefix(text.find("://") + 3);
+  const std::size_t bracket = text.rfind(']');  // of an IPv6 address
+  const std::size_t colon = text.find(':', bracket == text.npos ? 0 : bracket);
+  const std::string_view host = text.substr(0, colon);
+  constexpr std::string_view kHost = "abcdefghijklmnopqrstuvwxyz0123456789-._[:]";
+  if (host.empty() || host.find_first_not_of(kHost) != host.npos) return false;
+  if (colon == text.npos) return true;
+  const std::string_view port = text.substr(colon + 1);
+  return !port.empty() && port.size() <= 5 && port[0] != '0' &&
+         port.find_first_not_of("0123456789") == port.npos && port != (is_https ? "443" : "80");
+}
 
 class Web final : public Command {
  public:
@@ -91,12 +109,11 @@ class Web final : public Command {
                        display_name(scene_));
   }
   static Status check_origin(const std::string& origin) {
-    const std::size_t host = origin.find("://") + 3;
-    const bool has_scheme = origin.rfind("https://", 0) == 0 || origin.rfind("http://", 0) == 0;
-    const bool has_rest = origin.find_first_of("/?#@* \t\"'\\", host) != std::string::npos;
-    if (has_scheme && host < origin.size() && !has_rest) return {};
-    return usage_error("--bridge {}: not an origin (expected one such as https://page.example)",
-                       one_line(origin));
+    if (is_origin(origin)) return {};
+    return usage_error(
+        "--bridge {}: not an origin (expected one such as https://page.example: in lower case, in "
+        "ASCII, without the port 443 of https or 80 of http)",
+        one_line(origin));
   }
   std::string written_page() const {
     return single_file_ ? output_ : (std::filesystem::path(output_) / kPageName).string();

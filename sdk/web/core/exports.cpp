@@ -216,10 +216,10 @@ STGS_EXPORT const char* stgs_state() {
   const player::StreamStatistics statistics = p.statistics();
   return give(fmt::format(
       R"({{"state":"{}","seconds":{},"duration":{},"live":{},"buffered":[{}],"layers":{},)"
-      R"("layerCount":{},"bytes":{},"memory":{},"bytesPerSecond":{}}})",
+      R"("layerCount":{},"tierPrimitives":[{}],"bytes":{},"memory":{},"bytesPerSecond":{}}})",
       state_name(p.state()), p.seconds(), duration_of(current->reader()), live_json(), ranges,
-      p.layers(), p.layer_count(), statistics.fetched_bytes, statistics.memory_bytes,
-      number(statistics.bytes_per_second)));
+      p.layers(), p.layer_count(), counts(p.tier_peaks()), statistics.fetched_bytes,
+      statistics.memory_bytes, number(statistics.bytes_per_second)));
 }
 // Returns the events since the last call as a JSON array.
 STGS_EXPORT const char* stgs_events() {

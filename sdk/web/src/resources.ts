@@ -45,11 +45,24 @@ function provideCore(worker: Worker): void {
     });
 }
 
-/** Begins to read a source for a worker, so that the read does not wait for the worker. */
+/** Returns a signal that is aborted when a worker is terminated. */
+function endOf(worker: Worker): AbortSignal {
+  const end = new AbortController();
+  worker.terminate = () => {
+    end.abort();
+    Worker.prototype.terminate.call(worker);
+  };
+  return end.signal;
+}
+
+/**
+ * Begins to read a source for a worker, until the worker is terminated, so that the read does not wait for
+ * the worker.
+ */
 function provideBegin(worker: Worker, source: string): void {
   const send = (message: StartMessage) => worker.postMessage(message);
   send({ type: "begin", source });
-  rangeReader(source).begin(OPEN_BYTES, new AbortController().signal).then(
+  rangeReader(source).begin(OPEN_BYTES, endOf(worker)).then(
     (begin) => send({ type: "head", begin }),
     (error: unknown) => {
       const isFinal = error instanceof ReadError && !error.retry && error.code !== "aborted";

@@ -8,7 +8,7 @@ import type { SceneAudio } from "./types";
 
 export type { AudioTrack, Timebase, TrackOwner };
 
-/** A sound: what a file names, or the URL that the page has chosen. */
+/** A sound: the location in a file, or the URL that the page has chosen. */
 export interface SoundSource {
   scene: SceneAudio | null;
   chosen: string | null;

@@ -24,7 +24,10 @@ export interface SceneInfo {
   floor: number[] | null;   // 3, a point of the floor, scene units; null: unknown
   background: number[];     // 3, encoded as the colours
   startCamera: Camera | null;
-  /** The greatest number of primitives at one time, of the first tier, of the first two, and so on. */
+  /**
+   * The greatest number of primitives at one time, of the first tier, of the first two, and so on, as far
+   * as is known when the scene is opened.
+   */
   tierPrimitives: number[];
   audio: SceneAudio | null; // null: the file names none
 }
@@ -60,7 +63,7 @@ export type CoreMessage =
   | { type: "state"; state: "playing" | "paused" | "buffering" | "ended"; seconds: number; seek: number /* id of the last seek that came before; 0: none */; at: number /* performance.timeOrigin + performance.now() of the worker when seconds was true */;
       rate: number; buffered: [number, number][]; layers: number; layerCount: number;
       bytes: number /* fetched */; bytesPerSecond: number /* recent; 0: not known yet */; memory: number /* bytes of the budget in use */; duration: number;
-      live: LiveState | null /* null: the file is complete */ }
+      live: LiveState | null /* null: the file is complete */; tierPrimitives: number[] /* of SceneInfo, as far as is known now */ }
   | { type: "event"; kind: string; message: string }
   | { type: "error"; code: "network" | "format" | "unsupported" | "memory" | "usage" | "aborted"; message: string };
 /** Messages of the page to the core worker. */

@@ -83,7 +83,7 @@ void ClientTimes::end_slow() {
       if (!received) continue;  // the time without any progress remains limited
       const auto bytes = static_cast<double>(*received - client.received);
       if (bytes < kMinRate * seconds) {
-        // What the client has not received is discarded when the socket is closed.
+        // Unsent data is discarded when the socket is closed.
         const linger reset{1, 0};
         ::setsockopt(client.socket, SOL_SOCKET, SO_LINGER, &reset, sizeof reset);
         ::shutdown(client.socket, SHUT_RDWR);

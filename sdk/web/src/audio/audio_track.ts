@@ -85,7 +85,7 @@ export class AudioTrack {
     const rate = this.timebase.rate();
     if (!running) return this.stop();
     const target = seconds - this.begin;
-    if (rate < MIN_RATE || rate > MAX_RATE || target < 0 || target >= this.element.duration) this.stop();
+    if (rate < MIN_RATE || rate > MAX_RATE || target < 0 || target >= this.element.duration - TOLERANCE) this.stop();
     else if (this.element.paused) this.start(target, rate);
     else this.correct(target, rate);
     // It begins in time if the scene reaches it before the next check.
@@ -108,16 +108,18 @@ export class AudioTrack {
   private start(target: number, rate: number): void {
     this.element.playbackRate = rate;
     if (Math.abs(this.element.currentTime - target) > TOLERANCE) this.seek(target);
-    this.play(true);
+    this.play();
   }
 
-  private play(canMute: boolean): void {
+  private play(): void {
     this.element.play().catch((error: unknown) => {
-      if (this.isOver || (error as Error).name === "AbortError") return; // it was paused meanwhile
-      if ((error as Error).name !== "NotAllowedError" || !canMute) return this.fail((error as Error).message);
+      const { name, message } = error as Error;
+      if (this.isOver || name === "AbortError") return; // it was paused meanwhile
+      if (name !== "NotAllowedError") return this.fail(message);
+      if (this.element.muted) return; // the next update tries again
       this.element.muted = true;
       this.owner.blocked();
-      if (this.timebase.time()?.running === true) this.play(false);
+      if (this.timebase.time()?.running === true) this.play();
     });
   }
 

@@ -29,7 +29,8 @@ export function soundUrl({ location, base }: SceneAudio): URL {
 
 /**
  * Resolves to the URL of a sound after redirects, none of which has left its origin. Rejects with an
- * Error if the server does not have it. No other origin is contacted.
+ * Error if the server does not have it. No other origin is contacted. Whether the server redirects the
+ * later requests of an audio element cannot be checked.
  */
 export async function checkedUrl(url: URL, signal: AbortSignal): Promise<string> {
   const isOwn = url.origin === location.origin;
@@ -37,12 +38,14 @@ export async function checkedUrl(url: URL, signal: AbortSignal): Promise<string>
   const where: RequestInit = isOwn ? { mode: "same-origin" } : { mode: "cors", redirect: "error", credentials: "omit" };
   let response: Response;
   try {
-    response = await fetch(url.href, { method: "HEAD", signal, ...where });
+    // Not HEAD, which a server may answer without the redirect of GET.
+    response = await fetch(url.href, { headers: { Range: "bytes=0-0" }, signal, ...where });
   } catch (error) {
     if (signal.aborted) throw error;
     throw new Error(`the sound ${shown(url.href)} cannot be read: no connection, a redirect to another origin, ` +
       "or the server does not allow this page (CORS)");
   }
+  response.body?.cancel().catch(() => undefined); // it is not needed
   if (!response.ok) throw new Error(`the sound ${shown(url.href)} cannot be read: status ${response.status} of the server`);
   return response.url;
 }

@@ -24,8 +24,8 @@ interface Waiter {
 /**
  * A player in a frame. Its events are those of the player, as `CustomEvent`s whose `detail` is that of the
  * player's event; `connect` follows each load of the embedded page. Methods resolve when the player has
- * answered, and reject with its error, or with an `AbortError` when the page is loaded again or `close` is
- * called.
+ * answered, and reject with its error, or with an `AbortError` when the page is loaded again or ends the
+ * connection, or `close` is called.
  */
 export class RemotePlayer extends EventTarget {
   private port: MessagePort | null = null;
@@ -52,6 +52,10 @@ export class RemotePlayer extends EventTarget {
   /** Begins a seek, seconds; `seeked` follows. */
   seek(seconds: number): Promise<void> {
     return this.call("seek", seconds);
+  }
+  /** See `StgsPlayer.goLive`. */
+  goLive(): Promise<void> {
+    return this.call("goLive");
   }
   set<K extends keyof Settings>(name: K, value: Settings[K]): Promise<void> {
     return this.call("set", name, value);
@@ -97,7 +101,8 @@ export class RemotePlayer extends EventTarget {
 
   private receive(data: unknown): void {
     if (!isRecord(data)) return;
-    if (data["type"] === "reply") return this.settle(data as unknown as Reply);
+    if (data["type"] === "reply") return this.finishRequest(data as unknown as Reply);
+    if (data["type"] === "end") return this.adopt(null);
     const { type, name, state, detail } = data as unknown as RemoteEvent;
     const isKnown = name === "connect" || (EVENT_NAMES as readonly unknown[]).includes(name);
     if (type !== "event" || !isKnown || !isRecord(state)) return;
@@ -105,7 +110,7 @@ export class RemotePlayer extends EventTarget {
     this.dispatchEvent(new CustomEvent(name, { detail: detail ?? null }));
   }
 
-  private settle({ id, value, error }: Reply): void {
+  private finishRequest({ id, value, error }: Reply): void {
     const waiter = this.waiting.get(id);
     this.waiting.delete(id);
     if (error === undefined) waiter?.resolve(value);

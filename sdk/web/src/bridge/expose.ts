@@ -3,8 +3,10 @@
 import type { CameraView } from "../element/cameras/rig";
 import { QUALITIES } from "../player/adaptation";
 import type { Quality } from "../player/adaptation";
+import { textOf } from "../player/errors";
 import { EVENT_NAMES } from "../player/event_queue";
-import { checkOrigin, isRecord, Reply, RemoteEvent, RemoteState, Request, VERSION, windowMessage, WindowMessage } from "./protocol";
+import type { LiveState } from "../types";
+import { checkOrigin, isRecord, RemoteEnd, RemoteEvent, RemoteState, Reply, Request, VERSION, windowMessage, WindowMessage } from "./protocol";
 
 /** The part of a player or an element that is exposed. Elements have a camera. */
 export interface Exposable extends EventTarget {
@@ -20,27 +22,31 @@ export interface Exposable extends EventTarget {
   readonly seeking: boolean;
   readonly readyState: number;
   readonly hasAudio: boolean;
+  readonly live: LiveState | null;
   readonly error: { message: string } | null;
   cameraView?: CameraView | null;
   play(): Promise<void>;
   pause(): void;
+  goLive(): void;
   resetCamera?(): void;
 }
 
 const MAX_PENDING = 32; // requests
 const MAX_TEXT = 1000; // characters of a message
+const MAX_NUMBER = 1e9; // in magnitude
 
 let isExposed = false; // a player of this page
 
 function stateOf(player: Exposable): RemoteState {
-  const { currentTime, paused, ended, seeking, readyState, playbackRate, loop, muted, volume, hasAudio, quality } = player;
+  const { currentTime, paused, ended, seeking, readyState, playbackRate, loop, muted, volume, hasAudio, quality, live } = player;
   const duration = Number.isFinite(player.duration) ? player.duration : null;
   const error = player.error?.message.slice(0, MAX_TEXT) ?? null;
-  return { currentTime, duration, paused, ended, seeking, readyState, playbackRate, loop, muted, volume, hasAudio, quality, error };
+  return { currentTime, duration, paused, ended, seeking, readyState, playbackRate, loop, muted, volume, hasAudio, quality, live, error };
 }
 
 function numberOf(value: unknown): number {
-  if (typeof value !== "number" || !Number.isFinite(value)) throw new TypeError("expected a finite number");
+  if (typeof value !== "number" || !(Math.abs(value) <= MAX_NUMBER))
+    throw new TypeError(`expected a number from ${-MAX_NUMBER} to ${MAX_NUMBER}`);
   return value;
 }
 
@@ -88,6 +94,7 @@ const HANDLERS = new Map<unknown, Handler>([
   ["play", (player) => player.play()],
   ["pause", (player) => player.pause()],
   ["seek", (player, [seconds]) => void (player.currentTime = numberOf(seconds))],
+  ["goLive", (player) => player.goLive()],
   ["set", (player, [name, value]) => setting(player, name, value)],
   ["camera", (player) => camera(player)],
   ["setCamera", (player, [view]) => {
@@ -122,6 +129,7 @@ class Connection {
 
   close(): void {
     this.abort.abort();
+    this.post({ type: "end" });
     this.port.close();
   }
 
@@ -141,12 +149,12 @@ class Connection {
         --this.pending;
       }
     } catch (error) {
-      const { name, message } = error as Error;
-      this.post({ type: "reply", id, error: { name, message: message.slice(0, MAX_TEXT) } });
+      const name = error instanceof Error ? error.name : "Error";
+      this.post({ type: "reply", id, error: { name, message: textOf(error).slice(0, MAX_TEXT) } });
     }
   }
 
-  private post(message: Reply | RemoteEvent): void {
+  private post(message: Reply | RemoteEvent | RemoteEnd): void {
     this.port.postMessage(message);
   }
 }

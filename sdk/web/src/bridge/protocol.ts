@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the two sides of a bridge send each other: the page with the player, and the page that embeds it.
+// The messages of a bridge. Its two sides are the page with the player, and the page that embeds it.
 //
 // 1. The embedding page sends a Ping, which has no content, to any origin.
 // 2. The page with the player sends Ready: when it is exposed, and as the answer to a Ping of a
 //    permitted origin.
 // 3. The embedding page answers with Connect and a MessagePort, to the origin that it expects. All else
-//    goes through the port: Requests and their Replies, and Events, the first of which is "connect".
+//    goes through the port: Requests and their Replies, Events, the first of which is "connect", and End
+//    when the player is no longer exposed.
 import type { CameraView } from "../element/cameras/rig";
 import type { Quality } from "../player/adaptation";
+import type { LiveState } from "../types";
 
 export const VERSION = 1;
 
@@ -33,6 +35,8 @@ export interface RemoteState {
   volume: number;
   hasAudio: boolean;
   quality: Quality;
+  /** See `StgsPlayer.live`. */
+  live: LiveState | null;
   /** The message of the error that ended playback; null: there is none. */
   error: string | null;
 }
@@ -45,6 +49,7 @@ export interface Methods {
   play(): void;
   pause(): void;
   seek(seconds: number): void;
+  goLive(): void;
   set<K extends keyof Settings>(name: K, value: Settings[K]): void;
   camera(): CameraView;
   setCamera(view: CameraView): void;
@@ -71,6 +76,11 @@ export interface RemoteEvent {
   /** Of `notice` and `qualitychange`. */
   detail?: unknown;
   state: RemoteState;
+}
+
+/** The last message: the page with the player has ended the connection. */
+export interface RemoteEnd {
+  type: "end";
 }
 
 /** Whether a message is an object with members. */

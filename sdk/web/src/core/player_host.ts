@@ -260,7 +260,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
       type: "state", state: state.state, seconds: state.seconds, seek: this.lastSeek, at: performance.timeOrigin + at, rate: this.rate,
       buffered: state.buffered, layers: state.layers, layerCount: state.layerCount,
       bytes: state.bytes, bytesPerSecond: state.bytesPerSecond, memory: state.memory, duration: state.duration,
-      live: state.live,
+      live: state.live, tierPrimitives: state.tierPrimitives,
     }, []);
     return Infinity;
   }

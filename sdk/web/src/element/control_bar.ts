@@ -20,6 +20,7 @@ export class ControlBar {
   readonly root: HTMLElement;
   private readonly slider: SeekSlider;
   private readonly speed: SpeedMenu;
+  private readonly mute: MuteButton;
   private readonly play = iconButton("play", "Play", "button play");
   private readonly now = create("span", { class: "now" }, "0:00");
   private readonly total = create("span", { class: "total" }, "0:00");
@@ -32,10 +33,11 @@ export class ControlBar {
   constructor(private readonly media: Media, actions: BarActions) {
     this.slider = new SeekSlider(media);
     this.speed = new SpeedMenu(media);
+    this.mute = new MuteButton(media);
     const time = create("div", { class: "time" }, this.now, this.total);
     const space = create("div", { class: "space" });
     this.fullscreen.hidden = !actions.canFullscreen;
-    const row = create("div", { class: "row" }, this.play, new MuteButton(media).root, time, this.live, space, this.speed.root, this.loop,
+    const row = create("div", { class: "row" }, this.play, this.mute.root, time, this.live, space, this.speed.root, this.loop,
                        this.statistics, new XrButton(media).root, this.fullscreen);
     this.root = create("div", { class: "bar", role: "group", "aria-label": "Playback" },
                        this.slider.root, row);
@@ -68,6 +70,7 @@ export class ControlBar {
     this.total.hidden = media.live !== null;
     this.live.setAttribute("aria-pressed", String(isLive));
     setLabel(this.live, isLive ? "Live" : "Go to the live edge");
+    this.mute.update();
     this.speed.update();
     this.slider.updateBuffered();
     this.updateTime();

@@ -12,7 +12,8 @@ export class MuteButton {
     this.update();
   }
 
-  private update(): void {
+  /** Shows the state of the media. */
+  update(): void {
     const { muted, hasAudio } = this.media;
     this.root.hidden = !hasAudio;
     setIcon(this.root, muted ? "muted" : "volume");

@@ -59,7 +59,7 @@ function gpuTimes({ computeMs, rasterMs }: PlayerStats): [string, string][] {
   return [["Compute", `${computeMs.toFixed(1)} ms`], ["Rasterising", `${rasterMs.toFixed(1)} ms`]];
 }
 
-/** The rows of what was chosen for the device. */
+/** The rows of the quality. */
 function qualityRows({ quality, memoryBytes }: PlayerStats): [string, string][] {
   if (quality === null) return [];
   const { tiers, tierCount, resolutionScale, memoryBudget } = quality;

@@ -5,6 +5,7 @@ import { forwardEvents } from "../player/event_queue";
 import { NO_STATS, PlayerStats, StgsPlayer } from "../player/player";
 import { BufferedRanges } from "../player/ranges";
 import { resume } from "../player/resume";
+import { checkVolume } from "../player/sound";
 import type { RendererChoice } from "../renderer_choice";
 import { LiveState, Renderer, SceneInfo } from "../types";
 import type { XrMode, XrOptions } from "../xr/presenter";
@@ -25,8 +26,7 @@ const MAX_PIXEL_RATIO = 2; // of the canvas to CSS pixels
  * `<stgs-player src controls autoplay loop poster camera="orbit|fly" free
  * renderer="auto|webgpu|webgl2" quality="auto|low|medium|high" device="phone|headset|desktop">`: plays a
  * scene like a media element. Properties, methods and events are those of `StgsPlayer`; attributes are
- * reflected. Without `controls`, only the camera takes
- * input. `free` lifts the limits of the orbit.
+ * reflected. Without `controls`, only the camera takes input. `free` lifts the limits of the orbit.
  *
  * The player is created when the element is connected or used, and destroyed when it is removed
  * from the page; then the position is lost.
@@ -161,8 +161,8 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     return this.player?.volume ?? this.wantedVolume;
   }
   set volume(volume: number) {
+    this.wantedVolume = checkVolume(volume);
     if (this.player !== null) this.player.volume = volume;
-    this.wantedVolume = volume;
   }
   get hasAudio(): boolean {
     return this.player?.hasAudio ?? false;
@@ -335,7 +335,7 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     }
     const isLost = event.type === "error" && player?.hasLostRenderer === true;
     if (player === null || !isLost || (this.choice ?? this.renderer) !== "auto") return false;
-    const { currentTime, paused, playbackRate, error } = player;
+    const { currentTime, paused, live, playbackRate, error } = player;
     this.destroy();
     this.choice = "webgl2";
     this.keptRig = rig;
@@ -343,7 +343,7 @@ export abstract class StgsPlayerElement extends ReflectedElement implements Medi
     const next = this.use(false);
     if (next === null) return true; // use() reports it
     next.playbackRate = playbackRate;
-    resume(next, next.load(this.object ?? this.src), { currentTime, paused });
+    resume(next, next.load(this.object ?? this.src), { currentTime, paused, live });
     return true;
   }
 

@@ -123,7 +123,7 @@ export class Adaptation {
 
   get maxPrimitives(): number {
     if (this.level === 0) return this.budget;
-    return this.peaks[this.step.tiers - 1] ?? this.budget;
+    return Math.min(this.peaks[this.step.tiers - 1] ?? Infinity, this.budget);
   }
 
   /** Of the width and height of moving images. */
@@ -132,10 +132,20 @@ export class Adaptation {
     return this.setting === "auto" ? this.step.scale : FIXED[this.setting][0];
   }
 
-  /** A scene was opened; the core has the limits. */
+  /** A scene was opened. The core gets the limits, which may differ from those at the time of load(). */
   open(info: SceneInfo): void {
     this.peaks = info.tierPrimitives;
-    this.restart(false);
+    this.restart();
+  }
+
+  /** Adopts the numbers of `SceneInfo.tierPrimitives`, as far as is known now: the load fits them. */
+  setPeaks(peaks: readonly number[]): void {
+    const { length } = this.peaks;
+    if (peaks.length === length && peaks.every((primitives, i) => primitives === this.peaks[i])) return;
+    this.peaks = peaks;
+    if (peaks.length !== length || this.level === 0) return this.restart();
+    this.client.limit(this.maxPrimitives);
+    this.client.changed();
   }
 
   close(): void {
@@ -205,12 +215,12 @@ export class Adaptation {
   }
 
   /** Chooses again, with the full load. */
-  private restart(limits = true): void {
+  private restart(): void {
     this.level = 0;
     this.steps = loads(this.tiersWithin(this.budget), this.isInXr || this.isFixed ? [] : SCALES);
     this.why = this.reasonOfBudget();
     this.pause();
-    if (limits) this.client.limit(this.maxPrimitives);
+    this.client.limit(this.maxPrimitives);
     this.client.changed();
   }
 

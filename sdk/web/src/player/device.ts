@@ -4,7 +4,7 @@
 /** Kinds of devices, which differ in the memory and the primitives that they can be expected to take. */
 export type DeviceClass = "phone" | "headset" | "desktop";
 
-/** What the browser states about its device. */
+/** The signals of the browser. */
 export interface DeviceSignals {
   /** `navigator.userAgentData.mobile`; null: not stated. */
   mobile: boolean | null;

@@ -9,7 +9,7 @@ const HEADROOM = 1.6; // of the target: a larger load is likely to be in time, t
 const MIN_CALM = 5, MAX_CALM = 160; // windows in time, before the load is raised
 const WITHOUT_HEADROOM = 4; // times as many
 
-/** What to do about the load. */
+/** A change of the load. */
 export type Verdict = "lower" | "raise" | null;
 
 /**
@@ -70,7 +70,7 @@ export class FrameGovernor {
     this.late = 0;
     ++this.inTime;
     if (this.inTime >= this.calm) this.isTrying = false;
-    const needed = rate >= HEADROOM * this.target ? this.calm : WITHOUT_HEADROOM * this.calm;
+    const needed = rate >= HEADROOM * this.target ? this.calm : Math.min(WITHOUT_HEADROOM * this.calm, MAX_CALM);
     if (!canRaise || this.inTime < needed) return null;
     this.inTime = 0;
     this.isTrying = true;

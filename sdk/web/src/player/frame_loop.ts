@@ -96,6 +96,7 @@ export class FrameLoop {
 
   /** Sets the size of the canvas in pixels with the next frame, so that it is never seen empty. */
   resize(width: number, height: number): void {
+    this.layout = null; // the page has changed it
     this.requested = { width: Math.max(1, Math.round(width)), height: Math.max(1, Math.round(height)) };
     this.request();
   }
@@ -251,12 +252,14 @@ export class FrameLoop {
     if (this.recent.length > RECENT_SIZES) this.recent.shift();
   }
 
-  /** Ends scaling if the size of the canvas on the page changed with it. */
+  /** Ends scaling if the size of the canvas on the page follows its pixels. */
   private checkLayout(): void {
     const { canvas, layout } = this;
     if (layout === null || !isSize(this.scaled, canvas)) return;
     this.layout = null;
-    if (isSize(layout, { width: canvas.clientWidth, height: canvas.clientHeight })) return;
+    const now = { width: canvas.clientWidth, height: canvas.clientHeight };
+    const follows = now.width === canvas.width || now.height === canvas.height;
+    if (isSize(layout, now) || !follows) return; // otherwise, the page has changed it
     this.scale = 1;
     this.isDirty = true;
     this.client.onFixedSize?.();

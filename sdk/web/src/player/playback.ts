@@ -152,6 +152,7 @@ export class Playback {
   limitPrimitives(primitives: number): void {
     this.post({ type: "maxPrimitives", primitives });
   }
+
   /** Whether playback would end at once. */
   private isAtEnd(): boolean {
     if (this.scene === null || this.scene.live !== null || this.seek !== null) return false;
@@ -206,9 +207,7 @@ export class Playback {
     return this.context.host.now();
   }
 
-  /**
-   * The core takes these messages once the scene is open; `onOpened` sends the state until then.
-   */
+  /** The core takes these messages once the scene is open; `onOpened` sends the state until then. */
   private post(message: PageMessage): void {
     if (this.scene !== null) this.core.post(message);
   }
@@ -294,6 +293,7 @@ export class Playback {
     this.clock.loop = this.loop && scene.live === null;
     if (scene.live?.following && state.rate === this.rate) this.setRate(1); // the edge was reached
     this.clock.canWrap = scene.canWrap();
+    this.context.onTiers(state.tierPrimitives);
     this.latest = state;
     this.follow(state);
     this.updateTime(false);

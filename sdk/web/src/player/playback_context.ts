@@ -21,6 +21,8 @@ export interface PlaybackContext {
   /** Of the next source. */
   options(): OpenOptions;
   onOpened(info: SceneInfo): void;
+  /** `SceneInfo.tierPrimitives`, as far as is known now. */
+  onTiers(tierPrimitives: readonly number[]): void;
   /** The time may have changed. */
   onTime(): void;
   /** The image at the current time has changed. */

@@ -235,8 +235,8 @@ export class StgsPlayer extends ScenePlayer {
     if (this.isDestroyed || this.error !== null || source === null || this.info === null) return;
     this.lost = error;
     this.events.push("notice", { kind: "renderer", message: error.message });
-    const { currentTime, paused } = this;
-    resume(this, super.load(source), { currentTime, paused });
+    const { currentTime, paused, live } = this;
+    resume(this, super.load(source), { currentTime, paused, live });
   }
 
   /** Adopts the limit of the renderer, once it is loaded. */

@@ -22,7 +22,7 @@ export interface ScenePlayerOptions extends QualitySettings {
   worker: WorkerSource;
   /** Seconds to fetch ahead; default 10. */
   lookAhead?: number;
-  /** The sound: "auto" (default): what the file names, on the server of the file; "none"; or a URL. */
+  /** The sound: "auto" (default): the location in the file, on the server of the file; "none"; or a URL. */
   audio?: string;
 }
 
@@ -87,6 +87,7 @@ export class ScenePlayer extends EventTarget {
         this.sound.open(info);
         parts.onOpened();
       },
+      onTiers: (peaks) => this.adaptation.setPeaks(peaks),
       onTime: () => parts.onTime(),
       onContent: () => parts.onContent(),
     });
@@ -122,6 +123,7 @@ export class ScenePlayer extends EventTarget {
   /** Ends the source; the player is as new, except for its rate, its loop and its camera. */
   unload(): void {
     if (this.isDestroyed) return;
+    this.adaptation.close();
     this.sound.close();
     this.playback.unload(abortError("the source was removed"));
   }
@@ -230,7 +232,7 @@ export class ScenePlayer extends EventTarget {
   set quality(quality: Quality) {
     if (!this.isDestroyed) this.adaptation.quality = quality;
   }
-  /** What was chosen for the device, and why. */
+  /** The choices for the device, and their reasons. */
   get qualityReport(): QualityReport {
     return this.adaptation.report();
   }

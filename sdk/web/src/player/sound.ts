@@ -10,6 +10,13 @@ import { Host } from "./host";
 /** Events after which the sound starts, stops, seeks or changes its rate. */
 const EVENTS = ["playing", "waiting", "pause", "ended", "seeking", "seeked", "ratechange", "error"];
 
+/** Returns a volume. Throws an IndexSizeError unless it is from 0 to 1. */
+export function checkVolume(volume: number): number {
+  if (!(volume >= 0 && volume <= 1))
+    throw new DOMException(`volume ${volume} is out of range (expected 0 to 1)`, "IndexSizeError");
+  return volume;
+}
+
 /** The sound of one player. */
 export class Sound {
   private level = 1;
@@ -19,7 +26,7 @@ export class Sound {
   private current = new AbortController();
   private info: SceneInfo | null = null;
 
-  /** `choice`: "auto": what the file names; "none"; or a URL. */
+  /** `choice`: "auto": the location in the file; "none"; or a URL. */
   constructor(
     player: EventTarget, private choice: string, private readonly events: EventQueue, private readonly host: Host,
     private readonly timebase: Timebase,
@@ -36,9 +43,7 @@ export class Sound {
     return this.level;
   }
   set volume(volume: number) {
-    if (!(volume >= 0 && volume <= 1))
-      throw new DOMException(`volume ${volume} is out of range (expected 0 to 1)`, "IndexSizeError");
-    if (volume !== this.level) this.adopt(volume, this.isMuted);
+    if (checkVolume(volume) !== this.level) this.adopt(volume, this.isMuted);
   }
 
   get muted(): boolean {
@@ -64,7 +69,7 @@ export class Sound {
     const { choice } = this;
     if (choice === "none" || (choice === "auto" && info.audio === null)) return;
     const { signal } = this.current;
-    this.load(info, signal).catch((error: unknown) => {
+    this.load(info, choice, signal).catch((error: unknown) => {
       if (!signal.aborted) this.fail(textOf(error));
     });
   }
@@ -77,9 +82,10 @@ export class Sound {
     this.setAvailable(false);
   }
 
-  private async load(info: SceneInfo, signal: AbortSignal): Promise<void> {
+  private async load(info: SceneInfo, choice: string, signal: AbortSignal): Promise<void> {
     const { openSound } = await loadAudio();
-    const chosen = this.choice === "auto" ? null : this.choice;
+    if (signal.aborted) return; // an abort before openSound() would not end the sound
+    const chosen = choice === "auto" ? null : choice;
     const track = await openSound({ scene: info.audio, chosen }, this.timebase, this.host, {
       ready: () => this.setAvailable(true),
       blocked: () => {
