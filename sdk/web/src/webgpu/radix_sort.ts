@@ -53,8 +53,8 @@ function shaderOf(device: GPUDevice, kind: SortKind): string {
   const size = subgroupSize(device);
   if (size === null) {
     throw new RangeError(
-      'the sort "subgroups" needs a device with subgroups of one size (adapter.info); request it with the ' +
-      'feature "subgroups", or choose the sort "portable"');
+      'the sort "subgroups" needs a device with the feature "subgroups" and, by its adapterInfo, subgroups ' +
+      'of one size; request the device with this feature, or choose the sort "portable"');
   }
   return `enable subgroups;\nconst kLanes = ${lanesOf(size)}u;\nconst kIsWide = ${size > 32};\n` +
     `${sizes}${sortShader}${sortSubgroupsShader}`;
@@ -144,6 +144,7 @@ export class RadixSort {
    */
   reserve(slots: number, views = 1): boolean {
     if (slots === this.slots && views === this.views) return false;
+    this.slots = 0; // until all buffers are large enough
     const chunks = Math.ceil(slots / (kTile * kChunk));
     this.depthBuffer.reserve(4 * slots * views);
     for (const buffer of this.pairBuffers) buffer.reserve(8 * slots);
