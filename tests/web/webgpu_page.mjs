@@ -241,7 +241,7 @@ async function postSorts() {
   const chosen = sortKindOf(device);
   const results = { chosen, portable: await testSort(device, "portable") };
   if (chosen !== "portable") results[chosen] = await testSort(device, chosen);
-  const plain = await adapter.requestDevice();
+  const plain = await (await navigator.gpu.requestAdapter()).requestDevice();
   await RadixSort.create(plain, "subgroups").catch(({ message }) => { results.refused = message; });
   plain.destroy();
   const features = new Set(["subgroups"]);
