@@ -3,11 +3,12 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { importSource } from "./import_source.mjs";
-import { INFO, settle } from "./player_fakes.mjs";
+import { FakeHost, FakeRenderer, FakeWorker, INFO, settle } from "./player_fakes.mjs";
 import { openScene, setUp, startPlaying } from "./player_setup.mjs";
 
 const { deviceOf } = await importSource("src/player/device.ts");
 const { FrameGovernor } = await importSource("src/player/frame_governor.ts");
+const { SegmentPlayer } = await importSource("src/player/segment_player.ts");
 
 const DESKTOP = { mobile: false, userAgent: "X11; Linux x86_64", touchPoints: 0, hasXr: true, memory: 8 };
 const TIERS = { ...INFO, tierPrimitives: [600000, 1500000, 4000000] };
@@ -215,6 +216,17 @@ test("another size of the window does not end scaling", async () => {
     assert.equal(player.qualityReport.resolutionScale, 0.75);
     assert.equal(canvas.width, resizes ? 600 : 480);
   }
+});
+
+test("the limit of a renderer with which an application draws applies, too", async () => {
+  const worker = new FakeWorker(new FakeHost());
+  const renderer = Object.assign(new FakeRenderer(), { maxPrimitives: 2e6 });
+  globalThis.requestAnimationFrame = () => 1;
+  globalThis.cancelAnimationFrame = () => undefined;
+  const player = new SegmentPlayer(renderer, { src: "scene.stgs", worker });
+  worker.opened(TIERS);
+  assert.equal(worker.last("maxPrimitives").primitives, 2e6);
+  player.destroy();
 });
 
 test("a canvas without a size of its own on the page is not scaled", async () => {

@@ -94,8 +94,13 @@ test("a renderer that fails is reported once, and replaced for the next scene", 
   assert.equal(target.destroyed, false);
   renderer.setScene(INFO);
   assert.equal(target.destroyed, true);
+  creations[1].reject(new Error("no adapter"));
+  await settle();
+  assert.deepEqual(errors, ["lost", "no adapter"]);
+  assert.equal(renderer.name, null);
+  renderer.setScene(INFO);
   const next = new FakeRenderer();
-  creations[1].resolve(next);
+  creations[2].resolve(next);
   await settle();
   renderer.render(camera, 0);
   assert.equal(next.frames.length, 1);

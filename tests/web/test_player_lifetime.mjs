@@ -251,6 +251,32 @@ test("a GPU that is lost without an open scene is no error", async () => {
   await settle();
   assert.equal(player.error, null);
   assert.equal(player.readyState, 0); // the source is loaded again
+  renderer.name = null; // none could be created
   renderer.onError(new Error("no adapter"));
   assert.equal(player.hasLostRenderer, true);
+});
+
+test("without another renderer for a GPU that was lost before the scene was open, WebGL2 may draw", async () => {
+  const { player, renderer, worker } = setUp();
+  player.load("scene.stgs").catch(() => undefined);
+  renderer.onError(loss());
+  worker.opened();
+  renderer.name = null;
+  renderer.onError(new Error("no adapter"));
+  assert.equal(player.error.message, "rendering failed: no adapter");
+  assert.equal(player.hasLostRenderer, true);
+});
+
+test("another failure after a GPU was lost, and one without a loss, do not lead to WebGL2", async () => {
+  const { player, renderer, workers } = await startPlaying({ perLoad: true });
+  renderer.onError(loss());
+  workers[1].opened();
+  renderer.onError(new Error("the GPU has no memory"));
+  assert.equal(player.error.message, "rendering failed: the GPU has no memory");
+  assert.equal(player.hasLostRenderer, false);
+  const other = setUp();
+  other.renderer.name = null;
+  other.player.load("scene.stgs").catch(() => undefined);
+  other.renderer.onError(new Error("no adapter"));
+  assert.equal(other.player.hasLostRenderer, false);
 });

@@ -55,6 +55,12 @@ class WebGpuTest(RendererCase):
         for kind in {"portable", results["chosen"]}:
             self.assertEqual(results[kind]["wrong"], [])
             self.assertGreater(results[kind]["cases"], 50)
+        self.assertEqual(results["chosen"], "subgroups" if results["hasOneSize"] else "portable")
+
+    def test_a_sort_that_the_device_cannot_run(self):
+        results = json.loads(self.posts["sort.json"])
+        self.assertEqual(results["varying"], "portable")
+        self.assertRegex(results["refused"], 'or choose the sort "portable"$')
 
     def test_images_equal_those_of_the_native_renderer(self):
         self.check_images(TARGETS)
@@ -81,6 +87,7 @@ class WebGpuTest(RendererCase):
 
     def test_small_buffers(self):
         self.check_variant("pages", TARGETS)
+        self.check_variant("again", TARGETS)  # after a frame that was too large
         limits = json.loads(self.posts["limits.json"])
         self.assertGreater(limits["pages"], 1)
         self.assertRegex(limits["segment"], r"^a segment of 20480000 bytes is larger than a buffer")
@@ -122,6 +129,15 @@ class WebGpuTest(RendererCase):
         self.assertEqual(errors["views"], "2 views, but the renderer was created for 1")
         self.assertRegex(errors["depth"], "created without the option depth$")
         self.assertRegex(errors["occluders"], "^either all views or none have occluders")
+        self.assertEqual(errors["size"], "an image of 320.5x0 pixels (expected whole numbers above 0)")
+        self.assertEqual(errors["limits"], 1)
+
+    def test_depths_beyond_the_range_of_half_floats(self):
+        far = json.loads(self.posts["views.json"])["far"]
+        print(f"far: {far}")
+        self.assertGreater(far["pixels"], 1000)
+        for depth in (far["least"], far["greatest"]):
+            self.assertLess(abs(float(depth) / 65504 - 1), 1e-2)
 
     def test_errors(self):
         errors = json.loads(self.posts["errors.json"])

@@ -4,7 +4,7 @@ import { createWebGpuRenderer, SplatRenderer } from "./renderer.js";
 import {
   canvasDifference, copyOf, delay, nextFrame, post, postFrame, runPage, segmentsOf, shifted,
 } from "./scene_page.mjs";
-import { sortKindOf } from "./radix_sort.js";
+import { RadixSort, sortKindOf } from "./radix_sort.js";
 import { testSort } from "./webgpu_sort.mjs";
 import { testViews } from "./webgpu_views.mjs";
 
@@ -168,7 +168,12 @@ async function renderSmallBuffers({ scene, cases: [one] }) {
   for (const other of others) splats.scene.add({ ...copyOf(other), id: other.id + 1000 });
   const view = texture.createView();
   errors.frame = messageOf(() => splats.draw(one.camera, one.ticks, view, [0, 0, 0, 1]));
-  await post("limits.json", JSON.stringify({ ...errors, pages: splats.scene.bytes / largest }));
+  const { bytes } = splats.scene;
+  for (const { id } of others) splats.scene.remove(id + 1000);
+  for (const { id } of others) splats.scene.remove(id);
+  splats.draw(one.camera, one.ticks, view, [0, 0, 0, 1]);
+  await post(`${one.name}.again.f32`, await splats.read());
+  await post("limits.json", JSON.stringify({ ...errors, pages: bytes / largest }));
   splats.destroy();
   device.destroy();
 }
@@ -236,6 +241,13 @@ async function postSorts() {
   const chosen = sortKindOf(device);
   const results = { chosen, portable: await testSort(device, "portable") };
   if (chosen !== "portable") results[chosen] = await testSort(device, chosen);
+  const plain = await (await navigator.gpu.requestAdapter()).requestDevice();
+  await RadixSort.create(plain, "subgroups").catch(({ message }) => { results.refused = message; });
+  plain.destroy();
+  const features = new Set(["subgroups"]);
+  results.varying = sortKindOf({ features, adapterInfo: { subgroupMinSize: 16, subgroupMaxSize: 32 } });
+  const { subgroupMinSize, subgroupMaxSize } = device.adapterInfo ?? {};
+  results.hasOneSize = hasSubgroups && subgroupMinSize === subgroupMaxSize;
   await post("sort.json", JSON.stringify(results));
   device.destroy();
 }

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Compares the sort on the GPU with one on the CPU. See test_webgpu.py.
-import { kCountWord, kHole, RadixSort } from "./radix_sort.js";
+import { kCountWord, RadixSort } from "./radix_sort.js";
+
+/** The depth of a slot that is not visible, as in drawn.wgsl. */
+const kHole = 0xffffffff;
 
 /** A generator of 32-bit integers with a fixed seed. */
 function randomIntegers(seed) {

@@ -91,6 +91,22 @@ function nearerThan(segments, z, ticks) {
   });
 }
 
+/** A segment that is a number of times as large. */
+function enlarged(segment, factor) {
+  const copy = copyOf(segment);
+  const floats = new Float32Array(copy.words);
+  const n = Math.ceil(segment.primitives / 256) * 256;
+  const scale = (first, count, by) => {
+    for (let k = first; k < first + count; ++k) floats[k] *= by;
+  };
+  for (let i = 0; i < n; ++i) {
+    scale(2 * n + 4 * i, 3, factor); // position
+    scale(6 * n + 4 * i, 3, factor); // velocity
+  }
+  scale(12 * n, 6 * n, factor ** 2); // covariances
+  return copy;
+}
+
 /** The largest difference of two images. */
 function differenceOf(a, b) {
   return a.reduce((largest, value, k) => Math.max(largest, Math.abs(value - b[k])), 0);
@@ -127,7 +143,22 @@ async function occlusion(device, plain, segments, { camera, ticks }, z) {
     }
     splats.destroy();
   }
+  differences.planes = differenceOf(await beyondPlanes(device, segments, { camera, ticks }, z), all);
   return differences;
+}
+
+/** The image of a scene among no objects, where the planes of the projection are both near z. */
+async function beyondPlanes(device, segments, { camera, ticks }, z) {
+  const [near, far] = [0.99 * z, 1.01 * z];
+  const depth = textureOf(device, "depth32float", camera);
+  clear(device, depth, 1);
+  const splats = await rendererOf(device, segments, { occluders: { format: "depth32float" } });
+  const mapping = [far / (far - near), (-far * near) / (far - near), 0];
+  const to = textureOf(device, kFormat, camera).createView();
+  splats.drawViews([{ camera, to, occluders: { depth: depth.createView(), mapping } }], ticks, kBlack);
+  const image = await splats.read();
+  splats.destroy();
+  return image;
 }
 
 /** How many pixels of an image blended over a colour differ from the expected ones by more than 1 of 255. */
@@ -210,6 +241,32 @@ async function errorsOf(device, splats, { camera, ticks }) {
     views: await messageOf(() => splats.drawViews([view, view], ticks, kBlack)),
     depth: await messageOf(() => splats.drawViews([{ ...view, depth: to }], ticks, kBlack)),
     occluders: await messageOf(() => splats.drawViews([{ ...view, occluders }], ticks, kBlack)),
+    size: await messageOf(() => splats.draw({ ...camera, width: 320.5, height: 0 }, ticks, to, kBlack)),
+    limits: await limitsOf(device, splats),
+  };
+}
+
+/** The limit of a renderer of one view, per two views of another one's. */
+async function limitsOf(device, single) {
+  const both = await SplatRenderer.create(device, kFormat, { views: 2 });
+  const { maxPrimitives } = both;
+  both.destroy();
+  return Math.round(single.maxPrimitives / maxPrimitives) / 2;
+}
+
+/** The depths of opaque pixels, summed as half floats, of a scene that is 1e5 times as large. */
+async function farDepths(segments, { camera, ticks }) {
+  const device = await deviceWith([]);
+  const splats = await rendererOf(device, segments.map((segment) => enlarged(segment, 1e5)), { depth: true });
+  const [image, depth] = [kFormat, "r32float"].map((format) => textureOf(device, format, camera));
+  const far = { ...camera, translation: camera.translation.map((t) => 1e5 * t) };
+  splats.drawViews([{ camera: far, to: image.createView(), depth: depth.createView() }], ticks, kBlack);
+  const depths = new Float32Array((await wordsOf(device, depth)).buffer);
+  const alphas = await splats.read();
+  device.destroy();
+  const values = depths.filter((_, k) => alphas[4 * k + 3] > 0.5);
+  return {
+    pixels: values.length, least: String(Math.min(...values)), greatest: String(Math.max(...values)),
   };
 }
 
@@ -225,6 +282,7 @@ export async function testViews({ scene, cases }) {
     occlusion: await occlusion(device, plain, segments, front, 4),
     views: await views(device, segments, [front.camera, inside.camera], front.ticks),
     errors: await errorsOf(device, plain, front),
+    far: await farDepths(segments, front),
   }));
   device.destroy();
 }

@@ -107,6 +107,8 @@ export interface SegmentSink {
   addSegment(segment: PackedSegment): void;
   removeSegment(id: number): void;
   readonly statistics: RendererStatistics;
+  /** Primitives at one time, at most, by the limits of the GPU; absent: no limit is known. */
+  readonly maxPrimitives?: number;
   destroy(): void;
 }
 /** Draws segments. One canvas, one context of WebGL2 or WebGPU. */
@@ -130,8 +132,6 @@ export interface Renderer extends SegmentSink {
    * top. Rejects after a failure.
    */
   readPixels(): Promise<Float32Array>;
-  /** Primitives at one time, at most, by the limits of the GPU; absent: no limit is known. */
-  readonly maxPrimitives?: number;
   /** The renderer of views, if it is ready and can draw them. */
   readonly views: ViewRenderer | null;
   /** Resolves once `views` is known, whatever it is; absent: it is. */

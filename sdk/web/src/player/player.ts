@@ -54,6 +54,7 @@ export class StgsPlayer extends ScenePlayer {
   private source: CameraSource | null = null;
   private readonly screenshots = new Set<Waiters>(); // in flight
   private lost: Error | null = null; // the first loss of the GPU since load()
+  private hasLostDevice = false; // ever
   private isWithoutRenderer = false;
 
   constructor(options: PlayerOptions) {
@@ -220,11 +221,16 @@ export class StgsPlayer extends ScenePlayer {
   }
 
   private failRendering(error: unknown): void {
-    if (isDeviceLost(error) && (this.lost ?? error) === error) {
+    const isLost = isDeviceLost(error);
+    if (isLost) this.hasLostDevice = true;
+    if (isLost && (this.lost ?? error) === error) {
       if (this.lost === null) this.recover(error);
       return;
     }
-    if (this.error === null) this.isWithoutRenderer = this.lost !== null;
+    if (this.error === null) {
+      // A renderer that could not be created has no name.
+      this.isWithoutRenderer = this.hasLostDevice && (isLost || this.renderer.name === null);
+    }
     this.playback.fail("unsupported", `rendering failed: ${textOf(error)}`);
   }
 

@@ -34,7 +34,11 @@ export class SegmentPlayer extends ScenePlayer {
   ) {
     const announce = () => this.announce();
     super({ worker: createWorker, ...options }, {
-      sink: renderer, host: browserHost(), onOpened: announce, onContent: announce,
+      sink: renderer, host: browserHost(), onContent: announce,
+      onOpened: () => {
+        this.adaptation.limitRenderer(renderer.maxPrimitives ?? Infinity);
+        announce();
+      },
       onTime: () => {
         if (this.playback.frameTime()?.ticks !== this.drawnTicks) announce();
       },

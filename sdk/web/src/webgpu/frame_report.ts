@@ -17,26 +17,29 @@ export interface FrameFigures {
 
 const kTimesOffset = 4 * kDrawnWords;
 
+/** Timestamps of a frame: the begin and the end of each stage (timesOf()). */
+function timesOfViews(views: number): number {
+  return 2 * (1 + 2 * views);
+}
+
 /** Reads the figures of frames back, one frame at a time; those in between are not read. */
 export class FrameReport {
   private readonly queries: GPUQuerySet | null;
   private readonly resolved: GPUBuffer | null;
   private readonly copy: GPUBuffer;
-  private readonly timesBytes: number;
   private inFlight = false;
 
   /** `views`: the most views of a frame. */
   constructor(device: GPUDevice, views: number) {
     const { COPY_SRC, COPY_DST, MAP_READ, QUERY_RESOLVE } = BUFFER_USAGE;
     const timed = device.features.has("timestamp-query");
-    const count = 2 * (1 + 2 * views);
-    this.timesBytes = 8 * count;
+    const count = timesOfViews(views);
     this.queries = timed ? device.createQuerySet({ type: "timestamp", count }) : null;
     this.resolved = timed
-      ? device.createBuffer({ size: this.timesBytes, usage: QUERY_RESOLVE | COPY_SRC })
+      ? device.createBuffer({ size: 8 * count, usage: QUERY_RESOLVE | COPY_SRC })
       : null;
     this.copy = device.createBuffer(
-      { size: kTimesOffset + this.timesBytes, usage: MAP_READ | COPY_DST });
+      { size: kTimesOffset + 8 * count, usage: MAP_READ | COPY_DST });
   }
 
   /**
@@ -57,7 +60,7 @@ export class FrameReport {
   /**
    * Encodes the copy of a frame's figures, after its passes. Returns a function to be called after
    * the commands are submitted, which passes the figures to `receive`; null if an earlier frame is
-   * still being read.
+   * still being read. `views`: those of the frame.
    */
   encode(
     encoder: GPUCommandEncoder, drawn: GPUBuffer, views: number,
@@ -66,8 +69,10 @@ export class FrameReport {
     if (this.inFlight) return null;
     encoder.copyBufferToBuffer(drawn, 0, this.copy, 0, kTimesOffset);
     if (this.queries !== null && this.resolved !== null) {
-      encoder.resolveQuerySet(this.queries, 0, this.timesBytes / 8, this.resolved, 0);
-      encoder.copyBufferToBuffer(this.resolved, 0, this.copy, kTimesOffset, this.timesBytes);
+      // Only those that the frame writes: some implementations wait for the others.
+      const count = timesOfViews(views);
+      encoder.resolveQuerySet(this.queries, 0, count, this.resolved, 0);
+      encoder.copyBufferToBuffer(this.resolved, 0, this.copy, kTimesOffset, 8 * count);
     }
     this.inFlight = true;
     return () => {

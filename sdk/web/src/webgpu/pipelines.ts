@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 import { layoutOf } from "./gpu";
 import { projectShader, resolveShader, splatShader } from "./shaders";
-import { depthSumsFormat, kTargetFormat } from "./target";
+import { depthSumsFormat, kMaxHalf, kTargetFormat } from "./target";
 import { SHADER_STAGE } from "./webgpu_types";
 import type {
   GPUBindGroupLayout, GPUComputePipeline, GPUDepthFormat, GPUDevice, GPURenderPipeline,
   GPUShaderModule, GPUTextureFormat,
 } from "./webgpu_types";
 
-/** Splats per instance, as in sort.wgsl and splat.wgsl. */
+/** Splats per instance, as in drawn.wgsl. */
 export const kQuads = 64;
 /** The format of the depth of a view. */
 const kDepthFormat = "r32float";
@@ -61,7 +61,8 @@ function splatPipelineOf(
   device: GPUDevice, layout: GPUBindGroupLayout, { hasDepth, occluders }: Outputs,
 ): Promise<GPURenderPipeline> {
   const module = device.createShaderModule({ code: splatShader });
-  const formats = hasDepth ? [kTargetFormat, depthSumsFormat(device)] as const : [kTargetFormat] as const;
+  const sums = hasDepth ? depthSumsFormat(device) : null;
+  const formats = sums === null ? [kTargetFormat] as const : [kTargetFormat, sums] as const;
   const depthStencil = occluders === null ? {} : {
     depthStencil: {
       format: occluders.format, depthWriteEnabled: false as const,
@@ -74,6 +75,7 @@ function splatPipelineOf(
     fragment: {
       module, entryPoint: hasDepth ? "blend_depth" : "blend",
       targets: formats.map((format) => ({ format, blend: kBlend })),
+      ...(sums === "rg16float" ? { constants: { kMaxDepth: kMaxHalf } } : {}),
     },
     ...depthStencil,
   });

@@ -8,6 +8,7 @@
 #include "stgs/format/math/screen_splat.h"
 #include "stgs/format/math/sh.h"
 #include "../splat_view.h"
+#include "drawn.wgsl"
 #include "record.wgsl"
 #include "view.wgsl"
 
@@ -31,8 +32,6 @@ struct Segment {
 @group(1) @binding(0) var<storage, read> words: array<vec2<u32>>;
 // Per 256 entries of these segments: index into `segments`, number of the 256 in the segment.
 @group(1) @binding(1) var<storage, read> groups: array<vec2<u32>>;
-
-const kHole = 0xffffffffu;  // of sort.wgsl
 
 // The current one, for splat_view.h.
 var<private> view: array<vec4<f32>, 6>;

@@ -7,48 +7,57 @@ import type {
   GPUComputePipeline, GPUDevice,
 } from "./webgpu_types";
 
-/** Keys per workgroup and tiles per chunk, as in sort.wgsl. */
+/** Keys per workgroup, and tiles per chunk. */
 const kTile = 4096;
 const kChunk = 16;
-/** The depth of a slot that is not visible. Others are the bits of floats that are not negative. */
-export const kHole = 0xffffffff;
 const kDigits = 256;
 const kPasses = 3; // of 8 bits
 /** Bytes between the settings of two passes in their buffer: the largest alignment of WebGPU. */
 const kSettingsStride = 256;
-/** Index into the words of `drawn` of the number of keys. */
+/** Index into the words of `drawn` of the number of keys: kCount of drawn.wgsl. */
 export const kCountWord = 5;
 /** Words of `drawn`. */
 export const kDrawnWords = 8;
 
-/** The shader of scatter(): sort_portable.wgsl, or sort_subgroups.wgsl, which is faster. */
+/**
+ * The shader of scatter(): sort_portable.wgsl, or sort_subgroups.wgsl, which is faster and needs subgroups
+ * of one size.
+ */
 export type SortKind = "portable" | "subgroups";
 
-/** The sizes of the subgroups of a device; null if shaders cannot use them. */
-function subgroupSizes(device: GPUDevice): { min: number; max: number } | null {
+/**
+ * Returns the lanes of the subgroups of a device; null if shaders cannot use them, or if they have
+ * different sizes: implementations then promise neither full subgroups nor an exact range of the sizes.
+ */
+function subgroupSize(device: GPUDevice): number | null {
   const { subgroupMinSize: min, subgroupMaxSize: max } = device.adapterInfo ?? {};
-  if (!device.features.has("subgroups") || min === undefined || max === undefined) return null;
-  return { min, max };
+  return device.features.has("subgroups") && min !== undefined && min === max ? min : null;
 }
 
-/** Lanes per workgroup of sort_subgroups.wgsl, which has at most 8 subgroups. */
-function lanesOf({ min }: { min: number }): number {
-  return Math.min(256, 8 * min);
+/** Lanes per workgroup of sort_subgroups.wgsl: at most 8 subgroups, and the 256 that WebGPU guarantees. */
+function lanesOf(subgroup: number): number {
+  return Math.min(256, 8 * subgroup);
 }
 
-/** Returns the fastest sort of a device: with subgroups if each fits into a workgroup. */
+/** Returns the fastest sort of a device. */
 export function sortKindOf(device: GPUDevice): SortKind {
-  const sizes = subgroupSizes(device);
-  return sizes !== null && sizes.max <= lanesOf(sizes) ? "subgroups" : "portable";
+  return subgroupSize(device) === null ? "portable" : "subgroups";
 }
 
+/** Throws a RangeError if the device cannot run the sort. */
 function shaderOf(device: GPUDevice, kind: SortKind): string {
-  const sizes = subgroupSizes(device);
-  if (kind === "portable" || sizes === null) {
-    return `const kLanes = 64u;\n${sortShader}${sortPortableShader}`;
+  const sizes = `const kTile = ${kTile}u;\nconst kChunk = ${kChunk}u;\n`;
+  if (kind === "portable") {
+    return `const kLanes = 64u;\n${sizes}${sortShader}${sortPortableShader}`;
   }
-  return `enable subgroups;\nconst kLanes = ${lanesOf(sizes)}u;\nconst kIsWide = ${sizes.max > 32};\n` +
-    `${sortShader}${sortSubgroupsShader}`;
+  const size = subgroupSize(device);
+  if (size === null) {
+    throw new RangeError(
+      'the sort "subgroups" needs a device with the feature "subgroups" and, by its adapterInfo, subgroups ' +
+      'of one size; request the device with this feature, or choose the sort "portable"');
+  }
+  return `enable subgroups;\nconst kLanes = ${lanesOf(size)}u;\nconst kIsWide = ${size > 32};\n` +
+    `${sizes}${sortShader}${sortSubgroupsShader}`;
 }
 
 interface Pipelines {
@@ -106,7 +115,10 @@ export class RadixSort {
       { size: kPasses * kSettingsStride, usage: UNIFORM | COPY_DST });
   }
 
-  /** Resolves once the shaders are compiled. `kind`: one that the device can run. */
+  /**
+   * Resolves once the shaders are compiled. Rejects with a RangeError if the device cannot run `kind`: see
+   * SortKind.
+   */
   static async create(device: GPUDevice, kind: SortKind = sortKindOf(device)): Promise<RadixSort> {
     return new RadixSort(device, await pipelinesOf(device, kind));
   }
@@ -128,16 +140,17 @@ export class RadixSort {
 
   /**
    * Sets the number of slots > 0; with several views, it is a multiple of 64. Returns whether `depths`
-   * and `order` have changed.
+   * and `order` have changed. Throws an Error if no buffer can be as large.
    */
   reserve(slots: number, views = 1): boolean {
     if (slots === this.slots && views === this.views) return false;
-    this.slots = slots;
-    this.views = views;
+    this.slots = 0; // until all buffers are large enough
     const chunks = Math.ceil(slots / (kTile * kChunk));
     this.depthBuffer.reserve(4 * slots * views);
     for (const buffer of this.pairBuffers) buffer.reserve(8 * slots);
     this.counts.reserve(4 * kDigits * (kChunk + 1) * chunks);
+    this.slots = slots;
+    this.views = views;
     this.writeSettings(kChunk * chunks);
     this.groups = Array.from({ length: views }, (_, view) =>
       Array.from({ length: kPasses }, (__, k) => this.groupOfPass(view, k)));

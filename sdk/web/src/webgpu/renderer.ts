@@ -81,7 +81,7 @@ class WebGpuRenderer implements Renderer {
     else this.waiting = { camera: copyCamera(camera), ticks };
   }
 
-  /** Draws at once: each frame is in its exact order. */
+  /** Draws at once: each frame is sorted for its own camera and time. */
   async renderExactly(camera: Camera, ticks: number): Promise<void> {
     if (this.failure !== null) throw this.failure;
     this.waiting = null;

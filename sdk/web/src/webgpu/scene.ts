@@ -108,15 +108,16 @@ export class SplatScene {
     const isSame = !this.isOutdated && shown.length === this.shown.length &&
       shown.every((resident, k) => resident === this.shown[k]);
     this.shown = shown;
-    this.isOutdated = false;
+    this.isOutdated = !isSame; // until the tables are complete: their buffers may be too small
     this.slotCount = shown.reduce((sum, { primitives }) => sum + padded(primitives), 0);
     if (shown.length === 0) {
       this.current = [];
-      return !isSame;
+    } else {
+      this.segmentTable.reserve(4 * kSegmentWords * shown.length);
+      if (!isSame) this.uploadGroups();
+      this.uploadSegments(ticks);
     }
-    this.segmentTable.reserve(4 * kSegmentWords * shown.length);
-    if (!isSame) this.uploadGroups();
-    this.uploadSegments(ticks);
+    this.isOutdated = false;
     return !isSame;
   }
 

@@ -3,7 +3,9 @@
 // counts the digits of tiles of keys, sums the counts over chunks of tiles, and scatters the pairs
 // (sort_portable.wgsl or sort_subgroups.wgsl). The first pass reads the depths of slots, of which some
 // are not visible, and writes only those that are. It needs no progress guarantees.
-// radix_sort.ts writes kLanes, the lanes per workgroup, before this text.
+// radix_sort.ts writes kLanes, the lanes per workgroup, kTile, the keys per workgroup, and kChunk, the
+// tiles per chunk, before this text.
+#include "drawn.wgsl"
 
 struct Sorting {
   shift: u32,     // of the digit
@@ -21,18 +23,10 @@ struct Sorting {
 // Tile by tile: the number of keys with each digit; after sum_chunk(), in earlier tiles of the chunk.
 // Then, chunk by chunk: the number of keys with each digit.
 @group(0) @binding(4) var<storage, read_write> counts: array<u32>;
-// Arguments of the indirect draw, the number of keys, and the range of the depths, or 0 between frames.
-@group(0) @binding(5) var<storage, read_write> drawn: array<atomic<u32>, 8>;
+@group(0) @binding(5) var<storage, read_write> drawn: array<atomic<u32>, kDrawnWords>;
 
-const kHole = 0xffffffffu;  // not visible
 const kKeyBits = 24u;
 const kDigits = 256u;
-const kTile = 4096u;  // keys per workgroup, as in radix_sort.ts; and tiles per chunk
-const kChunk = 16u;
-const kCount = 5u;    // index into `drawn` of the number of keys
-const kLowest = 6u;   // and of the complement of the least depth,
-const kHighest = 7u;  // and of the greatest
-const kQuads = 64u;   // splats per instance; of splat.wgsl
 
 fn keys_of_pass() -> u32 {
   return select(atomicLoad(&drawn[kCount]), sorting.slots, sorting.is_first != 0u);

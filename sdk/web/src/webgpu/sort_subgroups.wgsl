@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // scatter() of sort.wgsl with operations of subgroups. Each subgroup has a part of the tile, and reads
-// as many keys at a time as it has lanes. kLanes is a multiple of the size of subgroups, and at most
-// kMaxSubgroups times it. radix_sort.ts writes kIsWide, whether subgroups may exceed 32 lanes.
+// as many keys at a time as it has lanes. Subgroups are full and have one size; kLanes is a multiple of it,
+// and at most kMaxSubgroups times it. radix_sort.ts writes kIsWide, whether subgroups exceed 32 lanes.
 
 const kMaxSubgroups = 8u;
 

@@ -2,6 +2,7 @@
 // Draws splats, farthest first: for each, a rectangle around the pixels that it covers. An instance
 // has several of them.
 #include "stgs/format/math/screen_splat.h"
+#include "drawn.wgsl"
 #include "record.wgsl"
 #include "view.wgsl"
 
@@ -9,14 +10,14 @@
 @group(0) @binding(1) var<storage, read> records: array<Record>;
 // Nearest first: key and slot.
 @group(0) @binding(2) var<storage, read> order: array<vec2<u32>>;
-@group(0) @binding(3) var<storage, read> drawn: array<u32, 8>;  // of sort.wgsl
+@group(0) @binding(3) var<storage, read> drawn: array<u32, kDrawnWords>;  // of sort.wgsl
 @group(0) @binding(4) var<storage, read> depths: array<f32>;  // of slots
 
 // Enlarges rectangles that are not aligned to pixels, for the rounding of their corners; pixels.
 const kBoxMargin = 0.0625;
 const kRelativeError = 1e-6;  // of their sizes
-const kCount = 5u;            // index into `drawn` of the number of splats
-const kQuads = 64u;           // per instance; kQuads of frame.ts
+// Limits depths, so that the format of their sums can represent them (pipelines.ts).
+override kMaxDepth = 0x1.fffffep+127f;
 
 struct Vertex {
   @builtin(position) position: vec4<f32>,
@@ -71,7 +72,8 @@ fn corner(@builtin(vertex_index) index: u32, @builtin(instance_index) instance: 
   let clip = 2.0 * corner_at(out.a.xy, extent, conic, side) / view.rows[4].xy - 1.0;
   let mapping = view.depth_mapping;
   let mapped = mapping.x + mapping.y / depth + mapping.z * log2(1.0 + depth);
-  out.position = vec4<f32>(clip.x, -clip.y, mapped, 1.0);
+  // Clamped: splats beyond the planes of the application's projection are drawn, too.
+  out.position = vec4<f32>(clip.x, -clip.y, clamp(mapped, 0.0, 1.0), 1.0);
   return out;
 }
 
@@ -102,7 +104,7 @@ struct Sums {
 @fragment
 fn blend_depth(splat: Vertex) -> Sums {
   let colour = colour_at(splat);
-  return Sums(colour, vec4<f32>(splat.b.z * colour.w, colour.w, 0.0, colour.w));
+  return Sums(colour, vec4<f32>(min(splat.b.z, kMaxDepth) * colour.w, colour.w, 0.0, colour.w));
 }
 
 // For overdraw.ts: counts the fragments of a pixel, and those that blend() does not discard.

@@ -26,11 +26,17 @@ const kPrimitiveShare = 15 / 16;
 export interface SplatRendererOptions {
   /** The most views of a frame, 1 (default) to 4. */
   views?: number;
-  /** Whether views may have a depth. Precise if the device has the feature `float32-blendable`. */
+  /**
+   * Whether views may have a depth. Precise if the device has the feature `float32-blendable`; otherwise
+   * half floats are summed, and splats count as at most 65504 scene units away.
+   */
   depth?: boolean;
   /** Set: objects of the application, which each view then states, hide the splats behind them. */
   occluders?: OccluderFormat;
-  /** Default: the fastest that the device can run; faster if it has the feature `subgroups`. */
+  /**
+   * Default: the fastest that the device can run. "subgroups" needs the feature `subgroups` of the device,
+   * and subgroups of one size.
+   */
   sort?: SortKind;
 }
 
@@ -87,7 +93,7 @@ export class SplatRenderer implements SegmentSink {
 
   /**
    * Resolves once the shaders are compiled. `format`: of the textures to be drawn to. Rejects with a
-   * RangeError if the number of views is invalid.
+   * RangeError if the number of views is invalid, or if the device cannot run the sort.
    */
   static async create(
     device: GPUDevice, format: GPUTextureFormat, options: SplatRendererOptions = {},
@@ -132,8 +138,8 @@ export class SplatRenderer implements SegmentSink {
    * Draws views of the primitives at `ticks` of the timeline, in the order of the views, over a
    * background, or, if it is null, over what their textures show. Evaluates the primitives once for all
    * views. Throws an Error if there are more views than at creation, if a view does not state what the
-   * renderer was created with, if a near plane is below 0, or if an image or the splats of the frame are
-   * too large for the device.
+   * renderer was created with, if a near plane is below 0, if the size of an image is not of whole pixels
+   * above 0, or if an image or the splats of the frame are too large for the device.
    */
   drawViews(views: readonly SplatView[], ticks: number, background: Background | null): void {
     views.forEach((view) => this.check(view));
@@ -156,9 +162,10 @@ export class SplatRenderer implements SegmentSink {
     if (this.frameGroup === null) this.figures = { ...this.figures, visible: 0 };
   }
 
-  /** Primitives that a frame of one view can have, at most. */
+  /** Primitives that a frame can have, at most, with as many views as the renderer was created for. */
   get maxPrimitives(): number {
-    return Math.floor((kPrimitiveShare * maxStorageBytes(this.device)) / kRecordBytes);
+    const records = maxStorageBytes(this.device) / (kRecordBytes * this.outputs.views);
+    return Math.floor(kPrimitiveShare * records);
   }
 
   /** Reads the last image of the first view: premultiplied values as blended, RGBA, row by row from the top. */
@@ -180,6 +187,10 @@ export class SplatRenderer implements SegmentSink {
   }
 
   private check({ camera, depth, occluders }: SplatView): void {
+    const { width, height } = camera;
+    if (![width, height].every((size) => Number.isInteger(size) && size > 0)) {
+      throw new Error(`an image of ${width}x${height} pixels (expected whole numbers above 0)`);
+    }
     if (!(camera.near >= 0)) {
       throw new Error(`the near plane is at ${camera.near} scene units (expected 0 or more)`);
     }
@@ -195,16 +206,13 @@ export class SplatRenderer implements SegmentSink {
   private prepare(views: readonly SplatView[], ticks: number): void {
     views.forEach(({ camera }, k) => this.prepareTarget(camera, k));
     const { device, pipelines, scene, sort } = this;
-    const changed = scene.prepare(ticks);
+    // Outdated bindings go at once, so that no later frame uses them if a buffer cannot be as large.
+    if (scene.prepare(ticks) || this.views !== views.length) this.frameGroup = null;
     const { slots } = scene;
-    if (slots === 0) {
-      this.frameGroup = null;
-      return;
-    }
-    const isLarger = this.records.reserve(kRecordBytes * slots * views.length);
-    const hasNewSort = sort.reserve(slots, views.length);
-    const isSame = !changed && !isLarger && !hasNewSort && this.views === views.length;
-    if (this.frameGroup !== null && isSame) return;
+    if (slots === 0) return;
+    if (this.records.reserve(kRecordBytes * slots * views.length)) this.frameGroup = null;
+    if (sort.reserve(slots, views.length)) this.frameGroup = null;
+    if (this.frameGroup !== null) return;
     this.views = views.length;
     const records = { buffer: this.records.buffer };
     this.frameGroup = groupOf(device, pipelines.frameLayout,

@@ -5,6 +5,9 @@ import type { GPUDevice, GPUTexture, GPUTextureFormat, GPUTextureView } from "./
 /** The format in which splats are blended. */
 export const kTargetFormat = "rgba16float";
 
+/** The greatest finite half float. */
+export const kMaxHalf = 65504;
+
 /** The format of the sums of depth and alpha: half floats if the device cannot blend others. */
 export function depthSumsFormat(device: GPUDevice): GPUTextureFormat {
   return device.features.has("float32-blendable") ? "rg32float" : "rg16float";

@@ -30,7 +30,8 @@ export interface SplatView {
   at?: readonly [number, number];
   /**
    * Receives the depth, as the native renderers define it: the mean camera z, scene units, of the splats
-   * by their weights in the colour; 0 where alpha is 0. A texture of `r32float`, of the size of the camera.
+   * by their weights in the colour; 0 where alpha is 0. Without the feature `float32-blendable` of the
+   * device, splats count as at most 65504 away. A texture of `r32float`, of the size of the camera.
    */
   depth?: GPUTextureView;
   /** Only, and always, if the renderer was created with `occluders`. */

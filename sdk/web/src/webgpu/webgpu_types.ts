@@ -148,6 +148,7 @@ export interface GPURenderPipelineDescriptor {
   fragment: {
     module: GPUShaderModule;
     entryPoint: string;
+    constants?: Record<string, number>;
     targets: {
       format: GPUTextureFormat;
       blend?: { color: GPUBlendComponent; alpha: GPUBlendComponent };
