@@ -177,7 +177,7 @@ window.playSome = async () => {
   let frames = 0;
   app.scene.on("postrender", () => ++frames);
   await player.play();
-  await delay(700);
+  for (let k = 0; k < 100 && (frames <= 3 || player.currentTime <= 0.2); ++k) await delay(100);
   const time = player.currentTime;
   player.pause();
   finish();

@@ -17,7 +17,7 @@ class Xr(PackageCase):
     MODULES = {"iwer.js": "iwer/build/iwer.module.js"}
 
     def show(self):
-        self.check("show", {"src": "scene.stgs", "controls": ""})
+        self.check("show", {"src": "scene.stgs", "controls": "", "quality": "high"})
         self.wait("player.readyState >= 3")
         self.check(f"device.stereoEnabled = true, device.ipd = {IPD}, device.fovy = {FOVY}")
 
