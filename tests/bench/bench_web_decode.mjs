@@ -20,7 +20,7 @@ async function jobsOfFile(module, path, file) {
     ended.push(job.id);
   };
   const core = await Core.create(module, { read: (...read) => reads.push(read), cancel: () => undefined, decode });
-  core.open(path, file.length, 2 ** 31, 1e6, 2 ** 20);
+  core.open(path, file.length, false, 2 ** 31, Infinity, 1e6, 2 ** 20);
   for (let result = core.tryOpen(); !("info" in result); result = core.tryOpen()) {
     if (!("missing" in result)) throw new Error(result.message);
     const [offset, bytes] = result.missing;
@@ -32,7 +32,7 @@ async function jobsOfFile(module, path, file) {
     if (reads.length + ended.length === 0) return { jobs: [...jobs.values()], pieces };
     for (const [id, offset, bytes, address] of reads.splice(0)) {
       core.bytes(address, bytes).set(new Uint8Array(slice(offset, bytes)));
-      core.readDone(id, "");
+      core.readDone(id, "", file.length);
     }
     const good = { code: 0, message: "" };
     for (const id of ended.splice(0)) core.decodeDone(id, { origin: 0, base: good, sh: good });

@@ -6,6 +6,7 @@ import json
 import os
 import select
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -39,6 +40,14 @@ class Server:
         self.server.server_close()
 
 
+# Starts Chromium, which reads commands from descriptor 3 and writes replies to 4.
+START = """import fcntl, os, sys
+copies = [fcntl.fcntl(int(descriptor), fcntl.F_DUPFD, 10) for descriptor in sys.argv[1:3]]
+for copy, descriptor in zip(copies, (3, 4)):
+    os.dup2(copy, descriptor)
+os.execv(sys.argv[3], sys.argv[3:])"""
+
+
 class Browser(BrowserPage):
     """One page. `evaluate` raises RuntimeError if the script throws. `flags`: more options of Chromium."""
 
@@ -48,15 +57,10 @@ class Browser(BrowserPage):
         to_browser, self.output = os.pipe()
         self.input, from_browser = os.pipe()
 
-        def connect():  # Chromium reads commands from descriptor 3 and writes replies to 4
-            copies = os.dup(to_browser), os.dup(from_browser)
-            os.dup2(copies[0], 3)
-            os.dup2(copies[1], 4)
-
         self.process = subprocess.Popen(
-            [CHROMIUM, *FLAGS, *flags, f"--user-data-dir={self.profile.name}", "about:blank"],
+            [sys.executable, "-c", START, str(to_browser), str(from_browser), CHROMIUM, *FLAGS, *flags, f"--user-data-dir={self.profile.name}", "about:blank"],
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            preexec_fn=connect, pass_fds=(3, 4), start_new_session=True)
+            pass_fds=(to_browser, from_browser), start_new_session=True)
         os.close(to_browser)
         os.close(from_browser)
         self.buffer = b""
