@@ -91,6 +91,7 @@ std::span<std::uint8_t> ProvidedSource::provide(std::uint64_t offset, std::uint6
   size_ = std::max(size_, offset + bytes);
   std::vector<std::uint8_t>& range = ranges_[offset];
   bytes_ += bytes - range.size();
+  charge_.resize(bytes_);
   range.resize(static_cast<std::size_t>(bytes));
   return range;
 }
@@ -120,6 +121,7 @@ void ProvidedSource::clear() {
   }
   ranges_.clear();
   bytes_ = 0;
+  charge_.resize(0);
 }
 
 }  // namespace stgs::web

@@ -4,12 +4,14 @@
 
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "stgs/format/budget.h"
 #include "stgs/format/byte_source.h"
 
 namespace stgs::web {
@@ -22,7 +24,11 @@ class ProvidedSource final : public ByteSource {
     std::uint64_t offset = 0, bytes = 0;
   };
 
-  ProvidedSource(std::string name, std::uint64_t size) : name_(std::move(name)), size_(size) {}
+  // Charges the provided bytes to the index of `budget`, if given.
+  ProvidedSource(std::string name, std::uint64_t size, std::shared_ptr<Budget> budget = nullptr)
+      : name_(std::move(name)), size_(size), budget_(std::move(budget)) {
+    if (budget_ != nullptr) charge_ = budget_->charge(Budget::Pool::kIndex, 0);
+  }
 
   std::uint64_t size() const override { return size_; }
   const std::string& name() const override { return name_; }
@@ -58,6 +64,8 @@ class ProvidedSource final : public ByteSource {
 
   const std::string name_;
   std::uint64_t size_;
+  const std::shared_ptr<Budget> budget_;
+  Lease charge_;                                               // of the provided bytes
   std::vector<std::uint8_t> head_;                             // the first bytes
   std::map<std::uint64_t, std::vector<std::uint8_t>> ranges_;  // by offset; may overlap
   std::uint64_t bytes_ = 0;                                    // of `ranges_`

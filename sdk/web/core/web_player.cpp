@@ -42,7 +42,7 @@ WebPlayer::WebPlayer(const std::string& name, std::uint64_t file_bytes, bool fol
       decodes_(decodes),
       budget_(player::make_budget(memory_budget)),
       cache_(budget_) {
-  auto provided = std::make_unique<ProvidedSource>(name, file_bytes);
+  auto provided = std::make_unique<ProvidedSource>(name, file_bytes, budget_);
   provided_ = provided.get();
   ranges_ = std::make_shared<player::RangeSource>(std::move(provided),
                                                   std::pmr::new_delete_resource(), budget_);
