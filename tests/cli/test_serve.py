@@ -167,6 +167,11 @@ class Files(Server):
         os.remove(self.path("scenes", "live.stgs"))
         self.assertEqual(self.ask("/scenes/live.stgs").status, 404)
 
+    def test_damage_of_the_scene_is_reported(self):
+        server, _ = self.start(self.write("cut.stgs", self.bytes[:-100]))
+        server.terminate()
+        self.assertIn("warning: ", server.stderr.read())
+
     def test_the_program_plays_what_it_serves(self):
         if not built_in("http"):
             self.skipTest("http is not built in")

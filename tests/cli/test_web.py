@@ -46,6 +46,11 @@ class Web(CliTest):
         self.assertIn(script, text)
         self.assertNotRegex(text, r'(src|href)="(?!data:|\./")')
 
+    def test_damage_of_the_scene_is_reported(self):
+        scene = self.write("cut.stgs", self.bytes[:-100])
+        self.assertIn(b"warning: ", self.succeeds("web", scene, "-o", "site").stderr)
+        self.assertEqual(self.succeeds("web", self.scene, "-o", "other").stderr, b"")
+
     def test_a_title_is_escaped(self):
         title = '</title><script>alert("1")</script>&'
         self.succeeds("web", self.scene, "-o", "site", "--title", title)

@@ -68,6 +68,7 @@ class Serve final : public Command {
     settings.title = "Scenes";
     if (!scenes->is_folder()) {
       STGS_ASSIGN(const auto file, SceneFile::open(session, path_));
+      STGS_TRY(file->warn_of_open_damage());
       const std::string title = file->text(STGS_TEXT_TITLE);
       settings.title = title.empty() ? std::filesystem::path(path_).stem().string() : title;
     }

@@ -125,6 +125,7 @@ class Web final : public Command {
     STGS_TRY(single_file_ ? session.claim_output(output_) : session.claim_folder(output_));
     STGS_ASSIGN(const auto file, SceneFile::open(session, scene_));
     STGS_TRY(check_playable(session, *file));
+    STGS_TRY(file->warn_of_open_damage());
     PageSettings page;
     page.title = title_.empty() ? file->text(STGS_TEXT_TITLE) : title_;
     if (page.title.empty()) page.title = stem();
