@@ -34,11 +34,11 @@ export interface FrameClient {
   frameTime(now: number): { ticks: number; running: boolean } | null;
   onRenderError(error: unknown): void;
   /** A frame of an image that changes was drawn. */
-  onDrawn?(now: number): void;
+  onDrawn(now: number): void;
   /** Nothing is drawn until something changes. */
-  onIdle?(): void;
+  onIdle(): void;
   /** Images cannot be scaled, see `setScale`. */
-  onFixedSize?(): void;
+  onFixedSize(): void;
 }
 
 /**
@@ -172,8 +172,8 @@ export class FrameLoop {
       this.drawExactly(this.stillCamera(this.source), time.ticks);
     }
     if (changed || moving || time.running) this.request();
-    if (changed) this.client.onDrawn?.(now);
-    else if (!moving && !time.running) this.client.onIdle?.();
+    if (changed) this.client.onDrawn(now);
+    else if (!moving && !time.running) this.client.onIdle();
   }
 
   private draw(camera: Camera, ticks: number, now: number): void {
@@ -262,7 +262,7 @@ export class FrameLoop {
     if (isSize(layout, now) || !follows) return; // otherwise, the page has changed it
     this.scale = 1;
     this.isDirty = true;
-    this.client.onFixedSize?.();
+    this.client.onFixedSize();
   }
 
   /** The camera of an image in full size. */

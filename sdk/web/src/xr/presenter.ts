@@ -15,7 +15,7 @@ export interface XrOptions {
 }
 
 /** The owner of a presenter. */
-export interface XrClient extends FrameClient {
+export interface XrClient extends Pick<FrameClient, "onFrame" | "frameTime" | "onRenderError"> {
   info(): SceneInfo | null;
   /** A frame was drawn. */
   onDrawn(): void;
