@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Files that the visitor drops on the page or chooses.
+import { isShown } from "./sources";
 
 export interface FileParts {
   /** Opens the dialogue of the browser. */
@@ -41,7 +42,7 @@ export function listenForFiles({ input, buttons, hint, onFile }: FileParts): voi
     event.preventDefault();
     setDepth(0);
     const files = Array.from(event.dataTransfer!.files);
-    const file = files.find(({ name }) => /\.(stgs|ply|spz|sog)$/i.test(name)) ?? files[0];
+    const file = files.find(({ name }) => isShown(name)) ?? files[0];
     if (file !== undefined) onFile(file);
   });
 }

@@ -2,11 +2,6 @@
 // Models of other formats that the visitor opens.
 import type { ImportReply } from "./import_worker";
 
-/** Whether the page can convert a file of this name. */
-export function isModel(name: string): boolean {
-  return /\.(ply|spz|sog)$/i.test(name);
-}
-
 /** Converts a model to an .stgs file, in a worker. Rejects with an error for display. */
 export function importModel(file: File): Promise<Blob> {
   const worker = new Worker(new URL("./stgs-import.js", import.meta.url), { type: "module", name: "stgs-import" });

@@ -47,9 +47,22 @@ export function linkedScene(src: string, page: string): URL | null {
   return url.protocol === "http:" && url.origin === base.origin ? url : null;
 }
 
+/** The endings of files that the page shows: scenes, and models, which it converts. */
+const ENDINGS = /\.(stgs|ply|spz|sog)$/i;
+
+/** Whether the page shows files of this name. */
+export function isShown(name: string): boolean {
+  return ENDINGS.test(name);
+}
+
+/** Whether a file of this name is a model. */
+export function isModel(name: string): boolean {
+  return isShown(name) && !/\.stgs$/i.test(name);
+}
+
 /** Returns the name of a file for display. */
 export function withoutEnding(name: string): string {
-  return name.replace(/\.(stgs|ply|spz|sog)$/i, "");
+  return name.replace(ENDINGS, "");
 }
 
 /** Returns the name of a scene for the title: the last part of its path. */

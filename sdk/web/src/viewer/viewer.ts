@@ -6,10 +6,10 @@ import { formatBytes, formatCount } from "../element/text";
 import { markStep } from "../marks";
 import { textOf } from "../player/errors";
 import { listenForFiles } from "./files";
-import { importModel, isModel } from "./import_model";
+import { importModel } from "./import_model";
 import { inlinedResources, inlinedScene } from "./inlined";
 import { showList } from "./list";
-import { checkedList, linkedScene, nameOf, PageSettings, parseSettings, withoutEnding } from "./sources";
+import { checkedList, isModel, linkedScene, nameOf, PageSettings, parseSettings, withoutEnding } from "./sources";
 
 const LOADING_INTERVAL = 200; // milliseconds between two reports
 
