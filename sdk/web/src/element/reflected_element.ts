@@ -18,15 +18,14 @@ export abstract class ReflectedElement extends Base {
   }
   /** Other values than "fly" orbit. */
   get camera(): "orbit" | "fly" {
-    return this.getAttribute("camera") === "fly" ? "fly" : "orbit";
+    return this.oneOf("camera", ["fly"]) ?? "orbit";
   }
   set camera(camera: "orbit" | "fly") {
     this.setAttribute("camera", camera);
   }
   /** Which renderer the player is created with; other values than "webgpu" and "webgl2" are "auto". */
   get renderer(): RendererChoice {
-    const value = this.getAttribute("renderer");
-    return value === "webgpu" || value === "webgl2" ? value : "auto";
+    return this.oneOf("renderer", ["webgpu", "webgl2"]) ?? "auto";
   }
   set renderer(renderer: RendererChoice) {
     this.setAttribute("renderer", renderer);

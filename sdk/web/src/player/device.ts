@@ -60,7 +60,7 @@ function kindOf({ mobile, userAgent, touchPoints, hasXr }: DeviceSignals): [Devi
 }
 
 /** Returns the device of these signals; `chosen`: the kind that the page has chosen, if it has. */
-export function deviceOf(signals: DeviceSignals, chosen?: DeviceClass | null): Device {
+export function deviceOf(signals: DeviceSignals, chosen?: DeviceClass): Device {
   const [kind, why] = chosen ? [chosen, "chosen by the page"] as const : kindOf(signals);
   const { memory } = signals;
   const column = memory === null ? 1 : memory <= LITTLE ? 0 : memory >= MUCH ? 2 : 1;

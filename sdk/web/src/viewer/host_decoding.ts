@@ -9,7 +9,7 @@ const DAMAGED = "damaged or truncated";
  * Fills `output` with the content of a compressed stream, which must have its size. Reads no more.
  * Throws errors for display, without the name of the content.
  */
-export async function inflate(format: "gzip" | "deflate-raw", input: Uint8Array, output: Uint8Array): Promise<void> {
+async function inflate(format: "gzip" | "deflate-raw", input: Uint8Array, output: Uint8Array): Promise<void> {
   let decoder;
   try {
     decoder = new DecompressionStream(format);
