@@ -3,7 +3,7 @@
 import type { CameraView } from "../element/cameras/rig";
 import { QUALITIES } from "../player/adaptation";
 import type { Quality } from "../player/adaptation";
-import { textOf } from "../player/errors";
+import { errorOf } from "../player/errors";
 import { EVENT_NAMES } from "../player/event_queue";
 import type { LiveState } from "../types";
 import { checkOrigin, isRecord, RemoteEnd, RemoteEvent, RemoteState, Reply, Request, VERSION, windowMessage, WindowMessage } from "./protocol";
@@ -149,8 +149,8 @@ class Connection {
         --this.pending;
       }
     } catch (error) {
-      const name = error instanceof Error ? error.name : "Error";
-      this.post({ type: "reply", id, error: { name, message: textOf(error).slice(0, MAX_TEXT) } });
+      const { name, message } = errorOf(error);
+      this.post({ type: "reply", id, error: { name, message: message.slice(0, MAX_TEXT) } });
     }
   }
 

@@ -2,7 +2,7 @@
 import { copyCamera } from "../camera";
 import { LoadMarks } from "../marks";
 import type { Camera, PackedSegment, Renderer, RendererStatistics, SceneInfo, ViewRenderer } from "../types";
-import { abortError, textOf } from "./errors";
+import { abortError, errorOf } from "./errors";
 
 interface View {
   camera: Camera;
@@ -150,7 +150,7 @@ export class DeferredRenderer implements Renderer {
 
   private fail(error: unknown): void {
     if (this.isDestroyed || this.failure !== null) return;
-    this.failure = error instanceof Error ? error : new Error(textOf(error));
+    this.failure = errorOf(error);
     this.segments.clear();
     for (const { reject } of this.waiting.splice(0)) reject(this.failure);
     this.onError(this.failure);

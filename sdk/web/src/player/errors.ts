@@ -63,7 +63,12 @@ export function isDeviceLost(error: unknown): error is Error {
   return error instanceof Error && error.name === kDeviceLost;
 }
 
+/** Anything that was thrown, as an Error. */
+export function errorOf(thrown: unknown): Error {
+  return thrown instanceof Error ? thrown : new Error(String(thrown));
+}
+
 /** The message of anything that was thrown. */
-export function textOf(error: unknown): string {
-  return error instanceof Error ? error.message : String(error);
+export function textOf(thrown: unknown): string {
+  return errorOf(thrown).message;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import { copyCamera } from "../camera";
-import { abortError, deviceLost, textOf } from "../player/errors";
+import { abortError, deviceLost, errorOf } from "../player/errors";
 import type { Camera, PackedSegment, Renderer, RendererStatistics, SceneInfo } from "../types";
 import { SplatRenderer } from "./splat_renderer";
 import type { Background } from "./view_buffer";
@@ -127,7 +127,7 @@ class WebGpuRenderer implements Renderer {
     try {
       this.draw(view.camera, view.ticks);
     } catch (error) {
-      this.fail(error instanceof Error ? error : new Error(textOf(error)));
+      this.fail(errorOf(error));
     }
   }
 
