@@ -16,7 +16,7 @@ class PlayCanvas(EngineCase):
         self.assertGreater(value, 40)
 
     def test_objects_hide_splats_and_are_covered(self):
-        self.check_boxes()
+        self.check_boxes({})
 
     def test_it_follows_its_transform(self):
         self.check_transform()
