@@ -2,8 +2,11 @@
 // The player ends sources in order: aborts, errors, other sources and destroy.
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import { importSource } from "./import_source.mjs";
 import { INFO, settle } from "./player_fakes.mjs";
 import { openScene, rejectsWith, setUp, startPlaying, StgsPlayer } from "./player_setup.mjs";
+
+const { deviceLost } = await importSource("src/player/errors.ts");
 
 test("an abort ends loading", async () => {
   const { player, worker, events } = setUp();
@@ -187,7 +190,7 @@ test("a segment that the renderer refuses is an error of memory", async () => {
 });
 
 /** The failure of a renderer whose GPU was lost. */
-const loss = () => Object.assign(new Error("the GPU device was lost"), { name: "DeviceLostError" });
+const loss = () => deviceLost("the GPU device was lost");
 
 test("after the GPU was lost, playback continues at its time with another renderer", async () => {
   const { player, renderer, workers, host, events } = await startPlaying({ perLoad: true });
