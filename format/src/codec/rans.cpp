@@ -83,7 +83,7 @@ void RansGroupDecoder::next_plane(const RansLookup& lookup, std::uint8_t* out) {
     for (std::size_t b = begin; b < end; ++b) {
       std::uint8_t* const first = out + b * kRansBlock;
       if (scalar_) {
-        rans_decode_scalar(blocks_[b], lookup, 0, block_size(n_, b), first);
+        rans_decode_scalar(blocks_[b], lookup, block_size(n_, b), first);
       } else {
         rans_decode_vector(blocks_[b], lookup, block_size(n_, b), first);
       }

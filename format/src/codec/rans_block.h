@@ -73,8 +73,8 @@ inline std::size_t rans_decode_full(RansBlock& block, const RansLookup& lookup, 
 
 // Decodes symbols [begin, count) of a block's plane; `begin` is a multiple of its lanes. Lanes are
 // independent and take words in their order, so they can be processed one after the other.
-inline void rans_decode_scalar(RansBlock& block, const RansLookup& lookup, std::size_t begin,
-                               std::size_t count, std::uint8_t* out) {
+inline void rans_decode_rest(RansBlock& block, const RansLookup& lookup, std::size_t begin,
+                             std::size_t count, std::uint8_t* out) {
   begin = rans_decode_full(block, lookup, begin, count, out);
   for (std::size_t first = begin; first < count; first += block.lanes) {
     const std::size_t active = count - first < block.lanes ? count - first : block.lanes;
@@ -83,7 +83,13 @@ inline void rans_decode_scalar(RansBlock& block, const RansLookup& lookup, std::
   }
 }
 
-// As above from begin = 0, on the vector unit.
+// As above from begin = 0.
+inline void rans_decode_scalar(RansBlock& block, const RansLookup& lookup, std::size_t count,
+                               std::uint8_t* out) {
+  rans_decode_rest(block, lookup, 0, count, out);
+}
+
+// The same on the vector unit.
 void rans_decode_vector(RansBlock& block, const RansLookup& lookup, std::size_t count,
                         std::uint8_t* out);
 
@@ -94,14 +100,16 @@ struct RansCursor {
   const RansPlaneTask* end = nullptr;
   std::size_t count = 0;  // symbols of a plane
 };
-// Decodes all planes of a block, whose symbols start at `first` of each plane.
-inline void rans_decode_scalar(RansCursor& cursor, std::size_t first) {
+// Decodes all planes of a block, whose symbols start at `first` of each plane, by calls of
+// `decode` with the arguments of rans_decode_vector().
+template <typename Decode>
+void rans_decode_planes(RansCursor& cursor, std::size_t first, const Decode& decode) {
   RansLookup own;
   for (; cursor.next != cursor.end; ++cursor.next) {
     const RansPlaneTask& plane = *cursor.next;
     if (plane.lookup == nullptr) rans_lookup(*plane.table, own);
-    rans_decode_scalar(*cursor.block, plane.lookup != nullptr ? *plane.lookup : own, 0,
-                       cursor.count, plane.out + first);
+    decode(*cursor.block, plane.lookup != nullptr ? *plane.lookup : own, cursor.count,
+           plane.out + first);
   }
 }
 // Decodes all planes of these blocks, whose symbols start at `first` of each plane. Changes

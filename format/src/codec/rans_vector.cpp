@@ -387,8 +387,8 @@ void rans_decode_vector(RansBlock& block, const RansLookup& lookup, std::size_t 
 }
 
 void rans_decode_blocks(std::span<RansCursor> cursors, std::size_t first) {
-  for (RansCursor& cursor : cursors)
-    if (cursor.block->lanes < kRansVectorLanes) rans_decode_scalar(cursor, first);
+  for (RansCursor& one : cursors)
+    if (one.block->lanes < kRansVectorLanes) rans_decode_planes(one, first, rans_decode_scalar);
   HWY_DYNAMIC_DISPATCH(decode_blocks)(cursors, first);
 }
 

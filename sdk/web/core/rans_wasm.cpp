@@ -92,19 +92,11 @@ std::size_t decode_full(RansBlock& block, const RansLookup& lookup, std::size_t 
 void rans_decode_vector(RansBlock& block, const RansLookup& lookup, std::size_t count,
                         std::uint8_t* out) {
   const std::size_t begin = block.lanes < kMinLanes ? 0 : decode_full(block, lookup, count, out);
-  rans_decode_scalar(block, lookup, begin, count, out);
+  rans_decode_rest(block, lookup, begin, count, out);
 }
 
 void rans_decode_blocks(std::span<RansCursor> cursors, std::size_t first) {
-  RansLookup own;
-  for (RansCursor& cursor : cursors) {
-    for (; cursor.next != cursor.end; ++cursor.next) {
-      const RansPlaneTask& plane = *cursor.next;
-      if (plane.lookup == nullptr) rans_lookup(*plane.table, own);
-      rans_decode_vector(*cursor.block, plane.lookup != nullptr ? *plane.lookup : own, cursor.count,
-                         plane.out + first);
-    }
-  }
+  for (RansCursor& cursor : cursors) rans_decode_planes(cursor, first, rans_decode_vector);
 }
 
 }  // namespace stgs
