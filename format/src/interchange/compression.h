@@ -14,6 +14,8 @@ namespace stgs {
 
 // Greatest expansion of DEFLATE: a match of 258 bytes takes at least two bits.
 inline constexpr std::uint64_t kDeflateRatio = 1032;
+// That of zstd: a block of 128 KiB takes at least 4 bytes.
+inline constexpr std::uint64_t kZstdRatio = 128 * 1024 / 4;
 
 // Returns whether bytes begin as a gzip stream does.
 inline bool is_gzip(std::span<const std::uint8_t> bytes) {

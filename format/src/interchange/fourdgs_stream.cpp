@@ -6,14 +6,12 @@
 
 #include <algorithm>
 
+#include "interchange/compression.h"
 #include "interchange/fourdgs_format.h"
 
 namespace stgs::fourdgs {
 namespace {
 
-// Greatest expansion of each coder. A zstd block of 128 KiB takes at least 4 bytes, a deflate match
-// of 258 bytes at least two bits.
-constexpr std::uint64_t kZstdRatio = 128 * 1024 / 4, kDeflateRatio = 1032;
 constexpr int kZlibLevel = 6;  // 9 takes 19 times as long for 1 %
 
 enum Mode : std::uint8_t { kRaw = 0, kDelta = 1, kConstant = 2 };

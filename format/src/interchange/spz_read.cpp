@@ -15,8 +15,6 @@ namespace {
 using Bytes = std::vector<std::uint8_t>;
 using View = std::span<const std::uint8_t>;
 
-// Greatest expansion of zstd: a block of 128 KiB takes at least 4 bytes.
-constexpr std::uint64_t kZstdRatio = 128 * 1024 / 4;
 constexpr std::uint32_t kAxesExtension = 0xADBE0003;  // by Adobe: the axes of a file
 constexpr std::uint64_t kMaxExtensionNotes = 8;
 
