@@ -227,9 +227,7 @@ class SegmentTimeline final : public Timeline {
   // Returns whether the policy skips an error. Skips errors of the file only: a retry would fail
   // the same way.
   bool can_skip(const Status& status) const {
-    return status.ok() ||
-           (policy_ == DamagePolicy::kSkip && (status.code() == StatusCode::kInvalidFile ||
-                                               status.code() == StatusCode::kUnsupported));
+    return status.ok() || (policy_ == DamagePolicy::kSkip && is_damage(status.code()));
   }
 
   void record_damage(std::uint32_t segment, const Status& base, const Status& sh_status) {

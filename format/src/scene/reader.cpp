@@ -261,9 +261,7 @@ Result<Gaussians4D> SceneReader::decode_intact(std::uint32_t segment, Status& sh
                                                TimeOrigin origin) const {
   sh_status = {};
   Result<Gaussians4D> complete = decode(segment, true, origin);
-  const StatusCode code = complete.status().code();
-  const bool is_damage = code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported;
-  if (!is_damage || state_->find(segment)->sh_bytes == 0) return complete;
+  if (!is_damage(complete.status().code()) || state_->find(segment)->sh_bytes == 0) return complete;
   Result<Gaussians4D> base = decode(segment, false, origin);
   if (!base.ok()) return base;
   sh_status = complete.status();

@@ -105,10 +105,6 @@ std::vector<Outcome> read_all(const SceneReader& reader, std::uint64_t batch_mem
   return outcomes;
 }
 
-bool is_damage(const Status& status) {
-  return status.code() == StatusCode::kInvalidFile || status.code() == StatusCode::kUnsupported;
-}
-
 // Adds damaged segments to the report. Errors that are not caused by the file are returned.
 Status count_outcomes(const SceneReader& reader, const std::vector<Outcome>& outcomes,
                       DamageReport& report) {
@@ -118,7 +114,7 @@ Status count_outcomes(const SceneReader& reader, const std::vector<Outcome>& out
     const auto& [base, sh] = outcomes[i];
     const TickRange range = {segment.begin_ticks, segment.end_ticks};
     if (!base.ok()) {
-      if (!is_damage(base)) return base;
+      if (!is_damage(base.code())) return base;
       ++report.segments;
       report.primitives += segment.primitives;
       count_damage(report, range, segment.bytes + segment.sh_bytes, base);
@@ -140,7 +136,7 @@ Status read_importance(const SceneReader& reader, DamageReport& report, Scene& s
     if (!scene.importance.empty()) scene.quantisation = reader.quantisation();
     return {};
   }
-  if (!is_damage(values.status())) return values.status();
+  if (!is_damage(values.status().code())) return values.status();
   report.importance = values.status();
   return {};
 }

@@ -38,8 +38,7 @@ class ChangeMonitor {
   // Records a segment that could not be decoded.
   Cause decode_failed(StatusCode code, bool growing, const FileChanges& changes, double now) {
     if (code == StatusCode::kNotBuilt) return Cause::kNotBuilt;
-    if (code != StatusCode::kInvalidFile && code != StatusCode::kUnsupported)
-      return Cause::kMachine;
+    if (!is_damage(code)) return Cause::kMachine;
     if (growing || !(changes.shrunk || changes.modified)) return Cause::kDamage;
     is_replaced_ = true;
     suspect_until_ = now + suspect_seconds_;

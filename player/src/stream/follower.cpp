@@ -150,9 +150,8 @@ bool Follower::take_snapshot() {
   const auto opened = read_snapshot();
   if (!opened.ok()) {
     if (source_->is_pending()) return false;
-    const StatusCode code = opened.status().code();
-    const bool damaged = code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported;
-    set_problem(damaged ? Problem::kDamaged : Problem::kUnreadable, opened.status());
+    set_problem(is_damage(opened.status().code()) ? Problem::kDamaged : Problem::kUnreadable,
+                opened.status());
     return false;
   }
   set_problem(Problem::kNone, {});

@@ -33,9 +33,7 @@ Status PartDecoder::decode(bool with_sh, Status& sh) {
   primitives_ = next_ = 0;
   segment_.replace_segments(*reader_);
   Status status = fill(with_sh);
-  const bool is_damage =
-      status.code() == StatusCode::kInvalidFile || status.code() == StatusCode::kUnsupported;
-  if (with_sh && is_damage && reader_->segments()[0].sh_bytes > 0) {
+  if (with_sh && is_damage(status.code()) && reader_->segments()[0].sh_bytes > 0) {
     Status base = fill(false);
     if (base.ok()) sh = std::move(status);
     status = std::move(base);

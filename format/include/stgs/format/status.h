@@ -34,6 +34,12 @@ inline StatusCode code_of(const std::exception& e) {
                                                             : StatusCode::kRuntime;
 }
 
+// Returns whether a part of a file cannot be used because of its content: another attempt fails the
+// same way.
+inline bool is_damage(StatusCode code) {
+  return code == StatusCode::kInvalidFile || code == StatusCode::kUnsupported;
+}
+
 // The result of an operation: kOk, or a code with a message for the user (PATH: problem; remedy).
 class [[nodiscard]] Status {
  public:

@@ -15,8 +15,7 @@ namespace {
 
 // Returns whether a part of the file is damaged or of a later version, and may be omitted.
 bool is_of_the_file(const Status& status, const ImportMemory& memory) {
-  if (memory.has_refused()) return false;
-  return status.code() == StatusCode::kInvalidFile || status.code() == StatusCode::kUnsupported;
+  return !memory.has_refused() && is_damage(status.code());
 }
 
 class SceneBuilder {
