@@ -16,7 +16,7 @@ async function jobsOfFile(module, path, file) {
   const jobs = new Map(), pieces = [], reads = [], ended = [];
   const slice = (offset, bytes) => file.buffer.slice(file.byteOffset + offset, file.byteOffset + offset + bytes);
   const decode = (job) => {
-    jobs.set(job.segment, job);
+    jobs.set(job.records[0].offset, job);
     ended.push(job.id);
   };
   const core = await Core.create(module, { read: (...read) => reads.push(read), cancel: () => undefined, decode });
