@@ -19,9 +19,8 @@ std::uint64_t bytes_of(const SegmentInfo& segment, bool sh) {
   return sh ? segment.sh_bytes : segment.bytes;
 }
 
-// Returns the number of tiers of a file.
-int tiers_of(const std::vector<SegmentInfo>& segments) {
-  int tiers = 1;
+// Returns the number of tiers of a file, at least `tiers`.
+int tiers_of(const std::vector<SegmentInfo>& segments, int tiers) {
   for (const SegmentInfo& segment : segments) tiers = std::max(tiers, segment.tier + 1);
   return tiers;
 }
@@ -77,14 +76,13 @@ SegmentIndex::Update SegmentIndex::prepare(std::shared_ptr<const SceneReader> re
   update.added = layers_from(segments, update.renumbered ? 0 : size());
   reserve_for(file_order_, (update.renumbered ? 0 : file_order_.size()) + update.added.size());
   reserve_for(file_index_, 2 * segments.size());
-  if (max_primitives_)
-    update.tier_peaks = player::tier_peaks(segments, std::max(tiers_, tiers_of(segments)));
+  update.tiers = tiers_of(segments, tiers_);
+  if (max_primitives_) update.tier_peaks = player::tier_peaks(segments, update.tiers);
   update.reader = std::move(reader);
   return update;
 }
 
 void SegmentIndex::adopt(Update update) noexcept {
-  const std::size_t first = update.renumbered ? 0 : size();
   if (update.renumbered) {
     file_order_.clear();
     file_index_.clear();
@@ -92,8 +90,7 @@ void SegmentIndex::adopt(Update update) noexcept {
   }
   now_.reader = std::move(update.reader);
   ++revision_;
-  for (std::size_t s = first; s < size(); ++s)
-    tiers_ = std::max(tiers_, reader().segments()[s].tier + 1);
+  tiers_ = update.tiers;
   tier_peaks_ = std::move(update.tier_peaks);
   choose_tiers();
   file_index_.resize(2 * size());

@@ -35,8 +35,9 @@ class SegmentIndex {
   // The changes that adopting a reader makes.
   struct Update {
     std::shared_ptr<const SceneReader> reader;
-    std::vector<SegmentLayer> added;        // in file order
-    bool renumbered = false;                // the numbers of all segments change
+    std::vector<SegmentLayer> added;  // in file order
+    bool renumbered = false;          // the numbers of all segments change
+    int tiers = 1;
     std::vector<std::uint64_t> tier_peaks;  // tier_peaks(), with limit_primitives()
   };
   // Computes the changes for a reader of the file, and reserves memory for them. If this throws,
