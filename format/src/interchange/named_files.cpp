@@ -29,10 +29,6 @@ bool stays_inside(const std::string& name) {
   return path.is_relative() && std::find(path.begin(), path.end(), "..") == path.end();
 }
 
-Status too_large(const std::string& label, std::uint64_t bytes, std::uint64_t max_bytes) {
-  return unsupported("{}: too large (at most {} bytes allowed, got {})", label, max_bytes, bytes);
-}
-
 class FolderFiles final : public NamedFiles {
  public:
   explicit FolderFiles(std::string folder) : folder_(std::move(folder)) {}
@@ -47,7 +43,7 @@ class FolderFiles final : public NamedFiles {
       return invalid_file("{}: refers to a file outside the folder: \"{}\"", folder_, name);
     }
     STGS_ASSIGN(const std::unique_ptr<ByteSource> file, open_file(label(name)));
-    if (file->size() > max_bytes) return too_large(label(name), file->size(), max_bytes);
+    STGS_TRY(check_size(name, file->size(), max_bytes));
     ChargedBytes out;
     STGS_ASSIGN(out.lease, memory.take(file->size(), "the bytes of " + name));
     out.value.resize(static_cast<std::size_t>(file->size()));
@@ -94,7 +90,7 @@ class ZipFiles final : public NamedFiles {
     if (!(stat.valid & ZIP_STAT_SIZE) || !(stat.valid & ZIP_STAT_COMP_SIZE)) {
       return invalid_file("{}: the archive does not state its size", label(name));
     }
-    if (stat.size > max_bytes) return too_large(label(name), stat.size, max_bytes);
+    STGS_TRY(check_size(name, stat.size, max_bytes));
     const bool is_stored = (stat.valid & ZIP_STAT_COMP_METHOD) && stat.comp_method == ZIP_CM_STORE;
     if (stat.size / kDeflateRatio > stat.comp_size || (is_stored && stat.size != stat.comp_size)) {
       return invalid_file("{}: stated size of {} bytes is impossible for {} compressed bytes",

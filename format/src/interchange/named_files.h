@@ -20,6 +20,14 @@ class NamedFiles {
                                     std::uint64_t max_bytes = ~std::uint64_t{0}) = 0;
   // Returns the name of a file for messages.
   virtual std::string label(const std::string& name) const = 0;
+
+ protected:
+  // Rejects a file that is too large for a caller.
+  Status check_size(const std::string& name, std::uint64_t bytes, std::uint64_t max_bytes) const {
+    if (bytes <= max_bytes) return {};
+    return unsupported("{}: too large (at most {} bytes allowed, got {})", label(name), max_bytes,
+                       bytes);
+  }
 };
 
 std::unique_ptr<NamedFiles> folder_files(const std::string& folder);

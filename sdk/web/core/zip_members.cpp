@@ -117,10 +117,7 @@ Result<View> ZipMembers::content(const std::string& name) const {
 Result<ChargedBytes> ZipMembers::read(const std::string& name, ImportMemory& memory,
                                       std::uint64_t max_bytes) {
   STGS_ASSIGN(const View bytes, content(name));
-  if (bytes.size() > max_bytes) {
-    return unsupported("{}: too large (at most {} bytes allowed, got {})", label(name), max_bytes,
-                       bytes.size());
-  }
+  STGS_TRY(check_size(name, bytes.size(), max_bytes));
   ChargedBytes out;
   STGS_ASSIGN(out.lease, memory.take(bytes.size(), "the bytes of " + name));
   out.value.assign(bytes.begin(), bytes.end());
