@@ -4,6 +4,17 @@
 /** The module needs more memory than the browser gives it. */
 export class OutOfMemory extends Error {}
 
+/** Whether an error means that memory was lacking. C++ exceptions that leave the module, such as std::bad_alloc, are no Errors. */
+export function isOutOfMemory(error: unknown): boolean {
+  return error instanceof OutOfMemory || error instanceof RangeError || !(error instanceof Error);
+}
+
+/** The message, for display, of an error that a function of the core has thrown. */
+export function decoderProblem(error: unknown): string {
+  if (error instanceof WebAssembly.RuntimeError) return `the decoder stopped (${error.message}); report the file`;
+  return error instanceof Error ? error.message : "the decoder is out of memory; lower the memory budget";
+}
+
 /** The functions of the host that the core calls (sdk/web/core/page.h). */
 export interface HostImports {
   stgs_host_read(id: number, offset: number, bytes: number, address: number): void;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A decoder of the WASM core (sdk/web/core/exports_decoder.cpp), one per instance, and the worker
 // that runs it.
-import { Instance, OutOfMemory } from "./instance";
+import { decoderProblem, Instance, isOutOfMemory } from "./instance";
 import type { CoreStatus, DecodeJob, DecodeStatus, FilePiece } from "./module";
 
 /** Consecutive primitives of a segment, packed for the GPU. */
@@ -94,10 +94,7 @@ export function decoderWorker(post: (reply: DecoderReply, transfer: Transferable
   return (request) => {
     last = last.then(() => handle(request)).catch((error: unknown) => {
       decoder = null;
-      // C++ exceptions that leave the core, such as std::bad_alloc, are no Errors.
-      const outOfMemory = error instanceof OutOfMemory || error instanceof RangeError || !(error instanceof Error);
-      const failure = error instanceof Error ? error.message : "the decoder is out of memory; lower the memory budget";
-      post({ type: "failed", failure, outOfMemory }, []);
+      post({ type: "failed", failure: decoderProblem(error), outOfMemory: isOutOfMemory(error) }, []);
     });
   };
 }

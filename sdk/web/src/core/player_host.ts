@@ -4,7 +4,7 @@ import type { CoreMessage, FileBegin, PageMessage, ReadFailure, SceneInfo } from
 import { DecoderPool } from "./decoder_pool";
 import type { DecoderPoolOwner, DecoderThread } from "./decoder_pool";
 import { LoadMarks } from "../marks";
-import { OutOfMemory } from "./instance";
+import { decoderProblem, isOutOfMemory, OutOfMemory } from "./instance";
 import { Core } from "./module";
 import type { CoreHost, CoreInfo, CoreState, DecodeJob, DecodeStatus, FilePiece } from "./module";
 import type { Part } from "./part_decoder";
@@ -102,7 +102,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
       (error: unknown) => {
         if (!this.reads.has(id)) return; // closed
         if (error instanceof ReadError && !error.retry && error.code !== "aborted") this.fail(error);
-        else this.readEnded(id, textOf(error), address, to);
+        else this.readEnded(id, decoderProblem(error), address, to);
       });
   }
   cancel(id: number): void {
@@ -274,7 +274,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
 
   private fail(error: unknown): void {
     this.close();
-    this.post({ type: "error", code: codeOf(error), message: textOf(error) }, []);
+    this.post({ type: "error", code: codeOf(error), message: decoderProblem(error) }, []);
   }
 
   private close(): void {
@@ -315,17 +315,11 @@ function checked(options: OpenMessage["options"]): OpenMessage["options"] {
   return options;
 }
 
-/** The message of an error. C++ exceptions that leave the core, such as std::bad_alloc, have none. */
-function textOf(error: unknown): string {
-  if (error instanceof WebAssembly.RuntimeError) return `the decoder stopped (${error.message}); report the file`;
-  return error instanceof Error ? error.message : "the decoder is out of memory; lower the memory budget";
-}
-
 type ErrorCode = Extract<CoreMessage, { type: "error" }>["code"];
 
 function codeOf(error: unknown): ErrorCode {
   if (error instanceof ReadError) return error.code;
-  if (error instanceof OutOfMemory || error instanceof RangeError || !(error instanceof Error)) return "memory";
+  if (isOutOfMemory(error)) return "memory";
   if (!(error instanceof CoreError)) return "unsupported";
   const names: Record<number, ErrorCode> = { 1: "usage", 2: "network", 3: "format", 8: "memory", 9: "memory" };
   return names[error.code] ?? "unsupported";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The worker that converts a model: an entry point of its own, bundled to stgs-import.js.
-import { Instance, OutOfMemory } from "../core/instance";
+import { Instance, isOutOfMemory } from "../core/instance";
 import { HostDecoding } from "./host_decoding";
 
 /** The reply to a file: the .stgs file, or why it cannot be converted. */
@@ -65,7 +65,7 @@ scope.onmessage = ({ data: file }) => {
   convert(file).then(
     (reply) => scope.postMessage(reply, "bytes" in reply ? [reply.bytes] : []),
     (error: unknown) => {
-      const isMemory = error instanceof OutOfMemory || error instanceof RangeError;
+      const isMemory = isOutOfMemory(error);
       scope.postMessage({ problem: `${file.name}: ${isMemory ? NO_MEMORY : (error as Error).message}` }, []);
     });
 };
