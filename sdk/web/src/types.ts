@@ -74,18 +74,18 @@ export type PageMessage =
 /** Limits of a source. */
 export interface OpenOptions {
   memoryBudget: number;  // bytes of fetched and decoded data
-  maxPrimitives: number; // at one time: further tiers than those that fit are not fetched; may be Infinity
+  maxPrimitives: number; // at one time; tiers beyond it are not fetched; may be Infinity
   lookAhead: number;     // seconds
 }
 /** The first bytes of a file, its size, the validator of its version ("": unknown), and its URL after redirects ("": none). */
-export interface FileBegin { head: Uint8Array; size: number; version: string; url: string }
-/** Why a read failed that is not worth another attempt. */
+export interface FileStart { head: Uint8Array; size: number; version: string; url: string }
+/** The reason for a failed read that is not retried. */
 export interface ReadFailure { problem: string; code: "network" | "unsupported" }
-/** Messages about the work that the page does while its worker starts. */
+/** Results of the work that the page does while its worker starts. */
 export type StartMessage =
   | { type: "core"; module: WebAssembly.Module } | { type: "core"; problem: string }  // stgs-core.wasm, compiled
-  | { type: "begin"; source: string }            // the page reads the begin of a source, which follows
-  | { type: "head"; begin: FileBegin | ReadFailure | null };  // null: the worker has to read it itself
+  | { type: "expect"; source: string }  // the source that is opened next: the page reads its start, which follows
+  | { type: "start"; start: FileStart | ReadFailure | null };  // null: the worker must read it
 /** Statistics of a recent frame. */
 export interface RendererStatistics {
   primitives: number;  // of all segments that were added

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reads ranges of a file from a server, or of a Blob.
-import type { FileBegin } from "../types";
+import type { FileStart } from "../types";
 
 /** A read that failed. `retry`: another attempt may succeed. */
 export class ReadError extends Error {
@@ -16,7 +16,7 @@ export interface RangeReader {
   /** URL of the file, after redirects once it was read; "": it has none. */
   readonly url: string;
   /** Reads the first bytes: `bytes`, or as many as there are. */
-  begin(bytes: number, signal: AbortSignal): Promise<FileBegin>;
+  readStart(bytes: number, signal: AbortSignal): Promise<FileStart>;
   /** Reads exactly `to.length` bytes from `offset` on. Returns the size of the file. */
   read(offset: number, to: Uint8Array, signal: AbortSignal): Promise<number>;
   /** Whether the file may grow. */
@@ -36,8 +36,8 @@ const READ_SECONDS = 60, READ_BYTES_PER_SECOND = 1000;
 /** Bytes read first, which suffice to open most files. */
 export const OPEN_BYTES = 1 << 16;
 
-/** Returns the reader of a URL or Blob. `known`: its begin, if that has been read before. */
-export function rangeReader(source: string | Blob, known: FileBegin | null = null): RangeReader {
+/** Returns the reader of a URL or Blob. `known`: its start, if it has already been read. */
+export function rangeReader(source: string | Blob, known: FileStart | null = null): RangeReader {
   return typeof source === "string" ? new UrlReader(source, known) : new BlobReader(source);
 }
 
@@ -48,7 +48,7 @@ class BlobReader implements RangeReader {
   constructor(private readonly blob: Blob) {
     this.name = blob instanceof File ? blob.name : "scene";
   }
-  async begin(bytes: number, signal: AbortSignal): Promise<FileBegin> {
+  async readStart(bytes: number, signal: AbortSignal): Promise<FileStart> {
     const { size } = this.blob;
     const head = new Uint8Array(Math.min(bytes, size));
     await this.read(0, head, signal);
@@ -81,15 +81,15 @@ class UrlReader implements RangeReader {
   private hasChanged = false; // since it was opened
   url: string;
 
-  /** `known`: the begin of the file, if it has been read before. */
-  constructor(private readonly address: string, known: FileBegin | null) {
+  /** `known`: the start of the file, if it has already been read. */
+  constructor(private readonly address: string, known: FileStart | null) {
     this.version = known?.version ?? null;
     this.known = known?.size ?? null;
     this.url = known?.url ?? address;
     this.name = address.split(/[?#]/)[0].split("/").pop() || "scene";
   }
 
-  begin(bytes: number, signal: AbortSignal): Promise<FileBegin> {
+  readStart(bytes: number, signal: AbortSignal): Promise<FileStart> {
     return this.request(0, bytes, signal, async (response, watch, stable) => {
       const { size, length } = this.check(response, 0, bytes, true, stable);
       const head = new Uint8Array(length);
@@ -139,10 +139,10 @@ class UrlReader implements RangeReader {
 
   /**
    * Checks the headers of a response to a request of `length` bytes. Returns the size of the file, and
-   * the length of the response, which may be less only if `isBegin` and the file is shorter.
+   * the length of the response, which may be less only if `isStart` and the file is shorter.
    * `stable`: as setStable(), at the request.
    */
-  private check(response: Response, offset: number, length: number, isBegin: boolean, stable: number | null): { size: number; length: number } {
+  private check(response: Response, offset: number, length: number, isStart: boolean, stable: number | null): { size: number; length: number } {
     const last = offset + length - 1;
     const fail = (why: string, retry: boolean, code: "network" | "unsupported" = "network") =>
       new ReadError(`${this.name}: ${why}`, retry, code);
@@ -159,8 +159,8 @@ class UrlReader implements RangeReader {
     if (range === null) throw fail("the server hides Content-Range from this page; it must send Access-Control-Expose-Headers: Content-Range, ETag", false, "unsupported");
     const [begin, end, size] = range.slice(1).map(Number);
     if (!Number.isSafeInteger(size)) throw fail(`the server states a size of ${range[3]} bytes; check the server`, false, "unsupported");
-    if (begin !== offset || end > last || (isBegin && end !== Math.min(last, size - 1))) throw fail("the server sent another range than requested", true);
-    if (end !== last && !isBegin) throw fail("the file is shorter than before; load it again", grows && size >= stable);
+    if (begin !== offset || end > last || (isStart && end !== Math.min(last, size - 1))) throw fail("the server sent another range than requested", true);
+    if (end !== last && !isStart) throw fail("the file is shorter than before; load it again", grows && size >= stable);
     const version = response.headers.get("ETag") ?? response.headers.get("Last-Modified") ?? "";
     this.checkVersion(version, size, stable);
     return { size, length: end - begin + 1 };
