@@ -13,7 +13,7 @@ export class ReadError extends Error {
 export interface RangeReader {
   /** The name of the file in messages. */
   readonly name: string;
-  /** URL of the file, after redirects once it was read; "": it has none. */
+  /** URL of the file, after redirects once it was read; "" for a Blob. */
   readonly url: string;
   /** Reads the first bytes: `bytes`, or as many as there are. */
   readStart(bytes: number, signal: AbortSignal): Promise<FileStart>;
@@ -22,8 +22,8 @@ export interface RangeReader {
   /** Whether the file may grow. */
   readonly mayGrow: boolean;
   /**
-   * The first `bytes` of the file stay as they are, while others are added; Infinity: the file is
-   * complete, and any change is an error. Throws if it has changed already.
+   * States that the first `bytes` of the file do not change, while more are appended; Infinity: the file is
+   * complete, and any change is an error. Throws if it has already changed.
    */
   setStable(bytes: number): void;
 }
@@ -74,7 +74,7 @@ function aborted(): ReadError {
 class UrlReader implements RangeReader {
   readonly name: string;
   readonly mayGrow = true;
-  /** Validator of the last response; null: the next one is the first. */
+  /** Validator of the last response; null before the first response. */
   private version: string | null;
   private known: number | null; // size of the file
   private stable: number | null = null; // as setStable(); null: while the file is opened
@@ -108,7 +108,7 @@ class UrlReader implements RangeReader {
 
   setStable(bytes: number): void {
     if (bytes === Infinity && this.stable === null && this.hasChanged) throw this.replaced();
-    // A recording that was closed has another version.
+    // Closing a recording changes its version.
     if (bytes === Infinity && this.stable !== null && this.stable !== Infinity) this.version = null;
     this.stable = bytes;
   }
@@ -118,7 +118,7 @@ class UrlReader implements RangeReader {
                            receive: (response: Response, watch: Watch, stable: number | null) => Promise<T>): Promise<T> {
     const watch = new Watch(signal, READ_SECONDS + length / READ_BYTES_PER_SECOND);
     const { stable } = this;
-    // A cache may answer with the size that a growing file had.
+    // A cache may return the earlier size of a growing file.
     const cache = stable === null || stable === Infinity ? "default" : "no-store";
     try {
       const headers = { Range: `bytes=${offset}-${offset + length - 1}` };
@@ -148,7 +148,7 @@ class UrlReader implements RangeReader {
       new ReadError(`${this.name}: ${why}`, retry, code);
     if (response.status === 404 || response.status === 410) throw fail(`the server has no such file (status ${response.status}); check the address`, false);
     if (response.status === 200) throw fail("the server does not support range requests; use one that does, such as nginx", false, "unsupported");
-    const grows = stable !== null && stable !== Infinity; // the bytes beyond may be cut when its recorder continues
+    const grows = stable !== null && stable !== Infinity; // a recorder that resumes may cut the bytes beyond
     if (response.status === 416) throw fail("the file is empty or shorter than before; load it again", grows && offset >= stable);
     if (response.status === 401 || response.status === 403)
       throw fail(`the server refuses access (status ${response.status}); log in, or check the permissions of the file`, false);
@@ -166,7 +166,7 @@ class UrlReader implements RangeReader {
     return { size, length: end - begin + 1 };
   }
 
-  /** Checks that a response is of the file that was opened. `stable`: when it was requested. */
+  /** Checks that a response belongs to the file that was opened. `stable`: at the request. */
   private checkVersion(version: string, total: number, stable: number | null): void {
     if (this.version !== null) {
       const isSame = version === this.version && total === this.known;

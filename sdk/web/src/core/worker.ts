@@ -30,7 +30,7 @@ function runPlayer(scope: Scope<PageMessage | StartMessage, CoreMessage>): void 
   const module = new Promise<WebAssembly.Module>((resolve, reject) => {
     provideModule = (message) => ("module" in message ? resolve(message.module) : reject(new Error(message.problem)));
   });
-  module.catch(() => undefined); // the host reports it for a source
+  module.catch(() => undefined); // the host reports it when a source is opened
   const host = new PlayerHost(module, startDecoder, (message, transfer) => scope.postMessage(message, transfer));
   scope.onmessage = ({ data }) => {
     if (data.type === "core") provideModule(data);
