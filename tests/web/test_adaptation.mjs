@@ -141,7 +141,7 @@ test("a chosen quality is fixed", async () => {
   assert.equal(worker.last("maxPrimitives").primitives, Infinity);
   await play(parts, 75, 100);
   assert.equal(renderer.frames[renderer.frames.length - 1].camera.width, 640);
-  assert.throws(() => (player.quality = "best"), /no quality "best"/);
+  assert.throws(() => (player.quality = "best"), /invalid quality "best"/);
 });
 
 test("the limit of a GPU applies once the renderer is known", async () => {

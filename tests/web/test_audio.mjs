@@ -291,11 +291,11 @@ test("a sound that is given up while its player is loaded is not played", async 
   }
 });
 
-test("a sound of another origin is not loaded, and a page can name it", async (t) => {
+test("a sound on another origin is not loaded unless the page sets it", async (t) => {
   const refused = await openWithSound(t, { location: "https://other.example/a.wav" });
   assert.equal(refused.requests.length, 0);
   assert.equal(refused.player.hasAudio, false);
-  assert.match(refused.notices[0].message, /another origin than the scene/);
+  assert.match(refused.notices[0].message, /not on the origin of the scene/);
   refused.player.audio = "https://other.example/a.wav"; // the page's own choice
   await refused.host.run(20);
   assert.equal(refused.requests.length, 0);
