@@ -229,7 +229,7 @@ test("the limit of a renderer with which an application draws applies, too", asy
   player.destroy();
 });
 
-test("a canvas without a size of its own on the page is not scaled", async () => {
+test("a canvas without a size in CSS is not scaled", async () => {
   const parts = await openScene();
   const { canvas, player, worker, renderer } = parts;
   for (const side of ["Width", "Height"]) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The first read of a source, and the version that later reads must have.
+// The first read of a source, and checks that later reads have the same version.
 import assert from "node:assert/strict";
 import test from "node:test";
 import { importSource } from "./import_source.mjs";

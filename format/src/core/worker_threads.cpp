@@ -39,7 +39,7 @@ void start_workers() {
   if (started >= wanted()) return;
   const int threads = start_threads(wanted());
   if (threads < wanted()) {
-    // As long as the process lives: TBB would try to start the others.
+    // Never destroyed: otherwise, TBB would try to start the other threads.
     new Control(Control::max_allowed_parallelism, static_cast<std::size_t>(threads));
   }
   started = threads;

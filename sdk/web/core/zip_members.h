@@ -23,8 +23,8 @@ class ZipMembers final : public NamedFiles {
                                                   const std::string& name, HostDecoding& decoding,
                                                   ImportMemory& memory);
 
-  // Returns the content of a member, valid as long as this object, after the host has decoded what
-  // open() requested. Verifies its checksum.
+  // Returns the content of a member, valid as long as this object. Call it after the host has
+  // decoded the content that open() requested. Verifies the checksum.
   Result<std::span<const std::uint8_t>> content(const std::string& name) const;
 
   std::string label(const std::string& name) const override { return name_ + ":" + name; }

@@ -37,7 +37,7 @@ export interface RemoteState {
   quality: Quality;
   /** See `StgsPlayer.live`. */
   live: LiveState | null;
-  /** The message of the error that ended playback; null: there is none. */
+  /** The message of the error that ended playback; null if there was no error. */
   error: string | null;
 }
 

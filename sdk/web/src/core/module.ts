@@ -221,7 +221,7 @@ export interface CoreState {
   buffered: [number, number][];
   layers: number;
   layerCount: number;
-  tierPrimitives: number[]; // as far as is known now
+  tierPrimitives: number[]; // as far as known now
   bytes: number;
   memory: number;
   bytesPerSecond: number;

@@ -265,7 +265,7 @@ export class PlayerHost implements CoreHost, DecoderPoolOwner {
     return Infinity;
   }
 
-  /** The state of the core, from which the reader learns what may change. */
+  /** Returns the state of the core, and passes the size of its stable bytes to the reader. */
   private state(): CoreState {
     const state = this.core!.state();
     this.reader!.setStable(state.live?.stable ?? Infinity);

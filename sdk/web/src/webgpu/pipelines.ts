@@ -20,7 +20,7 @@ export interface OccluderFormat {
   isReversed?: boolean;
 }
 
-/** What the pipelines draw. */
+/** The outputs of the pipelines. */
 export interface Outputs {
   /** The format of the textures to be drawn to. */
   format: GPUTextureFormat;

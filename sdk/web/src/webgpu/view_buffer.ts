@@ -18,7 +18,7 @@ export interface Occluders {
   mapping: readonly [number, number, number];
 }
 
-/** A view of a frame, and where it is drawn. */
+/** A view of a frame, and the textures that receive it. */
 export interface SplatView {
   camera: Camera;
   /** Receives the image. */
